@@ -1,0 +1,66 @@
+use crate::refuse;
+use fringeworks::inverse::{invert, Method, Options};
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+type Maps<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<u8>>,
+);
+
+#[pyfunction]
+#[pyo3(signature = (reference, object, mask, *, method, degree, n_resample, period, prominence, floor, max_displacement, tolerance, albedo_tolerance))]
+#[allow(clippy::too_many_arguments)]
+pub fn invert_rows<'py>(
+    py: Python<'py>,
+    reference: PyReadonlyArray2<'py, f64>,
+    object: PyReadonlyArray2<'py, f64>,
+    mask: PyReadonlyArray2<'py, u8>,
+    method: &str,
+    degree: usize,
+    n_resample: usize,
+    period: f64,
+    prominence: f64,
+    floor: f64,
+    max_displacement: f64,
+    tolerance: f64,
+    albedo_tolerance: f64,
+) -> PyResult<Maps<'py>> {
+    let method = match method {
+        "ifa" => Method::Polynomial,
+        "sifa" => Method::PartSpline,
+        "gsifa" => Method::GlobalSpline,
+        "exact" => Method::Exact,
+        other => {
+            return Err(PyValueError::new_err(format!(
+                "method: unknown name {other:?}"
+            )))
+        }
+    };
+    let options = Options {
+        method,
+        degree,
+        n_resample,
+        period,
+        prominence,
+        floor,
+        max_displacement,
+        tolerance,
+        albedo_tolerance,
+    };
+    let shape = (reference.shape()[0], reference.shape()[1]);
+    let (s, d, m) = (reference.as_slice()?, object.as_slice()?, mask.as_slice()?);
+    let field = py
+        .detach(|| invert(s, d, m, shape.1, &options))
+        .map_err(refuse)?;
+    let map = |v: Vec<f64>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
+    let reason = Array2::from_shape_vec(shape, field.reason).expect("kernel keeps the shape");
+    Ok((
+        map(field.displacement).into_pyarray(py),
+        map(field.slope).into_pyarray(py),
+        reason.into_pyarray(py),
+    ))
+}

@@ -1,0 +1,68 @@
+use crate::refuse;
+use fringeworks::windowed::{invert, Limits, Options, Pair};
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+type Maps<'py> = (
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<u8>>,
+);
+
+#[pyfunction]
+#[pyo3(signature = (spline, object, reference_ok, object_ok, start, *, scales, iterations, max_step, confidence, object_noise, reference_noise, drift, max_sigma, min_explained))]
+#[allow(clippy::too_many_arguments)]
+pub fn invert_windowed<'py>(
+    py: Python<'py>,
+    spline: PyReadonlyArray2<'py, f32>,
+    object: PyReadonlyArray2<'py, f32>,
+    reference_ok: PyReadonlyArray2<'py, u8>,
+    object_ok: PyReadonlyArray2<'py, u8>,
+    start: PyReadonlyArray2<'py, f32>,
+    scales: Vec<f64>,
+    iterations: usize,
+    max_step: f64,
+    confidence: f64,
+    object_noise: f64,
+    reference_noise: f64,
+    drift: f64,
+    max_sigma: f64,
+    min_explained: f64,
+) -> PyResult<Maps<'py>> {
+    let shape = (object.shape()[0], object.shape()[1]);
+    let pair = Pair {
+        height: shape.0,
+        width: shape.1,
+        spline: spline.as_slice()?,
+        object: object.as_slice()?,
+        reference_ok: reference_ok.as_slice()?,
+        object_ok: object_ok.as_slice()?,
+    };
+    let start = start.as_slice()?;
+    let options = Options {
+        scales,
+        iterations,
+        max_step,
+        confidence,
+        limits: Limits {
+            object_noise,
+            reference_noise,
+            drift,
+            max_sigma,
+            min_explained,
+        },
+    };
+    let field = py
+        .detach(|| invert(&pair, start, &options))
+        .map_err(refuse)?;
+    let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
+    let scale = Array2::from_shape_vec(shape, field.scale).expect("kernel keeps the shape");
+    Ok((
+        map(field.displacement).into_pyarray(py),
+        map(field.sigma).into_pyarray(py),
+        map(field.gain).into_pyarray(py),
+        scale.into_pyarray(py),
+    ))
+}

@@ -1,0 +1,130 @@
+//! Which extremum of the object row is which extremum of the reference row: fringe order by
+//! counting, where the counts agree, and by the cheapest explanation where they do not.
+
+use super::extrema::Extremum;
+
+/// Costs of an explanation, in units of "one period of change between neighbours". Only their
+/// order matters: a smooth displacement is free, a jump is dear, an unexplained extremum dearer
+/// than a small jump, and of two explanations that are otherwise equal the one with the smaller
+/// displacement wins (the background is the reference plane).
+const ORDER_JUMP: f64 = 0.75;
+const UNEXPLAINED: f64 = 0.8;
+const SMALL_DISPLACEMENT: f64 = 0.02;
+/// Object extrema that may be left unexplained in a row.
+const MAX_SKIP: usize = 3;
+
+#[derive(Clone, Copy)]
+struct State {
+    reference: usize,
+    displacement: f64,
+    cost: f64,
+    previous: Option<(usize, usize)>,
+}
+
+/// For every object extremum the index of its reference extremum, or `None`.
+pub fn match_orders(
+    reference: &[Extremum],
+    object: &[Extremum],
+    period: f64,
+    max_displacement: f64,
+) -> Vec<Option<usize>> {
+    let mut table: Vec<Vec<State>> = Vec::with_capacity(object.len());
+    for (j, extremum) in object.iter().enumerate() {
+        let first =
+            reference.partition_point(|r| extremum.position - r.position > max_displacement);
+        let mut states = Vec::new();
+        for (i, candidate) in reference.iter().enumerate().skip(first) {
+            let displacement = extremum.position - candidate.position;
+            if displacement < -max_displacement {
+                break;
+            }
+            if candidate.is_maximum != extremum.is_maximum {
+                continue;
+            }
+            let own = SMALL_DISPLACEMENT * displacement.abs() / period;
+            let mut best = State {
+                reference: i,
+                displacement,
+                cost: UNEXPLAINED * j as f64 + own,
+                previous: None,
+            };
+            for back in 1..=(MAX_SKIP + 1).min(j) {
+                for (k, state) in table[j - back].iter().enumerate() {
+                    let jump = if i == state.reference + 1 {
+                        0.0
+                    } else {
+                        ORDER_JUMP
+                    };
+                    let cost = state.cost
+                        + own
+                        + (displacement - state.displacement).abs() / period
+                        + jump
+                        + UNEXPLAINED * (back - 1) as f64;
+                    if cost < best.cost {
+                        best.cost = cost;
+                        best.previous = Some((j - back, k));
+                    }
+                }
+            }
+            states.push(best);
+        }
+        table.push(states);
+    }
+    let mut matched = vec![None; object.len()];
+    let mut cursor = table
+        .iter()
+        .enumerate()
+        .flat_map(|(j, states)| {
+            let left_over = UNEXPLAINED * (object.len() - 1 - j) as f64;
+            states
+                .iter()
+                .enumerate()
+                .map(move |(k, s)| ((j, k), s.cost + left_over))
+        })
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(at, _)| at);
+    while let Some((j, k)) = cursor {
+        matched[j] = Some(table[j][k].reference);
+        cursor = table[j][k].previous;
+    }
+    matched
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(positions: &[f64], first_is_maximum: bool) -> Vec<Extremum> {
+        positions
+            .iter()
+            .enumerate()
+            .map(|(k, p)| Extremum {
+                position: *p,
+                value: 0.0,
+                is_maximum: (k % 2 == 0) == first_is_maximum,
+            })
+            .collect()
+    }
+
+    #[test]
+    fn displaced_row_keeps_its_orders() {
+        let reference = row(&[10., 20., 30., 40., 50., 60., 70., 80.], true);
+        let object = row(&[10., 20., 34., 48., 60., 66., 71., 80.], true);
+        let matched = match_orders(&reference, &object, 20.0, 60.0);
+        assert_eq!(matched, (0..8).map(Some).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn counts_may_differ() {
+        let reference = row(&[10., 20., 30., 40., 50., 60., 70., 80.], true);
+        // The first maximum left the frame.
+        let object = row(&[22., 33., 44., 53., 61., 70., 80.], false);
+        let matched = match_orders(&reference, &object, 20.0, 60.0);
+        assert_eq!(matched, (1..8).map(Some).collect::<Vec<_>>());
+        // A spurious pair of extrema on a steep flank.
+        let object = row(&[10., 20., 30., 40., 42., 44., 50., 60., 70., 80.], true);
+        let matched = match_orders(&reference, &object, 20.0, 60.0);
+        assert_eq!(matched.iter().flatten().count(), 8);
+        assert_eq!(matched.last(), Some(&Some(7)));
+    }
+}

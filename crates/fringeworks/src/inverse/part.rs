@@ -1,0 +1,320 @@
+//! The inverse function x(I) of one monotone part of the reference row.
+
+use super::extrema::Extremum;
+use super::Method;
+use crate::spline::{RowSpline, Spline};
+
+/// A monotone part of the reference row, from one turning point (or end of the row) to the next.
+#[derive(Clone, Copy)]
+pub struct Span {
+    pub from: f64,
+    pub to: f64,
+    pub value_from: f64,
+    pub value_to: f64,
+}
+
+impl Span {
+    pub fn rising(&self) -> bool {
+        self.value_to > self.value_from
+    }
+}
+
+/// The parts of a row: its ends and extrema are the boundaries.
+pub fn spans(row: &RowSpline, extrema: &[Extremum]) -> Vec<Span> {
+    let end = (row.y.len() - 1) as f64;
+    let mut bounds = vec![(0.0, row.y[0])];
+    bounds.extend(extrema.iter().map(|e| (e.position, e.value)));
+    bounds.push((end, row.y[row.y.len() - 1]));
+    bounds
+        .windows(2)
+        .map(|w| Span {
+            from: w[0].0,
+            to: w[1].0,
+            value_from: w[0].1,
+            value_to: w[1].1,
+        })
+        .collect()
+}
+
+/// x(I) of one part.
+pub enum Inverse {
+    Polynomial(Polynomial),
+    Spline(Spline),
+    /// Roots of the row's own spline between these samples (position, intensity).
+    Exact(Vec<(f64, f64)>),
+    /// Noise broke the order of the samples: straight lines between pooled ones.
+    Pooled(Vec<(f64, f64)>),
+}
+
+impl Inverse {
+    /// `None` where the part is too short to be inverted.
+    pub fn build(
+        row: &RowSpline,
+        span: &Span,
+        method: Method,
+        degree: usize,
+        n_resample: usize,
+    ) -> Option<Self> {
+        match method {
+            Method::Polynomial => {
+                let points = samples(row, span, false);
+                (points.len() >= 3).then(|| Inverse::Polynomial(Polynomial::fit(&points, degree)))
+            }
+            Method::PartSpline => {
+                Self::spline_unless_pooled(samples(row, span, true), span.rising(), Self::clamped)
+            }
+            Method::GlobalSpline => Self::spline_unless_pooled(
+                resampled(row, span, n_resample),
+                span.rising(),
+                Self::clamped,
+            ),
+            Method::Exact => {
+                Self::spline_unless_pooled(samples(row, span, true), span.rising(), Inverse::Exact)
+            }
+        }
+    }
+
+    /// Noise that breaks the order leaves no curve worth interpolating: straight lines then.
+    fn spline_unless_pooled(
+        points: Vec<(f64, f64)>,
+        rising: bool,
+        build: fn(Vec<(f64, f64)>) -> Self,
+    ) -> Option<Self> {
+        let (points, pooled) = monotone(points, rising);
+        (points.len() >= 2).then(|| {
+            if pooled {
+                Inverse::Pooled(points)
+            } else {
+                build(points)
+            }
+        })
+    }
+
+    fn clamped(points: Vec<(f64, f64)>) -> Self {
+        let (x, intensity) = points.into_iter().unzip();
+        Inverse::Spline(Spline::clamped(intensity, x, 0.0, 0.0))
+    }
+
+    /// Position on the reference row where it has `intensity`; the intensity lies within the part.
+    pub fn at(&self, row: &RowSpline, intensity: f64) -> f64 {
+        match self {
+            Inverse::Polynomial(p) => p.at(intensity),
+            Inverse::Spline(s) => s.at(intensity.clamp(s.x[0], s.x[s.x.len() - 1])),
+            Inverse::Exact(points) => {
+                let (low, high) = bracket(points, intensity);
+                root(row, low.0, high.0, intensity)
+            }
+            Inverse::Pooled(points) => {
+                let (low, high) = bracket(points, intensity);
+                let share = (intensity - low.1) / (high.1 - low.1);
+                low.0 + share.clamp(0.0, 1.0) * (high.0 - low.0)
+            }
+        }
+    }
+}
+
+/// Samples nearer than this (px) to a turning point repeat it: they add no information, and an
+/// inverse spline through both would be nearly vertical between them.
+const MIN_SPACING: f64 = 0.02;
+
+/// The whole samples inside a part, with its two ends where `ends` is set.
+fn samples(row: &RowSpline, span: &Span, ends: bool) -> Vec<(f64, f64)> {
+    let first = (span.from + MIN_SPACING).floor() as usize + 1;
+    let last = (span.to - MIN_SPACING).ceil().max(0.0) as usize;
+    let mut points = Vec::with_capacity(last.saturating_sub(first) + 2);
+    if ends {
+        points.push((span.from, span.value_from));
+    }
+    points.extend((first..last).map(|k| (k as f64, row.y[k])));
+    if ends {
+        points.push((span.to, span.value_to));
+    }
+    points
+}
+
+fn resampled(row: &RowSpline, span: &Span, per_sample: usize) -> Vec<(f64, f64)> {
+    let count = ((span.to - span.from) * per_sample as f64).ceil().max(3.0) as usize;
+    let pitch = (span.to - span.from) / count as f64;
+    let mut points: Vec<(f64, f64)> = (0..count)
+        .map(|k| {
+            let x = span.from + k as f64 * pitch;
+            (x, row.at(x).0)
+        })
+        .collect();
+    points.push((span.to, span.value_to));
+    points
+}
+
+/// Points in order of rising intensity, strictly increasing; neighbours that break the order
+/// (noise, quantisation) are pooled into their mean, which is the least-squares monotone fit
+/// (pool-adjacent-violators). Says whether it had to pool.
+fn monotone(mut points: Vec<(f64, f64)>, rising: bool) -> (Vec<(f64, f64)>, bool) {
+    if !rising {
+        points.reverse();
+    }
+    if points.windows(2).all(|w| w[0].1 < w[1].1) {
+        return (points, false);
+    }
+    let mut pools: Vec<(f64, f64, f64)> = Vec::with_capacity(points.len());
+    for (x, value) in points {
+        let mut pool = (x, value, 1.0);
+        while let Some(last) = pools.last() {
+            if last.1 / last.2 < pool.1 / pool.2 {
+                break;
+            }
+            pool = (pool.0 + last.0, pool.1 + last.1, pool.2 + last.2);
+            pools.pop();
+        }
+        pools.push(pool);
+    }
+    let pooled = pools.into_iter().map(|(x, v, n)| (x / n, v / n)).collect();
+    (pooled, true)
+}
+
+/// The two neighbouring points whose intensities enclose `intensity`.
+fn bracket(points: &[(f64, f64)], intensity: f64) -> ((f64, f64), (f64, f64)) {
+    let k = points
+        .partition_point(|p| p.1 <= intensity)
+        .clamp(1, points.len() - 1);
+    (points[k - 1], points[k])
+}
+
+/// Solve spline(x) = intensity between `a` and `b` by Newton steps kept inside a shrinking bracket.
+fn root(row: &RowSpline, a: f64, b: f64, intensity: f64) -> f64 {
+    let below = |x: f64| row.at(x).0 - intensity;
+    let (f_a, f_b) = (below(a), below(b));
+    if f_a >= 0.0 {
+        return a;
+    }
+    if f_b <= 0.0 {
+        return b;
+    }
+    let (mut low, mut high) = (a, b);
+    let mut x = a + (b - a) * (f_a / (f_a - f_b));
+    for _ in 0..60 {
+        let (value, slope) = row.at(x);
+        let excess = value - intensity;
+        if excess < 0.0 {
+            low = x;
+        } else {
+            high = x;
+        }
+        let newton = x - excess / slope;
+        let inside = (newton - low) * (newton - high) < 0.0;
+        let next = if inside { newton } else { 0.5 * (low + high) };
+        if (next - x).abs() < 1e-11 {
+            return next;
+        }
+        x = next;
+    }
+    x
+}
+
+/// x as a polynomial of the intensity, in orthogonal polynomials on the samples (Forsythe).
+pub struct Polynomial {
+    centre: f64,
+    half_range: f64,
+    alpha: Vec<f64>,
+    beta: Vec<f64>,
+    coefficients: Vec<f64>,
+}
+
+impl Polynomial {
+    /// Least-squares fit. The degree is the one up to `max_degree` with the smallest generalised
+    /// cross-validation score RSS / (n − degree − 1)².
+    pub fn fit(points: &[(f64, f64)], max_degree: usize) -> Self {
+        let n = points.len();
+        let low = points.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
+        let high = points.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
+        let centre = 0.5 * (low + high);
+        let half_range = (0.5 * (high - low)).max(f64::MIN_POSITIVE);
+        let z: Vec<f64> = points.iter().map(|p| (p.1 - centre) / half_range).collect();
+        let mut residual: Vec<f64> = points.iter().map(|p| p.0).collect();
+        let (mut previous, mut current) = (vec![0.0; n], vec![1.0; n]);
+        let mut previous_norm = 1.0;
+        let mut fit = Self {
+            centre,
+            half_range,
+            alpha: vec![],
+            beta: vec![],
+            coefficients: vec![],
+        };
+        let mut best = (f64::INFINITY, 1);
+        for degree in 0..=max_degree.min(n - 2) {
+            let norm: f64 = current.iter().map(|c| c * c).sum();
+            if norm < 1e-12 * n as f64 {
+                break;
+            }
+            let coefficient = current
+                .iter()
+                .zip(&residual)
+                .map(|(c, r)| c * r)
+                .sum::<f64>()
+                / norm;
+            for (r, c) in residual.iter_mut().zip(&current) {
+                *r -= coefficient * c;
+            }
+            let alpha = current.iter().zip(&z).map(|(c, z)| c * c * z).sum::<f64>() / norm;
+            let beta = if degree == 0 {
+                0.0
+            } else {
+                norm / previous_norm
+            };
+            fit.coefficients.push(coefficient);
+            fit.alpha.push(alpha);
+            fit.beta.push(beta);
+            let rss: f64 = residual.iter().map(|r| r * r).sum();
+            let score = rss / ((n - degree - 1) as f64).powi(2);
+            if score < best.0 {
+                best = (score, degree + 1);
+            }
+            for k in 0..n {
+                let next = (z[k] - alpha) * current[k] - beta * previous[k];
+                previous[k] = current[k];
+                current[k] = next;
+            }
+            previous_norm = norm;
+        }
+        fit.coefficients.truncate(best.1);
+        fit
+    }
+
+    pub fn at(&self, intensity: f64) -> f64 {
+        let z = (intensity - self.centre) / self.half_range;
+        let (mut previous, mut current, mut sum) = (0.0, 1.0, 0.0);
+        for (k, c) in self.coefficients.iter().enumerate() {
+            sum += c * current;
+            let next = (z - self.alpha[k]) * current - self.beta[k] * previous;
+            previous = current;
+            current = next;
+        }
+        sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn polynomial_is_exact_for_a_polynomial() {
+        let points: Vec<(f64, f64)> = (0..20)
+            .map(|k| {
+                let v = k as f64 * 0.5;
+                (3.0 + v - 0.2 * v * v + 0.01 * v.powi(3), v)
+            })
+            .collect();
+        let p = Polynomial::fit(&points, 9);
+        for (x, v) in &points {
+            assert!((p.at(*v) - x).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn pooling_keeps_order() {
+        let (points, pooled) =
+            monotone(vec![(0., 0.), (1., 2.), (2., 1.), (3., 3.), (4., 3.)], true);
+        assert!(pooled);
+        assert_eq!(points, [(0., 0.), (1.5, 1.5), (3.5, 3.)]);
+    }
+}

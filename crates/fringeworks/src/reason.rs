@@ -1,0 +1,16 @@
+//! Why a pixel has no value. The Python side (`fringeworks.types.Reason`) has the same numbers; a
+//! test compares the two.
+
+pub const OK: u8 = 0;
+/// Excluded by the caller, or not finite in the input.
+pub const MASKED: u8 = 1;
+/// The matching point lies outside the reference frame.
+pub const OUTSIDE: u8 = 2;
+/// The fringe is too weak against the noise.
+pub const LOW_MODULATION: u8 = 3;
+/// The fringe order cannot be decided.
+pub const ORDER_AMBIGUOUS: u8 = 5;
+/// The intensity lies outside the range of the matching part of the reference.
+pub const OUT_OF_RANGE: u8 = 6;
+/// No window determines the displacement.
+pub const UNDETERMINED: u8 = 7;

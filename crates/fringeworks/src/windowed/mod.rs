@@ -1,0 +1,215 @@
+//! Windowed inversion: the displacement u with d(x) = a + b·s(x − u), by local least squares.
+//!
+//! Theory §4, last item. The field u is warped densely and refined by Gauss–Newton from large
+//! windows to small ones; every window size gives an estimate and its σ, and each pixel keeps the
+//! largest window whose estimate agrees with those of all smaller ones (Lepski's rule, known in
+//! imaging as the intersection of confidence intervals).
+
+mod grid;
+mod moments;
+mod solve;
+mod warp;
+
+use crate::{check_length, check_value, Error};
+use grid::Grid;
+use moments::Window;
+use rayon::prelude::*;
+pub use solve::Limits;
+use solve::Prior;
+pub use warp::Pair;
+
+/// How to search.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Gaussian window widths σ in px, from coarse to fine.
+    pub scales: Vec<f64>,
+    /// Gauss–Newton steps per scale.
+    pub iterations: usize,
+    /// Largest step of the displacement, px.
+    pub max_step: f64,
+    /// Half-width of the confidence intervals, in σ.
+    pub confidence: f64,
+    pub limits: Limits,
+}
+
+/// The result, one value per pixel. NaN where no window determined the displacement.
+pub struct Field {
+    pub displacement: Vec<f32>,
+    pub sigma: Vec<f32>,
+    pub gain: Vec<f32>,
+    /// Index into `Options::scales` of the window that was kept; 255 where none.
+    pub scale: Vec<u8>,
+}
+
+const NONE: u8 = 255;
+
+/// By how much repeated steps at one scale raise σ over that of a single step.
+///
+/// K steps about a densely warped field apply 1 − (1 − S)^K instead of the smoother S: the bias
+/// falls with every step and the noise rises. For a Gaussian S in two dimensions the noise gain is
+/// √(Σ_jk c_j c_k 2/(j + k)) with c_j = −(−1)^j · binomial(K, j).
+fn noise_gain(steps: usize) -> f64 {
+    let mut coefficients = Vec::with_capacity(steps);
+    let mut binomial = 1.0;
+    for j in 1..=steps {
+        binomial *= (steps + 1 - j) as f64 / j as f64;
+        coefficients.push(if j % 2 == 1 { binomial } else { -binomial });
+    }
+    let mut sum = 0.0;
+    for (j, cj) in coefficients.iter().enumerate() {
+        for (k, ck) in coefficients.iter().enumerate() {
+            sum += cj * ck * 2.0 / (j + k + 2) as f64;
+        }
+    }
+    f64::sqrt(sum)
+}
+
+fn check(pair: &Pair, start: &[f32], options: &Options) -> Result<(), Error> {
+    let n = pair.height * pair.width;
+    check_value("width", pair.width >= 8, "at least 8 px", pair.width)?;
+    check_value("height", pair.height >= 1, "at least 1 px", pair.height)?;
+    check_length("spline", pair.spline.len(), pair.height * (pair.width + 3))?;
+    check_length("object", pair.object.len(), n)?;
+    check_length("reference_ok", pair.reference_ok.len(), n)?;
+    check_length("object_ok", pair.object_ok.len(), n)?;
+    check_length("start", start.len(), n)?;
+    check_value(
+        "scales",
+        !options.scales.is_empty()
+            && options.scales.len() < NONE as usize
+            && options.scales.iter().all(|s| (0.8..=1e4).contains(s)),
+        "1 to 254 widths between 0.8 and 10000 px",
+        &options.scales,
+    )?;
+    check_value(
+        "iterations",
+        (1..=100).contains(&options.iterations),
+        "1 to 100",
+        options.iterations,
+    )
+}
+
+/// One estimate per pixel and scale.
+struct Estimate {
+    displacement: Vec<f32>,
+    sigma: Vec<f32>,
+    gain: Vec<f32>,
+}
+
+/// Refine the displacement `start` (px) of every pixel.
+pub fn invert(pair: &Pair, start: &[f32], options: &Options) -> Result<Field, Error> {
+    check(pair, start, options)?;
+    let estimates = refine(pair, start, options);
+    Ok(select(&estimates, options.confidence as f32))
+}
+
+fn refine(pair: &Pair, start: &[f32], options: &Options) -> Vec<Estimate> {
+    let loose = Prior {
+        offset: 0.0,
+        gain: 1.0,
+        offset_variance: 1.0,
+        gain_variance: 1.0,
+        residual: 0.01,
+    };
+    let factor = noise_gain(options.iterations) as f32;
+    let mut u = start.to_vec();
+    let mut coarser: Option<Grid> = None;
+    let mut estimates = Vec::with_capacity(options.scales.len());
+    for sigma in &options.scales {
+        let window = Window::new(*sigma);
+        let mut grid = None;
+        for _ in 0..options.iterations {
+            let solved = Grid::solve(pair, &u, &window, coarser.as_ref(), &loose, &options.limits);
+            step(&mut u, pair.width, &solved, options.max_step as f32);
+            grid = Some(solved);
+        }
+        let grid = grid.expect("at least one step per scale");
+        estimates.push(estimate(&u, pair.width, &grid, factor));
+        coarser = Some(grid);
+    }
+    estimates
+}
+
+fn step(u: &mut [f32], width: usize, grid: &Grid, max_step: f32) {
+    u.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+        for (x, u) in row.iter_mut().enumerate() {
+            if let Some(blend) = grid.blend(x, y) {
+                *u += blend.delta.clamp(-max_step, max_step);
+            }
+        }
+    });
+}
+
+fn estimate(u: &[f32], width: usize, grid: &Grid, factor: f32) -> Estimate {
+    let mut sigma = vec![f32::INFINITY; u.len()];
+    let mut gain = vec![f32::NAN; u.len()];
+    sigma
+        .par_chunks_mut(width)
+        .zip(gain.par_chunks_mut(width))
+        .enumerate()
+        .for_each(|(y, (sigma, gain))| {
+            for x in 0..width {
+                if let Some(blend) = grid.blend(x, y) {
+                    sigma[x] = blend.sigma * factor;
+                    gain[x] = blend.gain;
+                }
+            }
+        });
+    Estimate {
+        displacement: u.to_vec(),
+        sigma,
+        gain,
+    }
+}
+
+/// Per pixel: the first (largest) window that agrees with every later one.
+fn select(estimates: &[Estimate], confidence: f32) -> Field {
+    let n = estimates[0].displacement.len();
+    let chosen: Vec<u8> = (0..n)
+        .into_par_iter()
+        .with_min_len(4096)
+        .map(|i| {
+            let agrees = |k: usize| {
+                let value = estimates[k].displacement[i];
+                estimates[k].sigma[i].is_finite()
+                    && estimates[k + 1..].iter().all(|finer| {
+                        // An undetermined window has an infinite σ and contradicts nothing.
+                        (finer.displacement[i] - value).abs() <= confidence * finer.sigma[i]
+                    })
+            };
+            (0..estimates.len())
+                .find(|k| agrees(*k))
+                .map_or(NONE, |k| k as u8)
+        })
+        .collect();
+    let pick = |field: fn(&Estimate) -> &[f32]| -> Vec<f32> {
+        chosen
+            .iter()
+            .enumerate()
+            .map(|(i, k)| {
+                if *k == NONE {
+                    f32::NAN
+                } else {
+                    field(&estimates[*k as usize])[i]
+                }
+            })
+            .collect()
+    };
+    Field {
+        displacement: pick(|e| &e.displacement),
+        sigma: pick(|e| &e.sigma),
+        gain: pick(|e| &e.gain),
+        scale: chosen,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_gain_of_one_and_two_steps() {
+        assert!((noise_gain(1) - 1.0).abs() < 1e-12);
+        assert!((noise_gain(2).powi(2) - 11.0 / 6.0).abs() < 1e-12);
+    }
+}

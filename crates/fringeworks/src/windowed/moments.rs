@@ -1,0 +1,300 @@
+//! Local moments of the warped pair, at a cost that does not grow with the window.
+//!
+//! The products that make up the normal equations are summed over square blocks first, with their
+//! first and second moments about the block's centre; a Gaussian of two blocks' width then
+//! gathers the blocks. A block is half a σ wide, so every window costs the same few taps, and
+//! larger windows have fewer nodes: large windows are the cheap ones.
+
+use super::warp::{warp_row, Pair, WarpedRow};
+use multiversion::multiversion;
+use rayon::prelude::*;
+
+// Products summed per block. The first six are needed as plain sums only; those with the slope g
+// also with the offset (x, y) of the pixel, g² with its squares.
+pub const M: usize = 0; // weight
+pub const S: usize = 1;
+pub const SS: usize = 2;
+pub const D: usize = 3;
+pub const DS: usize = 4;
+pub const DD: usize = 5;
+pub const G: usize = 6; // g, sg, dg: each with a plain sum here …
+pub const GG: usize = 9;
+pub const PLAIN: usize = 10;
+pub const GX: usize = 10; // … the sum times x here (g, sg, dg, gg) …
+pub const GY: usize = 14; // … times y here …
+pub const GGXX: usize = 18; // … and g² times x², xy, y².
+pub const GGXY: usize = 19;
+pub const GGYY: usize = 20;
+pub const CHANNELS: usize = 21;
+
+/// Half-width of the gathering kernel, in blocks.
+pub const RADIUS: usize = 6;
+const TAPS: usize = 2 * RADIUS + 1;
+/// σ of the gathering kernel, in blocks (less where the block is already a single pixel).
+const SIGMA_BLOCKS: f64 = 2.0;
+
+/// One window size: its block width and its one-dimensional weights.
+pub struct Window {
+    /// Pixels per block side.
+    pub block: usize,
+    /// Weight of a pixel in the block at each offset, times the offset to the power 0, 1, 2 in px.
+    pub taps: [[f32; TAPS]; 3],
+    /// 1 / Σ w² over the window: the number of pixels that count.
+    pub effective_pixels: f64,
+}
+
+impl Window {
+    pub fn new(sigma: f64) -> Self {
+        let block = (sigma / SIGMA_BLOCKS).round().max(1.0) as usize;
+        let sigma_blocks = sigma / block as f64;
+        let mut weight = [0.0f64; TAPS];
+        for (k, w) in weight.iter_mut().enumerate() {
+            let offset = k as f64 - RADIUS as f64;
+            *w = (-0.5 * (offset / sigma_blocks).powi(2)).exp();
+        }
+        let total: f64 = weight.iter().sum::<f64>() * block as f64;
+        let mut taps = [[0.0f32; TAPS]; 3];
+        let mut squares = 0.0;
+        for k in 0..TAPS {
+            let w = weight[k] / total;
+            let offset = (k as f64 - RADIUS as f64) * block as f64;
+            taps[0][k] = w as f32;
+            taps[1][k] = (w * offset) as f32;
+            taps[2][k] = (w * offset * offset) as f32;
+            squares += w * w * block as f64;
+        }
+        Self {
+            block,
+            taps,
+            effective_pixels: 1.0 / (squares * squares),
+        }
+    }
+
+    pub fn nodes(&self, pixels: usize) -> usize {
+        pixels.div_ceil(self.block)
+    }
+
+    /// Pixel coordinate of node `i`: the centre of its block.
+    pub fn centre(&self, i: usize) -> f64 {
+        (i as f64 + 0.5) * self.block as f64 - 0.5
+    }
+}
+
+/// Channels that are stored: single-pixel blocks have no moments about their centre.
+pub fn stored_channels(window: &Window) -> usize {
+    if window.block == 1 {
+        PLAIN
+    } else {
+        CHANNELS
+    }
+}
+
+/// Block sums of all products, laid out `[block row][channel][block column]`.
+pub fn block_sums(pair: &Pair, u: &[f32], window: &Window) -> Vec<f32> {
+    let columns = window.nodes(pair.width);
+    let rows = window.nodes(pair.height);
+    let channels = stored_channels(window);
+    let mut sums = vec![0.0f32; rows * channels * columns];
+    sums.par_chunks_mut(channels * columns)
+        .enumerate()
+        .for_each_init(
+            || WarpedRow::new(pair.width),
+            |warped, (block_row, out)| {
+                let first = block_row * window.block;
+                let last = (first + window.block).min(pair.height);
+                for y in first..last {
+                    let row = y * pair.width..(y + 1) * pair.width;
+                    warp_row(pair, y, &u[row.clone()], warped);
+                    let object = &pair.object[row];
+                    if window.block == 1 {
+                        products(warped, object, out, columns);
+                    } else {
+                        let dy = (y as f64 - window.centre(block_row)) as f32;
+                        sum_row(warped, object, window.block, dy, out, columns);
+                    }
+                }
+            },
+        );
+    sums
+}
+
+fn products(warped: &WarpedRow, object: &[f32], out: &mut [f32], columns: usize) {
+    let mut channel: Vec<&mut [f32]> = out.chunks_mut(columns).collect();
+    for x in 0..columns {
+        let (m, s, g) = (warped.weight[x], warped.value[x], warped.slope[x]);
+        let d = m * object[x];
+        channel[M][x] = m;
+        channel[S][x] = s;
+        channel[SS][x] = s * s;
+        channel[D][x] = d;
+        channel[DS][x] = d * s;
+        channel[DD][x] = d * d;
+        channel[G][x] = g;
+        channel[G + 1][x] = s * g;
+        channel[G + 2][x] = d * g;
+        channel[GG][x] = g * g;
+    }
+}
+
+fn sum_row(
+    warped: &WarpedRow,
+    object: &[f32],
+    block: usize,
+    dy: f32,
+    out: &mut [f32],
+    columns: usize,
+) {
+    let width = object.len();
+    let half = (block as f32 - 1.0) * 0.5;
+    for column in 0..columns {
+        let first = column * block;
+        let last = (first + block).min(width);
+        let mut plain = [0.0f32; PLAIN];
+        let mut along = [0.0f32; 4];
+        let mut gg_xx = 0.0f32;
+        for x in first..last {
+            let (m, s, g) = (warped.weight[x], warped.value[x], warped.slope[x]);
+            let d = m * object[x];
+            let dx = (x - first) as f32 - half;
+            let (sg, dg, gg) = (s * g, d * g, g * g);
+            plain[M] += m;
+            plain[S] += s;
+            plain[SS] += s * s;
+            plain[D] += d;
+            plain[DS] += d * s;
+            plain[DD] += d * d;
+            plain[G] += g;
+            plain[G + 1] += sg;
+            plain[G + 2] += dg;
+            plain[GG] += gg;
+            along[0] += dx * g;
+            along[1] += dx * sg;
+            along[2] += dx * dg;
+            along[3] += dx * gg;
+            gg_xx += dx * dx * gg;
+        }
+        for (c, v) in plain.iter().enumerate() {
+            out[c * columns + column] += v;
+        }
+        for c in 0..4 {
+            out[(GX + c) * columns + column] += along[c];
+            out[(GY + c) * columns + column] += dy * plain[G + c];
+        }
+        out[GGXX * columns + column] += gg_xx;
+        out[GGXY * columns + column] += dy * along[3];
+        out[GGYY * columns + column] += dy * dy * plain[GG];
+    }
+}
+
+/// `target[i] += weight · source[i]`, compiled for several instruction sets.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512vl",
+    "x86_64+avx2+fma",
+    "x86_64+avx",
+    "aarch64+neon"
+))]
+fn add_scaled(target: &mut [f32], source: &[f32], weight: f32) {
+    for (t, s) in target.iter_mut().zip(source) {
+        *t += weight * s;
+    }
+}
+
+/// All window moments of one row of nodes, `CHANNELS` rows of `columns` values.
+pub struct NodeRow {
+    vertical: Vec<f32>, // CHANNELS rows, each padded by RADIUS zeros on both sides
+    pub moments: Vec<f32>,
+    columns: usize,
+}
+
+impl NodeRow {
+    pub fn new(columns: usize) -> Self {
+        Self {
+            vertical: vec![0.0; CHANNELS * (columns + 2 * RADIUS)],
+            moments: vec![0.0; CHANNELS * columns],
+            columns,
+        }
+    }
+
+    pub fn get(&self, channel: usize, column: usize) -> f64 {
+        self.moments[channel * self.columns + column] as f64
+    }
+
+    /// Gather the blocks around node row `row`.
+    pub fn gather(&mut self, sums: &[f32], row: usize, rows: usize, window: &Window) {
+        self.vertical.fill(0.0);
+        self.moments.fill(0.0);
+        self.gather_vertical(sums, row, rows, window);
+        self.gather_horizontal(window);
+    }
+
+    fn gather_vertical(&mut self, sums: &[f32], row: usize, rows: usize, window: &Window) {
+        let columns = self.columns;
+        let padded = columns + 2 * RADIUS;
+        let channels = stored_channels(window);
+        let vertical = &mut self.vertical;
+        for k in 0..TAPS {
+            let Some(source_row) = (row + k).checked_sub(RADIUS).filter(|r| *r < rows) else {
+                continue;
+            };
+            let block_row =
+                &sums[source_row * channels * columns..(source_row + 1) * channels * columns];
+            let [w0, w1, w2] = [0, 1, 2].map(|power| window.taps[power][k]);
+            let mut add = |target: usize, source: usize, weight: f32| {
+                let t = target * padded + RADIUS;
+                add_scaled(
+                    &mut vertical[t..t + columns],
+                    &block_row[source * columns..(source + 1) * columns],
+                    weight,
+                );
+            };
+            for c in 0..channels {
+                add(c, c, w0);
+            }
+            for c in 0..4 {
+                add(GY + c, G + c, w1);
+            }
+            add(GGYY, GG, w2);
+            if window.block > 1 {
+                add(GGXY, GX + 3, w1);
+                add(GGYY, GY + 3, 2.0 * w1);
+            }
+        }
+    }
+
+    fn gather_horizontal(&mut self, window: &Window) {
+        let columns = self.columns;
+        let padded = columns + 2 * RADIUS;
+        let (vertical, moments) = (&self.vertical, &mut self.moments);
+        for k in 0..TAPS {
+            let [w0, w1, w2] = [0, 1, 2].map(|power| window.taps[power][k]);
+            let mut add = |target: usize, source: usize, weight: f32| {
+                let s = source * padded + k;
+                add_scaled(
+                    &mut moments[target * columns..(target + 1) * columns],
+                    &vertical[s..s + columns],
+                    weight,
+                );
+            };
+            for c in 0..PLAIN {
+                add(c, c, w0);
+            }
+            for c in GY..GX + 8 {
+                add(c, c, w0);
+            }
+            for c in 0..4 {
+                add(GX + c, G + c, w1);
+            }
+            add(GGYY, GGYY, w0);
+            add(GGXY, GY + 3, w1);
+            add(GGXX, GG, w2);
+            if window.block > 1 {
+                for c in GX..GX + 4 {
+                    add(c, c, w0);
+                }
+                add(GGXY, GGXY, w0);
+                add(GGXX, GX + 3, 2.0 * w1);
+                add(GGXX, GGXX, w0);
+            }
+        }
+    }
+}

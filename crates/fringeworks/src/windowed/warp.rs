@@ -1,0 +1,83 @@
+//! The reference seen through the present displacement: s(x − u) and s′(x − u) by cubic B-splines
+//! along rows.
+
+/// Samples at either end of a row that are not used: the spline leans on mirrored data there.
+pub const MARGIN: f64 = 2.0;
+
+/// A frame pair in the normalised units of the kernel (background 0, modulation 1).
+#[derive(Clone, Copy)]
+pub struct Pair<'a> {
+    pub height: usize,
+    pub width: usize,
+    /// Cubic B-spline coefficients of the reference rows, `height × (width + 3)`: one mirrored
+    /// coefficient in front, two behind.
+    pub spline: &'a [f32],
+    /// Object frame, `height × width`.
+    pub object: &'a [f32],
+    /// 1 where the reference sample may be trusted.
+    pub reference_ok: &'a [u8],
+    /// 1 where the object sample may be trusted.
+    pub object_ok: &'a [u8],
+}
+
+/// One warped row: weight (0 or 1), value and slope of the reference at x − u.
+pub struct WarpedRow {
+    pub weight: Vec<f32>,
+    pub value: Vec<f32>,
+    pub slope: Vec<f32>,
+}
+
+impl WarpedRow {
+    pub fn new(width: usize) -> Self {
+        Self {
+            weight: vec![0.0; width],
+            value: vec![0.0; width],
+            slope: vec![0.0; width],
+        }
+    }
+}
+
+/// Value and slope of the row's spline at `position`, which must lie in `[0, width − 1]`.
+#[inline(always)]
+pub fn evaluate(coefficients: &[f32], position: f64) -> (f32, f32) {
+    let last = coefficients.len() - 4;
+    let k = (position as usize).min(last);
+    let t = (position - k as f64) as f32;
+    let c = &coefficients[k..k + 4];
+    let r = 1.0 - t;
+    let value = (c[0] * (r * r * r)
+        + c[1] * ((3.0 * t - 6.0) * t * t + 4.0)
+        + c[2] * (((3.0 - 3.0 * t) * t + 3.0) * t + 1.0)
+        + c[3] * (t * t * t))
+        / 6.0;
+    let slope = (-c[0] * (r * r)
+        + c[1] * ((3.0 * t - 4.0) * t)
+        + c[2] * ((2.0 - 3.0 * t) * t + 1.0)
+        + c[3] * (t * t))
+        * 0.5;
+    (value, slope)
+}
+
+/// Warp row `y` by the displacement `u` of that row.
+pub fn warp_row(pair: &Pair, y: usize, u: &[f32], out: &mut WarpedRow) {
+    let width = pair.width;
+    let coefficients = &pair.spline[y * (width + 3)..(y + 1) * (width + 3)];
+    let reference_ok = &pair.reference_ok[y * width..(y + 1) * width];
+    let object_ok = &pair.object_ok[y * width..(y + 1) * width];
+    let last = (width - 1) as f64 - MARGIN;
+    for x in 0..width {
+        let position = x as f64 - u[x] as f64;
+        // A NaN displacement fails both comparisons and gets no weight.
+        let inside = position >= MARGIN && position <= last;
+        if inside && object_ok[x] != 0 && reference_ok[(position + 0.5) as usize] != 0 {
+            let (value, slope) = evaluate(coefficients, position);
+            out.weight[x] = 1.0;
+            out.value[x] = value;
+            out.slope[x] = slope;
+        } else {
+            out.weight[x] = 0.0;
+            out.value[x] = 0.0;
+            out.slope[x] = 0.0;
+        }
+    }
+}

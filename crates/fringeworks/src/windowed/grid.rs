@@ -5,20 +5,12 @@ use super::solve::{solve, Limits, Node, Prior};
 use super::warp::Pair;
 use rayon::prelude::*;
 
-/// The solved windows of one scale.
-pub struct Grid {
-    pub nodes: Vec<Node>,
+/// Where the nodes of a scale lie: at the centres of square blocks of pixels.
+#[derive(Clone, Copy)]
+pub struct Lattice {
     pub rows: usize,
     pub columns: usize,
-    block: usize,
-}
-
-/// What the nodes around a pixel say about it.
-#[derive(Clone, Copy)]
-pub struct Blend {
-    pub delta: f32,
-    pub sigma: f32,
-    pub gain: f32,
+    pub block: usize,
 }
 
 /// Two neighbours and the share of the second.
@@ -27,6 +19,81 @@ fn between(position: f64, count: usize) -> (usize, usize, f32) {
     let first = (clamped as usize).min(count - 1);
     let second = (first + 1).min(count - 1);
     (first, second, (clamped - first as f64) as f32)
+}
+
+impl Lattice {
+    /// Row, column and bilinear weight of the four nodes around a pixel position.
+    fn corners(&self, x: f64, y: f64) -> [(usize, usize, f32); 4] {
+        let position = |pixel: f64| (pixel + 0.5) / self.block as f64 - 0.5;
+        let (c0, c1, tx) = between(position(x), self.columns);
+        let (r0, r1, ty) = between(position(y), self.rows);
+        [
+            (r0, c0, (1.0 - tx) * (1.0 - ty)),
+            (r0, c1, tx * (1.0 - ty)),
+            (r1, c0, (1.0 - tx) * ty),
+            (r1, c1, tx * ty),
+        ]
+    }
+}
+
+/// Values averaged over the blocks of a lattice.
+pub struct BlockMeans {
+    lattice: Lattice,
+    values: Vec<f32>,
+}
+
+impl BlockMeans {
+    /// Average `value(pixel index)` over each block, leaving out `None`; 0 where all are.
+    pub fn new(
+        lattice: Lattice,
+        height: usize,
+        width: usize,
+        value: impl Fn(usize) -> Option<f32> + Sync,
+    ) -> Self {
+        let mut values = vec![0.0f32; lattice.rows * lattice.columns];
+        values
+            .par_chunks_mut(lattice.columns)
+            .enumerate()
+            .for_each(|(row, out)| {
+                let mut counts = vec![0u32; out.len()];
+                let first = row * lattice.block;
+                for y in first..(first + lattice.block).min(height) {
+                    for x in 0..width {
+                        if let Some(v) = value(y * width + x) {
+                            out[x / lattice.block] += v;
+                            counts[x / lattice.block] += 1;
+                        }
+                    }
+                }
+                for (sum, count) in out.iter_mut().zip(counts) {
+                    *sum /= count.max(1) as f32;
+                }
+            });
+        Self { lattice, values }
+    }
+
+    /// Bilinear interpolation at a pixel.
+    pub fn at(&self, x: usize, y: usize) -> f32 {
+        self.lattice
+            .corners(x as f64, y as f64)
+            .iter()
+            .map(|(r, c, w)| w * self.values[r * self.lattice.columns + c])
+            .sum()
+    }
+}
+
+/// The solved windows of one scale.
+pub struct Grid {
+    pub lattice: Lattice,
+    nodes: Vec<Node>,
+}
+
+/// What the nodes around a pixel say about it.
+#[derive(Clone, Copy)]
+pub struct Blend {
+    pub delta: f32,
+    pub sigma: f32,
+    pub gain: f32,
 }
 
 impl Grid {
@@ -39,8 +106,8 @@ impl Grid {
         start: &Prior,
         limits: &Limits,
     ) -> Grid {
-        let rows = window.nodes(pair.height);
-        let columns = window.nodes(pair.width);
+        let lattice = window.lattice(pair.height, pair.width);
+        let Lattice { rows, columns, .. } = lattice;
         let sums = block_sums(pair, u, window);
         let mut nodes = vec![
             Node {
@@ -64,31 +131,19 @@ impl Grid {
                 }
             },
         );
-        Grid {
-            nodes,
-            rows,
-            columns,
-            block: window.block,
-        }
+        Grid { lattice, nodes }
     }
 
-    fn position(&self, pixel: f64) -> f64 {
-        (pixel + 0.5) / self.block as f64 - 0.5
+    fn node(&self, row: usize, column: usize) -> &Node {
+        &self.nodes[row * self.lattice.columns + column]
     }
 
     fn prior_at(&self, x: f64, y: f64) -> Prior {
-        let (c0, c1, tx) = between(self.position(x), self.columns);
-        let (r0, r1, ty) = between(self.position(y), self.rows);
-        let corners = [
-            (r0 * self.columns + c0, (1.0 - tx) * (1.0 - ty)),
-            (r0 * self.columns + c1, tx * (1.0 - ty)),
-            (r1 * self.columns + c0, (1.0 - tx) * ty),
-            (r1 * self.columns + c1, tx * ty),
-        ];
+        let corners = self.lattice.corners(x, y);
         let mix = |field: fn(&Prior) -> f32| -> f32 {
             corners
                 .iter()
-                .map(|(i, w)| w * field(&self.nodes[*i].prior))
+                .map(|(r, c, w)| w * field(&self.node(*r, *c).prior))
                 .sum()
         };
         Prior {
@@ -103,37 +158,33 @@ impl Grid {
     /// Blend the affine solutions of the four nodes around a pixel, leaving out those that do not
     /// determine the displacement; `None` where no node does.
     pub fn blend(&self, x: usize, y: usize) -> Option<Blend> {
-        if self.block == 1 {
-            let node = &self.nodes[y * self.columns + x];
+        let block = self.lattice.block;
+        if block == 1 {
+            let node = self.node(y, x);
             return node.determined.then_some(Blend {
                 delta: node.delta,
                 sigma: node.sigma,
                 gain: node.gain,
             });
         }
-        let (c0, c1, tx) = between(self.position(x as f64), self.columns);
-        let (r0, r1, ty) = between(self.position(y as f64), self.rows);
         let mut sum = Blend {
             delta: 0.0,
             sigma: 0.0,
             gain: 0.0,
         };
         let mut total = 0.0f32;
-        for (row, wy) in [(r0, 1.0 - ty), (r1, ty)] {
-            for (column, wx) in [(c0, 1.0 - tx), (c1, tx)] {
-                let node = &self.nodes[row * self.columns + column];
-                let weight = wx * wy;
-                if !node.determined || weight <= 0.0 {
-                    continue;
-                }
-                let centre = |i: usize| (i as f32 + 0.5) * self.block as f32 - 0.5;
-                let dx = x as f32 - centre(column);
-                let dy = y as f32 - centre(row);
-                sum.delta += weight * (node.delta + node.slope[0] * dx + node.slope[1] * dy);
-                sum.sigma += weight * node.sigma;
-                sum.gain += weight * node.gain;
-                total += weight;
+        for (row, column, weight) in self.lattice.corners(x as f64, y as f64) {
+            let node = self.node(row, column);
+            if !node.determined || weight <= 0.0 {
+                continue;
             }
+            let centre = |i: usize| (i as f32 + 0.5) * block as f32 - 0.5;
+            let dx = x as f32 - centre(column);
+            let dy = y as f32 - centre(row);
+            sum.delta += weight * (node.delta + node.slope[0] * dx + node.slope[1] * dy);
+            sum.sigma += weight * node.sigma;
+            sum.gain += weight * node.gain;
+            total += weight;
         }
         (total > 0.0).then(|| Blend {
             delta: sum.delta / total,

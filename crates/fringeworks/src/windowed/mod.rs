@@ -11,7 +11,7 @@ mod solve;
 mod warp;
 
 use crate::{check_length, check_value, Error};
-use grid::Grid;
+use grid::{BlockMeans, Grid, Lattice};
 use moments::Window;
 use rayon::prelude::*;
 pub use solve::Limits;
@@ -94,13 +94,15 @@ struct Estimate {
     displacement: Vec<f32>,
     sigma: Vec<f32>,
     gain: Vec<f32>,
+    /// How far the next finer scale lies from this one, averaged over blocks.
+    disagreement: Option<BlockMeans>,
 }
 
 /// Refine the displacement `start` (px) of every pixel.
 pub fn invert(pair: &Pair, start: &[f32], options: &Options) -> Result<Field, Error> {
     check(pair, start, options)?;
     let estimates = refine(pair, start, options);
-    Ok(select(&estimates, options.confidence as f32))
+    Ok(select(&estimates, pair.width, options.confidence as f32))
 }
 
 fn refine(pair: &Pair, start: &[f32], options: &Options) -> Vec<Estimate> {
@@ -124,10 +126,27 @@ fn refine(pair: &Pair, start: &[f32], options: &Options) -> Vec<Estimate> {
             grid = Some(solved);
         }
         let grid = grid.expect("at least one step per scale");
-        estimates.push(estimate(&u, pair.width, &grid, factor));
+        let finer = estimate(&u, pair.width, &grid, factor);
+        if let (Some(last), Some(lattice)) = (
+            estimates.last_mut(),
+            coarser.as_ref().map(|grid| grid.lattice),
+        ) {
+            compare(last, &finer, lattice, pair);
+        }
+        estimates.push(finer);
         coarser = Some(grid);
     }
     estimates
+}
+
+/// Note where the finer scale systematically departs from the coarser one: bias, not noise.
+fn compare(coarse: &mut Estimate, fine: &Estimate, lattice: Lattice, pair: &Pair) {
+    let difference = |i: usize| {
+        (coarse.sigma[i].is_finite() && fine.sigma[i].is_finite())
+            .then(|| fine.displacement[i] - coarse.displacement[i])
+    };
+    let means = BlockMeans::new(lattice, pair.height, pair.width, difference);
+    coarse.disagreement = Some(means);
 }
 
 fn step(u: &mut [f32], width: usize, grid: &Grid, max_step: f32) {
@@ -159,48 +178,52 @@ fn estimate(u: &[f32], width: usize, grid: &Grid, factor: f32) -> Estimate {
         displacement: u.to_vec(),
         sigma,
         gain,
+        disagreement: None,
     }
 }
 
 /// Per pixel: the first (largest) window that agrees with every later one.
-fn select(estimates: &[Estimate], confidence: f32) -> Field {
+///
+/// Agreement leaves room for a bias of the order of the finer window's noise, so the error bar
+/// takes up what the next finer window says of it: σ² + (mean difference)².
+fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
     let n = estimates[0].displacement.len();
-    let chosen: Vec<u8> = (0..n)
-        .into_par_iter()
-        .with_min_len(4096)
-        .map(|i| {
-            let agrees = |k: usize| {
-                let value = estimates[k].displacement[i];
-                estimates[k].sigma[i].is_finite()
-                    && estimates[k + 1..].iter().all(|finer| {
-                        // An undetermined window has an infinite σ and contradicts nothing.
-                        (finer.displacement[i] - value).abs() <= confidence * finer.sigma[i]
-                    })
-            };
-            (0..estimates.len())
-                .find(|k| agrees(*k))
-                .map_or(NONE, |k| k as u8)
-        })
-        .collect();
-    let pick = |field: fn(&Estimate) -> &[f32]| -> Vec<f32> {
-        chosen
-            .iter()
-            .enumerate()
-            .map(|(i, k)| {
-                if *k == NONE {
-                    f32::NAN
-                } else {
-                    field(&estimates[*k as usize])[i]
-                }
-            })
-            .collect()
+    let mut field = Field {
+        displacement: vec![f32::NAN; n],
+        sigma: vec![f32::NAN; n],
+        gain: vec![f32::NAN; n],
+        scale: vec![NONE; n],
     };
-    Field {
-        displacement: pick(|e| &e.displacement),
-        sigma: pick(|e| &e.sigma),
-        gain: pick(|e| &e.gain),
-        scale: chosen,
-    }
+    let agrees = |k: usize, i: usize| {
+        let value = estimates[k].displacement[i];
+        estimates[k].sigma[i].is_finite()
+            && estimates[k + 1..].iter().all(|finer| {
+                // An undetermined window has an infinite σ and contradicts nothing.
+                (finer.displacement[i] - value).abs() <= confidence * finer.sigma[i]
+            })
+    };
+    field
+        .displacement
+        .par_chunks_mut(width)
+        .zip(field.sigma.par_chunks_mut(width))
+        .zip(field.gain.par_chunks_mut(width))
+        .zip(field.scale.par_chunks_mut(width))
+        .enumerate()
+        .for_each(|(y, (((displacement, sigma), gain), scale))| {
+            for x in 0..width {
+                let i = y * width + x;
+                let Some(k) = (0..estimates.len()).find(|k| agrees(*k, i)) else {
+                    continue;
+                };
+                let kept = &estimates[k];
+                let bias = kept.disagreement.as_ref().map_or(0.0, |d| d.at(x, y));
+                displacement[x] = kept.displacement[i];
+                sigma[x] = kept.sigma[i].hypot(bias);
+                gain[x] = kept.gain[i];
+                scale[x] = k as u8;
+            }
+        });
+    field
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 //! gathers the blocks. A block is half a σ wide, so every window costs the same few taps, and
 //! larger windows have fewer nodes: large windows are the cheap ones.
 
+use super::grid::Lattice;
 use super::warp::{warp_row, Pair, WarpedRow};
 use multiversion::multiversion;
 use rayon::prelude::*;
@@ -70,8 +71,12 @@ impl Window {
         }
     }
 
-    pub fn nodes(&self, pixels: usize) -> usize {
-        pixels.div_ceil(self.block)
+    pub fn lattice(&self, height: usize, width: usize) -> Lattice {
+        Lattice {
+            rows: height.div_ceil(self.block),
+            columns: width.div_ceil(self.block),
+            block: self.block,
+        }
     }
 
     /// Pixel coordinate of node `i`: the centre of its block.
@@ -91,8 +96,7 @@ pub fn stored_channels(window: &Window) -> usize {
 
 /// Block sums of all products, laid out `[block row][channel][block column]`.
 pub fn block_sums(pair: &Pair, u: &[f32], window: &Window) -> Vec<f32> {
-    let columns = window.nodes(pair.width);
-    let rows = window.nodes(pair.height);
+    let Lattice { rows, columns, .. } = window.lattice(pair.height, pair.width);
     let channels = stored_channels(window);
     let mut sums = vec![0.0f32; rows * channels * columns];
     sums.par_chunks_mut(channels * columns)

@@ -1,0 +1,146 @@
+"""Inverse function analysis (IFA) and its family: u(x) = x − s⁻¹(d(x)), row by row (theory §4).
+
+Extrema split each row into monotone parts; parts of the object are matched with parts of the
+reference by counting fringes, so that a connected surface needs no unwrapping. The four methods
+differ in how a part is inverted.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fringeworks import _core
+from fringeworks.analysis.pair import FringePair
+from fringeworks.analysis.registry import Solution, method
+from fringeworks.types import InputError, Reason
+
+PROMINENCE = 0.3
+"""Least swing of an extremum, as a share of the local range of its row."""
+NOISE_SWINGS = 5.0
+"""… and in standard deviations of the noise."""
+TOLERANCE = 0.05
+"""How far (share of a part's range) an intensity may exceed its part and count as its end."""
+ALBEDO_TOLERANCE = 0.02
+"""Parts whose extrema differ by more than this share are normalised to the reference's first."""
+
+
+def _invert(
+    pair: FringePair,
+    name: str,
+    max_displacement_px: float | None,
+    *,
+    degree: int = 9,
+    n_resample: int = 10,
+) -> Solution:
+    limit = 4.0 * pair.period if max_displacement_px is None else float(max_displacement_px)
+    if not limit > 0:
+        raise InputError(f"max_displacement_px: expected > 0, got {max_displacement_px}")
+    noise = np.sqrt(sum(pair.noise))
+    displacement, slope, reason = _core.invert_rows(
+        pair.reference,
+        pair.object,
+        pair.wanted.astype(np.uint8),
+        method=name,
+        degree=degree,
+        n_resample=n_resample,
+        period=pair.period,
+        prominence=PROMINENCE,
+        floor=NOISE_SWINGS * noise,
+        max_displacement=limit,
+        tolerance=TOLERANCE,
+        # Under noise the extrema themselves scatter by a few σ without any change of albedo.
+        albedo_tolerance=max(ALBEDO_TOLERANCE, NOISE_SWINGS * noise / (2.0 * pair.modulation)),
+    )
+    with np.errstate(divide="ignore"):
+        sigma = noise / slope
+    # The slope vanishes at the extrema, where a linear error bar would be infinite: the error
+    # there is bounded by the neighbouring parts, a quarter period away.
+    sigma = np.minimum(sigma, 0.25 * pair.period)
+    gain = np.where(reason == Reason.OK, 1.0, np.nan)
+    return Solution(displacement, sigma, gain, reason, details={"noise_counts": float(noise)})
+
+
+@method("ifa")
+def ifa(
+    pair: FringePair, *, degree: int = 9, max_displacement_px: float | None = None
+) -> Solution:
+    """Inverse function analysis: a polynomial x = P(I) per monotone part.
+
+    Parameters
+    ----------
+    pair : FringePair
+    degree : int, 1 … 30
+        Largest degree; each part takes the degree up to it with the smallest generalised
+        cross-validation score RSS/(n − degree − 1)².
+    max_displacement_px : float > 0, optional
+        Largest |u| considered in matching the fringe orders; four periods by default.
+
+    Notes
+    -----
+    Hu et al., IEEE TIM; theory §4. High degrees oscillate (Runge), low ones do not bend enough:
+    the error is systematic even on ideal frames.
+    """
+    if not 1 <= degree <= 30:
+        raise InputError(f"degree: expected 1 to 30, got {degree}")
+    return _invert(pair, "ifa", max_displacement_px, degree=degree)
+
+
+@method("sifa")
+def sifa(pair: FringePair, *, max_displacement_px: float | None = None) -> Solution:
+    """Spline IFA: an interpolating cubic spline x = S(I) through the samples of each part.
+
+    Parameters
+    ----------
+    pair : FringePair
+    max_displacement_px : float > 0, optional
+        Largest |u| considered in matching the fringe orders; four periods by default.
+
+    Notes
+    -----
+    Hani et al.; the dissertation, part 5; theory §4. The spline runs through the samples of the
+    part and its two extrema, its ends clamped to slope 0. Samples out of order (noise,
+    quantisation) are pooled, and such parts are joined by straight lines.
+    """
+    return _invert(pair, "sifa", max_displacement_px)
+
+
+@method("gsifa")
+def gsifa(
+    pair: FringePair, *, n_resample: int = 10, max_displacement_px: float | None = None
+) -> Solution:
+    """Global spline IFA: one spline through the row, re-sampled densely, inverted by splines.
+
+    Parameters
+    ----------
+    pair : FringePair
+    n_resample : int, 1 … 1000
+        Samples of the global spline per pixel.
+    max_displacement_px : float > 0, optional
+        Largest |u| considered in matching the fringe orders; four periods by default.
+
+    Notes
+    -----
+    The dissertation, part 6; theory §4. Extrema are the roots of the global spline's derivative.
+    """
+    if not 1 <= n_resample <= 1000:
+        raise InputError(f"n_resample: expected 1 to 1000, got {n_resample}")
+    return _invert(pair, "gsifa", max_displacement_px, n_resample=n_resample)
+
+
+@method("exact")
+def exact(pair: FringePair, *, max_displacement_px: float | None = None) -> Solution:
+    """Exact inversion: the root of the global spline itself, without a second fit.
+
+    Parameters
+    ----------
+    pair : FringePair
+    max_displacement_px : float > 0, optional
+        Largest |u| considered in matching the fringe orders; four periods by default.
+
+    Notes
+    -----
+    Solves spline(x) = d on the monotone part by bracketed Newton steps (theory §4). On ideal
+    frames only rounding and the sampling of the row are left; noise is passed on undamped, as by
+    all methods that look at one pixel at a time.
+    """
+    return _invert(pair, "exact", max_displacement_px)

@@ -1,0 +1,160 @@
+"""Windowed inversion: the fringe's displacement by local least squares (theory §4, last item)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import fft, ndimage
+
+from fringeworks import _core
+from fringeworks.analysis.fourier import fourier
+from fringeworks.analysis.pair import FringePair
+from fringeworks.analysis.registry import Solution, method
+from fringeworks.types import FloatMap, InputError, Reason
+
+SCALES = (32.0, 16.0, 8.0, 4.0, 2.0)
+"""Widths σ of the Gaussian windows, px."""
+SMOOTHING = 1.0 / 30.0
+"""Width of the reference's noise filter, periods; it passes the first harmonics unchanged."""
+CONFIDENCE = 2.5
+"""A window is kept while its estimate lies within this many σ of all smaller ones."""
+MAX_SIGMA = 1.0 / 25.0
+"""Estimates less certain than this share of a period are no estimates."""
+DRIFT = 0.01
+"""How far offset and gain may drift between scales, share of the modulation."""
+MIN_EXPLAINED = 0.3
+"""Least share of the local contrast that the warped reference must explain."""
+
+
+def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
+    """Low-pass with a response flat to sixth order, e^(−q)(1 + q + q²/2) with q = (σk)²/2.
+
+    The harmonics that make up a real fringe pass unchanged, and white noise does not.
+    """
+    margin = min(int(np.ceil(6.0 * width_px)) + 1, min(frame.shape) - 1)
+    # Odd reflection keeps value and slope at the border; even reflection would flatten the fringe.
+    padded = np.pad(frame, margin, mode="reflect", reflect_type="odd")
+    rows, columns = padded.shape
+    shape = (fft.next_fast_len(rows, real=True), fft.next_fast_len(columns, real=True))
+    spectrum = fft.rfft2(padded, s=shape, workers=-1)
+    ky = 2.0 * np.pi * width_px * fft.fftfreq(shape[0])[:, None]
+    kx = 2.0 * np.pi * width_px * fft.rfftfreq(shape[1])[None, :]
+    q = 0.5 * (ky**2 + kx**2)
+    spectrum *= np.exp(-q) * (1.0 + q + 0.5 * q * q)
+    smooth = fft.irfft2(spectrum, s=shape, overwrite_x=True, workers=-1)
+    h, w = frame.shape
+    return np.ascontiguousarray(smooth[margin : margin + h, margin : margin + w])
+
+
+def spline_coefficients(rows: FloatMap) -> np.ndarray:
+    """Cubic B-spline coefficients along rows with one mirrored coefficient in front, two behind."""
+    coefficients = ndimage.spline_filter1d(rows, 3, axis=1, mode="mirror")
+    padded = np.pad(coefficients, ((0, 0), (1, 2)), mode="reflect")
+    return np.ascontiguousarray(padded, dtype=np.float32)
+
+
+def start_field(pair: FringePair, width_px: float) -> FloatMap:
+    """A smooth first guess of the displacement, defined everywhere."""
+    coarse = fourier(pair).displacement_px
+    known = np.isfinite(coarse)
+    if not known.any():
+        return np.zeros(coarse.shape)
+    if not known.all():
+        nearest = ndimage.distance_transform_edt(
+            ~known, return_distances=False, return_indices=True
+        )
+        coarse = coarse[tuple(nearest)]
+    return ndimage.gaussian_filter(coarse, width_px, mode="nearest", truncate=3.0)
+
+
+@method("windowed")
+def windowed(
+    pair: FringePair,
+    *,
+    scales: Sequence[float] | None = None,
+    iterations: int = 2,
+    confidence: float = CONFIDENCE,
+) -> Solution:
+    """Windowed inversion: local least squares in windows that follow the information.
+
+    Parameters
+    ----------
+    pair : FringePair
+    scales : sequence of float, optional
+        Widths σ of the Gaussian windows in px, from coarse to fine; 32, 16, 8, 4, 2 by default,
+        those wider than an eighth of the frame left out. One value gives a fixed window.
+    iterations : int, 1 … 100
+        Gauss–Newton steps per scale.
+    confidence : float > 0
+        Each pixel keeps the largest window whose estimate lies within this many σ of those of
+        all smaller windows (Lepski's rule).
+
+    Notes
+    -----
+    Minimises Σ w [d − a − b·s(x − u − u_x i − u_y j)]² over offset, gain and affine displacement
+    in every window (theory §4). The waveform s is measured, so that γ and whatever else both
+    frames share cancels. σ comes from the normal equations with the residual's variance and the
+    reference's noise. Starts from ``fourier``, smoothed.
+    """
+    widths = _check_scales(pair, scales)
+    if not 1 <= iterations <= 100:
+        raise InputError(f"iterations: expected 1 to 100, got {iterations}")
+    if not confidence > 0:
+        raise InputError(f"confidence: expected > 0, got {confidence}")
+    modulation, level = pair.modulation, pair.level
+    noise_reference, noise_object = (v / modulation**2 for v in pair.noise)
+    smooth = smooth_reference(pair.reference, SMOOTHING * pair.period)
+    displacement, sigma, gain, scale = _core.invert_windowed(
+        spline_coefficients((smooth - level) / modulation),
+        ((pair.object - level) / modulation).astype(np.float32),
+        pair.reference_ok.astype(np.uint8),
+        pair.object_ok.astype(np.uint8),
+        start_field(pair, 0.5 * widths[0]).astype(np.float32),
+        scales=widths,
+        iterations=iterations,
+        max_step=0.25 * pair.period,
+        confidence=confidence,
+        object_noise=noise_object,
+        reference_noise=noise_reference,
+        drift=DRIFT,
+        max_sigma=MAX_SIGMA * pair.period,
+        min_explained=MIN_EXPLAINED,
+    )
+    kept = np.isfinite(displacement)
+    reason = np.where(kept, Reason.OK, Reason.UNDETERMINED).astype(np.uint8)
+    column = np.arange(displacement.shape[1]) - displacement
+    outside = kept & ((column < -1.0) | (column > displacement.shape[1]))
+    reason[outside] = Reason.OUTSIDE
+    reason[~kept & _dark(pair)] = Reason.LOW_MODULATION
+    steps = np.where(kept, (scale + 1.0) * iterations, len(widths) * iterations)
+    return Solution(
+        displacement,
+        sigma,
+        gain,
+        reason,
+        iterations=np.minimum(steps, 255).astype(np.uint8),
+        details={
+            "scales_px": widths,
+            "scale_share": [float(np.mean(scale == k)) for k in range(len(widths))],
+            "noise_counts": float(np.sqrt(noise_object) * modulation),
+        },
+    )
+
+
+def _check_scales(pair: FringePair, scales: Sequence[float] | None) -> list[float]:
+    if scales is None:
+        limit = max(min(pair.reference.shape) / 8.0, SCALES[-1])
+        return [s for s in SCALES if s <= limit]
+    widths = [float(s) for s in scales]
+    if not widths or not all(0.8 <= s <= 1e3 for s in widths) or widths != sorted(widths)[::-1]:
+        raise InputError(f"scales: expected widths from 1000 down to 0.8 px, got {list(scales)}")
+    return widths
+
+
+def _dark(pair: FringePair) -> np.ndarray:
+    """True where the object frame's local contrast is not told from noise."""
+    size = max(3, int(np.ceil(pair.period)))
+    mean = ndimage.uniform_filter(pair.object, size)
+    variance = ndimage.uniform_filter(pair.object**2, size) - mean**2
+    return np.asarray(variance < 0.5 * (0.1 * pair.modulation) ** 2 + 2.0 * pair.noise[1])

@@ -1,0 +1,107 @@
+"""Two pupils over a reference plane: height from displacement and back (theory §2)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fringeworks.types import (
+    FloatMap,
+    HeightMap,
+    InputError,
+    PhaseMap,
+    Reason,
+    ReferencePlaneGeometry,
+)
+
+
+def displacement_from_height(height_mm: FloatMap, geometry: ReferencePlaneGeometry) -> FloatMap:
+    """Displacement of the fringes caused by a height, theory (3): u = d₀·h / (l − h).
+
+    Parameters
+    ----------
+    height_mm : float array of any shape, mm, below ``distance_mm``.
+    geometry : ReferencePlaneGeometry
+
+    Returns
+    -------
+    Displacement in px, with the geometry's sign; NaN where the height is.
+
+    Raises
+    ------
+    InputError where a height reaches the pupils (h ≥ l).
+
+    Examples
+    --------
+    >>> g = ReferencePlaneGeometry(distance_mm=5000, baseline_mm=2000, pitch_mm_per_px=0.5)
+    >>> displacement_from_height(np.array([100.0]), g).round(3)
+    array([81.633])
+    """
+    height = np.asarray(height_mm, np.float64)
+    distance = geometry.distance_mm
+    if np.any(height >= distance):
+        raise InputError(
+            f"height: expected below the pupils at l = {distance:g} mm, got {np.nanmax(height):g}"
+        )
+    u_mm = geometry.baseline_mm * height / (distance - height)
+    return geometry.sign * u_mm / geometry.pitch_mm_per_px
+
+
+def height_from_displacement(
+    displacement_px: FloatMap, geometry: ReferencePlaneGeometry
+) -> FloatMap:
+    """Height above the reference plane, theory (1): h = l·u / (d₀ + u).
+
+    Parameters
+    ----------
+    displacement_px : float array of any shape, px.
+    geometry : ReferencePlaneGeometry
+
+    Returns
+    -------
+    Height in mm, towards the camera positive; NaN where u ≤ −d₀, since no height has that
+    displacement.
+
+    Examples
+    --------
+    >>> g = ReferencePlaneGeometry(distance_mm=5000, baseline_mm=2000)
+    >>> height_from_displacement(np.array([0.0, 2000 / 49, -2000.0]), g).round(6)
+    array([  0., 100.,  nan])
+    """
+    u_mm = geometry.sign * np.asarray(displacement_px, np.float64) * geometry.pitch_mm_per_px
+    possible = u_mm > -geometry.baseline_mm
+    base = np.where(possible, geometry.baseline_mm + u_mm, np.nan)
+    return geometry.distance_mm * u_mm / base
+
+
+def to_surface(phase: PhaseMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:
+    """Heights in mm with their σ; without a geometry the displacement in px, saying so.
+
+    σ_h = l·d₀ / (d₀ + u)² · σ_u, the derivative of (1).
+    """
+    if geometry is None:
+        return HeightMap(
+            values=phase.displacement_px,
+            sigma=phase.sigma_px,
+            reason=phase.reason,
+            quantity="displacement",
+            unit="px",
+            pitch=1.0,
+            method=phase.method,
+        )
+    height = height_from_displacement(phase.displacement_px, geometry)
+    u_mm = geometry.sign * phase.displacement_px * geometry.pitch_mm_per_px
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = geometry.distance_mm * geometry.baseline_mm / (geometry.baseline_mm + u_mm) ** 2
+    beyond = np.isfinite(phase.displacement_px) & ~np.isfinite(height)
+    reason = phase.reason.copy()
+    reason[beyond] = Reason.BEYOND_GEOMETRY
+    sigma = np.where(beyond, np.nan, rate * phase.sigma_px * geometry.pitch_mm_per_px)
+    return HeightMap(
+        values=height,
+        sigma=sigma,
+        reason=reason,
+        quantity="height",
+        unit="mm",
+        pitch=geometry.pitch_mm_per_px,
+        method=phase.method,
+    )

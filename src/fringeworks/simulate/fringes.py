@@ -1,0 +1,158 @@
+"""Reference and deformed fringes of a height map, ideal or as a camera would deliver them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.geometry import displacement_from_height
+from fringeworks.types import Axis, Capture, FloatMap, InputError, ReferencePlaneGeometry
+
+BIT_DEPTHS = (0, 8, 10, 12, 16)
+
+
+@dataclass(frozen=True)
+class PairSettings:
+    """How the fringes are projected and seen."""
+
+    fringes: float = 10.0
+    """f₀, periods across the frame."""
+    gamma: float = 1.0
+    """Exponent of the projector's response, I_out ∝ I_in^γ; > 0."""
+    noise: float = 0.0
+    """Standard deviation of the Gaussian read noise, counts of 8 bit."""
+    shot: float = 0.0
+    """Shot noise: variance per count (counts of 8 bit), σ² = shot · I."""
+    bits: int = 0
+    """Quantisation: 8, 10, 12 or 16 bit, or 0 for floating point."""
+    ambient: float = 0.0
+    """Constant light added to both frames, share of the full range, 0…1."""
+    contrast: float = 1.0
+    """Share of the range that the fringes fill, 0…1."""
+    axis: Axis = "x"
+    """Direction in which the fringes vary."""
+    seed: int = 0
+    """Seed of the noise; equal seeds give equal frames."""
+
+    def __post_init__(self) -> None:
+        expectations = {
+            "fringes": (self.fringes > 0, "> 0"),
+            "gamma": (self.gamma > 0, "> 0"),
+            "noise": (self.noise >= 0, ">= 0"),
+            "shot": (self.shot >= 0, ">= 0"),
+            "bits": (self.bits in BIT_DEPTHS, f"one of {BIT_DEPTHS}"),
+            "ambient": (0 <= self.ambient < 1, "0 to 1"),
+            "contrast": (0 < self.contrast <= 1, "0 to 1"),
+            "axis": (self.axis in ("x", "y"), "x or y"),
+        }
+        for name, (ok, expected) in expectations.items():
+            if not ok:
+                raise InputError(f"{name}: expected {expected}, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True)
+class Row:
+    """The dissertation's one-dimensional experiment."""
+
+    reference: FloatMap
+    object: FloatMap
+    height_mm: FloatMap
+    displacement_px: FloatMap
+
+
+def _waveform(cycles: FloatMap, settings: PairSettings) -> FloatMap:
+    """Projected intensity, 0…1, at a position counted in periods."""
+    wave = (0.5 + 0.5 * np.cos(2.0 * np.pi * cycles)) ** settings.gamma
+    return settings.ambient + (1.0 - settings.ambient) * settings.contrast * wave
+
+
+def _camera(
+    light: FloatMap, settings: PairSettings, rng: np.random.Generator
+) -> NDArray[Any]:
+    """Counts of a frame: noise, clipping at the sensor's limits, rounding."""
+    counts = 255.0 * light
+    variance = settings.noise**2 + settings.shot * np.maximum(counts, 0.0)
+    if settings.noise or settings.shot:
+        counts = counts + np.sqrt(variance) * rng.standard_normal(counts.shape)
+    if not settings.bits:
+        return counts
+    top = 2**settings.bits - 1
+    # A sensor clips at both ends; that is what is simulated, not a repair of bad numbers.
+    levels = np.clip(np.rint(counts * (top / 255.0)), 0, top)
+    return levels.astype(np.uint8 if settings.bits == 8 else np.uint16)
+
+
+def capture_pair(
+    height_mm: FloatMap,
+    geometry: ReferencePlaneGeometry,
+    settings: PairSettings | None = None,
+    *,
+    albedo: FloatMap | float = 1.0,
+) -> Capture:
+    """Reference and object frame of a height map.
+
+    Parameters
+    ----------
+    height_mm : (h, w) float array, mm, below the pupils.
+    geometry : ReferencePlaneGeometry
+    settings : PairSettings, optional
+    albedo : (h, w) array or float, 0…1
+        Reflectance of the object's surface; the reference plane has 1.
+
+    Returns
+    -------
+    Capture with the truth; frames float64 (bits = 0), uint8 or uint16 counts.
+
+    Raises
+    ------
+    InputError where a height reaches the pupils or the albedo does not fit.
+
+    Notes
+    -----
+    s(x) = (½ + ½ cos 2πf₀x/N)^γ scaled to 0…255, d(x) = albedo · s(x − u) with u by theory (3).
+    """
+    settings = settings or PairSettings()
+    height = np.asarray(height_mm, np.float64)
+    if height.ndim != 2:
+        raise InputError(f"height: expected shape (h, w), got {height.shape}")
+    reflectance = np.asarray(albedo, np.float64)
+    if reflectance.ndim and reflectance.shape != height.shape:
+        raise InputError(f"albedo: expected shape {height.shape}, got {reflectance.shape}")
+    if np.any(reflectance < 0) or np.any(reflectance > 1):
+        raise InputError("albedo: expected values 0 to 1, got some outside")
+    u = displacement_from_height(height, geometry)
+    rows, columns = height.shape
+    if settings.axis == "x":
+        position, length = np.arange(columns, dtype=np.float64)[None, :], columns
+    else:
+        position, length = np.arange(rows, dtype=np.float64)[:, None], rows
+    per_px = settings.fringes / length
+    reference = np.broadcast_to(_waveform(position * per_px, settings), height.shape)
+    deformed = reflectance * _waveform((position - u) * per_px, settings)
+    rng = np.random.default_rng(settings.seed)
+    return Capture(
+        reference=_camera(reference.copy(), settings, rng),
+        object=_camera(deformed, settings, rng),
+        axis=settings.axis,
+        geometry=geometry,
+        truth_mm=height,
+    )
+
+
+def deformed_row(
+    height_mm: FloatMap, geometry: ReferencePlaneGeometry, *, fringes: float = 10.0
+) -> Row:
+    """The one-dimensional pair of theory §3: s = 127.5 + 127.5 cos(2π f₀ t / N)."""
+    u = displacement_from_height(height_mm, geometry)
+    t = np.arange(u.size, dtype=np.float64)
+    settings = PairSettings(fringes=fringes)
+    per_px = fringes / u.size
+    return Row(
+        reference=255.0 * _waveform(t * per_px, settings),
+        object=255.0 * _waveform((t - u) * per_px, settings),
+        height_mm=np.asarray(height_mm, np.float64),
+        displacement_px=u,
+    )

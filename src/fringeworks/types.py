@@ -1,0 +1,148 @@
+"""The frozen types that pass between the stages, with units in the field docs.
+
+``Capture`` (what the camera saw) → ``PhaseMap`` (displacement per pixel) → ``HeightMap`` (the
+surface). Frames are ``(h, w)``, pixel centres lie on integers, x is the column, y the row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Axis = Literal["x", "y"]
+FloatMap = NDArray[np.floating[Any]]
+BoolMap = NDArray[np.bool_]
+ByteMap = NDArray[np.uint8]
+
+
+class InputError(ValueError):
+    """A call that cannot be done: says what was expected and what came."""
+
+
+class Reason(IntEnum):
+    """Why a pixel has no value. ``OK`` where it has one."""
+
+    OK = 0
+    MASKED = 1  # excluded by the caller, or not finite in the input
+    OUTSIDE = 2  # the matching point lies outside the reference frame
+    LOW_MODULATION = 3  # the fringe is too weak against the noise (shadow, dark paint)
+    SATURATED = 4  # the sensor was at its limit over the whole neighbourhood
+    ORDER_AMBIGUOUS = 5  # the fringe order cannot be decided
+    OUT_OF_RANGE = 6  # the intensity lies outside the matching part of the reference
+    UNDETERMINED = 7  # no window determines the displacement
+    BEYOND_GEOMETRY = 8  # u ≤ −d₀: no height has this displacement
+
+
+@dataclass(frozen=True)
+class ReferencePlaneGeometry:
+    """Camera and projector pupils at equal distance over a reference plane (theory §2)."""
+
+    distance_mm: float
+    """l, from the reference plane to the line through both pupils; > 0, mm."""
+    baseline_mm: float
+    """d₀, between the two pupils; > 0, mm."""
+    pitch_mm_per_px: float = 1.0
+    """Size of a camera pixel on the reference plane; > 0, mm/px."""
+    sign: Literal[1, -1] = 1
+    """+1 where a raised surface moves the fringes towards larger x (or y), −1 where towards
+    smaller: on which side the projector stands."""
+
+    def __post_init__(self) -> None:
+        for name in ("distance_mm", "baseline_mm", "pitch_mm_per_px"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"geometry: expected {name} > 0, got {value}")
+        if self.sign not in (1, -1):
+            raise InputError(f"geometry: expected sign +1 or -1, got {self.sign}")
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A reference frame and an object frame, as the camera delivered them."""
+
+    reference: NDArray[Any]
+    """Fringes on the reference plane, (h, w), uint8, uint16 or float, counts."""
+    object: NDArray[Any]
+    """The same fringes with the object in front, (h, w), counts."""
+    mask: BoolMap | None = None
+    """True where the object is to be measured, (h, w); None for everywhere."""
+    axis: Axis | None = None
+    """Direction in which the fringes vary; None to find it."""
+    geometry: ReferencePlaneGeometry | None = None
+    """None where unknown: results then stay displacements in px."""
+    truth_mm: FloatMap | None = None
+    """True height where it is known (simulations), (h, w), mm."""
+    notes: tuple[str, ...] = ()
+    """What was done to the frames on reading, such as colour turned to grey."""
+
+
+@dataclass(frozen=True)
+class PhaseMap:
+    """Displacement of the fringes per pixel: d(x) = a + b·s(x − u), theory §2 and §4."""
+
+    displacement_px: FloatMap
+    """u along the carrier's axis, (h, w), px; NaN where not measurable."""
+    sigma_px: FloatMap
+    """Standard deviation of u, (h, w), px; NaN where u is."""
+    gain: FloatMap
+    """Modulation relative to the reference frame, (h, w); NaN where not measured."""
+    reason: ByteMap
+    """``Reason`` per pixel, (h, w)."""
+    period_px: float
+    """Mean fringe period on the reference, px."""
+    axis: Axis
+    """Direction of the displacement."""
+    method: str
+    """Name of the method in the registry."""
+    iterations: ByteMap | None = None
+    """Refinement steps behind each pixel, (h, w), where the method iterates."""
+    details: dict[str, Any] = field(default_factory=dict)
+    """What the method found out on its way (carrier, noise, regions), for reports."""
+
+    @property
+    def phase_rad(self) -> FloatMap:
+        """Phase difference φ = 2π u / p, (h, w), rad."""
+        return self.displacement_px * (2.0 * np.pi / self.period_px)
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """A surface over the reference plane, or, without a known geometry, a map of displacements."""
+
+    values: FloatMap
+    """Height towards the camera in mm, or displacement in px; (h, w), NaN where not measured."""
+    sigma: FloatMap
+    """Standard deviation of the values, same unit."""
+    reason: ByteMap
+    """``Reason`` per pixel, (h, w)."""
+    quantity: Literal["height", "displacement"]
+    unit: Literal["mm", "px"]
+    pitch: float
+    """Lateral distance of neighbouring pixels, mm/px, or 1 where unknown."""
+    method: str = ""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.values.shape
+        return rows, columns
+
+    @property
+    def failed_fraction(self) -> float:
+        """Share of pixels without a value, 0…1, those masked by the caller left out."""
+        wanted = self.reason != Reason.MASKED
+        return float(np.mean(~np.isfinite(self.values[wanted]))) if wanted.any() else 1.0
+
+
+def count_reasons(reason: ByteMap) -> dict[str, int]:
+    """Pixels per reason, by lower-case name, those that occur only.
+
+    >>> count_reasons(np.array([[0, 0, 3]], np.uint8))
+    {'ok': 2, 'low_modulation': 1}
+    """
+    counts = np.bincount(reason.ravel(), minlength=len(Reason))
+    return {Reason(code).name.lower(): int(n) for code, n in enumerate(counts) if n}

@@ -8,9 +8,7 @@ from fringeworks import _core
 from fringeworks.types import BoolMap, FloatMap, InputError
 
 
-def unwrap(
-    phase_rad: FloatMap, mask: BoolMap | None = None
-) -> tuple[FloatMap, np.ndarray]:
+def unwrap(phase_rad: FloatMap, mask: BoolMap | None = None) -> tuple[FloatMap, np.ndarray]:
     """Unwrap a phase map by sorting by reliability.
 
     Parameters

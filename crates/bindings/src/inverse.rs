@@ -1,7 +1,8 @@
 use crate::refuse;
 use fringeworks::inverse::{invert, Method, Options};
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::PyArray1;
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -62,5 +63,34 @@ pub fn invert_rows<'py>(
         map(field.displacement).into_pyarray(py),
         map(field.slope).into_pyarray(py),
         reason.into_pyarray(py),
+    ))
+}
+
+type Points<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<u8>>,
+);
+
+#[pyfunction]
+#[pyo3(signature = (row, *, period, prominence, floor))]
+pub fn row_extrema<'py>(
+    py: Python<'py>,
+    row: PyReadonlyArray1<'py, f64>,
+    period: f64,
+    prominence: f64,
+    floor: f64,
+) -> PyResult<Points<'py>> {
+    let values = row.as_slice()?;
+    let found = py
+        .detach(|| fringeworks::inverse::row_extrema(values, period, prominence, floor))
+        .map_err(refuse)?;
+    let position: Vec<f64> = found.iter().map(|e| e.position).collect();
+    let value: Vec<f64> = found.iter().map(|e| e.value).collect();
+    let is_maximum: Vec<u8> = found.iter().map(|e| e.is_maximum as u8).collect();
+    Ok((
+        position.into_pyarray(py),
+        value.into_pyarray(py),
+        is_maximum.into_pyarray(py),
     ))
 }

@@ -14,7 +14,7 @@ fn refuse(error: fringeworks::Error) -> PyErr {
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::inverse::invert_rows;
+    use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]
     use super::unwrap::unwrap_reliability;
     #[pymodule_export]

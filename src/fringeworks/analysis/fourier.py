@@ -18,9 +18,7 @@ NOISE_FACTOR = 4.0
 """… nor those within this many standard deviations of the band-passed noise."""
 
 
-def band(
-    shape: tuple[int, int], frequency: float, width: float, dimensions: int
-) -> FloatMap:
+def band(shape: tuple[int, int], frequency: float, width: float, dimensions: int) -> FloatMap:
     """Hann-shaped pass band around +frequency (cycles/px along x); zero on the negative side."""
     fx = fft.fftfreq(shape[1])
     distance = (fx - frequency) / (width * frequency)
@@ -37,9 +35,9 @@ def analytic(frame: FloatMap, window: FloatMap) -> np.ndarray:
     """The frame's positive-frequency part within the band, complex, (h, w)."""
     if window.shape[0] == 1:
         spectrum = fft.fft(frame - frame.mean(axis=1, keepdims=True), axis=1, workers=-1)
-        return fft.ifft(spectrum * window, axis=1, overwrite_x=True, workers=-1)
+        return np.asarray(fft.ifft(spectrum * window, axis=1, overwrite_x=True, workers=-1))
     spectrum = fft.fft2(frame - frame.mean(), workers=-1)
-    return fft.ifft2(spectrum * window, overwrite_x=True, workers=-1)
+    return np.asarray(fft.ifft2(spectrum * window, overwrite_x=True, workers=-1))
 
 
 def anchor(phase: FloatMap, region: np.ndarray) -> FloatMap:
@@ -50,13 +48,12 @@ def anchor(phase: FloatMap, region: np.ndarray) -> FloatMap:
     rim[by : h - by, bx : w - bx] = False
     main = region == 1
     where = main & rim if (main & rim).any() else main
-    return phase - 2.0 * np.pi * np.round(np.median(phase[where]) / (2.0 * np.pi))
+    offset = 2.0 * np.pi * np.round(np.median(phase[where]) / (2.0 * np.pi))
+    return np.asarray(phase - offset)
 
 
 @method("fourier")
-def fourier(
-    pair: FringePair, *, dimensions: Literal[1, 2] = 2, width: float = 0.9
-) -> Solution:
+def fourier(pair: FringePair, *, dimensions: Literal[1, 2] = 2, width: float = 0.9) -> Solution:
     """Fourier transform profilometry: band-pass around the carrier, phase against the reference.
 
     Parameters

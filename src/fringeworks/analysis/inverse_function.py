@@ -7,12 +7,14 @@ differ in how a part is inverted.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from fringeworks import _core
 from fringeworks.analysis.pair import FringePair
 from fringeworks.analysis.registry import Solution, method
-from fringeworks.types import InputError, Reason
+from fringeworks.types import BoolMap, FloatMap, InputError, Reason
 
 PROMINENCE = 0.3
 """Least swing of an extremum, as a share of the local range of its row."""
@@ -22,6 +24,44 @@ TOLERANCE = 0.05
 """How far (share of a part's range) an intensity may exceed its part and count as its end."""
 ALBEDO_TOLERANCE = 0.02
 """Parts whose extrema differ by more than this share are normalised to the reference's first."""
+
+
+@dataclass(frozen=True)
+class Extrema:
+    """Turning points of one fringe row, alternating."""
+
+    position_px: FloatMap
+    value: FloatMap
+    is_maximum: BoolMap
+
+
+def find_extrema(row: FloatMap, period_px: float, *, noise: float = 0.0) -> Extrema:
+    """Extrema of a fringe row, by prominence against its local modulation.
+
+    Parameters
+    ----------
+    row : (n,) float array, n ≥ 8, counts.
+    period_px : float ≥ 2
+        Mean fringe period.
+    noise : float ≥ 0
+        Standard deviation of the row's noise, counts; swings below five of it are none.
+
+    Returns
+    -------
+    Extrema at sub-pixel positions: roots of the row's spline derivative, or the middle of a
+    plateau where quantisation or saturation made one.
+
+    Examples
+    --------
+    >>> x = np.arange(100.0)
+    >>> find_extrema(np.cos(2 * np.pi * (x - 3.25) / 40), 40.0).position_px.round(2)
+    array([ 3.25, 23.25, 43.25, 63.25, 83.25])
+    """
+    values = np.ascontiguousarray(row, dtype=np.float64)
+    position, value, is_maximum = _core.row_extrema(
+        values, period=period_px, prominence=PROMINENCE, floor=NOISE_SWINGS * noise
+    )
+    return Extrema(position, value, is_maximum.astype(bool))
 
 
 def _invert(
@@ -61,9 +101,7 @@ def _invert(
 
 
 @method("ifa")
-def ifa(
-    pair: FringePair, *, degree: int = 9, max_displacement_px: float | None = None
-) -> Solution:
+def ifa(pair: FringePair, *, degree: int = 9, max_displacement_px: float | None = None) -> Solution:
     """Inverse function analysis: a polynomial x = P(I) per monotone part.
 
     Parameters

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from fringeworks.carrier import Carrier, find_carrier
@@ -20,8 +21,8 @@ QUANTISATION_VARIANCE = 1.0 / 12.0
 class FringePair:
     """Reference and object frame, (h, w) float64, the carrier along x (columns)."""
 
-    reference: FloatMap
-    object: FloatMap
+    reference: NDArray[np.float64]
+    object: NDArray[np.float64]
     reference_ok: BoolMap
     """False where the reference has a gap or is saturated: not to be fitted to."""
     object_ok: BoolMap
@@ -141,9 +142,7 @@ def prepare(capture: Capture) -> FringePair:
     wanted = object_finite.copy()
     if capture.mask is not None:
         if capture.mask.shape != reference.shape:
-            raise InputError(
-                f"mask: expected shape {reference.shape}, got {capture.mask.shape}"
-            )
+            raise InputError(f"mask: expected shape {reference.shape}, got {capture.mask.shape}")
         wanted &= np.asarray(capture.mask, bool)
         if not wanted.any():
             raise InputError("mask: expected at least one pixel to measure, got none")

@@ -15,6 +15,8 @@ from fringeworks.types import FloatMap, InputError, Reason
 
 SCALES = (32.0, 16.0, 8.0, 4.0, 2.0)
 """Widths σ of the Gaussian windows, px."""
+MIN_SCALE = 1.0 / 16.0
+"""Narrowest window, periods: a narrower one cannot tell displacement from gain and offset."""
 SMOOTHING = 1.0 / 30.0
 """Width of the reference's noise filter, periods; it passes the first harmonics unchanged."""
 CONFIDENCE = 2.5
@@ -23,6 +25,8 @@ MAX_SIGMA = 1.0 / 25.0
 """Estimates less certain than this share of a period are no estimates."""
 DRIFT = 0.01
 """How far offset and gain may drift between scales, share of the modulation."""
+MIN_NOISE = 1e-3
+"""Floor of the noise's standard deviation, share of the modulation: single precision's sums."""
 MIN_EXPLAINED = 0.3
 """Least share of the local contrast that the warped reference must explain."""
 
@@ -32,9 +36,10 @@ def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
 
     The harmonics that make up a real fringe pass unchanged, and white noise does not.
     """
-    margin = min(int(np.ceil(6.0 * width_px)) + 1, min(frame.shape) - 1)
+    wanted = int(np.ceil(6.0 * width_px)) + 1
+    top, left = (min(wanted, side - 1) for side in frame.shape)
     # Odd reflection keeps value and slope at the border; even reflection would flatten the fringe.
-    padded = np.pad(frame, margin, mode="reflect", reflect_type="odd")
+    padded = np.pad(frame, ((top, top), (left, left)), mode="reflect", reflect_type="odd")
     rows, columns = padded.shape
     shape = (fft.next_fast_len(rows, real=True), fft.next_fast_len(columns, real=True))
     spectrum = fft.rfft2(padded, s=shape, workers=-1)
@@ -44,7 +49,7 @@ def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
     spectrum *= np.exp(-q) * (1.0 + q + 0.5 * q * q)
     smooth = fft.irfft2(spectrum, s=shape, overwrite_x=True, workers=-1)
     h, w = frame.shape
-    return np.ascontiguousarray(smooth[margin : margin + h, margin : margin + w])
+    return np.ascontiguousarray(smooth[top : top + h, left : left + w])
 
 
 def spline_coefficients(rows: FloatMap) -> np.ndarray:
@@ -65,7 +70,7 @@ def start_field(pair: FringePair, width_px: float) -> FloatMap:
             ~known, return_distances=False, return_indices=True
         )
         coarse = coarse[tuple(nearest)]
-    return ndimage.gaussian_filter(coarse, width_px, mode="nearest", truncate=3.0)
+    return np.asarray(ndimage.gaussian_filter(coarse, width_px, mode="nearest", truncate=3.0))
 
 
 @method("windowed")
@@ -83,7 +88,8 @@ def windowed(
     pair : FringePair
     scales : sequence of float, optional
         Widths σ of the Gaussian windows in px, from coarse to fine; 32, 16, 8, 4, 2 by default,
-        those wider than an eighth of the frame left out. One value gives a fixed window.
+        those wider than an eighth of the rows
+        or narrower than a sixteenth of the period left out. One value gives a fixed window.
     iterations : int, 1 … 100
         Gauss–Newton steps per scale.
     confidence : float > 0
@@ -103,7 +109,7 @@ def windowed(
     if not confidence > 0:
         raise InputError(f"confidence: expected > 0, got {confidence}")
     modulation, level = pair.modulation, pair.level
-    noise_reference, noise_object = (v / modulation**2 for v in pair.noise)
+    noise_reference, noise_object = (max(v / modulation**2, MIN_NOISE**2) for v in pair.noise)
     smooth = smooth_reference(pair.reference, SMOOTHING * pair.period)
     displacement, sigma, gain, scale = _core.invert_windowed(
         spline_coefficients((smooth - level) / modulation),
@@ -144,8 +150,10 @@ def windowed(
 
 def _check_scales(pair: FringePair, scales: Sequence[float] | None) -> list[float]:
     if scales is None:
-        limit = max(min(pair.reference.shape) / 8.0, SCALES[-1])
-        return [s for s in SCALES if s <= limit]
+        narrowest = min(MIN_SCALE * pair.period, SCALES[0])
+        fitting = [s for s in SCALES if s >= narrowest]
+        widest = max(pair.reference.shape[1] / 8.0, fitting[-1])
+        return [s for s in fitting if s <= widest]
     widths = [float(s) for s in scales]
     if not widths or not all(0.8 <= s <= 1e3 for s in widths) or widths != sorted(widths)[::-1]:
         raise InputError(f"scales: expected widths from 1000 down to 0.8 px, got {list(scales)}")

@@ -66,12 +66,11 @@ class Row:
 def _waveform(cycles: FloatMap, settings: PairSettings) -> FloatMap:
     """Projected intensity, 0…1, at a position counted in periods."""
     wave = (0.5 + 0.5 * np.cos(2.0 * np.pi * cycles)) ** settings.gamma
-    return settings.ambient + (1.0 - settings.ambient) * settings.contrast * wave
+    light: FloatMap = settings.ambient + (1.0 - settings.ambient) * settings.contrast * wave
+    return light
 
 
-def _camera(
-    light: FloatMap, settings: PairSettings, rng: np.random.Generator
-) -> NDArray[Any]:
+def _camera(light: FloatMap, settings: PairSettings, rng: np.random.Generator) -> NDArray[Any]:
     """Counts of a frame: noise, clipping at the sensor's limits, rounding."""
     counts = 255.0 * light
     variance = settings.noise**2 + settings.shot * np.maximum(counts, 0.0)
@@ -82,7 +81,8 @@ def _camera(
     top = 2**settings.bits - 1
     # A sensor clips at both ends; that is what is simulated, not a repair of bad numbers.
     levels = np.clip(np.rint(counts * (top / 255.0)), 0, top)
-    return levels.astype(np.uint8 if settings.bits == 8 else np.uint16)
+    quantised: NDArray[Any] = levels.astype(np.uint8 if settings.bits == 8 else np.uint16)
+    return quantised
 
 
 def capture_pair(

@@ -110,7 +110,8 @@ def make_object(
     h, w = shape
     if h < 1 or w < 1 or not radius_px > 0:
         raise InputError(
-            f"object: expected a shape of at least (1, 1) and a radius > 0, got {shape}, {radius_px}"
+            f"object: expected a shape of at least (1, 1) and a radius > 0, "
+            f"got {shape} and {radius_px}"
         )
     relative_height = abs(height_mm) / (radius_px * pitch_mm_per_px)
     if name == "sphere" and not 0 < relative_height <= 1:
@@ -122,3 +123,33 @@ def make_object(
     x = (np.arange(w, dtype=np.float64) - cx)[None, :] / radius_px
     y = (np.arange(h, dtype=np.float64) - cy)[:, None] / radius_px
     return height_mm * OBJECTS[name](x, y, relative_height)
+
+
+def paint(shape: tuple[int, int], *, darkest: float = 0.5, seed: int = 0) -> FloatMap:
+    """An albedo map as of a painted body: a dark stripe, a dark disc and soft blotches.
+
+    Parameters
+    ----------
+    shape : (h, w)
+    darkest : float, 0…1
+        Albedo of the darkest paint.
+    seed : int
+
+    Returns
+    -------
+    (h, w) float64 array, darkest…1.
+    """
+    if not 0 < darkest <= 1:
+        raise InputError(f"darkest: expected 0 to 1, got {darkest}")
+    h, w = shape
+    y = np.linspace(-1.0, 1.0, h)[:, None]
+    x = np.linspace(-1.0, 1.0, w)[None, :]
+    stripe = np.abs(x + 0.5 * y + 0.3) < 0.1
+    disc = (x - 0.3) ** 2 + (y + 0.25) ** 2 < 0.15**2
+    rng = np.random.default_rng(seed)
+    blotches = np.zeros(shape)
+    for _ in range(6):
+        cx, cy = rng.uniform(-1, 1, 2)
+        blotches += np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / 0.1)
+    soft = 1.0 - (1.0 - darkest) * 0.5 * np.minimum(blotches, 1.0)
+    return np.where(stripe | disc, darkest, soft)

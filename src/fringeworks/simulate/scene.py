@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from fringeworks.simulate.fringes import PairSettings, capture_pair
-from fringeworks.simulate.objects import make_object
-from fringeworks.types import Capture, ReferencePlaneGeometry
+from fringeworks.simulate.objects import make_object, paint
+from fringeworks.types import Capture, InputError, ReferencePlaneGeometry
 
 STANDARD_GEOMETRY = ReferencePlaneGeometry(
     distance_mm=5000.0, baseline_mm=2000.0, pitch_mm_per_px=1.0
@@ -18,6 +18,8 @@ def standard_scene(
     *,
     size: int = 1000,
     height_mm: float = 100.0,
+    painted: bool = False,
+    sign: Literal[1, -1] = 1,
     **settings: Any,
 ) -> Capture:
     """A body on the standard scene: 1000 × 1000 px of 1 mm, l = 5000 mm, d₀ = 2000 mm.
@@ -29,7 +31,11 @@ def standard_scene(
     size : int
         Frame side, px; body and displacement keep their size relative to the frame.
     height_mm : float
-        Largest height on the frame of 1000 px.
+        Largest height.
+    painted : bool
+        Give the frame of the object an albedo map (``paint``).
+    sign : +1 or −1
+        Side on which the projector stands.
     **settings
         Fields of ``PairSettings``.
 
@@ -39,12 +45,15 @@ def standard_scene(
     >>> scene.reference.dtype, scene.object.shape
     (dtype('uint8'), (100, 100))
     """
-    scale = size / 1000.0
+    scale = max(size, 1) / 1000.0
     geometry = ReferencePlaneGeometry(
         distance_mm=STANDARD_GEOMETRY.distance_mm,
         baseline_mm=STANDARD_GEOMETRY.baseline_mm,
         pitch_mm_per_px=STANDARD_GEOMETRY.pitch_mm_per_px / scale,
+        sign=sign,
     )
+    if size < 16:
+        raise InputError(f"size: expected at least 16 px, got {size}")
     body = make_object(
         name,
         (size, size),
@@ -52,4 +61,6 @@ def standard_scene(
         radius_px=350.0 * scale,
         pitch_mm_per_px=geometry.pitch_mm_per_px,
     )
-    return capture_pair(body, geometry, PairSettings(**settings))
+    fringe_settings = PairSettings(**settings)
+    albedo = paint(body.shape, seed=fringe_settings.seed) if painted else 1.0
+    return capture_pair(body, geometry, fringe_settings, albedo=albedo)

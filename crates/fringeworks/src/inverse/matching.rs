@@ -3,12 +3,13 @@
 
 use super::extrema::Extremum;
 
-/// Costs of an explanation, in units of "one period of change between neighbours". Only their
-/// order matters: a smooth displacement is free, a jump is dear, an unexplained extremum dearer
-/// than a small jump, and of two explanations that are otherwise equal the one with the smaller
-/// displacement wins (the background is the reference plane).
+/// Costs of an explanation, in units of "one period of change between neighbours". A smooth
+/// displacement is free. A spurious pair of extrema must cost less than the slip by one period
+/// that taking it for real would bring, and so must a pair that is missing (an order jump). Of two
+/// explanations that are otherwise equal the one with the smaller displacement wins: the
+/// background is the reference plane.
 const ORDER_JUMP: f64 = 0.75;
-const UNEXPLAINED: f64 = 0.8;
+const UNEXPLAINED: f64 = 0.4;
 const SMALL_DISPLACEMENT: f64 = 0.02;
 /// Object extrema that may be left unexplained in a row.
 const MAX_SKIP: usize = 3;

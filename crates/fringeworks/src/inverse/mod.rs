@@ -9,7 +9,7 @@ mod part;
 
 use crate::spline::{uniform_slopes, RowSpline};
 use crate::{check_length, check_value, reason, Error};
-use extrema::Extremum;
+pub use extrema::Extremum;
 use part::{spans, Inverse, Span};
 use rayon::prelude::*;
 
@@ -112,6 +112,24 @@ pub fn invert(
             },
         );
     Ok(field)
+}
+
+/// Extrema of a single row; see `Options` for the thresholds.
+pub fn row_extrema(
+    row: &[f64],
+    period: f64,
+    prominence: f64,
+    floor: f64,
+) -> Result<Vec<Extremum>, Error> {
+    check_value("row", row.len() >= 8, "at least 8 samples", row.len())?;
+    check_value("period", period >= 2.0, "at least 2 px", period)?;
+    let (mut slopes, mut scratch) = (vec![0.0; row.len()], vec![0.0; row.len()]);
+    uniform_slopes(row, &mut slopes, &mut scratch);
+    let spline = RowSpline {
+        y: row,
+        slopes: &slopes,
+    };
+    Ok(extrema::find(&spline, period, prominence, floor))
 }
 
 struct RowOut<'a> {

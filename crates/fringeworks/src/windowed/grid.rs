@@ -93,6 +93,7 @@ pub struct Grid {
 pub struct Blend {
     pub delta: f32,
     pub sigma: f32,
+    pub offset: f32,
     pub gain: f32,
 }
 
@@ -164,12 +165,14 @@ impl Grid {
             return node.determined.then_some(Blend {
                 delta: node.delta,
                 sigma: node.sigma,
+                offset: node.prior.offset,
                 gain: node.gain,
             });
         }
         let mut sum = Blend {
             delta: 0.0,
             sigma: 0.0,
+            offset: 0.0,
             gain: 0.0,
         };
         let mut total = 0.0f32;
@@ -183,12 +186,14 @@ impl Grid {
             let dy = y as f32 - centre(row);
             sum.delta += weight * (node.delta + node.slope[0] * dx + node.slope[1] * dy);
             sum.sigma += weight * node.sigma;
+            sum.offset += weight * node.prior.offset;
             sum.gain += weight * node.gain;
             total += weight;
         }
         (total > 0.0).then(|| Blend {
             delta: sum.delta / total,
             sigma: sum.sigma / total,
+            offset: sum.offset / total,
             gain: sum.gain / total,
         })
     }

@@ -7,6 +7,7 @@
 
 mod grid;
 mod moments;
+mod relocate;
 mod solve;
 mod warp;
 
@@ -14,6 +15,7 @@ use crate::{check_length, check_value, Error};
 use grid::{BlockMeans, Grid, Lattice};
 use moments::Window;
 use rayon::prelude::*;
+use relocate::{relocate, Model};
 pub use solve::Limits;
 use solve::Prior;
 pub use warp::Pair;
@@ -105,33 +107,67 @@ pub fn invert(pair: &Pair, start: &[f32], options: &Options) -> Result<Field, Er
     Ok(select(&estimates, pair.width, options.confidence as f32))
 }
 
-fn refine(pair: &Pair, start: &[f32], options: &Options) -> Vec<Estimate> {
-    let loose = Prior {
-        offset: 0.0,
-        gain: 1.0,
-        offset_variance: 1.0,
-        gain_variance: 1.0,
-        residual: 0.01,
+/// What is assumed of offset and gain before the first window has spoken.
+const LOOSE: Prior = Prior {
+    offset: 0.0,
+    gain: 1.0,
+    offset_variance: 1.0,
+    gain_variance: 1.0,
+    residual: 0.01,
+};
+/// The Gauss–Newton steps of one scale; moves `u` and returns the last step's windows.
+fn descend(
+    pair: &Pair,
+    u: &mut [f32],
+    sigma: f64,
+    coarser: Option<&Grid>,
+    options: &Options,
+) -> Grid {
+    let window = Window::new(sigma);
+    let solve = |u: &[f32]| Grid::solve(pair, u, &window, coarser, &LOOSE, &options.limits);
+    let mut grid = solve(u);
+    step(u, pair.width, &grid, options.max_step as f32);
+    for _ in 1..options.iterations {
+        grid = solve(u);
+        step(u, pair.width, &grid, options.max_step as f32);
+    }
+    grid
+}
+
+/// Put the cliffs of a field in place that the coarsest windows have smeared. Returns whether
+/// there were any.
+fn find_cliffs(pair: &Pair, u: &mut Vec<f32>, grid: &Grid, options: &Options) -> bool {
+    let n = u.len();
+    let mut model = Model {
+        displacement: std::mem::take(u),
+        offset: vec![LOOSE.offset; n],
+        gain: vec![LOOSE.gain; n],
     };
+    for (i, (offset, gain)) in model.offset.iter_mut().zip(&mut model.gain).enumerate() {
+        if let Some(blend) = grid.blend(i % pair.width, i / pair.width) {
+            (*offset, *gain) = (blend.offset, blend.gain);
+        }
+    }
+    let distances = [1.0, 2.0, 3.0].map(|k| (k * options.scales[0]).round() as usize);
+    let noise = options.limits.object_noise as f32;
+    let found = relocate(pair, &mut model, &distances, noise);
+    *u = model.displacement;
+    found
+}
+
+fn refine(pair: &Pair, start: &[f32], options: &Options) -> Vec<Estimate> {
     let factor = noise_gain(options.iterations) as f32;
     let mut u = start.to_vec();
     let mut coarser: Option<Grid> = None;
-    let mut estimates = Vec::with_capacity(options.scales.len());
+    let mut estimates: Vec<Estimate> = Vec::with_capacity(options.scales.len());
     for sigma in &options.scales {
-        let window = Window::new(*sigma);
-        let mut grid = None;
-        for _ in 0..options.iterations {
-            let solved = Grid::solve(pair, &u, &window, coarser.as_ref(), &loose, &options.limits);
-            step(&mut u, pair.width, &solved, options.max_step as f32);
-            grid = Some(solved);
+        let mut grid = descend(pair, &mut u, *sigma, coarser.as_ref(), options);
+        if coarser.is_none() && find_cliffs(pair, &mut u, &grid, options) {
+            grid = descend(pair, &mut u, *sigma, None, options);
         }
-        let grid = grid.expect("at least one step per scale");
         let finer = estimate(&u, pair.width, &grid, factor);
-        if let (Some(last), Some(lattice)) = (
-            estimates.last_mut(),
-            coarser.as_ref().map(|grid| grid.lattice),
-        ) {
-            compare(last, &finer, lattice, pair);
+        if let (Some(last), Some(grid)) = (estimates.last_mut(), &coarser) {
+            compare(last, &finer, grid.lattice, pair);
         }
         estimates.push(finer);
         coarser = Some(grid);

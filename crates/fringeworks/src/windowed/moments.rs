@@ -4,6 +4,9 @@
 //! first and second moments about the block's centre; a Gaussian of two blocks' width then
 //! gathers the blocks. A block is half a σ wide, so every window costs the same few taps, and
 //! larger windows have fewer nodes: large windows are the cheap ones.
+//!
+//! Sums are kept in double precision: offset, gain and displacement are nearly collinear in a
+//! window that is small against the fringe, and single precision would decide between them.
 
 use super::grid::Lattice;
 use super::warp::{warp_row, Pair, WarpedRow};
@@ -39,7 +42,7 @@ pub struct Window {
     /// Pixels per block side.
     pub block: usize,
     /// Weight of a pixel in the block at each offset, times the offset to the power 0, 1, 2 in px.
-    pub taps: [[f32; TAPS]; 3],
+    pub taps: [[f64; TAPS]; 3],
     /// 1 / Σ w² over the window: the number of pixels that count.
     pub effective_pixels: f64,
 }
@@ -54,14 +57,14 @@ impl Window {
             *w = (-0.5 * (offset / sigma_blocks).powi(2)).exp();
         }
         let total: f64 = weight.iter().sum::<f64>() * block as f64;
-        let mut taps = [[0.0f32; TAPS]; 3];
+        let mut taps = [[0.0; TAPS]; 3];
         let mut squares = 0.0;
         for k in 0..TAPS {
             let w = weight[k] / total;
             let offset = (k as f64 - RADIUS as f64) * block as f64;
-            taps[0][k] = w as f32;
-            taps[1][k] = (w * offset) as f32;
-            taps[2][k] = (w * offset * offset) as f32;
+            taps[0][k] = w;
+            taps[1][k] = w * offset;
+            taps[2][k] = w * offset * offset;
             squares += w * w * block as f64;
         }
         Self {
@@ -95,10 +98,10 @@ pub fn stored_channels(window: &Window) -> usize {
 }
 
 /// Block sums of all products, laid out `[block row][channel][block column]`.
-pub fn block_sums(pair: &Pair, u: &[f32], window: &Window) -> Vec<f32> {
+pub fn block_sums(pair: &Pair, u: &[f32], window: &Window) -> Vec<f64> {
     let Lattice { rows, columns, .. } = window.lattice(pair.height, pair.width);
     let channels = stored_channels(window);
-    let mut sums = vec![0.0f32; rows * channels * columns];
+    let mut sums = vec![0.0; rows * channels * columns];
     sums.par_chunks_mut(channels * columns)
         .enumerate()
         .for_each_init(
@@ -113,7 +116,7 @@ pub fn block_sums(pair: &Pair, u: &[f32], window: &Window) -> Vec<f32> {
                     if window.block == 1 {
                         products(warped, object, out, columns);
                     } else {
-                        let dy = (y as f64 - window.centre(block_row)) as f32;
+                        let dy = y as f64 - window.centre(block_row);
                         sum_row(warped, object, window.block, dy, out, columns);
                     }
                 }
@@ -122,11 +125,10 @@ pub fn block_sums(pair: &Pair, u: &[f32], window: &Window) -> Vec<f32> {
     sums
 }
 
-fn products(warped: &WarpedRow, object: &[f32], out: &mut [f32], columns: usize) {
-    let mut channel: Vec<&mut [f32]> = out.chunks_mut(columns).collect();
+fn products(warped: &WarpedRow, object: &[f32], out: &mut [f64], columns: usize) {
+    let mut channel: Vec<&mut [f64]> = out.chunks_mut(columns).collect();
     for x in 0..columns {
-        let (m, s, g) = (warped.weight[x], warped.value[x], warped.slope[x]);
-        let d = m * object[x];
+        let (m, s, g, d) = warped.sample(x, object);
         channel[M][x] = m;
         channel[S][x] = s;
         channel[SS][x] = s * s;
@@ -144,22 +146,21 @@ fn sum_row(
     warped: &WarpedRow,
     object: &[f32],
     block: usize,
-    dy: f32,
-    out: &mut [f32],
+    dy: f64,
+    out: &mut [f64],
     columns: usize,
 ) {
     let width = object.len();
-    let half = (block as f32 - 1.0) * 0.5;
+    let half = (block as f64 - 1.0) * 0.5;
     for column in 0..columns {
         let first = column * block;
         let last = (first + block).min(width);
-        let mut plain = [0.0f32; PLAIN];
-        let mut along = [0.0f32; 4];
-        let mut gg_xx = 0.0f32;
+        let mut plain = [0.0f64; PLAIN];
+        let mut along = [0.0f64; 4];
+        let mut gg_xx = 0.0f64;
         for x in first..last {
-            let (m, s, g) = (warped.weight[x], warped.value[x], warped.slope[x]);
-            let d = m * object[x];
-            let dx = (x - first) as f32 - half;
+            let (m, s, g, d) = warped.sample(x, object);
+            let dx = (x - first) as f64 - half;
             let (sg, dg, gg) = (s * g, d * g, g * g);
             plain[M] += m;
             plain[S] += s;
@@ -197,7 +198,7 @@ fn sum_row(
     "x86_64+avx",
     "aarch64+neon"
 ))]
-fn add_scaled(target: &mut [f32], source: &[f32], weight: f32) {
+fn add_scaled(target: &mut [f64], source: &[f64], weight: f64) {
     for (t, s) in target.iter_mut().zip(source) {
         *t += weight * s;
     }
@@ -205,8 +206,8 @@ fn add_scaled(target: &mut [f32], source: &[f32], weight: f32) {
 
 /// All window moments of one row of nodes, `CHANNELS` rows of `columns` values.
 pub struct NodeRow {
-    vertical: Vec<f32>, // CHANNELS rows, each padded by RADIUS zeros on both sides
-    pub moments: Vec<f32>,
+    vertical: Vec<f64>, // CHANNELS rows, each padded by RADIUS zeros on both sides
+    moments: Vec<f64>,
     columns: usize,
 }
 
@@ -220,18 +221,18 @@ impl NodeRow {
     }
 
     pub fn get(&self, channel: usize, column: usize) -> f64 {
-        self.moments[channel * self.columns + column] as f64
+        self.moments[channel * self.columns + column]
     }
 
     /// Gather the blocks around node row `row`.
-    pub fn gather(&mut self, sums: &[f32], row: usize, rows: usize, window: &Window) {
+    pub fn gather(&mut self, sums: &[f64], row: usize, rows: usize, window: &Window) {
         self.vertical.fill(0.0);
         self.moments.fill(0.0);
         self.gather_vertical(sums, row, rows, window);
         self.gather_horizontal(window);
     }
 
-    fn gather_vertical(&mut self, sums: &[f32], row: usize, rows: usize, window: &Window) {
+    fn gather_vertical(&mut self, sums: &[f64], row: usize, rows: usize, window: &Window) {
         let columns = self.columns;
         let padded = columns + 2 * RADIUS;
         let channels = stored_channels(window);
@@ -243,7 +244,7 @@ impl NodeRow {
             let block_row =
                 &sums[source_row * channels * columns..(source_row + 1) * channels * columns];
             let [w0, w1, w2] = [0, 1, 2].map(|power| window.taps[power][k]);
-            let mut add = |target: usize, source: usize, weight: f32| {
+            let mut add = |target: usize, source: usize, weight: f64| {
                 let t = target * padded + RADIUS;
                 add_scaled(
                     &mut vertical[t..t + columns],
@@ -271,7 +272,7 @@ impl NodeRow {
         let (vertical, moments) = (&self.vertical, &mut self.moments);
         for k in 0..TAPS {
             let [w0, w1, w2] = [0, 1, 2].map(|power| window.taps[power][k]);
-            let mut add = |target: usize, source: usize, weight: f32| {
+            let mut add = |target: usize, source: usize, weight: f64| {
                 let s = source * padded + k;
                 add_scaled(
                     &mut moments[target * columns..(target + 1) * columns],

@@ -44,7 +44,12 @@ pub struct Limits {
 }
 
 const N: usize = 5;
-const RIDGE: f64 = 1e-7;
+const RIDGE: f64 = 1e-9;
+/// A window is fitted again with a weaker grip on its data where the residual exceeds what was
+/// believed by this factor …
+const REFIT_ABOVE: f64 = 1.5;
+/// … at most so often.
+const MAX_REFITS: usize = 3;
 
 /// Lower Cholesky factor of a symmetric matrix whose diagonal is 1 + ridge.
 fn cholesky(a: &mut [[f64; N]; N]) {
@@ -73,6 +78,55 @@ fn invert_lower(l: &[[f64; N]; N]) -> [[f64; N]; N] {
         }
     }
     inverse
+}
+
+/// A solved system, with what its variances need.
+struct Fit {
+    solution: [f64; N],
+    inverse: [[f64; N]; N],
+    scale: [f64; N],
+}
+
+impl Fit {
+    /// Solve `a x = r` with offset and gain pulled towards the prior; `believed` is the variance
+    /// of the data's mean, in whose units the prior's variances are taken.
+    fn new(a: &[[f64; N]; N], r: &[f64; N], prior: &Prior, believed: f64) -> Self {
+        let mut full = *a;
+        let mut rhs = *r;
+        let pulls = [
+            (prior.offset, prior.offset_variance),
+            (prior.gain, prior.gain_variance),
+        ];
+        for (k, (centre, variance)) in pulls.into_iter().enumerate() {
+            let pull = believed / variance as f64;
+            full[k][k] += pull;
+            rhs[k] += pull * centre as f64;
+        }
+        let scale: [f64; N] = std::array::from_fn(|k| full[k][k].max(1e-30).sqrt());
+        for j in 0..N {
+            for k in 0..N {
+                full[j][k] /= scale[j] * scale[k];
+            }
+            full[j][j] += RIDGE;
+            rhs[j] /= scale[j];
+        }
+        cholesky(&mut full);
+        let inverse = invert_lower(&full);
+        let half: [f64; N] = std::array::from_fn(|j| (0..=j).map(|k| inverse[j][k] * rhs[k]).sum());
+        let solution = std::array::from_fn(|j| {
+            (j..N).map(|k| inverse[k][j] * half[k]).sum::<f64>() / scale[j]
+        });
+        Self {
+            solution,
+            inverse,
+            scale,
+        }
+    }
+
+    /// Diagonal entry of the system's inverse.
+    fn variance_factor(&self, j: usize) -> f64 {
+        (j..N).map(|k| self.inverse[k][j].powi(2)).sum::<f64>() / self.scale[j].powi(2)
+    }
 }
 
 /// Solve the window at column `i` of a gathered row of nodes.
@@ -126,42 +180,31 @@ pub fn solve(row: &NodeRow, i: usize, window: &Window, prior: &Prior, limits: &L
         -q(m::G + 2),
     ];
 
-    let believed = prior.residual as f64 / window.effective_pixels;
-    let pull = [
-        believed / prior.offset_variance as f64,
-        believed / prior.gain_variance as f64,
-    ];
-    let mut full = a;
-    let mut rhs = r;
-    for (k, centre) in [prior.offset, prior.gain].into_iter().enumerate() {
-        full[k][k] += pull[k];
-        rhs[k] += pull[k] * centre as f64;
-    }
-    let scale: [f64; N] = std::array::from_fn(|k| full[k][k].max(1e-30).sqrt());
-    for j in 0..N {
-        for k in 0..N {
-            full[j][k] /= scale[j] * scale[k];
+    // The prior counts for as much as the residual is large. Where this window turns out worse
+    // explained than the coarser one, its data must not overrule the prior: fit again.
+    let spread = (1.0 - N as f64 / count).max(0.2);
+    let residual_of = |x: &[f64; N]| {
+        let quadratic: f64 = (0..N)
+            .map(|j| x[j] * ((0..N).map(|k| a[j][k] * x[k]).sum::<f64>() - 2.0 * r[j]))
+            .sum();
+        ((q(m::DD) + quadratic) / weight / spread).max(limits.object_noise)
+    };
+    let mut believed = prior.residual as f64;
+    let mut fit = Fit::new(&a, &r, prior, believed / window.effective_pixels);
+    let mut residual = residual_of(&fit.solution);
+    for _ in 0..MAX_REFITS {
+        if residual <= REFIT_ABOVE * believed {
+            break;
         }
-        full[j][j] += RIDGE;
-        rhs[j] /= scale[j];
+        believed = residual;
+        fit = Fit::new(&a, &r, prior, believed / window.effective_pixels);
+        residual = residual_of(&fit.solution);
     }
-    cholesky(&mut full);
-    let inverse = invert_lower(&full);
-    let half: [f64; N] = std::array::from_fn(|j| (0..=j).map(|k| inverse[j][k] * rhs[k]).sum());
-    let x: [f64; N] =
-        std::array::from_fn(|j| (j..N).map(|k| inverse[k][j] * half[k]).sum::<f64>() / scale[j]);
-    let variance_factor =
-        |j: usize| (j..N).map(|k| inverse[k][j].powi(2)).sum::<f64>() / scale[j].powi(2);
-
-    let quadratic: f64 = (0..N)
-        .map(|j| x[j] * ((0..N).map(|k| a[j][k] * x[k]).sum::<f64>() - 2.0 * r[j]))
-        .sum();
-    let spread = 1.0 - N as f64 / count;
-    let residual = ((q(m::DD) + quadratic) / weight / spread.max(0.2)).max(limits.object_noise);
+    let x = fit.solution;
     let gain = x[1];
     let noise = residual + gain * gain * limits.reference_noise;
     let [var_offset, var_gain, var_shift] =
-        [0, 1, 4].map(|j| noise * variance_factor(j) / window.effective_pixels);
+        [0, 1, 4].map(|j| noise * fit.variance_factor(j) / window.effective_pixels);
     let sigma = var_shift.sqrt() / gain.abs().max(1e-6);
     let determined = sigma < limits.max_sigma
         && gain > 3.0 * var_gain.sqrt()

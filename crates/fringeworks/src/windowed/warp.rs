@@ -35,6 +35,18 @@ impl WarpedRow {
             slope: vec![0.0; width],
         }
     }
+
+    /// Weight, reference value, reference slope and weighted object sample at column `x`.
+    #[inline(always)]
+    pub fn sample(&self, x: usize, object: &[f32]) -> (f64, f64, f64, f64) {
+        let weight = self.weight[x] as f64;
+        (
+            weight,
+            self.value[x] as f64,
+            self.slope[x] as f64,
+            weight * object[x] as f64,
+        )
+    }
 }
 
 /// Value and slope of the row's spline at `position`, which must lie in `[0, width − 1]`.

@@ -1,0 +1,181 @@
+//! Cliffs: where a window straddles two surfaces it fits neither. Each badly explained pixel is
+//! offered the surfaces found further away on either side, and takes the one that explains it.
+
+use super::warp::{evaluate, Pair, MARGIN};
+use rayon::prelude::*;
+
+/// Half-width of the patch over which a surface has to explain the frame, px.
+const PATCH: usize = 3;
+/// A pixel is badly explained where its patch's residual exceeds this many noise variances …
+const BAD: f32 = 6.0;
+/// … and this share of the squared modulation: a displacement wrong by about a thirtieth of a
+/// period. Less is bias of a large window, which the smaller ones mend better.
+const BAD_SHARE: f32 = 0.03;
+/// Another surface must bring the residual below this share of its own.
+const IMPROVEMENT: f32 = 0.5;
+/// Half the base of the finite differences that carry a surface's slope along, px.
+const SLOPE_BASE: isize = 4;
+
+/// A surface model per pixel: displacement, offset and gain.
+pub struct Model {
+    pub displacement: Vec<f32>,
+    pub offset: Vec<f32>,
+    pub gain: Vec<f32>,
+}
+
+const DIRECTIONS: [(isize, isize); 8] = [
+    (1, 0),
+    (-1, 0),
+    (0, 1),
+    (0, -1),
+    (1, 1),
+    (1, -1),
+    (-1, 1),
+    (-1, -1),
+];
+
+/// Squared residual of one pixel under a displacement, offset and gain; `None` without data.
+fn squared_residual(
+    pair: &Pair,
+    x: usize,
+    y: usize,
+    u: f32,
+    offset: f32,
+    gain: f32,
+) -> Option<f32> {
+    let i = y * pair.width + x;
+    let position = x as f64 - u as f64;
+    let inside = position >= MARGIN && position <= (pair.width - 1) as f64 - MARGIN;
+    if !inside
+        || pair.object_ok[i] == 0
+        || pair.reference_ok[y * pair.width + (position + 0.5) as usize] == 0
+    {
+        return None;
+    }
+    let row = &pair.spline[y * (pair.width + 3)..(y + 1) * (pair.width + 3)];
+    let (value, _) = evaluate(row, position);
+    Some((pair.object[i] - offset - gain * value).powi(2))
+}
+
+/// Mean squared residual over the patch around a pixel, under one affine surface.
+fn patch_cost(
+    pair: &Pair,
+    (x, y): (usize, usize),
+    surface: impl Fn(isize, isize) -> (f32, f32, f32),
+) -> f32 {
+    let (mut sum, mut count) = (0.0f32, 0u32);
+    for py in y.saturating_sub(PATCH)..=(y + PATCH).min(pair.height - 1) {
+        for px in x.saturating_sub(PATCH)..=(x + PATCH).min(pair.width - 1) {
+            let (u, offset, gain) = surface(px as isize - x as isize, py as isize - y as isize);
+            if let Some(r) = squared_residual(pair, px, py, u, offset, gain) {
+                sum += r;
+                count += 1;
+            }
+        }
+    }
+    mean_if_enough(sum, count)
+}
+
+/// Squared residual of every pixel under its own model; NaN without data.
+fn own_residuals(pair: &Pair, model: &Model) -> Vec<f32> {
+    let mut squares = vec![f32::NAN; pair.object.len()];
+    squares
+        .par_chunks_mut(pair.width)
+        .enumerate()
+        .for_each(|(y, row)| {
+            for (x, square) in row.iter_mut().enumerate() {
+                let i = y * pair.width + x;
+                let (u, offset, gain) = (model.displacement[i], model.offset[i], model.gain[i]);
+                if let Some(r) = squared_residual(pair, x, y, u, offset, gain) {
+                    *square = r;
+                }
+            }
+        });
+    squares
+}
+
+/// Mean of the finite values in the patch around a pixel; infinite where most are missing.
+fn patch_mean(pair: &Pair, values: &[f32], x: usize, y: usize) -> f32 {
+    let (mut sum, mut count) = (0.0f32, 0u32);
+    for py in y.saturating_sub(PATCH)..=(y + PATCH).min(pair.height - 1) {
+        let row = &values[py * pair.width..(py + 1) * pair.width];
+        for value in &row[x.saturating_sub(PATCH)..=(x + PATCH).min(pair.width - 1)] {
+            if value.is_finite() {
+                sum += value;
+                count += 1;
+            }
+        }
+    }
+    mean_if_enough(sum, count)
+}
+
+/// The mean, or infinity where fewer than half of a patch's pixels count.
+fn mean_if_enough(sum: f32, count: u32) -> f32 {
+    const ENOUGH: u32 = ((2 * PATCH + 1) * (2 * PATCH + 1)) as u32 / 2;
+    if count < ENOUGH {
+        f32::INFINITY
+    } else {
+        sum / count as f32
+    }
+}
+
+/// Replace the displacement of badly explained pixels by the best of the surfaces at the given
+/// distances (px) in eight directions. Returns whether any pixel changed.
+pub fn relocate(pair: &Pair, model: &mut Model, distances: &[usize], noise: f32) -> bool {
+    let (h, w) = (pair.height as isize, pair.width as isize);
+    let bad = (BAD * noise).max(BAD_SHARE);
+    let at = |x: isize, y: isize| -> Option<usize> {
+        (x >= 0 && y >= 0 && x < w && y < h).then(|| (y * w + x) as usize)
+    };
+    let slope = |x: isize, y: isize| -> (f32, f32) {
+        let along = |dx: isize, dy: isize| match (at(x + dx, y + dy), at(x - dx, y - dy)) {
+            (Some(a), Some(b)) => {
+                (model.displacement[a] - model.displacement[b]) / (2 * SLOPE_BASE) as f32
+            }
+            _ => 0.0,
+        };
+        (along(SLOPE_BASE, 0), along(0, SLOPE_BASE))
+    };
+    let squares = own_residuals(pair, model);
+    let best_for = |x: usize, y: usize| -> Option<f32> {
+        let own = patch_mean(pair, &squares, x, y);
+        if own <= bad {
+            return None;
+        }
+        let mut best = (IMPROVEMENT * own, None);
+        for distance in distances {
+            for (ux, uy) in DIRECTIONS {
+                let (ox, oy) = (ux * *distance as isize, uy * *distance as isize);
+                let (cx, cy) = (x as isize + ox, y as isize + oy);
+                let Some(i) = at(cx, cy) else { continue };
+                let (sx, sy) = slope(cx, cy);
+                let here = model.displacement[i] - sx * ox as f32 - sy * oy as f32;
+                let cost = patch_cost(pair, (x, y), |dx, dy| {
+                    (
+                        here + sx * dx as f32 + sy * dy as f32,
+                        model.offset[i],
+                        model.gain[i],
+                    )
+                });
+                if cost < best.0 {
+                    best = (cost, Some(here));
+                }
+            }
+        }
+        best.1
+    };
+    let found: Vec<Vec<(usize, f32)>> = (0..pair.height)
+        .into_par_iter()
+        .map(|y| {
+            (0..pair.width)
+                .filter_map(|x| best_for(x, y).map(|u| (y * pair.width + x, u)))
+                .collect()
+        })
+        .collect();
+    let mut changed = false;
+    for (i, u) in found.into_iter().flatten() {
+        model.displacement[i] = u;
+        changed = true;
+    }
+    changed
+}

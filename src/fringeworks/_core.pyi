@@ -1,0 +1,47 @@
+"""Kernels in Rust. Arrays must be C-contiguous and of the stated dtype; callers see to that."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+optimised: bool
+
+def invert_rows(
+    reference: NDArray[np.float64],
+    object: NDArray[np.float64],
+    mask: NDArray[np.uint8],
+    *,
+    method: str,
+    degree: int,
+    n_resample: int,
+    period: float,
+    prominence: float,
+    floor: float,
+    max_displacement: float,
+    tolerance: float,
+    albedo_tolerance: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]: ...
+def row_extrema(
+    row: NDArray[np.float64], *, period: float, prominence: float, floor: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]: ...
+def unwrap_reliability(
+    phase: NDArray[np.float32], mask: NDArray[np.uint8]
+) -> tuple[NDArray[np.float32], NDArray[np.uint32]]: ...
+def invert_windowed(
+    spline: NDArray[np.float32],
+    object: NDArray[np.float32],
+    reference_ok: NDArray[np.uint8],
+    object_ok: NDArray[np.uint8],
+    start: NDArray[np.float32],
+    *,
+    scales: Sequence[float],
+    iterations: int,
+    max_step: float,
+    confidence: float,
+    object_noise: float,
+    reference_noise: float,
+    drift: float,
+    max_sigma: float,
+    min_explained: float,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]: ...

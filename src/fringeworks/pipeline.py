@@ -1,0 +1,89 @@
+"""The chain from a capture to a surface, in one readable function."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fringeworks.analysis import analyse
+from fringeworks.geometry import to_surface
+from fringeworks.types import Capture, HeightMap, PhaseMap, count_reasons
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """What came of a capture."""
+
+    surface: HeightMap
+    phase: PhaseMap
+    seconds: float
+    notes: tuple[str, ...] = ()
+
+
+def reconstruct(capture: Capture, method: str = "windowed", **options: Any) -> Reconstruction:
+    """Measure the surface of a capture.
+
+    Parameters
+    ----------
+    capture : Capture
+        Reference and object frame, with the geometry where it is known.
+    method : str
+        A name from ``fringeworks.methods()``.
+    **options
+        Keyword options of the method.
+
+    Returns
+    -------
+    Reconstruction with heights in mm, or, without a geometry, displacements in px.
+
+    Raises
+    ------
+    InputError for frames, methods or options that cannot be used.
+
+    Examples
+    --------
+    >>> from fringeworks.simulate import standard_scene
+    >>> scene = standard_scene("parabola", size=200, fringes=8, bits=8, noise=1, seed=1)
+    >>> result = reconstruct(scene)
+    >>> bool(abs(np.nanmax(result.surface.values) - 100) < 3)
+    True
+    """
+    started = time.perf_counter()
+    phase = analyse(capture, method, **options)
+    surface = to_surface(phase, capture.geometry)
+    return Reconstruction(surface, phase, time.perf_counter() - started, _notes(capture, phase))
+
+
+def _notes(capture: Capture, phase: PhaseMap) -> tuple[str, ...]:
+    notes = list(capture.notes)
+    if capture.axis is None:
+        notes.append(f"fringes found along {phase.axis} with a period of {phase.period_px:.2f} px")
+    if capture.geometry is None:
+        notes.append("geometry unknown: the result is a displacement in px, not a height")
+    return tuple(notes)
+
+
+def summary(result: Reconstruction) -> dict[str, Any]:
+    """Figures of a reconstruction that need no truth, ready for JSON."""
+    surface = result.surface
+    finite = np.isfinite(surface.values)
+    values, sigma = surface.values[finite], surface.sigma[finite]
+    return {
+        "method": surface.method,
+        "quantity": surface.quantity,
+        "unit": surface.unit,
+        "shape": list(surface.shape),
+        "axis": result.phase.axis,
+        "period_px": result.phase.period_px,
+        "failed_fraction": surface.failed_fraction,
+        "reasons": count_reasons(surface.reason),
+        "minimum": float(values.min()) if values.size else None,
+        "maximum": float(values.max()) if values.size else None,
+        "median": float(np.median(values)) if values.size else None,
+        "median_sigma": float(np.median(sigma)) if sigma.size else None,
+        "seconds": result.seconds,
+        "notes": list(result.notes),
+    }

@@ -37,7 +37,7 @@ def invert_windowed(
     *,
     scales: Sequence[float],
     iterations: int,
-    max_step: float,
+    period: float,
     confidence: float,
     object_noise: float,
     reference_noise: float,

@@ -9,10 +9,11 @@ type Maps<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<u8>>,
+    f64,
 );
 
 #[pyfunction]
-#[pyo3(signature = (spline, object, reference_ok, object_ok, start, *, scales, iterations, max_step, confidence, object_noise, reference_noise, drift, max_sigma, min_explained))]
+#[pyo3(signature = (spline, object, reference_ok, object_ok, start, *, scales, iterations, period, confidence, object_noise, reference_noise, drift, max_sigma, min_explained))]
 #[allow(clippy::too_many_arguments)]
 pub fn invert_windowed<'py>(
     py: Python<'py>,
@@ -23,7 +24,7 @@ pub fn invert_windowed<'py>(
     start: PyReadonlyArray2<'py, f32>,
     scales: Vec<f64>,
     iterations: usize,
-    max_step: f64,
+    period: f64,
     confidence: f64,
     object_noise: f64,
     reference_noise: f64,
@@ -44,11 +45,12 @@ pub fn invert_windowed<'py>(
     let options = Options {
         scales,
         iterations,
-        max_step,
+        period,
         confidence,
         limits: Limits {
             object_noise,
             reference_noise,
+            noise_correlation: 1.0,
             drift,
             max_sigma,
             min_explained,
@@ -64,5 +66,6 @@ pub fn invert_windowed<'py>(
         map(field.sigma).into_pyarray(py),
         map(field.gain).into_pyarray(py),
         scale.into_pyarray(py),
+        field.noise_correlation,
     ))
 }

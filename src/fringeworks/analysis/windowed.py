@@ -111,7 +111,7 @@ def windowed(
     modulation, level = pair.modulation, pair.level
     noise_reference, noise_object = (max(v / modulation**2, MIN_NOISE**2) for v in pair.noise)
     smooth = smooth_reference(pair.reference, SMOOTHING * pair.period)
-    displacement, sigma, gain, scale = _core.invert_windowed(
+    displacement, sigma, gain, scale, correlation = _core.invert_windowed(
         spline_coefficients((smooth - level) / modulation),
         ((pair.object - level) / modulation).astype(np.float32),
         pair.reference_ok.astype(np.uint8),
@@ -119,7 +119,7 @@ def windowed(
         start_field(pair, 0.5 * widths[0]).astype(np.float32),
         scales=widths,
         iterations=iterations,
-        max_step=0.25 * pair.period,
+        period=pair.period,
         confidence=confidence,
         object_noise=noise_object,
         reference_noise=noise_reference,
@@ -143,6 +143,7 @@ def windowed(
         details={
             "scales_px": widths,
             "scale_share": [float(np.mean(scale == k)) for k in range(len(widths))],
+            "noise_correlation": correlation,
             "noise_counts": float(np.sqrt(noise_object) * modulation),
         },
     )

@@ -7,6 +7,7 @@
 
 mod grid;
 mod moments;
+mod noise;
 mod relocate;
 mod solve;
 mod warp;
@@ -15,7 +16,7 @@ use crate::{check_length, check_value, Error};
 use grid::{BlockMeans, Grid, Lattice};
 use moments::Window;
 use rayon::prelude::*;
-use relocate::{relocate, Model};
+use relocate::{relocate, residuals, Model};
 pub use solve::Limits;
 use solve::Prior;
 pub use warp::Pair;
@@ -27,8 +28,8 @@ pub struct Options {
     pub scales: Vec<f64>,
     /// Gauss–Newton steps per scale.
     pub iterations: usize,
-    /// Largest step of the displacement, px.
-    pub max_step: f64,
+    /// Fringe period of the reference, px.
+    pub period: f64,
     /// Half-width of the confidence intervals, in σ.
     pub confidence: f64,
     pub limits: Limits,
@@ -41,6 +42,8 @@ pub struct Field {
     pub gain: Vec<f32>,
     /// Index into `Options::scales` of the window that was kept; 255 where none.
     pub scale: Vec<u8>,
+    /// Variance of a mean of many pixels' noise over that of independent noise.
+    pub noise_correlation: f64,
 }
 
 const NONE: u8 = 255;
@@ -88,6 +91,12 @@ fn check(pair: &Pair, start: &[f32], options: &Options) -> Result<(), Error> {
         (1..=100).contains(&options.iterations),
         "1 to 100",
         options.iterations,
+    )?;
+    check_value(
+        "period",
+        options.period >= 2.0,
+        "at least 2 px",
+        options.period,
     )
 }
 
@@ -103,8 +112,10 @@ struct Estimate {
 /// Refine the displacement `start` (px) of every pixel.
 pub fn invert(pair: &Pair, start: &[f32], options: &Options) -> Result<Field, Error> {
     check(pair, start, options)?;
-    let estimates = refine(pair, start, options);
-    Ok(select(&estimates, pair.width, options.confidence as f32))
+    let (estimates, noise_correlation) = refine(pair, start, options);
+    let mut field = select(&estimates, pair.width, options.confidence as f32);
+    field.noise_correlation = noise_correlation;
+    Ok(field)
 }
 
 /// What is assumed of offset and gain before the first window has spoken.
@@ -115,6 +126,11 @@ const LOOSE: Prior = Prior {
     gain_variance: 1.0,
     residual: 0.01,
 };
+/// Largest step of a displacement, px: the linearisation holds for a quarter period at most.
+fn max_step(options: &Options) -> f32 {
+    0.25 * options.period as f32
+}
+
 /// The Gauss–Newton steps of one scale; moves `u` and returns the last step's windows.
 fn descend(
     pair: &Pair,
@@ -126,53 +142,87 @@ fn descend(
     let window = Window::new(sigma);
     let solve = |u: &[f32]| Grid::solve(pair, u, &window, coarser, &LOOSE, &options.limits);
     let mut grid = solve(u);
-    step(u, pair.width, &grid, options.max_step as f32);
+    step(u, pair.width, &grid, max_step(options));
     for _ in 1..options.iterations {
         grid = solve(u);
-        step(u, pair.width, &grid, options.max_step as f32);
+        step(u, pair.width, &grid, max_step(options));
     }
     grid
 }
 
-/// Put the cliffs of a field in place that the coarsest windows have smeared. Returns whether
-/// there were any.
-fn find_cliffs(pair: &Pair, u: &mut Vec<f32>, grid: &Grid, options: &Options) -> bool {
-    let n = u.len();
+/// The surface model of every pixel: the present field with offset and gain of a scale's windows.
+fn model_of(pair: &Pair, u: &[f32], grid: &Grid) -> Model {
     let mut model = Model {
-        displacement: std::mem::take(u),
-        offset: vec![LOOSE.offset; n],
-        gain: vec![LOOSE.gain; n],
+        displacement: u.to_vec(),
+        offset: vec![LOOSE.offset; u.len()],
+        gain: vec![LOOSE.gain; u.len()],
     };
     for (i, (offset, gain)) in model.offset.iter_mut().zip(&mut model.gain).enumerate() {
         if let Some(blend) = grid.blend(i % pair.width, i / pair.width) {
             (*offset, *gain) = (blend.offset, blend.gain);
         }
     }
-    let distances = [1.0, 2.0, 3.0].map(|k| (k * options.scales[0]).round() as usize);
-    let noise = options.limits.object_noise as f32;
-    let found = relocate(pair, &mut model, &distances, noise);
+    model
+}
+
+/// How strongly the object frame's noise is tied together between neighbours; at least 1.
+fn noise_correlation(pair: &Pair, model: &Model, limits: &Limits) -> f64 {
+    // The reference's noise is smoothed, hence tied together, but has an account of its own.
+    let own_account = limits.reference_noise / limits.object_noise;
+    let left = residuals(pair, model);
+    (noise::correlation(&left, pair.height, pair.width) - own_account).max(1.0)
+}
+
+/// Put cliffs in place that windows of width `sigma` have smeared. Returns whether there were any.
+fn find_cliffs(pair: &Pair, u: &mut Vec<f32>, grid: &Grid, sigma: f64, options: &Options) -> bool {
+    let mut model = model_of(pair, u, grid);
+    let left = residuals(pair, &model);
+    let distances = [1.0, 2.0, 3.0].map(|k| (k * sigma).round() as usize);
+    let floor = options.limits.object_noise as f32;
+    let half_period = 0.5 * options.period as f32;
+    let found = relocate(pair, &mut model, &left, &distances, half_period, floor);
     *u = model.displacement;
     found
 }
 
-fn refine(pair: &Pair, start: &[f32], options: &Options) -> Vec<Estimate> {
+/// The scale after which cliffs are looked for: the first that is small against the fringe. A
+/// larger window leaves over its own bias, which is no cliff.
+fn cliff_scale(options: &Options) -> usize {
+    let small = options
+        .scales
+        .iter()
+        .position(|sigma| *sigma <= 0.5 * options.period);
+    small.unwrap_or(options.scales.len() - 1)
+}
+
+fn refine(pair: &Pair, start: &[f32], options: &Options) -> (Vec<Estimate>, f64) {
     let factor = noise_gain(options.iterations) as f32;
+    let mut options = options.clone();
+    let cliffs_after = cliff_scale(&options);
     let mut u = start.to_vec();
     let mut coarser: Option<Grid> = None;
     let mut estimates: Vec<Estimate> = Vec::with_capacity(options.scales.len());
-    for sigma in &options.scales {
-        let mut grid = descend(pair, &mut u, *sigma, coarser.as_ref(), options);
-        if coarser.is_none() && find_cliffs(pair, &mut u, &grid, options) {
-            grid = descend(pair, &mut u, *sigma, None, options);
+    for (k, sigma) in options.scales.clone().into_iter().enumerate() {
+        let mut grid = descend(pair, &mut u, sigma, coarser.as_ref(), &options);
+        let mut widening = 1.0;
+        if k == 0 {
+            let model = model_of(pair, &u, &grid);
+            options.limits.noise_correlation = noise_correlation(pair, &model, &options.limits);
+            // The first windows took the noise for independent.
+            widening = options.limits.noise_correlation.sqrt() as f32;
         }
-        let finer = estimate(&u, pair.width, &grid, factor);
+        if k == cliffs_after && find_cliffs(pair, &mut u, &grid, sigma, &options) {
+            grid = descend(pair, &mut u, sigma, coarser.as_ref(), &options);
+            widening = 1.0;
+        }
+        let finer = estimate(&u, pair.width, &grid, factor * widening);
         if let (Some(last), Some(grid)) = (estimates.last_mut(), &coarser) {
             compare(last, &finer, grid.lattice, pair);
         }
         estimates.push(finer);
         coarser = Some(grid);
     }
-    estimates
+    (estimates, options.limits.noise_correlation)
 }
 
 /// Note where the finer scale systematically departs from the coarser one: bias, not noise.
@@ -229,6 +279,7 @@ fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
         sigma: vec![f32::NAN; n],
         gain: vec![f32::NAN; n],
         scale: vec![NONE; n],
+        noise_correlation: 1.0,
     };
     let agrees = |k: usize, i: usize| {
         let value = estimates[k].displacement[i];

@@ -34,15 +34,8 @@ const DIRECTIONS: [(isize, isize); 8] = [
     (-1, -1),
 ];
 
-/// Squared residual of one pixel under a displacement, offset and gain; `None` without data.
-fn squared_residual(
-    pair: &Pair,
-    x: usize,
-    y: usize,
-    u: f32,
-    offset: f32,
-    gain: f32,
-) -> Option<f32> {
+/// Residual of one pixel under a displacement, offset and gain; `None` without data.
+fn residual(pair: &Pair, x: usize, y: usize, u: f32, offset: f32, gain: f32) -> Option<f32> {
     let i = y * pair.width + x;
     let position = x as f64 - u as f64;
     let inside = position >= MARGIN && position <= (pair.width - 1) as f64 - MARGIN;
@@ -54,7 +47,7 @@ fn squared_residual(
     }
     let row = &pair.spline[y * (pair.width + 3)..(y + 1) * (pair.width + 3)];
     let (value, _) = evaluate(row, position);
-    Some((pair.object[i] - offset - gain * value).powi(2))
+    Some(pair.object[i] - offset - gain * value)
 }
 
 /// Mean squared residual over the patch around a pixel, under one affine surface.
@@ -67,8 +60,8 @@ fn patch_cost(
     for py in y.saturating_sub(PATCH)..=(y + PATCH).min(pair.height - 1) {
         for px in x.saturating_sub(PATCH)..=(x + PATCH).min(pair.width - 1) {
             let (u, offset, gain) = surface(px as isize - x as isize, py as isize - y as isize);
-            if let Some(r) = squared_residual(pair, px, py, u, offset, gain) {
-                sum += r;
+            if let Some(r) = residual(pair, px, py, u, offset, gain) {
+                sum += r * r;
                 count += 1;
             }
         }
@@ -76,32 +69,31 @@ fn patch_cost(
     mean_if_enough(sum, count)
 }
 
-/// Squared residual of every pixel under its own model; NaN without data.
-fn own_residuals(pair: &Pair, model: &Model) -> Vec<f32> {
-    let mut squares = vec![f32::NAN; pair.object.len()];
-    squares
-        .par_chunks_mut(pair.width)
+/// Residual of every pixel under its own model; NaN without data.
+pub fn residuals(pair: &Pair, model: &Model) -> Vec<f32> {
+    let mut out = vec![f32::NAN; pair.object.len()];
+    out.par_chunks_mut(pair.width)
         .enumerate()
         .for_each(|(y, row)| {
-            for (x, square) in row.iter_mut().enumerate() {
+            for (x, value) in row.iter_mut().enumerate() {
                 let i = y * pair.width + x;
                 let (u, offset, gain) = (model.displacement[i], model.offset[i], model.gain[i]);
-                if let Some(r) = squared_residual(pair, x, y, u, offset, gain) {
-                    *square = r;
+                if let Some(r) = residual(pair, x, y, u, offset, gain) {
+                    *value = r;
                 }
             }
         });
-    squares
+    out
 }
 
-/// Mean of the finite values in the patch around a pixel; infinite where most are missing.
-fn patch_mean(pair: &Pair, values: &[f32], x: usize, y: usize) -> f32 {
+/// Mean square of the finite values in the patch around a pixel; infinite where most are missing.
+fn patch_mean_square(pair: &Pair, values: &[f32], x: usize, y: usize) -> f32 {
     let (mut sum, mut count) = (0.0f32, 0u32);
     for py in y.saturating_sub(PATCH)..=(y + PATCH).min(pair.height - 1) {
         let row = &values[py * pair.width..(py + 1) * pair.width];
         for value in &row[x.saturating_sub(PATCH)..=(x + PATCH).min(pair.width - 1)] {
             if value.is_finite() {
-                sum += value;
+                sum += value * value;
                 count += 1;
             }
         }
@@ -120,8 +112,17 @@ fn mean_if_enough(sum: f32, count: u32) -> f32 {
 }
 
 /// Replace the displacement of badly explained pixels by the best of the surfaces at the given
-/// distances (px) in eight directions. Returns whether any pixel changed.
-pub fn relocate(pair: &Pair, model: &mut Model, distances: &[usize], noise: f32) -> bool {
+/// distances (px) in eight directions. A change beyond `max_change` (half a period) would be a
+/// change of the fringe order, on which a patch has no say. `residuals` are those of the model as it stands. Returns
+/// whether any pixel changed.
+pub fn relocate(
+    pair: &Pair,
+    model: &mut Model,
+    residuals: &[f32],
+    distances: &[usize],
+    max_change: f32,
+    noise: f32,
+) -> bool {
     let (h, w) = (pair.height as isize, pair.width as isize);
     let bad = (BAD * noise).max(BAD_SHARE);
     let at = |x: isize, y: isize| -> Option<usize> {
@@ -136,9 +137,8 @@ pub fn relocate(pair: &Pair, model: &mut Model, distances: &[usize], noise: f32)
         };
         (along(SLOPE_BASE, 0), along(0, SLOPE_BASE))
     };
-    let squares = own_residuals(pair, model);
     let best_for = |x: usize, y: usize| -> Option<f32> {
-        let own = patch_mean(pair, &squares, x, y);
+        let own = patch_mean_square(pair, residuals, x, y);
         if own <= bad {
             return None;
         }
@@ -150,6 +150,9 @@ pub fn relocate(pair: &Pair, model: &mut Model, distances: &[usize], noise: f32)
                 let Some(i) = at(cx, cy) else { continue };
                 let (sx, sy) = slope(cx, cy);
                 let here = model.displacement[i] - sx * ox as f32 - sy * oy as f32;
+                if (here - model.displacement[y * pair.width + x]).abs() > max_change {
+                    continue;
+                }
                 let cost = patch_cost(pair, (x, y), |dx, dy| {
                     (
                         here + sx * dx as f32 + sy * dy as f32,

@@ -35,6 +35,8 @@ pub struct Node {
 pub struct Limits {
     pub object_noise: f64,
     pub reference_noise: f64,
+    /// Variance of a mean of many pixels' noise over that of independent noise; at least 1.
+    pub noise_correlation: f64,
     /// How far offset and gain are expected to drift from one scale to the next.
     pub drift: f64,
     /// Largest σ of a displacement that is still worth using, px.
@@ -143,7 +145,8 @@ pub fn solve(row: &NodeRow, i: usize, window: &Window, prior: &Prior, limits: &L
         determined: false,
         prior: *prior,
     };
-    let count = window.effective_pixels * weight;
+    let independent_pixels = window.effective_pixels / limits.noise_correlation;
+    let count = independent_pixels * weight;
     if count < 2.0 * N as f64 {
         return undetermined;
     }
@@ -190,21 +193,21 @@ pub fn solve(row: &NodeRow, i: usize, window: &Window, prior: &Prior, limits: &L
         ((q(m::DD) + quadratic) / weight / spread).max(limits.object_noise)
     };
     let mut believed = prior.residual as f64;
-    let mut fit = Fit::new(&a, &r, prior, believed / window.effective_pixels);
+    let mut fit = Fit::new(&a, &r, prior, believed / independent_pixels);
     let mut residual = residual_of(&fit.solution);
     for _ in 0..MAX_REFITS {
         if residual <= REFIT_ABOVE * believed {
             break;
         }
         believed = residual;
-        fit = Fit::new(&a, &r, prior, believed / window.effective_pixels);
+        fit = Fit::new(&a, &r, prior, believed / independent_pixels);
         residual = residual_of(&fit.solution);
     }
     let x = fit.solution;
     let gain = x[1];
     let noise = residual + gain * gain * limits.reference_noise;
     let [var_offset, var_gain, var_shift] =
-        [0, 1, 4].map(|j| noise * fit.variance_factor(j) / window.effective_pixels);
+        [0, 1, 4].map(|j| noise * fit.variance_factor(j) / independent_pixels);
     let sigma = var_shift.sqrt() / gain.abs().max(1e-6);
     let determined = sigma < limits.max_sigma
         && gain > 3.0 * var_gain.sqrt()

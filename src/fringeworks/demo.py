@@ -22,7 +22,15 @@ from fringeworks.types import Capture, HeightMap
 BODIES = ("parabola", "cube", "cylinder")
 CASES: dict[str, dict[str, Any]] = {
     "ideal": {},
-    "camera": {"gamma": 2.2, "noise": 2.0, "bits": 8, "painted": True, "seed": 1},
+    "camera": {
+        "gamma": 2.2,
+        "noise": 2.0,
+        "bits": 8,
+        "painted": True,
+        "fringes": 20,
+        "height_mm": 50.0,
+        "seed": 1,
+    },
 }
 """Settings of the standard scene: ideal, and with projector response, noise, 8 bit and paint."""
 METHODS = ("gsifa", "exact", "fourier", "windowed")
@@ -88,7 +96,7 @@ def _describe(settings: dict[str, Any]) -> str:
         return "γ = 1, no noise, not quantised"
     return (
         f"γ = {settings['gamma']:g}, noise {settings['noise']:g} counts, "
-        f"{settings['bits']} bit, painted"
+        f"{settings['bits']} bit, painted, {settings['fringes']} fringes"
     )
 
 

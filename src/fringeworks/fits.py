@@ -61,32 +61,45 @@ def fit_plane(values: FloatMap, where: BoolMap | None = None) -> Fit:
     return Fit({"offset": offset, "slope_x": slope_x, "slope_y": slope_y}, residual)
 
 
-def fit_cone(values: FloatMap, where: BoolMap) -> Fit:
-    """Least-squares upright cone with an elliptic base: straight flanks, a sharp apex.
+CONE_HARMONICS = 2
+"""A round cone seen and lit obliquely has flanks whose slope varies once and twice a turn."""
 
-    z = apex − √((a·(x − x₀))² + (b·(y − y₀))²). The camera's angle and the displacement itself
-    make the image of a round cone slightly elliptic.
+
+def fit_cone(values: FloatMap, where: BoolMap) -> Fit:
+    """Least-squares cone: straight flanks from a sharp apex, their slope a smooth function of θ.
+
+    z = apex − r·(c₀ + Σ aₘ cos mθ + bₘ sin mθ), m = 1, 2, with r and θ about (x₀, y₀). A round
+    cone under an oblique camera and projector is of this form, not of one with a round base.
 
     Parameters
     ----------
     values : (h, w) float array; NaN is left out.
     where : (h, w) bool array
         Pixels on the cone, its rim left out.
+
+    Returns
+    -------
+    Fit with the parameters apex, x, y and slope (c₀), in the values' unit and px.
     """
-    chosen = _chosen(values, where, 10)
+    chosen = _chosen(values, where, 20)
     y, x = np.nonzero(chosen)
     z = values[chosen].astype(np.float64)
-    top = np.percentile(z, 99)
-    radius = np.sqrt(chosen.sum() / np.pi)
-    steep = (top - np.percentile(z, 1)) / radius
+    low, top = np.percentile(z, (1, 99.8))
     high = z >= np.percentile(z, 95)
-    start = np.array([top, steep, steep, x[high].mean(), y[high].mean()])
+    slope = (top - low) / np.sqrt(chosen.sum() / np.pi)
+    start = np.zeros(4 + 2 * CONE_HARMONICS)
+    start[:4] = top, x[high].mean(), y[high].mean(), slope
 
     def misfit(p: np.ndarray) -> np.ndarray:
-        return np.asarray(p[0] - np.hypot(p[1] * (x - p[3]), p[2] * (y - p[4])) - z)
+        dx, dy = x - p[1], y - p[2]
+        angle = np.arctan2(dy, dx)
+        steepness = np.full(angle.shape, p[3])
+        for m in range(1, CONE_HARMONICS + 1):
+            steepness += p[2 + 2 * m] * np.cos(m * angle) + p[3 + 2 * m] * np.sin(m * angle)
+        return np.asarray(p[0] - np.hypot(dx, dy) * steepness - z)
 
     found = optimize.least_squares(misfit, start)
     residual = np.full(values.shape, np.nan)
     residual[chosen] = -found.fun
-    names = ("apex", "slope_x", "slope_y", "x", "y")
-    return Fit({name: float(v) for name, v in zip(names, found.x, strict=True)}, residual)
+    names = ("apex", "x", "y", "slope")
+    return Fit({name: float(v) for name, v in zip(names, found.x[:4], strict=True)}, residual)

@@ -8,6 +8,9 @@ use super::extrema::Extremum;
 /// that taking it for real would bring, and so must a pair that is missing (an order jump). Of two
 /// explanations that are otherwise equal the one with the smaller displacement wins: the
 /// background is the reference plane.
+/// Change of displacement between neighbours, in periods, that the scatter of an extremum on a
+/// flat or rippled top explains by itself.
+const SCATTER: f64 = 0.4;
 const ORDER_JUMP: f64 = 0.75;
 const UNEXPLAINED: f64 = 0.4;
 const SMALL_DISPLACEMENT: f64 = 0.02;
@@ -58,7 +61,7 @@ pub fn match_orders(
                     };
                     let cost = state.cost
                         + own
-                        + (displacement - state.displacement).abs() / period
+                        + ((displacement - state.displacement).abs() / period - SCATTER).max(0.0)
                         + jump
                         + UNEXPLAINED * (back - 1) as f64;
                     if cost < best.cost {

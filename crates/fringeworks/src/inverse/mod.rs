@@ -5,6 +5,7 @@
 
 mod extrema;
 mod matching;
+mod neighbours;
 mod part;
 
 use crate::spline::{uniform_slopes, RowSpline};
@@ -111,6 +112,7 @@ pub fn invert(
                 scratch.invert_row(reference, object, mask, options, &mut out);
             },
         );
+    neighbours::mark_slipped_orders(&mut field, width, options.period);
     Ok(field)
 }
 

@@ -109,6 +109,14 @@ struct Estimate {
     disagreement: Option<BlockMeans>,
 }
 
+impl Estimate {
+    fn disagreement_at(&self, x: usize, y: usize) -> f32 {
+        self.disagreement
+            .as_ref()
+            .map_or(0.0, |means| means.at(x, y))
+    }
+}
+
 /// Refine the displacement `start` (px) of every pixel.
 pub fn invert(pair: &Pair, start: &[f32], options: &Options) -> Result<Field, Error> {
     check(pair, start, options)?;
@@ -268,6 +276,21 @@ fn estimate(u: &[f32], width: usize, grid: &Grid, factor: f32) -> Estimate {
     }
 }
 
+/// Whether the estimate of scale `k` agrees with those of all finer scales at a pixel.
+///
+/// The differences are averaged over the coarser window's blocks: the finer estimate's noise
+/// scatters there, its bias does not. An undetermined window contradicts nothing.
+fn agrees(estimates: &[Estimate], k: usize, x: usize, y: usize, i: usize, confidence: f32) -> bool {
+    if !estimates[k].sigma[i].is_finite() {
+        return false;
+    }
+    let mut difference = 0.0;
+    estimates[k..].windows(2).all(|pair| {
+        difference += pair[0].disagreement_at(x, y);
+        difference.abs() <= confidence * pair[1].sigma[i]
+    })
+}
+
 /// Per pixel: the first (largest) window that agrees with every later one.
 ///
 /// Agreement leaves room for a bias of the order of the finer window's noise, so the error bar
@@ -281,14 +304,6 @@ fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
         scale: vec![NONE; n],
         noise_correlation: 1.0,
     };
-    let agrees = |k: usize, i: usize| {
-        let value = estimates[k].displacement[i];
-        estimates[k].sigma[i].is_finite()
-            && estimates[k + 1..].iter().all(|finer| {
-                // An undetermined window has an infinite σ and contradicts nothing.
-                (finer.displacement[i] - value).abs() <= confidence * finer.sigma[i]
-            })
-    };
     field
         .displacement
         .par_chunks_mut(width)
@@ -299,11 +314,13 @@ fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
         .for_each(|(y, (((displacement, sigma), gain), scale))| {
             for x in 0..width {
                 let i = y * width + x;
-                let Some(k) = (0..estimates.len()).find(|k| agrees(*k, i)) else {
+                let Some(k) =
+                    (0..estimates.len()).find(|k| agrees(estimates, *k, x, y, i, confidence))
+                else {
                     continue;
                 };
                 let kept = &estimates[k];
-                let bias = kept.disagreement.as_ref().map_or(0.0, |d| d.at(x, y));
+                let bias = kept.disagreement_at(x, y);
                 displacement[x] = kept.displacement[i];
                 sigma[x] = kept.sigma[i].hypot(bias);
                 gain[x] = kept.gain[i];

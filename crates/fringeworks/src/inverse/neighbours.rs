@@ -1,0 +1,57 @@
+//! Rows are matched one by one; a row whose order slipped gives itself away beside its neighbours.
+
+use super::Field;
+use crate::reason;
+use rayon::prelude::*;
+
+/// Rows above and below that have a say.
+const REACH: usize = 3;
+/// Displacements further apart than this, in periods, are of different orders.
+const SLIP: f64 = 0.6;
+
+/// Clear the pixels whose order no majority of the rows around them shares.
+///
+/// A surface's own edge along the rows passes: on either side of it at least half of the rows
+/// are of the same surface.
+pub fn mark_slipped_orders(field: &mut Field, width: usize, period: f64) {
+    let height = field.displacement.len() / width;
+    if height < 2 * REACH + 1 {
+        return;
+    }
+    let before = &field.displacement;
+    let slipped: Vec<Vec<usize>> = (0..height)
+        .into_par_iter()
+        .map(|y| {
+            let first = y.saturating_sub(REACH).min(height - 2 * REACH - 1);
+            let mut values = [0.0f64; 2 * REACH + 1];
+            (0..width)
+                .filter(|x| {
+                    let own = before[y * width + x];
+                    if !own.is_finite() {
+                        return false;
+                    }
+                    let mut count = 0;
+                    for row in first..=first + 2 * REACH {
+                        let value = before[row * width + x];
+                        if value.is_finite() {
+                            values[count] = value;
+                            count += 1;
+                        }
+                    }
+                    let around = &values[..count];
+                    let near = around
+                        .iter()
+                        .filter(|v| (*v - own).abs() <= SLIP * period)
+                        .count();
+                    2 * near <= count
+                })
+                .map(|x| y * width + x)
+                .collect()
+        })
+        .collect();
+    for i in slipped.into_iter().flatten() {
+        field.displacement[i] = f64::NAN;
+        field.slope[i] = f64::NAN;
+        field.reason[i] = reason::ORDER_AMBIGUOUS;
+    }
+}

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+from scipy import fft, signal
 
 from fringeworks.types import Axis, FloatMap, InputError
 
 MIN_PERIODS = 2.0
 """Fewer fringes than this across the frame are not told from shading."""
 MIN_SHARE = 0.2
-"""Least share of the row spectrum's energy that must lie in the carrier's line."""
+"""Least share of the frame's contrast that must lie in the carrier's line."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Carrier:
     period_px: float
     """Mean period along the axis, px."""
     share: float
-    """Share of the spectrum's energy (without background) in the carrier's line, 0…1."""
+    """Share of the frame's contrast in the carrier's line, 0…1."""
 
 
 def _line(frame: FloatMap) -> tuple[float, float, float]:
@@ -31,9 +31,12 @@ def _line(frame: FloatMap) -> tuple[float, float, float]:
     n = frame.shape[1]
     if n < 8:
         return 0.0, 0.0, 0.0
-    centred = frame - frame.mean(axis=1, keepdims=True)
-    spectrum = np.abs(fft.rfft(centred * np.hanning(n), axis=1, workers=-1)) ** 2
-    power = spectrum.mean(axis=0)
+    # Shading is mostly a slope along the row; what differs between the rows' means counts against
+    # the line as well, in the spectrum's units (Parseval).
+    window = np.hanning(n)
+    spectrum = np.abs(fft.rfft(signal.detrend(frame, axis=1) * window, axis=1, workers=-1)) ** 2
+    power = spectrum.mean(axis=0) / n**2
+    across = 0.5 * float(frame.mean(axis=1).var() * np.mean(window**2))
     first = max(2, int(np.ceil(MIN_PERIODS)))
     # Beyond half the Nyquist frequency a fringe has fewer than four samples: not measurable.
     inside = power[first : n // 4 + 1]
@@ -45,7 +48,7 @@ def _line(frame: FloatMap) -> tuple[float, float, float]:
     # A Hann window's line is three bins wide; its centre of gravity is the sub-bin frequency.
     core = slice(peak - 1, peak + 2)
     frequency = float(np.dot(np.arange(peak - 1, peak + 2), power[core]) / power[core].sum()) / n
-    return frequency, energy, energy / float(power[1:].sum())
+    return frequency, energy, energy / (across + float(power.sum()))
 
 
 def find_carrier(frame: FloatMap, axis: Axis | None = None) -> Carrier:
@@ -70,7 +73,8 @@ def find_carrier(frame: FloatMap, axis: Axis | None = None) -> Carrier:
     for name in ("x", "y"):
         if axis in (None, name):
             candidates[name] = _line(frame if name == "x" else frame.T)
-    best = max(candidates, key=lambda name: candidates[name][1])
+    # A tilted fringe shows on both axes with equal energy: it is steepest where it is fastest.
+    best = max(candidates, key=lambda name: candidates[name][0] * candidates[name][1])
     frequency, _, share = candidates[best]
     if frequency <= 0.0 or share < MIN_SHARE:
         where = f"along {axis}" if axis else "along x or y"

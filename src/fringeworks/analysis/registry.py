@@ -60,8 +60,8 @@ def method(name: str) -> Callable[[Analysis], Analysis]:
 def methods() -> dict[str, Method]:
     """All registered methods by name, in the order of registration.
 
-    >>> list(methods())
-    ['ifa', 'sifa', 'gsifa', 'exact', 'fourier', 'windowed']
+    >>> "gsifa" in methods()
+    True
     """
     return dict(_METHODS)
 

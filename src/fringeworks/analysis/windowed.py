@@ -11,7 +11,7 @@ from fringeworks import _core
 from fringeworks.analysis.fourier import fourier
 from fringeworks.analysis.pair import FringePair
 from fringeworks.analysis.registry import Solution, method
-from fringeworks.types import FloatMap, InputError, Reason
+from fringeworks.types import BoolMap, FloatMap, InputError, Reason
 
 SCALES = (32.0, 16.0, 8.0, 4.0, 2.0)
 """Widths σ of the Gaussian windows, px."""
@@ -25,6 +25,10 @@ MAX_SIGMA = 1.0 / 25.0
 """Estimates less certain than this share of a period are no estimates."""
 DRIFT = 0.01
 """How far offset and gain may drift between scales, share of the modulation."""
+MIN_ROWS = 8
+"""Fewer rows leave the displacement's slope across them open."""
+MAX_GAP = 0.25
+"""Gaps in the data are bridged up to this distance from usable samples, periods."""
 MIN_NOISE = 1e-3
 """Floor of the noise's standard deviation, share of the modulation: single precision's sums."""
 MIN_EXPLAINED = 0.3
@@ -103,6 +107,11 @@ def windowed(
     frames share cancels. σ comes from the normal equations with the residual's variance and the
     reference's noise. Starts from ``fourier``, smoothed.
     """
+    if pair.reference.shape[0] < MIN_ROWS:
+        raise InputError(
+            f"windowed: expected at least {MIN_ROWS} rows along the fringes, got "
+            f"{pair.reference.shape[0]}; single rows are for ifa, sifa, gsifa and exact"
+        )
     widths = _check_scales(pair, scales)
     if not 1 <= iterations <= 100:
         raise InputError(f"iterations: expected 1 to 100, got {iterations}")
@@ -132,6 +141,7 @@ def windowed(
     column = np.arange(displacement.shape[1]) - displacement
     outside = kept & ((column < -1.0) | (column > displacement.shape[1]))
     reason[outside] = Reason.OUTSIDE
+    reason[_far_from_data(pair)] = Reason.MASKED
     reason[~kept & _dark(pair)] = Reason.LOW_MODULATION
     steps = np.where(kept, (scale + 1.0) * iterations, len(widths) * iterations)
     return Solution(
@@ -161,7 +171,15 @@ def _check_scales(pair: FringePair, scales: Sequence[float] | None) -> list[floa
     return widths
 
 
-def _dark(pair: FringePair) -> np.ndarray:
+def _far_from_data(pair: FringePair) -> BoolMap:
+    """True where the nearest usable sample is so far that a window could only extrapolate."""
+    if pair.object_ok.all():
+        return np.zeros(pair.object_ok.shape, bool)
+    gap = ndimage.distance_transform_edt(~pair.object_ok)
+    return np.asarray(gap > MAX_GAP * pair.period)
+
+
+def _dark(pair: FringePair) -> BoolMap:
     """True where the object frame's local contrast is not told from noise."""
     size = max(3, int(np.ceil(pair.period)))
     mean = ndimage.uniform_filter(pair.object, size)

@@ -55,3 +55,27 @@ pub fn mark_slipped_orders(field: &mut Field, width: usize, period: f64) {
         field.reason[i] = reason::ORDER_AMBIGUOUS;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slipped_row_is_cleared_and_an_edge_is_kept() {
+        let (height, width) = (20, 8);
+        let mut displacement = vec![0.0; height * width];
+        // A step of the surface along the rows, and one row that slipped by a period.
+        displacement[12 * width..].fill(15.0);
+        displacement[5 * width..6 * width].fill(20.0);
+        let mut field = Field {
+            slope: vec![1.0; height * width],
+            reason: vec![reason::OK; height * width],
+            displacement,
+        };
+        mark_slipped_orders(&mut field, width, 20.0);
+        for (i, value) in field.displacement.iter().enumerate() {
+            assert_eq!(value.is_nan(), i / width == 5, "row {}", i / width);
+            assert_eq!(field.reason[i] == reason::OK, i / width != 5);
+        }
+    }
+}

@@ -139,7 +139,7 @@ pub fn relocate(
     };
     let best_for = |x: usize, y: usize| -> Option<f32> {
         let own = patch_mean_square(pair, residuals, x, y);
-        if own <= bad {
+        if !own.is_finite() || own <= bad {
             return None;
         }
         let mut best = (IMPROVEMENT * own, None);

@@ -1,0 +1,61 @@
+# demo · test · check · bench · docs: the only entry points. Each makes its own .venv and needs
+# nothing but python3 (3.11 or later), cargo and make.
+
+PYTHON ?= python3
+VENV := $(CURDIR)/.venv
+BENCH_VENV := $(CURDIR)/.venv-bench
+BIN := $(VENV)/bin
+PIP := -m pip install --quiet --disable-pip-version-check
+export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
+
+RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
+WORK ?=
+
+.PHONY: demo test check bench docs clean
+
+demo: $(VENV)/.built
+	$(BIN)/fringeworks demo --out demo
+
+test: $(VENV)/.built
+	cargo test --quiet
+	$(BIN)/python -m pytest
+
+check: $(VENV)/.built
+	cargo fmt --check
+	cargo clippy --quiet --all-targets -- -D warnings
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest fringeworks._core
+
+bench: $(BENCH_VENV)/.built
+	$(BENCH_VENV)/bin/python -m benchmarks --out benchmarks/results.json $(if $(WORK),--work $(WORK))
+
+docs: $(VENV)/.built
+	$(BIN)/python -m mkdocs build --strict --quiet --site-dir site
+
+clean:
+	rm -rf $(VENV) $(BENCH_VENV) target site demo
+
+$(VENV)/.ready: requirements/dev.txt constraints.txt
+	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) is missing: install Python 3.11 or later"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "$(PYTHON) is too old: install Python 3.11 or later"; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { echo "the venv module of $(PYTHON) is missing: install python3-venv"; exit 1; }
+	@command -v cargo >/dev/null || { echo "cargo is missing: install Rust 1.87 or later"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python $(PIP) -r requirements/dev.txt
+	@touch $@
+
+$(VENV)/.built: $(VENV)/.ready pyproject.toml $(RUST)
+	VIRTUAL_ENV=$(VENV) $(BIN)/maturin develop --release --locked --quiet
+	@touch $@
+
+$(BENCH_VENV)/.ready: requirements/bench.txt constraints.txt
+	@command -v cargo >/dev/null || { echo "cargo is missing: install Rust 1.87 or later"; exit 1; }
+	$(PYTHON) -m venv $(BENCH_VENV)
+	$(BENCH_VENV)/bin/python $(PIP) -r requirements/bench.txt
+	@touch $@
+
+$(BENCH_VENV)/.built: $(BENCH_VENV)/.ready pyproject.toml $(RUST)
+	VIRTUAL_ENV=$(BENCH_VENV) $(BENCH_VENV)/bin/maturin develop --release --locked --quiet
+	@touch $@

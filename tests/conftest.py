@@ -1,0 +1,52 @@
+"""Shared scenes, and the folder of real captures."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fringeworks.simulate import standard_scene
+from fringeworks.types import Capture
+
+DATA_VARIABLE = "FRINGEWORKS_DATA"
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """Folder of real captures; tests that want it skip, visibly, where it is not given."""
+    folder = os.environ.get(DATA_VARIABLE)
+    if not folder:
+        pytest.skip(f"{DATA_VARIABLE} is not set: no real captures")
+    path = Path(folder)
+    if not path.is_dir():
+        pytest.fail(f"{DATA_VARIABLE}={folder} is no folder")
+    return path
+
+
+@cache
+def _scene(items: tuple[tuple[str, Any], ...]) -> Capture:
+    settings = dict(items)
+    scene = standard_scene(settings.pop("name"), **settings)
+    for array in (scene.reference, scene.object, scene.truth_mm):
+        assert array is not None
+        array.setflags(write=False)
+    return scene
+
+
+def scene(name: str = "parabola", **settings: Any) -> Capture:
+    """A standard scene, made once per set of settings; its arrays are read-only."""
+    return _scene(tuple(sorted({"name": name, **settings}.items())))
+
+
+def true_displacement(capture: Capture) -> np.ndarray:
+    """The displacement that a simulated capture holds, px."""
+    from fringeworks.geometry import displacement_from_height
+
+    assert capture.truth_mm is not None
+    assert capture.geometry is not None
+    return displacement_from_height(capture.truth_mm, capture.geometry)

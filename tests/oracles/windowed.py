@@ -1,0 +1,287 @@
+"""Readable twin of the windowed inversion: dense NumPy, one window after the other.
+
+Everything but the search for cliffs, which the scenes it is compared on do not have.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+RADIUS, MARGIN = 6, 2.0
+
+
+class Window:
+    """Block width and block weights of one scale."""
+
+    def __init__(self, sigma: float) -> None:
+        self.block = max(1, int(np.floor(sigma / 2.0 + 0.5)))
+        k = np.arange(-RADIUS, RADIUS + 1)
+        w = np.exp(-0.5 * (k / (sigma / self.block)) ** 2)
+        self.weight = w / (w.sum() * self.block)
+        self.effective_pixels = 1.0 / (np.sum(self.weight**2) * self.block) ** 2
+
+    def nodes(self, n: int) -> int:
+        return -(-n // self.block)
+
+    def pixel_weights(self, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """Weight of every pixel for every node along one axis, and its offset from the node."""
+        node = np.arange(self.nodes(n))[:, None]
+        pixel = np.arange(n)[None, :]
+        step = pixel // self.block - node
+        inside = np.abs(step) <= RADIUS
+        w = np.where(inside, self.weight[np.clip(step + RADIUS, 0, 2 * RADIUS)], 0.0)
+        return w, pixel - ((node + 0.5) * self.block - 0.5)
+
+
+def warp(spline, u):
+    """Reference value and slope at x − u, and whether that lies inside."""
+    h, w = u.shape
+    position = np.arange(w)[None, :] - u.astype(np.float32).astype(np.float64)
+    inside = (position >= MARGIN) & (position <= w - 1 - MARGIN)
+    at = np.clip(position, MARGIN, w - 1 - MARGIN)
+    rows = np.broadcast_to(np.arange(h)[:, None], at.shape)
+    k = np.floor(at).astype(int)
+    t = at - k
+    c = [spline[rows, k + i] for i in range(4)]
+    value = (
+        c[0] * (1 - t) ** 3
+        + c[1] * (3 * t**3 - 6 * t**2 + 4)
+        + c[2] * (-3 * t**3 + 3 * t**2 + 3 * t + 1)
+        + c[3] * t**3
+    ) / 6
+    slope = (
+        -c[0] * (1 - t) ** 2
+        + c[1] * (3 * t**2 - 4 * t)
+        + c[2] * (1 + 2 * t - 3 * t**2)
+        + c[3] * t**2
+    ) / 2
+    return np.where(inside, value, 0), np.where(inside, slope, 0), inside.astype(float)
+
+
+def solve_node(weights, dx, dy, s, g, m, d, window, prior, limits):
+    """Least squares of one window over (a, b, b δ, b δ_x, b δ_y), with the prior on a and b."""
+    w = weights * m
+    count = window.effective_pixels / limits["noise_correlation"] * w.sum()
+    if count < 10:
+        return None
+    columns = np.stack([np.ones_like(s), s, -g, -g * dx, -g * dy])
+    normal = np.einsum("iyx,jyx,yx->ij", columns, columns, w)
+    right = np.einsum("iyx,yx,yx->i", columns, d, w)
+    independent = window.effective_pixels / limits["noise_correlation"]
+
+    def fit(believed):
+        pull = np.zeros((5, 5))
+        pull[0, 0] = believed / independent / prior["offset_variance"]
+        pull[1, 1] = believed / independent / prior["gain_variance"]
+        full = normal + pull
+        rhs = right + pull @ np.array([prior["offset"], prior["gain"], 0, 0, 0])
+        scale = np.sqrt(np.diag(full))
+        inverse = np.linalg.inv(full / np.outer(scale, scale) + 1e-9 * np.eye(5))
+        x = inverse @ (rhs / scale) / scale
+        misfit = d - np.einsum("i,iyx->yx", x, columns)
+        spread = max(1 - 5 / count, 0.2)
+        residual = max((w * misfit**2).sum() / w.sum() / spread, limits["object_noise"])
+        return x, residual, np.diag(inverse) / scale**2
+
+    believed = prior["residual"]
+    x, residual, variance = fit(believed)
+    for _ in range(3):
+        if residual <= 1.5 * believed:
+            break
+        believed = residual
+        x, residual, variance = fit(believed)
+    noise = residual + x[1] ** 2 * limits["reference_noise"]
+    var = noise * variance / independent
+    sigma = np.sqrt(var[2]) / max(abs(x[1]), 1e-6)
+    determined = (
+        sigma < limits["max_sigma"]
+        and x[1] > 3 * np.sqrt(var[1])
+        and residual < (1 - limits["min_explained"]) * 0.5 * x[1] ** 2 + limits["object_noise"]
+    )
+    if not determined:
+        return None
+    excess = max(residual - 1.2 * limits["object_noise"], 0) + limits["drift"] ** 2
+    return {
+        "delta": x[2] / x[1],
+        "slope_x": x[3] / x[1],
+        "slope_y": x[4] / x[1],
+        "sigma": sigma,
+        "prior": {
+            "offset": x[0],
+            "gain": x[1],
+            "offset_variance": excess + var[0],
+            "gain_variance": excess + var[1],
+            "residual": residual,
+        },
+    }
+
+
+LOOSE = {
+    "offset": 0.0,
+    "gain": 1.0,
+    "offset_variance": 1.0,
+    "gain_variance": 1.0,
+    "residual": 0.01,
+}
+
+
+def corners(x, y, block, rows, columns):
+    """The four nodes around a pixel and their bilinear weights."""
+    px = np.clip((x + 0.5) / block - 0.5, 0, columns - 1)
+    py = np.clip((y + 0.5) / block - 0.5, 0, rows - 1)
+    c, r = int(px), int(py)
+    tx, ty = px - c, py - r
+    c1, r1 = min(c + 1, columns - 1), min(r + 1, rows - 1)
+    return [
+        (r, c, (1 - tx) * (1 - ty)),
+        (r, c1, tx * (1 - ty)),
+        (r1, c, (1 - tx) * ty),
+        (r1, c1, tx * ty),
+    ]
+
+
+def blend(grid, window, x, y, rows, columns):
+    """Weighted mean of the determined nodes' affine solutions at a pixel, or None."""
+    total, out = 0.0, np.zeros(4)
+    for r, c, weight in corners(x, y, window.block, rows, columns):
+        node = grid[r][c]
+        if not node["determined"] or weight <= 0:
+            continue
+        dx = x - ((c + 0.5) * window.block - 0.5)
+        dy = y - ((r + 0.5) * window.block - 0.5)
+        delta = node["delta"] + node["slope_x"] * dx + node["slope_y"] * dy
+        gain, offset = node["prior"]["gain"], node["prior"]["offset"]
+        out += weight * np.array([delta, node["sigma"], gain, offset])
+        total += weight
+    return out / total if total > 0 else None
+
+
+def solve_grid(spline, d, u, window, coarser, limits):
+    """All windows of one scale about the field ``u``."""
+    h, w = d.shape
+    s, g, m = warp(spline, u)
+    wx, dx = window.pixel_weights(w)
+    wy, dy = window.pixel_weights(h)
+    grid = []
+    for r in range(window.nodes(h)):
+        line = []
+        for c in range(window.nodes(w)):
+            prior = LOOSE
+            if coarser is not None:
+                old, old_window = coarser
+                x, y = (c + 0.5) * window.block - 0.5, (r + 0.5) * window.block - 0.5
+                around = corners(x, y, old_window.block, len(old), len(old[0]))
+                prior = {
+                    key: sum(t * old[i][j]["prior"][key] for i, j, t in around) for key in LOOSE
+                }
+            weights = wy[r][:, None] * wx[c][None, :]
+            node = solve_node(
+                weights, dx[c][None, :], dy[r][:, None], s, g, m, d, window, prior, limits
+            )
+            if node is None:
+                line.append({"determined": False, "prior": prior})
+            else:
+                line.append({"determined": True, **node})
+        grid.append(line)
+    return grid
+
+
+def at_pixels(grid, window, shape):
+    """δ, σ, gain and offset of every pixel; NaN, ∞, NaN, 0 where no node says anything."""
+    out = np.empty((4, *shape))
+    for y in range(shape[0]):
+        for x in range(shape[1]):
+            found = blend(grid, window, x, y, len(grid), len(grid[0]))
+            out[:, y, x] = (np.nan, np.inf, np.nan, 0.0) if found is None else found
+    return out
+
+
+def noise_correlation(residual, limits):
+    """25 (median |block mean| / median |residual|)², less the reference's share; 1 … 25."""
+    h, w = residual.shape
+    tiles = residual[: h // 5 * 5, : w // 5 * 5].reshape(h // 5, 5, w // 5, 5).swapaxes(1, 2)
+    complete = np.isfinite(tiles).all(axis=(2, 3))
+    means = np.sort(np.abs(tiles[complete].mean(axis=(1, 2))))
+    singles = np.sort(np.abs(tiles[complete][:, 2, 2]))
+    ratio = means[means.size // 2] / singles[singles.size // 2]
+    found = np.clip(25 * ratio**2, 1, 25) - limits["reference_noise"] / limits["object_noise"]
+    return max(found, 1.0)
+
+
+def block_means(values, window):
+    """Mean of the finite values of each block; 0 where there is none."""
+    h, w = values.shape
+    rows, columns = window.nodes(h), window.nodes(w)
+    out = np.zeros((rows, columns))
+    b = window.block
+    for r in range(rows):
+        for c in range(columns):
+            tile = values[r * b : (r + 1) * b, c * b : (c + 1) * b]
+            tile = tile[np.isfinite(tile)]
+            out[r, c] = tile.mean() if tile.size else 0.0
+    return out
+
+
+def upsample(means, window, shape):
+    """Bilinear interpolation of block means at pixels."""
+    y = np.clip((np.arange(shape[0]) + 0.5) / window.block - 0.5, 0, means.shape[0] - 1)
+    x = np.clip((np.arange(shape[1]) + 0.5) / window.block - 0.5, 0, means.shape[1] - 1)
+    return map_coordinates(means, np.meshgrid(y, x, indexing="ij"), order=1)
+
+
+def invert(spline, d, start, scales, iterations, period, confidence, limits):
+    """Displacement, σ, gain and scale per pixel, and the noise correlation."""
+    limits = {**limits, "noise_correlation": 1.0}
+    c = [-((-1) ** j) * _binomial(iterations, j) for j in range(1, iterations + 1)]
+    pairs = [(j, k) for j in range(iterations) for k in range(iterations)]
+    factor = np.sqrt(sum(c[j] * c[k] * 2 / (j + k + 2) for j, k in pairs))
+    u, coarser = start.copy(), None
+    values, sigmas, gains, windows = [], [], [], []
+    for scale in scales:
+        window = Window(scale)
+        for _ in range(iterations):
+            grid = solve_grid(spline, d, u, window, coarser, limits)
+            delta, sigma, gain, offset = at_pixels(grid, window, d.shape)
+            u = u + np.nan_to_num(np.clip(delta, -period / 4, period / 4))
+        widening = 1.0
+        if coarser is None:
+            s, _, m = warp(spline, u)
+            left = d - offset - np.nan_to_num(gain, nan=1.0) * s
+            limits["noise_correlation"] = noise_correlation(np.where(m > 0, left, np.nan), limits)
+            widening = np.sqrt(limits["noise_correlation"])
+        coarser = (grid, window)
+        values.append(u.copy())
+        sigmas.append(sigma * factor * widening)
+        gains.append(gain)
+        windows.append(window)
+    return (*select(values, sigmas, gains, windows, confidence), limits["noise_correlation"])
+
+
+def _binomial(n, k):
+    return 1 if k in (0, n) else _binomial(n - 1, k - 1) + _binomial(n - 1, k)
+
+
+def select(values, sigmas, gains, windows, confidence):
+    """The largest window that agrees with all finer ones, and its error bar."""
+    shape = values[0].shape
+    steps = []
+    for k in range(len(values) - 1):
+        both = np.isfinite(sigmas[k]) & np.isfinite(sigmas[k + 1])
+        difference = np.where(both, values[k + 1] - values[k], np.nan)
+        steps.append(upsample(block_means(difference, windows[k]), windows[k], shape))
+    steps.append(np.zeros(shape))
+    chosen = np.full(shape, 255)
+    out = [np.full(shape, np.nan) for _ in range(3)]
+    for k in range(len(values)):
+        agrees = np.isfinite(sigmas[k]) & (chosen == 255)
+        total = np.zeros(shape)
+        for j in range(k, len(values) - 1):
+            total = total + steps[j]
+            agrees &= np.abs(total) <= confidence * sigmas[j + 1]
+        chosen[agrees] = k
+        for target, source in zip(
+            out, (values[k], np.hypot(sigmas[k], steps[k]), gains[k]), strict=True
+        ):
+            target[agrees] = source[agrees]
+    return (*out, chosen)

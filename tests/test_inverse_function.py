@@ -1,0 +1,136 @@
+"""Inverse function analysis: kernels against SciPy oracles, and the dissertation's bars."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fringeworks import Reason, _core, reconstruct
+from fringeworks.analysis.inverse_function import find_extrema
+from fringeworks.evaluate import errors
+from tests.conftest import scene
+from tests.oracles import inverse_function as oracle
+
+
+def rows(gamma=1.0, n=300, period=30.0, height=5.0):
+    x = np.arange(n, dtype=float)
+    u = height * np.exp(-(((x - 150) / 50) ** 2))
+    wave = lambda t: 255 * (0.5 + 0.5 * np.cos(2 * np.pi * (t - 4.3) / period)) ** gamma  # noqa: E731
+    return wave(x), wave(x - u), u
+
+
+def invert(reference, object_, method, period=30.0):
+    return _core.invert_rows(
+        np.ascontiguousarray(reference[None]),
+        np.ascontiguousarray(object_[None]),
+        np.ones((1, reference.size), np.uint8),
+        method=method,
+        degree=9,
+        n_resample=10,
+        period=period,
+        prominence=0.3,
+        floor=0.0,
+        max_displacement=4 * period,
+        tolerance=0.05,
+        albedo_tolerance=np.inf,
+    )
+
+
+@pytest.mark.parametrize("method", ["sifa", "gsifa", "exact"])
+@pytest.mark.parametrize("gamma", [1.0, 1.5])
+def test_kernels_agree_with_their_oracles(method, gamma):
+    s, d, _ = rows(gamma)
+    found = invert(s, d, method)[0][0]
+    expected = oracle.invert_row(s, d, 30.0, method)
+    assert np.isnan(found).sum() == np.isnan(expected).sum() == 0
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_ifa_agrees_with_polyfit_of_the_chosen_degree():
+    """On a part that is a polynomial in the intensity, any sufficient degree is exact."""
+    x = np.arange(200.0)
+    period = 40.0
+    triangle = np.abs((x + 7) % period - period / 2)  # straight flanks: x is linear in I
+    u = invert(triangle, triangle, "ifa", period)[0][0]
+    inner = np.s_[30:170]
+    away = (triangle > 2) & (triangle < 18)
+    assert np.abs(u[inner][away[inner]]).max() < 1e-6
+
+
+def test_extrema_agree_with_the_oracle():
+    _, d, _ = rows()
+    expected = np.array(oracle.extrema(d, 30.0))
+    found = find_extrema(d, 30.0)
+    np.testing.assert_allclose(found.position_px, expected[:, 0], atol=1e-9)
+    np.testing.assert_allclose(found.value, expected[:, 1], atol=1e-9)
+    assert (np.diff(found.is_maximum.astype(int)) != 0).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_extrema_survive_noise_quantisation_and_plateaus(seed):
+    rng = np.random.default_rng(seed)
+    x = np.arange(1000.0)
+    row = 255 * (0.5 + 0.5 * np.cos(2 * np.pi * (x - 30) / 100)) ** 2.2
+    noisy = np.clip(np.rint(row + 3 * rng.standard_normal(x.size)), 0, 230)  # saturates
+    found = find_extrema(noisy, 100.0, noise=3.0)
+    # The first and the last half period are cut off by the frame.
+    inner = (found.position_px > 25) & (found.position_px < 955)
+    expected = np.arange(30, 950, 50.0)
+    assert inner.sum() == expected.size
+    assert np.abs(found.position_px[inner] - expected).max() < 10
+    assert (found.is_maximum[inner] == (np.arange(expected.size) % 2 == 0)).all()
+
+
+def test_counts_may_differ():
+    """A fringe hidden from view costs its own surroundings, not the row."""
+    s, _, _ = rows()
+    d = s.copy()
+    d[120:150] = np.linspace(d[120], d[150], 30)
+    u, _, reason = (a[0] for a in invert(s, d, "exact"))
+    away = np.r_[0:100, 170:300]
+    assert (reason[away] == Reason.OK).all()
+    assert np.abs(u[away]).max() < 0.05
+
+
+def test_light_from_beyond_the_reference_frame_is_outside():
+    x = np.arange(200.0)
+    s = 100 + 50 * np.cos(2 * np.pi * (x - 5) / 40)
+    d = 100 + 50 * np.cos(2 * np.pi * (x - 5 - 17) / 40)
+    u, _, reason = (a[0] for a in invert(s, d, "exact", 40.0))
+    assert reason[2] == Reason.OUTSIDE
+    assert np.isnan(u[2])
+    np.testing.assert_allclose(u[30:180], 17.0, atol=1e-2)
+
+
+def test_object_without_fringes():
+    s, _, _ = rows()
+    _, _, reason = invert(s, np.linspace(100, 110, s.size), "gsifa")
+    assert (reason == Reason.LOW_MODULATION).all()
+
+
+def bars(method, gamma=1.0):
+    capture = scene("parabola", gamma=gamma)
+    return errors(reconstruct(capture, method).surface, capture.truth_mm)
+
+
+def test_published_errors_are_reached():
+    """Theory §3: the standard scene, ideal."""
+    found = {name: bars(name) for name in ("ifa", "sifa", "gsifa", "exact")}
+    assert found["gsifa"].mean_abs_error_mm <= 0.0023
+    assert found["gsifa"].std_error_mm <= 0.0188
+    assert (
+        found["gsifa"].mean_abs_error_mm
+        < found["sifa"].mean_abs_error_mm
+        < found["ifa"].mean_abs_error_mm
+    )
+    assert 0.1 <= found["ifa"].mean_abs_error_mm <= 1.0
+    assert found["exact"].mean_abs_error_mm <= 0.0001
+    assert found["exact"].std_error_mm <= 0.001
+    assert all(f.failed_fraction < 0.002 for f in found.values())
+
+
+def test_strong_response():
+    """γ = 2.2: the flat minima keep the aim (0.0023, 0.0188) out of reach; what is reached."""
+    found = bars("exact", gamma=2.2)
+    assert found.mean_abs_error_mm < 0.006
+    assert found.std_error_mm < 0.09

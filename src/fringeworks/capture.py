@@ -6,9 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, Literal
 
-import h5py
 import numpy as np
-import scipy.io
 import tomli_w
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -160,6 +158,10 @@ def _load_npz(path: Path) -> dict[str, Any]:
 
 
 def _load_mat(path: Path) -> dict[str, Any]:
+    # Slow to import, and needed for these files only.
+    import h5py
+    import scipy.io
+
     try:
         if h5py.is_hdf5(path):
             with h5py.File(path) as file:

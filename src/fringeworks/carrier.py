@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft, signal
+from scipy import fft
 
 from fringeworks.types import Axis, FloatMap, InputError
 
@@ -26,6 +26,15 @@ class Carrier:
     """Share of the frame's contrast in the carrier's line, 0…1."""
 
 
+def _without_slope(rows: FloatMap) -> FloatMap:
+    """Rows less their least-squares line (``scipy.signal`` takes half a second to import)."""
+    n = rows.shape[1]
+    t = np.arange(n) - 0.5 * (n - 1)
+    centred = rows - rows.mean(axis=1, keepdims=True)
+    slope = centred @ t / (t @ t)
+    return np.asarray(centred - slope[:, None] * t)
+
+
 def _line(frame: FloatMap) -> tuple[float, float, float]:
     """Frequency (cycles/px), energy and share of the strongest line along the rows."""
     n = frame.shape[1]
@@ -34,7 +43,7 @@ def _line(frame: FloatMap) -> tuple[float, float, float]:
     # Shading is mostly a slope along the row; what differs between the rows' means counts against
     # the line as well, in the spectrum's units (Parseval).
     window = np.hanning(n)
-    spectrum = np.abs(fft.rfft(signal.detrend(frame, axis=1) * window, axis=1, workers=-1)) ** 2
+    spectrum = np.abs(fft.rfft(_without_slope(frame) * window, axis=1, workers=-1)) ** 2
     power = spectrum.mean(axis=0) / n**2
     across = 0.5 * float(frame.mean(axis=1).var() * np.mean(window**2))
     first = max(2, int(np.ceil(MIN_PERIODS)))

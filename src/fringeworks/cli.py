@@ -1,4 +1,7 @@
-"""The command line: ``fringeworks simulate | reconstruct | compare | paper | demo | methods``."""
+"""The command line: ``fringeworks simulate | reconstruct | compare | paper | demo | methods``.
+
+Commands that draw import matplotlib themselves: it takes longer than most other commands run.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +20,11 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from typer.exceptions import TyperException
 
-from fringeworks import figures
 from fringeworks.analysis import get_method, methods
 from fringeworks.capture import read_capture, read_pair, write_capture
-from fringeworks.demo import write_demo
 from fringeworks.evaluate import compare, errors, format_table
 from fringeworks.files import make_folder, read_frame, write_text
-from fringeworks.formats import WRITERS, write_surface
-from fringeworks.paper import write_paper
+from fringeworks.formats import WRITERS, check_target, write_surface
 from fringeworks.pipeline import reconstruct as run_reconstruct
 from fringeworks.pipeline import summary
 from fringeworks.simulate import standard_scene
@@ -90,7 +90,8 @@ def _axis(axis: AxisName | None) -> Axis | None:
 def _progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
     """A progress line on stderr, gone when done; silent where stderr is no terminal."""
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=stderr, transient=True) as bar:
+    hidden = not stderr.is_terminal
+    with Progress(*columns, console=stderr, transient=True, disable=hidden) as bar:
         task = bar.add_task("", total=total)
         yield lambda text: bar.update(task, description=text, advance=1)
 
@@ -231,6 +232,8 @@ def reconstruct(
         "sign": sign,
     }
     loaded = _load(capture, reference, object, axis, mask, geometry)
+    if out is not None:
+        check_target(out)
     with _progress() as progress:
         progress(f"{method} …")
         result = run_reconstruct(loaded, method, **_method_options(method, option or []))
@@ -240,6 +243,8 @@ def reconstruct(
     if out is not None:
         write_surface(out, result.surface, ply="mesh" if ply is Ply.mesh else "points")
     if figure is not None:
+        from fringeworks import figures
+
         figures.save(figures.surface_sheet(f"{method}", result.surface), figure)
     _write_json(json_file, json.dumps(content, indent=2) + "\n")
     if str(json_file) != "-":
@@ -319,6 +324,8 @@ def paper(
     size: Annotated[int, typer.Option(help="Side of the frames, px.")] = 1000,
 ) -> None:
     """Make all figures of the dissertation's chapter 4, and its table of errors."""
+    from fringeworks.paper import write_paper
+
     with _progress() as progress:
         written = write_paper(out, size=size, progress=progress)
     typer.echo(f"wrote {len(written)} files to {out}")
@@ -331,6 +338,8 @@ def demo(
     json_file: JsonFile = None,
 ) -> None:
     """Measure three objects, ideal and as a camera sees them, and show the errors."""
+    from fringeworks.demo import write_demo
+
     make_folder(out)
     with _progress() as progress:
         rows, pictures = write_demo(out, size=size, progress=progress)

@@ -108,13 +108,17 @@ def read_frame(path: Path) -> tuple[NDArray[Any], tuple[str, ...]]:
 
 def _read_tiff(path: Path) -> NDArray[Any]:
     try:
-        return np.asarray(tifffile.imread(path))
+        array = np.asarray(tifffile.imread(path))
     except Exception as error:  # tifffile raises whatever its codecs raise
         raise InputError(f"{path}: expected a readable TIFF, got: {error}") from error
+    if array.size == 0:
+        raise InputError(f"{path}: expected a readable TIFF, got one without an image")
+    return array
 
 
 def _read_image(path: Path) -> NDArray[Any]:
-    header = path.open("rb").read(26)
+    with path.open("rb") as file:
+        header = file.read(26)
     if header.startswith(b"\x89PNG") and len(header) == 26 and header[24] == 16 and header[25] & 2:
         raise InputError(
             f"{path}: expected 8 bits per colour or a grey PNG, got 16-bit colour "

@@ -37,14 +37,20 @@ def write_surface(path: Path, surface: HeightMap, *, ply: PlyKind = "points") ->
     InputError for an unknown suffix, a folder that cannot be written to, or X3P without a
     geometry, since that format holds lengths only.
     """
+    check_target(path)
+    with replacing(Path(path)) as temporary:
+        WRITERS[Path(path).suffix.lower()](temporary, surface, ply)
+
+
+def check_target(path: Path) -> None:
+    """Refuse a result file of unknown kind or in no folder, before anything is computed for it."""
     path = Path(path)
-    writer = WRITERS.get(path.suffix.lower())
-    if writer is None:
+    if path.suffix.lower() not in WRITERS:
         raise InputError(
             f"{path}: expected one of {', '.join(WRITERS)}, got {path.suffix or 'no suffix'}"
         )
-    with replacing(path) as temporary:
-        writer(temporary, surface, ply)
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: expected a writable folder, got none at {path.parent}")
 
 
 def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:

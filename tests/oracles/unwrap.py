@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-
 WORST = 1e30
 """Roughness of pixels at the border or beside masked ones."""
 

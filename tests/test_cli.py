@@ -1,0 +1,249 @@
+"""The command line as a user types it, in processes of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+from fringeworks.formats import read_npz
+from tests.test_evaluate import KEYS
+
+
+def run(*arguments, cwd=None, code=0):
+    command = [sys.executable, "-W", "error", "-m", "fringeworks", *map(str, arguments)]
+    done = subprocess.run(
+        command, capture_output=True, text=True, cwd=cwd, timeout=120, check=False
+    )
+    assert done.returncode == code, done.stderr
+    if code == 2:
+        assert done.stderr.startswith("fringeworks: ")
+        assert len(done.stderr.splitlines()) == 1, done.stderr
+        assert "Traceback" not in done.stderr
+    return done
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("capture") / "part"
+    run(
+        *("simulate", "--object", "parabola", "--gamma", "2.2", "--bits", "8", "--noise", "2"),
+        *("--seed", "1", "--size", "300", "--fringes", "15", "--height-mm", "60", "--out", folder),
+    )
+    return folder
+
+
+def test_simulate_then_reconstruct(capture, tmp_path):
+    names = sorted(p.name for p in capture.iterdir())
+    assert names == ["capture.toml", "object.png", "reference.png", "truth.tif"]
+    out, metrics, figure = tmp_path / "part.ply", tmp_path / "m.json", tmp_path / "f.png"
+    done = run(
+        *("reconstruct", capture, "--method", "windowed"),
+        *("--out", out, "--json", metrics, "--figure", figure, "--ply", "mesh"),
+    )
+    assert "against the truth" in done.stdout
+    assert out.read_bytes().startswith(b"ply\n")
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    content = json.loads(metrics.read_text())
+    assert content["unit"] == "mm"
+    assert content["failed_fraction"] < 0.01
+    assert content["maximum"] == pytest.approx(60, abs=4)
+    assert content["errors"]["mean_abs_error_mm"] < 0.6
+    assert content["reasons"]["ok"] == 90000 - sum(
+        n for k, n in content["reasons"].items() if k != "ok"
+    )
+
+
+def test_reconstruct_two_images(capture, tmp_path):
+    reference, object_ = capture / "reference.png", capture / "object.png"
+    out = tmp_path / "u.tif"
+    done = run(
+        "reconstruct",
+        "--reference",
+        reference,
+        "--object",
+        object_,
+        "--method",
+        "gsifa",
+        "--out",
+        out,
+    )
+    assert "displacement in px" in done.stdout
+    assert tifffile.imread(out).shape == (300, 300)
+    out = tmp_path / "h.npz"
+    run(
+        *("reconstruct", "--reference", reference, "--object", object_, "--method", "fourier"),
+        *("--option", "width=0.7", "--distance-mm", 5000, "--baseline-mm", 2000),
+        *("--pitch-mm-per-px", 3.3333, "--axis", "x", "--out", out),
+    )
+    assert np.nanmax(read_npz(out).values) == pytest.approx(60, abs=5)
+
+
+def test_json_on_stdout_is_json_only(capture):
+    done = run("reconstruct", capture, "--json", "-")
+    assert json.loads(done.stdout)["method"] == "windowed"
+
+
+def test_compare(tmp_path):
+    table = tmp_path / "table.json"
+    done = run(
+        *("compare", "--object", "parabola", "--gamma", "1", "--noise", "0", "--bits", "0"),
+        *("--methods", "ifa,sifa,gsifa,exact,windowed", "--size", "200", "--fringes", "5"),
+        *("--json", table, "--csv", tmp_path / "t.csv", "--markdown", tmp_path / "t.md"),
+    )
+    rows = json.loads(table.read_text())
+    assert [row["method"] for row in rows] == ["ifa", "sifa", "gsifa", "exact", "windowed"]
+    assert all(set(row) >= KEYS for row in rows)
+    assert len(done.stdout.splitlines()) == 6
+    assert (tmp_path / "t.csv").read_text().startswith("object,method,gamma")
+    assert (tmp_path / "t.md").read_text().startswith("| object |")
+
+
+def test_mask_option(capture, tmp_path):
+    mask = np.zeros((300, 300), np.uint8)
+    mask[100:200] = 255
+    Image.fromarray(mask).save(tmp_path / "mask.png")
+    run("reconstruct", capture, "--mask", tmp_path / "mask.png", "--out", tmp_path / "r.npz")
+    values = read_npz(tmp_path / "r.npz").values
+    assert np.isnan(values[:100]).all()
+    assert np.isfinite(values[110:190]).all()
+
+
+def test_help_and_methods():
+    assert "reconstruct" in run().stdout
+    assert "--reference" in run("reconstruct", "--help").stdout
+    done = run("methods")
+    for name in ("ifa", "gsifa", "windowed", "fourier"):
+        assert name in done.stdout
+
+
+@pytest.fixture
+def frames(tmp_path):
+    x = np.arange(80)
+    fringe = np.tile((127 + 100 * np.cos(2 * np.pi * x / 16)).astype(np.uint8), (60, 1))
+    files = {
+        "good.png": fringe,
+        "wide.png": np.hstack([fringe, fringe]),
+        "black.png": np.zeros_like(fringe),
+        "flat.png": np.full_like(fringe, 90),
+        "noise.png": np.random.default_rng(0).integers(0, 255, fringe.shape, np.uint8),
+    }
+    for name, array in files.items():
+        Image.fromarray(array).save(tmp_path / name)
+    (tmp_path / "empty.png").touch()
+    (tmp_path / "cut.png").write_bytes((tmp_path / "noise.png").read_bytes()[:2000])
+    return tmp_path
+
+
+PAIRS = {
+    "sizes differ": ("good.png", "wide.png", "equal sizes"),
+    "black object": ("good.png", "black.png", "all-black"),
+    "black reference": ("black.png", "good.png", "all-black"),
+    "no fringes": ("noise.png", "good.png", "expected fringes"),
+    "flat object": ("good.png", "flat.png", "expected fringes"),
+    "empty": ("good.png", "empty.png", "empty file"),
+    "truncated": ("good.png", "cut.png", "readable image"),
+    "missing": ("good.png", "nowhere.png", "no such file"),
+}
+
+
+@pytest.mark.parametrize("case", PAIRS)
+def test_bad_frames(frames, case):
+    reference, object_, message = PAIRS[case]
+    out = frames / "out.tif"
+    done = run(
+        "reconstruct",
+        "--reference",
+        frames / reference,
+        "--object",
+        frames / object_,
+        "--out",
+        out,
+        code=2,
+    )
+    assert message in done.stderr
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("reconstruct",), "expected either a capture, or --reference and --object"),
+        (("reconstruct", "--reference", "good.png"), "expected two images, got one: --object"),
+        (("reconstruct", "nowhere"), "got nothing there"),
+        (("reconstruct", "--reference", "good.png", "--object", "good.png", "--method", "magic"), "expected one of"),
+        (("reconstruct", "--reference", "good.png", "--object", "good.png", "--axis", "y"), "expected fringes along y"),
+        (("reconstruct", "--reference", "good.png", "--object", "good.png", "--out", "no/such/x.tif"), "expected a writable folder"),
+        (("reconstruct", "--reference", "good.png", "--object", "good.png", "--out", "x.doc"), "expected one of .tif"),
+        (("reconstruct", "--reference", "good.png", "--object", "good.png", "--option", "n=3"), "windowed has scales"),
+        (("reconstruct", "--reference", "good.png", "--object", "good.png", "--option", "scales=x"), "expected a number or list"),
+        (("reconstruct", "--reference", "good.png", "--object", "good.png", "--distance-mm", "5"), "--baseline-mm"),
+        (("simulate", "--out", "good.png"), "expected a folder"),
+        (("simulate", "--object", "teapot", "--out", "x"), "expected one of parabola"),
+        (("simulate", "--height-mm", "9000", "--out", "x"), "below the pupils"),
+        (("compare", "--gamma", "a,b"), "--gamma: expected values"),
+        (("compare", "--methods", "gsifa,magic"), "expected one of"),
+        (("compare", "--nonsense",), "--nonsense"),
+        (("dance",), "dance"),
+    ],
+)  # fmt: skip
+def test_bad_calls(frames, arguments, message):
+    before = sorted(frames.iterdir())
+    done = run(*arguments, cwd=frames, code=2)
+    assert message in done.stderr
+    assert sorted(frames.iterdir()) == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_unwritable_folder(capture, tmp_path):
+    tmp_path.chmod(0o500)
+    run("reconstruct", capture, "--out", tmp_path / "x.tif", code=2)
+
+
+def test_anything_else_is_exit_code_1():
+    command = [
+        sys.executable,
+        "-c",
+        "import fringeworks.cli as c; c.app = lambda *a, **k: 1 / 0; c.main()",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1
+
+
+def test_demo_and_paper(tmp_path):
+    environment = {**os.environ}
+    environment.pop("FRINGEWORKS_DATA", None)
+    for name, folder in (("demo", "demo"), ("paper", "figures")):
+        command = [
+            sys.executable,
+            "-m",
+            "fringeworks",
+            name,
+            "--size",
+            "160",
+            "--out",
+            tmp_path / folder,
+        ]
+        subprocess.run(command, check=True, env=environment, capture_output=True, timeout=200)
+    demo = {p.name for p in (tmp_path / "demo").iterdir()}
+    assert demo >= {
+        "ideal.png",
+        "camera.png",
+        "errors.md",
+        "errors.json",
+        "parabola.ply",
+        "capture",
+    }
+    figures = sorted(p.stem for p in (tmp_path / "figures").glob("*.png"))
+    # Every figure of chapter 4, by its number.
+    for number in (*range(1, 17), *range(18, 26)):
+        assert any(stem.startswith(f"4_{number:02d}") for stem in figures), number
+    rows = json.loads((tmp_path / "figures" / "table_4_1.json").read_text())
+    assert {row["method"] for row in rows} >= {"ifa", "sifa", "gsifa", "exact", "windowed"}
+    assert {row["gamma"] for row in rows} == {1.0, 2.2}

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+__all__: list[str]
 optimised: bool
 
 def invert_rows(
@@ -44,4 +45,6 @@ def invert_windowed(
     drift: float,
     max_sigma: float,
     min_explained: float,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]: ...
+) -> tuple[
+    NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8], float
+]: ...

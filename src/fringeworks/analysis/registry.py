@@ -124,8 +124,11 @@ def _mark(pair: FringePair, solution: Solution) -> Solution:
     reason[pair.saturated & (reason != Reason.OK)] = Reason.SATURATED
     reason[_lands_on_gap(pair, u) | ~pair.wanted] = Reason.MASKED
     failed = reason != Reason.OK
+    any_failed = bool(failed.any())
 
     def blank(values: FloatMap) -> FloatMap:
+        if not any_failed:
+            return values
         return np.where(failed, np.nan, values).astype(values.dtype, copy=False)
 
     return replace(

@@ -1,7 +1,6 @@
 //! Extrema of a fringe row: alternating, by prominence against the local modulation.
 
 use crate::spline::RowSpline;
-use std::collections::VecDeque;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extremum {
@@ -14,35 +13,32 @@ pub struct Extremum {
 /// a plateau (quantised flat minimum, saturated maximum) and its middle is taken.
 const SHORT_PLATEAU: usize = 2;
 
-/// Largest minus smallest sample within `half` samples of each sample.
-fn local_range(y: &[f64], half: usize) -> Vec<f64> {
-    let extreme = |sign: f64| -> Vec<f64> {
-        let mut window: VecDeque<usize> = VecDeque::new();
-        let mut out = Vec::with_capacity(y.len());
-        let mut next = 0;
-        for i in 0..y.len() {
-            while next < y.len() && next <= i + half {
-                while window
-                    .back()
-                    .is_some_and(|j| sign * y[*j] <= sign * y[next])
-                {
-                    window.pop_back();
-                }
-                window.push_back(next);
-                next += 1;
-            }
-            while window.front().is_some_and(|j| j + half < i) {
-                window.pop_front();
-            }
-            out.push(y[window[0]]);
-        }
-        out
-    };
-    extreme(1.0)
-        .iter()
-        .zip(extreme(-1.0))
-        .map(|(high, low)| high - low)
-        .collect()
+/// Blocks per half window of the local range.
+const RANGE_BLOCKS: usize = 8;
+
+/// Largest minus smallest sample within about `half` samples of each block of samples; the block
+/// length comes first.
+fn local_range(y: &[f64], half: usize) -> (usize, Vec<f64>) {
+    let block = half.div_ceil(RANGE_BLOCKS);
+    let extremes: Vec<(f64, f64)> = y
+        .chunks(block)
+        .map(|c| {
+            c.iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+                    (low.min(*v), high.max(*v))
+                })
+        })
+        .collect();
+    let ranges = (0..extremes.len())
+        .map(|k| {
+            let around = &extremes
+                [k.saturating_sub(RANGE_BLOCKS)..(k + RANGE_BLOCKS + 1).min(extremes.len())];
+            let low = around.iter().map(|e| e.0).fold(f64::INFINITY, f64::min);
+            let high = around.iter().map(|e| e.1).fold(f64::NEG_INFINITY, f64::max);
+            high - low
+        })
+        .collect();
+    (block, ranges)
 }
 
 /// The most extreme sample so far, with the first and last place where it was reached.
@@ -97,7 +93,7 @@ fn refine(row: &RowSpline, found: Candidate, is_maximum: bool) -> Extremum {
 /// maxima and minima alternate by construction and ripples below the threshold leave no trace.
 pub fn find(row: &RowSpline, period: f64, prominence: f64, floor: f64) -> Vec<Extremum> {
     let y = row.y;
-    let range = local_range(y, (0.75 * period).ceil() as usize);
+    let (block, range) = local_range(y, (0.75 * period).ceil() as usize);
     let mut found = Vec::new();
     // A start that is itself the highest or lowest sample is the edge of the frame, not an extremum
     // of the fringe. (An end never is one: the row has not moved away from it.)
@@ -111,7 +107,7 @@ pub fn find(row: &RowSpline, period: f64, prominence: f64, floor: f64) -> Vec<Ex
     // +1: looking for a maximum, −1: for a minimum, 0: not known yet.
     let mut direction = 0;
     for (i, value) in y.iter().enumerate() {
-        let threshold = (prominence * range[i]).max(floor);
+        let threshold = (prominence * range[i / block]).max(floor);
         high.update(*value, i, 1.0);
         low.update(*value, i, -1.0);
         if direction >= 0 && high.value - value > threshold {
@@ -137,11 +133,11 @@ pub fn find(row: &RowSpline, period: f64, prominence: f64, floor: f64) -> Vec<Ex
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spline::uniform_slopes;
+    use crate::spline::{uniform_pivots, uniform_slopes};
 
     fn extrema_of(y: &[f64], period: f64) -> Vec<Extremum> {
-        let (mut slopes, mut scratch) = (vec![0.0; y.len()], vec![0.0; y.len()]);
-        uniform_slopes(y, &mut slopes, &mut scratch);
+        let mut slopes = vec![0.0; y.len()];
+        uniform_slopes(y, &mut slopes, &uniform_pivots(y.len()));
         find(&RowSpline { y, slopes: &slopes }, period, 0.3, 0.0)
     }
 

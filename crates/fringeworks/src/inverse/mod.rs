@@ -8,7 +8,7 @@ mod matching;
 mod neighbours;
 mod part;
 
-use crate::spline::{uniform_slopes, RowSpline};
+use crate::spline::{uniform_pivots, uniform_slopes, RowSpline};
 use crate::{check_length, check_value, reason, Error};
 pub use extrema::Extremum;
 use part::{spans, Inverse, Span};
@@ -125,8 +125,8 @@ pub fn row_extrema(
 ) -> Result<Vec<Extremum>, Error> {
     check_value("row", row.len() >= 8, "at least 8 samples", row.len())?;
     check_value("period", period >= 2.0, "at least 2 px", period)?;
-    let (mut slopes, mut scratch) = (vec![0.0; row.len()], vec![0.0; row.len()]);
-    uniform_slopes(row, &mut slopes, &mut scratch);
+    let mut slopes = vec![0.0; row.len()];
+    uniform_slopes(row, &mut slopes, &uniform_pivots(row.len()));
     let spline = RowSpline {
         y: row,
         slopes: &slopes,
@@ -143,7 +143,7 @@ struct RowOut<'a> {
 struct Scratch {
     reference_slopes: Vec<f64>,
     object_slopes: Vec<f64>,
-    thomas: Vec<f64>,
+    pivots: Vec<f64>,
 }
 
 /// A stretch of the object row that belongs to one part of the reference.
@@ -161,7 +161,7 @@ impl Scratch {
         Self {
             reference_slopes: vec![0.0; width],
             object_slopes: vec![0.0; width],
-            thomas: vec![0.0; width],
+            pivots: uniform_pivots(width),
         }
     }
 
@@ -173,8 +173,8 @@ impl Scratch {
         options: &Options,
         out: &mut RowOut,
     ) {
-        uniform_slopes(reference, &mut self.reference_slopes, &mut self.thomas);
-        uniform_slopes(object, &mut self.object_slopes, &mut self.thomas);
+        uniform_slopes(reference, &mut self.reference_slopes, &self.pivots);
+        uniform_slopes(object, &mut self.object_slopes, &self.pivots);
         let s = RowSpline {
             y: reference,
             slopes: &self.reference_slopes,

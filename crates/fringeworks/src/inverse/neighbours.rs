@@ -21,33 +21,27 @@ pub fn mark_slipped_orders(field: &mut Field, width: usize, period: f64) {
     let before = &field.displacement;
     let slipped: Vec<Vec<usize>> = (0..height)
         .into_par_iter()
-        .map(|y| {
-            let first = y.saturating_sub(REACH).min(height - 2 * REACH - 1);
-            let mut values = [0.0f64; 2 * REACH + 1];
-            (0..width)
-                .filter(|x| {
-                    let own = before[y * width + x];
-                    if !own.is_finite() {
-                        return false;
+        .map_init(
+            || (vec![0u8; width], vec![0u8; width]),
+            |(near, known), y| {
+                near.fill(0);
+                known.fill(0);
+                let own = &before[y * width..(y + 1) * width];
+                let first = y.saturating_sub(REACH).min(height - 2 * REACH - 1);
+                for row in first..=first + 2 * REACH {
+                    let other = &before[row * width..(row + 1) * width];
+                    for x in 0..width {
+                        // Comparisons with NaN are false: it is neither known nor near.
+                        known[x] += other[x].is_finite() as u8;
+                        near[x] += ((other[x] - own[x]).abs() <= SLIP * period) as u8;
                     }
-                    let mut count = 0;
-                    for row in first..=first + 2 * REACH {
-                        let value = before[row * width + x];
-                        if value.is_finite() {
-                            values[count] = value;
-                            count += 1;
-                        }
-                    }
-                    let around = &values[..count];
-                    let near = around
-                        .iter()
-                        .filter(|v| (*v - own).abs() <= SLIP * period)
-                        .count();
-                    2 * near <= count
-                })
-                .map(|x| y * width + x)
-                .collect()
-        })
+                }
+                (0..width)
+                    .filter(|x| own[*x].is_finite() && 2 * near[*x] <= known[*x])
+                    .map(|x| y * width + x)
+                    .collect()
+            },
+        )
         .collect();
     for i in slipped.into_iter().flatten() {
         field.displacement[i] = f64::NAN;

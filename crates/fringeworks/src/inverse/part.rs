@@ -36,7 +36,8 @@ pub fn spans(row: &RowSpline, extrema: &[Extremum]) -> Vec<Span> {
         .collect()
 }
 
-/// x(I) of one part.
+/// x(I) of one part. A handful per row: their sizes do not matter.
+#[allow(clippy::large_enum_variant)]
 pub enum Inverse {
     Polynomial(Polynomial),
     Spline(Spline),
@@ -99,7 +100,7 @@ impl Inverse {
     pub fn at(&self, row: &RowSpline, intensity: f64) -> f64 {
         match self {
             Inverse::Polynomial(p) => p.at(intensity),
-            Inverse::Spline(s) => s.at(intensity.clamp(s.x[0], s.x[s.x.len() - 1])),
+            Inverse::Spline(s) => s.at(intensity),
             Inverse::Exact(points) => {
                 let (low, high) = bracket(points, intensity);
                 root(row, low.0, high.0, intensity)
@@ -135,12 +136,15 @@ fn samples(row: &RowSpline, span: &Span, ends: bool) -> Vec<(f64, f64)> {
 fn resampled(row: &RowSpline, span: &Span, per_sample: usize) -> Vec<(f64, f64)> {
     let count = ((span.to - span.from) * per_sample as f64).ceil().max(3.0) as usize;
     let pitch = (span.to - span.from) / count as f64;
-    let mut points: Vec<(f64, f64)> = (0..count)
-        .map(|k| {
-            let x = span.from + k as f64 * pitch;
-            (x, row.at(x).0)
-        })
-        .collect();
+    let mut points = Vec::with_capacity(count + 1);
+    let mut cubic = row.cubic(span.from);
+    for k in 0..count {
+        let x = span.from + k as f64 * pitch;
+        if x >= cubic.to {
+            cubic = row.cubic(x);
+        }
+        points.push((x, cubic.at(x)));
+    }
     points.push((span.to, span.value_to));
     points
 }

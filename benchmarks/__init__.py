@@ -1,0 +1,1 @@
+"""Benchmarks against the yardsticks people would use, on the same arrays, in one run."""

@@ -28,8 +28,9 @@ check: $(VENV)/.built
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest fringeworks._core
 
+# One BLAS thread: the peers solve small systems, and idle BLAS threads spin on our cores.
 bench: $(BENCH_VENV)/.built
-	$(BENCH_VENV)/bin/python -m benchmarks --out benchmarks/results.json $(if $(WORK),--work $(WORK))
+	OPENBLAS_NUM_THREADS=1 $(BENCH_VENV)/bin/python -m benchmarks --out benchmarks/results.json $(if $(WORK),--work $(WORK))
 
 docs: $(VENV)/.built
 	$(BIN)/python -m mkdocs build --strict --quiet --site-dir site

@@ -36,11 +36,7 @@ def main() -> int:
 def reached(result: Result) -> bool:
     """Whether a result keeps its limits."""
     in_time = result.limit_seconds is None or result.ours_seconds <= result.limit_seconds
-    fast = (
-        result.limit_ratio is None
-        or result.ratio is None
-        or result.ratio >= result.limit_ratio
-    )
+    fast = result.limit_ratio is None or result.ratio is None or result.ratio >= result.limit_ratio
     return in_time and fast
 
 

@@ -8,7 +8,7 @@ from scipy.signal import argrelextrema
 
 
 def gsifa_scipy_rows(
-    reference: np.ndarray, object_: np.ndarray, period: float, n_resample: int = 10
+    reference: np.ndarray, object_: np.ndarray, period: float, n_resample: int = 5
 ) -> np.ndarray:
     """Global spline IFA as a row loop over SciPy's ``CubicSpline``; for ideal frames."""
     u = np.full(reference.shape, np.nan)

@@ -79,7 +79,7 @@ def gsifa_1000() -> list[Result]:
     def theirs() -> np.ndarray:
         return gsifa_scipy_rows(pair.reference, pair.object, pair.period)
 
-    (a, b), (found, expected) = in_turn(ours, theirs, repeats=3)
+    (a, b), (found, expected) = in_turn(ours, theirs)
     accuracy = float(np.nanmean(np.abs(found - truth)))
     peer_accuracy = float(np.nanmean(np.abs(expected - truth)))
     assert accuracy < 0.001, accuracy
@@ -142,9 +142,7 @@ def windowed_1000() -> list[Result]:
 @work
 def windowed_window_size() -> list[Result]:
     """A single scale: a 41 x 41 window against a 9 x 9 one; both are ±2 σ wide."""
-    scene = standard_scene(
-        "parabola", height_mm=30.0, fringes=40, noise=2.0, bits=8, seed=1
-    )
+    scene = standard_scene("parabola", height_mm=30.0, fringes=40, noise=2.0, bits=8, seed=1)
     truth = displacement_from_height(scene.truth_mm, scene.geometry)
     pair = prepare(scene)
 

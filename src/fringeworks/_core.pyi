@@ -5,7 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__: list[str]
+__all__ = [
+    "invert_rows",
+    "invert_windowed",
+    "optimised",
+    "row_extrema",
+    "unwrap_reliability",
+]
 optimised: bool
 
 def invert_rows(
@@ -19,10 +25,11 @@ def invert_rows(
     period: float,
     prominence: float,
     floor: float,
+    noise: float,
     max_displacement: float,
     tolerance: float,
     albedo_tolerance: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]: ...
+) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]: ...
 def row_extrema(
     row: NDArray[np.float64], *, period: float, prominence: float, floor: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]: ...

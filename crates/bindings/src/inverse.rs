@@ -8,12 +8,13 @@ use pyo3::prelude::*;
 
 type Maps<'py> = (
     Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<u8>>,
 );
 
 #[pyfunction]
-#[pyo3(signature = (reference, object, mask, *, method, degree, n_resample, period, prominence, floor, max_displacement, tolerance, albedo_tolerance))]
+#[pyo3(signature = (reference, object, mask, *, method, degree, n_resample, period, prominence, floor, noise, max_displacement, tolerance, albedo_tolerance))]
 #[allow(clippy::too_many_arguments)]
 pub fn invert_rows<'py>(
     py: Python<'py>,
@@ -26,6 +27,7 @@ pub fn invert_rows<'py>(
     period: f64,
     prominence: f64,
     floor: f64,
+    noise: f64,
     max_displacement: f64,
     tolerance: f64,
     albedo_tolerance: f64,
@@ -48,6 +50,7 @@ pub fn invert_rows<'py>(
         period,
         prominence,
         floor,
+        noise,
         max_displacement,
         tolerance,
         albedo_tolerance,
@@ -57,11 +60,14 @@ pub fn invert_rows<'py>(
     let field = py
         .detach(|| invert(s, d, m, shape.1, &options))
         .map_err(refuse)?;
-    let map = |v: Vec<f64>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
+    let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
+    let displacement =
+        Array2::from_shape_vec(shape, field.displacement).expect("kernel keeps the shape");
     let reason = Array2::from_shape_vec(shape, field.reason).expect("kernel keeps the shape");
     Ok((
-        map(field.displacement).into_pyarray(py),
-        map(field.slope).into_pyarray(py),
+        displacement.into_pyarray(py),
+        map(field.sigma).into_pyarray(py),
+        map(field.gain).into_pyarray(py),
         reason.into_pyarray(py),
     ))
 }

@@ -58,6 +58,13 @@ impl Cubic {
         let [a, b, c, d] = self.coefficients;
         a + t * (b + t * (c + t * d))
     }
+
+    #[inline(always)]
+    pub fn slope(&self, x: f64) -> f64 {
+        let t = x - self.from;
+        let [_, b, c, d] = self.coefficients;
+        b + t * (2.0 * c + t * 3.0 * d)
+    }
 }
 
 /// A row with its spline slopes.

@@ -14,7 +14,7 @@ import numpy as np
 from fringeworks import _core
 from fringeworks.analysis.pair import FringePair
 from fringeworks.analysis.registry import Solution, method
-from fringeworks.types import BoolMap, FloatMap, InputError, Reason
+from fringeworks.types import BoolMap, FloatMap, InputError
 
 PROMINENCE = 0.3
 """Least swing of an extremum, as a share of the local range of its row."""
@@ -70,13 +70,13 @@ def _invert(
     max_displacement_px: float | None,
     *,
     degree: int = 9,
-    n_resample: int = 10,
+    n_resample: int = 5,
 ) -> Solution:
     limit = 4.0 * pair.period if max_displacement_px is None else float(max_displacement_px)
     if not limit > 0:
         raise InputError(f"max_displacement_px: expected > 0, got {max_displacement_px}")
-    noise = np.sqrt(sum(pair.noise))
-    displacement, slope, reason = _core.invert_rows(
+    noise = float(np.sqrt(sum(pair.noise)))
+    displacement, sigma, gain, reason = _core.invert_rows(
         pair.reference,
         pair.object,
         pair.wanted.astype(np.uint8),
@@ -86,18 +86,13 @@ def _invert(
         period=pair.period,
         prominence=PROMINENCE,
         floor=NOISE_SWINGS * noise,
+        noise=noise,
         max_displacement=limit,
         tolerance=TOLERANCE,
         # Under noise the extrema themselves scatter by a few σ without any change of albedo.
         albedo_tolerance=max(ALBEDO_TOLERANCE, NOISE_SWINGS * noise / (2.0 * pair.modulation)),
     )
-    with np.errstate(divide="ignore"):
-        sigma = noise / slope
-    # The slope vanishes at the extrema, where a linear error bar would be infinite: the error
-    # there is bounded by the neighbouring parts, a quarter period away.
-    sigma = np.minimum(sigma, 0.25 * pair.period)
-    gain = np.where(reason == Reason.OK, 1.0, np.nan)
-    return Solution(displacement, sigma, gain, reason, details={"noise_counts": float(noise)})
+    return Solution(displacement, sigma, gain, reason, details={"noise_counts": noise})
 
 
 @method("ifa")
@@ -144,7 +139,7 @@ def sifa(pair: FringePair, *, max_displacement_px: float | None = None) -> Solut
 
 @method("gsifa")
 def gsifa(
-    pair: FringePair, *, n_resample: int = 10, max_displacement_px: float | None = None
+    pair: FringePair, *, n_resample: int = 5, max_displacement_px: float | None = None
 ) -> Solution:
     """Global spline IFA: one spline through the row, re-sampled densely, inverted by splines.
 

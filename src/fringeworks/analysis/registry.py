@@ -119,10 +119,15 @@ def analyse(capture: Capture | FringePair, method: str = "windowed", **options: 
 def _mark(pair: FringePair, solution: Solution) -> Solution:
     """What every method owes: masked pixels stay masked, and no value without its σ and reason."""
     u = solution.displacement_px
+    missing = np.isnan(u)
     reason = solution.reason.copy()
-    reason[np.isnan(u) & (reason == Reason.OK)] = Reason.UNDETERMINED
-    reason[pair.saturated & (reason != Reason.OK)] = Reason.SATURATED
-    reason[_lands_on_gap(pair, u) | ~pair.wanted] = Reason.MASKED
+    if missing.any():
+        reason[missing & (reason == Reason.OK)] = Reason.UNDETERMINED
+        if pair.saturated.any():
+            reason[pair.saturated & missing] = Reason.SATURATED
+    unwanted = _lands_on_gap(pair, u) | ~pair.wanted
+    if unwanted.any():
+        reason[unwanted] = Reason.MASKED
     failed = reason != Reason.OK
     any_failed = bool(failed.any())
 

@@ -25,6 +25,26 @@ struct State {
     previous: Option<(usize, usize)>,
 }
 
+/// Whether counting alone explains the row at no cost that another explanation could undercut: as
+/// many extrema as the reference has, of the same kinds, each within half a period of its own.
+fn one_to_one(reference: &[Extremum], object: &[Extremum], period: f64) -> bool {
+    let displacements = || {
+        reference
+            .iter()
+            .zip(object)
+            .map(|(r, o)| o.position - r.position)
+    };
+    reference.len() == object.len()
+        && reference
+            .iter()
+            .zip(object)
+            .all(|(r, o)| r.is_maximum == o.is_maximum)
+        && displacements().all(|u| u.abs() <= 0.5 * period)
+        && displacements()
+            .zip(displacements().skip(1))
+            .all(|(a, b)| (a - b).abs() <= SCATTER * period)
+}
+
 /// For every object extremum the index of its reference extremum, or `None`.
 pub fn match_orders(
     reference: &[Extremum],
@@ -32,6 +52,9 @@ pub fn match_orders(
     period: f64,
     max_displacement: f64,
 ) -> Vec<Option<usize>> {
+    if one_to_one(reference, object, period) {
+        return (0..object.len()).map(Some).collect();
+    }
     let mut table: Vec<Vec<State>> = Vec::with_capacity(object.len());
     for (j, extremum) in object.iter().enumerate() {
         let first =

@@ -40,6 +40,8 @@ pub struct Options {
     pub prominence: f64,
     /// Least swing of an extremum in the units of the frames (noise).
     pub floor: f64,
+    /// Standard deviation of object and reference noise together, in the units of the frames.
+    pub noise: f64,
     /// Largest displacement considered, px.
     pub max_displacement: f64,
     /// How far an intensity may exceed its part and still count as its end, as a share of the
@@ -53,8 +55,11 @@ pub struct Options {
 /// The result, one value per pixel; NaN with a reason where it could not be solved.
 pub struct Field {
     pub displacement: Vec<f64>,
-    /// |∂d/∂x| of the (normalised) reference at the solution, for error bars.
-    pub slope: Vec<f64>,
+    /// Standard deviation of the displacement, px: the noise over the slope of the fringe. It ends
+    /// at a quarter period: where the slope vanishes, the neighbouring parts bound the error.
+    pub sigma: Vec<f32>,
+    /// Range of the object's part over that of the reference's.
+    pub gain: Vec<f32>,
     pub reason: Vec<u8>,
 }
 
@@ -90,23 +95,26 @@ pub fn invert(
     let n = object.len();
     let mut field = Field {
         displacement: vec![f64::NAN; n],
-        slope: vec![f64::NAN; n],
+        sigma: vec![f32::NAN; n],
+        gain: vec![f32::NAN; n],
         reason: vec![reason::ORDER_AMBIGUOUS; n],
     };
     field
         .displacement
         .par_chunks_mut(width)
-        .zip(field.slope.par_chunks_mut(width))
+        .zip(field.sigma.par_chunks_mut(width))
+        .zip(field.gain.par_chunks_mut(width))
         .zip(field.reason.par_chunks_mut(width))
         .zip(reference.par_chunks(width))
         .zip(object.par_chunks(width))
         .zip(mask.par_chunks(width))
         .for_each_init(
             || Scratch::new(width),
-            |scratch, (((((displacement, slope), reason), reference), object), mask)| {
+            |scratch, ((((((displacement, sigma), gain), reason), reference), object), mask)| {
                 let mut out = RowOut {
                     displacement,
-                    slope,
+                    sigma,
+                    gain,
                     reason,
                 };
                 scratch.invert_row(reference, object, mask, options, &mut out);
@@ -136,7 +144,8 @@ pub fn row_extrema(
 
 struct RowOut<'a> {
     displacement: &'a mut [f64],
-    slope: &'a mut [f64],
+    sigma: &'a mut [f32],
+    gain: &'a mut [f32],
     reason: &'a mut [u8],
 }
 
@@ -221,7 +230,9 @@ impl Scratch {
                     Some(value) => {
                         let position = inverse.at(&s, value).clamp(0.0, (object.len() - 1) as f64);
                         out.displacement[x] = x as f64 - position;
-                        out.slope[x] = (stretch.gain * s.at(position).1).abs();
+                        let slope = (stretch.gain * s.cubic(position).slope(position)).abs();
+                        out.sigma[x] = (options.noise / slope).min(0.25 * options.period) as f32;
+                        out.gain[x] = stretch.gain as f32;
                         out.reason[x] = reason::OK;
                     }
                     None if end_part => out.reason[x] = reason::OUTSIDE,
@@ -232,7 +243,8 @@ impl Scratch {
         for (x, wanted) in mask.iter().enumerate() {
             if *wanted == 0 {
                 out.displacement[x] = f64::NAN;
-                out.slope[x] = f64::NAN;
+                out.sigma[x] = f32::NAN;
+                out.gain[x] = f32::NAN;
                 out.reason[x] = reason::MASKED;
             }
         }

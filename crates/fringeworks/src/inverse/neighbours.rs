@@ -45,7 +45,8 @@ pub fn mark_slipped_orders(field: &mut Field, width: usize, period: f64) {
         .collect();
     for i in slipped.into_iter().flatten() {
         field.displacement[i] = f64::NAN;
-        field.slope[i] = f64::NAN;
+        field.sigma[i] = f32::NAN;
+        field.gain[i] = f32::NAN;
         field.reason[i] = reason::ORDER_AMBIGUOUS;
     }
 }
@@ -62,7 +63,8 @@ mod tests {
         displacement[12 * width..].fill(15.0);
         displacement[5 * width..6 * width].fill(20.0);
         let mut field = Field {
-            slope: vec![1.0; height * width],
+            sigma: vec![1.0; height * width],
+            gain: vec![1.0; height * width],
             reason: vec![reason::OK; height * width],
             displacement,
         };

@@ -64,11 +64,14 @@ impl Inverse {
             Method::PartSpline => {
                 Self::spline_unless_pooled(samples(row, span, true), span.rising(), Self::clamped)
             }
-            Method::GlobalSpline => Self::spline_unless_pooled(
-                resampled(row, span, n_resample),
-                span.rising(),
-                Self::clamped,
-            ),
+            Method::GlobalSpline => {
+                let (intensity, x) = resampled(row, span, n_resample);
+                if intensity.windows(2).all(|w| w[0] < w[1]) {
+                    return Some(Inverse::Spline(Spline::clamped(intensity, x, 0.0, 0.0)));
+                }
+                let points = x.into_iter().zip(intensity).collect();
+                Self::spline_unless_pooled(points, true, Self::clamped)
+            }
             Method::Exact => {
                 Self::spline_unless_pooled(samples(row, span, true), span.rising(), Inverse::Exact)
             }
@@ -133,20 +136,26 @@ fn samples(row: &RowSpline, span: &Span, ends: bool) -> Vec<(f64, f64)> {
     points
 }
 
-fn resampled(row: &RowSpline, span: &Span, per_sample: usize) -> Vec<(f64, f64)> {
+/// The row's spline, sampled evenly over a part: intensities, rising, and their positions.
+fn resampled(row: &RowSpline, span: &Span, per_sample: usize) -> (Vec<f64>, Vec<f64>) {
     let count = ((span.to - span.from) * per_sample as f64).ceil().max(3.0) as usize;
     let pitch = (span.to - span.from) / count as f64;
-    let mut points = Vec::with_capacity(count + 1);
+    let mut x: Vec<f64> = (0..count).map(|k| span.from + k as f64 * pitch).collect();
+    let mut intensity = Vec::with_capacity(count + 1);
     let mut cubic = row.cubic(span.from);
-    for k in 0..count {
-        let x = span.from + k as f64 * pitch;
-        if x >= cubic.to {
-            cubic = row.cubic(x);
+    for position in &x {
+        if *position >= cubic.to {
+            cubic = row.cubic(*position);
         }
-        points.push((x, cubic.at(x)));
+        intensity.push(cubic.at(*position));
     }
-    points.push((span.to, span.value_to));
-    points
+    x.push(span.to);
+    intensity.push(span.value_to);
+    if !span.rising() {
+        x.reverse();
+        intensity.reverse();
+    }
+    (intensity, x)
 }
 
 /// Points in order of rising intensity, strictly increasing; neighbours that break the order

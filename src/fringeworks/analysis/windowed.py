@@ -137,12 +137,12 @@ def windowed(
         max_sigma=MAX_SIGMA * pair.period,
         min_explained=MIN_EXPLAINED,
     )
+    displacement[_far_from_data(pair)] = np.nan
     kept = np.isfinite(displacement)
     reason = np.where(kept, Reason.OK, Reason.UNDETERMINED).astype(np.uint8)
     column = np.arange(displacement.shape[1]) - displacement
     outside = kept & ((column < -1.0) | (column > displacement.shape[1]))
     reason[outside] = Reason.OUTSIDE
-    reason[_far_from_data(pair)] = Reason.MASKED
     reason[~kept & _dark(pair)] = Reason.LOW_MODULATION
     steps = np.where(kept, (scale + 1.0) * iterations, len(widths) * iterations)
     return Solution(

@@ -6,6 +6,7 @@
 //! imaging as the intersection of confidence intervals).
 
 mod grid;
+mod lattice;
 mod moments;
 mod noise;
 mod relocate;
@@ -13,7 +14,8 @@ mod solve;
 mod warp;
 
 use crate::{check_length, check_value, Error};
-use grid::{BlockMeans, Grid, Lattice};
+use grid::Grid;
+use lattice::{BlockMeans, Lattice};
 use moments::Window;
 use rayon::prelude::*;
 use relocate::{relocate, residuals, Model};

@@ -8,7 +8,7 @@
 //! Sums are kept in double precision: offset, gain and displacement are nearly collinear in a
 //! window that is small against the fringe, and single precision would decide between them.
 
-use super::grid::Lattice;
+use super::lattice::Lattice;
 use super::warp::{warp_row, Pair, WarpedRow};
 use multiversion::multiversion;
 use rayon::prelude::*;

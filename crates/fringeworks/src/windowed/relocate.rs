@@ -182,3 +182,61 @@ pub fn relocate(
     }
     changed
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// B-spline coefficients of a cosine are the cosine, scaled: no filter needed.
+    fn spline_of_cosine(height: usize, width: usize, period: f64) -> Vec<f32> {
+        let k = std::f64::consts::TAU / period;
+        let scale = 3.0 / (2.0 + k.cos());
+        let row = (0..width + 3).map(|i| (scale * (k * (i as f64 - 1.0)).cos()) as f32);
+        std::iter::repeat_n(row, height).flatten().collect()
+    }
+
+    #[test]
+    fn a_smeared_cliff_is_put_back() {
+        let (height, width, period, edge) = (40usize, 160usize, 20.0, 85usize);
+        let truth = |x: usize| if x < edge { 0.0f32 } else { 6.0 };
+        let k = std::f64::consts::TAU / period;
+        let object: Vec<f32> = (0..height * width)
+            .map(|i| (k * ((i % width) as f64 - truth(i % width) as f64)).cos() as f32)
+            .collect();
+        let spline = spline_of_cosine(height, width, period);
+        let ok = vec![1u8; height * width];
+        let pair = Pair {
+            height,
+            width,
+            spline: &spline,
+            object: &object,
+            reference_ok: &ok,
+            object_ok: &ok,
+        };
+        // What a window of ±8 px makes of the cliff: a ramp.
+        let smeared = |x: usize| (6.0 * (x as f32 - 77.0) / 16.0).clamp(0.0, 6.0);
+        let mut model = Model {
+            displacement: (0..height * width).map(|i| smeared(i % width)).collect(),
+            offset: vec![0.0; height * width],
+            gain: vec![1.0; height * width],
+        };
+        let wrong = |model: &Model| {
+            (0..height * width)
+                .filter(|i| (model.displacement[*i] - truth(i % width)).abs() > 0.5)
+                .count()
+        };
+        let before = wrong(&model);
+        let left = residuals(&pair, &model);
+        assert!(relocate(&pair, &mut model, &left, &[12, 24], 10.0, 1e-5));
+        let after = wrong(&model);
+        assert!(after * 2 < before, "{before} wrong pixels, then {after}");
+        // A change beyond the limit would be a change of order: none may happen.
+        let mut held = Model {
+            displacement: (0..height * width).map(|i| smeared(i % width)).collect(),
+            offset: vec![0.0; height * width],
+            gain: vec![1.0; height * width],
+        };
+        assert!(!relocate(&pair, &mut held, &left, &[12, 24], 0.0, 1e-5));
+        assert_eq!(wrong(&held), before);
+    }
+}

@@ -50,7 +50,9 @@ def test_simulate_then_reconstruct(capture, tmp_path):
     assert "against the truth" in done.stdout
     assert out.read_bytes().startswith(b"ply\n")
     assert figure.read_bytes().startswith(b"\x89PNG")
+    assert "NaN" not in metrics.read_text()
     content = json.loads(metrics.read_text())
+    assert content["errors"]["edge_mean_abs_error_mm"] is None  # a parabola has no cliff
     assert content["unit"] == "mm"
     assert content["failed_fraction"] < 0.01
     assert content["maximum"] == pytest.approx(60, abs=4)

@@ -22,7 +22,7 @@ from typer.exceptions import TyperException
 
 from fringeworks.analysis import get_method, methods
 from fringeworks.capture import read_capture, read_pair, write_capture
-from fringeworks.evaluate import compare, errors, format_table
+from fringeworks.evaluate import compare, errors, format_table, to_json
 from fringeworks.files import make_folder, read_frame, write_text
 from fringeworks.formats import WRITERS, check_target, write_surface
 from fringeworks.pipeline import reconstruct as run_reconstruct
@@ -246,7 +246,7 @@ def reconstruct(
         from fringeworks import figures
 
         figures.save(figures.surface_sheet(f"{method}", result.surface), figure)
-    _write_json(json_file, json.dumps(content, indent=2) + "\n")
+    _write_json(json_file, to_json(content))
     if str(json_file) != "-":
         _report(content, out)
 

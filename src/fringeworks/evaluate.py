@@ -165,6 +165,19 @@ def compare(
     return rows
 
 
+def to_json(content: Any) -> str:
+    """JSON text; what was not measured (NaN, which JSON does not have) is null."""
+
+    def clean(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {k: clean(v) for k, v in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [clean(v) for v in value]
+        return None if isinstance(value, float) and not np.isfinite(value) else value
+
+    return json.dumps(clean(content), indent=2, allow_nan=False) + "\n"
+
+
 def _cell(value: Any) -> str:
     if isinstance(value, float):
         return "–" if np.isnan(value) else f"{value:.4g}"
@@ -174,12 +187,7 @@ def _cell(value: Any) -> str:
 def format_table(rows: Sequence[Row], style: TableFormat = "text") -> str:
     """A comparison table as aligned text, CSV, JSON or Markdown."""
     if style == "json":
-        # JSON has no NaN: what was not measured is null.
-        clean = [
-            {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in row.items()}
-            for row in rows
-        ]
-        return json.dumps(clean, indent=2) + "\n"
+        return to_json(list(rows))
     columns = list(rows[0]) if rows else []
     if style == "csv":
         buffer = io.StringIO()

@@ -176,7 +176,7 @@ def test_npz(tmp_path):
     np.testing.assert_array_equal(found.object, original.object)
     np.testing.assert_array_equal(found.truth_mm, original.truth_mm)
     np.savez(path, reference=original.reference)
-    with pytest.raises(InputError, match="expected variables reference and object, got reference"):
+    with pytest.raises(InputError, match="expected a variable object, got reference"):
         read_capture(path)
     path.write_bytes(b"PK nonsense")
     with pytest.raises(InputError, match="readable .npz"):
@@ -193,11 +193,23 @@ def test_matlab_version_5(tmp_path):
     with pytest.raises(InputError, match="equal sizes"):
         read_capture(path)
     scipy.io.savemat(path, {"S": original.reference, "E": 3.0})
-    with pytest.raises(InputError, match="expected variables S and D, got S, E"):
+    with pytest.raises(InputError, match="expected a variable D, got S, E"):
         read_capture(path)
     scipy.io.savemat(path, {"S": "text", "D": original.object})
     with pytest.raises(InputError, match="expected S as a real"):
         read_capture(path)
+
+
+def test_matlab_frames_in_two_files(tmp_path):
+    original = scene("parabola", size=64, fringes=4, gamma=2.2)
+    a, b = tmp_path / "SGamma2.2Parabola.mat", tmp_path / "DGamma2.2Parabola.mat"
+    scipy.io.savemat(a, {"S": original.reference})
+    scipy.io.savemat(b, {"D": original.object})
+    found = read_pair(a, b)
+    np.testing.assert_array_equal(found.reference, original.reference)
+    np.testing.assert_array_equal(found.object, original.object)
+    with pytest.raises(InputError, match="expected a variable S, got D"):
+        read_pair(b, a)
 
 
 def test_matlab_version_7_3(tmp_path):

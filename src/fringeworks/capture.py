@@ -88,20 +88,31 @@ def read_capture(path: Path) -> Capture:
 
 
 def read_pair(reference: Path, object: Path) -> Capture:
-    """A capture from two image files, without geometry.
+    """A capture from two files, without geometry.
+
+    Parameters
+    ----------
+    reference, object : Path
+        Images, or ``.mat`` files with the variable S and D respectively, as the dissertation's.
 
     Raises
     ------
     InputError where a file cannot be read or the two differ in size.
     """
-    first, first_notes = read_frame(reference)
-    second, second_notes = read_frame(object)
+    first, first_notes = _one_frame(reference, MATLAB_REFERENCE)
+    second, second_notes = _one_frame(object, MATLAB_OBJECT)
     if first.shape != second.shape:
         raise InputError(
             f"frames: expected equal sizes, got {_size(first)} in {Path(reference).name} and "
             f"{_size(second)} in {Path(object).name}"
         )
     return Capture(reference=first, object=second, notes=first_notes + second_notes)
+
+
+def _one_frame(path: Path, variable: str) -> tuple[NDArray[Any], tuple[str, ...]]:
+    if Path(path).suffix.lower() == ".mat" and Path(path).is_file():
+        return _real_array(path, _load_mat(path), variable), ()
+    return read_frame(path)
 
 
 def _size(frame: NDArray[Any]) -> str:
@@ -176,16 +187,19 @@ def _load_mat(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: expected a readable .mat, got: {error}") from error
 
 
+def _real_array(path: Path, arrays: dict[str, Any], name: str) -> NDArray[Any]:
+    if name not in arrays:
+        there = ", ".join(key for key in arrays if not key.startswith("__")) or "nothing"
+        raise InputError(f"{path}: expected a variable {name}, got {there}")
+    frame = arrays[name]
+    if not isinstance(frame, np.ndarray) or frame.ndim != 2 or frame.dtype.kind not in "uif":
+        kind = f"{getattr(frame, 'dtype', type(frame))} {getattr(frame, 'shape', '')}"
+        raise InputError(f"{path}: expected {name} as a real (h, w) array, got {kind}")
+    return frame
+
+
 def _from_arrays(path: Path, arrays: dict[str, Any], reference: str, object: str) -> Capture:
-    missing = [name for name in (reference, object) if name not in arrays]
-    if missing:
-        there = ", ".join(name for name in arrays if not name.startswith("__")) or "nothing"
-        raise InputError(f"{path}: expected variables {reference} and {object}, got {there}")
-    first, second = arrays[reference], arrays[object]
-    for name, frame in ((reference, first), (object, second)):
-        if not isinstance(frame, np.ndarray) or frame.ndim != 2 or frame.dtype.kind not in "uif":
-            kind = f"{getattr(frame, 'dtype', type(frame))} {getattr(frame, 'shape', '')}"
-            raise InputError(f"{path}: expected {name} as a real (h, w) array, got {kind}")
+    first, second = (_real_array(path, arrays, name) for name in (reference, object))
     if first.shape != second.shape:
         raise InputError(
             f"{path}: expected equal sizes, got {_size(first)} in {reference} and "

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks.works import WORKS, Result
+from fringeworks.evaluate import to_json
 from fringeworks.files import write_text
 
 
@@ -26,7 +26,7 @@ def main() -> int:
         for result in WORKS[name]():
             results.append(result)
             show(result)
-    write_text(arguments.out, json.dumps([asdict(r) for r in results], indent=2) + "\n")
+    write_text(arguments.out, to_json([asdict(r) for r in results]))
     missed = [r.work for r in results if not reached(r)]
     for work in missed:
         print(f"limit missed: {work}")

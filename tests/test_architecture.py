@@ -18,7 +18,7 @@ MODULES = sorted(SOURCE.rglob("*.py"))
 # Lower layers may not import higher ones.
 LAYERS = [
     {"types", "_core"},
-    {"carrier", "unwrap", "geometry", "fits", "surface"},
+    {"carrier", "response", "unwrap", "geometry", "fits", "surface"},
     {"analysis", "simulate", "files"},
     {"capture", "formats", "figures"},
     {"pipeline"},

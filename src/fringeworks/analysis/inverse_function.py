@@ -30,7 +30,7 @@ SAME_RANGE = 0.01
 """Frames whose extremes differ by less than this share of their range have the same albedo."""
 QUIET = 3e-4
 """Noise below this share of the range does not suffer from being bent."""
-GAMMA_ROWS = 16
+GAMMA_ROWS = 8
 """Rows from which the exponent is estimated."""
 MIN_GAMMA_CHANGE = 0.02
 """Exponents nearer to 1 than this are 1."""

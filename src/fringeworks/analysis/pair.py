@@ -84,6 +84,14 @@ def noise_variance(frame: FloatMap, ok: BoolMap) -> float:
     return float((np.median(np.abs(second[usable])) / 0.6745) ** 2 / 36.0)
 
 
+def fill_nearest(values: FloatMap, known: BoolMap) -> FloatMap:
+    """The map with every unknown pixel given the value of the nearest known one."""
+    if known.all():
+        return values
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.asarray(values[tuple(nearest)])
+
+
 def _frame(name: str, frame: np.ndarray) -> tuple[FloatMap, BoolMap, BoolMap]:
     """Values with gaps filled, finite pixels, and saturated pixels of one frame."""
     array = np.asarray(frame)
@@ -91,7 +99,7 @@ def _frame(name: str, frame: np.ndarray) -> tuple[FloatMap, BoolMap, BoolMap]:
         raise InputError(f"{name} frame: expected shape (h, w), got {array.shape}")
     if array.dtype.kind not in "uif":
         raise InputError(f"{name} frame: expected integer or float counts, got {array.dtype}")
-    values = array.astype(np.float64)
+    values: FloatMap = array.astype(np.float64)
     finite = np.isfinite(values)
     if not finite.any():
         raise InputError(f"{name} frame: expected finite values, got none")
@@ -100,11 +108,7 @@ def _frame(name: str, frame: np.ndarray) -> tuple[FloatMap, BoolMap, BoolMap]:
         saturated = ndimage.binary_opening(at_limit, np.ones((3, 3)))
     else:
         saturated = np.zeros(values.shape, bool)
-    if not finite.all():
-        nearest = ndimage.distance_transform_edt(
-            ~finite, return_distances=False, return_indices=True
-        )
-        values = values[tuple(nearest)]
+    values = fill_nearest(values, finite)
     if not values.any():
         raise InputError(f"{name} frame: expected fringes, got an all-black frame")
     return values, finite, saturated

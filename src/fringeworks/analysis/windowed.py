@@ -9,7 +9,7 @@ from scipy import fft, ndimage
 
 from fringeworks import _core
 from fringeworks.analysis.fourier import fourier
-from fringeworks.analysis.pair import FringePair
+from fringeworks.analysis.pair import FringePair, fill_nearest
 from fringeworks.analysis.registry import Solution, method
 from fringeworks.types import BoolMap, FloatMap, InputError, Reason
 
@@ -69,12 +69,8 @@ def start_field(pair: FringePair, width_px: float) -> FloatMap:
     known = np.isfinite(coarse)
     if not known.any():
         return np.zeros(coarse.shape)
-    if not known.all():
-        nearest = ndimage.distance_transform_edt(
-            ~known, return_distances=False, return_indices=True
-        )
-        coarse = coarse[tuple(nearest)]
-    return np.asarray(ndimage.gaussian_filter(coarse, width_px, mode="nearest", truncate=3.0))
+    filled = fill_nearest(coarse, known)
+    return np.asarray(ndimage.gaussian_filter(filled, width_px, mode="nearest", truncate=3.0))
 
 
 @method("windowed")

@@ -167,11 +167,18 @@ fn model_of(pair: &Pair, u: &[f32], grid: &Grid) -> Model {
         offset: vec![LOOSE.offset; u.len()],
         gain: vec![LOOSE.gain; u.len()],
     };
-    for (i, (offset, gain)) in model.offset.iter_mut().zip(&mut model.gain).enumerate() {
-        if let Some(blend) = grid.blend(i % pair.width, i / pair.width) {
-            (*offset, *gain) = (blend.offset, blend.gain);
-        }
-    }
+    model
+        .offset
+        .par_chunks_mut(pair.width)
+        .zip(model.gain.par_chunks_mut(pair.width))
+        .enumerate()
+        .for_each(|(y, (offset, gain))| {
+            for x in 0..pair.width {
+                if let Some(blend) = grid.blend(x, y) {
+                    (offset[x], gain[x]) = (blend.offset, blend.gain);
+                }
+            }
+        });
     model
 }
 

@@ -1,7 +1,7 @@
 //! Cliffs: where a window straddles two surfaces it fits neither. Each badly explained pixel is
 //! offered the surfaces found further away on either side, and takes the one that explains it.
 
-use super::warp::{evaluate, Pair, MARGIN};
+use super::warp::Pair;
 use rayon::prelude::*;
 
 /// Half-width of the patch over which a surface has to explain the frame, px.
@@ -36,18 +36,8 @@ const DIRECTIONS: [(isize, isize); 8] = [
 
 /// Residual of one pixel under a displacement, offset and gain; `None` without data.
 fn residual(pair: &Pair, x: usize, y: usize, u: f32, offset: f32, gain: f32) -> Option<f32> {
-    let i = y * pair.width + x;
-    let position = x as f64 - u as f64;
-    let inside = position >= MARGIN && position <= (pair.width - 1) as f64 - MARGIN;
-    if !inside
-        || pair.object_ok[i] == 0
-        || pair.reference_ok[y * pair.width + (position + 0.5) as usize] == 0
-    {
-        return None;
-    }
-    let row = &pair.spline[y * (pair.width + 3)..(y + 1) * (pair.width + 3)];
-    let (value, _) = evaluate(row, position);
-    Some(pair.object[i] - offset - gain * value)
+    let (value, _) = pair.reference_at(x, y, u)?;
+    Some(pair.object[y * pair.width + x] - offset - gain * value)
 }
 
 /// Mean squared residual over the patch around a pixel, under one affine surface.

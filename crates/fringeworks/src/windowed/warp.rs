@@ -2,7 +2,7 @@
 //! along rows.
 
 /// Samples at either end of a row that are not used: the spline leans on mirrored data there.
-pub const MARGIN: f64 = 2.0;
+const MARGIN: f64 = 2.0;
 
 /// A frame pair in the normalised units of the kernel (background 0, modulation 1).
 #[derive(Clone, Copy)]
@@ -51,7 +51,7 @@ impl WarpedRow {
 
 /// Value and slope of the row's spline at `position`, which must lie in `[0, width − 1]`.
 #[inline(always)]
-pub fn evaluate(coefficients: &[f32], position: f64) -> (f32, f32) {
+fn evaluate(coefficients: &[f32], position: f64) -> (f32, f32) {
     let last = coefficients.len() - 4;
     let k = (position as usize).min(last);
     let t = (position - k as f64) as f32;
@@ -70,19 +70,29 @@ pub fn evaluate(coefficients: &[f32], position: f64) -> (f32, f32) {
     (value, slope)
 }
 
+impl Pair<'_> {
+    /// Value and slope of the reference at x − u; `None` where either frame has no sample to trust.
+    #[inline(always)]
+    pub fn reference_at(&self, x: usize, y: usize, u: f32) -> Option<(f32, f32)> {
+        let position = x as f64 - u as f64;
+        // A NaN displacement fails both comparisons.
+        let inside = position >= MARGIN && position <= (self.width - 1) as f64 - MARGIN;
+        let row = y * self.width;
+        if !inside
+            || self.object_ok[row + x] == 0
+            || self.reference_ok[row + (position + 0.5) as usize] == 0
+        {
+            return None;
+        }
+        let coefficients = &self.spline[y * (self.width + 3)..(y + 1) * (self.width + 3)];
+        Some(evaluate(coefficients, position))
+    }
+}
+
 /// Warp row `y` by the displacement `u` of that row.
 pub fn warp_row(pair: &Pair, y: usize, u: &[f32], out: &mut WarpedRow) {
-    let width = pair.width;
-    let coefficients = &pair.spline[y * (width + 3)..(y + 1) * (width + 3)];
-    let reference_ok = &pair.reference_ok[y * width..(y + 1) * width];
-    let object_ok = &pair.object_ok[y * width..(y + 1) * width];
-    let last = (width - 1) as f64 - MARGIN;
-    for x in 0..width {
-        let position = x as f64 - u[x] as f64;
-        // A NaN displacement fails both comparisons and gets no weight.
-        let inside = position >= MARGIN && position <= last;
-        if inside && object_ok[x] != 0 && reference_ok[(position + 0.5) as usize] != 0 {
-            let (value, slope) = evaluate(coefficients, position);
+    for x in 0..pair.width {
+        if let Some((value, slope)) = pair.reference_at(x, y, u[x]) {
             out.weight[x] = 1.0;
             out.value[x] = value;
             out.slope[x] = slope;

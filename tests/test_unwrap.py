@@ -18,13 +18,28 @@ def test_kernel_agrees_with_its_oracle(seed):
     truth = 0.9 * x + 0.03 * y**2 + 0.5 * rng.standard_normal(x.shape)
     mask = rng.random(x.shape) > 0.1
     phase = wrap(truth).astype(np.float32)
-    found, region = unwrap(phase, mask)
+    found, region, _, _ = unwrap(phase, mask, algorithm="reliability")
     expected = unwrap_reliability(phase.astype(float), mask)
     largest = region == 1
     difference = (found - expected)[largest] / (2 * np.pi)
     assert np.ptp(np.round(difference)) == 0
     np.testing.assert_allclose(difference, np.round(difference), atol=1e-5)
     assert np.isnan(found[~mask]).all()
+
+
+def test_tiles_make_the_tree_of_the_whole_map():
+    """Through noise the path matters, and tiles of 64 px must not change it."""
+    rng = np.random.default_rng(7)
+    y, x = np.mgrid[:100, :90]
+    truth = 0.5 * x + 0.004 * (y - 50.0) ** 2 + 0.7 * rng.standard_normal(x.shape)
+    phase = wrap(truth).astype(np.float32)
+    mask = rng.random(x.shape) > 0.02
+    found = unwrap(phase, mask, algorithm="reliability")
+    assert found.residues > 20
+    expected = unwrap_reliability(phase, mask)
+    difference = np.round((found.phase - expected)[found.region == 1] / (2 * np.pi))
+    # Sums of four squares round differently in the two; a tie may fall either way.
+    assert np.mean(difference != np.median(difference)) < 0.002
 
 
 @settings(max_examples=20, deadline=None)
@@ -38,7 +53,7 @@ def test_kernel_agrees_with_its_oracle(seed):
 def test_smooth_phase_is_exact(slope_x, slope_y, bend, h, w):
     y, x = np.mgrid[:h, :w].astype(float)
     truth = slope_x * x + slope_y * y + bend * (x - w / 2) ** 2
-    found, region = unwrap(wrap(truth))
+    found, region, _, _ = unwrap(wrap(truth))
     assert (region == 1).all()
     offset = (found - truth) / (2 * np.pi)
     np.testing.assert_allclose(offset, np.round(offset.flat[0]), atol=1e-4)
@@ -49,16 +64,115 @@ def test_noise_leaves_no_error_where_steps_stay_below_pi():
     y, x = np.mgrid[:512, :512]
     truth = 0.5 * x + 40 * np.exp(-((x - 256) ** 2 + (y - 200) ** 2) / 20000)
     truth = truth + 0.3 * rng.standard_normal(x.shape)
-    found, _ = unwrap(wrap(truth))
+    found = unwrap(wrap(truth)).phase
     offset = (found - truth) / (2 * np.pi)
     assert np.abs(offset - np.round(np.median(offset))).max() < 1e-3
+
+
+def wrong_share(found, truth):
+    """Share of pixels off by turns, every region against its own constant."""
+    wrong = 0
+    for label in range(1, int(found.region.max()) + 1):
+        inside = found.region == label
+        order = np.round((found.phase - truth)[inside] / (2 * np.pi))
+        wrong += int((order != np.median(order)).sum())
+    return wrong / int((found.region > 0).sum())
+
+
+def noisy_hill(n, noise, seed=0):
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:n, :n].astype(float)
+    hill = np.exp(-((x - 0.5 * n) ** 2 + (y - 0.5 * n) ** 2) / (0.08 * n**2))
+    return 0.3 * x + 0.1 * y + 0.1 * n * hill + noise * rng.standard_normal(x.shape)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_guided_is_right_through_noise(seed):
+    truth = noisy_hill(512, 0.8, seed)
+    found = unwrap(wrap(truth))
+    assert found.algorithm == "guided"
+    assert 0.01 < found.residues / truth.size < 0.04
+    # Noise beyond π, 0.009 % of all pixels, cannot be told from a turn.
+    assert wrong_share(found, truth) <= 2e-4
+    plain = unwrap(wrap(truth), algorithm="reliability")
+    assert wrong_share(plain, truth) > 0.01
+
+
+def cliffs(n=256):
+    """Steps of many turns across a masked curve, around a closed one, and along a spiral."""
+    y, x = np.mgrid[:n, :n].astype(float)
+    base = 0.3 * x + 0.1 * y
+    curve = 0.45 * n + 0.1 * n * np.sin(6 * y / n)
+    height = 37.3 * np.clip((y - 0.15 * n) / (0.7 * n), 0, 1)
+    yield "curve", base + height * (x > curve), (np.abs(x - curve) >= 1.5) | (y < 0.15 * n)
+    radius = np.hypot(x - 0.5 * n, y - 0.5 * n)
+    yield "disc", base + 50 * (radius < 0.25 * n), np.abs(radius - 0.25 * n) >= 1.2
+    angle = np.arctan2(y - 0.5 * n, x - 0.5 * n)
+    arm = radius / (0.12 * n) - angle / (2 * np.pi)
+    away = np.minimum(arm % 1, 1 - arm % 1) * 0.12 * n
+    shear = 0.5 * base + 8.0 * (angle + 2 * np.pi * np.floor(arm))
+    yield "spiral", shear, (away > 1.5) & (radius > 0.03 * n)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3, 0.8])
+@pytest.mark.parametrize("case", list(cliffs()), ids=lambda case: case[0])
+def test_masked_cliffs_and_shear(case, noise):
+    _, truth, mask = case
+    truth = truth + noise * np.random.default_rng(3).standard_normal(truth.shape)
+    found = unwrap(wrap(truth), mask)
+    plain = unwrap(wrap(truth), mask, algorithm="reliability")
+    assert wrong_share(found, truth) <= wrong_share(plain, truth)
+    if noise < 0.5:
+        assert wrong_share(found, truth) == 0.0
+    else:
+        assert wrong_share(found, truth) < 5e-4
+
+
+def test_least_squares():
+    truth = noisy_hill(128, 0.2)
+    mask = np.ones(truth.shape, bool)
+    mask[40:60, 50:90] = False
+    mask[:, 100] = False
+    found = unwrap(wrap(truth), mask, algorithm="least_squares")
+    assert found.region.max() == 2
+    assert wrong_share(found, truth) == 0.0
+    assert np.isnan(found.phase[~mask]).all()
+    whole = unwrap(wrap(truth), algorithm="least_squares")
+    assert wrong_share(whole, truth) == 0.0
+
+
+@pytest.mark.parametrize("algorithm", ["reliability", "guided", "least_squares"])
+def test_quality_keeps_bad_pixels_from_leading(algorithm):
+    """A band of garbage with a low quality leaves the rest as it was."""
+    rng = np.random.default_rng(1)
+    truth = noisy_hill(128, 0.05)
+    phase = wrap(truth)
+    bad = np.zeros(truth.shape, bool)
+    bad[60:64, 20:128] = True
+    phase[bad] = rng.uniform(-np.pi, np.pi, bad.sum())
+    quality = np.where(bad, 1e-3, 1.0)
+    found = unwrap(phase, quality=quality, algorithm=algorithm)
+    order = np.round((found.phase - truth)[~bad] / (2 * np.pi))
+    assert np.mean(order != np.median(order)) == 0.0
+    quality[0, 0] = np.nan
+    assert found.region[0, 0] == 1
+    assert unwrap(phase, quality=quality, algorithm=algorithm).region[0, 0] == 0
+
+
+@pytest.mark.parametrize("shape", [(1, 50), (50, 1), (1, 1), (2, 3)])
+@pytest.mark.parametrize("algorithm", ["reliability", "guided", "least_squares"])
+def test_slivers(shape, algorithm):
+    truth = 0.6 * np.arange(np.prod(shape), dtype=float).reshape(shape)
+    found = unwrap(wrap(truth), algorithm=algorithm)
+    assert found.phase.shape == shape
+    assert np.ptp(np.round((found.phase - truth) / (2 * np.pi))) == 0
 
 
 def test_separate_regions_are_numbered_by_size():
     phase = np.zeros((20, 40), np.float32)
     mask = np.ones(phase.shape, bool)
     mask[:, 10] = False
-    _, region = unwrap(phase, mask)
+    region = unwrap(phase, mask).region
     assert (region[:, 11:] == 1).all()
     assert (region[:, :10] == 2).all()
     assert (region[:, 10] == 0).all()
@@ -71,6 +185,19 @@ def test_bad_input():
         unwrap(np.zeros((5, 5)), np.ones((4, 5), bool))
     with pytest.raises(InputError, match="at least one valid pixel"):
         unwrap(np.full((5, 5), np.nan))
+    with pytest.raises(InputError, match="at least one valid pixel"):
+        unwrap(np.zeros((5, 5)), np.zeros((5, 5), bool))
+    with pytest.raises(InputError, match="quality: expected shape"):
+        unwrap(np.zeros((5, 5)), quality=np.ones((4, 5)))
+    with pytest.raises(InputError, match="at most 1e.06 rad"):
+        unwrap(np.full((5, 5), 1e9))
+    with pytest.raises(InputError, match="real numbers, got complex"):
+        unwrap(np.ones((5, 5), complex))
+    with pytest.raises(InputError, match="algorithm: expected one of"):
+        unwrap(np.zeros((5, 5)), algorithm="magic")
     wrapped = np.zeros((5, 5))
+    wrapped[2, 2] = np.inf
+    assert np.isnan(unwrap(wrapped).phase[2, 2])
+    wrapped[2, 2] = 0.0
     unwrap(wrapped, np.ones((5, 5), bool))
     assert not wrapped.any()

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "average_phasor",
+    "count_residues",
     "invert_rows",
     "invert_windowed",
     "optimised",
@@ -34,8 +36,14 @@ def row_extrema(
     row: NDArray[np.float64], *, period: float, prominence: float, floor: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]: ...
 def unwrap_reliability(
-    phase: NDArray[np.float32], mask: NDArray[np.uint8]
+    phase: NDArray[np.float32],
+    mask: NDArray[np.uint8],
+    roughness: NDArray[np.float32] | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]: ...
+def count_residues(phase: NDArray[np.float32], mask: NDArray[np.uint8]) -> int: ...
+def average_phasor(
+    phase: NDArray[np.float32], weight: NDArray[np.float32], *, sigma: float, reach: int
+) -> NDArray[np.complex64]: ...
 def invert_windowed(
     spline: NDArray[np.float32],
     object: NDArray[np.float32],

@@ -16,7 +16,7 @@ mod _core {
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]
-    use super::unwrap::unwrap_reliability;
+    use super::unwrap::{average_phasor, count_residues, unwrap_reliability};
     #[pymodule_export]
     use super::windowed::invert_windowed;
 

@@ -1,22 +1,56 @@
 use crate::refuse;
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{Complex32, IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 type Maps<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<u32>>);
 
 #[pyfunction]
+#[pyo3(signature = (phase, mask, roughness=None))]
 pub fn unwrap_reliability<'py>(
     py: Python<'py>,
     phase: PyReadonlyArray2<'py, f32>,
     mask: PyReadonlyArray2<'py, u8>,
+    roughness: Option<PyReadonlyArray2<'py, f32>>,
 ) -> PyResult<Maps<'py>> {
     let shape = (phase.shape()[0], phase.shape()[1]);
     let (p, m) = (phase.as_slice()?, mask.as_slice()?);
+    let r = roughness.as_ref().map(|r| r.as_slice()).transpose()?;
     let out = py
-        .detach(|| fringeworks::unwrap::reliability(p, m, shape.0, shape.1))
+        .detach(|| fringeworks::unwrap::reliability(p, m, r, shape.0, shape.1))
         .map_err(refuse)?;
     let phase = Array2::from_shape_vec(shape, out.phase).expect("kernel keeps the shape");
     let region = Array2::from_shape_vec(shape, out.region).expect("kernel keeps the shape");
     Ok((phase.into_pyarray(py), region.into_pyarray(py)))
+}
+
+#[pyfunction]
+pub fn count_residues<'py>(
+    py: Python<'py>,
+    phase: PyReadonlyArray2<'py, f32>,
+    mask: PyReadonlyArray2<'py, u8>,
+) -> PyResult<usize> {
+    let shape = (phase.shape()[0], phase.shape()[1]);
+    let (p, m) = (phase.as_slice()?, mask.as_slice()?);
+    py.detach(|| fringeworks::unwrap::residues(p, m, shape.0, shape.1))
+        .map_err(refuse)
+}
+
+#[pyfunction]
+#[pyo3(signature = (phase, weight, *, sigma, reach))]
+pub fn average_phasor<'py>(
+    py: Python<'py>,
+    phase: PyReadonlyArray2<'py, f32>,
+    weight: PyReadonlyArray2<'py, f32>,
+    sigma: f32,
+    reach: usize,
+) -> PyResult<Bound<'py, PyArray2<Complex32>>> {
+    let shape = (phase.shape()[0], phase.shape()[1]);
+    let (p, w) = (phase.as_slice()?, weight.as_slice()?);
+    let out = py
+        .detach(|| fringeworks::unwrap::average(p, w, shape.0, shape.1, sigma, reach))
+        .map_err(refuse)?;
+    let phasors = out.into_iter().map(|[re, im]| Complex32::new(re, im));
+    let map = Array2::from_shape_vec(shape, phasors.collect()).expect("kernel keeps the shape");
+    Ok(map.into_pyarray(py))
 }

@@ -93,7 +93,7 @@ def fourier(pair: FringePair, *, dimensions: Literal[1, 2] = 2, width: float = 0
     if not usable.any():
         return Solution(nothing, nothing, nothing, reason)
     wrapped = np.angle(reference * np.conj(object_))
-    phase, region = unwrap(wrapped, usable)
+    phase, region, _, _ = unwrap(wrapped, usable)
     reason[usable & (region > 1)] = Reason.ORDER_AMBIGUOUS
     phase = np.where(region == 1, anchor(phase, region), np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):

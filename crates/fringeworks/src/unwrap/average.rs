@@ -1,0 +1,198 @@
+//! The locally averaged phasor, along the local frequency: what unwraps through noise.
+
+use crate::{check_length, check_value, Error};
+use rayon::prelude::*;
+
+type Phasor = [f32; 2];
+
+#[inline(always)]
+fn times([a, b]: Phasor, [c, d]: Phasor) -> Phasor {
+    [a * c - b * d, a * d + b * c]
+}
+
+#[inline(always)]
+fn conjugate([a, b]: Phasor) -> Phasor {
+    [a, -b]
+}
+
+/// Average of `exp(iφ)`, with a non-negative weight per pixel, over a Gaussian window of `sigma` px,
+/// every sample turned back by the local frequency first, so that fringes as fine as a few pixels
+/// do not average out.
+///
+/// The frequency is that of the phasor's steps over a box of `2 reach + 1` px. Windows end at pixels
+/// of weight 0: nothing is averaged across them. Gives the phasor (real, imaginary) per pixel; its
+/// modulus is between 0 and 1 and says how well the samples agree.
+pub fn average(
+    phase: &[f32],
+    weight: &[f32],
+    height: usize,
+    width: usize,
+    sigma: f32,
+    reach: usize,
+) -> Result<Vec<Phasor>, Error> {
+    check_length("phase", phase.len(), height * width)?;
+    check_length("weight", weight.len(), height * width)?;
+    check_value("sigma", sigma > 0.0 && sigma < 1e3, "0 to 1000 px", sigma)?;
+    let phasors: Vec<Phasor> = phase
+        .par_iter()
+        .zip(weight.par_iter())
+        .map(|(p, w)| [w * p.cos(), w * p.sin()])
+        .collect();
+    let window: Vec<f32> = (0..=(2.5 * sigma).ceil() as usize)
+        .map(|j| (-0.5 * (j as f32 / sigma).powi(2)).exp())
+        .collect();
+    let step = steps(&phasors, width, height, reach);
+    let along_x = lines(&phasors, weight, &step, width, &window);
+    let step = transpose(&phasors, height, width);
+    let step = steps(&step, height, width, reach);
+    let (sums, totals): (Vec<Phasor>, Vec<f32>) = (
+        transpose(&along_x.0, height, width),
+        transpose(&along_x.1, height, width),
+    );
+    let (mut sums, totals) = lines(&sums, &totals, &step, height, &window);
+    sums.par_iter_mut().zip(&totals).for_each(|(s, t)| {
+        if *t > 0.0 {
+            *s = [s[0] / t, s[1] / t];
+        }
+    });
+    Ok(transpose(&sums, width, height))
+}
+
+/// Mean direction of z(x + 1)·z̄(x) around every pixel, as a unit phasor.
+fn steps(phasors: &[Phasor], width: usize, height: usize, reach: usize) -> Vec<Phasor> {
+    let mut rows = vec![[0.0; 2]; phasors.len()];
+    rows.par_chunks_mut(width)
+        .zip(phasors.par_chunks(width))
+        .for_each(|(out, row)| {
+            for x in 0..width - 1 {
+                out[x] = times(row[x + 1], conjugate(row[x]));
+            }
+            box_sum(out, reach);
+        });
+    let mut columns = transpose(&rows, height, width);
+    columns
+        .par_chunks_mut(height)
+        .for_each(|column| box_sum(column, reach));
+    let mut out = transpose(&columns, width, height);
+    out.par_iter_mut().for_each(|p| {
+        let modulus = (p[0] * p[0] + p[1] * p[1]).sqrt();
+        *p = if modulus > 0.0 {
+            [p[0] / modulus, p[1] / modulus]
+        } else {
+            [1.0, 0.0]
+        };
+    });
+    out
+}
+
+/// Sums over `reach` samples to either side, in place; running sums, in double so that they last.
+fn box_sum(line: &mut [Phasor], reach: usize) {
+    let source = line.to_vec();
+    let n = source.len();
+    let mut sum = [0.0f64; 2];
+    for p in &source[..reach.min(n)] {
+        sum = [sum[0] + p[0] as f64, sum[1] + p[1] as f64];
+    }
+    for x in 0..n {
+        if x + reach < n {
+            let p = source[x + reach];
+            sum = [sum[0] + p[0] as f64, sum[1] + p[1] as f64];
+        }
+        if x > reach {
+            let p = source[x - reach - 1];
+            sum = [sum[0] - p[0] as f64, sum[1] - p[1] as f64];
+        }
+        line[x] = [sum[0] as f32, sum[1] as f32];
+    }
+}
+
+/// Sums along lines of `width`, each sample turned back by its distance times the step, and the
+/// sums of their weights. Both stop at samples of weight 0.
+fn lines(
+    values: &[Phasor],
+    weight: &[f32],
+    step: &[Phasor],
+    width: usize,
+    window: &[f32],
+) -> (Vec<Phasor>, Vec<f32>) {
+    let mut sums = vec![[0.0; 2]; values.len()];
+    let mut totals = vec![0.0; values.len()];
+    sums.par_chunks_mut(width)
+        .zip(totals.par_chunks_mut(width))
+        .enumerate()
+        .for_each(|(y, (sums, totals))| {
+            let span = y * width..(y + 1) * width;
+            let (values, step) = (&values[span.clone()], &step[span.clone()]);
+            let weight = &weight[span];
+            for x in 0..width {
+                if weight[x] == 0.0 {
+                    continue;
+                }
+                let mut sum = values[x];
+                let mut total = weight[x];
+                for forward in [true, false] {
+                    // Turning back along +x is by the conjugate step.
+                    let turn = if forward { conjugate(step[x]) } else { step[x] };
+                    let mut phasor = turn;
+                    for (j, w) in window.iter().enumerate().skip(1) {
+                        let at = if forward { x + j } else { x.wrapping_sub(j) };
+                        if at >= width || weight[at] == 0.0 {
+                            break;
+                        }
+                        let v = times(values[at], phasor);
+                        sum = [sum[0] + w * v[0], sum[1] + w * v[1]];
+                        total += w * weight[at];
+                        phasor = times(phasor, turn);
+                    }
+                }
+                sums[x] = sum;
+                totals[x] = total;
+            }
+        });
+    (sums, totals)
+}
+
+const BLOCK: usize = 32;
+
+/// `height × width` to `width × height`, by blocks that stay in the cache.
+fn transpose<T: Copy + Default + Send + Sync>(values: &[T], height: usize, width: usize) -> Vec<T> {
+    let mut out = vec![T::default(); values.len()];
+    out.par_chunks_mut(BLOCK * height)
+        .enumerate()
+        .for_each(|(k, lines)| {
+            for y0 in (0..height).step_by(BLOCK) {
+                for (j, line) in lines.chunks_mut(height).enumerate() {
+                    let x = k * BLOCK + j;
+                    for y in y0..(y0 + BLOCK).min(height) {
+                        line[y] = values[y * width + x];
+                    }
+                }
+            }
+        });
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn follows_fine_fringes_and_stops_at_masked_pixels() {
+        let (h, w) = (60, 70);
+        let truth = |y: usize, x: usize| {
+            let side = if x > 34 { 1.7 } else { 0.0 };
+            1.1 * x as f32 - 0.6 * y as f32 + side
+        };
+        let phase: Vec<f32> = (0..h * w).map(|i| truth(i / w, i % w)).collect();
+        let weight: Vec<f32> = (0..h * w).map(|i| (i % w != 34) as u8 as f32).collect();
+        let mean = average(&phase, &weight, h, w, 2.0, 7).unwrap();
+        for (i, p) in mean.iter().enumerate() {
+            if weight[i] == 0.0 {
+                assert_eq!(*p, [0.0; 2]);
+                continue;
+            }
+            let back = times(*p, [phase[i].cos(), -phase[i].sin()]);
+            assert!(back[0] > 0.9 && back[1].abs() < 0.05, "{i}: {back:?}");
+        }
+    }
+}

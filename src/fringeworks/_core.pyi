@@ -21,6 +21,7 @@ def invert_rows(
     object: NDArray[np.float64],
     mask: NDArray[np.uint8],
     *,
+    guide: NDArray[np.float32] | None = None,
     method: str,
     degree: int,
     n_resample: int,

@@ -25,7 +25,8 @@ class _Strict(BaseModel):
 class FramesSection(_Strict):
     """``[frames]``: image files, relative to the folder."""
 
-    reference: str
+    reference: str | None = None
+    """Left out for a single frame."""
     object: str
 
 
@@ -47,6 +48,8 @@ class CaptureFile(_Strict):
     """Direction in which the fringes vary; found when left out."""
     mask: str | None = None
     """Image that is non-zero where the object is to be measured."""
+    background: str | None = None
+    """Image that is non-zero where the reference plane shows; used without a reference frame."""
     truth: str | None = None
     """TIFF of the true height in mm, where it is known."""
     geometry: GeometrySection | None = None
@@ -87,18 +90,22 @@ def read_capture(path: Path) -> Capture:
     )
 
 
-def read_pair(reference: Path, object: Path) -> Capture:
-    """A capture from two files, without geometry.
+def read_pair(reference: Path | None, object: Path) -> Capture:
+    """A capture from two files, or from the object's alone, without geometry.
 
     Parameters
     ----------
     reference, object : Path
         Images, or ``.mat`` files with the variable S and D respectively, as the dissertation's.
+        No reference makes a single frame.
 
     Raises
     ------
     InputError where a file cannot be read or the two differ in size.
     """
+    if reference is None:
+        only, notes = _one_frame(object, MATLAB_OBJECT)
+        return Capture(reference=None, object=only, notes=notes)
     first, first_notes = _one_frame(reference, MATLAB_REFERENCE)
     second, second_notes = _one_frame(object, MATLAB_OBJECT)
     if first.shape != second.shape:
@@ -129,17 +136,22 @@ def _read_folder(folder: Path) -> Capture:
         raise InputError(f"{description}: expected TOML, got: {error}") from error
     except ValidationError as error:
         raise InputError(f"{description}: {_first_fault(error)}") from error
-    pair = read_pair(folder / content.frames.reference, folder / content.frames.object)
+    named = content.frames.reference
+    pair = read_pair(None if named is None else folder / named, folder / content.frames.object)
     geometry = content.geometry
-    mask = None if content.mask is None else read_frame(folder / content.mask)[0] != 0
+    mask, background = (
+        None if name is None else read_frame(folder / name)[0] != 0
+        for name in (content.mask, content.background)
+    )
     truth = None if content.truth is None else read_frame(folder / content.truth)[0]
     return Capture(
         reference=pair.reference,
         object=pair.object,
-        mask=_fitting("mask", mask, pair.reference),
+        mask=_fitting("mask", mask, pair.object),
+        background=_fitting("background", background, pair.object),
         axis=content.axis,
         geometry=None if geometry is None else ReferencePlaneGeometry(**geometry.model_dump()),
-        truth_mm=_fitting("truth", truth, pair.reference),
+        truth_mm=_fitting("truth", truth, pair.object),
         notes=pair.notes,
     )
 
@@ -228,14 +240,18 @@ def write_capture(folder: Path, capture: Capture) -> Path:
     frames = {}
     for name in ("reference", "object"):
         frame = getattr(capture, name)
+        if frame is None:
+            continue
         frames[name] = f"{name}.png" if frame.dtype in (np.uint8, np.uint16) else f"{name}.tif"
         write_frame(folder / frames[name], frame)
     content: dict[str, Any] = {"kind": "pair"}
     if capture.axis:
         content["axis"] = capture.axis
-    if capture.mask is not None:
-        content["mask"] = "mask.png"
-        write_frame(folder / "mask.png", capture.mask.astype(np.uint8) * np.uint8(255))
+    for name in ("mask", "background"):
+        values = getattr(capture, name)
+        if values is not None:
+            content[name] = f"{name}.png"
+            write_frame(folder / f"{name}.png", values.astype(np.uint8) * np.uint8(255))
     if capture.truth_mm is not None:
         content["truth"] = "truth.tif"
         write_frame(folder / "truth.tif", np.asarray(capture.truth_mm, np.float64))

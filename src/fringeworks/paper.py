@@ -115,6 +115,7 @@ def _part_2(save: Save, size: int) -> None:
         scene = standard_scene(name, size=size)
         assert scene.truth_mm is not None
         assert scene.geometry is not None
+        assert scene.reference is not None
         if number == 5:
             save("4_05_reference_pattern", figures.frame("Reference pattern", scene.reference))
         pitch = scene.geometry.pitch_mm_per_px

@@ -64,12 +64,16 @@ class ReferencePlaneGeometry:
 class Capture:
     """A reference frame and an object frame, as the camera delivered them."""
 
-    reference: NDArray[Any]
-    """Fringes on the reference plane, (h, w), uint8, uint16 or float, counts."""
+    reference: NDArray[Any] | None
+    """Fringes on the reference plane, (h, w), uint8, uint16 or float, counts; None where there is
+    no such frame: the fringes are then compared with the plain ones of the background."""
     object: NDArray[Any]
     """The same fringes with the object in front, (h, w), counts."""
     mask: BoolMap | None = None
     """True where the object is to be measured, (h, w); None for everywhere."""
+    background: BoolMap | None = None
+    """True where the reference plane shows in the object frame, (h, w); None to find it. Used
+    where there is no reference frame."""
     axis: Axis | None = None
     """Direction in which the fringes vary; None to find it."""
     geometry: ReferencePlaneGeometry | None = None

@@ -198,7 +198,7 @@ def _least_squares(phase: PhaseField, valid: BoolMap, weight: PhaseField) -> Sol
     uniform = bool((weight == weight.flat[0]).all())
     found = poisson(source / float(weight.flat[0]) ** 2) if uniform else np.zeros(raw.shape)
     if not uniform:
-        residual, direction, before = source, np.zeros(raw.shape), 0.0
+        residual, direction, before = source, source, 0.0
         target = TOLERANCE * float(np.linalg.norm(source))
         for _ in range(MAX_STEPS):
             if float(np.linalg.norm(residual)) <= target:

@@ -14,13 +14,14 @@ type Maps<'py> = (
 );
 
 #[pyfunction]
-#[pyo3(signature = (reference, object, mask, *, method, degree, n_resample, period, prominence, floor, noise, max_displacement, tolerance, albedo_tolerance))]
+#[pyo3(signature = (reference, object, mask, *, guide=None, method, degree, n_resample, period, prominence, floor, noise, max_displacement, tolerance, albedo_tolerance))]
 #[allow(clippy::too_many_arguments)]
 pub fn invert_rows<'py>(
     py: Python<'py>,
     reference: PyReadonlyArray2<'py, f64>,
     object: PyReadonlyArray2<'py, f64>,
     mask: PyReadonlyArray2<'py, u8>,
+    guide: Option<PyReadonlyArray2<'py, f32>>,
     method: &str,
     degree: usize,
     n_resample: usize,
@@ -57,8 +58,9 @@ pub fn invert_rows<'py>(
     };
     let shape = (reference.shape()[0], reference.shape()[1]);
     let (s, d, m) = (reference.as_slice()?, object.as_slice()?, mask.as_slice()?);
+    let g = guide.as_ref().map(|g| g.as_slice()).transpose()?;
     let field = py
-        .detach(|| invert(s, d, m, shape.1, &options))
+        .detach(|| invert(s, d, m, g, shape.1, &options))
         .map_err(refuse)?;
     let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
     let displacement =

@@ -10,32 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks.analysis.counting import MAX_PERIODS, NOISE_SWINGS, PROMINENCE, Name, invert_rows, slips
+from fringeworks.analysis.fourier import fourier
+from fringeworks.analysis.order import compare_orders
 from fringeworks.analysis.pair import FringePair
 from fringeworks.analysis.registry import Solution, method
-from fringeworks.response import estimate_gamma
-from fringeworks.types import BoolMap, FloatMap, InputError
-
-Rows = NDArray[np.float64]
-
-PROMINENCE = 0.3
-"""Least swing of an extremum, as a share of the local range of its row."""
-NOISE_SWINGS = 5.0
-"""… and in standard deviations of the noise."""
-TOLERANCE = 0.05
-"""How far (share of a part's range) an intensity may exceed its part and count as its end."""
-SAME_RANGE = 0.01
-"""Frames whose extremes differ by less than this share of their range have the same albedo."""
-QUIET = 3e-4
-"""Noise below this share of the range does not suffer from being bent."""
-GAMMA_ROWS = 8
-"""Rows from which the exponent is estimated."""
-MIN_GAMMA_CHANGE = 0.02
-"""Exponents nearer to 1 than this are 1."""
-ALBEDO_TOLERANCE = 0.02
-"""Parts whose extrema differ by more than this share are normalised to the reference's first."""
+from fringeworks.types import BoolMap, FloatMap, InputError, Reason
 
 
 @dataclass(frozen=True)
@@ -76,69 +58,46 @@ def find_extrema(row: FloatMap, period_px: float, *, noise: float = 0.0) -> Extr
     return Extrema(position, value, is_maximum.astype(bool))
 
 
-def _linearised(pair: FringePair) -> tuple[Rows, Rows, float]:
-    """Both frames, through the inverse of the response where that can only help, and γ.
-
-    The inverse function does not change when both frames go through the same monotone curve, but
-    a flat minimum (γ = 2.2) is poorly interpolated by cubics and a cosine is not. A curve also
-    bends noise, and offset and gain of another albedo: frames with either are left alone.
-    """
-    s, d = pair.reference, pair.object
-    low, high = float(s.min()), float(s.max())
-    slack = SAME_RANGE * (high - low)
-    same_range = abs(float(d.min()) - low) <= slack and abs(float(d.max()) - high) <= slack
-    quiet = np.sqrt(sum(pair.noise)) <= QUIET * (high - low)
-    if not (same_range and quiet):
-        return s, d, 1.0
-    some = s[:: max(1, s.shape[0] // GAMMA_ROWS)]
-    gamma = estimate_gamma((some - low) / (high - low), pair.period)
-    if abs(gamma - 1.0) < MIN_GAMMA_CHANGE:
-        return s, d, 1.0
-
-    def bend(frame: Rows) -> Rows:
-        # The object's darkest sample may lie below the reference's by rounding.
-        share = np.maximum((frame - low) / (high - low), 0.0)
-        return np.asarray(low + (high - low) * share ** (1.0 / gamma))
-
-    return bend(s), bend(d), gamma
-
-
 def _invert(
     pair: FringePair,
-    name: str,
+    name: Name,
     max_displacement_px: float | None,
     *,
     degree: int = 9,
     n_resample: int = 5,
 ) -> Solution:
-    limit = 4.0 * pair.period if max_displacement_px is None else float(max_displacement_px)
-    if not limit > 0:
-        raise InputError(f"max_displacement_px: expected > 0, got {max_displacement_px}")
-    noise = float(np.sqrt(sum(pair.noise)))
-    reference, object_, gamma = _linearised(pair)
-    displacement, sigma, gain, reason = _core.invert_rows(
-        reference,
-        object_,
-        pair.wanted.astype(np.uint8),
-        method=name,
-        degree=degree,
-        n_resample=n_resample,
-        period=pair.period,
-        prominence=PROMINENCE,
-        floor=NOISE_SWINGS * noise,
-        noise=noise,
-        max_displacement=limit,
-        tolerance=TOLERANCE,
-        # Under noise the extrema themselves scatter by a few σ without any change of albedo.
-        albedo_tolerance=max(ALBEDO_TOLERANCE, NOISE_SWINGS * noise / (2.0 * pair.modulation)),
-    )
-    return Solution(
-        displacement,
-        sigma,
-        gain,
-        reason,
-        details={"noise_counts": noise, "linearised_gamma": gamma},
-    )
+    """Count, invert; and where counting slipped, count again with the band-pass as a guide."""
+
+    def run(limit_px: float | None, guide: FloatMap | None = None) -> Solution:
+        return invert_rows(
+            pair,
+            name,
+            max_displacement_px=limit_px,
+            degree=degree,
+            n_resample=n_resample,
+            guide_px=guide,
+        )
+
+    first = run(max_displacement_px)
+    if not slips(first, pair.period):
+        return first
+    band = fourier(pair).displacement_px
+    orders, undecided = compare_orders(first.displacement_px, band, pair.period)
+    if not (orders.any() or undecided.any()):
+        return first
+    guide = first.displacement_px + orders * pair.period
+    with np.errstate(invalid="ignore"):
+        guide[undecided | (np.abs(band - guide) > 0.5 * pair.period)] = np.nan
+    limit_px = max_displacement_px
+    if limit_px is None:
+        limit_px = max(MAX_PERIODS * pair.period, float(np.nanmax(np.abs(guide))) + pair.period)
+    second = run(limit_px, guide)
+    # What the guide could not mend stays open.
+    with np.errstate(invalid="ignore"):
+        lost = undecided | (np.abs(second.displacement_px - guide) > 0.5 * pair.period)
+    second.displacement_px[lost] = np.nan
+    second.reason[lost & (second.reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
+    return second
 
 
 @method("ifa")

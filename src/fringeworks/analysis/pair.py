@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from fringeworks.analysis.single import plain_reference
 from fringeworks.carrier import Carrier, find_carrier
 from fringeworks.types import Axis, BoolMap, Capture, FloatMap, InputError
 
@@ -22,6 +23,7 @@ class FringePair:
     """Reference and object frame, (h, w) float64, the carrier along x (columns)."""
 
     reference: NDArray[np.float64]
+    """As captured, or, for a single frame, the plain fringe that lies on its background."""
     object: NDArray[np.float64]
     reference_ok: BoolMap
     """False where the reference has a gap or is saturated: not to be fitted to."""
@@ -42,6 +44,11 @@ class FringePair:
     def period(self) -> float:
         """Mean fringe period of the reference, px."""
         return self.carrier.period_px
+
+    @property
+    def frequency(self) -> tuple[float, float]:
+        """The carrier along the columns and along the rows of these arrays, cycles/px."""
+        return 1.0 / self.carrier.period_px, self.carrier.across
 
     @cached_property
     def modulation(self) -> float:
@@ -120,7 +127,7 @@ def prepare(capture: Capture) -> FringePair:
     Parameters
     ----------
     capture : Capture
-        Two frames of equal shape; not mutated.
+        Two frames of equal shape, or the object's alone; not mutated.
 
     Returns
     -------
@@ -136,29 +143,35 @@ def prepare(capture: Capture) -> FringePair:
     Pixels that are not finite are left out (``Reason.MASKED``); their neighbours' values fill the
     gap so that filters have something to run over.
     """
-    reference, reference_finite, reference_saturated = _frame("reference", capture.reference)
     object_, object_finite, object_saturated = _frame("object", capture.object)
-    if reference.shape != object_.shape:
-        raise InputError(
-            f"frames: expected equal shapes, got reference {reference.shape} and "
-            f"object {object_.shape}"
-        )
     wanted = object_finite.copy()
     if capture.mask is not None:
-        if capture.mask.shape != reference.shape:
-            raise InputError(f"mask: expected shape {reference.shape}, got {capture.mask.shape}")
+        if capture.mask.shape != object_.shape:
+            raise InputError(f"mask: expected shape {object_.shape}, got {capture.mask.shape}")
         wanted &= np.asarray(capture.mask, bool)
         if not wanted.any():
             raise InputError("mask: expected at least one pixel to measure, got none")
-    if max(reference.shape) < MIN_SIZE:
+    if max(object_.shape) < MIN_SIZE:
         raise InputError(
             f"frames: expected at least {MIN_SIZE} px along the fringes' direction, "
-            f"got shape {reference.shape}"
+            f"got shape {object_.shape}"
         )
-    carrier = find_carrier(reference, capture.axis)
+    if capture.reference is None:
+        carrier, reference = plain_reference(object_, object_finite, capture)
+        reference_finite = np.ones(object_.shape, bool)
+        reference_saturated = ~reference_finite
+        dtypes = [np.asarray(capture.object).dtype]
+    else:
+        reference, reference_finite, reference_saturated = _frame("reference", capture.reference)
+        if reference.shape != object_.shape:
+            raise InputError(
+                f"frames: expected equal shapes, got reference {reference.shape} and "
+                f"object {object_.shape}"
+            )
+        carrier = find_carrier(reference, capture.axis)
+        dtypes = [np.asarray(frame).dtype for frame in (capture.reference, capture.object)]
     if float(np.ptp(object_)) == 0.0:
         raise InputError(f"object frame: expected fringes, got the constant {object_.flat[0]:g}")
-    dtypes = (np.asarray(capture.reference).dtype, np.asarray(capture.object).dtype)
 
     def orient(values: np.ndarray, axis: Axis = carrier.axis) -> np.ndarray:
         return np.ascontiguousarray(values if axis == "x" else values.T)

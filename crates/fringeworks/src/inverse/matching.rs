@@ -14,6 +14,10 @@ const SCATTER: f64 = 0.4;
 const ORDER_JUMP: f64 = 0.75;
 const UNEXPLAINED: f64 = 0.4;
 const SMALL_DISPLACEMENT: f64 = 0.02;
+/// A displacement further than this from the expected one, in periods, is of another order …
+const OFF_GUIDE: f64 = 0.3;
+/// … and costs this much a period: more than any slip.
+const GUIDE: f64 = 2.0;
 /// Object extrema that may be left unexplained in a row.
 const MAX_SKIP: usize = 3;
 
@@ -27,7 +31,12 @@ struct State {
 
 /// Whether counting alone explains the row at no cost that another explanation could undercut: as
 /// many extrema as the reference has, of the same kinds, each within half a period of its own.
-fn one_to_one(reference: &[Extremum], object: &[Extremum], period: f64) -> bool {
+fn one_to_one(
+    reference: &[Extremum],
+    object: &[Extremum],
+    period: f64,
+    off_guide: impl Fn(&Extremum, f64) -> f64,
+) -> bool {
     let displacements = || {
         reference
             .iter()
@@ -41,18 +50,34 @@ fn one_to_one(reference: &[Extremum], object: &[Extremum], period: f64) -> bool 
             .all(|(r, o)| r.is_maximum == o.is_maximum)
         && displacements().all(|u| u.abs() <= 0.5 * period)
         && displacements()
+            .zip(object)
+            .all(|(u, o)| off_guide(o, u) == 0.0)
+        && displacements()
             .zip(displacements().skip(1))
             .all(|(a, b)| (a - b).abs() <= SCATTER * period)
 }
 
-/// For every object extremum the index of its reference extremum, or `None`.
+/// For every object extremum the index of its reference extremum, or `None`. `guide` holds the
+/// expected displacement of every sample, NaN where there is none.
 pub fn match_orders(
     reference: &[Extremum],
     object: &[Extremum],
     period: f64,
     max_displacement: f64,
+    guide: Option<&[f32]>,
 ) -> Vec<Option<usize>> {
-    if one_to_one(reference, object, period) {
+    let off_guide = |extremum: &Extremum, displacement: f64| -> f64 {
+        let Some(guide) = guide else { return 0.0 };
+        let expected = guide[(extremum.position.round() as usize).min(guide.len() - 1)] as f64;
+        // Comparisons with NaN are false: it costs nothing.
+        let off = (displacement - expected).abs() / period;
+        if off > OFF_GUIDE {
+            GUIDE * off
+        } else {
+            0.0
+        }
+    };
+    if one_to_one(reference, object, period, off_guide) {
         return (0..object.len()).map(Some).collect();
     }
     let mut table: Vec<Vec<State>> = Vec::with_capacity(object.len());
@@ -68,7 +93,8 @@ pub fn match_orders(
             if candidate.is_maximum != extremum.is_maximum {
                 continue;
             }
-            let own = SMALL_DISPLACEMENT * displacement.abs() / period;
+            let own = SMALL_DISPLACEMENT * displacement.abs() / period
+                + off_guide(extremum, displacement);
             let mut best = State {
                 reference: i,
                 displacement,
@@ -137,7 +163,7 @@ mod tests {
     fn displaced_row_keeps_its_orders() {
         let reference = row(&[10., 20., 30., 40., 50., 60., 70., 80.], true);
         let object = row(&[10., 20., 34., 48., 60., 66., 71., 80.], true);
-        let matched = match_orders(&reference, &object, 20.0, 60.0);
+        let matched = match_orders(&reference, &object, 20.0, 60.0, None);
         assert_eq!(matched, (0..8).map(Some).collect::<Vec<_>>());
     }
 
@@ -146,11 +172,11 @@ mod tests {
         let reference = row(&[10., 20., 30., 40., 50., 60., 70., 80.], true);
         // The first maximum left the frame.
         let object = row(&[22., 33., 44., 53., 61., 70., 80.], false);
-        let matched = match_orders(&reference, &object, 20.0, 60.0);
+        let matched = match_orders(&reference, &object, 20.0, 60.0, None);
         assert_eq!(matched, (1..8).map(Some).collect::<Vec<_>>());
         // A spurious pair of extrema on a steep flank.
         let object = row(&[10., 20., 30., 40., 42., 44., 50., 60., 70., 80.], true);
-        let matched = match_orders(&reference, &object, 20.0, 60.0);
+        let matched = match_orders(&reference, &object, 20.0, 60.0, None);
         assert_eq!(matched.iter().flatten().count(), 8);
         assert_eq!(matched.last(), Some(&Some(7)));
     }

@@ -63,11 +63,13 @@ pub struct Field {
     pub reason: Vec<u8>,
 }
 
-/// Invert `height × width` frames row by row. `mask` is 1 where the object pixel is wanted.
+/// Invert `height × width` frames row by row. `mask` is 1 where the object pixel is wanted. `guide`
+/// is the expected displacement, NaN where unknown: it decides orders, not values.
 pub fn invert(
     reference: &[f64],
     object: &[f64],
     mask: &[u8],
+    guide: Option<&[f32]>,
     width: usize,
     options: &Options,
 ) -> Result<Field, Error> {
@@ -80,6 +82,9 @@ pub fn invert(
     )?;
     check_length("object", object.len(), reference.len())?;
     check_length("mask", mask.len(), reference.len())?;
+    if let Some(guide) = guide {
+        check_length("guide", guide.len(), reference.len())?;
+    }
     check_value(
         "n_resample",
         options.n_resample >= 1,
@@ -108,16 +113,19 @@ pub fn invert(
         .zip(reference.par_chunks(width))
         .zip(object.par_chunks(width))
         .zip(mask.par_chunks(width))
+        .enumerate()
         .for_each_init(
             || Scratch::new(width),
-            |scratch, ((((((displacement, sigma), gain), reason), reference), object), mask)| {
+            |scratch,
+             (y, ((((((displacement, sigma), gain), reason), reference), object), mask))| {
+                let guide = guide.map(|g| &g[y * width..(y + 1) * width]);
                 let mut out = RowOut {
                     displacement,
                     sigma,
                     gain,
                     reason,
                 };
-                scratch.invert_row(reference, object, mask, options, &mut out);
+                scratch.invert_row(reference, object, mask, guide, options, &mut out);
             },
         );
     neighbours::mark_slipped_orders(&mut field, width, options.period);
@@ -179,6 +187,7 @@ impl Scratch {
         reference: &[f64],
         object: &[f64],
         mask: &[u8],
+        guide: Option<&[f32]>,
         options: &Options,
         out: &mut RowOut,
     ) {
@@ -200,6 +209,7 @@ impl Scratch {
             &d_extrema,
             options.period,
             options.max_displacement,
+            guide,
         );
         let parts = spans(&s, &s_extrema);
         let mut inverses: Vec<Option<Option<Inverse>>> = (0..parts.len()).map(|_| None).collect();

@@ -21,6 +21,7 @@ IDEAL_LIMIT_PX = {
     "gsifa": 0.01,
     "exact": 0.002,
     "fourier": 0.15,
+    "windowed_fourier": 0.15,
     "windowed": 0.05,
 }
 # The same with the flat minima of a strong response.
@@ -30,6 +31,7 @@ FLAT_LIMIT_PX = {
     "gsifa": 0.1,
     "exact": 0.05,
     "fourier": 0.2,
+    "windowed_fourier": 0.25,
     "windowed": 0.15,
 }
 

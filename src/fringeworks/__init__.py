@@ -3,7 +3,12 @@
 import warnings as _warnings
 
 from fringeworks import _core
-from fringeworks.analysis import analyse, methods
+from fringeworks.analysis import (
+    analyse,
+    methods,
+    windowed_fourier_filter,
+    windowed_fourier_ridge,
+)
 from fringeworks.capture import read_capture, read_pair, write_capture
 from fringeworks.evaluate import compare, errors
 from fringeworks.formats import write_surface
@@ -51,6 +56,8 @@ __all__ = [
     "standard_scene",
     "to_surface",
     "unwrap",
+    "windowed_fourier_filter",
+    "windowed_fourier_ridge",
     "write_capture",
     "write_surface",
 ]

@@ -1,17 +1,30 @@
 """Fringe analyses: from two frames to the displacement of the fringes, one file per family."""
 
 # Importing a family registers its methods.
-from fringeworks.analysis import fourier, inverse_function, windowed  # noqa: F401
+from fringeworks.analysis import (  # noqa: F401
+    fourier,
+    inverse_function,
+    windowed,
+    windowed_fourier,
+)
 from fringeworks.analysis.pair import FringePair, prepare
 from fringeworks.analysis.registry import Method, Solution, analyse, get_method, method, methods
+from fringeworks.analysis.windowed_fourier import (
+    Ridge,
+    windowed_fourier_filter,
+    windowed_fourier_ridge,
+)
 
 __all__ = [
     "FringePair",
     "Method",
+    "Ridge",
     "Solution",
     "analyse",
     "get_method",
     "method",
     "methods",
     "prepare",
+    "windowed_fourier_filter",
+    "windowed_fourier_ridge",
 ]

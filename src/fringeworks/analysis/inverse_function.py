@@ -12,7 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.analysis.counting import MAX_PERIODS, NOISE_SWINGS, PROMINENCE, Name, invert_rows, slips
+from fringeworks.analysis.counting import (
+    MAX_PERIODS,
+    NOISE_SWINGS,
+    PROMINENCE,
+    Name,
+    invert_rows,
+    slips,
+)
 from fringeworks.analysis.fourier import fourier
 from fringeworks.analysis.order import compare_orders
 from fringeworks.analysis.pair import FringePair

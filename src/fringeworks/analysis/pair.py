@@ -85,10 +85,11 @@ def noise_variance(frame: FloatMap, ok: BoolMap) -> float:
     if h < 3 or w < 3:
         return 0.0
     second = np.diff(np.diff(frame, 2, axis=0), 2, axis=1)
-    usable = ndimage.binary_erosion(ok, np.ones((3, 3)))[1:-1, 1:-1]
-    if not usable.any():
+    if not ok.all():
+        second = second[ndimage.binary_erosion(ok, np.ones((3, 3)))[1:-1, 1:-1]]
+    if second.size == 0:
         return 0.0
-    return float((np.median(np.abs(second[usable])) / 0.6745) ** 2 / 36.0)
+    return float((np.median(np.abs(second)) / 0.6745) ** 2 / 36.0)
 
 
 def fill_nearest(values: FloatMap, known: BoolMap) -> FloatMap:

@@ -22,6 +22,7 @@ IDEAL_LIMIT_PX = {
     "exact": 0.002,
     "fourier": 0.15,
     "windowed_fourier": 0.15,
+    "wavelet": 0.2,
     "windowed": 0.05,
 }
 # The same with the flat minima of a strong response.
@@ -32,6 +33,7 @@ FLAT_LIMIT_PX = {
     "exact": 0.05,
     "fourier": 0.2,
     "windowed_fourier": 0.25,
+    "wavelet": 0.5,
     "windowed": 0.15,
 }
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError, windowed_fourier_filter, windowed_fourier_ridge
-from fringeworks.analysis.windowed_fourier import _Lattice
+from fringeworks.analysis.lattice import Lattice
 from tests.oracles import windowed_fourier as oracle
 
 CURVATURE = 0.0018
@@ -32,7 +32,7 @@ def test_filter_agrees_with_its_oracle(noise):
     field, _ = four_step_field(90, noise, curvature=0.004)
     settings = {"sigma": 6.0, "limit": 0.4, "step": 0.1}
     expected = oracle.wff(field, threshold=2.0, **settings)
-    lattice = _Lattice(field.shape, 6.0, 0.4, 0.1)
+    lattice = Lattice(field.shape, 6.0, 0.4, 0.1)
     found, _ = lattice.filtered(lattice.pad(field), 2.0)
     # The lattice decides on every other pixel or so which coefficients count.
     assert np.abs(found[:90, :90] - expected).max() < 0.02 * np.abs(expected).max()
@@ -65,6 +65,15 @@ def test_ridge_on_four_noisy_frames(seed):
     found = error(windowed_fourier_ridge(field).phasor, phase)
     assert np.sqrt(np.mean(found**2)) < 0.024
     assert abs(found.mean()) < 0.002
+
+
+def test_border_is_as_good_as_the_inside():
+    y, x = np.mgrid[:200, :240]
+    wave = np.exp(1j * (0.02 * x - 0.11 * y))
+    assert np.abs(error(windowed_fourier_ridge(wave).phasor, np.angle(wave), 1)).max() < 0.02
+    field, phase = four_step_field(256, 0.3)
+    whole = np.angle(windowed_fourier_ridge(field).phasor * np.exp(-1j * phase))
+    assert np.sqrt(np.mean(whole**2)) < 0.016
 
 
 @pytest.mark.parametrize(("cxx", "cyy", "cxy"), [(0.003, -0.002, 0), (0.002, 0.001, 0.001)])

@@ -6,6 +6,8 @@ from fringeworks import _core
 from fringeworks.analysis import (
     analyse,
     methods,
+    wavelet_frequencies,
+    wavelet_ridge,
     windowed_fourier_filter,
     windowed_fourier_ridge,
 )
@@ -56,6 +58,8 @@ __all__ = [
     "standard_scene",
     "to_surface",
     "unwrap",
+    "wavelet_frequencies",
+    "wavelet_ridge",
     "windowed_fourier_filter",
     "windowed_fourier_ridge",
     "write_capture",

@@ -13,6 +13,7 @@ __all__ = [
     "optimised",
     "row_extrema",
     "unwrap_reliability",
+    "wavelet_ridge_rows",
 ]
 optimised: bool
 
@@ -64,3 +65,10 @@ def invert_windowed(
 ) -> tuple[
     NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8], float
 ]: ...
+def wavelet_ridge_rows(
+    rows: NDArray[np.float32],
+    *,
+    frequencies: Sequence[float],
+    omega: float,
+    smoothness: float,
+) -> tuple[NDArray[np.complex64], NDArray[np.float32]]: ...

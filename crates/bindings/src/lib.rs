@@ -2,6 +2,7 @@
 
 mod inverse;
 mod unwrap;
+mod wavelet;
 mod windowed;
 
 use pyo3::exceptions::PyValueError;
@@ -17,6 +18,8 @@ mod _core {
     use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]
     use super::unwrap::{average_phasor, count_residues, unwrap_reliability};
+    #[pymodule_export]
+    use super::wavelet::wavelet_ridge_rows;
     #[pymodule_export]
     use super::windowed::invert_windowed;
 

@@ -5,12 +5,14 @@
 //!
 //! * [`inverse`]: inverse function analysis by rows (IFA, SIFA, GSIFA, exact).
 //! * [`windowed`]: windowed inversion, local least squares over several window sizes.
-//! * [`unwrap`]: phase unwrapping by sorting by reliability.
+//! * [`unwrap`]: phase unwrapping by sorting by reliability, and the average that guides it.
+//! * [`wavelet`]: ridge of the continuous wavelet transform by rows.
 
 pub mod inverse;
 pub mod reason;
 mod spline;
 pub mod unwrap;
+pub mod wavelet;
 pub mod windowed;
 
 /// What a kernel refuses. The bindings map it to `ValueError`.

@@ -4,11 +4,13 @@
 from fringeworks.analysis import (  # noqa: F401
     fourier,
     inverse_function,
+    wavelet,
     windowed,
     windowed_fourier,
 )
 from fringeworks.analysis.pair import FringePair, prepare
 from fringeworks.analysis.registry import Method, Solution, analyse, get_method, method, methods
+from fringeworks.analysis.wavelet import wavelet_frequencies, wavelet_ridge
 from fringeworks.analysis.windowed_fourier import (
     Ridge,
     windowed_fourier_filter,
@@ -25,6 +27,8 @@ __all__ = [
     "method",
     "methods",
     "prepare",
+    "wavelet_frequencies",
+    "wavelet_ridge",
     "windowed_fourier_filter",
     "windowed_fourier_ridge",
 ]

@@ -1,0 +1,35 @@
+use crate::refuse;
+use fringeworks::wavelet::{ridge, Options};
+use numpy::ndarray::Array2;
+use numpy::{Complex32, IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+type Maps<'py> = (Bound<'py, PyArray2<Complex32>>, Bound<'py, PyArray2<f32>>);
+
+#[pyfunction]
+#[pyo3(signature = (rows, *, frequencies, omega, smoothness))]
+pub fn wavelet_ridge_rows<'py>(
+    py: Python<'py>,
+    rows: PyReadonlyArray2<'py, f32>,
+    frequencies: Vec<f64>,
+    omega: f64,
+    smoothness: f64,
+) -> PyResult<Maps<'py>> {
+    let shape = (rows.shape()[0], rows.shape()[1]);
+    let values = rows.as_slice()?;
+    let options = Options {
+        frequencies,
+        omega,
+        smoothness,
+    };
+    let out = py
+        .detach(|| ridge(values, shape.1, &options))
+        .map_err(refuse)?;
+    let phasors = out
+        .phasor
+        .into_iter()
+        .map(|[re, im]| Complex32::new(re, im));
+    let phasor = Array2::from_shape_vec(shape, phasors.collect()).expect("kernel keeps the shape");
+    let frequency = Array2::from_shape_vec(shape, out.frequency).expect("kernel keeps the shape");
+    Ok((phasor.into_pyarray(py), frequency.into_pyarray(py)))
+}

@@ -1,0 +1,440 @@
+//! Continuous wavelet transform of fringe rows with a complex Morlet, and its ridge.
+//!
+//! The wavelet is centred in the frequency domain, `exp(−½ (aω − ω₀)²)`, so that it has no
+//! sub-sample shift. Coefficients are normalised to the amplitude of the fringe.
+
+use crate::{check_length, check_value, Error};
+use rayon::prelude::*;
+use rustfft::num_complex::Complex32;
+use rustfft::{Fft, FftPlanner};
+use std::sync::Arc;
+
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Centre frequencies of the wavelets, cycles/px, rising in equal ratios.
+    pub frequencies: Vec<f64>,
+    /// ω₀: oscillations within the envelope times 2π, about; the envelope is ω₀ / ω px wide.
+    pub omega: f64,
+    /// Cost of a change of scale from sample to sample (squared, in scales), as a share of the
+    /// mean squared coefficient on the ridge; 0 takes the largest coefficient of every sample.
+    pub smoothness: f64,
+}
+
+/// The ridge of every row.
+pub struct Ridge {
+    /// Amplitude and phase of the fringe, (real, imaginary).
+    pub phasor: Vec<[f32; 2]>,
+    /// Its local frequency, rad/px.
+    pub frequency: Vec<f32>,
+}
+
+/// Beyond this many 1/a of its centre a wavelet's spectrum is below 10⁻⁵.
+const BANDWIDTH: f64 = 4.8;
+/// The border's width in envelopes of the coarsest wavelet.
+const MARGIN: f64 = 3.0;
+/// The row is continued beyond its ends, and that looked at again …
+const CONTINUATIONS: usize = 2;
+/// … with every so many scales.
+const COARSE: usize = 4;
+/// Width over which the curvature is averaged, envelopes.
+const SMOOTHING: f32 = 2.0;
+
+/// Wavelets in the frequency domain, for one length of row.
+struct Bank {
+    width: usize,
+    margin: usize,
+    length: usize,
+    /// First bin and gains of every scale.
+    windows: Vec<(usize, Vec<f32>)>,
+    /// Envelope of every scale, px.
+    scales: Vec<f32>,
+    omega: f32,
+    forward: Arc<dyn Fft<f32>>,
+    inverse: Arc<dyn Fft<f32>>,
+}
+
+impl Bank {
+    fn new(width: usize, options: &Options) -> Self {
+        let scale = |f: f64| options.omega / (std::f64::consts::TAU * f);
+        let margin = ((MARGIN * scale(options.frequencies[0])).ceil() as usize).min(width);
+        let length = fast_length(width + 2 * margin);
+        let per_bin = std::f64::consts::TAU / length as f64;
+        let windows = options
+            .frequencies
+            .iter()
+            .map(|f| {
+                let a = scale(*f);
+                let reach = BANDWIDTH / a;
+                let centre = options.omega / a;
+                let first = ((centre - reach) / per_bin).ceil().max(1.0) as usize;
+                let last = (((centre + reach) / per_bin) as usize).min(length / 2);
+                let gain = |k: usize| {
+                    let t = a * k as f64 * per_bin - options.omega;
+                    ((-0.5 * t * t).exp() * 2.0 / length as f64) as f32
+                };
+                (first, (first..=last).map(gain).collect())
+            })
+            .collect();
+        let mut planner = FftPlanner::new();
+        Self {
+            width,
+            margin,
+            length,
+            windows,
+            scales: options
+                .frequencies
+                .iter()
+                .map(|f| scale(*f) as f32)
+                .collect(),
+            omega: options.omega as f32,
+            forward: planner.plan_fft_forward(length),
+            inverse: planner.plan_fft_inverse(length),
+        }
+    }
+}
+
+/// Next length that has no prime factor above 5.
+fn fast_length(n: usize) -> usize {
+    (n..)
+        .find(|m| {
+            let mut rest = *m;
+            for p in [2, 3, 5] {
+                while rest % p == 0 {
+                    rest /= p;
+                }
+            }
+            rest == 1
+        })
+        .unwrap_or(n)
+}
+
+/// Ridge of the wavelet transform of every row of `rows`.
+pub fn ridge(rows: &[f32], width: usize, options: &Options) -> Result<Ridge, Error> {
+    check_value("width", width >= 1, "at least 1 px", width)?;
+    check_length("rows", rows.len() % width, 0)?;
+    check_value(
+        "frequencies",
+        options.frequencies.len() >= 3
+            && options.frequencies.windows(2).all(|f| f[0] < f[1])
+            && options.frequencies[0] > 0.0
+            && options.frequencies[options.frequencies.len() - 1] <= 0.5,
+        "three or more, rising, from above 0 to 0.5 cycles/px",
+        &options.frequencies,
+    )?;
+    check_value(
+        "omega",
+        (4.0..=60.0).contains(&options.omega),
+        "4 to 60",
+        options.omega,
+    )?;
+    check_value(
+        "smoothness",
+        (0.0..=1e6).contains(&options.smoothness),
+        "0 to 1e6",
+        options.smoothness,
+    )?;
+    let bank = Bank::new(width, options);
+    let mut phasor = vec![[0.0; 2]; rows.len()];
+    let mut frequency = vec![0.0; rows.len()];
+    phasor
+        .par_chunks_mut(width)
+        .zip(frequency.par_chunks_mut(width))
+        .zip(rows.par_chunks(width))
+        .for_each_init(
+            || Scratch::new(&bank),
+            |scratch, ((phasor, frequency), row)| {
+                scratch.run(&bank, row, options.smoothness as f32, phasor, frequency)
+            },
+        );
+    Ok(Ridge { phasor, frequency })
+}
+
+struct Scratch {
+    signal: Vec<Complex32>,
+    spectrum: Vec<Complex32>,
+    /// Scale after scale, each `length` long.
+    coefficients: Vec<Complex32>,
+    power: Vec<f32>,
+    best: Vec<f32>,
+    index: Vec<u16>,
+    fft: Vec<Complex32>,
+    omega: Vec<f32>,
+    bend: Vec<f32>,
+    sums: Vec<f64>,
+    path: Vec<u16>,
+}
+
+impl Scratch {
+    fn new(bank: &Bank) -> Self {
+        let zero = Complex32::new(0.0, 0.0);
+        let n = bank.length;
+        let scratch = bank
+            .forward
+            .get_inplace_scratch_len()
+            .max(bank.inverse.get_inplace_scratch_len());
+        Self {
+            signal: vec![zero; n],
+            spectrum: vec![zero; n],
+            coefficients: vec![zero; n * bank.scales.len()],
+            power: vec![0.0; n * bank.scales.len()],
+            best: vec![0.0; n],
+            index: vec![0; n],
+            fft: vec![zero; scratch],
+            omega: vec![0.0; n],
+            bend: vec![0.0; n],
+            sums: vec![0.0; n + 1],
+            path: Vec::new(),
+        }
+    }
+
+    fn run(
+        &mut self,
+        bank: &Bank,
+        row: &[f32],
+        smoothness: f32,
+        phasor: &mut [[f32; 2]],
+        frequency: &mut [f32],
+    ) {
+        let mean = (row.iter().map(|v| *v as f64).sum::<f64>() / row.len() as f64) as f32;
+        let from = bank.margin;
+        let inside = from..from + bank.width;
+        self.signal.fill(Complex32::new(0.0, 0.0));
+        for (s, v) in self.signal[inside.clone()].iter_mut().zip(row) {
+            s.re = v - mean;
+        }
+        for _ in 0..CONTINUATIONS {
+            self.transform(bank, COARSE);
+            self.ridge(bank, COARSE, 0.0);
+            self.continue_row(bank, COARSE);
+        }
+        self.transform(bank, 1);
+        self.ridge(bank, 1, smoothness);
+        self.refine(bank);
+        for (x, i) in inside.enumerate() {
+            let k = self.index[i] as usize;
+            let a = bank.scales[k];
+            let delta = self.omega[i] - bank.omega / a;
+            let value =
+                self.coefficients[k * bank.length + i] * undo_window(a * a, delta, self.bend[i]);
+            phasor[x] = [value.re, value.im];
+            frequency[x] = self.omega[i];
+        }
+    }
+
+    /// Coefficients and their squares at every `stride`-th scale.
+    fn transform(&mut self, bank: &Bank, stride: usize) {
+        let n = bank.length;
+        self.spectrum.copy_from_slice(&self.signal);
+        bank.forward
+            .process_with_scratch(&mut self.spectrum, &mut self.fft);
+        for k in (0..bank.scales.len()).step_by(stride) {
+            let line = &mut self.coefficients[k * n..(k + 1) * n];
+            let (first, gains) = &bank.windows[k];
+            line.fill(Complex32::new(0.0, 0.0));
+            for (j, gain) in gains.iter().enumerate() {
+                line[first + j] = self.spectrum[first + j] * gain;
+            }
+            bank.inverse.process_with_scratch(line, &mut self.fft);
+            for (p, c) in self.power[k * n..(k + 1) * n].iter_mut().zip(line.iter()) {
+                *p = c.re * c.re + c.im * c.im;
+            }
+        }
+    }
+
+    /// The scale of every sample.
+    fn ridge(&mut self, bank: &Bank, stride: usize, smoothness: f32) {
+        let n = bank.length;
+        self.best.copy_from_slice(&self.power[..n]);
+        self.index.fill(0);
+        for k in (stride..bank.scales.len()).step_by(stride) {
+            let line = &self.power[k * n..(k + 1) * n];
+            for ((best, index), p) in self.best.iter_mut().zip(&mut self.index).zip(line) {
+                let larger = *p > *best;
+                *best = if larger { *p } else { *best };
+                *index = if larger { k as u16 } else { *index };
+            }
+        }
+        if smoothness > 0.0 {
+            let mean = self.best.iter().sum::<f32>() / n as f32;
+            self.smooth_path(bank.scales.len(), n, smoothness * mean);
+        }
+    }
+
+    /// The path of scales with the largest sum of squared coefficients less the cost of its
+    /// changes, by dynamic programming.
+    fn smooth_path(&mut self, scales: usize, n: usize, cost: f32) {
+        const REACH: usize = 3;
+        self.path.clear();
+        self.path.resize(scales * n, 0);
+        let mut score: Vec<f32> = (0..scales).map(|k| self.power[k * n]).collect();
+        let mut next = vec![0.0; scales];
+        for i in 1..n {
+            for k in 0..scales {
+                let (mut best, mut from) = (f32::MIN, k);
+                for j in k.saturating_sub(REACH)..(k + REACH + 1).min(scales) {
+                    let step = j.abs_diff(k) as f32;
+                    let value = score[j] - cost * step * step;
+                    if value > best {
+                        (best, from) = (value, j);
+                    }
+                }
+                next[k] = best + self.power[k * n + i];
+                self.path[i * scales + k] = from as u16;
+            }
+            std::mem::swap(&mut score, &mut next);
+        }
+        let mut k = (0..scales)
+            .max_by(|a, b| score[*a].total_cmp(&score[*b]))
+            .unwrap_or(0);
+        for i in (0..n).rev() {
+            self.index[i] = k as u16;
+            k = self.path[i * scales + k] as usize;
+        }
+    }
+
+    /// Fill the border with the wave that the ridge has one envelope inside, so that wavelets at
+    /// the border see what they would see inside.
+    fn continue_row(&mut self, bank: &Bank, stride: usize) {
+        let n = bank.length;
+        let from = bank.margin;
+        let to = from + bank.width;
+        for at_start in [true, false] {
+            let edge = if at_start { from } else { to - 1 };
+            let inward = (bank.scales[self.index[edge] as usize] as usize).min(bank.width / 2);
+            let i = if at_start {
+                edge + inward
+            } else {
+                edge - inward
+            };
+            let k = self.index[i] as usize;
+            let omega = ridge_frequency(bank, &self.power, k, i, stride);
+            let value = self.coefficients[k * n + i];
+            let (size, phase) = (value.norm(), value.arg());
+            let border = if at_start {
+                0..from
+            } else {
+                to..to + bank.margin
+            };
+            for x in border {
+                let distance = x as f32 - i as f32;
+                self.signal[x] = Complex32::new(size * (phase + omega * distance).cos(), 0.0);
+            }
+        }
+    }
+
+    /// Local frequency of every sample and its smoothed slope, the curvature of the phase.
+    fn refine(&mut self, bank: &Bank) {
+        let n = bank.length;
+        for i in 0..n {
+            self.omega[i] = ridge_frequency(bank, &self.power, self.index[i] as usize, i, 1);
+        }
+        let mut middle: Vec<u16> = self.index[bank.margin..bank.margin + bank.width].to_vec();
+        let half = middle.len() / 2;
+        let (_, typical, _) = middle.select_nth_unstable(half);
+        let reach = (SMOOTHING * bank.scales[*typical as usize]) as usize;
+        let used = bank.width + 2 * bank.margin;
+        self.bend.copy_from_slice(&self.omega);
+        // Two running means make a triangle; their slope is that of a wide window.
+        for _ in 0..2 {
+            running_mean(&mut self.bend[..used], reach.max(1), &mut self.sums);
+        }
+        let smooth = self.bend.clone();
+        for i in 0..used {
+            let (a, b) = (i.saturating_sub(1), (i + 1).min(used - 1));
+            self.bend[i] = (smooth[b] - smooth[a]) / (b - a).max(1) as f32;
+        }
+    }
+}
+
+/// Vertex of the parabola through the logarithms of three neighbouring scales' squares, rad/px.
+#[inline(always)]
+fn ridge_frequency(bank: &Bank, power: &[f32], k: usize, i: usize, stride: usize) -> f32 {
+    let n = bank.length;
+    let last = (bank.scales.len() - 1) / stride * stride;
+    let middle = k.clamp(stride, last - stride);
+    let log = |k: usize| power[k * n + i].max(1e-30).ln();
+    let (below, here, above) = (log(middle - stride), log(middle), log(middle + stride));
+    let bend = (below - 2.0 * here + above).min(-1e-6);
+    let offset = (0.5 * (below - above) / bend).clamp(-1.0, 1.0);
+    // Scales are in equal ratios: one step is the same factor everywhere.
+    let ratio = bank.scales[middle - stride] / bank.scales[middle];
+    bank.omega / bank.scales[middle] * ratio.powf(offset)
+}
+
+/// The inverse of what a Gaussian window of variance `s2` makes of a phase of curvature `c` at a
+/// frequency `delta` off: (1 − i s2 c)^(−1/2) · exp(−½ s2 δ² / (1 − i s2 c)).
+#[inline(always)]
+fn undo_window(s2: f32, delta: f32, c: f32) -> Complex32 {
+    let q = Complex32::new(1.0, -s2 * c);
+    let exponent = Complex32::new(0.5 * s2 * delta * delta, 0.0) / q;
+    exponent.exp() * q.sqrt()
+}
+
+/// Mean over `reach` samples to either side, fewer at the ends, in place.
+fn running_mean(line: &mut [f32], reach: usize, sums: &mut [f64]) {
+    let n = line.len();
+    sums[0] = 0.0;
+    for i in 0..n {
+        sums[i + 1] = sums[i] + line[i] as f64;
+    }
+    for (i, out) in line.iter_mut().enumerate() {
+        let (a, b) = (i.saturating_sub(reach), (i + reach + 1).min(n));
+        *out = ((sums[b] - sums[a]) / (b - a) as f64) as f32;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f32::consts::TAU;
+
+    fn options() -> Options {
+        let ratio: f64 = 1.06;
+        Options {
+            frequencies: (-15..17).map(|k| ratio.powi(k) / 16.0).collect(),
+            omega: 6.0,
+            smoothness: 0.0,
+        }
+    }
+
+    #[test]
+    fn phase_of_a_chirp_is_exact_to_the_border() {
+        let n = 400;
+        let phase = |x: f32| TAU * x / 16.0 + 0.5 * 2e-4 * (x - 200.0).powi(2) + 0.3;
+        let row: Vec<f32> = (0..n).map(|x| 7.0 + 3.0 * phase(x as f32).cos()).collect();
+        for smoothness in [0.0, 0.1] {
+            let found = ridge(
+                &row,
+                n,
+                &Options {
+                    smoothness,
+                    ..options()
+                },
+            )
+            .unwrap();
+            for x in 40..n - 40 {
+                let p = Complex32::new(found.phasor[x][0], found.phasor[x][1]);
+                let error = (p * Complex32::from_polar(1.0, -phase(x as f32))).arg();
+                assert!(error.abs() < 0.01, "{x}: {error}");
+                assert!((p.norm() - 3.0).abs() < 0.05, "{x}: {}", p.norm());
+                let expected = TAU / 16.0 + 2e-4 * (x as f32 - 200.0);
+                assert!((found.frequency[x] - expected).abs() < 2e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn refuses_what_makes_no_wavelets() {
+        let row = vec![0.0; 100];
+        let with = |change: fn(&mut Options)| {
+            let mut o = options();
+            change(&mut o);
+            ridge(&row, 100, &o).is_err()
+        };
+        assert!(with(|o| o.frequencies.truncate(2)));
+        assert!(with(|o| o.frequencies.reverse()));
+        assert!(with(|o| o.omega = 1.0));
+        assert!(with(|o| o.smoothness = f64::NAN));
+        assert!(ridge(&row, 7, &options()).is_err());
+    }
+}

@@ -18,7 +18,8 @@ MODULES = sorted(SOURCE.rglob("*.py"))
 # Lower layers may not import higher ones.
 LAYERS = [
     {"types", "_core"},
-    {"carrier", "response", "unwrap", "geometry", "fits", "surface"},
+    {"noise", "carrier", "response", "unwrap", "geometry", "fits", "surface"},
+    {"denoise"},
     {"analysis", "simulate", "files"},
     {"capture", "formats", "figures"},
     {"pipeline"},
@@ -96,3 +97,5 @@ def test_kernels_refuse_what_does_not_fit():
 
     with pytest.raises(ValueError, match="mask: expected 20 values, got 12"):
         _core.unwrap_reliability(np.zeros((4, 5), np.float32), np.zeros((4, 3), np.uint8))
+    with pytest.raises(ValueError, match="contiguous by rows"):
+        _core.unwrap_reliability(np.zeros((5, 4), np.float32).T, np.ones((4, 5), np.uint8))

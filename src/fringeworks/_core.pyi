@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 __all__ = [
     "average_phasor",
     "count_residues",
+    "decompose_rows",
     "invert_rows",
     "invert_windowed",
     "optimised",
+    "row_envelopes",
     "row_extrema",
     "unwrap_reliability",
     "wavelet_ridge_rows",
@@ -72,3 +74,9 @@ def wavelet_ridge_rows(
     omega: float,
     smoothness: float,
 ) -> tuple[NDArray[np.complex64], NDArray[np.float32]]: ...
+def decompose_rows(
+    rows: NDArray[np.float64], *, max_imfs: int, max_sifts: int, flat: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint32], int]: ...
+def row_envelopes(
+    rows: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...

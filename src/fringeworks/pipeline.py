@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from fringeworks.analysis import analyse
+from fringeworks.analysis import analyse, prepare
+from fringeworks.denoise import Denoiser
+from fringeworks.denoise import denoise as denoise_frame
 from fringeworks.geometry import to_surface
 from fringeworks.types import Capture, HeightMap, PhaseMap, count_reasons
 
@@ -23,7 +25,13 @@ class Reconstruction:
     notes: tuple[str, ...] = ()
 
 
-def reconstruct(capture: Capture, method: str = "windowed", **options: Any) -> Reconstruction:
+def reconstruct(
+    capture: Capture,
+    method: str = "windowed",
+    *,
+    denoise: Denoiser | None = None,
+    **options: Any,
+) -> Reconstruction:
     """Measure the surface of a capture.
 
     Parameters
@@ -32,6 +40,8 @@ def reconstruct(capture: Capture, method: str = "windowed", **options: Any) -> R
         Reference and object frame, with the geometry where it is known.
     method : str
         A name from ``fringeworks.methods()``.
+    denoise : "emd", "emd2d" or "bemd", optional
+        Take the modes that are no stronger than noise off both frames first.
     **options
         Keyword options of the method.
 
@@ -52,7 +62,17 @@ def reconstruct(capture: Capture, method: str = "windowed", **options: Any) -> R
     True
     """
     started = time.perf_counter()
-    phase = analyse(capture, method, **options)
+    pair = prepare(capture)
+    if denoise is not None:
+        pair = replace(
+            pair,
+            # A reference made up from the background has no noise.
+            reference=pair.reference
+            if capture.reference is None
+            else denoise_frame(pair.reference, denoise),
+            object=denoise_frame(pair.object, denoise),
+        )
+    phase = analyse(pair, method, **options)
     surface = to_surface(phase, capture.geometry)
     return Reconstruction(surface, phase, time.perf_counter() - started, _notes(capture, phase))
 
@@ -60,7 +80,12 @@ def reconstruct(capture: Capture, method: str = "windowed", **options: Any) -> R
 def _notes(capture: Capture, phase: PhaseMap) -> tuple[str, ...]:
     notes = list(capture.notes)
     if capture.axis is None:
-        notes.append(f"fringes found along {phase.axis} with a period of {phase.period_px:.2f} px")
+        notes.append(
+            f"fringes found along {phase.axis} with a period of {phase.period_px:.2f} px, "
+            f"tilted by {phase.tilt_deg:.2f}°"
+        )
+    if capture.reference is None:
+        notes.append("no reference frame: measured against the plain fringe of the background")
     if capture.geometry is None:
         notes.append("geometry unknown: the result is a displacement in px, not a height")
     return tuple(notes)
@@ -78,6 +103,7 @@ def summary(result: Reconstruction) -> dict[str, Any]:
         "shape": list(surface.shape),
         "axis": result.phase.axis,
         "period_px": result.phase.period_px,
+        "tilt_deg": result.phase.tilt_deg,
         "failed_fraction": surface.failed_fraction,
         "reasons": count_reasons(surface.reason),
         "minimum": float(values.min()) if values.size else None,

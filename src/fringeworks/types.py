@@ -102,6 +102,8 @@ class PhaseMap:
     """Direction of the displacement."""
     method: str
     """Name of the method in the registry."""
+    tilt_deg: float = 0.0
+    """Angle between the direction in which the fringes change and that axis, degrees."""
     iterations: ByteMap | None = None
     """Refinement steps behind each pixel, (h, w), where the method iterates."""
     details: dict[str, Any] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-use crate::refuse;
+use crate::{refuse, rows_of};
 use fringeworks::inverse::{invert, Method, Options};
 use numpy::ndarray::Array2;
 use numpy::PyArray1;
@@ -57,8 +57,8 @@ pub fn invert_rows<'py>(
         albedo_tolerance,
     };
     let shape = (reference.shape()[0], reference.shape()[1]);
-    let (s, d, m) = (reference.as_slice()?, object.as_slice()?, mask.as_slice()?);
-    let g = guide.as_ref().map(|g| g.as_slice()).transpose()?;
+    let (s, d, m) = (rows_of(&reference)?, rows_of(&object)?, rows_of(&mask)?);
+    let g = guide.as_ref().map(rows_of).transpose()?;
     let field = py
         .detach(|| invert(s, d, m, g, shape.1, &options))
         .map_err(refuse)?;
@@ -89,7 +89,7 @@ pub fn row_extrema<'py>(
     prominence: f64,
     floor: f64,
 ) -> PyResult<Points<'py>> {
-    let values = row.as_slice()?;
+    let values = rows_of(&row)?;
     let found = py
         .detach(|| fringeworks::inverse::row_extrema(values, period, prominence, floor))
         .map_err(refuse)?;

@@ -1,12 +1,28 @@
 //! Python face of the kernels: borrow the arrays, detach from the interpreter, call, hand back.
 
+mod emd;
 mod inverse;
 mod unwrap;
 mod wavelet;
 mod windowed;
 
+use numpy::ndarray::Dimension;
+use numpy::{Element, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+
+/// The values of an array row after row. A transposed view is refused: numpy's own check takes it
+/// for contiguous, and its rows for columns.
+fn rows_of<'a, T: Element, D: Dimension>(
+    array: &'a PyReadonlyArray<'_, T, D>,
+) -> PyResult<&'a [T]> {
+    if !array.is_c_contiguous() {
+        return Err(PyValueError::new_err(
+            "expected an array contiguous by rows",
+        ));
+    }
+    Ok(array.as_slice()?)
+}
 
 fn refuse(error: fringeworks::Error) -> PyErr {
     PyValueError::new_err(error.to_string())
@@ -14,6 +30,8 @@ fn refuse(error: fringeworks::Error) -> PyErr {
 
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::emd::{decompose_rows, row_envelopes};
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]

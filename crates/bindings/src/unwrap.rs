@@ -1,4 +1,4 @@
-use crate::refuse;
+use crate::{refuse, rows_of};
 use numpy::ndarray::Array2;
 use numpy::{Complex32, IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -14,8 +14,8 @@ pub fn unwrap_reliability<'py>(
     roughness: Option<PyReadonlyArray2<'py, f32>>,
 ) -> PyResult<Maps<'py>> {
     let shape = (phase.shape()[0], phase.shape()[1]);
-    let (p, m) = (phase.as_slice()?, mask.as_slice()?);
-    let r = roughness.as_ref().map(|r| r.as_slice()).transpose()?;
+    let (p, m) = (rows_of(&phase)?, rows_of(&mask)?);
+    let r = roughness.as_ref().map(rows_of).transpose()?;
     let out = py
         .detach(|| fringeworks::unwrap::reliability(p, m, r, shape.0, shape.1))
         .map_err(refuse)?;
@@ -31,7 +31,7 @@ pub fn count_residues<'py>(
     mask: PyReadonlyArray2<'py, u8>,
 ) -> PyResult<usize> {
     let shape = (phase.shape()[0], phase.shape()[1]);
-    let (p, m) = (phase.as_slice()?, mask.as_slice()?);
+    let (p, m) = (rows_of(&phase)?, rows_of(&mask)?);
     py.detach(|| fringeworks::unwrap::residues(p, m, shape.0, shape.1))
         .map_err(refuse)
 }
@@ -46,7 +46,7 @@ pub fn average_phasor<'py>(
     reach: usize,
 ) -> PyResult<Bound<'py, PyArray2<Complex32>>> {
     let shape = (phase.shape()[0], phase.shape()[1]);
-    let (p, w) = (phase.as_slice()?, weight.as_slice()?);
+    let (p, w) = (rows_of(&phase)?, rows_of(&weight)?);
     let out = py
         .detach(|| fringeworks::unwrap::average(p, w, shape.0, shape.1, sigma, reach))
         .map_err(refuse)?;

@@ -1,4 +1,4 @@
-use crate::refuse;
+use crate::{refuse, rows_of};
 use fringeworks::wavelet::{ridge, Options};
 use numpy::ndarray::Array2;
 use numpy::{Complex32, IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -16,7 +16,7 @@ pub fn wavelet_ridge_rows<'py>(
     smoothness: f64,
 ) -> PyResult<Maps<'py>> {
     let shape = (rows.shape()[0], rows.shape()[1]);
-    let values = rows.as_slice()?;
+    let values = rows_of(&rows)?;
     let options = Options {
         frequencies,
         omega,

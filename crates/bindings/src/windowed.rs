@@ -1,4 +1,4 @@
-use crate::refuse;
+use crate::{refuse, rows_of};
 use fringeworks::windowed::{invert, Limits, Options, Pair};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -36,12 +36,12 @@ pub fn invert_windowed<'py>(
     let pair = Pair {
         height: shape.0,
         width: shape.1,
-        spline: spline.as_slice()?,
-        object: object.as_slice()?,
-        reference_ok: reference_ok.as_slice()?,
-        object_ok: object_ok.as_slice()?,
+        spline: rows_of(&spline)?,
+        object: rows_of(&object)?,
+        reference_ok: rows_of(&reference_ok)?,
+        object_ok: rows_of(&object_ok)?,
     };
-    let start = start.as_slice()?;
+    let start = rows_of(&start)?;
     let options = Options {
         scales,
         iterations,

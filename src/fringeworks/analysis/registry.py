@@ -110,6 +110,7 @@ def analyse(capture: Capture | FringePair, method: str = "windowed", **options: 
         reason=turn(solution.reason),
         period_px=pair.period,
         axis=pair.carrier.axis,
+        tilt_deg=pair.carrier.tilt_deg,
         method=method,
         iterations=None if solution.iterations is None else turn(solution.iterations),
         details=solution.details,

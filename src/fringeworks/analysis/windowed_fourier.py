@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from fringeworks.analysis.bandpass import WIDTH, Analytic, band_pass
 from fringeworks.analysis.demodulation import Demodulated, to_displacement
 from fringeworks.analysis.lattice import Axis, Lattice
-from fringeworks.analysis.pair import FringePair, noise_variance
+from fringeworks.analysis.pair import FringePair
 from fringeworks.analysis.registry import Solution, method
 from fringeworks.analysis.ridge import Pair, blend, curvature, vertex, window_factor
+from fringeworks.noise import noise_variance
 from fringeworks.types import FloatMap, InputError
 
 SIGMA_PX = 10.0

@@ -1,0 +1,209 @@
+//! Empirical mode decomposition of rows (Huang et al., Proc. R. Soc. A 454, 1998).
+//!
+//! A row is the sum of its intrinsic mode functions (IMF), from fast to slow, and a residue. An IMF
+//! is what sifting leaves: the mean of the envelopes through maxima and minima is taken away until
+//!
+//! * (I) the numbers of extrema and of zero crossings differ by at most one, and
+//! * (II) the envelopes' mean is near zero: its root mean square is below `flat` times the mode's
+//!   (Huang's standard deviation criterion),
+//!
+//! or `max_sifts` is reached. The residue has at most two extrema, or is what `max_imfs` leave.
+
+mod envelope;
+
+use crate::{check_length, check_value, Error};
+pub use envelope::Envelopes;
+use rayon::prelude::*;
+
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    pub max_imfs: usize,
+    pub max_sifts: usize,
+    pub flat: f64,
+}
+
+/// IMFs of all rows, `imfs[(row · count + k) · width + x]`; rows that have fewer end in zeros.
+pub struct Decomposition {
+    pub imfs: Vec<f64>,
+    /// IMFs per row in `imfs`.
+    pub count: usize,
+    pub residue: Vec<f64>,
+    /// IMFs that each row has.
+    pub counts: Vec<u32>,
+    /// Rows of which an IMF met `max_sifts` before both criteria.
+    pub unfinished: usize,
+}
+
+struct Row {
+    imfs: Vec<f64>,
+    residue: Vec<f64>,
+    unfinished: bool,
+}
+
+/// Decompose every row of `rows`.
+pub fn decompose(rows: &[f64], width: usize, options: &Options) -> Result<Decomposition, Error> {
+    check_value("width", width >= 1, "at least 1 px", width)?;
+    check_length("rows", rows.len() % width, 0)?;
+    check_value(
+        "rows",
+        rows.iter().all(|v| v.is_finite()),
+        "finite values",
+        "NaN or infinity",
+    )?;
+    check_value(
+        "max_sifts",
+        (1..=10_000).contains(&options.max_sifts),
+        "1 to 10000",
+        options.max_sifts,
+    )?;
+    check_value(
+        "max_imfs",
+        (1..=64).contains(&options.max_imfs),
+        "1 to 64",
+        options.max_imfs,
+    )?;
+    let found: Vec<Row> = rows
+        .par_chunks(width)
+        .map_init(
+            || Envelopes::new(width),
+            |envelopes, row| sift_row(row, envelopes, options),
+        )
+        .collect();
+    let counts: Vec<u32> = found
+        .iter()
+        .map(|r| (r.imfs.len() / width) as u32)
+        .collect();
+    let count = counts.iter().max().map_or(0, |c| *c as usize);
+    let mut imfs = vec![0.0; found.len() * count * width];
+    let mut residue = Vec::with_capacity(rows.len());
+    if count > 0 {
+        imfs.par_chunks_mut(count * width)
+            .zip(&found)
+            .for_each(|(out, row)| out[..row.imfs.len()].copy_from_slice(&row.imfs));
+    }
+    for row in &found {
+        residue.extend_from_slice(&row.residue);
+    }
+    Ok(Decomposition {
+        imfs,
+        count,
+        residue,
+        counts,
+        unfinished: found.iter().filter(|r| r.unfinished).count(),
+    })
+}
+
+fn sift_row(row: &[f64], envelopes: &mut Envelopes, options: &Options) -> Row {
+    let mut residue = row.to_vec();
+    let mut imfs = Vec::new();
+    let mut unfinished = false;
+    // What rounding leaves of a row is no mode of it.
+    let largest = row.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    let mut mode = vec![0.0; row.len()];
+    for _ in 0..options.max_imfs {
+        if !envelopes.find(&residue) || range(&residue) <= 1e-13 * largest {
+            break;
+        }
+        mode.copy_from_slice(&residue);
+        let mut done = false;
+        for _ in 0..options.max_sifts {
+            envelopes.draw();
+            done = envelopes.is_imf(&mode, options.flat);
+            if done {
+                break;
+            }
+            envelopes.subtract_mean(&mut mode);
+            if !envelopes.find(&mode) {
+                // Sifting has left nothing that oscillates.
+                done = true;
+                break;
+            }
+        }
+        unfinished |= !done;
+        for (r, m) in residue.iter_mut().zip(&mode) {
+            *r -= m;
+        }
+        imfs.extend_from_slice(&mode);
+    }
+    Row {
+        imfs,
+        residue,
+        unfinished,
+    }
+}
+
+fn range(row: &[f64]) -> f64 {
+    let (low, high) = row
+        .iter()
+        .fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+    high - low
+}
+
+/// Upper and lower envelope of every row; both are NaN where a row has at most two extrema.
+pub fn envelopes(rows: &[f64], width: usize) -> Result<(Vec<f64>, Vec<f64>), Error> {
+    check_value("width", width >= 1, "at least 1 px", width)?;
+    check_length("rows", rows.len() % width, 0)?;
+    let mut upper = vec![f64::NAN; rows.len()];
+    let mut lower = vec![f64::NAN; rows.len()];
+    upper
+        .par_chunks_mut(width)
+        .zip(lower.par_chunks_mut(width))
+        .zip(rows.par_chunks(width))
+        .for_each_init(
+            || Envelopes::new(width),
+            |envelopes, ((upper, lower), row)| {
+                if envelopes.find(row) {
+                    envelopes.draw();
+                    upper.copy_from_slice(&envelopes.upper);
+                    lower.copy_from_slice(&envelopes.lower);
+                }
+            },
+        );
+    Ok((upper, lower))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OPTIONS: Options = Options {
+        max_imfs: 20,
+        max_sifts: 200,
+        flat: 0.05,
+    };
+
+    #[test]
+    fn two_tones_and_a_trend_come_apart() {
+        let n = 800;
+        let fast = |x: f64| (x * 0.5).cos();
+        let slow = |x: f64| 3.0 * (x * 0.06 + 0.4).cos();
+        let trend = |x: f64| 0.01 * x;
+        let row: Vec<f64> = (0..n)
+            .map(|x| fast(x as f64) + slow(x as f64) + trend(x as f64))
+            .collect();
+        let found = decompose(&row, n, &OPTIONS).unwrap();
+        for x in 100..n - 100 {
+            let at = |k: usize| found.imfs[k * n + x];
+            assert!((at(0) - fast(x as f64)).abs() < 0.1, "{x}: {}", at(0));
+            assert!((at(1) - slow(x as f64)).abs() < 0.3, "{x}: {}", at(1));
+        }
+        for x in 0..n {
+            let sum: f64 = (0..found.count).map(|k| found.imfs[k * n + x]).sum();
+            assert!((sum + found.residue[x] - row[x]).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn rows_without_modes_are_their_own_residue() {
+        for row in [
+            vec![3.0; 40],
+            (0..40).map(|x| x as f64).collect(),
+            vec![1.0],
+        ] {
+            let found = decompose(&row, row.len(), &OPTIONS).unwrap();
+            assert_eq!(found.count, 0);
+            assert_eq!(found.residue, row);
+        }
+        assert!(decompose(&[f64::NAN; 8], 8, &OPTIONS).is_err());
+    }
+}

@@ -22,13 +22,14 @@ LAYERS = [
     {"denoise"},
     {"analysis", "simulate", "files"},
     {"capture", "formats", "figures"},
+    {"response_file"},
     {"pipeline"},
     {"evaluate"},
-    {"paper", "demo"},
+    {"paper", "demo", "matrix"},
     {"cli"},
 ]
 # Below the pipeline nothing may touch files or screens, but for the modules made for that.
-WITH_FILES = {"files", "capture", "formats", "figures"}
+WITH_FILES = {"files", "capture", "formats", "figures", "response_file"}
 OUTER = {"PIL", "tifffile", "h5py", "matplotlib", "rich", "typer", "pydantic", "tomli_w", "pathlib"}
 
 

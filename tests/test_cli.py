@@ -12,6 +12,7 @@ import pytest
 import tifffile
 from PIL import Image
 
+from fringeworks.files import write_frame
 from fringeworks.formats import read_npz
 from tests.test_evaluate import KEYS
 
@@ -249,3 +250,66 @@ def test_demo_and_paper(tmp_path):
     rows = json.loads((tmp_path / "figures" / "table_4_1.json").read_text())
     assert {row["method"] for row in rows} >= {"ifa", "sifa", "gsifa", "exact", "windowed"}
     assert {row["gamma"] for row in rows} == {1.0, 2.2}
+
+
+def test_single_frame_denoised(frames, tmp_path):
+    figures = tmp_path / "m.json"
+    run("reconstruct", "--object", frames / "good.png", "--denoise", "emd2d", "--json", figures)
+    content = json.loads(figures.read_text())
+    assert any("no reference frame" in note for note in content["notes"])
+    assert abs(content["tilt_deg"]) < 1.0
+
+
+def test_matrix_prints_and_draws_a_map(tmp_path):
+    picture = tmp_path / "map.png"
+    shown = run(
+        *("compare", "--matrix", "--object", "parabola", "--gamma", "1", "--noise", "0,2"),
+        *("--fringes", "5,10", "--size", "150", "--methods", "fourier,windowed,exact"),
+        *("--figure", picture),
+    ).stdout
+    assert "5 fringes" in shown
+    assert "windowed has the lowest mean error in" in shown
+    assert picture.stat().st_size > 5000
+
+
+def test_response_is_measured_and_applied(tmp_path):
+    y, x = np.indices((120, 240))
+    shifts = 2 * np.pi * np.arange(3) / 3
+    coordinate = x + 0.13 * y
+    ideal = 2 * np.pi * coordinate / 40
+    images = []
+    for k, shift in enumerate(shifts):
+        light = (0.5 + 0.5 * np.cos(ideal - shift)) ** 2.2
+        images.append(tmp_path / f"step{k}.png")
+        write_frame(images[-1], np.round(10 + 230 * light).astype(np.uint8))
+    write_frame(tmp_path / "x.tif", coordinate.astype(np.float32))
+    out = tmp_path / "response.toml"
+    devices = ("--camera", "left", "--projector", "bench")
+    shown = run(
+        *("response", *images, "--coordinate", tmp_path / "x.tif", "--period", "40"),
+        *("--out", out, *devices),
+    ).stdout
+    assert "γ = 2.199" in shown or "γ = 2.20" in shown
+    run(
+        "simulate",
+        "--out",
+        tmp_path / "s",
+        "--size",
+        "160",
+        "--fringes",
+        "8",
+        "--gamma",
+        "2.2",
+        "--height-mm",
+        "20",
+        "--bits",
+        "8",
+    )
+    ok = run("reconstruct", tmp_path / "s", "--response", out, *devices).stdout
+    assert "response of γ = 2." in ok
+    for given, words in (
+        ((), "does not name its camera"),
+        (("--camera", "right", "--projector", "bench"), "the capture is of 'right'"),
+    ):
+        refused = run("reconstruct", tmp_path / "s", "--response", out, *given, code=2)
+        assert words in refused.stderr

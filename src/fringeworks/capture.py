@@ -39,6 +39,13 @@ class GeometrySection(_Strict):
     sign: Literal[1, -1] = 1
 
 
+class DevicesSection(_Strict):
+    """``[devices]``: who took and lit the frames; a saved response asks for it."""
+
+    camera: str | None = None
+    projector: str | None = None
+
+
 class CaptureFile(_Strict):
     """The whole of ``capture.toml``; unknown keys are refused."""
 
@@ -53,6 +60,7 @@ class CaptureFile(_Strict):
     truth: str | None = None
     """TIFF of the true height in mm, where it is known."""
     geometry: GeometrySection | None = None
+    devices: DevicesSection = DevicesSection()
 
 
 def read_capture(path: Path) -> Capture:
@@ -135,7 +143,7 @@ def _read_folder(folder: Path) -> Capture:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{description}: expected TOML, got: {error}") from error
     except ValidationError as error:
-        raise InputError(f"{description}: {_first_fault(error)}") from error
+        raise InputError(f"{description}: {first_fault(error)}") from error
     named = content.frames.reference
     pair = read_pair(None if named is None else folder / named, folder / content.frames.object)
     geometry = content.geometry
@@ -151,6 +159,8 @@ def _read_folder(folder: Path) -> Capture:
         background=_fitting("background", background, pair.object),
         axis=content.axis,
         geometry=None if geometry is None else ReferencePlaneGeometry(**geometry.model_dump()),
+        camera=content.devices.camera,
+        projector=content.devices.projector,
         truth_mm=_fitting("truth", truth, pair.object),
         notes=pair.notes,
     )
@@ -162,7 +172,7 @@ def _fitting(name: str, values: Any, frame: NDArray[Any]) -> Any:
     return values
 
 
-def _first_fault(error: ValidationError) -> str:
+def first_fault(error: ValidationError) -> str:
     fault = error.errors()[0]
     where = ".".join(str(part) for part in fault["loc"])
     if fault["type"] == "extra_forbidden":
@@ -256,6 +266,10 @@ def write_capture(folder: Path, capture: Capture) -> Path:
         content["truth"] = "truth.tif"
         write_frame(folder / "truth.tif", np.asarray(capture.truth_mm, np.float64))
     content["frames"] = frames
+    devices = {"camera": capture.camera, "projector": capture.projector}
+    named = {name: value for name, value in devices.items() if value is not None}
+    if named:
+        content["devices"] = named
     if capture.geometry is not None:
         g = capture.geometry
         content["geometry"] = {

@@ -13,6 +13,10 @@ MIN_PERIODS = 3.0
 """Fewer fringes than this across the frame are not told from shading."""
 MIN_PERIOD_PX = 4.0
 """Finer fringes have less than four samples: above half the Nyquist frequency."""
+TILT = 1.5
+"""Exponent of the frequency by which lines are compared; a square wave's harmonics stay below."""
+SPREAD = 0.3
+"""Half-width of the carrier's line, share of its frequency."""
 MIN_SHARE = 0.2
 """Least share of the frame's contrast that must lie in the carrier's line."""
 REFINEMENTS = 3
@@ -64,25 +68,46 @@ def _lines(frame: FloatMap) -> tuple[_Line, _Line]:
     n = frame.shape[1]
     if n < 8:
         return NOTHING, NOTHING
-    # Shading is mostly a slope along the row; what differs between the rows' means counts against
-    # the line as well, in the spectrum's units (Parseval).
     window = np.hanning(n)
     spectrum = np.abs(fft.rfft(_without_slope(frame) * window, axis=1, workers=-1)) ** 2
     power = spectrum.mean(axis=0) / n**2
-    total = 0.5 * float(frame.mean(axis=1).var() * np.mean(window**2)) + float(power.sum())
+    # What differs between the rows' means counts against the line as well, in the spectrum's
+    # units (Parseval).
+    across = 0.5 * float(np.mean(window**2)) * _fast_variance(frame.mean(axis=1))
+    slow = int(MIN_PERIODS)
+    noise = float(np.median(power[slow:])) if power.size > slow else 0.0
 
-    def strongest(first: int, last: int) -> _Line:
+    def strongest(first: int, last: int, total: float) -> _Line:
         inside = power[first : last + 1]
         if inside.size < 3 or not inside.any():
             return NOTHING
-        peak = first + int(np.argmax(inside))
-        energy = float(power[max(first - 1, peak - 2) : peak + 3].sum())
+        # Shading falls off fast with the frequency, harmonics of a fringe do so too: between the
+        # two, the fringe stands out.
+        bins = np.arange(first, first + inside.size)
+        peak = first + int(np.argmax(inside * bins**TILT))
+        # Perspective and the object spread the line; noise lies under all of it.
+        reach = max(2, round(SPREAD * peak))
+        near = power[max(first - 1, peak - reach, 1) : peak + reach + 1]
+        energy = float(np.maximum(near - noise, 0.0).sum())
         # A Hann window's line is three bins wide.
         core = np.arange(max(peak - 1, 0), min(peak + 2, power.size))
         frequency = float(np.dot(core, power[core]) / power[core].sum()) / n
-        return _Line(frequency, energy, energy / total)
+        return _Line(frequency, energy, energy / total if total > 0 else 0.0)
 
-    return strongest(int(MIN_PERIODS), int(n / MIN_PERIOD_PX)), strongest(1, power.size - 1)
+    # Slower than the slowest fringe is shading: it does not count against a line.
+    fast = across + float(power[slow - 1 :].sum())
+    return (
+        strongest(slow, int(n / MIN_PERIOD_PX), fast),
+        strongest(1, power.size - 1, across + float(power.sum())),
+    )
+
+
+def _fast_variance(values: FloatMap) -> float:
+    """Variance of a profile without its slowest waves."""
+    if values.size < 8:
+        return float(values.var())
+    spectrum = np.abs(fft.rfft(values - values.mean())) ** 2
+    return float(2.0 * spectrum[int(MIN_PERIODS) :].sum()) / values.size**2
 
 
 def _refine(frame: FloatMap, frequency: float) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import ndimage
 
+from fringeworks.denoise import Denoiser
 from fringeworks.pipeline import Reconstruction, reconstruct
 from fringeworks.simulate import standard_scene
 from fringeworks.types import BoolMap, FloatMap, HeightMap, InputError, Reason
@@ -110,6 +111,7 @@ def compare(
     height_mm: float = 100.0,
     size: int = 1000,
     seed: int = 0,
+    denoise: Denoiser | None = None,
     on_result: Callable[[Row, Reconstruction], None] | None = None,
 ) -> list[Row]:
     """Run methods on standard scenes, every combination once.
@@ -119,6 +121,7 @@ def compare(
     objects, methods : names
     gammas, noises, bits, fringes : values to combine; noise in counts of 8 bit
     height_mm, size, seed : of the standard scene
+    denoise : applied to both frames before every method
     on_result : called with each row and its reconstruction, for progress and figures
 
     Returns
@@ -148,7 +151,7 @@ def compare(
         )
         assert scene.truth_mm is not None
         for method in methods:
-            result = reconstruct(scene, method)
+            result = reconstruct(scene, method, denoise=denoise)
             row: Row = {
                 "object": name,
                 "method": method,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -220,4 +221,37 @@ def bars(title: str, labels: Sequence[str], series: Mapping[str, Sequence[float]
     axes.set_xticks(np.arange(len(labels)), labels)
     axes.set_ylabel("mm")
     axes.legend()
+    return figure
+
+
+def best_map(title: str, cells: Sequence[Any]) -> Figure:
+    """Scenes in rows, fringes in columns, coloured by the method with the lowest mean error.
+
+    ``cells`` are those of ``fringeworks.matrix.best_methods``; the number is that error, mm.
+    """
+    columns = sorted({cell.scene["fringes"] for cell in cells})
+    lines = list(
+        dict.fromkeys(tuple(v for k, v in cell.scene.items() if k != "fringes") for cell in cells)
+    )
+    names = sorted({cell.best for cell in cells}, key=lambda n: (n != "windowed", n))
+    index = np.full((len(lines), len(columns)), np.nan)
+    figure = Figure(
+        figsize=(4.5 + 1.2 * len(columns), 1.2 + 0.27 * len(lines)), layout="constrained"
+    )
+    axes = figure.add_subplot()
+    axes.set_title(title)
+    for cell in cells:
+        r = lines.index(tuple(v for k, v in cell.scene.items() if k != "fringes"))
+        c = columns.index(cell.scene["fringes"])
+        index[r, c] = names.index(cell.best)
+        axes.text(c, r, f"{cell.error_mm:.2g}", ha="center", va="center", fontsize=7)
+    palette = ListedColormap(["#bfe3c6", *(f"C{k}" for k in range(len(names) - 1))])
+    norm = BoundaryNorm(np.arange(len(names) + 1) - 0.5, max(len(names), 1))
+    picture = axes.imshow(index, cmap=palette, norm=norm, aspect="auto", alpha=0.75)
+    axes.set_xticks(range(len(columns)), [f"{f:g}" for f in columns])
+    axes.set_xlabel("fringes")
+    labels = [f"{name}, γ {g:g}, noise {n:g}, {b or 'no'} bit" for name, g, n, b in lines]
+    axes.set_yticks(range(len(lines)), labels, fontsize=7)
+    bar = figure.colorbar(picture, ax=axes, ticks=range(len(names)))
+    bar.ax.set_yticklabels(names)
     return figure

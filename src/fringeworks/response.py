@@ -1,18 +1,34 @@
-"""The response of projector and camera: its exponent, from the harmonics of a fringe frame."""
+"""The response of projector and camera together: measured, saved with a pair, and taken out.
+
+Two forms. The exponent γ (I ∝ v^γ) straightens intensities and pre-distorts patterns. The table
+φ → Δφ corrects phases of N steps, whatever the response's shape (theory §6).
+"""
 
 from __future__ import annotations
 
-import numpy as np
-from scipy import optimize
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-from fringeworks.types import FloatMap
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, optimize
+
+from fringeworks.types import BoolMap, Capture, FloatMap, InputError
 
 RANGE = (0.4, 4.0)
 """Exponents that are looked for."""
-
-
 SINUSOIDAL = 1e-7
 """A frame with less harmonic distortion than this needs no search."""
+BINS = 256
+"""Entries of a phase table."""
+HARMONICS = 12
+"""Harmonics of φ that a table holds; faster changes are noise."""
+MAX_POINTS = 50_000
+"""Pixels from which the exponent is found."""
+MIN_PER_BIN = 20
+"""Pixels that every entry of a table needs."""
+BLACK_PERCENT = 0.1
+"""Share of the darkest pixels, percent, above which the dark level lies."""
 
 
 def harmonic_distortion(frame: FloatMap, period_px: float) -> float:
@@ -60,3 +76,307 @@ def estimate_gamma(frame: FloatMap, period_px: float) -> float:
         distortion, bounds=RANGE, method="bounded", options={"xatol": 1e-3}
     )
     return float(found.x)
+
+
+@dataclass(frozen=True)
+class Response:
+    """The response of one camera and projector."""
+
+    camera: str
+    projector: str
+    gamma: float
+    """Exponent of the light seen over the value sent to the projector."""
+    steps: int
+    """Number of steps that the table is for."""
+    pattern_exponent: float
+    """Exponent e of the patterns it was measured with: (½ + ½ cos φ)^e was sent."""
+    table_rad: NDArray[np.float64]
+    """What to take off a wrapped phase from −π on, (256,), rad; a harmonic series."""
+    residual_rad: float
+    """Root mean square of the phase error that the table left where it was made."""
+
+
+def phase_of_steps(
+    frames: NDArray[np.generic], shifts_rad: Sequence[float] | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Wrapped phase of N frames I_n = A + B cos(φ − δ_n).
+
+    Parameters
+    ----------
+    frames : (n ≥ 3, h, w) real array, counts
+    shifts_rad : (n,) floats, optional
+        δ_n; 2π n / N where left out.
+
+    Returns
+    -------
+    phase : (h, w), −π … π
+    modulation : (h, w), counts
+
+    Raises
+    ------
+    InputError for fewer than three frames or shifts that do not determine the phase.
+
+    Notes
+    -----
+    Least squares in A, B cos φ and B sin φ, for any shifts (Greivenkamp, Optical Engineering
+    23:350, 1984).
+    """
+    stack = np.asarray(frames)
+    if stack.ndim != 3 or stack.shape[0] < 3:
+        raise InputError(f"frames: expected shape (n ≥ 3, h, w), got {stack.shape}")
+    n = stack.shape[0]
+    shifts = 2.0 * np.pi * np.arange(n) / n if shifts_rad is None else np.asarray(shifts_rad)
+    if shifts.shape != (n,):
+        raise InputError(f"shifts: expected {n} values, got {shifts.shape}")
+    design = np.column_stack((np.ones(n), np.cos(shifts), np.sin(shifts)))
+    if np.linalg.cond(design) > 1e3:
+        raise InputError("shifts: expected three or more that differ, got none that do")
+    solver = np.linalg.pinv(design)
+    _, cosine, sine = np.tensordot(solver, stack.astype(np.float64), axes=1)
+    return np.arctan2(sine, cosine), np.hypot(sine, cosine)
+
+
+def smooth_coordinate(
+    coordinate: FloatMap, valid: BoolMap, *, sigma_px: float = 15.0
+) -> NDArray[np.float64]:
+    """A projector coordinate on a flat board, free of the steps of the code it came from.
+
+    Parameters
+    ----------
+    coordinate : (h, w) float array, such as a decoded Gray code, projector px
+    valid : (h, w) bool array
+    sigma_px : float > 0
+        Width of the smoothing about a cubic surface, camera px.
+
+    Returns
+    -------
+    (h, w) float array; NaN where not valid, or too far from the surface
+    """
+    h, w = coordinate.shape
+    y, x = np.mgrid[-1.0 : 1.0 : h * 1j, -1.0 : 1.0 : w * 1j]
+    powers = [(i, j) for i in range(4) for j in range(4 - i)]
+    places = np.flatnonzero(valid)
+    if places.size < 1000:
+        raise InputError(f"coordinate: expected 1000 valid pixels or more, got {places.size}")
+    some = places[:: max(1, places.size // 20_000)]
+
+    def terms(at: NDArray[np.intp]) -> FloatMap:
+        return np.column_stack([x.flat[at] ** i * y.flat[at] ** j for i, j in powers])
+
+    design, values = terms(some), coordinate.flat[some].astype(np.float64)
+    kept = np.ones(some.size, bool)
+    for _ in range(10):
+        solved = np.linalg.lstsq(design[kept], values[kept], rcond=None)[0]
+        off = np.abs(values - design @ solved)
+        kept = off <= max(3.0 * 1.4826 * float(np.median(off[kept])), 1e-9)
+    spread = 1.4826 * float(np.median(off[kept]))
+    surface = sum(c * x**i * y**j for c, (i, j) in zip(solved, powers, strict=True))
+    rest = np.where(valid, coordinate - surface, 0.0)
+    near = valid & (np.abs(rest) <= max(6.0 * spread, 1e-9))
+    weight = ndimage.gaussian_filter(near.astype(float), sigma_px)
+    smooth = ndimage.gaussian_filter(np.where(near, rest, 0.0), sigma_px)
+    return np.where(near, surface + smooth / np.maximum(weight, 1e-6), np.nan)
+
+
+def phase_table(phase_rad: FloatMap, ideal_rad: FloatMap) -> tuple[NDArray[np.float64], float]:
+    """Phase error as a function of the phase: Zhang & Huang's look-up table.
+
+    Parameters
+    ----------
+    phase_rad : (h, w) float array
+        Wrapped phase of N steps on a white plane; NaN where not valid.
+    ideal_rad : (h, w) float array
+        What it should be, modulo 2π; NaN where unknown.
+
+    Returns
+    -------
+    table : (256,) float array, rad
+        φ − ideal at the middles of equal bins from −π on, less its mean.
+    residual : float
+        Root mean square of what the table leaves, rad.
+
+    Raises
+    ------
+    InputError where a bin of the phase holds fewer than 20 pixels.
+
+    Notes
+    -----
+    Zhang & Huang, Optical Engineering 46(6):063601, 2007; theory §6. Medians per bin, then the
+    first twelve harmonics.
+    """
+    known = np.isfinite(phase_rad) & np.isfinite(ideal_rad)
+    phase = phase_rad[known].astype(np.float64)
+    error = np.angle(np.exp(1j * (phase - ideal_rad[known])))
+    at = np.floor((phase + np.pi) * (BINS / (2.0 * np.pi))).astype(np.intp) % BINS
+    order = np.argsort(at, kind="stable")
+    count = np.bincount(at, minlength=BINS)
+    if count.min() < MIN_PER_BIN:
+        raise InputError(
+            f"phase table: expected {MIN_PER_BIN} pixels or more at every phase, got "
+            f"{count.min()}: the frames must hold whole fringes"
+        )
+    parts = np.split(error[order], np.cumsum(count)[:-1])
+    spectrum = np.fft.rfft([float(np.median(part)) for part in parts])
+    spectrum[0] = 0.0
+    spectrum[HARMONICS + 1 :] = 0.0
+    table = np.fft.irfft(spectrum, BINS)
+    left = error - _look_up(table, phase)
+    return table, float(np.std(left))
+
+
+def _look_up(table: FloatMap, phase_rad: FloatMap) -> FloatMap:
+    """Linear interpolation in a periodic table whose entries are the middles of its bins."""
+    n = table.size
+    at = (np.where(np.isfinite(phase_rad), phase_rad, 0.0) + np.pi) * (n / (2.0 * np.pi)) - 0.5
+    left = np.floor(at).astype(np.intp)
+    share = at - left
+    return np.asarray(table[left % n] * (1.0 - share) + table[(left + 1) % n] * share)
+
+
+def correct_phase(phase_rad: FloatMap, response: Response) -> FloatMap:
+    """A wrapped phase of ``response.steps`` steps without the response's error, (h, w), rad."""
+    return np.asarray(phase_rad - _look_up(response.table_rad, phase_rad))
+
+
+def gamma_of_frames(
+    frames: NDArray[np.generic],
+    ideal_rad: FloatMap,
+    shifts_rad: Sequence[float] | None = None,
+    pattern_exponent: float = 1.0,
+) -> float:
+    """Exponent γ that explains N frames of a white plane.
+
+    Parameters
+    ----------
+    frames : (n ≥ 3, h, w) real array, counts
+    ideal_rad : (h, w) float array, NaN where unknown
+    shifts_rad : (n,) floats, optional
+    pattern_exponent : float > 0
+        Exponent e of the patterns, (½ + ½ cos φ)^e.
+
+    Returns
+    -------
+    γ, between 0.4 and 4 over e
+
+    Notes
+    -----
+    Least squares of I_n = a + b·(½ + ½ cos(φ − δ_n))^(eγ), a and b free at every pixel: dark
+    level, ambient light and albedo have no say.
+    """
+    n = len(frames)
+    shifts = 2.0 * np.pi * np.arange(n) / n if shifts_rad is None else np.asarray(shifts_rad)
+    places = np.flatnonzero(np.isfinite(ideal_rad))
+    if places.size == 0:
+        raise InputError("ideal phase: expected known pixels, got none")
+    places = places[:: max(1, places.size // MAX_POINTS)]
+    seen = np.asarray(frames).reshape(n, -1)[:, places].astype(np.float64)
+    seen = seen - seen.mean(axis=0)
+    wave = 0.5 + 0.5 * np.cos(ideal_rad.ravel()[places] - shifts[:, None])
+
+    def misfit(exponent: float) -> float:
+        light = wave**exponent
+        light = light - light.mean(axis=0)
+        gain = np.sum(light * seen, axis=0) / np.maximum(np.sum(light**2, axis=0), 1e-12)
+        return float(np.sum((seen - gain * light) ** 2))
+
+    coarse = np.geomspace(*RANGE, 25)
+    k = int(np.argmin([misfit(exponent) for exponent in coarse]))
+    around = (coarse[max(k - 1, 0)], coarse[min(k + 1, coarse.size - 1)])
+    best = optimize.minimize_scalar(
+        misfit, bounds=around, method="bounded", options={"xatol": 1e-4}
+    )
+    return float(best.x) / pattern_exponent
+
+
+def measure_response(
+    frames: NDArray[np.generic],
+    ideal_rad: FloatMap,
+    *,
+    camera: str,
+    projector: str,
+    shifts_rad: Sequence[float] | None = None,
+    pattern_exponent: float = 1.0,
+) -> Response:
+    """Response of a camera and projector, from N steps on a white plane.
+
+    Parameters
+    ----------
+    frames : (n ≥ 3, h, w) real array, counts
+    ideal_rad : (h, w) float array
+        The phase that was projected, rad, modulo 2π; NaN where unknown. From a coordinate that
+        does not depend on intensities: 2π x / p of a Gray code (``smooth_coordinate``).
+    camera, projector : str
+        Names of the devices; the response is applied to captures of the same two only.
+    shifts_rad, pattern_exponent : as in ``phase_of_steps`` and ``gamma_of_frames``
+
+    Raises
+    ------
+    InputError for frames that cannot be used, or an empty name.
+    """
+    for name, value in (("camera", camera), ("projector", projector)):
+        if not value.strip():
+            raise InputError(f"{name}: expected a name, got {value!r}")
+    if not pattern_exponent > 0:
+        raise InputError(f"pattern_exponent: expected > 0, got {pattern_exponent}")
+    phase, modulation = phase_of_steps(frames, shifts_rad)
+    if ideal_rad.shape != phase.shape:
+        raise InputError(f"ideal phase: expected shape {phase.shape}, got {ideal_rad.shape}")
+    strong = modulation > 0.2 * np.percentile(modulation, 95)
+    table, residual = phase_table(np.where(strong, phase, np.nan), ideal_rad)
+    steps = len(frames)
+    known = np.where(strong, ideal_rad, np.nan)
+    gamma = gamma_of_frames(frames, known, shifts_rad, pattern_exponent)
+    return Response(camera, projector, gamma, steps, pattern_exponent, table, residual)
+
+
+def predistort(values: FloatMap, response: Response) -> FloatMap:
+    """Values to send, 0…1, so that the light seen is proportional to ``values`` (0…1)."""
+    if values.size and not (values.min() >= 0.0 and values.max() <= 1.0):
+        raise InputError(
+            f"pattern: expected values from 0 to 1, got {values.min():g} to {values.max():g}"
+        )
+    return np.asarray(values ** (1.0 / response.gamma))
+
+
+def linearise(frame: NDArray[np.generic], response: Response) -> NDArray[np.float64]:
+    """A frame as a projector without exponent would have made it.
+
+    The dark level is taken off, the inverse exponent applied, and range and level put back; how
+    bright a surface is does not matter, because a power turns a factor into a factor.
+    """
+    values = np.asarray(frame, dtype=np.float64)
+    finite = values[np.isfinite(values)]
+    if finite.size == 0:
+        raise InputError("frame: expected finite values, got none")
+    dark = float(np.percentile(finite, BLACK_PERCENT))
+    span = float(finite.max()) - dark
+    if span <= 0:
+        return values
+    with np.errstate(invalid="ignore"):
+        share = np.maximum((values - dark) / span, 0.0)
+    return np.asarray(dark + span * share ** (1.0 / response.gamma))
+
+
+def apply_response(capture: Capture, response: Response) -> Capture:
+    """A capture with its frames linearised.
+
+    Raises
+    ------
+    InputError where the capture is of other devices, or does not name its own.
+    """
+    seen = {"camera": capture.camera, "projector": capture.projector}
+    for name, value in seen.items():
+        own = getattr(response, name)
+        if value is None:
+            raise InputError(
+                f"response: made for {name} {own!r}, but the capture does not name its {name}"
+            )
+        if value != own:
+            raise InputError(f"response: made for {name} {own!r}, the capture is of {value!r}")
+    note = f"response of γ = {response.gamma:.3f} taken out"
+    return replace(
+        capture,
+        reference=None if capture.reference is None else linearise(capture.reference, response),
+        object=linearise(capture.object, response),
+        notes=(*capture.notes, note),
+    )

@@ -78,6 +78,10 @@ class Capture:
     """Direction in which the fringes vary; None to find it."""
     geometry: ReferencePlaneGeometry | None = None
     """None where unknown: results then stay displacements in px."""
+    camera: str | None = None
+    """Name of the camera that took it."""
+    projector: str | None = None
+    """Name of the projector that lit it."""
     truth_mm: FloatMap | None = None
     """True height where it is known (simulations), (h, w), mm."""
     notes: tuple[str, ...] = ()

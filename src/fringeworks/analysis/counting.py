@@ -32,7 +32,7 @@ MIN_GAMMA_CHANGE = 0.02
 """Exponents nearer to 1 than this are 1."""
 ALBEDO_TOLERANCE = 0.02
 """Parts whose extrema differ by more than this share are normalised to the reference's first."""
-MAX_PERIODS = 4.0
+MAX_PERIODS = 6.0
 """Largest displacement considered where nothing is known of it."""
 SLIP = 0.6
 """Rows whose neighbours differ by more than this share of a period may have slipped."""

@@ -12,19 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.analysis.counting import (
-    MAX_PERIODS,
-    NOISE_SWINGS,
-    PROMINENCE,
-    Name,
-    invert_rows,
-    slips,
-)
+from fringeworks.analysis.counting import NOISE_SWINGS, PROMINENCE, Name
 from fringeworks.analysis.fourier import fourier
-from fringeworks.analysis.order import compare_orders
+from fringeworks.analysis.order import guided_count
 from fringeworks.analysis.pair import FringePair
 from fringeworks.analysis.registry import Solution, method
-from fringeworks.types import BoolMap, FloatMap, InputError, Reason
+from fringeworks.types import BoolMap, FloatMap, InputError
 
 
 @dataclass(frozen=True)
@@ -73,38 +66,15 @@ def _invert(
     degree: int = 9,
     n_resample: int = 5,
 ) -> Solution:
-    """Count, invert; and where counting slipped, count again with the band-pass as a guide."""
-
-    def run(limit_px: float | None, guide: FloatMap | None = None) -> Solution:
-        return invert_rows(
-            pair,
-            name,
-            max_displacement_px=limit_px,
-            degree=degree,
-            n_resample=n_resample,
-            guide_px=guide,
-        )
-
-    first = run(max_displacement_px)
-    if not slips(first, pair.period):
-        return first
-    band = fourier(pair).displacement_px
-    orders, undecided = compare_orders(first.displacement_px, band, pair.period)
-    if not (orders.any() or undecided.any()):
-        return first
-    guide = first.displacement_px + orders * pair.period
-    with np.errstate(invalid="ignore"):
-        guide[undecided | (np.abs(band - guide) > 0.5 * pair.period)] = np.nan
-    limit_px = max_displacement_px
-    if limit_px is None:
-        limit_px = max(MAX_PERIODS * pair.period, float(np.nanmax(np.abs(guide))) + pair.period)
-    second = run(limit_px, guide)
-    # What the guide could not mend stays open.
-    with np.errstate(invalid="ignore"):
-        lost = undecided | (np.abs(second.displacement_px - guide) > 0.5 * pair.period)
-    second.displacement_px[lost] = np.nan
-    second.reason[lost & (second.reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
-    return second
+    """Count and invert; where counting slipped, with the band-pass as a guide."""
+    return guided_count(
+        pair,
+        lambda: fourier(pair).displacement_px,
+        name,
+        max_displacement_px=max_displacement_px,
+        degree=degree,
+        n_resample=n_resample,
+    )
 
 
 @method("ifa")

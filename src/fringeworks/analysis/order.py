@@ -7,12 +7,15 @@ they differ by whole periods over a region, the one that joins its surroundings 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy import ndimage
 
-from fringeworks.analysis.counting import count_fringes
+from fringeworks.analysis.counting import MAX_PERIODS, Name, count_fringes, invert_rows, slips
 from fringeworks.analysis.pair import FringePair
-from fringeworks.types import BoolMap, FloatMap
+from fringeworks.analysis.registry import Solution
+from fringeworks.types import BoolMap, FloatMap, Reason
 
 AGREE = 0.35
 """Displacements whose difference is this close to whole periods (share of one) may be compared."""
@@ -48,6 +51,49 @@ def settle_orders(
     moved = displacement_px + orders * pair.period
     moved[undecided] = np.nan
     return moved, undecided, int(np.count_nonzero(orders))
+
+
+def guided_count(
+    pair: FringePair,
+    band_pass: Callable[[], FloatMap],
+    name: Name = "sifa",
+    *,
+    max_displacement_px: float | None = None,
+    **options: int,
+) -> Solution:
+    """Displacement by counting; with the band-pass as a guide where counting slipped.
+
+    Parameters
+    ----------
+    pair : FringePair
+    band_pass : function without arguments
+        Gives the displacement of the band-pass, (h, w), px; called only if rows disagree.
+    name, max_displacement_px, options : as ``invert_rows`` has them
+    """
+
+    def run(limit_px: float | None, guide: FloatMap | None = None) -> Solution:
+        return invert_rows(pair, name, max_displacement_px=limit_px, guide_px=guide, **options)
+
+    first = run(max_displacement_px)
+    if not slips(first, pair.period):
+        return first
+    band = band_pass()
+    orders, undecided = compare_orders(first.displacement_px, band, pair.period)
+    if not (orders.any() or undecided.any()):
+        return first
+    guide = first.displacement_px + orders * pair.period
+    with np.errstate(invalid="ignore"):
+        guide[undecided | (np.abs(band - guide) > 0.5 * pair.period)] = np.nan
+    limit_px = max_displacement_px
+    if limit_px is None and np.isfinite(guide).any():
+        limit_px = max(MAX_PERIODS * pair.period, float(np.nanmax(np.abs(guide))) + pair.period)
+    second = run(limit_px, guide)
+    # What the guide could not mend stays open.
+    with np.errstate(invalid="ignore"):
+        lost = undecided | (np.abs(second.displacement_px - guide) > 0.5 * pair.period)
+    second.displacement_px[lost] = np.nan
+    second.reason[lost & (second.reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
+    return second
 
 
 def compare_orders(first: FloatMap, second: FloatMap, period_px: float) -> tuple[FloatMap, BoolMap]:

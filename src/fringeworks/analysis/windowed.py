@@ -9,6 +9,7 @@ from scipy import fft, ndimage
 
 from fringeworks import _core
 from fringeworks.analysis.fourier import fourier
+from fringeworks.analysis.order import guided_count
 from fringeworks.analysis.pair import FringePair, fill_nearest
 from fringeworks.analysis.registry import Solution, method
 from fringeworks.types import BoolMap, FloatMap, InputError, Reason
@@ -25,6 +26,15 @@ MAX_SIGMA = 1.0 / 25.0
 """Estimates less certain than this share of a period are no estimates."""
 DRIFT = 0.01
 """How far offset and gain may drift between scales, share of the modulation."""
+MAX_SLOPE = 0.3
+"""Slope of the displacement, px/px, from which a band-pass rounds off more than it should."""
+OFF_BAND = 0.03
+"""Mean difference of count and band-pass, periods, from which the count is believed; at twice
+that, fully."""
+COUNT_SMOOTHING = 0.25
+"""Smoothing of a start that was counted, periods."""
+FOLD = 0.125
+"""Differences between a smooth and a sharp start, periods, from which the sharp one is right."""
 MIN_ROWS = 8
 """Fewer rows leave the displacement's slope across them open."""
 MAX_GAP = 0.25
@@ -64,13 +74,43 @@ def spline_coefficients(rows: FloatMap) -> np.ndarray:
 
 
 def start_field(pair: FringePair, width_px: float) -> FloatMap:
-    """A smooth first guess of the displacement, defined everywhere."""
-    coarse = fourier(pair).displacement_px
-    known = np.isfinite(coarse)
+    """A first guess of the displacement, defined everywhere.
+
+    The band-pass alone where it has no cause for doubt, smoothed over ``width_px``. Where it leaves
+    gaps or is steep, it may have rounded off or lost what counting the fringes still sees: the
+    count is taken where it differs from the band-pass on an average over a period, and not only
+    by its own scatter.
+    """
+
+    def smooth(values: FloatMap, width: float) -> FloatMap:
+        return np.asarray(ndimage.gaussian_filter(values, width, mode="nearest", truncate=3.0))
+
+    band = fourier(pair).displacement_px
+    known = np.isfinite(band)
     if not known.any():
-        return np.zeros(coarse.shape)
-    filled = fill_nearest(coarse, known)
-    return np.asarray(ndimage.gaussian_filter(filled, width_px, mode="nearest", truncate=3.0))
+        return np.zeros(band.shape)
+    band = fill_nearest(band, known)
+    if known.all() and np.abs(np.diff(band, axis=1)).max() <= MAX_SLOPE:
+        return smooth(band, width_px)
+    counted = guided_count(pair, lambda: np.where(known, band, np.nan)).displacement_px
+    with np.errstate(invalid="ignore"):
+        usable = np.isfinite(counted) & (~known | (np.abs(counted - band) < 0.5 * pair.period))
+    difference = np.where(usable, counted - band, 0.0)
+    share = smooth(usable.astype(float), 0.5 * pair.period)
+    mean = smooth(difference, 0.5 * pair.period) / np.maximum(share, 1e-6)
+    trust = _rise(mean, OFF_BAND * pair.period)
+    trust[~known] = 1.0
+    start = band + trust * np.where(usable, difference, mean)
+    # What varies faster than the first window stays in the field, right or wrong: only folds that
+    # stand out from the start's own ripple may.
+    wide = smooth(start, width_px)
+    sharp = smooth(start, min(width_px, COUNT_SMOOTHING * pair.period))
+    return wide + _rise(sharp - wide, FOLD * pair.period) * (sharp - wide)
+
+
+def _rise(values: FloatMap, limit: float) -> FloatMap:
+    """From 0 at |value| = limit to 1 at twice that."""
+    return np.clip(np.abs(values) / limit - 1.0, 0.0, 1.0)
 
 
 @method("windowed")
@@ -102,7 +142,7 @@ def windowed(
     Minimises Σ w [d − a − b·s(x − u − u_x i − u_y j)]² over offset, gain and affine displacement
     in every window (theory §4). The waveform s is measured, so that γ and whatever else both
     frames share cancels. σ comes from the normal equations with the residual's variance and the
-    reference's noise. Starts from ``fourier``, smoothed.
+    reference's noise. Starts from ``fourier``, or, where that is in doubt, from counted fringes.
     """
     if pair.reference.shape[0] < MIN_ROWS:
         raise InputError(

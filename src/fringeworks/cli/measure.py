@@ -1,0 +1,203 @@
+"""``fringeworks reconstruct``: a capture in, a surface out."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from fringeworks.analysis import get_method
+from fringeworks.capture import read_capture, read_pair
+from fringeworks.cli.common import (
+    AxisName,
+    DenoiserName,
+    JsonFile,
+    app,
+    axis_of,
+    denoiser_of,
+    show_progress,
+    write_json,
+)
+from fringeworks.evaluate import errors, to_json
+from fringeworks.files import read_frame
+from fringeworks.formats import WRITERS, check_target, write_surface
+from fringeworks.pipeline import reconstruct as run_reconstruct
+from fringeworks.pipeline import summary
+from fringeworks.response import apply_response
+from fringeworks.response_file import read_response
+from fringeworks.types import Capture, InputError, ReferencePlaneGeometry
+
+
+class Ply(StrEnum):
+    """What a .ply file holds."""
+
+    points = "points"
+    mesh = "mesh"
+
+
+def _load(
+    capture: Path | None,
+    reference: Path | None,
+    object: Path | None,
+    axis: AxisName | None,
+    mask: Path | None,
+    background: Path | None,
+    geometry: dict[str, float | None],
+) -> Capture:
+    """The capture that the options of ``reconstruct`` describe."""
+    if (capture is None) == (reference is None and object is None):
+        raise InputError("expected either a capture, or --reference and --object")
+    if capture is not None:
+        loaded = read_capture(capture)
+    elif object is None:
+        raise InputError("expected two images, got one: --object is missing")
+    else:
+        loaded = read_pair(reference, object)
+    if axis is not None:
+        loaded = replace(loaded, axis=axis_of(axis))
+    if mask is not None:
+        loaded = replace(loaded, mask=read_frame(mask)[0] != 0)
+    if background is not None:
+        loaded = replace(loaded, background=read_frame(background)[0] != 0)
+    given = {name: value for name, value in geometry.items() if value is not None}
+    if given:
+        loaded = replace(loaded, geometry=_geometry(given))
+    return loaded
+
+
+def _geometry(given: dict[str, float]) -> ReferencePlaneGeometry:
+    needed = ("distance_mm", "baseline_mm", "pitch_mm_per_px")
+    missing = [f"--{name.replace('_', '-')}" for name in needed if name not in given]
+    if missing:
+        raise InputError(
+            f"geometry: expected --distance-mm, --baseline-mm and --pitch-mm-per-px "
+            f"together, {', '.join(missing)} missing"
+        )
+    sign = given.get("sign", 1)
+    if sign not in (1, -1):
+        raise InputError(f"--sign: expected 1 or -1, got {sign:g}")
+    return ReferencePlaneGeometry(
+        distance_mm=given["distance_mm"],
+        baseline_mm=given["baseline_mm"],
+        pitch_mm_per_px=given["pitch_mm_per_px"],
+        sign=1 if sign == 1 else -1,
+    )
+
+
+def _method_options(method: str, settings: list[str]) -> dict[str, Any]:
+    """``name=value`` pairs, values read as JSON."""
+    known = get_method(method).options
+    options: dict[str, Any] = {}
+    for setting in settings:
+        name, separator, text = setting.partition("=")
+        if not separator:
+            raise InputError(f"--option: expected name=value, got {setting!r}")
+        if name not in known:
+            raise InputError(
+                f"--option: {method} has {', '.join(known) or 'no options'}, got {name!r}"
+            )
+        try:
+            options[name] = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise InputError(f"--option {name}: expected a number or list, got {text!r}") from error
+    return options
+
+
+@app.command()
+def reconstruct(
+    capture: Annotated[
+        Path | None, typer.Argument(help="Capture folder, .npz or .mat file.")
+    ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(help="Image of the reference plane; none for a single frame.")
+    ] = None,
+    object: Annotated[Path | None, typer.Option(help="Image with the object.")] = None,
+    method: Annotated[str, typer.Option(help="See `fringeworks methods`.")] = "windowed",
+    option: Annotated[
+        list[str] | None, typer.Option(help="Option of the method, name=value; repeatable.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help=f"Result file: {', '.join(WRITERS)}.")] = None,
+    ply: Annotated[Ply, typer.Option(help="What a .ply file holds.")] = Ply.points,
+    figure: Annotated[
+        Path | None, typer.Option(help="Picture of values, σ and reasons (PNG).")
+    ] = None,
+    json_file: JsonFile = None,
+    axis: Annotated[AxisName | None, typer.Option(help="Direction of the fringes.")] = None,
+    mask: Annotated[Path | None, typer.Option(help="Image, non-zero where to measure.")] = None,
+    background: Annotated[
+        Path | None, typer.Option(help="Image, non-zero where a single frame shows the plane.")
+    ] = None,
+    denoise: Annotated[DenoiserName | None, typer.Option(help="Denoise both frames.")] = None,
+    response: Annotated[
+        Path | None, typer.Option(help="Response file, taken out of both frames.")
+    ] = None,
+    camera: Annotated[str | None, typer.Option(help="Name of the camera.")] = None,
+    projector: Annotated[str | None, typer.Option(help="Name of the projector.")] = None,
+    distance_mm: Annotated[float | None, typer.Option(help="l, plane to pupils, mm.")] = None,
+    baseline_mm: Annotated[float | None, typer.Option(help="d₀, between pupils, mm.")] = None,
+    pitch_mm_per_px: Annotated[float | None, typer.Option(help="Pixel on the plane, mm.")] = None,
+    sign: Annotated[int | None, typer.Option(help="Side of the projector, 1 or -1.")] = None,
+) -> None:
+    """Measure the surface of a capture: two frames in, a height map out."""
+    geometry = {
+        "distance_mm": distance_mm,
+        "baseline_mm": baseline_mm,
+        "pitch_mm_per_px": pitch_mm_per_px,
+        "sign": sign,
+    }
+    loaded = _load(capture, reference, object, axis, mask, background, geometry)
+    loaded = replace(
+        loaded, camera=camera or loaded.camera, projector=projector or loaded.projector
+    )
+    if response is not None:
+        loaded = apply_response(loaded, read_response(response))
+    if out is not None:
+        check_target(out)
+    with show_progress() as progress:
+        progress(f"{method} …")
+        result = run_reconstruct(
+            loaded,
+            method,
+            denoise=denoiser_of(denoise),
+            **_method_options(method, option or []),
+        )
+    content = summary(result)
+    if loaded.truth_mm is not None and result.surface.unit == "mm":
+        content["errors"] = asdict(errors(result.surface, loaded.truth_mm))
+    if out is not None:
+        write_surface(out, result.surface, ply="mesh" if ply is Ply.mesh else "points")
+    if figure is not None:
+        from fringeworks import figures
+
+        figures.save(figures.surface_sheet(f"{method}", result.surface), figure)
+    write_json(json_file, to_json(content))
+    if str(json_file) != "-":
+        _report(content, out)
+
+
+def _report(content: dict[str, Any], out: Path | None) -> None:
+    for note in content["notes"]:
+        typer.echo(f"note: {note}")
+    unit = content["unit"]
+    if content["median"] is None:
+        typer.echo(f"{content['quantity']}: no pixel could be measured")
+    else:
+        typer.echo(
+            f"{content['quantity']}: {content['minimum']:.4g} … {content['maximum']:.4g} {unit}, "
+            f"median σ {content['median_sigma']:.2g} {unit}"
+        )
+    reasons = {k: n for k, n in content["reasons"].items() if k != "ok"}
+    failed = ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in reasons.items()) or "none"
+    typer.echo(f"failed: {content['failed_fraction']:.2%} ({failed})")
+    if "errors" in content:
+        e = content["errors"]
+        typer.echo(
+            f"against the truth: mean |error| {e['mean_abs_error_mm']:.4g} mm, "
+            f"s.d. {e['std_error_mm']:.4g} mm"
+        )
+    if out is not None:
+        typer.echo(f"wrote {out}")

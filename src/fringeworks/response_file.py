@@ -1,0 +1,76 @@
+"""A measured response on disk: a small TOML file."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import tomli_w
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from fringeworks.capture import first_fault
+from fringeworks.files import write_text
+from fringeworks.response import BINS, Response
+from fringeworks.types import InputError
+
+
+class ResponseFile(BaseModel):
+    """The whole of a response file; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kind: Literal["response"]
+    camera: str = Field(min_length=1)
+    projector: str = Field(min_length=1)
+    gamma: float = Field(gt=0)
+    steps: int = Field(ge=3)
+    pattern_exponent: float = Field(gt=0)
+    residual_rad: float = Field(ge=0)
+    table_rad: list[float] = Field(min_length=BINS, max_length=BINS)
+
+
+def write_response(path: Path, response: Response) -> Path:
+    """Write a response as TOML, whole or not at all."""
+    content = {
+        "kind": "response",
+        "camera": response.camera,
+        "projector": response.projector,
+        "gamma": float(response.gamma),
+        "steps": int(response.steps),
+        "pattern_exponent": float(response.pattern_exponent),
+        "residual_rad": float(response.residual_rad),
+        "table_rad": [round(float(v), 7) for v in response.table_rad],
+    }
+    write_text(path, tomli_w.dumps(content))
+    return path
+
+
+def read_response(path: Path) -> Response:
+    """Read a response.
+
+    Raises
+    ------
+    InputError where there is no such file, or it is no response.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: expected a response file, got no such file")
+    try:
+        content = ResponseFile.model_validate(tomllib.loads(path.read_text("utf-8")))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected TOML, got: {error}") from error
+    except ValidationError as error:
+        raise InputError(f"{path}: {first_fault(error)}") from error
+    if not np.isfinite(content.table_rad).all() or not np.isfinite(content.gamma):
+        raise InputError(f"{path}: expected finite values, got NaN or infinity")
+    return Response(
+        camera=content.camera,
+        projector=content.projector,
+        gamma=content.gamma,
+        steps=content.steps,
+        pattern_exponent=content.pattern_exponent,
+        table_rad=np.asarray(content.table_rad),
+        residual_rad=content.residual_rad,
+    )

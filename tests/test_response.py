@@ -1,0 +1,167 @@
+"""The response: exponent and phase table, saved with the pair it belongs to."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fringeworks import InputError, analyse
+from fringeworks.response import (
+    apply_response,
+    correct_phase,
+    gamma_of_frames,
+    harmonic_distortion,
+    linearise,
+    measure_response,
+    phase_of_steps,
+    phase_table,
+    predistort,
+    smooth_coordinate,
+)
+from fringeworks.response_file import read_response, write_response
+from tests.conftest import scene
+
+PERIOD = 60.0
+
+
+def white_plane(gamma, steps=3, noise=0.5, seed=0, exponent=1.0):
+    """N frames of a slightly tilted plane, and their ideal phase."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:200, :300]
+    ideal = 2 * np.pi * (x + 0.1 * y) / PERIOD
+    albedo = 1.0 - 0.2 * x / 300
+    shifts = 2 * np.pi * np.arange(steps) / steps
+    light = (0.5 + 0.5 * np.cos(ideal - shifts[:, None, None])) ** (exponent * gamma)
+    return 12 + 200 * albedo * light + noise * rng.standard_normal(light.shape), ideal
+
+
+def measured(gamma=2.2, **options):
+    frames, ideal = white_plane(gamma, **options)
+    return measure_response(
+        frames,
+        ideal,
+        camera="left",
+        projector="bench",
+        pattern_exponent=options.get("exponent", 1.0),
+    )
+
+
+@pytest.mark.parametrize("gamma", [0.7, 1.6, 2.2])
+@pytest.mark.parametrize("steps", [3, 4])
+def test_exponent_is_found(gamma, steps):
+    assert measured(gamma, steps=steps).gamma == pytest.approx(gamma, rel=0.02)
+
+
+def test_exponent_behind_a_predistorted_pattern():
+    assert measured(2.0, exponent=1 / 0.75).gamma == pytest.approx(2.0, rel=0.02)
+
+
+def test_table_corrects_another_capture():
+    response = measured(2.2)
+    frames, ideal = white_plane(2.2, seed=5)
+    phase, _ = phase_of_steps(frames)
+    raw = np.angle(np.exp(1j * (phase - ideal)))
+    left = np.angle(np.exp(1j * (correct_phase(phase, response) - ideal)))
+    assert raw.std() > 0.15
+    assert left.std() < 0.012
+    assert response.residual_rad < 0.012
+
+
+def test_predistortion_and_linearisation_make_a_cosine():
+    response = measured(2.2)
+    values = np.tile(0.5 + 0.5 * np.cos(2 * np.pi * np.arange(400) / 40), (8, 1))
+    assert harmonic_distortion(predistort(values, response) ** 2.2, 40.0) < 1e-4
+    seen = 10 + 150 * values**2.2
+    assert harmonic_distortion(seen, 40.0) > 0.05
+    assert harmonic_distortion(linearise(seen, response), 40.0) < 1e-3
+
+
+def test_applied_to_a_capture():
+    response = measured(2.2)
+    own = {"size": 240, "fringes": 6, "height_mm": 30.0}
+    bent = dataclasses.replace(
+        scene("parabola", gamma=2.2, **own), camera="left", projector="bench"
+    )
+    straight = apply_response(bent, response)
+    assert harmonic_distortion(straight.reference, 40.0) < 1e-3
+    assert any("γ = 2.2" in note for note in straight.notes)
+    assert np.isfinite(analyse(straight, "fourier").displacement_px).mean() > 0.99
+    for changes, words in (
+        ({"camera": "right"}, "made for camera 'left', the capture is of 'right'"),
+        ({"projector": "other"}, "made for projector 'bench'"),
+        ({"camera": None}, "does not name its camera"),
+    ):
+        with pytest.raises(InputError, match=words):
+            apply_response(dataclasses.replace(bent, **changes), response)
+
+
+def test_file_keeps_everything(tmp_path):
+    response = measured(1.8)
+    path = write_response(tmp_path / "response.toml", response)
+    again = read_response(path)
+    np.testing.assert_allclose(again.table_rad, response.table_rad, atol=1e-7)
+    assert dataclasses.replace(again, table_rad=response.table_rad) == response
+    text = path.read_text()
+    for change, words in (
+        (text.replace("gamma", "gamut"), "unknown key gamut|missing key gamma"),
+        (text.replace('kind = "response"', 'kind = "rig"'), "kind"),
+        (text.replace("steps = 3", "steps = 2"), "steps"),
+        (text.replace("gamma = ", "gamma = nan #"), "gamma"),
+        ("gamma = [", "expected TOML"),
+    ):
+        path.write_text(change)
+        with pytest.raises(InputError, match=words):
+            read_response(path)
+    with pytest.raises(InputError, match="no such file"):
+        read_response(tmp_path / "nowhere.toml")
+
+
+def test_steps_of_any_kind():
+    y, x = np.mgrid[:40, :60]
+    ideal = 0.2 * x + 0.1 * y
+    shifts = [0.0, 1.0, 2.5, 4.4]
+    frames = np.stack([50 + 30 * np.cos(ideal - s) for s in shifts])
+    phase, modulation = phase_of_steps(frames, shifts)
+    np.testing.assert_allclose(np.exp(1j * phase), np.exp(1j * ideal), atol=1e-9)
+    np.testing.assert_allclose(modulation, 30.0)
+
+
+def test_coordinate_loses_its_steps_and_outliers():
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:150, :200]
+    truth = 300 + 1.7 * x + 0.05 * y + 1e-3 * (x - 90.0) ** 2
+    coded = 2 * np.floor(truth / 2) + 1.0
+    coded[rng.random(coded.shape) < 0.01] = 900.0
+    found = smooth_coordinate(coded, np.ones(coded.shape, bool))
+    inner = (slice(15, -15), slice(15, -15))
+    assert np.nanmax(np.abs(found - truth)[inner]) < 0.15
+    assert np.isnan(found[coded == 900.0]).all()
+
+
+def test_bad_input():
+    frames, ideal = white_plane(2.0)
+    names = {"camera": "a", "projector": "b"}
+    with pytest.raises(InputError, match="n ≥ 3"):
+        measure_response(frames[:2], ideal, **names)
+    with pytest.raises(InputError, match="shifts: expected 3"):
+        measure_response(frames, ideal, shifts_rad=[0.0, 1.0], **names)
+    with pytest.raises(InputError, match="that differ"):
+        phase_of_steps(frames, [1.0, 1.0, 1.0])
+    with pytest.raises(InputError, match="ideal phase: expected shape"):
+        measure_response(frames, ideal[1:], **names)
+    with pytest.raises(InputError, match="camera: expected a name"):
+        measure_response(frames, ideal, camera=" ", projector="b")
+    with pytest.raises(InputError, match="pattern_exponent"):
+        measure_response(frames, ideal, pattern_exponent=0.0, **names)
+    with pytest.raises(InputError, match="whole fringes"):
+        phase_table(np.zeros((50, 50)), np.zeros((50, 50)))
+    with pytest.raises(InputError, match="1000 valid pixels"):
+        smooth_coordinate(ideal, np.zeros(ideal.shape, bool))
+    with pytest.raises(InputError, match="from 0 to 1"):
+        predistort(np.array([2.0]), measured())
+    with pytest.raises(InputError, match="finite values"):
+        linearise(np.full((3, 3), np.nan), measured())
+    with pytest.raises(InputError, match="known pixels"):
+        gamma_of_frames(frames, np.full(ideal.shape, np.nan))

@@ -73,6 +73,14 @@ def test_sifting_is_bounded():
     assert found.unfinished > 0
 
 
+def test_patience_gives_up_the_first_criterion_only():
+    strict, quick = (decompose_rows(rows(), patience=p) for p in (100, 0))
+    assert strict.unfinished == 0
+    assert quick.unfinished > 0
+    for found in (strict, quick):
+        np.testing.assert_allclose(found.imfs.sum(axis=1) + found.residue, rows(), atol=1e-12)
+
+
 @pytest.mark.parametrize("method", DENOISERS)
 def test_noise_is_taken_off_and_fringes_are_not(method):
     clean = scene("parabola", size=300, fringes=5, height_mm=30.0)
@@ -127,7 +135,7 @@ def test_bad_input():
             with pytest.raises(InputError, match=words):
                 function(bad)
     frame = np.ones((3, 9))
-    for options in ({"max_imfs": 0}, {"max_sifts": 0}, {"flat": 0.0}):
+    for options in ({"max_imfs": 0}, {"max_sifts": 0}, {"flat": 0.0}, {"patience": -1}):
         with pytest.raises(InputError, match=next(iter(options))):
             decompose_rows(frame, **options)
     with pytest.raises(InputError, match="denoise: expected one of"):

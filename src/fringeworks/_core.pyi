@@ -75,7 +75,7 @@ def wavelet_ridge_rows(
     smoothness: float,
 ) -> tuple[NDArray[np.complex64], NDArray[np.float32]]: ...
 def decompose_rows(
-    rows: NDArray[np.float64], *, max_imfs: int, max_sifts: int, flat: float
+    rows: NDArray[np.float64], *, max_imfs: int, max_sifts: int, flat: float, patience: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint32], int]: ...
 def row_envelopes(
     rows: NDArray[np.float64],

@@ -17,7 +17,7 @@ Denoiser = Literal["emd", "emd2d", "bemd"]
 DENOISERS = ("emd", "emd2d", "bemd")
 MAX_IMFS = 16
 MAX_SIFTS = 100
-FLAT = 0.15
+FLAT = 0.2
 """An IMF's envelope mean has at most this root mean square, share of the IMF's."""
 FIRST_SHARE = 0.593
 """White noise puts this share of its energy into the first IMF, …"""
@@ -47,7 +47,7 @@ class Decomposition:
     counts: NDArray[np.uint32]
     """Modes of every row, (h,); of a frame, (1,)."""
     unfinished: int = 0
-    """Rows of which a mode met the limit of sifts before both criteria."""
+    """Rows of which a mode met a limit before both criteria."""
 
 
 def _checked(frame: NDArray[np.generic]) -> NDArray[np.float64]:
@@ -67,6 +67,7 @@ def decompose_rows(
     max_imfs: int = MAX_IMFS,
     max_sifts: int = MAX_SIFTS,
     flat: float = FLAT,
+    patience: int = MAX_SIFTS,
 ) -> Decomposition:
     """Empirical mode decomposition of every row.
 
@@ -78,6 +79,9 @@ def decompose_rows(
         Sifts per IMF at most.
     flat : float > 0
         Criterion II: root mean square of the envelopes' mean, as a share of the IMF's.
+    patience : int ≥ 0
+        Sifts after which criterion II alone suffices. Riding waves that never cross zero take tens
+        of sifts; with 0 sifting ends as soon as the mean is flat, as many programs do.
 
     Returns
     -------
@@ -109,8 +113,12 @@ def decompose_rows(
         raise InputError(f"max_sifts: expected 1 to 10000, got {max_sifts}")
     if not flat > 0:
         raise InputError(f"flat: expected > 0, got {flat}")
+    if not patience >= 0:
+        raise InputError(f"patience: expected ≥ 0, got {patience}")
     return Decomposition(
-        *_core.decompose_rows(values, max_imfs=max_imfs, max_sifts=max_sifts, flat=flat)
+        *_core.decompose_rows(
+            values, max_imfs=max_imfs, max_sifts=max_sifts, flat=flat, patience=patience
+        )
     )
 
 

@@ -12,13 +12,14 @@ type Modes<'py> = (
 );
 
 #[pyfunction]
-#[pyo3(signature = (rows, *, max_imfs, max_sifts, flat))]
+#[pyo3(signature = (rows, *, max_imfs, max_sifts, flat, patience))]
 pub fn decompose_rows<'py>(
     py: Python<'py>,
     rows: PyReadonlyArray2<'py, f64>,
     max_imfs: usize,
     max_sifts: usize,
     flat: f64,
+    patience: usize,
 ) -> PyResult<Modes<'py>> {
     let (h, w) = (rows.shape()[0], rows.shape()[1]);
     let values = rows_of(&rows)?;
@@ -26,6 +27,7 @@ pub fn decompose_rows<'py>(
         max_imfs,
         max_sifts,
         flat,
+        patience,
     };
     let out = py
         .detach(|| decompose(values, w, &options))

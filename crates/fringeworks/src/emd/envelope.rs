@@ -8,9 +8,11 @@ const MIRRORED: usize = 2;
 struct Line {
     x: Vec<f64>,
     y: Vec<f64>,
-    /// Second derivatives at the knots.
+    /// Second derivatives at the knots, over 6.
     bend: Vec<f64>,
     factor: Vec<f64>,
+    /// Inverse distance to the next knot.
+    per: Vec<f64>,
 }
 
 /// Extrema of a row and the envelopes through them.
@@ -41,28 +43,8 @@ impl Envelopes {
     pub fn find(&mut self, row: &[f64]) -> bool {
         self.maxima.clear();
         self.minima.clear();
-        let mut rising: Option<bool> = None;
-        let mut turn = 0;
-        for i in 1..row.len() {
-            if row[i] == row[i - 1] {
-                continue;
-            }
-            let up = row[i] > row[i - 1];
-            match rising {
-                Some(before) if before != up => {
-                    // The row has been level since `turn`.
-                    let middle = 0.5 * (turn + i - 1) as f64;
-                    let line = if up {
-                        &mut self.minima
-                    } else {
-                        &mut self.maxima
-                    };
-                    line.push(middle, row[i - 1]);
-                }
-                _ => {}
-            }
-            rising = Some(up);
-            turn = i;
+        if !self.find_turns(row) {
+            self.find_plateaus(row);
         }
         self.extrema = self.maxima.x.len() + self.minima.x.len();
         if self.extrema <= 2 {
@@ -74,27 +56,84 @@ impl Envelopes {
         true
     }
 
-    pub fn draw(&mut self) {
-        self.maxima.spline(&mut self.upper);
-        self.minima.spline(&mut self.lower);
+    /// Extrema of a row without equal neighbours; false where it has some.
+    fn find_turns(&mut self, row: &[f64]) -> bool {
+        for (i, p) in row.windows(3).enumerate() {
+            let (before, after) = (p[1] - p[0], p[2] - p[1]);
+            if before * after > 0.0 {
+                continue;
+            }
+            if before == 0.0 || after == 0.0 {
+                self.maxima.clear();
+                self.minima.clear();
+                return false;
+            }
+            // Of differences as small as a denormal the product is zero as well.
+            if (before > 0.0) != (after > 0.0) {
+                let line = if before > 0.0 {
+                    &mut self.maxima
+                } else {
+                    &mut self.minima
+                };
+                line.push((i + 1) as f64, p[1]);
+            }
+        }
+        true
     }
 
-    /// Both criteria of an intrinsic mode function, for the row whose envelopes were drawn.
-    pub fn is_imf(&self, row: &[f64], flat: f64) -> bool {
-        let (mut mean, mut whole) = (0.0, 0.0);
-        for ((v, u), l) in row.iter().zip(&self.upper).zip(&self.lower) {
-            let m = 0.5 * (u + l);
-            mean += m * m;
-            whole += v * v;
+    fn find_plateaus(&mut self, row: &[f64]) {
+        let mut rising: Option<bool> = None;
+        let mut turn = 0;
+        for i in 1..row.len() {
+            if row[i] == row[i - 1] {
+                continue;
+            }
+            let up = row[i] > row[i - 1];
+            if rising.is_some_and(|before| before != up) {
+                // The row has been level since `turn`.
+                let middle = 0.5 * (turn + i - 1) as f64;
+                let line = if up {
+                    &mut self.minima
+                } else {
+                    &mut self.maxima
+                };
+                line.push(middle, row[i - 1]);
+            }
+            rising = Some(up);
+            turn = i;
         }
-        if mean > flat * flat * whole {
-            return false;
+    }
+
+    pub fn draw(&mut self) {
+        solve(&mut self.maxima, &mut self.minima);
+        self.maxima.evaluate(&mut self.upper);
+        self.minima.evaluate(&mut self.lower);
+    }
+
+    /// Criterion II, for the row whose envelopes were drawn: their mean is nearly zero.
+    pub fn is_flat(&self, row: &[f64], flat: f64) -> bool {
+        // Four sums of each kind, which do not wait for one another.
+        let (mut mean, mut whole) = ([0.0; 4], [0.0; 4]);
+        let ends = self.upper.chunks(4).zip(self.lower.chunks(4));
+        for (v, (u, l)) in row.chunks(4).zip(ends) {
+            for k in 0..v.len() {
+                let m = 0.5 * (u[k] + l[k]);
+                mean[k] += m * m;
+                whole[k] += v[k] * v[k];
+            }
         }
-        let crossings = row
-            .windows(2)
-            .filter(|p| (p[0] > 0.0 && p[1] <= 0.0) || (p[0] < 0.0 && p[1] >= 0.0))
-            .count();
-        self.extrema.abs_diff(crossings) <= 1
+        let mean: f64 = mean.iter().sum();
+        let whole: f64 = whole.iter().sum();
+        mean <= flat * flat * whole
+    }
+
+    /// Criterion I: as many extrema as zero crossings, or one more or less.
+    pub fn is_even(&self, row: &[f64]) -> bool {
+        let mut crossings = 0u32;
+        for p in row.windows(2) {
+            crossings += (((p[0] > 0.0) & (p[1] <= 0.0)) | ((p[0] < 0.0) & (p[1] >= 0.0))) as u32;
+        }
+        self.extrema.abs_diff(crossings as usize) <= 1
     }
 
     pub fn subtract_mean(&self, row: &mut [f64]) {
@@ -150,31 +189,40 @@ impl Line {
         self.y.insert(0, y);
     }
 
-    /// Values of the natural cubic spline through the knots at 0, 1, 2 …
-    fn spline(&mut self, out: &mut [f64]) {
-        let (x, y) = (&self.x, &self.y);
-        let n = x.len();
-        if n < 2 {
-            out.fill(y.first().copied().unwrap_or(0.0));
-            return;
-        }
+    fn prepare(&mut self) {
+        let n = self.x.len();
         self.bend.clear();
         self.bend.resize(n, 0.0);
         self.factor.clear();
         self.factor.resize(n, 0.0);
-        let (bend, factor) = (&mut self.bend, &mut self.factor);
-        let mut h0 = x[1] - x[0];
-        let mut s0 = (y[1] - y[0]) / h0;
-        for i in 1..n - 1 {
-            let h1 = x[i + 1] - x[i];
-            let s1 = (y[i + 1] - y[i]) / h1;
-            let pivot = 1.0 / (2.0 * (h0 + h1) - h0 * factor[i - 1]);
-            factor[i] = h1 * pivot;
-            bend[i] = (6.0 * (s1 - s0) - h0 * bend[i - 1]) * pivot;
-            (h0, s0) = (h1, s1);
-        }
-        for i in (1..n - 1).rev() {
-            bend[i] -= factor[i] * bend[i + 1];
+        self.per.clear();
+        self.per
+            .extend(self.x.windows(2).map(|p| 1.0 / (p[1] - p[0])));
+    }
+
+    /// One step of the elimination, for knot `i`.
+    #[inline(always)]
+    fn eliminate(&mut self, i: usize) {
+        let (h0, h1) = (self.x[i] - self.x[i - 1], self.x[i + 1] - self.x[i]);
+        let s0 = (self.y[i] - self.y[i - 1]) * self.per[i - 1];
+        let s1 = (self.y[i + 1] - self.y[i]) * self.per[i];
+        let pivot = 1.0 / (2.0 * (h0 + h1) - h0 * self.factor[i - 1]);
+        self.factor[i] = h1 * pivot;
+        self.bend[i] = (s1 - s0 - h0 * self.bend[i - 1]) * pivot;
+    }
+
+    #[inline(always)]
+    fn substitute(&mut self, i: usize) {
+        self.bend[i] -= self.factor[i] * self.bend[i + 1];
+    }
+
+    /// Values of the spline at 0, 1, 2 …
+    fn evaluate(&self, out: &mut [f64]) {
+        let (x, y, bend) = (&self.x[..], &self.y[..], &self.bend[..]);
+        let n = x.len();
+        if n < 2 {
+            out.fill(y.first().copied().unwrap_or(0.0));
+            return;
         }
         let mut from = 0;
         for k in 0..n - 1 {
@@ -182,22 +230,50 @@ impl Line {
             let to = if k + 2 == n {
                 out.len()
             } else {
-                // Samples up to, not including, the next knot.
-                (b.ceil().max(0.0) as usize).min(out.len())
+                // Samples up to, not including, the next knot; knots lie on halves.
+                let next = b as usize;
+                (next + (next as f64 != b) as usize).min(out.len()) * (b > 0.0) as usize
             };
             if from >= to {
                 continue;
             }
             let h = b - a;
-            let c1 = (y[k + 1] - y[k]) / h - h * (2.0 * bend[k] + bend[k + 1]) / 6.0;
-            let c2 = 0.5 * bend[k];
-            let c3 = (bend[k + 1] - bend[k]) / (6.0 * h);
-            for (i, v) in out[from..to].iter_mut().enumerate() {
-                let t = (from + i) as f64 - a;
-                *v = y[k] + t * (c1 + t * (c2 + t * c3));
+            let c0 = y[k];
+            let c1 = (y[k + 1] - y[k]) * self.per[k] - h * (2.0 * bend[k] + bend[k + 1]);
+            let c2 = 3.0 * bend[k];
+            let c3 = (bend[k + 1] - bend[k]) * self.per[k];
+            let mut t = from as f64 - a;
+            for v in &mut out[from..to] {
+                *v = c0 + t * (c1 + t * (c2 + t * c3));
+                t += 1.0;
             }
             from = to;
         }
+    }
+}
+
+/// Second derivatives of the natural cubic splines through two lines' knots. The lines are as long
+/// as each other, or nearly: solved side by side, the divisions of one hide those of the other.
+fn solve(a: &mut Line, b: &mut Line) {
+    a.prepare();
+    b.prepare();
+    let (na, nb) = (a.x.len(), b.x.len());
+    let both = na.min(nb).saturating_sub(1);
+    for i in 1..both {
+        a.eliminate(i);
+        b.eliminate(i);
+    }
+    for i in both.max(1)..na.saturating_sub(1) {
+        a.eliminate(i);
+    }
+    for i in both.max(1)..nb.saturating_sub(1) {
+        b.eliminate(i);
+    }
+    for i in (1..na.saturating_sub(1)).rev() {
+        a.substitute(i);
+    }
+    for i in (1..nb.saturating_sub(1)).rev() {
+        b.substitute(i);
     }
 }
 

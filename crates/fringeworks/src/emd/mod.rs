@@ -7,7 +7,9 @@
 //! * (II) the envelopes' mean is near zero: its root mean square is below `flat` times the mode's
 //!   (Huang's standard deviation criterion),
 //!
-//! or `max_sifts` is reached. The residue has at most two extrema, or is what `max_imfs` leave.
+//! or criterion II has held `patience` sifts long without criterion I (riding waves that never cross
+//! zero take tens of sifts, which level the mode out; Huang et al., Proc. R. Soc. A 459, 2003), or
+//! `max_sifts` is reached. The residue has at most two extrema, or is what `max_imfs` leave.
 
 mod envelope;
 
@@ -20,6 +22,7 @@ pub struct Options {
     pub max_imfs: usize,
     pub max_sifts: usize,
     pub flat: f64,
+    pub patience: usize,
 }
 
 /// IMFs of all rows, `imfs[(row · count + k) · width + x]`; rows that have fewer end in zeros.
@@ -30,9 +33,11 @@ pub struct Decomposition {
     pub residue: Vec<f64>,
     /// IMFs that each row has.
     pub counts: Vec<u32>,
-    /// Rows of which an IMF met `max_sifts` before both criteria.
+    /// Rows of which an IMF met a limit before both criteria.
     pub unfinished: usize,
 }
+
+const USUAL_IMFS: usize = 8;
 
 struct Row {
     imfs: Vec<f64>,
@@ -95,7 +100,8 @@ pub fn decompose(rows: &[f64], width: usize, options: &Options) -> Result<Decomp
 
 fn sift_row(row: &[f64], envelopes: &mut Envelopes, options: &Options) -> Row {
     let mut residue = row.to_vec();
-    let mut imfs = Vec::new();
+    // Rows of a thousand samples have about this many modes.
+    let mut imfs = Vec::with_capacity(USUAL_IMFS * row.len());
     let mut unfinished = false;
     // What rounding leaves of a row is no mode of it.
     let largest = row.iter().fold(0.0f64, |m, v| m.max(v.abs()));
@@ -105,12 +111,15 @@ fn sift_row(row: &[f64], envelopes: &mut Envelopes, options: &Options) -> Row {
             break;
         }
         mode.copy_from_slice(&residue);
-        let mut done = false;
+        let (mut done, mut flat_for) = (false, 0);
         for _ in 0..options.max_sifts {
             envelopes.draw();
-            done = envelopes.is_imf(&mode, options.flat);
-            if done {
-                break;
+            if envelopes.is_flat(&mode, options.flat) {
+                done = envelopes.is_even(&mode);
+                if done || flat_for == options.patience {
+                    break;
+                }
+                flat_for += 1;
             }
             envelopes.subtract_mean(&mut mode);
             if !envelopes.find(&mode) {
@@ -170,6 +179,7 @@ mod tests {
         max_imfs: 20,
         max_sifts: 200,
         flat: 0.05,
+        patience: 200,
     };
 
     #[test]

@@ -1,0 +1,226 @@
+"""Demodulation, unwrapping and decomposition."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.metadata import version
+
+import emd
+import kamui
+import numpy as np
+from skimage.restoration import unwrap_phase
+
+from benchmarks.harness import Result, against, work
+from benchmarks.peers import cwt_fcwt_rows, cwt_scipy, fourier_scipy_rows, wff_scipy
+from fringeworks import (
+    unwrap,
+    wavelet_frequencies,
+    wavelet_ridge,
+    windowed_fourier_filter,
+)
+from fringeworks.analysis.bandpass import band_pass
+from fringeworks.denoise import decompose_rows
+
+TURN = 2.0 * np.pi
+
+
+def hill(n: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """A phase with a gradient of up to 0.6 rad/px in noise, and what is left of it wrapped."""
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:n, :n].astype(float)
+    bump = np.exp(-((x - 0.5 * n) ** 2 + (y - 0.5 * n) ** 2) / (0.08 * n**2))
+    truth = 0.3 * x + 0.1 * y + 0.1 * n * bump + noise * rng.standard_normal(x.shape)
+    return truth, np.angle(np.exp(1j * truth)).astype(np.float32)
+
+
+def wrong_share(truth: np.ndarray):
+    """Share of pixels that are off by turns."""
+
+    def measure(phase: np.ndarray) -> float:
+        order = np.round((phase - truth) / TURN)
+        return float(np.mean(order != np.median(order)))
+
+    return measure
+
+
+@work
+def unwrap_2048() -> list[Result]:
+    """Sorting by reliability against scikit-image, noise 0.3 rad."""
+    truth, wrapped = hill(2048, 0.3)
+    return [
+        against(
+            "unwrap 2048 x 2048, noise 0.3 rad",
+            "scikit-image unwrap_phase",
+            version("scikit-image"),
+            lambda: unwrap(wrapped).phase,
+            lambda: np.asarray(unwrap_phase(wrapped)),
+            wrong_share(truth),
+            limit_ratio=6.0,
+            limit_accuracy=0.0,
+            repeats=3,
+        )
+    ]
+
+
+@work
+def unwrap_noisy() -> list[Result]:
+    """The guided solver against kamui, noise 0.8 rad."""
+    results = []
+    for n in (1024, 2048):
+        truth, wrapped = hill(n, 0.8)
+        results.append(
+            against(
+                f"unwrap {n} x {n}, noise 0.8 rad",
+                "kamui unwrap_dimensional",
+                version("kamui"),
+                lambda wrapped=wrapped: unwrap(wrapped).phase,
+                lambda wrapped=wrapped: np.asarray(kamui.unwrap_dimensional(wrapped)),
+                wrong_share(truth),
+                limit_ratio=15.0,
+                limit_accuracy=2e-4,
+                repeats=3,
+            )
+        )
+    return results
+
+
+def phase_rms(truth: np.ndarray, border: int):
+    """Root mean square phase error inside a border, rad."""
+    inner = (slice(border, -border), slice(border, -border))
+
+    def measure(phasor: np.ndarray) -> float:
+        return float(np.sqrt(np.mean(np.angle(phasor * np.exp(-1j * truth))[inner] ** 2)))
+
+    return measure
+
+
+@work
+def windowed_fourier_512() -> list[Result]:
+    """WFF on the field of four noisy frames of a quadratic phase; accuracy 20 px off the border."""
+    n = 512
+    y, x = np.mgrid[:n, :n] - n / 2
+    truth = 0.5 * 0.0018 * (x**2 + y**2)
+    results = []
+    for noise, limit in ((0.3, 0.016), (1.0, 0.0385)):
+        rng = np.random.default_rng(0)
+        frames = [
+            np.cos(truth - k * np.pi / 2) + noise * rng.standard_normal((n, n)) for k in range(4)
+        ]
+        field = (0.5 * (frames[0] - frames[2] + 1j * (frames[1] - frames[3]))).astype(np.complex64)
+        results.append(
+            against(
+                f"WFF 512 x 512, sigma 10, noise {noise}",
+                "complex64 scipy.fft, hard threshold 3 sigma",
+                version("scipy"),
+                lambda field=field: windowed_fourier_filter(field),
+                lambda field=field, noise=noise: wff_scipy(field, threshold=3 * noise),
+                phase_rms(truth, 20),
+                limit_ratio=5.0,
+                limit_accuracy=limit,
+            )
+        )
+    return results
+
+
+@work
+def wavelet_512() -> list[Result]:
+    """Ridge phase over 32 scales of 512 rows; accuracy 16 px off the border."""
+    n = 512
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:n, :n].astype(float)
+    truth = TURN * x / 16 + 6 * np.exp(-((x - 256) ** 2 + (y - 256) ** 2) / (2 * 80.0**2))
+    frame = (np.cos(truth) + 0.1 * rng.standard_normal(x.shape)).astype(np.float32)
+    frequencies = wavelet_frequencies(1 / 16, 32, 1.8)
+    peers = (
+        ("scipy.fft, 2 workers", version("scipy"), lambda: cwt_scipy(frame, frequencies)),
+        ("fCWT by rows, 2 threads", version("fCWT"), lambda: cwt_fcwt_rows(frame, frequencies)),
+    )
+    return [
+        against(
+            "CWT ridge 512 x 512 x 32",
+            peer,
+            number,
+            lambda: wavelet_ridge(frame, frequencies=frequencies)[0],
+            theirs,
+            phase_rms(truth, 16),
+            limit_ratio=2.0,
+            limit_accuracy=0.028,
+        )
+        for peer, number, theirs in peers
+    ]
+
+
+@work
+def fourier_2048() -> list[Result]:
+    """Wrapped phase difference of a pair by band-pass along the rows."""
+    n, period = 2048, 16.0
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:n, :n].astype(float)
+    truth = 8.0 * np.exp(-((x - n / 2) ** 2 + (y - n / 2) ** 2) / (2 * 300.0**2))
+    frames = [
+        100 + 60 * np.cos(TURN * x / period - phase) + 2 * rng.standard_normal((n, n))
+        for phase in (0.0, truth)
+    ]
+
+    def ours(dimensions: int) -> np.ndarray:
+        a, b = (band_pass(f, (1 / period, 0.0), dimensions=dimensions)[0] for f in frames)
+        return a * np.conj(b)
+
+    def theirs() -> np.ndarray:
+        return fourier_scipy_rows(*frames, period)
+
+    return [
+        against(
+            f"FTP pair 2048 x 2048, {dimensions}-D",
+            "scipy.fft by rows, 2 workers",
+            version("scipy"),
+            lambda dimensions=dimensions: ours(dimensions),
+            theirs,
+            phase_rms(truth, 20),
+            limit_ratio=2.0 if dimensions == 1 else None,
+            limit_accuracy=0.02,
+        )
+        for dimensions in (1, 2)
+    ]
+
+
+@work
+def emd_rows() -> list[Result]:
+    """All modes of fringe rows; the peer's time is that of one row in eight, times eight."""
+    rng = np.random.default_rng(0)
+    x = np.arange(1024)
+    wave = np.cos(TURN * x / 25 + 3 * np.exp(-(((x - 512) / 150) ** 2)))
+    rows = 127 + 100 * np.linspace(0.6, 1, 512)[:, None] * wave + 20 * np.sin(x / 300)
+    rows += 2 * rng.standard_normal(rows.shape)
+    few = rows[::8]
+
+    def theirs() -> list[np.ndarray]:
+        return [emd.sift.sift(row).T for row in few]
+
+    def off(found) -> float:
+        if isinstance(found, list):
+            sums, expected = np.array([imfs.sum(axis=0) for imfs in found]), few
+        else:
+            sums, expected = found.imfs.sum(axis=1) + found.residue, rows
+        return float(np.abs(sums - expected).max() / np.abs(rows).max())
+
+    # The peer stops by Huang's standard deviation alone, at 0.1: the mean's energy over the mode's.
+    rules = {
+        "the peer's stopping rule": {"flat": 0.1**0.5, "patience": 0},
+        "both criteria": {},
+    }
+    results = []
+    for name, options in rules.items():
+        result = against(
+            f"EMD 512 x 1024, all IMFs, {name}",
+            "emd.sift.sift",
+            version("emd"),
+            lambda options=options: decompose_rows(rows, **options),
+            theirs,
+            off,
+            limit_accuracy=1e-12,
+        )
+        seconds = 8 * result.peer_seconds
+        ratio = seconds / result.ours_seconds
+        results.append(replace(result, peer_seconds=seconds, ratio=ratio, limit_ratio=50.0))
+    return results

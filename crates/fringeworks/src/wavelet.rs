@@ -1,12 +1,15 @@
 //! Continuous wavelet transform of fringe rows with a complex Morlet, and its ridge.
 //!
 //! The wavelet is centred in the frequency domain, `exp(−½ (aω − ω₀)²)`, so that it has no
-//! sub-sample shift. Coefficients are normalised to the amplitude of the fringe.
+//! sub-sample shift. Coefficients are normalised to the amplitude of the fringe. They vary slowly
+//! along the row, with the bandwidth of their envelope, and are computed at nodes some pixels apart
+//! that hold all of them; every pixel blends the local waves of the two nodes beside it.
 
 use crate::{check_length, check_value, Error};
 use rayon::prelude::*;
 use rustfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
+use std::f32::consts::TAU;
 use std::sync::Arc;
 
 #[derive(Clone, Debug)]
@@ -15,7 +18,7 @@ pub struct Options {
     pub frequencies: Vec<f64>,
     /// ω₀: oscillations within the envelope times 2π, about; the envelope is ω₀ / ω px wide.
     pub omega: f64,
-    /// Cost of a change of scale from sample to sample (squared, in scales), as a share of the
+    /// Cost of a change of scale from node to node (squared, in scales), as a share of the
     /// mean squared coefficient on the ridge; 0 takes the largest coefficient of every sample.
     pub smoothness: f64,
 }
@@ -33,7 +36,7 @@ const BANDWIDTH: f64 = 4.8;
 /// The border's width in envelopes of the coarsest wavelet.
 const MARGIN: f64 = 3.0;
 /// The row is continued beyond its ends, and that looked at again …
-const CONTINUATIONS: usize = 2;
+const CONTINUATIONS: usize = 4;
 /// … with every so many scales.
 const COARSE: usize = 4;
 /// Width over which the curvature is averaged, envelopes.
@@ -44,8 +47,11 @@ struct Bank {
     width: usize,
     margin: usize,
     length: usize,
-    /// First bin and gains of every scale.
-    windows: Vec<(usize, Vec<f32>)>,
+    nodes: usize,
+    /// Distance of neighbouring nodes, px; the first lies on the first sample of the border.
+    pitch: f32,
+    /// First bin and gains of every scale, one per node.
+    windows: Vec<(isize, Vec<f32>)>,
     /// Envelope of every scale, px.
     scales: Vec<f32>,
     omega: f32,
@@ -59,20 +65,23 @@ impl Bank {
         let margin = ((MARGIN * scale(options.frequencies[0])).ceil() as usize).min(width);
         let length = fast_length(width + 2 * margin);
         let per_bin = std::f64::consts::TAU / length as f64;
+        let finest = scale(options.frequencies[options.frequencies.len() - 1]);
+        let band = (2.0 * BANDWIDTH / finest / per_bin).ceil() as usize + 1;
+        let nodes = fast_length(band).min(length);
         let windows = options
             .frequencies
             .iter()
             .map(|f| {
                 let a = scale(*f);
-                let reach = BANDWIDTH / a;
-                let centre = options.omega / a;
-                let first = ((centre - reach) / per_bin).ceil().max(1.0) as usize;
-                let last = (((centre + reach) / per_bin) as usize).min(length / 2);
-                let gain = |k: usize| {
+                let first = (options.omega / a / per_bin).round() as isize - (nodes / 2) as isize;
+                let gain = |k: isize| {
                     let t = a * k as f64 * per_bin - options.omega;
-                    ((-0.5 * t * t).exp() * 2.0 / length as f64) as f32
+                    // Negative frequencies are the mirror image of a real row.
+                    let height = if k > 0 { (-0.5 * t * t).exp() } else { 0.0 };
+                    (height * 2.0 / length as f64) as f32
                 };
-                (first, (first..=last).map(gain).collect())
+                let gains = (0..nodes as isize).map(|k| gain(first + k)).collect();
+                (first, gains)
             })
             .collect();
         let mut planner = FftPlanner::new();
@@ -80,6 +89,8 @@ impl Bank {
             width,
             margin,
             length,
+            nodes,
+            pitch: (length as f64 / nodes as f64) as f32,
             windows,
             scales: options
                 .frequencies
@@ -88,8 +99,14 @@ impl Bank {
                 .collect(),
             omega: options.omega as f32,
             forward: planner.plan_fft_forward(length),
-            inverse: planner.plan_fft_inverse(length),
+            inverse: planner.plan_fft_inverse(nodes),
         }
+    }
+
+    /// Wave of the bin that a scale's coefficients were demodulated by, at a node.
+    fn shift(&self, scale: usize, node: usize) -> Complex32 {
+        let turns = (self.windows[scale].0 * node as isize).rem_euclid(self.nodes as isize);
+        Complex32::from_polar(1.0, TAU * turns as f32 / self.nodes as f32)
     }
 }
 
@@ -160,6 +177,7 @@ struct Scratch {
     fft: Vec<Complex32>,
     omega: Vec<f32>,
     bend: Vec<f32>,
+    local: Vec<Complex32>,
     sums: Vec<f64>,
     path: Vec<u16>,
 }
@@ -167,14 +185,14 @@ struct Scratch {
 impl Scratch {
     fn new(bank: &Bank) -> Self {
         let zero = Complex32::new(0.0, 0.0);
-        let n = bank.length;
+        let n = bank.nodes;
         let scratch = bank
             .forward
             .get_inplace_scratch_len()
             .max(bank.inverse.get_inplace_scratch_len());
         Self {
-            signal: vec![zero; n],
-            spectrum: vec![zero; n],
+            signal: vec![zero; bank.length],
+            spectrum: vec![zero; bank.length],
             coefficients: vec![zero; n * bank.scales.len()],
             power: vec![0.0; n * bank.scales.len()],
             best: vec![0.0; n],
@@ -182,6 +200,7 @@ impl Scratch {
             fft: vec![zero; scratch],
             omega: vec![0.0; n],
             bend: vec![0.0; n],
+            local: vec![zero; n],
             sums: vec![0.0; n + 1],
             path: Vec::new(),
         }
@@ -196,10 +215,9 @@ impl Scratch {
         frequency: &mut [f32],
     ) {
         let mean = (row.iter().map(|v| *v as f64).sum::<f64>() / row.len() as f64) as f32;
-        let from = bank.margin;
-        let inside = from..from + bank.width;
+        let inside = bank.margin..bank.margin + bank.width;
         self.signal.fill(Complex32::new(0.0, 0.0));
-        for (s, v) in self.signal[inside.clone()].iter_mut().zip(row) {
+        for (s, v) in self.signal[inside].iter_mut().zip(row) {
             s.re = v - mean;
         }
         for _ in 0..CONTINUATIONS {
@@ -210,29 +228,22 @@ impl Scratch {
         self.transform(bank, 1);
         self.ridge(bank, 1, smoothness);
         self.refine(bank);
-        for (x, i) in inside.enumerate() {
-            let k = self.index[i] as usize;
-            let a = bank.scales[k];
-            let delta = self.omega[i] - bank.omega / a;
-            let value =
-                self.coefficients[k * bank.length + i] * undo_window(a * a, delta, self.bend[i]);
-            phasor[x] = [value.re, value.im];
-            frequency[x] = self.omega[i];
-        }
+        self.blend(bank, phasor, frequency);
     }
 
     /// Coefficients and their squares at every `stride`-th scale.
     fn transform(&mut self, bank: &Bank, stride: usize) {
-        let n = bank.length;
+        let (n, length) = (bank.nodes, bank.length as isize);
         self.spectrum.copy_from_slice(&self.signal);
         bank.forward
             .process_with_scratch(&mut self.spectrum, &mut self.fft);
         for k in (0..bank.scales.len()).step_by(stride) {
             let line = &mut self.coefficients[k * n..(k + 1) * n];
             let (first, gains) = &bank.windows[k];
-            line.fill(Complex32::new(0.0, 0.0));
-            for (j, gain) in gains.iter().enumerate() {
-                line[first + j] = self.spectrum[first + j] * gain;
+            for (j, (c, gain)) in line.iter_mut().zip(gains).enumerate() {
+                let bin = first + j as isize;
+                // Outside the positive frequencies the gain is zero.
+                *c = self.spectrum[bin.clamp(0, length - 1) as usize] * gain;
             }
             bank.inverse.process_with_scratch(line, &mut self.fft);
             for (p, c) in self.power[k * n..(k + 1) * n].iter_mut().zip(line.iter()) {
@@ -241,9 +252,9 @@ impl Scratch {
         }
     }
 
-    /// The scale of every sample.
+    /// The scale of every node.
     fn ridge(&mut self, bank: &Bank, stride: usize, smoothness: f32) {
-        let n = bank.length;
+        let n = bank.nodes;
         self.best.copy_from_slice(&self.power[..n]);
         self.index.fill(0);
         for k in (stride..bank.scales.len()).step_by(stride) {
@@ -295,20 +306,21 @@ impl Scratch {
     /// Fill the border with the wave that the ridge has one envelope inside, so that wavelets at
     /// the border see what they would see inside.
     fn continue_row(&mut self, bank: &Bank, stride: usize) {
-        let n = bank.length;
-        let from = bank.margin;
-        let to = from + bank.width;
+        let n = bank.nodes;
+        let (from, to) = (bank.margin, bank.margin + bank.width);
+        let node = |x: f32| ((x / bank.pitch).round() as usize).min(n - 1);
         for at_start in [true, false] {
-            let edge = if at_start { from } else { to - 1 };
-            let inward = (bank.scales[self.index[edge] as usize] as usize).min(bank.width / 2);
-            let i = if at_start {
+            let edge = (if at_start { from } else { to - 1 }) as f32;
+            let scale = bank.scales[self.index[node(edge)] as usize];
+            let inward = scale.min(0.5 * bank.width as f32);
+            let i = node(if at_start {
                 edge + inward
             } else {
                 edge - inward
-            };
+            });
             let k = self.index[i] as usize;
             let omega = ridge_frequency(bank, &self.power, k, i, stride);
-            let value = self.coefficients[k * n + i];
+            let value = self.coefficients[k * n + i] * bank.shift(k, i);
             let (size, phase) = (value.norm(), value.arg());
             let border = if at_start {
                 0..from
@@ -316,23 +328,23 @@ impl Scratch {
                 to..to + bank.margin
             };
             for x in border {
-                let distance = x as f32 - i as f32;
+                let distance = x as f32 - i as f32 * bank.pitch;
                 self.signal[x] = Complex32::new(size * (phase + omega * distance).cos(), 0.0);
             }
         }
     }
 
-    /// Local frequency of every sample and its smoothed slope, the curvature of the phase.
+    /// Frequency, curvature and corrected wave of every node.
     fn refine(&mut self, bank: &Bank) {
-        let n = bank.length;
+        let n = bank.nodes;
         for i in 0..n {
             self.omega[i] = ridge_frequency(bank, &self.power, self.index[i] as usize, i, 1);
         }
-        let mut middle: Vec<u16> = self.index[bank.margin..bank.margin + bank.width].to_vec();
-        let half = middle.len() / 2;
-        let (_, typical, _) = middle.select_nth_unstable(half);
-        let reach = (SMOOTHING * bank.scales[*typical as usize]) as usize;
-        let used = bank.width + 2 * bank.margin;
+        // The nodes on the row and its border; what lies beyond is the transform's own padding.
+        let used = (((bank.width + 2 * bank.margin) as f32 / bank.pitch).ceil() as usize).min(n);
+        let mut middle: Vec<u16> = self.index[..used].to_vec();
+        let (_, typical, _) = middle.select_nth_unstable(used / 2);
+        let reach = (SMOOTHING * bank.scales[*typical as usize] / bank.pitch) as usize;
         self.bend.copy_from_slice(&self.omega);
         // Two running means make a triangle; their slope is that of a wide window.
         for _ in 0..2 {
@@ -341,7 +353,35 @@ impl Scratch {
         let smooth = self.bend.clone();
         for i in 0..used {
             let (a, b) = (i.saturating_sub(1), (i + 1).min(used - 1));
-            self.bend[i] = (smooth[b] - smooth[a]) / (b - a).max(1) as f32;
+            self.bend[i] = (smooth[b] - smooth[a]) / ((b - a).max(1) as f32 * bank.pitch);
+        }
+        for i in 0..n {
+            let k = self.index[i] as usize;
+            let a = bank.scales[k];
+            let delta = self.omega[i] - bank.omega / a;
+            self.local[i] = self.coefficients[k * n + i]
+                * bank.shift(k, i)
+                * undo_window(a * a, delta, self.bend[i]);
+        }
+    }
+
+    /// Every pixel from the nodes beside it, each with its own frequency and curvature.
+    fn blend(&self, bank: &Bank, phasor: &mut [[f32; 2]], frequency: &mut [f32]) {
+        for (x, (phasor, frequency)) in phasor.iter_mut().zip(frequency).enumerate() {
+            let at = (x + bank.margin) as f32 / bank.pitch;
+            let left = (at as usize).min(bank.nodes.saturating_sub(2));
+            let right = (left + 1).min(bank.nodes - 1);
+            let share = at - left as f32;
+            let (mut sum, mut omega) = (Complex32::new(0.0, 0.0), 0.0);
+            for (i, weight) in [(left, 1.0 - share), (right, share)] {
+                let d = (at - i as f32) * bank.pitch;
+                let phase = d * (self.omega[i] + 0.5 * self.bend[i] * d);
+                let (sine, cosine) = phase.sin_cos();
+                sum += self.local[i] * Complex32::new(cosine, sine) * weight;
+                omega += weight * (self.omega[i] + self.bend[i] * d);
+            }
+            *phasor = [sum.re, sum.im];
+            *frequency = omega;
         }
     }
 }
@@ -349,7 +389,7 @@ impl Scratch {
 /// Vertex of the parabola through the logarithms of three neighbouring scales' squares, rad/px.
 #[inline(always)]
 fn ridge_frequency(bank: &Bank, power: &[f32], k: usize, i: usize, stride: usize) -> f32 {
-    let n = bank.length;
+    let n = bank.nodes;
     let last = (bank.scales.len() - 1) / stride * stride;
     let middle = k.clamp(stride, last - stride);
     let log = |k: usize| power[k * n + i].max(1e-30).ln();
@@ -386,7 +426,6 @@ fn running_mean(line: &mut [f32], reach: usize, sums: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::f32::consts::TAU;
 
     fn options() -> Options {
         let ratio: f64 = 1.06;

@@ -120,36 +120,129 @@ fn lines(
     sums.par_chunks_mut(width)
         .zip(totals.par_chunks_mut(width))
         .enumerate()
-        .for_each(|(y, (sums, totals))| {
-            let span = y * width..(y + 1) * width;
-            let (values, step) = (&values[span.clone()], &step[span.clone()]);
-            let weight = &weight[span];
-            for x in 0..width {
-                if weight[x] == 0.0 {
-                    continue;
+        .for_each_init(
+            || Line::new(width),
+            |line, (y, (sums, totals))| {
+                let span = y * width..(y + 1) * width;
+                let weight = &weight[span.clone()];
+                line.load(&values[span.clone()], weight, &step[span]);
+                for (j, w) in window
+                    .iter()
+                    .enumerate()
+                    .skip(1)
+                    .take_while(|(j, _)| *j < width)
+                {
+                    line.add(weight, j, *w);
                 }
-                let mut sum = values[x];
-                let mut total = weight[x];
-                for forward in [true, false] {
-                    // Turning back along +x is by the conjugate step.
-                    let turn = if forward { conjugate(step[x]) } else { step[x] };
-                    let mut phasor = turn;
-                    for (j, w) in window.iter().enumerate().skip(1) {
-                        let at = if forward { x + j } else { x.wrapping_sub(j) };
-                        if at >= width || weight[at] == 0.0 {
-                            break;
-                        }
-                        let v = times(values[at], phasor);
-                        sum = [sum[0] + w * v[0], sum[1] + w * v[1]];
-                        total += w * weight[at];
-                        phasor = times(phasor, turn);
+                for x in 0..width {
+                    if weight[x] != 0.0 {
+                        sums[x] = [line.sum[0][x], line.sum[1][x]];
+                        totals[x] = line.total[x];
                     }
                 }
-                sums[x] = sum;
-                totals[x] = total;
-            }
-        });
+            },
+        );
     (sums, totals)
+}
+
+/// One line's values, the waves that turn them, and their sums, each in an array of its own: whole
+/// vectors of pixels go through the window together.
+struct Line {
+    value: [Vec<f32>; 2],
+    step: [Vec<f32>; 2],
+    /// The step to the power of the distance; ahead by its conjugate.
+    wave: [Vec<f32>; 2],
+    /// 1 while every sample on the way had a weight, ahead and behind.
+    open: [Vec<f32>; 2],
+    sum: [Vec<f32>; 2],
+    total: Vec<f32>,
+}
+
+impl Line {
+    fn new(width: usize) -> Self {
+        let pair = || [vec![0.0; width], vec![0.0; width]];
+        Self {
+            value: pair(),
+            step: pair(),
+            wave: pair(),
+            open: pair(),
+            sum: pair(),
+            total: vec![0.0; width],
+        }
+    }
+
+    fn load(&mut self, values: &[Phasor], weight: &[f32], step: &[Phasor]) {
+        for k in 0..2 {
+            for (x, v) in values.iter().enumerate() {
+                self.value[k][x] = v[k];
+                self.sum[k][x] = v[k];
+                self.step[k][x] = step[x][k];
+                self.wave[k][x] = step[x][k];
+            }
+            self.open[k].fill(1.0);
+        }
+        self.total.copy_from_slice(weight);
+    }
+
+    /// Add the samples `j` px ahead and behind.
+    fn add(&mut self, weight: &[f32], j: usize, w: f32) {
+        let [value_re, value_im] = &self.value;
+        let [wave_re, wave_im] = &mut self.wave;
+        let [sum_re, sum_im] = &mut self.sum;
+        let [ahead, behind] = &mut self.open;
+        let n = weight.len() - j;
+        gather(
+            [&value_re[j..], &value_im[j..], &weight[j..]],
+            [&wave_re[..n], &wave_im[..n]],
+            -w,
+            &mut ahead[..n],
+            [&mut sum_re[..n], &mut sum_im[..n], &mut self.total[..n]],
+        );
+        gather(
+            [&value_re[..n], &value_im[..n], &weight[..n]],
+            [&wave_re[j..], &wave_im[j..]],
+            w,
+            &mut behind[j..],
+            [&mut sum_re[j..], &mut sum_im[j..], &mut self.total[j..]],
+        );
+        turn(wave_re, wave_im, &self.step[0], &self.step[1]);
+    }
+}
+
+/// Add `|w|` times the values, turned by the wave or, for a negative `w`, by its conjugate.
+#[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx512f+avx512vl"))]
+fn gather(
+    [re, im, weight]: [&[f32]; 3],
+    [wave_re, wave_im]: [&[f32]; 2],
+    w: f32,
+    open: &mut [f32],
+    [sum_re, sum_im, total]: [&mut [f32]; 3],
+) {
+    let n = open.len();
+    let (re, im, weight) = (&re[..n], &im[..n], &weight[..n]);
+    let (wave_re, wave_im) = (&wave_re[..n], &wave_im[..n]);
+    let (sum_re, sum_im, total) = (&mut sum_re[..n], &mut sum_im[..n], &mut total[..n]);
+    let (size, side) = (w.abs(), w.signum());
+    for x in 0..n {
+        open[x] = if weight[x] != 0.0 { open[x] } else { 0.0 };
+        let g = size * open[x];
+        let s = side * wave_im[x];
+        sum_re[x] += g * (re[x] * wave_re[x] - im[x] * s);
+        sum_im[x] += g * (im[x] * wave_re[x] + re[x] * s);
+        total[x] += g * weight[x];
+    }
+}
+
+/// Multiply the waves by the steps.
+#[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx512f+avx512vl"))]
+fn turn(wave_re: &mut [f32], wave_im: &mut [f32], step_re: &[f32], step_im: &[f32]) {
+    let n = wave_re.len();
+    let (wave_im, step_re, step_im) = (&mut wave_im[..n], &step_re[..n], &step_im[..n]);
+    for x in 0..n {
+        let re = wave_re[x] * step_re[x] - wave_im[x] * step_im[x];
+        wave_im[x] = wave_re[x] * step_im[x] + wave_im[x] * step_re[x];
+        wave_re[x] = re;
+    }
 }
 
 const BLOCK: usize = 32;

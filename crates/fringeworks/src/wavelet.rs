@@ -340,20 +340,31 @@ impl Scratch {
         for i in 0..n {
             self.omega[i] = ridge_frequency(bank, &self.power, self.index[i] as usize, i, 1);
         }
-        // The nodes on the row and its border; what lies beyond is the transform's own padding.
-        let used = (((bank.width + 2 * bank.margin) as f32 / bank.pitch).ceil() as usize).min(n);
-        let mut middle: Vec<u16> = self.index[..used].to_vec();
-        let (_, typical, _) = middle.select_nth_unstable(used / 2);
-        let reach = (SMOOTHING * bank.scales[*typical as usize] / bank.pitch) as usize;
-        self.bend.copy_from_slice(&self.omega);
-        // Two running means make a triangle; their slope is that of a wide window.
+        // The row was continued without curvature: the nodes one envelope inside speak for its ends.
+        let node = |x: f32| ((x / bank.pitch).round() as usize).min(n - 1);
+        let (first, last) = (bank.margin as f32, (bank.margin + bank.width - 1) as f32);
+        let mut middle: Vec<u16> = self.index[node(first)..=node(last)].to_vec();
+        let half = middle.len() / 2;
+        let (_, typical, _) = middle.select_nth_unstable(half);
+        let envelope = bank.scales[*typical as usize];
+        let rim = envelope.min(0.25 * (last - first));
+        let inner = node(first + rim)..node(last - rim) + 1;
+        let reach = (SMOOTHING * envelope / bank.pitch) as usize;
+        let inside = &self.omega[inner.clone()];
+        let count = inside.len();
+        let mut slope: Vec<f32> = (0..count)
+            .map(|i| {
+                let (a, b) = (i.saturating_sub(1), (i + 1).min(count - 1));
+                (inside[b] - inside[a]) / ((b - a).max(1) as f32 * bank.pitch)
+            })
+            .collect();
+        // Two running means make a triangle. Of slopes, not of frequencies: a mean that runs out at
+        // the ends leaves a slope what it is.
         for _ in 0..2 {
-            running_mean(&mut self.bend[..used], reach.max(1), &mut self.sums);
+            running_mean(&mut slope, reach.max(1), &mut self.sums);
         }
-        let smooth = self.bend.clone();
-        for i in 0..used {
-            let (a, b) = (i.saturating_sub(1), (i + 1).min(used - 1));
-            self.bend[i] = (smooth[b] - smooth[a]) / ((b - a).max(1) as f32 * bank.pitch);
+        for i in 0..n {
+            self.bend[i] = slope[i.clamp(inner.start, inner.end - 1) - inner.start];
         }
         for i in 0..n {
             let k = self.index[i] as usize;

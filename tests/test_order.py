@@ -78,3 +78,11 @@ def test_stretched_faint_fringes_and_an_albedo_step_keep_the_order(method):
     assert np.mean(wrong[np.isfinite(error)]) < 0.02
     assert np.isfinite(error).mean() > 0.9
     assert (found.reason[np.isnan(error)] != Reason.OK).all()
+
+
+def test_the_choice_is_reported():
+    from fringeworks import reconstruct
+    from tests.conftest import scene
+
+    result = reconstruct(scene("parabola", size=160, fringes=8, height_mm=20.0), "fourier")
+    assert any("unwrapped by reliability: 0 residues, 1 connected" in note for note in result.notes)

@@ -72,3 +72,17 @@ def test_notes_and_files(tmp_path):
 def test_frames_without_fringes_are_refused():
     with pytest.raises(InputError, match="object frame: expected fringes"):
         analyse(Capture(None, np.random.default_rng(0).random((100, 100))), "fourier")
+
+
+@pytest.mark.parametrize("shape", [(1, 200), (200, 1), (3, 64), (16, 16)])
+@pytest.mark.parametrize("method", list(methods()))
+def test_slivers_are_measured_or_refused(shape, method):
+    t = np.indices(shape)[int(shape[0] < shape[1])]
+    for seed in range(5):
+        noise = np.random.default_rng(seed).standard_normal(shape)
+        frame = 100 + 50 * np.cos(2 * np.pi * (t - 1.3) / 6.0) + 0.5 * noise
+        try:
+            found = analyse(Capture(None, frame), method)
+        except InputError:
+            continue
+        assert found.displacement_px.shape == shape

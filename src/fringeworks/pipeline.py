@@ -86,6 +86,11 @@ def _notes(capture: Capture, phase: PhaseMap) -> tuple[str, ...]:
         )
     if capture.reference is None:
         notes.append("no reference frame: measured against the plain fringe of the background")
+    if "unwrapping" in phase.details:
+        notes.append(
+            "phase unwrapped by {unwrapping}: {residues} residues, {regions} connected regions, "
+            "{pixels_moved_by_counting} pixels moved by counting".format(**phase.details)
+        )
     if capture.geometry is None:
         notes.append("geometry unknown: the result is a displacement in px, not a height")
     return tuple(notes)

@@ -16,6 +16,10 @@ OFF_PLANE_RAD = 0.5
 WEAK = 0.3
 """Fringes weaker than this share of the frame's strong ones are no background."""
 MAX_POINTS = 100_000
+NEAREST = 0.1
+"""No corner of a plane is seen more than ten times closer than its middle."""
+MIN_SIDE = 16
+"""Narrower frames show no perspective."""
 STEPS = 30
 RIM = 0.1
 """Share of each side in which the background is looked for first."""
@@ -97,9 +101,12 @@ def _fit_plane_phase(
         rim = (np.abs(u) > 1.0 - 2.0 * RIM) | (np.abs(v) > 1.0 - 2.0 * RIM)
         member = rim if rim.mean() > MIN_BACKGROUND else member
     a = np.zeros(5)
+    # A few rows of noise would make any perspective of it.
+    terms = 5 if min(h, w) >= MIN_SIDE else 3
     for _ in range(STEPS):
-        a = np.asarray(np.linalg.lstsq(design[member], value[member], rcond=1e-6)[0])
-        bottom = 1.0 + a[3] * u + a[4] * v
+        solved = np.linalg.lstsq(design[member, :terms], value[member], rcond=1e-6)[0]
+        a[:terms] = solved
+        bottom = np.maximum(1.0 + a[3] * u + a[4] * v, NEAREST)
         distance = np.abs(value - (a[0] + a[1] * u + a[2] * v) / bottom) * scale
         limit = max(OFF_PLANE_RAD, 2.0 * float(np.median(distance[member])))
         joined = distance < limit
@@ -108,7 +115,7 @@ def _fit_plane_phase(
         member = joined
     across, down = np.linspace(-1.0, 1.0, w)[None, :], np.linspace(-1.0, 1.0, h)[:, None]
     bottom = 1.0 + a[3] * across + a[4] * down
-    if not bottom.min() > 0.1:
+    if not bottom.min() > NEAREST:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
     plane = centre + scale * (a[0] + a[1] * across + a[2] * down) / bottom
     background = np.zeros(slow.shape, bool)

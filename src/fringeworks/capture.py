@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import tomli_w
@@ -138,12 +138,7 @@ def _read_folder(folder: Path) -> Capture:
     description = folder / CAPTURE_FILE
     if not description.is_file():
         raise InputError(f"{folder}: expected a file {CAPTURE_FILE}, got none")
-    try:
-        content = CaptureFile.model_validate(tomllib.loads(description.read_text("utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{description}: expected TOML, got: {error}") from error
-    except ValidationError as error:
-        raise InputError(f"{description}: {first_fault(error)}") from error
+    content = read_toml(description, CaptureFile)
     named = content.frames.reference
     pair = read_pair(None if named is None else folder / named, folder / content.frames.object)
     geometry = content.geometry
@@ -172,7 +167,20 @@ def _fitting(name: str, values: Any, frame: NDArray[Any]) -> Any:
     return values
 
 
-def first_fault(error: ValidationError) -> str:
+Content = TypeVar("Content", bound=BaseModel)
+
+
+def read_toml(path: Path, kind: type[Content]) -> Content:
+    """The content of a TOML file; ``InputError`` names the file and its first fault."""
+    try:
+        return kind.model_validate(tomllib.loads(path.read_text("utf-8")))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected TOML, got: {error}") from error
+    except ValidationError as error:
+        raise InputError(f"{path}: {_first_fault(error)}") from error
+
+
+def _first_fault(error: ValidationError) -> str:
     fault = error.errors()[0]
     where = ".".join(str(part) for part in fault["loc"])
     if fault["type"] == "extra_forbidden":

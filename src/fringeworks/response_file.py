@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from fringeworks.capture import first_fault
+from fringeworks.capture import read_toml
 from fringeworks.files import write_text
 from fringeworks.response import BINS, Response
 from fringeworks.types import InputError
@@ -57,12 +56,7 @@ def read_response(path: Path) -> Response:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: expected a response file, got no such file")
-    try:
-        content = ResponseFile.model_validate(tomllib.loads(path.read_text("utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected TOML, got: {error}") from error
-    except ValidationError as error:
-        raise InputError(f"{path}: {first_fault(error)}") from error
+    content = read_toml(path, ResponseFile)
     if not np.isfinite(content.table_rad).all() or not np.isfinite(content.gamma):
         raise InputError(f"{path}: expected finite values, got NaN or infinity")
     return Response(

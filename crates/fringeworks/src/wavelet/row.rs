@@ -1,40 +1,8 @@
-//! Continuous wavelet transform of fringe rows with a complex Morlet, and its ridge.
-//!
-//! The wavelet is centred in the frequency domain, `exp(−½ (aω − ω₀)²)`, so that it has no
-//! sub-sample shift. Coefficients are normalised to the amplitude of the fringe. They vary slowly
-//! along the row, with the bandwidth of their envelope, and are computed at nodes some pixels apart
-//! that hold all of them; every pixel blends the local waves of the two nodes beside it.
+//! The ridge of one row.
 
-use crate::{check_length, check_value, Error};
-use rayon::prelude::*;
+use super::bank::Bank;
 use rustfft::num_complex::Complex32;
-use rustfft::{Fft, FftPlanner};
-use std::f32::consts::TAU;
-use std::sync::Arc;
 
-#[derive(Clone, Debug)]
-pub struct Options {
-    /// Centre frequencies of the wavelets, cycles/px, rising in equal ratios.
-    pub frequencies: Vec<f64>,
-    /// ω₀: oscillations within the envelope times 2π, about; the envelope is ω₀ / ω px wide.
-    pub omega: f64,
-    /// Cost of a change of scale from node to node (squared, in scales), as a share of the
-    /// mean squared coefficient on the ridge; 0 takes the largest coefficient of every sample.
-    pub smoothness: f64,
-}
-
-/// The ridge of every row.
-pub struct Ridge {
-    /// Amplitude and phase of the fringe, (real, imaginary).
-    pub phasor: Vec<[f32; 2]>,
-    /// Its local frequency, rad/px.
-    pub frequency: Vec<f32>,
-}
-
-/// Beyond this many 1/a of its centre a wavelet's spectrum is below 10⁻⁵.
-const BANDWIDTH: f64 = 4.8;
-/// The border's width in envelopes of the coarsest wavelet.
-const MARGIN: f64 = 3.0;
 /// The row is continued beyond its ends, and that looked at again …
 const CONTINUATIONS: usize = 4;
 /// … with every so many scales.
@@ -42,131 +10,8 @@ const COARSE: usize = 4;
 /// Width over which the curvature is averaged, envelopes.
 const SMOOTHING: f32 = 2.0;
 
-/// Wavelets in the frequency domain, for one length of row.
-struct Bank {
-    width: usize,
-    margin: usize,
-    length: usize,
-    nodes: usize,
-    /// Distance of neighbouring nodes, px; the first lies on the first sample of the border.
-    pitch: f32,
-    /// First bin and gains of every scale, one per node.
-    windows: Vec<(isize, Vec<f32>)>,
-    /// Envelope of every scale, px.
-    scales: Vec<f32>,
-    omega: f32,
-    forward: Arc<dyn Fft<f32>>,
-    inverse: Arc<dyn Fft<f32>>,
-}
-
-impl Bank {
-    fn new(width: usize, options: &Options) -> Self {
-        let scale = |f: f64| options.omega / (std::f64::consts::TAU * f);
-        let margin = ((MARGIN * scale(options.frequencies[0])).ceil() as usize).min(width);
-        let length = fast_length(width + 2 * margin);
-        let per_bin = std::f64::consts::TAU / length as f64;
-        let finest = scale(options.frequencies[options.frequencies.len() - 1]);
-        let band = (2.0 * BANDWIDTH / finest / per_bin).ceil() as usize + 1;
-        let nodes = fast_length(band).min(length);
-        let windows = options
-            .frequencies
-            .iter()
-            .map(|f| {
-                let a = scale(*f);
-                let first = (options.omega / a / per_bin).round() as isize - (nodes / 2) as isize;
-                let gain = |k: isize| {
-                    let t = a * k as f64 * per_bin - options.omega;
-                    // Negative frequencies are the mirror image of a real row.
-                    let height = if k > 0 { (-0.5 * t * t).exp() } else { 0.0 };
-                    (height * 2.0 / length as f64) as f32
-                };
-                let gains = (0..nodes as isize).map(|k| gain(first + k)).collect();
-                (first, gains)
-            })
-            .collect();
-        let mut planner = FftPlanner::new();
-        Self {
-            width,
-            margin,
-            length,
-            nodes,
-            pitch: (length as f64 / nodes as f64) as f32,
-            windows,
-            scales: options
-                .frequencies
-                .iter()
-                .map(|f| scale(*f) as f32)
-                .collect(),
-            omega: options.omega as f32,
-            forward: planner.plan_fft_forward(length),
-            inverse: planner.plan_fft_inverse(nodes),
-        }
-    }
-
-    /// Wave of the bin that a scale's coefficients were demodulated by, at a node.
-    fn shift(&self, scale: usize, node: usize) -> Complex32 {
-        let turns = (self.windows[scale].0 * node as isize).rem_euclid(self.nodes as isize);
-        Complex32::from_polar(1.0, TAU * turns as f32 / self.nodes as f32)
-    }
-}
-
-/// Next length that has no prime factor above 5.
-fn fast_length(n: usize) -> usize {
-    (n..)
-        .find(|m| {
-            let mut rest = *m;
-            for p in [2, 3, 5] {
-                while rest % p == 0 {
-                    rest /= p;
-                }
-            }
-            rest == 1
-        })
-        .unwrap_or(n)
-}
-
-/// Ridge of the wavelet transform of every row of `rows`.
-pub fn ridge(rows: &[f32], width: usize, options: &Options) -> Result<Ridge, Error> {
-    check_value("width", width >= 1, "at least 1 px", width)?;
-    check_length("rows", rows.len() % width, 0)?;
-    check_value(
-        "frequencies",
-        options.frequencies.len() >= 3
-            && options.frequencies.windows(2).all(|f| f[0] < f[1])
-            && options.frequencies[0] > 0.0
-            && options.frequencies[options.frequencies.len() - 1] <= 0.5,
-        "three or more, rising, from above 0 to 0.5 cycles/px",
-        &options.frequencies,
-    )?;
-    check_value(
-        "omega",
-        (4.0..=60.0).contains(&options.omega),
-        "4 to 60",
-        options.omega,
-    )?;
-    check_value(
-        "smoothness",
-        (0.0..=1e6).contains(&options.smoothness),
-        "0 to 1e6",
-        options.smoothness,
-    )?;
-    let bank = Bank::new(width, options);
-    let mut phasor = vec![[0.0; 2]; rows.len()];
-    let mut frequency = vec![0.0; rows.len()];
-    phasor
-        .par_chunks_mut(width)
-        .zip(frequency.par_chunks_mut(width))
-        .zip(rows.par_chunks(width))
-        .for_each_init(
-            || Scratch::new(&bank),
-            |scratch, ((phasor, frequency), row)| {
-                scratch.run(&bank, row, options.smoothness as f32, phasor, frequency)
-            },
-        );
-    Ok(Ridge { phasor, frequency })
-}
-
-struct Scratch {
+/// Everything that one row needs, re-used from row to row.
+pub struct Scratch {
     signal: Vec<Complex32>,
     spectrum: Vec<Complex32>,
     /// Scale after scale, each `length` long.
@@ -183,7 +28,7 @@ struct Scratch {
 }
 
 impl Scratch {
-    fn new(bank: &Bank) -> Self {
+    pub fn new(bank: &Bank) -> Self {
         let zero = Complex32::new(0.0, 0.0);
         let n = bank.nodes;
         let scratch = bank
@@ -206,7 +51,7 @@ impl Scratch {
         }
     }
 
-    fn run(
+    pub fn run(
         &mut self,
         bank: &Bank,
         row: &[f32],
@@ -431,60 +276,5 @@ fn running_mean(line: &mut [f32], reach: usize, sums: &mut [f64]) {
     for (i, out) in line.iter_mut().enumerate() {
         let (a, b) = (i.saturating_sub(reach), (i + reach + 1).min(n));
         *out = ((sums[b] - sums[a]) / (b - a) as f64) as f32;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn options() -> Options {
-        let ratio: f64 = 1.06;
-        Options {
-            frequencies: (-15..17).map(|k| ratio.powi(k) / 16.0).collect(),
-            omega: 6.0,
-            smoothness: 0.0,
-        }
-    }
-
-    #[test]
-    fn phase_of_a_chirp_is_exact_to_the_border() {
-        let n = 400;
-        let phase = |x: f32| TAU * x / 16.0 + 0.5 * 2e-4 * (x - 200.0).powi(2) + 0.3;
-        let row: Vec<f32> = (0..n).map(|x| 7.0 + 3.0 * phase(x as f32).cos()).collect();
-        for smoothness in [0.0, 0.1] {
-            let found = ridge(
-                &row,
-                n,
-                &Options {
-                    smoothness,
-                    ..options()
-                },
-            )
-            .unwrap();
-            for x in 40..n - 40 {
-                let p = Complex32::new(found.phasor[x][0], found.phasor[x][1]);
-                let error = (p * Complex32::from_polar(1.0, -phase(x as f32))).arg();
-                assert!(error.abs() < 0.01, "{x}: {error}");
-                assert!((p.norm() - 3.0).abs() < 0.05, "{x}: {}", p.norm());
-                let expected = TAU / 16.0 + 2e-4 * (x as f32 - 200.0);
-                assert!((found.frequency[x] - expected).abs() < 2e-3);
-            }
-        }
-    }
-
-    #[test]
-    fn refuses_what_makes_no_wavelets() {
-        let row = vec![0.0; 100];
-        let with = |change: fn(&mut Options)| {
-            let mut o = options();
-            change(&mut o);
-            ridge(&row, 100, &o).is_err()
-        };
-        assert!(with(|o| o.frequencies.truncate(2)));
-        assert!(with(|o| o.frequencies.reverse()));
-        assert!(with(|o| o.omega = 1.0));
-        assert!(with(|o| o.smoothness = f64::NAN));
-        assert!(ridge(&row, 7, &options()).is_err());
     }
 }

@@ -1,0 +1,131 @@
+//! Continuous wavelet transform of fringe rows with a complex Morlet, and its ridge.
+//!
+//! The wavelet is centred in the frequency domain, `exp(−½ (aω − ω₀)²)`, so that it has no
+//! sub-sample shift. Coefficients are normalised to the amplitude of the fringe. They vary slowly
+//! along the row, with the bandwidth of their envelope, and are computed at nodes some pixels apart
+//! that hold all of them; every pixel blends the local waves of the two nodes beside it.
+
+mod bank;
+mod row;
+
+use crate::{check_length, check_value, Error};
+use bank::Bank;
+use rayon::prelude::*;
+use row::Scratch;
+
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Centre frequencies of the wavelets, cycles/px, rising in equal ratios.
+    pub frequencies: Vec<f64>,
+    /// ω₀: oscillations within the envelope times 2π, about; the envelope is ω₀ / ω px wide.
+    pub omega: f64,
+    /// Cost of a change of scale from node to node (squared, in scales), as a share of the
+    /// mean squared coefficient on the ridge; 0 takes the largest coefficient of every sample.
+    pub smoothness: f64,
+}
+
+/// The ridge of every row.
+pub struct Ridge {
+    /// Amplitude and phase of the fringe, (real, imaginary).
+    pub phasor: Vec<[f32; 2]>,
+    /// Its local frequency, rad/px.
+    pub frequency: Vec<f32>,
+}
+
+/// Ridge of the wavelet transform of every row of `rows`.
+pub fn ridge(rows: &[f32], width: usize, options: &Options) -> Result<Ridge, Error> {
+    check_value("width", width >= 1, "at least 1 px", width)?;
+    check_length("rows", rows.len() % width, 0)?;
+    check_value(
+        "frequencies",
+        options.frequencies.len() >= 3
+            && options.frequencies.windows(2).all(|f| f[0] < f[1])
+            && options.frequencies[0] > 0.0
+            && options.frequencies[options.frequencies.len() - 1] <= 0.5,
+        "three or more, rising, from above 0 to 0.5 cycles/px",
+        &options.frequencies,
+    )?;
+    check_value(
+        "omega",
+        (4.0..=60.0).contains(&options.omega),
+        "4 to 60",
+        options.omega,
+    )?;
+    check_value(
+        "smoothness",
+        (0.0..=1e6).contains(&options.smoothness),
+        "0 to 1e6",
+        options.smoothness,
+    )?;
+    let bank = Bank::new(width, options);
+    let mut phasor = vec![[0.0; 2]; rows.len()];
+    let mut frequency = vec![0.0; rows.len()];
+    phasor
+        .par_chunks_mut(width)
+        .zip(frequency.par_chunks_mut(width))
+        .zip(rows.par_chunks(width))
+        .for_each_init(
+            || Scratch::new(&bank),
+            |scratch, ((phasor, frequency), row)| {
+                scratch.run(&bank, row, options.smoothness as f32, phasor, frequency)
+            },
+        );
+    Ok(Ridge { phasor, frequency })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustfft::num_complex::Complex32;
+    use std::f32::consts::TAU;
+
+    fn options() -> Options {
+        let ratio: f64 = 1.06;
+        Options {
+            frequencies: (-15..17).map(|k| ratio.powi(k) / 16.0).collect(),
+            omega: 6.0,
+            smoothness: 0.0,
+        }
+    }
+
+    #[test]
+    fn phase_of_a_chirp_is_exact_to_the_border() {
+        let n = 400;
+        let phase = |x: f32| TAU * x / 16.0 + 0.5 * 2e-4 * (x - 200.0).powi(2) + 0.3;
+        let row: Vec<f32> = (0..n).map(|x| 7.0 + 3.0 * phase(x as f32).cos()).collect();
+        for smoothness in [0.0, 0.1] {
+            let found = ridge(
+                &row,
+                n,
+                &Options {
+                    smoothness,
+                    ..options()
+                },
+            )
+            .unwrap();
+            for x in 40..n - 40 {
+                let p = Complex32::new(found.phasor[x][0], found.phasor[x][1]);
+                let error = (p * Complex32::from_polar(1.0, -phase(x as f32))).arg();
+                assert!(error.abs() < 0.01, "{x}: {error}");
+                assert!((p.norm() - 3.0).abs() < 0.05, "{x}: {}", p.norm());
+                let expected = TAU / 16.0 + 2e-4 * (x as f32 - 200.0);
+                assert!((found.frequency[x] - expected).abs() < 2e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn refuses_what_makes_no_wavelets() {
+        let row = vec![0.0; 100];
+        let with = |change: fn(&mut Options)| {
+            let mut o = options();
+            change(&mut o);
+            ridge(&row, 100, &o).is_err()
+        };
+        assert!(with(|o| o.frequencies.truncate(2)));
+        assert!(with(|o| o.frequencies.reverse()));
+        assert!(with(|o| o.omega = 1.0));
+        assert!(with(|o| o.smoothness = f64::NAN));
+        assert!(ridge(&row, 7, &options()).is_err());
+    }
+}

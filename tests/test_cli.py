@@ -260,6 +260,17 @@ def test_single_frame_denoised(frames, tmp_path):
     assert abs(content["tilt_deg"]) < 1.0
 
 
+def test_options_may_be_words_or_numbers(capture, tmp_path):
+    figures = tmp_path / "m.json"
+    run(
+        *("reconstruct", capture, "--method", "wavelet", "--option", "path=smooth"),
+        *("--option", "omega=7", "--json", figures),
+    )
+    assert json.loads(figures.read_text())["errors"]["mean_abs_error_mm"] < 2.0
+    wrong = run("reconstruct", capture, "--method", "wavelet", "--option", "path=magic", code=2)
+    assert "path: expected largest or smooth, got 'magic'" in wrong.stderr
+
+
 def test_matrix_prints_and_draws_a_map(tmp_path):
     picture = tmp_path / "map.png"
     shown = run(

@@ -89,7 +89,7 @@ def _geometry(given: dict[str, float]) -> ReferencePlaneGeometry:
 
 
 def _method_options(method: str, settings: list[str]) -> dict[str, Any]:
-    """``name=value`` pairs, values read as JSON."""
+    """``name=value`` pairs; words as they are, all else read as JSON."""
     known = get_method(method).options
     options: dict[str, Any] = {}
     for setting in settings:
@@ -100,6 +100,9 @@ def _method_options(method: str, settings: list[str]) -> dict[str, Any]:
             raise InputError(
                 f"--option: {method} has {', '.join(known) or 'no options'}, got {name!r}"
             )
+        if isinstance(known[name], str):
+            options[name] = text
+            continue
         try:
             options[name] = json.loads(text)
         except json.JSONDecodeError as error:

@@ -130,6 +130,19 @@ def test_no_island_of_wrong_order_on_the_pyramid(pyramid, name):
     assert sizes.max() < 0.5 * 18.5**2
 
 
+@pytest.mark.parametrize("name", ["cone", "pyramid"])
+def test_one_photograph_says_nearly_what_two_say(real_data, name):
+    folder = real_data / f"pair_{name}"
+    pair = read_pair(folder / "reference.jpg", folder / "object.jpg")
+    two = analyse(pair).displacement_px
+    one = analyse(Capture(None, pair.object)).displacement_px
+    off = one - two
+    assert np.isfinite(off).mean() > 0.98
+    # The photographed plane is flat to about half a pixel.
+    assert np.nanmedian(np.abs(off)) < 0.75
+    assert np.nanmean(np.abs(off) > 0.6 * 18.5) < 0.001
+
+
 @pytest.fixture(scope="module")
 def board(real_data):
     """Frames of both sets, and the phase that the Gray code says was projected."""

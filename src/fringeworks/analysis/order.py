@@ -105,16 +105,16 @@ def compare_orders(first: FloatMap, second: FloatMap, period_px: float) -> tuple
     undecided : (h, w) bool array, where a region's border speaks for neither
     """
     difference = (second - first) / period_px
-    known = np.isfinite(difference)
-    order = np.where(known, np.round(np.where(known, difference, 0.0)), 0.0)
-    order[np.abs(np.where(known, difference, 0.0) - order) > AGREE] = 0.0
     orders = np.zeros(first.shape)
     undecided = np.zeros(first.shape, bool)
-    if not order.any():
+    whole = np.round(difference)
+    with np.errstate(invalid="ignore"):
+        comparable = np.abs(difference - whole) <= AGREE
+    if not comparable.any():
         return orders, undecided
     # A global offset is no disagreement: the two are anchored independently.
-    order -= np.median(order[known])
-    trusted = known & (order == 0)
+    order = np.where(comparable, whole - np.median(whole[comparable]), 0.0)
+    trusted = comparable & (order == 0)
     smallest = MIN_REGION * period_px**2
     for value in np.unique(order[order != 0]):
         label, count = ndimage.label(order == value)

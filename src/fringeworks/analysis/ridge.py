@@ -19,12 +19,34 @@ CURVATURE_SMOOTHING = 3.0
 """Width over which the ridge's curvature is averaged, σ."""
 
 Pair = tuple[FloatMap, FloatMap]
+Places = NDArray[np.intp]
 
 
-def vertex(before: FloatMap, here: FloatMap, after: FloatMap) -> FloatMap:
+def _vertex(before: FloatMap, here: FloatMap, after: FloatMap) -> FloatMap:
     """Where the parabola through three equidistant values peaks, in steps from the middle one."""
     bend = np.minimum(before - 2.0 * here + after, -1e-6)
     return np.asarray(np.clip(0.5 * (before - after) / bend, -1.0, 1.0))
+
+
+def strongest(coefficients: Analytic) -> tuple[Analytic, Places, Places, FloatMap, FloatMap]:
+    """The largest coefficient of every place of a grid of windows (j, i, h, w).
+
+    Returns
+    -------
+    value : (h, w) complex
+    j, i : (h, w) which window it is of
+    dj, di : (h, w) how far from it the peak lies, in windows: the vertex of the parabola through
+        the logarithms of neighbours, at the end of the grid of the last three
+    """
+    power = np.log(np.abs(coefficients) + np.float32(1e-30))
+    nj, ni, h, w = power.shape
+    best = power.reshape(nj * ni, h, w).argmax(axis=0)
+    j, i = best // ni, best % ni
+    rows, columns = np.ogrid[:h, :w]
+    jc, ic = np.clip(j, 1, nj - 2), np.clip(i, 1, ni - 2)
+    dj = _vertex(*(power[jc + k, i, rows, columns] for k in (-1, 0, 1))) + jc - j
+    di = _vertex(*(power[j, ic + k, rows, columns] for k in (-1, 0, 1))) + ic - i
+    return np.asarray(coefficients[j, i, rows, columns]), j, i, dj, di
 
 
 def curvature(

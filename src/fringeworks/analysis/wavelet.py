@@ -11,9 +11,10 @@ from scipy import fft
 from fringeworks import _core
 from fringeworks.analysis.bandpass import Analytic
 from fringeworks.analysis.demodulation import Demodulated, to_displacement
+from fringeworks.analysis.lattice import lattice_samples, samples_inside, shift_wave
 from fringeworks.analysis.pair import FringePair
 from fringeworks.analysis.registry import Solution, method
-from fringeworks.analysis.ridge import blend, curvature, vertex, window_factor
+from fringeworks.analysis.ridge import blend, curvature, strongest, window_factor
 from fringeworks.types import FloatMap, InputError
 
 OMEGA = 6.0
@@ -31,8 +32,6 @@ DIRECTION_SPAN = np.pi / 3.0
 """… up to this far to either side of the carrier's, rad."""
 PLANAR_SCALES = 12
 """Scales of the two-dimensional wavelets."""
-BANDWIDTH = 4.5
-"""Half the band that a wavelet needs, inverse envelopes."""
 
 
 def wavelet_frequencies(frequency: float, scales: int = SCALES, span: float = SPAN) -> FloatMap:
@@ -115,38 +114,27 @@ def planar_ridge(frame: FloatMap, frequency: tuple[float, float], *, omega: floa
     typical = omega / (2.0 * np.pi * steepest)
     margin = int(np.ceil(2.0 * typical))
     lengths = [fft.next_fast_len(side + min(2 * margin, side)) for side in (h, w)]
-    finest = omega / sizes[-1]
-    samples = [
-        min(n, fft.next_fast_len(int(np.ceil(BANDWIDTH / finest * n / np.pi)))) for n in lengths
-    ]
+    # The finest wavelet has the widest band.
+    samples = [lattice_samples(n, omega / sizes[-1]) for n in lengths]
     padded = np.zeros(lengths, np.float32)
     padded[:h, :w] = frame - frame.mean()
     spectrum = fft.fft2(padded, workers=-1)
     pitch = (lengths[0] / samples[0], lengths[1] / samples[1])
     # Only the lattice points on the frame.
-    inside = [
-        min(m, int(np.ceil((side - 1) / p)) + 1)
-        for m, side, p in zip(samples, (h, w), pitch, strict=True)
-    ]
+    inside = [samples_inside(m, side, p) for m, side, p in zip(samples, (h, w), pitch, strict=True)]
     coefficients = np.empty((len(angles), len(sizes), *inside), np.complex64)
-    for j, angle in enumerate(angles):
-        for i, size in enumerate(sizes):
+    for row, angle in enumerate(angles):
+        for column, size in enumerate(sizes):
             wave = (size * np.sin(angle), size * np.cos(angle))
             found = _coefficients(spectrum, wave, omega / size, samples)
-            coefficients[j, i] = found[: inside[0], : inside[1]]
-    power = np.log(np.abs(coefficients) + np.float32(1e-30))
-    flat = power.reshape(-1, *inside).argmax(axis=0)
-    j, i = flat // len(sizes), flat % len(sizes)
-    rows, columns = np.ogrid[: inside[0], : inside[1]]
-    jc, ic = np.clip(j, 1, len(angles) - 2), np.clip(i, 1, len(sizes) - 2)
-    turn = vertex(*(power[jc + k, i, rows, columns] for k in (-1, 0, 1))) + jc - j
-    zoom = vertex(*(power[j, ic + k, rows, columns] for k in (-1, 0, 1))) + ic - i
+            coefficients[row, column] = found[: inside[0], : inside[1]]
+    value, j, i, turn, zoom = strongest(coefficients)
     size = sizes[i] * (sizes[1] / sizes[0]) ** zoom
     angle = angles[j] + turn * (angles[1] - angles[0])
     wy, wx = size * np.sin(angle), size * np.cos(angle)
     offsets = (wy - sizes[i] * np.sin(angles[j]), wx - sizes[i] * np.cos(angles[j]))
     bends = curvature((wy, wx), pitch, typical)
-    local = coefficients[j, i, rows, columns] / window_factor(offsets, bends, omega / sizes[i])
+    local = value / window_factor(offsets, bends, omega / sizes[i])
     return blend(local.astype(np.complex64), (wy, wx), bends, pitch, (h, w))[0]
 
 
@@ -161,7 +149,7 @@ def _coefficients(
         off = envelope_px * (2.0 * np.pi * at / length - frequency)
         bins.append(at % length)
         gains.append(np.exp(-0.5 * off**2).astype(np.float32))
-        shifts.append(np.exp(2j * np.pi * first * np.arange(count) / count).astype(np.complex64))
+        shifts.append(shift_wave(first, count))
     part = spectrum[np.ix_(*bins)] * (gains[0][:, None] * gains[1])
     scale = 2.0 * np.prod(samples) / spectrum.size
     found = fft.ifft2(part, overwrite_x=True, workers=-1) * np.float32(scale)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from fringeworks.analysis.bandpass import WIDTH, Analytic, band_pass
 from fringeworks.analysis.demodulation import Demodulated, to_displacement
-from fringeworks.analysis.lattice import Axis, Lattice
+from fringeworks.analysis.lattice import Lattice, shift_wave
 from fringeworks.analysis.pair import FringePair
 from fringeworks.analysis.registry import Solution, method
-from fringeworks.analysis.ridge import Pair, blend, curvature, vertex, window_factor
+from fringeworks.analysis.ridge import Pair, blend, curvature, strongest, window_factor
 from fringeworks.noise import noise_variance
 from fringeworks.types import FloatMap, InputError
 
@@ -63,12 +63,9 @@ def _centred(
 def _noise(values: Analytic) -> float:
     """Standard deviation of white complex noise in a field of smooth phase."""
     everywhere = np.ones(values.shape, bool)
-    parts = (noise_variance(part.astype(np.float64), everywhere) for part in _parts(values))
-    return float(np.sqrt(sum(parts)))
-
-
-def _parts(values: Analytic) -> tuple[FloatMap, FloatMap]:
-    return values.real, values.imag
+    parts = (values.real, values.imag)
+    variance = sum(noise_variance(part.astype(np.float64), everywhere) for part in parts)
+    return float(np.sqrt(variance))
 
 
 def windowed_fourier_filter(
@@ -122,7 +119,7 @@ def windowed_fourier_filter(
     values, wave = _centred(values, shape, centre)
     level = THRESHOLD * _noise(values) if threshold is None else float(threshold)
     lattice = Lattice(shape, sigma_px, limit, step)
-    smooth, _ = lattice.filtered(lattice.extended(values, level), level)
+    smooth = lattice.filtered(lattice.extended(values, level), level)
     return np.asarray(smooth[: shape[0], : shape[1]] * wave)
 
 
@@ -232,38 +229,22 @@ def _continued(lattice: Lattice, field: Analytic, waves: _Waves) -> Analytic:
 def _strongest(lattice: Lattice, padded: Analytic) -> tuple[Analytic, Pair, Pair]:
     """On the lattice: the largest coefficient at its place, its frequency, and how far that lies
     from the coefficient's own, along (y, x)."""
-    stacks = []
+    # Undo the shift by whole bins, so that the phase is that of the place.
+    columns = np.stack([shift_wave(first, lattice.x.samples) for first in lattice.x.first])
     inside = lattice.inside
-    for k, spectra in lattice.spectra(padded):
-        # Undo the shift by whole bins, so that the phase is that of the place.
-        rows = _shift(lattice.y, k)
-        columns = np.stack([_shift(lattice.x, j) for j in range(len(lattice.x.frequencies))])
+    stacks = []
+    for first, spectra in zip(lattice.y.first, lattice.spectra(padded), strict=True):
+        rows = shift_wave(first, lattice.y.samples)
         turned = spectra * rows[None, :, None] * columns[:, None, :]
         stacks.append(turned[:, : inside[0], : inside[1]])
-    coefficients = np.stack(stacks)
-    power = np.log(np.abs(coefficients) + np.float32(1e-30))
-    ny, nx, h, w = power.shape
-    best = power.reshape(ny * nx, h, w).argmax(axis=0)
-    j, i = best // nx, best % nx
-    rows, columns = np.ogrid[:h, :w]
+    value, j, i, dj, di = strongest(np.stack(stacks))
     steps = [float(np.diff(axis.frequencies[:2])[0]) for axis in (lattice.y, lattice.x)]
-
-    # At the end of the range the parabola is that of the last three frequencies.
-    jc, ic = np.clip(j, 1, ny - 2), np.clip(i, 1, nx - 2)
-    dy = vertex(*(power[jc + k, i, rows, columns] for k in (-1, 0, 1))) + jc - j
-    dx = vertex(*(power[j, ic + k, rows, columns] for k in (-1, 0, 1))) + ic - i
-    offsets = (dy * steps[0], dx * steps[1])
+    offsets = (dj * steps[0], di * steps[1])
     frequencies = (
         lattice.y.frequencies[j] + offsets[0],
         lattice.x.frequencies[i] + offsets[1],
     )
-    return np.asarray(coefficients[j, i, rows, columns]), frequencies, offsets
-
-
-def _shift(axis: Axis, k: int) -> Analytic:
-    """Wave of the bin that the samples of frequency ``k`` were demodulated by."""
-    turns = axis.first[k] * np.arange(axis.samples) / axis.samples
-    return np.asarray(np.exp(2j * np.pi * turns), dtype=np.complex64)
+    return value, frequencies, offsets
 
 
 @method("windowed_fourier")

@@ -42,12 +42,11 @@ pub fn average(
         .map(|j| (-0.5 * (j as f32 / sigma).powi(2)).exp())
         .collect();
     let step = steps(&phasors, width, height, reach);
-    let along_x = lines(&phasors, weight, &step, width, &window);
-    let step = transpose(&phasors, height, width);
-    let step = steps(&step, height, width, reach);
-    let (sums, totals): (Vec<Phasor>, Vec<f32>) = (
-        transpose(&along_x.0, height, width),
-        transpose(&along_x.1, height, width),
+    let (sums, totals) = lines(&phasors, weight, &step, width, &window);
+    let step = steps(&transpose(&phasors, height, width), height, width, reach);
+    let (sums, totals) = (
+        transpose(&sums, height, width),
+        transpose(&totals, height, width),
     );
     let (mut sums, totals) = lines(&sums, &totals, &step, height, &window);
     sums.par_iter_mut().zip(&totals).for_each(|(s, t)| {

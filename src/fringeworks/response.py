@@ -94,6 +94,8 @@ class Response:
     """What to take off a wrapped phase from −π on, (256,), rad; a harmonic series."""
     residual_rad: float
     """Root mean square of the phase error that the table left where it was made."""
+    offset_rad: float = 0.0
+    """First of the shifts that the table was made with, rad."""
 
 
 def phase_of_steps(
@@ -326,7 +328,8 @@ def measure_response(
     steps = len(frames)
     known = np.where(strong, ideal_rad, np.nan)
     gamma = gamma_of_frames(frames, known, shifts_rad, pattern_exponent)
-    return Response(camera, projector, gamma, steps, pattern_exponent, table, residual)
+    offset = 0.0 if shifts_rad is None else float(shifts_rad[0])
+    return Response(camera, projector, gamma, steps, pattern_exponent, table, residual, offset)
 
 
 def predistort(values: FloatMap, response: Response) -> FloatMap:

@@ -27,6 +27,7 @@ class ResponseFile(BaseModel):
     steps: int = Field(ge=3)
     pattern_exponent: float = Field(gt=0)
     residual_rad: float = Field(ge=0)
+    offset_rad: float = 0.0
     table_rad: list[float] = Field(min_length=BINS, max_length=BINS)
 
 
@@ -40,6 +41,7 @@ def write_response(path: Path, response: Response) -> Path:
         "steps": int(response.steps),
         "pattern_exponent": float(response.pattern_exponent),
         "residual_rad": float(response.residual_rad),
+        "offset_rad": float(response.offset_rad),
         "table_rad": [round(float(v), 7) for v in response.table_rad],
     }
     write_text(path, tomli_w.dumps(content))
@@ -67,4 +69,5 @@ def read_response(path: Path) -> Response:
         pattern_exponent=content.pattern_exponent,
         table_rad=np.asarray(content.table_rad),
         residual_rad=content.residual_rad,
+        offset_rad=content.offset_rad,
     )

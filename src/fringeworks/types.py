@@ -29,12 +29,29 @@ class Reason(IntEnum):
     OK = 0
     MASKED = 1  # excluded by the caller, or not finite in the input
     OUTSIDE = 2  # the matching point lies outside the reference frame
-    LOW_MODULATION = 3  # the fringe is too weak against the noise (shadow, dark paint)
+    LOW_MODULATION = 3  # the fringe is too weak against the noise (dark paint)
     SATURATED = 4  # the sensor was at its limit over the whole neighbourhood
     ORDER_AMBIGUOUS = 5  # the fringe order cannot be decided
     OUT_OF_RANGE = 6  # the intensity lies outside the matching part of the reference
     UNDETERMINED = 7  # no window determines the displacement
     BEYOND_GEOMETRY = 8  # u ≤ −d₀: no height has this displacement
+    SHADOW = 9  # no light of the projector, that of the fringes is not above the noise
+
+
+@dataclass(frozen=True)
+class CameraNoise:
+    """Variance of a camera count, σ²(I) = read² + gain · I (theory §9)."""
+
+    read_counts: float
+    """Standard deviation in the dark, quantisation included; ≥ 0, counts."""
+    gain: float = 0.0
+    """Shot noise: variance per count; ≥ 0."""
+
+    def __post_init__(self) -> None:
+        for name in ("read_counts", "gain"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"noise: expected {name} >= 0, got {value}")
 
 
 @dataclass(frozen=True)
@@ -146,6 +163,59 @@ class HeightMap:
         """Share of pixels without a value, 0…1, those masked by the caller left out."""
         wanted = self.reason != Reason.MASKED
         return float(np.mean(~np.isfinite(self.values[wanted]))) if wanted.any() else 1.0
+
+
+@dataclass(frozen=True)
+class CoordinateMap:
+    """Where on the projector every camera pixel's light comes from, along one axis."""
+
+    coordinate_px: FloatMap
+    """Projector coordinate, (h, w), px, centres on integers; NaN where not measurable."""
+    sigma_px: FloatMap
+    """Standard deviation of the coordinate, (h, w), px; NaN where the coordinate is."""
+    modulation: FloatMap
+    """B of the fringes with the shortest period, (h, w), counts; NaN where undetermined."""
+    background: FloatMap
+    """A, mean of the phase frames, (h, w), counts."""
+    reason: ByteMap
+    """``Reason`` per pixel, (h, w)."""
+    axis: Axis
+    """x: projector columns, y: projector rows."""
+    periods_px: tuple[float, ...]
+    """Periods of the M sets of fringes, projector px, in the plan's order."""
+    phase_rad: FloatMap | None = None
+    """Wrapped phase of every set, (M, h, w), −π…π rad, where asked for."""
+    modulations: FloatMap | None = None
+    """B of every set, (M, h, w), counts, where asked for."""
+    repeats_px: float | None = None
+    """Distance after which coordinates repeat, where they are not absolute."""
+
+    @property
+    def failed_fraction(self) -> float:
+        """Share of pixels without a coordinate, 0…1."""
+        return float(np.mean(self.reason != Reason.OK))
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """What a stack of frames says about projector coordinates."""
+
+    x: CoordinateMap | None
+    """Along projector columns, where the plan has fringes or a code along x."""
+    y: CoordinateMap | None
+    """Along projector rows."""
+    noise: CameraNoise
+    """Noise of the camera that the standard deviations come from."""
+    notes: tuple[str, ...] = ()
+    """What was found out or decided on the way."""
+    details: dict[str, Any] = field(default_factory=dict)
+    """Figures per axis: disagreement of the sets, shifts that were estimated."""
+
+    @property
+    def maps(self) -> dict[Axis, CoordinateMap]:
+        """The maps there are, by axis."""
+        both: dict[Axis, CoordinateMap | None] = {"x": self.x, "y": self.y}
+        return {axis: found for axis, found in both.items() if found is not None}
 
 
 def count_reasons(reason: ByteMap) -> dict[str, int]:

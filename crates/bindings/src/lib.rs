@@ -1,5 +1,6 @@
 //! Python face of the kernels: borrow the arrays, detach from the interpreter, call, hand back.
 
+mod decode;
 mod emd;
 mod inverse;
 mod unwrap;
@@ -30,6 +31,8 @@ fn refuse(error: fringeworks::Error) -> PyErr {
 
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::decode::{decode_frames, DecodePlan, StreamSums};
     #[pymodule_export]
     use super::emd::{decompose_rows, row_envelopes};
     #[pymodule_export]

@@ -3,12 +3,14 @@
 //! Nothing here knows of Python, files or screens. Callers validate; kernels state what they
 //! assume and return [`Error`] where an assumption can be checked for free.
 //!
+//! * [`decode`]: shifted fringes and Gray code to projector coordinates, in one pass.
 //! * [`emd`]: empirical mode decomposition of rows, and their envelopes.
 //! * [`inverse`]: inverse function analysis by rows (IFA, SIFA, GSIFA, exact).
 //! * [`windowed`]: windowed inversion, local least squares over several window sizes.
 //! * [`unwrap`]: phase unwrapping by sorting by reliability, and the average that guides it.
 //! * [`wavelet`]: ridge of the continuous wavelet transform by rows.
 
+pub mod decode;
 pub mod emd;
 pub mod inverse;
 pub mod reason;

@@ -8,9 +8,13 @@ pub const MASKED: u8 = 1;
 pub const OUTSIDE: u8 = 2;
 /// The fringe is too weak against the noise.
 pub const LOW_MODULATION: u8 = 3;
+/// The sensor was at its limit in too many samples.
+pub const SATURATED: u8 = 4;
 /// The fringe order cannot be decided.
 pub const ORDER_AMBIGUOUS: u8 = 5;
 /// The intensity lies outside the range of the matching part of the reference.
 pub const OUT_OF_RANGE: u8 = 6;
 /// No window determines the displacement.
 pub const UNDETERMINED: u8 = 7;
+/// The projector's light does not reach the pixel.
+pub const SHADOW: u8 = 9;

@@ -1,0 +1,260 @@
+use crate::{refuse, rows_of};
+use fringeworks::decode::stream::{self, SetSums};
+use fringeworks::decode::{
+    decode, Against, Chain, Code, Limits, Noise, Outputs, PhaseSet, Plan, Sample,
+};
+use fringeworks::Error;
+use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+
+/// What is decoded along one axis; indices count the frames that are handed to a call.
+#[pyclass(frozen, module = "fringeworks._core")]
+pub struct DecodePlan {
+    plan: Plan,
+}
+
+/// Index of each frame, shifts (rad), period (px), table of phase errors (turns) or nothing.
+type SetItems = (Vec<usize>, Vec<f64>, f64, Vec<f32>);
+/// Bits, inverse bits, (white, black), width of a cell (px), cells.
+type CodeItems = (Vec<usize>, Vec<usize>, Option<(usize, usize)>, f32, u32);
+
+#[pymethods]
+impl DecodePlan {
+    #[new]
+    #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room, middle, half,
+        repeats, circular, code_reach, read_variance, gain, scale, saturation, min_snr,
+        min_modulation, max_disagreement, confidence))]
+    #[allow(clippy::too_many_arguments)] // keywords, all of them
+    fn new(
+        sets: Vec<SetItems>,
+        code: Option<CodeItems>,
+        combinations: PyReadonlyArray2<'_, f32>,
+        frequencies: PyReadonlyArray1<'_, f32>,
+        amplification: PyReadonlyArray2<'_, f32>,
+        room: PyReadonlyArray1<'_, f32>,
+        middle: f32,
+        half: f32,
+        repeats: f32,
+        circular: bool,
+        code_reach: f32,
+        read_variance: f32,
+        gain: f32,
+        scale: f32,
+        saturation: f32,
+        min_snr: f32,
+        min_modulation: f32,
+        max_disagreement: f32,
+        confidence: f32,
+    ) -> PyResult<Self> {
+        let sets = sets
+            .into_iter()
+            .map(|(frames, shifts, period, table)| {
+                let mut set = PhaseSet::new(frames, &shifts, period)?;
+                set.table = table;
+                Ok(set)
+            })
+            .collect::<Result<Vec<_>, Error>>()
+            .map_err(refuse)?;
+        let code = code.map(|(bits, inverse, levels, step, cells)| Code {
+            bits,
+            against: match levels {
+                Some((white, black)) => Against::Levels { white, black },
+                None if inverse.is_empty() => Against::Mean,
+                None => Against::Inverse(inverse),
+            },
+            step,
+            cells,
+        });
+        let chain = Chain {
+            combinations: rows_of(&combinations)?.to_vec(),
+            frequencies: rows_of(&frequencies)?.to_vec(),
+            amplification: rows_of(&amplification)?.to_vec(),
+            room: rows_of(&room)?.to_vec(),
+            middle,
+            half,
+            repeats,
+            circular,
+            code_reach,
+        };
+        let noise = Noise {
+            read_variance,
+            gain,
+            scale,
+        };
+        let limits = Limits {
+            saturation,
+            min_snr,
+            min_modulation,
+            max_disagreement,
+            confidence,
+        };
+        let plan = Plan {
+            sets,
+            code,
+            chain,
+            noise,
+            limits,
+        };
+        Ok(Self { plan })
+    }
+}
+
+/// Arrays that results are written to.
+#[derive(FromPyObject)]
+pub struct Maps<'py> {
+    #[pyo3(item)]
+    coordinate: PyReadwriteArray2<'py, f32>,
+    #[pyo3(item)]
+    sigma: PyReadwriteArray2<'py, f32>,
+    #[pyo3(item)]
+    modulation: PyReadwriteArray2<'py, f32>,
+    #[pyo3(item)]
+    background: PyReadwriteArray2<'py, f32>,
+    #[pyo3(item)]
+    reason: PyReadwriteArray2<'py, u8>,
+    #[pyo3(item)]
+    phases: Vec<PyReadwriteArray2<'py, f32>>,
+    #[pyo3(item)]
+    modulations: Vec<PyReadwriteArray2<'py, f32>>,
+    #[pyo3(item)]
+    disagreement: Option<PyReadwriteArray2<'py, f32>>,
+}
+
+impl Maps<'_> {
+    fn outputs(&mut self) -> PyResult<Outputs<'_>> {
+        fn rows<'a, T: Element>(map: &'a mut PyReadwriteArray2<'_, T>) -> PyResult<&'a mut [T]> {
+            if !map.is_c_contiguous() {
+                return Err(PyValueError::new_err("expected maps contiguous by rows"));
+            }
+            Ok(map.as_slice_mut()?)
+        }
+        Ok(Outputs {
+            coordinate: rows(&mut self.coordinate)?,
+            sigma: rows(&mut self.sigma)?,
+            modulation: rows(&mut self.modulation)?,
+            background: rows(&mut self.background)?,
+            reason: rows(&mut self.reason)?,
+            phases: self.phases.iter_mut().map(rows).collect::<PyResult<_>>()?,
+            modulations: self.modulations.iter_mut().map(rows).collect::<PyResult<_>>()?,
+            disagreement: match &mut self.disagreement {
+                Some(map) => rows(map)?,
+                None => &mut [],
+            },
+        })
+    }
+}
+
+/// Frames of one of the kinds that the kernels know.
+#[derive(FromPyObject)]
+pub enum Frames<'py> {
+    Bytes(Vec<PyReadonlyArray2<'py, u8>>),
+    Words(Vec<PyReadonlyArray2<'py, u16>>),
+    Floats(Vec<PyReadonlyArray2<'py, f32>>),
+}
+
+macro_rules! with_planes {
+    ($frames:expr, $planes:ident => $call:expr) => {
+        match $frames {
+            Frames::Bytes(list) => {
+                let $planes = planes_of(list)?;
+                $call
+            }
+            Frames::Words(list) => {
+                let $planes = planes_of(list)?;
+                $call
+            }
+            Frames::Floats(list) => {
+                let $planes = planes_of(list)?;
+                $call
+            }
+        }
+    };
+}
+
+fn planes_of<'a, T: Element>(list: &'a [PyReadonlyArray2<'_, T>]) -> PyResult<Vec<&'a [T]>> {
+    list.iter().map(rows_of).collect()
+}
+
+#[pyfunction]
+pub fn decode_frames(
+    py: Python<'_>,
+    frames: Frames<'_>,
+    plan: &DecodePlan,
+    mut maps: Maps<'_>,
+) -> PyResult<()> {
+    let out = maps.outputs()?;
+    let plan = &plan.plan;
+    with_planes!(&frames, planes => py.detach(|| decode(&planes, plan, out)).map_err(refuse))
+}
+
+/// Sums of the frames of each set, as they arrive.
+#[pyclass(module = "fringeworks._core")]
+pub struct StreamSums {
+    sets: Vec<SetSums>,
+    saturation: f32,
+}
+
+#[pymethods]
+impl StreamSums {
+    #[new]
+    #[pyo3(signature = (*, sets, pixels, saturation))]
+    fn new(sets: usize, pixels: usize, saturation: f32) -> Self {
+        Self {
+            sets: (0..sets).map(|_| SetSums::new(pixels)).collect(),
+            saturation,
+        }
+    }
+
+    /// Add a frame to a set: the step it is, and its shift in rad.
+    fn add(
+        &mut self,
+        py: Python<'_>,
+        frame: Frames<'_>,
+        set: usize,
+        step: usize,
+        shift: f64,
+    ) -> PyResult<()> {
+        if step >= 64 {
+            return Err(PyValueError::new_err(format!(
+                "step: expected 0 to 63, got {step}"
+            )));
+        }
+        let saturation = self.saturation;
+        let n = self.sets.len();
+        let sums = self.sets.get_mut(set).ok_or_else(|| {
+            PyValueError::new_err(format!("set: expected one of {n}, got {set}"))
+        })?;
+        fn one<'a, T>(planes: &[&'a [T]]) -> PyResult<&'a [T]> {
+            match planes {
+                [frame] => Ok(frame),
+                _ => Err(PyTypeError::new_err("expected a list of one frame")),
+            }
+        }
+        with_planes!(&frame, planes => {
+            let frame = one(&planes)?;
+            py.detach(|| sums.add(frame, step, shift, saturation)).map_err(refuse)
+        })
+    }
+
+    /// Decode what has been added; `frames` are those of the code.
+    fn decode(
+        &self,
+        py: Python<'_>,
+        frames: Frames<'_>,
+        plan: &DecodePlan,
+        mut maps: Maps<'_>,
+    ) -> PyResult<()> {
+        fn run<T: Sample>(
+            sets: &[SetSums],
+            planes: &[&[T]],
+            plan: &Plan,
+            out: Outputs<'_>,
+        ) -> Result<(), Error> {
+            stream::decode(sets, planes, plan, out)
+        }
+        let out = maps.outputs()?;
+        let (sets, plan) = (&self.sets, &plan.plan);
+        with_planes!(&frames, planes => py.detach(|| run(sets, &planes, plan, out)).map_err(refuse))
+    }
+}

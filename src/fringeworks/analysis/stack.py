@@ -1,0 +1,126 @@
+"""Stacks of frames: checked against their plan, and a sample of their pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.patterns import GrayCode, PatternPlan, PhaseSteps
+from fringeworks.types import InputError
+
+KINDS = ("uint8", "uint16", "float32", "float64")
+SAMPLE = 8_000
+"""Pixels, about, from which noise and the order of the frames are judged."""
+BAND_BYTES = 4 << 20
+"""Copies of frames that the kernels cannot read as they are, at a time."""
+
+Planes = list[NDArray[Any]]
+
+
+def check_frames(frames: NDArray[Any] | Sequence[NDArray[Any]], plan: PatternPlan) -> Planes:
+    """The frames as a list of (h, w) arrays that fits the plan.
+
+    Raises
+    ------
+    InputError for a number, size or type that does not fit, naming the frames.
+    """
+    if isinstance(frames, np.ndarray) and frames.ndim != 3:
+        raise InputError(f"frames: expected shape (n, h, w), got {frames.shape}")
+    planes = [np.asarray(frame) for frame in frames]
+    labels = plan.labels()
+    if len(planes) < len(labels):
+        missing = ", ".join(labels[len(planes) :])
+        raise InputError(
+            f"frames: the plan has {len(labels)}, got {len(planes)}; missing: {missing}"
+        )
+    if len(planes) > len(labels):
+        raise InputError(
+            f"frames: the plan has {len(labels)}, got {len(planes)}: {len(planes) - len(labels)} "
+            "too many"
+        )
+    for label, plane in zip(labels, planes, strict=True):
+        check_frame(plane, label, planes[0])
+    return planes
+
+
+def check_frame(frame: NDArray[Any], label: str, first: NDArray[Any]) -> None:
+    """Refuse a frame that is no grey frame of the size and type of the first."""
+    if frame.ndim != 2 or frame.size == 0:
+        raise InputError(f"frame {label}: expected shape (h, w), got {frame.shape}")
+    if frame.dtype.name not in KINDS:
+        raise InputError(f"frame {label}: expected {', '.join(KINDS)}, got {frame.dtype}")
+    if frame.shape != first.shape:
+        raise InputError(
+            f"frame {label}: expected the size of the first, {first.shape}, got {frame.shape}"
+        )
+    if frame.dtype != first.dtype:
+        raise InputError(
+            f"frame {label}: expected the type of the first, {first.dtype}, got {frame.dtype}"
+        )
+
+
+def refuse_constant(frame: NDArray[Any], label: str, sampled: NDArray[Any]) -> None:
+    """Refuse a frame of fringes or of a code that has one value everywhere."""
+    if sampled.size and np.all(sampled == sampled.flat[0]):
+        value = frame.flat[0]
+        if np.all(frame == value):
+            raise InputError(f"frame {label}: expected a pattern, got {value} everywhere")
+
+
+def check_content(planes: Planes, plan: PatternPlan, sampled: Sequence[NDArray[Any]]) -> None:
+    """Refuse constant frames where the plan has patterns."""
+    labels = plan.labels()
+    for first, block in plan.placed:
+        if isinstance(block, PhaseSteps | GrayCode):
+            for k in range(first, first + block.frames):
+                refuse_constant(planes[k], labels[k], sampled[k])
+
+
+def sampled_rows(shape: tuple[int, int]) -> NDArray[np.intp]:
+    """Rows, evenly spread, that hold about as many pixels as a sample needs."""
+    height, width = shape
+    count = min(height, max(1, -(-SAMPLE // width)))
+    return ((np.arange(count) + 0.5) * height / count).astype(np.intp)
+
+
+def sample_of(frame: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+    """The pixels of some rows as one row, of a type that the kernels read."""
+    some = frame[rows].reshape(1, -1)
+    return some.astype(np.float32) if some.dtype == np.float64 else some
+
+
+def saturation_of(dtype: np.dtype[Any], given: float | None) -> float:
+    """Counts from which on a sample is not trusted: the type's largest, for whole counts."""
+    if given is not None:
+        if not given > 0:
+            raise InputError(f"saturation: expected > 0 counts, got {given}")
+        return float(given)
+    return float(np.iinfo(dtype).max) if dtype.kind == "u" else float("inf")
+
+
+def in_bands(
+    planes: Planes,
+    maps: dict[str, Any],
+    run: Callable[[Planes, dict[str, Any]], None],
+) -> None:
+    """Call a kernel on frames and maps, by bands of rows where frames must be copied for it."""
+    if all(plane.flags.c_contiguous and plane.dtype != np.float64 for plane in planes):
+        run(planes, maps)
+        return
+    height, width = planes[0].shape
+    kind = np.float32 if planes[0].dtype == np.float64 else planes[0].dtype
+    per_row = max(1, len(planes) * width * np.dtype(kind).itemsize)
+    rows = max(1, BAND_BYTES // per_row)
+    for start in range(0, height, rows):
+        part = slice(start, start + rows)
+        copies = [np.ascontiguousarray(plane[part], kind) for plane in planes]
+        run(copies, {name: _cut(value, part) for name, value in maps.items()})
+
+
+def _cut(value: Any, part: slice) -> Any:
+    if value is None:
+        return None
+    return [item[part] for item in value] if isinstance(value, list) else value[part]

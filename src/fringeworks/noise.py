@@ -9,7 +9,7 @@ from fringeworks.types import BoolMap, CameraNoise, FloatMap
 
 BINS = 8
 """Groups of equal brightness in which the noise is measured."""
-TRIMMED = 0.995
+TRIMMED = 0.9995
 """Share of the normal residuals that is used: larger ones are taken for outliers."""
 
 

@@ -12,7 +12,7 @@ from fringeworks.patterns import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.types import InputError
 
 KINDS = ("uint8", "uint16", "float32", "float64")
-SAMPLE = 8_000
+SAMPLE = 12_000
 """Pixels, about, from which noise and the order of the frames are judged."""
 BAND_BYTES = 4 << 20
 """Copies of frames that the kernels cannot read as they are, at a time."""

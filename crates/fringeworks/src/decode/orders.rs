@@ -128,9 +128,9 @@ fn fit_sets<S: Source>(source: &S, plan: &Plan, at: usize, n: usize, scratch: &m
         let fitted = &mut scratch.sets[k];
         fit(source, plan, k, at..at + n, fitted);
         let share = plan.sets[k].steps() as f32 / total as f32;
-        let before = if k == 0 { 0.0 } else { 1.0 };
         for i in 0..BLOCK {
-            scratch.background[i] = before * scratch.background[i] + share * fitted.background[i];
+            let before = if k == 0 { 0.0 } else { scratch.background[i] };
+            scratch.background[i] = before + share * fitted.background[i];
         }
     }
     if let Some(finest) = scratch.sets.get(plan.finest()) {

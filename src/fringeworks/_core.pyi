@@ -1,13 +1,17 @@
 """Kernels in Rust. Arrays must be C-contiguous and of the stated dtype; callers see to that."""
 
 from collections.abc import Sequence
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "DecodePlan",
+    "StreamSums",
     "average_phasor",
     "count_residues",
+    "decode_frames",
     "decompose_rows",
     "invert_rows",
     "invert_windowed",
@@ -80,3 +84,40 @@ def decompose_rows(
 def row_envelopes(
     rows: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def decode_frames(
+    frames: Sequence[NDArray[Any]], plan: DecodePlan, maps: dict[str, Any]
+) -> None: ...
+
+@final
+class DecodePlan:
+    def __new__(
+        cls,
+        *,
+        sets: Sequence[tuple[list[int], list[float], float, list[float], list[float]]],
+        code: tuple[list[int], list[int], tuple[int, int] | None, float, int] | None,
+        combinations: NDArray[np.float32],
+        frequencies: NDArray[np.float32],
+        amplification: NDArray[np.float32],
+        room: NDArray[np.float32],
+        middle: float,
+        half: float,
+        repeats: float,
+        circular: bool,
+        code_reach: float,
+        read_variance: float,
+        gain: float,
+        scale: float,
+        saturation: float,
+        min_snr: float,
+        min_modulation: float,
+        max_disagreement: float,
+        confidence: float,
+    ) -> DecodePlan: ...
+
+@final
+class StreamSums:
+    def __new__(cls, *, sets: int, pixels: int, saturation: float) -> StreamSums: ...
+    def add(self, frame: Sequence[NDArray[Any]], set: int, step: int, shift: float) -> None: ...
+    def decode(
+        self, frames: Sequence[NDArray[Any]], plan: DecodePlan, maps: dict[str, Any]
+    ) -> None: ...

@@ -14,7 +14,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from fringeworks.analysis.inverse_function import Extrema
 from fringeworks.files import replacing
-from fringeworks.types import FloatMap, HeightMap, Reason
+from fringeworks.types import ByteMap, Decoded, FloatMap, HeightMap, Reason
 
 DPI = 110
 MAX_SURFACE_POINTS = 160
@@ -163,20 +163,41 @@ def surface_sheet(title: str, surface: HeightMap) -> Figure:
         colours="magma",
         label=surface.unit,
     )
-    _reasons(figure.add_subplot(1, 3, 3), surface)
+    _reasons(figure.add_subplot(1, 3, 3), surface.reason, surface.failed_fraction)
     return figure
 
 
-def _reasons(axes: Axes, surface: HeightMap) -> None:
+def coordinate_sheet(title: str, decoded: Decoded) -> Figure:
+    """Coordinate, error bar, modulation and reasons of every axis on one sheet."""
+    figure = Figure(figsize=(18.0, 4.2 * len(decoded.maps) + 0.4), layout="constrained")
+    figure.suptitle(title)
+    for line, (axis, found) in enumerate(decoded.maps.items()):
+        places = [figure.add_subplot(len(decoded.maps), 4, 4 * line + k) for k in (1, 2, 3, 4)]
+        shown = found.coordinate_px
+        finite = shown[np.isfinite(shown)]
+        low, high = np.percentile(finite, (0.2, 99.8)) if finite.size else (0.0, 1.0)
+        places[0].set_title(f"projector coordinate {axis}")
+        _map(places[0], shown, limits=(low, high), colours="viridis", label="px")
+        places[1].set_title("σ")
+        top = spread([found.sigma_px], 98.0)
+        _map(places[1], found.sigma_px, limits=(0.0, top), colours="magma", label="px")
+        places[2].set_title("modulation")
+        top = spread([found.modulation], 99.5)
+        _map(places[2], found.modulation, limits=(0.0, top), colours="gray", label="counts")
+        _reasons(places[3], found.reason, found.failed_fraction)
+    return figure
+
+
+def _reasons(axes: Axes, reason: ByteMap, failed: float) -> None:
     names = [reason.name.lower().replace("_", " ") for reason in Reason]
     colours = ["#f4f4f4", *(f"C{k}" for k in range(len(Reason) - 1))]
     picture = axes.imshow(
-        surface.reason,
+        reason,
         cmap=ListedColormap(colours),
         norm=BoundaryNorm(np.arange(len(Reason) + 1) - 0.5, len(Reason)),
         interpolation="nearest",
     )
-    axes.set_title(f"reasons ({surface.failed_fraction:.1%} failed)")
+    axes.set_title(f"reasons ({failed:.1%} failed)")
     axes.set_xticks([])
     axes.set_yticks([])
     bar = axes.figure.colorbar(picture, ax=axes, ticks=range(len(Reason)), shrink=0.85)

@@ -63,7 +63,8 @@ class PhaseSteps:
 
     def values(self, position: FloatMap, frame: int) -> FloatMap:
         """Light to send at projector positions, 0…1."""
-        return 0.5 + 0.5 * np.cos(TURN * position / self.period_px - self.shifts_rad[frame])
+        phase = TURN * position / self.period_px - self.shifts_rad[frame]
+        return np.asarray(0.5 + 0.5 * np.cos(phase))
 
     def labels(self) -> list[str]:
         return [f"{self.axis}-phase-{self.period_px:g}px-{n}" for n in range(self.frames)]
@@ -113,7 +114,7 @@ class GrayCode:
         bit = frame // 2 if self.inverse else frame
         cell = np.floor((position + 0.5) / self.step_px).astype(np.int64)
         lit = (((cell ^ (cell >> 1)) >> (self.bits - 1 - bit)) & 1).astype(float)
-        return 1.0 - lit if self.inverse and frame % 2 else lit
+        return np.asarray(1.0 - lit if self.inverse and frame % 2 else lit)
 
     def labels(self) -> list[str]:
         if not self.inverse:
@@ -252,10 +253,9 @@ class PatternPlan:
         """
         sets = [block for _, block in self.phase_sets(axis)]
         periods = [block.period_px for block in sets]
-        length, code = self.length_px(axis), self.code(axis)
+        code = self.code(axis)
         weights = [block.precision for block in sets]
-        if not absolute:
-            length = _repeats(periods)
+        length = float(self.length_px(axis)) if absolute else _repeats(periods)
         bounds = (-0.5, length - 0.5)
         step = None if code is None or not absolute else code[1].step_px
         try:

@@ -12,7 +12,7 @@ from fringeworks.analysis import analyse, prepare
 from fringeworks.denoise import Denoiser
 from fringeworks.denoise import denoise as denoise_frame
 from fringeworks.geometry import to_surface
-from fringeworks.types import Capture, HeightMap, PhaseMap, count_reasons
+from fringeworks.types import Capture, Decoded, HeightMap, PhaseMap, Reason, count_reasons
 
 
 @dataclass(frozen=True)
@@ -117,4 +117,30 @@ def summary(result: Reconstruction) -> dict[str, Any]:
         "median_sigma": float(np.median(sigma)) if sigma.size else None,
         "seconds": result.seconds,
         "notes": list(result.notes),
+    }
+
+
+def decoded_summary(decoded: Decoded, notes: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Figures of decoded coordinates, ready for JSON."""
+    axes = {}
+    for axis, found in decoded.maps.items():
+        ok = found.reason == Reason.OK
+        values, sigma = found.coordinate_px[ok], found.sigma_px[ok]
+        axes[axis] = {
+            "periods_px": list(found.periods_px),
+            "repeats_px": found.repeats_px,
+            "failed_fraction": found.failed_fraction,
+            "reasons": count_reasons(found.reason),
+            "minimum_px": float(values.min()) if values.size else None,
+            "maximum_px": float(values.max()) if values.size else None,
+            "median_sigma_px": float(np.median(sigma)) if sigma.size else None,
+            "median_modulation": float(np.median(found.modulation[ok])) if ok.any() else None,
+            **decoded.details.get(axis, {}),
+        }
+    some = next(iter(decoded.maps.values()))
+    return {
+        "shape": list(some.coordinate_px.shape),
+        "noise": {"read_counts": decoded.noise.read_counts, "gain": decoded.noise.gain},
+        "axes": axes,
+        "notes": [*notes, *decoded.notes],
     }

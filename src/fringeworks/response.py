@@ -27,6 +27,10 @@ MAX_POINTS = 50_000
 """Pixels from which the exponent is found."""
 MIN_PER_BIN = 20
 """Pixels that every entry of a table needs."""
+PIXELS_PER_LEVEL = 40_000
+"""Pixels behind each level of brightness; fewer make fewer levels."""
+MAX_LEVELS = 8
+"""Levels of brightness that a table is split into."""
 BLACK_PERCENT = 0.1
 """Share of the darkest pixels, percent, above which the dark level lies."""
 
@@ -91,7 +95,10 @@ class Response:
     pattern_exponent: float
     """Exponent e of the patterns it was measured with: (½ + ½ cos φ)^e was sent."""
     table_rad: NDArray[np.float64]
-    """What to take off a wrapped phase from −π on, (256,), rad; a harmonic series."""
+    """What to take off a wrapped phase from −π on, (K, 256), rad; a harmonic series for each of K
+    levels of brightness, because cameras bend the brightest counts."""
+    brightness: tuple[float, ...]
+    """Brightness A + B of the levels, (K,), counts, rising."""
     residual_rad: float
     """Root mean square of the phase error that the table left where it was made."""
     offset_rad: float = 0.0
@@ -226,18 +233,66 @@ def phase_table(phase_rad: FloatMap, ideal_rad: FloatMap) -> tuple[NDArray[np.fl
     return table, float(np.std(left))
 
 
+def _places(phase_rad: FloatMap) -> tuple[NDArray[np.intp], FloatMap]:
+    """Entry of a periodic table to the left of each phase, and the share of the next one."""
+    finite = np.where(np.isfinite(phase_rad), phase_rad, 0.0)
+    at = (finite + np.pi) * (BINS / (2.0 * np.pi)) - 0.5
+    left = np.floor(at).astype(np.intp)
+    return left, at - left
+
+
 def _look_up(table: FloatMap, phase_rad: FloatMap) -> FloatMap:
     """Linear interpolation in a periodic table whose entries are the middles of its bins."""
+    left, share = _places(phase_rad)
     n = table.size
-    at = (np.where(np.isfinite(phase_rad), phase_rad, 0.0) + np.pi) * (n / (2.0 * np.pi)) - 0.5
-    left = np.floor(at).astype(np.intp)
-    share = at - left
     return np.asarray(table[left % n] * (1.0 - share) + table[(left + 1) % n] * share)
 
 
-def correct_phase(phase_rad: FloatMap, response: Response) -> FloatMap:
-    """A wrapped phase of ``response.steps`` steps without the response's error, (h, w), rad."""
-    return np.asarray(phase_rad - _look_up(response.table_rad, phase_rad))
+def correct_phase(
+    phase_rad: FloatMap, response: Response, brightness: FloatMap | None = None
+) -> FloatMap:
+    """A wrapped phase of ``response.steps`` steps without the response's error, (h, w), rad.
+
+    ``brightness`` is A + B per pixel, counts; left out, that of the brightest level is taken.
+    """
+    levels = np.asarray(response.brightness)
+    seen = np.full(phase_rad.shape, levels[-1]) if brightness is None else brightness
+    row = np.interp(np.where(np.isfinite(seen), seen, levels[0]), levels, np.arange(levels.size))
+    below = np.minimum(row.astype(np.intp), levels.size - 1)
+    above = np.minimum(below + 1, levels.size - 1)
+    left, share = _places(phase_rad)
+
+    def at(level: NDArray[np.intp]) -> FloatMap:
+        table = response.table_rad
+        near, next_ = table[level, left % BINS], table[level, (left + 1) % BINS]
+        return np.asarray(near * (1.0 - share) + next_ * share)
+
+    part = row - below
+    return np.asarray(phase_rad - at(below) * (1.0 - part) - at(above) * part)
+
+
+def _tables(
+    phase_rad: FloatMap, ideal_rad: FloatMap, brightness: FloatMap
+) -> tuple[NDArray[np.float64], tuple[float, ...]]:
+    """A table for each level of brightness that has pixels enough at every phase."""
+    known = np.flatnonzero(np.isfinite(phase_rad) & np.isfinite(ideal_rad))
+    order = known[np.argsort(brightness.flat[known], kind="stable")]
+    count = int(np.clip(known.size // PIXELS_PER_LEVEL, 1, MAX_LEVELS))
+    phase, ideal = phase_rad.ravel(), ideal_rad.ravel()
+    tables, levels = [], []
+    for part in np.array_split(order, count):
+        try:
+            table, _ = phase_table(phase[part], ideal[part])
+        except InputError:
+            if count == 1:
+                raise
+            continue  # too few phases at this brightness: its neighbours stand in
+        tables.append(table)
+        levels.append(float(np.median(brightness.flat[part])))
+    if not tables:
+        table, _ = phase_table(phase[order], ideal[order])
+        return table[None], (float(np.median(brightness.flat[order])),)
+    return np.stack(tables), tuple(levels)
 
 
 def gamma_of_frames(
@@ -321,15 +376,20 @@ def measure_response(
     if not pattern_exponent > 0:
         raise InputError(f"pattern_exponent: expected > 0, got {pattern_exponent}")
     phase, modulation = phase_of_steps(frames, shifts_rad)
+    brightness = np.mean(np.asarray(frames), axis=0, dtype=np.float64) + modulation
     if ideal_rad.shape != phase.shape:
         raise InputError(f"ideal phase: expected shape {phase.shape}, got {ideal_rad.shape}")
     strong = modulation > 0.2 * np.percentile(modulation, 95)
-    table, residual = phase_table(np.where(strong, phase, np.nan), ideal_rad)
+    seen = np.where(strong, phase, np.nan)
+    table, levels = _tables(seen, ideal_rad, brightness)
     steps = len(frames)
     known = np.where(strong, ideal_rad, np.nan)
     gamma = gamma_of_frames(frames, known, shifts_rad, pattern_exponent)
     offset = 0.0 if shifts_rad is None else float(shifts_rad[0])
-    return Response(camera, projector, gamma, steps, pattern_exponent, table, residual, offset)
+    found = Response(camera, projector, gamma, steps, pattern_exponent, table, levels, 0.0, offset)
+    left = np.exp(1j * (correct_phase(seen, found, brightness) - ideal_rad))
+    left = np.angle(left * np.conj(np.nanmean(left)))
+    return replace(found, residual_rad=float(np.nanstd(left)))
 
 
 def predistort(values: FloatMap, response: Response) -> FloatMap:
@@ -360,15 +420,9 @@ def linearise(frame: NDArray[np.generic], response: Response) -> NDArray[np.floa
     return np.asarray(dark + span * share ** (1.0 / response.gamma))
 
 
-def apply_response(capture: Capture, response: Response) -> Capture:
-    """A capture with its frames linearised.
-
-    Raises
-    ------
-    InputError where the capture is of other devices, or does not name its own.
-    """
-    seen = {"camera": capture.camera, "projector": capture.projector}
-    for name, value in seen.items():
+def check_devices(response: Response, camera: str | None, projector: str | None) -> None:
+    """Refuse a response of other devices than those of a capture, or of unnamed ones."""
+    for name, value in {"camera": camera, "projector": projector}.items():
         own = getattr(response, name)
         if value is None:
             raise InputError(
@@ -376,6 +430,16 @@ def apply_response(capture: Capture, response: Response) -> Capture:
             )
         if value != own:
             raise InputError(f"response: made for {name} {own!r}, the capture is of {value!r}")
+
+
+def apply_response(capture: Capture, response: Response) -> Capture:
+    """A capture with its frames linearised.
+
+    Raises
+    ------
+    InputError where the capture is of other devices, or does not name its own.
+    """
+    check_devices(response, capture.camera, capture.projector)
     note = f"response of γ = {response.gamma:.3f} taken out"
     return replace(
         capture,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import tomli_w
@@ -28,7 +28,10 @@ class ResponseFile(BaseModel):
     pattern_exponent: float = Field(gt=0)
     residual_rad: float = Field(ge=0)
     offset_rad: float = 0.0
-    table_rad: list[float] = Field(min_length=BINS, max_length=BINS)
+    brightness: list[float] = Field(min_length=1)
+    table_rad: list[Annotated[list[float], Field(min_length=BINS, max_length=BINS)]] = Field(
+        min_length=1
+    )
 
 
 def write_response(path: Path, response: Response) -> Path:
@@ -42,7 +45,8 @@ def write_response(path: Path, response: Response) -> Path:
         "pattern_exponent": float(response.pattern_exponent),
         "residual_rad": float(response.residual_rad),
         "offset_rad": float(response.offset_rad),
-        "table_rad": [round(float(v), 7) for v in response.table_rad],
+        "brightness": [round(float(v), 3) for v in response.brightness],
+        "table_rad": [[round(float(v), 7) for v in row] for row in response.table_rad],
     }
     write_text(path, tomli_w.dumps(content))
     return path
@@ -61,6 +65,12 @@ def read_response(path: Path) -> Response:
     content = read_toml(path, ResponseFile)
     if not np.isfinite(content.table_rad).all() or not np.isfinite(content.gamma):
         raise InputError(f"{path}: expected finite values, got NaN or infinity")
+    rising = np.all(np.diff(content.brightness) > 0)
+    if len(content.brightness) != len(content.table_rad) or not rising:
+        raise InputError(
+            f"{path}: expected a rising brightness for each of {len(content.table_rad)} tables, "
+            f"got {content.brightness}"
+        )
     return Response(
         camera=content.camera,
         projector=content.projector,
@@ -68,6 +78,7 @@ def read_response(path: Path) -> Response:
         steps=content.steps,
         pattern_exponent=content.pattern_exponent,
         table_rad=np.asarray(content.table_rad),
+        brightness=tuple(content.brightness),
         residual_rad=content.residual_rad,
         offset_rad=content.offset_rad,
     )

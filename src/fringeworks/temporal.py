@@ -152,7 +152,9 @@ def order_chain(
         longest = f"{1.0 / g.min():g}" if g.size else "0"
         wanted = f"{length:g} px"
         if code_step_px is not None:
-            wanted = f"{code / CODE_ROOM:g} px, better twice the {code_step_px:g} px of a code cell,"
+            wanted = (
+                f"{code / CODE_ROOM:g} px, better twice the {code_step_px:g} px of a code cell,"
+            )
         raise InputError(
             f"periods: {_list(periods_px)} px and their beats span {longest} px, expected "
             f"{wanted} or more"
@@ -253,3 +255,36 @@ def _roundings(
     found = np.array(rows)
     found[np.abs(found) < 1e-9] = 0.0
     return found, np.array(room)
+
+
+def separation(
+    periods_px: Sequence[float], length_px: float, weights: Sequence[float] | None = None
+) -> float:
+    """Least distance between what two coordinates of a range make of the phases.
+
+    Parameters
+    ----------
+    periods_px : (M,) floats > 0
+    length_px : float
+        Length of the range, px.
+    weights : (M,) floats > 0, optional
+        Inverse variances of the phases in turns; 1 where left out.
+
+    Returns
+    -------
+    Distance in standard deviations (turns where weights are left out): orders are told apart by the
+    most likely choice where half of it is several. The limit that no chain exceeds.
+    """
+    frequency = 1.0 / np.asarray(periods_px, float)
+    weight = np.ones(frequency.size) if weights is None else np.asarray(weights, float)
+    # Neighbouring lines of the lattice are nearest where some phase is a whole number of turns.
+    at = np.concatenate(
+        [p * np.arange(1, int(length_px / p * (1.0 - COMMENSURATE)) + 1) for p in periods_px]
+    )
+    if at.size == 0:
+        return float("inf")
+    turns = frequency[:, None] * at
+    off = turns - np.rint(turns)
+    along = (weight * frequency) @ off / np.sqrt(weight @ frequency**2)
+    across = weight @ off**2 - along**2
+    return float(np.sqrt(max(across.min(), 0.0)))

@@ -1,10 +1,12 @@
 use crate::{refuse, rows_of};
 use fringeworks::decode::stream::{self, SetSums};
 use fringeworks::decode::{
-    decode, Against, Chain, Code, Limits, Noise, Outputs, PhaseSet, Plan, Sample,
+    decode, Against, Chain, Code, Limits, Noise, Outputs, PhaseSet, Plan, Sample, Table,
 };
 use fringeworks::Error;
-use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2, PyUntypedArrayMethods};
+use numpy::{
+    Element, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -14,8 +16,8 @@ pub struct DecodePlan {
     plan: Plan,
 }
 
-/// Index of each frame, shifts (rad), period (px), table of phase errors (turns) or nothing.
-type SetItems = (Vec<usize>, Vec<f64>, f64, Vec<f32>);
+/// Index of each frame, shifts (rad), period (px), phase errors (turns) by brightness, or nothing.
+type SetItems = (Vec<usize>, Vec<f64>, f64, Vec<f32>, Vec<f32>);
 /// Bits, inverse bits, (white, black), width of a cell (px), cells.
 type CodeItems = (Vec<usize>, Vec<usize>, Option<(usize, usize)>, f32, u32);
 
@@ -49,9 +51,9 @@ impl DecodePlan {
     ) -> PyResult<Self> {
         let sets = sets
             .into_iter()
-            .map(|(frames, shifts, period, table)| {
+            .map(|(frames, shifts, period, turns, brightness)| {
                 let mut set = PhaseSet::new(frames, &shifts, period)?;
-                set.table = table;
+                set.table = Table { turns, brightness };
                 Ok(set)
             })
             .collect::<Result<Vec<_>, Error>>()
@@ -136,7 +138,11 @@ impl Maps<'_> {
             background: rows(&mut self.background)?,
             reason: rows(&mut self.reason)?,
             phases: self.phases.iter_mut().map(rows).collect::<PyResult<_>>()?,
-            modulations: self.modulations.iter_mut().map(rows).collect::<PyResult<_>>()?,
+            modulations: self
+                .modulations
+                .iter_mut()
+                .map(rows)
+                .collect::<PyResult<_>>()?,
             disagreement: match &mut self.disagreement {
                 Some(map) => rows(map)?,
                 None => &mut [],
@@ -222,9 +228,10 @@ impl StreamSums {
         }
         let saturation = self.saturation;
         let n = self.sets.len();
-        let sums = self.sets.get_mut(set).ok_or_else(|| {
-            PyValueError::new_err(format!("set: expected one of {n}, got {set}"))
-        })?;
+        let sums = self
+            .sets
+            .get_mut(set)
+            .ok_or_else(|| PyValueError::new_err(format!("set: expected one of {n}, got {set}")))?;
         fn one<'a, T>(planes: &[&'a [T]]) -> PyResult<&'a [T]> {
             match planes {
                 [frame] => Ok(frame),

@@ -1,4 +1,4 @@
-"""Fringe analyses: from two frames to the displacement of the fringes, one file per family."""
+"""Fringe analyses, one file per family: two frames to displacements, stacks to coordinates."""
 
 # Importing a family registers its methods.
 from fringeworks.analysis import (  # noqa: F401
@@ -9,7 +9,9 @@ from fringeworks.analysis import (  # noqa: F401
     windowed_fourier,
 )
 from fringeworks.analysis.pair import FringePair, prepare
+from fringeworks.analysis.phase_shift import StreamingDecoder, decode
 from fringeworks.analysis.registry import Method, Solution, analyse, get_method, method, methods
+from fringeworks.analysis.steps import estimate_shifts
 from fringeworks.analysis.wavelet import wavelet_frequencies, wavelet_ridge
 from fringeworks.analysis.windowed_fourier import (
     Ridge,
@@ -22,7 +24,10 @@ __all__ = [
     "Method",
     "Ridge",
     "Solution",
+    "StreamingDecoder",
     "analyse",
+    "decode",
+    "estimate_shifts",
     "get_method",
     "method",
     "methods",

@@ -20,6 +20,8 @@ ORDER_SIGMAS = 5.0
 """Room that every rounding of a fringe order must have, in standard deviations."""
 END_SIGMAS = 3.0
 """Distance from the seam of the range that a coordinate must have, where both ends look alike."""
+REACH = 0.6
+"""Distance from the middle of its code cell that a coordinate may have, share of the cell."""
 DISAGREEING = 1e-7
 """Share of pixels with right orders that may be lost because their sets disagree by chance."""
 
@@ -44,7 +46,9 @@ class PhaseFrames:
     shifts_rad: tuple[float, ...]
     period_px: float
     table_turns: tuple[float, ...] = ()
-    """Phase errors of the response, turns; empty for none."""
+    """Phase errors of the response, turns, a row per level of brightness; empty for none."""
+    brightness: tuple[float, ...] = ()
+    """Those levels, counts."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,13 @@ class Decoding:
     absolute: bool = True
     scale: float = 1.0
     """Disagreement of the sets, variance in units of the noise."""
+    reach_px: float | None = None
+    """Distance from the middle of its code cell that a coordinate may have; None for the usual."""
+
+    @property
+    def longest_px(self) -> float:
+        """Range over which the phases by themselves tell the coordinate, px."""
+        return float("inf") if self.chain is None else 1.0 / float(self.chain.frequencies[0])
 
     @property
     def frames(self) -> list[int]:
@@ -97,6 +108,7 @@ class Decoding:
                 list(phases.shifts_rad),
                 phases.period_px,
                 list(phases.table_turns),
+                list(phases.brightness),
             )
             for phases in self.sets
         ]
@@ -130,7 +142,9 @@ class Decoding:
 
     def _chain(self) -> dict[str, Any]:
         half = 0.5 * self.length_px
-        reach = 0.0 if self.code is None else 0.6 * self.code.step_px
+        reach = 0.0 if self.code is None else REACH * self.code.step_px
+        if self.reach_px is not None:
+            reach = self.reach_px
         plain = {
             "middle": half - 0.5,
             "half": half,
@@ -173,6 +187,7 @@ def decoding_of(
             block.shifts_rad,
             block.period_px,
             _table(plan, block.shifts_rad, response),
+            () if response is None else response.brightness,
         )
         for first, block in plan.phase_sets(axis)
     )
@@ -190,9 +205,7 @@ def _code(plan: PatternPlan, first: int, block: GrayCode, phases: bool) -> CodeF
     levels = None if white is None or black is None else (white, black)
     frames = range(first, first + block.frames)
     if block.inverse:
-        return CodeFrames(
-            tuple(frames[::2]), tuple(frames[1::2]), None, block.step_px, block.cells
-        )
+        return CodeFrames(tuple(frames[::2]), tuple(frames[1::2]), None, block.step_px, block.cells)
     if levels is None and not phases:
         raise InputError(
             "Gray code: expected inverse bits, a white and a black frame, or fringes along the "
@@ -218,14 +231,14 @@ def _table(
     offsets = np.exp(1j * n * np.asarray(shifts_rad))
     if np.abs(offsets - offsets[0]).max() > 0.1:
         raise InputError("response: a table is right for equal steps only, the plan has others")
-    # The error has N periods a turn, counted from the shifts; the table's were counted from its own.
+    # The error has N periods a turn, counted from the shifts; the table's count from its own.
     away = float(np.angle(offsets[0] * np.exp(-1j * n * response.offset_rad))) / n
     at = (np.arange(BINS) + 0.5 - away * BINS / TURN) % BINS - 0.5
     left = np.floor(at).astype(int)
     share = at - left
     table = response.table_rad
-    rolled = table[left % BINS] * (1.0 - share) + table[(left + 1) % BINS] * share
-    return tuple(float(v) for v in rolled / TURN)
+    rolled = table[:, left % BINS] * (1.0 - share) + table[:, (left + 1) % BINS] * share
+    return tuple(float(v) for v in rolled.ravel() / TURN)
 
 
 def empty_maps(

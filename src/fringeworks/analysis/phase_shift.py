@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -79,11 +80,11 @@ def decode(
 
     Notes
     -----
-    I_n = A + B cos(φ − δ_n) by least squares at every pixel (Bruning 1974; Greivenkamp 1984), orders
-    by the plan's chain (``temporal.order_chain``), the coordinate as the inverse-variance mean of
-    all sets. σ comes from the camera's noise, B and the number of steps, σ_φ² = (2/N) σ²/B² for
-    equal ones (theory §5, §9); where the sets disagree by more than their noise, it is raised by
-    that. A rounding without five standard deviations of room, or sets that disagree, make a pixel
+    I_n = A + B cos(φ − δ_n) by least squares at every pixel (Bruning 1974; Greivenkamp 1984),
+    orders by the plan's chain (``temporal.order_chain``), the coordinate as the inverse-variance
+    mean of all sets. σ comes from the camera's noise, B and the number of steps,
+    σ_φ² = (2/N) σ²/B² for equal ones (theory §5, §9); where the sets disagree by more than their
+    noise, it is raised by that. A rounding without five standard deviations of room, or sets that disagree, make a pixel
     NaN with ``order_ambiguous``.
     """
     planes = check_frames(frames, plan)
@@ -105,9 +106,13 @@ def decode(
         kernel = decoding.kernel(findings.noise, limits)
         out = empty_maps(planes[0].shape, sets=len(decoding.sets) if keep_phases else 0)
         own = [planes[k] for k in decoding.frames]
-        in_bands(own, out, lambda some, part, kernel=kernel: _core.decode_frames(some, kernel, part))
+        in_bands(own, out, partial(_run, kernel))
         maps[axis] = _coordinate_map(decoding, out, keep_phases)
     return _decoded(maps, findings)
+
+
+def _run(kernel: _core.DecodePlan, planes: Planes, maps: dict[str, Any]) -> None:
+    _core.decode_frames(planes, kernel, maps)
 
 
 class StreamingDecoder:
@@ -148,6 +153,7 @@ class StreamingDecoder:
         self._keep_phases = keep_phases
         self._decodings = _decodings(plan, absolute, response)
         self._labels = plan.labels()
+        self._fringes = any(isinstance(block, PhaseSteps) for block in plan.blocks)
         self._sums: dict[Axis, _core.StreamSums] = {}
         self._first: NDArray[Any] | None = None
         self._kept: dict[int, NDArray[Any]] = {}
@@ -183,8 +189,8 @@ class StreamingDecoder:
             self._first = np.broadcast_to(frame[:1, :1], frame.shape)
         if isinstance(block, PhaseSteps):
             self._add_phase(readable, index)
-            if len(self._patch) < 3:
-                self._patch.append(_middle(frame))
+        if isinstance(block, PhaseSteps) == self._fringes and len(self._patch) < 3:
+            self._patch.append(_middle(frame))
         if any(index in decoding.code_frames for decoding in self._decodings.values()):
             self._kept[index] = readable.copy() if readable is frame else readable
         self._sample.append(sampled)
@@ -262,9 +268,14 @@ def _middle(frame: NDArray[Any]) -> FloatMap:
 
 
 def _patch(planes: Planes, plan: PatternPlan) -> list[FloatMap]:
-    """The middle of some phase frames, for texture noise."""
-    phases = [k for first, b in plan.placed if isinstance(b, PhaseSteps) for k in range(first, first + b.frames)]
-    return [_middle(planes[k]) for k in phases[:3]]
+    """The middle of some frames, of fringes where there are any, for texture noise."""
+    fringes = [
+        k
+        for first, b in plan.placed
+        if isinstance(b, PhaseSteps)
+        for k in range(first, first + b.frames)
+    ]
+    return [_middle(planes[k]) for k in (fringes or range(len(planes)))[:3]]
 
 
 def _coordinate_map(decoding: Decoding, out: dict[str, Any], keep_phases: bool) -> CoordinateMap:

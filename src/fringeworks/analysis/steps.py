@@ -123,7 +123,7 @@ def _by_components(
         uneven = max(abs(np.mean(phasor)), abs(np.mean(phasor**2)))
         if uneven > MAX_UNEVEN:
             raise InputError(
-                f"steps: {meant.size} frames tell their shifts only where several fringes cross the "
-                f"image; expected phases evenly spread, got an unevenness of {uneven:.2f}"
+                f"steps: {meant.size} frames tell their shifts only where several fringes cross "
+                f"the image; expected phases evenly spread, got an unevenness of {uneven:.2f}"
             )
     return shifts

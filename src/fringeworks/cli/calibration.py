@@ -8,51 +8,50 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from fringeworks.cli.common import JsonFile, app, list_of, write_json
+from fringeworks.analysis import decode
+from fringeworks.cli.common import JsonFile, app, write_json
 from fringeworks.evaluate import to_json
-from fringeworks.files import read_frame
+from fringeworks.patterns import GrayCode, Level, PatternPlan, PhaseSteps
 from fringeworks.response import measure_response, smooth_coordinate
 from fringeworks.response_file import write_response
-from fringeworks.types import InputError
+from fringeworks.stack_file import Stack, read_stack
+from fringeworks.types import FloatMap, InputError
 
 
 @app.command()
 def response(
-    frames: Annotated[list[Path], typer.Argument(help="Images of N steps on a white plane.")],
-    coordinate: Annotated[
-        Path, typer.Option(help="TIFF of the projector coordinate per pixel (Gray code), px.")
+    stack: Annotated[
+        Path, typer.Argument(help="Stack of a white plane under fringes and Gray code.")
     ],
-    period: Annotated[float, typer.Option(help="Period of the fringe, projector px.")],
-    camera: Annotated[str, typer.Option(help="Name of the camera.")],
-    projector: Annotated[str, typer.Option(help="Name of the projector.")],
     out: Annotated[Path, typer.Option("--out", help="Response file to write (TOML).")],
-    shifts_deg: Annotated[
-        str, typer.Option(help="Phase of every frame; equal steps from 0 by default.")
-    ] = "",
-    pattern_exponent: Annotated[
-        float, typer.Option(help="Exponent of the patterns that were sent.")
-    ] = 1.0,
+    plan_path: Annotated[
+        Path | None, typer.Option("--plan", help="Plan file, where it is not in the folder.")
+    ] = None,
+    number: Annotated[
+        int, typer.Option("--set", help="Which set of steps of the plan, from 1.")
+    ] = 1,
+    camera: Annotated[str | None, typer.Option(help="Name of the camera.")] = None,
+    projector: Annotated[str | None, typer.Option(help="Name of the projector.")] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Measure the response of a camera and projector, for --response of other commands."""
-    if not period > 0:
-        raise InputError(f"--period: expected > 0 px, got {period}")
-    images = [read_frame(path)[0] for path in frames]
-    sizes = {image.shape for image in images}
-    if len(sizes) != 1:
-        raise InputError(f"frames: expected equal sizes, got {sorted(sizes)}")
-    decoded = read_frame(coordinate)[0].astype(float)
-    if decoded.shape not in sizes:
-        raise InputError(f"coordinate: expected shape {images[0].shape}, got {decoded.shape}")
-    ideal = 2.0 * np.pi / period * smooth_coordinate(decoded, np.isfinite(decoded))
-    shifts = np.radians(list_of(float, shifts_deg, "shifts-deg")).tolist() if shifts_deg else None
+    loaded = read_stack(stack, plan_path)
+    names = {"camera": camera or loaded.camera, "projector": projector or loaded.projector}
+    for name, value in names.items():
+        if not value:
+            raise InputError(f"--{name}: expected a name, got none here nor in the capture")
+    sets = [(k, b) for k, b in loaded.plan.placed if isinstance(b, PhaseSteps)]
+    if not 1 <= number <= len(sets):
+        raise InputError(f"--set: expected 1 to {len(sets)} sets of steps, got {number}")
+    first, steps = sets[number - 1]
+    coordinate = _code_coordinate(loaded, steps)
     found = measure_response(
-        np.stack(images),
-        ideal,
-        camera=camera,
-        projector=projector,
-        shifts_rad=shifts,
-        pattern_exponent=pattern_exponent,
+        np.stack(loaded.frames[first : first + steps.frames]),
+        2.0 * np.pi / steps.period_px * smooth_coordinate(coordinate, np.isfinite(coordinate)),
+        camera=names["camera"] or "",
+        projector=names["projector"] or "",
+        shifts_rad=steps.shifts_rad,
+        pattern_exponent=1.0 / loaded.plan.gamma,
     )
     write_response(out, found)
     figures = {"gamma": found.gamma, "steps": found.steps, "residual_rad": found.residual_rad}
@@ -60,3 +59,19 @@ def response(
     if str(json_file) != "-":
         typer.echo(f"γ = {found.gamma:.3f}; the table leaves {found.residual_rad:.4f} rad rms")
         typer.echo(f"wrote {out}")
+
+
+def _code_coordinate(stack: Stack, steps: PhaseSteps) -> FloatMap:
+    """The coordinate that the Gray code tells by itself: it does not depend on intensities."""
+    plan = stack.plan
+    if plan.code(steps.axis) is None:
+        raise InputError(f"plan: expected a Gray code along {steps.axis}, got none")
+    kept = [
+        (first, block)
+        for first, block in plan.placed
+        if isinstance(block, Level) or (isinstance(block, GrayCode) and block.axis == steps.axis)
+    ]
+    frames = [stack.frames[k] for first, block in kept for k in range(first, first + block.frames)]
+    alone = PatternPlan(plan.width_px, plan.height_px, tuple(block for _, block in kept))
+    found = decode(frames, alone).maps[steps.axis]
+    return found.coordinate_px.astype(np.float64)

@@ -41,7 +41,12 @@ impl Code {
             Against::Mean => Vec::new(),
         };
         let inside = self.bits.iter().chain(&others).all(|&k| k < frames);
-        check_value("frames of the code", inside, "frames that exist", &self.bits)
+        check_value(
+            "frames of the code",
+            inside,
+            "frames that exist",
+            &self.bits,
+        )
     }
 }
 

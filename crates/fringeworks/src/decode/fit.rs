@@ -17,11 +17,19 @@ pub struct PhaseSet {
     pub frames: Vec<usize>,
     /// 1 / period, turns per projector px.
     pub frequency: f32,
-    /// Phase errors to take off, turns, at the middles of equal bins from −½ on; or empty.
-    pub table: Vec<f32>,
+    /// Phase errors to take off.
+    pub table: Table,
     cos: Vec<f32>,
     sin: Vec<f32>,
     full: Solver,
+}
+
+/// Phase errors of a response, turns, at the middles of equal bins from −½ on: one row of
+/// [`TABLE`] for each level of brightness A + B (rising, counts); or empty.
+#[derive(Clone, Default)]
+pub struct Table {
+    pub turns: Vec<f32>,
+    pub brightness: Vec<f32>,
 }
 
 /// The inverse of the normal equations, and what it makes of noise.
@@ -55,7 +63,7 @@ impl PhaseSet {
         Ok(Self {
             frames,
             frequency: (1.0 / period) as f32,
-            table: Vec::new(),
+            table: Table::default(),
             cos: shifts.iter().map(|d| d.cos() as f32).collect(),
             sin: shifts.iter().map(|d| d.sin() as f32).collect(),
             full,
@@ -65,8 +73,8 @@ impl PhaseSet {
     pub(super) fn check(&self, frames: usize) -> Result<(), Error> {
         let inside = self.frames.iter().all(|&k| k < frames);
         check_value("frames of a set", inside, "frames that exist", &self.frames)?;
-        let n = self.table.len();
-        check_value("table", n == 0 || n == TABLE, "256 entries", n)
+        let levels = self.table.brightness.len();
+        check_length("table", self.table.turns.len(), levels * TABLE)
     }
 
     pub fn steps(&self) -> usize {
@@ -97,7 +105,7 @@ fn inverse(kept: u64, cos: impl Fn(usize) -> f64, sin: impl Fn(usize) -> f64) ->
     let determinant = (0..3).map(|j| g[0][j] * minor(0, j)).sum::<f64>();
     // Equal steps have N · N/2 · N/2.
     let equal = g[0][0].powi(3) / 4.0;
-    if !(determinant > MIN_DETERMINANT * equal) {
+    if determinant <= MIN_DETERMINANT * equal {
         return None;
     }
     let mut out = [[0.0; 3]; 3];
@@ -273,7 +281,8 @@ impl<T: Sample> Source for Frames<'_, T> {
         for (k, &frame) in set.frames.iter().enumerate() {
             let value = self.planes[frame][pixel].value();
             // NaN is kept: it shall show.
-            if !(value >= limit) {
+            let above = value >= limit;
+            if !above {
                 let (c, s) = set.phasor(k);
                 kept |= 1 << k;
                 sums = [sums[0] + value, sums[1] + value * c, sums[2] + value * s];
@@ -319,8 +328,8 @@ pub fn fit<S: Source>(source: &S, plan: &Plan, index: usize, at: Range<usize>, o
     if several {
         refit(source, plan, index, at, out);
     }
-    if !set.table.is_empty() {
-        correct(&set.table, &mut out.turns);
+    if !set.table.brightness.is_empty() {
+        correct(&set.table, out);
     }
 }
 
@@ -463,18 +472,37 @@ fn refit<S: Source>(source: &S, plan: &Plan, index: usize, at: Range<usize>, out
     }
 }
 
-/// Take the table's error off, by linear interpolation.
+/// Take the table's error off, by linear interpolation in phase and brightness.
 #[inline(always)]
-fn correct(table: &[f32], turns: &mut Line) {
-    let Ok(table) = <&[f32; TABLE]>::try_from(table) else {
-        return;
-    };
-    for t in turns {
-        let at = (*t + 0.5) * TABLE as f32 - 0.5;
+fn correct(table: &Table, out: &mut Fitted) {
+    let levels = &table.brightness;
+    for i in 0..BLOCK {
+        let t = out.turns[i];
+        if t.is_nan() {
+            continue;
+        }
+        let brightness = out.background[i] + out.power[i].sqrt();
+        let above = levels
+            .iter()
+            .take_while(|&&level| level < brightness)
+            .count();
+        let (low, high) = (above.saturating_sub(1), above.min(levels.len() - 1));
+        let width = levels[high] - levels[low];
+        let part = if width > 0.0 {
+            (brightness - levels[low]) / width
+        } else {
+            0.0
+        };
+        let at = (t + 0.5) * TABLE as f32 - 0.5;
         let left = at.floor();
-        let k = left as i32 as usize;
-        let (a, b) = (table[k % TABLE], table[k.wrapping_add(1) % TABLE]);
-        *t -= a + (at - left) * (b - a);
+        let share = at - left;
+        let k = (left as i32).rem_euclid(TABLE as i32) as usize;
+        let row = |level: usize| {
+            let row = &table.turns[level * TABLE..(level + 1) * TABLE];
+            row[k] + share * (row[(k + 1) % TABLE] - row[k])
+        };
+        let (a, b) = (row(low), row(high));
+        out.turns[i] = t - (a + part * (b - a));
     }
 }
 

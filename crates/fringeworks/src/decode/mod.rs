@@ -18,7 +18,7 @@ use crate::{check_length, check_value, Error};
 use rayon::prelude::*;
 
 pub use code::{Against, Code};
-pub use fit::{PhaseSet, TABLE};
+pub use fit::{PhaseSet, Table, TABLE};
 pub use orders::{Chain, Limits, Noise};
 
 /// Pixels that are worked on together; the arrays of a block stay in the first cache.
@@ -275,7 +275,13 @@ fn band<S: Source>(task: Task<'_, S>) {
     let (mut rest, mut done) = (task.out, 0);
     while done < n {
         let (block, after) = rest.split(BLOCK.min(n - done));
-        orders::block(task.source, task.plan, task.start + done, block, task.scratch);
+        orders::block(
+            task.source,
+            task.plan,
+            task.start + done,
+            block,
+            task.scratch,
+        );
         rest = after;
         done += BLOCK;
     }

@@ -34,7 +34,11 @@ impl Chain {
         let n = self.frequencies.len();
         check_value("chain", sets == 0 || n > 0, "a combination", n)?;
         check_length("combinations", self.combinations.len(), n * sets)?;
-        check_length("amplification", self.amplification.len(), self.room.len() * sets)?;
+        check_length(
+            "amplification",
+            self.amplification.len(),
+            self.room.len() * sets,
+        )?;
         let positive = self.frequencies.iter().all(|&g| g > 0.0);
         check_value("frequencies", positive, "> 0", &self.frequencies)?;
         check_value("range", self.half > 0.0, "> 0", self.half)?;
@@ -155,7 +159,9 @@ fn wrap(v: f32) -> f32 {
 /// A few pixels' worth of an array of the block.
 #[inline(always)]
 fn part(line: &Line, start: usize) -> &Lanes {
-    line[start..].first_chunk().expect("a whole number of lanes")
+    line[start..]
+        .first_chunk()
+        .expect("a whole number of lanes")
 }
 
 /// Coordinate of a few pixels by the chain of roundings, their variance, and whether they stand.
@@ -204,7 +210,14 @@ fn resolve(plan: &Plan, start: usize, scratch: &mut Scratch) {
         variance[i] = inverse * plan.noise.scale;
         disagreement[i] = square[i] - shift * pull[i];
     }
-    let stands = judge(plan, start, scratch, (&mut x, &begin), &variance, &disagreement);
+    let stands = judge(
+        plan,
+        start,
+        scratch,
+        (&mut x, &begin),
+        &variance,
+        &disagreement,
+    );
     let reasons = &mut scratch.reason[start..start + LANES];
     for i in 0..LANES {
         let ok = weak[i] == u32::from(reason::OK) && stands[i] == 0;
@@ -232,7 +245,8 @@ fn phase_noise(plan: &Plan, start: usize, scratch: &mut Scratch) -> [u32; LANES]
         for i in 0..LANES {
             let unit = precision[i];
             let q = unit / plan.noise.variance(level[i]);
-            weak[i] += u32::from(!(q >= least));
+            let strong = q >= least;
+            weak[i] += u32::from(!strong);
             lost[i] |= u32::from(unit == UNDETERMINED);
             // B is taken from noisy data, and a weak fringe's phase is not normal: the variance
             // 1/q is short by 1/q² for either reason by half.
@@ -243,14 +257,33 @@ fn phase_noise(plan: &Plan, start: usize, scratch: &mut Scratch) -> [u32; LANES]
         }
     }
     let all = scratch.sets.len() as u32;
-    let (background, modulation) = (part(&scratch.background, start), part(&scratch.modulation, start));
+    let (background, modulation) = (
+        part(&scratch.background, start),
+        part(&scratch.modulation, start),
+    );
     let mut found = [0u32; LANES];
     for i in 0..LANES {
         let faint = modulation[i] < plan.limits.min_modulation || weak[i] > 0;
-        let dark = if weak[i] == all { reason::SHADOW } else { reason::LOW_MODULATION };
-        let kind = if faint { u32::from(dark) } else { u32::from(reason::OK) };
-        let kind = if background[i].is_finite() { kind } else { u32::from(reason::MASKED) };
-        found[i] = if lost[i] > 0 { u32::from(reason::SATURATED) } else { kind };
+        let dark = if weak[i] == all {
+            reason::SHADOW
+        } else {
+            reason::LOW_MODULATION
+        };
+        let kind = if faint {
+            u32::from(dark)
+        } else {
+            u32::from(reason::OK)
+        };
+        let kind = if background[i].is_finite() {
+            kind
+        } else {
+            u32::from(reason::MASKED)
+        };
+        found[i] = if lost[i] > 0 {
+            u32::from(reason::SATURATED)
+        } else {
+            kind
+        };
     }
     found
 }
@@ -277,7 +310,8 @@ fn judge(
             }
         }
         for i in 0..LANES {
-            wrong[i] |= u32::from(!(error[i] <= room));
+            let fits = error[i] <= room;
+            wrong[i] |= u32::from(!fits);
         }
     }
     let allowed = limits.max_disagreement * plan.noise.scale;
@@ -285,8 +319,16 @@ fn judge(
     let periodic = chain.repeats.is_finite() && !coded;
     let turn = if periodic { 1.0 / chain.repeats } else { 0.0 };
     let repeats = if periodic { chain.repeats } else { 0.0 };
-    let seam = if periodic { 0.5 * chain.repeats } else { f32::INFINITY };
-    let reach = if coded { chain.code_reach } else { f32::INFINITY };
+    let seam = if periodic {
+        0.5 * chain.repeats
+    } else {
+        f32::INFINITY
+    };
+    let reach = if coded {
+        chain.code_reach
+    } else {
+        f32::INFINITY
+    };
     let everywhere = u32::from(!chain.circular);
     for i in 0..LANES {
         x[i] -= repeats * nearest((x[i] - chain.middle) * turn);
@@ -331,7 +373,10 @@ fn code_alone(plan: &Plan, scratch: &mut Scratch) {
 fn write(n: usize, out: Outputs, scratch: &Scratch) {
     let variance = &scratch.variance[..n];
     let results = out.coordinate.iter_mut().zip(out.sigma.iter_mut());
-    let found = scratch.coordinate[..n].iter().zip(variance).zip(&scratch.reason[..n]);
+    let found = scratch.coordinate[..n]
+        .iter()
+        .zip(variance)
+        .zip(&scratch.reason[..n]);
     for ((coordinate, sigma), ((&x, &v), &reason)) in results.zip(found) {
         let ok = reason == u32::from(reason::OK);
         *coordinate = if ok { x } else { f32::NAN };

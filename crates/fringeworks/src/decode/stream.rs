@@ -48,12 +48,12 @@ impl SetSums {
                 for i in 0..frame.len() {
                     let v = frame[i].value();
                     // NaN is kept: it shall show.
-                    let below = !(v >= saturation);
-                    let counted = if below { v } else { 0.0 };
+                    let above = v >= saturation;
+                    let counted = if above { 0.0 } else { v };
                     plain[i] += counted;
                     cos[i] += counted * c;
                     sin[i] += counted * s;
-                    kept[i] |= u64::from(below) << step;
+                    kept[i] |= u64::from(!above) << step;
                 }
             });
         Ok(())

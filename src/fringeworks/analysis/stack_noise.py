@@ -1,0 +1,169 @@
+"""The noise of a camera, from a sample of a stack's pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.analysis.kernel import Decoding, Limits
+from fringeworks.noise import noise_of_residuals, noise_variance, residual_variance
+from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
+
+MIN_PIXELS = 200
+"""Pixels that a judgement about the whole stack needs."""
+CLIPPED = 3.0
+"""Distance from the sensor's limits, in standard deviations, within which noise is cut off."""
+
+
+def phase_samples(sample: Sequence[NDArray[Any]], decoding: Decoding) -> FloatMap:
+    """Samples of the phase frames, (frames, n), float; the sets one after the other."""
+    frames = [k for phases in decoding.sets for k in phases.frames]
+    if not frames:
+        return np.empty((0, sample[0].size))
+    return np.stack([sample[k][0].astype(np.float64) for k in frames])
+
+
+def set_parts(decoding: Decoding) -> list[slice]:
+    ends = np.cumsum([len(phases.frames) for phases in decoding.sets])
+    return [
+        slice(int(end) - len(s.frames), int(end))
+        for s, end in zip(decoding.sets, ends, strict=True)
+    ]
+
+
+def usable(values: FloatMap, limits: Limits) -> BoolMap:
+    """Pixels that are finite and nowhere at the sensor's limit, but all where those are few."""
+    finite = np.asarray(np.isfinite(values).all(axis=0))
+    inner = finite & (values < limits.saturation).all(axis=0)
+    return inner if inner.sum() >= MIN_PIXELS else finite
+
+
+def solve(values: FloatMap, shifts: Sequence[float]) -> tuple[FloatMap, FloatMap]:
+    """Background, c and s of one set, and the sum of squares that they leave."""
+    design = np.column_stack((np.ones(len(shifts)), np.cos(shifts), np.sin(shifts)))
+    found = np.linalg.pinv(design) @ values
+    left = values - design @ found
+    return found, np.sum(left**2, axis=0)
+
+
+def measure_noise(
+    decodings: dict[Axis, Decoding],
+    values: dict[Axis, FloatMap],
+    limits: Limits,
+    patch: Sequence[FloatMap],
+) -> tuple[CameraNoise, str]:
+    """Noise from the residuals of the fits; else from how backgrounds differ; else from texture."""
+    for axis, decoding in decodings.items():
+        found = _residual_noise(decoding, values[axis], limits)
+        if found is not None:
+            return found, "the residuals of the fits"
+    for axis, decoding in decodings.items():
+        found = _background_noise(decoding, values[axis], limits)
+        if found is not None:
+            return found, "the backgrounds of the sets"
+    texture = [noise_variance(frame, np.isfinite(frame)) for frame in patch]
+    return CameraNoise(float(np.sqrt(np.mean(texture))) if texture else 0.0), "the frames' texture"
+
+
+def _residual_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> CameraNoise | None:
+    """Noise from what the fits of four and more steps leave; None where there are none.
+
+    Samples near the sensor's limits have less noise than others, and those that noise kept off the
+    limits more light than they should: samples are chosen by the fitted light, and left out of
+    the fit, not by their own value.
+    """
+    rich = [
+        (part, phases)
+        for part, phases in zip(set_parts(decoding), decoding.sets, strict=True)
+        if len(phases.frames) > 3
+    ]
+    if not rich:
+        return None
+    finite = np.isfinite(values).all(axis=0)
+    if finite.sum() < MIN_PIXELS:
+        return None
+    data = values[:, finite]
+    levels, squares, freedoms = [], [], []
+    for part, phases in rich:
+        found, left = solve(data[part], phases.shifts_rad)
+        count = np.full(left.shape, len(phases.frames))
+        rough = residual_variance(left, len(phases.frames) - 3) ** 0.5
+        inside = _inside(data[part], phases.shifts_rad, found, limits, CLIPPED * rough)
+        if not inside.all():
+            left, count = _solve_some(data[part], phases.shifts_rad, inside)
+        levels.append(found[0])
+        squares.append(left)
+        freedoms.append(count - 3)
+    freedom = np.concatenate(freedoms)
+    usual = np.bincount(np.maximum(freedom, 0))[1:]
+    if usual.size == 0 or usual.max() < MIN_PIXELS:
+        return None
+    most = int(np.argmax(usual * np.arange(1, usual.size + 1))) + 1
+    chosen = freedom == most
+    level, square = np.concatenate(levels)[chosen], np.concatenate(squares)[chosen]
+    return noise_of_residuals(level, square, most)
+
+
+def _inside(
+    values: FloatMap,
+    shifts: Sequence[float],
+    found: FloatMap,
+    limits: Limits,
+    margin: float,
+) -> NDArray[np.bool_]:
+    """Samples whose fitted light is away from both ends of the sensor's range."""
+    if not np.isfinite(limits.saturation) or (
+        values.min() > 0 and values.max() < limits.saturation
+    ):
+        return np.ones(values.shape, bool)
+    design = np.column_stack((np.ones(len(shifts)), np.cos(shifts), np.sin(shifts)))
+    light = design @ found
+    return np.asarray((light > margin) & (light < limits.saturation - margin))
+
+
+def _solve_some(
+    values: FloatMap, shifts: Sequence[float], inside: NDArray[np.bool_]
+) -> tuple[FloatMap, NDArray[np.intp]]:
+    """Sum of squares that fits of some samples of every pixel leave, and how many those were."""
+    design = np.column_stack((np.ones(len(shifts)), np.cos(shifts), np.sin(shifts)))
+    count = inside.sum(axis=0)
+    weight = np.where(count > 3, inside, True).astype(float)
+    normal = np.einsum("ns,ni,nj->sij", weight, design, design)
+    right = np.einsum("ns,ni->si", weight * values, design)
+    known = np.linalg.cond(normal) < 1e6
+    normal[~known] = np.eye(3)
+    fitted = design @ np.linalg.solve(normal, right[..., None])[..., 0].T
+    left = np.sum(weight * (values - fitted) ** 2, axis=0)
+    return left, np.where(known, count, 0)
+
+
+def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> CameraNoise | None:
+    """Noise from how the backgrounds of several sets differ."""
+    if len(decoding.sets) < 2:
+        return None
+    finite = np.isfinite(values).all(axis=0)
+    data = values[:, finite]
+    parts = set_parts(decoding)
+    fits = [solve(data[p], s.shifts_rad)[0] for p, s in zip(parts, decoding.sets, strict=True)]
+    steps = np.array([len(s.frames) for s in decoding.sets], float)[:, None]
+    chosen = np.ones(data.shape[1], bool)
+    for _ in range(2):
+        if chosen.sum() < MIN_PIXELS:
+            return None
+        stack = np.stack([f[0] for f in fits])[:, chosen]
+        mean = np.sum(steps * stack, axis=0) / steps.sum()
+        square = np.sum(steps * (stack - mean) ** 2, axis=0)
+        found = noise_of_residuals(mean, square, len(fits) - 1)
+        rough = residual_variance(square, len(fits) - 1) ** 0.5
+        inside = [
+            _inside(data[p], s.shifts_rad, f, limits, CLIPPED * rough).all(axis=0)
+            for p, s, f in zip(parts, decoding.sets, fits, strict=True)
+        ]
+        inner = np.logical_and.reduce(inside)
+        if inner.all() or inner.sum() < MIN_PIXELS:
+            break
+        chosen = inner
+    return found

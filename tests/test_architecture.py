@@ -18,11 +18,16 @@ MODULES = sorted(SOURCE.rglob("*.py"))
 # Lower layers may not import higher ones.
 LAYERS = [
     {"types", "_core"},
+    {"response_table"},
+    {"temporal"},
+    {"patterns"},
+    {"planner"},
     {"noise", "carrier", "response", "unwrap", "geometry", "fits", "surface"},
     {"denoise"},
     {"analysis", "simulate", "files"},
     {"capture", "formats", "figures"},
-    {"response_file"},
+    {"response_file", "plan_file", "coordinate_file"},
+    {"stack_file"},
     {"pipeline"},
     {"evaluate"},
     {"paper", "demo", "matrix"},
@@ -30,6 +35,7 @@ LAYERS = [
 ]
 # Below the pipeline nothing may touch files or screens, but for the modules made for that.
 WITH_FILES = {"files", "capture", "formats", "figures", "response_file"}
+WITH_FILES |= {"plan_file", "coordinate_file", "stack_file"}
 OUTER = {"PIL", "tifffile", "h5py", "matplotlib", "rich", "typer", "pydantic", "tomli_w", "pathlib"}
 
 

@@ -16,11 +16,11 @@ from fringeworks.response import (
     linearise,
     measure_response,
     phase_of_steps,
-    phase_table,
     predistort,
     smooth_coordinate,
 )
 from fringeworks.response_file import read_response, write_response
+from fringeworks.response_table import phase_table
 from tests.conftest import scene
 
 PERIOD = 60.0

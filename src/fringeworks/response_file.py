@@ -11,7 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from fringeworks.capture import read_toml
 from fringeworks.files import write_text
-from fringeworks.response import BINS, Response
+from fringeworks.response import Response
+from fringeworks.response_table import BINS
 from fringeworks.types import InputError
 
 

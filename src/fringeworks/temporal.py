@@ -163,7 +163,7 @@ def order_chain(
     rows, room = _roundings(cells[path], g[path], room_of_start[path[0]], frequency)
     if code_step_px is None:
         rows, room = rows[1:], room[1:]
-    used = np.abs(rows).sum(axis=1) > 0
+    used = _binding(rows, room)
     return OrderChain(
         periods_px=tuple(float(p) for p in periods_px),
         low_px=low,
@@ -174,6 +174,18 @@ def order_chain(
         room=room[used],
         code_px=code,
     )
+
+
+def _binding(rows: NDArray[np.float64], room: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Roundings that are not safe already whenever another one is."""
+    load = np.abs(rows) / room[:, None]
+    kept = np.abs(rows).sum(axis=1) > 0
+    for k in range(len(rows)):
+        others = kept.copy()
+        others[k] = False
+        if kept[k] and np.any(np.all(load[others] >= load[k], axis=1)):
+            kept[k] = False
+    return kept
 
 
 def _list(periods_px: Sequence[float]) -> str:

@@ -10,7 +10,8 @@ import numpy as np
 from fringeworks import _core
 from fringeworks.noise import chi_square_quantile
 from fringeworks.patterns import GrayCode, PatternPlan
-from fringeworks.response import BINS, Response
+from fringeworks.response import Response
+from fringeworks.response_table import BINS
 from fringeworks.temporal import TURN, OrderChain
 from fringeworks.types import Axis, CameraNoise, InputError
 

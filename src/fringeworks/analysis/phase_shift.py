@@ -84,8 +84,8 @@ def decode(
     orders by the plan's chain (``temporal.order_chain``), the coordinate as the inverse-variance
     mean of all sets. σ comes from the camera's noise, B and the number of steps,
     σ_φ² = (2/N) σ²/B² for equal ones (theory §5, §9); where the sets disagree by more than their
-    noise, it is raised by that. A rounding without five standard deviations of room, or sets that disagree, make a pixel
-    NaN with ``order_ambiguous``.
+    noise, it is raised by that. A rounding without five standard deviations of room, or sets that
+    disagree, make a pixel NaN with ``order_ambiguous``.
     """
     planes = check_frames(frames, plan)
     rows = sampled_rows(planes[0].shape)

@@ -33,6 +33,9 @@ CHANCE = 0.3
 """Share of the disagreement of unrelated phases above which the order of the frames is wrong."""
 EXPLAINED = 0.25
 """A swap of two frames is named where it leaves less than this of the misfit."""
+ALIKE = 1.5
+"""Swaps that leave up to this many times the misfit of the best one are named with it."""
+MAX_NAMED = 4
 ROUGH = 0.004
 """Residual variance over B² above which swapped frames are looked for."""
 MAX_SWAP_FRAMES = 24
@@ -161,12 +164,10 @@ def _refuse_swapped_in_sets(
     ]
     if before / freedom < ROUGH * float(np.mean(power)):
         return
-    swap, after = min(
-        ((pair, misfit(_swapped(plain, pair))) for pair in combinations(range(len(data)), 2)),
-        key=lambda item: item[1],
-    )
-    if after < EXPLAINED * before:
-        _refuse_swap(decoding, plan, swap, "their residuals")
+    pairs = list(combinations(range(len(data)), 2))
+    after = np.array([misfit(_swapped(plain, pair)) for pair in pairs])
+    if after.min() < EXPLAINED * before:
+        _refuse_swap(decoding, plan, _alike(pairs, after), "their residuals")
 
 
 def _swapped(order: NDArray[np.intp], pair: tuple[int, int]) -> NDArray[np.intp]:
@@ -175,13 +176,24 @@ def _swapped(order: NDArray[np.intp], pair: tuple[int, int]) -> NDArray[np.intp]
     return out
 
 
-def _refuse_swap(decoding: Decoding, plan: PatternPlan, pair: tuple[int, int], why: str) -> None:
+def _alike(pairs: list[tuple[int, int]], misfit: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Pairs whose swap explains the frames as well as the best one's, which comes first."""
+    order = np.argsort(misfit)
+    return [pairs[k] for k in order if misfit[k] <= ALIKE * misfit[order[0]]][:MAX_NAMED]
+
+
+def _refuse_swap(
+    decoding: Decoding, plan: PatternPlan, pairs: list[tuple[int, int]], why: str
+) -> None:
     frames = [k for phases in decoding.sets for k in phases.frames]
-    first, second = (frames[k] for k in pair)
     labels = plan.labels()
+    named = [
+        f"{frames[first]} and {frames[second]} ({labels[frames[first]]}, {labels[frames[second]]})"
+        for first, second in sorted(pairs)
+    ]
     raise InputError(
-        f"frames {first} ({labels[first]}) and {second} ({labels[second]}) seem to be swapped: "
-        f"{why} say so; expected the order of the plan"
+        f"frames {' or '.join(named)} seem to be swapped: {why} say so; expected the order of the "
+        "plan"
     )
 
 
@@ -281,14 +293,14 @@ def _explain(
     if count <= MAX_SWAP_FRAMES:
         step = max(1, planes[0].size // SWAP_PIXELS)
         few = [np.ascontiguousarray(plane[:, ::step]) for plane in planes]
-        best, least = (0, 1), np.inf
-        for pair in combinations(range(count), 2):
+        pairs = list(combinations(range(count), 2))
+        after = np.full(len(pairs), np.inf)
+        for k, pair in enumerate(pairs):
             places = _swapped(np.arange(len(few)), pair)
-            found = _score(decoding, [few[k] for k in places], noise, limits)
-            if found is not None and found < least:
-                best, least = pair, found
-        if least < EXPLAINED * score:
-            _refuse_swap(decoding, plan, best, "the fringe orders")
+            found = _score(decoding, [few[p] for p in places], noise, limits)
+            after[k] = np.inf if found is None else found
+        if after.min() < EXPLAINED * score:
+            _refuse_swap(decoding, plan, _alike(pairs, after), "the fringe orders")
     raise InputError(
         f"frames along {decoding.axis}: fringe orders contradict each other all over the image "
         f"({score**0.5:.0f} times the noise): expected the frames in the order of the plan, with "

@@ -14,6 +14,10 @@ from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
 
 MIN_PIXELS = 200
 """Pixels that a judgement about the whole stack needs."""
+MAX_RESIDUALS = 16_000
+"""Residuals, about, that the noise is taken from: its error is half a percent."""
+TEXTURE = 4.0
+"""Variance over that of the texture above which backgrounds differ by more than noise."""
 CLIPPED = 3.0
 """Distance from the sensor's limits, in standard deviations, within which noise is cut off."""
 
@@ -60,12 +64,18 @@ def measure_noise(
         found = _residual_noise(decoding, values[axis], limits)
         if found is not None:
             return found, "the residuals of the fits"
+    texture = [noise_variance(frame, np.asarray(np.isfinite(frame))) for frame in patch]
+    plain = CameraNoise(float(np.sqrt(np.mean(texture))) if texture else 0.0)
     for axis, decoding in decodings.items():
         found = _background_noise(decoding, values[axis], limits)
-        if found is not None:
-            return found, "the backgrounds of the sets"
-    texture = [noise_variance(frame, np.isfinite(frame)) for frame in patch]
-    return CameraNoise(float(np.sqrt(np.mean(texture))) if texture else 0.0), "the frames' texture"
+        if found is None:
+            continue
+        level = max(float(np.mean(values[axis])), 0.0)
+        variance = found.read_counts**2 + found.gain * level
+        if texture and variance > TEXTURE * max(plain.read_counts**2, 1.0 / 12.0):
+            return plain, "the frames' texture: backgrounds of the sets differ by more"
+        return found, "the backgrounds of the sets"
+    return plain, "the frames' texture"
 
 
 def _residual_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> CameraNoise | None:
@@ -85,12 +95,13 @@ def _residual_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> Cam
     finite = np.isfinite(values).all(axis=0)
     if finite.sum() < MIN_PIXELS:
         return None
-    data = values[:, finite]
+    data = values if finite.all() else values[:, finite]
+    data = data[:, :: max(1, data.shape[1] * len(rich) // MAX_RESIDUALS)]
     levels, squares, freedoms = [], [], []
     for part, phases in rich:
         found, left = solve(data[part], phases.shifts_rad)
         count = np.full(left.shape, len(phases.frames))
-        rough = residual_variance(left, len(phases.frames) - 3) ** 0.5
+        rough = residual_variance(left[::4], len(phases.frames) - 3) ** 0.5
         inside = _inside(data[part], phases.shifts_rad, found, limits, CLIPPED * rough)
         if not inside.all():
             left, count = _solve_some(data[part], phases.shifts_rad, inside)
@@ -129,15 +140,20 @@ def _solve_some(
 ) -> tuple[FloatMap, NDArray[np.intp]]:
     """Sum of squares that fits of some samples of every pixel leave, and how many those were."""
     design = np.column_stack((np.ones(len(shifts)), np.cos(shifts), np.sin(shifts)))
-    count = inside.sum(axis=0)
-    weight = np.where(count > 3, inside, True).astype(float)
-    normal = np.einsum("ns,ni,nj->sij", weight, design, design)
-    right = np.einsum("ns,ni->si", weight * values, design)
-    known = np.linalg.cond(normal) < 1e6
-    normal[~known] = np.eye(3)
-    fitted = design @ np.linalg.solve(normal, right[..., None])[..., 0].T
-    left = np.sum(weight * (values - fitted) ** 2, axis=0)
-    return left, np.where(known, count, 0)
+    count = np.where(inside.sum(axis=0) > 3, inside.sum(axis=0), 0)
+    left = np.zeros(values.shape[1])
+    # Pixels that lack the same samples share a fit.
+    bits = np.int64(1) << np.arange(len(shifts), dtype=np.int64)
+    _, first, group = np.unique(bits @ inside, return_index=True, return_inverse=True)
+    for k, place in enumerate(first):
+        pattern = inside[:, place]
+        some = design[pattern]
+        if pattern.sum() <= 3 or np.linalg.cond(some) > 1e3:
+            count[group == k] = 0
+            continue
+        data = values[pattern][:, group == k]
+        left[group == k] = np.sum((data - some @ (np.linalg.pinv(some) @ data)) ** 2, axis=0)
+    return left, count
 
 
 def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> CameraNoise | None:

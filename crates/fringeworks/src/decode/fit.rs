@@ -313,16 +313,22 @@ pub fn lanes<T: Copy + Default>(plane: &[T], at: usize) -> [T; LANES] {
 #[inline(always)]
 pub fn fit<S: Source>(source: &S, plan: &Plan, index: usize, at: Range<usize>, out: &mut Fitted) {
     let (set, limit) = (&plan.sets[index], plan.limits.saturation);
-    let mut several = false;
+    // Where one few pixels hold a sample at the limit, the next are likely to as well.
+    let (mut several, mut expected) = (false, false);
     for (k, start) in at.clone().step_by(LANES).enumerate() {
-        let (sums, above) = source.sums(index, set, start, limit);
-        if above {
-            let (sums, left_out) = source.sums_below(index, set, start, limit);
-            several |= fit_without(set, sums, &left_out, k * LANES, out);
+        let plain = if expected {
+            None
         } else {
+            Some(source.sums(index, set, start, limit))
+        };
+        if let Some((sums, false)) = plain {
             let amplitudes = solve(set, &sums);
             let precision = precision(set, &amplitudes);
             store(set, &amplitudes, &precision, k * LANES, out);
+        } else {
+            let (sums, left_out) = source.sums_below(index, set, start, limit);
+            let (some, more) = fit_without(set, sums, &left_out, k * LANES, out);
+            (expected, several) = (some, several || more);
         }
     }
     if several {
@@ -374,8 +380,8 @@ fn precision(set: &PhaseSet, Sums { cos, sin, .. }: &Sums) -> Lanes {
     out
 }
 
-/// The fit without the sample at the limit, where there is one at most; true where a pixel of the
-/// few has to be fitted by itself.
+/// The fit without the sample at the limit, where there is one at most. Says whether there were any,
+/// and whether some pixel has to be fitted by itself.
 ///
 /// Equal steps have the leverage 3/N each, so that leaving one out of N is a short update: its
 /// residual r shifts the amplitudes by r / (N − 3) times (1, 2 cos δ, 2 sin δ).
@@ -386,7 +392,7 @@ fn fit_without(
     left_out: &LeftOut,
     start: usize,
     out: &mut Fitted,
-) -> bool {
+) -> (bool, bool) {
     let mut fitted = solve(set, &sums);
     let mut precision = precision(set, &fitted);
     let n = set.steps() as f32;
@@ -407,11 +413,12 @@ fn fit_without(
     }
     store(set, &fitted, &precision, start, out);
     let alone = if simple { 1.0 } else { 0.0 };
-    let mut more = 0;
+    let (mut some, mut more) = (0, 0);
     for i in 0..LANES {
+        some |= u32::from(left_out.count[i] > 0.0);
         more |= u32::from(left_out.count[i] > alone);
     }
-    more > 0
+    (some > 0, more > 0)
 }
 
 /// What the amplitudes say, into the arrays of the block.

@@ -27,7 +27,7 @@ pub(crate) const BLOCK: usize = 1024;
 const BAND: usize = 8 * BLOCK;
 pub(crate) type Line = [f32; BLOCK];
 /// Pixels whose values stay in registers; a divisor of a block.
-pub(crate) const LANES: usize = 32;
+pub(crate) const LANES: usize = 64;
 pub(crate) type Lanes = [f32; LANES];
 
 /// A kind of camera count, and the kernels compiled for it.

@@ -242,9 +242,15 @@ fn phase_noise(plan: &Plan, start: usize, scratch: &mut Scratch) -> [u32; LANES]
     for fitted in &mut scratch.sets {
         let precision: &mut Lanes = fitted.precision[start..].first_chunk_mut().expect("lanes");
         let level: &mut Lanes = fitted.level[start..].first_chunk_mut().expect("lanes");
+        let mut per_noise = [1.0 / plan.noise.read_variance; LANES];
+        if plan.noise.gain > 0.0 {
+            for i in 0..LANES {
+                per_noise[i] = 1.0 / plan.noise.variance(level[i]);
+            }
+        }
         for i in 0..LANES {
             let unit = precision[i];
-            let q = unit / plan.noise.variance(level[i]);
+            let q = unit * per_noise[i];
             let strong = q >= least;
             weak[i] += u32::from(!strong);
             lost[i] |= u32::from(unit == UNDETERMINED);

@@ -1,0 +1,180 @@
+"""Stacks of shifted fringes to absolute coordinates."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from fringes import Fringes
+
+from benchmarks.harness import Result, against, in_turn, peak_mb, work
+from fringeworks import PatternPlan, PhaseSteps, decode
+
+WIDTH, HEIGHT, STEPS = 1920, 1200, 4
+OUTPUTS = (np.float32, np.float32, np.float32, np.float32, np.uint8)
+GROSS_PX = 5.0
+
+
+def peer_of(counts: tuple[int, ...]) -> Fringes:
+    """The peer set to the same plan: x only, as many fringes and steps."""
+    peer = Fringes()
+    peer.X, peer.Y, peer.D, peer.K = WIDTH, HEIGHT, 1, len(counts)
+    peer.v, peer.N = list(counts), [STEPS] * len(counts)
+    return peer
+
+
+def plan_of(counts: tuple[int, ...]) -> PatternPlan:
+    """What the peer projects: its steps start at half a turn."""
+    shifts = tuple(np.pi + 2.0 * np.pi * n / STEPS for n in range(STEPS))
+    return PatternPlan(WIDTH, HEIGHT, tuple(PhaseSteps("x", WIDTH / v, shifts) for v in counts))
+
+
+def noisy(peer: Fringes, noise: float) -> np.ndarray:
+    """The peer's own patterns as a camera sees them that looks at the projector's pixels."""
+    patterns = peer.encode()
+    counts = patterns + noise * np.random.default_rng(0).standard_normal(patterns.shape)
+    return np.clip(np.rint(counts), 0, 255).astype(np.uint8)
+
+
+def plain_rms(x: np.ndarray) -> float:
+    """Root mean square error where it is no gross one, px."""
+    off = x - np.arange(WIDTH)
+    return float(np.sqrt(np.mean(off[np.abs(off) < GROSS_PX] ** 2)))
+
+
+def gross(x: np.ndarray) -> int:
+    """Pixels that are off by more than five."""
+    return int(np.sum(np.abs(x - np.arange(WIDTH)) >= GROSS_PX))
+
+
+def against_fringes(counts: tuple[int, ...], limit: float, accuracy: float) -> Result:
+    """Decode the same frames with both; none of ours may be grossly wrong."""
+    peer = peer_of(counts)
+    frames = noisy(peer, 2.0)
+    planes = np.ascontiguousarray(frames[..., 0])
+    plan = plan_of(counts)
+    ours = decode(planes, plan).x.coordinate_px
+    theirs = np.asarray(peer.decode(frames).x).reshape(HEIGHT, WIDTH)
+    label = "/".join(map(str, counts))
+    print(
+        f"    {label}: gross errors {gross(ours)} of ours, {gross(theirs)} of the peer's; "
+        f"{np.mean(np.isnan(ours)):.4%} of ours without a value"
+    )
+    assert gross(ours) == 0
+    return against(
+        f"decode {label} fringes x {STEPS} steps, {WIDTH} x {HEIGHT}",
+        "fringes",
+        version("fringes"),
+        lambda: decode(planes, plan).x.coordinate_px,
+        lambda: np.asarray(peer.decode(frames).x).reshape(HEIGHT, WIDTH),
+        plain_rms,
+        limit_ratio=limit,
+        limit_accuracy=accuracy,
+    )
+
+
+@work
+def decode_hierarchical() -> list[Result]:
+    """1, 8 and 64 fringes against the package ``fringes``, and against streaming the bytes."""
+    return [against_fringes((1, 8, 64), 40.0, 0.075), against_stream((1, 8, 64))]
+
+
+@work
+def decode_heterodyne() -> list[Result]:
+    """59, 64 and 70 fringes against the package ``fringes``."""
+    return [against_fringes((59, 64, 70), 200.0, 0.040)]
+
+
+def against_stream(counts: tuple[int, ...]) -> Result:
+    """Decode, and only read the frames and write as much as the results, on two threads."""
+    planes = list(np.ascontiguousarray(noisy(peer_of(counts), 2.0)[..., 0]))
+    plan = plan_of(counts)
+    with ThreadPoolExecutor(2) as pool:
+        stream = streamer(planes, pool)
+        (ours, theirs), _ = in_turn(lambda: decode(planes, plan), stream, repeats=25)
+    results = sum(np.dtype(kind).itemsize for kind in OUTPUTS) * WIDTH * HEIGHT / 2**20
+    extra = peak_mb(lambda: decode(planes, plan)) - results
+    print(f"    memory beside frames and results: {extra:.1f} MB")
+    assert extra <= 16.0
+    return Result(
+        work="decode 12 frames against streaming their bytes",
+        peer="copy in, fill out, 2 threads",
+        peer_version=version("numpy"),
+        ours_seconds=ours,
+        peer_seconds=theirs,
+        ratio=theirs / ours,
+        limit_seconds=None,
+        limit_ratio=0.5,
+        peak_mb=extra,
+        accuracy=0.0,
+        peer_accuracy=0.0,
+    )
+
+
+def streamer(planes: list[np.ndarray], pool: ThreadPoolExecutor) -> Callable[[], Any]:
+    """Read every frame and write new maps as large as the results, by bands of rows."""
+    rows = 40
+
+    def half(start: int, maps: list[np.ndarray]) -> None:
+        line = np.empty((rows, WIDTH), np.uint8)
+        for top in range(start, start + HEIGHT // 2, rows):
+            for plane in planes:
+                np.copyto(line, plane[top : top + rows])
+            for results in maps:
+                results[top : top + rows] = 1
+
+    def run() -> list[np.ndarray]:
+        maps = [np.empty((HEIGHT, WIDTH), kind) for kind in OUTPUTS]
+        list(pool.map(half, (0, HEIGHT // 2), (maps, maps)))
+        return maps
+
+    return run
+
+
+FIRST = """
+import time, numpy as np, fringeworks as fw
+sets = tuple(fw.PhaseSteps("x", {width} / v, fw.equal_steps(4)) for v in (59, 64, 70))
+plan = fw.PatternPlan({width}, {height}, sets)
+frames = list(fw.encode(plan))
+started = time.perf_counter()
+fw.decode(frames, plan)
+print(time.perf_counter() - started)
+"""
+
+
+@work
+def decode_first_call() -> list[Result]:
+    """The first call after import, in a fresh interpreter."""
+    script = FIRST.format(width=WIDTH, height=HEIGHT)
+    seconds = []
+    for _ in range(3):
+        done = subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, check=True
+        )
+        seconds.append(float(done.stdout))
+    peer = peer_of((59, 64, 70))
+    frames = noisy(peer, 0.0)
+    started = time.perf_counter()
+    peer.decode(frames)
+    warm = time.perf_counter() - started
+    return [
+        Result(
+            work="decode, first call after import",
+            peer="fringes, compiled before",
+            peer_version=version("fringes"),
+            ours_seconds=sorted(seconds)[1],
+            peer_seconds=warm,
+            ratio=warm / sorted(seconds)[1],
+            limit_seconds=0.3,
+            limit_ratio=None,
+            peak_mb=float("nan"),
+            accuracy=0.0,
+            peer_accuracy=0.0,
+        )
+    ]

@@ -59,7 +59,7 @@ def read_coordinates(path: Path) -> Decoded:
     if not path.is_file():
         raise InputError(f"{path}: expected a file of coordinates (.npz), got no such file")
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         read_counts, gain = (float(v) for v in arrays["noise"])
         notes = tuple(str(note) for note in arrays["notes"])

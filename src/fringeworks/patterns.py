@@ -17,7 +17,8 @@ from fringeworks.types import Axis, FloatMap, InputError
 DEPTHS = (8, 10, 12, 16)
 MAX_STEPS = 64
 MAX_CODE_BITS = 24
-BAYER = np.array([[0, 2], [3, 1]])
+LEVELS = 8
+"""Thresholds of the dither."""
 
 
 @dataclass(frozen=True)
@@ -176,7 +177,7 @@ class PatternPlan:
     gamma: float = 1.0
     """Exponent of the response that the patterns are pre-distorted for: v^(1/γ) is sent."""
     dither: bool = False
-    """Whether rounding to the depth is spread over 8 × 8 pixels (ordered dither)."""
+    """Whether rounding to the depth is spread over 8 pixels either way (ordered dither)."""
 
     def __post_init__(self) -> None:
         if self.width_px < 2 or self.height_px < 2:
@@ -318,10 +319,9 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
 
 
 def _thresholds(shape: tuple[int, int]) -> FloatMap:
-    """Ordered dither of Bayer (1973): 64 thresholds, evenly spread in 8 × 8 pixels."""
-    tile = BAYER
-    for _ in range(2):
-        tile = np.kron(np.ones((2, 2), int), 4 * tile) + np.kron(BAYER, np.ones_like(tile))
-    tile = (tile + 0.5) / tile.size
-    rows, columns = -(-shape[0] // 8), -(-shape[1] // 8)
-    return np.tile(tile, (rows, columns))[: shape[0], : shape[1]]
+    """Ordered dither by a Latin square: eight thresholds, evenly spread in every row and column.
+
+    Fringes do not change along one axis: that is where their mean has to be right.
+    """
+    y, x = np.ogrid[: shape[0], : shape[1]]
+    return np.asarray(((5 * y + 3 * x) % LEVELS + 0.5) / LEVELS)

@@ -210,8 +210,9 @@ def _periods(
 ) -> list[float] | None:
     """Periods of a kind with about ``count`` fringes in the finest, the finest first."""
     if kind == "hierarchical":
-        step = count ** (1.0 / (sets - 1))
-        return [span / step ** (sets - 1 - k) for k in range(sets)]
+        # Whole numbers of fringes: all phases repeat where the longest does.
+        step = int(count) ** (1.0 / (sets - 1))
+        return [span / max(1, round(step ** (sets - 1 - k))) for k in range(sets)]
     if kind == "heterodyne":
         return _heterodyne(span, int(count), sets, weights)
     return _whole_periods(span, math.ceil(span / count), sets)

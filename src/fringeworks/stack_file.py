@@ -139,7 +139,7 @@ def _read_file(path: Path) -> Sequence[NDArray[Any]]:
         elif suffix == ".npy":
             stack = np.load(path, mmap_mode="r", allow_pickle=False)
         elif suffix == ".npz":
-            with np.load(path, allow_pickle=False) as archive:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
                 names = archive.files
                 if "frames" not in names:
                     got = ", ".join(names) or "nothing"

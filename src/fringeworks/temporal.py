@@ -179,7 +179,7 @@ def order_chain(
 def _binding(rows: NDArray[np.float64], room: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Roundings that are not safe already whenever another one is."""
     load = np.abs(rows) / room[:, None]
-    kept = np.abs(rows).sum(axis=1) > 0
+    kept = np.asarray(np.abs(rows).sum(axis=1) > 0)
     for k in range(len(rows)):
         others = kept.copy()
         others[k] = False

@@ -37,6 +37,8 @@ class Limits:
     """Counts."""
     max_disagreement: float | None = None
     """χ² of the sets; None for the quantile that loses 1e-7 of the right ones."""
+    given: bool = True
+    """Whether the caller set the saturation; else it holds only where light exceeds it."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,8 @@ class Decoding:
             read_variance=noise.read_counts**2,
             gain=noise.gain,
             scale=self.scale,
-            saturation=limits.saturation,
+            # No count is beyond a limit that is no number.
+            saturation=limits.saturation if np.isfinite(limits.saturation) else float("nan"),
             min_snr=MIN_SNR,
             min_modulation=limits.min_modulation,
             max_disagreement=largest,

@@ -55,8 +55,9 @@ def decode(
     noise : CameraNoise, optional
         Noise of the camera; measured from the frames where left out.
     saturation : float, optional
-        Counts from which on a sample is left out of the fit; the type's largest value for whole
-        counts, none for floats. A 12-bit camera in 16-bit files has 4095.
+        Counts from which on a sample is left out of the fit. Where it is not given: for whole
+        counts the type's largest value, unless samples only touch it (patterns that fill the range
+        exactly); for floats none. A 12-bit camera in 16-bit files has 4095.
     min_modulation : float
         Modulation below which a pixel is not used, counts.
     absolute : bool
@@ -91,7 +92,11 @@ def decode(
     rows = sampled_rows(planes[0].shape)
     sample = [sample_of(plane, rows) for plane in planes]
     check_content(planes, plan, sample)
-    limits = Limits(saturation_of(planes[0].dtype, saturation), _not_negative(min_modulation))
+    limits = Limits(
+        saturation_of(planes[0].dtype, saturation),
+        _not_negative(min_modulation),
+        given=saturation is not None,
+    )
     findings = examine(
         plan,
         sample,
@@ -103,7 +108,7 @@ def decode(
     )
     maps = {}
     for axis, decoding in findings.decodings.items():
-        kernel = decoding.kernel(findings.noise, limits)
+        kernel = decoding.kernel(findings.noise, findings.limits)
         out = empty_maps(planes[0].shape, sets=len(decoding.sets) if keep_phases else 0)
         own = [planes[k] for k in decoding.frames]
         in_bands(own, out, partial(_run, kernel))
@@ -203,7 +208,9 @@ class StreamingDecoder:
                     sums = self._sums.setdefault(
                         axis,
                         _core.StreamSums(
-                            sets=len(decoding.sets), pixels=frame.size, saturation=limit
+                            sets=len(decoding.sets),
+                            pixels=frame.size,
+                            saturation=limit if np.isfinite(limit) else float("nan"),
                         ),
                     )
                     step = phases.frames.index(index)
@@ -222,7 +229,11 @@ class StreamingDecoder:
                 f"{', '.join(self.missing)}"
             )
         first = self._first
-        limits = Limits(saturation_of(first.dtype, self._saturation), self._min_modulation)
+        limits = Limits(
+            saturation_of(first.dtype, self._saturation),
+            self._min_modulation,
+            given=self._saturation is not None,
+        )
         findings = examine(
             self._plan,
             self._sample,
@@ -234,7 +245,7 @@ class StreamingDecoder:
         )
         maps = {}
         for axis, decoding in findings.decodings.items():
-            kernel = decoding.kernel(findings.noise, limits, streamed=True)
+            kernel = decoding.kernel(findings.noise, findings.limits, streamed=True)
             out = empty_maps(first.shape, sets=len(decoding.sets) if self._keep_phases else 0)
             codes = [self._kept[k] for k in decoding.code_frames]
             sums = self._sums.get(axis)

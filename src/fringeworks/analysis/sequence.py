@@ -14,6 +14,7 @@ from fringeworks import _core
 from fringeworks.analysis.kernel import REACH, Decoding, Limits, empty_maps
 from fringeworks.analysis.stack_noise import (
     MIN_PIXELS,
+    exceeds,
     measure_noise,
     phase_samples,
     set_parts,
@@ -29,13 +30,18 @@ PLAIN = 1.15
 """Disagreement of the sets, in units of the noise, up to which it is taken for noise."""
 SUSPICIOUS = 2.5
 """Disagreement above which it is compared with that of unrelated phases."""
-CHANCE = 0.3
-"""Share of the disagreement of unrelated phases above which the order of the frames is wrong."""
+SWAPPED = 0.3
+"""Share of the disagreement of unrelated phases above which swapped frames are looked for."""
+CHANCE = 0.9
+"""The same above which no order can be trusted."""
 EXPLAINED = 0.25
 """A swap of two frames is named where it leaves less than this of the misfit."""
+PRECISION = 5e-5
+"""Error of the kernels' arithmetic, share of the largest count."""
 ALIKE = 1.5
-"""Swaps that leave up to this many times the misfit of the best one are named with it."""
-MAX_NAMED = 4
+"""Swaps that leave up to this many times the misfit of the best one explain as much."""
+MAX_NAMED = 2
+"""Pairs that are named; where more explain the frames, none does."""
 ROUGH = 0.004
 """Residual variance over B² above which swapped frames are looked for."""
 MAX_SWAP_FRAMES = 24
@@ -96,12 +102,15 @@ def examine(
         noise, source = measure_noise(decodings, values, limits, patch)
         shot = f", {noise.gain:.3g} counts² per count" if noise.gain else ""
         notes.append(f"noise of {noise.read_counts:.3g} counts{shot}, from {source}")
-    if sample[0].dtype.kind == "u" and noise.read_counts < 12.0**-0.5:
-        noise = replace(noise, read_counts=12.0**-0.5)
-    elif noise.read_counts == 0.0 and noise.gain == 0.0:
-        # Single precision is all that the kernels have.
-        largest = max((float(np.abs(v).max(initial=0.0)) for v in values.values()), default=1.0)
-        noise = CameraNoise(max(largest, 1.0) * 1e-6)
+    largest = max((float(np.abs(s[np.isfinite(s)]).max(initial=0.0)) for s in sample), default=0.0)
+    # Rounding to whole counts, and that of the kernels' single precision.
+    floor = max(12.0**-0.5 if sample[0].dtype.kind == "u" else 0.0, PRECISION * largest, 1e-30)
+    if noise.read_counts < floor:
+        noise = replace(noise, read_counts=floor)
+    if not limits.given and np.isfinite(limits.saturation):
+        exceeded = [exceeds(d, values[axis], limits, noise) for axis, d in decodings.items()]
+        if not any(exceeded):
+            limits = replace(limits, saturation=float("inf"))
     for axis, decoding in decodings.items():
         open_limits = replace(limits, max_disagreement=float("inf"))
         decodings[axis], scale = _judged(decoding, sample, noise, open_limits, plan)
@@ -166,8 +175,9 @@ def _refuse_swapped_in_sets(
         return
     pairs = list(combinations(range(len(data)), 2))
     after = np.array([misfit(_swapped(plain, pair)) for pair in pairs])
-    if after.min() < EXPLAINED * before:
-        _refuse_swap(decoding, plan, _alike(pairs, after), "their residuals")
+    alike = _alike(pairs, after)
+    if after.min() < EXPLAINED * before and len(alike) <= MAX_NAMED:
+        _refuse_swap(decoding, plan, alike, "their residuals")
 
 
 def _swapped(order: NDArray[np.intp], pair: tuple[int, int]) -> NDArray[np.intp]:
@@ -179,7 +189,7 @@ def _swapped(order: NDArray[np.intp], pair: tuple[int, int]) -> NDArray[np.intp]
 def _alike(pairs: list[tuple[int, int]], misfit: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Pairs whose swap explains the frames as well as the best one's, which comes first."""
     order = np.argsort(misfit)
-    return [pairs[k] for k in order if misfit[k] <= ALIKE * misfit[order[0]]][:MAX_NAMED]
+    return [pairs[k] for k in order if misfit[k] <= ALIKE * misfit[order[0]]]
 
 
 def _refuse_swap(
@@ -214,8 +224,15 @@ def _judged(
         score = _score(decoding, planes, noise, limits)
         if score is not None and score > SUSPICIOUS:
             chance = _score(decoding, _unrelated(decoding, planes), noise, limits)
+            if chance is not None and score > SWAPPED * chance:
+                _refuse_swapped(decoding, planes, noise, limits, plan, score)
             if chance is not None and score > CHANCE * chance:
-                _explain(decoding, planes, noise, limits, plan, score)
+                raise InputError(
+                    f"frames along {decoding.axis}: fringe orders contradict each other all over "
+                    f"the image ({score**0.5:.0f} times the noise): expected the frames in the "
+                    "order of the plan, with its periods and steps, and a response that leaves "
+                    "their orders apart"
+                )
         scale = max(scale, score or 1.0)
     if decoding.sets and decoding.code is not None:
         off, own = _off_code(decoding, planes, noise, limits)
@@ -280,7 +297,7 @@ def _unrelated(decoding: Decoding, planes: list[NDArray[Any]]) -> list[NDArray[A
     return out
 
 
-def _explain(
+def _refuse_swapped(
     decoding: Decoding,
     planes: list[NDArray[Any]],
     noise: CameraNoise,
@@ -288,7 +305,7 @@ def _explain(
     plan: PatternPlan,
     score: float,
 ) -> None:
-    """Raise, with the swap of two frames that would make the sets agree, where there is one."""
+    """Refuse frames where the swap of two of them would make the sets agree."""
     count = sum(len(phases.frames) for phases in decoding.sets)
     if count <= MAX_SWAP_FRAMES:
         step = max(1, planes[0].size // SWAP_PIXELS)
@@ -299,10 +316,6 @@ def _explain(
             places = _swapped(np.arange(len(few)), pair)
             found = _score(decoding, [few[p] for p in places], noise, limits)
             after[k] = np.inf if found is None else found
-        if after.min() < EXPLAINED * score:
-            _refuse_swap(decoding, plan, _alike(pairs, after), "the fringe orders")
-    raise InputError(
-        f"frames along {decoding.axis}: fringe orders contradict each other all over the image "
-        f"({score**0.5:.0f} times the noise): expected the frames in the order of the plan, with "
-        "its periods and steps"
-    )
+        alike = _alike(pairs, after)
+        if after.min() < EXPLAINED * score and len(alike) <= MAX_NAMED:
+            _refuse_swap(decoding, plan, alike, "the fringe orders")

@@ -18,6 +18,8 @@ MAX_RESIDUALS = 16_000
 """Residuals, about, that the noise is taken from: its error is half a percent."""
 TEXTURE = 4.0
 """Variance over that of the texture above which backgrounds differ by more than noise."""
+RARE = 0.01
+"""Share of samples at the limit that may exceed it by chance or on a highlight."""
 CLIPPED = 3.0
 """Distance from the sensor's limits, in standard deviations, within which noise is cut off."""
 
@@ -183,3 +185,41 @@ def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> C
             break
         chosen = inner
     return found
+
+
+def exceeds(decoding: Decoding, values: FloatMap, limits: Limits, noise: CameraNoise) -> bool:
+    """Whether light exceeds the sensor's limit, or samples only touch it.
+
+    A sample at the limit is compared with what the others say it should be: the fit of its set
+    without it, or, of three steps, the background of the other sets. True where nothing tells.
+    """
+    at_limit = values >= limits.saturation
+    if not at_limit.any():
+        return False
+    parts = set_parts(decoding)
+    clear = np.stack([~at_limit[part].any(axis=0) for part in parts]) if parts else None
+    means = np.stack([values[part].mean(axis=0) for part in parts]) if parts else None
+    found: list[FloatMap] = []
+    for part, phases in zip(parts, decoding.sets, strict=True):
+        data, at, n = values[part], at_limit[part], len(phases.frames)
+        if np.mean(at.sum(axis=0) > max(1, n // 4)) > RARE:
+            return True
+        single = at.sum(axis=0) == 1
+        if n == 3 and clear is not None and means is not None:
+            others = clear.sum(axis=0)
+            known = single & (others > 0)
+            background = np.sum(np.where(clear, means, 0.0), axis=0)[known] / others[known]
+            should = 3.0 * background - np.sum(np.where(at, 0.0, data), axis=0)[known]
+            found.append((should - limits.saturation) / np.sqrt(2.0 + 3.0 / others[known]))
+            continue
+        design = np.column_stack((np.ones(n), np.cos(phases.shifts_rad), np.sin(phases.shifts_rad)))
+        for step in range(n):
+            rest = np.arange(n) != step
+            weights = design[step] @ np.linalg.pinv(design[rest])
+            should = weights @ data[rest][:, single & at[step]]
+            found.append((should - limits.saturation) / np.linalg.norm(weights))
+    tested = np.concatenate(found) if found else np.empty(0)
+    if tested.size == 0:
+        return True
+    spread = np.sqrt(noise.read_counts**2 + noise.gain * limits.saturation)
+    return bool(np.mean(tested > 4.0 * spread) > RARE)

@@ -65,7 +65,7 @@ impl Noise {
 }
 
 pub struct Limits {
-    /// Counts from which on a sample is not trusted; infinite for none.
+    /// Counts from which on a sample is not trusted; NaN for none.
     pub saturation: f32,
     /// Modulation over its standard deviation below which there is no fringe.
     pub min_snr: f32,
@@ -336,6 +336,22 @@ fn judge(
         f32::INFINITY
     };
     let everywhere = u32::from(!chain.circular);
+    if !(periodic || coded) {
+        // Nothing repeats: by its own noise the first combination may have gone round the ends.
+        let round = 0.5 / chain.frequencies[0];
+        let mut first = [0.0; LANES];
+        for (fitted, &c) in scratch.sets.iter().zip(&chain.combinations) {
+            let variance = part(&fitted.level, start);
+            for i in 0..LANES {
+                first[i] += c * c * variance[i];
+            }
+        }
+        for i in 0..LANES {
+            let room = round - limits.confidence * 2.0 * round * first[i].sqrt();
+            let inside = (x[i] - chain.middle).abs() <= room;
+            wrong[i] |= u32::from(!inside);
+        }
+    }
     for i in 0..LANES {
         x[i] -= repeats * nearest((x[i] - chain.middle) * turn);
         let slack = limits.confidence * variance[i].sqrt();

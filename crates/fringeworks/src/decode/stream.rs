@@ -48,8 +48,9 @@ impl SetSums {
                 for i in 0..frame.len() {
                     let v = frame[i].value();
                     // NaN is kept: it shall show.
+                    // A sample at the limit counts as the limit: it is known when it has to go.
                     let above = v >= saturation;
-                    let counted = if above { 0.0 } else { v };
+                    let counted = if above { saturation } else { v };
                     plain[i] += counted;
                     cos[i] += counted * c;
                     sin[i] += counted * s;
@@ -108,11 +109,12 @@ impl<T: Sample> Source for Sums<'_, T> {
     }
 
     #[inline(always)]
-    fn sums(&self, index: usize, set: &PhaseSet, at: usize, _: f32) -> (fit::Sums, bool) {
+    fn sums(&self, index: usize, set: &PhaseSet, at: usize, limit: f32) -> (fit::Sums, bool) {
         let sums = &self.sets[index];
         let all = u64::MAX >> (64 - set.steps());
         let end = sums.kept.len().min(at + LANES);
-        let above = sums.kept[at..end].iter().any(|&kept| kept != all);
+        // A plan without a limit trusts all samples.
+        let above = !limit.is_nan() && sums.kept[at..end].iter().any(|&kept| kept != all);
         (self.of(index, at), above)
     }
 
@@ -122,7 +124,7 @@ impl<T: Sample> Source for Sums<'_, T> {
         index: usize,
         set: &PhaseSet,
         at: usize,
-        _: f32,
+        limit: f32,
     ) -> (fit::Sums, fit::LeftOut) {
         let mut left_out = fit::LeftOut::nothing();
         // Beyond the end nothing is kept: those pixels are not looked at.
@@ -136,15 +138,24 @@ impl<T: Sample> Source for Sums<'_, T> {
                 left_out.sin[i] += if above { s } else { 0.0 };
             }
         }
-        (self.of(index, at), left_out)
+        let mut sums = self.of(index, at);
+        for i in 0..LANES {
+            sums.plain[i] -= limit * left_out.count[i];
+            sums.cos[i] -= limit * left_out.cos[i];
+            sums.sin[i] -= limit * left_out.sin[i];
+        }
+        (sums, left_out)
     }
 
-    fn kept(&self, index: usize, _: &PhaseSet, pixel: usize, _: f32) -> (u64, [f32; 3]) {
+    fn kept(&self, index: usize, set: &PhaseSet, pixel: usize, limit: f32) -> (u64, [f32; 3]) {
         let sums = &self.sets[index];
-        (
-            sums.kept[pixel],
-            [sums.plain[pixel], sums.cos[pixel], sums.sin[pixel]],
-        )
+        let kept = sums.kept[pixel];
+        let mut found = [sums.plain[pixel], sums.cos[pixel], sums.sin[pixel]];
+        for step in (0..set.steps()).filter(|step| kept >> step & 1 == 0) {
+            let (c, s) = set.phasor(step);
+            found = [found[0] - limit, found[1] - limit * c, found[2] - limit * s];
+        }
+        (kept, found)
     }
 
     fn plane(&self, frame: usize) -> &[T] {

@@ -1,0 +1,55 @@
+"""Stacks of frames as a camera takes them that looks straight at the projector's pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fringeworks import GrayCode, Level, PatternPlan, PhaseSteps, equal_steps
+
+
+def multi(
+    counts: Sequence[float], steps: int | Sequence[int], size=(960, 60), axis="x"
+) -> PatternPlan:
+    """Fringes of several periods, given by their number."""
+    length = size[0] if axis == "x" else size[1]
+    each = [steps] * len(counts) if isinstance(steps, int) else steps
+    sets = [PhaseSteps(axis, length / v, equal_steps(n)) for v, n in zip(counts, each, strict=True)]
+    return PatternPlan(*size, tuple(sets))
+
+
+def take(
+    plan: PatternPlan,
+    *,
+    noise: float = 2.0,
+    gain: float = 0.0,
+    albedo: float | np.ndarray = 1.0,
+    a: float = 127.5,
+    b: float = 100.0,
+    seed: int = 0,
+    at: tuple[np.ndarray, np.ndarray] | None = None,
+    kind=np.uint8,
+) -> np.ndarray:
+    """Frames (n, h, w): albedo · (A + B · pattern) with noise, rounded and clipped for whole counts."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[: plan.height_px, : plan.width_px] if at is None else at
+    frames = []
+    for block in plan.blocks:
+        down = isinstance(block, PhaseSteps | GrayCode) and block.axis == "y"
+        for k in range(block.frames):
+            light = albedo * (a + b * (2.0 * block.values((y if down else x) * 1.0, k) - 1.0))
+            seen = light + np.sqrt(noise**2 + gain * light) * rng.standard_normal(x.shape)
+            if np.dtype(kind).kind == "u":
+                seen = np.clip(np.rint(seen), 0, np.iinfo(kind).max)
+            frames.append(seen.astype(kind))
+    return np.stack(frames)
+
+
+def guarded(step: float = 16.0, steps: int = 4, size=(960, 60), *, inverse=False, levels=True):
+    """Phase and Gray code with cells of half a period."""
+    blocks = [
+        PhaseSteps("x", 2.0 * step, equal_steps(steps)),
+        GrayCode("x", step, size[0], inverse),
+    ]
+    return PatternPlan(*size, (*blocks, *([Level("white"), Level("black")] if levels else [])))

@@ -1,0 +1,163 @@
+"""Plans, their pictures and their files."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import tifffile
+
+from fringeworks import (
+    GrayCode,
+    InputError,
+    Level,
+    PatternPlan,
+    PhaseSteps,
+    encode,
+    equal_steps,
+    read_plan,
+    write_patterns,
+    write_plan,
+)
+from fringeworks.files import read_frame
+
+PLAN = PatternPlan(
+    40,
+    24,
+    (
+        PhaseSteps("x", 20.0, equal_steps(4)),
+        PhaseSteps("y", 12.0, tuple(np.radians([120.0, 0.0, -120.0]))),
+        GrayCode("x", 5.0, 40),
+        GrayCode("y", 1.0, 24, True),
+        Level("white"),
+        Level("black"),
+    ),
+)
+
+
+def test_pictures():
+    pictures = list(encode(PLAN))
+    assert len(pictures) == PLAN.frames == len(PLAN.labels()) == 4 + 3 + 3 + 10 + 2
+    assert {p.dtype for p in pictures} == {np.dtype(np.uint8)}
+    assert {p.shape for p in pictures} == {(24, 40)}
+    x = np.arange(40)
+    for n in range(4):
+        expected = 255 * (0.5 + 0.5 * np.cos(2 * np.pi * x / 20 - 2 * np.pi * n / 4))
+        assert np.abs(pictures[n][3] - expected).max() <= 0.5 + 1e-9
+    # Neighbouring cells differ in one bit, and no two cells are alike.
+    code = np.stack([p[0] > 127 for p in pictures[7:10]])[:, ::5]
+    assert (np.abs(np.diff(code.astype(int), axis=1)).sum(axis=0) == 1).all()
+    assert np.unique(code, axis=1).shape[1] == 8
+    assert (pictures[10] == 255 - pictures[11]).all()
+    assert pictures[-2].min() == 255
+    assert pictures[-1].max() == 0
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_depth_and_response(bits):
+    plan = dataclasses.replace(PLAN, bits=bits, gamma=2.2)
+    picture = next(iter(encode(plan)))
+    assert picture.dtype == (np.uint8 if bits == 8 else np.uint16)
+    top = 2**bits - 1
+    light = (picture[0] / top) ** 2.2
+    ideal = 0.5 + 0.5 * np.cos(2 * np.pi * np.arange(40) / 20)
+    assert np.abs(light - ideal).max() < 2.0 / top
+
+
+def test_dither_keeps_the_mean():
+    plan = PatternPlan(64, 64, (PhaseSteps("x", 64.0, equal_steps(3)),), gamma=1.7)
+    dithered = dataclasses.replace(plan, dither=True)
+    exact = 255 * plan.blocks[0].values(np.arange(64.0), 0) ** (1 / 1.7)
+    plain, spread = (next(iter(encode(p))).astype(float) for p in (plan, dithered))
+    # Eight evenly spread thresholds: a sixteenth at most; rounding is off by up to a half.
+    assert np.abs(spread.mean(axis=0) - exact).max() <= 1 / 16 + 1e-9
+    assert np.abs(plain.mean(axis=0) - exact).max() > 0.4
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: PhaseSteps("x", 20, (0.0, 2 * np.pi, 4 * np.pi)), "differ modulo 360°"),
+        (lambda: PhaseSteps("x", 20, (0.0, np.pi, 2 * np.pi, 3 * np.pi)), "differ modulo 360°"),
+        (lambda: PhaseSteps("x", 20, (0.0, 1.0)), "expected 3 to 64, got 2"),
+        (lambda: PhaseSteps("x", 1.5, equal_steps(3)), "expected 2 px or more"),
+        (lambda: PhaseSteps("z", 20, equal_steps(3)), "expected x or y"),
+        (lambda: equal_steps(2), "expected 3 to 64, got 2"),
+        (lambda: GrayCode("x", 0.5, 40), "expected 1 px or more"),
+        (lambda: GrayCode("x", 40, 40), "expected less than the projector's 40 px"),
+        (lambda: Level("grey"), "white or black"),
+        (lambda: PatternPlan(40, 24, (Level("white"),)), "fringes or Gray code"),
+        (lambda: PatternPlan(40, 24, (GrayCode("y", 5.0, 40),)), "length of 24 px along y, got 40"),
+        (lambda: PatternPlan(40, 24, PLAN.blocks, bits=9), "bits"),
+        (lambda: PatternPlan(40, 24, PLAN.blocks, gamma=0.0), "gamma"),
+        (lambda: PatternPlan(1, 24, PLAN.blocks), "2 × 2"),
+        (lambda: PatternPlan(40, 24, (GrayCode("x", 5.0, 40),) * 2), "one Gray code along x"),
+    ],
+)
+def test_what_makes_no_plan_is_refused(make, words):
+    with pytest.raises(InputError, match=words):
+        make()
+
+
+def test_plan_file_keeps_everything(tmp_path):
+    plan = dataclasses.replace(PLAN, bits=12, gamma=1.8, dither=True)
+    again = read_plan(write_plan(tmp_path / "plan.toml", plan))
+    assert again.bits == 12
+    assert (again.gamma, again.dither, again.width_px) == (1.8, True, 40)
+    for mine, theirs in zip(plan.blocks, again.blocks, strict=True):
+        if isinstance(mine, PhaseSteps):
+            assert theirs.axis == mine.axis
+            assert theirs.period_px == pytest.approx(mine.period_px)
+            assert theirs.shifts_rad == pytest.approx(mine.shifts_rad)
+        else:
+            assert theirs == mine
+
+
+WRITTEN = """
+kind = "plan"
+projector = [1920, 1080]
+sequence = [
+    {kind = "phase", axis = "x", fringes = 64, steps = 4},
+    {kind = "gray", axis = "x", step_px = 15},
+]
+"""
+
+
+def test_plan_written_by_hand(tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(WRITTEN)
+    plan = read_plan(path)
+    assert plan.blocks[0].period_px == 30.0
+    assert plan.code("x")[1].bits == 7
+    for change, words in (
+        (("fringes = 64", "fringes = 64, period_px = 30"), "entry 1.*either period_px or fringes"),
+        (("fringes = 64, ", ""), "entry 1.*either period_px or fringes"),
+        (("steps = 4", "steps = 4, shifts_deg = [0, 90, 180]"), "either steps or shifts_deg"),
+        (("steps = 4", "steps = 2"), "entry 1.*expected 3 to 64, got 2"),
+        (("fringes = 64", "fringes = 0"), "fringes: expected > 0"),
+        (('axis = "x", step', 'axis = "z", step'), "axis"),
+        (("step_px = 15", "step = 15"), "unknown key"),
+        (("[1920, 1080]", "[1920]"), "projector"),
+        (('kind = "plan"', 'kind = "pair"'), "kind"),
+        (("= [1920", "= = [1920"), "expected TOML"),
+    ):
+        path.write_text(WRITTEN.replace(*change))
+        with pytest.raises(InputError, match=words):
+            read_plan(path)
+    with pytest.raises(InputError, match="no such file"):
+        read_plan(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize("stack", [False, True])
+def test_pictures_on_disk(tmp_path, stack):
+    plan = dataclasses.replace(PLAN, bits=10)
+    written = write_patterns(tmp_path / "out", plan, stack=stack)
+    assert read_plan(tmp_path / "out" / "plan.toml").frames == plan.frames
+    expected = np.stack(list(encode(plan)))
+    if stack:
+        assert len(written) == 1
+        np.testing.assert_array_equal(tifffile.imread(written[0]), expected)
+    else:
+        assert [p.name for p in written] == sorted(p.name for p in written)
+        np.testing.assert_array_equal(np.stack([read_frame(p)[0] for p in written]), expected)

@@ -83,7 +83,7 @@ def test_stacks_in_one_file(tmp_path, suffix):
     stack = read_stack(path, plan)
     np.testing.assert_array_equal(np.stack(stack.frames), frames)
     if suffix != ".npz":
-assert not stack.frames[0].flags.owndata  # still on disk
+        assert not stack.frames[0].flags.owndata  # still on disk
     expected = decode(frames, PLAN).x.coordinate_px
     np.testing.assert_array_equal(decode(stack.frames, stack.plan).x.coordinate_px, expected)
     path.write_bytes(path.read_bytes()[:100])

@@ -89,7 +89,7 @@ def decode(
     disagree, make a pixel NaN with ``order_ambiguous``.
     """
     planes = check_frames(frames, plan)
-    rows = sampled_rows(planes[0].shape)
+    rows = sampled_rows(planes[0].shape, plan)
     sample = [sample_of(plane, rows) for plane in planes]
     check_content(planes, plan, sample)
     limits = Limits(
@@ -183,7 +183,7 @@ class StreamingDecoder:
         if index == len(self._labels):
             raise InputError(f"frames: the plan has {len(self._labels)}, got one more")
         check_frame(frame, self._labels[index], frame if self._first is None else self._first)
-        sampled = sample_of(frame, sampled_rows(frame.shape))
+        sampled = sample_of(frame, sampled_rows(frame.shape, self._plan))
         block = next(b for k, b in reversed(self._plan.placed) if k <= index)
         if isinstance(block, PhaseSteps | GrayCode):
             refuse_constant(frame, self._labels[index], sampled)

@@ -12,8 +12,8 @@ from fringeworks.patterns import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.types import InputError
 
 KINDS = ("uint8", "uint16", "float32", "float64")
-SAMPLE = 12_000
-"""Pixels, about, from which noise and the order of the frames are judged."""
+SAMPLE = (5_000, 24_000)
+"""Pixels, at least, and residuals, about, from which noise and the order of frames are judged."""
 BAND_BYTES = 4 << 20
 """Copies of frames that the kernels cannot read as they are, at a time."""
 
@@ -79,10 +79,14 @@ def check_content(planes: Planes, plan: PatternPlan, sampled: Sequence[NDArray[A
                 refuse_constant(planes[k], labels[k], sampled[k])
 
 
-def sampled_rows(shape: tuple[int, int]) -> NDArray[np.intp]:
+def sampled_rows(shape: tuple[int, int], plan: PatternPlan) -> NDArray[np.intp]:
     """Rows, evenly spread, that hold about as many pixels as a sample needs."""
     height, width = shape
-    count = min(height, max(1, -(-SAMPLE // width)))
+    sets = [block for block in plan.blocks if isinstance(block, PhaseSteps)]
+    # What a pixel tells of the noise: residuals of its fits, else how backgrounds differ.
+    freedom = max(sum(block.frames - 3 for block in sets), len(sets) - 1, 1)
+    least, residuals = SAMPLE
+    count = min(height, max(1, -(-max(least, residuals // freedom) // width)))
     return ((np.arange(count) + 0.5) * height / count).astype(np.intp)
 
 

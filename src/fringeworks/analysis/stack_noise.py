@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.analysis.kernel import Decoding, Limits
 from fringeworks.noise import noise_of_residuals, noise_variance, residual_variance
-from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
+from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap, InputError
 
 MIN_PIXELS = 200
 """Pixels that a judgement about the whole stack needs."""
@@ -47,12 +48,30 @@ def usable(values: FloatMap, limits: Limits) -> BoolMap:
     return inner if inner.sum() >= MIN_PIXELS else finite
 
 
-def solve(values: FloatMap, shifts: Sequence[float]) -> tuple[FloatMap, FloatMap]:
+@lru_cache(maxsize=1024)
+def fit_matrices(
+    shifts_rad: tuple[float, ...], kept: tuple[bool, ...] | None = None
+) -> tuple[FloatMap, FloatMap | None]:
+    """Design of I = A + c cos δ + s sin δ and its solver, for all frames of a set or for some.
+
+    No solver where the frames do not determine the three.
+    """
+    shifts = np.asarray(shifts_rad)
+    design = np.column_stack((np.ones(shifts.size), np.cos(shifts), np.sin(shifts)))
+    if kept is not None:
+        design = design[list(kept)]
+    known = len(design) >= 3 and np.linalg.cond(design) < 1e3
+    return design, np.linalg.pinv(design) if known else None
+
+
+def solve(values: FloatMap, shifts_rad: Sequence[float]) -> tuple[FloatMap, FloatMap]:
     """Background, c and s of one set, and the sum of squares that they leave."""
-    design = np.column_stack((np.ones(len(shifts)), np.cos(shifts), np.sin(shifts)))
-    found = np.linalg.pinv(design) @ values
+    design, solver = fit_matrices(tuple(shifts_rad))
+    if solver is None:
+        raise InputError("shifts: expected three or more that differ, got none that do")
+    found = solver @ values
     left = values - design @ found
-    return found, np.sum(left**2, axis=0)
+    return found, np.einsum("ns,ns->s", left, left)
 
 
 def measure_noise(
@@ -132,8 +151,7 @@ def _inside(
         values.min() > 0 and values.max() < limits.saturation
     ):
         return np.ones(values.shape, bool)
-    design = np.column_stack((np.ones(len(shifts)), np.cos(shifts), np.sin(shifts)))
-    light = design @ found
+    light = fit_matrices(tuple(shifts))[0] @ found
     return np.asarray((light > margin) & (light < limits.saturation - margin))
 
 
@@ -141,7 +159,6 @@ def _solve_some(
     values: FloatMap, shifts: Sequence[float], inside: NDArray[np.bool_]
 ) -> tuple[FloatMap, NDArray[np.intp]]:
     """Sum of squares that fits of some samples of every pixel leave, and how many those were."""
-    design = np.column_stack((np.ones(len(shifts)), np.cos(shifts), np.sin(shifts)))
     count = np.where(inside.sum(axis=0) > 3, inside.sum(axis=0), 0)
     left = np.zeros(values.shape[1])
     # Pixels that lack the same samples share a fit.
@@ -149,12 +166,13 @@ def _solve_some(
     _, first, group = np.unique(bits @ inside, return_index=True, return_inverse=True)
     for k, place in enumerate(first):
         pattern = inside[:, place]
-        some = design[pattern]
-        if pattern.sum() <= 3 or np.linalg.cond(some) > 1e3:
+        some, solver = fit_matrices(tuple(shifts), tuple(pattern.tolist()))
+        if len(some) <= 3 or solver is None:
             count[group == k] = 0
             continue
-        data = values[pattern][:, group == k]
-        left[group == k] = np.sum((data - some @ (np.linalg.pinv(some) @ data)) ** 2, axis=0)
+        own = np.flatnonzero(group == k)
+        data = values[np.ix_(pattern, own)]
+        left[own] = np.sum((data - some @ (solver @ data)) ** 2, axis=0)
     return left, count
 
 
@@ -212,11 +230,15 @@ def exceeds(decoding: Decoding, values: FloatMap, limits: Limits, noise: CameraN
             should = 3.0 * background - np.sum(np.where(at, 0.0, data), axis=0)[known]
             found.append((should - limits.saturation) / np.sqrt(2.0 + 3.0 / others[known]))
             continue
-        design = np.column_stack((np.ones(n), np.cos(phases.shifts_rad), np.sin(phases.shifts_rad)))
+        design, _ = fit_matrices(phases.shifts_rad)
         for step in range(n):
             rest = np.arange(n) != step
-            weights = design[step] @ np.linalg.pinv(design[rest])
-            should = weights @ data[rest][:, single & at[step]]
+            own = np.flatnonzero(single & at[step])
+            _, solver = fit_matrices(phases.shifts_rad, tuple(rest.tolist()))
+            if solver is None or own.size == 0:
+                continue
+            weights = design[step] @ solver
+            should = weights @ data[np.ix_(rest, own)]
             found.append((should - limits.saturation) / np.linalg.norm(weights))
     tested = np.concatenate(found) if found else np.empty(0)
     if tested.size == 0:

@@ -166,6 +166,28 @@ def test_a_stream_gives_the_same(kind):
             np.testing.assert_array_equal(parts.maps[axis].phase_rad, mine.phase_rad)
 
 
+@pytest.mark.parametrize("saturation", [None, 240.0])
+def test_a_stream_leaves_out_what_is_saturated(saturation):
+    plan = multi(HETERODYNE, 5, (960, 40))
+    frames = take(plan, a=150.0, b=140.0, noise=1.0)
+    whole = decode(frames, plan, saturation=saturation).x
+    parts = streamed(frames, plan, saturation=saturation).x
+    np.testing.assert_array_equal(parts.reason, whole.reason)
+    # Samples are taken off the sums again: the same but for rounding.
+    np.testing.assert_allclose(parts.coordinate_px, whole.coordinate_px, atol=5e-4)
+
+
+def test_patterns_that_fill_the_range_are_trusted():
+    for steps in (3, 4, 8):
+        plan = multi(HETERODYNE, steps, (960, 60))
+        frames = take(plan, a=127.5, b=127.5)
+        assert (frames == 255).any(axis=0).mean() > 0.2
+        found = decode(frames, plan).x
+        assert found.failed_fraction < 1e-4
+        one, _ = cover(found.coordinate_px - X, found.sigma_px)
+        assert one == pytest.approx(0.683, abs=0.02)
+
+
 def test_a_stream_says_what_is_missing():
     plan = multi((1, 8), 4, (300, 20))
     frames = take(plan)

@@ -177,6 +177,24 @@ def test_a_stream_leaves_out_what_is_saturated(saturation):
     np.testing.assert_allclose(parts.coordinate_px, whole.coordinate_px, atol=5e-4)
 
 
+def test_results_can_be_written_to_again():
+    plan = multi((1, 8), 4, (300, 30))
+    first = decode(take(plan, seed=1), plan)
+    kept = first.x.coordinate_px
+    expected = decode(take(plan, seed=2), plan).x.coordinate_px
+    again = decode(take(plan, seed=2), plan, out=first)
+    assert again.x.coordinate_px is kept
+    np.testing.assert_array_equal(kept, expected)
+    other = multi((1, 8), 4, (300, 30), "y")
+    for frames, layout, options, words in (
+        (take(plan), plan, {"keep_phases": True}, "keep_phases=False"),
+        (take(other), other, {}, "expected a result along y, got one along x"),
+        (take(plan)[:, :20], plan, {}, "expected coordinate_px as float32 \\(20, 300\\)"),
+    ):
+        with pytest.raises(InputError, match=words):
+            decode(frames, layout, out=first, **options)
+
+
 def test_patterns_that_fill_the_range_are_trusted():
     for steps in (3, 4, 8):
         plan = multi(HETERODYNE, steps, (960, 60))

@@ -13,7 +13,7 @@ from fringeworks.patterns import GrayCode, PatternPlan
 from fringeworks.response import Response
 from fringeworks.response_table import BINS
 from fringeworks.temporal import TURN, OrderChain
-from fringeworks.types import Axis, CameraNoise, InputError
+from fringeworks.types import Axis, CameraNoise, Decoded, InputError
 
 MIN_SNR = 4.0
 """Modulation over its standard deviation below which there is no fringe."""
@@ -263,3 +263,42 @@ def empty_maps(
         "modulations": list(modulations),
         "disagreement": np.empty(shape, np.float32) if disagreement else None,
     }
+
+
+RESULTS = {
+    "coordinate": "coordinate_px",
+    "sigma": "sigma_px",
+    "modulation": "modulation",
+    "background": "background",
+    "reason": "reason",
+}
+"""Arrays of the kernel by the fields of a ``CoordinateMap``."""
+
+
+def check_reusable(
+    earlier: Decoded, axes: tuple[Axis, ...], shape: tuple[int, ...], keep_phases: bool
+) -> None:
+    """Refuse an earlier result whose maps cannot be written to again."""
+    if keep_phases:
+        raise InputError("out: expected keep_phases=False, wrapped phases go to new memory only")
+    if set(earlier.maps) != set(axes):
+        had = ", ".join(earlier.maps)
+        raise InputError(f"out: expected a result along {', '.join(axes)}, got one along {had}")
+    for found in earlier.maps.values():
+        for field in RESULTS.values():
+            array = getattr(found, field)
+            kind = np.uint8 if field == "reason" else np.float32
+            if array.shape != shape or array.dtype != kind:
+                raise InputError(
+                    f"out: expected {field} as {np.dtype(kind)} {shape}, got {array.dtype} "
+                    f"{array.shape}"
+                )
+            if not (array.flags.c_contiguous and array.flags.writeable):
+                raise InputError(f"out: expected {field} as written by decode, got a view of it")
+
+
+def reused_maps(earlier: Decoded, axis: Axis) -> dict[str, Any]:
+    """The arrays of an earlier result for the kernel to write to."""
+    found = earlier.maps[axis]
+    maps: dict[str, Any] = {name: getattr(found, field) for name, field in RESULTS.items()}
+    return maps | {"phases": [], "modulations": [], "disagreement": None}

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.analysis.kernel import Decoding, Limits, decoding_of, empty_maps
+from fringeworks.analysis.kernel import (
+    Decoding,
+    Limits,
+    check_reusable,
+    decoding_of,
+    empty_maps,
+    reused_maps,
+)
 from fringeworks.analysis.sequence import Findings, examine
 from fringeworks.analysis.stack import (
     Planes,
@@ -42,6 +49,7 @@ def decode(
     response: Response | None = None,
     estimate_steps: bool = False,
     keep_phases: bool = False,
+    out: Decoded | None = None,
 ) -> Decoded:
     """Projector coordinate of every camera pixel, with its standard deviation.
 
@@ -69,6 +77,9 @@ def decode(
         Take the real phase shifts from the frames (``estimate_shifts``).
     keep_phases : bool
         Return wrapped phase and modulation of every set as well.
+    out : Decoded, optional
+        An earlier result of the same size whose maps are written to again: for live measurement,
+        where new memory would take half as long as decoding. It is not valid afterwards.
 
     Returns
     -------
@@ -89,6 +100,8 @@ def decode(
     disagree, make a pixel NaN with ``order_ambiguous``.
     """
     planes = check_frames(frames, plan)
+    if out is not None:
+        check_reusable(out, plan.axes, planes[0].shape, keep_phases)
     rows = sampled_rows(planes[0].shape, plan)
     sample = [sample_of(plane, rows) for plane in planes]
     check_content(planes, plan, sample)
@@ -109,10 +122,11 @@ def decode(
     maps = {}
     for axis, decoding in findings.decodings.items():
         kernel = decoding.kernel(findings.noise, findings.limits)
-        out = empty_maps(planes[0].shape, sets=len(decoding.sets) if keep_phases else 0)
+        sets = len(decoding.sets) if keep_phases else 0
+        results = empty_maps(planes[0].shape, sets=sets) if out is None else reused_maps(out, axis)
         own = [planes[k] for k in decoding.frames]
-        in_bands(own, out, partial(_run, kernel))
-        maps[axis] = _coordinate_map(decoding, out, keep_phases)
+        in_bands(own, results, partial(_run, kernel))
+        maps[axis] = _coordinate_map(decoding, results, keep_phases)
     return _decoded(maps, findings)
 
 

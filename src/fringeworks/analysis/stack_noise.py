@@ -64,13 +64,18 @@ def fit_matrices(
     return design, np.linalg.pinv(design) if known else None
 
 
+def _times(matrix: FloatMap, values: FloatMap) -> FloatMap:
+    """matrix @ values without BLAS: its threads would spin on while the decoding kernel runs."""
+    return np.asarray(np.einsum("ij,jn->in", matrix, values))
+
+
 def solve(values: FloatMap, shifts_rad: Sequence[float]) -> tuple[FloatMap, FloatMap]:
     """Background, c and s of one set, and the sum of squares that they leave."""
     design, solver = fit_matrices(tuple(shifts_rad))
     if solver is None:
         raise InputError("shifts: expected three or more that differ, got none that do")
-    found = solver @ values
-    left = values - design @ found
+    found = _times(solver, values)
+    left = values - _times(design, found)
     return found, np.einsum("ns,ns->s", left, left)
 
 
@@ -151,7 +156,7 @@ def _inside(
         values.min() > 0 and values.max() < limits.saturation
     ):
         return np.ones(values.shape, bool)
-    light = fit_matrices(tuple(shifts))[0] @ found
+    light = _times(fit_matrices(tuple(shifts))[0], found)
     return np.asarray((light > margin) & (light < limits.saturation - margin))
 
 
@@ -172,7 +177,7 @@ def _solve_some(
             continue
         own = np.flatnonzero(group == k)
         data = values[np.ix_(pattern, own)]
-        left[own] = np.sum((data - some @ (solver @ data)) ** 2, axis=0)
+        left[own] = np.sum((data - _times(some, _times(solver, data))) ** 2, axis=0)
     return left, count
 
 
@@ -238,7 +243,7 @@ def exceeds(decoding: Decoding, values: FloatMap, limits: Limits, noise: CameraN
             if solver is None or own.size == 0:
                 continue
             weights = design[step] @ solver
-            should = weights @ data[np.ix_(rest, own)]
+            should = _times(weights[None], data[np.ix_(rest, own)])[0]
             found.append((should - limits.saturation) / np.linalg.norm(weights))
     tested = np.concatenate(found) if found else np.empty(0)
     if tested.size == 0:

@@ -21,6 +21,12 @@ LEVELS = 8
 """Thresholds of the dither."""
 
 
+def step_design(shifts_rad: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Design (N, 3) of I_n = A + c cos δ_n + s sin δ_n, the light under N shifted fringes."""
+    shifts = np.asarray(shifts_rad, np.float64)
+    return np.column_stack((np.ones(shifts.size), np.cos(shifts), np.sin(shifts)))
+
+
 @dataclass(frozen=True)
 class PhaseSteps:
     """N frames ½ + ½ cos(2π x / p − δ_n) along one axis."""
@@ -42,8 +48,7 @@ class PhaseSteps:
         shifts = np.asarray(self.shifts_rad, float)
         if not np.isfinite(shifts).all():
             raise InputError("shifts: expected finite values, got NaN or infinity")
-        design = np.column_stack((np.ones(n), np.cos(shifts), np.sin(shifts)))
-        if np.linalg.cond(design) > 20.0:
+        if np.linalg.cond(step_design(shifts)) > 20.0:
             degrees = ", ".join(f"{d:g}" for d in np.degrees(shifts))
             raise InputError(
                 f"shifts: expected three or more that differ modulo 360°, got {degrees}°"
@@ -57,8 +62,7 @@ class PhaseSteps:
     @property
     def precision(self) -> float:
         """Inverse variance of the phase over (B/σ)², mean over all phases; N/2 for equal steps."""
-        shifts = np.asarray(self.shifts_rad)
-        design = np.column_stack((np.ones(shifts.size), np.cos(shifts), np.sin(shifts)))
+        design = step_design(self.shifts_rad)
         covariance = np.linalg.inv(design.T @ design)
         return float(2.0 / (covariance[1, 1] + covariance[2, 2]))
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
+from fringeworks.patterns import step_design
 from fringeworks.response_table import BINS, places, tables_by_brightness
 from fringeworks.types import BoolMap, Capture, FloatMap, InputError
 
@@ -128,7 +129,7 @@ def phase_of_steps(
     shifts = 2.0 * np.pi * np.arange(n) / n if shifts_rad is None else np.asarray(shifts_rad)
     if shifts.shape != (n,):
         raise InputError(f"shifts: expected {n} values, got {shifts.shape}")
-    design = np.column_stack((np.ones(n), np.cos(shifts), np.sin(shifts)))
+    design = step_design(shifts)
     if np.linalg.cond(design) > 1e3:
         raise InputError("shifts: expected three or more that differ, got none that do")
     solver = np.linalg.pinv(design)

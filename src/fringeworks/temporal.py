@@ -23,12 +23,12 @@ MAX_COMBINATIONS = 20_000
 """Combinations that are looked through: coefficients are tried as far as this allows."""
 COMMENSURATE = 1e-6
 """Distance from a whole number of turns, per turn, that counts as whole."""
-CODE_MARGIN = 0.1
-"""How far the border of a code cell may be misplaced, share of the cell: the threshold of its bits
-never sits exactly half-way."""
+CODE_REACH = 0.6
+"""Distance from the middle of its code cell that a coordinate may have, share of the cell: half of
+it, and a tenth because the threshold of its bits never sits exactly half-way."""
 
 CODE_ROOM = 0.45
-"""Largest share of a turn that half a cell and its misplacement may take."""
+"""Largest share of a turn that this reach may take."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,6 @@ class OrderChain:
     """What every rounding makes of the M phase errors, (K' , M), in turns per turn."""
     room: NDArray[np.float64]
     """How large that may become before the rounding goes wrong, (K',), turns."""
-    code_px: float = 0.0
-    """Half a cell of the code that the chain starts from, and its misplacement; 0 for none."""
 
     @property
     def frequencies(self) -> NDArray[np.float64]:
@@ -142,19 +140,18 @@ def order_chain(
                 f"periods: {_list(periods_px)} px repeat after {repeats:g} px, but the projector "
                 f"has {length:g} px: expected another period or a Gray code"
             )
-        starts, code = g * length <= 1.0 + COMMENSURATE, 0.0
+        starts = g * length <= 1.0 + COMMENSURATE
         room_of_start = np.full(g.size, np.inf)
     else:
-        code = (0.5 + CODE_MARGIN) * code_step_px
-        starts = g * code < CODE_ROOM
-        room_of_start = 0.5 - g * code
+        reach = CODE_REACH * code_step_px
+        starts = g * reach < CODE_ROOM
+        room_of_start = 0.5 - g * reach
     if not starts.any():
         longest = f"{1.0 / g.min():g}" if g.size else "0"
         wanted = f"{length:g} px"
         if code_step_px is not None:
-            wanted = (
-                f"{code / CODE_ROOM:g} px, better twice the {code_step_px:g} px of a code cell,"
-            )
+            least = CODE_REACH * code_step_px / CODE_ROOM
+            wanted = f"{least:g} px, better twice the {code_step_px:g} px of a code cell,"
         raise InputError(
             f"periods: {_list(periods_px)} px and their beats span {longest} px, expected "
             f"{wanted} or more"
@@ -172,7 +169,6 @@ def order_chain(
         combinations=cells[path],
         amplification=rows[used],
         room=room[used],
-        code_px=code,
     )
 
 
@@ -225,14 +221,11 @@ def _widest_path(
         if spread[k] / g[k] < least * (1.0 - 1e-9):
             least = spread[k] / g[k]
             kept.append(int(k))
-    # A start that is not the longest may be the most exact of those that span the range.
     nodes = np.array(kept)
     c, f, first = cells[nodes], g[nodes], starts[nodes]
     best = np.where(first, room_of_start[nodes] / spread[nodes], 0.0)
     before = np.full(nodes.size, -1)
-    for j in range(nodes.size):  # by rising frequency: predecessors are done
-        if j == 0:
-            continue
+    for j in range(1, nodes.size):  # by rising frequency: predecessors are done
         step = c[j] - (f[j] / f[:j])[:, None] * c[:j]
         with np.errstate(divide="ignore"):
             room = np.minimum(best[:j], 0.5 / np.sqrt((step**2) @ error**2))

@@ -12,7 +12,7 @@ from fringeworks.noise import chi_square_quantile
 from fringeworks.patterns import GrayCode, PatternPlan
 from fringeworks.response import Response
 from fringeworks.response_table import BINS
-from fringeworks.temporal import TURN, OrderChain
+from fringeworks.temporal import CODE_REACH, TURN, OrderChain
 from fringeworks.types import Axis, CameraNoise, Decoded, InputError
 
 MIN_SNR = 4.0
@@ -21,8 +21,6 @@ ORDER_SIGMAS = 5.0
 """Room that every rounding of a fringe order must have, in standard deviations."""
 END_SIGMAS = 3.0
 """Distance from the seam of the range that a coordinate must have, where both ends look alike."""
-REACH = 0.6
-"""Distance from the middle of its code cell that a coordinate may have, share of the cell."""
 DISAGREEING = 1e-7
 """Share of pixels with right orders that may be lost because their sets disagree by chance."""
 
@@ -39,6 +37,11 @@ class Limits:
     """χ² of the sets; None for the quantile that loses 1e-7 of the right ones."""
     given: bool = True
     """Whether the caller set the saturation; else it holds only where light exceeds it."""
+
+    @property
+    def threshold(self) -> float:
+        """The saturation for the kernels: no count is beyond a limit that is no number."""
+        return self.saturation if np.isfinite(self.saturation) else float("nan")
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,12 @@ class Decoding:
     @property
     def frames(self) -> list[int]:
         """Indices of the frames that the kernel gets, in its order: phases, then the code."""
-        return [k for phases in self.sets for k in phases.frames] + self.code_frames
+        return self.phase_frames + self.code_frames
+
+    @property
+    def phase_frames(self) -> list[int]:
+        """Indices of the phase frames, a set after the other."""
+        return [k for phases in self.sets for k in phases.frames]
 
     @property
     def code_frames(self) -> list[int]:
@@ -135,8 +143,7 @@ class Decoding:
             read_variance=noise.read_counts**2,
             gain=noise.gain,
             scale=self.scale,
-            # No count is beyond a limit that is no number.
-            saturation=limits.saturation if np.isfinite(limits.saturation) else float("nan"),
+            saturation=limits.threshold,
             min_snr=MIN_SNR,
             min_modulation=limits.min_modulation,
             max_disagreement=largest,
@@ -146,7 +153,7 @@ class Decoding:
 
     def _chain(self) -> dict[str, Any]:
         half = 0.5 * self.length_px
-        reach = 0.0 if self.code is None else REACH * self.code.step_px
+        reach = 0.0 if self.code is None else CODE_REACH * self.code.step_px
         if self.reach_px is not None:
             reach = self.reach_px
         plain = {

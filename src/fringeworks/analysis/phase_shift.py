@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.analysis.kernel import (
+    RESULTS,
     Decoding,
     Limits,
     check_reusable,
@@ -105,11 +106,7 @@ def decode(
     rows = sampled_rows(planes[0].shape, plan)
     sample = [sample_of(plane, rows) for plane in planes]
     check_content(planes, plan, sample)
-    limits = Limits(
-        saturation_of(planes[0].dtype, saturation),
-        _not_negative(min_modulation),
-        given=saturation is not None,
-    )
+    limits = _limits(planes[0].dtype, saturation, min_modulation)
     findings = examine(
         plan,
         sample,
@@ -215,7 +212,7 @@ class StreamingDecoder:
         self._sample.append(sampled)
 
     def _add_phase(self, frame: NDArray[Any], index: int) -> None:
-        limit = saturation_of(frame.dtype, self._saturation)
+        limits = _limits(frame.dtype, self._saturation, self._min_modulation)
         for axis, decoding in self._decodings.items():
             for k, phases in enumerate(decoding.sets):
                 if index in phases.frames:
@@ -224,7 +221,7 @@ class StreamingDecoder:
                         _core.StreamSums(
                             sets=len(decoding.sets),
                             pixels=frame.size,
-                            saturation=limit if np.isfinite(limit) else float("nan"),
+                            saturation=limits.threshold,
                         ),
                     )
                     step = phases.frames.index(index)
@@ -243,15 +240,11 @@ class StreamingDecoder:
                 f"{', '.join(self.missing)}"
             )
         first = self._first
-        limits = Limits(
-            saturation_of(first.dtype, self._saturation),
-            self._min_modulation,
-            given=self._saturation is not None,
-        )
+        limits = _limits(first.dtype, self._saturation, self._min_modulation)
         findings = examine(
             self._plan,
             self._sample,
-            dict(self._decodings),
+            self._decodings,
             limits,
             noise=self._noise,
             patch=self._patch,
@@ -278,6 +271,11 @@ def _decodings(
     return {
         axis: decoding_of(plan, axis, absolute=absolute, response=response) for axis in plan.axes
     }
+
+
+def _limits(dtype: np.dtype[Any], saturation: float | None, min_modulation: float) -> Limits:
+    limit = saturation_of(dtype, saturation)
+    return Limits(limit, _not_negative(min_modulation), given=saturation is not None)
 
 
 def _not_negative(min_modulation: float) -> float:
@@ -311,11 +309,7 @@ def _coordinate_map(decoding: Decoding, out: dict[str, Any], keep_phases: bool) 
         return np.asarray(whole)
 
     return CoordinateMap(
-        coordinate_px=out["coordinate"],
-        sigma_px=out["sigma"],
-        modulation=out["modulation"],
-        background=out["background"],
-        reason=out["reason"],
+        **{field: out[name] for name, field in RESULTS.items()},
         axis=decoding.axis,
         periods_px=tuple(phases.period_px for phases in decoding.sets),
         phase_rad=stacked("phases"),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.analysis.kernel import REACH, Decoding, Limits, empty_maps
+from fringeworks.analysis.kernel import Decoding, Limits, empty_maps
 from fringeworks.analysis.stack_noise import (
     MIN_PIXELS,
     exceeds,
@@ -24,6 +24,7 @@ from fringeworks.analysis.stack_noise import (
 from fringeworks.analysis.steps import estimate_shifts
 from fringeworks.noise import chi_square_quantile
 from fringeworks.patterns import PatternPlan
+from fringeworks.temporal import CODE_REACH
 from fringeworks.types import Axis, CameraNoise, FloatMap, InputError, Reason
 
 PLAIN = 1.15
@@ -89,6 +90,7 @@ def examine(
     ------
     InputError where frames contradict the plan, such as two that are swapped.
     """
+    decodings = dict(decodings)
     notes: list[str] = []
     details: dict[str, Any] = {}
     values = {axis: phase_samples(sample, decoding) for axis, decoding in decodings.items()}
@@ -195,7 +197,7 @@ def _alike(pairs: list[tuple[int, int]], misfit: NDArray[np.float64]) -> list[tu
 def _refuse_swap(
     decoding: Decoding, plan: PatternPlan, pairs: list[tuple[int, int]], why: str
 ) -> None:
-    frames = [k for phases in decoding.sets for k in phases.frames]
+    frames = decoding.phase_frames
     labels = plan.labels()
     named = [
         f"{frames[first]} and {frames[second]} ({labels[frames[first]]}, {labels[frames[second]]})"
@@ -245,8 +247,9 @@ def _judged(
                 "steps and cells"
             )
         if off > PLAIN * expected:
-            reach = min(REACH * step * off / expected, longest / 4.0)
-            decoding = replace(decoding, reach_px=max(reach, REACH * step))
+            usual = CODE_REACH * step
+            reach = min(usual * off / expected, longest / 4.0)
+            decoding = replace(decoding, reach_px=max(reach, usual))
             scale = max(scale, (off**2 - (step / 4.0) ** 2) / max(own**2, 1e-12))
     return (replace(decoding, scale=scale) if scale > PLAIN else decoding), scale
 
@@ -269,13 +272,12 @@ def _off_code(
     decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
 ) -> tuple[float, float]:
     """Median distance of coordinates from their code cell's middle, and of their noise, px."""
-    maps, code = (empty_maps((1, planes[0].size)) for _ in range(2))
-    every = replace(limits, max_disagreement=float("inf"))
-    free = replace(decoding, reach_px=float("inf"))
-    _core.decode_frames(planes, free.kernel(noise, every), maps)
-    alone = replace(decoding, sets=(), chain=None)
     if decoding.code is not None and not decoding.code.inverse and decoding.code.levels is None:
         return 0.0, 0.0  # read against the phases: there is no code by itself
+    maps, code = (empty_maps((1, planes[0].size)) for _ in range(2))
+    free = replace(decoding, reach_px=float("inf"))
+    _core.decode_frames(planes, free.kernel(noise, limits), maps)
+    alone = replace(decoding, sets=(), chain=None)
     some = [planes[decoding.frames.index(k)] for k in alone.frames]
     _core.decode_frames(some, alone.kernel(noise, limits), code)
     both = np.isfinite(maps["coordinate"]) & np.isfinite(code["coordinate"])
@@ -306,7 +308,7 @@ def _refuse_swapped(
     score: float,
 ) -> None:
     """Refuse frames where the swap of two of them would make the sets agree."""
-    count = sum(len(phases.frames) for phases in decoding.sets)
+    count = len(decoding.phase_frames)
     if count <= MAX_SWAP_FRAMES:
         step = max(1, planes[0].size // SWAP_PIXELS)
         few = [np.ascontiguousarray(plane[:, ::step]) for plane in planes]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.analysis.kernel import Decoding, Limits
 from fringeworks.noise import noise_of_residuals, noise_variance, residual_variance
+from fringeworks.patterns import step_design
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap, InputError
 
 MIN_PIXELS = 200
@@ -27,7 +28,7 @@ CLIPPED = 3.0
 
 def phase_samples(sample: Sequence[NDArray[Any]], decoding: Decoding) -> FloatMap:
     """Samples of the phase frames, (frames, n), float; the sets one after the other."""
-    frames = [k for phases in decoding.sets for k in phases.frames]
+    frames = decoding.phase_frames
     if not frames:
         return np.empty((0, sample[0].size))
     return np.stack([sample[k][0].astype(np.float64) for k in frames])
@@ -56,8 +57,7 @@ def fit_matrices(
 
     No solver where the frames do not determine the three.
     """
-    shifts = np.asarray(shifts_rad)
-    design = np.column_stack((np.ones(shifts.size), np.cos(shifts), np.sin(shifts)))
+    design = step_design(shifts_rad)
     if kept is not None:
         design = design[list(kept)]
     known = len(design) >= 3 and np.linalg.cond(design) < 1e3
@@ -220,15 +220,15 @@ def exceeds(decoding: Decoding, values: FloatMap, limits: Limits, noise: CameraN
     if not at_limit.any():
         return False
     parts = set_parts(decoding)
-    clear = np.stack([~at_limit[part].any(axis=0) for part in parts]) if parts else None
-    means = np.stack([values[part].mean(axis=0) for part in parts]) if parts else None
+    clear = np.stack([~at_limit[part].any(axis=0) for part in parts])
+    means = np.stack([values[part].mean(axis=0) for part in parts])
     found: list[FloatMap] = []
     for part, phases in zip(parts, decoding.sets, strict=True):
         data, at, n = values[part], at_limit[part], len(phases.frames)
         if np.mean(at.sum(axis=0) > max(1, n // 4)) > RARE:
             return True
         single = at.sum(axis=0) == 1
-        if n == 3 and clear is not None and means is not None:
+        if n == 3:
             others = clear.sum(axis=0)
             known = single & (others > 0)
             background = np.sum(np.where(clear, means, 0.0), axis=0)[known] / others[known]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.patterns import step_design
 from fringeworks.types import FloatMap, InputError
 
 MAX_ITERATIONS = 500
@@ -59,12 +60,8 @@ def estimate_shifts(samples: FloatMap, shifts_rad: Sequence[float]) -> NDArray[n
     return _iterated(values, best, meant)
 
 
-def _design(shifts: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.column_stack((np.ones(shifts.size), np.cos(shifts), np.sin(shifts)))
-
-
 def _misfit(values: FloatMap, shifts: NDArray[np.float64]) -> float:
-    design = _design(shifts)
+    design = step_design(shifts)
     left = values - design @ (np.linalg.pinv(design) @ values)
     return float(np.mean(left**2))
 
@@ -84,7 +81,7 @@ def _iterated(
     values: FloatMap, shifts: NDArray[np.float64], meant: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     for _ in range(MAX_ITERATIONS):
-        background, c, s = np.linalg.pinv(_design(shifts)) @ values
+        background, c, s = np.linalg.pinv(step_design(shifts)) @ values
         normal = np.array([[c @ c, c @ s], [c @ s, s @ s]])
         rest = values - background
         k, q = np.linalg.solve(normal, np.stack((rest @ c, rest @ s)))
@@ -107,7 +104,7 @@ def _by_components(
     """
     shifts = meant.copy()
     for _ in range(MAX_ITERATIONS):
-        design = _design(shifts)
+        design = step_design(shifts)
         background, c, s = np.linalg.pinv(design) @ values
         rest = values - background
         rest = rest - rest.mean(axis=1, keepdims=True)

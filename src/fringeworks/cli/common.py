@@ -80,6 +80,12 @@ def write_json(path: Path | None, content: str) -> None:
         write_text(path, content)
 
 
+def failures(reasons: dict[str, int]) -> str:
+    """How many pixels failed for which reason, for people."""
+    failed = (f"{name.replace('_', ' ')} {n}" for name, n in reasons.items() if name != "ok")
+    return ", ".join(failed) or "none"
+
+
 def axis_of(axis: AxisName | None) -> Axis | None:
     return None if axis is None else ("x" if axis is AxisName.x else "y")
 

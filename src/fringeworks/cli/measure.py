@@ -19,6 +19,7 @@ from fringeworks.cli.common import (
     app,
     axis_of,
     denoiser_of,
+    failures,
     show_progress,
     write_json,
 )
@@ -193,9 +194,7 @@ def _report(content: dict[str, Any], out: Path | None) -> None:
             f"{content['quantity']}: {content['minimum']:.4g} … {content['maximum']:.4g} {unit}, "
             f"median σ {content['median_sigma']:.2g} {unit}"
         )
-    reasons = {k: n for k, n in content["reasons"].items() if k != "ok"}
-    failed = ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in reasons.items()) or "none"
-    typer.echo(f"failed: {content['failed_fraction']:.2%} ({failed})")
+    typer.echo(f"failed: {content['failed_fraction']:.2%} ({failures(content['reasons'])})")
     if "errors" in content:
         e = content["errors"]
         typer.echo(

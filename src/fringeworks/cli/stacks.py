@@ -12,7 +12,14 @@ from rich.console import Console
 from rich.table import Table
 
 from fringeworks.analysis import decode as run_decode
-from fringeworks.cli.common import JsonFile, Output, app, show_progress, write_json
+from fringeworks.cli.common import (
+    JsonFile,
+    Output,
+    app,
+    failures,
+    show_progress,
+    write_json,
+)
 from fringeworks.coordinate_file import check_coordinate_target, write_coordinates
 from fringeworks.evaluate import to_json
 from fringeworks.pipeline import decoded_summary
@@ -199,8 +206,7 @@ def _report(content: dict[str, Any], out: Path | None) -> None:
     for note in content["notes"]:
         typer.echo(f"note: {note}")
     for axis, found in content["axes"].items():
-        reasons = {k: n for k, n in found["reasons"].items() if k != "ok"}
-        failed = ", ".join(f"{k.replace('_', ' ')} {n}" for k, n in reasons.items()) or "none"
+        failed = failures(found["reasons"])
         if found["median_sigma_px"] is None:
             typer.echo(f"{axis}: no pixel could be measured ({failed})")
             continue

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 __all__ = [
     "DecodePlan",
     "StreamSums",
+    "Triangles",
+    "Triangulation",
     "average_phasor",
     "count_residues",
     "decode_frames",
@@ -121,3 +123,40 @@ class StreamSums:
     def decode(
         self, frames: Sequence[NDArray[Any]], plan: DecodePlan, maps: dict[str, Any]
     ) -> None: ...
+
+_AxisMaps = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
+
+@final
+class Triangulation:
+    def __new__(
+        cls,
+        *,
+        camera: Sequence[float],
+        projector: Sequence[float],
+        rotation: Sequence[float],
+        translation: Sequence[float],
+        spread: NDArray[np.float32],
+        largest: float,
+    ) -> Triangulation: ...
+    def run(
+        self,
+        x: _AxisMaps | None,
+        y: _AxisMaps | None,
+        *,
+        xyz: NDArray[np.float32],
+        sigma: NDArray[np.float32],
+        noise: NDArray[np.float32],
+        residual: NDArray[np.float32] | None,
+        reason: NDArray[np.uint8],
+        residual_sigmas: float,
+        residual_px: float,
+    ) -> None: ...
+
+@final
+class Triangles:
+    def __new__(
+        cls, vertices: NDArray[np.float64], faces: NDArray[np.uint32]
+    ) -> Triangles: ...
+    def hit(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64], near: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32]]: ...

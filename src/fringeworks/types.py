@@ -34,8 +34,9 @@ class Reason(IntEnum):
     ORDER_AMBIGUOUS = 5  # the fringe order cannot be decided
     OUT_OF_RANGE = 6  # the intensity lies outside the matching part of the reference
     UNDETERMINED = 7  # no window determines the displacement
-    BEYOND_GEOMETRY = 8  # u ≤ −d₀: no height has this displacement
+    BEYOND_GEOMETRY = 8  # no height has this displacement, or no point in front of both devices
     SHADOW = 9  # no light of the projector, that of the fringes is not above the noise
+    RAYS_APART = 10  # columns and rows disagree: the two rays pass each other
 
 
 @dataclass(frozen=True)
@@ -216,6 +217,125 @@ class Decoded:
         """The maps there are, by axis."""
         both: dict[Axis, CoordinateMap | None] = {"x": self.x, "y": self.y}
         return {axis: found for axis, found in both.items() if found is not None}
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """A camera, or a projector as an inverse camera: pinhole with lens distortion (theory §8)."""
+
+    width_px: int
+    """Columns."""
+    height_px: int
+    """Rows."""
+    focal_px: tuple[float, float]
+    """f_x, f_y; > 0, px."""
+    principal_px: tuple[float, float]
+    """c_x, c_y, px, pixel centres on integers."""
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """k₁, k₂, p₁, p₂, k₃ of Brown's model, in OpenCV's order."""
+
+    def __post_init__(self) -> None:
+        if self.width_px < 2 or self.height_px < 2:
+            raise InputError(
+                f"device: expected 2 × 2 px or more, got {self.width_px} × {self.height_px}"
+            )
+        values = (*self.focal_px, *self.principal_px, *self.distortion)
+        if len(values) != 9 or not np.isfinite(values).all():
+            raise InputError(f"device: expected nine finite numbers, got {values}")
+        if min(self.focal_px) <= 0:
+            raise InputError(f"device: expected focal lengths > 0, got {self.focal_px}")
+
+    @property
+    def parameters(self) -> FloatMap:
+        """f_x, f_y, c_x, c_y, k₁, k₂, p₁, p₂, k₃, (9,)."""
+        return np.array([*self.focal_px, *self.principal_px, *self.distortion], np.float64)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.height_px, self.width_px
+
+
+RIG_PARAMETERS = tuple(
+    f"{device} {name}"
+    for device in ("camera", "projector")
+    for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+) + ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
+"""What a rig's covariance is of: px, 1, rad, mm. A rotation error ω turns R into exp(ω) R."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """A calibrated pair of camera and projector."""
+
+    camera: Pinhole
+    projector: Pinhole
+    T_projector_camera: FloatMap
+    """(4, 4), maps points in camera coordinates to projector coordinates; mm."""
+    covariance: FloatMap | None = None
+    """(24, 24) covariance of ``RIG_PARAMETERS``; None where unknown."""
+    residual_px: tuple[float, float] = (0.0, 0.0)
+    """Root mean square reprojection residual of the calibration, camera and projector, px."""
+
+    def __post_init__(self) -> None:
+        pose = np.asarray(self.T_projector_camera, np.float64)
+        if pose.shape != (4, 4) or not np.isfinite(pose).all():
+            raise InputError(f"rig: expected a finite (4, 4) transform, got shape {pose.shape}")
+        rotation = pose[:3, :3]
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+            raise InputError("rig: expected a rotation in T_projector_camera, got none")
+        if not np.linalg.norm(pose[:3, 3]) > 0:
+            raise InputError("rig: expected a baseline > 0, got camera and projector at one place")
+        object.__setattr__(self, "T_projector_camera", pose)
+        if self.covariance is not None:
+            covariance = np.asarray(self.covariance, np.float64)
+            n = len(RIG_PARAMETERS)
+            if covariance.shape != (n, n) or not np.isfinite(covariance).all():
+                raise InputError(
+                    f"rig: expected a finite ({n}, {n}) covariance, got {covariance.shape}"
+                )
+            object.__setattr__(self, "covariance", covariance)
+
+    @property
+    def baseline_mm(self) -> float:
+        """Distance between the two pupils, mm."""
+        return float(np.linalg.norm(self.T_projector_camera[:3, 3]))
+
+    @property
+    def projector_centre_mm(self) -> FloatMap:
+        """The projector's pupil in camera coordinates, (3,), mm."""
+        pose = self.T_projector_camera
+        return np.asarray(-pose[:3, :3].T @ pose[:3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Points in camera coordinates, one per pixel: x right, y down, z away from the camera."""
+
+    xyz_mm: FloatMap
+    """(h, w, 3), mm; NaN where not measured."""
+    sigma_mm: FloatMap
+    """Standard deviation along the camera's ray, pixel noise and calibration; (h, w), mm."""
+    noise_mm: FloatMap
+    """The part of it that comes from pixel noise, and differs from pixel to pixel; (h, w), mm."""
+    reason: ByteMap
+    """``Reason`` per pixel, (h, w)."""
+    residual_px: FloatMap | None = None
+    """Where both axes were decoded: distance of the projector's point from the epipolar line,
+    (h, w), projector px."""
+    colour: FloatMap | None = None
+    """Brightness (h, w) or colour (h, w, 3) of the surface, counts."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.reason.shape
+        return rows, columns
+
+    @property
+    def failed_fraction(self) -> float:
+        """Share of pixels without a point, 0…1."""
+        return float(np.mean(self.reason != Reason.OK))
 
 
 def count_reasons(reason: ByteMap) -> dict[str, int]:

@@ -3,6 +3,7 @@
 mod decode;
 mod emd;
 mod inverse;
+mod rig;
 mod unwrap;
 mod wavelet;
 mod windowed;
@@ -37,6 +38,8 @@ mod _core {
     use super::emd::{decompose_rows, row_envelopes};
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
+    #[pymodule_export]
+    use super::rig::{Triangles, Triangulation};
     #[pymodule_export]
     use super::unwrap::{average_phasor, count_residues, unwrap_reliability};
     #[pymodule_export]

@@ -5,16 +5,20 @@
 //!
 //! * [`decode`]: shifted fringes and Gray code to projector coordinates, in one pass.
 //! * [`emd`]: empirical mode decomposition of rows, and their envelopes.
+//! * [`mesh`]: rays against triangles, for the virtual rig.
 //! * [`inverse`]: inverse function analysis by rows (IFA, SIFA, GSIFA, exact).
 //! * [`windowed`]: windowed inversion, local least squares over several window sizes.
+//! * [`triangulate`]: projector coordinates and a calibrated pair to points.
 //! * [`unwrap`]: phase unwrapping by sorting by reliability, and the average that guides it.
 //! * [`wavelet`]: ridge of the continuous wavelet transform by rows.
 
 pub mod decode;
 pub mod emd;
 pub mod inverse;
+pub mod mesh;
 pub mod reason;
 mod spline;
+pub mod triangulate;
 pub mod unwrap;
 pub mod wavelet;
 pub mod windowed;

@@ -16,5 +16,9 @@ pub const ORDER_AMBIGUOUS: u8 = 5;
 pub const OUT_OF_RANGE: u8 = 6;
 /// No window determines the displacement.
 pub const UNDETERMINED: u8 = 7;
+/// No point in front of both devices is seen and lit along these rays.
+pub const BEYOND_GEOMETRY: u8 = 8;
 /// The projector's light does not reach the pixel.
 pub const SHADOW: u8 = 9;
+/// Columns and rows of the projector disagree: the two rays pass each other.
+pub const RAYS_APART: u8 = 10;

@@ -12,6 +12,7 @@ from fringeworks.analysis.pair import FringePair, prepare
 from fringeworks.analysis.phase_shift import StreamingDecoder, decode
 from fringeworks.analysis.registry import Method, Solution, analyse, get_method, method, methods
 from fringeworks.analysis.steps import estimate_shifts
+from fringeworks.analysis.texture import texture
 from fringeworks.analysis.wavelet import wavelet_frequencies, wavelet_ridge
 from fringeworks.analysis.windowed_fourier import (
     Ridge,
@@ -32,6 +33,7 @@ __all__ = [
     "method",
     "methods",
     "prepare",
+    "texture",
     "wavelet_frequencies",
     "wavelet_ridge",
     "windowed_fourier_filter",

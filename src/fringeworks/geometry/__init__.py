@@ -1,9 +1,34 @@
 """From fringes to lengths."""
 
+from fringeworks.geometry.board import Board, parse_board
+from fringeworks.geometry.calibrate import Calibration, Observation, calibrate, observe
+from fringeworks.geometry.corners import BoardView, find_board
+from fringeworks.geometry.pinhole import inverse, look_at, pose, project, rays, rotation, transform
 from fringeworks.geometry.reference_plane import (
     displacement_from_height,
     height_from_displacement,
     to_surface,
 )
+from fringeworks.geometry.rig import triangulate
 
-__all__ = ["displacement_from_height", "height_from_displacement", "to_surface"]
+__all__ = [
+    "Board",
+    "BoardView",
+    "Calibration",
+    "Observation",
+    "calibrate",
+    "displacement_from_height",
+    "find_board",
+    "height_from_displacement",
+    "inverse",
+    "look_at",
+    "observe",
+    "parse_board",
+    "pose",
+    "project",
+    "rays",
+    "rotation",
+    "to_surface",
+    "transform",
+    "triangulate",
+]

@@ -1,18 +1,41 @@
 """Artificial objects, and the frames a camera would deliver of them."""
 
+from fringeworks.simulate.bodies import (
+    Body,
+    Box,
+    Cylinder,
+    Mesh,
+    Paraboloid,
+    Plane,
+    Sphere,
+    height_field,
+)
 from fringeworks.simulate.fringes import PairSettings, Row, capture_pair, deformed_row
 from fringeworks.simulate.objects import OBJECTS, make_object, paint, parabola_1d
 from fringeworks.simulate.scene import STANDARD_GEOMETRY, standard_scene
+from fringeworks.simulate.virtual_rig import Optics, View, look, photograph
 
 __all__ = [
     "OBJECTS",
     "STANDARD_GEOMETRY",
+    "Body",
+    "Box",
+    "Cylinder",
+    "Mesh",
+    "Optics",
     "PairSettings",
+    "Paraboloid",
+    "Plane",
     "Row",
+    "Sphere",
+    "View",
     "capture_pair",
     "deformed_row",
+    "height_field",
+    "look",
     "make_object",
     "paint",
     "parabola_1d",
+    "photograph",
     "standard_scene",
 ]

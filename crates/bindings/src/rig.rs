@@ -1,0 +1,151 @@
+use crate::{refuse, rows_of};
+use fringeworks::mesh;
+use fringeworks::triangulate::{self, Axis, Lens, Limits, Points, Spread};
+use numpy::{
+    IntoPyArray, PyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadwriteArray2,
+    PyReadwriteArray3, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// A camera–projector pair, and the variance of 1/z that its calibration leaves.
+#[pyclass(frozen, module = "fringeworks._core")]
+pub struct Triangulation {
+    rig: triangulate::Rig,
+    spread: Spread,
+}
+
+fn lens(values: &[f64]) -> PyResult<Lens> {
+    let v: [f64; 9] = values
+        .try_into()
+        .map_err(|_| PyValueError::new_err("device: expected 9 values"))?;
+    Ok(Lens {
+        focal: [v[0], v[1]],
+        principal: [v[2], v[3]],
+        distortion: [v[4], v[5], v[6], v[7], v[8]],
+    })
+}
+
+/// Coordinates, standard deviations and reasons of one axis.
+type Maps<'py> = (
+    PyReadonlyArray2<'py, f32>,
+    PyReadonlyArray2<'py, f32>,
+    PyReadonlyArray2<'py, u8>,
+);
+
+fn axis<'a>(maps: Option<&'a Maps<'_>>) -> PyResult<Option<Axis<'a>>> {
+    maps.map(|(coordinate, sigma, reason)| {
+        Ok(Axis {
+            coordinate: rows_of(coordinate)?,
+            sigma: rows_of(sigma)?,
+            reason: rows_of(reason)?,
+        })
+    })
+    .transpose()
+}
+
+#[pymethods]
+impl Triangulation {
+    #[new]
+    #[pyo3(signature = (*, camera, projector, rotation, translation, spread, largest))]
+    fn new(
+        camera: Vec<f64>,
+        projector: Vec<f64>,
+        rotation: Vec<f64>,
+        translation: Vec<f64>,
+        spread: PyReadonlyArray3<'_, f32>,
+        largest: f32,
+    ) -> PyResult<Self> {
+        let wrong = |_| PyValueError::new_err("pose: expected 9 and 3 values");
+        if spread.shape()[2] != triangulate::POWERS {
+            return Err(PyValueError::new_err("spread: expected 5 coefficients"));
+        }
+        Ok(Self {
+            rig: triangulate::Rig {
+                camera: lens(&camera)?,
+                projector: lens(&projector)?,
+                rotation: rotation.try_into().map_err(wrong)?,
+                translation: translation.try_into().map_err(wrong)?,
+            },
+            spread: Spread {
+                rows: spread.shape()[0],
+                columns: spread.shape()[1],
+                coefficients: rows_of(&spread)?.to_vec(),
+                largest,
+            },
+        })
+    }
+
+    /// Fill the maps with points.
+    #[pyo3(signature = (x, y, *, xyz, sigma, noise, residual, reason, residual_sigmas, residual_px))]
+    #[allow(clippy::too_many_arguments)] // keywords, most of them
+    fn run(
+        &self,
+        py: Python<'_>,
+        x: Option<Maps<'_>>,
+        y: Option<Maps<'_>>,
+        mut xyz: PyReadwriteArray3<'_, f32>,
+        mut sigma: PyReadwriteArray2<'_, f32>,
+        mut noise: PyReadwriteArray2<'_, f32>,
+        mut residual: Option<PyReadwriteArray2<'_, f32>>,
+        mut reason: PyReadwriteArray2<'_, u8>,
+        residual_sigmas: f32,
+        residual_px: f32,
+    ) -> PyResult<()> {
+        let shape = (reason.shape()[0], reason.shape()[1]);
+        let limits = Limits {
+            residual_sigmas,
+            residual_px,
+        };
+        let (along_x, along_y) = (axis(x.as_ref())?, axis(y.as_ref())?);
+        let out = Points {
+            xyz: xyz.as_slice_mut()?,
+            sigma: sigma.as_slice_mut()?,
+            noise: noise.as_slice_mut()?,
+            residual: match &mut residual {
+                Some(map) => map.as_slice_mut()?,
+                None => &mut [],
+            },
+            reason: reason.as_slice_mut()?,
+        };
+        let (rig, spread) = (&self.rig, &self.spread);
+        py.detach(|| triangulate::triangulate(rig, spread, &limits, shape, along_x, along_y, out))
+            .map_err(refuse)
+    }
+}
+
+/// Triangles that rays can be cast at.
+#[pyclass(frozen, module = "fringeworks._core")]
+pub struct Triangles {
+    inner: mesh::Triangles,
+}
+
+type Hits<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>);
+
+#[pymethods]
+impl Triangles {
+    #[new]
+    fn new(
+        vertices: PyReadonlyArray2<'_, f64>,
+        faces: PyReadonlyArray2<'_, u32>,
+    ) -> PyResult<Self> {
+        let inner = mesh::Triangles::new(rows_of(&vertices)?, rows_of(&faces)?).map_err(refuse)?;
+        Ok(Self { inner })
+    }
+
+    /// Distance of every ray's first hit beyond `near`, and the triangle that is hit.
+    fn hit<'py>(
+        &self,
+        py: Python<'py>,
+        origins: PyReadonlyArray2<'py, f64>,
+        directions: PyReadonlyArray2<'py, f64>,
+        near: f64,
+    ) -> PyResult<Hits<'py>> {
+        let n = directions.shape()[0];
+        let (mut distance, mut face) = (vec![0.0; n], vec![0; n]);
+        let (o, d) = (rows_of(&origins)?, rows_of(&directions)?);
+        py.detach(|| self.inner.hit(o, d, near, &mut distance, &mut face))
+            .map_err(refuse)?;
+        Ok((distance.into_pyarray(py), face.into_pyarray(py)))
+    }
+}

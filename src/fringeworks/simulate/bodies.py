@@ -1,0 +1,265 @@
+"""Bodies that rays of the virtual rig hit, each exact, in coordinates of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks import _core
+from fringeworks.types import FloatMap, InputError
+
+Albedo = float | Callable[[FloatMap, FloatMap], FloatMap]
+"""One reflectance, 0…1, or a function of the surface's two coordinates in mm."""
+NEAR = 1e-6
+"""Hits nearer than this, mm, are the surface that a ray starts on."""
+
+
+class Shape(Protocol):
+    """What rays can hit."""
+
+    def hit(self, origin: FloatMap, directions: FloatMap) -> FloatMap:
+        """Distance to the first hit of each ray, in lengths of its direction; ∞ for none, (n,).
+
+        The origin is (3,), or (n, 3).
+        """
+
+    def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
+        """Unit normals at points of the surface that rays have hit, (n, 3)."""
+
+    def surface(self, points: FloatMap) -> FloatMap:
+        """The surface's own two coordinates at its points, (n, 2), mm; they are smooth."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A shape in a place, with a reflectance."""
+
+    shape: Shape
+    T_world_body: FloatMap = field(default_factory=lambda: np.eye(4))
+    """(4, 4), where the body is; mm."""
+    albedo: Albedo = 0.8
+
+    def hit(self, origin: FloatMap, directions: FloatMap) -> FloatMap:
+        """As ``Shape.hit``, for rays in world coordinates."""
+        R, t = self.T_world_body[:3, :3], self.T_world_body[:3, 3]
+        return self.shape.hit((origin - t) @ R, directions @ R)
+
+    def local(self, points: FloatMap) -> FloatMap:
+        """Points in the body's coordinates."""
+        return np.asarray((points - self.T_world_body[:3, 3]) @ self.T_world_body[:3, :3])
+
+    def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
+        """As ``Shape.normal``, in world coordinates."""
+        R = self.T_world_body[:3, :3]
+        return np.asarray(self.shape.normal(self.local(points), directions @ R) @ R.T)
+
+
+def _first(*candidates: FloatMap) -> FloatMap:
+    """The nearest of several hits; those that are behind or NaN do not count."""
+    best = np.full(candidates[0].shape, np.inf)
+    for t in candidates:
+        np.minimum(best, np.where(t > NEAR, t, np.inf), out=best)
+    return best
+
+
+def _quadratic(a: FloatMap, b: FloatMap, c: FloatMap) -> tuple[FloatMap, FloatMap]:
+    """Roots of a t² + 2 b t + c, free of cancellation; NaN where there are none."""
+    root = np.sqrt(b * b - a * c)
+    q = -(b + np.where(b >= 0, root, -root))
+    return q / a, c / q
+
+
+@dataclass(frozen=True)
+class Plane:
+    """z = 0 within a rectangle about the origin, or everywhere."""
+
+    width_mm: float = np.inf
+    height_mm: float = np.inf
+    centre_mm: tuple[float, float] = (0.0, 0.0)
+
+    def hit(self, origin: FloatMap, directions: FloatMap) -> FloatMap:
+        with np.errstate(all="ignore"):
+            t = -origin[..., 2] / directions[:, 2]
+            x = origin[..., 0] + t * directions[:, 0] - self.centre_mm[0]
+            y = origin[..., 1] + t * directions[:, 1] - self.centre_mm[1]
+            inside = (np.abs(x) <= 0.5 * self.width_mm) & (np.abs(y) <= 0.5 * self.height_mm)
+            return _first(np.where(inside, t, np.nan))
+
+    def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
+        del directions
+        return np.broadcast_to([0.0, 0.0, 1.0], points.shape)
+
+    def surface(self, points: FloatMap) -> FloatMap:
+        return points[:, :2]
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """About the origin."""
+
+    radius_mm: float
+
+    def hit(self, origin: FloatMap, directions: FloatMap) -> FloatMap:
+        a = np.einsum("nk,nk->n", directions, directions)
+        b = np.sum(origin * directions, axis=-1)
+        c = np.sum(origin * origin, axis=-1) - self.radius_mm**2
+        with np.errstate(all="ignore"):
+            return _first(*_quadratic(a, b, np.asarray(c)))
+
+    def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
+        del directions
+        return points / np.linalg.norm(points, axis=-1, keepdims=True)
+
+    def surface(self, points: FloatMap) -> FloatMap:
+        return points[:, :2]
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """About the y axis, closed by two discs."""
+
+    radius_mm: float
+    length_mm: float
+
+    def hit(self, origin: FloatMap, directions: FloatMap) -> FloatMap:
+        half = 0.5 * self.length_mm
+        dx, dy, dz = directions.T
+        ox, oy, oz = origin[..., 0], origin[..., 1], origin[..., 2]
+        with np.errstate(all="ignore"):
+            c = np.asarray(ox * ox + oz * oz - self.radius_mm**2)
+            sides = _quadratic(dx * dx + dz * dz, ox * dx + oz * dz, c)
+            hits = [np.where(np.abs(oy + t * dy) <= half, t, np.nan) for t in sides]
+            for end in (-half, half):
+                t = (end - oy) / dy
+                round_ = (ox + t * dx) ** 2 + (oz + t * dz) ** 2 <= self.radius_mm**2
+                hits.append(np.where(round_, t, np.nan))
+            return _first(*hits)
+
+    def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
+        del directions
+        half = 0.5 * self.length_mm
+        radial = np.hypot(points[:, 0], points[:, 2])
+        cap = half - np.abs(points[:, 1]) < np.abs(self.radius_mm - radial)
+        side = points * [1.0, 0.0, 1.0] / np.maximum(radial, 1e-12)[:, None]
+        end = np.sign(points) * [0.0, 1.0, 0.0]
+        return np.where(cap[:, None], end, side)
+
+    def surface(self, points: FloatMap) -> FloatMap:
+        return points[:, :2]
+
+
+@dataclass(frozen=True)
+class Box:
+    """About the origin, sides along the axes."""
+
+    size_mm: tuple[float, float, float]
+
+    def hit(self, origin: FloatMap, directions: FloatMap) -> FloatMap:
+        half = 0.5 * np.asarray(self.size_mm)
+        with np.errstate(all="ignore"):
+            one, other = (-half - origin) / directions, (half - origin) / directions
+            enter = np.minimum(one, other).max(axis=1)
+            leave = np.maximum(one, other).min(axis=1)
+            crossed = enter <= leave
+            return _first(np.where(crossed, enter, np.nan), np.where(crossed, leave, np.nan))
+
+    def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
+        del directions
+        depth = np.abs(points) / (0.5 * np.asarray(self.size_mm))
+        face = np.eye(3)[np.argmax(depth, axis=1)]
+        return np.asarray(face * np.sign(points))
+
+    def surface(self, points: FloatMap) -> FloatMap:
+        return points[:, :2]
+
+
+@dataclass(frozen=True)
+class Paraboloid:
+    """z = h (1 − (x² + y²)/R²) for z ≥ 0: an open cap."""
+
+    radius_mm: float
+    height_mm: float
+
+    def hit(self, origin: FloatMap, directions: FloatMap) -> FloatMap:
+        k = self.height_mm / self.radius_mm**2
+        dx, dy, dz = directions.T
+        ox, oy, oz = origin[..., 0], origin[..., 1], origin[..., 2]
+        with np.errstate(all="ignore"):
+            a = k * (dx * dx + dy * dy)
+            b = k * (ox * dx + oy * dy) + 0.5 * dz
+            c = np.asarray(k * (ox * ox + oy * oy) + oz - self.height_mm)
+            # A ray along the axis meets the cap once.
+            hits = [*_quadratic(a, b, c), np.where(a == 0, -0.5 * c / b, np.nan)]
+            return _first(*(np.where(oz + t * dz >= 0, t, np.nan) for t in hits))
+
+    def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
+        del directions
+        slope = 2.0 * self.height_mm / self.radius_mm**2
+        n = np.column_stack((slope * points[:, :2], np.ones(len(points))))
+        return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
+
+    def surface(self, points: FloatMap) -> FloatMap:
+        return points[:, :2]
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles; height maps and files become one."""
+
+    vertices_mm: FloatMap
+    """(n, 3), mm."""
+    faces: NDArray[np.integer]
+    """(m, 3), rows of the vertices."""
+    _tree: _core.Triangles = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        vertices = np.ascontiguousarray(self.vertices_mm, np.float64)
+        faces = np.ascontiguousarray(self.faces, np.uint32)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
+            raise InputError(f"mesh: expected finite vertices (n, 3), got {vertices.shape}")
+        if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
+            raise InputError(f"mesh: expected triangles (m, 3), got {faces.shape}")
+        if faces.max() >= len(vertices):
+            raise InputError(f"mesh: expected corners below {len(vertices)}, got {faces.max()}")
+        object.__setattr__(self, "vertices_mm", vertices)
+        object.__setattr__(self, "faces", faces)
+        object.__setattr__(self, "_tree", _core.Triangles(vertices, faces))
+
+    def hit(self, origin: FloatMap, directions: FloatMap) -> FloatMap:
+        origins = np.broadcast_to(origin, directions.shape)
+        found = self._tree.hit(
+            np.ascontiguousarray(origins), np.ascontiguousarray(directions), NEAR
+        )
+        return found[0]
+
+    def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
+        # The point lies on the face that its ray meets one length of the direction further.
+        face = self._tree.hit(points - directions, np.ascontiguousarray(directions), 0.5)[1]
+        corners = self.vertices_mm[self.faces[np.maximum(face, 0)]]
+        n = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300))
+
+    def surface(self, points: FloatMap) -> FloatMap:
+        return points[:, :2]
+
+
+def height_field(height_mm: FloatMap, pitch_mm: float) -> Mesh:
+    """A height map (h, w) over z = 0 as a mesh about the origin, x right, y down; NaN left out."""
+    height = np.asarray(height_mm, np.float64)
+    if height.ndim != 2 or min(height.shape) < 2 or not pitch_mm > 0:
+        raise InputError(
+            f"height field: expected (h ≥ 2, w ≥ 2) and a pitch > 0, got {height.shape}, {pitch_mm}"
+        )
+    h, w = height.shape
+    y, x = np.mgrid[:h, :w] - np.array([(h - 1) / 2.0, (w - 1) / 2.0])[:, None, None]
+    index = np.arange(h * w).reshape(h, w)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    faces = np.vstack([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (b, d, c))])
+    flat = height.ravel()
+    faces = faces[np.isfinite(flat[faces]).all(axis=1)]
+    vertices = np.column_stack((x.ravel() * pitch_mm, y.ravel() * pitch_mm, np.nan_to_num(flat)))
+    return Mesh(vertices, faces)

@@ -28,7 +28,7 @@ from fringeworks.analysis.stack import (
     in_bands,
     refuse_constant,
     sample_of,
-    sampled_rows,
+    sampled_places,
     saturation_of,
 )
 from fringeworks.patterns import GrayCode, PatternPlan, PhaseSteps
@@ -103,8 +103,8 @@ def decode(
     planes = check_frames(frames, plan)
     if out is not None:
         check_reusable(out, plan.axes, planes[0].shape, keep_phases)
-    rows = sampled_rows(planes[0].shape, plan)
-    sample = [sample_of(plane, rows) for plane in planes]
+    places = sampled_places(planes[0].shape, plan)
+    sample = [sample_of(plane, places) for plane in planes]
     check_content(planes, plan, sample)
     limits = _limits(planes[0].dtype, saturation, min_modulation)
     findings = examine(
@@ -194,7 +194,7 @@ class StreamingDecoder:
         if index == len(self._labels):
             raise InputError(f"frames: the plan has {len(self._labels)}, got one more")
         check_frame(frame, self._labels[index], frame if self._first is None else self._first)
-        sampled = sample_of(frame, sampled_rows(frame.shape, self._plan))
+        sampled = sample_of(frame, sampled_places(frame.shape, self._plan))
         block = next(b for k, b in reversed(self._plan.placed) if k <= index)
         if isinstance(block, PhaseSteps | GrayCode):
             refuse_constant(frame, self._labels[index], sampled)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,6 +17,10 @@ SAMPLE = (5_000, 24_000)
 """Pixels, at least, and residuals, about, from which noise and the order of frames are judged."""
 BAND_BYTES = 4 << 20
 """Copies of frames that the kernels cannot read as they are, at a time."""
+STRETCH = 64
+"""Pixels of a row that a sample takes together."""
+GOLDEN = 0.6180339887498949
+"""Steps near this share of a cycle leave no two neighbours close together."""
 
 Planes = list[NDArray[Any]]
 
@@ -79,20 +84,42 @@ def check_content(planes: Planes, plan: PatternPlan, sampled: Sequence[NDArray[A
                 refuse_constant(planes[k], labels[k], sampled[k])
 
 
-def sampled_rows(shape: tuple[int, int], plan: PatternPlan) -> NDArray[np.intp]:
-    """Rows, evenly spread, that hold about as many pixels as a sample needs."""
+Places = tuple[NDArray[np.intp], NDArray[np.intp]]
+
+
+def sampled_places(shape: tuple[int, int], plan: PatternPlan) -> Places:
+    """Rows and columns of as many pixels as a sample needs: short stretches, all over the frame.
+
+    Stretches keep to a few cache lines; there are enough of them not to miss a small object.
+    """
     height, width = shape
     sets = [block for block in plan.blocks if isinstance(block, PhaseSteps)]
     # What a pixel tells of the noise: residuals of its fits, else how backgrounds differ.
     freedom = max(sum(block.frames - 3 for block in sets), len(sets) - 1, 1)
     least, residuals = SAMPLE
-    count = min(height, max(1, -(-max(least, residuals // freedom) // width)))
-    return ((np.arange(count) + 0.5) * height / count).astype(np.intp)
+    wanted = max(least, residuals // freedom)
+    length = min(STRETCH, width)
+    count = -(-wanted // length)
+    if count * length >= height * width:
+        rows, columns = np.divmod(np.arange(height * width), width)
+        return rows, columns
+    # Every row its share of stretches, shifted from row to row by about the golden section so
+    # that together they start at equal distances: all columns, and all phases, come alike.
+    down = int(min(height, max(1, round(np.sqrt(count * length * height / width)))))
+    across = min(-(-count // down), width // length)
+    while down * across < count and down < height:
+        down += 1
+    rows = ((np.arange(down) + 0.5) * height / down).astype(np.intp)
+    step = next(m for m in range(round(GOLDEN * down), 2 * down + 2) if math.gcd(m, down) == 1)
+    turn = (np.arange(down)[:, None] * step % down / down + np.arange(across)) / across
+    start = (turn * width).astype(np.intp)
+    columns = (start[:, :, None] + np.arange(length)) % width
+    return np.repeat(rows, across * length), columns.reshape(-1)
 
 
-def sample_of(frame: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
-    """The pixels of some rows as one row, of a type that the kernels read."""
-    some = frame[rows].reshape(1, -1)
+def sample_of(frame: NDArray[Any], places: Places) -> NDArray[Any]:
+    """The pixels at some places as one row, of a type that the kernels read."""
+    some = np.ascontiguousarray(frame[places])[None]
     return some.astype(np.float32) if some.dtype == np.float64 else some
 
 

@@ -22,6 +22,8 @@ TEXTURE = 4.0
 """Variance over that of the texture above which backgrounds differ by more than noise."""
 RARE = 0.01
 """Share of samples at the limit that may exceed it by chance or on a highlight."""
+DIM = 0.1
+"""Share of the frames' brightness below which a pixel tells little of the noise."""
 CLIPPED = 3.0
 """Distance from the sensor's limits, in standard deviations, within which noise is cut off."""
 
@@ -121,7 +123,10 @@ def _residual_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> Cam
     finite = np.isfinite(values).all(axis=0)
     if finite.sum() < MIN_PIXELS:
         return None
-    data = values if finite.all() else values[:, finite]
+    # Where it is dark, noise is cut off: with enough light elsewhere, that is where to look.
+    light = np.where(finite, values, 0.0).mean(axis=0)
+    lit = finite & (light > DIM * np.percentile(light[finite], 99))
+    data = values[:, lit if lit.sum() >= MIN_PIXELS else finite]
     data = data[:, :: max(1, data.shape[1] * len(rich) // MAX_RESIDUALS)]
     levels, squares, freedoms = [], [], []
     for part, phases in rich:
@@ -190,20 +195,21 @@ def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> C
     parts = set_parts(decoding)
     fits = [solve(data[p], s.shifts_rad)[0] for p, s in zip(parts, decoding.sets, strict=True)]
     steps = np.array([len(s.frames) for s in decoding.sets], float)[:, None]
+    middle = np.sum(steps * np.stack([f[0] for f in fits]), axis=0) / steps.sum()
+    swing = np.max([np.hypot(f[1], f[2]) for f in fits], axis=0)
     chosen = np.ones(data.shape[1], bool)
     for _ in range(2):
         if chosen.sum() < MIN_PIXELS:
             return None
-        stack = np.stack([f[0] for f in fits])[:, chosen]
-        mean = np.sum(steps * stack, axis=0) / steps.sum()
-        square = np.sum(steps * (stack - mean) ** 2, axis=0)
+        mean = middle[chosen]
+        square = sum(n * (f[0][chosen] - mean) ** 2 for n, f in zip(steps[:, 0], fits, strict=True))
         found = noise_of_residuals(mean, square, len(fits) - 1)
         rough = residual_variance(square, len(fits) - 1) ** 0.5
-        inside = [
-            _inside(data[p], s.shifts_rad, f, limits, CLIPPED * rough).all(axis=0)
-            for p, s, f in zip(parts, decoding.sets, fits, strict=True)
-        ]
-        inner = np.logical_and.reduce(inside)
+        # By the mean background and the largest modulation: how backgrounds differ does not
+        # depend on them, while three samples are their own fit and would choose themselves.
+        inner = (middle - swing > CLIPPED * rough) & (
+            middle + swing < limits.saturation - CLIPPED * rough
+        )
         if inner.all() or inner.sum() < MIN_PIXELS:
             break
         chosen = inner

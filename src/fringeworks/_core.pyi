@@ -136,7 +136,8 @@ class Triangulation:
         rotation: Sequence[float],
         translation: Sequence[float],
         spread: NDArray[np.float32],
-        largest: float,
+        spread_along_x: bool,
+        spread_length: float,
     ) -> Triangulation: ...
     def run(
         self,

@@ -47,14 +47,17 @@ fn axis<'a>(maps: Option<&'a Maps<'_>>) -> PyResult<Option<Axis<'a>>> {
 #[pymethods]
 impl Triangulation {
     #[new]
-    #[pyo3(signature = (*, camera, projector, rotation, translation, spread, largest))]
+    #[pyo3(signature = (*, camera, projector, rotation, translation, spread, spread_along_x,
+        spread_length))]
+    #[allow(clippy::too_many_arguments)] // keywords, all of them
     fn new(
         camera: Vec<f64>,
         projector: Vec<f64>,
         rotation: Vec<f64>,
         translation: Vec<f64>,
         spread: PyReadonlyArray3<'_, f32>,
-        largest: f32,
+        spread_along_x: bool,
+        spread_length: f32,
     ) -> PyResult<Self> {
         let wrong = |_| PyValueError::new_err("pose: expected 9 and 3 values");
         if spread.shape()[2] != triangulate::POWERS {
@@ -71,7 +74,8 @@ impl Triangulation {
                 rows: spread.shape()[0],
                 columns: spread.shape()[1],
                 coefficients: rows_of(&spread)?.to_vec(),
-                largest,
+                along_x: spread_along_x,
+                length: spread_length,
             },
         })
     }

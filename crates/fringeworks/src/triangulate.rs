@@ -19,7 +19,7 @@ type Lanes = [f32; LANES];
 const NODES: [f64; 4] = [2.0, 21.0, 42.0, 61.0];
 /// Corrections for a projector's distortion; each squares the error, of about a tenth at first.
 const NEWTON: usize = 3;
-/// Coefficients of the variance of 1/z along a ray: it is of the fourth degree, but for distortion.
+/// Coefficients of the variance of 1/z along a ray.
 pub const POWERS: usize = 5;
 
 /// A pinhole with Brown's distortion k₁, k₂, p₁, p₂, k₃.
@@ -39,14 +39,16 @@ pub struct Rig {
     pub translation: [f64; 3],
 }
 
-/// Variance of 1/z by calibration: polynomials in 1/z at nodes that cover the frame.
+/// Variance of 1/z by calibration: polynomials along rays, at nodes that cover the frame.
 pub struct Spread {
     pub columns: usize,
     pub rows: usize,
-    /// Coefficients from the constant on, [`POWERS`] per node, node after node of each row; of
-    /// the variable (1/z) / `largest`.
+    /// Of the variance's binary logarithm: coefficients from the constant on, [`POWERS`] per
+    /// node, node after node of each row, in the projector coordinate along one axis, −1…1 over
+    /// its length.
     pub coefficients: Vec<f32>,
-    pub largest: f32,
+    pub along_x: bool,
+    pub length: f32,
 }
 
 /// Decoded coordinates along one axis.
@@ -126,7 +128,8 @@ struct Constants {
     distortion: [f32; 5],
     translation: [f32; 3],
     limits: [f32; 2],
-    largest: f32,
+    /// Whether the spread goes along x, and its variable: offset and factor of the coordinate.
+    along: (bool, f32, f32),
 }
 
 /// A cubic in (i − 31.5) / 32 for each of: r_x, r_y, (R r)_x, (R r)_y, (R r)_z.
@@ -274,6 +277,19 @@ impl Met {
     }
 }
 
+/// 2^x to 3e-4 for |x| ≤ 126, and the value at the end beyond.
+#[inline(always)]
+fn power_of_two(x: f32) -> f32 {
+    // Added to this, x is rounded, and its whole part lies in the lowest bits, biased as an
+    // exponent is.
+    const WHOLE: f32 = 12_582_912.0 + 127.0;
+    let x = x.clamp(-126.0, 126.0);
+    let shifted = x + WHOLE;
+    let part = x - (shifted - WHOLE);
+    let small = 1.0 + part * (0.693_147 + part * (0.240_22 + part * (0.055_5 + part * 0.009_6)));
+    small * f32::from_bits(shifted.to_bits() << 23)
+}
+
 #[inline(always)]
 fn cubic(c: &[f32; 4], u: f32) -> f32 {
     c[0] + u * (c[1] + u * (c[2] + u * c[3]))
@@ -366,13 +382,17 @@ fn meet<const X: bool, const Y: bool, const CURVED: bool>(
             (true, false) => 1.0 / (weight_x * gx * gx),
             _ => 1.0 / (weight_y * gy * gy),
         };
-        let s = w * c.largest;
+        let place = if c.along.0 {
+            along_x.coordinate[i]
+        } else {
+            along_y.coordinate[i]
+        };
+        let s = c.along.1 + c.along.2 * place;
         let mut calibration = 0.0;
         for k in (0..POWERS).rev() {
             calibration = calibration * s + (base[k] + i as f32 * slope[k]);
         }
-        // Rounding may take a variance of nearly nothing below zero.
-        let calibration = calibration.max(0.0);
+        let calibration = power_of_two(calibration);
         let length = (rx * rx + ry * ry + 1.0).sqrt() * z * z;
         met.x[i] = rx * z;
         met.y[i] = ry * z;
@@ -509,6 +529,13 @@ pub fn triangulate(
     check_length("spread", spread.coefficients.len(), nodes * POWERS)?;
     let enough = spread.columns >= 2 && spread.rows >= 2;
     check_value("spread", enough, "2 × 2 nodes or more", nodes)?;
+    let known = if spread.along_x { x } else { y };
+    check_value(
+        "spread",
+        known.is_some(),
+        "an axis that is given",
+        "the other",
+    )?;
     if pixels == 0 {
         return Ok(());
     }
@@ -519,7 +546,11 @@ pub fn triangulate(
         distortion: rig.projector.distortion.map(single),
         translation: rig.translation.map(single),
         limits: [limits.residual_sigmas, limits.residual_px],
-        largest: 1.0 / spread.largest,
+        along: (
+            spread.along_x,
+            1.0 / spread.length - 1.0,
+            2.0 / spread.length,
+        ),
     };
     let residual: Vec<&mut [f32]> = if both {
         out.residual.chunks_mut(width).collect()
@@ -572,6 +603,15 @@ mod tests {
         for (node, value) in NODES.iter().zip(values) {
             let u = ((node - 31.5) / 32.0) as f32;
             assert!((f64::from(cubic(&c, u)) - value).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn powers_of_two_are_near() {
+        for k in -1260..=1260 {
+            let x = 0.1 * k as f32;
+            let ratio = f64::from(power_of_two(x)) / f64::from(x).exp2();
+            assert!((ratio - 1.0).abs() < 3e-4, "{x}: {ratio}");
         }
     }
 

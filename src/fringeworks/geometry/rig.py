@@ -7,13 +7,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from fringeworks import _core
 from fringeworks.geometry.pinhole import (
     project_with_derivatives,
     rays,
     skew,
-    transform,
 )
 from fringeworks.types import (
     Axis,
@@ -30,11 +30,12 @@ RESIDUAL_SIGMAS = 5.0
 """Distance from the epipolar line that is let through, in its standard deviations."""
 NODES = (12, 16)
 """Rows and columns of nodes at which the calibration's part of σ is computed."""
-DEPTHS = 9
-"""Depths per node that a polynomial in 1/z is fitted to."""
+DEPTHS = 7
+"""Places along each node's ray that a polynomial is fitted to."""
 POWERS = 5
-NEAREST = 0.25
-"""Nearest depth that the polynomial covers, in baselines."""
+NEWTON = 8
+NOTHING = -126.0
+"""Binary logarithm of a variance that is none."""
 
 _kernels: WeakKeyDictionary[Rig, dict[Axis | None, _core.Triangulation]] = WeakKeyDictionary()
 
@@ -192,62 +193,110 @@ def _kernel(rig: Rig, axis: Axis | None) -> _core.Triangulation:
     """The kernel for a rig, with the calibration's part of σ along ``axis`` or by both."""
     known = _kernels.setdefault(rig, {})
     if axis not in known:
-        spread, largest = calibration_spread(rig, axis)
+        along = main_axis(rig) if axis is None else axis
         known[axis] = _core.Triangulation(
             camera=[float(v) for v in rig.camera.parameters],
             projector=[float(v) for v in rig.projector.parameters],
             rotation=[float(v) for v in rig.T_projector_camera[:3, :3].ravel()],
             translation=[float(v) for v in rig.T_projector_camera[:3, 3]],
-            spread=spread,
-            largest=largest,
+            spread=calibration_spread(rig, axis, along),
+            spread_along_x=along == "x",
+            spread_length=float(_length(rig, along)),
         )
     return known[axis]
 
 
-def calibration_spread(rig: Rig, axis: Axis | None) -> tuple[NDArray[np.float32], float]:
+def _length(rig: Rig, axis: Axis) -> int:
+    return rig.projector.width_px if axis == "x" else rig.projector.height_px
+
+
+def main_axis(rig: Rig) -> Axis:
+    """The axis of the projector along which a point moves the more when its depth changes."""
+    centre = np.array([[0.5 * rig.camera.width_px, 0.5 * rig.camera.height_px]])
+    ray = rays(rig.camera, centre)
+    _, by_point, _ = project_with_derivatives(
+        rig.projector, ray @ rig.T_projector_camera[:3, :3].T
+    )
+    moved = by_point[0] @ rig.T_projector_camera[:3, 3]
+    return "x" if abs(moved[0]) >= abs(moved[1]) else "y"
+
+
+def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.float32]:
     """Variance of 1/z that the calibration leaves, over the camera's frame.
+
+    Parameters
+    ----------
+    axis : "x", "y", or None for both
+        What is triangulated from.
+    along : "x" or "y"
+        Axis whose coordinate tells where on a ray a point is.
 
     Returns
     -------
-    (rows, columns, 5) float32 coefficients of polynomials in (1/z) / largest, 1/mm²
-    largest : float, 1/mm
+    (rows, columns, 5) float32 coefficients of polynomials in that coordinate, −1…1 over the
+    projector's frame, for the binary logarithm of the variance in 1/mm²: over a frame that a
+    calibration has not covered the variance itself changes by orders of magnitude.
     """
-    largest = 1.0 / (NEAREST * rig.baseline_mm)
     spread = np.zeros((*NODES, POWERS), np.float32)
+    spread[..., 0] = NOTHING
     if rig.covariance is None or not rig.covariance.any():
-        return spread, largest
-    v, u = np.meshgrid(
+        return spread
+    place = np.cos(np.pi * (np.arange(DEPTHS) + 0.5) / DEPTHS)
+    goal = (0.5 * place + 0.5) * _length(rig, along) - 0.5
+    v, u, q = np.meshgrid(
         np.linspace(0, rig.camera.height_px - 1, NODES[0]),
         np.linspace(0, rig.camera.width_px - 1, NODES[1]),
+        goal,
         indexing="ij",
     )
     pixels = np.stack((u, v), axis=-1).reshape(-1, 2)
-    share = 0.5 * (1.0 - np.cos(np.pi * (np.arange(DEPTHS) + 0.5) / DEPTHS))
-    for k, pixel in enumerate(pixels):
-        variance = _variances(rig, pixel, share * largest, axis)
-        good = np.isfinite(variance)
-        if good.sum() >= POWERS:
-            fitted = polynomial.polyfit(share[good], variance[good], POWERS - 1)
-            spread[k // NODES[1], k % NODES[1]] = fitted
-    return spread, largest
+    w = inverse_depth(rig, pixels, q.ravel(), along)
+    by = inverse_depth_by_parameters(rig, pixels, w, axis)
+    variance = np.einsum("ni,ij,nj->n", by, rig.covariance, by).reshape(-1, DEPTHS)
+    good = (variance > 0) & np.isfinite(variance)
+    fitted = good.sum(axis=1) >= POWERS
+    for k in np.flatnonzero(fitted):
+        logarithm = np.log2(variance[k, good[k]])
+        spread[np.unravel_index(k, NODES)] = polynomial.polyfit(
+            place[good[k]], logarithm, POWERS - 1
+        )
+    known = fitted.reshape(NODES)
+    if known.any() and not known.all():
+        # Where no ray meets the projector's light no point will be: any finite value does.
+        nearest = ndimage.distance_transform_edt(~known, return_indices=True)[1]
+        spread = spread[tuple(nearest)]
+    return np.ascontiguousarray(spread)
 
 
-def _variances(rig: Rig, pixel: FloatMap, w: FloatMap, axis: Axis | None) -> FloatMap:
-    """Variance of 1/z by calibration at several depths along a pixel's ray, (n,)."""
-    by = inverse_depth_by_parameters(rig, np.broadcast_to(pixel, (len(w), 2)), w, axis)
-    assert rig.covariance is not None
-    return np.einsum("ni,ij,nj->n", by, rig.covariance, by)
+def inverse_depth(rig: Rig, pixels: FloatMap, goal_px: FloatMap, axis: Axis) -> FloatMap:
+    """1/z where rays of camera pixels (n, 2) meet a column or row of the projector, (n,), 1/mm.
+
+    NaN where the way to it leaves what the lens models cover; 0 and below for no point in front.
+    """
+    k = 0 if axis == "x" else 1
+    R, t = rig.T_projector_camera[:3, :3], rig.T_projector_camera[:3, 3]
+    turned = rays(rig.camera, pixels) @ R.T
+    ideal = (goal_px - rig.projector.principal_px[k]) / rig.projector.focal_px[k]
+    with np.errstate(all="ignore"):
+        w = (ideal * turned[:, 2] - turned[:, k]) / (t[k] - ideal * t[2])
+        for _ in range(NEWTON):
+            # A point times w: free of infinity where rays meet far away.
+            seen = turned + w[:, None] * t
+            seen = np.where(seen[:, 2:] > 0, seen, np.nan)
+            pixel, by_point, _ = project_with_derivatives(rig.projector, seen)
+            w = w + (goal_px - pixel[:, k]) / (by_point[:, k] @ t)
+    return np.asarray(np.where(np.abs(goal_px - pixel[:, k]) < 1e-6, w, np.nan))
 
 
 def inverse_depth_by_parameters(
     rig: Rig, pixels: FloatMap, w: FloatMap, axis: Axis | None
 ) -> FloatMap:
-    """Derivative of 1/z by the rig's 24 parameters where projector coordinates are given.
+    """Derivative of w = 1/z by the rig's 24 parameters where projector coordinates are given.
 
     Parameters
     ----------
     pixels : (n, 2) camera px
-    w : (n,) 1/z, 1/mm
+    w : (n,) 1/mm
     axis : "x" or "y", or None for both, weighted alike
 
     Returns
@@ -256,27 +305,23 @@ def inverse_depth_by_parameters(
 
     Notes
     -----
-    The projector's pixel of the point, π(P(w, θ)), stays what was decoded:
+    The projector's pixel of the point, π(R r + w t), stays what was decoded:
     ∂w/∂θ = −∂π/∂θ / ∂π/∂w, along one axis or by least squares over both.
     """
-    R = rig.T_projector_camera[:3, :3]
+    R, t = rig.T_projector_camera[:3, :3], rig.T_projector_camera[:3, 3]
     ray = rays(rig.camera, pixels)
-    point = ray / w[:, None]
-    seen = transform(rig.T_projector_camera, point)
+    seen = ray @ R.T + w[:, None] * t
     with np.errstate(all="ignore"):
         seen = np.where(seen[:, 2:] > 0, seen, np.nan)
         _, by_point, by_projector = project_with_derivatives(rig.projector, seen)
-        _, c_by_point, c_by_camera = project_with_derivatives(rig.camera, point)
-        # The pixel stays: the point moves across the ray where the camera's parameters change.
-        across = -np.linalg.solve(c_by_point[:, :, :2], c_by_camera)
-        by_camera = by_point @ R[:, :2] @ across
-        by_pose = by_point @ np.concatenate(
-            (-skew(seen - rig.T_projector_camera[:3, 3]),
-             np.broadcast_to(np.eye(3), (len(w), 3, 3))), axis=2,
+        _, c_by_ray, c_by_camera = project_with_derivatives(rig.camera, ray)
+        # The camera's pixel stays: its ray turns when the camera's parameters change.
+        by_camera = by_point @ R[:, :2] @ -np.linalg.solve(c_by_ray[:, :, :2], c_by_camera)
+        by_turn = by_point @ -skew(ray @ R.T)
+        by = np.concatenate(
+            (by_camera, by_projector, by_turn, by_point * w[:, None, None]), axis=2
         )
-        by = np.concatenate((by_camera, by_projector, by_pose), axis=2)
-        by_w = (by_point @ (R @ (-ray / w[:, None] ** 2)[..., None]))[..., 0]
+        by_w = by_point @ t
         weight = np.ones(2) if axis is None else np.array([axis == "x", axis == "y"], float)
         top = np.einsum("ni,nij->nj", by_w * weight, by)
         return np.asarray(-top / np.sum(by_w**2 * weight, axis=1)[:, None])
-

@@ -2,6 +2,7 @@
 
 from fringeworks.geometry.board import Board, parse_board
 from fringeworks.geometry.calibrate import Calibration, Observation, calibrate, observe
+from fringeworks.geometry.cloud import height_over_plane, normals, triangles
 from fringeworks.geometry.corners import BoardView, find_board
 from fringeworks.geometry.pinhole import inverse, look_at, pose, project, rays, rotation, transform
 from fringeworks.geometry.reference_plane import (
@@ -20,8 +21,10 @@ __all__ = [
     "displacement_from_height",
     "find_board",
     "height_from_displacement",
+    "height_over_plane",
     "inverse",
     "look_at",
+    "normals",
     "observe",
     "parse_board",
     "pose",
@@ -30,5 +33,6 @@ __all__ = [
     "rotation",
     "to_surface",
     "transform",
+    "triangles",
     "triangulate",
 ]

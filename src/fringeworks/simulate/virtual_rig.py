@@ -15,8 +15,11 @@ from fringeworks.patterns import PatternPlan, encode
 from fringeworks.simulate.bodies import Body
 from fringeworks.types import BoolMap, FloatMap, InputError, Rig
 
-SUBSAMPLES = 4
-"""Points per side of a pixel at which a varying albedo is looked at."""
+SUBSAMPLES = 16
+"""Points of a pixel at which a varying albedo is looked at."""
+LATTICE = 7
+"""They are a lattice of which every row and column has one, so that edges along the pixels' grid
+come out as finely as others."""
 FINE = 16
 """Samples per projector pixel of a pattern's profile."""
 SHADOW_START = 1e-4
@@ -194,7 +197,7 @@ def _albedo(bodies: Sequence[Body], world: FloatMap, body: NDArray[np.int32]) ->
         elif own.any():
             rows, columns = (slice(c.min(), c.max() + 1) for c in np.nonzero(own))
             part = own[rows, columns]
-            surface = np.full((*part.shape, 2), np.nan)
+            surface = np.zeros((*part.shape, 2))
             surface[part] = item.shape.surface(item.local(world[rows, columns][part]))
             albedo[rows, columns][part] = _mean_paint(item.albedo, surface)[part]
     return albedo
@@ -203,19 +206,19 @@ def _albedo(bodies: Sequence[Body], world: FloatMap, body: NDArray[np.int32]) ->
 def _mean_paint(paint: Any, surface: FloatMap) -> FloatMap:
     down, across = _steps(surface, 0), _steps(surface, 1)
     total = np.zeros(surface.shape[:2])
-    offsets = (np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5
-    for a in offsets:
-        for b in offsets:
-            at = np.nan_to_num(surface + a * across + b * down)
-            total += paint(at[..., 0], at[..., 1])
-    return total / SUBSAMPLES**2
+    for k in range(SUBSAMPLES):
+        a = (k + 0.5) / SUBSAMPLES - 0.5
+        b = (k * LATTICE % SUBSAMPLES + 0.5) / SUBSAMPLES - 0.5
+        at = surface + a * across + b * down
+        total += paint(at[..., 0], at[..., 1])
+    return total / SUBSAMPLES
 
 
 def _steps(surface: FloatMap, axis: int) -> FloatMap:
-    """Change of the surface's coordinates from pixel to pixel; 0 at a body's rim."""
+    """Change of the surface's coordinates from pixel to pixel."""
     if surface.shape[axis] < 2:
         return np.zeros_like(surface)
-    return np.nan_to_num(np.gradient(surface, axis=axis))
+    return np.asarray(np.gradient(surface, axis=axis))
 
 
 def photograph(

@@ -22,11 +22,11 @@ LAYERS = [
     {"temporal"},
     {"patterns"},
     {"planner"},
-    {"noise", "carrier", "response", "unwrap", "geometry", "fits", "surface"},
+    {"noise", "carrier", "response", "unwrap", "geometry", "fits", "form", "surface"},
     {"denoise"},
     {"analysis", "simulate", "files"},
-    {"capture", "formats", "figures"},
-    {"response_file", "plan_file", "coordinate_file"},
+    {"capture", "formats", "figures", "point_files"},
+    {"response_file", "plan_file", "coordinate_file", "rig_file"},
     {"stack_file"},
     {"pipeline"},
     {"evaluate"},
@@ -35,7 +35,7 @@ LAYERS = [
 ]
 # Below the pipeline nothing may touch files or screens, but for the modules made for that.
 WITH_FILES = {"files", "capture", "formats", "figures", "response_file"}
-WITH_FILES |= {"plan_file", "coordinate_file", "stack_file"}
+WITH_FILES |= {"plan_file", "coordinate_file", "stack_file", "point_files", "rig_file"}
 OUTER = {"PIL", "tifffile", "h5py", "matplotlib", "rich", "typer", "pydantic", "tomli_w", "pathlib"}
 
 

@@ -155,9 +155,7 @@ class Triangulation:
 
 @final
 class Triangles:
-    def __new__(
-        cls, vertices: NDArray[np.float64], faces: NDArray[np.uint32]
-    ) -> Triangles: ...
+    def __new__(cls, vertices: NDArray[np.float64], faces: NDArray[np.uint32]) -> Triangles: ...
     def hit(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64], near: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int32]]: ...

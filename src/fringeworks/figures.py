@@ -14,7 +14,8 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from fringeworks.analysis.inverse_function import Extrema
 from fringeworks.files import replacing
-from fringeworks.types import ByteMap, Decoded, FloatMap, HeightMap, Reason
+from fringeworks.geometry import normals
+from fringeworks.types import ByteMap, Decoded, FloatMap, HeightMap, PointCloud, Reason
 
 DPI = 110
 MAX_SURFACE_POINTS = 160
@@ -185,6 +186,26 @@ def coordinate_sheet(title: str, decoded: Decoded) -> Figure:
         top = spread([found.modulation], 99.5)
         _map(places[2], found.modulation, limits=(0.0, top), colours="gray", label="counts")
         _reasons(places[3], found.reason, found.failed_fraction)
+    return figure
+
+
+def points_sheet(title: str, cloud: PointCloud) -> Figure:
+    """Depth, slope of light, error bar and reasons of a point cloud on one sheet."""
+    figure = Figure(figsize=(18.0, 4.4), layout="constrained")
+    figure.suptitle(title)
+    places = [figure.add_subplot(1, 4, k) for k in (1, 2, 3, 4)]
+    depth = cloud.xyz_mm[..., 2]
+    finite = depth[np.isfinite(depth)]
+    low, high = np.percentile(finite, (0.2, 99.8)) if finite.size else (0.0, 1.0)
+    places[0].set_title("z")
+    _map(places[0], depth, limits=(low, high), colours="viridis_r", label="mm")
+    places[1].set_title("shaded by its normals")
+    light = normals(cloud) @ (np.array([-0.5, -0.5, -0.7]) / np.linalg.norm([0.5, 0.5, 0.7]))
+    _map(places[1], light, limits=(0.0, 1.0), colours="gray", label="cosine")
+    places[2].set_title("σ")
+    top = spread([cloud.sigma_mm], 98.0)
+    _map(places[2], cloud.sigma_mm, limits=(0.0, top), colours="magma", label="mm")
+    _reasons(places[3], cloud.reason, cloud.failed_fraction)
     return figure
 
 

@@ -16,7 +16,7 @@ Body = Literal["plane", "sphere", "cylinder"]
 DISCARDED = 0.003
 """Share of the points that VDI/VDE 2634 part 2 lets go before a range is taken."""
 NEARBY = 0.7
-"""Reach of the points that a start goes through, of the cloud's size: they should be on one body."""
+"""Reach of the points that a start goes through, of the cloud's size: likely on one body."""
 LARGEST = 5.0
 """Largest radius of a sphere or cylinder, of the cloud's size: a plane is a sphere beyond."""
 SAMPLE = 20_000
@@ -120,9 +120,7 @@ def fit_form(
         )
     parameters = kind.parameters(found, middle, scale)
     last = float(np.sqrt(max(covariance[-1, -1], 0.0))) * scale
-    return Form(
-        body, parameters, distance * scale, used, None if body == "plane" else last
-    )
+    return Form(body, parameters, distance * scale, used, None if body == "plane" else last)
 
 
 @dataclass(frozen=True)
@@ -195,8 +193,10 @@ def _plane_parameters(q: FloatMap, middle: FloatMap, scale: float) -> dict[str, 
         n = -n  # towards the camera
         q = -q
     offset = q[3] / np.linalg.norm(q[:3])
-    return {"point_mm": [float(v) for v in middle + scale * offset * n],
-            "normal": [float(v) for v in n]}
+    return {
+        "point_mm": [float(v) for v in middle + scale * offset * n],
+        "normal": [float(v) for v in n],
+    }
 
 
 def _sphere_through(p: FloatMap) -> FloatMap | None:
@@ -213,7 +213,10 @@ def _sphere_distance(q: FloatMap, p: FloatMap) -> FloatMap:
 
 
 def _sphere_parameters(q: FloatMap, middle: FloatMap, scale: float) -> dict[str, Any]:
-    return {"centre_mm": [float(v) for v in middle + scale * q[:3]], "radius_mm": float(scale * abs(q[3]))}
+    return {
+        "centre_mm": [float(v) for v in middle + scale * q[:3]],
+        "radius_mm": float(scale * abs(q[3])),
+    }
 
 
 def _cylinder_through(p: FloatMap) -> FloatMap | None:
@@ -253,8 +256,11 @@ def _cylinder_distance(q: FloatMap, p: FloatMap) -> FloatMap:
 def _cylinder_parameters(q: FloatMap, middle: FloatMap, scale: float) -> dict[str, Any]:
     axis = q[3:6] / np.linalg.norm(q[3:6])
     foot = q[:3] - (q[:3] @ axis) * axis
-    return {"point_mm": [float(v) for v in middle + scale * foot],
-            "axis": [float(v) for v in axis], "radius_mm": float(scale * abs(q[6]))}
+    return {
+        "point_mm": [float(v) for v in middle + scale * foot],
+        "axis": [float(v) for v in axis],
+        "radius_mm": float(scale * abs(q[6])),
+    }
 
 
 BODIES: dict[str, _Kind] = {
@@ -290,9 +296,7 @@ def find_spheres(
     return found
 
 
-def report(
-    form: Form, *, diameter_mm: float | None = None
-) -> dict[str, Any]:
+def report(form: Form, *, diameter_mm: float | None = None) -> dict[str, Any]:
     """Figures of a fit in the vocabulary of VDI/VDE 2634 part 2, mm.
 
     probing error form PF: range of radial distances; probing error size PS: measured minus

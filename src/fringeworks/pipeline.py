@@ -3,16 +3,41 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from fringeworks.analysis import analyse, prepare
+from fringeworks.analysis import analyse, decode, prepare, texture
 from fringeworks.denoise import Denoiser
 from fringeworks.denoise import denoise as denoise_frame
-from fringeworks.geometry import to_surface
-from fringeworks.types import Capture, Decoded, HeightMap, PhaseMap, Reason, count_reasons
+from fringeworks.geometry import (
+    Board,
+    Calibration,
+    Observation,
+    calibrate,
+    coverage,
+    diagnose,
+    observe,
+    pose_figures,
+    to_surface,
+    triangulate,
+)
+from fringeworks.stack_file import Stack
+from fringeworks.types import (
+    RIG_PARAMETERS,
+    Axis,
+    Capture,
+    Decoded,
+    HeightMap,
+    InputError,
+    PhaseMap,
+    PointCloud,
+    Reason,
+    Rig,
+    count_reasons,
+)
 
 
 @dataclass(frozen=True)
@@ -143,4 +168,144 @@ def decoded_summary(decoded: Decoded, notes: tuple[str, ...] = ()) -> dict[str, 
         "noise": {"read_counts": decoded.noise.read_counts, "gain": decoded.noise.gain},
         "axes": axes,
         "notes": [*notes, *decoded.notes],
+    }
+
+
+def calibrate_stacks(
+    stacks: Iterable[tuple[str, Stack]],
+    board: Board,
+    *,
+    distortion: int = 5,
+    progress: Callable[[str], None] = lambda _: None,
+    **options: Any,
+) -> Calibration:
+    """Calibrate a rig from stacks of a board in several poses.
+
+    Parameters
+    ----------
+    stacks : iterable of (name, Stack)
+        Both axes of the projector in each; a pose in which the board is not found is skipped, with
+        the reason in the result.
+    board : Board
+    distortion : 0, 2, 4 or 5
+        Coefficients per lens.
+    progress : callable
+        Called with what is being done.
+    **options
+        Of ``decode``.
+
+    Raises
+    ------
+    InputError where too few poses are left, and as ``geometry.calibrate``.
+    """
+    observations: list[Observation] = []
+    skipped: dict[str, str] = {}
+    for name, stack in stacks:
+        progress(f"{name} …")
+        plan = stack.plan
+        try:
+            found = decode(stack.frames, plan, **_with_saturation(stack, options))
+            observations.append(
+                observe(
+                    texture(stack.frames, plan),
+                    found,
+                    board,
+                    projector_size=(plan.width_px, plan.height_px),
+                    name=name,
+                )
+            )
+        except InputError as error:
+            skipped[name] = str(error) if name in str(error) else f"{name}: {error}"
+    progress("adjusting …")
+    return calibrate(observations, board, skipped=skipped, distortion=distortion)
+
+
+def reconstruct_points(
+    stack: Stack, rig: Rig, *, axis: Axis | None = None, **options: Any
+) -> tuple[PointCloud, Decoded]:
+    """Measure points from a stack of frames with a calibrated rig.
+
+    Parameters
+    ----------
+    stack : Stack
+    rig : Rig
+    axis : "x" or "y", optional
+        Use this axis of the projector only.
+    **options
+        Of ``decode``.
+
+    Returns
+    -------
+    The points, with the scene's brightness where the plan shows it, and what was decoded.
+
+    Raises
+    ------
+    InputError where rig and stack do not belong together, and as ``decode``.
+    """
+    check_projector(rig, stack)
+    decoded = decode(stack.frames, stack.plan, **_with_saturation(stack, options))
+    try:
+        colour = texture(stack.frames, stack.plan)
+    except InputError:
+        colour = None
+    return triangulate(decoded, rig, axis=axis, colour=colour), decoded
+
+
+def check_projector(rig: Rig, stack: Stack) -> None:
+    """Refuse a stack whose plan is for another projector than the rig's."""
+    plan, projector = stack.plan, rig.projector
+    if (plan.width_px, plan.height_px) != (projector.width_px, projector.height_px):
+        raise InputError(
+            f"rig: it is for a projector of {projector.width_px} × {projector.height_px} px, got "
+            f"a plan for {plan.width_px} × {plan.height_px}"
+        )
+
+
+def _with_saturation(stack: Stack, options: dict[str, Any]) -> dict[str, Any]:
+    return {"saturation": stack.saturation} | options
+
+
+def calibration_summary(calibration: Calibration) -> dict[str, Any]:
+    """Figures of a calibration, ready for JSON."""
+    rig = calibration.rig
+    assert rig.covariance is not None
+    sigma = np.sqrt(np.diag(rig.covariance))
+    offset = rig.T_projector_camera[:3, 3]
+    values = [*rig.camera.parameters, *rig.projector.parameters]
+    gradient = np.concatenate((np.zeros(21), offset / rig.baseline_mm))
+    camera, projector = coverage(calibration)
+    return {
+        "parameters": {
+            name: {"value": float(value), "sigma": float(s)}
+            for name, value, s in zip(RIG_PARAMETERS, values, sigma, strict=False)
+        },
+        "baseline_mm": rig.baseline_mm,
+        "baseline_sigma_mm": float(np.sqrt(gradient @ rig.covariance @ gradient)),
+        "camera_rms_px": rig.residual_px[0],
+        "projector_rms_px": rig.residual_px[1],
+        "camera_coverage": camera,
+        "projector_coverage": projector,
+        "poses": pose_figures(calibration),
+        "findings": [
+            {"cause": found.cause, "message": found.message} for found in diagnose(calibration)
+        ],
+    }
+
+
+def points_summary(cloud: PointCloud) -> dict[str, Any]:
+    """Figures of a point cloud, ready for JSON."""
+    ok = cloud.reason == Reason.OK
+    xyz, sigma, noise = cloud.xyz_mm[ok], cloud.sigma_mm[ok], cloud.noise_mm[ok]
+    return {
+        "shape": list(cloud.shape),
+        "points": int(ok.sum()),
+        "failed_fraction": cloud.failed_fraction,
+        "reasons": count_reasons(cloud.reason),
+        "minimum_mm": xyz.min(axis=0).tolist() if len(xyz) else None,
+        "maximum_mm": xyz.max(axis=0).tolist() if len(xyz) else None,
+        "median_sigma_mm": float(np.median(sigma)) if len(xyz) else None,
+        "median_noise_mm": float(np.median(noise)) if len(xyz) else None,
+        "residual_rms_px": None
+        if cloud.residual_px is None or not len(xyz)
+        else float(np.sqrt(np.mean(cloud.residual_px[ok].astype(np.float64) ** 2))),
     }

@@ -132,20 +132,13 @@ def _write_xyz(path: Path, cloud: PointCloud, _: Kind) -> None:
 
 
 def _write_npz(path: Path, cloud: PointCloud, _: Kind) -> None:
-    more = {
+    arrays: dict[str, Any] = {
         name: value
-        for name, value in (("residual_px", cloud.residual_px), ("colour", cloud.colour))
-        if value is not None
+        for name in PointCloud.__dataclass_fields__
+        if (value := getattr(cloud, name)) is not None
     }
     with path.open("wb") as file:
-        np.savez_compressed(
-            file,
-            xyz_mm=cloud.xyz_mm,
-            sigma_mm=cloud.sigma_mm,
-            noise_mm=cloud.noise_mm,
-            reason=cloud.reason,
-            **more,
-        )
+        np.savez_compressed(file, **arrays)
 
 
 Writer = Callable[[Path, PointCloud, Kind], None]

@@ -195,8 +195,10 @@ def _from_toml(content: RigFile) -> Rig:
 
 
 def _opencv(path: Path, rig: Rig) -> str:
-    kind = cv2.FILE_STORAGE_FORMAT_XML if path.suffix.lower() == ".xml" else (
-        cv2.FILE_STORAGE_FORMAT_YAML
+    kind = (
+        cv2.FILE_STORAGE_FORMAT_XML
+        if path.suffix.lower() == ".xml"
+        else (cv2.FILE_STORAGE_FORMAT_YAML)
     )
     storage = cv2.FileStorage("", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | kind)
     for name, device in (("camera", rig.camera), ("projector", rig.projector)):
@@ -242,12 +244,12 @@ def _from_opencv(path: Path, projector_size: tuple[int, int] | None) -> Rig:
             )
         k = np.zeros(5)
         k[: min(5, d.size)] = d[:5]
-        size = _size_of(storage, name) or (projector_size if name == "projector" else None)
-        if size is None:
+        frame = _size_of(storage, name) or (projector_size if name == "projector" else None)
+        if frame is None:
             raise InputError(f"missing {name}_size: columns and rows of the {name}")
         devices.append(
             Pinhole(
-                *size,
+                *frame,
                 (float(K[0, 0]), float(K[1, 1])),
                 (float(K[0, 2]), float(K[1, 2])),
                 (float(k[0]), float(k[1]), float(k[2]), float(k[3]), float(k[4])),
@@ -263,8 +265,8 @@ def _size_of(storage: Any, name: str) -> tuple[int, int] | None:
     """Columns and rows; files of other programs have rows and columns of the camera at most."""
     node = storage.getNode(f"{name}_size")
     if not node.empty():
-        width, height = (int(n) for n in node.mat().ravel()[:2])
-        return width, height
+        columns, rows = (int(n) for n in node.mat().ravel()[:2])
+        return columns, rows
     node = storage.getNode("img_shape")
     if name == "camera" and not node.empty():
         height, width = (int(n) for n in node.mat().ravel()[:2])

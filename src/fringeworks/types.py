@@ -256,11 +256,12 @@ class Pinhole:
         return self.height_px, self.width_px
 
 
-RIG_PARAMETERS = tuple(
-    f"{device} {name}"
-    for device in ("camera", "projector")
-    for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-) + ("rotation x", "rotation y", "rotation z", "translation x", "translation y", "translation z")
+RIG_PARAMETERS = (
+    *(f"camera {name}" for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")),
+    *(f"projector {name}" for name in ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")),
+    *(f"rotation {axis}" for axis in "xyz"),
+    *(f"translation {axis}" for axis in "xyz"),
+)
 """What a rig's covariance is of: px, 1, rad, mm. A rotation error ω turns R into exp(ω) R."""
 
 

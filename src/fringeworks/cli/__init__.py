@@ -9,7 +9,7 @@ import typer
 from typer.exceptions import TyperException
 
 # Importing a file registers its commands, in the order in which help shows them.
-from fringeworks.cli import calibration, comparison, measure, show, stacks  # noqa: F401
+from fringeworks.cli import calibration, comparison, measure, rig, show, stacks  # noqa: F401
 from fringeworks.cli.common import app, stderr
 from fringeworks.types import InputError
 

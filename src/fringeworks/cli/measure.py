@@ -23,11 +23,13 @@ from fringeworks.cli.common import (
     show_progress,
     write_json,
 )
+from fringeworks.cli.rig import measure_points
 from fringeworks.evaluate import errors, to_json
 from fringeworks.files import read_frame
 from fringeworks.formats import WRITERS, check_target, write_surface
 from fringeworks.pipeline import reconstruct as run_reconstruct
 from fringeworks.pipeline import summary
+from fringeworks.point_files import WRITERS as POINT_WRITERS
 from fringeworks.response import apply_response
 from fringeworks.response_file import read_response
 from fringeworks.types import Capture, InputError, ReferencePlaneGeometry
@@ -124,7 +126,18 @@ def reconstruct(
     option: Annotated[
         list[str] | None, typer.Option(help="Option of the method, name=value; repeatable.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help=f"Result file: {', '.join(WRITERS)}.")] = None,
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file: measure points from a stack of frames.")
+    ] = None,
+    plan_path: Annotated[
+        Path | None, typer.Option("--plan", help="With --rig: plan file of the stack.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help=f"Result file: {', '.join(WRITERS)}; with --rig: {', '.join(POINT_WRITERS)}."
+        ),
+    ] = None,
     ply: Annotated[Ply, typer.Option(help="What a .ply file holds.")] = Ply.points,
     figure: Annotated[
         Path | None, typer.Option(help="Picture of values, σ and reasons (PNG).")
@@ -146,13 +159,39 @@ def reconstruct(
     pitch_mm_per_px: Annotated[float | None, typer.Option(help="Pixel on the plane, mm.")] = None,
     sign: Annotated[int | None, typer.Option(help="Side of the projector, 1 or -1.")] = None,
 ) -> None:
-    """Measure the surface of a capture: two frames in, a height map out."""
+    """Measure a surface: two frames in, a height map out; a stack and a rig in, points out."""
     geometry = {
         "distance_mm": distance_mm,
         "baseline_mm": baseline_mm,
         "pitch_mm_per_px": pitch_mm_per_px,
         "sign": sign,
     }
+    if rig is not None:
+        of_pairs = {
+            "--reference": reference,
+            "--object": object,
+            "--option": option,
+            "--mask": mask,
+            "--background": background,
+            "--denoise": denoise,
+            **{f"--{name.replace('_', '-')}": value for name, value in geometry.items()},
+        }
+        _refuse_options(of_pairs, "--rig")
+        if capture is None:
+            raise InputError("--rig: expected a stack of frames with it, got none")
+        measure_points(
+            capture,
+            rig,
+            plan=plan_path,
+            out=out,
+            mesh=ply is Ply.mesh,
+            figure=figure,
+            json_file=json_file,
+            axis=axis_of(axis),
+            response=None if response is None else read_response(response),
+        )
+        return
+    _refuse_options({"--plan": plan_path}, "a pair")
     loaded = _load(capture, reference, object, axis, mask, background, geometry)
     loaded = replace(
         loaded, camera=camera or loaded.camera, projector=projector or loaded.projector
@@ -181,6 +220,12 @@ def reconstruct(
     write_json(json_file, to_json(content))
     if str(json_file) != "-":
         _report(content, out)
+
+
+def _refuse_options(options: dict[str, Any], beside: str) -> None:
+    given = [name for name, value in options.items() if value is not None]
+    if given:
+        raise InputError(f"{given[0]}: expected without {beside}, got both")
 
 
 def _report(content: dict[str, Any], out: Path | None) -> None:

@@ -4,6 +4,7 @@ from fringeworks.geometry.board import Board, parse_board
 from fringeworks.geometry.calibrate import Calibration, Observation, calibrate, observe
 from fringeworks.geometry.cloud import height_over_plane, normals, triangles
 from fringeworks.geometry.corners import BoardView, find_board
+from fringeworks.geometry.diagnosis import Finding, coverage, diagnose, pose_figures
 from fringeworks.geometry.pinhole import inverse, look_at, pose, project, rays, rotation, transform
 from fringeworks.geometry.reference_plane import (
     displacement_from_height,
@@ -16,8 +17,11 @@ __all__ = [
     "Board",
     "BoardView",
     "Calibration",
+    "Finding",
     "Observation",
     "calibrate",
+    "coverage",
+    "diagnose",
     "displacement_from_height",
     "find_board",
     "height_from_displacement",
@@ -28,6 +32,7 @@ __all__ = [
     "observe",
     "parse_board",
     "pose",
+    "pose_figures",
     "project",
     "rays",
     "rotation",

@@ -176,4 +176,4 @@ def parse_board(text: str) -> Board:
     if len(names) > 1:
         raise InputError(f"board: expected {FORMS}, got {text!r}")
     name = names[0].upper().removeprefix("DICT_") if names else DICTIONARY
-    return Board("charuco", columns, rows, *lengths, dictionary=name, legacy=legacy)
+    return Board("charuco", columns, rows, lengths[0], lengths[1], name, legacy)

@@ -287,6 +287,51 @@ class _Problem:
         )
 
 
+def board_bow(
+    sightings: Sequence[Sighting], adjusted: Adjusted, *, free: BoolMap | None = None
+) -> tuple[FloatMap, FloatMap]:
+    """By how much the board is bent, if all poses show the same board.
+
+    Returns
+    -------
+    (3,) heights mm that x², x y and y² reach half a board away from its middle, and their (3, 3)
+    covariance: one step of least squares with all other parameters free.
+    """
+    problem = _Problem(sightings, np.ones(RIG, bool) if free is None else free)
+    state = _State(adjusted.rig, adjusted.poses)
+    out, _, jacobian = problem.residuals(state, derivatives=True)
+    rig = adjusted.rig
+    R = rig.T_projector_camera[:3, :3]
+    everything = np.concatenate([s.points_mm for s in sightings])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    extra = []
+    for seen, T in zip(sightings, adjusted.poses, strict=True):
+        x, y = ((seen.points_mm - 0.5 * (low + high)) / (0.5 * np.max(high - low)))[:, :2].T
+        in_camera = transform(T, seen.points_mm)
+        _, c_by_point, _ = project_with_derivatives(rig.camera, in_camera)
+        _, q_by_point, _ = project_with_derivatives(
+            rig.projector, transform(rig.T_projector_camera, in_camera)
+        )
+        up = T[:3, 2]
+        shape = np.stack((x * x, x * y, y * y), axis=1)[:, None, :]
+        by_camera = (c_by_point @ up)[..., None] * shape
+        by_projector = (q_by_point @ (R @ up))[..., None] * shape - seen.by_pixel @ by_camera
+        extra.append(np.concatenate((by_camera, by_projector), axis=1))
+    used = np.concatenate(adjusted.used)
+    root = np.repeat(used[:, None] / np.array(adjusted.scatter_px), 2, axis=1)
+    J = np.concatenate((np.concatenate(extra), jacobian[:, :, problem.free]), axis=2)
+    J = (J * root[:, :, None]).reshape(-1, J.shape[2])
+    r = (out * root).ravel()
+    scale = np.linalg.norm(J, axis=0)
+    A = (J / scale).T @ (J / scale)
+    covariance = np.linalg.inv(A) / np.outer(scale, scale)
+    step = covariance @ (J.T @ r)
+    left = r - J @ step
+    # What the bent board leaves is noise; what the flat one left may have been its bend.
+    variance = float(left @ left) / max(4.0 * used.sum() - len(step), 1.0)
+    return step[:3], covariance[:3, :3] * max(variance, 1e-12)
+
+
 def pinhole_of(values: FloatMap, like: Pinhole) -> Pinhole:
     """A device of nine parameters and another's size."""
     v = [float(x) for x in values]

@@ -16,19 +16,15 @@ from fringeworks.geometry.bundle import (
     Adjusted,
     Sighting,
     adjust,
+    board_bow,
     fit_pose,
     pinhole_of,
     relative_pose,
 )
 from fringeworks.geometry.corners import LEAST, BoardView, find_board
-from fringeworks.geometry.correspondence import (
-    Correspondence,
-    projector_at,
-    ripple_of,
-    spacing,
-)
+from fringeworks.geometry.correspondence import Correspondence, projector_at, spacing
 from fringeworks.geometry.pinhole import pose, project, transform
-from fringeworks.types import Axis, BoolMap, Decoded, FloatMap, InputError, Pinhole, Rig
+from fringeworks.types import BoolMap, Decoded, FloatMap, InputError, Pinhole, Rig
 
 MIN_POSES = 3
 SAME_PX = 1.0
@@ -54,8 +50,6 @@ class Observation:
     camera_size: tuple[int, int]
     """Columns and rows."""
     projector_size: tuple[int, int]
-    ripple_px: dict[Axis, tuple[float, float]]
-    """What follows the fringes' phase around the corners, and its σ, by axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +63,10 @@ class Calibration:
     skipped: dict[str, str]
     """Poses that could not be used, and why."""
     adjusted: Adjusted
+    bow_mm: FloatMap
+    """(3,) how far x², x y and y² lift the board off its plane half a board from its middle."""
+    bow_sigma_mm: FloatMap
+    """(3,)"""
     predicted_px: tuple[float, ...]
     """Per pose: root mean square error of the projector's corners as predicted from the camera's
     by a calibration without that pose; empty where there are too few poses."""
@@ -108,27 +106,17 @@ def observe(
             )
     try:
         view = find_board(picture, board)
-        gap = spacing(view.pixels)
-        read = projector_at(decoded, view.pixels, gap)
+        read = projector_at(decoded, view.pixels, spacing(view.pixels))
     except InputError as error:
         raise InputError(f"{name}: {error}") from error
-    lit = np.isfinite(read.projector_px).all(axis=1)
+    lit = np.asarray(np.isfinite(read.projector_px).all(axis=1))
     if lit.sum() < LEAST:
         raise InputError(
             f"{name}: expected {LEAST} corners with projector coordinates or more, got {lit.sum()} "
             f"of {len(lit)} that the camera sees: the projector does not light the board"
         )
-    ripple = {axis: ripple_of(found, view.pixels, gap) for axis, found in decoded.maps.items()}
     height, width = picture.shape
-    return Observation(
-        name,
-        view,
-        read,
-        decoded,
-        (width, height),
-        projector_size,
-        {axis: found for axis, found in ripple.items() if found is not None},
-    )
+    return Observation(name, view, read, decoded, (width, height), projector_size)
 
 
 def calibrate(
@@ -178,12 +166,15 @@ def calibrate(
             for o, T in zip(observations, adjusted.poses, strict=True)
         ]
         adjusted = adjust(sightings, adjusted.rig, adjusted.poses, free=free)
+    bow, bow_covariance = board_bow(sightings, adjusted, free=free)
     return Calibration(
         rig=adjusted.rig,
         board=board,
         observations=tuple(observations),
         skipped=skipped,
         adjusted=adjusted,
+        bow_mm=bow,
+        bow_sigma_mm=np.sqrt(np.diag(bow_covariance)),
         predicted_px=_predictions(sightings, adjusted, free),
     )
 
@@ -271,11 +262,11 @@ def _centred(o: Observation, board: Board, camera: Pinhole, T: FloatMap) -> Obse
     points = board.points_mm[o.view.index]
     steps = 0.01 * board.pitch_mm * np.eye(3)[:2]
     sides = [
-        project(camera, transform(T, points + step))
-        - project(camera, transform(T, points - step))
+        project(camera, transform(T, points + step)) - project(camera, transform(T, points - step))
         for step in steps
     ]
-    per_mm2 = np.abs(np.cross(*sides)) / (0.02 * board.pitch_mm) ** 2
+    (ax, ay), (bx, by) = sides[0].T, sides[1].T
+    per_mm2 = np.abs(ax * by - ay * bx) / (0.02 * board.pitch_mm) ** 2
     radius = float(np.median(np.sqrt(o.view.ink_px / (np.pi * per_mm2))))
     angle = np.linspace(0.0, 2.0 * np.pi, RING, endpoint=False)
     ring = radius * np.column_stack((np.cos(angle), np.sin(angle), np.zeros(RING)))
@@ -321,7 +312,8 @@ def _alone(
             f"calibration: no start for the {device}: its focal length came out as {K[0, 0]:g} px"
         )
     poses = [
-        pose(cv2.Rodrigues(r)[0], np.ravel(t)) for r, t in zip(turns, shifts, strict=True)
+        pose(np.asarray(cv2.Rodrigues(r)[0], np.float64), np.ravel(t))
+        for r, t in zip(turns, shifts, strict=True)
     ]
     return pinhole_of(values, Pinhole(*size, (1.0, 1.0), (0.0, 0.0))), poses
 

@@ -52,7 +52,8 @@ def normals(cloud: PointCloud, *, window: int = 5) -> FloatMap:
     su, sv, sw = total(u), total(v), total(w)
     with np.errstate(all="ignore"):
         uu, uv, vv = (
-            total(a * b) - sa * sb / n for a, b, sa, sb in ((u, u, su, su), (u, v, su, sv), (v, v, sv, sv))
+            total(a * b) - sa * sb / n
+            for a, b, sa, sb in ((u, u, su, su), (u, v, su, sv), (v, v, sv, sv))
         )
         uw, vw = total(u * w) - su * sw / n, total(v * w) - sv * sw / n
         determinant = uu * vv - uv * uv
@@ -78,14 +79,12 @@ def triangles(cloud: PointCloud) -> NDArray[np.uint32]:
     h, w = cloud.shape
     index = np.arange(h * w, dtype=np.int64).reshape(h, w)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
-    faces = np.concatenate(
-        [np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, c, b), (b, c, d))]
-    )
+    faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, c, b), (b, c, d))])
     points = cloud.xyz_mm.reshape(-1, 3)
     ok = (cloud.reason == Reason.OK).reshape(-1)
     faces = faces[ok[faces].all(axis=1)]
     if not len(faces):
-        return faces.astype(np.uint32)
+        return np.empty((0, 3), np.uint32)
     p, q, r = (points[faces[:, k]].astype(np.float64) for k in range(3))
     normal = np.cross(q - p, r - p)
     size = np.linalg.norm(normal, axis=1) * np.linalg.norm(p, axis=1)
@@ -95,7 +94,7 @@ def triangles(cloud: PointCloud) -> NDArray[np.uint32]:
     )
     relative = longest / p[:, 2]
     faces = faces[~steep & (relative < CLIFF * np.median(relative))]
-    return faces.astype(np.uint32)
+    return np.asarray(faces, np.uint32)
 
 
 def height_over_plane(

@@ -95,7 +95,9 @@ def _chessboard(image: NDArray[Any], board: Board) -> BoardView:
         found, corners, meta = cv2.findChessboardCornersSBWithMeta(grey, size, flags)
         if not found:
             continue
-        lattice = _Lattice(grey.astype(np.float64), corners.reshape(*meta.shape, 2))
+        lattice = _Lattice(
+            grey.astype(np.float64), np.asarray(corners, np.float64).reshape(*meta.shape, 2)
+        )
         lattice.grow()
         try:
             return lattice.placed(image.astype(np.float64), board)
@@ -112,7 +114,9 @@ class _Lattice:
         self.image = image
         rows, columns = corners.shape[:2]
         keys = [(i, j) for j in range(rows) for i in range(columns)]
-        self.at = dict(zip(keys, corners.reshape(-1, 2).astype(np.float64), strict=True))
+        self.at: dict[tuple[int, int], FloatMap] = dict(
+            zip(keys, corners.reshape(-1, 2).astype(np.float64), strict=True)
+        )
         self.contrast = 0.0
         self._keep(keys)
 
@@ -251,11 +255,14 @@ def _charuco(image: NDArray[Any], board: Board) -> BoardView:
     index, start = index.ravel(), corners.reshape(-1, 2).astype(np.float64)
     # Edges of the fields lie along the board's axes.
     ideal = board.points_mm[index, :2]
-    map_, _ = cv2.findHomography(ideal, start)
-    if map_ is None:
+    found_map = cv2.findHomography(ideal, start)[0]
+    if found_map is None:
         raise InputError("expected corners of a ChArUco board, found some in one line")
-    edges = np.stack([_moved(map_, ideal + step) - _moved(map_, ideal) for step in
-                      board.pitch_mm * np.eye(2)], axis=1)
+    map_ = np.asarray(found_map, np.float64)
+    edges = np.stack(
+        [_moved(map_, ideal + step) - _moved(map_, ideal) for step in board.pitch_mm * np.eye(2)],
+        axis=1,
+    )
     # Markers lie in every other field: the window ends before them.
     free = MARKER_GAP * (1.0 - (board.marker_mm or 0.0) / board.pitch_mm)
     fitted = fit_saddles(image.astype(np.float64), start, edges, window=min(free, WINDOW))
@@ -273,10 +280,10 @@ def _moved(homography: FloatMap, points: FloatMap) -> FloatMap:
 def _circles(image: NDArray[Any], board: Board) -> BoardView:
     symmetric = board.kind == "circles"
     flag = cv2.CALIB_CB_SYMMETRIC_GRID if symmetric else cv2.CALIB_CB_ASYMMETRIC_GRID
-    parameters = cv2.SimpleBlobDetector_Params()
+    parameters = cv2.SimpleBlobDetector.Params()
     parameters.maxArea = image.size / (4.0 * board.columns * board.rows)
     parameters.minArea = 20.0
-    detector = cv2.SimpleBlobDetector_create(parameters)
+    detector = cv2.SimpleBlobDetector.create(parameters)
     grey = _even(image)
     for more in (0, cv2.CALIB_CB_CLUSTERING):
         found, centres = cv2.findCirclesGrid(
@@ -286,10 +293,10 @@ def _circles(image: NDArray[Any], board: Board) -> BoardView:
             break
     else:
         raise InputError(f"expected {board.columns} × {board.rows} circles, found no such grid")
-    return _centroids(image.astype(np.float64), centres.reshape(-1, 2), board)
+    return _centroids(image.astype(np.float64), np.asarray(centres, np.float64).reshape(-1, 2))
 
 
-def _centroids(image: FloatMap, start: FloatMap, board: Board) -> BoardView:
+def _centroids(image: FloatMap, start: FloatMap) -> BoardView:
     """Centres of gravity of the ink: blur does not move them, nor does uneven light."""
     distance = np.linalg.norm(start[:, None] - start[None], axis=2)
     distance[np.diag_indices(len(start))] = np.inf
@@ -313,7 +320,7 @@ def _centroids(image: FloatMap, start: FloatMap, board: Board) -> BoardView:
         dark = np.where(disc, 1.0 - part / np.maximum(light, 1e-6), 0.0)
         full = np.percentile(dark[disc], 97)
         dark[paper & (np.abs(dark) < 0.5)] = 0.0
-        pixels[k] = centre + [np.sum(dark * dx) / dark.sum(), np.sum(dark * dy) / dark.sum()]
+        pixels[k] = centre + np.array([np.sum(dark * dx), np.sum(dark * dy)]) / dark.sum()
         ink[k] = dark.sum() / max(full, 1e-6)
     good = np.isfinite(pixels).all(axis=1) & (np.linalg.norm(pixels - start, axis=1) < 0.2 * half)
     if good.sum() < LEAST:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
-from fringeworks.types import CoordinateMap, Decoded, FloatMap, InputError
+from fringeworks.types import Axis, BoolMap, CoordinateMap, Decoded, FloatMap, InputError
 
 REACH = 0.6
 """Half side of the window over the distance of neighbouring corners."""
@@ -21,8 +19,20 @@ FIRMEST = 1.0 / 3.0
 ROUNDS = 12
 BIWEIGHT = 4.7
 """Scale of Tukey's weights: 95 % efficient for normal errors."""
+HARMONICS = 6
+"""Of the fringes that are looked for in what surfaces leave."""
 SPREAD = 0.02
 """Standard deviation of a corner's coordinate beyond which it is not determined, of a window."""
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """What follows the fringes' phase in decoded coordinates: the projector's γ."""
+
+    amplitude_px: float
+    """Of the largest of the first harmonics, projector px."""
+    sigma_px: float
+    """What noise makes of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +47,8 @@ class Correspondence:
     """Standard deviation by the scatter within the window, (m, 2), px."""
     outliers: float
     """Share of decoded pixels that do not lie on the surfaces, 0…1."""
+    ripple: dict[Axis, Ripple]
+    """By axis, where there are fringes."""
 
 
 def projector_at(decoded: Decoded, pixels: FloatMap, spacing_px: float) -> Correspondence:
@@ -51,6 +63,10 @@ def projector_at(decoded: Decoded, pixels: FloatMap, spacing_px: float) -> Corre
     spacing_px : float
         Distance of neighbouring corners, px: windows reach just over half of it.
 
+    Raises
+    ------
+    InputError where an axis is missing.
+
     Notes
     -----
     A quadratic surface over a window, by least squares with Tukey's biweight from a start of least
@@ -64,27 +80,46 @@ def projector_at(decoded: Decoded, pixels: FloatMap, spacing_px: float) -> Corre
     m = len(pixels)
     place, by = np.full((m, 2), np.nan), np.full((m, 2, 2), np.nan)
     sigma = np.full((m, 2), np.nan)
-    used, left_out = 0, 0
+    decoded_pixels, left_out = 0, 0
+    ripple: dict[Axis, Ripple] = {}
     for axis, found in enumerate((decoded.x, decoded.y)):
-        for k, centre in enumerate(pixels):
-            fitted = _surface(found, centre, half)
-            if fitted is None:
+        surfaces = [_surface(found, centre, half) for centre in pixels]
+        for k, surface in enumerate(surfaces):
+            if surface is None:
                 continue
-            solution, spread, kept, all_of = fitted
-            used, left_out = used + all_of, left_out + all_of - kept
-            if spread > SPREAD * np.hypot(*solution[1:3]):
-                continue
-            place[k, axis], sigma[k, axis] = solution[0], spread
-            by[k, axis] = solution[1:3] / half
-    bad = ~np.isfinite(place).all(axis=1)
-    place[bad] = np.nan
-    return Correspondence(place, by, sigma, left_out / max(used, 1))
+            decoded_pixels += surface.kept.size
+            left_out += int(np.sum(~surface.kept))
+            slope = surface.coefficients[1:3]
+            if surface.sigma < SPREAD * np.hypot(*slope):
+                place[k, axis], sigma[k, axis] = surface.coefficients[0], surface.sigma
+                by[k, axis] = slope / half
+        if found.periods_px:
+            measured = _ripple([s for s in surfaces if s is not None], min(found.periods_px))
+            if measured is not None:
+                ripple[found.axis] = measured
+    place[~np.isfinite(place).all(axis=1)] = np.nan
+    return Correspondence(place, by, sigma, left_out / max(decoded_pixels, 1), ripple)
 
 
-def _surface(
-    found: CoordinateMap, centre: FloatMap, half: int
-) -> tuple[NDArray[np.float64], float, int, int] | None:
-    """Coefficients about the centre in units of ``half``, σ of the constant, kept and all pixels."""
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """A quadratic surface through the coordinates of a window."""
+
+    coefficients: FloatMap
+    """About the centre, in half windows: 1, u, v, u², uv, v²."""
+    sigma: float
+    """Standard deviation of the first."""
+    smooth: FloatMap
+    """The surface at the decoded pixels, (n,), px."""
+    miss: FloatMap
+    """What was decoded minus the surface, (n,), px."""
+    firm: FloatMap
+    """1/σ of those pixels, (n,)."""
+    kept: BoolMap
+    """Which of them lie on the surface, (n,)."""
+
+
+def _surface(found: CoordinateMap, centre: FloatMap, half: int) -> _Surface | None:
     h, w = found.coordinate_px.shape
     x0, y0 = (int(v) for v in np.rint(centre))
     rows = slice(max(y0 - half, 0), min(y0 + half + 1, h))
@@ -95,79 +130,53 @@ def _surface(
         return None
     q = values[y, x].astype(np.float64)
     sigma = found.sigma_px[rows, columns][y, x].astype(np.float64)
-    firm = 1.0 / np.maximum(sigma, FIRMEST * np.median(sigma))
+    firm: FloatMap = 1.0 / np.maximum(sigma, FIRMEST * np.median(sigma))
     u = (x + columns.start - centre[0]) / half
     v = (y + rows.start - centre[1]) / half
     design = np.column_stack((np.ones_like(u), u, v, u * u, u * v, v * v))
-    weight = firm
-    solution = np.zeros(TERMS)
-    scale = 0.0
+    if np.linalg.cond(design.T @ design) > 1e10:
+        return None
+    weight, scale = firm, 0.0
     for step in range(ROUNDS):
-        root = weight[:, None]
-        solution, _, rank, _ = np.linalg.lstsq(design * root, q * weight, rcond=None)
-        if rank < TERMS:
+        weighted = design * (weight * weight)[:, None]
+        normal = design.T @ weighted
+        if np.linalg.cond(normal) > 1e12:
             return None
-        off = np.abs(q - design @ solution) * firm
+        coefficients = np.linalg.solve(normal, q @ weighted)
+        off = np.abs(q - design @ coefficients) * firm
         scale = max(1.4826 * float(np.median(off)), 1e-9)
         if step < ROUNDS // 2:
             # Towards least absolute deviations: outliers of any size lose their hold.
             weight = firm / np.sqrt(np.maximum(off, 0.1 * scale))
-        else:
+        elif step < ROUNDS - 1:
             weight = firm * np.maximum(0.0, 1.0 - (off / (BIWEIGHT * scale)) ** 2)
     kept = weight > 0
     if kept.sum() < 4 * TERMS:
         return None
-    normal = (design * weight[:, None]).T @ (design * weight[:, None])
     spread = scale * float(np.sqrt(np.linalg.inv(normal)[0, 0]))
-    return solution, spread, int(kept.sum()), len(q)
+    smooth = design @ coefficients
+    return _Surface(coefficients, spread, smooth, q - smooth, firm, kept)
 
 
-def ripple_of(
-    found: CoordinateMap, pixels: FloatMap, spacing_px: float
-) -> tuple[float, float] | None:
-    """What follows the fringes' phase in the coordinates around corners: the projector's γ.
-
-    Returns
-    -------
-    Amplitude of the largest of the first six harmonics, px, and its standard deviation; None where
-    there are no fringes.
-    """
-    if not found.periods_px:
+def _ripple(surfaces: list[_Surface], period_px: float) -> Ripple | None:
+    """The largest of the first harmonics of the fringes in what surfaces leave."""
+    if not surfaces:
         return None
-    half = int(np.clip(REACH * spacing_px, SMALLEST, LARGEST))
-    period = min(found.periods_px)
-    phases, misses, weights = [], [], []
-    for centre in pixels:
-        fitted = _surface(found, centre, half)
-        if fitted is None:
-            continue
-        solution, *_ = fitted
-        x0, y0 = (int(v) for v in np.rint(centre))
-        rows = slice(max(y0 - half, 0), y0 + half + 1)
-        columns = slice(max(x0 - half, 0), x0 + half + 1)
-        q = found.coordinate_px[rows, columns].astype(np.float64)
-        y, x = np.nonzero(np.isfinite(q))
-        u = (x + columns.start - centre[0]) / half
-        v = (y + rows.start - centre[1]) / half
-        design = np.column_stack((np.ones_like(u), u, v, u * u, u * v, v * v))
-        smooth = design @ solution
-        miss = q[y, x] - smooth
-        near = np.abs(miss) < 0.25 * period
-        phases.append(smooth[near] * (2.0 * np.pi / period))
-        misses.append(miss[near])
-        weights.append(1.0 / found.sigma_px[rows, columns][y, x][near].astype(np.float64) ** 2)
-    if not phases:
+    kept = [s.kept & (np.abs(s.miss) < 0.25 * period_px) for s in surfaces]
+    phase, miss, firm = (
+        np.concatenate([getattr(s, name)[k] for s, k in zip(surfaces, kept, strict=True)])
+        for name in ("smooth", "miss", "firm")
+    )
+    if not miss.size:
         return None
-    phase, miss, weight = (np.concatenate(p) for p in (phases, misses, weights))
-    amplitudes = []
-    for harmonic in range(1, 7):
-        c, s = np.cos(harmonic * phase), np.sin(harmonic * phase)
-        total = 0.5 * weight.sum()
-        amplitudes.append(
-            float(np.hypot(np.sum(weight * miss * c), np.sum(weight * miss * s)) / total)
-        )
-    spread = float(np.sqrt(2.0 * np.sum(weight * miss**2) / len(miss) / weight.sum()))
-    return max(amplitudes), spread
+    weight = firm**2 / np.sum(firm**2)
+    turn = 2.0 * np.pi / period_px
+    amplitudes = [
+        2.0 * float(np.abs(np.sum(weight * miss * np.exp(1j * k * turn * phase))))
+        for k in range(1, HARMONICS + 1)
+    ]
+    spread = 2.0 * float(np.sqrt(np.sum(weight**2 * miss**2)))
+    return Ripple(max(amplitudes), spread)
 
 
 def spacing(pixels: FloatMap) -> float:
@@ -177,14 +186,3 @@ def spacing(pixels: FloatMap) -> float:
     distance = np.linalg.norm(pixels[:, None] - pixels[None], axis=2)
     np.fill_diagonal(distance, np.inf)
     return float(np.median(distance.min(axis=1)))
-
-
-def lit_share(decoded: Decoded, pixels: FloatMap) -> float:
-    """Share of places around which something was decoded."""
-    maps = list(decoded.maps.values())
-    shape = maps[0].coordinate_px.shape
-    ok = np.ones(shape, bool)
-    for found in maps:
-        ok &= ndimage.maximum_filter(np.isfinite(found.coordinate_px), 9)
-    x, y = np.clip(np.rint(pixels).astype(int).T, 0, np.array(shape)[::-1, None] - 1)
-    return float(np.mean(ok[y, x]))

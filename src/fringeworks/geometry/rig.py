@@ -1,4 +1,4 @@
-"""Triangulation: from projector coordinates and a calibrated rig to points in mm (theory §8, §9)."""
+"""Triangulation: projector coordinates and a calibrated rig to points in mm (theory §8, §9)."""
 
 from __future__ import annotations
 
@@ -109,9 +109,7 @@ def triangulate(
     _refuse_nothing(out, maps)
     if colour is not None and np.shape(colour)[:2] != shape:
         raise InputError(f"colour: expected shape {shape}, got {np.shape(colour)}")
-    return PointCloud(
-        out.xyz_mm, out.sigma_mm, out.noise_mm, out.reason, out.residual_px, colour
-    )
+    return PointCloud(out.xyz_mm, out.sigma_mm, out.noise_mm, out.reason, out.residual_px, colour)
 
 
 def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, CoordinateMap]:
@@ -214,9 +212,7 @@ def main_axis(rig: Rig) -> Axis:
     """The axis of the projector along which a point moves the more when its depth changes."""
     centre = np.array([[0.5 * rig.camera.width_px, 0.5 * rig.camera.height_px]])
     ray = rays(rig.camera, centre)
-    _, by_point, _ = project_with_derivatives(
-        rig.projector, ray @ rig.T_projector_camera[:3, :3].T
-    )
+    _, by_point, _ = project_with_derivatives(rig.projector, ray @ rig.T_projector_camera[:3, :3].T)
     moved = by_point[0] @ rig.T_projector_camera[:3, 3]
     return "x" if abs(moved[0]) >= abs(moved[1]) else "y"
 
@@ -318,9 +314,7 @@ def inverse_depth_by_parameters(
         # The camera's pixel stays: its ray turns when the camera's parameters change.
         by_camera = by_point @ R[:, :2] @ -np.linalg.solve(c_by_ray[:, :, :2], c_by_camera)
         by_turn = by_point @ -skew(ray @ R.T)
-        by = np.concatenate(
-            (by_camera, by_projector, by_turn, by_point * w[:, None, None]), axis=2
-        )
+        by = np.concatenate((by_camera, by_projector, by_turn, by_point * w[:, None, None]), axis=2)
         by_w = by_point @ t
         weight = np.ones(2) if axis is None else np.array([axis == "x", axis == "y"], float)
         top = np.einsum("ni,nij->nj", by_w * weight, by)

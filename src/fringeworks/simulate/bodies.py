@@ -112,7 +112,7 @@ class Sphere:
 
     def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
         del directions
-        return points / np.linalg.norm(points, axis=-1, keepdims=True)
+        return np.asarray(points / np.linalg.norm(points, axis=-1, keepdims=True))
 
     def surface(self, points: FloatMap) -> FloatMap:
         return points[:, :2]
@@ -234,7 +234,7 @@ class Mesh:
         found = self._tree.hit(
             np.ascontiguousarray(origins), np.ascontiguousarray(directions), NEAR
         )
-        return found[0]
+        return np.asarray(found[0])
 
     def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
         # The point lies on the face that its ray meets one length of the direction further.

@@ -93,9 +93,7 @@ class View:
         return self.shading > 0
 
 
-def look(
-    rig: Rig, bodies: Sequence[Body], *, T_camera_world: FloatMap | None = None
-) -> View:
+def look(rig: Rig, bodies: Sequence[Body], *, T_camera_world: FloatMap | None = None) -> View:
     """Cast the camera's rays at bodies, and look from there to the projector.
 
     Parameters
@@ -292,7 +290,7 @@ class _Projected:
             whole = np.clip(place.astype(np.int32), 0, fine.size - 2)
             self.lines[axis] = whole, (place - whole).astype(np.float32)
         index, part = self.lines[axis]
-        return fine[index] + part * np.diff(fine)[index]
+        return np.asarray(fine[index] + part * np.diff(fine)[index])
 
     def _everywhere(self, picture: FloatMap) -> FloatMap:
         """Any picture: blurred at the pixels' centres, linear between them."""
@@ -309,7 +307,7 @@ def _profile(values: FloatMap, defocus_px: float) -> FloatMap:
     n = values.size
     place = np.arange(n * FINE + 1) / FINE - 0.5
     if defocus_px == 0:
-        return values[np.clip(np.floor(place + 0.5).astype(int), 0, n - 1)]
+        return np.asarray(values[np.clip(np.floor(place + 0.5).astype(int), 0, n - 1)])
     reach = int(np.ceil(5.0 * defocus_px)) + 1
     near = np.clip(np.floor(place + 0.5).astype(int), 0, n - 1)
     light = np.zeros(place.size)
@@ -320,5 +318,3 @@ def _profile(values: FloatMap, defocus_px: float) -> FloatMap:
         inside = (pixel >= 0) & (pixel < n)
         light += np.where(inside, share * values[np.clip(pixel, 0, n - 1)], 0.0)
     return light
-
-

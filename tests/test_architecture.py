@@ -25,7 +25,7 @@ LAYERS = [
     {"noise", "carrier", "response", "unwrap", "geometry", "fits", "form", "surface"},
     {"denoise"},
     {"analysis", "simulate", "files"},
-    {"capture", "formats", "figures", "point_files"},
+    {"capture", "formats", "figures", "point_files", "mesh_file"},
     {"response_file", "plan_file", "coordinate_file", "rig_file"},
     {"stack_file"},
     {"pipeline"},
@@ -35,7 +35,7 @@ LAYERS = [
 ]
 # Below the pipeline nothing may touch files or screens, but for the modules made for that.
 WITH_FILES = {"files", "capture", "formats", "figures", "response_file"}
-WITH_FILES |= {"plan_file", "coordinate_file", "stack_file", "point_files", "rig_file"}
+WITH_FILES |= {"plan_file", "coordinate_file", "stack_file", "point_files", "rig_file", "mesh_file"}
 OUTER = {"PIL", "tifffile", "h5py", "matplotlib", "rich", "typer", "pydantic", "tomli_w", "pathlib"}
 
 

@@ -3,21 +3,33 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import tifffile
+import tomli_w
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from fringeworks.capture import CAPTURE_FILE, DevicesSection, read_toml
-from fringeworks.files import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_frame
+from fringeworks.files import (
+    IMAGE_SUFFIXES,
+    TIFF_SUFFIXES,
+    make_folder,
+    read_frame,
+    replacing,
+    write_frame,
+    write_text,
+)
 from fringeworks.patterns import PatternPlan
-from fringeworks.plan_file import PLAN_FILE, read_plan
+from fringeworks.plan_file import PLAN_FILE, read_plan, write_plan
 from fringeworks.types import InputError
+
+TRUTH_FILE = "truth.npz"
+"""What is known about a simulated scene, beside its frames."""
 
 
 class StackFile(BaseModel):
@@ -77,6 +89,59 @@ def read_stack(path: Path, plan: Path | None = None) -> Stack:
             )
         plan = beside
     return Stack(_read_file(path), read_plan(plan))
+
+
+def write_stack(
+    folder: Path,
+    frames: Iterable[NDArray[Any]],
+    plan: PatternPlan,
+    *,
+    camera: str | None = None,
+    projector: str | None = None,
+    truth: Mapping[str, NDArray[Any]] | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Path:
+    """Write frames as a folder of images with their plan; it is complete when it has one.
+
+    Parameters
+    ----------
+    folder : Path
+    frames : iterable of (h, w) arrays
+        In the order of the plan: whole counts become PNG, floats TIFF.
+    plan : PatternPlan
+    camera, projector : str, optional
+        Names of the devices.
+    truth : mapping of arrays, optional
+        Of a simulation, written as ``truth.npz`` beside the frames.
+    progress : callable
+        Called with the label of each frame.
+
+    Raises
+    ------
+    InputError where the number of frames is not the plan's, or the folder cannot be written to.
+    """
+    folder = make_folder(folder)
+    labels = plan.labels()
+    digits = len(str(len(labels) - 1))
+    count = 0
+    for count, frame in enumerate(frames, 1):
+        if count > len(labels):
+            raise InputError(f"frames: the plan has {len(labels)}, got more")
+        suffix = ".png" if frame.dtype in (np.uint8, np.uint16) else ".tif"
+        progress(labels[count - 1])
+        name = f"{count - 1:0{digits}d}-{labels[count - 1]}{suffix}"
+        write_frame(folder / name, frame)
+    if count != len(labels):
+        raise InputError(f"frames: the plan has {len(labels)}, got {count}")
+    if truth is not None:
+        with replacing(folder / TRUTH_FILE) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **truth)
+    named = {"camera": camera, "projector": projector}
+    devices = {name: value for name, value in named.items() if value is not None}
+    content = {"kind": "stack", "plan": PLAN_FILE} | ({"devices": devices} if devices else {})
+    write_text(folder / CAPTURE_FILE, tomli_w.dumps(content))
+    write_plan(folder / PLAN_FILE, plan)
+    return folder
 
 
 def _read_folder(folder: Path, plan: Path | None) -> Stack:

@@ -196,7 +196,6 @@ def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> C
     fits = [solve(data[p], s.shifts_rad)[0] for p, s in zip(parts, decoding.sets, strict=True)]
     steps = np.array([len(s.frames) for s in decoding.sets], float)[:, None]
     middle = np.sum(steps * np.stack([f[0] for f in fits]), axis=0) / steps.sum()
-    swing = np.max([np.hypot(f[1], f[2]) for f in fits], axis=0)
     chosen = np.ones(data.shape[1], bool)
     for _ in range(2):
         if chosen.sum() < MIN_PIXELS:
@@ -205,11 +204,13 @@ def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> C
         square = sum(n * (f[0][chosen] - mean) ** 2 for n, f in zip(steps[:, 0], fits, strict=True))
         found = noise_of_residuals(mean, square, len(fits) - 1)
         rough = residual_variance(square, len(fits) - 1) ** 0.5
-        # By the mean background and the largest modulation: how backgrounds differ does not
-        # depend on them, while three samples are their own fit and would choose themselves.
-        inner = (middle - swing > CLIPPED * rough) & (
-            middle + swing < limits.saturation - CLIPPED * rough
-        )
+        # By the mean background: how backgrounds differ does not depend on it, while three
+        # samples are their own fit and would choose themselves.
+        inside = [
+            _inside(data[p], s.shifts_rad, np.stack((middle, f[1], f[2])), limits, CLIPPED * rough)
+            for p, s, f in zip(parts, decoding.sets, fits, strict=True)
+        ]
+        inner = np.logical_and.reduce([part.all(axis=0) for part in inside])
         if inner.all() or inner.sum() < MIN_PIXELS:
             break
         chosen = inner

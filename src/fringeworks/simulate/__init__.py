@@ -13,6 +13,14 @@ from fringeworks.simulate.bodies import (
 from fringeworks.simulate.fringes import PairSettings, Row, capture_pair, deformed_row
 from fringeworks.simulate.objects import OBJECTS, make_object, paint, parabola_1d
 from fringeworks.simulate.scene import STANDARD_GEOMETRY, standard_scene
+from fringeworks.simulate.standard_rig import (
+    board_body,
+    board_poses,
+    bust,
+    fringe_plan,
+    standard_rig,
+    truth_distance,
+)
 from fringeworks.simulate.virtual_rig import Optics, View, look, photograph
 
 __all__ = [
@@ -29,13 +37,19 @@ __all__ = [
     "Row",
     "Sphere",
     "View",
+    "board_body",
+    "board_poses",
+    "bust",
     "capture_pair",
     "deformed_row",
+    "fringe_plan",
     "height_field",
     "look",
     "make_object",
     "paint",
     "parabola_1d",
     "photograph",
+    "standard_rig",
     "standard_scene",
+    "truth_distance",
 ]

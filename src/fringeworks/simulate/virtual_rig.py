@@ -15,9 +15,9 @@ from fringeworks.patterns import PatternPlan, encode
 from fringeworks.simulate.bodies import Body
 from fringeworks.types import BoolMap, FloatMap, InputError, Rig
 
-SUBSAMPLES = 16
+SUBSAMPLES = 32
 """Points of a pixel at which a varying albedo is looked at."""
-LATTICE = 7
+LATTICE = 13
 """They are a lattice of which every row and column has one, so that edges along the pixels' grid
 come out as finely as others."""
 FINE = 16
@@ -86,6 +86,17 @@ class View:
     shading: FloatMap
     """Projector's light that reaches the surface, 1 for head-on in the middle of the field; 0 in
     shadow, off the projector's frame, and on sides that face away."""
+
+    @property
+    def truth(self) -> dict[str, NDArray[Any]]:
+        """What a virtual capture is written with: points, coordinates and masks."""
+        return {
+            "points_mm": self.points_mm,
+            "projector_px": self.projector_px,
+            "body": self.body,
+            "lit": self.lit,
+            "albedo": self.albedo,
+        }
 
     @property
     def lit(self) -> BoolMap:

@@ -138,6 +138,8 @@ class Triangulation:
         spread: NDArray[np.float32],
         spread_along_x: bool,
         spread_length: float,
+        camera_shape: tuple[int, int],
+        projector_size: tuple[int, int],
     ) -> Triangulation: ...
     def run(
         self,

@@ -11,8 +11,7 @@ use pyo3::prelude::*;
 /// A camera–projector pair, and the variance of 1/z that its calibration leaves.
 #[pyclass(frozen, module = "fringeworks._core")]
 pub struct Triangulation {
-    rig: triangulate::Rig,
-    spread: Spread,
+    inner: triangulate::Triangulation,
 }
 
 fn lens(values: &[f64]) -> PyResult<Lens> {
@@ -48,9 +47,10 @@ fn axis<'a>(maps: Option<&'a Maps<'_>>) -> PyResult<Option<Axis<'a>>> {
 impl Triangulation {
     #[new]
     #[pyo3(signature = (*, camera, projector, rotation, translation, spread, spread_along_x,
-        spread_length))]
+        spread_length, camera_shape, projector_size))]
     #[allow(clippy::too_many_arguments)] // keywords, all of them
     fn new(
+        py: Python<'_>,
         camera: Vec<f64>,
         projector: Vec<f64>,
         rotation: Vec<f64>,
@@ -58,26 +58,30 @@ impl Triangulation {
         spread: PyReadonlyArray3<'_, f32>,
         spread_along_x: bool,
         spread_length: f32,
+        camera_shape: (usize, usize),
+        projector_size: (usize, usize),
     ) -> PyResult<Self> {
         let wrong = |_| PyValueError::new_err("pose: expected 9 and 3 values");
         if spread.shape()[2] != triangulate::POWERS {
             return Err(PyValueError::new_err("spread: expected 5 coefficients"));
         }
-        Ok(Self {
-            rig: triangulate::Rig {
-                camera: lens(&camera)?,
-                projector: lens(&projector)?,
-                rotation: rotation.try_into().map_err(wrong)?,
-                translation: translation.try_into().map_err(wrong)?,
-            },
-            spread: Spread {
-                rows: spread.shape()[0],
-                columns: spread.shape()[1],
-                coefficients: rows_of(&spread)?.to_vec(),
-                along_x: spread_along_x,
-                length: spread_length,
-            },
-        })
+        let rig = triangulate::Rig {
+            camera: lens(&camera)?,
+            projector: lens(&projector)?,
+            rotation: rotation.try_into().map_err(wrong)?,
+            translation: translation.try_into().map_err(wrong)?,
+        };
+        let spread = Spread {
+            rows: spread.shape()[0],
+            columns: spread.shape()[1],
+            coefficients: rows_of(&spread)?.to_vec(),
+            along_x: spread_along_x,
+            length: spread_length,
+        };
+        let inner = py
+            .detach(|| triangulate::Triangulation::new(&rig, &spread, camera_shape, projector_size))
+            .map_err(refuse)?;
+        Ok(Self { inner })
     }
 
     /// Fill the maps with points.
@@ -96,7 +100,12 @@ impl Triangulation {
         residual_sigmas: f32,
         residual_px: f32,
     ) -> PyResult<()> {
-        let shape = (reason.shape()[0], reason.shape()[1]);
+        let (shape, expected) = ((reason.shape()[0], reason.shape()[1]), self.inner.shape());
+        if shape != expected {
+            return Err(PyValueError::new_err(format!(
+                "reason: expected shape {expected:?}, got {shape:?}"
+            )));
+        }
         let limits = Limits {
             residual_sigmas,
             residual_px,
@@ -112,8 +121,7 @@ impl Triangulation {
             },
             reason: reason.as_slice_mut()?,
         };
-        let (rig, spread) = (&self.rig, &self.spread);
-        py.detach(|| triangulate::triangulate(rig, spread, &limits, shape, along_x, along_y, out))
+        py.detach(|| triangulate::triangulate(&self.inner, &limits, along_x, along_y, out))
             .map_err(refuse)
     }
 }

@@ -6,8 +6,8 @@
 //! there. Rays are cubics along short stretches of a row through four pixels whose distortion is
 //! inverted in double precision.
 //!
-//! As in [`crate::decode`], multiplications and additions are kept apart, so that all instruction
-//! sets give the same numbers.
+//! Where the processor fuses multiplication and addition, polynomials do; instruction sets agree to
+//! rounding.
 
 use crate::{check_length, check_value, reason, Error};
 use rayon::prelude::*;
@@ -17,8 +17,8 @@ const LANES: usize = 64;
 type Lanes = [f32; LANES];
 /// Where on a stretch its rays are computed exactly.
 const NODES: [f64; 4] = [2.0, 21.0, 42.0, 61.0];
-/// Corrections for a projector's distortion; each squares the error, of about a tenth at first.
-const NEWTON: usize = 3;
+/// Most corrections for a projector's distortion.
+const NEWTON: usize = 5;
 /// Coefficients of the variance of 1/z along a ray.
 pub const POWERS: usize = 5;
 
@@ -121,29 +121,128 @@ impl Lens {
     }
 }
 
-/// Everything a stretch of pixels needs, in single precision.
+/// A cubic in (i − 31.5) / 32 along a stretch.
+type Cubic = [f32; 4];
+
+/// What is known of a stretch before anything is decoded.
+struct Stretch {
+    /// r_x, r_y, (R r)_x, (R r)_y, (R r)_z and |r|.
+    rays: [Cubic; 6],
+    /// Coefficients of the variance's logarithm at the first pixel, and their slopes per pixel.
+    variance: [f32; POWERS],
+    slope: [f32; POWERS],
+}
+
+/// A rig made ready for a camera's frame.
+pub struct Triangulation {
+    /// Rows and columns.
+    shape: (usize, usize),
+    /// Row by row, [`LANES`] pixels each.
+    stretches: Vec<Stretch>,
+    constants: Constants,
+}
+
+/// What all pixels share, in single precision.
 struct Constants {
     focal: [f32; 2],
     principal: [f32; 2],
     distortion: [f32; 5],
     translation: [f32; 3],
-    limits: [f32; 2],
+    /// Newton's steps that the projector's distortion takes; 0 where there is none.
+    steps: usize,
     /// Whether the spread goes along x, and its variable: offset and factor of the coordinate.
     along: (bool, f32, f32),
 }
 
-/// A cubic in (i − 31.5) / 32 for each of: r_x, r_y, (R r)_x, (R r)_y, (R r)_z.
-type Cubics = [[f32; 4]; 5];
+impl Triangulation {
+    /// Make a rig ready: the camera's `shape` is rows and columns, the projector's `size` columns
+    /// and rows.
+    pub fn new(
+        rig: &Rig,
+        spread: &Spread,
+        shape: (usize, usize),
+        size: (usize, usize),
+    ) -> Result<Self, Error> {
+        let nodes = spread.columns * spread.rows;
+        check_length("spread", spread.coefficients.len(), nodes * POWERS)?;
+        let enough = spread.columns >= 2 && spread.rows >= 2;
+        check_value("spread", enough, "2 × 2 nodes or more", nodes)?;
+        let single = |v: f64| v as f32;
+        let constants = Constants {
+            focal: rig.projector.focal.map(single),
+            principal: rig.projector.principal.map(single),
+            distortion: rig.projector.distortion.map(single),
+            translation: rig.translation.map(single),
+            steps: steps(&rig.projector, size),
+            along: (
+                spread.along_x,
+                1.0 / spread.length - 1.0,
+                2.0 / spread.length,
+            ),
+        };
+        let across = shape.1.div_ceil(LANES);
+        let stretches = (0..shape.0 * across)
+            .into_par_iter()
+            .map(|k| {
+                let (row, column) = (k / across, k % across * LANES);
+                let (variance, slope) = along(spread, shape, column, row);
+                Stretch {
+                    rays: cubics(rig, column, row),
+                    variance,
+                    slope,
+                }
+            })
+            .collect();
+        Ok(Self {
+            shape,
+            stretches,
+            constants,
+        })
+    }
 
-fn cubics(rig: &Rig, column: usize, row: usize) -> Cubics {
-    let mut values = [[0.0; 4]; 5];
+    pub fn shape(&self) -> (usize, usize) {
+        self.shape
+    }
+}
+
+/// Newton's steps until distortion is inverted to single precision: each squares the error, which
+/// is the distortion itself at first.
+fn steps(lens: &Lens, size: (usize, usize)) -> usize {
+    if lens.distortion.iter().all(|&k| k == 0.0) {
+        return 0;
+    }
+    let mut largest = 0.0f64;
+    for k in 0..=8 {
+        for (u, v) in [(k, 0), (k, 8), (0, k), (8, k)] {
+            let at = |n: usize, pixels: usize, axis: usize| {
+                (n as f64 / 8.0 * pixels as f64 - lens.principal[axis]) / lens.focal[axis]
+            };
+            let (x, y) = (at(u, size.0, 0), at(v, size.1, 1));
+            let (xd, yd) = lens.distort(x, y);
+            largest = largest.max((xd - x).hypot(yd - y));
+        }
+    }
+    // A point's depth and place change together: leave some room.
+    let mut error = (4.0 * largest).min(0.9);
+    let mut n = 0;
+    while error > 1e-7 && n < NEWTON {
+        error *= error;
+        n += 1;
+    }
+    n.max(1)
+}
+
+fn cubics(rig: &Rig, column: usize, row: usize) -> [Cubic; 6] {
+    let mut values = [[0.0; 4]; 6];
     for (k, node) in NODES.iter().enumerate() {
         let (x, y) = rig.camera.ray(column as f64 + node, row as f64);
         let r = &rig.rotation;
         let rotated = |k: usize| r[3 * k] * x + r[3 * k + 1] * y + r[3 * k + 2];
-        for (line, value) in values
-            .iter_mut()
-            .zip([x, y, rotated(0), rotated(1), rotated(2)])
+        let length = (x * x + y * y + 1.0).sqrt();
+        for (line, value) in
+            values
+                .iter_mut()
+                .zip([x, y, rotated(0), rotated(1), rotated(2), length])
         {
             line[k] = value;
         }
@@ -152,7 +251,7 @@ fn cubics(rig: &Rig, column: usize, row: usize) -> Cubics {
 }
 
 /// The cubic through four values at the nodes: Newton's divided differences, multiplied out.
-fn interpolate(values: [f64; 4]) -> [f32; 4] {
+fn interpolate(values: [f64; 4]) -> Cubic {
     let at = NODES.map(|n| (n - 31.5) / 32.0);
     let mut d = values;
     for order in 1..4 {
@@ -207,47 +306,49 @@ fn along(
 }
 
 /// A row of the frame.
-#[doc(hidden)]
-pub struct Task<'a> {
-    rig: &'a Rig,
-    constants: &'a Constants,
-    spread: &'a Spread,
-    shape: (usize, usize),
+struct Task<'a> {
+    plan: &'a Triangulation,
+    limits: &'a Limits,
     row: usize,
     x: Option<Axis<'a>>,
     y: Option<Axis<'a>>,
     out: Points<'a>,
 }
 
-struct Stretch<'a> {
-    cubics: Cubics,
-    variance: ([f32; POWERS], [f32; POWERS]),
-    constants: &'a Constants,
-}
-
-/// Coordinates and standard deviations of a stretch, padded with NaN.
+/// Coordinates and standard deviations of a stretch; NaN where there is none.
 struct Seen {
     coordinate: Lanes,
     sigma: Lanes,
+    reason: [u8; LANES],
 }
 
 impl Seen {
-    #[inline(always)]
-    fn load(axis: Option<Axis<'_>>, range: std::ops::Range<usize>) -> Self {
-        let mut seen = Self {
+    const fn new() -> Self {
+        Self {
             coordinate: [f32::NAN; LANES],
             sigma: [1.0; LANES],
-        };
-        if let Some(axis) = axis {
-            let n = range.len();
-            seen.coordinate[..n].copy_from_slice(&axis.coordinate[range.clone()]);
-            seen.sigma[..n].copy_from_slice(&axis.sigma[range]);
+            reason: [reason::OK; LANES],
         }
-        seen
+    }
+
+    #[inline(always)]
+    fn load(&mut self, axis: Axis<'_>, start: usize, n: usize) {
+        let range = start..start + n;
+        if n < LANES {
+            *self = Self::new();
+        }
+        self.sigma[..n].copy_from_slice(&axis.sigma[range.clone()]);
+        self.reason[..n].copy_from_slice(&axis.reason[range.clone()]);
+        self.coordinate[..n].copy_from_slice(&axis.coordinate[range]);
+        for i in 0..LANES {
+            if self.reason[i] != reason::OK {
+                self.coordinate[i] = f32::NAN;
+            }
+        }
     }
 }
 
-/// What a stretch comes to; w ≤ 0 where the rays do not meet in front of both devices.
+/// What a stretch comes to; NaN where the rays do not meet, or not in front of both devices.
 struct Met {
     x: Lanes,
     y: Lanes,
@@ -255,14 +356,12 @@ struct Met {
     sigma: Lanes,
     noise: Lanes,
     residual: Lanes,
-    /// Positive where the point is in front of both devices.
-    front: Lanes,
-    /// Largest residual that is let through.
-    allowed: Lanes,
+    /// A reason per pixel.
+    code: [u32; LANES],
 }
 
 impl Met {
-    fn new() -> Self {
+    const fn new() -> Self {
         let line = [0.0; LANES];
         Self {
             x: line,
@@ -271,243 +370,350 @@ impl Met {
             sigma: line,
             noise: line,
             residual: line,
-            front: line,
-            allowed: line,
+            code: [0; LANES],
         }
+    }
+}
+
+/// a b + c, rounded once where the instruction set has that.
+#[inline(always)]
+fn fused<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
+    if FMA {
+        a.mul_add(b, c)
+    } else {
+        a * b + c
     }
 }
 
 /// 2^x to 3e-4 for |x| ≤ 126, and the value at the end beyond.
 #[inline(always)]
-fn power_of_two(x: f32) -> f32 {
+fn power_of_two<const FMA: bool>(x: f32) -> f32 {
     // Added to this, x is rounded, and its whole part lies in the lowest bits, biased as an
     // exponent is.
     const WHOLE: f32 = 12_582_912.0 + 127.0;
     let x = x.clamp(-126.0, 126.0);
     let shifted = x + WHOLE;
     let part = x - (shifted - WHOLE);
-    let small = 1.0 + part * (0.693_147 + part * (0.240_22 + part * (0.055_5 + part * 0.009_6)));
+    let small = [0.055_5, 0.240_22, 0.693_147, 1.0]
+        .into_iter()
+        .fold(0.009_6, |sum, c| fused::<FMA>(sum, part, c));
     small * f32::from_bits(shifted.to_bits() << 23)
 }
 
 #[inline(always)]
-fn cubic(c: &[f32; 4], u: f32) -> f32 {
-    c[0] + u * (c[1] + u * (c[2] + u * c[3]))
+fn cubic<const FMA: bool>(c: &Cubic, u: f32) -> f32 {
+    let upper = fused::<FMA>(u, c[3], c[2]);
+    fused::<FMA>(u, fused::<FMA>(u, upper, c[1]), c[0])
 }
 
-/// The points of a stretch. `X` and `Y` say which axes there are, `CURVED` whether the projector's
-/// lens distorts.
-#[inline(always)]
-fn meet<const X: bool, const Y: bool, const CURVED: bool>(
-    stretch: &Stretch<'_>,
-    along_x: &Seen,
-    along_y: &Seen,
-    met: &mut Met,
-) {
-    let c = stretch.constants;
-    let [k1, k2, p1, p2, k3] = c.distortion;
-    let [t0, t1, t2] = c.translation;
-    let (base, slope) = &stretch.variance;
-    for i in 0..LANES {
-        let u = (i as f32 - 31.5) * (1.0 / 32.0);
-        let [rx, ry, qx, qy, qz] = [0, 1, 2, 3, 4].map(|k| cubic(&stretch.cubics[k], u));
-        // Directions on the projector's side, and how firm they are.
-        let goal_x = (along_x.coordinate[i] - c.principal[0]) / c.focal[0];
-        let goal_y = (along_y.coordinate[i] - c.principal[1]) / c.focal[1];
-        let weight = |focal: f32, sigma: f32| {
-            let f = focal / sigma;
-            f * f
-        };
-        let weight_x = if X {
-            weight(c.focal[0], along_x.sigma[i])
-        } else {
-            0.0
-        };
-        let weight_y = if Y {
-            weight(c.focal[1], along_y.sigma[i])
-        } else {
-            0.0
-        };
-        // Without distortion: n = w d for each axis.
-        let (nx, dx) = (goal_x * qz - qx, t0 - goal_x * t2);
-        let (ny, dy) = (goal_y * qz - qy, t1 - goal_y * t2);
-        let mut w = match (X, Y) {
-            (true, true) => {
-                (weight_x * nx * dx + weight_y * ny * dy)
-                    / (weight_x * dx * dx + weight_y * dy * dy)
-            }
-            (true, false) => nx / dx,
-            _ => ny / dy,
-        };
-        let (mut gx, mut gy, mut ex, mut ey, mut depth) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for _ in 0..if CURVED { NEWTON } else { 1 } {
-            depth = qz + w * t2;
-            let inverse = 1.0 / depth;
-            let (x, y) = ((qx + w * t0) * inverse, (qy + w * t1) * inverse);
-            let (by_x, by_y) = ((t0 - x * t2) * inverse, (t1 - y * t2) * inverse);
-            if CURVED {
-                let r2 = x * x + y * y;
-                let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
-                let steep = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2));
-                let across = x * y * steep + 2.0 * p1 * x + 2.0 * p2 * y;
-                if X {
-                    let by = radial + x * x * steep + 2.0 * p1 * y + 6.0 * p2 * x;
-                    gx = by * by_x + across * by_y;
-                    ex = goal_x - (x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x));
-                }
-                if Y {
-                    let by = radial + y * y * steep + 6.0 * p1 * y + 2.0 * p2 * x;
-                    gy = across * by_x + by * by_y;
-                    ey = goal_y - (y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y);
-                }
-            } else {
-                (gx, gy) = (by_x, by_y);
-                (ex, ey) = (goal_x - x, goal_y - y);
-            }
-            let step = match (X, Y) {
-                (true, true) => {
-                    (weight_x * gx * ex + weight_y * gy * ey)
-                        / (weight_x * gx * gx + weight_y * gy * gy)
-                }
-                (true, false) => ex / gx,
-                _ => ey / gy,
-            };
-            w += step;
-            ex -= gx * step;
-            ey -= gy * step;
-        }
-        let z = 1.0 / w;
-        let noise = match (X, Y) {
-            (true, true) => 1.0 / (weight_x * gx * gx + weight_y * gy * gy),
-            (true, false) => 1.0 / (weight_x * gx * gx),
-            _ => 1.0 / (weight_y * gy * gy),
-        };
-        let place = if c.along.0 {
-            along_x.coordinate[i]
-        } else {
-            along_y.coordinate[i]
-        };
-        let s = c.along.1 + c.along.2 * place;
-        let mut calibration = 0.0;
-        for k in (0..POWERS).rev() {
-            calibration = calibration * s + (base[k] + i as f32 * slope[k]);
-        }
-        let calibration = power_of_two(calibration);
-        let length = (rx * rx + ry * ry + 1.0).sqrt() * z * z;
-        met.x[i] = rx * z;
-        met.y[i] = ry * z;
-        met.z[i] = z;
-        met.noise[i] = length * noise.sqrt();
-        met.sigma[i] = length * (noise + calibration).sqrt();
-        met.front[i] = w.min(depth);
-        if X && Y {
-            // Across the epipolar line, in px.
-            let (ux, uy) = (c.focal[0] * gx, c.focal[1] * gy);
-            let (rx, ry) = (c.focal[0] * ex, c.focal[1] * ey);
-            let scale = 1.0 / (ux * ux + uy * uy);
-            let (sx, sy) = (along_x.sigma[i] * uy, along_y.sigma[i] * ux);
-            let variance = (sx * sx + sy * sy) * scale + c.limits[1] * c.limits[1];
-            met.residual[i] = (rx * uy - ry * ux) * scale.sqrt();
-            met.allowed[i] = c.limits[0] * variance.sqrt();
+/// What the passes over a stretch hand on to each other. (One pass for everything would have a loop
+/// of corrections inside the loop over pixels, which compilers do not turn into vectors.)
+struct Work {
+    rx: Lanes,
+    ry: Lanes,
+    length: Lanes,
+    qx: Lanes,
+    qy: Lanes,
+    qz: Lanes,
+    /// Directions on the projector's side.
+    goal_x: Lanes,
+    goal_y: Lanes,
+    /// Standard deviations of the same, squared.
+    variance_x: Lanes,
+    variance_y: Lanes,
+    w: Lanes,
+    depth: Lanes,
+    /// Derivatives of the direction by w, and what is left of the goal.
+    gx: Lanes,
+    gy: Lanes,
+    ex: Lanes,
+    ey: Lanes,
+}
+
+impl Work {
+    const fn new() -> Self {
+        let line = [0.0; LANES];
+        Self {
+            rx: line,
+            ry: line,
+            length: line,
+            qx: line,
+            qy: line,
+            qz: line,
+            goal_x: line,
+            goal_y: line,
+            variance_x: line,
+            variance_y: line,
+            w: line,
+            depth: line,
+            gx: line,
+            gy: line,
+            ex: line,
+            ey: line,
         }
     }
 }
 
+/// Rays, goals, and w as it would be without distortion.
+#[inline(always)]
+fn begin<const X: bool, const Y: bool, const FMA: bool>(
+    stretch: &Stretch,
+    c: &Constants,
+    along_x: &Seen,
+    along_y: &Seen,
+    k: &mut Work,
+) {
+    let rays = stretch.rays;
+    let [t0, t1, t2] = c.translation;
+    let (scale_x, scale_y) = (1.0 / c.focal[0], 1.0 / c.focal[1]);
+    let [principal_x, principal_y] = c.principal;
+    for i in 0..LANES {
+        let u = (i as f32 - 31.5) * (1.0 / 32.0);
+        k.rx[i] = cubic::<FMA>(&rays[0], u);
+        k.ry[i] = cubic::<FMA>(&rays[1], u);
+        let (qx, qy, qz) = (
+            cubic::<FMA>(&rays[2], u),
+            cubic::<FMA>(&rays[3], u),
+            cubic::<FMA>(&rays[4], u),
+        );
+        k.length[i] = cubic::<FMA>(&rays[5], u);
+        let (mut nx, mut dx, mut ny, mut dy) = (0.0, 0.0, 0.0, 0.0);
+        if X {
+            let goal = (along_x.coordinate[i] - principal_x) * scale_x;
+            let sigma = along_x.sigma[i] * scale_x;
+            (nx, dx) = (fused::<FMA>(goal, qz, -qx), fused::<FMA>(-goal, t2, t0));
+            (k.goal_x[i], k.variance_x[i]) = (goal, sigma * sigma);
+        }
+        if Y {
+            let goal = (along_y.coordinate[i] - principal_y) * scale_y;
+            let sigma = along_y.sigma[i] * scale_y;
+            (ny, dy) = (fused::<FMA>(goal, qz, -qy), fused::<FMA>(-goal, t2, t1));
+            (k.goal_y[i], k.variance_y[i]) = (goal, sigma * sigma);
+        }
+        // n = w d for each axis; the weights have a factor in common that saves divisions.
+        k.w[i] = if X && Y {
+            let (weight_x, weight_y) = (k.variance_y[i], k.variance_x[i]);
+            let (ax, ay) = (weight_x * dx, weight_y * dy);
+            fused::<FMA>(ax, nx, ay * ny) / fused::<FMA>(ax, dx, ay * dy)
+        } else if X {
+            nx / dx
+        } else {
+            ny / dy
+        };
+        (k.qx[i], k.qy[i], k.qz[i]) = (qx, qy, qz);
+    }
+}
+
+/// Derivatives at w, and, where the lens distorts, a step of Newton's.
+#[inline(always)]
+fn correct<const X: bool, const Y: bool, const FMA: bool, const CURVED: bool>(
+    c: &Constants,
+    k: &mut Work,
+) {
+    let [k1, k2, p1, p2, k3] = c.distortion;
+    let [t0, t1, t2] = c.translation;
+    for i in 0..LANES {
+        let w = k.w[i];
+        let depth = fused::<FMA>(w, t2, k.qz[i]);
+        let inverse = 1.0 / depth;
+        let x = fused::<FMA>(w, t0, k.qx[i]) * inverse;
+        let y = fused::<FMA>(w, t1, k.qy[i]) * inverse;
+        let by_x = fused::<FMA>(-x, t2, t0) * inverse;
+        let by_y = fused::<FMA>(-y, t2, t1) * inverse;
+        k.depth[i] = depth;
+        if !CURVED {
+            (k.gx[i], k.gy[i]) = (by_x, by_y);
+            (k.ex[i], k.ey[i]) = (k.goal_x[i] - x, k.goal_y[i] - y);
+            continue;
+        }
+        let (xx, xy, yy) = (x * x, x * y, y * y);
+        let r2 = xx + yy;
+        let inner = fused::<FMA>(r2, k3, k2);
+        let radial = fused::<FMA>(r2, fused::<FMA>(r2, inner, k1), 1.0);
+        // 2 (k₁ + 2 k₂ r² + 3 k₃ r⁴)
+        let outer = fused::<FMA>(3.0 * k3, r2, 2.0 * k2);
+        let steep = 2.0 * fused::<FMA>(r2, outer, k1);
+        let tangential = fused::<FMA>(2.0 * p1, x, 2.0 * p2 * y);
+        let across = fused::<FMA>(xy, steep, tangential);
+        let (mut gx, mut gy, mut ex, mut ey) = (0.0, 0.0, 0.0, 0.0);
+        if X {
+            let by = fused::<FMA>(xx, steep, radial);
+            let by = fused::<FMA>(2.0 * p1, y, fused::<FMA>(6.0 * p2, x, by));
+            gx = fused::<FMA>(by, by_x, across * by_y);
+            let moved = fused::<FMA>(2.0 * p1, xy, p2 * fused::<FMA>(2.0, xx, r2));
+            ex = k.goal_x[i] - fused::<FMA>(x, radial, moved);
+        }
+        if Y {
+            let by = fused::<FMA>(yy, steep, radial);
+            let by = fused::<FMA>(6.0 * p1, y, fused::<FMA>(2.0 * p2, x, by));
+            gy = fused::<FMA>(across, by_x, by * by_y);
+            let moved = fused::<FMA>(2.0 * p2, xy, p1 * fused::<FMA>(2.0, yy, r2));
+            ey = k.goal_y[i] - fused::<FMA>(y, radial, moved);
+        }
+        let step = if X && Y {
+            let (weight_x, weight_y) = (k.variance_y[i], k.variance_x[i]);
+            let (ax, ay) = (weight_x * gx, weight_y * gy);
+            fused::<FMA>(ax, ex, ay * ey) / fused::<FMA>(ax, gx, ay * gy)
+        } else if X {
+            ex / gx
+        } else {
+            ey / gy
+        };
+        k.w[i] = w + step;
+        (k.gx[i], k.gy[i]) = (gx, gy);
+        (k.ex[i], k.ey[i]) = (ex - gx * step, ey - gy * step);
+    }
+}
+
+/// Points, their standard deviations, and reasons where there are none.
+#[inline(always)]
+fn finish<const X: bool, const Y: bool, const FMA: bool>(
+    stretch: &Stretch,
+    c: &Constants,
+    limits: &Limits,
+    place: &Seen,
+    k: &Work,
+    met: &mut Met,
+) {
+    let (base, slope) = (stretch.variance, stretch.slope);
+    let (_, offset, factor) = c.along;
+    let [focal_x, focal_y] = c.focal;
+    let sigmas = limits.residual_sigmas * limits.residual_sigmas;
+    let known = limits.residual_px * limits.residual_px;
+    for i in 0..LANES {
+        let z = 1.0 / k.w[i];
+        let (gx, gy) = (k.gx[i], k.gy[i]);
+        let (variance_x, variance_y) = (k.variance_x[i], k.variance_y[i]);
+        let noise = if X && Y {
+            variance_x * variance_y / (variance_y * gx * gx + variance_x * gy * gy)
+        } else if X {
+            variance_x / (gx * gx)
+        } else {
+            variance_y / (gy * gy)
+        };
+        let s = offset + factor * place.coordinate[i];
+        let mut logarithm = 0.0;
+        for n in (0..POWERS).rev() {
+            let here = fused::<FMA>(i as f32, slope[n], base[n]);
+            logarithm = fused::<FMA>(logarithm, s, here);
+        }
+        let to_mm = k.length[i] * z * z;
+        let sigma = to_mm * (noise + power_of_two::<FMA>(logarithm)).sqrt();
+        let front = (k.w[i] > 0.0) & (k.depth[i] > 0.0) & (sigma < f32::INFINITY);
+        let mut near = true;
+        if X && Y {
+            // Across the epipolar line, in px.
+            let (ux, uy) = (focal_x * gx, focal_y * gy);
+            let (rx, ry) = (focal_x * k.ex[i], focal_y * k.ey[i]);
+            let size = ux * ux + uy * uy;
+            let off = rx * uy - ry * ux;
+            let (sx, sy) = (focal_x * uy, focal_y * ux);
+            let variance = variance_x * sx * sx + variance_y * sy * sy + known * size;
+            near = off * off <= sigmas * variance;
+            let residual = off / size.sqrt();
+            met.residual[i] = if front { residual } else { f32::NAN };
+        }
+        let good = front & near;
+        met.x[i] = if good { k.rx[i] * z } else { f32::NAN };
+        met.y[i] = if good { k.ry[i] * z } else { f32::NAN };
+        met.z[i] = if good { z } else { f32::NAN };
+        met.noise[i] = if good { to_mm * noise.sqrt() } else { f32::NAN };
+        met.sigma[i] = if good { sigma } else { f32::NAN };
+        let apart = if near { OK } else { RAYS_APART };
+        met.code[i] = if front { apart } else { BEYOND };
+    }
+}
+
+const OK: u32 = reason::OK as u32;
+const RAYS_APART: u32 = reason::RAYS_APART as u32;
+const BEYOND: u32 = reason::BEYOND_GEOMETRY as u32;
+
 #[multiversion::multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl+fma",
     "x86_64+avx2+fma"
 ))]
 fn row(task: Task<'_>) {
-    let curved = task.constants.distortion.iter().any(|&k| k != 0.0);
-    match (task.x.is_some(), task.y.is_some(), curved) {
-        (true, true, true) => stretches::<true, true, true>(task),
-        (true, true, false) => stretches::<true, true, false>(task),
-        (true, false, true) => stretches::<true, false, true>(task),
-        (true, false, false) => stretches::<true, false, false>(task),
-        (false, _, true) => stretches::<false, true, true>(task),
-        (false, _, false) => stretches::<false, true, false>(task),
+    if multiversion::target::target_cfg_f!(target_feature = "fma") {
+        axes::<true>(task);
+    } else {
+        axes::<false>(task);
     }
 }
 
 #[inline(always)]
-fn stretches<const X: bool, const Y: bool, const CURVED: bool>(task: Task<'_>) {
-    let width = task.shape.1;
-    let mut met = Met::new();
-    let mut start = 0;
-    while start < width {
-        let range = start..(start + LANES).min(width);
-        let stretch = Stretch {
-            cubics: cubics(task.rig, start, task.row),
-            variance: along(task.spread, task.shape, start, task.row),
-            constants: task.constants,
-        };
-        let along_x = Seen::load(task.x, range.clone());
-        let along_y = Seen::load(task.y, range.clone());
-        meet::<X, Y, CURVED>(&stretch, &along_x, &along_y, &mut met);
-        for (i, k) in range.clone().enumerate() {
-            let before = match (task.x, task.y) {
-                (Some(x), Some(y)) if x.reason[k] == reason::OK => y.reason[k],
-                (Some(x), _) => x.reason[k],
-                (None, Some(y)) => y.reason[k],
-                (None, None) => reason::UNDETERMINED,
-            };
-            let apart = X && Y && !(met.residual[i].abs() <= met.allowed[i]);
-            let finite = met.sigma[i] < f32::INFINITY;
-            task.out.reason[k] = if before != reason::OK {
-                before
-            } else if !(met.front[i] > 0.0 && finite) {
-                reason::BEYOND_GEOMETRY
-            } else if apart {
-                reason::RAYS_APART
-            } else {
-                reason::OK
-            };
-        }
-        let n = range.len();
-        let reasons = &task.out.reason[range.clone()];
-        let keep = |i: usize, value: f32| {
-            if reasons[i] == reason::OK {
-                value
-            } else {
-                f32::NAN
-            }
-        };
-        for i in 0..n {
-            let k = 3 * (range.start + i);
-            task.out.xyz[k] = keep(i, met.x[i]);
-            task.out.xyz[k + 1] = keep(i, met.y[i]);
-            task.out.xyz[k + 2] = keep(i, met.z[i]);
-        }
-        for i in 0..n {
-            task.out.sigma[range.start + i] = keep(i, met.sigma[i]);
-            task.out.noise[range.start + i] = keep(i, met.noise[i]);
-        }
-        if X && Y {
-            // Also where the rays are apart: by how much is what one wants to see.
-            for i in 0..n {
-                let met_at_all = reasons[i] == reason::OK || reasons[i] == reason::RAYS_APART;
-                task.out.residual[range.start + i] = if met_at_all {
-                    met.residual[i]
-                } else {
-                    f32::NAN
-                };
-            }
-        }
-        start += LANES;
+fn axes<const FMA: bool>(task: Task<'_>) {
+    match (task.x.is_some(), task.y.is_some()) {
+        (true, true) => stretches::<true, true, FMA>(task),
+        (true, false) => stretches::<true, false, FMA>(task),
+        _ => stretches::<false, true, FMA>(task),
     }
 }
 
-/// Triangulate a frame of `shape` rows and columns from one axis or both.
+#[inline(always)]
+fn stretches<const X: bool, const Y: bool, const FMA: bool>(task: Task<'_>) {
+    let width = task.plan.shape.1;
+    let across = width.div_ceil(LANES);
+    let constants = &task.plan.constants;
+    let (mut met, mut work) = (Met::new(), Work::new());
+    let (mut along_x, mut along_y) = (Seen::new(), Seen::new());
+    for k in 0..across {
+        let start = k * LANES;
+        let n = LANES.min(width - start);
+        if let (true, Some(axis)) = (X, task.x) {
+            along_x.load(axis, start, n);
+        }
+        if let (true, Some(axis)) = (Y, task.y) {
+            along_y.load(axis, start, n);
+        }
+        let stretch = &task.plan.stretches[task.row * across + k];
+        begin::<X, Y, FMA>(stretch, constants, &along_x, &along_y, &mut work);
+        for _ in 0..constants.steps {
+            correct::<X, Y, FMA, true>(constants, &mut work);
+        }
+        if constants.steps == 0 {
+            correct::<X, Y, FMA, false>(constants, &mut work);
+        }
+        let place = if constants.along.0 {
+            &along_x
+        } else {
+            &along_y
+        };
+        finish::<X, Y, FMA>(stretch, constants, task.limits, place, &work, &mut met);
+        let mut codes = [0u8; LANES];
+        for i in 0..LANES {
+            // What decoding says comes first, and the columns before the rows.
+            let columns = if X { along_x.reason[i] } else { reason::OK };
+            let rows = if Y { along_y.reason[i] } else { reason::OK };
+            let before = if columns != reason::OK { columns } else { rows };
+            let here = met.code[i] as u8;
+            codes[i] = if before != reason::OK { before } else { here };
+        }
+        let range = start..start + n;
+        task.out.reason[range.clone()].copy_from_slice(&codes[..n]);
+        task.out.sigma[range.clone()].copy_from_slice(&met.sigma[..n]);
+        task.out.noise[range.clone()].copy_from_slice(&met.noise[..n]);
+        if X && Y {
+            task.out.residual[range].copy_from_slice(&met.residual[..n]);
+        }
+        let mut points = [0.0f32; 3 * LANES];
+        for i in 0..LANES {
+            points[3 * i] = met.x[i];
+            points[3 * i + 1] = met.y[i];
+            points[3 * i + 2] = met.z[i];
+        }
+        task.out.xyz[3 * start..3 * (start + n)].copy_from_slice(&points[..3 * n]);
+    }
+}
+
+/// Triangulate a frame from one axis or both.
 pub fn triangulate(
-    rig: &Rig,
-    spread: &Spread,
+    plan: &Triangulation,
     limits: &Limits,
-    shape: (usize, usize),
     x: Option<Axis<'_>>,
     y: Option<Axis<'_>>,
     out: Points<'_>,
 ) -> Result<(), Error> {
-    let (rows, width) = shape;
+    let (rows, width) = plan.shape;
     let pixels = rows * width;
     check_value("axes", x.is_some() || y.is_some(), "one or two", "none")?;
     for axis in [x, y].into_iter().flatten() {
@@ -525,11 +731,7 @@ pub fn triangulate(
         out.residual.len(),
         if both { pixels } else { 0 },
     )?;
-    let nodes = spread.columns * spread.rows;
-    check_length("spread", spread.coefficients.len(), nodes * POWERS)?;
-    let enough = spread.columns >= 2 && spread.rows >= 2;
-    check_value("spread", enough, "2 × 2 nodes or more", nodes)?;
-    let known = if spread.along_x { x } else { y };
+    let known = if plan.constants.along.0 { x } else { y };
     check_value(
         "spread",
         known.is_some(),
@@ -539,19 +741,6 @@ pub fn triangulate(
     if pixels == 0 {
         return Ok(());
     }
-    let single = |v: f64| v as f32;
-    let constants = Constants {
-        focal: rig.projector.focal.map(single),
-        principal: rig.projector.principal.map(single),
-        distortion: rig.projector.distortion.map(single),
-        translation: rig.translation.map(single),
-        limits: [limits.residual_sigmas, limits.residual_px],
-        along: (
-            spread.along_x,
-            1.0 / spread.length - 1.0,
-            2.0 / spread.length,
-        ),
-    };
     let residual: Vec<&mut [f32]> = if both {
         out.residual.chunks_mut(width).collect()
     } else {
@@ -573,10 +762,8 @@ pub fn triangulate(
         .enumerate()
         .for_each(|(k, ((((xyz, sigma), noise), reason), residual))| {
             row(Task {
-                rig,
-                constants: &constants,
-                spread,
-                shape,
+                plan,
+                limits,
                 row: k,
                 x: part(x, k * width, width),
                 y: part(y, k * width, width),
@@ -602,7 +789,7 @@ mod tests {
         let c = interpolate(values);
         for (node, value) in NODES.iter().zip(values) {
             let u = ((node - 31.5) / 32.0) as f32;
-            assert!((f64::from(cubic(&c, u)) - value).abs() < 1e-6);
+            assert!((f64::from(cubic::<false>(&c, u)) - value).abs() < 1e-6);
         }
     }
 
@@ -610,7 +797,7 @@ mod tests {
     fn powers_of_two_are_near() {
         for k in -1260..=1260 {
             let x = 0.1 * k as f32;
-            let ratio = f64::from(power_of_two(x)) / f64::from(x).exp2();
+            let ratio = f64::from(power_of_two::<false>(x)) / f64::from(x).exp2();
             assert!((ratio - 1.0).abs() < 3e-4, "{x}: {ratio}");
         }
     }

@@ -21,7 +21,7 @@ from fringeworks.geometry.bundle import (
     pinhole_of,
     relative_pose,
 )
-from fringeworks.geometry.corners import LEAST, BoardView, find_board
+from fringeworks.geometry.corners import LEAST, BoardView, find_board, refit
 from fringeworks.geometry.correspondence import Correspondence, projector_at, spacing
 from fringeworks.geometry.pinhole import pose, project, transform
 from fringeworks.types import BoolMap, Decoded, FloatMap, InputError, Pinhole, Rig
@@ -31,6 +31,8 @@ SAME_PX = 1.0
 """Poses whose corners lie nearer than this, median, are one pose taken twice."""
 MIN_TILT_DEG = 5.0
 """Boards must be turned against each other by this much for focal lengths to be told."""
+BEND = 0.25
+"""Share of a field over which an edge's curvature is taken."""
 RING = 48
 """Points of a circle when its centre of gravity is computed."""
 
@@ -41,6 +43,8 @@ class Observation:
 
     name: str
     """What reports call it, such as the folder."""
+    image: NDArray[Any]
+    """The board under even light, (h, w), counts."""
     view: BoardView
     """Corners in the camera."""
     found: Correspondence
@@ -116,7 +120,7 @@ def observe(
             f"of {len(lit)} that the camera sees: the projector does not light the board"
         )
     height, width = picture.shape
-    return Observation(name, view, read, decoded, (width, height), projector_size)
+    return Observation(name, picture, view, read, decoded, (width, height), projector_size)
 
 
 def calibrate(
@@ -160,12 +164,13 @@ def calibrate(
     sightings = [_sighting(o, board) for o in observations]
     start = _start(observations, sightings)
     adjusted = adjust(sightings, *start, free=free)
-    if board.kind in ("circles", "asymmetric-circles"):
-        sightings = [
-            _sighting(_centred(o, board, adjusted.rig.camera, T), board)
-            for o, T in zip(observations, adjusted.poses, strict=True)
-        ]
-        adjusted = adjust(sightings, adjusted.rig, adjusted.poses, free=free)
+    # Now that the lens and the poses are nearly known, what they do to a corner's look is, too.
+    observations = [
+        _seen_again(o, board, adjusted.rig.camera, T)
+        for o, T in zip(observations, adjusted.poses, strict=True)
+    ]
+    sightings = [_sighting(o, board) for o in observations]
+    adjusted = adjust(sightings, adjusted.rig, adjusted.poses, free=free)
     bow, bow_covariance = board_bow(sightings, adjusted, free=free)
     return Calibration(
         rig=adjusted.rig,
@@ -256,28 +261,63 @@ def _sighting(o: Observation, board: Board) -> Sighting:
     )
 
 
-def _centred(o: Observation, board: Board, camera: Pinhole, T: FloatMap) -> Observation:
-    """A circle's centre of gravity is not its centre's image: perspective moves it."""
-    assert o.view.ink_px is not None
+def _seen_again(o: Observation, board: Board, camera: Pinhole, T: FloatMap) -> Observation:
+    """The board's corners with what a first calibration knows of lens and pose."""
     points = board.points_mm[o.view.index]
+    if board.kind in ("circles", "asymmetric-circles"):
+        pixels = o.view.pixels + _circle_shift(o.view, points, board, camera, T)
+        view = replace(o.view, pixels=pixels)
+    else:
+        view = refit(o.image, board, o.view, *_bent_edges(points, board, camera, T))
+    # What is read changes by the derivative only where corners move: they do by a hair.
+    moved = view.pixels - o.view.pixels
+    if np.abs(moved).max() > 0.5:
+        found = projector_at(o.decoded, view.pixels, spacing(view.pixels))
+    else:
+        shift = np.einsum("nij,nj->ni", o.found.by_pixel, moved)
+        found = replace(o.found, projector_px=o.found.projector_px + shift)
+    return replace(o, view=view, found=found)
+
+
+def _bent_edges(
+    points: FloatMap, board: Board, camera: Pinhole, T: FloatMap
+) -> tuple[FloatMap, FloatMap]:
+    """Edges (n, 2, 2), px, and by how much the lens bends them, (n, 2), 1/px."""
+    middle = project(camera, transform(T, points))
+    edges, bends = [], []
+    for step in BEND * board.pitch_mm * np.eye(3)[:2]:
+        one = project(camera, transform(T, points + step)) - middle
+        other = project(camera, transform(T, points - step)) - middle
+        along = one - other
+        length = np.linalg.norm(along, axis=1, keepdims=True)
+        normal = np.column_stack((-along[:, 1], along[:, 0])) / length
+        edges.append(along / (2.0 * BEND))
+        bends.append(np.sum((one + other) * normal, axis=1) / (0.5 * length[:, 0] ** 2))
+    return np.stack(edges, axis=1), np.stack(bends, axis=1)
+
+
+def _circle_shift(
+    view: BoardView, points: FloatMap, board: Board, camera: Pinhole, T: FloatMap
+) -> FloatMap:
+    """From the centre of gravity of a circle's image to its centre's: perspective parts them."""
+    assert view.ink_px is not None
     steps = 0.01 * board.pitch_mm * np.eye(3)[:2]
-    sides = [
-        project(camera, transform(T, points + step)) - project(camera, transform(T, points - step))
+    (ax, ay), (bx, by) = (
+        (
+            project(camera, transform(T, points + step))
+            - project(camera, transform(T, points - step))
+        ).T
         for step in steps
-    ]
-    (ax, ay), (bx, by) = sides[0].T, sides[1].T
+    )
     per_mm2 = np.abs(ax * by - ay * bx) / (0.02 * board.pitch_mm) ** 2
-    radius = float(np.median(np.sqrt(o.view.ink_px / (np.pi * per_mm2))))
+    radius = float(np.median(np.sqrt(view.ink_px / (np.pi * per_mm2))))
     angle = np.linspace(0.0, 2.0 * np.pi, RING, endpoint=False)
     ring = radius * np.column_stack((np.cos(angle), np.sin(angle), np.zeros(RING)))
     rim = project(camera, transform(T, points[:, None] + ring))
     after = np.roll(rim, -1, axis=1)
     wedge = rim[..., 0] * after[..., 1] - after[..., 0] * rim[..., 1]
     gravity = np.sum((rim + after) * wedge[..., None], axis=1) / (3.0 * wedge.sum(axis=1))[:, None]
-    shift = project(camera, transform(T, points)) - gravity
-    pixels = o.view.pixels + shift
-    read = projector_at(o.decoded, pixels, spacing(pixels))
-    return replace(o, view=replace(o.view, pixels=pixels), found=read)
+    return project(camera, transform(T, points)) - gravity
 
 
 def _start(

@@ -66,6 +66,33 @@ def find_board(image: NDArray[Any], board: Board) -> BoardView:
     return _circles(picture, board)
 
 
+def refit(
+    image: NDArray[Any], board: Board, view: BoardView, edges: FloatMap, bends: FloatMap
+) -> BoardView:
+    """The corners of a chessboard or ChArUco board again, with edges as a lens bends them.
+
+    Parameters
+    ----------
+    image : (h, w) array, as for ``find_board``
+    edges : (m, 2, 2) array
+        Vectors from each corner to its neighbours along the board's x and y, px.
+    bends : (m, 2) array
+        See ``fit_saddles``.
+    """
+    fitted = fit_saddles(
+        image.astype(np.float64), view.pixels, edges, window=_window(board), bends=bends
+    )
+    pixels = np.where(fitted.good[:, None], fitted.pixels, view.pixels)
+    return BoardView(view.index, pixels)
+
+
+def _window(board: Board) -> float:
+    """Half side of the fitted square: on a ChArUco board it ends before the markers."""
+    if board.kind != "charuco":
+        return WINDOW
+    return min(MARKER_GAP * (1.0 - (board.marker_mm or 0.0) / board.pitch_mm), WINDOW)
+
+
 def _even(image: NDArray[Any]) -> NDArray[np.uint8]:
     """The image in 8 bits, bright and dim parts alike: divided by the brightness around."""
     values = np.nan_to_num(image.astype(np.float32))
@@ -263,9 +290,7 @@ def _charuco(image: NDArray[Any], board: Board) -> BoardView:
         [_moved(map_, ideal + step) - _moved(map_, ideal) for step in board.pitch_mm * np.eye(2)],
         axis=1,
     )
-    # Markers lie in every other field: the window ends before them.
-    free = MARKER_GAP * (1.0 - (board.marker_mm or 0.0) / board.pitch_mm)
-    fitted = fit_saddles(image.astype(np.float64), start, edges, window=min(free, WINDOW))
+    fitted = fit_saddles(image.astype(np.float64), start, edges, window=_window(board))
     good = fitted.good & (np.abs(fitted.contrast) > CONTRAST * np.median(np.abs(fitted.contrast)))
     if good.sum() < LEAST:
         raise InputError(f"expected {LEAST} sharp corners or more, found {good.sum()}")

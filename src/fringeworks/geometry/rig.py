@@ -134,7 +134,7 @@ def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, Coordin
                 f"{found.repeats_px:g} px"
             )
         length = projector.width_px if name == "x" else projector.height_px
-        rows = found.coordinate_px[:: max(1, h // 64)]
+        rows = found.coordinate_px[:: max(1, h // 16)]
         with np.errstate(invalid="ignore"):
             beyond = float(np.mean(rows > length + 1))
         if beyond > 0.01:
@@ -169,7 +169,7 @@ def _empty(shape: tuple[int, int], both: bool) -> PointCloud:
 
 def _refuse_nothing(cloud: PointCloud, maps: dict[Axis, CoordinateMap]) -> None:
     """A rig that does not belong to a capture shows in that hardly any rays meet."""
-    rows = slice(None, None, max(1, cloud.shape[0] // 64))
+    rows = slice(None, None, max(1, cloud.shape[0] // 16))
     reason = cloud.reason[rows]
     measured = int(np.sum((reason == Reason.OK) | (reason >= Reason.BEYOND_GEOMETRY)))
     decoded = min(int(np.sum(m.reason[rows] == Reason.OK)) for m in maps.values())
@@ -200,6 +200,8 @@ def _kernel(rig: Rig, axis: Axis | None) -> _core.Triangulation:
             spread=calibration_spread(rig, axis, along),
             spread_along_x=along == "x",
             spread_length=float(_length(rig, along)),
+            camera_shape=rig.camera.shape,
+            projector_size=(rig.projector.width_px, rig.projector.height_px),
         )
     return known[axis]
 

@@ -35,7 +35,12 @@ class Saddles:
 
 
 def fit_saddles(
-    image: FloatMap, start: FloatMap, edges: FloatMap, *, window: float = WINDOW
+    image: FloatMap,
+    start: FloatMap,
+    edges: FloatMap,
+    *,
+    window: float = WINDOW,
+    bends: FloatMap | None = None,
 ) -> Saddles:
     """Fit a crossing of two blurred edges around every starting point.
 
@@ -47,11 +52,15 @@ def fit_saddles(
         The two vectors from a corner to its neighbours, px.
     window : float
         Half side of the square that is fitted, over the distance of neighbours.
+    bends : (n, 2) array, optional
+        By how much a lens bends each edge: half its curvature, 1/px, towards the edge turned by
+        90° from x to y. None for straight ones.
 
     Notes
     -----
     I = a + a_x x + a_y y + (b + b_x x + b_y y) E(n₁·x) E(n₂·x), E(u) = erf(u / √2 s), by Gauss and
-    Newton, for all corners at once; the slopes of a and b take up uneven light.
+    Newton, for all corners at once; the slopes of a and b take up uneven light. The normals are
+    the edges turned by 90° from x to y.
     """
     n = len(start)
     length = np.linalg.norm(edges, axis=2).min(axis=1, initial=np.inf)
@@ -71,8 +80,9 @@ def fit_saddles(
     damping = np.full(n, 1e-3)
     last = np.full(n, np.inf)
     best = p.copy()
+    bent = np.zeros((n, 2)) if bends is None else bends
     for _ in range(STEPS):
-        shape, by_shape = _crossing(p, dx, dy)
+        shape, by_shape = _crossing(p, dx, dy, bent)
         ramp = np.stack((np.ones_like(dx), dx, dy))
         design = np.concatenate(
             (np.broadcast_to(ramp, (n, 3, dx.size)), shape[:, None] * ramp), axis=1
@@ -103,14 +113,16 @@ def fit_saddles(
     return Saddles(best[:, :2] + centre, linear[:, 3], residual, good)
 
 
-def _crossing(p: FloatMap, dx: FloatMap, dy: FloatMap) -> tuple[FloatMap, FloatMap]:
+def _crossing(
+    p: FloatMap, dx: FloatMap, dy: FloatMap, bends: FloatMap
+) -> tuple[FloatMap, FloatMap]:
     """E(n₁·x) E(n₂·x) at the window's pixels, (n, m), and its derivatives, (n, 5, m)."""
     x, y = dx - p[:, 0, None], dy - p[:, 1, None]
     width = np.sqrt(2.0) * p[:, 4, None]
     factors, slopes, normals, turned = [], [], [], []
-    for angle in (p[:, 2, None], p[:, 3, None]):
+    for k, angle in enumerate((p[:, 2, None], p[:, 3, None])):
         c, s = np.cos(angle), np.sin(angle)
-        u = (c * x + s * y) / width
+        u = (c * x + s * y - bends[:, k, None] * (c * y - s * x) ** 2) / width
         factors.append(special.erf(u))
         slopes.append(2.0 / np.sqrt(np.pi) * np.exp(-u * u) / width)
         normals.append((c, s))

@@ -317,7 +317,7 @@ def _circle_shift(
     after = np.roll(rim, -1, axis=1)
     wedge = rim[..., 0] * after[..., 1] - after[..., 0] * rim[..., 1]
     gravity = np.sum((rim + after) * wedge[..., None], axis=1) / (3.0 * wedge.sum(axis=1))[:, None]
-    return project(camera, transform(T, points)) - gravity
+    return np.asarray(project(camera, transform(T, points)) - gravity)
 
 
 def _start(

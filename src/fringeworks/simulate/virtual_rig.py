@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,11 +16,8 @@ from fringeworks.patterns import PatternPlan, encode
 from fringeworks.simulate.bodies import Body
 from fringeworks.types import BoolMap, FloatMap, InputError, Rig
 
-SUBSAMPLES = 32
-"""Points of a pixel at which a varying albedo is looked at."""
-LATTICE = 13
-"""They are a lattice of which every row and column has one, so that edges along the pixels' grid
-come out as finely as others."""
+COARSE, DENSE = 8, 144
+"""Points of a pixel at which a varying albedo is looked at: in all, and where those differ."""
 FINE = 16
 """Samples per projector pixel of a pattern's profile."""
 SHADOW_START = 1e-4
@@ -214,13 +212,30 @@ def _albedo(bodies: Sequence[Body], world: FloatMap, body: NDArray[np.int32]) ->
 
 def _mean_paint(paint: Any, surface: FloatMap) -> FloatMap:
     down, across = _steps(surface, 0), _steps(surface, 1)
-    total = np.zeros(surface.shape[:2])
-    for k in range(SUBSAMPLES):
-        a = (k + 0.5) / SUBSAMPLES - 0.5
-        b = (k * LATTICE % SUBSAMPLES + 0.5) / SUBSAMPLES - 0.5
-        at = surface + a * across + b * down
-        total += paint(at[..., 0], at[..., 1])
-    return total / SUBSAMPLES
+    looks = [paint(*_shifted(surface, across, down, a, b)) for a, b in _lattice(COARSE)]
+    total = np.mean(looks, axis=0)
+    # Where neighbours differ may be an edge that a few points do not see: more of them.
+    mixed = ndimage.maximum_filter(np.max(looks, axis=0), 3) > ndimage.minimum_filter(
+        np.min(looks, axis=0), 3
+    )
+    here = (surface[mixed], across[mixed], down[mixed])
+    dense = [paint(*_shifted(*here, a, b)) for a, b in _lattice(DENSE)]
+    total[mixed] = np.mean(dense, axis=0)
+    return np.asarray(total)
+
+
+def _lattice(n: int) -> Iterator[tuple[float, float]]:
+    """n points of a unit square about 0, one in each of n rows and columns (golden section)."""
+    step = next(m for m in range(round(0.618 * n), n + 1) if math.gcd(m, n) == 1)
+    for k in range(n):
+        yield (k + 0.5) / n - 0.5, (k * step % n + 0.5) / n - 0.5
+
+
+def _shifted(
+    surface: FloatMap, across: FloatMap, down: FloatMap, a: float, b: float
+) -> tuple[FloatMap, FloatMap]:
+    at = surface + a * across + b * down
+    return at[..., 0], at[..., 1]
 
 
 def _steps(surface: FloatMap, axis: int) -> FloatMap:

@@ -1,0 +1,139 @@
+"""Virtual rigs for the tests: small ones, their boards and captures, made once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from fringeworks import decode
+from fringeworks.analysis import texture
+from fringeworks.geometry import Board, observe, parse_board, pose, transform
+from fringeworks.geometry.bundle import Sighting
+from fringeworks.geometry.pinhole import project_with_derivatives
+from fringeworks.simulate import (
+    Body,
+    Optics,
+    Plane,
+    Sphere,
+    board_body,
+    board_poses,
+    fringe_plan,
+    look,
+    photograph,
+    standard_rig,
+)
+from fringeworks.types import Rig
+
+SCALE = 0.5
+BOARD = "chessboard:11x8:12"
+
+
+@lru_cache
+def rig() -> Rig:
+    return standard_rig(scale=SCALE)
+
+
+@lru_cache
+def board(text: str = BOARD) -> Board:
+    return parse_board(text)
+
+
+@lru_cache
+def poses(count: int = 8, seed: int = 0, text: str = BOARD):
+    return tuple(board_poses(board(text), count, seed=seed))
+
+
+def shoot(bodies, optics: Optics | None = None, *, both: bool = True, plan=None):
+    """View, plan and frames of bodies before the small rig."""
+    view = look(rig(), bodies)
+    plan = plan or fringe_plan(rig(), both=both)
+    return view, plan, list(photograph(view, plan, optics or Optics()))
+
+
+def see(T, name: str, *, text: str = BOARD, optics: Optics | None = None, plan=None, damage=None):
+    """A board in a pose, photographed and observed."""
+    _, plan, frames = shoot([board_body(board(text), T)], optics, plan=plan)
+    found = decode(frames, plan)
+    if damage is not None:
+        found = damage(found)
+    size = (plan.width_px, plan.height_px)
+    return observe(texture(frames, plan), found, board(text), projector_size=size, name=name)
+
+
+@lru_cache
+def observations(count: int = 8, seed: int = 0):
+    return tuple(
+        see(T, f"pose{k}", optics=Optics(seed=100 * seed + k))
+        for k, T in enumerate(poses(count, seed))
+    )
+
+
+@lru_cache
+def calibrated():
+    from fringeworks.geometry import calibrate
+
+    return calibrate(observations(), board())
+
+
+def rig_errors(found: Rig, truth: Rig) -> np.ndarray:
+    """Estimated minus true parameters, (24,), in the order of RIG_PARAMETERS."""
+    turn = found.T_projector_camera[:3, :3] @ truth.T_projector_camera[:3, :3].T
+    small = 0.5 * np.array(
+        [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+    )
+    return np.concatenate(
+        (
+            found.camera.parameters - truth.camera.parameters,
+            found.projector.parameters - truth.projector.parameters,
+            small,
+            found.T_projector_camera[:3, 3] - truth.T_projector_camera[:3, 3],
+        )
+    )
+
+
+def sighting(truth: Rig, target: Board, T, rng, *, corner=0.01, phase=0.004) -> Sighting:
+    """Corners as they would be measured: off by noise, and read where they were taken to be."""
+    points = transform(T, target.points_mm)
+    R = truth.T_projector_camera[:3, :3]
+    c, c_by, _ = project_with_derivatives(truth.camera, points)
+    q, q_by, _ = project_with_derivatives(
+        truth.projector, transform(truth.T_projector_camera, points)
+    )
+    by_pixel = (q_by @ R @ T[:3, :2]) @ np.linalg.inv(c_by @ T[:3, :2])
+    off = rng.normal(0, corner, c.shape)
+    read = q + np.einsum("nij,nj->ni", by_pixel, off) + rng.normal(0, phase, q.shape)
+    return Sighting(target.points_mm, c + off, read, by_pixel)
+
+
+def ahead(body, x=0.0, y=0.0, z=500.0, turn=None, albedo=0.8) -> Body:
+    from fringeworks.geometry import rotation
+
+    R = np.eye(3) if turn is None else rotation(np.array(turn, float))
+    return Body(body, pose(R, np.array([x, y, z])), albedo)
+
+
+@lru_cache
+def scene(name: str, seed: int = 50, both: bool = False):
+    """A sphere or plane before the small rig: view, decoded."""
+    body = (
+        ahead(Sphere(25.0), 5, 3)
+        if name == "sphere"
+        else ahead(Plane(140, 100), turn=(0.2, 0.15, 0))
+    )
+    view, plan, frames = shoot([body], Optics(seed=seed), both=both)
+    return view, decode(frames, plan)
+
+
+def with_gross_errors(decoded, share: float, seed: int = 0):
+    """A tenth of the coordinates off by whole periods and more."""
+    rng = np.random.default_rng(seed)
+    maps = {}
+    for axis, found in decoded.maps.items():
+        wrong = rng.random(found.coordinate_px.shape) < share
+        jump = rng.choice([-30.0, 15.0, 60.0], found.coordinate_px.shape).astype(np.float32)
+        maps[axis] = replace(
+            found, coordinate_px=np.where(wrong, found.coordinate_px + jump, found.coordinate_px)
+        )
+    return replace(decoded, **maps)

@@ -13,10 +13,10 @@ use crate::{check_length, check_value, reason, Error};
 use rayon::prelude::*;
 
 /// Pixels that are worked on together.
-const LANES: usize = 64;
+const LANES: usize = 32;
 type Lanes = [f32; LANES];
 /// Where on a stretch its rays are computed exactly.
-const NODES: [f64; 4] = [2.0, 21.0, 42.0, 61.0];
+const NODES: [f64; 4] = [1.0, 10.0, 21.0, 30.0];
 /// Most corrections for a projector's distortion.
 const NEWTON: usize = 5;
 /// Coefficients of the variance of 1/z along a ray.
@@ -121,7 +121,7 @@ impl Lens {
     }
 }
 
-/// A cubic in (i − 31.5) / 32 along a stretch.
+/// A cubic in (i − 15.5) / 16 along a stretch.
 type Cubic = [f32; 4];
 
 /// What is known of a stretch before anything is decoded.
@@ -252,7 +252,7 @@ fn cubics(rig: &Rig, column: usize, row: usize) -> [Cubic; 6] {
 
 /// The cubic through four values at the nodes: Newton's divided differences, multiplied out.
 fn interpolate(values: [f64; 4]) -> Cubic {
-    let at = NODES.map(|n| (n - 31.5) / 32.0);
+    let at = NODES.map(|n| (n - 15.5) / 16.0);
     let mut d = values;
     for order in 1..4 {
         for k in (order..4).rev() {
@@ -468,7 +468,7 @@ fn begin<const X: bool, const Y: bool, const FMA: bool>(
     let (scale_x, scale_y) = (1.0 / c.focal[0], 1.0 / c.focal[1]);
     let [principal_x, principal_y] = c.principal;
     for i in 0..LANES {
-        let u = (i as f32 - 31.5) * (1.0 / 32.0);
+        let u = (i as f32 - 15.5) * (1.0 / 16.0);
         k.rx[i] = cubic::<FMA>(&rays[0], u);
         k.ry[i] = cubic::<FMA>(&rays[1], u);
         let (qx, qy, qz) = (
@@ -788,7 +788,7 @@ mod tests {
         let values = [0.3, -0.1, 0.25, 0.7];
         let c = interpolate(values);
         for (node, value) in NODES.iter().zip(values) {
-            let u = ((node - 31.5) / 32.0) as f32;
+            let u = ((node - 15.5) / 16.0) as f32;
             assert!((f64::from(cubic::<false>(&c, u)) - value).abs() < 1e-6);
         }
     }

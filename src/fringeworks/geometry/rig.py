@@ -28,7 +28,7 @@ from fringeworks.types import (
 
 RESIDUAL_SIGMAS = 5.0
 """Distance from the epipolar line that is let through, in its standard deviations."""
-NODES = (12, 16)
+NODES = (20, 26)
 """Rows and columns of nodes at which the calibration's part of σ is computed."""
 DEPTHS = 7
 """Places along each node's ray that a polynomial is fitted to."""
@@ -253,11 +253,11 @@ def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.f
     variance = np.einsum("ni,ij,nj->n", by, rig.covariance, by).reshape(-1, DEPTHS)
     good = (variance > 0) & np.isfinite(variance)
     fitted = good.sum(axis=1) >= POWERS
+    powers = polynomial.polyvander(place, POWERS - 1)
+    logarithm = np.log2(np.where(good, variance, 1.0))
     for k in np.flatnonzero(fitted):
-        logarithm = np.log2(variance[k, good[k]])
-        spread[np.unravel_index(k, NODES)] = polynomial.polyfit(
-            place[good[k]], logarithm, POWERS - 1
-        )
+        node = np.unravel_index(k, NODES)
+        spread[node] = np.linalg.lstsq(powers[good[k]], logarithm[k, good[k]], rcond=None)[0]
     known = fitted.reshape(NODES)
     if known.any() and not known.all():
         # Where no ray meets the projector's light no point will be: any finite value does.
@@ -289,7 +289,7 @@ def inverse_depth(rig: Rig, pixels: FloatMap, goal_px: FloatMap, axis: Axis) -> 
 def inverse_depth_by_parameters(
     rig: Rig, pixels: FloatMap, w: FloatMap, axis: Axis | None
 ) -> FloatMap:
-    """Derivative of w = 1/z by the rig's 24 parameters where projector coordinates are given.
+    """Derivative of the inverse distance by the rig's 24 parameters, projector coordinates given.
 
     Parameters
     ----------
@@ -299,7 +299,8 @@ def inverse_depth_by_parameters(
 
     Returns
     -------
-    (n, 24) array; NaN for points that are not in front of the projector.
+    (n, 24) array, of |r| over the point's distance, which is w where the ray stays; NaN for points
+    that are not in front of the projector.
 
     Notes
     -----
@@ -314,10 +315,15 @@ def inverse_depth_by_parameters(
         _, by_point, by_projector = project_with_derivatives(rig.projector, seen)
         _, c_by_ray, c_by_camera = project_with_derivatives(rig.camera, ray)
         # The camera's pixel stays: its ray turns when the camera's parameters change.
-        by_camera = by_point @ R[:, :2] @ -np.linalg.solve(c_by_ray[:, :, :2], c_by_camera)
+        turned = -np.linalg.solve(c_by_ray[:, :, :2], c_by_camera)
+        by_camera = by_point @ R[:, :2] @ turned
         by_turn = by_point @ -skew(ray @ R.T)
         by = np.concatenate((by_camera, by_projector, by_turn, by_point * w[:, None, None]), axis=2)
         by_w = by_point @ t
         weight = np.ones(2) if axis is None else np.array([axis == "x", axis == "y"], float)
         top = np.einsum("ni,nij->nj", by_w * weight, by)
-        return np.asarray(-top / np.sum(by_w**2 * weight, axis=1)[:, None])
+        found = -top / np.sum(by_w**2 * weight, axis=1)[:, None]
+        # A ray that turns also changes its length where z = 1, and with it the distance.
+        longer = np.einsum("ni,nij->nj", ray[:, :2], turned) / np.sum(ray**2, axis=1)[:, None]
+        found[:, : longer.shape[1]] -= w[:, None] * longer
+        return np.asarray(found)

@@ -1,0 +1,319 @@
+"""Triangulation: against the oracle, its error bars, and what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fringeworks import CameraNoise, InputError, Reason, decode
+from fringeworks.form import fit_form
+from fringeworks.geometry import (
+    height_over_plane,
+    look_at,
+    normals,
+    pose,
+    project,
+    rays,
+    rotation,
+    transform,
+    triangles,
+    triangulate,
+)
+from fringeworks.simulate import Box, Optics, Plane, Sphere, look, truth_distance
+from fringeworks.types import CoordinateMap, Decoded, Pinhole, Rig
+from tests.oracles.triangulation import point_of, sigma_of
+from tests.rigs import ahead, calibrated, rig, scene, shoot
+
+COVARIANCE = (
+    np.diag([0.05, 0.05, 0.1, 0.1, 1e-4, 1e-3, 1e-5, 1e-5, 1e-3] * 2 + [2e-5] * 3 + [0.01] * 3) ** 2
+)
+
+
+def made_up(rig_, depth, *, sigma=(0.03, 0.05), noise=0.0, seed=0):
+    """Coordinates that a surface at this depth (h, w) would have."""
+    rng = np.random.default_rng(seed)
+    h, w = rig_.camera.shape
+    v, u = np.mgrid[:h, :w].astype(float)
+    points = rays(rig_.camera, np.stack((u, v), -1)) * depth[..., None]
+    pixel = project(rig_.projector, transform(rig_.T_projector_camera, points))
+    maps = {}
+    for k, axis in enumerate("xy"):
+        values = pixel[..., k] + noise * sigma[k] * rng.standard_normal((h, w))
+        spread = np.full((h, w), sigma[k], np.float32)
+        blank = np.zeros((h, w), np.float32)
+        maps[axis] = CoordinateMap(
+            values.astype(np.float32),
+            spread,
+            blank,
+            blank,
+            np.zeros((h, w), np.uint8),
+            axis,
+            (30.0,),
+        )
+    return points, Decoded(maps["x"], maps["y"], CameraNoise(2.0))
+
+
+def lens(curved: bool, shape=(90, 150)) -> Rig:
+    h, w = shape
+    k = (-0.15, 0.2, 1e-3, -2e-3, 0.1) if curved else (0.0,) * 5
+    camera = Pinhole(w, h, (2.0 * w, 2.01 * w), (0.48 * w, 0.53 * h), k)
+    projector = Pinhole(200, 120, (310.0, 305.0), (104.0, 57.0), k)
+    T = rig().T_projector_camera
+    return Rig(camera, projector, T, COVARIANCE, (0.01, 0.02))
+
+
+def wave(shape):
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    return 500.0 + 30.0 * np.sin(x / 20.0) * np.cos(y / 15.0)
+
+
+@pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.parametrize("axis", [None, "x"])
+def test_against_the_oracle(curved, axis):
+    r = lens(curved)
+    points, decoded = made_up(r, wave(r.camera.shape), noise=1.0)
+    cloud = triangulate(decoded, r, axis=axis)
+    assert cloud.reason.max() == Reason.OK
+    rng = np.random.default_rng(2)
+    h, w = r.camera.shape
+    for y, x in zip(rng.integers(0, h, 12), rng.integers(0, w, 12), strict=True):
+        seen = np.array([decoded.x.coordinate_px[y, x], decoded.y.coordinate_px[y, x]], float)
+        if axis == "x":
+            seen[1] = np.nan
+        sigma = np.array([0.03, 0.05])
+        expected = point_of(r, (x, y), seen, sigma)
+        np.testing.assert_allclose(cloud.xyz_mm[y, x], expected, rtol=2e-6)
+        noise, every = sigma_of(r, (x, y), seen, sigma, COVARIANCE)
+        assert cloud.noise_mm[y, x] == pytest.approx(noise, rel=2e-3)
+        # Of both axes the calibration's part weighs both alike: near, not the same.
+        assert cloud.sigma_mm[y, x] == pytest.approx(every, rel=0.05 if axis else 0.2)
+    assert np.abs(cloud.xyz_mm - points).max() < 2.0
+
+
+def test_rows_alone_measure_with_a_projector_above():
+    r = lens(True)
+    above = look_at(np.array([0.0, -200.0, 0.0]), np.array([0.0, 0.0, 500.0]))
+    r = Rig(r.camera, r.projector, above, COVARIANCE)
+    points, decoded = made_up(r, wave(r.camera.shape))
+    cloud = triangulate(decoded, r, axis="y")
+    ok = cloud.reason == Reason.OK
+    assert ok.mean() > 0.9
+    assert np.abs(cloud.xyz_mm - points)[ok].max() < 0.01
+
+
+def test_exact_coordinates_give_exact_points():
+    for curved in (False, True):
+        r = lens(curved)
+        points, decoded = made_up(r, wave(r.camera.shape))
+        cloud = triangulate(decoded, r)
+        assert np.abs(cloud.xyz_mm - points).max() < 5e-3
+        assert np.abs(cloud.residual_px).max() < 1e-3
+
+
+@pytest.mark.parametrize("name", ["sphere", "plane"])
+def test_stated_errors_cover_the_true_ones(name):
+    view, decoded = scene(name)
+    cloud = triangulate(decoded, rig())
+    ok = (cloud.reason == Reason.OK) & view.lit
+    off = np.abs(truth_distance(view.points_mm, cloud.xyz_mm)[ok])
+    assert np.mean(off < cloud.sigma_mm[ok]) == pytest.approx(0.683, abs=0.02)
+    assert np.mean(off < 2 * cloud.sigma_mm[ok]) == pytest.approx(0.954, abs=0.015)
+
+
+def test_calibration_covers_what_it_does_to_points():
+    """Over rigs drawn from the covariance, 68 % of all points lie within one σ of the truth."""
+    truth = lens(True)
+    depth = wave(truth.camera.shape)
+    points, decoded = made_up(truth, depth, sigma=(1e-4, 1e-4))
+    rng = np.random.default_rng(0)
+    from tests.oracles.triangulation import moved
+
+    shares = []
+    for _ in range(120):
+        drawn = truth
+        for k, step in enumerate(rng.standard_normal(24) * np.sqrt(np.diag(COVARIANCE))):
+            drawn = moved(drawn, k, step)
+        cloud = triangulate(decoded, drawn, residual_sigmas=1e3)
+        off = np.abs(truth_distance(points, cloud.xyz_mm))
+        shares.append(np.mean(off < cloud.sigma_mm))
+    assert np.mean(shares) == pytest.approx(0.683, abs=0.1)
+
+
+def test_axes_that_disagree_are_taken_out():
+    r = lens(True)
+    points, decoded = made_up(r, wave(r.camera.shape), noise=1.0)
+    wrong = decoded.y.coordinate_px.copy()
+    wrong[30:40, 50:90] += 2.0
+    cloud = triangulate(replace(decoded, y=replace(decoded.y, coordinate_px=wrong)), r)
+    assert (cloud.reason[30:40, 50:90] == Reason.RAYS_APART).all()
+    assert np.isnan(cloud.xyz_mm[30:40, 50:90]).all()
+    assert np.nanmedian(np.abs(cloud.residual_px[30:40, 50:90])) > 1.0
+    rest = np.ones(cloud.shape, bool)
+    rest[30:40, 50:90] = False
+    assert (cloud.reason[rest] == Reason.OK).mean() > 0.9999
+    assert np.abs(cloud.xyz_mm - points)[rest].max() < 2.0
+
+
+def test_reasons_are_handed_on():
+    r = lens(False)
+    _, decoded = made_up(r, wave(r.camera.shape))
+    reason = decoded.x.reason.copy()
+    reason[0, 0], reason[2, 149] = Reason.SHADOW, Reason.SATURATED
+    rows = decoded.y.reason.copy()
+    rows[5, 5] = Reason.LOW_MODULATION
+    rows[0, 0] = Reason.LOW_MODULATION
+    cloud = triangulate(
+        replace(decoded, x=replace(decoded.x, reason=reason), y=replace(decoded.y, reason=rows)), r
+    )
+    assert cloud.reason[0, 0] == Reason.SHADOW
+    assert cloud.reason[2, 149] == Reason.SATURATED
+    assert cloud.reason[5, 5] == Reason.LOW_MODULATION
+    assert np.isnan(cloud.xyz_mm[[0, 2, 5], [0, 149, 5]]).all()
+    assert np.isnan(cloud.sigma_mm[[0, 2, 5], [0, 149, 5]]).all()
+    assert cloud.failed_fraction == pytest.approx(3 / reason.size)
+
+
+def test_bars_of_a_sphere_and_a_plane():
+    """Calibrated with noise, then measured with noise, at half the pixels of the standard rig."""
+    _, decoded = scene("sphere")
+    cloud = triangulate(decoded, calibrated().rig)
+    found = fit_form(cloud.xyz_mm[cloud.reason == Reason.OK], "sphere")
+    assert found.parameters["radius_mm"] == pytest.approx(25.0, abs=0.01)
+    assert found.deviation_mm < 0.04
+    _, decoded = scene("plane")
+    cloud = triangulate(decoded, calibrated().rig)
+    flat = fit_form(cloud.xyz_mm[cloud.reason == Reason.OK], "plane")
+    assert flat.deviation_mm < 0.04
+    assert (~flat.used).mean() < 0.01
+
+
+def test_memory_of_an_earlier_result_is_used():
+    r = lens(True)
+    _, decoded = made_up(r, wave(r.camera.shape))
+    first = triangulate(decoded, r)
+    again = triangulate(decoded, r, out=first)
+    assert again.xyz_mm is first.xyz_mm
+    with pytest.raises(InputError, match="out"):
+        triangulate(decoded, r, axis="x", out=first)
+
+
+def test_maps_of_any_layout_are_read_and_not_changed():
+    r = lens(True)
+    _, decoded = made_up(r, wave(r.camera.shape))
+    plain = triangulate(decoded, r)
+    odd = {}
+    for axis, found in decoded.maps.items():
+        wide = np.repeat(found.coordinate_px, 2, axis=1)[:, ::2]
+        assert not wide.flags.c_contiguous
+        odd[axis] = replace(found, coordinate_px=wide, sigma_px=np.asfortranarray(found.sigma_px))
+    before = odd["x"].coordinate_px.copy()
+    found = triangulate(replace(decoded, **odd), r)
+    np.testing.assert_array_equal(found.xyz_mm, plain.xyz_mm)
+    np.testing.assert_array_equal(odd["x"].coordinate_px, before)
+
+
+def test_what_does_not_belong_together_is_refused():
+    r = lens(True)
+    _, decoded = made_up(r, wave(r.camera.shape))
+    other = replace(r, camera=replace(r.camera, width_px=151))
+    with pytest.raises(InputError, match="camera of 151 × 90 px, got frames of 150 × 90"):
+        triangulate(decoded, other)
+    small = replace(r, projector=replace(r.projector, width_px=40))
+    with pytest.raises(InputError, match="projector of 40 × 120 px, got coordinates up to"):
+        triangulate(decoded, small)
+    with pytest.raises(InputError, match="absolute"):
+        triangulate(replace(decoded, x=replace(decoded.x, repeats_px=30.0)), r)
+    with pytest.raises(InputError, match="expected one of x, got y"):
+        triangulate(replace(decoded, y=None), r, axis="y")
+    with pytest.raises(InputError, match="got none"):
+        triangulate(Decoded(None, None, CameraNoise(1.0)), r)
+    with pytest.raises(InputError, match="colour"):
+        triangulate(decoded, r, colour=np.zeros((3, 3)))
+    with pytest.raises(InputError, match="residual_sigmas"):
+        triangulate(decoded, r, residual_sigmas=0)
+
+
+def test_points_behind_a_device_are_an_error():
+    r = lens(True)
+    _, decoded = made_up(r, wave(r.camera.shape))
+    # A projector on the other side of the camera.
+    T = r.T_projector_camera
+    mirrored = Rig(r.camera, r.projector, pose(T[:3, :3], -T[:3, 3]))
+    with pytest.raises(InputError, match="behind the camera or the projector"):
+        triangulate(decoded, mirrored)
+
+
+def test_columns_and_rows_swapped_are_an_error():
+    r = lens(True, (90, 150))
+    _, decoded = made_up(r, wave(r.camera.shape))
+    swapped = replace(
+        decoded,
+        x=replace(decoded.y, axis="x"),
+        y=replace(decoded.x, axis="y", coordinate_px=decoded.x.coordinate_px * 0.55),
+    )
+    with pytest.raises(InputError, match="does not belong to this capture"):
+        triangulate(swapped, r)
+
+
+def test_rigs_that_are_none_are_refused():
+    r = lens(False)
+    with pytest.raises(InputError, match="rotation"):
+        replace(r, T_projector_camera=np.diag([1.0, 1.0, -1.0, 1.0]))
+    with pytest.raises(InputError, match="baseline"):
+        replace(r, T_projector_camera=np.eye(4))
+    with pytest.raises(InputError, match="covariance"):
+        replace(r, covariance=np.eye(3))
+    assert r.baseline_mm == pytest.approx(np.linalg.norm(r.T_projector_camera[:3, 3]))
+
+
+def test_normals_are_those_of_the_surface():
+    view, decoded = scene("sphere")
+    cloud = triangulate(decoded, rig())
+    found = normals(cloud, window=9)
+    ok = np.isfinite(found[..., 0]) & (view.shading > 0.5)
+    assert ok.sum() > 5000
+    cosine = np.sum(found * view.normals, axis=-1)[ok]
+    assert np.degrees(np.arccos(np.clip(np.median(cosine), -1, 1))) < 2.0
+    assert np.mean(cosine > np.cos(np.radians(10))) > 0.99
+    assert np.isnan(found[~(cloud.reason == Reason.OK)]).all()
+    with pytest.raises(InputError, match="odd number"):
+        normals(cloud, window=4)
+
+
+def test_triangles_do_not_bridge_cliffs():
+    bodies = [ahead(Box((40.0, 40.0, 40.0)), z=480.0), ahead(Plane(), z=560.0)]
+    view, plan, frames = shoot(bodies, Optics(seed=3, exposure=0.8), both=False)
+    cloud = triangulate(decode(frames, plan), rig())
+    faces = triangles(cloud)
+    assert len(faces) > 100_000
+    depth = cloud.xyz_mm.reshape(-1, 3)[:, 2][faces]
+    assert np.ptp(depth, axis=1).max() < 25.0
+    bodies_seen = view.body.reshape(-1)[faces]
+    assert (np.ptp(bodies_seen, axis=1) > 0).mean() < 1e-3
+
+
+def test_heights_over_a_plane():
+    r = rig()
+    T = pose(rotation(np.array([0.25, 0.1, 0.0])), np.array([0.0, 0.0, 520.0]))
+    base = ahead(Plane(160, 120), z=520.0, turn=(0.25, 0.1, 0.0))
+    cap = replace(ahead(Sphere(30.0)), T_world_body=T)
+    view = look(r, [base, cap])
+    assert (view.body == 1).any()
+    _, plan, frames = shoot([base, cap], Optics(seed=4), both=False)
+    cloud = triangulate(decode(frames, plan), r)
+    found = height_over_plane(cloud, T[:3, 3], T[:3, 2], pitch_mm=0.5)
+    assert found.unit == "mm"
+    assert found.pitch == 0.5
+    values = found.values[np.isfinite(found.values)]
+    assert np.median(np.abs(values)) < 0.05  # most of it is the plane
+    # The top of the ball stands a radius above.
+    assert np.nanpercentile(found.values, 99.99) == pytest.approx(30.0, abs=0.2)
+    assert np.nanmedian(found.sigma) < 0.1
+    with pytest.raises(InputError, match="pitch"):
+        height_over_plane(cloud, T[:3, 3], T[:3, 2], pitch_mm=0)
+    with pytest.raises(InputError, match="normal"):
+        height_over_plane(cloud, T[:3, 3], np.zeros(3), pitch_mm=1)
+    with pytest.raises(InputError, match="grid below"):
+        height_over_plane(cloud, T[:3, 3], T[:3, 2], pitch_mm=1e-4)

@@ -92,6 +92,8 @@ def fit_form(
     some = points if len(points) <= SAMPLE else points[rng.choice(len(points), SAMPLE, False)]
     middle = some.mean(axis=0)
     scale = float(np.sqrt(np.mean(np.sum((some - middle) ** 2, axis=1))))
+    if not scale > 0:
+        raise InputError("fit: expected points that determine a body, got one point many times")
     found, spread = _start((some - middle) / scale, kind, rng)
     weight = np.ones(len(points))
     if sigma_mm is not None:

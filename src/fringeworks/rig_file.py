@@ -154,7 +154,7 @@ def format_rig(rig: Rig) -> str:
         content["uncertainty"] = {
             "parameters": list(RIG_PARAMETERS),
             "sigma": _floats(sigma),
-            "correlation": [[round(float(c), 9) for c in row] for row in correlation],
+            "correlation": [[round(float(c), 12) for c in row] for row in correlation],
         }
     # A line for each row of numbers.
     rows = re.compile(r"\[\s*((?:[^][,\"]+,\s*)+)\]")

@@ -115,23 +115,24 @@ def _chessboard(image: NDArray[Any], board: Board) -> BoardView:
     """
     grey = _even(image)
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE
-    fault = InputError(
-        f"expected a chessboard of {board.columns} × {board.rows} inner corners, found none"
-    )
+    best: _Lattice | None = None
     for size in STARTS:
         found, corners, meta = cv2.findChessboardCornersSBWithMeta(grey, size, flags)
         if not found:
             continue
-        lattice = _Lattice(
-            grey.astype(np.float64), np.asarray(corners, np.float64).reshape(*meta.shape, 2)
-        )
+        part = np.asarray(corners, np.float64).reshape(*meta.shape, 2)
+        lattice = _Lattice(grey.astype(np.float64), part)
         lattice.grow()
-        try:
-            return lattice.placed(image.astype(np.float64), board)
-        except InputError as error:
-            # Where something hides corners, a start may be askew: another one may not be.
-            fault = error
-    raise fault
+        # Where something hides corners, a start may be askew: the one that explains most is right.
+        if best is None or len(lattice.at) > len(best.at):
+            best = lattice
+        if best.complete(board):
+            break
+    if best is None:
+        raise InputError(
+            f"expected a chessboard of {board.columns} × {board.rows} inner corners, found none"
+        )
+    return best.placed(image.astype(np.float64), board)
 
 
 class _Lattice:
@@ -217,6 +218,16 @@ class _Lattice:
                 del self.at[key]
         return int(good.sum())
 
+    def complete(self, board: Board) -> bool:
+        """Whether all of the board's corners are here, and no others."""
+        across, down = board.grid
+        return len(self.at) == across * down and self._size() in ((across, down), (down, across))
+
+    def _size(self) -> tuple[int, int]:
+        places = np.array(list(self.at)).reshape(-1, 2)
+        columns, rows = np.ptp(places, axis=0) + 1 if len(places) else (0, 0)
+        return int(columns), int(rows)
+
     def placed(self, image: FloatMap, board: Board) -> BoardView:
         """The corners as the board's, fitted in the image itself."""
         if len(self.at) < LEAST:
@@ -224,7 +235,7 @@ class _Lattice:
         keys = list(self.at)
         places = np.array(keys)
         places -= places.min(axis=0)
-        size = tuple(int(n) for n in places.max(axis=0) + 1)
+        size = self._size()
         across, down = board.grid
         if size not in ((across, down), (down, across)):
             raise InputError(
@@ -241,7 +252,7 @@ class _Lattice:
 
 def _turned(
     places: NDArray[np.int_],
-    size: tuple[int, ...],
+    size: tuple[int, int],
     pixels: FloatMap,
     contrast: FloatMap,
     board: Board,
@@ -337,7 +348,7 @@ def _centroids(image: FloatMap, start: FloatMap) -> BoardView:
             continue
         # Paper is what is brighter than the middle of both; its light may be uneven.
         paper = disc & (part > 0.5 * (np.percentile(part, 5) + np.percentile(part, 95)))
-        paper = ndimage.binary_erosion(paper, iterations=2, border_value=1) & disc
+        paper = ndimage.binary_erosion(paper, iterations=1, border_value=1) & disc
         design = np.stack((np.ones_like(dx), dx, dy), axis=-1).astype(np.float64)
         if paper.sum() < 20:
             continue

@@ -8,8 +8,8 @@ import numpy as np
 
 from fringeworks.types import Axis, BoolMap, CoordinateMap, Decoded, FloatMap, InputError
 
-REACH = 0.6
-"""Half side of the window over the distance of neighbouring corners."""
+REACH = 0.5
+"""Half side of the window over the distance of neighbouring corners: windows do not overlap."""
 SMALLEST, LARGEST = 4, 40
 """Half sides of the window, px."""
 TERMS = 6
@@ -61,7 +61,7 @@ def projector_at(decoded: Decoded, pixels: FloatMap, spacing_px: float) -> Corre
     pixels : (m, 2) array
         Places in the camera's frame, px.
     spacing_px : float
-        Distance of neighbouring corners, px: windows reach just over half of it.
+        Distance of neighbouring corners, px: windows reach half of it.
 
     Raises
     ------

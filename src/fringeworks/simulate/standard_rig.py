@@ -13,7 +13,7 @@ DISTANCE_MM = 500.0
 """From the camera to the middle of the field."""
 
 
-def standard_rig(*, scale: float = 1.0, baseline_mm: float = 250.0) -> Rig:
+def standard_rig(*, scale: float = 1.0, baseline_mm: float = 280.0) -> Rig:
     """A camera of 1280 × 1024 and a projector of 1920 × 1200 px on a field of 200 mm at 500 mm.
 
     Parameters

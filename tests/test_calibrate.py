@@ -1,0 +1,289 @@
+"""Calibration on the virtual rig: bars, honest error bars, and causes that are named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fringeworks import InputError, PatternPlan, PhaseSteps, decode
+from fringeworks.analysis import texture
+from fringeworks.geometry import calibrate, diagnose, observe, pose, project, transform
+from fringeworks.geometry.bundle import adjust, board_bow
+from fringeworks.simulate import Optics, board_body, board_poses, fringe_plan
+from tests.rigs import (
+    board,
+    calibrated,
+    observations,
+    poses,
+    rig,
+    rig_errors,
+    see,
+    shoot,
+    sighting,
+    with_gross_errors,
+)
+
+
+def test_bars_with_noise_and_eight_bits():
+    """Half the pixels of the standard rig and eight poses: bars in px count as they stand."""
+    found, truth = calibrated().rig, rig()
+    errors = rig_errors(found, truth)
+    for k in (0, 1, 9, 10):
+        assert abs(errors[k]) < 5e-4 * [*truth.camera.parameters, *truth.projector.parameters][k]
+    assert np.abs(errors[[2, 3, 11, 12]]).max() < 0.5
+    assert found.baseline_mm == pytest.approx(truth.baseline_mm, rel=2e-4)
+    assert max(found.residual_px) < 0.05
+    sigma = np.sqrt(np.diag(found.covariance))
+    assert np.mean(np.abs(errors) < 3 * sigma) > 0.9
+    assert max(calibrated().predicted_px) < 0.05
+
+
+def test_true_parameters_lie_within_three_sigma():
+    scores, ratios = [], []
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        seen = [sighting(rig(), board(), T, rng) for T in board_poses(board(), 12, seed=seed)]
+        places = board_poses(board(), 12, seed=seed)
+        found = adjust(seen, rig(), places)
+        errors = rig_errors(found.rig, rig())
+        scores.append(errors / np.sqrt(np.diag(found.rig.covariance)))
+        ratios.append(errors @ np.linalg.solve(found.rig.covariance, errors) / errors.size)
+    assert np.mean(np.abs(scores) < 3) >= 0.99
+    # And not because they are too wide.
+    assert np.std(scores) == pytest.approx(1.0, abs=0.12)
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.2)
+
+
+def test_start_does_not_matter():
+    rng = np.random.default_rng(3)
+    places = board_poses(board(), 8, seed=3)
+    seen = [sighting(rig(), board(), T, rng) for T in places]
+    from tests.oracles.triangulation import moved
+
+    off = rig()
+    for k, step in (
+        (0, 40.0),
+        (1, -30.0),
+        (2, 15.0),
+        (9, -60.0),
+        (12, 20.0),
+        (19, 0.02),
+        (21, 8.0),
+    ):
+        off = moved(off, k, step)
+    far = [pose(T[:3, :3], T[:3, 3] + [3.0, -4.0, 10.0]) for T in places]
+    one, other = adjust(seen, rig(), places), adjust(seen, off, far)
+    step = rig_errors(other.rig, one.rig) / np.sqrt(np.diag(one.rig.covariance))
+    assert np.abs(step).max() < 0.01
+
+
+def test_wrong_corners_do_not_pull():
+    rng = np.random.default_rng(4)
+    places = board_poses(board(), 8, seed=4)
+    seen = [sighting(rig(), board(), T, rng) for T in places]
+    plain = adjust(seen, rig(), places)
+    bad = seen[2].camera_px.copy()
+    bad[[3, 40, 41]] += [1.5, -2.0]
+    found = adjust([*seen[:2], replace(seen[2], camera_px=bad), *seen[3:]], rig(), places)
+    assert not found.used[2][[3, 40, 41]].any()
+    assert sum(int((~u).sum()) for u in found.used) <= 6
+    step = rig_errors(found.rig, plain.rig) / np.sqrt(np.diag(plain.rig.covariance))
+    assert np.abs(step).max() < 0.7
+
+
+def test_phase_outliers_do_not_pull():
+    T = poses()[1]
+    clean = observations()[1]
+    dirty = see(T, "pose1", optics=Optics(seed=1), damage=lambda d: with_gross_errors(d, 0.1))
+    assert dirty.found.outliers == pytest.approx(0.1, abs=0.04)
+    off = dirty.found.projector_px - clean.found.projector_px
+    assert np.isfinite(off).all()
+    assert np.abs(off).max() < 0.03
+    found = calibrate([dirty if o.name == "pose1" else o for o in observations()], board())
+    assert found.rig.baseline_mm == pytest.approx(rig().baseline_mm, rel=2e-4)
+
+
+def test_coordinates_between_pixels_are_exact():
+    for o, T in zip(observations()[:3], poses(), strict=False):
+        at = project(
+            rig().projector, transform(rig().T_projector_camera, transform(T, board().points_mm))
+        )
+        c = project(rig().camera, transform(T, board().points_mm))
+        moved = np.einsum("nij,nj->ni", o.found.by_pixel, (o.view.pixels - c[o.view.index]))
+        off = o.found.projector_px - at[o.view.index] - moved
+        assert np.sqrt(np.mean(off**2)) < 0.01
+        assert np.median(np.abs(off) / o.found.sigma_px) < 2.0
+
+
+@pytest.mark.parametrize("text", ["charuco:12x9:12:8.5", "circles:9x7:15"])
+def test_other_boards_calibrate_as_well(text):
+    seen = [
+        see(T, f"pose{k}", text=text, optics=Optics(seed=k))
+        for k, T in enumerate(poses(6, 5, text))
+    ]
+    found = calibrate(seen, board(text))
+    assert found.rig.baseline_mm == pytest.approx(rig().baseline_mm, rel=3e-4)
+    assert found.rig.camera.focal_px[0] == pytest.approx(rig().camera.focal_px[0], rel=1e-3)
+    assert max(found.rig.residual_px) < 0.05
+    scores = rig_errors(found.rig, rig()) / np.sqrt(np.diag(found.rig.covariance))
+    assert np.mean(np.abs(scores) < 4) > 0.9
+
+
+def test_fewer_coefficients_can_be_asked_for():
+    found = calibrate(observations(), board(), distortion=2).rig
+    assert found.camera.distortion[2:] == (0.0, 0.0, 0.0)
+    assert found.camera.distortion[0] != 0.0
+    assert (np.diag(found.covariance)[[6, 7, 8]] == 0).all()
+    with pytest.raises(InputError, match="0, 2, 4 or 5"):
+        calibrate(observations(), board(), distortion=3)
+
+
+def test_a_good_calibration_has_nothing_to_complain_of():
+    causes = {f.cause for f in diagnose(calibrated())}
+    assert causes <= {"poses", "corners"}
+
+
+def test_a_moved_board_is_named():
+    """Between the frames of even light and those of the code the board went 0.3 mm back."""
+    o, T = observations()[4], poses()[4]
+    moved = see(pose(T[:3, :3], T[:3, 3] + [0.0, 0.0, 0.3]), "pose4", optics=Optics(seed=4))
+    torn = observe(moved.image, o.decoded, board(), projector_size=o.projector_size, name="pose4")
+    found = calibrate([torn if x.name == o.name else x for x in observations()], board())
+    messages = [f.message for f in diagnose(found) if f.cause == "pose"]
+    assert messages
+    assert all(m.startswith("pose4: the ") for m in messages)
+
+
+def test_ripple_of_an_uncorrected_projector_is_named():
+    one = Optics(gamma=1.25, seed=1)
+    full = fringe_plan(rig(), steps=3)
+    seen = [
+        see(T, f"pose{k}", optics=replace(one, seed=k), plan=full)
+        for k, T in enumerate(poses(4, 6))
+    ]
+    found = [f for f in diagnose(calibrate(seen, board())) if f.cause == "ripple"]
+    assert found
+    assert "γ" in found[0].message
+
+
+def test_a_bent_board_is_named():
+    rng = np.random.default_rng(1)
+    places = board_poses(board(), 10, seed=7)
+    flat = board().points_mm
+    x = (flat[:, 0] - flat[:, 0].mean()) / 60.0
+    bent = replace_points(flat, 0.3 * x**2)
+    seen = []
+    for T in places:
+        one = sighting(rig(), bent_board(bent), T, rng)
+        seen.append(replace(one, points_mm=flat))
+    adjusted = adjust(seen, rig(), places)
+    bow, covariance = board_bow(seen, adjusted)
+    assert bow[0] == pytest.approx(0.3, abs=0.03)
+    assert np.abs(bow[1:]).max() < 0.03
+    assert abs(bow[0]) > 6 * np.sqrt(covariance[0, 0])
+    worse = replace(calibrated(), bow_mm=bow, bow_sigma_mm=np.sqrt(np.diag(covariance)))
+    assert any("not flat" in f.message for f in diagnose(worse))
+    straight = [sighting(rig(), board(), T, rng) for T in places]
+    bow, covariance = board_bow(straight, adjust(straight, rig(), places))
+    assert (np.abs(bow) < 5 * np.sqrt(np.diag(covariance))).all()
+
+
+def replace_points(points, height):
+    moved = points.copy()
+    moved[:, 2] = height
+    return moved
+
+
+class bent_board:
+    """Looks like a board to ``sighting``."""
+
+    def __init__(self, points):
+        self.points_mm = points
+
+
+def test_two_poses_are_too_few():
+    with pytest.raises(InputError, match="3 poses or more, got 2; pose7: expected"):
+        calibrate(observations()[:2], board(), skipped={"pose7": "pose7: expected a chessboard"})
+
+
+def test_identical_poses_are_named():
+    o = observations()
+    twice = [o[0], replace(o[0], name="again"), replace(o[0], name="and again"), o[1]]
+    with pytest.raises(InputError, match="did not move between pose0 and again and and again"):
+        calibrate(twice, board())
+
+
+def test_parallel_poses_are_named():
+    target = board()
+    middle = target.points_mm.mean(axis=0)
+    seen = []
+    for k, (x, y, z) in enumerate([(0, 0, 500), (10, 5, 480), (-12, 8, 530), (5, -10, 510)]):
+        T = pose(np.eye(3), np.array([x, y, z]) - middle)
+        seen.append(see(T, f"pose{k}", optics=Optics(seed=k)))
+    with pytest.raises(InputError, match="parallel"):
+        calibrate(seen, target)
+
+
+def test_swapped_axes_are_named():
+    swapped = []
+    for o in observations():
+        found = replace(
+            o.found, projector_px=o.found.projector_px[:, ::-1], by_pixel=o.found.by_pixel[:, ::-1]
+        )
+        swapped.append(replace(o, found=found))
+    with pytest.raises(InputError, match="mirrored in all poses: its columns and rows are swapped"):
+        calibrate(swapped, board())
+    one = [swapped[0], *observations()[1:]]
+    with pytest.raises(InputError, match="mirrored in pose0"):
+        calibrate(one, board())
+
+
+def test_mixed_sizes_are_named():
+    o = list(observations())
+    o[1] = replace(o[1], projector_size=(800, 600))
+    with pytest.raises(InputError, match="one projector size, got 800 × 600, 960 × 600"):
+        calibrate(o, board())
+
+
+def test_a_board_that_only_the_camera_sees_is_named():
+    _, plan, frames = shoot([board_body(board(), poses()[0])], Optics())
+    found = decode(frames, plan)
+    dark = {
+        axis: replace(m, coordinate_px=np.full_like(m.coordinate_px, np.nan))
+        for axis, m in found.maps.items()
+    }
+    size = (plan.width_px, plan.height_px)
+    with pytest.raises(InputError, match="pose9: .*the projector does not light the board"):
+        observe(
+            texture(frames, plan),
+            replace(found, **dark),
+            board(),
+            projector_size=size,
+            name="pose9",
+        )
+    with pytest.raises(InputError, match="pose9: calibration: expected both axes"):
+        observe(
+            texture(frames, plan),
+            replace(found, y=None),
+            board(),
+            projector_size=size,
+            name="pose9",
+        )
+    with pytest.raises(InputError, match="coordinates of shape"):
+        observe(np.zeros((5, 5)), found, board(), projector_size=size)
+
+
+def test_texture_is_even_light():
+    _, plan, frames = shoot([board_body(board(), poses()[0])], Optics(noise=0.0))
+    even = texture(frames, plan)
+    assert even.dtype == np.float32
+    # The mean of any one set is the same light.
+    first = np.mean([f.astype(float) for f in frames[:4]], axis=0)
+    assert np.abs(even - first).max() < 1.5
+    with pytest.raises(InputError, match="the plan has 24, got 3"):
+        texture(frames[:3], plan)
+    odd = PatternPlan(64, 64, (PhaseSteps("x", 64.0, (0.0, 1.0, 2.5)),))
+    with pytest.raises(InputError, match="white frame"):
+        texture(np.zeros((3, 4, 4), np.uint8), odd)

@@ -1,0 +1,169 @@
+"""Rigs and points on disk: round trips, other programs' files, and damage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from fringeworks import InputError, Reason
+from fringeworks.geometry import triangles, triangulate
+from fringeworks.point_files import read_cloud, read_points, write_points
+from fringeworks.rig_file import format_rig, read_rig, write_rig
+from tests.rigs import calibrated, rig, scene
+
+
+def same(a, b, *, covariance=True):
+    assert a.camera == b.camera
+    assert a.projector == b.projector
+    np.testing.assert_allclose(a.T_projector_camera, b.T_projector_camera, atol=1e-12)
+    if covariance:
+        np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-6)
+        assert a.residual_px == b.residual_px
+
+
+def test_toml_keeps_everything(tmp_path):
+    found = calibrated().rig
+    path = write_rig(tmp_path / "rig.toml", found)
+    same(read_rig(path), found)
+    text = path.read_text()
+    assert "mm" in text.split("kind")[0]  # units, for people
+    assert len(text.splitlines()) < 120
+    bare = replace(found, covariance=None)
+    assert read_rig(write_rig(tmp_path / "bare.toml", bare)).covariance is None
+
+
+@pytest.mark.parametrize("name", ["rig.xml", "rig.yml", "rig.yaml"])
+def test_opencv_files_go_both_ways(tmp_path, name):
+    path = write_rig(tmp_path / name, rig())
+    same(read_rig(path), rig(), covariance=False)
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    assert storage.getNode("camera_matrix").mat()[0, 0] == rig().camera.focal_px[0]
+
+
+def test_files_of_other_programs_are_read(tmp_path):
+    path = tmp_path / "other.xml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("img_shape", np.array([[1024.0], [1280.0]]))
+    for name in ("cam_int", "proj_int"):
+        storage.write(name, np.array([[3000.0, 0, 600], [0, 3001, 500], [0, 0, 1]]))
+    for name in ("cam_dist", "proj_dist"):
+        storage.write(name, np.array([[-0.1, 0.2, 0, 0]]))
+    storage.write("roration", np.eye(3))
+    storage.write("translation", np.array([[100.0], [0], [0]]))
+    storage.release()
+    with pytest.raises(InputError, match="missing projector_size"):
+        read_rig(path)
+    found = read_rig(path, projector_size=(1024, 768))
+    assert found.camera.width_px == 1280
+    assert found.projector.height_px == 768
+    assert found.camera.distortion == (-0.1, 0.2, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('kind = "rig"', 'kind = "plan"', "kind"),
+        ("[camera]", "[camera]\nfov = 3", "unknown key camera.fov"),
+        ("focal_px", "focal", "missing key camera.focal_px|unknown key camera.focal"),
+        ('"camera fx"', '"fx"', "uncertainty.parameters: expected camera fx"),
+        ("translation_mm = [", "translation_mm = [1.0, ", "translation_mm"),
+        ("rotation = [", "rotation = 3\nother = [", "rotation"),
+    ],
+)
+def test_damaged_rig_files_are_named(tmp_path, old, new, message):
+    path = tmp_path / "rig.toml"
+    path.write_text(format_rig(calibrated().rig).replace(old, new, 1))
+    with pytest.raises(InputError, match=message) as caught:
+        read_rig(path)
+    assert str(path) in str(caught.value)
+
+
+def test_what_is_no_rig_file_is_refused(tmp_path):
+    (tmp_path / "a.xml").write_text("no xml")
+    (tmp_path / "b.xml").write_text('<?xml version="1.0"?><opencv_storage></opencv_storage>')
+    for name, message in (
+        ("a.xml", "FileStorage"),
+        ("b.xml", "missing matrix camera_matrix"),
+        ("c.toml", "no such"),
+    ):
+        with pytest.raises(InputError, match=message):
+            read_rig(tmp_path / name)
+    with pytest.raises(InputError, match="expected one of"):
+        write_rig(tmp_path / "rig.json", rig())
+    with pytest.raises(InputError, match="writable folder"):
+        write_rig(tmp_path / "none" / "rig.toml", rig())
+
+
+def cloud():
+    view, decoded = scene("sphere")
+    return triangulate(decoded, rig(), colour=view.albedo)
+
+
+@pytest.mark.parametrize("name", ["points.ply", "points.xyz", "points.npz"])
+def test_points_come_back(tmp_path, name):
+    written = cloud()
+    write_points(tmp_path / name, written)
+    found = read_points(tmp_path / name)
+    ok = written.reason == Reason.OK
+    np.testing.assert_allclose(found.xyz_mm, written.xyz_mm[ok], atol=1e-4)
+    np.testing.assert_allclose(found.sigma_mm, written.sigma_mm[ok], atol=1e-5)
+
+
+def test_npz_keeps_the_frame(tmp_path):
+    written = cloud()
+    write_points(tmp_path / "p.npz", written)
+    found = read_cloud(tmp_path / "p.npz")
+    np.testing.assert_array_equal(found.xyz_mm, written.xyz_mm)
+    np.testing.assert_array_equal(found.reason, written.reason)
+    assert found.residual_px is None
+
+
+def test_ply_is_read_by_others(tmp_path):
+    import trimesh
+
+    written = cloud()
+    write_points(tmp_path / "mesh.ply", written, kind="mesh")
+    found = trimesh.load(tmp_path / "mesh.ply", process=False)
+    assert len(found.vertices) == (written.reason == Reason.OK).sum()
+    assert len(found.faces) == len(triangles(written))
+    # Triangles face the camera.
+    towards = np.einsum("nk,nk->n", found.face_normals, found.triangles_center)
+    assert (towards < 0).mean() > 0.99
+
+
+def test_text_and_big_endian_ply_are_read(tmp_path):
+    points = np.arange(12.0).reshape(4, 3)
+    header = "ply\nformat {}\nelement vertex 4\nproperty {t} x\nproperty {t} y\nproperty {t} z\nend_header\n"
+    text = header.replace("{t}", "double").format("ascii 1.0")
+    (tmp_path / "t.ply").write_text(text + "\n".join(" ".join(map(str, p)) for p in points) + "\n")
+    big = header.replace("{t}", "float").format("binary_big_endian 1.0").encode()
+    (tmp_path / "b.ply").write_bytes(big + points.astype(">f4").tobytes())
+    for name in ("t.ply", "b.ply"):
+        np.testing.assert_array_equal(read_points(tmp_path / name).xyz_mm, points)
+
+
+def test_damaged_points_are_named(tmp_path):
+    write_points(tmp_path / "p.ply", cloud())
+    whole = (tmp_path / "p.ply").read_bytes()
+    (tmp_path / "short.ply").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "none.ply").write_bytes(b"nothing at all")
+    (tmp_path / "words.xyz").write_text("one two three\n")
+    (tmp_path / "two.xyz").write_text("1 2\n3 4\n")
+    (tmp_path / "bad.npz").write_bytes(b"PK")
+    (tmp_path / "p.stl").write_bytes(b"solid")
+    for name in ("short.ply", "none.ply", "words.xyz", "two.xyz", "bad.npz", "p.stl", "gone.ply"):
+        with pytest.raises(InputError, match=name):
+            read_points(tmp_path / name)
+
+
+def test_nothing_is_not_written(tmp_path):
+    written = cloud()
+    empty = replace(written, reason=np.full_like(written.reason, Reason.SHADOW))
+    with pytest.raises(InputError, match="expected points to write"):
+        write_points(tmp_path / "empty.ply", empty)
+    with pytest.raises(InputError, match="expected one of"):
+        write_points(tmp_path / "p.obj", written)
+    assert not list(tmp_path.iterdir())

@@ -26,7 +26,7 @@ LAYERS = [
     {"denoise"},
     {"analysis", "simulate", "files"},
     {"capture", "formats", "figures", "point_files", "mesh_file"},
-    {"response_file", "plan_file", "coordinate_file", "rig_file"},
+    {"response_file", "plan_file", "coordinate_file", "rig_file", "plane_file"},
     {"stack_file"},
     {"pipeline"},
     {"evaluate"},
@@ -35,7 +35,15 @@ LAYERS = [
 ]
 # Below the pipeline nothing may touch files or screens, but for the modules made for that.
 WITH_FILES = {"files", "capture", "formats", "figures", "response_file"}
-WITH_FILES |= {"plan_file", "coordinate_file", "stack_file", "point_files", "rig_file", "mesh_file"}
+WITH_FILES |= {
+    "plan_file",
+    "coordinate_file",
+    "stack_file",
+    "point_files",
+    "rig_file",
+    "mesh_file",
+    "plane_file",
+}
 OUTER = {"PIL", "tifffile", "h5py", "matplotlib", "rich", "typer", "pydantic", "tomli_w", "pathlib"}
 
 

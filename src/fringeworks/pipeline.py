@@ -16,9 +16,11 @@ from fringeworks.geometry import (
     Board,
     Calibration,
     Observation,
+    PixelCalibration,
     calibrate,
     coverage,
     diagnose,
+    height_by_pixel,
     observe,
     pose_figures,
     to_surface,
@@ -55,6 +57,7 @@ def reconstruct(
     method: str = "windowed",
     *,
     denoise: Denoiser | None = None,
+    pixels: PixelCalibration | None = None,
     **options: Any,
 ) -> Reconstruction:
     """Measure the surface of a capture.
@@ -67,6 +70,8 @@ def reconstruct(
         A name from ``fringeworks.methods()``.
     denoise : "emd", "emd2d" or "bemd", optional
         Take the modes that are no stronger than noise off both frames first.
+    pixels : PixelCalibration, optional
+        Heights by a calibration of every pixel, instead of the capture's geometry.
     **options
         Keyword options of the method.
 
@@ -98,11 +103,17 @@ def reconstruct(
             object=denoise_frame(pair.object, denoise),
         )
     phase = analyse(pair, method, **options)
-    surface = to_surface(phase, capture.geometry)
-    return Reconstruction(surface, phase, time.perf_counter() - started, _notes(capture, phase))
+    if pixels is None:
+        surface = to_surface(phase, capture.geometry)
+    else:
+        surface = height_by_pixel(phase, pixels)
+        if capture.geometry is not None:
+            surface = replace(surface, pitch=capture.geometry.pitch_mm_per_px)
+    notes = _notes(capture, phase, surface.unit)
+    return Reconstruction(surface, phase, time.perf_counter() - started, notes)
 
 
-def _notes(capture: Capture, phase: PhaseMap) -> tuple[str, ...]:
+def _notes(capture: Capture, phase: PhaseMap, unit: str) -> tuple[str, ...]:
     notes = list(capture.notes)
     if capture.axis is None:
         notes.append(
@@ -116,7 +127,7 @@ def _notes(capture: Capture, phase: PhaseMap) -> tuple[str, ...]:
             "phase unwrapped by {unwrapping}: {residues} residues, {regions} connected regions, "
             "{pixels_moved_by_counting} pixels moved by counting".format(**phase.details)
         )
-    if capture.geometry is None:
+    if unit == "px":
         notes.append("geometry unknown: the result is a displacement in px, not a height")
     return tuple(notes)
 

@@ -1,17 +1,21 @@
-"""``fringeworks response``: measure what projector and camera make of a fringe."""
+"""``response`` of projector and camera, and ``calibrate-plane`` for two frames."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
 from fringeworks.analysis import decode
+from fringeworks.capture import read_pair
 from fringeworks.cli.common import JsonFile, app, write_json
 from fringeworks.evaluate import to_json
+from fringeworks.geometry import calibrate_pixels, calibrate_reference_plane
 from fringeworks.patterns import GrayCode, Level, PatternPlan, PhaseSteps
+from fringeworks.pipeline import reconstruct
+from fringeworks.plane_file import write_geometry, write_pixels
 from fringeworks.response import measure_response, smooth_coordinate
 from fringeworks.response_file import write_response
 from fringeworks.stack_file import Stack, read_stack
@@ -75,3 +79,62 @@ def _code_coordinate(stack: Stack, steps: PhaseSteps) -> FloatMap:
     alone = PatternPlan(plan.width_px, plan.height_px, tuple(block for _, block in kept))
     found = decode(frames, alone).maps[steps.axis]
     return found.coordinate_px.astype(np.float64)
+
+
+@app.command("calibrate-plane")
+def calibrate_plane(
+    reference: Annotated[Path, typer.Option(help="Fringes on the reference plane.")],
+    plane: Annotated[
+        list[str],
+        typer.Option(help="A plane at a height: mm=image; repeat, two or more (three by pixels)."),
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", help="Geometry file: .toml, or .npz with a law per pixel.")
+    ],
+    pitch_mm_per_px: Annotated[
+        float | None, typer.Option(help="Pixel on the reference plane, mm; needed for .toml.")
+    ] = None,
+    method: Annotated[str, typer.Option(help="See `fringeworks methods`.")] = "windowed",
+    json_file: JsonFile = None,
+) -> None:
+    """Calibrate the two-frame path from a plane at known heights."""
+    by_pixel = out.suffix.lower() == ".npz"
+    if not by_pixel and out.suffix.lower() != ".toml":
+        raise InputError(f"--out: expected .toml or .npz, got {out.suffix or 'no suffix'}")
+    if not by_pixel and pitch_mm_per_px is None:
+        raise InputError("--pitch-mm-per-px: expected a number, got none")
+    heights, maps = [], []
+    for text in plane:
+        height, separator, name = text.partition("=")
+        try:
+            heights.append(float(height))
+        except ValueError as error:
+            raise InputError(f"--plane: expected mm=image, got {text!r}") from error
+        if not separator:
+            raise InputError(f"--plane: expected mm=image, got {text!r}")
+        found = reconstruct(read_pair(reference, Path(name)), method)
+        maps.append(found.phase.displacement_px)
+    content: dict[str, Any]
+    if by_pixel:
+        pixels = calibrate_pixels(maps, heights)
+        write_pixels(out, pixels)
+        content = {
+            "median_mm_per_px": float(np.nanmedian(pixels.slope)),
+            "calibrated_fraction": float(np.mean(np.isfinite(pixels.slope))),
+        }
+    else:
+        measured = calibrate_reference_plane(maps, heights, pitch_mm_per_px=pitch_mm_per_px or 0.0)
+        write_geometry(out, measured.geometry)
+        content = {
+            "distance_mm": measured.geometry.distance_mm,
+            "distance_sigma_mm": measured.distance_sigma_mm,
+            "baseline_mm": measured.geometry.baseline_mm,
+            "baseline_sigma_mm": measured.baseline_sigma_mm,
+            "sign": measured.geometry.sign,
+            "residual_mm": list(measured.residual_mm),
+        }
+    write_json(json_file, to_json(content))
+    if str(json_file) != "-":
+        for name, value in content.items():
+            typer.echo(f"{name}: {value}")
+        typer.echo(f"wrote {out}")

@@ -29,6 +29,7 @@ from fringeworks.files import read_frame
 from fringeworks.formats import WRITERS, check_target, write_surface
 from fringeworks.pipeline import reconstruct as run_reconstruct
 from fringeworks.pipeline import summary
+from fringeworks.plane_file import read_geometry, read_pixels
 from fringeworks.point_files import WRITERS as POINT_WRITERS
 from fringeworks.response import apply_response
 from fringeworks.response_file import read_response
@@ -158,6 +159,10 @@ def reconstruct(
     baseline_mm: Annotated[float | None, typer.Option(help="d₀, between pupils, mm.")] = None,
     pitch_mm_per_px: Annotated[float | None, typer.Option(help="Pixel on the plane, mm.")] = None,
     sign: Annotated[int | None, typer.Option(help="Side of the projector, 1 or -1.")] = None,
+    geometry_path: Annotated[
+        Path | None,
+        typer.Option("--geometry", help="File of `calibrate-plane`: .toml, or .npz by pixels."),
+    ] = None,
 ) -> None:
     """Measure a surface: two frames in, a height map out; a stack and a rig in, points out."""
     geometry = {
@@ -174,6 +179,7 @@ def reconstruct(
             "--mask": mask,
             "--background": background,
             "--denoise": denoise,
+            "--geometry": geometry_path,
             **{f"--{name.replace('_', '-')}": value for name, value in geometry.items()},
         }
         _refuse_options(of_pairs, "--rig")
@@ -193,6 +199,16 @@ def reconstruct(
         return
     _refuse_options({"--plan": plan_path}, "a pair")
     loaded = _load(capture, reference, object, axis, mask, background, geometry)
+    pixels = None
+    if geometry_path is not None:
+        _refuse_options(
+            {f"--{name.replace('_', '-')}": value for name, value in geometry.items()},
+            "--geometry",
+        )
+        if geometry_path.suffix.lower() == ".npz":
+            pixels = read_pixels(geometry_path)
+        else:
+            loaded = replace(loaded, geometry=read_geometry(geometry_path))
     loaded = replace(
         loaded, camera=camera or loaded.camera, projector=projector or loaded.projector
     )
@@ -206,6 +222,7 @@ def reconstruct(
             loaded,
             method,
             denoise=denoiser_of(denoise),
+            pixels=pixels,
             **_method_options(method, option or []),
         )
     content = summary(result)

@@ -1,0 +1,159 @@
+"""The two-frame path calibrated from planes at known heights."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from fringeworks import (
+    InputError,
+    ReferencePlaneGeometry,
+    displacement_from_height,
+    read_pair,
+    reconstruct,
+)
+from fringeworks.files import write_frame
+from fringeworks.geometry import calibrate_pixels, calibrate_reference_plane, height_by_pixel
+from fringeworks.plane_file import read_geometry, read_pixels, write_geometry, write_pixels
+from fringeworks.simulate import PairSettings, capture_pair
+from fringeworks.types import PhaseMap
+from tests.test_cli import run
+
+HEIGHTS = (10.0, 20.0, 35.0, 50.0)
+
+
+def planes(geometry, noise=0.02, seed=0, shape=(80, 100)):
+    rng = np.random.default_rng(seed)
+    return [
+        displacement_from_height(np.full(shape, h), geometry) + noise * rng.standard_normal(shape)
+        for h in HEIGHTS
+    ]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_distance_and_baseline_come_back(sign):
+    truth = ReferencePlaneGeometry(800.0, 300.0, 0.4, sign)
+    found = calibrate_reference_plane(planes(truth), HEIGHTS, pitch_mm_per_px=0.4)
+    assert found.geometry.distance_mm == pytest.approx(800.0, rel=2e-3)
+    assert found.geometry.baseline_mm == pytest.approx(300.0, rel=2e-3)
+    assert found.geometry.sign == sign
+    assert max(found.residual_mm) < 0.05
+
+
+def test_wrong_pixels_do_not_pull():
+    truth = ReferencePlaneGeometry(800.0, 300.0, 0.4)
+    maps = planes(truth)
+    for m in maps:
+        m[:8] += 30.0
+        m[40, 40] = np.nan
+    found = calibrate_reference_plane(maps, HEIGHTS, pitch_mm_per_px=0.4)
+    assert found.geometry.distance_mm == pytest.approx(800.0, rel=5e-3)
+
+
+def test_every_pixel_has_its_own_law():
+    x = np.linspace(-1, 1, 100)[None, :] * np.ones((80, 1))
+    distance, baseline = 800.0 + 30.0 * x, 750.0 - 40.0 * x
+    maps = [baseline * h / (distance - h) for h in HEIGHTS]
+    maps[1][5, 5] = np.nan
+    maps[2][5, 5] = np.nan
+    found = calibrate_pixels(maps, HEIGHTS)
+    assert np.isnan(found.slope[5, 5])
+    ok = np.isfinite(found.slope)
+    np.testing.assert_allclose(found.slope[ok], (distance / baseline)[ok], rtol=1e-6)
+    np.testing.assert_allclose(found.bend[ok], 1.0 / baseline[ok], rtol=1e-6)
+    u = baseline * 27.0 / (distance - 27.0)
+    phase = PhaseMap(u, np.full(u.shape, 0.1), u, np.zeros(u.shape, np.uint8), 20.0, "x", "test")
+    surface = height_by_pixel(phase, found)
+    np.testing.assert_allclose(surface.values[ok], 27.0, rtol=1e-6)
+    slope = (distance - 27.0) ** 2 / (baseline * distance)
+    np.testing.assert_allclose(surface.sigma[ok], 0.1 * slope[ok], rtol=1e-6)
+    assert np.isnan(surface.values[5, 5])
+
+
+def test_files_come_back(tmp_path):
+    truth = ReferencePlaneGeometry(800.0, 300.0, 0.4, -1)
+    assert read_geometry(write_geometry(tmp_path / "g.toml", truth)) == truth
+    found = calibrate_pixels(planes(truth), HEIGHTS)
+    back = read_pixels(write_pixels(tmp_path / "p.npz", found))
+    np.testing.assert_array_equal(back.slope, found.slope)
+    assert back.heights_mm == (10.0, 50.0)
+    (tmp_path / "bad.npz").write_bytes(b"PK")
+    (tmp_path / "bad.toml").write_text("kind = 'rig'")
+    for read, name in (
+        (read_pixels, "bad.npz"),
+        (read_geometry, "bad.toml"),
+        (read_geometry, "no.toml"),
+    ):
+        with pytest.raises(InputError, match=name):
+            read(tmp_path / name)
+    with pytest.raises(InputError, match=".npz"):
+        write_pixels(tmp_path / "p.txt", found)
+
+
+@pytest.mark.parametrize(
+    ("maps", "heights", "message"),
+    [
+        (1, (10.0,), "2 different ones"),
+        (2, (10.0, 10.0), "2 different ones"),
+        (2, (0.0, 10.0), "other than 0"),
+        (2, (10.0,), "a height for each"),
+        ("empty", (10.0, 20.0), "100 measured pixels"),
+        ("mixed", (10.0, 20.0), "one shape"),
+        ("falling", (10.0, 20.0, 30.0), "no geometry explains"),
+    ],
+)
+def test_what_does_not_determine_it_is_refused(maps, heights, message):
+    every = planes(ReferencePlaneGeometry(800.0, 300.0, 0.4))
+    given = every[:maps] if isinstance(maps, int) else every[:2]
+    if maps == "empty":
+        given = [np.full((80, 100), np.nan), every[1]]
+    if maps == "mixed":
+        given = [every[0], every[1][:40]]
+    if maps == "falling":
+        given = [np.full((80, 100), u) for u in (40.0, 20.0, 60.0)]
+    with pytest.raises(InputError, match=message):
+        calibrate_reference_plane(given, heights, pitch_mm_per_px=0.4)
+
+
+def test_from_photographs_on_the_command_line(tmp_path):
+    truth = ReferencePlaneGeometry(800.0, 300.0, 0.5)
+    settings = PairSettings(fringes=12, noise=1.0, bits=8, seed=1)
+    for height in (0.0, 4.0, 8.0, 12.0):
+        pair = capture_pair(np.full((200, 240), height), truth, settings)
+        write_frame(tmp_path / f"{height:g}.png", pair.object)
+    given = [f"--plane={h:g}={tmp_path}/{h:g}.png" for h in (4.0, 8.0, 12.0)]
+    out = tmp_path / "g.toml"
+    done = run(
+        *("calibrate-plane", "--reference", tmp_path / "0.png", *given, "--out", out),
+        *("--pitch-mm-per-px", "0.5", "--json", "-"),
+    )
+    content = json.loads(done.stdout)
+    # Only l over d₀ matters for such low planes: their ratio is what is told well.
+    assert content["distance_mm"] / content["baseline_mm"] == pytest.approx(800 / 300, rel=0.03)
+    pixels = tmp_path / "p.npz"
+    run("calibrate-plane", "--reference", tmp_path / "0.png", *given, "--out", pixels)
+    for geometry in (out, pixels):
+        done = run(
+            *("reconstruct", "--reference", tmp_path / "0.png", "--object", tmp_path / "8.png"),
+            *("--geometry", geometry, "--json", "-"),
+        )
+        assert json.loads(done.stdout)["median"] == pytest.approx(8.0, abs=0.1)
+        assert json.loads(done.stdout)["unit"] == "mm"
+    bad = run(
+        "calibrate-plane",
+        "--reference",
+        tmp_path / "0.png",
+        "--plane=ten",
+        "--out",
+        out,
+        "--pitch-mm-per-px",
+        "1",
+        code=2,
+    )
+    assert "mm=image" in bad.stderr
+    found = reconstruct(
+        read_pair(tmp_path / "0.png", tmp_path / "8.png"), pixels=read_pixels(pixels)
+    )
+    assert found.surface.unit == "mm"

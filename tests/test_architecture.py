@@ -30,7 +30,8 @@ LAYERS = [
     {"stack_file"},
     {"pipeline"},
     {"evaluate"},
-    {"paper", "demo", "matrix"},
+    {"paper", "demo_rig", "matrix"},
+    {"demo"},
     {"cli"},
 ]
 # Below the pipeline nothing may touch files or screens, but for the modules made for that.

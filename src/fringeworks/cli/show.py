@@ -77,13 +77,17 @@ def demo(
     size: Annotated[int, typer.Option(help="Side of the frames, px.")] = 1000,
     json_file: JsonFile = None,
 ) -> None:
-    """Measure three objects, ideal and as a camera sees them, and show the errors."""
+    """Measure three objects by two frames, and three with a rig that is calibrated before."""
     from fringeworks.demo import write_demo
+    from fringeworks.demo_rig import write_rig_demo
 
     make_folder(out)
     with show_progress() as progress:
         rows, pictures = write_demo(out, size=size, progress=progress)
-    write_json(json_file, format_table(rows, "json"))
+        scale = min(max(size / 1000.0, 0.25), 1.0)
+        rig_rows, rig_pictures = write_rig_demo(out, scale=scale, progress=progress)
+    pictures += rig_pictures
+    write_json(json_file, format_table([*rows, *rig_rows], "json"))
     if str(json_file) == "-":
         return
     shown = [
@@ -102,6 +106,8 @@ def demo(
         for row in rows
     ]
     typer.echo(format_table(shown), nl=False)
+    typer.echo("with a calibrated rig:")
+    typer.echo(format_table(rig_rows), nl=False)
     if not any(path.name.startswith("cone") for path in pictures):
         typer.echo("no real captures: set FRINGEWORKS_DATA to a folder that holds pair_cone/")
     for path in pictures:

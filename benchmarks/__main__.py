@@ -8,7 +8,7 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks import decoding, inversion, phases  # noqa: F401
+from benchmarks import decoding, inversion, phases, triangulation  # noqa: F401
 from benchmarks.harness import WORKS, Result
 from fringeworks.evaluate import to_json
 from fringeworks.files import write_text

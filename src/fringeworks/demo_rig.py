@@ -70,7 +70,7 @@ def write_rig_demo(
     for k, (name, bodies) in enumerate(scenes.items()):
         progress(f"rig: {name}")
         view, plan = look(truth, bodies), fringe_plan(truth, both=False)
-        frames = list(photograph(view, plan, Optics(seed=50 + k, exposure=0.9)))
+        frames = list(photograph(view, plan, Optics(seed=50 + k)))
         cloud = triangulate(decode(frames, plan), found, colour=texture(frames, plan))
         error = truth_distance(view.points_mm, cloud.xyz_mm)
         rows.append(_row(name, cloud, np.where(view.lit, error, np.nan)))

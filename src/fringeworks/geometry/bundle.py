@@ -176,7 +176,7 @@ class _Problem:
             # The median length of two normal coordinates is 1.1774 of their deviation.
             rough = float(np.median(length)) / 1.1774
             if weights is not None:
-                kept = length < 4.0 * rough
+                kept = length < OUTLIER * rough
                 rough = float(np.sqrt(0.5 * np.mean(length[kept] ** 2)))
             dof = max(1.0 - 0.5 * self.free.sum() / (2.0 * self.corners), 0.2)
             spread.append(max(rough / np.sqrt(dof), FLOOR[device]))

@@ -1,0 +1,164 @@
+"""Coordinates to points, and stacks to points, against streaming their bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from benchmarks.harness import Result, in_turn, peak_mb, work
+from fringeworks import (
+    CameraNoise,
+    Decoded,
+    PatternPlan,
+    PhaseSteps,
+    Pinhole,
+    Rig,
+    decode,
+    equal_steps,
+    triangulate,
+)
+from fringeworks.geometry import look_at, project, rays, transform
+from fringeworks.types import CoordinateMap, FloatMap
+
+WIDTH, HEIGHT = 1920, 1200
+BAND = 40
+
+
+def rig() -> Rig:
+    """Distortion on both sides, and a covariance, as a calibration leaves them."""
+    camera = Pinhole(WIDTH, HEIGHT, (4000.0, 4000.0), (960.0, 600.0), (-0.1, 0.1, 1e-4, 1e-4, 0.0))
+    projector = Pinhole(1920, 1200, (4000.0, 4000.0), (960.0, 600.0), (-0.05, 0.04, 1e-4, 1e-4, 0))
+    sigma = np.array([0.05, 0.05, 0.1, 0.1, *[1e-4] * 5] * 2 + [1e-6] * 3 + [1e-3] * 3)
+    pose = look_at(np.array([200.0, 0.0, 0.0]), np.array([0.0, 0.0, 500.0]))
+    return Rig(camera, projector, pose, np.diag(sigma**2), (0.01, 0.01))
+
+
+def surface() -> tuple[FloatMap, FloatMap]:
+    """Points of a wavy surface, and where the projector lights them."""
+    v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+    depth = 500.0 + 20.0 * np.sin(u / 100.0) + 10.0 * np.cos(v / 80.0)
+    points = rays(rig().camera, np.stack((u, v), axis=-1)) * depth[..., None]
+    return points, project(rig().projector, transform(rig().T_projector_camera, points))
+
+
+def decoded(pixels: FloatMap, axes: str) -> Decoded:
+    """Those coordinates as decoding would hand them on."""
+    maps = {}
+    for k, axis in enumerate("xy"):
+        sigma = np.full((HEIGHT, WIDTH), 0.03, np.float32)
+        found = CoordinateMap(
+            pixels[..., k].astype(np.float32),
+            sigma,
+            sigma,
+            sigma,
+            np.zeros((HEIGHT, WIDTH), np.uint8),
+            "x" if axis == "x" else "y",
+            (30.0,),
+        )
+        maps[axis] = found if axis in axes else None
+    return Decoded(maps["x"], maps["y"], CameraNoise(2.0))
+
+
+def streamer(
+    inputs: Sequence[Any], outputs: Sequence[Any], pool: ThreadPoolExecutor
+) -> Callable[[], Any]:
+    """Read and write as many bytes on two threads, by bands of rows that stay in the cache."""
+
+    def half(start: int) -> None:
+        lines = [np.empty((BAND, *a.shape[1:]), a.dtype) for a in inputs]
+        for top in range(start, start + HEIGHT // 2, BAND):
+            for line, plane in zip(lines, inputs, strict=True):
+                np.copyto(line, plane[top : top + BAND])
+            for result in outputs:
+                result[top : top + BAND] = 1
+
+    return lambda: list(pool.map(half, (0, HEIGHT // 2)))
+
+
+def results(both: bool) -> list[Any]:
+    """Arrays as large as a point cloud's."""
+    maps = [np.zeros((HEIGHT, WIDTH), np.float32) for _ in range(3 if both else 2)]
+    points = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    return [points, *maps, np.zeros((HEIGHT, WIDTH), np.uint8)]
+
+
+def judged(
+    name: str,
+    ours: Callable[[], Any],
+    stream: Callable[[], Any],
+    limit: float,
+    error: float,
+    repeats: int = 41,
+) -> Result:
+    (a, b), _ = in_turn(ours, stream, repeats=repeats)
+    return Result(
+        work=name,
+        peer="copy in, fill out, 2 threads",
+        peer_version=version("numpy"),
+        ours_seconds=a,
+        peer_seconds=b,
+        ratio=b / a,
+        limit_seconds=None,
+        limit_ratio=1.0 / limit,
+        peak_mb=peak_mb(ours),
+        accuracy=error,
+        peer_accuracy=0.0,
+    )
+
+
+@work
+def triangulation() -> list[Result]:
+    """One axis and both, 1920 × 1200, into memory that is there."""
+    points, pixels = surface()
+    found = []
+    with ThreadPoolExecutor(2) as pool:
+        for axes in ("x", "xy"):
+            known = decoded(pixels, axes)
+            earlier = triangulate(known, rig_of := rig())
+            error = float(np.abs(earlier.xyz_mm - points).max())
+            assert error < 1e-3, error
+            inputs = [
+                a for m in known.maps.values() for a in (m.coordinate_px, m.sigma_px, m.reason)
+            ]
+            stream = streamer(inputs, results(len(axes) == 2), pool)
+
+            def ours(known: Any = known, rig_of: Rig = rig_of, earlier: Any = earlier) -> Any:
+                return triangulate(known, rig_of, out=earlier)
+
+            name = f"triangulate {axes}, {WIDTH} x {HEIGHT}"
+            found.append(judged(name, ours, stream, 1.5, error))
+    return found
+
+
+@work
+def frames_to_points() -> list[Result]:
+    """Twelve frames, decoded and triangulated."""
+    points, pixels = surface()
+    plan = PatternPlan(
+        1920, 1200, tuple(PhaseSteps("x", 1920 / v, equal_steps(4)) for v in (1, 8, 64))
+    )
+    rng = np.random.default_rng(0)
+    frames = []
+    for block in plan.blocks:
+        for k in range(block.frames):
+            light = 20.0 + 200.0 * block.values(pixels[..., 0], k)
+            frames.append(np.rint(light + 2.0 * rng.standard_normal(light.shape)).astype(np.uint8))
+    pair = rig()
+    first = decode(frames, plan)
+    cloud = triangulate(first, pair)
+    off = np.linalg.norm(cloud.xyz_mm - points, axis=-1) / np.linalg.norm(points, axis=-1) * 500
+    with ThreadPoolExecutor(2) as pool:
+        stream = streamer(frames, results(False), pool)
+        return [
+            judged(
+                f"decode and triangulate 12 frames, {WIDTH} x {HEIGHT}",
+                lambda: triangulate(decode(frames, plan, out=first), pair, out=cloud),
+                stream,
+                3.0,
+                float(np.nanmedian(off)),
+            )
+        ]

@@ -394,7 +394,7 @@ fn power_of_two<const FMA: bool>(x: f32) -> f32 {
     let x = x.clamp(-126.0, 126.0);
     let shifted = x + WHOLE;
     let part = x - (shifted - WHOLE);
-    let small = [0.055_5, 0.240_22, 0.693_147, 1.0]
+    let small = [0.055_5, 0.240_22, std::f32::consts::LN_2, 1.0]
         .into_iter()
         .fold(0.009_6, |sum, c| fused::<FMA>(sum, part, c));
     small * f32::from_bits(shifted.to_bits() << 23)

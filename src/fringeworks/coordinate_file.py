@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.files import replacing
+from fringeworks.files import check_target, replacing
 from fringeworks.types import Axis, CameraNoise, CoordinateMap, Decoded, InputError
 
 MAPS = ("coordinate_px", "sigma_px", "modulation", "background", "reason")
@@ -15,12 +15,8 @@ OPTIONAL = ("phase_rad", "modulations", "repeats_px")
 
 
 def check_coordinate_target(path: Path) -> None:
-    """Refuse a result file of another kind, or in no folder, before anything is computed for it."""
-    path = Path(path)
-    if path.suffix.lower() != ".npz":
-        raise InputError(f"{path}: expected .npz, got {path.suffix or 'no suffix'}")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: expected a writable folder, got none at {path.parent}")
+    """``files.check_target`` for the kinds that are written here."""
+    check_target(path, (".npz",))
 
 
 def write_coordinates(path: Path, decoded: Decoded) -> Path:

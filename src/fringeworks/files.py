@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,19 @@ def write_text(path: Path, text: str) -> None:
     """Write a text file, whole or not at all."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def check_target(path: Path, suffixes: Iterable[str]) -> None:
+    """Refuse a result file of unknown kind or in no folder, before anything is computed for it."""
+    path = Path(path)
+    known = tuple(suffixes)
+    if path.suffix.lower() not in known:
+        raise InputError(
+            f"{path}: expected {'one of ' if len(known) > 1 else ''}{', '.join(known)}, "
+            f"got {path.suffix or 'no suffix'}"
+        )
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: expected a writable folder, got none at {path.parent}")
 
 
 def make_folder(path: Path) -> Path:

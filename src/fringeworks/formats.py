@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import tifffile
 
-from fringeworks.files import replacing
+from fringeworks.files import check_target, replacing
 from fringeworks.surface import points, triangles
 from fringeworks.types import HeightMap, InputError
 
@@ -37,20 +37,14 @@ def write_surface(path: Path, surface: HeightMap, *, ply: PlyKind = "points") ->
     InputError for an unknown suffix, a folder that cannot be written to, or X3P without a
     geometry, since that format holds lengths only.
     """
-    check_target(path)
+    check_surface_target(path)
     with replacing(Path(path)) as temporary:
         WRITERS[Path(path).suffix.lower()](temporary, surface, ply)
 
 
-def check_target(path: Path) -> None:
-    """Refuse a result file of unknown kind or in no folder, before anything is computed for it."""
-    path = Path(path)
-    if path.suffix.lower() not in WRITERS:
-        raise InputError(
-            f"{path}: expected one of {', '.join(WRITERS)}, got {path.suffix or 'no suffix'}"
-        )
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: expected a writable folder, got none at {path.parent}")
+def check_surface_target(path: Path) -> None:
+    """``files.check_target`` for the kinds that are written here."""
+    check_target(path, WRITERS)
 
 
 def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.files import replacing
+from fringeworks.files import check_target, replacing
 from fringeworks.geometry import normals, triangles
 from fringeworks.types import FloatMap, InputError, PointCloud, Reason
 
@@ -67,14 +67,8 @@ def write_points(path: Path, cloud: PointCloud, *, kind: Kind = "points") -> Non
 
 
 def check_points_target(path: Path) -> None:
-    """Refuse a file of unknown kind or in no folder, before anything is computed for it."""
-    path = Path(path)
-    if path.suffix.lower() not in WRITERS:
-        raise InputError(
-            f"{path}: expected one of {', '.join(WRITERS)}, got {path.suffix or 'no suffix'}"
-        )
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: expected a writable folder, got none at {path.parent}")
+    """``files.check_target`` for the kinds that are written here."""
+    check_target(path, WRITERS)
 
 
 def _write_ply(path: Path, cloud: PointCloud, kind: Kind) -> None:

@@ -12,7 +12,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field
 
 from fringeworks.capture import read_toml
-from fringeworks.files import write_text
+from fringeworks.files import check_target, write_text
 from fringeworks.types import RIG_PARAMETERS, FloatMap, InputError, Pinhole, Rig
 
 OPENCV_SUFFIXES = (".xml", ".yml", ".yaml")
@@ -94,12 +94,8 @@ def write_rig(path: Path, rig: Rig) -> Path:
 
 
 def check_rig_target(path: Path) -> None:
-    """Refuse a rig file of unknown kind or in no folder, before anything is computed for it."""
-    known = (TOML_SUFFIX, *OPENCV_SUFFIXES)
-    if Path(path).suffix.lower() not in known:
-        raise InputError(f"{path}: expected one of {', '.join(known)}")
-    if not Path(path).parent.is_dir():
-        raise InputError(f"{path}: expected a writable folder, got none at {Path(path).parent}")
+    """``files.check_target`` for the kinds that are written here."""
+    check_target(path, (TOML_SUFFIX, *OPENCV_SUFFIXES))
 
 
 def read_rig(path: Path, *, projector_size: tuple[int, int] | None = None) -> Rig:

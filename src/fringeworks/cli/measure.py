@@ -26,7 +26,7 @@ from fringeworks.cli.common import (
 from fringeworks.cli.rig import measure_points
 from fringeworks.evaluate import errors, to_json
 from fringeworks.files import read_frame
-from fringeworks.formats import WRITERS, check_target, write_surface
+from fringeworks.formats import WRITERS, check_surface_target, write_surface
 from fringeworks.pipeline import reconstruct as run_reconstruct
 from fringeworks.pipeline import summary
 from fringeworks.plane_file import read_geometry, read_pixels
@@ -215,7 +215,7 @@ def reconstruct(
     if response is not None:
         loaded = apply_response(loaded, read_response(response))
     if out is not None:
-        check_target(out)
+        check_surface_target(out)
     with show_progress() as progress:
         progress(f"{method} …")
         result = run_reconstruct(

@@ -28,6 +28,8 @@ HUBER = 2.5
 """Residuals beyond this many standard deviations are held back."""
 OUTLIER = 6.0
 """Residuals beyond this many are left out at the end."""
+USUAL = 20
+"""Corners that the usual scatter counts for beside a pose's own."""
 FLOOR = (1e-4, 1e-4)
 """Least scatter, px: without noise there would be none to divide by."""
 
@@ -60,8 +62,9 @@ class Adjusted:
     projector_residual_px: tuple[FloatMap, ...]
     used: tuple[BoolMap, ...]
     """Corners that were not left out as outliers, (m,) per sighting."""
-    scatter_px: tuple[float, float]
-    """Standard deviations of a corner in the camera, and of what is read at the predicted pixel."""
+    scatter_px: tuple[tuple[float, float], ...]
+    """Per sighting: standard deviations of a corner in the camera, and of what is read at the
+    predicted pixel."""
 
 
 def adjust(
@@ -118,8 +121,12 @@ class _Problem:
         self.sightings = sightings
         self.free = np.concatenate((free, np.ones(POSE * len(sightings), bool)))
         self.corners = sum(len(s.points_mm) for s in sightings)
-        self.observations = 4 * self.corners
-        if self.observations <= self.free.sum():
+        ends = np.cumsum([len(s.points_mm) for s in sightings])
+        self.rows = [
+            slice(int(end) - len(s.points_mm), int(end))
+            for end, s in zip(ends, sightings, strict=True)
+        ]
+        if 4 * self.corners <= self.free.sum():
             raise InputError(
                 f"calibration: expected more than {int(self.free.sum()) // 4} corners, "
                 f"got {self.corners}"
@@ -136,10 +143,8 @@ class _Problem:
         plain = np.empty((self.corners, 2))
         size = RIG + POSE * len(self.sightings)
         jacobian = np.zeros((self.corners if derivatives else 0, 4, size))
-        start = 0
         for k, (seen, T) in enumerate(zip(self.sightings, state.poses, strict=True)):
-            rows = slice(start, start + len(seen.points_mm))
-            start = rows.stop
+            rows = self.rows[k]
             turned = seen.points_mm @ T[:3, :3].T
             in_camera = turned + T[:3, 3]
             in_projector = transform(rig.T_projector_camera, in_camera)
@@ -168,26 +173,29 @@ class _Problem:
         return out, plain, jacobian
 
     def scatter(self, state: _State, weights: FloatMap | None) -> FloatMap:
-        """Standard deviation per coordinate of both devices' residuals, px."""
+        """Standard deviation per coordinate of both devices' residuals at every corner, (n, 2), px.
+
+        Poses differ: edges along the pixels' grid, blur and light make some of them worse.
+        """
         out, _, _ = self.residuals(state)
-        spread = []
+        dof = max(1.0 - 0.5 * self.free.sum() / (2.0 * self.corners), 0.2)
+        spread = np.empty((self.corners, 2))
         for device in (0, 1):
             length = np.hypot(*out[:, 2 * device : 2 * device + 2].T)
-            # The median length of two normal coordinates is 1.1774 of their deviation.
-            rough = float(np.median(length)) / 1.1774
-            if weights is not None:
-                kept = length < OUTLIER * rough
-                rough = float(np.sqrt(0.5 * np.mean(length[kept] ** 2)))
-            dof = max(1.0 - 0.5 * self.free.sum() / (2.0 * self.corners), 0.2)
-            spread.append(max(rough / np.sqrt(dof), FLOOR[device]))
-        return np.array(spread)
+            usual = _scatter_of(length, refined=weights is not None)
+            for rows in self.rows:
+                n = rows.stop - rows.start
+                own = _scatter_of(length[rows], refined=weights is not None)
+                square = (n * own**2 + USUAL * usual**2) / (n + USUAL)
+                spread[rows, device] = max(np.sqrt(square / dof), FLOOR[device])
+        return spread
 
     def weights(self, state: _State, scatter: FloatMap) -> FloatMap:
         """Huber's weights of every corner for both devices, (n, 2), 0 for outliers."""
         out, _, _ = self.residuals(state)
         weights = np.empty((self.corners, 2))
         for device in (0, 1):
-            length = np.hypot(*out[:, 2 * device : 2 * device + 2].T) / scatter[device]
+            length = np.hypot(*out[:, 2 * device : 2 * device + 2].T) / scatter[:, device]
             weights[:, device] = np.minimum(1.0, HUBER / np.maximum(length, 1e-9))
             weights[length > OUTLIER, device] = 0.0
         # A corner that one device has wrong is wrong.
@@ -283,8 +291,19 @@ class _Problem:
             camera_residual_px=tuple(np.split(out[:, :2], bounds)),
             projector_residual_px=tuple(np.split(plain, bounds)),
             used=tuple(np.split(used, bounds)),
-            scatter_px=(float(scatter[0]), float(scatter[1])),
+            scatter_px=tuple(
+                (float(scatter[rows.start, 0]), float(scatter[rows.start, 1])) for rows in self.rows
+            ),
         )
+
+
+def _scatter_of(length: FloatMap, *, refined: bool) -> float:
+    """Standard deviation per coordinate of residuals of these lengths, without outliers."""
+    # The median length of two normal coordinates is 1.1774 of their deviation.
+    rough = float(np.median(length)) / 1.1774
+    if not refined:
+        return rough
+    return float(np.sqrt(0.5 * np.mean(length[length <= OUTLIER * rough] ** 2)))
 
 
 def board_bow(
@@ -318,7 +337,9 @@ def board_bow(
         by_projector = (q_by_point @ (R @ up))[..., None] * shape - seen.by_pixel @ by_camera
         extra.append(np.concatenate((by_camera, by_projector), axis=1))
     used = np.concatenate(adjusted.used)
-    root = np.repeat(used[:, None] / np.array(adjusted.scatter_px), 2, axis=1)
+    sizes = [len(s.points_mm) for s in sightings]
+    scatter = np.repeat(np.array(adjusted.scatter_px), sizes, axis=0)
+    root = np.repeat(used[:, None] / scatter, 2, axis=1)
     J = np.concatenate((np.concatenate(extra), jacobian[:, :, problem.free]), axis=2)
     J = (J * root[:, :, None]).reshape(-1, J.shape[2])
     r = (out * root).ravel()

@@ -148,8 +148,11 @@ def test_a_good_calibration_has_nothing_to_complain_of():
 def test_a_moved_board_is_named():
     """Between the frames of even light and those of the code the board went 0.3 mm back."""
     o, T = observations()[4], poses()[4]
+    _, plan, frames = shoot([board_body(board(), T)], Optics(seed=4))
     moved = see(pose(T[:3, :3], T[:3, 3] + [0.0, 0.0, 0.3]), "pose4", optics=Optics(seed=4))
-    torn = observe(moved.image, o.decoded, board(), projector_size=o.projector_size, name="pose4")
+    torn = observe(
+        moved.image, decode(frames, plan), board(), projector_size=o.projector_size, name="pose4"
+    )
     found = calibrate([torn if x.name == o.name else x for x in observations()], board())
     messages = [f.message for f in diagnose(found) if f.cause == "pose"]
     assert messages
@@ -213,6 +216,13 @@ def test_identical_poses_are_named():
     twice = [o[0], replace(o[0], name="again"), replace(o[0], name="and again"), o[1]]
     with pytest.raises(InputError, match="did not move between pose0 and again and and again"):
         calibrate(twice, board())
+
+
+def test_a_pose_taken_twice_is_mentioned():
+    o = observations()
+    found = calibrate([*o, replace(o[2], name="again")], board())
+    messages = [f.message for f in diagnose(found)]
+    assert "the board did not move between pose2 and again: one pose" in messages
 
 
 def test_parallel_poses_are_named():

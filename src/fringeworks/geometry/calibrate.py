@@ -49,8 +49,6 @@ class Observation:
     """Corners in the camera."""
     found: Correspondence
     """The same places on the projector."""
-    decoded: Decoded
-    """Coordinates that they were read from."""
     camera_size: tuple[int, int]
     """Columns and rows."""
     projector_size: tuple[int, int]
@@ -120,7 +118,7 @@ def observe(
             f"of {len(lit)} that the camera sees: the projector does not light the board"
         )
     height, width = picture.shape
-    return Observation(name, picture, view, read, decoded, (width, height), projector_size)
+    return Observation(name, picture, view, read, (width, height), projector_size)
 
 
 def calibrate(
@@ -218,6 +216,11 @@ def _check_poses(
         )
 
 
+def unmoved(observations: Sequence[Observation], board: Board) -> list[list[str]]:
+    """Names of poses between which the board did not move, those of one place together."""
+    return [group for group in _alike(observations, board) if len(group) > 1]
+
+
 def _alike(observations: Sequence[Observation], board: Board) -> list[list[str]]:
     """Names of poses, those that are the same together."""
     n = len(board.points_mm)
@@ -269,14 +272,9 @@ def _seen_again(o: Observation, board: Board, camera: Pinhole, T: FloatMap) -> O
         view = replace(o.view, pixels=pixels)
     else:
         view = refit(o.image, board, o.view, *_bent_edges(points, board, camera, T))
-    # What is read changes by the derivative only where corners move: they do by a hair.
-    moved = view.pixels - o.view.pixels
-    if np.abs(moved).max() > 0.5:
-        found = projector_at(o.decoded, view.pixels, spacing(view.pixels))
-    else:
-        shift = np.einsum("nij,nj->ni", o.found.by_pixel, moved)
-        found = replace(o.found, projector_px=o.found.projector_px + shift)
-    return replace(o, view=view, found=found)
+    # Corners move by a part of a pixel, over which what is read there changes evenly.
+    shift = np.einsum("nij,nj->ni", o.found.by_pixel, view.pixels - o.view.pixels)
+    return replace(o, view=view, found=replace(o.found, projector_px=o.found.projector_px + shift))
 
 
 def _bent_edges(

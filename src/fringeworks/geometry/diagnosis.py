@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import spatial
 
-from fringeworks.geometry.calibrate import Calibration, tilts_deg
+from fringeworks.geometry.calibrate import Calibration, tilts_deg, unmoved
 from fringeworks.types import Axis, FloatMap
 
 USUAL_POSES = 10
@@ -165,6 +165,10 @@ def _weak(calibration: Calibration) -> list[Finding]:
         )
     if n < USUAL_POSES:
         found.append(Finding("poses", f"{n} poses: {USUAL_POSES} or more are usual"))
+    for group in unmoved(calibration.observations, calibration.board):
+        found.append(
+            Finding("poses", f"the board did not move between {' and '.join(group)}: one pose")
+        )
     for name, share in zip(("camera", "projector"), coverage(calibration), strict=True):
         if share < COVERED:
             found.append(

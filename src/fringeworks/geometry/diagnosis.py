@@ -206,8 +206,8 @@ def _left_out(calibration: Calibration) -> list[Finding]:
             found.append(
                 Finding(
                     "corners",
-                    f"{observation.name}: left out as outliers: {len(bad)} corners "
-                    f"(column/row {places}{more})",
+                    f"{observation.name}: left out as {'outliers' if len(bad) > 1 else 'outlier'}: "
+                    f"{len(bad)} (column/row {places}{more})",
                 )
             )
     return found

@@ -5,15 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 from fringes import Fringes
 
-from benchmarks.harness import Result, against, in_turn, peak_mb, work
+from benchmarks.harness import Result, against, in_turn, peak_mb, streamer, work
 from fringeworks import PatternPlan, PhaseSteps, decode
 
 WIDTH, HEIGHT, STEPS = 1920, 1200, 4
@@ -98,7 +96,8 @@ def against_stream(counts: tuple[int, ...]) -> Result:
     with ThreadPoolExecutor(2) as pool:
         # Memory that is there already, for both.
         earlier = decode(planes, plan)
-        stream = streamer(planes, pool)
+        maps = [np.zeros((HEIGHT, WIDTH), kind) for kind in OUTPUTS]
+        stream = streamer(planes, maps, pool)
         (ours, theirs), _ = in_turn(lambda: decode(planes, plan, out=earlier), stream, repeats=25)
     results = sum(np.dtype(kind).itemsize for kind in OUTPUTS) * WIDTH * HEIGHT / 2**20
     extra = peak_mb(lambda: decode(planes, plan)) - results
@@ -117,27 +116,6 @@ def against_stream(counts: tuple[int, ...]) -> Result:
         accuracy=0.0,
         peer_accuracy=0.0,
     )
-
-
-def streamer(planes: list[np.ndarray], pool: ThreadPoolExecutor) -> Callable[[], Any]:
-    """Read every frame and write maps as large as the results, by bands of rows."""
-    rows = 40
-
-    def half(start: int, maps: list[np.ndarray]) -> None:
-        line = np.empty((rows, WIDTH), np.uint8)
-        for top in range(start, start + HEIGHT // 2, rows):
-            for plane in planes:
-                np.copyto(line, plane[top : top + rows])
-            for results in maps:
-                results[top : top + rows] = 1
-
-    maps = [np.zeros((HEIGHT, WIDTH), kind) for kind in OUTPUTS]
-
-    def run() -> list[np.ndarray]:
-        list(pool.map(half, (0, HEIGHT // 2), (maps, maps)))
-        return maps
-
-    return run
 
 
 FIRST = """

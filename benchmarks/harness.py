@@ -5,10 +5,16 @@ from __future__ import annotations
 import ctypes
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+
+BAND = 40
+"""Rows that a stream works on at a time."""
 
 
 @dataclass(frozen=True)
@@ -104,3 +110,21 @@ def against(
         accuracy=reached,
         peer_accuracy=accuracy(expected),
     )
+
+
+def streamer(
+    inputs: Sequence[Any], outputs: Sequence[Any], pool: ThreadPoolExecutor
+) -> Callable[[], Any]:
+    """Read the inputs and write over the outputs, in bands of rows, as two threads of ``pool``."""
+    rows = len(inputs[0])
+
+    def half(start: int) -> None:
+        # One line per kind of input stays in the first caches.
+        lines = {(a.dtype, a.shape[1:]): np.empty((BAND, *a.shape[1:]), a.dtype) for a in inputs}
+        for top in range(start, start + rows // 2, BAND):
+            for plane in inputs:
+                np.copyto(lines[plane.dtype, plane.shape[1:]], plane[top : top + BAND])
+            for result in outputs:
+                result[top : top + BAND] = 1
+
+    return lambda: list(pool.map(half, (0, rows // 2)))

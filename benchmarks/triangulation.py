@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import Result, in_turn, peak_mb, work
+from benchmarks.harness import Result, in_turn, peak_mb, streamer, work
 from fringeworks import (
     CameraNoise,
     Decoded,
@@ -25,7 +25,6 @@ from fringeworks.geometry import look_at, project, rays, transform
 from fringeworks.types import CoordinateMap, FloatMap
 
 WIDTH, HEIGHT = 1920, 1200
-BAND = 40
 
 
 def rig() -> Rig:
@@ -61,22 +60,6 @@ def decoded(pixels: FloatMap, axes: str) -> Decoded:
         )
         maps[axis] = found if axis in axes else None
     return Decoded(maps["x"], maps["y"], CameraNoise(2.0))
-
-
-def streamer(
-    inputs: Sequence[Any], outputs: Sequence[Any], pool: ThreadPoolExecutor
-) -> Callable[[], Any]:
-    """Read and write as many bytes on two threads, by bands of rows that stay in the cache."""
-
-    def half(start: int) -> None:
-        lines = [np.empty((BAND, *a.shape[1:]), a.dtype) for a in inputs]
-        for top in range(start, start + HEIGHT // 2, BAND):
-            for line, plane in zip(lines, inputs, strict=True):
-                np.copyto(line, plane[top : top + BAND])
-            for result in outputs:
-                result[top : top + BAND] = 1
-
-    return lambda: list(pool.map(half, (0, HEIGHT // 2)))
 
 
 def results(both: bool) -> list[Any]:

@@ -260,6 +260,13 @@ def test_edges_of_paint_lie_where_they_are():
         assert 3.5 + covered == pytest.approx(edge, abs=0.004)
 
 
+def test_a_plan_of_a_smaller_projector_is_refused():
+    view = look(TINY, [ahead(Plane(120, 100))])
+    small = PatternPlan(64, 64, (PhaseSteps("x", 16.0, equal_steps(4)),))
+    with pytest.raises(InputError, match="expected one for the view's projector, got 64 × 64"):
+        next(photograph(view, small))
+
+
 def test_optics_and_bodies_refuse_nonsense():
     for change in ({"gamma": 0}, {"noise": -1}, {"bits": 9}, {"black": 1.0}, {"exposure": 0}):
         with pytest.raises(InputError, match=next(iter(change))):

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from fringeworks.types import BoolMap, FloatMap, InputError
@@ -147,7 +146,7 @@ def _start(points: FloatMap, kind: _Kind, rng: np.random.Generator) -> tuple[Flo
         trial = kind.through(near[rng.choice(len(near), kind.points, False)])
         if trial is None:
             continue
-        # The distance that a fifth of the points keep: a body needs that many to be found.
+        # The distance that a tenth of the points keep: a body needs that many to be found.
         score = float(np.quantile(np.abs(kind.distance(trial, judges)), FEWEST))
         if best is None or score < best[0]:
             best = (score, trial)
@@ -168,14 +167,6 @@ def _refine(
     jacobian = solved.jac
     variance = 2.0 * solved.cost / max(len(part) - start.size, 1) / step
     return solved.x, np.linalg.pinv(jacobian.T @ jacobian) * variance
-
-
-def _direction(a: float, b: float, about: NDArray[np.float64]) -> FloatMap:
-    """A unit vector near ``about``: two numbers without a pole nearby."""
-    x = np.cross(about, np.eye(3)[np.argmin(np.abs(about))])
-    x /= np.linalg.norm(x)
-    d = about + a * x + b * np.cross(about, x)
-    return np.asarray(d / np.linalg.norm(d))
 
 
 def _plane_through(p: FloatMap) -> FloatMap | None:

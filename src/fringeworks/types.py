@@ -23,6 +23,13 @@ class InputError(ValueError):
     """A call that cannot be done: says what was expected and what came."""
 
 
+def check_fields(settings: object, **expectations: tuple[bool, str]) -> None:
+    """Refuse settings of which a field is not as expected: (whether it is, what is expected)."""
+    for name, (ok, expected) in expectations.items():
+        if not ok:
+            raise InputError(f"{name}: expected {expected}, got {getattr(settings, name)}")
+
+
 class Reason(IntEnum):
     """Why a pixel has no value. ``OK`` where it has one."""
 

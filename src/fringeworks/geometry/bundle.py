@@ -272,8 +272,8 @@ class _Problem:
         covariance = np.zeros((self.free.size, self.free.size))
         covariance[np.ix_(self.free, self.free)] = inner
         out, plain, _ = self.residuals(state)
-        used = np.ones(self.corners, bool) if weights is None else (weights > 0).all(axis=1)
-        bounds = np.cumsum([len(s.points_mm) for s in self.sightings])[:-1]
+        kept = np.ones((self.corners, 2)) if weights is None else weights
+        used = np.asarray((kept > 0).all(axis=1))
         rms = tuple(
             float(np.sqrt(np.mean(np.sum(r[used] ** 2, axis=1)))) for r in (out[:, :2], plain)
         )
@@ -288,9 +288,9 @@ class _Problem:
             rig=rig,
             poses=state.poses,
             covariance=covariance,
-            camera_residual_px=tuple(np.split(out[:, :2], bounds)),
-            projector_residual_px=tuple(np.split(plain, bounds)),
-            used=tuple(np.split(used, bounds)),
+            camera_residual_px=tuple(out[rows, :2] for rows in self.rows),
+            projector_residual_px=tuple(plain[rows] for rows in self.rows),
+            used=tuple(used[rows] for rows in self.rows),
             scatter_px=tuple(
                 (float(scatter[rows.start, 0]), float(scatter[rows.start, 1])) for rows in self.rows
             ),

@@ -13,7 +13,7 @@ from fringeworks import _core
 from fringeworks.types import FloatMap, InputError
 
 Albedo = float | Callable[[FloatMap, FloatMap], FloatMap]
-"""One reflectance, 0…1, or a function of the surface's two coordinates in mm."""
+"""One reflectance, 0…1, or a function of the body's own x and y in mm."""
 NEAR = 1e-6
 """Hits nearer than this, mm, are the surface that a ray starts on."""
 
@@ -29,9 +29,6 @@ class Shape(Protocol):
 
     def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
         """Unit normals at points of the surface that rays have hit, (n, 3)."""
-
-    def surface(self, points: FloatMap) -> FloatMap:
-        """The surface's own two coordinates at its points, (n, 2), mm; they are smooth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +90,6 @@ class Plane:
         del directions
         return np.broadcast_to([0.0, 0.0, 1.0], points.shape)
 
-    def surface(self, points: FloatMap) -> FloatMap:
-        return points[:, :2]
-
 
 @dataclass(frozen=True)
 class Sphere:
@@ -113,9 +107,6 @@ class Sphere:
     def normal(self, points: FloatMap, directions: FloatMap) -> FloatMap:
         del directions
         return np.asarray(points / np.linalg.norm(points, axis=-1, keepdims=True))
-
-    def surface(self, points: FloatMap) -> FloatMap:
-        return points[:, :2]
 
 
 @dataclass(frozen=True)
@@ -148,9 +139,6 @@ class Cylinder:
         end = np.sign(points) * [0.0, 1.0, 0.0]
         return np.where(cap[:, None], end, side)
 
-    def surface(self, points: FloatMap) -> FloatMap:
-        return points[:, :2]
-
 
 @dataclass(frozen=True)
 class Box:
@@ -172,9 +160,6 @@ class Box:
         depth = np.abs(points) / (0.5 * np.asarray(self.size_mm))
         face = np.eye(3)[np.argmax(depth, axis=1)]
         return np.asarray(face * np.sign(points))
-
-    def surface(self, points: FloatMap) -> FloatMap:
-        return points[:, :2]
 
 
 @dataclass(frozen=True)
@@ -201,9 +186,6 @@ class Paraboloid:
         slope = 2.0 * self.height_mm / self.radius_mm**2
         n = np.column_stack((slope * points[:, :2], np.ones(len(points))))
         return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
-
-    def surface(self, points: FloatMap) -> FloatMap:
-        return points[:, :2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,9 +224,6 @@ class Mesh:
         corners = self.vertices_mm[self.faces[np.maximum(face, 0)]]
         n = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         return np.asarray(n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-300))
-
-    def surface(self, points: FloatMap) -> FloatMap:
-        return points[:, :2]
 
 
 def height_field(height_mm: FloatMap, pitch_mm: float) -> Mesh:

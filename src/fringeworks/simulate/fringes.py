@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.geometry import displacement_from_height
-from fringeworks.types import Axis, Capture, FloatMap, InputError, ReferencePlaneGeometry
+from fringeworks.types import (
+    Axis,
+    Capture,
+    FloatMap,
+    InputError,
+    ReferencePlaneGeometry,
+    check_fields,
+)
 
 BIT_DEPTHS = (0, 8, 10, 12, 16)
 
@@ -38,19 +45,17 @@ class PairSettings:
     """Seed of the noise; equal seeds give equal frames."""
 
     def __post_init__(self) -> None:
-        expectations = {
-            "fringes": (self.fringes > 0, "> 0"),
-            "gamma": (self.gamma > 0, "> 0"),
-            "noise": (self.noise >= 0, ">= 0"),
-            "shot": (self.shot >= 0, ">= 0"),
-            "bits": (self.bits in BIT_DEPTHS, f"one of {BIT_DEPTHS}"),
-            "ambient": (0 <= self.ambient < 1, "0 to 1"),
-            "contrast": (0 < self.contrast <= 1, "0 to 1"),
-            "axis": (self.axis in ("x", "y"), "x or y"),
-        }
-        for name, (ok, expected) in expectations.items():
-            if not ok:
-                raise InputError(f"{name}: expected {expected}, got {getattr(self, name)}")
+        check_fields(
+            self,
+            fringes=(self.fringes > 0, "> 0"),
+            gamma=(self.gamma > 0, "> 0"),
+            noise=(self.noise >= 0, ">= 0"),
+            shot=(self.shot >= 0, ">= 0"),
+            bits=(self.bits in BIT_DEPTHS, f"one of {BIT_DEPTHS}"),
+            ambient=(0 <= self.ambient < 1, "0 to 1"),
+            contrast=(0 < self.contrast <= 1, "0 to 1"),
+            axis=(self.axis in ("x", "y"), "x or y"),
+        )
 
 
 @dataclass(frozen=True)

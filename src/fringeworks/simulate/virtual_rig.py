@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy import ndimage, special
 
 from fringeworks.geometry import inverse, project, rays, transform
-from fringeworks.patterns import PatternPlan, encode
+from fringeworks.patterns import DEPTHS, PatternPlan, encode
 from fringeworks.simulate.bodies import Body
-from fringeworks.types import BoolMap, FloatMap, InputError, Rig
+from fringeworks.types import BoolMap, FloatMap, InputError, Rig, check_fields
 
 COARSE, DENSE = 8, 144
 """Points of a pixel at which a varying albedo is looked at: in all, and where those differ."""
@@ -51,20 +51,18 @@ class Optics:
     """Of the noise; equal seeds give equal frames."""
 
     def __post_init__(self) -> None:
-        expectations = {
-            "gamma": (self.gamma > 0, "> 0"),
-            "defocus_px": (self.defocus_px >= 0, ">= 0"),
-            "blur_px": (self.blur_px >= 0, ">= 0"),
-            "exposure": (self.exposure > 0, "> 0"),
-            "ambient": (self.ambient >= 0, ">= 0"),
-            "black": (0 <= self.black < 1, "0 to 1"),
-            "noise": (self.noise >= 0, ">= 0"),
-            "shot": (self.shot >= 0, ">= 0"),
-            "bits": (self.bits in (8, 10, 12, 16), "8, 10, 12 or 16"),
-        }
-        for name, (ok, expected) in expectations.items():
-            if not ok:
-                raise InputError(f"{name}: expected {expected}, got {getattr(self, name)}")
+        check_fields(
+            self,
+            gamma=(self.gamma > 0, "> 0"),
+            defocus_px=(self.defocus_px >= 0, ">= 0"),
+            blur_px=(self.blur_px >= 0, ">= 0"),
+            exposure=(self.exposure > 0, "> 0"),
+            ambient=(self.ambient >= 0, ">= 0"),
+            black=(0 <= self.black < 1, "0 to 1"),
+            noise=(self.noise >= 0, ">= 0"),
+            shot=(self.shot >= 0, ">= 0"),
+            bits=(self.bits in DEPTHS, f"one of {DEPTHS}"),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +203,7 @@ def _albedo(bodies: Sequence[Body], world: FloatMap, body: NDArray[np.int32]) ->
             rows, columns = (slice(c.min(), c.max() + 1) for c in np.nonzero(own))
             part = own[rows, columns]
             surface = np.zeros((*part.shape, 2))
-            surface[part] = item.shape.surface(item.local(world[rows, columns][part]))
+            surface[part] = item.local(world[rows, columns][part])[:, :2]
             albedo[rows, columns][part] = _mean_paint(item.albedo, surface)[part]
     return albedo
 
@@ -269,6 +267,10 @@ def photograph(
     ------
     (h, w) arrays, uint8, or uint16 for more than 8 bits.
 
+    Raises
+    ------
+    InputError for a plan that is smaller than the projector.
+
     Notes
     -----
     A projector pixel is a square of constant light v^γ; the lens blurs it by a Gaussian. The
@@ -281,6 +283,12 @@ def photograph(
     scale = top / 255.0
     reflected = optics.exposure * top * view.albedo
     sampler = _Projected(view, optics.defocus_px)
+    for lit, size in zip(sampler.places, (plan.width_px, plan.height_px), strict=True):
+        if lit.size and lit.max() > size:
+            raise InputError(
+                f"plan: expected one for the view's projector, got {plan.width_px} × "
+                f"{plan.height_px} px where light comes from beyond"
+            )
     bright = 2**plan.bits - 1
     for picture in encode(plan):
         sent = (picture / bright) ** optics.gamma
@@ -299,11 +307,10 @@ class _Projected:
     """Light at the pixels of a view for pictures of the projector."""
 
     def __init__(self, view: View, defocus_px: float) -> None:
-        self.pixel = view.projector_px
         self.shape = view.body.shape
         self.lit = np.flatnonzero(view.lit)
         self.defocus = defocus_px
-        self.places = [self.pixel[..., k].reshape(-1)[self.lit] for k in (0, 1)]
+        self.places = [view.projector_px[..., k].reshape(-1)[self.lit] for k in (0, 1)]
         self.lines: dict[int, tuple[NDArray[np.int32], NDArray[np.float32]]] = {}
 
     def __call__(self, picture: FloatMap) -> FloatMap:

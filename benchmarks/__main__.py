@@ -10,8 +10,8 @@ from pathlib import Path
 
 from benchmarks import decoding, inversion, phases, triangulation  # noqa: F401
 from benchmarks.harness import WORKS, Result
-from fringeworks.evaluate import to_json
-from fringeworks.files import write_text
+from fringeworks.files.atomic import write_text
+from fringeworks.report.tables import to_json
 
 
 def main() -> int:

@@ -12,14 +12,9 @@ from skimage.restoration import unwrap_phase
 
 from benchmarks.harness import Result, against, work
 from benchmarks.peers import cwt_fcwt_rows, cwt_scipy, fourier_scipy_rows, wff_scipy
-from fringeworks import (
-    unwrap,
-    wavelet_frequencies,
-    wavelet_ridge,
-    windowed_fourier_filter,
-)
-from fringeworks.analysis.bandpass import band_pass
-from fringeworks.denoise import decompose_rows
+from fringeworks import unwrap, wavelet_frequencies, wavelet_ridge, windowed_fourier_filter
+from fringeworks.pair.bandpass import band_pass
+from fringeworks.signal.denoise import decompose_rows
 
 TURN = 2.0 * np.pi
 

@@ -21,7 +21,7 @@ from fringeworks import (
     equal_steps,
     triangulate,
 )
-from fringeworks.geometry import look_at, project, rays, transform
+from fringeworks.rig.pinhole import look_at, project, rays, transform
 from fringeworks.types import CoordinateMap, FloatMap
 
 WIDTH, HEIGHT = 1920, 1200

@@ -45,7 +45,7 @@ def scene(name: str = "parabola", **settings: Any) -> Capture:
 
 def true_displacement(capture: Capture) -> np.ndarray:
     """The displacement that a simulated capture holds, px."""
-    from fringeworks.geometry import displacement_from_height
+    from fringeworks.pair.reference_plane import displacement_from_height
 
     assert capture.truth_mm is not None
     assert capture.geometry is not None

@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 
 from fringeworks import decode
-from fringeworks.analysis import texture
-from fringeworks.geometry import Board, observe, parse_board, pose, transform
-from fringeworks.geometry.bundle import Sighting
-from fringeworks.geometry.pinhole import project_with_derivatives
+from fringeworks.rig.calibration.board import Board, parse_board
+from fringeworks.rig.calibration.bundle import Sighting
+from fringeworks.rig.calibration.calibrate import observe
+from fringeworks.rig.pinhole import pose, project_with_derivatives, transform
 from fringeworks.simulate import (
     Body,
     Optics,
@@ -24,6 +24,7 @@ from fringeworks.simulate import (
     photograph,
     standard_rig,
 )
+from fringeworks.stack.even_light import texture
 from fringeworks.types import Rig
 
 SCALE = 0.5
@@ -72,7 +73,7 @@ def observations(count: int = 8, seed: int = 0):
 
 @lru_cache
 def calibrated():
-    from fringeworks.geometry import calibrate
+    from fringeworks.rig.calibration.calibrate import calibrate
 
     return calibrate(observations(), board())
 
@@ -108,7 +109,7 @@ def sighting(truth: Rig, target: Board, T, rng, *, corner=0.01, phase=0.004) -> 
 
 
 def ahead(body, x=0.0, y=0.0, z=500.0, turn=None, albedo=0.8) -> Body:
-    from fringeworks.geometry import rotation
+    from fringeworks.rig.pinhole import rotation
 
     R = np.eye(3) if turn is None else rotation(np.array(turn, float))
     return Body(body, pose(R, np.array([x, y, z])), albedo)

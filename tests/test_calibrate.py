@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError, PatternPlan, PhaseSteps, decode
-from fringeworks.analysis import texture
-from fringeworks.geometry import calibrate, diagnose, observe, pose, project, transform
-from fringeworks.geometry.bundle import adjust, board_bow
+from fringeworks.rig.calibration.bundle import adjust, board_bow
+from fringeworks.rig.calibration.calibrate import calibrate, observe
+from fringeworks.rig.calibration.diagnosis import diagnose
+from fringeworks.rig.pinhole import pose, project, transform
 from fringeworks.simulate import Optics, board_body, board_poses, fringe_plan
+from fringeworks.stack.even_light import texture
 from tests.rigs import (
     board,
     calibrated,

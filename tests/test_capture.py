@@ -9,7 +9,7 @@ import tifffile
 from PIL import Image
 
 from fringeworks import Capture, InputError, read_capture, read_pair, write_capture
-from fringeworks.files import read_frame, replacing, write_frame
+from fringeworks.files.atomic import read_frame, replacing, write_frame
 from tests.conftest import scene
 
 

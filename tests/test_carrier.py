@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fringeworks import Capture, InputError, analyse
-from fringeworks.carrier import find_carrier
+from fringeworks.pair.carrier import find_carrier
 
 
 def wave(fx, fy, shape=(200, 260), noise=0.0, seed=0):

@@ -12,9 +12,9 @@ import pytest
 import tifffile
 from PIL import Image
 
-from fringeworks.formats import read_npz
-from fringeworks.response import Response
-from fringeworks.response_file import write_response
+from fringeworks.files.response import write_response
+from fringeworks.files.surfaces import read_npz
+from fringeworks.signal.response import Response
 from tests.test_evaluate import KEYS
 
 

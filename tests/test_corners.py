@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError
-from fringeworks.geometry import find_board, parse_board, project, transform
+from fringeworks.rig.calibration.board import parse_board
+from fringeworks.rig.calibration.corners import find_board
+from fringeworks.rig.pinhole import project, transform
 from fringeworks.simulate import Optics, board_body
 from tests.rigs import board, poses, rig, shoot
 

@@ -17,8 +17,8 @@ from fringeworks import (
     encode,
     equal_steps,
 )
-from fringeworks.noise import noise_of_residuals
-from fringeworks.response import Response
+from fringeworks.signal.noise import noise_of_residuals
+from fringeworks.signal.response import Response
 from tests.oracles.phase_shift import decode_pixel
 from tests.stacks import guarded, multi, take
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from fringeworks import InputError, reconstruct
-from fringeworks.denoise import (
+from fringeworks.signal.denoise import (
     DENOISERS,
     decompose_frame,
     decompose_rows,

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from fringeworks import HeightMap, InputError, Reason, compare
-from fringeworks.evaluate import edge_band, errors, format_table
-from fringeworks.fits import fit_cone, fit_plane
+from fringeworks.evaluate.errors import edge_band, errors
+from fringeworks.report.tables import format_table
+from fringeworks.surface.map_fits import fit_cone, fit_plane
 
 
 def surface(values, sigma=1.0, unit="mm"):

@@ -11,8 +11,8 @@ import pytest
 import tifffile
 
 from fringeworks import HeightMap, InputError, Reason, write_surface
-from fringeworks.formats import WRITERS, read_npz
-from fringeworks.surface import points
+from fringeworks.files.surfaces import WRITERS, read_npz
+from fringeworks.surface.height_map import points
 
 
 @pytest.fixture

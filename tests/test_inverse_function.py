@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fringeworks import Capture, Reason, _core, analyse, reconstruct
-from fringeworks.analysis.inverse_function import find_extrema
-from fringeworks.evaluate import errors
-from fringeworks.response import estimate_gamma
+from fringeworks.evaluate.errors import errors
+from fringeworks.pair.methods.inverse_function import find_extrema
+from fringeworks.signal.response import estimate_gamma
 from tests.conftest import scene
 from tests.oracles import inverse_function as oracle
 

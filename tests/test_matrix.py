@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from fringeworks.evaluate import compare
-from fringeworks.matrix import best_methods, format_map
+from fringeworks.evaluate.best_method import best_methods, format_map
+from fringeworks.evaluate.errors import compare
 
 
 def row(method, error, **changes):

@@ -10,7 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fringeworks import Capture, InputError, Reason, analyse, methods, reconstruct
-from fringeworks.analysis import get_method, method
+from fringeworks.pair.analyse import get_method
+from fringeworks.pair.registry import method
 from tests.conftest import scene, true_displacement
 
 ALL = list(methods())
@@ -217,7 +218,7 @@ def test_unknown_method_and_option():
 
 
 def test_a_new_method_is_one_function(monkeypatch):
-    from fringeworks.analysis import registry
+    from fringeworks.pair import registry
 
     monkeypatch.setattr(registry, "_METHODS", dict(registry._METHODS))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fringeworks import Capture, Reason, analyse
-from fringeworks.analysis.order import compare_orders
+from fringeworks.pair.orders import compare_orders
 
 PERIOD = 20.0
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from fringeworks import Capture, InputError
-from fringeworks.analysis import prepare
-from fringeworks.analysis.pair import noise_variance
-from fringeworks.carrier import find_carrier
+from fringeworks.pair.carrier import find_carrier
+from fringeworks.pair.pair import noise_variance, prepare
 from tests.conftest import scene
 
 

@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError
-from fringeworks.geometry import inverse, look_at, pose, project, rays, rotation, transform
-from fringeworks.geometry.pinhole import project_with_derivatives, skew
+from fringeworks.rig.pinhole import (
+    inverse,
+    look_at,
+    pose,
+    project,
+    project_with_derivatives,
+    rays,
+    rotation,
+    skew,
+    transform,
+)
 from fringeworks.types import Pinhole
 
 DEVICE = Pinhole(640, 480, (700.0, 690.0), (320.0, 236.0), (-0.2, 0.1, 1e-3, -2e-3, 0.05))

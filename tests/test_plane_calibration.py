@@ -14,9 +14,18 @@ from fringeworks import (
     read_pair,
     reconstruct,
 )
-from fringeworks.files import write_frame
-from fringeworks.geometry import calibrate_pixels, calibrate_reference_plane, height_by_pixel
-from fringeworks.plane_file import read_geometry, read_pixels, write_geometry, write_pixels
+from fringeworks.files.atomic import write_frame
+from fringeworks.files.reference_plane import (
+    read_geometry,
+    read_pixels,
+    write_geometry,
+    write_pixels,
+)
+from fringeworks.pair.plane_calibration import (
+    calibrate_pixels,
+    calibrate_reference_plane,
+    height_by_pixel,
+)
 from fringeworks.simulate import PairSettings, capture_pair
 from fringeworks.types import PhaseMap
 from tests.test_cli import run

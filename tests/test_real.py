@@ -24,26 +24,23 @@ from fringeworks import (
     read_pair,
     reconstruct,
 )
-from fringeworks.analysis import prepare, texture
-from fringeworks.analysis.bandpass import band_pass
-from fringeworks.files import read_frame
-from fringeworks.fits import fit_cone, fit_plane
-from fringeworks.form import fit_form
-from fringeworks.geometry import (
-    calibrate,
-    diagnose,
-    observe,
-    parse_board,
-    pose_figures,
-    triangulate,
-)
-from fringeworks.response import (
+from fringeworks.files.atomic import read_frame
+from fringeworks.pair.bandpass import band_pass
+from fringeworks.pair.pair import prepare
+from fringeworks.rig.calibration.board import parse_board
+from fringeworks.rig.calibration.calibrate import calibrate, observe
+from fringeworks.rig.calibration.diagnosis import diagnose, pose_figures
+from fringeworks.rig.triangulate import triangulate
+from fringeworks.signal.response import (
     correct_phase,
     gamma_of_frames,
     measure_response,
     phase_of_steps,
     smooth_coordinate,
 )
+from fringeworks.stack.even_light import texture
+from fringeworks.surface.bodies import fit_form
+from fringeworks.surface.map_fits import fit_cone, fit_plane
 from fringeworks.types import count_reasons
 
 CENTRE = (252.0, 241.0)

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError, analyse
-from fringeworks.response import (
+from fringeworks.files.response import read_response, write_response
+from fringeworks.signal.phase_table import phase_table
+from fringeworks.signal.response import (
     apply_response,
     correct_phase,
     gamma_of_frames,
@@ -19,8 +21,6 @@ from fringeworks.response import (
     predistort,
     smooth_coordinate,
 )
-from fringeworks.response_file import read_response, write_response
-from fringeworks.response_table import phase_table
 from tests.conftest import scene
 
 PERIOD = 60.0

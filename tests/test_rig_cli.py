@@ -8,9 +8,9 @@ import shutil
 import numpy as np
 import pytest
 
-from fringeworks.rig_file import read_rig, write_rig
+from fringeworks.files.rig import read_rig, write_rig
+from fringeworks.files.stack import write_stack
 from fringeworks.simulate import Optics, Sphere, board_body
-from fringeworks.stack_file import write_stack
 from tests.rigs import ahead, board, poses, rig, shoot
 from tests.test_cli import run
 

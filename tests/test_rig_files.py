@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError, Reason
-from fringeworks.geometry import triangles, triangulate
-from fringeworks.point_files import read_cloud, read_points, write_points
-from fringeworks.rig_file import format_rig, read_rig, write_rig
+from fringeworks.files.points import read_cloud, read_points, write_points
+from fringeworks.files.rig import format_rig, read_rig, write_rig
+from fringeworks.rig.triangulate import triangulate
+from fringeworks.surface.cloud import triangles
 from tests.rigs import calibrated, rig, scene
 
 

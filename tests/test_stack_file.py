@@ -17,7 +17,7 @@ from fringeworks import (
     write_coordinates,
     write_plan,
 )
-from fringeworks.files import write_frame
+from fringeworks.files.atomic import write_frame
 from tests.stacks import guarded, multi, take
 from tests.test_cli import run
 

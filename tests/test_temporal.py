@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError
-from fringeworks.temporal import order_chain, repeat_distance, separation
+from fringeworks.patterns.order_chain import order_chain, repeat_distance, separation
 
 RANGE = (-0.5, 959.5)
 

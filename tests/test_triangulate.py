@@ -8,20 +8,11 @@ import numpy as np
 import pytest
 
 from fringeworks import CameraNoise, InputError, Reason, decode
-from fringeworks.form import fit_form
-from fringeworks.geometry import (
-    height_over_plane,
-    look_at,
-    normals,
-    pose,
-    project,
-    rays,
-    rotation,
-    transform,
-    triangles,
-    triangulate,
-)
+from fringeworks.rig.pinhole import look_at, pose, project, rays, rotation, transform
+from fringeworks.rig.triangulate import triangulate
 from fringeworks.simulate import Box, Optics, Plane, Sphere, look, truth_distance
+from fringeworks.surface.bodies import fit_form
+from fringeworks.surface.cloud import height_over_plane, normals, triangles
 from fringeworks.types import CoordinateMap, Decoded, Pinhole, Rig
 from tests.oracles.triangulation import point_of, sigma_of
 from tests.rigs import ahead, calibrated, rig, scene, shoot

@@ -10,8 +10,9 @@ import pytest
 from scipy import ndimage
 
 from fringeworks import InputError, Level, PatternPlan, PhaseSteps, decode, equal_steps, read_stack
-from fringeworks.geometry import inverse, pose, project, rays, rotation, transform
-from fringeworks.mesh_file import read_mesh
+from fringeworks.files.mesh import read_mesh
+from fringeworks.files.stack import write_stack
+from fringeworks.rig.pinhole import inverse, pose, project, rays, rotation, transform
 from fringeworks.simulate import (
     Body,
     Box,
@@ -28,7 +29,6 @@ from fringeworks.simulate import (
     photograph,
     standard_rig,
 )
-from fringeworks.stack_file import write_stack
 from fringeworks.types import Pinhole, Rig
 from tests.rigs import ahead, board, rig, shoot
 

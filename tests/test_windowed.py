@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 
 from fringeworks import Capture, InputError, Reason, _core, analyse, reconstruct
-from fringeworks.analysis import prepare
-from fringeworks.analysis.windowed import (
-    smooth_reference,
-    spline_coefficients,
-    start_field,
-)
-from fringeworks.evaluate import errors
+from fringeworks.evaluate.errors import errors
+from fringeworks.pair.methods.windowed import smooth_reference, spline_coefficients, start_field
+from fringeworks.pair.pair import prepare
 from tests.conftest import scene, true_displacement
 from tests.oracles import windowed as oracle
 
@@ -104,7 +100,7 @@ def test_noisy_scene_beats_fourier_by_half(fringes, gamma):
         pair = prepare(capture)
         found = {}
         for method in ("windowed", "fourier"):
-            from fringeworks.geometry import to_surface
+            from fringeworks.pair.reference_plane import to_surface
 
             surface = to_surface(analyse(pair, method), capture.geometry)
             found[method] = errors(surface, capture.truth_mm)

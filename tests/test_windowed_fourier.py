@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError, windowed_fourier_filter, windowed_fourier_ridge
-from fringeworks.analysis.lattice import Lattice
+from fringeworks.pair.lattice import Lattice
 from tests.oracles import windowed_fourier as oracle
 
 CURVATURE = 0.0018

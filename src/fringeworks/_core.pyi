@@ -21,9 +21,11 @@ __all__ = [
     "row_envelopes",
     "row_extrema",
     "unwrap_reliability",
+    "version",
     "wavelet_ridge_rows",
 ]
 optimised: bool
+version: str
 
 def invert_rows(
     reference: NDArray[np.float64],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import optimize
 
-from fringeworks.geometry import project, rays, transform
+from fringeworks.rig.pinhole import project, rays, transform
 from fringeworks.types import Rig
 
 
@@ -52,8 +52,8 @@ def sigma_of(rig: Rig, pixel, coordinate, sigma, covariance=None) -> tuple[float
 
 def moved(rig: Rig, k: int, step: float) -> Rig:
     """A rig with one of its 24 parameters changed."""
-    from fringeworks.geometry import pose, rotation
-    from fringeworks.geometry.bundle import pinhole_of
+    from fringeworks.rig.calibration.bundle import pinhole_of
+    from fringeworks.rig.pinhole import pose, rotation
 
     devices = [rig.camera, rig.projector]
     T = rig.T_projector_camera.copy()

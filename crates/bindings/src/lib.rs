@@ -51,6 +51,7 @@ mod _core {
 
     #[pymodule_init]
     fn init(m: &Bound<'_, PyModule>) -> PyResult<()> {
+        m.add("version", env!("CARGO_PKG_VERSION"))?;
         m.add("optimised", fringeworks::is_optimised())
     }
 }

@@ -8,17 +8,18 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from fringeworks.analysis import decode
-from fringeworks.capture import read_pair
 from fringeworks.cli.common import JsonFile, app, write_json
-from fringeworks.evaluate import to_json
-from fringeworks.geometry import calibrate_pixels, calibrate_reference_plane
-from fringeworks.patterns import GrayCode, Level, PatternPlan, PhaseSteps
+from fringeworks.files.capture import read_pair
+from fringeworks.files.reference_plane import write_geometry, write_pixels
+from fringeworks.files.response import write_response
+from fringeworks.files.stack import read_stack
+from fringeworks.pair.plane_calibration import calibrate_pixels, calibrate_reference_plane
+from fringeworks.patterns.plan import GrayCode, Level, PatternPlan, PhaseSteps
 from fringeworks.pipeline import reconstruct
-from fringeworks.plane_file import write_geometry, write_pixels
-from fringeworks.response import measure_response, smooth_coordinate
-from fringeworks.response_file import write_response
-from fringeworks.stack_file import Stack, read_stack
+from fringeworks.report.tables import to_json
+from fringeworks.signal.response import measure_response, smooth_coordinate
+from fringeworks.stack.decode import decode
+from fringeworks.stack.frames import Stack
 from fringeworks.types import FloatMap, InputError
 
 

@@ -13,8 +13,8 @@ import typer
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from fringeworks.denoise import Denoiser
-from fringeworks.files import write_text
+from fringeworks.files.atomic import write_text
+from fringeworks.signal.denoise import Denoiser
 from fringeworks.types import Axis, InputError
 
 app = typer.Typer(

@@ -8,7 +8,6 @@ from typing import Annotated
 
 import typer
 
-from fringeworks.analysis import get_method, methods
 from fringeworks.cli.common import (
     DenoiserName,
     Item,
@@ -19,9 +18,7 @@ from fringeworks.cli.common import (
     show_progress,
     write_json,
 )
-from fringeworks.evaluate import compare, format_table
-from fringeworks.files import write_text
-from fringeworks.matrix import (
+from fringeworks.evaluate.best_method import (
     FRINGES,
     GAMMAS,
     HEIGHT_MM,
@@ -32,6 +29,10 @@ from fringeworks.matrix import (
     best_methods,
     format_map,
 )
+from fringeworks.evaluate.errors import compare
+from fringeworks.files.atomic import write_text
+from fringeworks.pair.analyse import get_method, methods
+from fringeworks.report.tables import format_table
 from fringeworks.types import InputError
 
 
@@ -106,7 +107,7 @@ def compare_methods(
 def _show_map(cells: Sequence[Cell], figure: Path | None, *, quiet: bool) -> None:
     """The winners as a table, and every scene that ``windowed`` lost, with the reason."""
     if figure is not None:
-        from fringeworks import figures
+        from fringeworks.report import figures
 
         figures.save(figures.best_map("Method with the lowest mean error", cells), figure)
     if quiet:

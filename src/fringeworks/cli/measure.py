@@ -10,8 +10,6 @@ from typing import Annotated, Any
 
 import typer
 
-from fringeworks.analysis import get_method
-from fringeworks.capture import read_capture, read_pair
 from fringeworks.cli.common import (
     AxisName,
     DenoiserName,
@@ -24,15 +22,18 @@ from fringeworks.cli.common import (
     write_json,
 )
 from fringeworks.cli.rig import measure_points
-from fringeworks.evaluate import errors, to_json
-from fringeworks.files import read_frame
-from fringeworks.formats import WRITERS, check_surface_target, write_surface
+from fringeworks.evaluate.errors import errors
+from fringeworks.files.atomic import read_frame
+from fringeworks.files.capture import read_capture, read_pair
+from fringeworks.files.points import WRITERS as POINT_WRITERS
+from fringeworks.files.reference_plane import read_geometry, read_pixels
+from fringeworks.files.response import read_response
+from fringeworks.files.surfaces import WRITERS, check_surface_target, write_surface
+from fringeworks.pair.analyse import get_method
 from fringeworks.pipeline import reconstruct as run_reconstruct
-from fringeworks.pipeline import summary
-from fringeworks.plane_file import read_geometry, read_pixels
-from fringeworks.point_files import WRITERS as POINT_WRITERS
-from fringeworks.response import apply_response
-from fringeworks.response_file import read_response
+from fringeworks.report.summary import summary
+from fringeworks.report.tables import to_json
+from fringeworks.signal.response import apply_response
 from fringeworks.types import Capture, InputError, ReferencePlaneGeometry
 
 
@@ -231,7 +232,7 @@ def reconstruct(
     if out is not None:
         write_surface(out, result.surface, ply="mesh" if ply is Ply.mesh else "points")
     if figure is not None:
-        from fringeworks import figures
+        from fringeworks.report import figures
 
         figures.save(figures.surface_sheet(f"{method}", result.surface), figure)
     write_json(json_file, to_json(content))

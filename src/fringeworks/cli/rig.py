@@ -11,16 +11,18 @@ import numpy as np
 import typer
 
 from fringeworks.cli.common import JsonFile, app, failures, list_of, show_progress, write_json
-from fringeworks.evaluate import to_json
-from fringeworks.form import find_spheres, fit_form
-from fringeworks.form import report as form_report
-from fringeworks.geometry import parse_board
-from fringeworks.pipeline import calibrate_stacks, calibration_summary, points_summary
+from fringeworks.files.points import check_points_target, read_points, write_points
+from fringeworks.files.rig import check_rig_target, read_rig, write_rig
+from fringeworks.files.stack import read_stack
+from fringeworks.pipeline import calibrate_stacks
 from fringeworks.pipeline import reconstruct_points as run_points
-from fringeworks.point_files import check_points_target, read_points, write_points
-from fringeworks.response import Response
-from fringeworks.rig_file import check_rig_target, read_rig, write_rig
-from fringeworks.stack_file import Stack, read_stack
+from fringeworks.report.summary import calibration_summary, points_summary
+from fringeworks.report.tables import to_json
+from fringeworks.rig.calibration.board import parse_board
+from fringeworks.signal.response import Response
+from fringeworks.stack.frames import Stack
+from fringeworks.surface.bodies import find_spheres, fit_form
+from fringeworks.surface.bodies import report as form_report
 from fringeworks.types import Axis, InputError
 
 STACK_SUFFIXES = (".tif", ".tiff", ".npy", ".npz")
@@ -157,7 +159,7 @@ def measure_points(
     if out is not None:
         write_points(out, cloud, kind="mesh" if mesh else "points")
     if figure is not None:
-        from fringeworks import figures
+        from fringeworks.report import figures
 
         figures.save(figures.points_sheet(capture.name, cloud), figure)
     content = points_summary(cloud) | {"notes": [*stack.notes, *decoded.notes]}

@@ -11,12 +11,12 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from fringeworks.analysis import methods
-from fringeworks.capture import write_capture
 from fringeworks.cli.common import AxisName, JsonFile, Output, app, show_progress, write_json
-from fringeworks.evaluate import format_table
-from fringeworks.files import make_folder
-from fringeworks.simulate import standard_scene
+from fringeworks.files.atomic import make_folder
+from fringeworks.files.capture import write_capture
+from fringeworks.pair.analyse import methods
+from fringeworks.report.tables import format_table
+from fringeworks.simulate.scene import standard_scene
 from fringeworks.types import InputError
 
 
@@ -64,7 +64,7 @@ def paper(
     size: Annotated[int, typer.Option(help="Side of the frames, px.")] = 1000,
 ) -> None:
     """Make all figures of the dissertation's chapter 4, and its table of errors."""
-    from fringeworks.paper import write_paper
+    from fringeworks.showcase.dissertation import write_paper
 
     with show_progress() as progress:
         written = write_paper(out, size=size, progress=progress)
@@ -78,8 +78,8 @@ def demo(
     json_file: JsonFile = None,
 ) -> None:
     """Measure three objects by two frames, and three with a rig that is calibrated before."""
-    from fringeworks.demo import write_demo
-    from fringeworks.demo_rig import write_rig_demo
+    from fringeworks.showcase.demo import write_demo
+    from fringeworks.showcase.demo_rig import write_rig_demo
 
     make_folder(out)
     with show_progress() as progress:

@@ -11,23 +11,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from fringeworks.analysis import decode as run_decode
-from fringeworks.cli.common import (
-    JsonFile,
-    Output,
-    app,
-    failures,
-    show_progress,
-    write_json,
-)
-from fringeworks.coordinate_file import check_coordinate_target, write_coordinates
-from fringeworks.evaluate import to_json
-from fringeworks.pipeline import decoded_summary
-from fringeworks.plan_file import read_plan, write_patterns, write_plan
-from fringeworks.planner import Proposal, propose
-from fringeworks.response import check_devices
-from fringeworks.response_file import read_response
-from fringeworks.stack_file import read_stack
+from fringeworks.cli.common import JsonFile, Output, app, failures, show_progress, write_json
+from fringeworks.files.coordinates import check_coordinate_target, write_coordinates
+from fringeworks.files.plan import read_plan, write_patterns, write_plan
+from fringeworks.files.response import read_response
+from fringeworks.files.stack import read_stack
+from fringeworks.patterns.propose import Proposal, propose
+from fringeworks.report.summary import decoded_summary
+from fringeworks.report.tables import to_json
+from fringeworks.signal.response import check_devices
+from fringeworks.stack.decode import decode as run_decode
 from fringeworks.types import Axis, CameraNoise, InputError
 
 
@@ -194,7 +187,7 @@ def decode(
     if out is not None:
         write_coordinates(out, found)
     if figure is not None:
-        from fringeworks import figures
+        from fringeworks.report import figures
 
         figures.save(figures.coordinate_sheet(stack.name, found), figure)
     write_json(json_file, to_json(content))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.geometry import displacement_from_height
+from fringeworks.pair.reference_plane import displacement_from_height
 from fringeworks.types import (
     Axis,
     Capture,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fringeworks.geometry import Board, look_at, pose, rotation
-from fringeworks.patterns import PatternPlan, PhaseSteps, equal_steps
+from fringeworks.patterns.plan import PatternPlan, PhaseSteps, equal_steps
+from fringeworks.rig.calibration.board import Board
+from fringeworks.rig.pinhole import look_at, pose, rotation
 from fringeworks.simulate.bodies import Body, Box, Cylinder, Paraboloid, Plane, Sphere
 from fringeworks.types import FloatMap, Pinhole, Rig
 

@@ -1,0 +1,108 @@
+"""Which method is best where: a sweep over scenes, its winners, and why they win."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fringeworks.evaluate.errors import Row
+
+OBJECTS = ("parabola", "sphere", "cylinder", "cube")
+GAMMAS = (1.0, 2.2)
+NOISES = (0.0, 1.0, 4.0)
+SIZE = 500
+FRINGES = (5.0, 10.0, 20.0)
+"""Periods of 100, 50 and 25 px, as 10, 20 and 40 have on the standard scene."""
+HEIGHT_MM = 30.0
+"""Low enough that every cliff stays below half a period, beyond which no method can tell it."""
+TIE = 1.02
+"""Errors within this factor are the same."""
+CELL = ("object", "gamma", "noise", "bits", "fringes")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One scene of the sweep and who measured it best."""
+
+    scene: dict[str, Any]
+    best: str
+    error_mm: float
+    windowed_mm: float
+    """Mean error of ``windowed`` on the same scene; NaN where it did not run."""
+    why: str
+    """Why another method than ``windowed`` has the lowest error; empty where none has."""
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether the scene has noise or quantisation."""
+        return bool(self.scene["noise"] or self.scene["bits"])
+
+
+def best_methods(rows: Sequence[Row]) -> list[Cell]:
+    """The method with the lowest mean error in every scene of a comparison.
+
+    Parameters
+    ----------
+    rows : rows of ``compare``
+
+    Returns
+    -------
+    A cell per scene, in the order in which scenes first appear; ``windowed`` wins ties.
+    """
+    scenes: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        scenes.setdefault(tuple(row[key] for key in CELL), []).append(row)
+    cells = []
+    for key, entries in scenes.items():
+        best = min(entries, key=lambda row: row["mean_abs_error_mm"])
+        windowed = next((row for row in entries if row["method"] == "windowed"), None)
+        why = ""
+        if windowed is not None and best is not windowed:
+            if windowed["mean_abs_error_mm"] <= TIE * best["mean_abs_error_mm"]:
+                best = windowed
+            else:
+                why = _why(best, windowed)
+        cells.append(
+            Cell(
+                scene=dict(zip(CELL, key, strict=True)),
+                best=best["method"],
+                error_mm=best["mean_abs_error_mm"],
+                windowed_mm=windowed["mean_abs_error_mm"] if windowed else float("nan"),
+                why=why,
+            )
+        )
+    return cells
+
+
+def _why(best: Row, windowed: Row) -> str:
+    """What tells the winner from ``windowed``, by their own figures."""
+    if not best["noise"] and not best["bits"]:
+        return "ideal frames: a row method needs no window"
+    unmeasured = best["failed_fraction"] - windowed["failed_fraction"]
+    if unmeasured > 0.01:
+        return f"it leaves {unmeasured:.1%} more unmeasured"
+    inner, own_inner = (row["inner_mean_abs_error_mm"] for row in (best, windowed))
+    if np.isfinite(best["edge_mean_abs_error_mm"]):
+        off = f"{inner:.2g} against {own_inner:.2g} mm more than 5 px off them"
+        return f"cliffs: windows reach across them ({off})"
+    if not best["noise"]:
+        return "rounding without noise repeats along the fringes: windows do not average it"
+    return f"errs less all over, s.d. {best['std_error_mm']:.2g} against " + (
+        f"{windowed['std_error_mm']:.2g} mm"
+    )
+
+
+def format_map(cells: Sequence[Cell]) -> list[Row]:
+    """The map as rows: a line per object, γ, noise and quantisation, a column per fringes."""
+    columns = sorted({cell.scene["fringes"] for cell in cells})
+    lines: dict[tuple[Any, ...], Row] = {}
+    for cell in cells:
+        key = tuple(cell.scene[name] for name in CELL[:-1])
+        line = lines.setdefault(key, dict(zip(CELL[:-1], key, strict=True)))
+        for f in columns:
+            line.setdefault(f"{f:g} fringes", "–")
+        line[f"{cell.scene['fringes']:g} fringes"] = f"{cell.best} {cell.error_mm:.3g}"
+    return list(lines.values())

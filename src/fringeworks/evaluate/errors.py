@@ -1,0 +1,164 @@
+"""Errors against a known truth, and tables that compare methods."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from fringeworks.pipeline import Reconstruction, reconstruct
+from fringeworks.signal.denoise import Denoiser
+from fringeworks.simulate.scene import standard_scene
+from fringeworks.types import BoolMap, FloatMap, HeightMap, InputError, Reason
+
+EDGE_BAND_PX = 5
+"""Pixels to either side of a cliff whose errors are stated separately."""
+EDGE_SLOPE = 2.0
+"""Neighbours that differ by more than this (mm per mm) make a cliff."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a surface, mm; over measured pixels only, with the share that failed."""
+
+    mean_abs_error_mm: float
+    mean_error_mm: float
+    std_error_mm: float
+    max_abs_error_mm: float
+    failed_fraction: float
+    edge_mean_abs_error_mm: float
+    """Mean absolute error within 5 px of a cliff; NaN where there is none."""
+    inner_mean_abs_error_mm: float
+    """… and outside that band."""
+    within_1_sigma: float
+    """Share of errors no larger than the stated σ; 0.683 where σ is right and errors are normal."""
+    within_2_sigma: float
+
+
+def error_map(surface: HeightMap, truth_mm: FloatMap) -> FloatMap:
+    """Measured minus true height, (h, w), mm; NaN where not measured."""
+    if surface.unit != "mm":
+        raise InputError("errors: expected heights in mm, got displacements in px")
+    if surface.values.shape != truth_mm.shape:
+        raise InputError(f"truth: expected shape {surface.values.shape}, got {truth_mm.shape}")
+    return surface.values - truth_mm
+
+
+def edge_band(truth_mm: FloatMap, pitch: float, width_px: int = EDGE_BAND_PX) -> BoolMap:
+    """True within ``width_px`` of a cliff of the true surface, (h, w)."""
+    high = ndimage.maximum_filter(truth_mm, 2) - ndimage.minimum_filter(truth_mm, 2)
+    cliff = high > EDGE_SLOPE * pitch
+    if not cliff.any():
+        return np.zeros(truth_mm.shape, bool)
+    return np.asarray(ndimage.distance_transform_cdt(~cliff, "chessboard") <= width_px)
+
+
+def errors(surface: HeightMap, truth_mm: FloatMap) -> Errors:
+    """Figures of the errors of a surface against the truth.
+
+    Parameters
+    ----------
+    surface : HeightMap in mm
+    truth_mm : (h, w) float array
+
+    Raises
+    ------
+    InputError where the surface is in px, shapes differ or no pixel was measured.
+    """
+    difference = error_map(surface, truth_mm)
+    valid = np.isfinite(difference)
+    if not valid.any():
+        raise InputError("errors: expected at least one measured pixel, got none")
+    band = edge_band(truth_mm, surface.pitch)
+    e = difference[valid]
+    ratio = np.abs(e) / surface.sigma[valid]
+
+    def mean_abs(where: BoolMap) -> float:
+        chosen = difference[valid & where]
+        return float(np.abs(chosen).mean()) if chosen.size else float("nan")
+
+    return Errors(
+        mean_abs_error_mm=float(np.abs(e).mean()),
+        mean_error_mm=float(e.mean()),
+        std_error_mm=float(e.std()),
+        max_abs_error_mm=float(np.abs(e).max()),
+        failed_fraction=float(np.mean(~valid[surface.reason != Reason.MASKED])),
+        edge_mean_abs_error_mm=mean_abs(band),
+        inner_mean_abs_error_mm=mean_abs(~band),
+        within_1_sigma=float(np.mean(ratio <= 1.0)),
+        within_2_sigma=float(np.mean(ratio <= 2.0)),
+    )
+
+
+Row = dict[str, Any]
+
+
+def compare(
+    objects: Sequence[str],
+    methods: Sequence[str],
+    *,
+    gammas: Sequence[float] = (1.0,),
+    noises: Sequence[float] = (0.0,),
+    bits: Sequence[int] = (0,),
+    fringes: Sequence[float] = (10.0,),
+    height_mm: float = 100.0,
+    size: int = 1000,
+    seed: int = 0,
+    denoise: Denoiser | None = None,
+    on_result: Callable[[Row, Reconstruction], None] | None = None,
+) -> list[Row]:
+    """Run methods on standard scenes, every combination once.
+
+    Parameters
+    ----------
+    objects, methods : names
+    gammas, noises, bits, fringes : values to combine; noise in counts of 8 bit
+    height_mm, size, seed : of the standard scene
+    denoise : applied to both frames before every method
+    on_result : called with each row and its reconstruction, for progress and figures
+
+    Returns
+    -------
+    List of rows with the keys object, method, gamma, noise, bits, fringes, the fields of
+    ``Errors`` and seconds.
+    """
+    rows: list[Row] = []
+    cells = [
+        (name, g, n, b, f)
+        for name in objects
+        for g in gammas
+        for n in noises
+        for b in bits
+        for f in fringes
+    ]
+    for name, gamma, noise, depth, f0 in cells:
+        scene = standard_scene(
+            name,
+            size=size,
+            height_mm=height_mm,
+            gamma=gamma,
+            noise=noise,
+            bits=depth,
+            fringes=f0,
+            seed=seed,
+        )
+        assert scene.truth_mm is not None
+        for method in methods:
+            result = reconstruct(scene, method, denoise=denoise)
+            row: Row = {
+                "object": name,
+                "method": method,
+                "gamma": gamma,
+                "noise": noise,
+                "bits": depth,
+                "fringes": f0,
+                **asdict(errors(result.surface, scene.truth_mm)),
+                "seconds": result.seconds,
+            }
+            rows.append(row)
+            if on_result:
+                on_result(row, result)
+    return rows

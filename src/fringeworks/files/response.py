@@ -1,0 +1,83 @@
+"""A measured response on disk: a small TOML file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tomli_w
+from pydantic import Field
+
+from fringeworks.files.atomic import write_text
+from fringeworks.files.toml import Section, read_toml
+from fringeworks.signal.phase_table import BINS
+from fringeworks.signal.response import Response
+from fringeworks.types import InputError
+
+
+class ResponseFile(Section):
+    """The whole of a response file; unknown keys are refused."""
+
+    kind: Literal["response"]
+    camera: str = Field(min_length=1)
+    projector: str = Field(min_length=1)
+    gamma: float = Field(gt=0)
+    steps: int = Field(ge=3)
+    pattern_exponent: float = Field(gt=0)
+    residual_rad: float = Field(ge=0)
+    offset_rad: float = 0.0
+    brightness: list[float] = Field(min_length=1)
+    table_rad: list[Annotated[list[float], Field(min_length=BINS, max_length=BINS)]] = Field(
+        min_length=1
+    )
+
+
+def write_response(path: Path, response: Response) -> Path:
+    """Write a response as TOML, whole or not at all."""
+    content = {
+        "kind": "response",
+        "camera": response.camera,
+        "projector": response.projector,
+        "gamma": float(response.gamma),
+        "steps": int(response.steps),
+        "pattern_exponent": float(response.pattern_exponent),
+        "residual_rad": float(response.residual_rad),
+        "offset_rad": float(response.offset_rad),
+        "brightness": [round(float(v), 3) for v in response.brightness],
+        "table_rad": [[round(float(v), 7) for v in row] for row in response.table_rad],
+    }
+    write_text(path, tomli_w.dumps(content))
+    return path
+
+
+def read_response(path: Path) -> Response:
+    """Read a response.
+
+    Raises
+    ------
+    InputError where there is no such file, or it is no response.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: expected a response file, got no such file")
+    content = read_toml(path, ResponseFile)
+    if not np.isfinite(content.table_rad).all() or not np.isfinite(content.gamma):
+        raise InputError(f"{path}: expected finite values, got NaN or infinity")
+    rising = np.all(np.diff(content.brightness) > 0)
+    if len(content.brightness) != len(content.table_rad) or not rising:
+        raise InputError(
+            f"{path}: expected a rising brightness for each of {len(content.table_rad)} tables, "
+            f"got {content.brightness}"
+        )
+    return Response(
+        camera=content.camera,
+        projector=content.projector,
+        gamma=content.gamma,
+        steps=content.steps,
+        pattern_exponent=content.pattern_exponent,
+        table_rad=np.asarray(content.table_rad),
+        brightness=tuple(content.brightness),
+        residual_rad=content.residual_rad,
+        offset_rad=content.offset_rad,
+    )

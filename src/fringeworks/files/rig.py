@@ -1,0 +1,266 @@
+"""Calibrated rigs on disk: a TOML file to read, and OpenCV's XML and YAML to exchange."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import tomli_w
+from pydantic import Field
+
+from fringeworks.files.atomic import check_target, write_text
+from fringeworks.files.toml import Section, read_toml
+from fringeworks.types import RIG_PARAMETERS, FloatMap, InputError, Pinhole, Rig
+
+OPENCV_SUFFIXES = (".xml", ".yml", ".yaml")
+TOML_SUFFIX = ".toml"
+HEADER = """\
+# A calibrated camera and projector (fringeworks).
+# Pixels: centres on integers. Distortion: Brown's k1, k2, p1, p2, k3, in OpenCV's order.
+# T_projector_camera maps camera coordinates (x right, y down, z forward; mm) to the projector's.
+# [uncertainty]: standard deviations in px, 1, rad (a turn of the projector's coordinates about
+# their axes) and mm, and how they hang together.
+"""
+NAMES = {
+    "camera_matrix": ("camera_matrix", "cam_int", "cam_K", "K1", "M1", "cameraMatrix1"),
+    "camera_distortion": ("camera_distortion", "cam_dist", "cam_kc", "D1", "distCoeffs1"),
+    "projector_matrix": ("projector_matrix", "proj_int", "proj_K", "K2", "M2", "cameraMatrix2"),
+    "projector_distortion": ("projector_distortion", "proj_dist", "proj_kc", "D2", "distCoeffs2"),
+    "rotation": ("rotation", "R", "roration"),
+    "translation": ("translation", "T"),
+}
+"""Names of OpenCV files: ours first, then those of other programs and of OpenCV's samples."""
+
+
+class DeviceSection(Section):
+    """``[camera]`` and ``[projector]``."""
+
+    size_px: tuple[int, int]
+    """Columns and rows."""
+    focal_px: tuple[float, float]
+    principal_px: tuple[float, float]
+    distortion: tuple[float, float, float, float, float]
+    residual_px: float = Field(default=0.0, ge=0)
+    """Root mean square reprojection residual of the calibration."""
+
+
+class PoseSection(Section):
+    """``[T_projector_camera]``."""
+
+    rotation: tuple[
+        tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]
+    ]
+    translation_mm: tuple[float, float, float]
+
+
+class UncertaintySection(Section):
+    """``[uncertainty]``: of the parameters in the order of ``parameters``."""
+
+    parameters: list[str]
+    sigma: list[float]
+    correlation: list[list[float]]
+
+
+class RigFile(Section):
+    """The whole of a rig file; unknown keys are refused."""
+
+    kind: Literal["rig"]
+    camera: DeviceSection
+    projector: DeviceSection
+    T_projector_camera: PoseSection
+    uncertainty: UncertaintySection | None = None
+
+
+def write_rig(path: Path, rig: Rig) -> Path:
+    """Write a rig, whole or not at all: ``.toml``, or ``.xml``/``.yml``/``.yaml`` for OpenCV.
+
+    OpenCV's files have no covariance.
+
+    Raises
+    ------
+    InputError for another suffix, and where the folder cannot be written to.
+    """
+    path = Path(path)
+    check_rig_target(path)
+    write_text(path, format_rig(rig) if path.suffix.lower() == TOML_SUFFIX else _opencv(path, rig))
+    return path
+
+
+def check_rig_target(path: Path) -> None:
+    """``files.check_target`` for the kinds that are written here."""
+    check_target(path, (TOML_SUFFIX, *OPENCV_SUFFIXES))
+
+
+def read_rig(path: Path, *, projector_size: tuple[int, int] | None = None) -> Rig:
+    """Read a rig that ``write_rig`` or OpenCV wrote.
+
+    Parameters
+    ----------
+    path : Path
+        ``.toml``, or ``.xml``, ``.yml``, ``.yaml`` of OpenCV.
+    projector_size : (columns, rows), optional
+        For files of OpenCV that do not say it.
+
+    Raises
+    ------
+    InputError for a missing or damaged file, naming what is wrong in it.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: expected a rig file, got no such file")
+    try:
+        if path.suffix.lower() in OPENCV_SUFFIXES:
+            return _from_opencv(path, projector_size)
+        return _from_toml(read_toml(path, RigFile))
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if str(path) in text else f"{path}: {text}") from error
+
+
+def format_rig(rig: Rig) -> str:
+    """A rig as TOML."""
+    content: dict[str, Any] = {"kind": "rig"}
+    for name, device, residual in (
+        ("camera", rig.camera, rig.residual_px[0]),
+        ("projector", rig.projector, rig.residual_px[1]),
+    ):
+        content[name] = {
+            "size_px": [device.width_px, device.height_px],
+            "focal_px": _floats(device.focal_px),
+            "principal_px": _floats(device.principal_px),
+            "distortion": _floats(device.distortion),
+            "residual_px": float(residual),
+        }
+    T = rig.T_projector_camera
+    content["T_projector_camera"] = {
+        "rotation": [_floats(row) for row in T[:3, :3]],
+        "translation_mm": _floats(T[:3, 3]),
+    }
+    if rig.covariance is not None:
+        sigma = np.sqrt(np.diag(rig.covariance))
+        safe = np.where(sigma > 0, sigma, 1.0)
+        correlation = rig.covariance / np.outer(safe, safe)
+        content["uncertainty"] = {
+            "parameters": list(RIG_PARAMETERS),
+            "sigma": _floats(sigma),
+            "correlation": [[round(float(c), 12) for c in row] for row in correlation],
+        }
+    # A line for each row of numbers.
+    rows = re.compile(r"\[\s*((?:[^][,\"]+,\s*)+)\]")
+    return HEADER + rows.sub(
+        lambda row: f"[{', '.join(part.strip() for part in row[1].split(',') if part.strip())}]",
+        tomli_w.dumps(content),
+    )
+
+
+def _floats(values: Any) -> list[float]:
+    return [float(v) for v in values]
+
+
+def _from_toml(content: RigFile) -> Rig:
+    devices = [
+        Pinhole(*d.size_px, d.focal_px, d.principal_px, d.distortion)
+        for d in (content.camera, content.projector)
+    ]
+    T = np.eye(4)
+    T[:3, :3] = content.T_projector_camera.rotation
+    T[:3, 3] = content.T_projector_camera.translation_mm
+    covariance = None
+    if content.uncertainty is not None:
+        u = content.uncertainty
+        if tuple(u.parameters) != RIG_PARAMETERS:
+            raise InputError(
+                f"uncertainty.parameters: expected {', '.join(RIG_PARAMETERS)}, in this order"
+            )
+        n = len(RIG_PARAMETERS)
+        if len(u.sigma) != n or [len(row) for row in u.correlation] != [n] * n:
+            raise InputError(f"uncertainty: expected {n} sigmas and {n} × {n} correlations")
+        sigma = np.array(u.sigma)
+        if not (np.isfinite(sigma).all() and (sigma >= 0).all()):
+            raise InputError("uncertainty.sigma: expected values >= 0")
+        covariance = np.array(u.correlation) * np.outer(sigma, sigma)
+    residual = (content.camera.residual_px, content.projector.residual_px)
+    return Rig(devices[0], devices[1], T, covariance, residual)
+
+
+def _opencv(path: Path, rig: Rig) -> str:
+    kind = (
+        cv2.FILE_STORAGE_FORMAT_XML
+        if path.suffix.lower() == ".xml"
+        else (cv2.FILE_STORAGE_FORMAT_YAML)
+    )
+    storage = cv2.FileStorage("", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | kind)
+    for name, device in (("camera", rig.camera), ("projector", rig.projector)):
+        storage.write(f"{name}_size", np.array([[device.width_px, device.height_px]], np.int32))
+        storage.write(f"{name}_matrix", _matrix(device))
+        storage.write(f"{name}_distortion", np.array([device.distortion]))
+    storage.write("rotation", rig.T_projector_camera[:3, :3].copy())
+    storage.write("translation", rig.T_projector_camera[:3, 3:].copy())
+    return str(storage.releaseAndGetString())
+
+
+def _matrix(device: Pinhole) -> FloatMap:
+    K = np.eye(3)
+    K[[0, 1], [0, 1]] = device.focal_px
+    K[:2, 2] = device.principal_px
+    return K
+
+
+def _from_opencv(path: Path, projector_size: tuple[int, int] | None) -> Rig:
+    try:
+        storage = cv2.FileStorage(
+            path.read_text("utf-8"), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
+        )
+    except (cv2.error, SystemError, UnicodeDecodeError) as error:
+        raise InputError("expected XML or YAML of OpenCV's FileStorage, got none") from error
+    found: dict[str, FloatMap] = {}
+    for name, known in NAMES.items():
+        nodes = [storage.getNode(k) for k in known]
+        values = [n.mat() for n in nodes if not n.empty() and n.isMap()]
+        if not values or values[0] is None:
+            raise InputError(f"missing matrix {name} (or {', '.join(known[1:])})")
+        found[name] = np.asarray(values[0], np.float64)
+    shapes = {"camera_matrix": 9, "projector_matrix": 9, "rotation": 9, "translation": 3}
+    for name, size in shapes.items():
+        if found[name].size != size:
+            raise InputError(f"{name}: expected {size} values, got {found[name].size}")
+    devices = []
+    for name in ("camera", "projector"):
+        K, d = found[f"{name}_matrix"].reshape(3, 3), found[f"{name}_distortion"].ravel()
+        if d.size > 5 and np.any(d[5:]):
+            raise InputError(
+                f"{name}_distortion: expected five coefficients or fewer, got {d.size}"
+            )
+        k = np.zeros(5)
+        k[: min(5, d.size)] = d[:5]
+        frame = _size_of(storage, name) or (projector_size if name == "projector" else None)
+        if frame is None:
+            raise InputError(f"missing {name}_size: columns and rows of the {name}")
+        devices.append(
+            Pinhole(
+                *frame,
+                (float(K[0, 0]), float(K[1, 1])),
+                (float(K[0, 2]), float(K[1, 2])),
+                (float(k[0]), float(k[1]), float(k[2]), float(k[3]), float(k[4])),
+            )
+        )
+    T = np.eye(4)
+    u, _, v = np.linalg.svd(found["rotation"].reshape(3, 3))
+    T[:3, :3], T[:3, 3] = u @ v, found["translation"].ravel()
+    return Rig(devices[0], devices[1], T)
+
+
+def _size_of(storage: Any, name: str) -> tuple[int, int] | None:
+    """Columns and rows; files of other programs have rows and columns of the camera at most."""
+    node = storage.getNode(f"{name}_size")
+    if not node.empty():
+        columns, rows = (int(n) for n in node.mat().ravel()[:2])
+        return columns, rows
+    node = storage.getNode("img_shape")
+    if name == "camera" and not node.empty():
+        height, width = (int(n) for n in node.mat().ravel()[:2])
+        return width, height
+    return None

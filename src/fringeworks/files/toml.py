@@ -1,0 +1,40 @@
+"""TOML files, checked against a description of their content."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from fringeworks.types import InputError
+
+
+class Section(BaseModel):
+    """A table of a TOML file; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+Content = TypeVar("Content", bound=BaseModel)
+
+
+def read_toml(path: Path, kind: type[Content]) -> Content:
+    """The content of a TOML file; ``InputError`` names the file and its first fault."""
+    try:
+        return kind.model_validate(tomllib.loads(path.read_text("utf-8")))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: expected TOML, got: {error}") from error
+    except ValidationError as error:
+        raise InputError(f"{path}: {_first_fault(error)}") from error
+
+
+def _first_fault(error: ValidationError) -> str:
+    fault = error.errors()[0]
+    where = ".".join(str(part) for part in fault["loc"])
+    if fault["type"] == "extra_forbidden":
+        return f"unknown key {where}"
+    if fault["type"] == "missing":
+        return f"missing key {where}"
+    return f"{where}: {fault['msg']}, got {fault['input']!r}"

@@ -1,0 +1,1 @@
+"""What the projector shows: plans of shifted fringes and Gray code, and their pictures."""

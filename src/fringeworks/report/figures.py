@@ -1,0 +1,299 @@
+"""Pictures of rows, frames, surfaces and errors, each a matplotlib ``Figure``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from fringeworks.files.atomic import replacing
+from fringeworks.pair.methods.inverse_function import Extrema
+from fringeworks.surface.cloud import normals
+from fringeworks.types import ByteMap, Decoded, FloatMap, HeightMap, PointCloud, Reason
+
+DPI = 110
+MAX_SURFACE_POINTS = 160
+"""Mesh lines per side in perspective views; more is slow and looks no better."""
+UNMEASURED = "#b0b0b0"
+
+
+def save(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG, whole or not at all."""
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=DPI, format="png")
+    return path
+
+
+def _axes(title: str, size: tuple[float, float] = (7.0, 4.2)) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_title(title)
+    return figure, axes
+
+
+def rows(
+    title: str, curves: Mapping[str, FloatMap], *, y_label: str = "intensity / counts"
+) -> Figure:
+    """One or more rows over the sample number."""
+    figure, axes = _axes(title)
+    for label, values in curves.items():
+        axes.plot(np.arange(len(values)), values, label=label, linewidth=1.2)
+    axes.set_xlabel("x / px")
+    axes.set_ylabel(y_label)
+    if len(curves) > 1:
+        axes.legend(loc="upper right")
+    return figure
+
+
+def rows_with_extrema(title: str, curves: Mapping[str, tuple[FloatMap, Extrema]]) -> Figure:
+    """Rows with their turning points marked."""
+    figure, axes = _axes(title, (9.0, 4.2))
+    for label, (values, extrema) in curves.items():
+        (line,) = axes.plot(np.arange(len(values)), values, label=label, linewidth=1.0)
+        axes.plot(extrema.position_px, extrema.value, "o", color=line.get_color(), markersize=5)
+    axes.set_xlabel("x / px")
+    axes.set_ylabel("intensity / counts")
+    axes.legend(loc="upper right")
+    return figure
+
+
+def monotone_part(title: str, parts: Mapping[str, tuple[FloatMap, FloatMap]]) -> Figure:
+    """Position over intensity of one monotone part: the inverse functions."""
+    figure, axes = _axes(title, (6.0, 4.6))
+    for label, (intensity, position) in parts.items():
+        axes.plot(intensity, position, ".-", label=label, linewidth=1.0)
+    axes.set_xlabel("intensity / counts")
+    axes.set_ylabel("x / px")
+    axes.legend()
+    return figure
+
+
+def frame(title: str, values: FloatMap) -> Figure:
+    """A fringe frame in grey."""
+    figure, axes = _axes(title, (5.6, 5.0))
+    picture = axes.imshow(values, cmap="gray", interpolation="nearest")
+    axes.set_xlabel("x / px")
+    axes.set_ylabel("y / px")
+    figure.colorbar(picture, ax=axes, label="counts", shrink=0.85)
+    return figure
+
+
+def _perspective(axes: Axes3D, values: FloatMap, pitch: float, unit: str) -> None:
+    step = max(1, int(np.ceil(max(values.shape) / MAX_SURFACE_POINTS)))
+    z = values[::step, ::step]
+    rows_, columns = z.shape
+    x, y = np.meshgrid(np.arange(columns) * step * pitch, np.arange(rows_) * step * pitch)
+    finite = z[np.isfinite(z)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    axes.plot_surface(x, y, z, cmap="viridis", rcount=len(z), ccount=len(z), linewidth=0)
+    axes.set_zlim(min(low, 0.0), max(high, 1e-6))
+    axes.invert_yaxis()
+    axes.set_xlabel(f"x / {unit}")
+    axes.set_ylabel(f"y / {unit}")
+    axes.set_zlabel(unit)
+    axes.view_init(elev=35, azim=-60)
+
+
+def perspective(title: str, values: FloatMap, *, pitch: float = 1.0, unit: str = "mm") -> Figure:
+    """A surface in perspective."""
+    figure = Figure(figsize=(7.0, 5.2), layout="constrained")
+    axes = figure.add_subplot(projection="3d")
+    assert isinstance(axes, Axes3D)
+    axes.set_title(title)
+    _perspective(axes, values, pitch, unit)
+    return figure
+
+
+def _map(
+    axes: Axes, values: FloatMap, *, limits: tuple[float, float], colours: str, label: str
+) -> None:
+    axes.set_facecolor(UNMEASURED)
+    picture = axes.imshow(
+        values, cmap=colours, vmin=limits[0], vmax=limits[1], interpolation="nearest"
+    )
+    axes.set_xticks([])
+    axes.set_yticks([])
+    axes.figure.colorbar(picture, ax=axes, label=label, shrink=0.85, extend="both")
+
+
+def spread(values: Sequence[FloatMap], share: float = 99.0) -> float:
+    """A range that shows most of all maps: the largest of their absolute percentiles."""
+    found = [np.nanpercentile(np.abs(v), share) for v in values if np.isfinite(v).any()]
+    return max([float(f) for f in found if f > 0], default=1e-6)
+
+
+def error_maps(title: str, maps: Mapping[str, FloatMap], *, absolute: bool = False) -> Figure:
+    """Error maps side by side, each with a scale of its own."""
+    columns = min(3, len(maps))
+    lines = int(np.ceil(len(maps) / columns))
+    figure = Figure(figsize=(4.4 * columns, 3.9 * lines + 0.3), layout="constrained")
+    figure.suptitle(title)
+    for k, (label, values) in enumerate(maps.items()):
+        axes = figure.add_subplot(lines, columns, k + 1)
+        axes.set_title(label)
+        limit = spread([values])
+        if absolute:
+            shown, limits, colours = np.abs(values), (0.0, limit), "magma"
+        else:
+            shown, limits, colours = values, (-limit, limit), "coolwarm"
+        _map(axes, shown, limits=limits, colours=colours, label="mm")
+    return figure
+
+
+def surface_sheet(title: str, surface: HeightMap) -> Figure:
+    """Values, error bar and reasons of a surface on one sheet."""
+    figure = Figure(figsize=(15.0, 4.8), layout="constrained")
+    figure.suptitle(title)
+    values_axes = figure.add_subplot(1, 3, 1)
+    values_axes.set_title(surface.quantity)
+    finite = surface.values[np.isfinite(surface.values)]
+    low, high = np.percentile(finite, (0.2, 99.8)) if finite.size else (0.0, 1.0)
+    _map(values_axes, surface.values, limits=(low, high), colours="viridis", label=surface.unit)
+    sigma_axes = figure.add_subplot(1, 3, 2)
+    sigma_axes.set_title("σ")
+    _map(
+        sigma_axes,
+        surface.sigma,
+        limits=(0.0, spread([surface.sigma], 98.0)),
+        colours="magma",
+        label=surface.unit,
+    )
+    _reasons(figure.add_subplot(1, 3, 3), surface.reason, surface.failed_fraction)
+    return figure
+
+
+def coordinate_sheet(title: str, decoded: Decoded) -> Figure:
+    """Coordinate, error bar, modulation and reasons of every axis on one sheet."""
+    figure = Figure(figsize=(18.0, 4.2 * len(decoded.maps) + 0.4), layout="constrained")
+    figure.suptitle(title)
+    for line, (axis, found) in enumerate(decoded.maps.items()):
+        places = [figure.add_subplot(len(decoded.maps), 4, 4 * line + k) for k in (1, 2, 3, 4)]
+        shown = found.coordinate_px
+        finite = shown[np.isfinite(shown)]
+        low, high = np.percentile(finite, (0.2, 99.8)) if finite.size else (0.0, 1.0)
+        places[0].set_title(f"projector coordinate {axis}")
+        _map(places[0], shown, limits=(low, high), colours="viridis", label="px")
+        places[1].set_title("σ")
+        top = spread([found.sigma_px], 98.0)
+        _map(places[1], found.sigma_px, limits=(0.0, top), colours="magma", label="px")
+        places[2].set_title("modulation")
+        top = spread([found.modulation], 99.5)
+        _map(places[2], found.modulation, limits=(0.0, top), colours="gray", label="counts")
+        _reasons(places[3], found.reason, found.failed_fraction)
+    return figure
+
+
+def points_sheet(title: str, cloud: PointCloud) -> Figure:
+    """Depth, slope of light, error bar and reasons of a point cloud on one sheet."""
+    figure = Figure(figsize=(18.0, 4.4), layout="constrained")
+    figure.suptitle(title)
+    places = [figure.add_subplot(1, 4, k) for k in (1, 2, 3, 4)]
+    depth = cloud.xyz_mm[..., 2]
+    finite = depth[np.isfinite(depth)]
+    low, high = np.percentile(finite, (0.2, 99.8)) if finite.size else (0.0, 1.0)
+    places[0].set_title("z")
+    _map(places[0], depth, limits=(low, high), colours="viridis_r", label="mm")
+    places[1].set_title("shaded by its normals")
+    light = normals(cloud) @ (np.array([-0.5, -0.5, -0.7]) / np.linalg.norm([0.5, 0.5, 0.7]))
+    _map(places[1], light, limits=(0.0, 1.0), colours="gray", label="cosine")
+    places[2].set_title("σ")
+    top = spread([cloud.sigma_mm], 98.0)
+    _map(places[2], cloud.sigma_mm, limits=(0.0, top), colours="magma", label="mm")
+    _reasons(places[3], cloud.reason, cloud.failed_fraction)
+    return figure
+
+
+def _reasons(axes: Axes, reason: ByteMap, failed: float) -> None:
+    names = [reason.name.lower().replace("_", " ") for reason in Reason]
+    colours = ["#f4f4f4", *(f"C{k}" for k in range(len(Reason) - 1))]
+    picture = axes.imshow(
+        reason,
+        cmap=ListedColormap(colours),
+        norm=BoundaryNorm(np.arange(len(Reason) + 1) - 0.5, len(Reason)),
+        interpolation="nearest",
+    )
+    axes.set_title(f"reasons ({failed:.1%} failed)")
+    axes.set_xticks([])
+    axes.set_yticks([])
+    bar = axes.figure.colorbar(picture, ax=axes, ticks=range(len(Reason)), shrink=0.85)
+    bar.ax.set_yticklabels(names)
+
+
+def overview(title: str, cells: Sequence[Sequence[tuple[str, FloatMap, str]]]) -> Figure:
+    """A sheet of maps, line by line; each cell is (title, values, kind).
+
+    Kinds: "frame" in grey counts, "height" in mm, "error" in mm about zero.
+    """
+    columns = max(len(line) for line in cells)
+    figure = Figure(figsize=(3.6 * columns, 3.2 * len(cells) + 0.4), layout="constrained")
+    figure.suptitle(title)
+    for r, line in enumerate(cells):
+        for c, (label, values, kind) in enumerate(line):
+            axes = figure.add_subplot(len(cells), columns, r * columns + c + 1)
+            axes.set_title(label, fontsize=10)
+            if kind == "frame":
+                axes.imshow(values, cmap="gray")
+                axes.set_xticks([])
+                axes.set_yticks([])
+            elif kind == "height":
+                top = spread([values], 99.9)
+                low = min(0.0, float(np.nanpercentile(values, 0.5)))
+                _map(axes, values, limits=(low, top), colours="viridis", label="mm")
+            else:
+                limit = spread([values], 98.0)
+                _map(axes, values, limits=(-limit, limit), colours="coolwarm", label="mm")
+    return figure
+
+
+def bars(title: str, labels: Sequence[str], series: Mapping[str, Sequence[float]]) -> Figure:
+    """Grouped bars on a logarithmic scale: errors of several methods."""
+    figure, axes = _axes(title)
+    width = 0.8 / len(series)
+    for k, (name, values) in enumerate(series.items()):
+        position = np.arange(len(labels)) + (k - (len(series) - 1) / 2) * width
+        drawn = axes.bar(position, values, width, label=name)
+        axes.bar_label(drawn, labels=[f"{v:.2g}" for v in values], fontsize=8)
+    axes.set_yscale("log")
+    axes.set_xticks(np.arange(len(labels)), labels)
+    axes.set_ylabel("mm")
+    axes.legend()
+    return figure
+
+
+def best_map(title: str, cells: Sequence[Any]) -> Figure:
+    """Scenes in rows, fringes in columns, coloured by the method with the lowest mean error.
+
+    ``cells`` are those of ``fringeworks.matrix.best_methods``; the number is that error, mm.
+    """
+    columns = sorted({cell.scene["fringes"] for cell in cells})
+    lines = list(
+        dict.fromkeys(tuple(v for k, v in cell.scene.items() if k != "fringes") for cell in cells)
+    )
+    names = sorted({cell.best for cell in cells}, key=lambda n: (n != "windowed", n))
+    index = np.full((len(lines), len(columns)), np.nan)
+    figure = Figure(
+        figsize=(4.5 + 1.2 * len(columns), 1.2 + 0.27 * len(lines)), layout="constrained"
+    )
+    axes = figure.add_subplot()
+    axes.set_title(title)
+    for cell in cells:
+        r = lines.index(tuple(v for k, v in cell.scene.items() if k != "fringes"))
+        c = columns.index(cell.scene["fringes"])
+        index[r, c] = names.index(cell.best)
+        axes.text(c, r, f"{cell.error_mm:.2g}", ha="center", va="center", fontsize=7)
+    palette = ListedColormap(["#bfe3c6", *(f"C{k}" for k in range(len(names) - 1))])
+    norm = BoundaryNorm(np.arange(len(names) + 1) - 0.5, max(len(names), 1))
+    picture = axes.imshow(index, cmap=palette, norm=norm, aspect="auto", alpha=0.75)
+    axes.set_xticks(range(len(columns)), [f"{f:g}" for f in columns])
+    axes.set_xlabel("fringes")
+    labels = [f"{name}, γ {g:g}, noise {n:g}, {b or 'no'} bit" for name, g, n, b in lines]
+    axes.set_yticks(range(len(lines)), labels, fontsize=7)
+    bar = figure.colorbar(picture, ax=axes, ticks=range(len(names)))
+    bar.ax.set_yticklabels(names)
+    return figure

@@ -1,0 +1,1 @@
+"""A calibrated camera and projector: projection and triangulation."""

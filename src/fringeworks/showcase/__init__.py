@@ -1,0 +1,1 @@
+"""The demonstration, and the dissertation's chapter 4."""

@@ -1,0 +1,1 @@
+"""What is in a frame before analysis: noise, the response of projector and camera, denoising."""

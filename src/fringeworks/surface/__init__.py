@@ -1,0 +1,1 @@
+"""Height maps and point clouds: triangles, normals, fitted bodies."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fringeworks.simulate import standard_scene
-from fringeworks.types import Capture
+from fringeworks.types import Pair
 
 DATA_VARIABLE = "FRINGEWORKS_DATA"
 
@@ -29,7 +29,7 @@ def real_data() -> Path:
 
 
 @cache
-def _scene(items: tuple[tuple[str, Any], ...]) -> Capture:
+def _scene(items: tuple[tuple[str, Any], ...]) -> Pair:
     settings = dict(items)
     scene = standard_scene(settings.pop("name"), **settings)
     for array in (scene.reference, scene.object, scene.truth_mm):
@@ -38,12 +38,12 @@ def _scene(items: tuple[tuple[str, Any], ...]) -> Capture:
     return scene
 
 
-def scene(name: str = "parabola", **settings: Any) -> Capture:
+def scene(name: str = "parabola", **settings: Any) -> Pair:
     """A standard scene, made once per set of settings; its arrays are read-only."""
     return _scene(tuple(sorted({"name": name, **settings}.items())))
 
 
-def true_displacement(capture: Capture) -> np.ndarray:
+def true_displacement(capture: Pair) -> np.ndarray:
     """The displacement that a simulated capture holds, px."""
     from fringeworks.pair.reference_plane import displacement_from_height
 

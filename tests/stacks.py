@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fringeworks import GrayCode, Level, PatternPlan, PhaseSteps, equal_steps
+from fringeworks import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
 
 
 def multi(
@@ -52,4 +52,4 @@ def guarded(step: float = 16.0, steps: int = 4, size=(960, 60), *, inverse=False
         PhaseSteps("x", 2.0 * step, equal_steps(steps)),
         GrayCode("x", step, size[0], inverse),
     ]
-    return PatternPlan(*size, (*blocks, *([Level("white"), Level("black")] if levels else [])))
+    return PatternPlan(*size, (*blocks, *([Uniform("white"), Uniform("black")] if levels else [])))

@@ -8,7 +8,7 @@ import scipy.io
 import tifffile
 from PIL import Image
 
-from fringeworks import Capture, InputError, read_capture, read_pair, write_capture
+from fringeworks import InputError, Pair, read_capture, read_pair, write_pair
 from fringeworks.files.atomic import read_frame, replacing, write_frame
 from tests.conftest import scene
 
@@ -28,8 +28,8 @@ def test_round_trip(tmp_path, bits):
     original = scene("parabola", size=64, fringes=4, bits=bits, axis="y", sign=-1)
     mask = np.zeros((64, 64), bool)
     mask[5:50] = True
-    masked = Capture(**{**vars(original), "mask": mask})
-    description = write_capture(tmp_path / "c", masked)
+    masked = Pair(**{**vars(original), "mask": mask})
+    description = write_pair(tmp_path / "c", masked)
     assert description.name == "capture.toml"
     found = read_capture(tmp_path / "c")
     for name in ("reference", "object", "mask", "truth_mm"):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fringeworks import Capture, InputError, analyse
+from fringeworks import InputError, Pair, analyse
 from fringeworks.pair.carrier import find_carrier
 
 
@@ -61,7 +61,7 @@ def test_tilted_fringes_are_measured(method):
     def frame(shift):
         return 120 + 100 * np.cos(2 * np.pi * ((x - shift) / 16 + y / 45))
 
-    found = analyse(Capture(frame(0.0), frame(u)), method)
+    found = analyse(Pair(frame(0.0), frame(u)), method)
     assert found.axis == "x"
     assert found.tilt_deg == pytest.approx(np.degrees(np.arctan(16 / 45)), abs=0.1)
     error = found.displacement_px - u

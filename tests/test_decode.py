@@ -235,7 +235,7 @@ def test_gray_code_and_phase_agree_at_every_border(inverse, levels):
     assert np.nanmax(np.abs(off)) < 1.0
     # A bit that flips to the wrong side next to its border does no harm; one that cannot be told
     # far from it is NaN.
-    first = plan.code("x")[0]
+    first = plan.gray_code("x")[0]
     frames[first, 10, 514:516] = 255 - frames[first, 10, 514:516]
     frames[first : first + 1 + inverse, 20, 100] = 127
     again = decode(frames, plan).x

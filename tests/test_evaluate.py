@@ -12,7 +12,7 @@ import pytest
 from fringeworks import HeightMap, InputError, Reason, compare
 from fringeworks.evaluate.errors import edge_band, errors
 from fringeworks.report.tables import format_table
-from fringeworks.surface.map_fits import fit_cone, fit_plane
+from tests.map_fits import fit_cone, fit_plane
 
 
 def surface(values, sigma=1.0, unit="mm"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError
-from fringeworks.surface.bodies import find_spheres, fit_form, report
+from fringeworks.surface.form import find_spheres, fit_form, report
 
 RNG = np.random.default_rng(0)
 

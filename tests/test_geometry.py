@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fringeworks import (
+    DisplacementMap,
     InputError,
-    PhaseMap,
     Reason,
     ReferencePlaneGeometry,
     displacement_from_height,
@@ -48,10 +48,10 @@ def test_displacement_beyond_the_baseline_has_no_height():
     height = height_from_displacement(u, geometry)
     assert np.isnan(height[0, :2]).all()
     assert np.isfinite(height[0, 2:]).all()
-    phase = PhaseMap(
+    phase = DisplacementMap(
         displacement_px=u,
         sigma_px=np.full(u.shape, 0.1),
-        gain=np.ones(u.shape),
+        modulation_ratio=np.ones(u.shape),
         reason=np.zeros(u.shape, np.uint8),
         period_px=20.0,
         axis="x",
@@ -67,7 +67,7 @@ def test_displacement_beyond_the_baseline_has_no_height():
 
 def test_without_geometry_it_stays_a_displacement_and_says_so():
     zero = np.zeros((2, 3))
-    phase = PhaseMap(zero, zero, zero, zero.astype(np.uint8), 10.0, "x", "test")
+    phase = DisplacementMap(zero, zero, zero, zero.astype(np.uint8), 10.0, "x", "test")
     surface = to_surface(phase, None)
     assert (surface.quantity, surface.unit) == ("displacement", "px")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import Capture, Reason, _core, analyse, reconstruct
+from fringeworks import Pair, Reason, _core, analyse, reconstruct
 from fringeworks.evaluate.errors import errors
 from fringeworks.pair.methods.inverse_function import find_extrema
 from fringeworks.signal.response import estimate_gamma
@@ -146,7 +146,7 @@ def test_response_is_left_alone_under_noise_and_other_albedo():
     assert analyse(ideal, "exact").details["linearised_gamma"] == 1.0
     noisy = scene("parabola", size=240, fringes=12, gamma=2.2, noise=1.0)
     assert analyse(noisy, "exact").details["linearised_gamma"] == 1.0
-    dim = Capture(clean.reference, 20 + 0.5 * clean.object, axis="x")
+    dim = Pair(clean.reference, 20 + 0.5 * clean.object, axis="x")
     assert analyse(dim, "exact").details["linearised_gamma"] == 1.0
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fringeworks import Capture, InputError, Reason, analyse, methods, reconstruct
+from fringeworks import InputError, Pair, Reason, analyse, methods, reconstruct
 from fringeworks.pair.analyse import get_method
 from fringeworks.pair.registry import method
 from tests.conftest import scene, true_displacement
@@ -115,10 +115,10 @@ def test_dtypes_strides_and_no_mutation(name, dtype):
     frames = [capture.reference.astype(dtype), capture.object.astype(dtype)]
     padded = [np.repeat(np.repeat(f, 2, axis=0), 3, axis=1)[::2, ::3] for f in frames]
     backwards = [f[::-1].copy()[::-1] for f in frames]
-    expected = analyse(Capture(*frames, axis="x"), name)
+    expected = analyse(Pair(*frames, axis="x"), name)
     for views in (padded, backwards):
         assert not views[0].flags.c_contiguous
-        found = analyse(Capture(*views, axis="x"), name)
+        found = analyse(Pair(*views, axis="x"), name)
         np.testing.assert_array_equal(found.displacement_px, expected.displacement_px)
     np.testing.assert_array_equal(frames[0], capture.reference.astype(dtype))
     np.testing.assert_array_equal(frames[1], capture.object.astype(dtype))
@@ -130,7 +130,7 @@ def test_dtypes_strides_and_no_mutation(name, dtype):
 def test_common_gain_and_offset_change_nothing(name, gain, offset):
     capture = ideal(size=120, fringes=6, noise=0.5, seed=2)
     expected = analyse(capture, name).displacement_px
-    changed = Capture(offset + gain * capture.reference, offset + gain * capture.object, axis="x")
+    changed = Pair(offset + gain * capture.reference, offset + gain * capture.object, axis="x")
     found = analyse(changed, name).displacement_px
     both = np.isfinite(found) & np.isfinite(expected)
     assert both.mean() > 0.97
@@ -140,7 +140,7 @@ def test_common_gain_and_offset_change_nothing(name, gain, offset):
 @pytest.mark.parametrize("name", ALL)
 def test_albedo_and_ambient_light_of_the_object_hardly_matter(name):
     capture = ideal()
-    dim = Capture(capture.reference, 12.0 + 0.6 * capture.object, axis="x", geometry=None)
+    dim = Pair(capture.reference, 12.0 + 0.6 * capture.object, axis="x", geometry=None)
     expected = analyse(capture, name)
     found = analyse(dim, name)
     both = np.isfinite(found.displacement_px) & np.isfinite(expected.displacement_px)
@@ -154,7 +154,7 @@ def test_albedo_and_ambient_light_of_the_object_hardly_matter(name):
 def test_shift_equivariance(name, shift):
     """Rows moved along the fringes move the result with them."""
     capture = ideal(size=120, fringes=6)
-    rolled = Capture(
+    rolled = Pair(
         np.roll(capture.reference, shift, axis=0), np.roll(capture.object, shift, axis=0), axis="x"
     )
     expected = np.roll(analyse(capture, name).displacement_px, shift, axis=0)
@@ -191,7 +191,7 @@ def test_one_row_is_enough():
 
     geometry = ReferencePlaneGeometry(distance_mm=800.0, baseline_mm=300.0)
     row = deformed_row(parabola_1d(height_mm=40.0), geometry)
-    capture = Capture(row.reference[None], row.object[None], axis="x", geometry=geometry)
+    capture = Pair(row.reference[None], row.object[None], axis="x", geometry=geometry)
     for name, limit in (("ifa", 1.0), ("sifa", 0.1), ("gsifa", 0.01), ("exact", 1e-4)):
         error = reconstruct(capture, name).surface.values[0] - row.height_mm
         assert np.nanmean(np.abs(error)) < limit, name
@@ -220,7 +220,7 @@ def test_unknown_method_and_option():
 def test_a_new_method_is_one_function(monkeypatch):
     from fringeworks.pair import registry
 
-    monkeypatch.setattr(registry, "_METHODS", dict(registry._METHODS))
+    monkeypatch.setattr(registry, "REGISTERED", dict(registry.REGISTERED))
 
     @method("nothing")
     def nothing(pair, *, depth: int = 1):  # noqa: ARG001

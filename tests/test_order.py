@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import Capture, Reason, analyse
+from fringeworks import Pair, Reason, analyse
 from fringeworks.pair.orders import compare_orders
 
 PERIOD = 20.0
@@ -71,7 +71,7 @@ def test_stretched_faint_fringes_and_an_albedo_step_keep_the_order(method):
     reference = 110 + 90 * np.cos(2 * np.pi * x / PERIOD)
     object_ = 5 + albedo * (105 + 90 * np.cos(2 * np.pi * (x - u) / PERIOD))
     frames = [np.round(f + rng.standard_normal(x.shape)) for f in (reference, object_)]
-    found = analyse(Capture(*frames), method)
+    found = analyse(Pair(*frames), method)
     error = (found.displacement_px - u) / PERIOD
     # A wrong order is an error of about a period over an area; a rim is a line.
     wrong = np.abs(error) > 0.7

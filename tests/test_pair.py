@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import Capture, InputError
+from fringeworks import InputError, Pair
 from fringeworks.pair.carrier import find_carrier
 from fringeworks.pair.pair import noise_variance, prepare
 from tests.conftest import scene
@@ -72,15 +72,15 @@ BAD = {
 def test_bad_frames_are_refused(case):
     (reference, object_), message = BAD[case]
     with pytest.raises(InputError, match=message):
-        prepare(Capture(reference, object_))
+        prepare(Pair(reference, object_))
 
 
 def test_bad_masks_are_refused():
     frame = fringes()
     with pytest.raises(InputError, match="mask: expected shape"):
-        prepare(Capture(frame, frame, mask=np.ones((3, 3), bool)))
+        prepare(Pair(frame, frame, mask=np.ones((3, 3), bool)))
     with pytest.raises(InputError, match="mask: expected at least one"):
-        prepare(Capture(frame, frame, mask=np.zeros(frame.shape, bool)))
+        prepare(Pair(frame, frame, mask=np.zeros(frame.shape, bool)))
 
 
 def test_pair_is_turned_and_turned_back():

@@ -11,9 +11,9 @@ import tifffile
 from fringeworks import (
     GrayCode,
     InputError,
-    Level,
     PatternPlan,
     PhaseSteps,
+    Uniform,
     encode,
     equal_steps,
     read_plan,
@@ -30,8 +30,8 @@ PLAN = PatternPlan(
         PhaseSteps("y", 12.0, tuple(np.radians([120.0, 0.0, -120.0]))),
         GrayCode("x", 5.0, 40),
         GrayCode("y", 1.0, 24, True),
-        Level("white"),
-        Level("black"),
+        Uniform("white"),
+        Uniform("black"),
     ),
 )
 
@@ -86,8 +86,8 @@ def test_dither_keeps_the_mean():
         (lambda: equal_steps(2), "expected 3 to 64, got 2"),
         (lambda: GrayCode("x", 0.5, 40), "expected 1 px or more"),
         (lambda: GrayCode("x", 40, 40), "expected less than the projector's 40 px"),
-        (lambda: Level("grey"), "white or black"),
-        (lambda: PatternPlan(40, 24, (Level("white"),)), "fringes or Gray code"),
+        (lambda: Uniform("grey"), "white or black"),
+        (lambda: PatternPlan(40, 24, (Uniform("white"),)), "fringes or Gray code"),
         (lambda: PatternPlan(40, 24, (GrayCode("y", 5.0, 40),)), "length of 24 px along y, got 40"),
         (lambda: PatternPlan(40, 24, PLAN.blocks, bits=9), "bits"),
         (lambda: PatternPlan(40, 24, PLAN.blocks, gamma=0.0), "gamma"),
@@ -129,7 +129,7 @@ def test_plan_written_by_hand(tmp_path):
     path.write_text(WRITTEN)
     plan = read_plan(path)
     assert plan.blocks[0].period_px == 30.0
-    assert plan.code("x")[1].bits == 7
+    assert plan.gray_code("x")[1].bits == 7
     for change, words in (
         (("fringes = 64", "fringes = 64, period_px = 30"), "entry 1.*either period_px or fringes"),
         (("fringes = 64, ", ""), "entry 1.*either period_px or fringes"),

@@ -27,7 +27,7 @@ from fringeworks.pair.plane_calibration import (
     height_by_pixel,
 )
 from fringeworks.simulate import PairSettings, capture_pair
-from fringeworks.types import PhaseMap
+from fringeworks.types import DisplacementMap
 from tests.test_cli import run
 
 HEIGHTS = (10.0, 20.0, 35.0, 50.0)
@@ -73,7 +73,9 @@ def test_every_pixel_has_its_own_law():
     np.testing.assert_allclose(found.slope[ok], (distance / baseline)[ok], rtol=1e-6)
     np.testing.assert_allclose(found.bend[ok], 1.0 / baseline[ok], rtol=1e-6)
     u = baseline * 27.0 / (distance - 27.0)
-    phase = PhaseMap(u, np.full(u.shape, 0.1), u, np.zeros(u.shape, np.uint8), 20.0, "x", "test")
+    phase = DisplacementMap(
+        u, np.full(u.shape, 0.1), u, np.zeros(u.shape, np.uint8), 20.0, "x", "test"
+    )
     surface = height_by_pixel(phase, found)
     np.testing.assert_allclose(surface.values[ok], 27.0, rtol=1e-6)
     slope = (distance - 27.0) ** 2 / (baseline * distance)

@@ -11,13 +11,13 @@ from matplotlib.path import Path
 from scipy import ndimage
 
 from fringeworks import (
-    Capture,
     GrayCode,
     InputError,
-    Level,
+    Pair,
     PatternPlan,
     PhaseSteps,
     Reason,
+    Uniform,
     analyse,
     decode,
     equal_steps,
@@ -39,9 +39,9 @@ from fringeworks.signal.response import (
     smooth_coordinate,
 )
 from fringeworks.stack.even_light import texture
-from fringeworks.surface.bodies import fit_form
-from fringeworks.surface.map_fits import fit_cone, fit_plane
+from fringeworks.surface.form import fit_form
 from fringeworks.types import count_reasons
+from tests.map_fits import fit_cone, fit_plane
 
 CENTRE = (252.0, 241.0)
 
@@ -157,7 +157,7 @@ def test_one_photograph_says_nearly_what_two_say(real_data, name):
     folder = real_data / f"pair_{name}"
     pair = read_pair(folder / "reference.jpg", folder / "object.jpg")
     two = analyse(pair).displacement_px
-    one = analyse(Capture(None, pair.object)).displacement_px
+    one = analyse(Pair(None, pair.object)).displacement_px
     off = one - two
     assert np.isfinite(off).mean() > 0.98
     # The photographed plane is flat to about half a pixel.
@@ -230,7 +230,7 @@ def test_one_frame_of_the_lens_against_four(real_data, name):
     folder = real_data / "lens_4step"
     frames = [read_frame(folder / f"lens_crop_{a:03d}.jpg")[0] for a in (0, 90, 180, 270)]
     four, modulation = phase_of_steps(np.stack(frames))
-    pair = prepare(Capture(None, frames[0]))
+    pair = prepare(Pair(None, frames[0]))
     found = analyse(pair, name)
     plain = np.unwrap(np.angle(band_pass(pair.reference, pair.frequency)[0]), axis=1)
     if name in ("windowed", "gsifa", "exact"):
@@ -259,7 +259,7 @@ def shots(folder, numbers):
 def object_scene(real_data):
     blocks = [PhaseSteps(a, p, THIRDS) for a in ("x", "y") for p in (200 / 3, 100.0)]
     blocks += [GrayCode("x", 100.0, 1920), GrayCode("y", 100.0, 1080)]
-    plan = PatternPlan(*BOARD, (*blocks, Level("white"), Level("black")))
+    plan = PatternPlan(*BOARD, (*blocks, Uniform("white"), Uniform("black")))
     numbers = [*range(12), *range(12, 21, 2), *range(22, 29, 2), 30, 31]
     frames = shots(real_data / "object_gray_phase", numbers)
     return decode(frames, plan, keep_phases=True)
@@ -285,8 +285,8 @@ def test_coordinate_of_the_board_against_its_gray_code(real_data, g, first):
     blocks = (
         PhaseSteps("x", 240.0, THIRDS),
         GrayCode("x", 2.0, 1920),
-        Level("white"),
-        Level("black"),
+        Uniform("white"),
+        Uniform("black"),
     )
     plan = PatternPlan(*BOARD, blocks, gamma=g)
     folder = real_data / "flat_board_gamma"
@@ -331,7 +331,7 @@ def test_stack_of_a_microscope(real_data):
 def procam(real_data):
     """The chessboard under Gray code of 1 px: five poses, observed."""
     target = parse_board("chessboard:9x7:75")
-    blocks = (GrayCode("x", 1.0, 1024), GrayCode("y", 1.0, 768), Level("white"), Level("black"))
+    blocks = (GrayCode("x", 1.0, 1024), GrayCode("y", 1.0, 768), Uniform("white"), Uniform("black"))
     plan = PatternPlan(1024, 768, blocks)
     seen, first = [], None
     for k in range(5):

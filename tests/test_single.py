@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from fringeworks import (
-    Capture,
     InputError,
+    Pair,
     analyse,
     methods,
     read_capture,
     reconstruct,
-    write_capture,
+    write_pair,
 )
 from tests.conftest import scene, true_displacement
 
@@ -52,7 +52,7 @@ def test_a_plane_in_perspective_is_flat():
     phase = 2 * np.pi * (x / 14.0 + 0.002 * y) / (1 + 6e-4 * x - 2e-4 * y)
     bump = 3.0 * np.exp(-((x - 150) ** 2 + (y - 120) ** 2) / 1500)
     frame = 100 + 80 * np.cos(phase - bump)
-    found = analyse(Capture(None, frame), "fourier")
+    found = analyse(Pair(None, frame), "fourier")
     away = (np.hypot(x - 150, y - 120) > 90) & (x > 20) & (x < 280)
     assert np.nanmax(np.abs(found.phase_rad[away])) < 0.15
     assert found.phase_rad[120, 150] == pytest.approx(3.0, abs=0.4)
@@ -60,7 +60,7 @@ def test_a_plane_in_perspective_is_flat():
 
 def test_notes_and_files(tmp_path):
     capture, _ = single()
-    write_capture(tmp_path / "one", capture)
+    write_pair(tmp_path / "one", capture)
     assert not (tmp_path / "one" / "reference.tif").exists()
     again = read_capture(tmp_path / "one")
     assert again.reference is None
@@ -71,7 +71,7 @@ def test_notes_and_files(tmp_path):
 
 def test_frames_without_fringes_are_refused():
     with pytest.raises(InputError, match="object frame: expected fringes"):
-        analyse(Capture(None, np.random.default_rng(0).random((100, 100))), "fourier")
+        analyse(Pair(None, np.random.default_rng(0).random((100, 100))), "fourier")
 
 
 @pytest.mark.parametrize("shape", [(1, 200), (200, 1), (3, 64), (16, 16)])
@@ -82,7 +82,7 @@ def test_slivers_are_measured_or_refused(shape, method):
         noise = np.random.default_rng(seed).standard_normal(shape)
         frame = 100 + 50 * np.cos(2 * np.pi * (t - 1.3) / 6.0) + 0.5 * noise
         try:
-            found = analyse(Capture(None, frame), method)
+            found = analyse(Pair(None, frame), method)
         except InputError:
             continue
         assert found.displacement_px.shape == shape

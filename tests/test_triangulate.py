@@ -11,8 +11,8 @@ from fringeworks import CameraNoise, InputError, Reason, decode
 from fringeworks.rig.pinhole import look_at, pose, project, rays, rotation, transform
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.simulate import Box, Optics, Plane, Sphere, look, truth_distance
-from fringeworks.surface.bodies import fit_form
 from fringeworks.surface.cloud import height_over_plane, normals, triangles
+from fringeworks.surface.form import fit_form
 from fringeworks.types import CoordinateMap, Decoded, Pinhole, Rig
 from tests.oracles.triangulation import point_of, sigma_of
 from tests.rigs import ahead, calibrated, rig, scene, shoot

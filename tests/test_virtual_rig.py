@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fringeworks import InputError, Level, PatternPlan, PhaseSteps, decode, equal_steps, read_stack
+from fringeworks import (
+    InputError,
+    PatternPlan,
+    PhaseSteps,
+    Uniform,
+    decode,
+    equal_steps,
+    read_stack,
+)
 from fringeworks.files.mesh import read_mesh
 from fringeworks.files.stack import write_stack
 from fringeworks.rig.pinhole import inverse, pose, project, rays, rotation, transform
@@ -208,7 +216,7 @@ def test_pictures_of_two_dimensions_are_projected_as_well():
 
 
 def test_gamma_bends_the_fringes():
-    plan = PatternPlan(64, 64, (PhaseSteps("x", 64.0, equal_steps(8)), Level("white")), bits=16)
+    plan = PatternPlan(64, 64, (PhaseSteps("x", 64.0, equal_steps(8)), Uniform("white")), bits=16)
     optics = Optics(gamma=2.2, defocus_px=0.5, blur_px=0, noise=0, black=0, ambient=0, bits=16)
     view = look(head_on(), [Body(Plane(), pose(np.eye(3), np.array([0.0, 0, 500])), 0.5)])
     frames = [f.astype(float) for f in photograph(view, plan, optics)]
@@ -219,7 +227,7 @@ def test_gamma_bends_the_fringes():
 
 def test_noise_is_what_was_asked_for_and_repeats():
     wall = [Body(Plane(), pose(np.eye(3), np.array([0.0, 0, 500])), 0.5)]
-    plan = PatternPlan(64, 64, (PhaseSteps("x", 16.0, equal_steps(4)), Level("white")))
+    plan = PatternPlan(64, 64, (PhaseSteps("x", 16.0, equal_steps(4)), Uniform("white")))
     view = look(head_on(), wall)
     level = 0.5 * 255 * (1 + 0.02)
     for noise, shot in ((2.0, 0.0), (1.0, 0.1)):

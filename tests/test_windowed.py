@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import Capture, InputError, Reason, _core, analyse, reconstruct
+from fringeworks import InputError, Pair, Reason, _core, analyse, reconstruct
 from fringeworks.evaluate.errors import errors
 from fringeworks.pair.methods.windowed import smooth_reference, spline_coefficients, start_field
 from fringeworks.pair.pair import prepare
@@ -137,7 +137,7 @@ def test_start_is_defined_everywhere():
     capture = scene("parabola", size=200, fringes=10, noise=1.0, bits=8)
     dark = capture.object.copy()
     dark[80:120, 80:120] = 0
-    pair = prepare(Capture(capture.reference, dark, axis="x"))
+    pair = prepare(Pair(capture.reference, dark, axis="x"))
     assert np.isfinite(start_field(pair, 8.0)).all()
 
 
@@ -146,7 +146,7 @@ def test_shadow_is_not_measured():
     rng = np.random.default_rng(0)
     dark = capture.object.copy()
     dark[100:200, 120:180] = rng.integers(3, 6, (100, 60))
-    phase = analyse(Capture(capture.reference, dark, axis="x"))
+    phase = analyse(Pair(capture.reference, dark, axis="x"))
     shadow = phase.reason[125:175, 140:160]
     assert np.isnan(phase.displacement_px[125:175, 140:160]).all()
     assert (shadow == Reason.LOW_MODULATION).all()
@@ -157,7 +157,7 @@ def test_saturated_patch_has_its_reason():
     capture = scene("parabola", size=300, fringes=15, noise=1.0, bits=8, height_mm=30.0)
     bright = capture.object.copy()
     bright[100:200, 120:200] = 255
-    phase = analyse(Capture(capture.reference, bright, axis="x"))
+    phase = analyse(Pair(capture.reference, bright, axis="x"))
     assert (phase.reason[130:170, 145:175] == Reason.SATURATED).all()
 
 

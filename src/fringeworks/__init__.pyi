@@ -6,20 +6,20 @@ from .evaluate.errors import (
 from .evaluate.errors import (
     errors as errors,
 )
-from .files.capture import (
-    read_capture as read_capture,
-)
-from .files.capture import (
-    read_pair as read_pair,
-)
-from .files.capture import (
-    write_capture as write_capture,
-)
 from .files.coordinates import (
     read_coordinates as read_coordinates,
 )
 from .files.coordinates import (
     write_coordinates as write_coordinates,
+)
+from .files.pair import (
+    read_capture as read_capture,
+)
+from .files.pair import (
+    read_pair as read_pair,
+)
+from .files.pair import (
+    write_pair as write_pair,
 )
 from .files.plan import (
     read_plan as read_plan,
@@ -88,13 +88,13 @@ from .patterns.plan import (
     GrayCode as GrayCode,
 )
 from .patterns.plan import (
-    Level as Level,
-)
-from .patterns.plan import (
     PatternPlan as PatternPlan,
 )
 from .patterns.plan import (
     PhaseSteps as PhaseSteps,
+)
+from .patterns.plan import (
+    Uniform as Uniform,
 )
 from .patterns.plan import (
     encode as encode,
@@ -159,20 +159,17 @@ from .stack.frames import (
 from .stack.shifts import (
     estimate_shifts as estimate_shifts,
 )
-from .surface.bodies import (
-    fit_form as fit_form,
-)
 from .surface.cloud import (
     height_over_plane as height_over_plane,
 )
 from .surface.cloud import (
     normals as normals,
 )
-from .types import (
-    CameraNoise as CameraNoise,
+from .surface.form import (
+    fit_form as fit_form,
 )
 from .types import (
-    Capture as Capture,
+    CameraNoise as CameraNoise,
 )
 from .types import (
     CoordinateMap as CoordinateMap,
@@ -181,13 +178,16 @@ from .types import (
     Decoded as Decoded,
 )
 from .types import (
+    DisplacementMap as DisplacementMap,
+)
+from .types import (
     HeightMap as HeightMap,
 )
 from .types import (
     InputError as InputError,
 )
 from .types import (
-    PhaseMap as PhaseMap,
+    Pair as Pair,
 )
 from .types import (
     Pinhole as Pinhole,

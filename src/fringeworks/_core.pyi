@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
-    "DecodePlan",
+    "DecodeSettings",
     "StreamSums",
     "Triangles",
     "Triangulation",
@@ -89,11 +89,11 @@ def row_envelopes(
     rows: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 def decode_frames(
-    frames: Sequence[NDArray[Any]], plan: DecodePlan, maps: dict[str, Any]
+    frames: Sequence[NDArray[Any]], plan: DecodeSettings, maps: dict[str, Any]
 ) -> None: ...
 
 @final
-class DecodePlan:
+class DecodeSettings:
     def __new__(
         cls,
         *,
@@ -116,14 +116,14 @@ class DecodePlan:
         min_modulation: float,
         max_disagreement: float,
         confidence: float,
-    ) -> DecodePlan: ...
+    ) -> DecodeSettings: ...
 
 @final
 class StreamSums:
     def __new__(cls, *, sets: int, pixels: int, saturation: float) -> StreamSums: ...
     def add(self, frame: Sequence[NDArray[Any]], set: int, step: int, shift: float) -> None: ...
     def decode(
-        self, frames: Sequence[NDArray[Any]], plan: DecodePlan, maps: dict[str, Any]
+        self, frames: Sequence[NDArray[Any]], plan: DecodeSettings, maps: dict[str, Any]
     ) -> None: ...
 
 _AxisMaps = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]

@@ -21,11 +21,11 @@ from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
 from fringeworks.types import (
     Axis,
-    Capture,
     Decoded,
+    DisplacementMap,
     HeightMap,
     InputError,
-    PhaseMap,
+    Pair,
     PointCloud,
     Rig,
 )
@@ -36,13 +36,13 @@ class Reconstruction:
     """What came of a capture."""
 
     surface: HeightMap
-    phase: PhaseMap
+    displacement: DisplacementMap
     seconds: float
     notes: tuple[str, ...] = ()
 
 
 def reconstruct(
-    capture: Capture,
+    capture: Pair,
     method: str = "windowed",
     *,
     denoise: Denoiser | None = None,
@@ -53,7 +53,7 @@ def reconstruct(
 
     Parameters
     ----------
-    capture : Capture
+    capture : Pair
         Reference and object frame, with the geometry where it is known.
     method : str
         A name from ``fringeworks.methods()``.
@@ -102,7 +102,7 @@ def reconstruct(
     return Reconstruction(surface, phase, time.perf_counter() - started, notes)
 
 
-def _notes(capture: Capture, phase: PhaseMap, unit: str) -> tuple[str, ...]:
+def _notes(capture: Pair, phase: DisplacementMap, unit: str) -> tuple[str, ...]:
     notes = list(capture.notes)
     if capture.axis is None:
         notes.append(

@@ -1,6 +1,6 @@
 """The frozen types that pass between the stages, with units in the field docs.
 
-``Capture`` (what the camera saw) → ``PhaseMap`` (displacement per pixel) → ``HeightMap`` (the
+``Pair`` (what the camera saw) → ``DisplacementMap`` (displacement per pixel) → ``HeightMap`` (the
 surface). Frames are ``(h, w)``, pixel centres lie on integers, x is the column, y the row.
 """
 
@@ -86,7 +86,7 @@ class ReferencePlaneGeometry:
 
 
 @dataclass(frozen=True)
-class Capture:
+class Pair:
     """A reference frame and an object frame, as the camera delivered them."""
 
     reference: NDArray[Any] | None
@@ -114,14 +114,14 @@ class Capture:
 
 
 @dataclass(frozen=True)
-class PhaseMap:
+class DisplacementMap:
     """Displacement of the fringes per pixel: d(x) = a + b·s(x − u), theory §2 and §4."""
 
     displacement_px: FloatMap
     """u along the carrier's axis, (h, w), px; NaN where not measurable."""
     sigma_px: FloatMap
     """Standard deviation of u, (h, w), px; NaN where u is."""
-    gain: FloatMap
+    modulation_ratio: FloatMap
     """Modulation relative to the reference frame, (h, w); NaN where not measured."""
     reason: ByteMap
     """``Reason`` per pixel, (h, w)."""

@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 
 /// What is decoded along one axis; indices count the frames that are handed to a call.
 #[pyclass(frozen, module = "fringeworks._core")]
-pub struct DecodePlan {
+pub struct DecodeSettings {
     plan: Plan,
 }
 
@@ -22,7 +22,7 @@ type SetItems = (Vec<usize>, Vec<f64>, f64, Vec<f32>, Vec<f32>);
 type CodeItems = (Vec<usize>, Vec<usize>, Option<(usize, usize)>, f32, u32);
 
 #[pymethods]
-impl DecodePlan {
+impl DecodeSettings {
     #[new]
     #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room, middle, half,
         repeats, circular, code_reach, read_variance, gain, scale, saturation, min_snr,
@@ -186,7 +186,7 @@ fn planes_of<'a, T: Element>(list: &'a [PyReadonlyArray2<'_, T>]) -> PyResult<Ve
 pub fn decode_frames(
     py: Python<'_>,
     frames: Frames<'_>,
-    plan: &DecodePlan,
+    plan: &DecodeSettings,
     mut maps: Maps<'_>,
 ) -> PyResult<()> {
     let out = maps.outputs()?;
@@ -249,7 +249,7 @@ impl StreamSums {
         &self,
         py: Python<'_>,
         frames: Frames<'_>,
-        plan: &DecodePlan,
+        plan: &DecodeSettings,
         mut maps: Maps<'_>,
     ) -> PyResult<()> {
         fn run<T: Sample>(

@@ -33,7 +33,7 @@ fn refuse(error: fringeworks::Error) -> PyErr {
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::decode::{decode_frames, DecodePlan, StreamSums};
+    use super::decode::{decode_frames, DecodeSettings, StreamSums};
     #[pymodule_export]
     use super::emd::{decompose_rows, row_envelopes};
     #[pymodule_export]

@@ -9,12 +9,12 @@ import numpy as np
 import typer
 
 from fringeworks.cli.common import JsonFile, app, write_json
-from fringeworks.files.capture import read_pair
+from fringeworks.files.pair import read_pair
 from fringeworks.files.reference_plane import write_geometry, write_pixels
 from fringeworks.files.response import write_response
 from fringeworks.files.stack import read_stack
 from fringeworks.pair.plane_calibration import calibrate_pixels, calibrate_reference_plane
-from fringeworks.patterns.plan import GrayCode, Level, PatternPlan, PhaseSteps
+from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
 from fringeworks.pipeline import reconstruct
 from fringeworks.report.tables import to_json
 from fringeworks.signal.response import measure_response, smooth_coordinate
@@ -69,12 +69,12 @@ def response(
 def _code_coordinate(stack: Stack, steps: PhaseSteps) -> FloatMap:
     """The coordinate that the Gray code tells by itself: it does not depend on intensities."""
     plan = stack.plan
-    if plan.code(steps.axis) is None:
+    if plan.gray_code(steps.axis) is None:
         raise InputError(f"plan: expected a Gray code along {steps.axis}, got none")
     kept = [
         (first, block)
         for first, block in plan.placed
-        if isinstance(block, Level) or (isinstance(block, GrayCode) and block.axis == steps.axis)
+        if isinstance(block, Uniform) or (isinstance(block, GrayCode) and block.axis == steps.axis)
     ]
     frames = [stack.frames[k] for first, block in kept for k in range(first, first + block.frames)]
     alone = PatternPlan(plan.width_px, plan.height_px, tuple(block for _, block in kept))
@@ -114,7 +114,7 @@ def calibrate_plane(
         if not separator:
             raise InputError(f"--plane: expected mm=image, got {text!r}")
         found = reconstruct(read_pair(reference, Path(name)), method)
-        maps.append(found.phase.displacement_px)
+        maps.append(found.displacement.displacement_px)
     content: dict[str, Any]
     if by_pixel:
         pixels = calibrate_pixels(maps, heights)

@@ -24,7 +24,7 @@ from fringeworks.cli.common import (
 from fringeworks.cli.rig import measure_points
 from fringeworks.evaluate.errors import errors
 from fringeworks.files.atomic import read_frame
-from fringeworks.files.capture import read_capture, read_pair
+from fringeworks.files.pair import read_capture, read_pair
 from fringeworks.files.points import WRITERS as POINT_WRITERS
 from fringeworks.files.reference_plane import read_geometry, read_pixels
 from fringeworks.files.response import read_response
@@ -34,7 +34,7 @@ from fringeworks.pipeline import reconstruct as run_reconstruct
 from fringeworks.report.summary import summary
 from fringeworks.report.tables import to_json
 from fringeworks.signal.response import apply_response
-from fringeworks.types import Capture, InputError, ReferencePlaneGeometry
+from fringeworks.types import InputError, Pair, ReferencePlaneGeometry
 
 
 class Ply(StrEnum):
@@ -52,7 +52,7 @@ def _load(
     mask: Path | None,
     background: Path | None,
     geometry: dict[str, float | None],
-) -> Capture:
+) -> Pair:
     """The capture that the options of ``reconstruct`` describe."""
     if (capture is None) == (reference is None and object is None):
         raise InputError("expected either a capture, or --reference and --object")

@@ -21,8 +21,8 @@ from fringeworks.report.tables import to_json
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.signal.response import Response
 from fringeworks.stack.frames import Stack
-from fringeworks.surface.bodies import find_spheres, fit_form
-from fringeworks.surface.bodies import report as form_report
+from fringeworks.surface.form import find_spheres, fit_form
+from fringeworks.surface.form import report as form_report
 from fringeworks.types import Axis, InputError
 
 STACK_SUFFIXES = (".tif", ".tiff", ".npy", ".npz")

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from fringeworks.cli.common import AxisName, JsonFile, Output, app, show_progress, write_json
 from fringeworks.files.atomic import make_folder
-from fringeworks.files.capture import write_capture
+from fringeworks.files.pair import write_pair
 from fringeworks.pair.analyse import methods
 from fringeworks.report.tables import format_table
 from fringeworks.simulate.scene import standard_scene
@@ -55,7 +55,7 @@ def simulate(
         axis=axis.value,
         seed=seed,
     )
-    typer.echo(f"wrote {write_capture(out, scene)}")
+    typer.echo(f"wrote {write_pair(out, scene)}")
 
 
 @app.command()

@@ -17,9 +17,9 @@ from fringeworks.files.toml import Section, read_toml
 from fringeworks.patterns.plan import (
     Block,
     GrayCode,
-    Level,
     PatternPlan,
     PhaseSteps,
+    Uniform,
     encode,
     equal_steps,
 )
@@ -101,7 +101,7 @@ def read_plan(path: Path) -> PatternPlan:
 
 def _block(entry: PhaseEntry | GrayEntry | LevelEntry, width: int, height: int) -> Block:
     if isinstance(entry, LevelEntry):
-        return Level(entry.kind)
+        return Uniform(entry.kind)
     length = width if entry.axis == "x" else height
     if isinstance(entry, GrayEntry):
         return GrayCode(entry.axis, entry.step_px, length, entry.inverse)
@@ -123,7 +123,7 @@ def format_plan(plan: PatternPlan) -> str:
     """A plan as TOML."""
     sequence: list[dict[str, Any]] = []
     for block in plan.blocks:
-        if isinstance(block, Level):
+        if isinstance(block, Uniform):
             sequence.append({"kind": block.kind})
         elif isinstance(block, GrayCode):
             entry = {"kind": "gray", "axis": block.axis, "step_px": float(block.step_px)}

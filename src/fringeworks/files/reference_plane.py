@@ -10,7 +10,7 @@ import numpy as np
 import tomli_w
 
 from fringeworks.files.atomic import replacing, write_text
-from fringeworks.files.capture import GeometrySection
+from fringeworks.files.pair import GeometrySection
 from fringeworks.files.toml import Section, read_toml
 from fringeworks.pair.plane_calibration import PixelCalibration
 from fringeworks.types import InputError, ReferencePlaneGeometry

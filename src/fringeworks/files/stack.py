@@ -21,7 +21,7 @@ from fringeworks.files.atomic import (
     write_frame,
     write_text,
 )
-from fringeworks.files.capture import CAPTURE_FILE, DevicesSection
+from fringeworks.files.pair import CAPTURE_FILE, DevicesSection
 from fringeworks.files.plan import PLAN_FILE, read_plan, write_plan
 from fringeworks.files.toml import Section, read_toml
 from fringeworks.patterns.plan import PatternPlan

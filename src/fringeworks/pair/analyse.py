@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 import fringeworks.pair.methods  # noqa: F401, registers the methods of the package
-from fringeworks.pair.pair import FringePair, prepare
+from fringeworks.pair.pair import PreparedPair, prepare
 from fringeworks.pair.registry import REGISTERED, Method, Solution
-from fringeworks.types import BoolMap, Capture, FloatMap, InputError, PhaseMap, Reason
+from fringeworks.types import BoolMap, DisplacementMap, FloatMap, InputError, Pair, Reason
 
 
 def methods() -> dict[str, Method]:
@@ -30,12 +30,14 @@ def get_method(name: str) -> Method:
     return known[name]
 
 
-def analyse(capture: Capture | FringePair, method: str = "windowed", **options: Any) -> PhaseMap:
+def analyse(
+    capture: Pair | PreparedPair, method: str = "windowed", **options: Any
+) -> DisplacementMap:
     """Displacement of the fringes between the two frames of a capture.
 
     Parameters
     ----------
-    capture : Capture or FringePair
+    capture : Pair or PreparedPair
         Reference and object frame; a pair that ``prepare`` made saves doing it again.
     method : str
         A name from ``methods()``.
@@ -44,7 +46,7 @@ def analyse(capture: Capture | FringePair, method: str = "windowed", **options: 
 
     Returns
     -------
-    PhaseMap in the orientation of the capture.
+    DisplacementMap in the orientation of the capture.
 
     Raises
     ------
@@ -57,13 +59,13 @@ def analyse(capture: Capture | FringePair, method: str = "windowed", **options: 
         raise InputError(
             f"method {method}: unknown option {', '.join(sorted(unknown))}; it has {known}"
         )
-    pair = capture if isinstance(capture, FringePair) else prepare(capture)
+    pair = capture if isinstance(capture, PreparedPair) else prepare(capture)
     solution = _mark(pair, chosen.function(pair, **options))
     turn = pair.to_capture
-    return PhaseMap(
+    return DisplacementMap(
         displacement_px=turn(solution.displacement_px),
         sigma_px=turn(solution.sigma_px),
-        gain=turn(solution.gain),
+        modulation_ratio=turn(solution.modulation_ratio),
         reason=turn(solution.reason),
         period_px=pair.period,
         axis=pair.carrier.axis,
@@ -74,7 +76,7 @@ def analyse(capture: Capture | FringePair, method: str = "windowed", **options: 
     )
 
 
-def _mark(pair: FringePair, solution: Solution) -> Solution:
+def _mark(pair: PreparedPair, solution: Solution) -> Solution:
     """What every method owes: masked pixels stay masked, and no value without its σ and reason."""
     u = solution.displacement_px
     missing = np.isnan(u)
@@ -98,12 +100,12 @@ def _mark(pair: FringePair, solution: Solution) -> Solution:
         solution,
         displacement_px=blank(u),
         sigma_px=blank(solution.sigma_px),
-        gain=blank(solution.gain),
+        modulation_ratio=blank(solution.modulation_ratio),
         reason=reason,
     )
 
 
-def _lands_on_gap(pair: FringePair, u: FloatMap) -> BoolMap:
+def _lands_on_gap(pair: PreparedPair, u: FloatMap) -> BoolMap:
     """True where the matching point of the reference was not measured."""
     if not pair.gap.any():
         return np.zeros(u.shape, bool)

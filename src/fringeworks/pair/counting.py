@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.pair.pair import FringePair
+from fringeworks.pair.pair import PreparedPair
 from fringeworks.pair.registry import Solution
 from fringeworks.signal.response import estimate_gamma
 from fringeworks.types import FloatMap, InputError, Reason
@@ -38,7 +38,7 @@ SLIP = 0.6
 """Rows whose neighbours differ by more than this share of a period may have slipped."""
 
 
-def _linearised(pair: FringePair) -> tuple[Rows, Rows, float]:
+def _linearised(pair: PreparedPair) -> tuple[Rows, Rows, float]:
     """Both frames, through the inverse of the response where that can only help, and γ.
 
     The inverse function does not change when both frames go through the same monotone curve, but
@@ -66,7 +66,7 @@ def _linearised(pair: FringePair) -> tuple[Rows, Rows, float]:
 
 
 def invert_rows(
-    pair: FringePair,
+    pair: PreparedPair,
     name: Name,
     *,
     max_displacement_px: float | None = None,
@@ -78,7 +78,7 @@ def invert_rows(
 
     Parameters
     ----------
-    pair : FringePair
+    pair : PreparedPair
     name : "ifa", "sifa", "gsifa" or "exact"
     max_displacement_px, degree, n_resample : as the methods have them
     guide_px : (h, w) float array, optional
@@ -115,7 +115,7 @@ def invert_rows(
     )
 
 
-def count_fringes(pair: FringePair) -> Solution:
+def count_fringes(pair: PreparedPair) -> Solution:
     """Displacement by counting alone: its orders are what matters, not its values."""
     return invert_rows(pair, "sifa")
 

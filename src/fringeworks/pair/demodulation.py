@@ -9,7 +9,7 @@ import numpy as np
 
 from fringeworks.pair.bandpass import Analytic
 from fringeworks.pair.orders import settle_orders
-from fringeworks.pair.pair import FringePair
+from fringeworks.pair.pair import PreparedPair
 from fringeworks.pair.registry import Solution
 from fringeworks.pair.unwrap import unwrap
 from fringeworks.types import BoolMap, ByteMap, FloatMap, Reason
@@ -35,7 +35,7 @@ class Demodulated:
     details: dict[str, Any] = field(default_factory=dict)
 
 
-def to_displacement(pair: FringePair, found: Demodulated) -> Solution:
+def to_displacement(pair: PreparedPair, found: Demodulated) -> Solution:
     """Unwrap a phase against the reference and turn it into a displacement.
 
     Notes

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from fringeworks.pair.counting import MAX_PERIODS, Name, count_fringes, invert_rows, slips
-from fringeworks.pair.pair import FringePair
+from fringeworks.pair.pair import PreparedPair
 from fringeworks.pair.registry import Solution
 from fringeworks.types import BoolMap, FloatMap, Reason
 
@@ -26,13 +26,13 @@ MAJORITY = 0.6
 
 
 def settle_orders(
-    pair: FringePair, displacement_px: FloatMap, *, suspect: bool
+    pair: PreparedPair, displacement_px: FloatMap, *, suspect: bool
 ) -> tuple[FloatMap, BoolMap, int]:
     """Check the orders of a displacement against fringe counting.
 
     Parameters
     ----------
-    pair : FringePair
+    pair : PreparedPair
     displacement_px : (h, w) float array, NaN where unknown; not mutated
     suspect : bool
         Whether there is cause for doubt: a phase without residues in one region has one order.
@@ -54,7 +54,7 @@ def settle_orders(
 
 
 def guided_count(
-    pair: FringePair,
+    pair: PreparedPair,
     band_pass: Callable[[], FloatMap],
     name: Name = "sifa",
     *,
@@ -65,7 +65,7 @@ def guided_count(
 
     Parameters
     ----------
-    pair : FringePair
+    pair : PreparedPair
     band_pass : function without arguments
         Gives the displacement of the band-pass, (h, w), px; called only if rows disagree.
     name, max_displacement_px, options : as ``invert_rows`` has them

@@ -12,7 +12,7 @@ from scipy import ndimage
 from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.plain_reference import plain_reference
 from fringeworks.signal.noise import noise_variance
-from fringeworks.types import Axis, BoolMap, Capture, FloatMap, InputError
+from fringeworks.types import Axis, BoolMap, FloatMap, InputError, Pair
 
 MIN_SIZE = 16
 """Smallest frame side along the fringes' direction, px."""
@@ -20,7 +20,7 @@ QUANTISATION_VARIANCE = 1.0 / 12.0
 
 
 @dataclass(frozen=True)
-class FringePair:
+class PreparedPair:
     """Reference and object frame, (h, w) float64, the carrier along x (columns)."""
 
     reference: NDArray[np.float64]
@@ -105,17 +105,17 @@ def _frame(name: str, frame: np.ndarray) -> tuple[FloatMap, BoolMap, BoolMap]:
     return values, finite, saturated
 
 
-def prepare(capture: Capture) -> FringePair:
+def prepare(capture: Pair) -> PreparedPair:
     """Check a capture and bring it into the form that the analyses work on.
 
     Parameters
     ----------
-    capture : Capture
+    capture : Pair
         Two frames of equal shape, or the object's alone; not mutated.
 
     Returns
     -------
-    FringePair, transposed where the fringes vary along y.
+    PreparedPair, transposed where the fringes vary along y.
 
     Raises
     ------
@@ -160,7 +160,7 @@ def prepare(capture: Capture) -> FringePair:
     def orient(values: np.ndarray, axis: Axis = carrier.axis) -> np.ndarray:
         return np.ascontiguousarray(values if axis == "x" else values.T)
 
-    return FringePair(
+    return PreparedPair(
         reference=orient(reference),
         object=orient(object_),
         reference_ok=orient(reference_finite & ~reference_saturated),

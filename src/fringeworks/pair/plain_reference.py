@@ -7,7 +7,7 @@ import numpy as np
 from fringeworks.pair.bandpass import band_pass
 from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.unwrap import unwrap
-from fringeworks.types import BoolMap, Capture, FloatMap, InputError
+from fringeworks.types import BoolMap, FloatMap, InputError, Pair
 
 MIN_BACKGROUND = 0.02
 """Smallest share of the frame that makes a background."""
@@ -25,7 +25,7 @@ RIM = 0.1
 """Share of each side in which the background is looked for first."""
 
 
-def plain_reference(frame: FloatMap, finite: BoolMap, capture: Capture) -> tuple[Carrier, FloatMap]:
+def plain_reference(frame: FloatMap, finite: BoolMap, capture: Pair) -> tuple[Carrier, FloatMap]:
     """The fringe that the frame's plane background would carry, over the whole frame.
 
     Parameters
@@ -33,7 +33,7 @@ def plain_reference(frame: FloatMap, finite: BoolMap, capture: Capture) -> tuple
     frame : (h, w) float array, counts, gaps filled
     finite : (h, w) bool array
         False where a gap was filled.
-    capture : Capture
+    capture : Pair
         ``background`` says where the reference plane shows; without it the plane is found from
         the frame's rim and whatever continues it.
 

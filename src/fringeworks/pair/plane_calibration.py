@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.types import (
+    DisplacementMap,
     FloatMap,
     HeightMap,
     InputError,
-    PhaseMap,
     Reason,
     ReferencePlaneGeometry,
 )
@@ -199,7 +199,7 @@ def calibrate_pixels(
     )
 
 
-def height_by_pixel(phase: PhaseMap, calibration: PixelCalibration) -> HeightMap:
+def height_by_pixel(phase: DisplacementMap, calibration: PixelCalibration) -> HeightMap:
     """Heights in mm by a calibration of every pixel.
 
     h = α u / (1 + β u), σ_h = α / (1 + β u)² σ_u. Pixels that were not calibrated are NaN.

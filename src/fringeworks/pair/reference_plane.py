@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks.types import (
+    DisplacementMap,
     FloatMap,
     HeightMap,
     InputError,
-    PhaseMap,
     Reason,
     ReferencePlaneGeometry,
 )
@@ -73,7 +73,7 @@ def height_from_displacement(
     return geometry.distance_mm * u_mm / base
 
 
-def to_surface(phase: PhaseMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:
+def to_surface(phase: DisplacementMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:
     """Heights in mm with their σ; without a geometry the displacement in px, saying so.
 
     σ_h = l·d₀ / (d₀ + u)² · σ_u, the derivative of (1).

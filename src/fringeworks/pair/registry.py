@@ -12,11 +12,11 @@ from fringeworks.types import ByteMap, FloatMap
 
 @dataclass(frozen=True)
 class Solution:
-    """What a method hands back, in the orientation of the ``FringePair``."""
+    """What a method hands back, in the orientation of the ``PreparedPair``."""
 
     displacement_px: FloatMap
     sigma_px: FloatMap
-    gain: FloatMap
+    modulation_ratio: FloatMap
     reason: ByteMap
     iterations: ByteMap | None = None
     details: dict[str, Any] = field(default_factory=dict)

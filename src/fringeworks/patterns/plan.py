@@ -17,7 +17,7 @@ from fringeworks.types import Axis, FloatMap, InputError
 DEPTHS = (8, 10, 12, 16)
 MAX_STEPS = 64
 MAX_CODE_BITS = 24
-LEVELS = 8
+DITHER_THRESHOLDS = 8
 """Thresholds of the dither."""
 
 
@@ -128,7 +128,7 @@ class GrayCode:
 
 
 @dataclass(frozen=True)
-class Level:
+class Uniform:
     """One frame of one brightness."""
 
     kind: Literal["white", "black"]
@@ -151,7 +151,7 @@ class Level:
         return [self.kind]
 
 
-Block = PhaseSteps | GrayCode | Level
+Block = PhaseSteps | GrayCode | Uniform
 
 
 def _check_axis(axis: str) -> None:
@@ -229,14 +229,14 @@ class PatternPlan:
         """Sets of steps along an axis, with the index of their first frame."""
         return [(k, b) for k, b in self.placed if isinstance(b, PhaseSteps) and b.axis == axis]
 
-    def code(self, axis: Axis) -> tuple[int, GrayCode] | None:
+    def gray_code(self, axis: Axis) -> tuple[int, GrayCode] | None:
         """The Gray code along an axis, with the index of its first frame."""
         found = [(k, b) for k, b in self.placed if isinstance(b, GrayCode) and b.axis == axis]
         return found[0] if found else None
 
-    def level(self, kind: Literal["white", "black"]) -> int | None:
+    def uniform(self, kind: Literal["white", "black"]) -> int | None:
         """Index of the white or black frame; None where there is none."""
-        found = [k for k, b in self.placed if isinstance(b, Level) and b.kind == kind]
+        found = [k for k, b in self.placed if isinstance(b, Uniform) and b.kind == kind]
         return found[0] if found else None
 
     def labels(self) -> list[str]:
@@ -258,7 +258,7 @@ class PatternPlan:
         """
         sets = [block for _, block in self.phase_sets(axis)]
         periods = [block.period_px for block in sets]
-        code = self.code(axis)
+        code = self.gray_code(axis)
         weights = [block.precision for block in sets]
         length = float(self.length_px(axis)) if absolute else _repeats(periods)
         bounds = (-0.5, length - 0.5)
@@ -286,7 +286,7 @@ def _repeats(periods_px: Sequence[float]) -> float:
 
 
 def _along(block: Block, axis: Axis) -> bool:
-    return not isinstance(block, Level) and block.axis == axis
+    return not isinstance(block, Uniform) and block.axis == axis
 
 
 def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
@@ -310,7 +310,7 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
     kind = np.uint8 if plan.bits == 8 else np.uint16
     shape = (plan.height_px, plan.width_px)
     for block in plan.blocks:
-        down = not isinstance(block, Level) and block.axis == "y"
+        down = not isinstance(block, Uniform) and block.axis == "y"
         position = np.arange(shape[0] if down else shape[1], dtype=np.float64)
         for n in range(block.frames):
             line = top * block.values(position, n) ** (1.0 / plan.gamma)
@@ -328,4 +328,4 @@ def _thresholds(shape: tuple[int, int]) -> FloatMap:
     Fringes do not change along one axis: that is where their mean has to be right.
     """
     y, x = np.ogrid[: shape[0], : shape[1]]
-    return np.asarray(((5 * y + 3 * x) % LEVELS + 0.5) / LEVELS)
+    return np.asarray(((5 * y + 3 * x) % DITHER_THRESHOLDS + 0.5) / DITHER_THRESHOLDS)

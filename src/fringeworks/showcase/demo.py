@@ -12,13 +12,13 @@ import numpy as np
 
 from fringeworks.evaluate.errors import Row, error_map, errors
 from fringeworks.files.atomic import make_folder, write_text
-from fringeworks.files.capture import read_pair, write_capture
+from fringeworks.files.pair import read_pair, write_pair
 from fringeworks.files.surfaces import write_surface
 from fringeworks.pipeline import Reconstruction, reconstruct
 from fringeworks.report import figures
 from fringeworks.report.tables import format_table
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.types import Capture, HeightMap
+from fringeworks.types import HeightMap, Pair
 
 BODIES = ("parabola", "cube", "cylinder")
 CASES: dict[str, dict[str, Any]] = {
@@ -81,7 +81,7 @@ def write_demo(
             rows += [_row(body, case, scene, result) for result in results.values()]
             lines.append(_line(body, scene, results))
             if (body, case) == ("parabola", "camera"):
-                write_capture(folder / "capture", scene)
+                write_pair(folder / "capture", scene)
                 write_surface(folder / "parabola.ply", results["windowed"].surface)
         title = f"{case}: {_describe(settings)}"
         sheet = figures.overview(title, lines)
@@ -101,7 +101,7 @@ def _describe(settings: dict[str, Any]) -> str:
     )
 
 
-def _row(body: str, case: str, scene: Capture, result: Reconstruction) -> Row:
+def _row(body: str, case: str, scene: Pair, result: Reconstruction) -> Row:
     assert scene.truth_mm is not None
     found = asdict(errors(result.surface, scene.truth_mm))
     row = {"object": body, "case": case, "method": result.surface.method, **found}
@@ -110,7 +110,7 @@ def _row(body: str, case: str, scene: Capture, result: Reconstruction) -> Row:
 
 
 def _line(
-    body: str, scene: Capture, results: dict[str, Reconstruction]
+    body: str, scene: Pair, results: dict[str, Reconstruction]
 ) -> list[tuple[str, np.ndarray, str]]:
     assert scene.truth_mm is not None
     line = [(body, scene.object, "frame")]

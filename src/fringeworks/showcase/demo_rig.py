@@ -33,7 +33,7 @@ from fringeworks.simulate.virtual_rig import Optics, look, photograph
 from fringeworks.stack.decode import decode
 from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
-from fringeworks.surface.bodies import fit_form
+from fringeworks.surface.form import fit_form
 from fringeworks.types import FloatMap, PointCloud, Reason, Rig
 
 BOARD = "chessboard:11x8:12"

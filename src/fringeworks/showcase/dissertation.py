@@ -17,7 +17,7 @@ from fringeworks.report.tables import TableFormat, format_table
 from fringeworks.simulate.fringes import deformed_row
 from fringeworks.simulate.objects import make_object, parabola_1d
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.types import Capture, FloatMap, ReferencePlaneGeometry
+from fringeworks.types import FloatMap, Pair, ReferencePlaneGeometry
 
 METHODS = ("ifa", "sifa", "gsifa", "exact")
 PUBLISHED_MM = {"ifa": (0.3149, 0.3655), "sifa": (0.0390, 0.1577), "gsifa": (0.0023, 0.0188)}
@@ -90,7 +90,7 @@ def _part_1_and_3(save: Save) -> None:
             {name: _part(values, extrema, 8) for name, (values, extrema) in marked.items()},
         ),
     )
-    capture = Capture(row.reference[None, :], row.object[None, :], axis="x", geometry=ROW_GEOMETRY)
+    capture = Pair(row.reference[None, :], row.object[None, :], axis="x", geometry=ROW_GEOMETRY)
     heights: dict[str, FloatMap] = {"object": row.height_mm}
     for method in ("gsifa", "exact"):
         heights[method] = reconstruct(capture, method).surface.values[0]

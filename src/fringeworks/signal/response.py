@@ -15,7 +15,7 @@ from scipy import ndimage, optimize
 
 from fringeworks.patterns.plan import step_design
 from fringeworks.signal.phase_table import BINS, places, tables_by_brightness
-from fringeworks.types import BoolMap, Capture, FloatMap, InputError
+from fringeworks.types import BoolMap, FloatMap, InputError, Pair
 
 RANGE = (0.4, 4.0)
 """Exponents that are looked for."""
@@ -339,7 +339,7 @@ def check_devices(response: Response, camera: str | None, projector: str | None)
             raise InputError(f"response: made for {name} {own!r}, the capture is of {value!r}")
 
 
-def apply_response(capture: Capture, response: Response) -> Capture:
+def apply_response(capture: Pair, response: Response) -> Pair:
     """A capture with its frames linearised.
 
     Raises

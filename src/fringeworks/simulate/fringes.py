@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from fringeworks.pair.reference_plane import displacement_from_height
 from fringeworks.types import (
     Axis,
-    Capture,
     FloatMap,
     InputError,
+    Pair,
     ReferencePlaneGeometry,
     check_fields,
 )
@@ -96,7 +96,7 @@ def capture_pair(
     settings: PairSettings | None = None,
     *,
     albedo: FloatMap | float = 1.0,
-) -> Capture:
+) -> Pair:
     """Reference and object frame of a height map.
 
     Parameters
@@ -109,7 +109,7 @@ def capture_pair(
 
     Returns
     -------
-    Capture with the truth; frames float64 (bits = 0), uint8 or uint16 counts.
+    Pair with the truth; frames float64 (bits = 0), uint8 or uint16 counts.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def capture_pair(
     reference = np.broadcast_to(_waveform(position * per_px, settings), height.shape)
     deformed = reflectance * _waveform((position - u) * per_px, settings)
     rng = np.random.default_rng(settings.seed)
-    return Capture(
+    return Pair(
         reference=_camera(reference.copy(), settings, rng),
         object=_camera(deformed, settings, rng),
         axis=settings.axis,

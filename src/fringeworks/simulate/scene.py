@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from fringeworks.simulate.fringes import PairSettings, capture_pair
 from fringeworks.simulate.objects import make_object, paint
-from fringeworks.types import Capture, InputError, ReferencePlaneGeometry
+from fringeworks.types import InputError, Pair, ReferencePlaneGeometry
 
 STANDARD_GEOMETRY = ReferencePlaneGeometry(
     distance_mm=5000.0, baseline_mm=2000.0, pitch_mm_per_px=1.0
@@ -21,7 +21,7 @@ def standard_scene(
     painted: bool = False,
     sign: Literal[1, -1] = 1,
     **settings: Any,
-) -> Capture:
+) -> Pair:
     """A body on the standard scene: 1000 × 1000 px of 1 mm, l = 5000 mm, d₀ = 2000 mm.
 
     Parameters

@@ -24,7 +24,7 @@ from fringeworks.stack.frames import (
     sampled_places,
     saturation_of,
 )
-from fringeworks.stack.kernel_plan import (
+from fringeworks.stack.kernel_settings import (
     RESULTS,
     Decoding,
     Limits,
@@ -127,7 +127,7 @@ def decode(
     return _decoded(maps, findings)
 
 
-def _run(kernel: _core.DecodePlan, planes: Planes, maps: dict[str, Any]) -> None:
+def _run(kernel: _core.DecodeSettings, planes: Planes, maps: dict[str, Any]) -> None:
     _core.decode_frames(planes, kernel, maps)
 
 

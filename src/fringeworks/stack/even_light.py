@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.plan import GrayCode, Level, PatternPlan, PhaseSteps, step_design
+from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
 from fringeworks.types import FloatMap, InputError
 
 
@@ -46,9 +46,9 @@ def texture(
     return np.asarray(total / len(chosen), np.float32)
 
 
-def _even(first: int, block: PhaseSteps | GrayCode | Level) -> range:
+def _even(first: int, block: PhaseSteps | GrayCode | Uniform) -> range:
     every = range(first, first + block.frames)
-    if isinstance(block, Level):
+    if isinstance(block, Uniform):
         return every if block.kind == "white" else range(0)
     if isinstance(block, GrayCode):
         return every if block.inverse else range(0)

@@ -14,7 +14,7 @@ from fringeworks import _core
 from fringeworks.patterns.order_chain import CODE_REACH
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.signal.noise import chi_square_quantile
-from fringeworks.stack.kernel_plan import Decoding, Limits, empty_maps
+from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps
 from fringeworks.stack.noise import (
     MIN_PIXELS,
     exceeds,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import step_design
 from fringeworks.signal.noise import noise_of_residuals, noise_variance, residual_variance
-from fringeworks.stack.kernel_plan import Decoding, Limits
+from fringeworks.stack.kernel_settings import Decoding, Limits
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap, InputError
 
 MIN_PIXELS = 200

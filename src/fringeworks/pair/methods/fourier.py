@@ -8,13 +8,13 @@ import numpy as np
 
 from fringeworks.pair.bandpass import WIDTH, Shape, band_pass, check_band
 from fringeworks.pair.demodulation import Demodulated, to_displacement
-from fringeworks.pair.pair import FringePair
+from fringeworks.pair.pair import PreparedPair
 from fringeworks.pair.registry import Solution, method
 
 
 @method("fourier")
 def fourier(
-    pair: FringePair,
+    pair: PreparedPair,
     *,
     dimensions: Literal[1, 2] = 2,
     width: float = WIDTH,
@@ -24,7 +24,7 @@ def fourier(
 
     Parameters
     ----------
-    pair : FringePair
+    pair : PreparedPair
     dimensions : 1 or 2
         Filter row by row, or the whole frame at once, which averages noise along the fringes too.
     width : float in (0, 1)

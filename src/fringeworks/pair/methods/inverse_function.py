@@ -15,7 +15,7 @@ from fringeworks import _core
 from fringeworks.pair.counting import NOISE_SWINGS, PROMINENCE, Name
 from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import guided_count
-from fringeworks.pair.pair import FringePair
+from fringeworks.pair.pair import PreparedPair
 from fringeworks.pair.registry import Solution, method
 from fringeworks.types import BoolMap, FloatMap, InputError
 
@@ -59,7 +59,7 @@ def find_extrema(row: FloatMap, period_px: float, *, noise: float = 0.0) -> Extr
 
 
 def _invert(
-    pair: FringePair,
+    pair: PreparedPair,
     name: Name,
     max_displacement_px: float | None,
     *,
@@ -78,12 +78,14 @@ def _invert(
 
 
 @method("ifa")
-def ifa(pair: FringePair, *, degree: int = 9, max_displacement_px: float | None = None) -> Solution:
+def ifa(
+    pair: PreparedPair, *, degree: int = 9, max_displacement_px: float | None = None
+) -> Solution:
     """Inverse function analysis: a polynomial x = P(I) per monotone part.
 
     Parameters
     ----------
-    pair : FringePair
+    pair : PreparedPair
     degree : int, 1 … 30
         Largest degree; each part takes the degree up to it with the smallest generalised
         cross-validation score RSS/(n − degree − 1)².
@@ -101,12 +103,12 @@ def ifa(pair: FringePair, *, degree: int = 9, max_displacement_px: float | None 
 
 
 @method("sifa")
-def sifa(pair: FringePair, *, max_displacement_px: float | None = None) -> Solution:
+def sifa(pair: PreparedPair, *, max_displacement_px: float | None = None) -> Solution:
     """Spline IFA: an interpolating cubic spline x = S(I) through the samples of each part.
 
     Parameters
     ----------
-    pair : FringePair
+    pair : PreparedPair
     max_displacement_px : float > 0, optional
         Largest |u| considered in matching the fringe orders; four periods by default.
 
@@ -121,13 +123,13 @@ def sifa(pair: FringePair, *, max_displacement_px: float | None = None) -> Solut
 
 @method("gsifa")
 def gsifa(
-    pair: FringePair, *, n_resample: int = 5, max_displacement_px: float | None = None
+    pair: PreparedPair, *, n_resample: int = 5, max_displacement_px: float | None = None
 ) -> Solution:
     """Global spline IFA: one spline through the row, re-sampled densely, inverted by splines.
 
     Parameters
     ----------
-    pair : FringePair
+    pair : PreparedPair
     n_resample : int, 1 … 1000
         Samples of the global spline per pixel.
     max_displacement_px : float > 0, optional
@@ -143,12 +145,12 @@ def gsifa(
 
 
 @method("exact")
-def exact(pair: FringePair, *, max_displacement_px: float | None = None) -> Solution:
+def exact(pair: PreparedPair, *, max_displacement_px: float | None = None) -> Solution:
     """Exact inversion: the root of the global spline itself, without a second fit.
 
     Parameters
     ----------
-    pair : FringePair
+    pair : PreparedPair
     max_displacement_px : float > 0, optional
         Largest |u| considered in matching the fringe orders; four periods by default.
 

@@ -12,7 +12,7 @@ from fringeworks import _core
 from fringeworks.pair.bandpass import Analytic
 from fringeworks.pair.demodulation import Demodulated, to_displacement
 from fringeworks.pair.lattice import lattice_samples, samples_inside, shift_wave
-from fringeworks.pair.pair import FringePair
+from fringeworks.pair.pair import PreparedPair
 from fringeworks.pair.registry import Solution, method
 from fringeworks.pair.ridge import blend, curvature, strongest, window_factor
 from fringeworks.types import FloatMap, InputError
@@ -158,7 +158,7 @@ def _coefficients(
 
 @method("wavelet")
 def wavelet(
-    pair: FringePair,
+    pair: PreparedPair,
     *,
     dimensions: Literal[1, 2] = 1,
     omega: float = OMEGA,
@@ -168,7 +168,7 @@ def wavelet(
 
     Parameters
     ----------
-    pair : FringePair
+    pair : PreparedPair
     dimensions : 1 or 2
         Along the rows, or over scales and directions.
     omega : float, 4 … 60

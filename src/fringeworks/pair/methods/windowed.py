@@ -10,7 +10,7 @@ from scipy import fft, ndimage
 from fringeworks import _core
 from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import guided_count
-from fringeworks.pair.pair import FringePair, fill_nearest
+from fringeworks.pair.pair import PreparedPair, fill_nearest
 from fringeworks.pair.registry import Solution, method
 from fringeworks.types import BoolMap, FloatMap, InputError, Reason
 
@@ -73,7 +73,7 @@ def spline_coefficients(rows: FloatMap) -> np.ndarray:
     return np.ascontiguousarray(padded, dtype=np.float32)
 
 
-def start_field(pair: FringePair, width_px: float) -> FloatMap:
+def start_field(pair: PreparedPair, width_px: float) -> FloatMap:
     """A first guess of the displacement, defined everywhere.
 
     The band-pass alone where it has no cause for doubt, smoothed over ``width_px``. Where it leaves
@@ -115,7 +115,7 @@ def _rise(values: FloatMap, limit: float) -> FloatMap:
 
 @method("windowed")
 def windowed(
-    pair: FringePair,
+    pair: PreparedPair,
     *,
     scales: Sequence[float] | None = None,
     iterations: int = 1,
@@ -125,7 +125,7 @@ def windowed(
 
     Parameters
     ----------
-    pair : FringePair
+    pair : PreparedPair
     scales : sequence of float, optional
         Widths σ of the Gaussian windows in px, from coarse to fine; 32, 16, 8, 4, 2 by default,
         those wider than an eighth of the rows
@@ -196,7 +196,7 @@ def windowed(
     )
 
 
-def _check_scales(pair: FringePair, scales: Sequence[float] | None) -> list[float]:
+def _check_scales(pair: PreparedPair, scales: Sequence[float] | None) -> list[float]:
     if scales is None:
         narrowest = min(MIN_SCALE * pair.period, SCALES[0])
         fitting = [s for s in SCALES if s >= narrowest]
@@ -208,7 +208,7 @@ def _check_scales(pair: FringePair, scales: Sequence[float] | None) -> list[floa
     return widths
 
 
-def _far_from_data(pair: FringePair) -> BoolMap:
+def _far_from_data(pair: PreparedPair) -> BoolMap:
     """True where the nearest usable sample is so far that a window could only extrapolate."""
     if pair.object_ok.all():
         return np.zeros(pair.object_ok.shape, bool)
@@ -216,7 +216,7 @@ def _far_from_data(pair: FringePair) -> BoolMap:
     return np.asarray(gap > MAX_GAP * pair.period)
 
 
-def _dark(pair: FringePair) -> BoolMap:
+def _dark(pair: PreparedPair) -> BoolMap:
     """True where the object frame's local contrast is not told from noise."""
     size = max(3, int(np.ceil(pair.period)))
     mean = ndimage.uniform_filter(pair.object, size)

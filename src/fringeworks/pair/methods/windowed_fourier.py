@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fringeworks.pair.bandpass import WIDTH, Analytic, band_pass
 from fringeworks.pair.demodulation import Demodulated, to_displacement
 from fringeworks.pair.lattice import Lattice, shift_wave
-from fringeworks.pair.pair import FringePair
+from fringeworks.pair.pair import PreparedPair
 from fringeworks.pair.registry import Solution, method
 from fringeworks.pair.ridge import Pair, blend, curvature, strongest, window_factor
 from fringeworks.signal.noise import noise_variance
@@ -249,7 +249,7 @@ def _strongest(lattice: Lattice, padded: Analytic) -> tuple[Analytic, Pair, Pair
 
 @method("windowed_fourier")
 def windowed_fourier(
-    pair: FringePair,
+    pair: PreparedPair,
     *,
     algorithm: Literal["ridge", "filter"] = "ridge",
     sigma_px: float = SIGMA_PX,
@@ -258,7 +258,7 @@ def windowed_fourier(
 
     Parameters
     ----------
-    pair : FringePair
+    pair : PreparedPair
     algorithm : "ridge" or "filter"
         WFR follows the strongest local wave and corrects for the phase's curvature; WFF keeps all
         that stands out, which also serves where the phase is no single wave.

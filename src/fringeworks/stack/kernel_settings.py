@@ -109,7 +109,7 @@ class Decoding:
 
     def kernel(
         self, noise: CameraNoise, limits: Limits, *, streamed: bool = False
-    ) -> _core.DecodePlan:
+    ) -> _core.DecodeSettings:
         """The kernel's plan; a stream's knows the frames of the code only."""
         order = self.code_frames if streamed else self.frames
         place = {frame: k for k, frame in enumerate(order)}
@@ -137,7 +137,7 @@ class Decoding:
         if largest is None:
             freedom = max(1, len(self.sets) - 1)
             largest = chi_square_quantile(1.0 - DISAGREEING, freedom)
-        return _core.DecodePlan(
+        return _core.DecodeSettings(
             sets=sets,
             code=code,
             read_variance=noise.read_counts**2,
@@ -202,7 +202,7 @@ def decoding_of(
         )
         for first, block in plan.phase_sets(axis)
     )
-    found = plan.code(axis)
+    found = plan.gray_code(axis)
     code = None if found is None or (not absolute and sets) else _code(plan, *found, bool(sets))
     if not absolute and not sets:
         raise InputError("relative coordinates: expected fringes, got Gray code only")
@@ -212,7 +212,7 @@ def decoding_of(
 
 
 def _code(plan: PatternPlan, first: int, block: GrayCode, phases: bool) -> CodeFrames:
-    white, black = plan.level("white"), plan.level("black")
+    white, black = plan.uniform("white"), plan.uniform("black")
     levels = None if white is None or black is None else (white, black)
     frames = range(first, first + block.frames)
     if block.inverse:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.files.atomic import make_folder, read_frame, write_frame, write_text
 from fringeworks.files.toml import Section, read_toml
-from fringeworks.types import Axis, Capture, InputError, ReferencePlaneGeometry
+from fringeworks.types import Axis, InputError, Pair, ReferencePlaneGeometry
 
 CAPTURE_FILE = "capture.toml"
 MATLAB_REFERENCE, MATLAB_OBJECT = "S", "D"
@@ -58,7 +58,7 @@ class CaptureFile(Section):
     devices: DevicesSection = DevicesSection()
 
 
-def read_capture(path: Path) -> Capture:
+def read_capture(path: Path) -> Pair:
     """Read a capture from a folder with ``capture.toml``, a ``.npz`` or a ``.mat`` file.
 
     Parameters
@@ -67,7 +67,7 @@ def read_capture(path: Path) -> Capture:
 
     Returns
     -------
-    Capture with frames as stored.
+    Pair with frames as stored.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def read_capture(path: Path) -> Capture:
     )
 
 
-def read_pair(reference: Path | None, object: Path) -> Capture:
+def read_pair(reference: Path | None, object: Path) -> Pair:
     """A capture from two files, or from the object's alone, without geometry.
 
     Parameters
@@ -108,7 +108,7 @@ def read_pair(reference: Path | None, object: Path) -> Capture:
     """
     if reference is None:
         only, notes = _one_frame(object, MATLAB_OBJECT)
-        return Capture(reference=None, object=only, notes=notes)
+        return Pair(reference=None, object=only, notes=notes)
     first, first_notes = _one_frame(reference, MATLAB_REFERENCE)
     second, second_notes = _one_frame(object, MATLAB_OBJECT)
     if first.shape != second.shape:
@@ -116,7 +116,7 @@ def read_pair(reference: Path | None, object: Path) -> Capture:
             f"frames: expected equal sizes, got {_size(first)} in {Path(reference).name} and "
             f"{_size(second)} in {Path(object).name}"
         )
-    return Capture(reference=first, object=second, notes=first_notes + second_notes)
+    return Pair(reference=first, object=second, notes=first_notes + second_notes)
 
 
 def _one_frame(path: Path, variable: str) -> tuple[NDArray[Any], tuple[str, ...]]:
@@ -129,7 +129,7 @@ def _size(frame: NDArray[Any]) -> str:
     return f"{frame.shape[1]} × {frame.shape[0]}"
 
 
-def _read_folder(folder: Path) -> Capture:
+def _read_folder(folder: Path) -> Pair:
     description = folder / CAPTURE_FILE
     if not description.is_file():
         raise InputError(f"{folder}: expected a file {CAPTURE_FILE}, got none")
@@ -142,7 +142,7 @@ def _read_folder(folder: Path) -> Capture:
         for name in (content.mask, content.background)
     )
     truth = None if content.truth is None else read_frame(folder / content.truth)[0]
-    return Capture(
+    return Pair(
         reference=pair.reference,
         object=pair.object,
         mask=_fitting("mask", mask, pair.object),
@@ -200,7 +200,7 @@ def _real_array(path: Path, arrays: dict[str, Any], name: str) -> NDArray[Any]:
     return frame
 
 
-def _from_arrays(path: Path, arrays: dict[str, Any], reference: str, object: str) -> Capture:
+def _from_arrays(path: Path, arrays: dict[str, Any], reference: str, object: str) -> Pair:
     first, second = (_real_array(path, arrays, name) for name in (reference, object))
     if first.shape != second.shape:
         raise InputError(
@@ -208,7 +208,7 @@ def _from_arrays(path: Path, arrays: dict[str, Any], reference: str, object: str
             f"{_size(second)} in {object}"
         )
     mask = arrays.get("mask")
-    return Capture(
+    return Pair(
         reference=first,
         object=second,
         mask=_fitting("mask", None if mask is None else mask != 0, first),
@@ -216,7 +216,7 @@ def _from_arrays(path: Path, arrays: dict[str, Any], reference: str, object: str
     )
 
 
-def write_capture(folder: Path, capture: Capture) -> Path:
+def write_pair(folder: Path, capture: Pair) -> Path:
     """Write a capture as a folder of images with ``capture.toml``.
 
     Whole counts become PNG, floats TIFF; the description is written last, so that a folder

@@ -1,206 +1,286 @@
-"""The public names, each with the file that it is loaded from on first use."""
+"""The public names along the way of the light, each with the file that it is loaded from."""
 
-from .evaluate.errors import (
-    compare as compare,
+__version__: str
+
+# Types.
+from .types import (
+    Axis as Axis,
+    BoardNotFound as BoardNotFound,
+    CameraNoise as CameraNoise,
+    CoordinateMap as CoordinateMap,
+    Decoded as Decoded,
+    DisplacementMap as DisplacementMap,
+    FileProblem as FileProblem,
+    FramesContradictPlan as FramesContradictPlan,
+    HeightMap as HeightMap,
+    InputError as InputError,
+    MissingPackage as MissingPackage,
+    Pair as Pair,
+    Pinhole as Pinhole,
+    PointCloud as PointCloud,
+    Provenance as Provenance,
+    Reason as Reason,
+    ReferencePlaneGeometry as ReferencePlaneGeometry,
+    Rig as Rig,
+    RigMismatch as RigMismatch,
+    Source as Source,
+    UnknownMethod as UnknownMethod,
+    count_reasons as count_reasons,
+    made_by as made_by,
+    fingerprint as fingerprint,
 )
-from .evaluate.errors import (
-    errors as errors,
+
+# Patterns: what is projected.
+from .patterns.plan import (
+    Block as Block,
+    GrayCode as GrayCode,
+    PatternPlan as PatternPlan,
+    PhaseSteps as PhaseSteps,
+    Uniform as Uniform,
+    encode as encode,
+    equal_steps as equal_steps,
 )
-from .files.coordinates import (
-    read_coordinates as read_coordinates,
+from .patterns.order_chain import (
+    OrderChain as OrderChain,
 )
-from .files.coordinates import (
-    write_coordinates as write_coordinates,
+from .patterns.propose import (
+    Proposal as Proposal,
+    propose as propose,
 )
-from .files.pair import (
+from .files.plan import (
+    read_plan as read_plan,
+    write_patterns as write_patterns,
+    write_plan as write_plan,
+)
+
+# Captures: what the camera saw.
+from .files.capture import (
     read_capture as read_capture,
 )
 from .files.pair import (
     read_pair as read_pair,
-)
-from .files.pair import (
     write_pair as write_pair,
 )
-from .files.plan import (
-    read_plan as read_plan,
-)
-from .files.plan import (
-    write_patterns as write_patterns,
-)
-from .files.plan import (
-    write_plan as write_plan,
-)
-from .files.points import (
-    read_points as read_points,
-)
-from .files.points import (
-    write_points as write_points,
-)
-from .files.rig import (
-    read_rig as read_rig,
-)
-from .files.rig import (
-    write_rig as write_rig,
-)
 from .files.stack import (
+    read_poses as read_poses,
     read_stack as read_stack,
-)
-from .files.stack import (
     write_stack as write_stack,
 )
-from .files.surfaces import (
-    write_surface as write_surface,
+from .files.images import (
+    read_frame as read_frame,
+    write_frame as write_frame,
 )
+from .files.folder import (
+    FolderInUse as FolderInUse,
+)
+
+# Signal: what is in a frame before analysis.
+from .signal.response import (
+    Response as Response,
+    apply_response as apply_response,
+)
+from .files.response import (
+    read_response as read_response,
+    write_response as write_response,
+)
+from .signal.denoise import (
+    Denoiser as Denoiser,
+    Decomposition as Decomposition,
+    decompose_frame as decompose_frame,
+    decompose_rows as decompose_rows,
+    denoise as denoise,
+)
+
+# Pair: two frames to heights.
 from .pair.analyse import (
     analyse as analyse,
-)
-from .pair.analyse import (
+    get_method as get_method,
     methods as methods,
+)
+from .pair.registry import (
+    Method as Method,
+    MethodOption as MethodOption,
+    Solution as Solution,
+    method as method,
+)
+from .pair.plugins import (
+    load_plugin as load_plugin,
+)
+from .pair.pair import (
+    PreparedPair as PreparedPair,
+    prepare as prepare,
+)
+from .pair.carrier import (
+    Carrier as Carrier,
+)
+from .pair.unwrap import (
+    Unwrapped as Unwrapped,
+    unwrap as unwrap,
 )
 from .pair.methods.wavelet import (
     wavelet_frequencies as wavelet_frequencies,
-)
-from .pair.methods.wavelet import (
     wavelet_ridge as wavelet_ridge,
 )
 from .pair.methods.windowed_fourier import (
+    Ridge as Ridge,
     windowed_fourier_filter as windowed_fourier_filter,
-)
-from .pair.methods.windowed_fourier import (
     windowed_fourier_ridge as windowed_fourier_ridge,
-)
-from .pair.plane_calibration import (
-    calibrate_reference_plane as calibrate_reference_plane,
 )
 from .pair.reference_plane import (
     displacement_from_height as displacement_from_height,
-)
-from .pair.reference_plane import (
     height_from_displacement as height_from_displacement,
-)
-from .pair.reference_plane import (
     to_surface as to_surface,
 )
-from .pair.unwrap import (
-    unwrap as unwrap,
+from .pair.plane_calibration import (
+    PixelCalibration as PixelCalibration,
+    PlaneCalibration as PlaneCalibration,
+    calibrate_pixels as calibrate_pixels,
+    calibrate_reference_plane as calibrate_reference_plane,
+    height_by_pixel as height_by_pixel,
 )
-from .patterns.plan import (
-    GrayCode as GrayCode,
+from .files.reference_plane import (
+    read_reference_plane as read_reference_plane,
+    write_reference_plane as write_reference_plane,
 )
-from .patterns.plan import (
-    PatternPlan as PatternPlan,
+
+# Stack: shifted frames and Gray code to projector coordinates.
+from .stack.frames import (
+    Stack as Stack,
 )
-from .patterns.plan import (
-    PhaseSteps as PhaseSteps,
-)
-from .patterns.plan import (
-    Uniform as Uniform,
-)
-from .patterns.plan import (
-    encode as encode,
-)
-from .patterns.plan import (
-    equal_steps as equal_steps,
-)
-from .patterns.propose import (
-    Proposal as Proposal,
-)
-from .patterns.propose import (
-    propose as propose,
-)
-from .pipeline import (
-    Reconstruction as Reconstruction,
-)
-from .pipeline import (
-    calibrate_stacks as calibrate_stacks,
-)
-from .pipeline import (
-    reconstruct as reconstruct,
-)
-from .pipeline import (
-    reconstruct_points as reconstruct_points,
-)
-from .rig.calibration.board import (
-    Board as Board,
-)
-from .rig.calibration.board import (
-    parse_board as parse_board,
-)
-from .rig.calibration.calibrate import (
-    Calibration as Calibration,
-)
-from .rig.calibration.calibrate import (
-    calibrate as calibrate,
-)
-from .rig.calibration.calibrate import (
-    observe as observe,
-)
-from .rig.calibration.corners import (
-    find_board as find_board,
-)
-from .rig.calibration.diagnosis import (
-    diagnose as diagnose,
-)
-from .rig.triangulate import (
-    triangulate as triangulate,
-)
-from .simulate.scene import (
-    standard_scene as standard_scene,
+from .stack.options import (
+    DecodeOptions as DecodeOptions,
 )
 from .stack.decode import (
     StreamingDecoder as StreamingDecoder,
-)
-from .stack.decode import (
     decode as decode,
-)
-from .stack.frames import (
-    Stack as Stack,
 )
 from .stack.shifts import (
     estimate_shifts as estimate_shifts,
 )
+from .stack.even_light import (
+    texture as texture,
+)
+from .files.coordinates import (
+    read_coordinates as read_coordinates,
+    write_coordinates as write_coordinates,
+)
+
+# Rig: camera and projector to points.
+from .rig.calibration.board import (
+    Board as Board,
+    parse_board as parse_board,
+)
+from .rig.calibration.corners import (
+    BoardView as BoardView,
+    find_board as find_board,
+)
+from .rig.calibration.calibrate import (
+    Calibration as Calibration,
+    Observation as Observation,
+    calibrate as calibrate,
+    observe as observe,
+)
+from .rig.calibration.diagnosis import (
+    Finding as Finding,
+    diagnose as diagnose,
+)
+from .rig.triangulate import (
+    Triangulator as Triangulator,
+    triangulate as triangulate,
+)
+from .files.rig import (
+    read_rig as read_rig,
+    write_rig as write_rig,
+)
+
+# Surfaces.
 from .surface.cloud import (
     height_over_plane as height_over_plane,
-)
-from .surface.cloud import (
     normals as normals,
 )
 from .surface.form import (
+    Form as Form,
+    find_spheres as find_spheres,
     fit_form as fit_form,
 )
-from .types import (
-    CameraNoise as CameraNoise,
+from .files.surfaces import (
+    read_surface as read_surface,
+    write_surface as write_surface,
 )
-from .types import (
-    CoordinateMap as CoordinateMap,
+from .files.points import (
+    Points as Points,
+    read_cloud as read_cloud,
+    read_points as read_points,
+    write_points as write_points,
 )
-from .types import (
-    Decoded as Decoded,
+from .files.mesh import (
+    read_mesh as read_mesh,
 )
-from .types import (
-    DisplacementMap as DisplacementMap,
+
+# Chains: from a capture to a result.
+from .pipeline.pairs import (
+    Reconstruction as Reconstruction,
+    calibrate_plane as calibrate_plane,
+    reconstruct as reconstruct,
 )
-from .types import (
-    HeightMap as HeightMap,
+from .pipeline.stacks import (
+    Measurement as Measurement,
+    decode_stack as decode_stack,
+    measure as measure,
+    response_from_stack as response_from_stack,
 )
-from .types import (
-    InputError as InputError,
+from .pipeline.boards import (
+    calibrate_stacks as calibrate_stacks,
 )
-from .types import (
-    Pair as Pair,
+
+# Simulation.
+from .simulate.scene import (
+    standard_scene as standard_scene,
 )
-from .types import (
-    Pinhole as Pinhole,
+from .simulate.bodies import (
+    Mesh as Mesh,
 )
-from .types import (
-    PointCloud as PointCloud,
+
+# Evaluation.
+from .evaluate.errors import (
+    Errors as Errors,
+    errors as errors,
 )
-from .types import (
-    Reason as Reason,
+from .evaluate.compare import (
+    compare as compare,
+    compare_everywhere as compare_everywhere,
 )
-from .types import (
-    ReferencePlaneGeometry as ReferencePlaneGeometry,
+from .evaluate.best_method import (
+    Cell as Cell,
+    best_methods as best_methods,
+    format_map as format_map,
 )
-from .types import (
-    Rig as Rig,
+from .evaluate.form import (
+    FormEvaluation as FormEvaluation,
+    evaluate_form as evaluate_form,
+)
+
+# Reports.
+from .report.summary import (
+    summarise as summarise,
+)
+from .report.tables import (
+    format_table as format_table,
+    to_json as to_json,
+)
+from .report.figures import (
+    best_map as best_map,
+    coordinate_sheet as coordinate_sheet,
+    points_sheet as points_sheet,
+    save_figure as save_figure,
+    surface_sheet as surface_sheet,
+)
+
+# Showcase.
+from .showcase.demo import (
+    DemoResult as DemoResult,
+    write_demo as write_demo,
+)
+from .showcase.dissertation import (
+    write_paper as write_paper,
 )

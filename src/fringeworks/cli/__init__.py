@@ -1,35 +1,26 @@
-"""The command line, a file for each kind of work; ``fringeworks --help`` lists the commands."""
+"""The command line, a file for each kind of work; ``fringeworks --help`` lists the commands.
+
+A command parses its arguments, calls the library, and prints. It imports nothing heavy itself:
+``import fringeworks as fw`` loads a name when it is first used.
+"""
 
 from __future__ import annotations
 
 import sys
-from typing import NoReturn
 
-import typer
-from typer.exceptions import TyperException
-
-# Importing a file registers its commands, in the order in which help shows them.
-from fringeworks.cli import calibration, comparison, measure, rig, show, stacks  # noqa: F401
-from fringeworks.cli.common import app, stderr
-from fringeworks.types import InputError
+INTERRUPTED = 130
+"""Exit code after Ctrl-C: 128 + the number of the signal SIGINT, as shells expect it."""
 
 
 def main() -> None:
-    """Entry point: 0 done, 2 bad input (one line on stderr), 1 anything else."""
+    """Entry point: exit code 0 done, 2 bad input (one line on stderr), 130 interrupted, 1 else."""
     try:
-        # A bare call is a question, not a mistake.
-        code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
-    except InputError as error:
-        _fail(str(error))
-    except TyperException as error:
-        _fail(error.format_message())
-    except (typer.Abort, KeyboardInterrupt):
-        stderr.print("interrupted")
-        sys.exit(1)
-    sys.exit(code if isinstance(code, int) else 0)
+        # Imported here, so that Ctrl-C during the imports is answered as well.
+        from fringeworks.cli.app import run
 
-
-def _fail(message: str) -> NoReturn:
-    """One line on stderr, exit code 2."""
-    sys.stderr.write(f"fringeworks: {' '.join(message.split())}\n")
-    sys.exit(2)
+        code = run(sys.argv[1:])
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    if code == INTERRUPTED:
+        sys.stderr.write("fringeworks: interrupted\n")
+    sys.exit(code)

@@ -1,212 +1,272 @@
-"""``fringeworks plan | patterns | decode``: choose patterns, draw them, decode what was taken."""
+"""``fringeworks response | decode | calibrate | rig | measure``: stacks of frames to points."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from enum import StrEnum
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
-from fringeworks.cli.common import JsonFile, Output, app, failures, show_progress, write_json
-from fringeworks.files.coordinates import check_coordinate_target, write_coordinates
-from fringeworks.files.plan import read_plan, write_patterns, write_plan
-from fringeworks.files.response import read_response
-from fringeworks.files.stack import read_stack
-from fringeworks.patterns.propose import Proposal, propose
-from fringeworks.report.summary import decoded_summary
-from fringeworks.report.tables import to_json
-from fringeworks.signal.response import check_devices
-from fringeworks.stack.decode import decode as run_decode
-from fringeworks.types import Axis, CameraNoise, InputError
+import fringeworks as fw
+from fringeworks.cli import output
+from fringeworks.cli.app import app
+from fringeworks.cli.options import (
+    AxisOption,
+    Camera,
+    Figure,
+    JsonFile,
+    PlanFile,
+    Ply,
+    PlyOption,
+    Projector,
+    ResponseFile,
+    size_of,
+)
+from fringeworks.cli.words import say_calibration, say_coordinates, say_points
 
+SECTION = "Stacks and rigs"
 
-class Axes(StrEnum):
-    """Along which axes of the projector something is decoded."""
-
-    x = "x"
-    y = "y"
-    xy = "xy"
-
-
-class PictureFormat(StrEnum):
-    """How patterns are written."""
-
-    png = "png"
-    tiff = "tiff"
-
-
-def _projector(text: str) -> tuple[int, int]:
-    width, cross, height = text.lower().replace("×", "x").partition("x")
-    if not (cross and width.strip().isdigit() and height.strip().isdigit()):
-        raise InputError(f"--projector: expected columns x rows, as 1920x1080, got {text!r}")
-    return int(width), int(height)
-
-
-@app.command()
-def plan(
-    projector: Annotated[str, typer.Option(help="Columns x rows, as 1920x1080.")],
-    frames: Annotated[int, typer.Option(help="Frames to spend.")],
-    axes: Annotated[Axes, typer.Option(help="Axes to decode.")] = Axes.x,
-    noise: Annotated[float, typer.Option(help="Noise of the camera, counts.")] = 2.0,
-    modulation: Annotated[float, typer.Option(help="Modulation of the fringes, counts.")] = 100.0,
-    min_period: Annotated[
-        float, typer.Option(help="Shortest period still resolved, projector px.")
-    ] = 16.0,
-    kind: Annotated[str, typer.Option(help="Kind to write; the best one by default.")] = "",
-    out: Annotated[Path | None, typer.Option("--out", help="Plan file to write (TOML).")] = None,
-    json_file: JsonFile = None,
-) -> None:
-    """Propose plans for a projector and a number of frames, the smallest error first."""
-    width, height = _projector(projector)
-    along: tuple[Axis, ...] = {"x": ("x",), "y": ("y",), "xy": ("x", "y")}[axes.value]  # type: ignore[assignment]
-    found = propose(
-        width,
-        height,
-        frames,
-        axes=along,
-        noise=noise,
-        modulation=modulation,
-        min_period_px=min_period,
-    )
-    chosen = [p for p in found if p.kind == kind] if kind else found[:1]
-    if not chosen:
-        raise InputError(f"--kind: expected {', '.join(p.kind for p in found)}, got {kind!r}")
-    if out is not None:
-        write_plan(out, chosen[0].plan)
-    write_json(json_file, to_json([_figures(p) for p in found]))
-    if str(json_file) == "-":
-        return
-    table = Table(
-        "kind", "σ / px", "room / σ", "frames", "periods × steps", box=None, pad_edge=False
-    )
-    for p in found:
-        count = str(p.plan.frames)
-        table.add_row(p.kind, f"{p.sigma_px:.4f}", f"{p.margin:.0f}", count, p.summary)
-    Console().print(table)
-    if out is not None:
-        typer.echo(f"wrote {out} ({chosen[0].kind})")
+StackArgument = Annotated[
+    Path,
+    typer.Argument(help="Folder of images with its plan, or a TIFF, .npy or .npz stack."),
+]
+Noise = Annotated[
+    float | None,
+    typer.Option(help="Standard deviation of the camera's noise, counts; measured by default."),
+]
+Gain = Annotated[float | None, typer.Option(help="Shot noise, variance per count; with --noise.")]
+Saturation = Annotated[
+    float | None, typer.Option(help="Counts from which on a sample is not trusted.")
+]
+MinModulation = Annotated[float, typer.Option(help="Least modulation, counts.")]
+EstimateSteps = Annotated[
+    bool, typer.Option("--estimate-steps", help="Estimate the real phase steps from the frames.")
+]
 
 
-def _figures(proposal: Proposal) -> dict[str, Any]:
-    return {
-        "kind": proposal.kind,
-        "sigma_px": proposal.sigma_px,
-        "margin": proposal.margin,
-        "frames": proposal.plan.frames,
-        "plan": asdict(proposal.plan),
+def _stack(
+    path: Path, plan: Path | None, camera: str | None = None, projector: str | None = None
+) -> fw.Stack:
+    stack = fw.read_stack(path, plan)
+    return replace(stack, camera=camera or stack.camera, projector=projector or stack.projector)
+
+
+def _options(
+    noise: float | None,
+    gain: float | None,
+    saturation: float | None,
+    min_modulation: float,
+    estimate_steps: bool,
+    response: Path | None,
+) -> fw.DecodeOptions:
+    """The options of decoding, as the library takes them."""
+    if noise is None and gain is not None:
+        raise fw.InputError("--gain: expected together with --noise")
+    options: fw.DecodeOptions = {
+        "min_modulation": min_modulation,
+        "estimate_steps": estimate_steps,
     }
+    if noise is not None:
+        options["noise"] = fw.CameraNoise(noise, gain or 0.0)
+    if saturation is not None:
+        options["saturation"] = saturation
+    if response is not None:
+        options["response"] = fw.read_response(response)
+    return options
 
 
-@app.command()
-def patterns(
-    plan_path: Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file (TOML).")],
-    out: Output,
-    format: Annotated[PictureFormat, typer.Option(help="PNG files or one TIFF stack.")] = (
-        PictureFormat.png
-    ),
-) -> None:
-    """Draw the patterns of a plan, in the order in which they are to be sent."""
-    layout = read_plan(plan_path)
-    _prove(layout)
-    with show_progress(layout.frames) as progress:
-        written = write_patterns(out, layout, stack=format is PictureFormat.tiff, progress=progress)
-    typer.echo(f"wrote {layout.frames} patterns to {out if len(written) > 1 else written[0]}")
-
-
-def _prove(layout: Any) -> None:
-    """Say that a plan cannot be resolved before it is projected."""
-    for axis in layout.axes:
-        if layout.phase_sets(axis):
-            layout.chain(axis)
-
-
-@app.command()
-def decode(
-    stack: Annotated[
-        Path, typer.Argument(help="Folder of images with plan.toml, TIFF stack, .npy or .npz.")
-    ],
-    plan_path: Annotated[
-        Path | None, typer.Option("--plan", help="Plan file, where it is not in the folder.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="Coordinates to write (.npz).")] = None,
-    figure: Annotated[
-        Path | None, typer.Option(help="Picture of coordinates, σ and reasons (PNG).")
-    ] = None,
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks response plane/ --camera left --projector bench "
+    "--out response.toml",
+)
+def response(
+    stack: StackArgument,
+    out: Annotated[Path, typer.Option("--out", help="Response file to write (TOML).")],
+    plan: PlanFile = None,
+    number: Annotated[
+        int, typer.Option("--set", help="Which set of steps of the plan, from 1.")
+    ] = 1,
+    camera: Camera = None,
+    projector: Projector = None,
     json_file: JsonFile = None,
-    noise: Annotated[
-        float | None, typer.Option(help="Noise of the camera, counts; measured by default.")
-    ] = None,
-    gain: Annotated[
-        float, typer.Option(help="With --noise: shot noise, variance per count.")
-    ] = 0.0,
-    saturation: Annotated[
-        float | None, typer.Option(help="Counts from which on a sample is not trusted.")
-    ] = None,
-    min_modulation: Annotated[float, typer.Option(help="Least modulation, counts.")] = 0.0,
+) -> None:
+    """Measure the response of camera and projector on a white plane."""
+    from fringeworks.files.response import check_response_target
+
+    output.check(out, check_response_target)
+    found = fw.response_from_stack(_stack(stack, plan, camera, projector), number=number)
+    with output.target(out, ".toml") as place:
+        fw.write_response(place, found)
+    output.write_json(json_file, fw.summarise(found))
+    words = output.Output(out, json_file)
+    words.say(
+        f"γ = {found.gamma:.3f}; residual phase error after correction "
+        f"{found.residual_rad:.4f} rad rms"
+    )
+    words.wrote(out)
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks decode shots/ --out coordinates.npz --figure x.png",
+)
+def decode(
+    stack: StackArgument,
+    plan: PlanFile = None,
+    noise: Noise = None,
+    gain: Gain = None,
+    saturation: Saturation = None,
+    min_modulation: MinModulation = 0.0,
+    estimate_steps: EstimateSteps = False,
+    response: ResponseFile = None,
+    camera: Camera = None,
+    projector: Projector = None,
     relative: Annotated[
-        bool, typer.Option("--relative", help="Coordinates modulo what the periods can tell.")
-    ] = False,
-    estimate_steps: Annotated[
-        bool, typer.Option("--estimate-steps", help="Take real phase steps from the frames.")
+        bool,
+        typer.Option("--relative", help="Coordinates modulo the plan's unambiguous range."),
     ] = False,
     phases: Annotated[bool, typer.Option("--phases", help="Write wrapped phases as well.")] = False,
-    response: Annotated[
-        Path | None, typer.Option(help="Response file, taken out of the phases.")
-    ] = None,
-    camera: Annotated[str | None, typer.Option(help="Name of the camera.")] = None,
-    projector: Annotated[str | None, typer.Option(help="Name of the projector.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Coordinates to write (.npz).")] = None,
+    figure: Figure = None,
+    json_file: JsonFile = None,
 ) -> None:
-    """Decode a stack of fringes and Gray code to projector coordinates."""
-    if out is not None:
-        check_coordinate_target(out)
-    if noise is None and gain:
-        raise InputError("--gain: expected together with --noise, got it alone")
-    with show_progress() as progress:
+    """Decode fringes and Gray code to projector coordinates."""
+    from fringeworks.files.coordinates import check_coordinate_target
+    from fringeworks.report.figures import check_figure_target
+
+    output.check(out, check_coordinate_target)
+    output.check(figure, check_figure_target)
+    options = _options(noise, gain, saturation, min_modulation, estimate_steps, response)
+    with output.progress() as progress:
         progress("reading …")
-        loaded = read_stack(stack, plan_path)
-        measured = None if response is None else read_response(response)
-        if measured is not None:
-            check_devices(measured, camera or loaded.camera, projector or loaded.projector)
+        loaded = _stack(stack, plan, camera, projector)
         progress("decoding …")
-        found = run_decode(
-            loaded.frames,
-            loaded.plan,
-            noise=None if noise is None else CameraNoise(noise, gain),
-            saturation=loaded.saturation if saturation is None else saturation,
-            min_modulation=min_modulation,
-            absolute=not relative,
-            response=measured,
-            estimate_steps=estimate_steps,
-            keep_phases=phases,
-        )
-    content = decoded_summary(found, loaded.notes)
+        options["absolute"], options["keep_phases"] = not relative, phases
+        found = fw.decode_stack(loaded, **options)
     if out is not None:
-        write_coordinates(out, found)
+        with output.target(out, ".npz") as place:
+            fw.write_coordinates(place, found)
     if figure is not None:
-        from fringeworks.report import figures
+        output.draw(fw.coordinate_sheet(stack.name, found), figure, found.provenance)
+    figures = fw.summarise(found)
+    output.write_json(json_file, figures)
+    words = output.Output(out, figure, json_file)
+    say_coordinates(words, figures)
+    words.wrote(out, figure)
 
-        figures.save(figures.coordinate_sheet(stack.name, found), figure)
-    write_json(json_file, to_json(content))
-    if str(json_file) != "-":
-        _report(content, out)
 
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks calibrate board/ --board chessboard:11x8:12 --out rig.toml",
+)
+def calibrate(
+    folder: Annotated[Path, typer.Argument(help="Folder with one stack per pose of the board.")],
+    board: Annotated[
+        str,
+        typer.Option(
+            help="chessboard:9x7:75 (inner corners, mm), charuco:8x6:30:22[:dictionary][:legacy] "
+            "(squares, mm), circles:9x7:30 or asymmetric-circles:4x11:20."
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Rig file: .toml, or .xml, .yml (OpenCV).")],
+    plan: PlanFile = None,
+    distortion: Annotated[
+        int, typer.Option(help="Distortion coefficients per lens: 0, 2, 4 or 5.")
+    ] = 5,
+    noise: Noise = None,
+    gain: Gain = None,
+    saturation: Saturation = None,
+    min_modulation: MinModulation = 0.0,
+    estimate_steps: EstimateSteps = False,
+    json_file: JsonFile = None,
+) -> None:
+    """Calibrate a camera and projector with a board in several poses."""
+    from fringeworks.files.rig import check_rig_target
+    from fringeworks.files.stack import pose_paths
 
-def _report(content: dict[str, Any], out: Path | None) -> None:
-    for note in content["notes"]:
-        typer.echo(f"note: {note}")
-    for axis, found in content["axes"].items():
-        failed = failures(found["reasons"])
-        if found["median_sigma_px"] is None:
-            typer.echo(f"{axis}: no pixel could be measured ({failed})")
-            continue
-        typer.echo(
-            f"{axis}: {found['minimum_px']:.1f} … {found['maximum_px']:.1f} px, "
-            f"median σ {found['median_sigma_px']:.3g} px"
+    output.check(out, check_rig_target)
+    known = fw.parse_board(board)
+    options = _options(noise, gain, saturation, min_modulation, estimate_steps, None)
+    with output.progress(len(pose_paths(folder)) + 1) as progress:
+        found = fw.calibrate_stacks(
+            folder, known, plan=plan, distortion=distortion, progress=progress, **options
         )
-        typer.echo(f"   failed: {found['failed_fraction']:.2%} ({failed})")
+    with output.target(out, ".toml") as place:
+        fw.write_rig(place, found.rig)
+    figures = fw.summarise(found)
+    output.write_json(json_file, figures)
+    words = output.Output(out, json_file)
+    say_calibration(words, figures)
+    words.wrote(out)
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks rig rig.xml --projector-size 1024x768 --out rig.toml",
+)
+def rig(
+    source: Annotated[Path, typer.Argument(help="Rig file: .toml, or .xml, .yml (OpenCV).")],
+    out: Annotated[Path, typer.Option("--out", help="Rig file of another kind.")],
+    projector_size: Annotated[
+        str | None,
+        typer.Option(help="Columns x rows, as 1024x768, where a file of OpenCV has none."),
+    ] = None,
+) -> None:
+    """Convert a rig file, to and from OpenCV's XML and YAML."""
+    from fringeworks.files.rig import check_rig_target
+
+    output.check(out, check_rig_target)
+    size = None if projector_size is None else size_of(projector_size, "projector-size")
+    with output.target(out, ".toml") as place:
+        fw.write_rig(place, fw.read_rig(source, projector_size=size))
+    output.Output(out).wrote(out)
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks measure part/ --rig rig.toml --out part.ply",
+)
+def measure(
+    stack: StackArgument,
+    rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
+    plan: PlanFile = None,
+    axis: AxisOption = None,
+    noise: Noise = None,
+    gain: Gain = None,
+    saturation: Saturation = None,
+    min_modulation: MinModulation = 0.0,
+    estimate_steps: EstimateSteps = False,
+    response: ResponseFile = None,
+    camera: Camera = None,
+    projector: Projector = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Points: .ply, .xyz or .npz; '-' is PLY.")
+    ] = None,
+    ply: PlyOption = Ply.points,
+    figure: Figure = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Measure the points of a stack of frames with a calibrated rig."""
+    from fringeworks.files.points import check_points_target
+    from fringeworks.report.figures import check_figure_target
+
+    output.check(out, check_points_target)
+    output.check(figure, check_figure_target)
+    options = _options(noise, gain, saturation, min_modulation, estimate_steps, response)
+    with output.progress() as progress:
+        progress("reading …")
+        loaded, calibrated = _stack(stack, plan, camera, projector), fw.read_rig(rig_file)
+        progress("measuring …")
+        found = fw.measure(loaded, calibrated, axis=None if axis is None else axis.value, **options)
     if out is not None:
-        typer.echo(f"wrote {out}")
+        with output.target(out, ".ply") as place:
+            fw.write_points(place, found.points, kind=ply.value)
+    if figure is not None:
+        output.draw(fw.points_sheet(stack.name, found.points), figure, found.points.provenance)
+    figures = fw.summarise(found)
+    output.write_json(json_file, figures)
+    words = output.Output(out, figure, json_file)
+    say_points(words, figures)
+    words.wrote(out, figure)

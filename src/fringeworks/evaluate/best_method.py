@@ -8,19 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.evaluate.errors import Row
+from fringeworks.evaluate.compare import Row
 
-OBJECTS = ("parabola", "sphere", "cylinder", "cube")
-GAMMAS = (1.0, 2.2)
-NOISES = (0.0, 1.0, 4.0)
-SIZE = 500
-FRINGES = (5.0, 10.0, 20.0)
-"""Periods of 100, 50 and 25 px, as 10, 20 and 40 have on the standard scene."""
-HEIGHT_MM = 30.0
-"""Low enough that every cliff stays below half a period, beyond which no method can tell it."""
 TIE = 1.02
-"""Errors within this factor are the same."""
+"""Errors within this factor count as equal: that much changes from seed to seed."""
 CELL = ("object", "gamma", "noise", "bits", "fringes")
+"""Columns that make a scene."""
+UNMEASURED = 0.01
+"""Share of additional unmeasured pixels that explains a lower mean error."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +73,11 @@ def best_methods(rows: Sequence[Row]) -> list[Cell]:
 
 
 def _why(best: Row, windowed: Row) -> str:
-    """What tells the winner from ``windowed``, by their own figures."""
+    """Why the winner's mean error is below that of ``windowed``, by their own figures."""
     if not best["noise"] and not best["bits"]:
         return "ideal frames: a row method needs no window"
     unmeasured = best["failed_fraction"] - windowed["failed_fraction"]
-    if unmeasured > 0.01:
+    if unmeasured > UNMEASURED:
         return f"it leaves {unmeasured:.1%} more unmeasured"
     inner, own_inner = (row["inner_mean_abs_error_mm"] for row in (best, windowed))
     if np.isfinite(best["edge_mean_abs_error_mm"]):

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 
-from fringeworks.pipeline import Reconstruction, reconstruct
-from fringeworks.signal.denoise import Denoiser
-from fringeworks.simulate.scene import standard_scene
 from fringeworks.types import BoolMap, FloatMap, HeightMap, InputError, Reason
 
 EDGE_BAND_PX = 5
@@ -91,74 +86,3 @@ def errors(surface: HeightMap, truth_mm: FloatMap) -> Errors:
         within_1_sigma=float(np.mean(ratio <= 1.0)),
         within_2_sigma=float(np.mean(ratio <= 2.0)),
     )
-
-
-Row = dict[str, Any]
-
-
-def compare(
-    objects: Sequence[str],
-    methods: Sequence[str],
-    *,
-    gammas: Sequence[float] = (1.0,),
-    noises: Sequence[float] = (0.0,),
-    bits: Sequence[int] = (0,),
-    fringes: Sequence[float] = (10.0,),
-    height_mm: float = 100.0,
-    size: int = 1000,
-    seed: int = 0,
-    denoise: Denoiser | None = None,
-    on_result: Callable[[Row, Reconstruction], None] | None = None,
-) -> list[Row]:
-    """Run methods on standard scenes, every combination once.
-
-    Parameters
-    ----------
-    objects, methods : names
-    gammas, noises, bits, fringes : values to combine; noise in counts of 8 bit
-    height_mm, size, seed : of the standard scene
-    denoise : applied to both frames before every method
-    on_result : called with each row and its reconstruction, for progress and figures
-
-    Returns
-    -------
-    List of rows with the keys object, method, gamma, noise, bits, fringes, the fields of
-    ``Errors`` and seconds.
-    """
-    rows: list[Row] = []
-    cells = [
-        (name, g, n, b, f)
-        for name in objects
-        for g in gammas
-        for n in noises
-        for b in bits
-        for f in fringes
-    ]
-    for name, gamma, noise, depth, f0 in cells:
-        scene = standard_scene(
-            name,
-            size=size,
-            height_mm=height_mm,
-            gamma=gamma,
-            noise=noise,
-            bits=depth,
-            fringes=f0,
-            seed=seed,
-        )
-        assert scene.truth_mm is not None
-        for method in methods:
-            result = reconstruct(scene, method, denoise=denoise)
-            row: Row = {
-                "object": name,
-                "method": method,
-                "gamma": gamma,
-                "noise": noise,
-                "bits": depth,
-                "fringes": f0,
-                **asdict(errors(result.surface, scene.truth_mm)),
-                "seconds": result.seconds,
-            }
-            rows.append(row)
-            if on_result:
-                on_result(row, result)
-    return rows

@@ -7,19 +7,23 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.files.atomic import check_target, replacing
-from fringeworks.types import Axis, CameraNoise, CoordinateMap, Decoded, InputError
+from fringeworks.files.atomic import StrPath, check_target
+from fringeworks.files.npz import read_npz, write_npz
+from fringeworks.files.provenance import KEY, from_json, json_line
+from fringeworks.types import Axis, CameraNoise, CoordinateMap, Decoded, FileProblem, sealed
 
 MAPS = ("coordinate_px", "sigma_px", "modulation", "background", "reason")
+"""Maps that every axis has."""
 OPTIONAL = ("phase_rad", "modulations", "repeats_px")
+"""What an axis may have besides."""
 
 
-def check_coordinate_target(path: Path) -> None:
-    """``files.check_target`` for the kinds that are written here."""
+def check_coordinate_target(path: StrPath) -> None:
+    """Refuse a file that ``write_coordinates`` cannot write, before anything is computed."""
     check_target(path, (".npz",))
 
 
-def write_coordinates(path: Path, decoded: Decoded) -> Path:
+def write_coordinates(path: StrPath, decoded: Decoded) -> Path:
     """Write decoded coordinates, whole or not at all.
 
     Arrays ``x_coordinate_px``, ``x_sigma_px``, ``x_modulation``, ``x_background``, ``x_reason``
@@ -38,33 +42,34 @@ def write_coordinates(path: Path, decoded: Decoded) -> Path:
             value = getattr(found, name)
             if value is not None:
                 arrays[f"{axis}_{name}"] = value
-    with replacing(Path(path)) as temporary, temporary.open("wb") as file:
-        # Measured maps hardly compress, and compressing them takes longer than decoding.
-        np.savez(file, **arrays)
+    origin = json_line(decoded.provenance)
+    if origin is not None:
+        arrays[KEY] = origin
+    # Measured maps hardly compress, and compressing them takes longer than decoding.
+    write_npz(path, arrays, compressed=False)
     return Path(path)
 
 
-def read_coordinates(path: Path) -> Decoded:
+def read_coordinates(path: StrPath) -> Decoded:
     """Read decoded coordinates.
 
     Raises
     ------
-    InputError where there is no such file, or it is none of these.
+    FileProblem where there is no such file, or it holds no coordinates.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: expected a file of coordinates (.npz), got no such file")
+    arrays = read_npz(path, "coordinates")
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
         read_counts, gain = (float(v) for v in arrays["noise"])
         notes = tuple(str(note) for note in arrays["notes"])
         x, y = _axis(arrays, "x"), _axis(arrays, "y")
-    except Exception as error:  # zipfile and numpy raise many kinds for a damaged archive
-        raise InputError(f"{path}: expected a file of coordinates, got: {error}") from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileProblem(
+            f"{path}: expected coordinates, got an archive without {error}"
+        ) from error
     if x is None and y is None:
-        raise InputError(f"{path}: expected coordinates along x or y, got neither")
-    return Decoded(x, y, CameraNoise(read_counts, gain), notes)
+        raise FileProblem(f"{path}: expected coordinates along x or y, got neither")
+    origin = from_json(str(arrays[KEY])) if KEY in arrays else None
+    return Decoded(x, y, CameraNoise(read_counts, gain), notes, provenance=origin)
 
 
 def _axis(arrays: dict[str, Any], axis: Axis) -> CoordinateMap | None:
@@ -73,7 +78,7 @@ def _axis(arrays: dict[str, Any], axis: Axis) -> CoordinateMap | None:
     optional: dict[str, Any] = {name: arrays.get(f"{axis}_{name}") for name in OPTIONAL}
     repeats = optional.pop("repeats_px")
     return CoordinateMap(
-        **{name: arrays[f"{axis}_{name}"] for name in MAPS},
+        **{name: sealed(arrays[f"{axis}_{name}"]) for name in MAPS},
         axis=axis,
         periods_px=tuple(float(p) for p in arrays[f"{axis}_periods_px"]),
         repeats_px=None if repeats is None else float(repeats),

@@ -1,4 +1,4 @@
-"""Captures on disk: a folder with ``capture.toml``, two images, ``.npz`` or MATLAB ``.mat``."""
+"""Pairs on disk: a folder with ``capture.toml``, two images, ``.npz`` or MATLAB ``.mat``."""
 
 from __future__ import annotations
 
@@ -9,12 +9,25 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from fringeworks.files.atomic import make_folder, read_frame, write_frame, write_text
-from fringeworks.files.toml import Section, read_toml
-from fringeworks.types import Axis, InputError, Pair, ReferencePlaneGeometry
+from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.files.folder import incomplete, replacing_folder
+from fringeworks.files.images import read_frame, write_frame
+from fringeworks.files.npz import read_npz
+from fringeworks.files.provenance import source_of
+from fringeworks.files.toml import Section
+from fringeworks.types import (
+    Axis,
+    FileProblem,
+    InputError,
+    Pair,
+    ReferencePlaneGeometry,
+    Source,
+)
 
 CAPTURE_FILE = "capture.toml"
+"""Description of a capture in its folder. A folder without one is no complete capture."""
 MATLAB_REFERENCE, MATLAB_OBJECT = "S", "D"
+"""Variables of the dissertation's MATLAB files."""
 
 
 class FramesSection(Section):
@@ -58,20 +71,49 @@ class CaptureFile(Section):
     devices: DevicesSection = DevicesSection()
 
 
-def read_capture(path: Path) -> Pair:
-    """Read a capture from a folder with ``capture.toml``, a ``.npz`` or a ``.mat`` file.
+def read_pair(
+    reference: StrPath | None,
+    object: StrPath,
+    *,
+    geometry: ReferencePlaneGeometry | None = None,
+) -> Pair:
+    """Read a pair from two files, or a single frame from the object's file.
 
     Parameters
     ----------
-    path : Path
-
-    Returns
-    -------
-    Pair with frames as stored.
+    reference, object : paths
+        Images, or ``.mat`` files with the variable S and D respectively, as the dissertation's.
+        None as reference makes a single frame.
+    geometry : ReferencePlaneGeometry, optional
+        Without it, results are displacements in px.
 
     Raises
     ------
-    InputError for anything missing, unreadable or unknown, naming the file and the field.
+    FileProblem where a file cannot be read; InputError where the two differ in size.
+    """
+    paths = [Path(p) for p in (reference, object) if p is not None]
+    read = [_one_frame(p, MATLAB_OBJECT if p is paths[-1] else MATLAB_REFERENCE) for p in paths]
+    if len({frame.shape for frame, _ in read}) > 1:
+        (first, _), (second, _) = read
+        raise InputError(
+            f"frames: expected equal sizes, got {_size(first)} in {paths[0].name} and "
+            f"{_size(second)} in {paths[1].name}"
+        )
+    return Pair(
+        reference=None if reference is None else read[0][0],
+        object=read[-1][0],
+        geometry=geometry,
+        notes=tuple(note for _, notes in read for note in notes),
+        sources=tuple(source_of(p) for p in paths),
+    )
+
+
+def read_pair_file(path: StrPath) -> Pair:
+    """Read both frames from one ``.npz`` or ``.mat`` file.
+
+    Raises
+    ------
+    FileProblem for anything missing, unreadable or unknown, naming the file and the field.
 
     Notes
     -----
@@ -79,44 +121,11 @@ def read_capture(path: Path) -> Pair:
     ``.mat`` (v5 to v7.3): variables S and D, as the dissertation's files hold them.
     """
     path = Path(path)
-    if path.is_dir():
-        return _read_folder(path)
-    if not path.is_file():
-        raise InputError(f"{path}: expected a capture folder, .npz or .mat file, got nothing there")
-    suffix = path.suffix.lower()
-    if suffix == ".npz":
-        return _from_arrays(path, _load_npz(path), "reference", "object")
-    if suffix == ".mat":
-        return _from_arrays(path, _load_mat(path), MATLAB_REFERENCE, MATLAB_OBJECT)
-    raise InputError(
-        f"{path}: expected a capture folder, .npz or .mat file, got {suffix or path.name}"
-    )
-
-
-def read_pair(reference: Path | None, object: Path) -> Pair:
-    """A capture from two files, or from the object's alone, without geometry.
-
-    Parameters
-    ----------
-    reference, object : Path
-        Images, or ``.mat`` files with the variable S and D respectively, as the dissertation's.
-        No reference makes a single frame.
-
-    Raises
-    ------
-    InputError where a file cannot be read or the two differ in size.
-    """
-    if reference is None:
-        only, notes = _one_frame(object, MATLAB_OBJECT)
-        return Pair(reference=None, object=only, notes=notes)
-    first, first_notes = _one_frame(reference, MATLAB_REFERENCE)
-    second, second_notes = _one_frame(object, MATLAB_OBJECT)
-    if first.shape != second.shape:
-        raise InputError(
-            f"frames: expected equal sizes, got {_size(first)} in {Path(reference).name} and "
-            f"{_size(second)} in {Path(object).name}"
-        )
-    return Pair(reference=first, object=second, notes=first_notes + second_notes)
+    if path.suffix.lower() == ".npz":
+        arrays, names = read_npz(path, "a pair of frames"), ("reference", "object")
+    else:
+        arrays, names = _load_mat(path), (MATLAB_REFERENCE, MATLAB_OBJECT)
+    return _from_arrays(path, arrays, *names)
 
 
 def _one_frame(path: Path, variable: str) -> tuple[NDArray[Any], tuple[str, ...]]:
@@ -129,11 +138,8 @@ def _size(frame: NDArray[Any]) -> str:
     return f"{frame.shape[1]} × {frame.shape[0]}"
 
 
-def _read_folder(folder: Path) -> Pair:
-    description = folder / CAPTURE_FILE
-    if not description.is_file():
-        raise InputError(f"{folder}: expected a file {CAPTURE_FILE}, got none")
-    content = read_toml(description, CaptureFile)
+def read_pair_folder(folder: Path, content: CaptureFile) -> Pair:
+    """Read a pair as the ``capture.toml`` in its folder describes it."""
     named = content.frames.reference
     pair = read_pair(None if named is None else folder / named, folder / content.frames.object)
     geometry = content.geometry
@@ -142,6 +148,7 @@ def _read_folder(folder: Path) -> Pair:
         for name in (content.mask, content.background)
     )
     truth = None if content.truth is None else read_frame(folder / content.truth)[0]
+    more = [content.mask, content.background, content.truth, CAPTURE_FILE]
     return Pair(
         reference=pair.reference,
         object=pair.object,
@@ -153,21 +160,18 @@ def _read_folder(folder: Path) -> Pair:
         projector=content.devices.projector,
         truth_mm=_fitting("truth", truth, pair.object),
         notes=pair.notes,
+        sources=(*pair.sources, *_sources(folder, more)),
     )
+
+
+def _sources(folder: Path, names: list[str | None]) -> tuple[Source, ...]:
+    return tuple(source_of(folder / name) for name in names if name is not None)
 
 
 def _fitting(name: str, values: Any, frame: NDArray[Any]) -> Any:
     if values is not None and values.shape != frame.shape:
         raise InputError(f"{name}: expected shape {frame.shape}, got {values.shape}")
     return values
-
-
-def _load_npz(path: Path) -> dict[str, Any]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except Exception as error:  # zipfile and numpy raise many kinds for a damaged archive
-        raise InputError(f"{path}: expected a readable .npz, got: {error}") from error
 
 
 def _load_mat(path: Path) -> dict[str, Any]:
@@ -186,17 +190,17 @@ def _load_mat(path: Path) -> dict[str, Any]:
                 }
         return dict(scipy.io.loadmat(path))
     except Exception as error:  # scipy.io and h5py raise many kinds for a damaged file
-        raise InputError(f"{path}: expected a readable .mat, got: {error}") from error
+        raise FileProblem(f"{path}: expected a readable .mat, got: {error}") from error
 
 
 def _real_array(path: Path, arrays: dict[str, Any], name: str) -> NDArray[Any]:
     if name not in arrays:
         there = ", ".join(key for key in arrays if not key.startswith("__")) or "nothing"
-        raise InputError(f"{path}: expected a variable {name}, got {there}")
+        raise FileProblem(f"{path}: expected a variable {name}, got {there}")
     frame = arrays[name]
     if not isinstance(frame, np.ndarray) or frame.ndim != 2 or frame.dtype.kind not in "uif":
         kind = f"{getattr(frame, 'dtype', type(frame))} {getattr(frame, 'shape', '')}"
-        raise InputError(f"{path}: expected {name} as a real (h, w) array, got {kind}")
+        raise FileProblem(f"{path}: expected {name} as a real (h, w) array, got {kind}")
     return frame
 
 
@@ -213,50 +217,68 @@ def _from_arrays(path: Path, arrays: dict[str, Any], reference: str, object: str
         object=second,
         mask=_fitting("mask", None if mask is None else mask != 0, first),
         truth_mm=_fitting("truth_mm", arrays.get("truth_mm"), first),
+        sources=(source_of(path),),
     )
 
 
-def write_pair(folder: Path, capture: Pair) -> Path:
-    """Write a capture as a folder of images with ``capture.toml``.
+def write_pair(folder: StrPath, pair: Pair, *, force: bool = False) -> Path:
+    """Write a pair as a folder of images with ``capture.toml``.
 
-    Whole counts become PNG, floats TIFF; the description is written last, so that a folder
-    that has one is complete.
+    Parameters
+    ----------
+    folder : path
+        New, empty, or an earlier result, which is replaced as a whole.
+    pair : Pair
+        Frames of whole counts become PNG, floats TIFF.
+    force : bool
+        Write into a folder with other things in it, too; see ``replacing_folder``.
 
     Returns
     -------
-    Path of the description.
+    Path of ``capture.toml``, which is written last.
+
+    Raises
+    ------
+    FileProblem where the folder holds other things or cannot be written to.
     """
-    folder = make_folder(folder)
-    frames = {}
-    for name in ("reference", "object"):
-        frame = getattr(capture, name)
-        if frame is None:
-            continue
-        frames[name] = f"{name}.png" if frame.dtype in (np.uint8, np.uint16) else f"{name}.tif"
-        write_frame(folder / frames[name], frame)
-    content: dict[str, Any] = {"kind": "pair"}
-    if capture.axis:
-        content["axis"] = capture.axis
-    for name in ("mask", "background"):
-        values = getattr(capture, name)
-        if values is not None:
-            content[name] = f"{name}.png"
-            write_frame(folder / f"{name}.png", values.astype(np.uint8) * np.uint8(255))
-    if capture.truth_mm is not None:
-        content["truth"] = "truth.tif"
-        write_frame(folder / "truth.tif", np.asarray(capture.truth_mm, np.float64))
-    content["frames"] = frames
-    devices = {"camera": capture.camera, "projector": capture.projector}
-    named = {name: value for name, value in devices.items() if value is not None}
-    if named:
-        content["devices"] = named
-    if capture.geometry is not None:
-        g = capture.geometry
-        content["geometry"] = {
-            "distance_mm": g.distance_mm,
-            "baseline_mm": g.baseline_mm,
-            "pitch_mm_per_px": g.pitch_mm_per_px,
-            "sign": g.sign,
-        }
-    write_text(folder / CAPTURE_FILE, tomli_w.dumps(content))
-    return folder / CAPTURE_FILE
+    with replacing_folder(folder, index=(CAPTURE_FILE,), force=force) as writer:
+        frames: dict[str, str] = {}
+        content: dict[str, Any] = {"kind": "pair"} | ({"axis": pair.axis} if pair.axis else {})
+        for name in ("reference", "object"):
+            frame = getattr(pair, name)
+            if frame is not None:
+                whole = frame.dtype in (np.uint8, np.uint16)
+                frames[name] = f"{name}.png" if whole else f"{name}.tif"
+                write_frame(writer.file(frames[name]), frame)
+        for name in ("mask", "background"):
+            values = getattr(pair, name)
+            if values is not None:
+                content[name] = f"{name}.png"
+                write_frame(writer.file(content[name]), values.astype(np.uint8) * np.uint8(255))
+        if pair.truth_mm is not None:
+            content["truth"] = "truth.tif"
+            write_frame(writer.file("truth.tif"), np.asarray(pair.truth_mm, np.float64))
+        content["frames"] = frames
+        devices = {"camera": pair.camera, "projector": pair.projector}
+        content["devices"] = {name: value for name, value in devices.items() if value is not None}
+        if pair.geometry is not None:
+            content["geometry"] = geometry_section(pair.geometry)
+        text = tomli_w.dumps({name: value for name, value in content.items() if value})
+        write_text(writer.file(CAPTURE_FILE), text)
+        return writer.folder / CAPTURE_FILE
+
+
+def geometry_section(geometry: ReferencePlaneGeometry) -> dict[str, Any]:
+    """``[geometry]`` of a TOML file."""
+    return {
+        "distance_mm": float(geometry.distance_mm),
+        "baseline_mm": float(geometry.baseline_mm),
+        "pitch_mm_per_px": float(geometry.pitch_mm_per_px),
+        "sign": int(geometry.sign),
+    }
+
+
+def missing_description(folder: Path, expected: str) -> FileProblem:
+    """The error of a folder that has no description."""
+    why = "; an interrupted write left it incomplete" if incomplete(folder) else ""
+    return FileProblem(f"{folder}: expected a file {expected}, got none{why}")

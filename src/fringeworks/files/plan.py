@@ -12,7 +12,9 @@ import tifffile
 import tomli_w
 from pydantic import Field
 
-from fringeworks.files.atomic import make_folder, replacing, write_frame, write_text
+from fringeworks.files.atomic import StrPath, replacing, write_text
+from fringeworks.files.folder import replacing_folder
+from fringeworks.files.images import write_frame
 from fringeworks.files.toml import Section, read_toml
 from fringeworks.patterns.plan import (
     Block,
@@ -23,10 +25,12 @@ from fringeworks.patterns.plan import (
     encode,
     equal_steps,
 )
-from fringeworks.types import Axis, InputError
+from fringeworks.types import Axis, FileProblem, InputError
 
 PLAN_FILE = "plan.toml"
-STACK_FILE = "patterns.tif"
+"""Plan in the folder of its pictures or frames."""
+PATTERNS_FILE = "patterns.tif"
+"""Pictures of a plan as one stack."""
 
 
 class PhaseEntry(Section):
@@ -52,13 +56,13 @@ class GrayEntry(Section):
     """Whether each bit is followed by its inverse."""
 
 
-class LevelEntry(Section):
+class UniformEntry(Section):
     """One white or black frame."""
 
     kind: Literal["white", "black"]
 
 
-Entry = Annotated[PhaseEntry | GrayEntry | LevelEntry, Field(discriminator="kind")]
+Entry = Annotated[PhaseEntry | GrayEntry | UniformEntry, Field(discriminator="kind")]
 
 
 class PlanFile(Section):
@@ -73,7 +77,7 @@ class PlanFile(Section):
     sequence: list[Entry] = Field(min_length=1)
 
 
-def read_plan(path: Path) -> PatternPlan:
+def read_plan(path: StrPath) -> PatternPlan:
     """Read a plan.
 
     Raises
@@ -82,7 +86,7 @@ def read_plan(path: Path) -> PatternPlan:
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: expected a plan file (TOML), got no such file")
+        raise FileProblem(f"{path}: expected a plan file (TOML), got no such file")
     content = read_toml(path, PlanFile)
     width, height = content.projector
     blocks = []
@@ -99,8 +103,8 @@ def read_plan(path: Path) -> PatternPlan:
         raise InputError(f"{path}: {error}") from error
 
 
-def _block(entry: PhaseEntry | GrayEntry | LevelEntry, width: int, height: int) -> Block:
-    if isinstance(entry, LevelEntry):
+def _block(entry: PhaseEntry | GrayEntry | UniformEntry, width: int, height: int) -> Block:
+    if isinstance(entry, UniformEntry):
         return Uniform(entry.kind)
     length = width if entry.axis == "x" else height
     if isinstance(entry, GrayEntry):
@@ -141,42 +145,72 @@ def format_plan(plan: PatternPlan) -> str:
     return tomli_w.dumps(content | {"sequence": sequence})
 
 
-def write_plan(path: Path, plan: PatternPlan) -> Path:
+def write_plan(path: StrPath, plan: PatternPlan) -> Path:
     """Write a plan as TOML, whole or not at all."""
     write_text(path, format_plan(plan))
     return Path(path)
 
 
+def check_resolvable(plan: PatternPlan) -> None:
+    """Refuse a plan whose fringe orders cannot be resolved, before it is projected."""
+    for axis in plan.axes:
+        if plan.phase_sets(axis):
+            plan.chain(axis)
+
+
+def frame_names(plan: PatternPlan, suffix: str) -> list[str]:
+    """A file name for every frame of a plan: its number and its label."""
+    labels = plan.labels()
+    digits = len(str(len(labels) - 1))
+    return [f"{k:0{digits}d}-{label}{suffix}" for k, label in enumerate(labels)]
+
+
 def write_patterns(
-    folder: Path,
+    folder: StrPath,
     plan: PatternPlan,
     *,
     stack: bool = False,
+    force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> list[Path]:
-    """The pictures of a plan as PNG files, or one TIFF stack, with the plan beside them.
+    """Write the pictures of a plan as PNG files, or as one TIFF stack, with the plan beside them.
+
+    Parameters
+    ----------
+    folder : path
+        New, empty, or an earlier result, which is replaced as a whole.
+    plan : PatternPlan
+    stack : bool
+        One TIFF stack instead of PNG files.
+    force : bool
+        Write into a folder with other things in it, too; see ``replacing_folder``.
+    progress : callable
+        Called with the label of each picture.
 
     Returns
     -------
-    Paths of the pictures, in the order in which they are to be sent; the plan is written last, so
-    that a folder that has one is complete.
+    Paths of the pictures in the order of projection. ``plan.toml`` is written last.
+
+    Raises
+    ------
+    InputError for a plan whose fringe orders cannot be resolved; FileProblem where the folder holds
+    other things or cannot be written to.
     """
-    folder = make_folder(folder)
+    check_resolvable(plan)
     labels = plan.labels()
-    digits = len(str(len(labels) - 1))
-    written = []
-    if stack:
-        path = folder / STACK_FILE
-        with replacing(path) as temporary, tifffile.TiffWriter(temporary) as writer:
-            for label, picture in zip(labels, encode(plan), strict=True):
+    with replacing_folder(folder, index=(PLAN_FILE,), force=force) as writer:
+        written = []
+        if stack:
+            written.append(writer.file(PATTERNS_FILE))
+            with replacing(written[0]) as temporary, tifffile.TiffWriter(temporary) as pages:
+                for label, picture in zip(labels, encode(plan), strict=True):
+                    progress(label)
+                    pages.write(picture, contiguous=True, description=label, metadata=None)
+        else:
+            names = frame_names(plan, ".png")
+            for label, name, picture in zip(labels, names, encode(plan), strict=True):
                 progress(label)
-                writer.write(picture, contiguous=True, description=label, metadata=None)
-        written.append(path)
-    else:
-        for k, (label, picture) in enumerate(zip(labels, encode(plan), strict=True)):
-            progress(label)
-            path = folder / f"{k:0{digits}d}-{label}.png"
-            write_frame(path, picture)
-            written.append(path)
-    write_plan(folder / PLAN_FILE, plan)
-    return written
+                written.append(writer.file(name))
+                write_frame(written[-1], picture)
+        write_plan(writer.file(PLAN_FILE), plan)
+        return written

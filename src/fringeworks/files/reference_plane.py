@@ -1,19 +1,23 @@
-"""Calibrations of the two-frame path on disk: a TOML file, and maps of every pixel."""
+"""Calibrations of the two-frame path on disk: a TOML file, or maps of every pixel as NPZ."""
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import tomli_w
 
-from fringeworks.files.atomic import replacing, write_text
-from fringeworks.files.pair import GeometrySection
+from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.npz import read_npz, write_npz
+from fringeworks.files.pair import GeometrySection, geometry_section
+from fringeworks.files.provenance import KEY, ProvenanceSection, from_json, json_line, toml_section
 from fringeworks.files.toml import Section, read_toml
-from fringeworks.pair.plane_calibration import PixelCalibration
-from fringeworks.types import InputError, ReferencePlaneGeometry
+from fringeworks.pair.plane_calibration import PixelCalibration, PlaneCalibration
+from fringeworks.types import FileProblem, ReferencePlaneGeometry
+
+GEOMETRY_SUFFIX, PIXELS_SUFFIX = ".toml", ".npz"
+"""Suffixes of a geometry, and of a calibration of every pixel."""
 
 
 class PlaneFile(Section):
@@ -22,48 +26,68 @@ class PlaneFile(Section):
     kind: Literal["reference-plane"]
     geometry: GeometrySection
     """As in ``capture.toml``: mm, mm/px."""
+    provenance: ProvenanceSection | None = None
 
 
-def write_geometry(path: Path, geometry: ReferencePlaneGeometry) -> Path:
-    """Write a geometry as TOML, whole or not at all."""
-    section: dict[str, Any] = {
-        "distance_mm": float(geometry.distance_mm),
-        "baseline_mm": float(geometry.baseline_mm),
-        "pitch_mm_per_px": float(geometry.pitch_mm_per_px),
-        "sign": geometry.sign,
+def check_reference_plane_target(path: StrPath) -> None:
+    """Refuse a file that ``write_reference_plane`` cannot write, before anything is computed."""
+    check_target(path, (GEOMETRY_SUFFIX, PIXELS_SUFFIX))
+
+
+def write_reference_plane(
+    path: StrPath,
+    calibration: ReferencePlaneGeometry | PlaneCalibration | PixelCalibration,
+) -> Path:
+    """Write a calibration of the two-frame path, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        ``.toml`` for a geometry, ``.npz`` for a calibration of every pixel.
+    calibration : ReferencePlaneGeometry, PlaneCalibration or PixelCalibration
+
+    Raises
+    ------
+    FileProblem for a suffix that does not fit, and where the folder cannot be written to.
+    """
+    path = Path(path)
+    if not isinstance(calibration, PixelCalibration):
+        check_target(path, (GEOMETRY_SUFFIX,))
+        origin = None
+        if isinstance(calibration, PlaneCalibration):
+            origin, calibration = calibration.provenance, calibration.geometry
+        content = {"kind": "reference-plane", "geometry": geometry_section(calibration)}
+        write_text(path, tomli_w.dumps(content | toml_section(origin)))
+        return path
+    check_target(path, (PIXELS_SUFFIX,))
+    arrays = {
+        "slope": calibration.slope,
+        "bend": calibration.bend,
+        "heights_mm": np.array(calibration.heights_mm),
     }
-    write_text(path, tomli_w.dumps({"kind": "reference-plane", "geometry": section}))
-    return Path(path)
-
-
-def read_geometry(path: Path) -> ReferencePlaneGeometry:
-    """Read what ``write_geometry`` wrote; ``InputError`` names the file and its fault."""
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: expected a geometry file (TOML), got no such file")
-    return ReferencePlaneGeometry(**read_toml(path, PlaneFile).geometry.model_dump())
-
-
-def write_pixels(path: Path, calibration: PixelCalibration) -> Path:
-    """Write a calibration of every pixel as ``.npz``, whole or not at all."""
-    path = Path(path)
-    if path.suffix.lower() != ".npz":
-        raise InputError(f"{path}: expected .npz, got {path.suffix or 'no suffix'}")
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            slope=calibration.slope,
-            bend=calibration.bend,
-            heights_mm=np.array(calibration.heights_mm),
-        )
+    line = json_line(calibration.provenance)
+    write_npz(path, arrays if line is None else arrays | {KEY: np.array(line)})
     return path
 
 
-def read_pixels(path: Path) -> PixelCalibration:
-    """Read what ``write_pixels`` wrote; ``InputError`` names the file."""
+def read_reference_plane(path: StrPath) -> ReferencePlaneGeometry | PixelCalibration:
+    """Read a calibration that ``write_reference_plane`` wrote.
+
+    Raises
+    ------
+    FileProblem that names the file and its fault.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileProblem(f"{path}: expected a calibration (.toml or .npz), got no such file")
+    if path.suffix.lower() != PIXELS_SUFFIX:
+        return ReferencePlaneGeometry(**read_toml(path, PlaneFile).geometry.model_dump())
+    arrays = read_npz(path, "a calibration of every pixel")
     try:
-        with np.load(path, allow_pickle=False) as data:
-            low, high = (float(v) for v in data["heights_mm"])
-            return PixelCalibration(data["slope"], data["bend"], (low, high))
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: expected a calibration as .npz, got: {error}") from error
+        low, high = (float(v) for v in arrays["heights_mm"])
+        origin = from_json(str(arrays[KEY])) if KEY in arrays else None
+        return PixelCalibration(arrays["slope"], arrays["bend"], (low, high), origin)
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileProblem(
+            f"{path}: expected a calibration of every pixel, got an archive without {error}"
+        ) from error

@@ -9,11 +9,12 @@ import numpy as np
 import tomli_w
 from pydantic import Field
 
-from fringeworks.files.atomic import write_text
+from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.provenance import ProvenanceSection, toml_section
 from fringeworks.files.toml import Section, read_toml
 from fringeworks.signal.phase_table import BINS
 from fringeworks.signal.response import Response
-from fringeworks.types import InputError
+from fringeworks.types import FileProblem
 
 
 class ResponseFile(Section):
@@ -31,10 +32,22 @@ class ResponseFile(Section):
     table_rad: list[Annotated[list[float], Field(min_length=BINS, max_length=BINS)]] = Field(
         min_length=1
     )
+    provenance: ProvenanceSection | None = None
 
 
-def write_response(path: Path, response: Response) -> Path:
-    """Write a response as TOML, whole or not at all."""
+def check_response_target(path: StrPath) -> None:
+    """Refuse a file that ``write_response`` cannot write, before anything is computed for it."""
+    check_target(path, (".toml",))
+
+
+def write_response(path: StrPath, response: Response) -> Path:
+    """Write a response as TOML, whole or not at all.
+
+    Raises
+    ------
+    FileProblem for another suffix, and where the folder cannot be written to.
+    """
+    check_response_target(path)
     content = {
         "kind": "response",
         "camera": response.camera,
@@ -47,29 +60,30 @@ def write_response(path: Path, response: Response) -> Path:
         "brightness": [round(float(v), 3) for v in response.brightness],
         "table_rad": [[round(float(v), 7) for v in row] for row in response.table_rad],
     }
-    write_text(path, tomli_w.dumps(content))
-    return path
+    write_text(path, tomli_w.dumps(content | toml_section(response.provenance)))
+    return Path(path)
 
 
-def read_response(path: Path) -> Response:
+def read_response(path: StrPath) -> Response:
     """Read a response.
 
     Raises
     ------
-    InputError where there is no such file, or it is no response.
+    FileProblem where there is no such file, or it is no response.
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: expected a response file, got no such file")
+        raise FileProblem(f"{path}: expected a response file, got no such file")
     content = read_toml(path, ResponseFile)
     if not np.isfinite(content.table_rad).all() or not np.isfinite(content.gamma):
-        raise InputError(f"{path}: expected finite values, got NaN or infinity")
+        raise FileProblem(f"{path}: expected finite values, got NaN or infinity")
     rising = np.all(np.diff(content.brightness) > 0)
     if len(content.brightness) != len(content.table_rad) or not rising:
-        raise InputError(
+        raise FileProblem(
             f"{path}: expected a rising brightness for each of {len(content.table_rad)} tables, "
             f"got {content.brightness}"
         )
+    origin = content.provenance
     return Response(
         camera=content.camera,
         projector=content.projector,
@@ -80,4 +94,5 @@ def read_response(path: Path) -> Response:
         brightness=tuple(content.brightness),
         residual_rad=content.residual_rad,
         offset_rad=content.offset_rad,
+        provenance=None if origin is None else origin.as_provenance(),
     )

@@ -11,19 +11,23 @@ import numpy as np
 import tomli_w
 from pydantic import Field
 
-from fringeworks.files.atomic import check_target, write_text
+from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.provenance import ProvenanceSection, toml_section
 from fringeworks.files.toml import Section, read_toml
-from fringeworks.types import RIG_PARAMETERS, FloatMap, InputError, Pinhole, Rig
+from fringeworks.types import RIG_PARAMETERS, FileProblem, FloatMap, InputError, Pinhole, Rig
 
 OPENCV_SUFFIXES = (".xml", ".yml", ".yaml")
+"""Files of OpenCV's FileStorage."""
 TOML_SUFFIX = ".toml"
+"""Our own rig files."""
 HEADER = """\
 # A calibrated camera and projector (fringeworks).
 # Pixels: centres on integers. Distortion: Brown's k1, k2, p1, p2, k3, in OpenCV's order.
 # T_projector_camera maps camera coordinates (x right, y down, z forward; mm) to the projector's.
 # [uncertainty]: standard deviations in px, 1, rad (a turn of the projector's coordinates about
-# their axes) and mm, and how they hang together.
+# their axes) and mm, and their correlation matrix.
 """
+"""Comment at the top of a rig file."""
 NAMES = {
     "camera_matrix": ("camera_matrix", "cam_int", "cam_K", "K1", "M1", "cameraMatrix1"),
     "camera_distortion": ("camera_distortion", "cam_dist", "cam_kc", "D1", "distCoeffs1"),
@@ -72,16 +76,17 @@ class RigFile(Section):
     projector: DeviceSection
     T_projector_camera: PoseSection
     uncertainty: UncertaintySection | None = None
+    provenance: ProvenanceSection | None = None
 
 
-def write_rig(path: Path, rig: Rig) -> Path:
+def write_rig(path: StrPath, rig: Rig) -> Path:
     """Write a rig, whole or not at all: ``.toml``, or ``.xml``/``.yml``/``.yaml`` for OpenCV.
 
     OpenCV's files have no covariance.
 
     Raises
     ------
-    InputError for another suffix, and where the folder cannot be written to.
+    FileProblem for another suffix, and where the folder cannot be written to.
     """
     path = Path(path)
     check_rig_target(path)
@@ -89,12 +94,12 @@ def write_rig(path: Path, rig: Rig) -> Path:
     return path
 
 
-def check_rig_target(path: Path) -> None:
-    """``files.check_target`` for the kinds that are written here."""
+def check_rig_target(path: StrPath) -> None:
+    """Refuse a file that ``write_rig`` cannot write, before anything is computed for it."""
     check_target(path, (TOML_SUFFIX, *OPENCV_SUFFIXES))
 
 
-def read_rig(path: Path, *, projector_size: tuple[int, int] | None = None) -> Rig:
+def read_rig(path: StrPath, *, projector_size: tuple[int, int] | None = None) -> Rig:
     """Read a rig that ``write_rig`` or OpenCV wrote.
 
     Parameters
@@ -106,18 +111,18 @@ def read_rig(path: Path, *, projector_size: tuple[int, int] | None = None) -> Ri
 
     Raises
     ------
-    InputError for a missing or damaged file, naming what is wrong in it.
+    FileProblem for a missing or damaged file, naming the fault.
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: expected a rig file, got no such file")
+        raise FileProblem(f"{path}: expected a rig file, got no such file")
     try:
         if path.suffix.lower() in OPENCV_SUFFIXES:
             return _from_opencv(path, projector_size)
         return _from_toml(read_toml(path, RigFile))
     except InputError as error:
         text = str(error)
-        raise InputError(text if str(path) in text else f"{path}: {text}") from error
+        raise FileProblem(text if str(path) in text else f"{path}: {text}") from error
 
 
 def format_rig(rig: Rig) -> str:
@@ -148,6 +153,7 @@ def format_rig(rig: Rig) -> str:
             "sigma": _floats(sigma),
             "correlation": [[round(float(c), 12) for c in row] for row in correlation],
         }
+    content |= toml_section(rig.provenance)
     # A line for each row of numbers.
     rows = re.compile(r"\[\s*((?:[^][,\"]+,\s*)+)\]")
     return HEADER + rows.sub(
@@ -183,7 +189,8 @@ def _from_toml(content: RigFile) -> Rig:
             raise InputError("uncertainty.sigma: expected values >= 0")
         covariance = np.array(u.correlation) * np.outer(sigma, sigma)
     residual = (content.camera.residual_px, content.projector.residual_px)
-    return Rig(devices[0], devices[1], T, covariance, residual)
+    origin = None if content.provenance is None else content.provenance.as_provenance()
+    return Rig(devices[0], devices[1], T, covariance, residual, origin)
 
 
 def _opencv(path: Path, rig: Rig) -> str:

@@ -1,35 +1,40 @@
-"""Stacks of frames on disk: a folder of images with its plan, a TIFF stack, .npy or .npz."""
+"""Stacks on disk: folders of images with their plan, and stacks in one file."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tifffile
 import tomli_w
 from numpy.typing import NDArray
 
-from fringeworks.files.atomic import (
+from fringeworks.files.atomic import StrPath, replacing, write_text
+from fringeworks.files.folder import replacing_folder
+from fringeworks.files.images import (
     IMAGE_SUFFIXES,
     TIFF_SUFFIXES,
-    make_folder,
     read_frame,
-    replacing,
+    read_tiff,
     write_frame,
-    write_text,
 )
-from fringeworks.files.pair import CAPTURE_FILE, DevicesSection
-from fringeworks.files.plan import PLAN_FILE, read_plan, write_plan
+from fringeworks.files.npz import read_npz
+from fringeworks.files.pair import CAPTURE_FILE, DevicesSection, missing_description
+from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names, read_plan
+from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import Section, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Stack
-from fringeworks.types import InputError
+from fringeworks.types import FileProblem, FramesContradictPlan, sealed
 
 TRUTH_FILE = "truth.npz"
-"""What is known about a simulated scene, beside its frames."""
+"""What is known about a simulated scene, in the folder of its frames."""
+STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz")
+"""Single files that hold a stack."""
+MAX_NOTES = 1
+"""Notes about single frames that are kept in full; the others are counted."""
 
 
 class StackFile(Section):
@@ -45,51 +50,99 @@ class StackFile(Section):
     devices: DevicesSection = DevicesSection()
 
 
-def read_stack(path: Path, plan: Path | None = None) -> Stack:
+def read_stack(path: StrPath, plan: StrPath | PatternPlan | None = None) -> Stack:
     """Read a stack of frames.
 
     Parameters
     ----------
-    path : Path
+    path : path
         A folder of images with ``plan.toml`` (or with ``capture.toml`` of the kind "stack"), or a
         TIFF stack, ``.npy`` or ``.npz`` with (n, h, w).
-    plan : Path, optional
-        Plan file; for folders that have none, and for files.
+    plan : path or PatternPlan, optional
+        For folders and files that have no plan beside them.
+
+    Returns
+    -------
+    Stack with frames as stored. Uncompressed TIFF and ``.npy`` stay on disk.
 
     Raises
     ------
-    InputError for anything missing, unreadable or unknown, naming the file.
+    FileProblem for anything missing, unreadable or unknown, naming the file;
+    FramesContradictPlan where the number of frames is not the plan's.
     """
     path = Path(path)
     if path.is_dir():
         return _read_folder(path, plan)
     if not path.is_file():
-        raise InputError(f"{path}: expected a folder or a stack of frames, got nothing there")
+        raise FileProblem(f"{path}: expected a folder or a stack of frames, got nothing there")
     if plan is None:
-        beside = path.parent / PLAN_FILE
-        if not beside.is_file():
-            raise InputError(
-                f"{path}: expected --plan, or a file {PLAN_FILE} beside it; got neither"
-            )
-        plan = beside
-    return Stack(_read_file(path), read_plan(plan))
+        plan = path.parent / PLAN_FILE
+        if not plan.is_file():
+            raise FileProblem(f"{path}: expected a plan, or a file {PLAN_FILE} beside it; got none")
+    return Stack(_read_file(path), _plan_of(plan), sources=(source_of(path),))
+
+
+def read_poses(
+    folder: StrPath, plan: StrPath | PatternPlan | None = None
+) -> Iterator[tuple[str, Stack]]:
+    """Read the stacks of a calibration, one after the other.
+
+    Parameters
+    ----------
+    folder : path
+        Holds one stack (a folder or a file) for each pose of the board.
+    plan : path or PatternPlan, optional
+        Of all poses; a ``plan.toml`` in the folder serves as well.
+
+    Yields
+    ------
+    Name of the pose, and its Stack.
+
+    Raises
+    ------
+    FileProblem where there is no such folder or no stack in it, and as ``read_stack``.
+    """
+    folder = Path(folder)
+    paths = pose_paths(folder)
+    if plan is None and (folder / PLAN_FILE).is_file():
+        plan = folder / PLAN_FILE
+    for path in paths:
+        yield path.name, read_stack(path, plan)
+
+
+def pose_paths(folder: StrPath) -> list[Path]:
+    """The stacks in a folder of poses, by name."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileProblem(f"{folder}: expected a folder with a stack per pose, got none")
+    found = sorted(
+        path
+        for path in folder.iterdir()
+        if not path.name.startswith(".")
+        and (path.is_dir() or path.suffix.lower() in STACK_SUFFIXES)
+    )
+    if not found:
+        raise FileProblem(f"{folder}: expected a stack per pose, got none")
+    return found
 
 
 def write_stack(
-    folder: Path,
+    folder: StrPath,
     frames: Iterable[NDArray[Any]],
     plan: PatternPlan,
     *,
     camera: str | None = None,
     projector: str | None = None,
     truth: Mapping[str, NDArray[Any]] | None = None,
+    force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Path:
-    """Write frames as a folder of images with their plan; it is complete when it has one.
+    """Write frames as a folder of images with their plan.
 
     Parameters
     ----------
-    folder : Path
+    folder : path
+        New, empty, or an earlier result, which is replaced as a whole.
     frames : iterable of (h, w) arrays
         In the order of the plan: whole counts become PNG, floats TIFF.
     plan : PatternPlan
@@ -97,68 +150,96 @@ def write_stack(
         Names of the devices.
     truth : mapping of arrays, optional
         Of a simulation, written as ``truth.npz`` beside the frames.
+    force : bool
+        Write into a folder with other things in it, too; see ``replacing_folder``.
     progress : callable
         Called with the label of each frame.
 
+    Returns
+    -------
+    The folder. ``capture.toml`` is written last.
+
     Raises
     ------
-    InputError where the number of frames is not the plan's, or the folder cannot be written to.
+    FramesContradictPlan where the number of frames is not the plan's; FileProblem where the folder
+    holds other things or cannot be written to.
     """
-    folder = make_folder(folder)
-    labels = plan.labels()
-    digits = len(str(len(labels) - 1))
-    count = 0
-    for count, frame in enumerate(frames, 1):
-        if count > len(labels):
-            raise InputError(f"frames: the plan has {len(labels)}, got more")
-        suffix = ".png" if frame.dtype in (np.uint8, np.uint16) else ".tif"
-        progress(labels[count - 1])
-        name = f"{count - 1:0{digits}d}-{labels[count - 1]}{suffix}"
-        write_frame(folder / name, frame)
-    if count != len(labels):
-        raise InputError(f"frames: the plan has {len(labels)}, got {count}")
-    if truth is not None:
-        with replacing(folder / TRUTH_FILE) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **truth)
-    named = {"camera": camera, "projector": projector}
-    devices = {name: value for name, value in named.items() if value is not None}
-    content = {"kind": "stack", "plan": PLAN_FILE} | ({"devices": devices} if devices else {})
-    write_text(folder / CAPTURE_FILE, tomli_w.dumps(content))
-    write_plan(folder / PLAN_FILE, plan)
-    return folder
+    labels, names = plan.labels(), []
+    with replacing_folder(folder, index=(CAPTURE_FILE, PLAN_FILE), force=force) as writer:
+        for count, frame in enumerate(frames):
+            if count >= len(labels):
+                raise FramesContradictPlan(f"frames: the plan has {len(labels)}, got more")
+            progress(labels[count])
+            suffix = ".png" if frame.dtype in (np.uint8, np.uint16) else ".tif"
+            names.append(frame_names(plan, suffix)[count])
+            write_frame(writer.file(names[-1]), frame)
+        if len(names) != len(labels):
+            raise FramesContradictPlan(
+                f"frames: the plan has {len(labels)}, got {len(names)}; "
+                f"missing: {', '.join(labels[len(names) :])}"
+            )
+        if truth is not None:
+            with replacing(writer.file(TRUTH_FILE)) as temporary, temporary.open("wb") as file:
+                np.savez_compressed(file, allow_pickle=False, **truth)
+        write_text(writer.file(PLAN_FILE), format_plan(plan))
+        devices = {"camera": camera, "projector": projector}
+        named = {name: value for name, value in devices.items() if value is not None}
+        content: dict[str, Any] = {"kind": "stack", "plan": PLAN_FILE, "frames": names}
+        text = tomli_w.dumps(content | ({"devices": named} if named else {}))
+        write_text(writer.file(CAPTURE_FILE), text)
+        return writer.folder
 
 
-def _read_folder(folder: Path, plan: Path | None) -> Stack:
+def _plan_of(plan: StrPath | PatternPlan) -> PatternPlan:
+    return plan if isinstance(plan, PatternPlan) else read_plan(plan)
+
+
+def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
     description = folder / CAPTURE_FILE
-    content = (
-        read_toml(description, StackFile) if description.is_file() else StackFile(kind="stack")
-    )
-    layout = read_plan(folder / content.plan if plan is None else plan)
-    named = content.frames
-    if isinstance(named, str):
-        frames: Sequence[NDArray[Any]] = _read_file(folder / named)
-        notes: list[str] = []
+    described = description.is_file()
+    content = read_toml(description, StackFile) if described else StackFile(kind="stack")
+    if plan is None:
+        plan = folder / content.plan
+        if not plan.is_file():
+            raise missing_description(folder, content.plan)
+    layout = _plan_of(plan)
+    if isinstance(content.frames, str):
+        paths, notes = [folder / content.frames], []
+        frames: Sequence[NDArray[Any]] = _read_file(paths[0])
     else:
+        named = content.frames
         paths = _images(folder) if named is None else [folder / name for name in named]
         _refuse_missing(paths, layout, folder)
-        frames, notes = [], []
-        for path in paths:
-            frame, said = read_frame(path)
-            frames.append(frame)
-            notes += said
-        notes = notes[:1] + ([f"and so are {len(notes) - 1} others"] if len(notes) > 1 else [])
-    devices = content.devices
+        read = [read_frame(path) for path in paths]
+        frames = [sealed(frame) for frame, _ in read]
+        notes = [note for _, said in read for note in said]
+        if len(notes) > MAX_NOTES:
+            more = len(notes) - MAX_NOTES
+            notes = [*notes[:MAX_NOTES], f"the same holds for {more} other frames"]
+    tomls = [description] if described else []
+    tomls += [] if isinstance(plan, PatternPlan) else [Path(plan)]
     return Stack(
-        frames, layout, content.saturation, devices.camera, devices.projector, tuple(notes)
+        frames,
+        layout,
+        content.saturation,
+        content.devices.camera,
+        content.devices.projector,
+        tuple(notes),
+        tuple(source_of(path) for path in (*paths, *tomls)),
     )
 
 
 def _images(folder: Path) -> list[Path]:
     """Images of a folder by name, numbers by their value."""
     suffixes = IMAGE_SUFFIXES + TIFF_SUFFIXES
-    found = [p for p in folder.iterdir() if p.suffix.lower() in suffixes and p.is_file()]
+    found = [
+        p
+        for p in folder.iterdir()
+        # Names that begin with a dot are unfinished files, and thumbnails of other programs.
+        if p.suffix.lower() in suffixes and p.is_file() and not p.name.startswith(".")
+    ]
     if len(found) == 1 and found[0].suffix.lower() in TIFF_SUFFIXES:
-        raise InputError(
+        raise FileProblem(
             f"{folder}: expected one image per frame, got one TIFF; name it as the capture itself"
         )
     return sorted(
@@ -175,38 +256,30 @@ def _refuse_missing(paths: list[Path], plan: PatternPlan, folder: Path) -> None:
     if len(paths) != len(labels):
         short = len(paths) < len(labels)
         missing = f"; missing: {', '.join(labels[len(paths) :])}" if short else ""
-        raise InputError(
+        raise FramesContradictPlan(
             f"{folder}: the plan has {len(labels)} frames, got {len(paths)} images{missing}"
         )
 
 
 def _read_file(path: Path) -> Sequence[NDArray[Any]]:
     suffix = path.suffix.lower()
-    try:
-        if suffix in TIFF_SUFFIXES:
-            stack = _read_tiff(path)
-        elif suffix == ".npy":
+    if suffix in TIFF_SUFFIXES:
+        stack = read_tiff(path, on_disk=True)
+    elif suffix == ".npy":
+        try:
             stack = np.load(path, mmap_mode="r", allow_pickle=False)
-        elif suffix == ".npz":
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                names = archive.files
-                if "frames" not in names:
-                    got = ", ".join(names) or "nothing"
-                    raise InputError(f"{path}: expected an array named frames, got {got}")
-                stack = archive["frames"]
-        else:
-            raise InputError(f"{path}: expected .tif, .npy or .npz, got {suffix or path.name}")
-    except InputError:
-        raise
-    except Exception as error:  # tifffile, zipfile and numpy raise many kinds for damaged files
-        raise InputError(f"{path}: expected a readable stack, got: {error}") from error
+        except Exception as error:  # numpy raises many kinds for a damaged file
+            raise FileProblem(f"{path}: expected a readable stack, got: {error}") from error
+    elif suffix == ".npz":
+        arrays = read_npz(path, "a stack of frames")
+        if "frames" not in arrays:
+            got = ", ".join(arrays) or "nothing"
+            raise FileProblem(f"{path}: expected an array named frames, got {got}")
+        stack = arrays["frames"]
+    else:
+        raise FileProblem(
+            f"{path}: expected one of {', '.join(STACK_SUFFIXES)}, got {suffix or path.name}"
+        )
     if stack.ndim != 3:
-        raise InputError(f"{path}: expected frames of shape (n, h, w), got {stack.shape}")
-    return list(stack)
-
-
-def _read_tiff(path: Path) -> NDArray[Any]:
-    try:
-        return np.asarray(tifffile.memmap(path, mode="r"))
-    except ValueError:  # compressed, or pages apart from each other
-        return np.asarray(tifffile.imread(path))
+        raise FileProblem(f"{path}: expected frames of shape (n, h, w), got {stack.shape}")
+    return list(sealed(stack))

@@ -1,116 +1,157 @@
-"""Surfaces as files: TIFF, NPZ, PLY, X3P (ISO 25178-72) and GSF (Gwyddion)."""
+"""Height maps as files: TIFF, NPZ, PLY, X3P (ISO 25178-72) and GSF (Gwyddion)."""
 
 from __future__ import annotations
 
-import hashlib
-import xml.etree.ElementTree as ET
-import zipfile
+import json
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import tifffile
 
-from fringeworks.files.atomic import check_target, replacing
+from fringeworks.files.atomic import StrPath, check_target, replacing
+from fringeworks.files.npz import read_npz
+from fringeworks.files.ply import write_ply
+from fringeworks.files.provenance import KEY, comment_lines, from_json, json_line
+from fringeworks.files.x3p import read_x3p, write_x3p
 from fringeworks.surface.height_map import points, triangles
-from fringeworks.types import HeightMap, InputError
+from fringeworks.types import FileProblem, HeightMap, Reason
 
 PlyKind = Literal["points", "mesh"]
-X3P_NAMESPACE = "http://www.opengps.eu/2008/ISO5436_2"
+GSF_MAGIC = "Gwyddion Simple Field 1.0"
+"""First line of a GSF file."""
 
 
-def write_surface(path: Path, surface: HeightMap, *, ply: PlyKind = "points") -> None:
-    """Write a surface in the format of the file's suffix, whole or not at all.
+def write_surface(path: StrPath, surface: HeightMap, *, ply: PlyKind = "points") -> None:
+    """Write a height map in the format of the file's suffix, whole or not at all.
 
     Parameters
     ----------
-    path : Path
-        ``.tif``/``.tiff`` float32 values; ``.npz`` values, σ, reasons, unit and pitch; ``.ply``
-        points or mesh with σ; ``.x3p`` (ISO 25178-72, metres); ``.gsf`` (Gwyddion simple field).
+    path : path
+        ``.tif``/``.tiff``: values, σ and reasons on three pages, float32 and uint8. ``.npz``:
+        everything. ``.ply``: points or mesh with σ. ``.x3p`` (ISO 25178-72): values in metres.
+        ``.gsf`` (Gwyddion simple field): values.
     surface : HeightMap
     ply : "points" or "mesh"
 
     Raises
     ------
-    InputError for an unknown suffix, a folder that cannot be written to, or X3P without a
-    geometry, since that format holds lengths only.
+    FileProblem for an unknown suffix and a folder that cannot be written to; InputError for X3P
+    without a geometry, since that format holds lengths only.
     """
     check_surface_target(path)
-    with replacing(Path(path)) as temporary:
+    with replacing(path) as temporary:
         WRITERS[Path(path).suffix.lower()](temporary, surface, ply)
 
 
-def check_surface_target(path: Path) -> None:
-    """``files.check_target`` for the kinds that are written here."""
+def check_surface_target(path: StrPath) -> None:
+    """Refuse a file that ``write_surface`` cannot write, before anything is computed for it."""
     check_target(path, WRITERS)
 
 
+def read_surface(path: StrPath) -> HeightMap:
+    """Read a height map.
+
+    Parameters
+    ----------
+    path : path
+        A ``.tif``, ``.npz``, ``.x3p`` or ``.gsf`` file that ``write_surface`` wrote, or X3P and
+        GSF of other programs. Points of a ``.ply`` file are read by ``read_points``.
+
+    Returns
+    -------
+    HeightMap. X3P and GSF hold no σ: it is NaN; pixels without a value are ``UNDETERMINED``.
+
+    Raises
+    ------
+    FileProblem for a missing or damaged file, and for one that holds no height map.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileProblem(f"{path}: expected a height map, got no such file")
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        known = ", ".join(READERS)
+        raise FileProblem(f"{path}: expected one of {known}, got {path.suffix or 'no suffix'}")
+    return reader(path)
+
+
 def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
-    description = {
+    description: dict[str, Any] = {
         "quantity": surface.quantity,
         "unit": surface.unit,
-        "pitch": surface.pitch,
+        "pitch": float(surface.pitch),
         "method": surface.method,
+        "pages": ["values", "sigma", "reason"],
     }
-    tifffile.imwrite(path, surface.values.astype(np.float32), metadata=description)
+    origin = surface.provenance
+    if origin is not None:
+        description[KEY] = origin.as_dict()
+    with tifffile.TiffWriter(path) as pages:
+        # ASCII, as the format demands.
+        text = json.dumps(description, sort_keys=True)
+        pages.write(surface.values.astype(np.float32), description=text, metadata=None)
+        pages.write(surface.sigma.astype(np.float32), metadata=None)
+        pages.write(surface.reason, metadata=None)
+
+
+def _read_tiff(path: Path) -> HeightMap:
+    try:
+        with tifffile.TiffFile(path) as file:
+            content = json.loads(file.pages[0].description)  # type: ignore[union-attr]
+            values, sigma, reason = (file.pages[k].asarray() for k in range(3))
+        origin = json.dumps(content[KEY]) if KEY in content else None
+        return _surface(
+            path, content | {"values": values, "sigma": sigma, "reason": reason}, origin
+        )
+    except (KeyError, IndexError, TypeError, ValueError, OSError, tifffile.TiffFileError) as error:
+        raise FileProblem(
+            f"{path}: expected a height map as TIFF that fringeworks wrote, got: {error}"
+        ) from error
 
 
 def _write_npz(path: Path, surface: HeightMap, _: PlyKind) -> None:
+    arrays = {name: getattr(surface, name) for name in HeightMap.__dataclass_fields__}
+    origin = json_line(arrays.pop(KEY))
     with path.open("wb") as file:
-        np.savez_compressed(
-            file,
-            values=surface.values,
-            sigma=surface.sigma,
-            reason=surface.reason,
-            quantity=surface.quantity,
-            unit=surface.unit,
-            pitch=surface.pitch,
-            method=surface.method,
-        )
+        np.savez_compressed(file, **arrays | ({} if origin is None else {KEY: origin}))
 
 
-def read_npz(path: Path) -> HeightMap:
-    """Read a surface that ``write_surface`` wrote as ``.npz``."""
+def _read_npz(path: Path) -> HeightMap:
+    content = read_npz(path, "a height map")
+    origin = str(content[KEY]) if KEY in content else None
     try:
-        with np.load(path, allow_pickle=False) as data:
-            quantity, unit = str(data["quantity"]), str(data["unit"])
-            return HeightMap(
-                values=data["values"],
-                sigma=data["sigma"],
-                reason=data["reason"],
-                quantity="height" if quantity == "height" else "displacement",
-                unit="mm" if unit == "mm" else "px",
-                pitch=float(data["pitch"]),
-                method=str(data["method"]),
-            )
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: expected a surface written as .npz, got: {error}") from error
+        return _surface(path, content, origin)
+    except (KeyError, ValueError, TypeError) as error:
+        raise FileProblem(f"{path}: expected a height map, got: {error}") from error
+
+
+def _surface(path: Path, content: dict[str, Any], origin: str | None) -> HeightMap:
+    quantity, unit = str(content["quantity"]), str(content["unit"])
+    if quantity not in ("height", "displacement") or unit not in ("mm", "px"):
+        raise FileProblem(f"{path}: expected heights or displacements, got {quantity} in {unit}")
+    maps = {name: np.asarray(content[name]) for name in ("values", "sigma", "reason")}
+    if len({m.shape for m in maps.values()}) != 1 or maps["values"].ndim != 2:
+        raise FileProblem(f"{path}: expected three maps of one shape (h, w), got others")
+    return HeightMap(
+        **maps,
+        quantity="height" if quantity == "height" else "displacement",
+        unit="mm" if unit == "mm" else "px",
+        pitch=float(content["pitch"]),
+        method=str(content["method"]),
+        provenance=from_json(origin),
+    )
 
 
 def _write_ply(path: Path, surface: HeightMap, kind: PlyKind) -> None:
     xyz, sigma, index = points(surface)
-    vertex = np.empty(len(xyz), dtype=[(name, "<f4") for name in ("x", "y", "z", "sigma")])
-    vertex["x"], vertex["y"], vertex["z"] = xyz.T
-    vertex["sigma"] = sigma
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"comment fringeworks {surface.method} {surface.quantity}; unit {surface.unit}",
-        f"element vertex {len(vertex)}",
-        *(f"property float {name}" for name in ("x", "y", "z", "sigma")),
-    ]
-    faces = np.empty(0, dtype=[("n", "u1"), ("index", "<i4", (3,))])
-    if kind == "mesh":
-        corners = triangles(surface, index)
-        faces = np.empty(len(corners), dtype=faces.dtype)
-        faces["n"], faces["index"] = 3, corners
-        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
-    with path.open("wb") as file:
-        file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
-        file.write(vertex.tobytes())
-        file.write(faces.tobytes())
+    vertices = np.empty(len(xyz), dtype=[(name, "<f4") for name in ("x", "y", "z", "sigma")])
+    vertices["x"], vertices["y"], vertices["z"] = xyz.T
+    vertices["sigma"] = sigma
+    comments = [f"fringeworks {surface.method} {surface.quantity}; unit {surface.unit}"]
+    comments += comment_lines(surface.provenance)
+    write_ply(path, vertices, triangles(surface, index) if kind == "mesh" else None, comments)
 
 
 def _write_gsf(path: Path, surface: HeightMap, _: PlyKind) -> None:
@@ -126,7 +167,10 @@ def _write_gsf(path: Path, surface: HeightMap, _: PlyKind) -> None:
         "ZUnits": "m" if in_mm else "px",
         "Title": f"{surface.method} {surface.quantity}".strip(),
     }
-    text = "Gwyddion Simple Field 1.0\n" + "".join(f"{k} = {v}\n" for k, v in fields.items())
+    origin = json_line(surface.provenance)
+    if origin is not None:
+        fields["Comment"] = origin
+    text = f"{GSF_MAGIC}\n" + "".join(f"{k} = {v}\n" for k, v in fields.items())
     header = text.encode("utf-8")
     # One to four NULs bring the data to a multiple of four bytes.
     header += b"\0" * (4 - len(header) % 4)
@@ -134,81 +178,52 @@ def _write_gsf(path: Path, surface: HeightMap, _: PlyKind) -> None:
     path.write_bytes(header + np.ascontiguousarray(values, dtype="<f4").tobytes())
 
 
-def _axis(parent: ET.Element, name: str, kind: str, data_type: str, increment: float) -> None:
-    axis = ET.SubElement(parent, name)
-    for tag, value in (
-        ("AxisType", kind),
-        ("DataType", data_type),
-        ("Increment", repr(increment)),
-        ("Offset", "0"),
-    ):
-        ET.SubElement(axis, tag).text = value
-
-
-def _tree(parent: ET.Element, content: dict[str, object]) -> None:
-    for tag, value in content.items():
-        child = ET.SubElement(parent, tag)
-        if isinstance(value, dict):
-            _tree(child, value)
-        else:
-            child.text = str(value)
-
-
-def _x3p_description(surface: HeightMap, checksum: str) -> bytes:
-    ET.register_namespace("p", X3P_NAMESPACE)
-    root = ET.Element(f"{{{X3P_NAMESPACE}}}ISO5436_2")
-    first = ET.SubElement(root, "Record1")
-    _tree(first, {"Revision": "ISO5436 - 2000", "FeatureType": "SUR"})
-    axes = ET.SubElement(first, "Axes")
-    pitch = surface.pitch * 1e-3
-    _axis(axes, "CX", "I", "D", pitch)
-    _axis(axes, "CY", "I", "D", pitch)
-    _axis(axes, "CZ", "A", "D", 1.0)
-    rows, columns = surface.shape
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    _tree(
-        root,
-        {
-            "Record2": {
-                "Date": now,
-                "Creator": "fringeworks",
-                "Instrument": {
-                    "Manufacturer": "fringeworks",
-                    "Model": "fringe projection",
-                    "Serial": "not available",
-                    "Version": "1",
-                },
-                "CalibrationDate": now,
-                "ProbingSystem": {"Type": "NonContacting", "Identification": surface.method},
-                "Comment": "heights over the reference plane, NaN where not measured",
-            },
-            "Record3": {
-                "MatrixDimension": {"SizeX": columns, "SizeY": rows, "SizeZ": 1},
-                "DataLink": {
-                    "PointDataLink": "bindata/data.bin",
-                    "MD5ChecksumPointData": checksum,
-                },
-            },
-            "Record4": {"ChecksumFile": "md5checksum.hex"},
-        },
+def _read_gsf(path: Path) -> HeightMap:
+    content = path.read_bytes()
+    end = content.find(b"\0")
+    try:
+        magic, *lines = content[:end].decode("utf-8").splitlines()
+        fields = {k.strip(): v.strip() for k, _, v in (line.partition("=") for line in lines)}
+        if magic != GSF_MAGIC or end < 0:
+            raise ValueError("another kind of file")
+        rows, columns = int(fields["YRes"]), int(fields["XRes"])
+        start = end + 4 - end % 4
+        raw = np.frombuffer(content, "<f4", rows * columns, start).reshape(rows, columns)
+        in_mm = fields.get("ZUnits", "") == "m"
+        scale = 1e3 if in_mm else 1.0
+        pitch = float(fields["XReal"]) / columns * scale
+    except (KeyError, ValueError, ZeroDivisionError) as error:
+        raise FileProblem(f"{path}: expected a Gwyddion simple field, got: {error}") from error
+    values = raw.astype(np.float64) * scale
+    method = fields.get("Title", "").partition(" ")[0]
+    return _without_sigma(
+        values, in_mm=in_mm, pitch=pitch, method=method, origin=fields.get("Comment")
     )
-    ET.indent(root)
-    return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
+
+
+def _read_x3p(path: Path) -> HeightMap:
+    values, pitch, method, origin = read_x3p(path)
+    return _without_sigma(values, in_mm=True, pitch=pitch, method=method, origin=json_line(origin))
+
+
+def _without_sigma(
+    values: Any, *, in_mm: bool, pitch: float, method: str, origin: str | None
+) -> HeightMap:
+    reason = np.where(np.isfinite(values), Reason.OK, Reason.UNDETERMINED).astype(np.uint8)
+    return HeightMap(
+        values=values,
+        sigma=np.full(values.shape, np.nan),
+        reason=reason,
+        quantity="height" if in_mm else "displacement",
+        unit="mm" if in_mm else "px",
+        pitch=pitch,
+        method=method,
+        provenance=from_json(origin),
+    )
 
 
 def _write_x3p(path: Path, surface: HeightMap, _: PlyKind) -> None:
-    if surface.unit != "mm":
-        raise InputError(
-            "x3p: expected heights in mm, got displacements in px; give the geometry "
-            "or write .tif, .npz or .gsf"
-        )
-    data = np.ascontiguousarray(surface.values * 1e-3, dtype="<f8").tobytes()
-    description = _x3p_description(surface, hashlib.md5(data, usedforsecurity=False).hexdigest())
-    checksum = hashlib.md5(description, usedforsecurity=False).hexdigest()
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("main.xml", description)
-        archive.writestr("bindata/data.bin", data)
-        archive.writestr("md5checksum.hex", f"{checksum} *main.xml\n")
+    write_x3p(path, surface)
 
 
 WRITERS: dict[str, Callable[[Path, HeightMap, PlyKind], None]] = {
@@ -220,3 +235,11 @@ WRITERS: dict[str, Callable[[Path, HeightMap, PlyKind], None]] = {
     ".gsf": _write_gsf,
 }
 """Writers by suffix."""
+READERS: dict[str, Callable[[Path], HeightMap]] = {
+    ".tif": _read_tiff,
+    ".tiff": _read_tiff,
+    ".npz": _read_npz,
+    ".x3p": _read_x3p,
+    ".gsf": _read_gsf,
+}
+"""Readers by suffix."""

@@ -8,7 +8,8 @@ from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from fringeworks.types import InputError
+from fringeworks.files.atomic import StrPath
+from fringeworks.types import FileProblem
 
 
 class Section(BaseModel):
@@ -20,14 +21,28 @@ class Section(BaseModel):
 Content = TypeVar("Content", bound=BaseModel)
 
 
-def read_toml(path: Path, kind: type[Content]) -> Content:
-    """The content of a TOML file; ``InputError`` names the file and its first fault."""
+def read_toml(path: StrPath, kind: type[Content]) -> Content:
+    """The content of a TOML file.
+
+    Parameters
+    ----------
+    path : path
+    kind : type
+        Description of the content.
+
+    Raises
+    ------
+    FileProblem that names the file and its first fault.
+    """
+    path = Path(path)
     try:
         return kind.model_validate(tomllib.loads(path.read_text("utf-8")))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: expected TOML, got: {error}") from error
+        raise FileProblem(f"{path}: expected TOML, got: {error}") from error
+    except OSError as error:
+        raise FileProblem(f"{path}: could not be read: {error.strerror}") from error
     except ValidationError as error:
-        raise InputError(f"{path}: {_first_fault(error)}") from error
+        raise FileProblem(f"{path}: {_first_fault(error)}") from error
 
 
 def _first_fault(error: ValidationError) -> str:

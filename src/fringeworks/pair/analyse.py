@@ -8,37 +8,59 @@ from typing import Any
 import numpy as np
 
 import fringeworks.pair.methods  # noqa: F401, registers the methods of the package
+from fringeworks.pair import registry
 from fringeworks.pair.pair import PreparedPair, prepare
-from fringeworks.pair.registry import REGISTERED, Method, Solution
-from fringeworks.types import BoolMap, DisplacementMap, FloatMap, InputError, Pair, Reason
+from fringeworks.pair.plugins import load_installed
+from fringeworks.pair.registry import Method, MethodOption, Solution
+from fringeworks.types import (
+    BoolMap,
+    DisplacementMap,
+    FloatMap,
+    InputError,
+    Pair,
+    Reason,
+    UnknownMethod,
+)
 
 
 def methods() -> dict[str, Method]:
     """All registered methods by name, in the order of registration.
 
+    Returns
+    -------
+    The package's own methods, those of installed plug-ins (entry points of the group
+    ``fringeworks.methods``) and those that the caller registered.
+
+    Raises
+    ------
+    InputError for a plug-in that cannot be loaded.
+
+    Examples
+    --------
     >>> "gsifa" in methods()
     True
     """
-    return dict(REGISTERED)
+    load_installed()
+    return dict(registry.REGISTERED)
 
 
 def get_method(name: str) -> Method:
-    """The method of that name; ``InputError`` lists the known ones otherwise."""
+    """The method of that name; ``UnknownMethod`` lists the known ones otherwise."""
     known = methods()
     if name not in known:
-        raise InputError(f"method: expected one of {', '.join(known)}, got {name!r}")
+        raise UnknownMethod(f"method: expected one of {', '.join(known)}, got {name!r}")
     return known[name]
 
 
 def analyse(
-    capture: Pair | PreparedPair, method: str = "windowed", **options: Any
+    pair: Pair | PreparedPair, method: str = "windowed", **options: MethodOption
 ) -> DisplacementMap:
-    """Displacement of the fringes between the two frames of a capture.
+    """Displacement of the fringes between the two frames of a pair.
 
     Parameters
     ----------
-    capture : Pair or PreparedPair
-        Reference and object frame; a pair that ``prepare`` made saves doing it again.
+    pair : Pair or PreparedPair
+        Reference and object frame. A pair that ``prepare`` made is not prepared again.
     method : str
         A name from ``methods()``.
     **options
@@ -46,38 +68,85 @@ def analyse(
 
     Returns
     -------
-    DisplacementMap in the orientation of the capture.
+    DisplacementMap in the orientation of the frames.
 
     Raises
     ------
-    InputError for frames that cannot be used, an unknown method or an unknown option.
+    UnknownMethod for an unknown method or option; InputError for frames that cannot be used, and
+    for a method that returns something wrong.
+
+    Examples
+    --------
+    >>> from fringeworks.simulate import standard_scene
+    >>> found = analyse(standard_scene("parabola", size=64, fringes=4), "fourier", width=0.5)
+    >>> found.displacement_px.shape
+    (64, 64)
     """
     chosen = get_method(method)
-    unknown = set(options) - set(chosen.options)
-    if unknown:
-        known = ", ".join(chosen.options) or "none"
-        raise InputError(
-            f"method {method}: unknown option {', '.join(sorted(unknown))}; it has {known}"
-        )
-    pair = capture if isinstance(capture, PreparedPair) else prepare(capture)
-    solution = _mark(pair, chosen.function(pair, **options))
-    turn = pair.to_capture
+    _check_options(chosen, options)
+    prepared = pair if isinstance(pair, PreparedPair) else prepare(pair)
+    returned = chosen.function(prepared, **options)
+    _check_solution(chosen, returned, prepared.object.shape)
+    solution = _mark(prepared, returned)
+    turn = prepared.to_capture
     return DisplacementMap(
         displacement_px=turn(solution.displacement_px),
         sigma_px=turn(solution.sigma_px),
         modulation_ratio=turn(solution.modulation_ratio),
         reason=turn(solution.reason),
-        period_px=pair.period,
-        axis=pair.carrier.axis,
-        tilt_deg=pair.carrier.tilt_deg,
+        period_px=prepared.period,
+        axis=prepared.carrier.axis,
+        tilt_deg=prepared.carrier.tilt_deg,
         method=method,
         iterations=None if solution.iterations is None else turn(solution.iterations),
         details=solution.details,
     )
 
 
+def _check_options(chosen: Method, options: dict[str, MethodOption]) -> None:
+    known = chosen.options
+    for name, value in options.items():
+        if name not in known:
+            raise UnknownMethod(
+                f"method {chosen.name}: unknown option {name}; it has {', '.join(known) or 'none'}"
+            )
+        default = known[name]
+        for kind, told in ((bool, "true or false"), (str, "a word"), ((int, float), "a number")):
+            if isinstance(default, kind):
+                if not isinstance(value, kind) or isinstance(value, bool) != (kind is bool):
+                    raise InputError(
+                        f"method {chosen.name}: {name}: expected {told}, got {value!r}"
+                    )
+                break
+
+
+def _check_solution(chosen: Method, returned: Any, shape: tuple[int, ...]) -> None:
+    """Refuse what a method must not return, in one sentence that names the method."""
+    if not isinstance(returned, Solution):
+        raise InputError(
+            f"method {chosen.name}: expected a fringeworks.Solution to be returned, got "
+            f"{type(returned).__name__}"
+        )
+    floats = ("displacement_px", "sigma_px", "modulation_ratio")
+    for name in (*floats, "reason", "iterations"):
+        value = getattr(returned, name)
+        if value is None and name == "iterations":
+            continue
+        kind = "f" if name in floats else "u"
+        wanted = "floats" if kind == "f" else "uint8"
+        if not isinstance(value, np.ndarray) or value.dtype.kind != kind or value.shape != shape:
+            came = (
+                f"{value.dtype} {value.shape}"
+                if isinstance(value, np.ndarray)
+                else type(value).__name__
+            )
+            raise InputError(
+                f"method {chosen.name}: expected {name} as {wanted} of shape {shape}, got {came}"
+            )
+
+
 def _mark(pair: PreparedPair, solution: Solution) -> Solution:
-    """What every method owes: masked pixels stay masked, and no value without its σ and reason."""
+    """Keep the contract of all methods: masked pixels stay masked, failed ones have a reason."""
     u = solution.displacement_px
     missing = np.isnan(u)
     reason = solution.reason.copy()

@@ -10,8 +10,10 @@ import numpy as np
 from fringeworks.types import (
     DisplacementMap,
     FloatMap,
+    Frozen,
     HeightMap,
     InputError,
+    Provenance,
     Reason,
     ReferencePlaneGeometry,
 )
@@ -22,8 +24,8 @@ LEAST = 100
 """Measured pixels that a height needs."""
 
 
-@dataclass(frozen=True, eq=False)
-class PlaneCalibration:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlaneCalibration(Frozen):
     """Distance and baseline, from planes at known heights."""
 
     geometry: ReferencePlaneGeometry
@@ -32,10 +34,12 @@ class PlaneCalibration:
     baseline_sigma_mm: float
     residual_mm: tuple[float, ...]
     """How far each plane's pixels are off its height: robust standard deviation."""
+    provenance: Provenance | None = None
+    """How it was made; None where the caller built it."""
 
 
-@dataclass(frozen=True, eq=False)
-class PixelCalibration:
+@dataclass(frozen=True, eq=False, repr=False)
+class PixelCalibration(Frozen):
     """Height from displacement pixel by pixel: 1/h = β/α + 1 / (α u).
 
     It takes up lens distortion and pupils at different distances, within the calibrated heights.
@@ -48,6 +52,8 @@ class PixelCalibration:
     """β, (h, w), 1/px."""
     heights_mm: tuple[float, float]
     """Lowest and highest plane; heights beyond are extrapolated."""
+    provenance: Provenance | None = None
+    """How it was made; None where the caller built it."""
 
 
 def _checked(

@@ -3,23 +3,32 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from fringeworks.types import ByteMap, FloatMap
+from fringeworks.types import ByteMap, FloatMap, Frozen, InputError
+
+MethodOption = str | float | int | bool | Sequence[float] | None
+"""Value of a method's keyword option."""
 
 
-@dataclass(frozen=True)
-class Solution:
-    """What a method hands back, in the orientation of the ``PreparedPair``."""
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Frozen):
+    """The result of a method, in the orientation of the ``PreparedPair`` that it was given."""
 
     displacement_px: FloatMap
+    """u, (h, w), px; NaN where it cannot be measured."""
     sigma_px: FloatMap
+    """Standard deviation of u, (h, w), px."""
     modulation_ratio: FloatMap
+    """Modulation over that of the reference frame, (h, w)."""
     reason: ByteMap
+    """``Reason`` per pixel, (h, w)."""
     iterations: ByteMap | None = None
+    """Refinement steps of each pixel, (h, w), where the method iterates."""
     details: dict[str, Any] = field(default_factory=dict)
+    """Figures for reports."""
 
 
 Analysis = Callable[..., Solution]
@@ -27,10 +36,11 @@ Analysis = Callable[..., Solution]
 
 @dataclass(frozen=True)
 class Method:
-    """A fringe analysis: its name, one line about it, the function and its options."""
+    """A fringe analysis of two frames."""
 
     name: str
     summary: str
+    """First line of the function's docstring."""
     function: Analysis
 
     @property
@@ -41,15 +51,48 @@ class Method:
 
 
 REGISTERED: dict[str, Method] = {}
-"""What ``method`` registered so far; ``fringeworks.methods()`` loads all there are first."""
+"""The methods that ``method`` has registered so far. ``fringeworks.methods()`` loads the package's
+own and those of installed plug-ins first."""
 
 
 def method(name: str) -> Callable[[Analysis], Analysis]:
-    """Register an analysis of two frames under a name; its docstring's first line describes it."""
+    """Register a fringe analysis of two frames under a name.
+
+    The function takes a ``PreparedPair`` and keyword options, each with a default, and returns a
+    ``Solution``. The first line of its docstring describes it to users.
+
+    Parameters
+    ----------
+    name : str
+        Not yet registered.
+
+    Raises
+    ------
+    InputError for a name that is taken, and for options without a default.
+    """
 
     def register(function: Analysis) -> Analysis:
+        taken = REGISTERED.get(name)
+        if taken is not None and not _same(taken.function, function):
+            raise InputError(
+                f"method {name!r}: expected a name that is free, got that of "
+                f"{taken.function.__module__}.{taken.function.__qualname__}"
+            )
         summary = (inspect.getdoc(function) or "").split("\n", 1)[0]
-        REGISTERED[name] = Method(name, summary, function)
+        entry = Method(name, summary, function)
+        bare = [option for option, default in entry.options.items() if default is inspect._empty]
+        if bare:
+            raise InputError(f"method {name!r}: expected defaults for all options, got {bare[0]}")
+        REGISTERED[name] = entry
         return function
 
     return register
+
+
+def _same(one: Analysis, other: Analysis) -> bool:
+    """Whether a function is registered again, as when its file is loaded twice."""
+    return (one.__module__, one.__qualname__, inspect.getsourcefile(one)) == (
+        other.__module__,
+        other.__qualname__,
+        inspect.getsourcefile(other),
+    )

@@ -7,26 +7,65 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from fringeworks.files.atomic import replacing
+from fringeworks.files.atomic import StrPath, check_target, replacing
+from fringeworks.files.provenance import json_line
 from fringeworks.pair.methods.inverse_function import Extrema
 from fringeworks.surface.cloud import normals
-from fringeworks.types import ByteMap, Decoded, FloatMap, HeightMap, PointCloud, Reason
+from fringeworks.types import ByteMap, Decoded, FloatMap, HeightMap, PointCloud, Provenance, Reason
 
 DPI = 110
+"""Dots per inch of a PNG: an overview of six maps is about 2,400 px wide."""
 MAX_SURFACE_POINTS = 160
 """Mesh lines per side in perspective views; more is slow and looks no better."""
 UNMEASURED = "#b0b0b0"
+"""Colour of pixels without a value: a grey that no colour map of values holds."""
+FORMATS = (".png", ".pdf", ".svg")
+"""Suffixes of pictures."""
+MAP_PERCENTILES = (0.2, 99.8)
+"""Range of values that a map's colours span, percent: outliers do not flatten the rest."""
+SIGMA_PERCENTILE = 98.0
+"""Percentile of σ at the end of its colour scale; σ has a long tail at rims."""
 
 
-def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG, whole or not at all."""
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=DPI, format="png")
+def check_figure_target(path: StrPath) -> None:
+    """Refuse a picture that ``save_figure`` cannot write, before anything is computed for it."""
+    check_target(path, FORMATS)
+
+
+def save_figure(figure: Figure, path: StrPath, *, provenance: Provenance | None = None) -> Path:
+    """Write a figure in the format of the file's suffix, whole or not at all.
+
+    Parameters
+    ----------
+    figure : matplotlib Figure
+    path : path
+        ``.png``, ``.pdf`` or ``.svg``.
+    provenance : Provenance, optional
+        Written into the file's metadata.
+
+    Raises
+    ------
+    FileProblem for another suffix, and where the folder cannot be written to.
+    """
+    path = Path(path)
+    check_figure_target(path)
+    kind = path.suffix.lower()[1:]
+    origin = json_line(provenance)
+    # Dates and random identifiers would make every file differ from the last.
+    metadata: dict[str, Any] = {
+        "png": {"provenance": origin},
+        "pdf": {"Subject": origin, "CreationDate": None},
+        "svg": {"Description": origin, "Date": None},
+    }[kind]
+    shown = {k: v for k, v in metadata.items() if v is not None or k in ("CreationDate", "Date")}
+    with replacing(path) as temporary, rc_context({"svg.hashsalt": "fringeworks"}):
+        figure.savefig(temporary, dpi=DPI, format=kind, metadata=shown)
     return path
 
 
@@ -153,14 +192,14 @@ def surface_sheet(title: str, surface: HeightMap) -> Figure:
     values_axes = figure.add_subplot(1, 3, 1)
     values_axes.set_title(surface.quantity)
     finite = surface.values[np.isfinite(surface.values)]
-    low, high = np.percentile(finite, (0.2, 99.8)) if finite.size else (0.0, 1.0)
+    low, high = np.percentile(finite, MAP_PERCENTILES) if finite.size else (0.0, 1.0)
     _map(values_axes, surface.values, limits=(low, high), colours="viridis", label=surface.unit)
     sigma_axes = figure.add_subplot(1, 3, 2)
     sigma_axes.set_title("σ")
     _map(
         sigma_axes,
         surface.sigma,
-        limits=(0.0, spread([surface.sigma], 98.0)),
+        limits=(0.0, spread([surface.sigma], SIGMA_PERCENTILE)),
         colours="magma",
         label=surface.unit,
     )
@@ -176,11 +215,11 @@ def coordinate_sheet(title: str, decoded: Decoded) -> Figure:
         places = [figure.add_subplot(len(decoded.maps), 4, 4 * line + k) for k in (1, 2, 3, 4)]
         shown = found.coordinate_px
         finite = shown[np.isfinite(shown)]
-        low, high = np.percentile(finite, (0.2, 99.8)) if finite.size else (0.0, 1.0)
+        low, high = np.percentile(finite, MAP_PERCENTILES) if finite.size else (0.0, 1.0)
         places[0].set_title(f"projector coordinate {axis}")
         _map(places[0], shown, limits=(low, high), colours="viridis", label="px")
         places[1].set_title("σ")
-        top = spread([found.sigma_px], 98.0)
+        top = spread([found.sigma_px], SIGMA_PERCENTILE)
         _map(places[1], found.sigma_px, limits=(0.0, top), colours="magma", label="px")
         places[2].set_title("modulation")
         top = spread([found.modulation], 99.5)
@@ -196,14 +235,14 @@ def points_sheet(title: str, cloud: PointCloud) -> Figure:
     places = [figure.add_subplot(1, 4, k) for k in (1, 2, 3, 4)]
     depth = cloud.xyz_mm[..., 2]
     finite = depth[np.isfinite(depth)]
-    low, high = np.percentile(finite, (0.2, 99.8)) if finite.size else (0.0, 1.0)
+    low, high = np.percentile(finite, MAP_PERCENTILES) if finite.size else (0.0, 1.0)
     places[0].set_title("z")
     _map(places[0], depth, limits=(low, high), colours="viridis_r", label="mm")
     places[1].set_title("shaded by its normals")
     light = normals(cloud) @ (np.array([-0.5, -0.5, -0.7]) / np.linalg.norm([0.5, 0.5, 0.7]))
     _map(places[1], light, limits=(0.0, 1.0), colours="gray", label="cosine")
     places[2].set_title("σ")
-    top = spread([cloud.sigma_mm], 98.0)
+    top = spread([cloud.sigma_mm], SIGMA_PERCENTILE)
     _map(places[2], cloud.sigma_mm, limits=(0.0, top), colours="magma", label="mm")
     _reasons(places[3], cloud.reason, cloud.failed_fraction)
     return figure
@@ -246,7 +285,7 @@ def overview(title: str, cells: Sequence[Sequence[tuple[str, FloatMap, str]]]) -
                 low = min(0.0, float(np.nanpercentile(values, 0.5)))
                 _map(axes, values, limits=(low, top), colours="viridis", label="mm")
             else:
-                limit = spread([values], 98.0)
+                limit = spread([values], SIGMA_PERCENTILE)
                 _map(axes, values, limits=(-limit, limit), colours="coolwarm", label="mm")
     return figure
 
@@ -269,7 +308,7 @@ def bars(title: str, labels: Sequence[str], series: Mapping[str, Sequence[float]
 def best_map(title: str, cells: Sequence[Any]) -> Figure:
     """Scenes in rows, fringes in columns, coloured by the method with the lowest mean error.
 
-    ``cells`` are those of ``fringeworks.matrix.best_methods``; the number is that error, mm.
+    ``cells`` are those of ``best_methods``; the number in each is that error, mm.
     """
     columns = sorted({cell.scene["fringes"] for cell in cells})
     lines = list(

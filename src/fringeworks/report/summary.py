@@ -2,18 +2,55 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
 from typing import Any
 
 import numpy as np
 
-from fringeworks.pipeline import Reconstruction
+from fringeworks.evaluate.form import FormEvaluation
+from fringeworks.pair.plane_calibration import PixelCalibration, PlaneCalibration
+from fringeworks.pipeline.pairs import Reconstruction
+from fringeworks.pipeline.stacks import Measurement
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import coverage, diagnose, pose_figures
-from fringeworks.types import RIG_PARAMETERS, Decoded, PointCloud, Reason, count_reasons
+from fringeworks.signal.response import Response
+from fringeworks.types import (
+    RIG_PARAMETERS,
+    Decoded,
+    InputError,
+    PointCloud,
+    Provenance,
+    Reason,
+    count_reasons,
+)
 
 
-def summary(result: Reconstruction) -> dict[str, Any]:
-    """Figures of a reconstruction that need no truth, ready for JSON."""
+@singledispatch
+def summarise(result: object) -> dict[str, Any]:
+    """The figures of a result, ready for JSON.
+
+    Parameters
+    ----------
+    result : Reconstruction, Measurement, Decoded, Calibration, PlaneCalibration, PixelCalibration,
+        Response, FormEvaluation or PointCloud
+
+    Returns
+    -------
+    Dictionary of JSON values. Timings are not in it: equal runs give equal figures.
+
+    Raises
+    ------
+    InputError for anything else.
+    """
+    raise InputError(f"result: expected a result of fringeworks, got {type(result).__name__}")
+
+
+def _origin(provenance: Provenance | None) -> dict[str, Any]:
+    return {} if provenance is None else {"provenance": provenance.as_dict()}
+
+
+@summarise.register
+def _(result: Reconstruction) -> dict[str, Any]:
     surface = result.surface
     finite = np.isfinite(surface.values)
     values, sigma = surface.values[finite], surface.sigma[finite]
@@ -31,13 +68,13 @@ def summary(result: Reconstruction) -> dict[str, Any]:
         "maximum": float(values.max()) if values.size else None,
         "median": float(np.median(values)) if values.size else None,
         "median_sigma": float(np.median(sigma)) if sigma.size else None,
-        "seconds": result.seconds,
         "notes": list(result.notes),
+        **_origin(surface.provenance),
     }
 
 
-def decoded_summary(decoded: Decoded, notes: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Figures of decoded coordinates, ready for JSON."""
+@summarise.register
+def _(decoded: Decoded) -> dict[str, Any]:
     axes = {}
     for axis, found in decoded.maps.items():
         ok = found.reason == Reason.OK
@@ -58,12 +95,13 @@ def decoded_summary(decoded: Decoded, notes: tuple[str, ...] = ()) -> dict[str, 
         "shape": list(some.coordinate_px.shape),
         "noise": {"read_counts": decoded.noise.read_counts, "gain": decoded.noise.gain},
         "axes": axes,
-        "notes": [*notes, *decoded.notes],
+        "notes": list(decoded.notes),
+        **_origin(decoded.provenance),
     }
 
 
-def calibration_summary(calibration: Calibration) -> dict[str, Any]:
-    """Figures of a calibration, ready for JSON."""
+@summarise.register
+def _(calibration: Calibration) -> dict[str, Any]:
     rig = calibration.rig
     assert rig.covariance is not None
     sigma = np.sqrt(np.diag(rig.covariance))
@@ -86,11 +124,65 @@ def calibration_summary(calibration: Calibration) -> dict[str, Any]:
         "findings": [
             {"cause": found.cause, "message": found.message} for found in diagnose(calibration)
         ],
+        **_origin(rig.provenance),
     }
 
 
-def points_summary(cloud: PointCloud) -> dict[str, Any]:
-    """Figures of a point cloud, ready for JSON."""
+@summarise.register
+def _(result: Measurement) -> dict[str, Any]:
+    return _of_cloud(result.points) | {
+        "notes": list(result.notes),
+        **_origin(result.points.provenance),
+    }
+
+
+@summarise.register
+def _(cloud: PointCloud) -> dict[str, Any]:
+    return _of_cloud(cloud) | _origin(cloud.provenance)
+
+
+@summarise.register
+def _(response: Response) -> dict[str, Any]:
+    return {
+        "camera": response.camera,
+        "projector": response.projector,
+        "gamma": response.gamma,
+        "steps": response.steps,
+        "residual_rad": response.residual_rad,
+        **_origin(response.provenance),
+    }
+
+
+@summarise.register
+def _(calibration: PlaneCalibration) -> dict[str, Any]:
+    geometry = calibration.geometry
+    return {
+        "distance_mm": geometry.distance_mm,
+        "distance_sigma_mm": calibration.distance_sigma_mm,
+        "baseline_mm": geometry.baseline_mm,
+        "baseline_sigma_mm": calibration.baseline_sigma_mm,
+        "pitch_mm_per_px": geometry.pitch_mm_per_px,
+        "sign": geometry.sign,
+        "residual_mm": list(calibration.residual_mm),
+        **_origin(calibration.provenance),
+    }
+
+
+@summarise.register
+def _(calibration: PixelCalibration) -> dict[str, Any]:
+    return {
+        "median_mm_per_px": float(np.nanmedian(calibration.slope)),
+        "calibrated_fraction": float(np.mean(np.isfinite(calibration.slope))),
+        **_origin(calibration.provenance),
+    }
+
+
+@summarise.register
+def _(evaluation: FormEvaluation) -> dict[str, Any]:
+    return evaluation.figures | _origin(evaluation.provenance)
+
+
+def _of_cloud(cloud: PointCloud) -> dict[str, Any]:
     ok = cloud.reason == Reason.OK
     xyz, sigma, noise = cloud.xyz_mm[ok], cloud.sigma_mm[ok], cloud.noise_mm[ok]
     return {

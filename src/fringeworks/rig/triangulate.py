@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from weakref import WeakKeyDictionary
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -13,6 +13,7 @@ from fringeworks import _core
 from fringeworks.rig.pinhole import project_with_derivatives, rays, skew
 from fringeworks.types import (
     Axis,
+    ByteMap,
     CoordinateMap,
     Decoded,
     FloatMap,
@@ -20,20 +21,119 @@ from fringeworks.types import (
     PointCloud,
     Reason,
     Rig,
+    RigMismatch,
+    sealed,
+    unsealed,
 )
 
 RESIDUAL_SIGMAS = 5.0
-"""Distance from the epipolar line that is let through, in its standard deviations."""
+"""Largest epipolar error that is accepted, in its standard deviations. Normal errors exceed five
+in one of two million pixels."""
 NODES = (20, 26)
-"""Rows and columns of nodes at which the calibration's part of σ is computed."""
+"""Rows and columns of nodes over the camera's frame at which the calibration's variance is
+computed. The variance is smooth; between the nodes it is interpolated to better than 1 % away from
+the corners of the frame (tests/test_triangulate.py)."""
 DEPTHS = 7
-"""Places along each node's ray that a polynomial is fitted to."""
+"""Places along each node's ray that a polynomial is fitted to; two more than its coefficients."""
 POWERS = 5
-NEWTON = 8
-NOTHING = -126.0
-"""Binary logarithm of a variance that is none."""
+"""Coefficients of that polynomial. A quartic follows the logarithm of the variance to 1 %."""
+NEWTON_STEPS = 8
+"""Newton steps that find where a ray meets a projector column. Convergence is quadratic; eight
+steps reach double precision for every lens that calibrations have given."""
+CONVERGED_PX = 1e-6
+"""Largest distance from the wanted projector coordinate after the last step, px; a larger one means
+that the ray leaves what the lens model covers."""
+NO_VARIANCE = -126.0
+"""Binary logarithm that stands for a variance of zero: the least exponent of single precision."""
+CHECKED_ROWS = 16
+"""Rows of a frame, about, that are looked at to see whether a rig belongs to it."""
+MAX_BEYOND = 0.01
+"""Share of coordinates beyond the projector's frame from which on the rig is taken for another
+projector's. Noise at the border puts fewer there."""
+MAX_BEHIND = 0.5
+"""Share of points behind camera or projector from which on the rig is refused."""
+MAX_APART = 0.9
+"""Share of pixels with too large an epipolar error from which on the rig is refused."""
 
-_kernels: WeakKeyDictionary[Rig, dict[Axis | None, _core.Triangulation]] = WeakKeyDictionary()
+
+class Triangulator:
+    """Triangulates with one rig, again and again.
+
+    The tables that depend on the rig alone are computed once for each choice of axes and kept.
+
+    Parameters
+    ----------
+    rig : Rig
+
+    Examples
+    --------
+    >>> from fringeworks.simulate import standard_rig
+    >>> Triangulator(standard_rig(scale=0.1)).rig.camera.shape
+    (102, 128)
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._kernels: dict[Axis | None, _core.Triangulation] = {}
+
+    @property
+    def rig(self) -> Rig:
+        """The rig that points are computed with."""
+        return self._rig
+
+    def triangulate(
+        self,
+        decoded: Decoded,
+        *,
+        axis: Axis | None = None,
+        residual_sigmas: float = RESIDUAL_SIGMAS,
+        colour: FloatMap | None = None,
+        out: PointCloud | None = None,
+    ) -> PointCloud:
+        """Points of a surface from projector coordinates; see ``triangulate``."""
+        rig = self._rig
+        maps = _chosen(decoded, rig, axis)
+        if not residual_sigmas > 0:
+            raise InputError(f"residual_sigmas: expected > 0, got {residual_sigmas}")
+        shape = rig.camera.shape
+        if colour is not None and np.shape(colour)[:2] != shape:
+            raise InputError(f"colour: expected shape {shape}, got {np.shape(colour)}")
+        both = len(maps) == 2
+        results = _empty(shape, both) if out is None else _reused(out, shape, both)
+        self._kernel(None if both else next(iter(maps))).run(
+            _arrays(maps.get("x")),
+            _arrays(maps.get("y")),
+            **results,
+            residual_sigmas=residual_sigmas,
+            residual_px=float(np.hypot(*rig.residual_px)),
+        )
+        _refuse_nothing(results["reason"], maps)
+        return PointCloud(
+            xyz_mm=sealed(results["xyz"]),
+            sigma_mm=sealed(results["sigma"]),
+            noise_mm=sealed(results["noise"]),
+            reason=sealed(results["reason"]),
+            residual_px=sealed(results["residual"]) if both else None,
+            colour=colour,
+        )
+
+    def _kernel(self, axis: Axis | None) -> _core.Triangulation:
+        """The kernel for one axis, or for both (None)."""
+        if axis not in self._kernels:
+            rig = self._rig
+            along = main_axis(rig) if axis is None else axis
+            self._kernels[axis] = _core.Triangulation(
+                camera=[float(v) for v in rig.camera.parameters],
+                projector=[float(v) for v in rig.projector.parameters],
+                rotation=[float(v) for v in rig.T_projector_camera[:3, :3].ravel()],
+                translation=[float(v) for v in rig.T_projector_camera[:3, 3]],
+                spread=calibration_spread(rig, axis, along),
+                spread_along_x=along == "x",
+                spread_length=float(_length(rig, along)),
+                camera_shape=rig.camera.shape,
+                projector_size=(rig.projector.width_px, rig.projector.height_px),
+            )
+        return self._kernels[axis]
 
 
 def triangulate(
@@ -45,22 +145,22 @@ def triangulate(
     colour: FloatMap | None = None,
     out: PointCloud | None = None,
 ) -> PointCloud:
-    """Points of a surface from where each camera pixel's light comes from.
+    """Points of a surface from projector coordinates. ``Triangulator`` does it again and again.
 
     Parameters
     ----------
     decoded : Decoded
-        Absolute coordinates of one axis or both, maps of the rig's camera.
+        Absolute coordinates along one axis or both, from the rig's camera.
     rig : Rig
     axis : "x" or "y", optional
-        Use this axis only; both where there are both.
+        Use this axis only; both where both were decoded.
     residual_sigmas : float > 0
-        With both axes: distance of the projector's point from the epipolar line, in standard
-        deviations of pixel noise and calibration, beyond which a pixel is NaN (``RAYS_APART``).
+        With both axes: epipolar error, in standard deviations of pixel noise and calibration,
+        beyond which a pixel is NaN (``RAYS_APART``).
     colour : (h, w) or (h, w, 3) array, optional
         Kept with the points.
     out : PointCloud, optional
-        An earlier result of the same kind whose arrays are written to again. It is not valid
+        An earlier result of the same kind. Its arrays are written to again; it is not valid
         afterwards.
 
     Returns
@@ -69,43 +169,21 @@ def triangulate(
 
     Raises
     ------
-    InputError for maps of another size than the rig's camera, relative coordinates, an axis that
-    was not decoded, coordinates beyond the rig's projector, and where no point lies in front of
-    both devices.
+    RigMismatch for maps of another size than the rig's camera, coordinates beyond the rig's
+    projector, and where the rays hardly meet in front of both devices. InputError for relative
+    coordinates and for an axis that was not decoded.
 
     Notes
     -----
-    The camera's pixel is exact: the point lies on its ray, at the distance 1/w. With one axis the
-    ray meets the surface that a column or row of the projector lights; with both, w minimises the
-    distance to the decoded point weighted by its variances. Lens distortion of both devices is in
-    the equations. σ² = noise + calibration: the derivative of the distance by the coordinates, and
-    by the rig's 24 parameters with their covariance.
+    The camera's pixel is exact: the point lies on its ray, at the distance 1/w. With one axis, the
+    ray meets the surface that a column or row of the projector lights. With both, w minimises the
+    distance to the decoded point weighted by its variances. The equations hold the lens distortion
+    of both devices. σ² = noise + calibration: the derivative of the distance by the coordinates,
+    and by the rig's 24 parameters with their covariance (theory §8, §9).
     """
-    maps = _chosen(decoded, rig, axis)
-    if not residual_sigmas > 0:
-        raise InputError(f"residual_sigmas: expected > 0, got {residual_sigmas}")
-    shape = rig.camera.shape
-    both = len(maps) == 2
-    if out is None:
-        out = _empty(shape, both)
-    elif out.shape != shape or (out.residual_px is not None) != both:
-        raise InputError(f"out: expected a point cloud of {shape} from as many axes, got another")
-    kernel = _kernel(rig, None if both else next(iter(maps)))
-    kernel.run(
-        _arrays(maps.get("x")),
-        _arrays(maps.get("y")),
-        xyz=out.xyz_mm,
-        sigma=out.sigma_mm,
-        noise=out.noise_mm,
-        residual=out.residual_px,
-        reason=out.reason,
-        residual_sigmas=residual_sigmas,
-        residual_px=float(np.hypot(*rig.residual_px)),
+    return Triangulator(rig).triangulate(
+        decoded, axis=axis, residual_sigmas=residual_sigmas, colour=colour, out=out
     )
-    _refuse_nothing(out, maps)
-    if colour is not None and np.shape(colour)[:2] != shape:
-        raise InputError(f"colour: expected shape {shape}, got {np.shape(colour)}")
-    return PointCloud(out.xyz_mm, out.sigma_mm, out.noise_mm, out.reason, out.residual_px, colour)
 
 
 def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, CoordinateMap]:
@@ -120,7 +198,7 @@ def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, Coordin
     for name, found in maps.items():
         h, w = found.coordinate_px.shape
         if (h, w) != camera.shape:
-            raise InputError(
+            raise RigMismatch(
                 f"rig: it is for a camera of {camera.width_px} × {camera.height_px} px, got "
                 f"frames of {w} × {h}"
             )
@@ -130,11 +208,11 @@ def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, Coordin
                 f"{found.repeats_px:g} px"
             )
         length = projector.width_px if name == "x" else projector.height_px
-        rows = found.coordinate_px[:: max(1, h // 16)]
+        rows = found.coordinate_px[:: max(1, h // CHECKED_ROWS)]
         with np.errstate(invalid="ignore"):
             beyond = float(np.mean(rows > length + 1))
-        if beyond > 0.01:
-            raise InputError(
+        if beyond > MAX_BEYOND:
+            raise RigMismatch(
                 f"rig: it is for a projector of {projector.width_px} × {projector.height_px} px, "
                 f"got coordinates up to {np.nanmax(rows):.0f} along {name}"
             )
@@ -153,53 +231,47 @@ def _arrays(
     )
 
 
-def _empty(shape: tuple[int, int], both: bool) -> PointCloud:
-    return PointCloud(
-        xyz_mm=np.empty((*shape, 3), np.float32),
-        sigma_mm=np.empty(shape, np.float32),
-        noise_mm=np.empty(shape, np.float32),
-        reason=np.empty(shape, np.uint8),
-        residual_px=np.empty(shape, np.float32) if both else None,
-    )
+def _empty(shape: tuple[int, int], both: bool) -> dict[str, Any]:
+    return {
+        "xyz": np.empty((*shape, 3), np.float32),
+        "sigma": np.empty(shape, np.float32),
+        "noise": np.empty(shape, np.float32),
+        "reason": np.empty(shape, np.uint8),
+        "residual": np.empty(shape, np.float32) if both else None,
+    }
 
 
-def _refuse_nothing(cloud: PointCloud, maps: dict[Axis, CoordinateMap]) -> None:
-    """A rig that does not belong to a capture shows in that hardly any rays meet."""
-    rows = slice(None, None, max(1, cloud.shape[0] // 16))
-    reason = cloud.reason[rows]
+def _reused(out: PointCloud, shape: tuple[int, int], both: bool) -> dict[str, Any]:
+    """The arrays of an earlier result, writable again."""
+    if out.shape != shape or (out.residual_px is not None) != both:
+        raise InputError(f"out: expected a point cloud of {shape} from as many axes, got another")
+    return {
+        "xyz": unsealed(out.xyz_mm),
+        "sigma": unsealed(out.sigma_mm),
+        "noise": unsealed(out.noise_mm),
+        "reason": unsealed(out.reason),
+        "residual": None if out.residual_px is None else unsealed(out.residual_px),
+    }
+
+
+def _refuse_nothing(all_reasons: ByteMap, maps: dict[Axis, CoordinateMap]) -> None:
+    """Refuse a rig whose rays hardly ever meet: it does not belong to the capture."""
+    rows = slice(None, None, max(1, all_reasons.shape[0] // CHECKED_ROWS))
+    reason = all_reasons[rows]
     measured = int(np.sum((reason == Reason.OK) | (reason >= Reason.BEYOND_GEOMETRY)))
     decoded = min(int(np.sum(m.reason[rows] == Reason.OK)) for m in maps.values())
     behind = int(np.sum(reason == Reason.BEYOND_GEOMETRY))
-    if measured and decoded and behind > 0.5 * decoded:
-        raise InputError(
+    if measured and decoded and behind > MAX_BEHIND * decoded:
+        raise RigMismatch(
             f"rig: {behind / decoded:.0%} of the points lie behind the camera or the projector: "
             "it does not belong to this capture, or columns and rows are swapped"
         )
     apart = int(np.sum(reason == Reason.RAYS_APART))
-    if decoded and apart > 0.9 * decoded:
-        raise InputError(
+    if decoded and apart > MAX_APART * decoded:
+        raise RigMismatch(
             f"rig: rays of camera and projector pass each other in {apart / decoded:.0%} of the "
             "pixels: it does not belong to this capture, or a device was moved since"
         )
-
-
-def _kernel(rig: Rig, axis: Axis | None) -> _core.Triangulation:
-    """The kernel for a rig, with the calibration's part of σ along ``axis`` or by both."""
-    known = _kernels.setdefault(rig, {})
-    if axis not in known:
-        along = main_axis(rig) if axis is None else axis
-        known[axis] = _core.Triangulation(
-            camera=[float(v) for v in rig.camera.parameters],
-            projector=[float(v) for v in rig.projector.parameters],
-            rotation=[float(v) for v in rig.T_projector_camera[:3, :3].ravel()],
-            translation=[float(v) for v in rig.T_projector_camera[:3, 3]],
-            spread=calibration_spread(rig, axis, along),
-            spread_along_x=along == "x",
-            spread_length=float(_length(rig, along)),
-            camera_shape=rig.camera.shape,
-            projector_size=(rig.projector.width_px, rig.projector.height_px),
-        )
-    return known[axis]
 
 
 def _length(rig: Rig, axis: Axis) -> int:
@@ -232,7 +304,7 @@ def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.f
     calibration has not covered the variance itself changes by orders of magnitude.
     """
     spread = np.zeros((*NODES, POWERS), np.float32)
-    spread[..., 0] = NOTHING
+    spread[..., 0] = NO_VARIANCE
     if rig.covariance is None or not rig.covariance.any():
         return spread
     place = np.cos(np.pi * (np.arange(DEPTHS) + 0.5) / DEPTHS)
@@ -256,7 +328,7 @@ def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.f
         spread[node] = np.linalg.lstsq(powers[good[k]], logarithm[k, good[k]], rcond=None)[0]
     known = fitted.reshape(NODES)
     if known.any() and not known.all():
-        # Where no ray meets the projector's light no point will be: any finite value does.
+        # These nodes yield no points; copy the nearest valid value to keep the table finite.
         nearest = ndimage.distance_transform_edt(~known, return_indices=True)[1]
         spread = spread[tuple(nearest)]
     return np.ascontiguousarray(spread)
@@ -273,19 +345,19 @@ def inverse_depth(rig: Rig, pixels: FloatMap, goal_px: FloatMap, axis: Axis) -> 
     ideal = (goal_px - rig.projector.principal_px[k]) / rig.projector.focal_px[k]
     with np.errstate(all="ignore"):
         w = (ideal * turned[:, 2] - turned[:, k]) / (t[k] - ideal * t[2])
-        for _ in range(NEWTON):
+        for _ in range(NEWTON_STEPS):
             # A point times w: free of infinity where rays meet far away.
             seen = turned + w[:, None] * t
             seen = np.where(seen[:, 2:] > 0, seen, np.nan)
             pixel, by_point, _ = project_with_derivatives(rig.projector, seen)
             w = w + (goal_px - pixel[:, k]) / (by_point[:, k] @ t)
-    return np.asarray(np.where(np.abs(goal_px - pixel[:, k]) < 1e-6, w, np.nan))
+    return np.asarray(np.where(np.abs(goal_px - pixel[:, k]) < CONVERGED_PX, w, np.nan))
 
 
 def inverse_depth_by_parameters(
     rig: Rig, pixels: FloatMap, w: FloatMap, axis: Axis | None
 ) -> FloatMap:
-    """Derivative of the inverse distance by the rig's 24 parameters, projector coordinates given.
+    """Derivative of the inverse distance by the rig's 24 parameters at fixed coordinates.
 
     Parameters
     ----------

@@ -1,26 +1,30 @@
-"""The demonstration: three bodies, ideal and as a camera sees them, and a photographed pair."""
+"""The demonstration: pairs of frames, a photographed pair, and a calibrated virtual rig."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fringeworks.evaluate.errors import Row, error_map, errors
-from fringeworks.files.atomic import make_folder, write_text
+from fringeworks.evaluate.compare import Row
+from fringeworks.evaluate.errors import error_map, errors
+from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.files.folder import FolderWriter, replacing_folder
 from fringeworks.files.pair import read_pair, write_pair
 from fringeworks.files.surfaces import write_surface
-from fringeworks.pipeline import Reconstruction, reconstruct
+from fringeworks.pipeline.pairs import Reconstruction, reconstruct
 from fringeworks.report import figures
 from fringeworks.report.tables import format_table
+from fringeworks.showcase.demo_rig import rig_demo
 from fringeworks.simulate.scene import standard_scene
 from fringeworks.types import HeightMap, Pair
 
 BODIES = ("parabola", "cube", "cylinder")
+"""Artificial objects, as in the dissertation."""
 CASES: dict[str, dict[str, Any]] = {
     "ideal": {},
     "camera": {
@@ -35,61 +39,76 @@ CASES: dict[str, dict[str, Any]] = {
 }
 """Settings of the standard scene: ideal, and with projector response, noise, 8 bit and paint."""
 METHODS = ("gsifa", "exact", "fourier", "windowed")
+"""Methods that are compared: the dissertation's best, its exact form, the classic, our default."""
 DATA_VARIABLE = "FRINGEWORKS_DATA"
-COLUMNS = (
-    "object",
-    "case",
-    "method",
-    "mean_abs_error_mm",
-    "std_error_mm",
-    "max_abs_error_mm",
-    "edge_mean_abs_error_mm",
-    "inner_mean_abs_error_mm",
-    "failed_fraction",
-    "within_1_sigma",
-    "seconds",
-)
+"""Environment variable that names a folder with real captures."""
+FULL_SIZE = 1000
+"""Frame size at which the virtual rig has its full 1280 × 1024 px."""
+MIN_RIG_SCALE = 0.25
+"""Smallest scale of the virtual rig at which its boards are still found."""
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """Tables and pictures of the demonstration."""
+
+    rows: tuple[Row, ...]
+    """Errors of each method on each artificial object."""
+    rig_rows: tuple[Row, ...]
+    """Errors of the objects that the calibrated rig measured."""
+    pictures: tuple[Path, ...]
+    has_photographs: bool
+    """Whether a real pair was there to be measured."""
 
 
 def write_demo(
-    out: Path, *, size: int = 1000, progress: Callable[[str], None] = lambda _: None
-) -> tuple[list[Row], list[Path]]:
-    """Measure three bodies, ideal and as a camera sees them; and a real cone where there is one.
+    out: StrPath,
+    *,
+    size: int = FULL_SIZE,
+    force: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
+) -> DemoResult:
+    """Measure artificial objects by two frames and by a calibrated rig, and a real pair.
 
     Parameters
     ----------
-    out : Path
-        Folder for tables, pictures, one capture and one point cloud.
+    out : path
+        Folder for tables, pictures, captures and point clouds; new, empty, or an earlier result,
+        which is replaced as a whole.
     size : int
         Side of the frames, px.
+    force : bool
+        Write into a folder with other things in it, too.
     progress : callable
         Called with the name of each step.
 
     Returns
     -------
-    Rows of the error table, and the paths of the pictures.
+    DemoResult
     """
-    folder = make_folder(out)
     rows: list[Row] = []
     pictures: list[Path] = []
-    for case, settings in CASES.items():
-        lines = []
-        for body in BODIES:
-            progress(f"{body}, {case}")
-            scene = standard_scene(body, size=size, **settings)
-            results = {name: reconstruct(scene, name) for name in METHODS}
-            rows += [_row(body, case, scene, result) for result in results.values()]
-            lines.append(_line(body, scene, results))
-            if (body, case) == ("parabola", "camera"):
-                write_pair(folder / "capture", scene)
-                write_surface(folder / "parabola.ply", results["windowed"].surface)
-        title = f"{case}: {_describe(settings)}"
-        sheet = figures.overview(title, lines)
-        pictures.append(figures.save(sheet, folder / f"{case}.png"))
-    pictures += _photographed_cone(folder, progress)
-    write_text(folder / "errors.md", format_table(rows, "markdown"))
-    write_text(folder / "errors.json", format_table(rows, "json"))
-    return rows, pictures
+    with replacing_folder(out, force=force) as writer:
+        for case, settings in CASES.items():
+            lines = []
+            for body in BODIES:
+                progress(f"{body}, {case}")
+                scene = standard_scene(body, size=size, **settings)
+                results = {name: reconstruct(scene, name) for name in METHODS}
+                rows += [_row(body, case, scene, result) for result in results.values()]
+                lines.append(_line(body, scene, results))
+                if (body, case) == ("parabola", "camera"):
+                    write_pair(writer.file("capture"), scene, force=force)
+                    write_surface(writer.file("parabola.ply"), results["windowed"].surface)
+            sheet = figures.overview(f"{case}: {_describe(settings)}", lines)
+            pictures.append(figures.save_figure(sheet, writer.file(f"{case}.png")))
+        photographed = _photographed_cone(writer, progress)
+        write_text(writer.file("errors.md"), format_table(rows, "markdown"))
+        write_text(writer.file("errors.json"), format_table(rows, "json"))
+        scale = min(max(size / FULL_SIZE, MIN_RIG_SCALE), 1.0)
+        rig_rows, rig_pictures = rig_demo(writer, scale=scale, force=force, progress=progress)
+    shown = (*pictures, *photographed, *rig_pictures)
+    return DemoResult(tuple(rows), tuple(rig_rows), shown, bool(photographed))
 
 
 def _describe(settings: dict[str, Any]) -> str:
@@ -104,9 +123,7 @@ def _describe(settings: dict[str, Any]) -> str:
 def _row(body: str, case: str, scene: Pair, result: Reconstruction) -> Row:
     assert scene.truth_mm is not None
     found = asdict(errors(result.surface, scene.truth_mm))
-    row = {"object": body, "case": case, "method": result.surface.method, **found}
-    row["seconds"] = result.seconds
-    return {name: row[name] for name in COLUMNS}
+    return {"object": body, "case": case, "method": result.surface.method, **found}
 
 
 def _line(
@@ -121,22 +138,22 @@ def _line(
     return line
 
 
-def _photographed_cone(folder: Path, progress: Callable[[str], None]) -> list[Path]:
+def _photographed_cone(writer: FolderWriter, progress: Callable[[str], None]) -> list[Path]:
     data = os.environ.get(DATA_VARIABLE)
     cone = Path(data) / "pair_cone" if data else None
     if cone is None or not cone.is_dir():
         return []
     progress("photographed cone")
-    capture = read_pair(cone / "reference.jpg", cone / "object.jpg")
+    pair = read_pair(cone / "reference.jpg", cone / "object.jpg")
     surfaces: dict[str, HeightMap] = {}
     pictures = []
     for name in ("windowed", "gsifa", "fourier"):
-        surfaces[name] = reconstruct(capture, name).surface
+        surfaces[name] = reconstruct(pair, name).surface
         sheet = figures.surface_sheet(f"photographed cone, {name}", surfaces[name])
-        pictures.append(figures.save(sheet, folder / f"cone_{name}.png"))
+        pictures.append(figures.save_figure(sheet, writer.file(f"cone_{name}.png")))
     view = figures.perspective(
         "photographed cone, windowed: displacement", surfaces["windowed"].values, unit="px"
     )
-    pictures.append(figures.save(view, folder / "cone_perspective.png"))
-    write_surface(folder / "cone.npz", surfaces["windowed"])
+    pictures.append(figures.save_figure(view, writer.file("cone_perspective.png")))
+    write_surface(writer.file("cone.npz"), surfaces["windowed"])
     return pictures

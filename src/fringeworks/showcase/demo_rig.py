@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fringeworks.evaluate.errors import Row
+from fringeworks.evaluate.compare import Row
 from fringeworks.files.atomic import write_text
+from fringeworks.files.folder import FolderWriter
 from fringeworks.files.points import write_points
 from fringeworks.files.rig import write_rig
 from fringeworks.files.stack import write_stack
-from fringeworks.pipeline import calibrate_stacks
+from fringeworks.pipeline.boards import calibrate_stacks
+from fringeworks.pipeline.stacks import measure
 from fringeworks.report import figures
-from fringeworks.report.summary import calibration_summary
+from fringeworks.report.summary import summarise
 from fringeworks.report.tables import format_table
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.pinhole import pose, rotation
-from fringeworks.rig.triangulate import triangulate
 from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.standard_rig import (
     board_body,
@@ -30,28 +31,37 @@ from fringeworks.simulate.standard_rig import (
     truth_distance,
 )
 from fringeworks.simulate.virtual_rig import Optics, look, photograph
-from fringeworks.stack.decode import decode
-from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
 from fringeworks.surface.form import fit_form
 from fringeworks.types import FloatMap, PointCloud, Reason, Rig
 
 BOARD = "chessboard:11x8:12"
+"""Board of the calibration: it fills two thirds of the standard rig's field of 200 mm."""
 POSES = 8
+"""Poses of the board; more take longer and improve the demonstration little."""
 RADIUS_MM = 25.0
+"""Radius of the ball: the 50 mm that VDI/VDE 2634 artefacts of this field have."""
+FIRST_SEED = 50
+"""Seed of the first scene's noise, away from those of the board's poses."""
 
 
-def write_rig_demo(
-    folder: Path, *, scale: float = 1.0, progress: Callable[[str], None] = lambda _: None
+def rig_demo(
+    writer: FolderWriter,
+    *,
+    scale: float = 1.0,
+    force: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[list[Row], list[Path]]:
     """Calibrate the standard rig from photographs of its board; measure a bust, a ball, a plane.
 
     Parameters
     ----------
-    folder : Path
-        Existing folder for the rig, one capture, points, pictures and a table.
+    writer : FolderWriter
+        Of the folder for the rig, one capture, points, pictures and a table.
     scale : float
         Size of the frames over 1280 × 1024.
+    force : bool
+        Write into a folder with other things in it, too.
     progress : callable
         Called with the name of each step.
 
@@ -60,7 +70,7 @@ def write_rig_demo(
     Rows of the table, and the paths of the pictures.
     """
     truth = standard_rig(scale=scale)
-    found = _calibrated(truth, folder, progress)
+    rig = _calibrated(truth, writer, progress)
     rows: list[Row] = []
     pictures: list[Path] = []
     place = pose(rotation(np.array([0.2, 0.15, 0.0])), np.array([0.0, 0.0, 500.0]))
@@ -72,26 +82,26 @@ def write_rig_demo(
     for k, (name, bodies) in enumerate(scenes.items()):
         progress(f"rig: {name}")
         view, plan = look(truth, bodies), fringe_plan(truth, both=False)
-        frames = list(photograph(view, plan, Optics(seed=50 + k)))
-        cloud = triangulate(decode(frames, plan), found, colour=texture(frames, plan))
+        frames = list(photograph(view, plan, Optics(seed=FIRST_SEED + k)))
+        cloud = measure(Stack(frames, plan), rig).points
         error = truth_distance(view.points_mm, cloud.xyz_mm)
         rows.append(_row(name, cloud, np.where(view.lit, error, np.nan)))
         if name == "bust":
-            write_stack(folder / "bust", frames, plan, truth=view.truth)
-        write_points(folder / f"{name}.ply", cloud, kind="mesh")
+            write_stack(writer.file("bust"), frames, plan, truth=view.truth, force=force)
+        write_points(writer.file(f"{name}.ply"), cloud, kind="mesh")
         sheet = figures.points_sheet(f"{name}, measured by a calibrated virtual rig", cloud)
-        pictures.append(figures.save(sheet, folder / f"rig_{name}.png"))
+        pictures.append(figures.save_figure(sheet, writer.file(f"rig_{name}.png")))
         maps = {"error along the ray": error, "σ": cloud.sigma_mm}
         errors = figures.error_maps(f"{name}: measured minus true", maps)
-        pictures.append(figures.save(errors, folder / f"rig_{name}_error.png"))
-    write_text(folder / "rig.md", format_table(rows, "markdown"))
+        pictures.append(figures.save_figure(errors, writer.file(f"rig_{name}_error.png")))
+    write_text(writer.file("rig.md"), format_table(rows, "markdown"))
     return rows, pictures
 
 
-def _calibrated(truth: Rig, folder: Path, progress: Callable[[str], None]) -> Rig:
+def _calibrated(truth: Rig, writer: FolderWriter, progress: Callable[[str], None]) -> Rig:
     board, plan = parse_board(BOARD), fringe_plan(truth)
 
-    def stacks() -> Any:
+    def stacks() -> Iterator[tuple[str, Stack]]:
         for k, T in enumerate(board_poses(board, POSES, seed=1)):
             view = look(truth, [board_body(board, T)])
             yield f"pose {k}", Stack(list(photograph(view, plan, Optics(seed=k))), plan)
@@ -99,10 +109,11 @@ def _calibrated(truth: Rig, folder: Path, progress: Callable[[str], None]) -> Ri
     calibration = calibrate_stacks(
         stacks(), board, progress=lambda text: progress(f"rig: calibrating, {text}")
     )
-    write_rig(folder / "rig.toml", calibration.rig)
-    content = calibration_summary(calibration)
-    lines = [f"- {f['cause']}: {f['message']}" for f in content["findings"]]
-    write_text(folder / "calibration.md", "\n".join(["# Calibration", "", *lines, ""]))
+    write_rig(writer.file("rig.toml"), calibration.rig)
+    findings = summarise(calibration)["findings"]
+    lines = [f"- {f['cause']}: {f['message']}" for f in findings]
+    text = "\n".join(["# Calibration", "", *lines, ""])
+    write_text(writer.file("calibration.md"), text)
     return calibration.rig
 
 

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from fringeworks.evaluate.errors import Row, compare, error_map
-from fringeworks.files.atomic import make_folder, write_text
+from fringeworks.evaluate.compare import Row, compare
+from fringeworks.evaluate.errors import error_map
+from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.files.folder import replacing_folder
 from fringeworks.pair.methods.inverse_function import Extrema, find_extrema
-from fringeworks.pipeline import Reconstruction, reconstruct
+from fringeworks.pipeline.pairs import Reconstruction, reconstruct
 from fringeworks.report import figures
 from fringeworks.report.tables import TableFormat, format_table
 from fringeworks.simulate.fringes import deformed_row
@@ -28,15 +30,19 @@ GAMMAS = (1.0, 2.2)
 Progress = Callable[[str], None]
 
 
-def write_paper(out: Path, *, size: int = 1000, progress: Progress = lambda _: None) -> list[Path]:
+def write_paper(
+    out: StrPath, *, size: int = 1000, force: bool = False, progress: Progress = lambda _: None
+) -> list[Path]:
     """Make every figure of the dissertation's chapter 4 and its table 4.1.
 
     Parameters
     ----------
-    out : Path
-        Folder, made where there is none.
+    out : path
+        Folder; new, empty, or an earlier result, which is replaced as a whole.
     size : int
         Side of the two-dimensional scenes, px; 1000 is the standard.
+    force : bool
+        Write into a folder with other things in it, too.
     progress : callable
         Called with the name of each file written.
 
@@ -44,22 +50,22 @@ def write_paper(out: Path, *, size: int = 1000, progress: Progress = lambda _: N
     -------
     Paths of all files written.
     """
-    folder = make_folder(out)
     written: list[Path] = []
+    with replacing_folder(out, force=force) as writer:
 
-    def save(name: str, figure: Figure) -> None:
-        written.append(figures.save(figure, folder / f"{name}.png"))
-        progress(name)
+        def save(name: str, figure: Figure) -> None:
+            written.append(figures.save_figure(figure, writer.file(f"{name}.png")))
+            progress(name)
 
-    _part_1_and_3(save)
-    _part_2(save, size)
-    rows = _parts_4_to_6(save, size)
-    styles: dict[str, TableFormat] = {"md": "markdown", "csv": "csv", "json": "json"}
-    for suffix, style in styles.items():
-        path = folder / f"table_4_1.{suffix}"
-        write_text(path, format_table(rows, style))
-        written.append(path)
-        progress(path.stem)
+        _part_1_and_3(save)
+        _part_2(save, size)
+        rows = _parts_4_to_6(save, size)
+        styles: dict[str, TableFormat] = {"md": "markdown", "csv": "csv", "json": "json"}
+        for suffix, style in styles.items():
+            path = writer.file(f"table_4_1.{suffix}")
+            write_text(path, format_table(rows, style))
+            written.append(path)
+            progress(path.stem)
     return written
 
 

@@ -15,7 +15,7 @@ from scipy import ndimage, optimize
 
 from fringeworks.patterns.plan import step_design
 from fringeworks.signal.phase_table import BINS, places, tables_by_brightness
-from fringeworks.types import BoolMap, FloatMap, InputError, Pair
+from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, Pair, Provenance
 
 RANGE = (0.4, 4.0)
 """Exponents that are looked for."""
@@ -74,8 +74,8 @@ def estimate_gamma(frame: FloatMap, period_px: float) -> float:
     return float(found.x)
 
 
-@dataclass(frozen=True)
-class Response:
+@dataclass(frozen=True, eq=False, repr=False)
+class Response(Frozen):
     """The response of one camera and projector."""
 
     camera: str
@@ -95,6 +95,8 @@ class Response:
     """Root mean square of the phase error that the table left where it was made."""
     offset_rad: float = 0.0
     """First of the shifts that the table was made with, rad."""
+    provenance: Provenance | None = None
+    """How it was made; None where the caller built it."""
 
 
 def phase_of_steps(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
-from fringeworks.types import InputError
+from fringeworks.types import Frozen, InputError, Source
 
 KINDS = ("uint8", "uint16", "float32", "float64")
 SAMPLE = (5_000, 24_000)
@@ -26,18 +26,28 @@ GOLDEN = 0.6180339887498949
 Planes = list[NDArray[Any]]
 
 
-@dataclass(frozen=True)
-class Stack:
+@dataclass(frozen=True, eq=False, repr=False)
+class Stack(Frozen):
     """Frames with the plan that they follow."""
 
     frames: Sequence[NDArray[Any]]
     """(h, w) arrays in the order of the plan, counts as stored; a TIFF stack stays on disk."""
     plan: PatternPlan
     saturation: float | None = None
-    """Counts from which on a sample is not trusted; None where not said."""
+    """Counts from which on a sample is not trusted; None where the capture does not say."""
     camera: str | None = None
+    """Name of the camera."""
     projector: str | None = None
+    """Name of the projector."""
     notes: tuple[str, ...] = ()
+    """What was done to the frames on reading, such as colour turned to grey."""
+    sources: tuple[Source, ...] = ()
+    """The files that the frames and the plan were read from."""
+
+    def __post_init__(self) -> None:
+        frames = self.frames
+        object.__setattr__(self, "frames", tuple(np.asarray(frame) for frame in frames))
+        super().__post_init__()
 
 
 def check_frames(frames: NDArray[Any] | Sequence[NDArray[Any]], plan: PatternPlan) -> Planes:

@@ -1,0 +1,96 @@
+"""The application: commands in the order of the light, options of all commands, errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+from typer.exceptions import TyperException
+
+import fringeworks as fw
+from fringeworks.cli import output
+
+SECTIONS = ("Patterns", "Two frames", "Stacks and rigs", "Results", "Simulation")
+"""Groups of commands, in the order of the light."""
+
+
+class LightGroup(TyperGroup):
+    """Lists the commands by section."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ARG002
+        """Write a section of the help for each group."""
+        for section in SECTIONS:
+            commands = [
+                (name, (command.help or "").partition("\n")[0])
+                for name, command in self.commands.items()
+                if getattr(command, "rich_help_panel", None) == section
+            ]
+            with formatter.section(section):
+                formatter.write_dl(commands)
+
+
+app = typer.Typer(
+    cls=LightGroup,
+    help="From photographs of projected fringes to heights and points with an error bar on every "
+    "pixel.",
+    epilog="A name '-' stands for standard output. Exit codes: 0 done, 2 bad input, "
+    "130 interrupted.",
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"fringeworks {fw.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def all_commands(
+    version: Annotated[  # noqa: ARG001, answered by its callback
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, help="Show the version."),
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print errors only, and what goes to '-'.")
+    ] = False,
+    log: Annotated[
+        Path | None, typer.Option("--log", help="Append messages with date and time to this file.")
+    ] = None,
+    plugin: Annotated[
+        list[Path] | None,
+        typer.Option("--plugin", help="Python file that registers methods; repeatable."),
+    ] = None,
+) -> None:
+    """Options of all commands stand before the command."""
+    output.configure(quiet=quiet, log=log)
+    for path in plugin or []:
+        fw.load_plugin(path)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command; its exit code."""
+    from fringeworks.cli import (  # noqa: F401, registers the commands in the order of help
+        pairs,
+        patterns,
+        results,
+        simulation,
+        stacks,
+    )
+
+    try:
+        # A bare call is a question, not a mistake.
+        code = app(list(arguments) or ["--help"], standalone_mode=False)
+    except fw.FolderInUse as error:
+        return output.fail(f"{error}; choose another folder, or add --force to write into it")
+    except fw.InputError as error:
+        return output.fail(str(error))
+    except TyperException as error:
+        return output.fail(error.format_message())
+    except typer.Abort:
+        return 130
+    return code if isinstance(code, int) else 0

@@ -1,0 +1,84 @@
+"""Options that several commands share. A name means one thing everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+
+import fringeworks as fw
+
+Folder = Annotated[Path, typer.Option("--out", help="Folder to write.", show_default=False)]
+Force = Annotated[
+    bool, typer.Option("--force", help="Write into a folder with other things in it, too.")
+]
+JsonFile = Annotated[
+    Path | None, typer.Option("--json", help="Write the figures as JSON to this file.")
+]
+Figure = Annotated[
+    Path | None, typer.Option("--figure", help="Draw a picture: .png, .pdf or .svg.")
+]
+PlanFile = Annotated[
+    Path | None, typer.Option("--plan", help="Plan file, where the stack has none.")
+]
+ResponseFile = Annotated[
+    Path | None, typer.Option("--response", help="Response file; the response is corrected.")
+]
+Camera = Annotated[str | None, typer.Option("--camera", help="Name of the camera.")]
+Projector = Annotated[str | None, typer.Option("--projector", help="Name of the projector.")]
+Size = Annotated[int, typer.Option("--size", help="Side of the frames, px.")]
+
+
+class AxisName(StrEnum):
+    """Direction along the columns or along the rows."""
+
+    x = "x"
+    y = "y"
+
+
+class DenoiserName(StrEnum):
+    """How frames are denoised before they are analysed."""
+
+    emd = "emd"
+    emd2d = "emd2d"
+    bemd = "bemd"
+
+
+class Ply(StrEnum):
+    """Content of a .ply file."""
+
+    points = "points"
+    mesh = "mesh"
+
+
+AxisOption = Annotated[AxisName | None, typer.Option("--axis", help="Axis, x or y.")]
+PlyOption = Annotated[Ply, typer.Option("--ply", help="Content of a .ply file.")]
+DenoiseOption = Annotated[
+    DenoiserName | None, typer.Option("--denoise", help="Remove noise from both frames first.")
+]
+
+Item = TypeVar("Item")
+
+
+def items(kind: Callable[[str], Item], text: str, name: str) -> list[Item]:
+    """The values of an option that are separated by commas."""
+    try:
+        found = [kind(part.strip()) for part in text.split(",") if part.strip()]
+    except ValueError as error:
+        raise fw.InputError(
+            f"--{name}: expected values separated by commas, got {text!r}"
+        ) from error
+    if not found:
+        raise fw.InputError(f"--{name}: expected at least one value, got {text!r}")
+    return found
+
+
+def size_of(text: str, name: str) -> tuple[int, int]:
+    """Columns and rows from ``1920x1080``."""
+    width, cross, height = text.lower().replace("×", "x").partition("x")
+    if not (cross and width.strip().isdigit() and height.strip().isdigit()):
+        raise fw.InputError(f"--{name}: expected columns x rows, as 1920x1080, got {text!r}")
+    return int(width), int(height)

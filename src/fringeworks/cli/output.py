@@ -1,0 +1,188 @@
+"""Messages, progress and results: to the terminal, to a log, to files or standard output."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import typer
+
+import fringeworks as fw
+
+STDOUT = "-"
+"""Name that stands for standard output."""
+LINE_EVERY_S = 10.0
+"""Seconds between two lines of progress where stderr is no terminal: often enough to see life, rare
+enough for a log."""
+
+
+@dataclass
+class _Settings:
+    """What the options of all commands ask for; set once, before a command runs."""
+
+    quiet: bool = False
+    log: Path | None = None
+
+
+_settings = _Settings()
+
+
+def configure(*, quiet: bool, log: Path | None) -> None:
+    """Set the options of all commands."""
+    _settings.quiet, _settings.log = quiet, log
+    if log is not None:
+        _write_log(f"fringeworks {fw.__version__}: {' '.join(sys.argv[1:])}")
+
+
+def fail(message: str) -> int:
+    """One line on stderr; the exit code of bad input."""
+    line = " ".join(message.split())
+    # Where the log cannot be written, that is the error already.
+    with suppress(fw.InputError):
+        _write_log(f"error: {line}")
+    sys.stderr.write(f"fringeworks: {line}\n")
+    return 2
+
+
+class Output:
+    """The words of one command: on stdout, or on stderr where a result goes to stdout."""
+
+    def __init__(self, *targets: Path | None) -> None:
+        self._err = any(is_stdout(target) for target in targets)
+
+    def say(self, text: str) -> None:
+        """Print a line of text."""
+        _write_log(text)
+        if not _settings.quiet:
+            typer.echo(text, err=self._err)
+
+    def wrote(self, *targets: Path | None) -> None:
+        """Say which files were written."""
+        for target in targets:
+            if target is not None and not is_stdout(target):
+                self.say(f"wrote {target}")
+
+    def table(self, columns: list[str], rows: list[list[str]]) -> None:
+        """Print a table."""
+        from rich.console import Console
+        from rich.table import Table
+
+        table = Table(*columns, box=None, pad_edge=False)
+        for row in rows:
+            table.add_row(*row)
+        if not _settings.quiet:
+            Console(stderr=self._err).print(table)
+
+
+def is_stdout(target: Path | None) -> bool:
+    """Whether a target stands for standard output."""
+    return target is not None and str(target) == STDOUT
+
+
+@contextmanager
+def target(path: Path, suffix: str) -> Iterator[Path]:
+    """The file to write a result to; for standard output, a file with the suffix that is copied."""
+    if not is_stdout(path):
+        yield path
+        return
+    with tempfile.TemporaryDirectory(prefix="fringeworks-") as folder:
+        inside = Path(folder) / f"result{suffix}"
+        yield inside
+        sys.stdout.flush()
+        with inside.open("rb") as file:
+            shutil.copyfileobj(file, sys.stdout.buffer)
+        sys.stdout.buffer.flush()
+
+
+def check(path: Path | None, known: Callable[[Path], None]) -> None:
+    """Refuse a target that cannot be written, before anything is computed for it."""
+    if path is not None and not is_stdout(path):
+        known(path)
+
+
+def check_folder(path: Path) -> None:
+    """Refuse standard output where a folder is written."""
+    if is_stdout(path):
+        raise fw.InputError("--out: expected the name of a folder, got standard output")
+
+
+def write_text(path: Path | None, text: str) -> None:
+    """Write text to a file or to standard output, where it is asked for."""
+    if path is None:
+        return
+    if is_stdout(path):
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    else:
+        from fringeworks.files.atomic import write_text as write
+
+        write(path, text)
+
+
+def write_json(path: Path | None, content: Any) -> None:
+    """Write figures as JSON, where they are asked for."""
+    if path is not None:
+        write_text(path, fw.to_json(content))
+
+
+def draw(figure: Any, path: Path, provenance: fw.Provenance | None) -> None:
+    """Write a picture to a file, or as PNG to standard output."""
+    with target(path, ".png") as place:
+        fw.save_figure(figure, place, provenance=provenance)
+
+
+@contextmanager
+def progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
+    """Show how work gets on: a moving line on a terminal, else a line now and then, on stderr."""
+    if _settings.quiet or not sys.stderr.isatty():
+        yield _lines(total)
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda text: bar.update(task, description=text, advance=1)
+
+
+def _lines(total: int | None) -> Callable[[str], None]:
+    """Progress for logs and pipes."""
+    started = last = time.monotonic()
+    count = 0
+
+    def show(text: str) -> None:
+        nonlocal last, count
+        count += 1
+        now = time.monotonic()
+        if now - last < LINE_EVERY_S:
+            return
+        last = now
+        of = f"{count}/{total} " if total else ""
+        line = f"{of}{text} ({now - started:.0f} s)"
+        _write_log(line)
+        if not _settings.quiet:
+            sys.stderr.write(f"{line}\n")
+            sys.stderr.flush()
+
+    return show
+
+
+def _write_log(text: str) -> None:
+    if _settings.log is None:
+        return
+    stamp = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    try:
+        with _settings.log.open("a", encoding="utf-8") as file:
+            file.write(f"{stamp} {text}\n")
+    except OSError as error:
+        path, _settings.log = _settings.log, None
+        raise fw.InputError(f"{path}: could not be written: {error.strerror}") from error

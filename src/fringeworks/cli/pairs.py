@@ -1,0 +1,250 @@
+"""``fringeworks reconstruct | methods | calibrate-plane``: two frames to heights."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import fringeworks as fw
+from fringeworks.cli import output
+from fringeworks.cli.app import app
+from fringeworks.cli.options import (
+    AxisOption,
+    Camera,
+    DenoiseOption,
+    Figure,
+    JsonFile,
+    Ply,
+    PlyOption,
+    Projector,
+    ResponseFile,
+)
+from fringeworks.cli.words import say_surface
+
+SECTION = "Two frames"
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks reconstruct --reference plane.jpg --object part.jpg "
+    "--out part.tif --figure part.png",
+)
+def reconstruct(
+    capture: Annotated[
+        Path | None, typer.Argument(help="Capture folder, .npz or .mat file.")
+    ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(help="Image of the reference plane; none for a single frame.")
+    ] = None,
+    object: Annotated[Path | None, typer.Option(help="Image with the object.")] = None,
+    method: Annotated[str, typer.Option(help="Method, see `fringeworks methods`.")] = "windowed",
+    option: Annotated[
+        list[str] | None, typer.Option(help="Option of the method, name=value; repeatable.")
+    ] = None,
+    geometry: Annotated[
+        Path | None, typer.Option(help="Calibration that `calibrate-plane` wrote.")
+    ] = None,
+    distance_mm: Annotated[float | None, typer.Option(help="l, plane to pupils, mm.")] = None,
+    baseline_mm: Annotated[float | None, typer.Option(help="d₀, between the pupils, mm.")] = None,
+    pitch_mm_per_px: Annotated[
+        float | None, typer.Option(help="Camera pixel on the reference plane, mm.")
+    ] = None,
+    sign: Annotated[int | None, typer.Option(help="Side of the projector, 1 or -1.")] = None,
+    axis: AxisOption = None,
+    mask: Annotated[Path | None, typer.Option(help="Image, non-zero where to measure.")] = None,
+    background: Annotated[
+        Path | None, typer.Option(help="Image, non-zero where a single frame shows the plane.")
+    ] = None,
+    denoise: DenoiseOption = None,
+    response: ResponseFile = None,
+    camera: Camera = None,
+    projector: Projector = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Height map: .tif, .npz, .ply, .x3p or .gsf; '-' is TIFF."),
+    ] = None,
+    ply: PlyOption = Ply.points,
+    figure: Figure = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Measure the surface of a pair of frames."""
+    from fringeworks.files.surfaces import check_surface_target
+    from fringeworks.report.figures import check_figure_target
+
+    output.check(out, check_surface_target)
+    output.check(figure, check_figure_target)
+    numbers = {
+        "distance_mm": distance_mm,
+        "baseline_mm": baseline_mm,
+        "pitch_mm_per_px": pitch_mm_per_px,
+        "sign": sign,
+    }
+    pair = _changed(
+        _read(capture, reference, object),
+        axis=None if axis is None else axis.value,
+        mask=None if mask is None else fw.read_frame(mask)[0] != 0,
+        background=None if background is None else fw.read_frame(background)[0] != 0,
+        camera=camera,
+        projector=projector,
+    )
+    with output.progress() as progress:
+        progress(f"{method} …")
+        result = fw.reconstruct(
+            pair,
+            method,
+            geometry=_geometry(geometry, numbers),
+            response=None if response is None else fw.read_response(response),
+            denoise=None if denoise is None else denoise.value,
+            **_method_options(method, option or []),
+        )
+    if out is not None:
+        with output.target(out, ".tif") as place:
+            fw.write_surface(place, result.surface, ply=ply.value)
+    if figure is not None:
+        sheet = fw.surface_sheet(method, result.surface)
+        output.draw(sheet, figure, result.surface.provenance)
+    figures = fw.summarise(result)
+    if pair.truth_mm is not None and result.surface.unit == "mm":
+        figures["errors"] = asdict(fw.errors(result.surface, pair.truth_mm))
+    output.write_json(json_file, figures)
+    words = output.Output(out, figure, json_file)
+    say_surface(words, figures)
+    words.wrote(out, figure)
+
+
+def _read(capture: Path | None, reference: Path | None, object: Path | None) -> fw.Pair:
+    """The pair that the arguments name."""
+    if (capture is None) == (reference is None and object is None):
+        raise fw.InputError("expected either a capture, or --reference and --object")
+    if capture is not None:
+        found = fw.read_capture(capture)
+        if not isinstance(found, fw.Pair):
+            raise fw.InputError(
+                f"{capture}: expected a pair of frames, got a stack; use `fringeworks measure`, or "
+                "`fringeworks decode` without a rig"
+            )
+        return found
+    if object is None:
+        raise fw.InputError("expected two images, got one: --object is missing")
+    return fw.read_pair(reference, object)
+
+
+def _changed(pair: fw.Pair, **changes: Any) -> fw.Pair:
+    """The pair with the changes that are given."""
+    return replace(pair, **{name: value for name, value in changes.items() if value is not None})
+
+
+def _geometry(
+    path: Path | None, numbers: dict[str, float | None]
+) -> fw.ReferencePlaneGeometry | fw.PixelCalibration | None:
+    """The geometry by its file or by its numbers."""
+    given = {name: value for name, value in numbers.items() if value is not None}
+    if path is not None:
+        if given:
+            option = next(iter(given)).replace("_", "-")
+            raise fw.InputError(f"--geometry cannot be combined with --{option}")
+        return fw.read_reference_plane(path)
+    if not given:
+        return None
+    needed = ("distance_mm", "baseline_mm", "pitch_mm_per_px")
+    missing = [f"--{name.replace('_', '-')}" for name in needed if name not in given]
+    if missing:
+        raise fw.InputError(
+            "geometry: expected --distance-mm, --baseline-mm and --pitch-mm-per-px together, "
+            f"{', '.join(missing)} missing"
+        )
+    return fw.ReferencePlaneGeometry(
+        given["distance_mm"],
+        given["baseline_mm"],
+        given["pitch_mm_per_px"],
+        int(given.get("sign", 1)),  # type: ignore[arg-type]
+    )
+
+
+def _method_options(method: str, settings: list[str]) -> dict[str, fw.MethodOption]:
+    """``name=value`` pairs: words where the method expects one, numbers and lists else."""
+    known = fw.get_method(method).options
+    options: dict[str, fw.MethodOption] = {}
+    for setting in settings:
+        name, separator, text = setting.partition("=")
+        if not separator:
+            raise fw.InputError(f"--option: expected name=value, got {setting!r}")
+        if isinstance(known.get(name), str):
+            options[name] = text
+            continue
+        try:
+            options[name] = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise fw.InputError(
+                f"--option {name}: expected a number or list, got {text!r}"
+            ) from error
+    return options
+
+
+@app.command("methods", rich_help_panel=SECTION, epilog="Example: fringeworks methods")
+def list_methods() -> None:
+    """List the methods for two frames and their options."""
+    rows = []
+    for entry in fw.methods().values():
+        options = "\n".join(f"{name} = {value}" for name, value in entry.options.items())
+        rows.append([entry.name, entry.summary, options])
+    output.Output().table(["method", "what it does", "options"], rows)
+
+
+@app.command(
+    "calibrate-plane",
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks calibrate-plane --reference 0.png --plane 4=4.png --plane 8=8.png "
+    "--pitch-mm-per-px 0.2 --out geometry.toml",
+)
+def calibrate_plane(
+    reference: Annotated[Path, typer.Option(help="Image of the reference plane.")],
+    plane: Annotated[
+        list[str],
+        typer.Option(help="The plane at a height, mm=image; two or more, three for .npz."),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="Geometry (.toml), or a law for every pixel (.npz)."),
+    ],
+    pitch_mm_per_px: Annotated[
+        float | None,
+        typer.Option(help="Camera pixel on the reference plane, mm; a geometry needs it."),
+    ] = None,
+    method: Annotated[str, typer.Option(help="Method, see `fringeworks methods`.")] = "windowed",
+    json_file: JsonFile = None,
+) -> None:
+    """Calibrate the two-frame path with a plane at known heights."""
+    from fringeworks.files.reference_plane import PIXELS_SUFFIX, check_reference_plane_target
+
+    output.check(out, check_reference_plane_target)
+    by_pixel = out.suffix.lower() == PIXELS_SUFFIX
+    if by_pixel == (pitch_mm_per_px is not None):
+        expected = "no --pitch-mm-per-px for .npz" if by_pixel else "--pitch-mm-per-px for .toml"
+        raise fw.InputError(f"--out {out}: expected {expected}")
+    heights, pairs = [], []
+    for text in plane:
+        height, separator, name = text.partition("=")
+        try:
+            heights.append(float(height))
+        except ValueError as error:
+            raise fw.InputError(f"--plane: expected mm=image, got {text!r}") from error
+        if not separator:
+            raise fw.InputError(f"--plane: expected mm=image, got {text!r}")
+        pairs.append(fw.read_pair(reference, name))
+    with output.progress() as progress:
+        progress(f"{method} …")
+        found = fw.calibrate_plane(pairs, heights, pitch_mm_per_px=pitch_mm_per_px, method=method)
+    with output.target(out, ".toml") as place:
+        fw.write_reference_plane(place, found)
+    figures = fw.summarise(found)
+    output.write_json(json_file, figures)
+    words = output.Output(out, json_file)
+    for name, value in figures.items():
+        if name != "provenance":
+            words.say(f"{name}: {value}")
+    words.wrote(out)

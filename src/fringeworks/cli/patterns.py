@@ -1,0 +1,119 @@
+"""``fringeworks plan | patterns``: choose what is projected, and draw it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import fringeworks as fw
+from fringeworks.cli import output
+from fringeworks.cli.app import app
+from fringeworks.cli.options import Folder, Force, JsonFile, size_of
+
+SECTION = "Patterns"
+
+
+class Axes(StrEnum):
+    """Axes of the projector that a plan decodes."""
+
+    x = "x"
+    y = "y"
+    xy = "xy"
+
+
+AXES: dict[Axes, tuple[fw.Axis, ...]] = {Axes.x: ("x",), Axes.y: ("y",), Axes.xy: ("x", "y")}
+"""The axes as the library takes them."""
+
+
+class PictureFormat(StrEnum):
+    """How pictures are written."""
+
+    png = "png"
+    tiff = "tiff"
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks plan --projector-size 1920x1080 --frames 12 --out plan.toml",
+)
+def plan(
+    projector_size: Annotated[
+        str, typer.Option("--projector-size", help="Columns x rows, as 1920x1080.")
+    ],
+    frames: Annotated[int, typer.Option(help="Frames to spend.")],
+    axes: Annotated[Axes, typer.Option(help="Axes to decode.")] = Axes.x,
+    noise: Annotated[
+        float, typer.Option(help="Standard deviation of the camera's noise, counts.")
+    ] = 2.0,
+    modulation: Annotated[
+        float, typer.Option(help="Modulation of the darkest surface that matters, counts.")
+    ] = 100.0,
+    min_period: Annotated[
+        float, typer.Option(help="Shortest period that the devices resolve, projector px.")
+    ] = 16.0,
+    kind: Annotated[str, typer.Option(help="Kind of plan to write; the best by default.")] = "",
+    out: Annotated[Path | None, typer.Option("--out", help="Plan file to write (TOML).")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Propose plans for a projector and a number of frames, the smallest error first."""
+    width, height = size_of(projector_size, "projector-size")
+    found = fw.propose(
+        width,
+        height,
+        frames,
+        axes=AXES[axes],
+        noise=noise,
+        modulation=modulation,
+        min_period_px=min_period,
+    )
+    chosen = [p for p in found if p.kind == kind] if kind else found[:1]
+    if not chosen:
+        raise fw.InputError(f"--kind: expected {', '.join(p.kind for p in found)}, got {kind!r}")
+    if out is not None:
+        with output.target(out, ".toml") as place:
+            fw.write_plan(place, chosen[0].plan)
+    output.write_json(json_file, [_figures(p) for p in found])
+    words = output.Output(out, json_file)
+    words.table(
+        ["kind", "σ / px", "margin / σ", "frames", "periods × steps"],
+        [
+            [p.kind, f"{p.sigma_px:.4f}", f"{p.margin:.0f}", str(p.plan.frames), p.summary]
+            for p in found
+        ],
+    )
+    if out is not None and not output.is_stdout(out):
+        words.say(f"wrote {out} ({chosen[0].kind})")
+
+
+def _figures(proposal: fw.Proposal) -> dict[str, Any]:
+    return {
+        "kind": proposal.kind,
+        "sigma_px": proposal.sigma_px,
+        "margin": proposal.margin,
+        "frames": proposal.plan.frames,
+        "plan": asdict(proposal.plan),
+    }
+
+
+@app.command(rich_help_panel=SECTION, epilog="Example: fringeworks patterns plan.toml --out shots/")
+def patterns(
+    plan_file: Annotated[Path, typer.Argument(metavar="PLAN", help="Plan file (TOML).")],
+    out: Folder,
+    format: Annotated[PictureFormat, typer.Option(help="PNG files, or one TIFF stack.")] = (
+        PictureFormat.png
+    ),
+    force: Force = False,
+) -> None:
+    """Draw the pictures of a plan in the order of projection."""
+    output.check_folder(out)
+    layout = fw.read_plan(plan_file)
+    with output.progress(layout.frames) as progress:
+        written = fw.write_patterns(
+            out, layout, stack=format is PictureFormat.tiff, force=force, progress=progress
+        )
+    place = out if len(written) > 1 else written[0]
+    output.Output().say(f"wrote {layout.frames} patterns to {place}")

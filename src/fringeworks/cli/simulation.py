@@ -1,0 +1,96 @@
+"""``fringeworks simulate | paper | demo``: artificial captures, and what the project shows."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+import fringeworks as fw
+from fringeworks.cli import output
+from fringeworks.cli.app import app
+from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Size
+
+SECTION = "Simulation"
+SHOWN = (
+    "object",
+    "case",
+    "method",
+    "mean_abs_error_mm",
+    "std_error_mm",
+    "failed_fraction",
+)
+"""Columns of the demonstration's table that fit on a terminal."""
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks simulate --shape parabola --gamma 2.2 --bits 8 --noise 2 "
+    "--seed 1 --out part/",
+)
+def simulate(
+    out: Folder,
+    shape: Annotated[str, typer.Option(help="parabola, cube, cylinder, sphere, …")] = "parabola",
+    size: Size = 1000,
+    height_mm: Annotated[float, typer.Option(help="Largest height, mm.")] = 100.0,
+    fringes: Annotated[float, typer.Option(help="Periods across the frame.")] = 10.0,
+    gamma: Annotated[float, typer.Option(help="Exponent of the projector's response.")] = 1.0,
+    noise: Annotated[
+        float, typer.Option(help="Standard deviation of the camera's noise, counts of 8 bit.")
+    ] = 0.0,
+    gain: Annotated[float, typer.Option(help="Shot noise, variance per count.")] = 0.0,
+    bits: Annotated[int, typer.Option(help="Quantisation: 0 (none), 8, 10, 12, 16.")] = 0,
+    ambient: Annotated[float, typer.Option(help="Ambient light, share of the range.")] = 0.0,
+    paint: Annotated[bool, typer.Option("--paint", help="Paint the object.")] = False,
+    axis: Annotated[AxisName, typer.Option(help="Direction of the fringes.")] = AxisName.x,
+    sign: Annotated[int, typer.Option(help="Side of the projector, 1 or -1.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of noise and paint.")] = 0,
+    force: Force = False,
+) -> None:
+    """Write a pair of frames of an artificial object, with its true heights."""
+    output.check_folder(out)
+    scene = fw.standard_scene(
+        shape,
+        size=size,
+        height_mm=height_mm,
+        painted=paint,
+        sign=sign,  # type: ignore[arg-type]
+        fringes=fringes,
+        gamma=gamma,
+        noise=noise,
+        shot=gain,
+        bits=bits,
+        ambient=ambient,
+        axis=axis.value,
+        seed=seed,
+    )
+    output.Output().wrote(fw.write_pair(out, scene, force=force))
+
+
+@app.command(rich_help_panel=SECTION, epilog="Example: fringeworks paper --out figures/")
+def paper(out: Folder, size: Size = 1000, force: Force = False) -> None:
+    """Make all figures of the dissertation's chapter 4, and its table of errors."""
+    output.check_folder(out)
+    with output.progress() as progress:
+        written = fw.write_paper(out, size=size, force=force, progress=progress)
+    output.Output().say(f"wrote {len(written)} files to {out}")
+
+
+@app.command(rich_help_panel=SECTION, epilog="Example: fringeworks demo --out demo/")
+def demo(out: Folder, size: Size = 1000, force: Force = False, json_file: JsonFile = None) -> None:
+    """Measure artificial objects by two frames and by a calibrated rig; pictures and tables."""
+    output.check_folder(out)
+    with output.progress() as progress:
+        result = fw.write_demo(out, size=size, force=force, progress=progress)
+    origin = fw.made_by("write_demo", options={"size": size})
+    rows = [*result.rows, *result.rig_rows]
+    output.write_json(json_file, {"rows": rows, "provenance": origin.as_dict()})
+    words = output.Output(json_file)
+    shown = [{name: row[name] for name in SHOWN} for row in result.rows]
+    words.say(fw.format_table(shown))
+    words.say("with a calibrated rig:")
+    words.say(fw.format_table(list(result.rig_rows)))
+    if not result.has_photographs:
+        words.say("no real captures: set FRINGEWORKS_DATA to a folder that holds pair_cone/")
+    for path in result.pictures:
+        words.say(f"see {path}")

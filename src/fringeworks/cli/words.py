@@ -1,0 +1,109 @@
+"""Results in words: what the commands print."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fringeworks.cli.output import Output
+
+
+def failures(reasons: dict[str, int]) -> str:
+    """How many pixels failed for which reason."""
+    failed = (f"{name.replace('_', ' ')} {n}" for name, n in reasons.items() if name != "ok")
+    return ", ".join(failed) or "none"
+
+
+def say_notes(words: Output, figures: dict[str, Any]) -> None:
+    """The notes of a result."""
+    for note in figures["notes"]:
+        words.say(f"note: {note}")
+
+
+def say_surface(words: Output, figures: dict[str, Any]) -> None:
+    """A height map, and its errors where the truth is known."""
+    say_notes(words, figures)
+    unit = figures["unit"]
+    if figures["median"] is None:
+        words.say(f"{figures['quantity']}: no pixel could be measured")
+    else:
+        words.say(
+            f"{figures['quantity']}: {figures['minimum']:.4g} … {figures['maximum']:.4g} {unit}, "
+            f"median σ {figures['median_sigma']:.2g} {unit}"
+        )
+    words.say(f"failed: {figures['failed_fraction']:.2%} ({failures(figures['reasons'])})")
+    if "errors" in figures:
+        e = figures["errors"]
+        words.say(
+            f"against the truth: mean |error| {e['mean_abs_error_mm']:.4g} mm, "
+            f"s.d. {e['std_error_mm']:.4g} mm"
+        )
+
+
+def say_coordinates(words: Output, figures: dict[str, Any]) -> None:
+    """Projector coordinates along each axis."""
+    say_notes(words, figures)
+    for axis, found in figures["axes"].items():
+        failed = failures(found["reasons"])
+        if found["median_sigma_px"] is None:
+            words.say(f"{axis}: no pixel could be measured ({failed})")
+            continue
+        words.say(
+            f"{axis}: {found['minimum_px']:.1f} … {found['maximum_px']:.1f} px, "
+            f"median σ {found['median_sigma_px']:.3g} px"
+        )
+        words.say(f"   failed: {found['failed_fraction']:.2%} ({failed})")
+
+
+def say_points(words: Output, figures: dict[str, Any]) -> None:
+    """A point cloud."""
+    say_notes(words, figures)
+    if figures["points"]:
+        low, high = figures["minimum_mm"], figures["maximum_mm"]
+        span = ", ".join(
+            f"{name} {a:.2f} … {b:.2f}" for name, a, b in zip("xyz", low, high, strict=True)
+        )
+        words.say(f"{figures['points']} points: {span} mm")
+        words.say(
+            f"median σ {figures['median_sigma_mm']:.4f} mm, of which noise "
+            f"{figures['median_noise_mm']:.4f} mm"
+        )
+    words.say(f"failed: {figures['failed_fraction']:.2%} ({failures(figures['reasons'])})")
+
+
+def say_calibration(words: Output, figures: dict[str, Any]) -> None:
+    """Parameters, poses and findings of a calibration."""
+    for name, entry in figures["parameters"].items():
+        words.say(f"{name:14s} {entry['value']:12.5f} ± {entry['sigma']:.5f}")
+    words.say(
+        f"baseline       {figures['baseline_mm']:12.5f} ± {figures['baseline_sigma_mm']:.5f} mm"
+    )
+    words.say("pose            corners   camera  projector  predicted by the others (rms, px)")
+    for row in figures["poses"]:
+        predicted = row["predicted_rms_px"]
+        words.say(
+            f"{row['pose']:14s} {row['corners']:4d}/{row['corners_found']:<4d} "
+            f"{row['camera_rms_px']:7.3f} {row['projector_rms_px']:8.3f}   "
+            + ("–" if predicted is None else f"{predicted:.3f}")
+        )
+    words.say(
+        f"reprojection: camera {figures['camera_rms_px']:.3f} px, "
+        f"projector {figures['projector_rms_px']:.3f} px"
+    )
+    for found in figures["findings"]:
+        words.say(f"{found['cause']}: {found['message']}")
+
+
+def say_forms(words: Output, figures: dict[str, Any]) -> None:
+    """Fitted bodies and their errors."""
+    for body in figures["bodies"]:
+        for name, value in body.items():
+            if isinstance(value, list):
+                shown = ", ".join(f"{v:.5f}" for v in value)
+            elif isinstance(value, float):
+                shown = f"{value:.5f}"
+            else:
+                shown = str(value)
+            words.say(f"{name:28s} {shown}")
+    for name in ("sphere_spacing_mm", "sphere_spacing_error_SD_mm"):
+        if name in figures:
+            words.say(f"{name:28s} {figures[name]:.5f}")

@@ -1,0 +1,78 @@
+"""Captures on disk, a pair or a stack: whichever lies there is read."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from fringeworks.files.atomic import StrPath
+from fringeworks.files.pair import (
+    CAPTURE_FILE,
+    CaptureFile,
+    missing_description,
+    read_pair_file,
+    read_pair_folder,
+)
+from fringeworks.files.plan import PLAN_FILE
+from fringeworks.files.stack import STACK_SUFFIXES, read_stack
+from fringeworks.files.toml import read_toml
+from fringeworks.stack.frames import Stack
+from fringeworks.types import FileProblem, Pair
+
+PAIR_SUFFIXES = (".npz", ".mat")
+"""Single files that hold a pair."""
+
+
+def read_capture(path: StrPath) -> Pair | Stack:
+    """Read a capture: a pair of frames, or a stack with its plan.
+
+    Parameters
+    ----------
+    path : path
+        A folder with ``capture.toml`` (of the kind "pair" or "stack") or with ``plan.toml`` (a
+        stack); a ``.npz`` or ``.mat`` file with two frames; a TIFF, ``.npy`` or ``.npz`` stack with
+        a plan beside it.
+
+    Returns
+    -------
+    Pair or Stack, with frames as stored.
+
+    Raises
+    ------
+    FileProblem for anything missing, unreadable or unknown, naming the file and the field.
+    """
+    path = Path(path)
+    if path.is_dir():
+        description = path / CAPTURE_FILE
+        if not description.is_file():
+            if (path / PLAN_FILE).is_file():
+                return read_stack(path)
+            raise missing_description(path, f"{CAPTURE_FILE} or {PLAN_FILE}")
+        if _kind_of(description) == "stack":
+            return read_stack(path)
+        return read_pair_folder(path, read_toml(description, CaptureFile))
+    if not path.is_file():
+        raise FileProblem(
+            f"{path}: expected a capture folder or one of {_suffixes()}, got nothing there"
+        )
+    suffix = path.suffix.lower()
+    if suffix in STACK_SUFFIXES and (suffix != ".npz" or (path.parent / PLAN_FILE).is_file()):
+        return read_stack(path)
+    if suffix in PAIR_SUFFIXES:
+        return read_pair_file(path)
+    raise FileProblem(
+        f"{path}: expected a capture folder or one of {_suffixes()}, got {suffix or path.name}"
+    )
+
+
+def _suffixes() -> str:
+    return ", ".join(dict.fromkeys((*PAIR_SUFFIXES, *STACK_SUFFIXES)))
+
+
+def _kind_of(description: Path) -> str | None:
+    """The kind that a description names; what is wrong in it is found when it is read."""
+    try:
+        kind = tomllib.loads(description.read_text("utf-8")).get("kind")
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        return None
+    return kind if isinstance(kind, str) else None

@@ -1,0 +1,111 @@
+"""PLY files: vertices with properties, and triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.types import FileProblem
+
+PLY_TYPES = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+    **{f"int{8 * n}": f"i{n}" for n in (1, 2, 4)},
+    **{f"uint{8 * n}": f"u{n}" for n in (1, 2, 4)},
+    "float32": "f4",
+    "float64": "f8",
+}
+"""Types of properties, in both spellings that programs use."""
+WRITTEN = {"<f4": "float", "|u1": "uchar"}
+"""Types that are written."""
+ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
+"""Byte order by the name of the format."""
+HEADER_LIMIT = 1 << 16
+"""Bytes in which a header must end. Real ones take one or two thousand."""
+
+
+def write_ply(
+    path: Path,
+    vertices: NDArray[Any],
+    triangles: NDArray[np.int32] | None,
+    comments: Sequence[str],
+) -> None:
+    """Write a binary PLY file.
+
+    Parameters
+    ----------
+    path : Path
+    vertices : (n,) structured array, float32 and uint8 fields
+    triangles : (m, 3) int32 array, optional
+        Rows of ``vertices``; None for a file of points.
+    comments : sequence of str
+        Lines of the header, ASCII.
+    """
+    fields = [(name, vertices.dtype[name].str) for name in vertices.dtype.names or ()]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        *(f"comment {line}" for line in comments),
+        f"element vertex {len(vertices)}",
+        *(f"property {WRITTEN[kind]} {name}" for name, kind in fields),
+    ]
+    faces = np.empty(0, dtype=[("n", "u1"), ("index", "<i4", (3,))])
+    if triangles is not None:
+        faces = np.empty(len(triangles), dtype=faces.dtype)
+        faces["n"], faces["index"] = 3, triangles
+        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+    with path.open("wb") as file:
+        file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
+        file.write(vertices.tobytes())
+        file.write(faces.tobytes())
+
+
+def read_ply(path: Path) -> tuple[NDArray[Any], list[str]]:
+    """The vertices of a PLY file of any program.
+
+    Returns
+    -------
+    vertices : (n,) structured array with x, y, z and what else the file has
+    comments : list of str
+
+    Raises
+    ------
+    FileProblem for a damaged file, and for one that does not begin with vertices.
+    """
+    content = path.read_bytes()
+    end = content.find(b"end_header", 0, HEADER_LIMIT)
+    start = content.find(b"\n", end) + 1
+    if not content.startswith(b"ply") or end < 0 or start == 0:
+        raise FileProblem(f"{path}: expected a PLY file, got something else")
+    text = content[:end].decode("ascii", "replace").splitlines()
+    lines = [line.split() for line in text]
+    form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
+    elements = [k for k, line in enumerate(lines) if line[:1] == ["element"]]
+    if form not in ORDERS or not elements or lines[elements[0]][1:2] != ["vertex"]:
+        raise FileProblem(f"{path}: expected a PLY file with vertices first, got another")
+    try:
+        count = int(lines[elements[0]][2])
+        last = elements[1] if len(elements) > 1 else len(lines)
+        properties = [x for x in lines[elements[0] + 1 : last] if x[:1] == ["property"]]
+        fields = [(name, (ORDERS[form] or "<") + PLY_TYPES[kind]) for _, kind, name in properties]
+        if form == "ascii":
+            rows = content[start:].decode("ascii").split("\n")[:count]
+            table = np.array([tuple(row.split()[: len(fields)]) for row in rows], dtype=fields)
+        else:
+            table = np.frombuffer(content, np.dtype(fields), count, start)
+    except (ValueError, KeyError, IndexError) as error:
+        raise FileProblem(f"{path}: expected a whole PLY file, got: {error}") from error
+    names = table.dtype.names or ()
+    if len(table) != count or not {"x", "y", "z"} <= set(names):
+        raise FileProblem(f"{path}: expected {count} vertices with x, y, z, got {', '.join(names)}")
+    return table, [line[8:] for line in text if line.startswith("comment ")]

@@ -1,0 +1,87 @@
+"""Methods from outside the package: installed plug-ins, and single Python files."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import sys
+from functools import cache
+from importlib import metadata
+
+from fringeworks.pair.registry import REGISTERED
+from fringeworks.types import FileProblem, InputError
+
+ENTRY_POINTS = "fringeworks.methods"
+"""Group of entry points. Each names a module, or a function in one, that registers methods."""
+_LOADED: dict[str, list[str]] = {}
+"""Methods of the files that were loaded already, by the name of their module."""
+
+
+@cache
+def load_installed() -> None:
+    """Load the methods of installed plug-ins, once.
+
+    Raises
+    ------
+    InputError that names the plug-in that cannot be loaded.
+    """
+    for entry in metadata.entry_points(group=ENTRY_POINTS):
+        try:
+            entry.load()
+        except InputError:
+            raise
+        except Exception as error:  # a plug-in may raise anything
+            raise InputError(
+                f"plug-in {entry.name} ({entry.value}): could not be loaded: {_told(error)}"
+            ) from error
+
+
+def load_plugin(path: str | os.PathLike[str]) -> list[str]:
+    """Run a Python file that registers methods.
+
+    Parameters
+    ----------
+    path : path of a ``.py`` file
+        It runs with all rights of the caller: load only files that you trust.
+
+    Returns
+    -------
+    Names of the methods that it registered.
+
+    Raises
+    ------
+    InputError where there is no such file, it fails, it registers nothing, or a name is taken.
+    """
+    path = os.fspath(path)
+    if not os.path.isfile(path):
+        raise FileProblem(f"{path}: expected a Python file, got no such file")
+    digest = hashlib.sha256(os.path.abspath(path).encode()).hexdigest()[:12]
+    name = f"fringeworks_plugin_{digest}"
+    if name in _LOADED:
+        return _LOADED[name]
+    before = set(REGISTERED)
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise FileProblem(f"{path}: expected a Python file (.py), got {os.path.basename(path)}")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # a plug-in may raise anything
+        del sys.modules[name]
+        for half_done in set(REGISTERED) - before:
+            del REGISTERED[half_done]
+        raise InputError(f"{path}: could not be loaded: {_told(error)}") from error
+    added = sorted(set(REGISTERED) - before)
+    if not added:
+        del sys.modules[name]
+        raise InputError(
+            f"{path}: expected a function with the decorator fringeworks.method, got none"
+        )
+    _LOADED[name] = added
+    return added
+
+
+def _told(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

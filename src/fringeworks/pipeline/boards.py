@@ -1,0 +1,100 @@
+"""Boards in several poses → rig."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Unpack
+
+from fringeworks.files.stack import read_poses
+from fringeworks.patterns.plan import PatternPlan
+from fringeworks.pipeline.inputs import StrPath, inputs_of
+from fringeworks.pipeline.stacks import decoded
+from fringeworks.rig.calibration.board import Board, parse_board
+from fringeworks.rig.calibration.calibrate import Calibration, Observation, calibrate, observe
+from fringeworks.stack.even_light import texture
+from fringeworks.stack.frames import Stack
+from fringeworks.stack.options import DecodeOptions
+from fringeworks.types import (
+    BoardNotFound,
+    FileProblem,
+    FramesContradictPlan,
+    Source,
+    fingerprint,
+    made_by,
+)
+
+Progress = Callable[[str], None]
+
+
+def silent(_: str) -> None:
+    """Show no progress."""
+
+
+def calibrate_stacks(
+    stacks: Iterable[tuple[str, Stack]] | StrPath,
+    board: Board | str,
+    *,
+    plan: PatternPlan | StrPath | None = None,
+    distortion: int = 5,
+    progress: Progress = silent,
+    **options: Unpack[DecodeOptions],
+) -> Calibration:
+    """Calibrate a rig from stacks of a board in several poses.
+
+    Parameters
+    ----------
+    stacks : iterable of (name, Stack), or path
+        Each with both axes of the projector; or a folder with a stack per pose. A pose in which
+        the board is not found, or whose frames contradict the plan, is skipped; the result says
+        why.
+    board : Board or str
+        A board, or its short form, as for ``parse_board``.
+    plan : PatternPlan or path, optional
+        Plan of a folder's stacks, where none lies there.
+    distortion : 0, 2, 4 or 5
+        Coefficients of lens distortion for each device.
+    progress : callable
+        Called with the name of each pose.
+    **options
+        Of ``decode``.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    InputError where too few poses are left, and as ``calibrate``.
+    """
+    board = parse_board(board) if isinstance(board, str) else board
+    poses = read_poses(stacks, plan) if isinstance(stacks, (str, os.PathLike)) else stacks
+    observations: list[Observation] = []
+    skipped: dict[str, str] = {}
+    inputs: list[Source] = []
+    plans: dict[str, PatternPlan] = {}
+    for name, stack in poses:
+        progress(f"{name} …")
+        inputs += inputs_of(stack)
+        plans[fingerprint(stack.plan)] = stack.plan
+        try:
+            observations.append(_observed(name, stack, board, options))
+        except (BoardNotFound, FramesContradictPlan, FileProblem) as error:
+            skipped[name] = str(error) if name in str(error) else f"{name}: {error}"
+    progress("adjusting …")
+    found = calibrate(observations, board, skipped=skipped, distortion=distortion)
+    origin = made_by(
+        "calibrate_stacks",
+        options={"board": board, "distortion": distortion, **options},
+        inputs=tuple(inputs),
+        plan=next(iter(plans.values())) if len(plans) == 1 else tuple(plans.values()),
+    )
+    return replace(found, rig=replace(found.rig, provenance=origin))
+
+
+def _observed(name: str, stack: Stack, board: Board, options: DecodeOptions) -> Observation:
+    """The board in one pose."""
+    size = (stack.plan.width_px, stack.plan.height_px)
+    image = texture(stack.frames, stack.plan)
+    return observe(image, decoded(stack, options), board, projector_size=size, name=name)

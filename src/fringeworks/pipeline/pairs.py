@@ -1,0 +1,191 @@
+"""Pair → heights, and the calibration of the two-frame path."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from fringeworks.pair.analyse import analyse
+from fringeworks.pair.pair import prepare
+from fringeworks.pair.plane_calibration import (
+    PixelCalibration,
+    PlaneCalibration,
+    calibrate_pixels,
+    calibrate_reference_plane,
+    height_by_pixel,
+)
+from fringeworks.pair.reference_plane import to_surface
+from fringeworks.pair.registry import MethodOption
+from fringeworks.pipeline.inputs import StrPath, pair_of, sources_of
+from fringeworks.signal.denoise import Denoiser
+from fringeworks.signal.denoise import denoise as denoise_frame
+from fringeworks.signal.response import (
+    Response,
+    apply_response,
+)
+from fringeworks.types import (
+    DisplacementMap,
+    Frozen,
+    HeightMap,
+    Pair,
+    ReferencePlaneGeometry,
+    made_by,
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Reconstruction(Frozen):
+    """The surface of a pair of frames."""
+
+    surface: HeightMap
+    """Heights in mm or, without a geometry, displacements in px; with their provenance."""
+    displacement: DisplacementMap
+    """Displacement of the fringes that the surface comes from."""
+    seconds: float
+    """Time that the analysis took."""
+    notes: tuple[str, ...] = ()
+    """What was found in the frames, and what was decided because of it."""
+
+
+def reconstruct(
+    pair: Pair | StrPath,
+    method: str = "windowed",
+    *,
+    geometry: ReferencePlaneGeometry | PixelCalibration | None = None,
+    response: Response | None = None,
+    denoise: Denoiser | None = None,
+    **options: MethodOption,
+) -> Reconstruction:
+    """Measure the surface of a pair of frames.
+
+    Parameters
+    ----------
+    pair : Pair or path
+        Reference and object frame, with the geometry where it is known; or a capture to read.
+    method : str
+        A name from ``fringeworks.methods()``.
+    geometry : ReferencePlaneGeometry or PixelCalibration, optional
+        Takes the place of the pair's own.
+    response : Response, optional
+        Both frames are linearised by it first.
+    denoise : "emd", "emd2d" or "bemd", optional
+        Remove the modes of both frames that are no stronger than noise.
+    **options
+        Keyword options of the method.
+
+    Returns
+    -------
+    Reconstruction with heights in mm or, without a geometry, displacements in px.
+
+    Raises
+    ------
+    InputError for frames, methods or options that cannot be used.
+
+    Examples
+    --------
+    >>> from fringeworks.simulate import standard_scene
+    >>> scene = standard_scene("parabola", size=200, fringes=8, bits=8, noise=1, seed=1)
+    >>> result = reconstruct(scene)
+    >>> bool(abs(np.nanmax(result.surface.values) - 100) < 3)
+    True
+    """
+    pair = pair_of(pair)
+    if isinstance(geometry, ReferencePlaneGeometry):
+        pair = replace(pair, geometry=geometry)
+    sources = pair.sources or sources_of(reference=pair.reference, object=pair.object)
+    if response is not None:
+        pair = apply_response(pair, response)
+    started = time.perf_counter()
+    prepared = prepare(pair)
+    if denoise is not None:
+        plain = pair.reference is None  # a computed reference has no noise
+        reference = prepared.reference if plain else denoise_frame(prepared.reference, denoise)
+        prepared = replace(
+            prepared, reference=reference, object=denoise_frame(prepared.object, denoise)
+        )
+    displacement = analyse(prepared, method, **options)
+    if isinstance(geometry, PixelCalibration):
+        surface = height_by_pixel(displacement, geometry)
+        if pair.geometry is not None:
+            surface = replace(surface, pitch=pair.geometry.pitch_mm_per_px)
+    else:
+        surface = to_surface(displacement, pair.geometry)
+    seconds = time.perf_counter() - started
+    said: dict[str, Any] = {
+        "method": method,
+        "geometry": geometry or pair.geometry,
+        "axis": pair.axis,
+    }
+    said |= {"response": response, "denoise": denoise, **options}
+    origin = made_by("reconstruct", options=said, inputs=sources)
+    surface = replace(surface, provenance=origin)
+    return Reconstruction(surface, displacement, seconds, _notes(pair, displacement, surface.unit))
+
+
+def calibrate_plane(
+    planes: Sequence[Pair | StrPath],
+    heights_mm: Sequence[float],
+    *,
+    pitch_mm_per_px: float | None = None,
+    method: str = "windowed",
+) -> PlaneCalibration | PixelCalibration:
+    """Calibrate the two-frame path from a plane at known heights.
+
+    Parameters
+    ----------
+    planes : sequence of Pair or path
+        The same reference frame, and the plane at each height as object frame.
+    heights_mm : sequence of float
+        Height of each plane above the reference plane, towards the camera, mm; not 0.
+    pitch_mm_per_px : float > 0, optional
+        Size of a camera pixel on the reference plane. With it a geometry is computed from two
+        heights or more; without it a law for every pixel, from three or more.
+    method : str
+        A name from ``fringeworks.methods()``.
+
+    Returns
+    -------
+    PlaneCalibration, or PixelCalibration without a pitch; both with their provenance.
+
+    Raises
+    ------
+    InputError for too few heights, frames that do not fit, and displacements that no geometry
+    explains.
+    """
+    pairs = [pair_of(pair) for pair in planes]
+    maps = [reconstruct(pair, method).displacement.displacement_px for pair in pairs]
+    sources = {s.sha256: s for pair in pairs for s in pair.sources}
+    origin = made_by(
+        "calibrate_plane",
+        options={
+            "heights_mm": [float(h) for h in heights_mm],
+            "pitch_mm_per_px": pitch_mm_per_px,
+            "method": method,
+        },
+        inputs=tuple(sources.values()),
+    )
+    if pitch_mm_per_px is None:
+        return replace(calibrate_pixels(maps, heights_mm), provenance=origin)
+    found = calibrate_reference_plane(maps, heights_mm, pitch_mm_per_px=pitch_mm_per_px)
+    return replace(found, provenance=origin)
+
+
+def _notes(pair: Pair, found: DisplacementMap, unit: str) -> tuple[str, ...]:
+    notes = list(pair.notes)
+    if pair.axis is None:
+        notes.append(
+            f"fringes found along {found.axis} with a period of {found.period_px:.2f} px, "
+            f"tilted by {found.tilt_deg:.2f}°"
+        )
+    if pair.reference is None:
+        notes.append("no reference frame: measured against the plain fringe of the background")
+    if "unwrapping" in found.details:
+        notes.append(
+            "phase unwrapped by {unwrapping}: {residues} residues, {regions} connected regions, "
+            "{pixels_moved_by_counting} pixels moved by counting".format(**found.details)
+        )
+    if unit == "px":
+        notes.append("geometry unknown: the result is a displacement in px, not a height")
+    return tuple(notes)

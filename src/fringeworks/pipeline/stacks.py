@@ -1,0 +1,227 @@
+"""Stack → projector coordinates, stack + rig → points, stack of a white plane → response."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any, Unpack
+
+import numpy as np
+
+from fringeworks.files.rig import read_rig
+from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
+from fringeworks.pipeline.inputs import StrPath, inputs_of, stack_of
+from fringeworks.rig.triangulate import Triangulator
+from fringeworks.signal.response import (
+    Response,
+    check_devices,
+    measure_response,
+    smooth_coordinate,
+)
+from fringeworks.stack.decode import decode
+from fringeworks.stack.even_light import texture
+from fringeworks.stack.frames import Stack
+from fringeworks.stack.options import DecodeOptions
+from fringeworks.types import (
+    Axis,
+    Decoded,
+    FloatMap,
+    Frozen,
+    InputError,
+    PointCloud,
+    Rig,
+    RigMismatch,
+    made_by,
+    sealed,
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurement(Frozen):
+    """The points of a stack of frames."""
+
+    points: PointCloud
+    """Points in camera coordinates, with their provenance."""
+    decoded: Decoded
+    """Projector coordinates that the points come from."""
+    seconds: float
+    """Time that decoding and triangulation took."""
+    notes: tuple[str, ...] = ()
+    """What was found in the frames, and what was decided because of it."""
+
+
+def decode_stack(stack: Stack | StrPath, **options: Unpack[DecodeOptions]) -> Decoded:
+    """Decode a stack of frames to projector coordinates; ``decode`` does it for arrays.
+
+    Parameters
+    ----------
+    stack : Stack or path
+        Frames and their plan; or a capture to read.
+    **options
+        Of ``decode``; the stack's own saturation holds where none is given.
+
+    Returns
+    -------
+    Decoded, with the notes of reading first.
+
+    Raises
+    ------
+    InputError as ``decode``, and for a response of other devices than the stack's.
+    """
+    stack = stack_of(stack)
+    found = decoded(stack, options)
+    origin = made_by(
+        "decode_stack",
+        options=given(stack, options),
+        inputs=inputs_of(stack),
+        plan=stack.plan,
+    )
+    return replace(found, notes=(*stack.notes, *found.notes), provenance=origin)
+
+
+def measure(
+    stack: Stack | StrPath,
+    rig: Rig | Triangulator | StrPath,
+    *,
+    axis: Axis | None = None,
+    **options: Unpack[DecodeOptions],
+) -> Measurement:
+    """Measure the points of a stack of frames with a calibrated rig.
+
+    Parameters
+    ----------
+    stack : Stack or path
+        Frames and their plan; or a capture to read.
+    rig : Rig, Triangulator or path
+        A ``Triangulator`` saves its preparation when many stacks are measured.
+    axis : "x" or "y", optional
+        Use this axis of the projector only.
+    **options
+        Of ``decode``.
+
+    Returns
+    -------
+    Measurement, its points with the scene's brightness where the plan shows it.
+
+    Raises
+    ------
+    RigMismatch where rig and stack do not belong together, and as ``decode``.
+    """
+    stack = stack_of(stack)
+    if not isinstance(rig, Triangulator):
+        rig = Triangulator(rig if isinstance(rig, Rig) else read_rig(rig))
+    check_projector(rig.rig, stack)
+    started = time.perf_counter()
+    found = decoded(stack, options)
+    try:
+        colour: FloatMap | None = sealed(texture(stack.frames, stack.plan))
+    except InputError:
+        colour = None  # the plan shows the scene under fringes only
+    points = rig.triangulate(found, axis=axis, colour=colour)
+    seconds = time.perf_counter() - started
+    origin = made_by(
+        "measure",
+        options={"axis": axis, **given(stack, options)},
+        inputs=inputs_of(stack),
+        plan=stack.plan,
+        rig=rig.rig,
+    )
+    found = replace(found, provenance=origin)
+    notes = (*stack.notes, *found.notes)
+    return Measurement(replace(points, provenance=origin), found, seconds, notes)
+
+
+def response_from_stack(
+    stack: Stack | StrPath,
+    *,
+    camera: str | None = None,
+    projector: str | None = None,
+    number: int = 1,
+) -> Response:
+    """Measure the response of a camera and projector from a stack of a white plane.
+
+    Parameters
+    ----------
+    stack : Stack or path
+        Fringes with equal steps, and Gray code along the same axis.
+    camera, projector : str, optional
+        Names of the devices; the stack's where left out.
+    number : int
+        Which set of steps of the plan, from 1.
+
+    Returns
+    -------
+    Response
+
+    Raises
+    ------
+    InputError without names, without Gray code, or for a set that the plan does not have.
+    """
+    stack = stack_of(stack)
+    names = {"camera": camera or stack.camera, "projector": projector or stack.projector}
+    for device, name in names.items():
+        if not name:
+            raise InputError(f"{device}: expected its name, got none here nor in the capture")
+    sets = [(k, b) for k, b in stack.plan.placed if isinstance(b, PhaseSteps)]
+    if not 1 <= number <= len(sets):
+        raise InputError(f"number: expected 1 to {len(sets)} sets of steps, got {number}")
+    first, steps = sets[number - 1]
+    coordinate = _gray_coordinate(stack, steps.axis)
+    phase = 2.0 * np.pi / steps.period_px * smooth_coordinate(coordinate, np.isfinite(coordinate))
+    found = measure_response(
+        np.stack(stack.frames[first : first + steps.frames]),
+        phase,
+        camera=names["camera"] or "",
+        projector=names["projector"] or "",
+        shifts_rad=steps.shifts_rad,
+        pattern_exponent=1.0 / stack.plan.gamma,
+    )
+    origin = made_by(
+        "response_from_stack",
+        options={**names, "number": number},
+        inputs=inputs_of(stack),
+        plan=stack.plan,
+    )
+    return replace(found, provenance=origin)
+
+
+def check_projector(rig: Rig, stack: Stack) -> None:
+    """Refuse a stack whose plan is for another projector than the rig's."""
+    plan, projector = stack.plan, rig.projector
+    if (plan.width_px, plan.height_px) != (projector.width_px, projector.height_px):
+        raise RigMismatch(
+            f"rig: it is for a projector of {projector.width_px} × {projector.height_px} px, got "
+            f"a plan for {plan.width_px} × {plan.height_px}"
+        )
+
+
+def _gray_coordinate(stack: Stack, axis: Axis) -> FloatMap:
+    """The coordinate by Gray code alone: it does not depend on the response."""
+    plan = stack.plan
+    if plan.gray_code(axis) is None:
+        raise InputError(f"plan: expected a Gray code along {axis}, got none")
+    kept = [
+        (first, block)
+        for first, block in plan.placed
+        if isinstance(block, Uniform) or (isinstance(block, GrayCode) and block.axis == axis)
+    ]
+    frames = [stack.frames[k] for first, block in kept for k in range(first, first + block.frames)]
+    alone = PatternPlan(plan.width_px, plan.height_px, tuple(block for _, block in kept))
+    return decode(frames, alone).maps[axis].coordinate_px.astype(np.float64)
+
+
+def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
+    response = options.get("response")
+    if response is not None:
+        check_devices(response, stack.camera, stack.projector)
+    given: DecodeOptions = {"saturation": stack.saturation, **without_none(options)}
+    return decode(stack.frames, stack.plan, **given)
+
+
+def without_none(options: DecodeOptions) -> DecodeOptions:
+    known: Any = {name: value for name, value in options.items() if value is not None}
+    return known  # type: ignore[no-any-return]
+
+
+def given(stack: Stack, options: DecodeOptions) -> dict[str, Any]:
+    return {"saturation": stack.saturation, **without_none(options)}

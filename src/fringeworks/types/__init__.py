@@ -1,0 +1,68 @@
+"""The frozen types that pass between the stages, with units in the field docs.
+
+``Pair`` → ``DisplacementMap`` → ``HeightMap`` for two frames, ``Decoded`` → ``PointCloud`` for
+stacks. Frames are ``(h, w)``, pixel centres lie on integers, x is the column, y the row.
+"""
+
+from fringeworks.types.arrays import (
+    Axis,
+    BoolMap,
+    ByteMap,
+    FloatMap,
+    Reason,
+    count_reasons,
+)
+from fringeworks.types.coordinates import CoordinateMap, Decoded
+from fringeworks.types.errors import (
+    BoardNotFound,
+    FileProblem,
+    FramesContradictPlan,
+    InputError,
+    MissingPackage,
+    RigMismatch,
+    UnknownMethod,
+    check_fields,
+)
+from fringeworks.types.frozen import Frozen, fingerprint, sealed, unsealed
+from fringeworks.types.noise import CameraNoise
+from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
+from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
+from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
+from fringeworks.types.surface import HeightMap, PointCloud
+
+__all__ = [
+    "RIG_PARAMETERS",
+    "Axis",
+    "BoardNotFound",
+    "BoolMap",
+    "ByteMap",
+    "CameraNoise",
+    "CoordinateMap",
+    "Decoded",
+    "DisplacementMap",
+    "FileProblem",
+    "FloatMap",
+    "FramesContradictPlan",
+    "Frozen",
+    "HeightMap",
+    "InputError",
+    "MissingPackage",
+    "Pair",
+    "Pinhole",
+    "PointCloud",
+    "Provenance",
+    "Reason",
+    "ReferencePlaneGeometry",
+    "Rig",
+    "RigMismatch",
+    "Source",
+    "UnknownMethod",
+    "check_fields",
+    "count_reasons",
+    "fingerprint",
+    "made_by",
+    "provenance_from",
+    "sealed",
+    "today",
+    "unsealed",
+]

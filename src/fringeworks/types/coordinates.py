@@ -1,0 +1,68 @@
+"""Projector coordinates, as decoded from a stack of frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fringeworks.types.arrays import Axis, ByteMap, FloatMap, Reason
+from fringeworks.types.frozen import Frozen
+from fringeworks.types.noise import CameraNoise
+from fringeworks.types.provenance import Provenance
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CoordinateMap(Frozen):
+    """The projector coordinate that lights every camera pixel, along one axis."""
+
+    coordinate_px: FloatMap
+    """Projector coordinate, (h, w), px, centres on integers; NaN where it cannot be measured."""
+    sigma_px: FloatMap
+    """Standard deviation of the coordinate, (h, w), px; NaN where the coordinate is."""
+    modulation: FloatMap
+    """B of the fringes with the shortest period, (h, w), counts; NaN where undetermined."""
+    background: FloatMap
+    """A, mean of the phase frames, (h, w), counts."""
+    reason: ByteMap
+    """``Reason`` per pixel, (h, w)."""
+    axis: Axis
+    """x: projector columns, y: projector rows."""
+    periods_px: tuple[float, ...]
+    """Periods of the M sets of fringes, projector px, in the plan's order."""
+    phase_rad: FloatMap | None = None
+    """Wrapped phase of every set, (M, h, w), −π…π rad, where asked for."""
+    modulations: FloatMap | None = None
+    """B of every set, (M, h, w), counts, where asked for."""
+    repeats_px: float | None = None
+    """Distance after which coordinates repeat; None where they are absolute."""
+
+    @property
+    def failed_fraction(self) -> float:
+        """Share of pixels without a coordinate, 0…1."""
+        return float(np.mean(self.reason != Reason.OK))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Decoded(Frozen):
+    """Projector coordinates along one axis or both, decoded from a stack of frames."""
+
+    x: CoordinateMap | None
+    """Along projector columns, where the plan has fringes or Gray code along x."""
+    y: CoordinateMap | None
+    """Along projector rows."""
+    noise: CameraNoise
+    """Noise of the camera, from which the standard deviations come."""
+    notes: tuple[str, ...] = ()
+    """What was found in the frames, and what was decided because of it."""
+    details: dict[str, Any] = field(default_factory=dict)
+    """Figures per axis: disagreement of the sets, estimated shifts."""
+    provenance: Provenance | None = None
+    """How it was made; None where the caller decoded arrays."""
+
+    @property
+    def maps(self) -> dict[Axis, CoordinateMap]:
+        """The maps by axis, without those that are None."""
+        both: dict[Axis, CoordinateMap | None] = {"x": self.x, "y": self.y}
+        return {axis: found for axis, found in both.items() if found is not None}

@@ -1,0 +1,27 @@
+"""The noise model of a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fringeworks.types.errors import InputError
+from fringeworks.types.frozen import Frozen
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CameraNoise(Frozen):
+    """Variance of a camera count, σ²(I) = read² + gain · I (theory §9)."""
+
+    read_counts: float
+    """Standard deviation in the dark, quantisation included; ≥ 0, counts."""
+    gain: float = 0.0
+    """Shot noise: variance per count; ≥ 0, counts."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("read_counts", "gain"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"noise: expected {name} >= 0, got {value}")

@@ -1,0 +1,75 @@
+"""Measured surfaces: height maps over a plane, points in camera coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fringeworks.types.arrays import ByteMap, FloatMap, Reason
+from fringeworks.types.frozen import Frozen
+from fringeworks.types.provenance import Provenance
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HeightMap(Frozen):
+    """Heights above the reference plane, or displacements where the geometry is unknown."""
+
+    values: FloatMap
+    """Height towards the camera in mm, or displacement in px; (h, w), NaN where not measured."""
+    sigma: FloatMap
+    """Standard deviation of the values, (h, w), same unit."""
+    reason: ByteMap
+    """``Reason`` per pixel, (h, w)."""
+    quantity: Literal["height", "displacement"]
+    unit: Literal["mm", "px"]
+    pitch: float
+    """Lateral distance of neighbouring pixels, mm/px, or 1 where unknown."""
+    method: str = ""
+    provenance: Provenance | None = None
+    """How it was made; None where the caller built it."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.values.shape
+        return rows, columns
+
+    @property
+    def failed_fraction(self) -> float:
+        """Share of pixels without a value, 0…1; pixels masked by the caller do not count."""
+        wanted = self.reason != Reason.MASKED
+        return float(np.mean(~np.isfinite(self.values[wanted]))) if wanted.any() else 1.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointCloud(Frozen):
+    """Points in camera coordinates, one per pixel: x right, y down, z away from the camera."""
+
+    xyz_mm: FloatMap
+    """(h, w, 3), mm; NaN where not measured."""
+    sigma_mm: FloatMap
+    """Standard deviation along the camera's ray, of pixel noise and calibration; (h, w), mm."""
+    noise_mm: FloatMap
+    """The part of σ that comes from pixel noise, independent from pixel to pixel; (h, w), mm."""
+    reason: ByteMap
+    """``Reason`` per pixel, (h, w)."""
+    residual_px: FloatMap | None = None
+    """Where both axes were decoded: distance of the projector's point from the epipolar line,
+    (h, w), projector px."""
+    colour: FloatMap | None = None
+    """Brightness (h, w) or colour (h, w, 3) of the surface, counts."""
+    provenance: Provenance | None = None
+    """How it was made; None where the caller built it."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, columns = self.reason.shape
+        return rows, columns
+
+    @property
+    def failed_fraction(self) -> float:
+        """Share of pixels without a point, 0…1."""
+        return float(np.mean(self.reason != Reason.OK))

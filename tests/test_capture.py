@@ -9,7 +9,8 @@ import tifffile
 from PIL import Image
 
 from fringeworks import InputError, Pair, read_capture, read_pair, write_pair
-from fringeworks.files.atomic import read_frame, replacing, write_frame
+from fringeworks.files.atomic import replacing
+from fringeworks.files.images import read_frame, write_frame
 from tests.conftest import scene
 
 

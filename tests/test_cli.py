@@ -13,7 +13,7 @@ import tifffile
 from PIL import Image
 
 from fringeworks.files.response import write_response
-from fringeworks.files.surfaces import read_npz
+from fringeworks.files.surfaces import read_surface
 from fringeworks.signal.response import Response
 from tests.test_evaluate import KEYS
 
@@ -35,7 +35,7 @@ def run(*arguments, cwd=None, code=0):
 def capture(tmp_path_factory):
     folder = tmp_path_factory.mktemp("capture") / "part"
     run(
-        *("simulate", "--object", "parabola", "--gamma", "2.2", "--bits", "8", "--noise", "2"),
+        *("simulate", "--shape", "parabola", "--gamma", "2.2", "--bits", "8", "--noise", "2"),
         *("--seed", "1", "--size", "300", "--fringes", "15", "--height-mm", "60", "--out", folder),
     )
     return folder
@@ -43,7 +43,7 @@ def capture(tmp_path_factory):
 
 def test_simulate_then_reconstruct(capture, tmp_path):
     names = sorted(p.name for p in capture.iterdir())
-    assert names == ["capture.toml", "object.png", "reference.png", "truth.tif"]
+    assert names == [".fringeworks", "capture.toml", "object.png", "reference.png", "truth.tif"]
     out, metrics, figure = tmp_path / "part.ply", tmp_path / "m.json", tmp_path / "f.png"
     done = run(
         *("reconstruct", capture, "--method", "windowed"),
@@ -86,7 +86,7 @@ def test_reconstruct_two_images(capture, tmp_path):
         *("--option", "width=0.7", "--distance-mm", 5000, "--baseline-mm", 2000),
         *("--pitch-mm-per-px", 3.3333, "--axis", "x", "--out", out),
     )
-    assert np.nanmax(read_npz(out).values) == pytest.approx(60, abs=5)
+    assert np.nanmax(read_surface(out).values) == pytest.approx(60, abs=5)
 
 
 def test_json_on_stdout_is_json_only(capture):
@@ -97,11 +97,11 @@ def test_json_on_stdout_is_json_only(capture):
 def test_compare(tmp_path):
     table = tmp_path / "table.json"
     done = run(
-        *("compare", "--object", "parabola", "--gamma", "1", "--noise", "0", "--bits", "0"),
-        *("--methods", "ifa,sifa,gsifa,exact,windowed", "--size", "200", "--fringes", "5"),
+        *("compare", "--shape", "parabola", "--gamma", "1", "--noise", "0", "--bits", "0"),
+        *("--method", "ifa,sifa,gsifa,exact,windowed", "--size", "200", "--fringes", "5"),
         *("--json", table, "--csv", tmp_path / "t.csv", "--markdown", tmp_path / "t.md"),
     )
-    rows = json.loads(table.read_text())
+    rows = json.loads(table.read_text())["rows"]
     assert [row["method"] for row in rows] == ["ifa", "sifa", "gsifa", "exact", "windowed"]
     assert all(set(row) >= KEYS for row in rows)
     assert len(done.stdout.splitlines()) == 6
@@ -114,7 +114,7 @@ def test_mask_option(capture, tmp_path):
     mask[100:200] = 255
     Image.fromarray(mask).save(tmp_path / "mask.png")
     run("reconstruct", capture, "--mask", tmp_path / "mask.png", "--out", tmp_path / "r.npz")
-    values = read_npz(tmp_path / "r.npz").values
+    values = read_surface(tmp_path / "r.npz").values
     assert np.isnan(values[:100]).all()
     assert np.isfinite(values[110:190]).all()
 
@@ -185,14 +185,14 @@ def test_bad_frames(frames, case):
         (("reconstruct", "--reference", "good.png", "--object", "good.png", "--axis", "y"), "expected fringes along y"),
         (("reconstruct", "--reference", "good.png", "--object", "good.png", "--out", "no/such/x.tif"), "expected a writable folder"),
         (("reconstruct", "--reference", "good.png", "--object", "good.png", "--out", "x.doc"), "expected one of .tif"),
-        (("reconstruct", "--reference", "good.png", "--object", "good.png", "--option", "n=3"), "windowed has scales"),
+        (("reconstruct", "--reference", "good.png", "--object", "good.png", "--option", "n=3"), "it has scales"),
         (("reconstruct", "--reference", "good.png", "--object", "good.png", "--option", "scales=x"), "expected a number or list"),
         (("reconstruct", "--reference", "good.png", "--object", "good.png", "--distance-mm", "5"), "--baseline-mm"),
         (("simulate", "--out", "good.png"), "expected a folder"),
-        (("simulate", "--object", "teapot", "--out", "x"), "expected one of parabola"),
+        (("simulate", "--shape", "teapot", "--out", "x"), "expected one of parabola"),
         (("simulate", "--height-mm", "9000", "--out", "x"), "below the pupils"),
         (("compare", "--gamma", "a,b"), "--gamma: expected values"),
-        (("compare", "--methods", "gsifa,magic"), "expected one of"),
+        (("compare", "--method", "gsifa,magic"), "expected one of"),
         (("compare", "--nonsense",), "--nonsense"),
         (("dance",), "dance"),
     ],
@@ -214,7 +214,7 @@ def test_anything_else_is_exit_code_1():
     command = [
         sys.executable,
         "-c",
-        "import fringeworks.cli as c; c.app = lambda *a, **k: 1 / 0; c.main()",
+        "import fringeworks.cli.app as a; a.app = lambda *x, **k: 1 / 0; import fringeworks.cli as c; c.main()",
     ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 1
@@ -275,8 +275,8 @@ def test_options_may_be_words_or_numbers(capture, tmp_path):
 def test_matrix_prints_and_draws_a_map(tmp_path):
     picture = tmp_path / "map.png"
     shown = run(
-        *("compare", "--matrix", "--object", "parabola", "--gamma", "1", "--noise", "0,2"),
-        *("--fringes", "5,10", "--size", "150", "--methods", "fourier,windowed,exact"),
+        *("compare", "--matrix", "--shape", "parabola", "--gamma", "1", "--noise", "0,2"),
+        *("--fringes", "5,10", "--size", "150", "--method", "fourier,windowed,exact"),
         *("--figure", picture),
     ).stdout
     assert "5 fringes" in shown

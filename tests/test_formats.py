@@ -11,7 +11,7 @@ import pytest
 import tifffile
 
 from fringeworks import HeightMap, InputError, Reason, write_surface
-from fringeworks.files.surfaces import WRITERS, read_npz
+from fringeworks.files.surfaces import WRITERS, read_surface
 from fringeworks.surface.height_map import points
 
 
@@ -37,7 +37,7 @@ def test_tiff(tmp_path, surface):
 
 def test_npz(tmp_path, surface):
     write_surface(tmp_path / "s.npz", surface)
-    found = read_npz(tmp_path / "s.npz")
+    found = read_surface(tmp_path / "s.npz")
     for name in ("values", "sigma", "reason"):
         np.testing.assert_array_equal(getattr(found, name), getattr(surface, name))
     assert (found.quantity, found.unit, found.pitch, found.method) == (
@@ -47,8 +47,8 @@ def test_npz(tmp_path, surface):
         "windowed",
     )
     (tmp_path / "bad.npz").write_bytes(b"no")
-    with pytest.raises(InputError, match="expected a surface written as .npz"):
-        read_npz(tmp_path / "bad.npz")
+    with pytest.raises(InputError, match="expected a height map"):
+        read_surface(tmp_path / "bad.npz")
 
 
 def read_ply(path):

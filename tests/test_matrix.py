@@ -7,7 +7,7 @@ import math
 import pytest
 
 from fringeworks.evaluate.best_method import best_methods, format_map
-from fringeworks.evaluate.errors import compare
+from fringeworks.evaluate.compare import compare
 
 
 def row(method, error, **changes):

@@ -20,7 +20,7 @@ from fringeworks import (
     write_patterns,
     write_plan,
 )
-from fringeworks.files.atomic import read_frame
+from fringeworks.files.images import read_frame
 
 PLAN = PatternPlan(
     40,

@@ -14,7 +14,7 @@ from fringeworks import (
     read_pair,
     reconstruct,
 )
-from fringeworks.files.atomic import write_frame
+from fringeworks.files.images import write_frame
 from fringeworks.files.reference_plane import (
     read_geometry,
     read_pixels,

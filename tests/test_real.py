@@ -24,7 +24,7 @@ from fringeworks import (
     read_pair,
     reconstruct,
 )
-from fringeworks.files.atomic import read_frame
+from fringeworks.files.images import read_frame
 from fringeworks.pair.bandpass import band_pass
 from fringeworks.pair.pair import prepare
 from fringeworks.rig.calibration.board import parse_board

@@ -52,10 +52,10 @@ def test_chain_from_boards_to_a_diameter(shots, calibrated, tmp_path):
     assert len(content["poses"]) == 5
     assert {f["cause"] for f in content["findings"]} <= {"poses", "corners"}
     out, figure = tmp_path / "ball.ply", tmp_path / "ball.png"
-    done = run("reconstruct", shots / "ball", "--rig", calibrated, "--out", out, "--figure", figure)
+    done = run("measure", shots / "ball", "--rig", calibrated, "--out", out, "--figure", figure)
     assert "points: x" in done.stdout
     assert figure.stat().st_size > 10_000
-    done = run("evaluate", out, "--fit", "sphere", "--diameter", 50, "--json", "-")
+    done = run("evaluate", out, "--fit", "sphere", "--diameter-mm", 50, "--json", "-")
     body = json.loads(done.stdout)["bodies"][0]
     assert abs(body["probing_error_size_PS_mm"]) < 0.03
     assert body["standard_deviation_mm"] < 0.04
@@ -91,9 +91,7 @@ def test_a_rig_of_another_projector_is_refused(shots, tmp_path):
     other = replace(rig(), projector=replace(rig().projector, width_px=1024))
     write_rig(tmp_path / "other.toml", other)
     out = tmp_path / "p.ply"
-    done = run(
-        "reconstruct", shots / "ball", "--rig", tmp_path / "other.toml", "--out", out, code=2
-    )
+    done = run("measure", shots / "ball", "--rig", tmp_path / "other.toml", "--out", out, code=2)
     assert "projector of 1024 × 600 px, got a plan for 960 × 600" in done.stderr
     assert not out.exists()
 
@@ -110,16 +108,13 @@ def test_a_rig_of_another_projector_is_refused(shots, tmp_path):
             ("calibrate", ".", "--board", "chessboard:9x7:75", "--out", "r.json"),
             "expected one of .toml",
         ),
-        (("reconstruct", "x", "--rig", "none.toml", "--out", "p.ply"), "no such file"),
-        (("reconstruct", "--rig", "none.toml"), "expected a stack of frames"),
-        (
-            ("reconstruct", "x", "--rig", "r.toml", "--denoise", "emd"),
-            "--denoise: expected without --rig",
-        ),
-        (("reconstruct", "x", "--plan", "p.toml"), "--plan: expected without a pair"),
+        (("measure", "x", "--rig", "none.toml", "--out", "p.ply"), "nothing there"),
+        (("measure", "x"), "--rig"),
+        (("measure", "--rig", "none.toml"), "stack"),
+        (("reconstruct", "x", "--rig", "r.toml"), "--rig"),
         (("evaluate", "none.ply", "--fit", "plane"), "no such file"),
-        (("evaluate", "none.ply", "--fit", "plane", "--count", "2"), "--count"),
-        (("evaluate", "none.ply", "--fit", "sphere", "--spacing", "5"), "--spacing"),
+        (("evaluate", "none.ply", "--fit", "plane", "--count", "2"), "count"),
+        (("evaluate", "none.ply", "--fit", "sphere", "--spacing-mm", "5"), "spacing"),
         (("rig", "none.toml", "--out", "r.xml", "--projector-size", "wide"), "--projector-size"),
     ],
 )
@@ -134,6 +129,6 @@ def test_points_are_cut_to_a_ball(tmp_path):
     done = run("evaluate", path, "--fit", "plane", "--within", "9,9,9,0.1", code=2)
     assert "10 points or more there, got 0" in done.stderr
     assert (
-        "--within: expected x,y,z,radius"
+        "within: expected x, y, z and a radius"
         in run("evaluate", path, "--fit", "plane", "--within", "9,9", code=2).stderr
     )

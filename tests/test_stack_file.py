@@ -17,7 +17,7 @@ from fringeworks import (
     write_coordinates,
     write_plan,
 )
-from fringeworks.files.atomic import write_frame
+from fringeworks.files.images import write_frame
 from tests.stacks import guarded, multi, take
 from tests.test_cli import run
 
@@ -77,7 +77,7 @@ def test_stacks_in_one_file(tmp_path, suffix):
         np.save(path, frames)
     else:
         np.savez(path, frames=frames)
-    with pytest.raises(InputError, match="expected --plan, or a file plan.toml beside it"):
+    with pytest.raises(InputError, match="expected a plan, or a file plan.toml beside it"):
         read_stack(path)
     plan = write_plan(tmp_path / "other.toml", PLAN)
     stack = read_stack(path, plan)
@@ -103,14 +103,14 @@ def test_coordinates_keep_everything(tmp_path):
     with pytest.raises(InputError, match="expected .npz"):
         write_coordinates(tmp_path / "x.tif", found)
     (tmp_path / "bad.npz").write_bytes(b"PK")
-    with pytest.raises(InputError, match="expected a file of coordinates"):
+    with pytest.raises(InputError, match="expected coordinates"):
         read_coordinates(tmp_path / "bad.npz")
 
 
 def test_commands_from_plan_to_coordinates(tmp_path):
     plan = tmp_path / "plan.toml"
     shown = run(
-        *("plan", "--projector", "320x48", "--frames", 9, "--min-period", 20, "--out", plan),
+        *("plan", "--projector-size", "320x48", "--frames", 9, "--min-period", 20, "--out", plan),
         *("--json", tmp_path / "plans.json"),
     ).stdout
     assert "hierarchical" in shown
@@ -136,9 +136,9 @@ def test_commands_from_plan_to_coordinates(tmp_path):
 def test_commands_say_what_is_wrong(folder):
     out = folder / "x.npz"
     for arguments, words in (
-        (("plan", "--projector", "1920", "--frames", 12), "as 1920x1080"),
-        (("plan", "--projector", "1920x1080", "--frames", 2), "3 or more"),
-        (("plan", "--projector", "300x40", "--frames", 9, "--kind", "x"), "--kind: expected"),
+        (("plan", "--projector-size", "1920", "--frames", 12), "as 1920x1080"),
+        (("plan", "--projector-size", "1920x1080", "--frames", 2), "3 or more"),
+        (("plan", "--projector-size", "300x40", "--frames", 9, "--kind", "x"), "--kind: expected"),
         (("patterns", folder / "none.toml", "--out", folder), "no such file"),
         (("decode", folder / "nothing"), "nothing there"),
         (("decode", folder, "--gain", 0.1), "--gain: expected together with --noise"),
@@ -167,7 +167,7 @@ def test_response_is_measured_from_a_stack_and_taken_out(tmp_path):
     devices = ("--camera", "left", "--projector", "bench")
     out = tmp_path / "response.toml"
     assert (
-        "--camera: expected a name"
+        "camera: expected its name"
         in run("response", tmp_path / "plane.npy", "--out", out, code=2).stderr
     )
     shown = run("response", tmp_path / "plane.npy", "--out", out, *devices).stdout

@@ -29,7 +29,7 @@ def write_surface(path: StrPath, surface: HeightMap, *, ply: PlyKind = "points")
     Parameters
     ----------
     path : path
-        ``.tif``/``.tiff``: values, σ and reasons on three pages, float32 and uint8. ``.npz``:
+        ``.tif``/``.tiff``: values as the image, σ and reasons below it (SubIFDs); float32, uint8. ``.npz``:
         everything. ``.ply``: points or mesh with σ. ``.x3p`` (ISO 25178-72): values in metres.
         ``.gsf`` (Gwyddion simple field): values.
     surface : HeightMap
@@ -83,15 +83,13 @@ def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
         "unit": surface.unit,
         "pitch": float(surface.pitch),
         "method": surface.method,
-        "pages": ["values", "sigma", "reason"],
     }
     origin = surface.provenance
     if origin is not None:
         description[KEY] = origin.as_dict()
     with tifffile.TiffWriter(path) as pages:
-        # ASCII, as the format demands.
-        text = json.dumps(description, sort_keys=True)
-        pages.write(surface.values.astype(np.float32), description=text, metadata=None)
+        # σ and reasons hang below the values, so that other programs see one image.
+        pages.write(surface.values.astype(np.float32), subifds=2, metadata=description)
         pages.write(surface.sigma.astype(np.float32), metadata=None)
         pages.write(surface.reason, metadata=None)
 
@@ -100,7 +98,8 @@ def _read_tiff(path: Path) -> HeightMap:
     try:
         with tifffile.TiffFile(path) as file:
             content = json.loads(file.pages[0].description)  # type: ignore[union-attr]
-            values, sigma, reason = (file.pages[k].asarray() for k in range(3))
+            first: Any = file.pages[0]
+            values, sigma, reason = first.asarray(), *(page.asarray() for page in first.pages)
         origin = json.dumps(content[KEY]) if KEY in content else None
         return _surface(
             path, content | {"values": values, "sigma": sigma, "reason": reason}, origin

@@ -7,7 +7,8 @@ import pytest
 
 from fringeworks import InputError, Pair
 from fringeworks.pair.carrier import find_carrier
-from fringeworks.pair.pair import noise_variance, prepare
+from fringeworks.pair.prepared import prepare
+from fringeworks.signal.noise import noise_variance
 from tests.conftest import scene
 
 

@@ -8,7 +8,7 @@ import pytest
 from fringeworks import InputError, Pair, Reason, _core, analyse, reconstruct
 from fringeworks.evaluate.errors import errors
 from fringeworks.pair.methods.windowed import smooth_reference, spline_coefficients, start_field
-from fringeworks.pair.pair import prepare
+from fringeworks.pair.prepared import prepare
 from tests.conftest import scene, true_displacement
 from tests.oracles import windowed as oracle
 

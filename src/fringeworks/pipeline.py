@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fringeworks.pair.analyse import analyse
-from fringeworks.pair.pair import prepare
 from fringeworks.pair.plane_calibration import PixelCalibration, height_by_pixel
+from fringeworks.pair.prepared import prepare
 from fringeworks.pair.reference_plane import to_surface
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.calibrate import Calibration, Observation, calibrate, observe

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import fringeworks.pair.methods  # noqa: F401, registers the methods of the package
-from fringeworks.pair.pair import PreparedPair, prepare
+from fringeworks.pair.prepared import PreparedPair, prepare
 from fringeworks.pair.registry import REGISTERED, Method, Solution
 from fringeworks.types import BoolMap, DisplacementMap, FloatMap, InputError, Pair, Reason
 

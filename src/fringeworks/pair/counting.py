@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
 from fringeworks.signal.response import estimate_gamma
 from fringeworks.types import FloatMap, InputError, Reason

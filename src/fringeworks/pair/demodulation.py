@@ -9,7 +9,7 @@ import numpy as np
 
 from fringeworks.pair.bandpass import Analytic
 from fringeworks.pair.orders import settle_orders
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
 from fringeworks.pair.unwrap import unwrap
 from fringeworks.types import BoolMap, ByteMap, FloatMap, Reason

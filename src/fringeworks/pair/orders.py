@@ -13,7 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from fringeworks.pair.counting import MAX_PERIODS, Name, count_fringes, invert_rows, slips
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
 from fringeworks.types import BoolMap, FloatMap, Reason
 

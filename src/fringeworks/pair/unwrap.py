@@ -89,7 +89,7 @@ def unwrap(
     --------
     >>> ramp = np.tile(np.linspace(0, 20, 50), (40, 1))
     >>> result = unwrap(np.angle(np.exp(1j * ramp)))
-    >>> bool(np.allclose(np.diff(result.displacement, axis=1), 20 / 49, atol=1e-5))
+    >>> bool(np.allclose(np.diff(result.phase, axis=1), 20 / 49, atol=1e-5))
     True
     >>> result.algorithm, result.residues, int(result.region.max())
     ('reliability', 0, 1)

@@ -8,7 +8,7 @@ import numpy as np
 
 from fringeworks.pair.bandpass import WIDTH, Shape, band_pass, check_band
 from fringeworks.pair.demodulation import Demodulated, to_displacement
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
 
 

@@ -15,7 +15,7 @@ from fringeworks import _core
 from fringeworks.pair.counting import NOISE_SWINGS, PROMINENCE, Name
 from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import guided_count
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
 from fringeworks.types import BoolMap, FloatMap, InputError
 

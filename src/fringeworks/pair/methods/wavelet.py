@@ -12,7 +12,7 @@ from fringeworks import _core
 from fringeworks.pair.bandpass import Analytic
 from fringeworks.pair.demodulation import Demodulated, to_displacement
 from fringeworks.pair.lattice import lattice_samples, samples_inside, shift_wave
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
 from fringeworks.pair.ridge import blend, curvature, strongest, window_factor
 from fringeworks.types import FloatMap, InputError

@@ -10,7 +10,7 @@ from scipy import fft, ndimage
 from fringeworks import _core
 from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import guided_count
-from fringeworks.pair.pair import PreparedPair, fill_nearest
+from fringeworks.pair.prepared import PreparedPair, fill_nearest
 from fringeworks.pair.registry import Solution, method
 from fringeworks.types import BoolMap, FloatMap, InputError, Reason
 

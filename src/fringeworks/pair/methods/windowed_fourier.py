@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fringeworks.pair.bandpass import WIDTH, Analytic, band_pass
 from fringeworks.pair.demodulation import Demodulated, to_displacement
 from fringeworks.pair.lattice import Lattice, shift_wave
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
 from fringeworks.pair.ridge import Pair, blend, curvature, strongest, window_factor
 from fringeworks.signal.noise import noise_variance

@@ -26,7 +26,7 @@ def test_any_direction_sub_bin(period, angle, axis):
     found = find_carrier(frame)
     assert found.axis == axis
     assert 1 / found.period_px == pytest.approx(fast, abs=3e-5)
-    assert found.across == pytest.approx(slow, abs=3e-5)
+    assert found.cross_frequency == pytest.approx(slow, abs=3e-5)
     assert found.tilt_deg == pytest.approx(angle, abs=0.2)
 
 
@@ -35,7 +35,7 @@ def test_noise_and_shading():
     frame = wave(1 / 13.3, 0.01, noise=20.0) + 0.004 * (x - 90.0) ** 2 + 0.4 * y
     found = find_carrier(frame)
     assert found.period_px == pytest.approx(13.3, abs=0.01)
-    assert found.across == pytest.approx(0.01, abs=2e-5)
+    assert found.cross_frequency == pytest.approx(0.01, abs=2e-5)
 
 
 @pytest.mark.parametrize(

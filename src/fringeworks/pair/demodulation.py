@@ -25,9 +25,10 @@ MIN_AMPLITUDE_SIGMAS = 4.0
 Noise alone exceeds it with a probability of exp(−16), about 10⁻⁷, a pixel.
 """
 RIM_DIVISOR = 50
-"""The rim that is taken for the reference plane is one part in this many of each side wide.
+"""Side of the frame over the width of its rim, which is taken for the reference plane.
 
-At least 1 px. It is narrow, so that the object rarely reaches it. An empirical choice.
+The rim is at least 1 px wide, and narrow, so that the object rarely reaches it. An empirical
+choice.
 """
 
 

@@ -92,7 +92,7 @@ def band_pass(
     analytic : (h, w) complex64 array
         B/2 · exp(iφ) of fringes A + B cos φ, counts.
     share : float
-        Complex variance that white noise of variance 1 has behind the filter.
+        Complex variance that white noise of variance 1 has after the filter.
 
     Notes
     -----

@@ -39,9 +39,9 @@ class Demodulated:
     phasor: Analytic
     """(h, w) complex; its argument is the wrapped phase φ = 2π u / p, rad."""
     reference_amplitude: FloatMap
-    """Modulation of the reference behind the filter, (h, w), counts."""
+    """Modulation of the reference after the filter, (h, w), counts."""
     object_amplitude: FloatMap
-    """Modulation of the object behind the filter, (h, w), counts."""
+    """Modulation of the object after the filter, (h, w), counts."""
     noise_share: float
     """Complex variance of an analytic signal B/2 · exp(iφ), per variance of the frame's noise."""
     details: dict[str, Any] = field(default_factory=dict)
@@ -66,7 +66,7 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     -----
     Theory §5, "One path". The fringe order is set so that the rim of the frame lies on
     the reference plane, and is then checked against fringe counting (``settle_orders``). σ is that
-    of white noise behind the filter: half of its complex variance acts on the phase, relative to
+    of white noise after the filter: half of its complex variance acts on the phase, relative to
     the amplitude B/2.
     """
     noise = tuple(v * demodulated.noise_share for v in prepared.noise)

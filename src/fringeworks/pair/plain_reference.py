@@ -27,7 +27,7 @@ It lets the background grow while the plane, fitted to the rim only, is still in
 empirical choice.
 """
 STRONG_PERCENTILE = 90.0
-"""Percentile of the fringe amplitude that stands for the frame's strong fringes, %."""
+"""Percentile of the fringe amplitude that represents the frame's strong fringes, %."""
 MIN_STRENGTH = 0.3
 """Smallest fringe amplitude of the background, as a share of that of the strong fringes.
 

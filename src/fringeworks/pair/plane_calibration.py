@@ -121,8 +121,8 @@ def calibrate_reference_plane(
     Examples
     --------
     >>> planes = [np.full((10, 10), 2000.0 * h / (5000.0 - h)) for h in (20.0, 50.0)]
-    >>> found = calibrate_reference_plane(planes, (20.0, 50.0), pitch_mm_per_px=1.0)
-    >>> round(found.geometry.distance_mm, 3), round(found.geometry.baseline_mm, 3)
+    >>> calibration = calibrate_reference_plane(planes, (20.0, 50.0), pitch_mm_per_px=1.0)
+    >>> round(calibration.geometry.distance_mm, 3), round(calibration.geometry.baseline_mm, 3)
     (5000.0, 2000.0)
     """
     maps, heights = _checked(displacements_px, heights_mm, 2)

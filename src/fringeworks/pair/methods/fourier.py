@@ -1,4 +1,4 @@
-"""Fourier transform profilometry: phase difference behind a band-pass (theory §5)."""
+"""Fourier transform profilometry: phase difference after a band-pass (theory §5)."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.harness import Result, against, work
 from benchmarks.peers import gsifa_scipy_rows
 from fringeworks import analyse, displacement_from_height, standard_scene
-from fringeworks.pair.pair import prepare
+from fringeworks.pair.prepared import prepare
 
 
 @work

@@ -55,7 +55,8 @@ def test_minimal_toml_written_by_hand(tmp_path, grey):
     [
         ("kind = ", "expected TOML"),
         ('kind = "pair"\n', "missing key frames"),
-        ('kind = "stack"\n[frames]\nreference="a.png"\nobject="a.png"', "kind: .*'stack'"),
+        ('kind = "film"\n[frames]\nreference="a.png"\nobject="a.png"', "kind: .*'film'"),
+        ('kind = "stack"\n[frames]\nreference="a.png"\nobject="a.png"', "frames"),
         (
             'kind="pair"\ncolour=1\n[frames]\nreference="a.png"\nobject="a.png"',
             "unknown key colour",
@@ -180,7 +181,7 @@ def test_npz(tmp_path):
     with pytest.raises(InputError, match="expected a variable object, got reference"):
         read_capture(path)
     path.write_bytes(b"PK nonsense")
-    with pytest.raises(InputError, match="readable .npz"):
+    with pytest.raises(InputError, match="expected a pair of frames"):
         read_capture(path)
 
 

@@ -1,4 +1,4 @@
-"""The carrier: any direction, sub-bin, and refused where it cannot be measured."""
+"""The carrier: accurate below one bin in any direction, and refused where it cannot be measured."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ def wave(fx, fy, shape=(200, 260), noise=0.0, seed=0):
 def test_any_direction_sub_bin(period, angle, axis):
     fast, slow = np.cos(np.radians(angle)) / period, np.sin(np.radians(angle)) / period
     frame = wave(fast, slow) if axis == "x" else wave(slow, fast)
-    found = find_carrier(frame)
-    assert found.axis == axis
-    assert 1 / found.period_px == pytest.approx(fast, abs=3e-5)
-    assert found.across == pytest.approx(slow, abs=3e-5)
-    assert found.tilt_deg == pytest.approx(angle, abs=0.2)
+    carrier = find_carrier(frame)
+    assert carrier.axis == axis
+    assert 1 / carrier.period_px == pytest.approx(fast, abs=3e-5)
+    assert carrier.cross_frequency == pytest.approx(slow, abs=3e-5)
+    assert carrier.tilt_deg == pytest.approx(angle, abs=0.2)
 
 
 def test_noise_and_shading():
     y, x = np.mgrid[:200, :260]
     frame = wave(1 / 13.3, 0.01, noise=20.0) + 0.004 * (x - 90.0) ** 2 + 0.4 * y
-    found = find_carrier(frame)
-    assert found.period_px == pytest.approx(13.3, abs=0.01)
-    assert found.across == pytest.approx(0.01, abs=2e-5)
+    carrier = find_carrier(frame)
+    assert carrier.period_px == pytest.approx(13.3, abs=0.01)
+    assert carrier.cross_frequency == pytest.approx(0.01, abs=2e-5)
 
 
 @pytest.mark.parametrize(
-    ("frame", "words"),
+    ("frame", "message"),
     [
         (wave(0.4, 0.0), "got a period of 2.5 px"),
         (wave(2 / 260, 0.0), r"\d\.\d periods"),
@@ -48,8 +48,8 @@ def test_noise_and_shading():
         (np.random.default_rng(0).random((40, 1)), "expected fringes"),
     ],
 )
-def test_what_cannot_be_measured_is_refused(frame, words):
-    with pytest.raises(InputError, match=words):
+def test_frames_without_a_measurable_carrier_are_refused(frame, message):
+    with pytest.raises(InputError, match=message):
         find_carrier(frame)
 
 
@@ -61,9 +61,9 @@ def test_tilted_fringes_are_measured(method):
     def frame(shift):
         return 120 + 100 * np.cos(2 * np.pi * ((x - shift) / 16 + y / 45))
 
-    found = analyse(Pair(frame(0.0), frame(u)), method)
-    assert found.axis == "x"
-    assert found.tilt_deg == pytest.approx(np.degrees(np.arctan(16 / 45)), abs=0.1)
-    error = found.displacement_px - u
+    result = analyse(Pair(frame(0.0), frame(u)), method)
+    assert result.axis == "x"
+    assert result.tilt_deg == pytest.approx(np.degrees(np.arctan(16 / 45)), abs=0.1)
+    error = result.displacement_px - u
     assert np.nanmean(np.abs(error)) < 0.08
     assert np.isnan(error).mean() < 0.02

@@ -120,7 +120,7 @@ def test_x3p(tmp_path, surface):
 
 def test_x3p_holds_lengths_only(tmp_path, surface):
     in_px = HeightMap(surface.values, surface.sigma, surface.reason, "displacement", "px", 1.0)
-    with pytest.raises(InputError, match="x3p: expected heights in mm"):
+    with pytest.raises(InputError, match="X3P: expected heights in mm"):
         write_surface(tmp_path / "s.x3p", in_px)
     assert list(tmp_path.iterdir()) == []
     write_surface(tmp_path / "s.gsf", in_px)

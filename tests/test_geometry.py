@@ -1,4 +1,4 @@
-"""Reference-plane geometry: (1) and (3) are inverse to each other, with both signs."""
+"""Reference-plane geometry: (1) and (3) of theory §2 are inverse to each other for both signs."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_displacement_beyond_the_baseline_has_no_height():
     height = height_from_displacement(u, geometry)
     assert np.isnan(height[0, :2]).all()
     assert np.isfinite(height[0, 2:]).all()
-    phase = DisplacementMap(
+    result = DisplacementMap(
         displacement_px=u,
         sigma_px=np.full(u.shape, 0.1),
         modulation_ratio=np.ones(u.shape),
@@ -57,18 +57,18 @@ def test_displacement_beyond_the_baseline_has_no_height():
         axis="x",
         method="test",
     )
-    surface = to_surface(phase, geometry)
+    surface = to_surface(result, geometry)
     assert list(surface.reason[0]) == [Reason.BEYOND_GEOMETRY] * 2 + [Reason.OK] * 2
     assert np.isnan(surface.sigma[0, :2]).all()
     # σ_h = l d₀ / (d₀ + u)² σ_u, at u = 0: l/d₀ · σ_u
     assert surface.sigma[0, 3] == pytest.approx(800 / 300 * 0.1 * 0.5)
-    np.testing.assert_allclose(phase.phase_rad, u * 2 * np.pi / 20)
+    np.testing.assert_allclose(result.phase_rad, u * 2 * np.pi / 20)
 
 
-def test_without_geometry_it_stays_a_displacement_and_says_so():
+def test_without_geometry_the_result_is_a_displacement_in_px():
     zero = np.zeros((2, 3))
-    phase = DisplacementMap(zero, zero, zero, zero.astype(np.uint8), 10.0, "x", "test")
-    surface = to_surface(phase, None)
+    result = DisplacementMap(zero, zero, zero, zero.astype(np.uint8), 10.0, "x", "test")
+    surface = to_surface(result, None)
     assert (surface.quantity, surface.unit) == ("displacement", "px")
 
 

@@ -1,4 +1,4 @@
-"""Inverse function analysis: kernels against SciPy oracles, and the dissertation's bars."""
+"""Inverse function analysis: kernels against SciPy oracles, and the dissertation's errors."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_kernels_agree_with_their_oracles(method, gamma):
 
 
 def test_ifa_agrees_with_polyfit_of_the_chosen_degree():
-    """On a part that is a polynomial in the intensity, any sufficient degree is exact."""
+    """A part whose position is linear in the intensity is inverted exactly."""
     x = np.arange(200.0)
     period = 40.0
     triangle = np.abs((x + 7) % period - period / 2)  # straight flanks: x is linear in I
@@ -73,7 +73,7 @@ def test_extrema_survive_noise_quantisation_and_plateaus(seed):
     rng = np.random.default_rng(seed)
     x = np.arange(1000.0)
     row = 255 * (0.5 + 0.5 * np.cos(2 * np.pi * (x - 30) / 100)) ** 2.2
-    noisy = np.clip(np.rint(row + 3 * rng.standard_normal(x.size)), 0, 230)  # saturates
+    noisy = np.clip(np.rint(row + 3 * rng.standard_normal(x.size)), 0, 230)  # saturated at 230
     found = find_extrema(noisy, 100.0, noise=3.0)
     # The first and the last half period are cut off by the frame.
     inner = (found.position_px > 25) & (found.position_px < 955)
@@ -83,8 +83,8 @@ def test_extrema_survive_noise_quantisation_and_plateaus(seed):
     assert (found.is_maximum[inner] == (np.arange(expected.size) % 2 == 0)).all()
 
 
-def test_counts_may_differ():
-    """A fringe hidden from view costs its own surroundings, not the row."""
+def test_numbers_of_extrema_may_differ():
+    """A hidden fringe affects its surroundings only, not the rest of the row."""
     s, _, _ = rows()
     d = s.copy()
     d[120:150] = np.linspace(d[120], d[150], 30)
@@ -94,7 +94,7 @@ def test_counts_may_differ():
     assert np.abs(u[away]).max() < 0.05
 
 
-def test_light_from_beyond_the_reference_frame_is_outside():
+def test_points_beyond_the_reference_frame_are_outside():
     x = np.arange(200.0)
     s = 100 + 50 * np.cos(2 * np.pi * (x - 5) / 40)
     d = 100 + 50 * np.cos(2 * np.pi * (x - 5 - 17) / 40)
@@ -110,14 +110,15 @@ def test_object_without_fringes():
     assert (reason == Reason.LOW_MODULATION).all()
 
 
-def bars(method, gamma=1.0):
-    capture = scene("parabola", gamma=gamma)
-    return errors(reconstruct(capture, method).surface, capture.truth_mm)
+def standard_errors(method, gamma=1.0):
+    """Errors of a method on the ideal standard scene."""
+    pair = scene("parabola", gamma=gamma)
+    return errors(reconstruct(pair, method).surface, pair.truth_mm)
 
 
 def test_published_errors_are_reached():
-    """Theory §3: the standard scene, ideal."""
-    found = {name: bars(name) for name in ("ifa", "sifa", "gsifa", "exact")}
+    """The ideal standard scene (theory §3)."""
+    found = {name: standard_errors(name) for name in ("ifa", "sifa", "gsifa", "exact")}
     assert found["gsifa"].mean_abs_error_mm <= 0.0023
     assert found["gsifa"].std_error_mm <= 0.0188
     assert (
@@ -133,13 +134,13 @@ def test_published_errors_are_reached():
 
 @pytest.mark.parametrize("method", ["gsifa", "exact"])
 def test_published_errors_are_reached_with_a_strong_response(method):
-    """γ = 2.2 as in the dissertation's files: flat minima are straightened before they are cut."""
-    found = bars(method, gamma=2.2)
+    """γ = 2.2 as in the dissertation's files: the response is linearised before the inversion."""
+    found = standard_errors(method, gamma=2.2)
     assert found.mean_abs_error_mm <= 0.0023
     assert found.std_error_mm <= 0.0188
 
 
-def test_response_is_left_alone_under_noise_and_other_albedo():
+def test_response_is_not_linearised_with_noise_or_another_albedo():
     clean = scene("parabola", size=240, fringes=12, gamma=2.2)
     assert analyse(clean, "exact").details["linearised_gamma"] == pytest.approx(2.2, abs=0.05)
     ideal = scene("parabola", size=240, fringes=12)

@@ -1,4 +1,4 @@
-"""The contract that every registered method keeps."""
+"""The contract that every registered method must keep."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from fringeworks.pair.registry import method
 from tests.conftest import scene, true_displacement
 
 ALL = list(methods())
-# Mean |error| in px that a method must keep on the ideal scene below (period 20 px).
 IDEAL_LIMIT_PX = {
     "ifa": 0.3,
     "sifa": 0.1,
@@ -26,7 +25,7 @@ IDEAL_LIMIT_PX = {
     "wavelet": 0.2,
     "windowed": 0.05,
 }
-# The same with the flat minima of a strong response.
+"""Largest mean |error| of each method on the ideal scene below (period 20 px), px."""
 FLAT_LIMIT_PX = {
     "ifa": 1.0,
     "sifa": 3.0,
@@ -37,15 +36,16 @@ FLAT_LIMIT_PX = {
     "wavelet": 0.5,
     "windowed": 0.15,
 }
+"""The same for a strong response, whose minima are flat, px."""
 
 
 def ideal(**changes):
     return scene("parabola", **{"size": 240, "fringes": 12, "height_mm": 40.0, **changes})
 
 
-def mean_error(capture, name):
-    phase = analyse(capture, name)
-    error = phase.displacement_px - true_displacement(capture)
+def mean_error(pair, name):
+    result = analyse(pair, name)
+    error = result.displacement_px - true_displacement(pair)
     assert np.isnan(error).mean() < 0.02
     return np.nanmean(np.abs(error))
 
@@ -59,7 +59,7 @@ def test_known_truth(name, sign, axis):
 
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("sign", [1, -1])
-def test_nearer_the_camera_comes_out_positive(name, sign):
+def test_heights_towards_the_camera_are_positive(name, sign):
     surface = reconstruct(ideal(sign=sign), name).surface
     assert surface.unit == "mm"
     assert np.nanmedian(surface.values[110:130, 110:130]) == pytest.approx(40.0, abs=2.0)
@@ -67,103 +67,103 @@ def test_nearer_the_camera_comes_out_positive(name, sign):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_carrier_is_found_along_either_axis(name):
-    capture = dataclasses.replace(ideal(axis="y"), axis=None)
-    phase = analyse(capture, name)
-    assert phase.axis == "y"
-    assert phase.period_px == pytest.approx(20.0, abs=0.01)
+def test_the_carrier_is_detected_along_y(name):
+    pair = dataclasses.replace(ideal(axis="y"), axis=None)
+    result = analyse(pair, name)
+    assert result.axis == "y"
+    assert result.period_px == pytest.approx(20.0, abs=0.01)
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_masked_pixels_stay_masked(name):
-    capture = ideal()
-    mask = np.ones(capture.reference.shape, bool)
+    pair = ideal()
+    mask = np.ones(pair.reference.shape, bool)
     mask[40:60, 100:140] = False
-    phase = analyse(dataclasses.replace(capture, mask=mask), name)
-    assert np.isnan(phase.displacement_px[~mask]).all()
-    assert (phase.reason[~mask] == Reason.MASKED).all()
-    assert (phase.reason[mask] != Reason.MASKED).all()
+    result = analyse(dataclasses.replace(pair, mask=mask), name)
+    assert np.isnan(result.displacement_px[~mask]).all()
+    assert (result.reason[~mask] == Reason.MASKED).all()
+    assert (result.reason[mask] != Reason.MASKED).all()
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_gaps_in_float_frames_are_masked(name):
-    capture = ideal(noise=0.5)
-    frames = {"reference": capture.reference.copy(), "object": capture.object.copy()}
+    pair = ideal(noise=0.5)
+    frames = {"reference": pair.reference.copy(), "object": pair.object.copy()}
     frames["object"][50:53, 60:64] = np.nan
     frames["reference"][100:104, 20:30] = np.inf
-    phase = analyse(dataclasses.replace(capture, **frames), name)
-    assert (phase.reason[50:53, 60:64] == Reason.MASKED).all()
-    assert (phase.reason[101:103, 22:28] == Reason.MASKED).all()
-    assert np.isfinite(phase.displacement_px).mean() > 0.9
+    result = analyse(dataclasses.replace(pair, **frames), name)
+    assert (result.reason[50:53, 60:64] == Reason.MASKED).all()
+    assert (result.reason[101:103, 22:28] == Reason.MASKED).all()
+    assert np.isfinite(result.displacement_px).mean() > 0.9
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_every_pixel_has_a_value_and_sigma_or_a_reason(name):
-    phase = analyse(ideal(noise=3.0, bits=8, seed=4), name)
-    ok = phase.reason == Reason.OK
-    assert np.isfinite(phase.displacement_px[ok]).all()
-    assert (phase.sigma_px[ok] > 0).all()
-    assert np.isnan(phase.displacement_px[~ok]).all()
-    assert np.isnan(phase.sigma_px[~ok]).all()
-    assert set(np.unique(phase.reason)) <= set(Reason)
+    result = analyse(ideal(noise=3.0, bits=8, seed=4), name)
+    ok = result.reason == Reason.OK
+    assert np.isfinite(result.displacement_px[ok]).all()
+    assert (result.sigma_px[ok] > 0).all()
+    assert np.isnan(result.displacement_px[~ok]).all()
+    assert np.isnan(result.sigma_px[~ok]).all()
+    assert set(np.unique(result.reason)) <= set(Reason)
 
 
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
 def test_dtypes_strides_and_no_mutation(name, dtype):
-    capture = ideal(bits=8)
-    frames = [capture.reference.astype(dtype), capture.object.astype(dtype)]
+    pair = ideal(bits=8)
+    frames = [pair.reference.astype(dtype), pair.object.astype(dtype)]
     padded = [np.repeat(np.repeat(f, 2, axis=0), 3, axis=1)[::2, ::3] for f in frames]
     backwards = [f[::-1].copy()[::-1] for f in frames]
     expected = analyse(Pair(*frames, axis="x"), name)
     for views in (padded, backwards):
         assert not views[0].flags.c_contiguous
-        found = analyse(Pair(*views, axis="x"), name)
-        np.testing.assert_array_equal(found.displacement_px, expected.displacement_px)
-    np.testing.assert_array_equal(frames[0], capture.reference.astype(dtype))
-    np.testing.assert_array_equal(frames[1], capture.object.astype(dtype))
+        measured = analyse(Pair(*views, axis="x"), name)
+        np.testing.assert_array_equal(measured.displacement_px, expected.displacement_px)
+    np.testing.assert_array_equal(frames[0], pair.reference.astype(dtype))
+    np.testing.assert_array_equal(frames[1], pair.object.astype(dtype))
 
 
 @pytest.mark.parametrize("name", ALL)
 @settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
-@given(gain=st.floats(0.3, 3.0), offset=st.floats(-20.0, 60.0))
-def test_common_gain_and_offset_change_nothing(name, gain, offset):
-    capture = ideal(size=120, fringes=6, noise=0.5, seed=2)
-    expected = analyse(capture, name).displacement_px
-    changed = Pair(offset + gain * capture.reference, offset + gain * capture.object, axis="x")
-    found = analyse(changed, name).displacement_px
-    both = np.isfinite(found) & np.isfinite(expected)
+@given(factor=st.floats(0.3, 3.0), offset=st.floats(-20.0, 60.0))
+def test_common_factor_and_offset_change_nothing(name, factor, offset):
+    pair = ideal(size=120, fringes=6, noise=0.5, seed=2)
+    expected = analyse(pair, name).displacement_px
+    changed = Pair(offset + factor * pair.reference, offset + factor * pair.object, axis="x")
+    measured = analyse(changed, name).displacement_px
+    both = np.isfinite(measured) & np.isfinite(expected)
     assert both.mean() > 0.97
-    assert np.abs(found - expected)[both].mean() < 2e-3
+    assert np.abs(measured - expected)[both].mean() < 2e-3
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_albedo_and_ambient_light_of_the_object_hardly_matter(name):
-    capture = ideal()
-    dim = Pair(capture.reference, 12.0 + 0.6 * capture.object, axis="x", geometry=None)
-    expected = analyse(capture, name)
-    found = analyse(dim, name)
-    both = np.isfinite(found.displacement_px) & np.isfinite(expected.displacement_px)
+def test_albedo_and_ambient_light_of_the_object_change_little(name):
+    pair = ideal()
+    dim = Pair(pair.reference, 12.0 + 0.6 * pair.object, axis="x", geometry=None)
+    expected = analyse(pair, name)
+    measured = analyse(dim, name)
+    both = np.isfinite(measured.displacement_px) & np.isfinite(expected.displacement_px)
     assert both.mean() > 0.97
-    assert np.abs(found.displacement_px - expected.displacement_px)[both].mean() < 0.05
+    assert np.abs(measured.displacement_px - expected.displacement_px)[both].mean() < 0.05
 
 
 @pytest.mark.parametrize("name", ALL)
 @settings(max_examples=6, deadline=None, suppress_health_check=list(HealthCheck))
 @given(shift=st.integers(1, 30))
 def test_shift_equivariance(name, shift):
-    """Rows moved along the fringes move the result with them."""
-    capture = ideal(size=120, fringes=6)
+    """Shifting the frames along the fringes shifts the result by the same rows."""
+    pair = ideal(size=120, fringes=6)
     rolled = Pair(
-        np.roll(capture.reference, shift, axis=0), np.roll(capture.object, shift, axis=0), axis="x"
+        np.roll(pair.reference, shift, axis=0), np.roll(pair.object, shift, axis=0), axis="x"
     )
-    expected = np.roll(analyse(capture, name).displacement_px, shift, axis=0)
-    found = analyse(rolled, name).displacement_px
-    # Rows near the seam see different neighbours.
+    expected = np.roll(analyse(pair, name).displacement_px, shift, axis=0)
+    measured = analyse(rolled, name).displacement_px
+    # Rows near the seam have other neighbours.
     away = np.roll(np.arange(120), shift)
     inner = (away > 45) & (away < 75) & (np.arange(120) > 45) & (np.arange(120) < 75)
     if inner.any():
-        error = np.abs(found - expected)[inner]
+        error = np.abs(measured - expected)[inner]
         assert np.nanmean(error) < 0.02
 
 
@@ -175,14 +175,14 @@ def test_shift_equivariance(name, shift):
     x=st.floats(90.0, 150.0),
 )
 def test_encode_decode_identity(name, height, gamma, x):
-    """What the forward model encodes, the analysis decodes."""
+    """The analysis returns the height that the forward model encoded."""
     from fringeworks.simulate import STANDARD_GEOMETRY, PairSettings, capture_pair, make_object
 
     body = make_object("parabola", (64, 240), height_mm=height / 5, radius_px=60, centre_px=(x, 32))
-    capture = capture_pair(body, STANDARD_GEOMETRY, PairSettings(fringes=12, gamma=gamma))
-    # Towards γ = 2.4 the minima, ten samples wide, go flat: what is left to invert is rounding.
+    pair = capture_pair(body, STANDARD_GEOMETRY, PairSettings(fringes=12, gamma=gamma))
+    # Near γ = 2.4 the minima are flat over ten samples, so only rounding is left to invert.
     limit = IDEAL_LIMIT_PX[name] * 1.5 if gamma < 1.2 else FLAT_LIMIT_PX[name]
-    assert mean_error(capture, name) < limit
+    assert mean_error(pair, name) < limit
 
 
 def test_one_row_is_enough():
@@ -191,30 +191,30 @@ def test_one_row_is_enough():
 
     geometry = ReferencePlaneGeometry(distance_mm=800.0, baseline_mm=300.0)
     row = deformed_row(parabola_1d(height_mm=40.0), geometry)
-    capture = Pair(row.reference[None], row.object[None], axis="x", geometry=geometry)
+    pair = Pair(row.reference[None], row.object[None], axis="x", geometry=geometry)
     for name, limit in (("ifa", 1.0), ("sifa", 0.1), ("gsifa", 0.01), ("exact", 1e-4)):
-        error = reconstruct(capture, name).surface.values[0] - row.height_mm
+        error = reconstruct(pair, name).surface.values[0] - row.height_mm
         assert np.nanmean(np.abs(error)) < limit, name
     with pytest.raises(InputError, match="at least 8 rows"):
-        reconstruct(capture, "windowed")
+        reconstruct(pair, "windowed")
 
 
 def test_unknown_method_and_option():
-    capture = ideal()
+    pair = ideal()
     with pytest.raises(InputError, match=r"expected one of .*gsifa"):
-        analyse(capture, "magic")
+        analyse(pair, "magic")
     with pytest.raises(InputError, match="unknown option speed"):
-        analyse(capture, "gsifa", speed=3)
+        analyse(pair, "gsifa", speed=3)
     with pytest.raises(InputError, match="n_resample"):
-        analyse(capture, "gsifa", n_resample=0)
+        analyse(pair, "gsifa", n_resample=0)
     with pytest.raises(InputError, match="degree"):
-        analyse(capture, "ifa", degree=99)
+        analyse(pair, "ifa", degree=99)
     with pytest.raises(InputError, match="max_displacement_px"):
-        analyse(capture, "exact", max_displacement_px=-1.0)
+        analyse(pair, "exact", max_displacement_px=-1.0)
     with pytest.raises(InputError, match="width"):
-        analyse(capture, "fourier", width=2.0)
+        analyse(pair, "fourier", width=2.0)
     with pytest.raises(InputError, match="dimensions"):
-        analyse(capture, "fourier", dimensions=3)
+        analyse(pair, "fourier", dimensions=3)
 
 
 def test_a_new_method_is_one_function(monkeypatch):

@@ -1,4 +1,4 @@
-"""Fringe orders by two witnesses."""
+"""Fringe orders from two independent estimates."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from fringeworks.pair.orders import compare_orders
 PERIOD = 20.0
 
 
-def witnesses():
+def two_estimates():
+    """A true displacement, and one with the scatter of counting."""
     y, x = np.mgrid[:120, :160].astype(float)
     smooth = 30.0 * np.exp(-((x - 80) ** 2 + (y - 60) ** 2) / 2000)
     return smooth, smooth + 0.3 * np.sin(x)
 
 
-def test_a_region_that_slipped_is_moved_back():
-    truth, counted = witnesses()
+def test_a_region_with_a_wrong_order_is_moved_back():
+    truth, counted = two_estimates()
     band = truth.copy()
     band[40:80, 50:90] -= PERIOD
     orders, undecided = compare_orders(band, counted, PERIOD)
@@ -26,8 +27,8 @@ def test_a_region_that_slipped_is_moved_back():
     np.testing.assert_allclose(band + orders * PERIOD, truth)
 
 
-def test_a_witness_that_slipped_is_not_believed():
-    truth, counted = witnesses()
+def test_a_slip_of_the_second_estimate_changes_nothing():
+    truth, counted = two_estimates()
     counted[20:60] += PERIOD
     orders, undecided = compare_orders(truth, counted, PERIOD)
     assert not undecided.any()
@@ -35,16 +36,16 @@ def test_a_witness_that_slipped_is_not_believed():
 
 
 def test_a_common_offset_is_no_disagreement():
-    truth, counted = witnesses()
+    truth, counted = two_estimates()
     orders, undecided = compare_orders(truth, counted + 2 * PERIOD, PERIOD)
     assert not orders.any()
     assert not undecided.any()
 
 
-def test_what_speaks_for_neither_is_open():
-    truth, counted = witnesses()
+def test_a_region_that_continues_neither_side_is_undecided():
+    truth, counted = two_estimates()
     band = truth.copy()
-    # Above the band the one order is smooth, below it the other.
+    # At the upper border of the region one order is smooth, at the lower border the other.
     counted[40:] += PERIOD
     band[80:] += PERIOD
     _, undecided = compare_orders(band, counted, PERIOD)
@@ -53,8 +54,8 @@ def test_what_speaks_for_neither_is_open():
     assert not undecided[80:].any()
 
 
-def test_specks_are_left_alone():
-    truth, counted = witnesses()
+def test_small_regions_are_ignored():
+    truth, counted = two_estimates()
     counted[60:64, 70:74] += PERIOD
     orders, undecided = compare_orders(truth, counted, PERIOD)
     assert not orders.any()
@@ -63,7 +64,7 @@ def test_specks_are_left_alone():
 
 @pytest.mark.parametrize("method", ["gsifa", "exact", "fourier", "windowed", "wavelet"])
 def test_stretched_faint_fringes_and_an_albedo_step_keep_the_order(method):
-    """A steep face in grazing light: its fringes are twice as wide and a fifth as bright."""
+    """A steep face in grazing light: its fringes are twice as wide and a quarter as bright."""
     y, x = np.mgrid[:240, :400].astype(float)
     u = np.interp(x, [80, 200, 300], [0.0, 60.0, 0.0]) * np.clip((110 - np.abs(y - 120)) / 30, 0, 1)
     albedo = np.where((x > 80) & (x < 200) & (np.abs(y - 120) < 110), 0.25, 1.0)
@@ -71,16 +72,16 @@ def test_stretched_faint_fringes_and_an_albedo_step_keep_the_order(method):
     reference = 110 + 90 * np.cos(2 * np.pi * x / PERIOD)
     object_ = 5 + albedo * (105 + 90 * np.cos(2 * np.pi * (x - u) / PERIOD))
     frames = [np.round(f + rng.standard_normal(x.shape)) for f in (reference, object_)]
-    found = analyse(Pair(*frames), method)
-    error = (found.displacement_px - u) / PERIOD
-    # A wrong order is an error of about a period over an area; a rim is a line.
+    result = analyse(Pair(*frames), method)
+    error = (result.displacement_px - u) / PERIOD
+    # A wrong order is an error of about a period over an area; along an edge it is only a line.
     wrong = np.abs(error) > 0.7
     assert np.mean(wrong[np.isfinite(error)]) < 0.02
     assert np.isfinite(error).mean() > 0.9
-    assert (found.reason[np.isnan(error)] != Reason.OK).all()
+    assert (result.reason[np.isnan(error)] != Reason.OK).all()
 
 
-def test_the_choice_is_reported():
+def test_the_chosen_algorithm_is_reported():
     from fringeworks import reconstruct
     from tests.conftest import scene
 

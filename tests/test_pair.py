@@ -1,4 +1,4 @@
-"""Preparing frames: what is refused, what is found, and what is noted."""
+"""Preparing a pair: bad frames and masks, carrier, noise and orientation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import pytest
 
 from fringeworks import InputError, Pair
 from fringeworks.pair.carrier import find_carrier
-from fringeworks.pair.pair import noise_variance, prepare
+from fringeworks.pair.prepared import prepare
+from fringeworks.signal.noise import noise_variance
 from tests.conftest import scene
 
 
@@ -20,13 +21,13 @@ def fringes(period=16.0, shape=(60, 80), axis="x", tilt=0.0):
 @pytest.mark.parametrize("axis", ["x", "y"])
 @pytest.mark.parametrize("period", [5.3, 11.7, 16.0, 23.3])
 def test_carrier_is_found(axis, period):
-    found = find_carrier(fringes(period, (120, 150), axis, tilt=0.05))
-    assert found.axis == axis
-    assert found.period_px == pytest.approx(period, rel=0.01)
-    assert found.share > 0.8
+    carrier = find_carrier(fringes(period, (120, 150), axis, tilt=0.05))
+    assert carrier.axis == axis
+    assert carrier.period_px == pytest.approx(period, rel=0.01)
+    assert carrier.share > 0.8
 
 
-def test_carrier_along_the_asked_axis():
+def test_carrier_along_the_given_axis_only():
     with pytest.raises(InputError, match="expected fringes along y"):
         find_carrier(fringes(), "y")
 
@@ -45,7 +46,7 @@ def test_no_fringes(frame):
         find_carrier(frame)
 
 
-def test_noise_is_estimated_under_fringes():
+def test_noise_is_estimated_in_the_presence_of_fringes():
     rng = np.random.default_rng(1)
     frame = fringes(16.0, (300, 300)) + 2.5 * rng.standard_normal((300, 300))
     assert np.sqrt(noise_variance(frame, np.ones(frame.shape, bool))) == pytest.approx(
@@ -84,7 +85,7 @@ def test_bad_masks_are_refused():
 
 
 def test_pair_is_turned_and_turned_back():
-    capture = scene("parabola", size=100, fringes=5, axis="y")
-    pair = prepare(capture)
-    np.testing.assert_array_equal(pair.reference, capture.reference.T)
-    np.testing.assert_array_equal(pair.to_capture(pair.object), capture.object)
+    pair = scene("parabola", size=100, fringes=5, axis="y")
+    prepared = prepare(pair)
+    np.testing.assert_array_equal(prepared.reference, pair.reference.T)
+    np.testing.assert_array_equal(prepared.to_capture(prepared.object), pair.object)

@@ -1,4 +1,4 @@
-"""The two-frame path calibrated from planes at known heights."""
+"""Calibration of the two-frame path from planes at known heights."""
 
 from __future__ import annotations
 
@@ -16,10 +16,8 @@ from fringeworks import (
 )
 from fringeworks.files.images import write_frame
 from fringeworks.files.reference_plane import (
-    read_geometry,
-    read_pixels,
-    write_geometry,
-    write_pixels,
+    read_reference_plane,
+    write_reference_plane,
 )
 from fringeworks.pair.plane_calibration import (
     calibrate_pixels,
@@ -42,7 +40,7 @@ def planes(geometry, noise=0.02, seed=0, shape=(80, 100)):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_distance_and_baseline_come_back(sign):
+def test_distance_and_baseline_are_recovered(sign):
     truth = ReferencePlaneGeometry(800.0, 300.0, 0.4, sign)
     found = calibrate_reference_plane(planes(truth), HEIGHTS, pitch_mm_per_px=0.4)
     assert found.geometry.distance_mm == pytest.approx(800.0, rel=2e-3)
@@ -51,7 +49,7 @@ def test_distance_and_baseline_come_back(sign):
     assert max(found.residual_mm) < 0.05
 
 
-def test_wrong_pixels_do_not_pull():
+def test_outliers_do_not_affect_the_geometry():
     truth = ReferencePlaneGeometry(800.0, 300.0, 0.4)
     maps = planes(truth)
     for m in maps:
@@ -83,24 +81,20 @@ def test_every_pixel_has_its_own_law():
     assert np.isnan(surface.values[5, 5])
 
 
-def test_files_come_back(tmp_path):
+def test_files_are_read_back(tmp_path):
     truth = ReferencePlaneGeometry(800.0, 300.0, 0.4, -1)
-    assert read_geometry(write_geometry(tmp_path / "g.toml", truth)) == truth
+    assert read_reference_plane(write_reference_plane(tmp_path / "g.toml", truth)) == truth
     found = calibrate_pixels(planes(truth), HEIGHTS)
-    back = read_pixels(write_pixels(tmp_path / "p.npz", found))
+    back = read_reference_plane(write_reference_plane(tmp_path / "p.npz", found))
     np.testing.assert_array_equal(back.slope, found.slope)
     assert back.heights_mm == (10.0, 50.0)
     (tmp_path / "bad.npz").write_bytes(b"PK")
     (tmp_path / "bad.toml").write_text("kind = 'rig'")
-    for read, name in (
-        (read_pixels, "bad.npz"),
-        (read_geometry, "bad.toml"),
-        (read_geometry, "no.toml"),
-    ):
+    for name in ("bad.npz", "bad.toml", "no.toml"):
         with pytest.raises(InputError, match=name):
-            read(tmp_path / name)
+            read_reference_plane(tmp_path / name)
     with pytest.raises(InputError, match=".npz"):
-        write_pixels(tmp_path / "p.txt", found)
+        write_reference_plane(tmp_path / "p.txt", found)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +109,7 @@ def test_files_come_back(tmp_path):
         ("falling", (10.0, 20.0, 30.0), "no geometry explains"),
     ],
 )
-def test_what_does_not_determine_it_is_refused(maps, heights, message):
+def test_planes_that_do_not_determine_the_geometry_are_refused(maps, heights, message):
     every = planes(ReferencePlaneGeometry(800.0, 300.0, 0.4))
     given = every[:maps] if isinstance(maps, int) else every[:2]
     if maps == "empty":
@@ -141,7 +135,7 @@ def test_from_photographs_on_the_command_line(tmp_path):
         *("--pitch-mm-per-px", "0.5", "--json", "-"),
     )
     content = json.loads(done.stdout)
-    # Only l over d₀ matters for such low planes: their ratio is what is told well.
+    # Such low planes determine the ratio l/d₀ well, but not l and d₀ separately.
     assert content["distance_mm"] / content["baseline_mm"] == pytest.approx(800 / 300, rel=0.03)
     pixels = tmp_path / "p.npz"
     run("calibrate-plane", "--reference", tmp_path / "0.png", *given, "--out", pixels)
@@ -164,7 +158,6 @@ def test_from_photographs_on_the_command_line(tmp_path):
         code=2,
     )
     assert "mm=image" in bad.stderr
-    found = reconstruct(
-        read_pair(tmp_path / "0.png", tmp_path / "8.png"), pixels=read_pixels(pixels)
-    )
+    pair = read_pair(tmp_path / "0.png", tmp_path / "8.png")
+    found = reconstruct(pair, geometry=read_reference_plane(pixels))
     assert found.surface.unit == "mm"

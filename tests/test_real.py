@@ -26,7 +26,7 @@ from fringeworks import (
 )
 from fringeworks.files.images import read_frame
 from fringeworks.pair.bandpass import band_pass
-from fringeworks.pair.pair import prepare
+from fringeworks.pair.prepared import prepare
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.diagnosis import diagnose, pose_figures

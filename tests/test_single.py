@@ -1,4 +1,4 @@
-"""Single frames: the background's plane takes the reference's place."""
+"""Single frames: the plain fringes of the background replace the reference."""
 
 from __future__ import annotations
 
@@ -13,46 +13,46 @@ from tests.conftest import scene, true_displacement
 
 def single(**changes):
     settings = {"size": 240, "fringes": 15, "height_mm": 30.0, **changes}
-    pair = scene("parabola", **settings)
-    return dataclasses.replace(pair, reference=None), true_displacement(pair)
+    both = scene("parabola", **settings)
+    return dataclasses.replace(both, reference=None), true_displacement(both)
 
 
 @pytest.mark.parametrize("method", list(methods()))
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_every_method_measures_a_single_frame(method, axis):
-    capture, truth = single(axis=axis)
-    phase = analyse(capture, method)
-    error = phase.displacement_px - truth
+    pair, truth = single(axis=axis)
+    result = analyse(pair, method)
+    error = result.displacement_px - truth
     assert np.isnan(error).mean() < 0.03
     assert np.nanmean(np.abs(error)) < 0.5
 
 
 def test_background_may_be_given():
-    capture, truth = single(noise=1.0, bits=8, seed=1)
+    pair, truth = single(noise=1.0, bits=8, seed=1)
     background = np.abs(truth) < 0.01
-    found = analyse(dataclasses.replace(capture, background=background), "fourier")
-    assert np.nanmean(np.abs(found.displacement_px - truth)) < 0.3
+    measured = analyse(dataclasses.replace(pair, background=background), "fourier")
+    assert np.nanmean(np.abs(measured.displacement_px - truth)) < 0.3
     with pytest.raises(InputError, match="background: expected shape"):
-        analyse(dataclasses.replace(capture, background=background[1:]), "fourier")
+        analyse(dataclasses.replace(pair, background=background[1:]), "fourier")
     with pytest.raises(InputError, match="background: expected fringes over"):
-        analyse(dataclasses.replace(capture, background=np.zeros_like(background)), "fourier")
+        analyse(dataclasses.replace(pair, background=np.zeros_like(background)), "fourier")
 
 
 def test_a_plane_in_perspective_is_flat():
-    """Its fringes widen across the frame; the projective phase follows them."""
+    """Fringes on a plane in perspective widen across the frame; the projective phase follows."""
     y, x = np.mgrid[:240, :300].astype(float)
     phase = 2 * np.pi * (x / 14.0 + 0.002 * y) / (1 + 6e-4 * x - 2e-4 * y)
     bump = 3.0 * np.exp(-((x - 150) ** 2 + (y - 120) ** 2) / 1500)
     frame = 100 + 80 * np.cos(phase - bump)
-    found = analyse(Pair(None, frame), "fourier")
+    measured = analyse(Pair(None, frame), "fourier")
     away = (np.hypot(x - 150, y - 120) > 90) & (x > 20) & (x < 280)
-    assert np.nanmax(np.abs(found.phase_rad[away])) < 0.15
-    assert found.phase_rad[120, 150] == pytest.approx(3.0, abs=0.4)
+    assert np.nanmax(np.abs(measured.phase_rad[away])) < 0.15
+    assert measured.phase_rad[120, 150] == pytest.approx(3.0, abs=0.4)
 
 
 def test_notes_and_files(tmp_path):
-    capture, _ = single()
-    write_pair(tmp_path / "one", capture)
+    pair, _ = single()
+    write_pair(tmp_path / "one", pair)
     assert not (tmp_path / "one" / "reference.tif").exists()
     again = read_capture(tmp_path / "one")
     assert again.reference is None
@@ -68,13 +68,13 @@ def test_frames_without_fringes_are_refused():
 
 @pytest.mark.parametrize("shape", [(1, 200), (200, 1), (3, 64), (16, 16)])
 @pytest.mark.parametrize("method", list(methods()))
-def test_slivers_are_measured_or_refused(shape, method):
+def test_narrow_frames_are_measured_or_refused(shape, method):
     t = np.indices(shape)[int(shape[0] < shape[1])]
     for seed in range(5):
         noise = np.random.default_rng(seed).standard_normal(shape)
         frame = 100 + 50 * np.cos(2 * np.pi * (t - 1.3) / 6.0) + 0.5 * noise
         try:
-            found = analyse(Pair(None, frame), method)
+            measured = analyse(Pair(None, frame), method)
         except InputError:
             continue
-        assert found.displacement_px.shape == shape
+        assert measured.displacement_px.shape == shape

@@ -1,4 +1,4 @@
-"""Unwrapping: the kernel against its oracle, and exactness modulo 2π."""
+"""Unwrapping: the kernel against its oracle, and equality modulo 2π."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ def test_kernel_agrees_with_its_oracle(seed):
     truth = 0.9 * x + 0.03 * y**2 + 0.5 * rng.standard_normal(x.shape)
     mask = rng.random(x.shape) > 0.1
     phase = wrap(truth).astype(np.float32)
-    found, region, _, _ = unwrap(phase, mask, algorithm="reliability")
+    phase_rad, region, _, _ = unwrap(phase, mask, algorithm="reliability")
     expected = unwrap_reliability(phase.astype(float), mask)
     largest = region == 1
-    difference = (found - expected)[largest] / (2 * np.pi)
+    difference = (phase_rad - expected)[largest] / (2 * np.pi)
     assert np.ptp(np.round(difference)) == 0
     np.testing.assert_allclose(difference, np.round(difference), atol=1e-5)
-    assert np.isnan(found[~mask]).all()
+    assert np.isnan(phase_rad[~mask]).all()
 
 
 def test_tiles_make_the_tree_of_the_whole_map():
-    """Through noise the path matters, and tiles of 64 px must not change it."""
+    """With noise the result depends on the path; tiles of 64 px must not change the path."""
     rng = np.random.default_rng(7)
     y, x = np.mgrid[:100, :90]
     truth = 0.5 * x + 0.004 * (y - 50.0) ** 2 + 0.7 * rng.standard_normal(x.shape)
     phase = wrap(truth).astype(np.float32)
     mask = rng.random(x.shape) > 0.02
-    found = unwrap(phase, mask, algorithm="reliability")
-    assert found.residues > 20
+    unwrapped = unwrap(phase, mask, algorithm="reliability")
+    assert unwrapped.residues > 20
     expected = unwrap_reliability(phase, mask)
-    difference = np.round((found.displacement - expected)[found.region == 1] / (2 * np.pi))
-    # Sums of four squares round differently in the two; a tie may fall either way.
+    difference = np.round((unwrapped.phase - expected)[unwrapped.region == 1] / (2 * np.pi))
+    # Kernel and oracle round the sums of four squares differently, so ties may differ.
     assert np.mean(difference != np.median(difference)) < 0.002
 
 
@@ -53,30 +53,30 @@ def test_tiles_make_the_tree_of_the_whole_map():
 def test_smooth_phase_is_exact(slope_x, slope_y, bend, h, w):
     y, x = np.mgrid[:h, :w].astype(float)
     truth = slope_x * x + slope_y * y + bend * (x - w / 2) ** 2
-    found, region, _, _ = unwrap(wrap(truth))
+    phase_rad, region, _, _ = unwrap(wrap(truth))
     assert (region == 1).all()
-    offset = (found - truth) / (2 * np.pi)
+    offset = (phase_rad - truth) / (2 * np.pi)
     np.testing.assert_allclose(offset, np.round(offset.flat[0]), atol=1e-4)
 
 
-def test_noise_leaves_no_error_where_steps_stay_below_pi():
+def test_noise_causes_no_error_where_steps_stay_below_pi():
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:512, :512]
     truth = 0.5 * x + 40 * np.exp(-((x - 256) ** 2 + (y - 200) ** 2) / 20000)
     truth = truth + 0.3 * rng.standard_normal(x.shape)
-    found = unwrap(wrap(truth)).phase
-    offset = (found - truth) / (2 * np.pi)
+    phase_rad = unwrap(wrap(truth)).phase
+    offset = (phase_rad - truth) / (2 * np.pi)
     assert np.abs(offset - np.round(np.median(offset))).max() < 1e-3
 
 
-def wrong_share(found, truth):
-    """Share of pixels off by turns, every region against its own constant."""
+def wrong_share(unwrapped, truth):
+    """Share of pixels with a wrong order; the constant of each region is free."""
     wrong = 0
-    for label in range(1, int(found.region.max()) + 1):
-        inside = found.region == label
-        order = np.round((found.displacement - truth)[inside] / (2 * np.pi))
+    for label in range(1, int(unwrapped.region.max()) + 1):
+        inside = unwrapped.region == label
+        order = np.round((unwrapped.phase - truth)[inside] / (2 * np.pi))
         wrong += int((order != np.median(order)).sum())
-    return wrong / int((found.region > 0).sum())
+    return wrong / int((unwrapped.region > 0).sum())
 
 
 def noisy_hill(n, noise, seed=0):
@@ -87,19 +87,19 @@ def noisy_hill(n, noise, seed=0):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_guided_is_right_through_noise(seed):
+def test_guided_keeps_the_order_in_noise(seed):
     truth = noisy_hill(512, 0.8, seed)
-    found = unwrap(wrap(truth))
-    assert found.algorithm == "guided"
-    assert 0.01 < found.residues / truth.size < 0.04
-    # Noise beyond π, 0.009 % of all pixels, cannot be told from a turn.
-    assert wrong_share(found, truth) <= 2e-4
+    unwrapped = unwrap(wrap(truth))
+    assert unwrapped.algorithm == "guided"
+    assert 0.01 < unwrapped.residues / truth.size < 0.04
+    # Noise beyond π (0.009 % of all pixels) cannot be distinguished from a whole period.
+    assert wrong_share(unwrapped, truth) <= 2e-4
     plain = unwrap(wrap(truth), algorithm="reliability")
     assert wrong_share(plain, truth) > 0.01
 
 
 def cliffs(n=256):
-    """Steps of many turns across a masked curve, around a closed one, and along a spiral."""
+    """Steps of many periods across a masked curve, around a closed one, and along a spiral."""
     y, x = np.mgrid[:n, :n].astype(float)
     base = 0.3 * x + 0.1 * y
     curve = 0.45 * n + 0.1 * n * np.sin(6 * y / n)
@@ -119,13 +119,13 @@ def cliffs(n=256):
 def test_masked_cliffs_and_shear(case, noise):
     _, truth, mask = case
     truth = truth + noise * np.random.default_rng(3).standard_normal(truth.shape)
-    found = unwrap(wrap(truth), mask)
+    unwrapped = unwrap(wrap(truth), mask)
     plain = unwrap(wrap(truth), mask, algorithm="reliability")
-    assert wrong_share(found, truth) <= wrong_share(plain, truth)
+    assert wrong_share(unwrapped, truth) <= wrong_share(plain, truth)
     if noise < 0.5:
-        assert wrong_share(found, truth) == 0.0
+        assert wrong_share(unwrapped, truth) == 0.0
     else:
-        assert wrong_share(found, truth) < 5e-4
+        assert wrong_share(unwrapped, truth) < 5e-4
 
 
 def test_least_squares():
@@ -133,17 +133,17 @@ def test_least_squares():
     mask = np.ones(truth.shape, bool)
     mask[40:60, 50:90] = False
     mask[:, 100] = False
-    found = unwrap(wrap(truth), mask, algorithm="least_squares")
-    assert found.region.max() == 2
-    assert wrong_share(found, truth) == 0.0
-    assert np.isnan(found.displacement[~mask]).all()
+    unwrapped = unwrap(wrap(truth), mask, algorithm="least_squares")
+    assert unwrapped.region.max() == 2
+    assert wrong_share(unwrapped, truth) == 0.0
+    assert np.isnan(unwrapped.phase[~mask]).all()
     whole = unwrap(wrap(truth), algorithm="least_squares")
     assert wrong_share(whole, truth) == 0.0
 
 
 @pytest.mark.parametrize("algorithm", ["reliability", "guided", "least_squares"])
-def test_quality_keeps_bad_pixels_from_leading(algorithm):
-    """A band of garbage with a low quality leaves the rest as it was."""
+def test_pixels_of_low_quality_do_not_disturb_the_others(algorithm):
+    """A band of random phase with a low quality does not change the other pixels."""
     rng = np.random.default_rng(1)
     truth = noisy_hill(128, 0.05)
     phase = wrap(truth)
@@ -151,21 +151,21 @@ def test_quality_keeps_bad_pixels_from_leading(algorithm):
     bad[60:64, 20:128] = True
     phase[bad] = rng.uniform(-np.pi, np.pi, bad.sum())
     quality = np.where(bad, 1e-3, 1.0)
-    found = unwrap(phase, quality=quality, algorithm=algorithm)
-    order = np.round((found.displacement - truth)[~bad] / (2 * np.pi))
+    unwrapped = unwrap(phase, quality=quality, algorithm=algorithm)
+    order = np.round((unwrapped.phase - truth)[~bad] / (2 * np.pi))
     assert np.mean(order != np.median(order)) == 0.0
     quality[0, 0] = np.nan
-    assert found.region[0, 0] == 1
+    assert unwrapped.region[0, 0] == 1
     assert unwrap(phase, quality=quality, algorithm=algorithm).region[0, 0] == 0
 
 
 @pytest.mark.parametrize("shape", [(1, 50), (50, 1), (1, 1), (2, 3)])
 @pytest.mark.parametrize("algorithm", ["reliability", "guided", "least_squares"])
-def test_slivers(shape, algorithm):
+def test_narrow_maps(shape, algorithm):
     truth = 0.6 * np.arange(np.prod(shape), dtype=float).reshape(shape)
-    found = unwrap(wrap(truth), algorithm=algorithm)
-    assert found.displacement.shape == shape
-    assert np.ptp(np.round((found.displacement - truth) / (2 * np.pi))) == 0
+    unwrapped = unwrap(wrap(truth), algorithm=algorithm)
+    assert unwrapped.phase.shape == shape
+    assert np.ptp(np.round((unwrapped.phase - truth) / (2 * np.pi))) == 0
 
 
 def test_separate_regions_are_numbered_by_size():

@@ -1,4 +1,4 @@
-"""Wavelet ridges: against their oracle, free of bias, and to the border."""
+"""Wavelet ridges: agreement with their oracle, bias, noise and refused input."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def bump_frame(n=512, seed=0, noise=0.1, height=6.0):
 
 
 def error(phasor, phase, border=20):
-    found = np.angle(phasor * np.exp(-1j * phase))
-    return found[:, border:-border]
+    wrapped = np.angle(phasor * np.exp(-1j * phase))
+    return wrapped[:, border:-border]
 
 
 def transform(row, frequencies, omega):
-    """Readable twin: coefficients (scale, sample) of one row, by the definition."""
+    """Readable twin: coefficients (scale, sample) of one row, from the definition."""
     n = row.size
     x = np.arange(n)
     out = np.empty((len(frequencies), n), complex)
@@ -38,7 +38,7 @@ def transform(row, frequencies, omega):
 
 
 def test_kernel_agrees_with_its_oracle():
-    """A plain wave has neither curvature nor a frequency that would move the phase."""
+    """A plane wave has no curvature, so no correction applies."""
     x = np.arange(256)
     row = 2.0 * np.cos(2 * np.pi * x / 15.3 + 0.7)
     frequencies = wavelet_frequencies(1 / 16, 24)
@@ -56,26 +56,26 @@ def test_kernel_agrees_with_its_oracle():
 @pytest.mark.parametrize("smooth_path", [False, True])
 def test_phase_bump_in_noise(seed, smooth_path):
     frame, phase = bump_frame(seed=seed)
-    found, _ = wavelet_ridge(
+    phasor, _ = wavelet_ridge(
         frame, frequencies=wavelet_frequencies(1 / 16, span=1.8), smooth_path=smooth_path
     )
-    assert np.sqrt(np.mean(error(found, phase) ** 2)) < 0.028
+    assert np.sqrt(np.mean(error(phasor, phase) ** 2)) < 0.028
 
 
 def test_no_sub_sample_bias():
-    """Over periods and phases of all kinds, the mean phase error of a plain wave vanishes."""
+    """The mean phase error of a plane wave vanishes for any period and phase."""
     rng = np.random.default_rng(0)
     x = np.arange(400)
     for period in rng.uniform(6.0, 30.0, 8):
         phases = rng.uniform(-np.pi, np.pi, (5, 1))
         truth = 2 * np.pi * x / period + phases
-        found, _ = wavelet_ridge(np.cos(truth), frequencies=wavelet_frequencies(1 / 14.0, 32, 3.0))
-        inner = error(found, truth, 100)
+        phasor, _ = wavelet_ridge(np.cos(truth), frequencies=wavelet_frequencies(1 / 14.0, 32, 3.0))
+        inner = error(phasor, truth, 100)
         assert abs(inner.mean()) < 1e-3
         assert np.abs(inner).max() < 0.01
 
 
-def test_smooth_path_passes_a_burst_of_noise():
+def test_smooth_path_bridges_a_burst_of_noise():
     frame, phase = bump_frame(64, noise=0.05, height=1.0)
     rng = np.random.default_rng(1)
     frame = np.tile(frame, (1, 8))[:, :512]
@@ -91,10 +91,10 @@ def test_smooth_path_passes_a_burst_of_noise():
 
 
 @pytest.mark.parametrize("options", [{"dimensions": 2}, {"path": "smooth"}, {"omega": 8.0}])
-def test_options_measure(options):
-    capture = scene("parabola", size=240, fringes=24, height_mm=20.0, noise=1.0, bits=8, seed=1)
-    phase = analyse(capture, "wavelet", **options)
-    error_px = phase.displacement_px - true_displacement(capture)
+def test_every_option_measures(options):
+    pair = scene("parabola", size=240, fringes=24, height_mm=20.0, noise=1.0, bits=8, seed=1)
+    result = analyse(pair, "wavelet", **options)
+    error_px = result.displacement_px - true_displacement(pair)
     assert np.isnan(error_px).mean() < 0.02
     assert np.nanmean(np.abs(error_px)) < 0.12
 
@@ -110,9 +110,9 @@ def test_bad_input():
             wavelet_ridge(row, frequencies=frequencies)
     with pytest.raises(InputError, match="omega: expected"):
         wavelet_ridge(row, frequencies=good, omega=1.0)
-    capture = scene("parabola", size=240, fringes=24, height_mm=20.0, noise=1.0, bits=8, seed=1)
+    pair = scene("parabola", size=240, fringes=24, height_mm=20.0, noise=1.0, bits=8, seed=1)
     for option in ({"dimensions": 3}, {"path": "magic"}, {"omega": 100.0}):
         with pytest.raises(InputError, match=next(iter(option))):
-            analyse(capture, "wavelet", **option)
+            analyse(pair, "wavelet", **option)
     for shape in ((50, 1), (1, 2), (1, 1)):
         assert np.isfinite(wavelet_ridge(np.ones(shape), frequencies=good)[0]).all()

@@ -1,4 +1,4 @@
-"""Windowed inversion: the kernel against its oracle, and what it promises."""
+"""Windowed inversion: the kernel against its oracle, accuracy, σ and reasons."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import pytest
 from fringeworks import InputError, Pair, Reason, _core, analyse, reconstruct
 from fringeworks.evaluate.errors import errors
 from fringeworks.pair.methods.windowed import smooth_reference, spline_coefficients, start_field
-from fringeworks.pair.pair import prepare
+from fringeworks.pair.prepared import prepare
+from fringeworks.pair.reference_plane import to_surface
 from tests.conftest import scene, true_displacement
 from tests.oracles import windowed as oracle
 
@@ -36,7 +37,7 @@ def test_kernel_agrees_with_its_oracle(scales, iterations):
     spline, d, _ = _problem()
     start = np.zeros(d.shape, np.float32)
     ok = np.ones(d.shape, np.uint8)
-    found = _core.invert_windowed(
+    solved = _core.invert_windowed(
         spline,
         d,
         ok,
@@ -58,19 +59,19 @@ def test_kernel_agrees_with_its_oracle(scales, iterations):
         2.5,
         LIMITS,
     )
-    assert found[4] == pytest.approx(expected[4], rel=1e-3)
-    same = found[3] == expected[3]
-    assert same.mean() > 0.995  # a tie at the threshold may fall to either side
+    assert solved[4] == pytest.approx(expected[4], rel=1e-3)
+    same = solved[3] == expected[3]
+    assert same.mean() > 0.995  # ties at a threshold may differ
     for k, tolerance in ((0, 2e-4), (1, 2e-4), (2, 2e-4)):
         np.testing.assert_allclose(
-            found[k][same], expected[k][same], rtol=1e-3, atol=tolerance, equal_nan=True
+            solved[k][same], expected[k][same], rtol=1e-3, atol=tolerance, equal_nan=True
         )
 
 
-def test_kernel_finds_the_truth_and_its_error_bar_covers_it():
+def test_kernel_measures_the_truth_within_its_sigma():
     spline, d, u = _problem(size=(120, 160))
     ok = np.ones(d.shape, np.uint8)
-    displacement, sigma, gain, _, _ = _core.invert_windowed(
+    displacement, sigma, modulation_ratio, _, _ = _core.invert_windowed(
         spline,
         d,
         ok,
@@ -85,80 +86,78 @@ def test_kernel_finds_the_truth_and_its_error_bar_covers_it():
     inner = np.s_[10:-10, 10:-10]
     error = (displacement - u)[inner]
     assert np.abs(error).mean() < 0.03
-    assert np.median(gain[inner]) == pytest.approx(0.8, abs=0.005)
+    assert np.median(modulation_ratio[inner]) == pytest.approx(0.8, abs=0.005)
     assert 0.45 < np.mean(np.abs(error) <= sigma[inner]) < 0.9
 
 
 @pytest.mark.parametrize("fringes", [10, 40])
 @pytest.mark.parametrize("gamma", [1.0, 2.2])
-def test_noisy_scene_beats_fourier_by_half(fringes, gamma):
-    """The bar of the standard scene: 8 bit, noise of 2 counts."""
+def test_error_is_half_of_fouriers_on_a_noisy_scene(fringes, gamma):
+    """The standard scene with 8 bit and a noise of 2 counts."""
     for seed in (1, 7):
-        capture = scene(
+        pair = scene(
             "parabola", height_mm=30.0, fringes=fringes, gamma=gamma, noise=2.0, bits=8, seed=seed
         )
-        pair = prepare(capture)
-        found = {}
-        for method in ("windowed", "fourier"):
-            from fringeworks.pair.reference_plane import to_surface
-
-            surface = to_surface(analyse(pair, method), capture.geometry)
-            found[method] = errors(surface, capture.truth_mm)
-        assert found["windowed"].failed_fraction < 0.01
-        assert found["windowed"].mean_abs_error_mm <= 0.5 * found["fourier"].mean_abs_error_mm
-        assert found["windowed"].within_1_sigma > 0.5
+        prepared = prepare(pair)
+        windowed, fourier = (
+            errors(to_surface(analyse(prepared, method), pair.geometry), pair.truth_mm)
+            for method in ("windowed", "fourier")
+        )
+        assert windowed.failed_fraction < 0.01
+        assert windowed.mean_abs_error_mm <= 0.5 * fourier.mean_abs_error_mm
+        assert windowed.within_1_sigma > 0.5
 
 
-def test_cliffs_stay_where_they_are():
-    """A cube: nothing wraps, nothing is smeared across the frame."""
-    capture = scene("cube", gamma=2.2, noise=2.0, bits=8, seed=1)
-    surface = reconstruct(capture).surface
-    found = errors(surface, capture.truth_mm)
-    fourier = errors(reconstruct(capture, "fourier").surface, capture.truth_mm)
-    assert found.inner_mean_abs_error_mm < 0.6 * fourier.inner_mean_abs_error_mm
-    assert found.edge_mean_abs_error_mm < fourier.edge_mean_abs_error_mm
-    far = np.abs(surface.values - capture.truth_mm)[300:700, 300:700]
+def test_cliffs_are_not_smeared():
+    """A cube: no wrong order, and no error away from the edges."""
+    pair = scene("cube", gamma=2.2, noise=2.0, bits=8, seed=1)
+    surface = reconstruct(pair).surface
+    windowed = errors(surface, pair.truth_mm)
+    fourier = errors(reconstruct(pair, "fourier").surface, pair.truth_mm)
+    assert windowed.inner_mean_abs_error_mm < 0.6 * fourier.inner_mean_abs_error_mm
+    assert windowed.edge_mean_abs_error_mm < fourier.edge_mean_abs_error_mm
+    far = np.abs(surface.values - pair.truth_mm)[300:700, 300:700]
     assert far.max() < 2.0
 
 
-def test_smoothing_passes_the_fringe():
+def test_smoothing_keeps_the_fringe():
     x = np.arange(200.0)
     fringe = np.tile(
         100 + 50 * np.cos(2 * np.pi * x / 20) + 15 * np.cos(4 * np.pi * x / 20), (50, 1)
     )
     smooth = smooth_reference(fringe, 20 / 30)
-    # The border leans on reflected data; a few periods in, only the filter's own error is left.
+    # Near the border the filter uses reflected data; inside, only its own error remains.
     assert np.abs(smooth - fringe)[:, 30:-30].max() < 0.005
     noise = np.random.default_rng(0).standard_normal((200, 200))
     assert smooth_reference(noise, 2.0).std() < 0.3
 
 
-def test_start_is_defined_everywhere():
-    capture = scene("parabola", size=200, fringes=10, noise=1.0, bits=8)
-    dark = capture.object.copy()
+def test_start_is_finite_everywhere():
+    pair = scene("parabola", size=200, fringes=10, noise=1.0, bits=8)
+    dark = pair.object.copy()
     dark[80:120, 80:120] = 0
-    pair = prepare(Pair(capture.reference, dark, axis="x"))
-    assert np.isfinite(start_field(pair, 8.0)).all()
+    prepared = prepare(Pair(pair.reference, dark, axis="x"))
+    assert np.isfinite(start_field(prepared, 8.0)).all()
 
 
 def test_shadow_is_not_measured():
-    capture = scene("parabola", size=300, fringes=15, noise=1.0, bits=8, height_mm=30.0)
+    pair = scene("parabola", size=300, fringes=15, noise=1.0, bits=8, height_mm=30.0)
     rng = np.random.default_rng(0)
-    dark = capture.object.copy()
+    dark = pair.object.copy()
     dark[100:200, 120:180] = rng.integers(3, 6, (100, 60))
-    phase = analyse(Pair(capture.reference, dark, axis="x"))
-    shadow = phase.reason[125:175, 140:160]
-    assert np.isnan(phase.displacement_px[125:175, 140:160]).all()
+    result = analyse(Pair(pair.reference, dark, axis="x"))
+    shadow = result.reason[125:175, 140:160]
+    assert np.isnan(result.displacement_px[125:175, 140:160]).all()
     assert (shadow == Reason.LOW_MODULATION).all()
-    assert np.isfinite(phase.displacement_px[:60]).all()
+    assert np.isfinite(result.displacement_px[:60]).all()
 
 
 def test_saturated_patch_has_its_reason():
-    capture = scene("parabola", size=300, fringes=15, noise=1.0, bits=8, height_mm=30.0)
-    bright = capture.object.copy()
+    pair = scene("parabola", size=300, fringes=15, noise=1.0, bits=8, height_mm=30.0)
+    bright = pair.object.copy()
     bright[100:200, 120:200] = 255
-    phase = analyse(Pair(capture.reference, bright, axis="x"))
-    assert (phase.reason[130:170, 145:175] == Reason.SATURATED).all()
+    result = analyse(Pair(pair.reference, bright, axis="x"))
+    assert (result.reason[130:170, 145:175] == Reason.SATURATED).all()
 
 
 @pytest.mark.parametrize(
@@ -177,8 +176,8 @@ def test_bad_options_are_refused(options, message):
 
 
 def test_single_scale_and_iterations():
-    capture = scene("parabola", size=200, fringes=20, noise=1.0, bits=8, height_mm=30.0)
-    phase = analyse(capture, "windowed", scales=[6.0], iterations=3)
-    assert set(np.unique(phase.iterations)) == {3}
-    error = phase.displacement_px - true_displacement(capture)
+    pair = scene("parabola", size=200, fringes=20, noise=1.0, bits=8, height_mm=30.0)
+    result = analyse(pair, "windowed", scales=[6.0], iterations=3)
+    assert set(np.unique(result.iterations)) == {3}
+    error = result.displacement_px - true_displacement(pair)
     assert np.nanmean(np.abs(error)) < 0.05

@@ -1,4 +1,4 @@
-"""Windowed Fourier filtering and ridges: against their oracles and on the quadratic phase."""
+"""Windowed Fourier filter and ridge: oracles, noise, borders, and quadratic phase."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def test_filter_agrees_with_its_oracle(noise):
     expected = oracle.wff(field, threshold=2.0, **settings)
     lattice = Lattice(field.shape, 6.0, 0.4, 0.1)
     found = lattice.filtered(lattice.pad(field), 2.0)
-    # The lattice decides on every other pixel or so which coefficients count.
+    # The lattice applies the threshold at fewer points than the oracle.
     assert np.abs(found[:90, :90] - expected).max() < 0.02 * np.abs(expected).max()
 
 
 def test_ridge_agrees_with_its_oracle():
-    """On a frequency of the grid and without curvature there is nothing to correct."""
+    """At a frequency of the grid and without curvature, no correction applies."""
     y, x = np.mgrid[:90, :80]
     field = 3.0 * np.exp(1j * (0.2 * x - 0.3 * y + 0.4))
     value, frequency = oracle.wfr(field, 6.0, 0.4, 0.1)
@@ -91,7 +91,7 @@ def test_curvature_bias_vanishes_on_a_quadratic_phase(cxx, cyy, cxy):
 
 
 def test_real_fringes():
-    """With their carrier as the centre, fringes become their analytic signal."""
+    """With their carrier as the centre, real fringes yield their analytic signal."""
     y, x = np.mgrid[:256, :256]
     phase = 2 * np.pi * (x / 8.0 + y / 40.0) + 2.0 * np.exp(
         -((x - 128) ** 2 + (y - 128) ** 2) / 3000
@@ -111,13 +111,13 @@ def test_real_fringes():
 @pytest.mark.parametrize("function", [windowed_fourier_filter, windowed_fourier_ridge])
 def test_bad_input(function):
     field = np.ones((40, 40), complex)
-    for bad, words in (
+    for bad, message in (
         (np.ones(5), "field: expected shape"),
         (np.full((40, 40), np.nan), "finite values"),
         (np.full((40, 40), np.inf), "finite values"),
         (np.array([["a"]]), "expected numbers"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError, match=message):
             function(bad)
     for option in ({"sigma_px": 0.1}, {"limit": 4.0}, {"step": 0.0}):
         with pytest.raises(InputError, match=next(iter(option))):

@@ -106,7 +106,7 @@ from .pair.registry import (
 from .pair.plugins import (
     load_plugin as load_plugin,
 )
-from .pair.pair import (
+from .pair.prepared import (
     PreparedPair as PreparedPair,
     prepare as prepare,
 )

@@ -1,7 +1,7 @@
 """Readable twin of the row-wise inverse function analysis, in SciPy.
 
-Covers rows whose extrema correspond one to one; the matching of unequal counts has tests of its
-own beside the kernel.
+It covers rows whose extrema correspond one to one. The matching of unequal numbers of extrema is
+tested beside the kernel.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from scipy.optimize import brentq
 
 
 def row_spline(row: np.ndarray) -> CubicSpline:
-    """Cubic spline through the row, clamped to the slope of the outermost cubics."""
+    """Cubic spline through the row, with the slopes of the outermost cubics at its ends."""
     weights = np.array([-11.0, 18.0, -9.0, 2.0]) / 6.0
     ends = (float(weights @ row[:4]), -float(weights @ row[::-1][:4]))
     return CubicSpline(np.arange(row.size), row, bc_type=((1, ends[0]), (1, ends[1])))
 
 
 def extrema(row: np.ndarray, period: float, prominence: float = 0.3) -> list[tuple[float, float]]:
-    """Alternating extrema (position, value) by a hysteresis walk; no plateaus."""
+    """Alternating extrema (position, value) by hysteresis, for rows without plateaus."""
     spline = row_spline(row)
     roots = spline.derivative().roots(extrapolate=False)
     half = int(np.ceil(0.75 * period))
-    found, direction = [], 0
+    samples, direction = [], 0
     high = low = 0
     for i, value in enumerate(row):
         window = row[max(0, i - half) : i + half + 1]
@@ -33,16 +33,16 @@ def extrema(row: np.ndarray, period: float, prominence: float = 0.3) -> list[tup
         if value < row[low]:
             low = i
         if direction >= 0 and row[high] - value > threshold:
-            found.append(high)
+            samples.append(high)
             direction, high, low = -1, i, i
         elif direction <= 0 and value - row[low] > threshold:
-            found.append(low)
+            samples.append(low)
             direction, high, low = 1, i, i
         if direction < 0:
             high = i
         elif direction > 0:
             low = i
-    positions = [float(roots[np.argmin(np.abs(roots - i))]) for i in found if i > 0]
+    positions = [float(roots[np.argmin(np.abs(roots - i))]) for i in samples if i > 0]
     return [(p, float(spline(p))) for p in positions]
 
 
@@ -70,6 +70,7 @@ def invert_row(
 
 
 def _inverse(spline, row, a, b, method, n_resample):
+    """Function that maps an intensity to its position between the extrema at a and b."""
     if method == "exact":
 
         def root(intensity: float) -> float:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-WORST = 1e30
+MAX_ROUGHNESS = 1e30
 """Roughness of pixels at the border or beside masked ones."""
 
 
 def wrap(x):
-    """Into (−π, π]."""
+    """Values modulo 2π, −π…π."""
     return x - 2 * np.pi * np.round(x / (2 * np.pi))
 
 
 def unwrap_reliability(phase: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Unwrapped phase by joining groups of pixels, smoothest edges first; NaN where masked."""
+    """Unwrap by joining groups of pixels along the smoothest edges first; NaN where masked."""
     h, w = phase.shape
-    rough = np.full((h, w), WORST)
+    rough = np.full((h, w), MAX_ROUGHNESS)
     for y in range(1, h - 1):
         for x in range(1, w - 1):
             if mask[y - 1 : y + 2, x - 1 : x + 2].all():
@@ -31,7 +31,9 @@ def unwrap_reliability(phase: np.ndarray, mask: np.ndarray) -> np.ndarray:
             for dy, dx in ((0, 1), (1, 0)):
                 y2, x2 = y + dy, x + dx
                 if y2 < h and x2 < w and mask[y, x] and mask[y2, x2]:
-                    edges.append((min(rough[y, x] + rough[y2, x2], WORST), (y, x), (y2, x2)))
+                    edges.append(
+                        (min(rough[y, x] + rough[y2, x2], MAX_ROUGHNESS), (y, x), (y2, x2))
+                    )
     edges.sort(key=lambda edge: edge[0])
     group = {(y, x): [(y, x)] for y in range(h) for x in range(w) if mask[y, x]}
     order = dict.fromkeys(group, 0)

@@ -1,6 +1,6 @@
 """Readable twin of the windowed inversion: dense NumPy, one window after the other.
 
-Everything but the search for cliffs, which the scenes it is compared on do not have.
+It has no search for cliffs; the scenes on which it is compared with the kernel have none.
 """
 
 from __future__ import annotations
@@ -8,7 +8,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-RADIUS, MARGIN = 6, 2.0
+RADIUS = 6
+"""Reach of a window, blocks; as in the kernel."""
+MARGIN = 2.0
+"""Distance from the row's ends within which the reference is not evaluated, px; as in the kernel."""
 
 
 class Window:
@@ -35,7 +38,7 @@ class Window:
 
 
 def warp(spline, u):
-    """Reference value and slope at x − u, and whether that lies inside."""
+    """Value and slope of the reference at x − u, and 1 where that point is inside the row."""
     h, w = u.shape
     position = np.arange(w)[None, :] - u.astype(np.float32).astype(np.float64)
     inside = (position >= MARGIN) & (position <= w - 1 - MARGIN)
@@ -60,7 +63,10 @@ def warp(spline, u):
 
 
 def solve_node(weights, dx, dy, s, g, m, d, window, prior, limits):
-    """Least squares of one window over (a, b, b δ, b δ_x, b δ_y), with the prior on a and b."""
+    """Least squares of one window over (a, b, b δ, b δ_x, b δ_y) with a prior on a and b, or None.
+
+    a is the offset, b the modulation ratio, δ the correction of the displacement with its slopes.
+    """
     w = weights * m
     count = window.effective_pixels / limits["noise_correlation"] * w.sum()
     if count < 10:
@@ -70,12 +76,12 @@ def solve_node(weights, dx, dy, s, g, m, d, window, prior, limits):
     right = np.einsum("iyx,yx,yx->i", columns, d, w)
     independent = window.effective_pixels / limits["noise_correlation"]
 
-    def fit(believed):
+    def fit(assumed):
         pull = np.zeros((5, 5))
-        pull[0, 0] = believed / independent / prior["offset_variance"]
-        pull[1, 1] = believed / independent / prior["gain_variance"]
+        pull[0, 0] = assumed / independent / prior["offset_variance"]
+        pull[1, 1] = assumed / independent / prior["ratio_variance"]
         full = normal + pull
-        rhs = right + pull @ np.array([prior["offset"], prior["gain"], 0, 0, 0])
+        rhs = right + pull @ np.array([prior["offset"], prior["modulation_ratio"], 0, 0, 0])
         scale = np.sqrt(np.diag(full))
         inverse = np.linalg.inv(full / np.outer(scale, scale) + 1e-9 * np.eye(5))
         x = inverse @ (rhs / scale) / scale
@@ -84,13 +90,13 @@ def solve_node(weights, dx, dy, s, g, m, d, window, prior, limits):
         residual = max((w * misfit**2).sum() / w.sum() / spread, limits["object_noise"])
         return x, residual, np.diag(inverse) / scale**2
 
-    believed = prior["residual"]
-    x, residual, variance = fit(believed)
+    assumed = prior["residual"]
+    x, residual, variance = fit(assumed)
     for _ in range(3):
-        if residual <= 1.5 * believed:
+        if residual <= 1.5 * assumed:
             break
-        believed = residual
-        x, residual, variance = fit(believed)
+        assumed = residual
+        x, residual, variance = fit(assumed)
     noise = residual + x[1] ** 2 * limits["reference_noise"]
     var = noise * variance / independent
     sigma = np.sqrt(var[2]) / max(abs(x[1]), 1e-6)
@@ -109,9 +115,9 @@ def solve_node(weights, dx, dy, s, g, m, d, window, prior, limits):
         "sigma": sigma,
         "prior": {
             "offset": x[0],
-            "gain": x[1],
+            "modulation_ratio": x[1],
             "offset_variance": excess + var[0],
-            "gain_variance": excess + var[1],
+            "ratio_variance": excess + var[1],
             "residual": residual,
         },
     }
@@ -119,11 +125,12 @@ def solve_node(weights, dx, dy, s, g, m, d, window, prior, limits):
 
 LOOSE = {
     "offset": 0.0,
-    "gain": 1.0,
+    "modulation_ratio": 1.0,
     "offset_variance": 1.0,
-    "gain_variance": 1.0,
+    "ratio_variance": 1.0,
     "residual": 0.01,
 }
+"""Prior of the coarsest scale, as in the kernel; intensities in units of the modulation."""
 
 
 def corners(x, y, block, rows, columns):
@@ -151,14 +158,14 @@ def blend(grid, window, x, y, rows, columns):
         dx = x - ((c + 0.5) * window.block - 0.5)
         dy = y - ((r + 0.5) * window.block - 0.5)
         delta = node["delta"] + node["slope_x"] * dx + node["slope_y"] * dy
-        gain, offset = node["prior"]["gain"], node["prior"]["offset"]
-        out += weight * np.array([delta, node["sigma"], gain, offset])
+        ratio, offset = node["prior"]["modulation_ratio"], node["prior"]["offset"]
+        out += weight * np.array([delta, node["sigma"], ratio, offset])
         total += weight
     return out / total if total > 0 else None
 
 
 def solve_grid(spline, d, u, window, coarser, limits):
-    """All windows of one scale about the field ``u``."""
+    """Solve all windows of one scale, with the model linearised at the field ``u``."""
     h, w = d.shape
     s, g, m = warp(spline, u)
     wx, dx = window.pixel_weights(w)
@@ -188,29 +195,29 @@ def solve_grid(spline, d, u, window, coarser, limits):
 
 
 def at_pixels(grid, window, shape):
-    """δ, σ, gain and offset of every pixel; NaN, ∞, NaN, 0 where no node says anything."""
+    """δ, σ, modulation ratio and offset of every pixel; NaN, ∞, NaN, 0 without a determined node."""
     out = np.empty((4, *shape))
     for y in range(shape[0]):
         for x in range(shape[1]):
-            found = blend(grid, window, x, y, len(grid), len(grid[0]))
-            out[:, y, x] = (np.nan, np.inf, np.nan, 0.0) if found is None else found
+            blended = blend(grid, window, x, y, len(grid), len(grid[0]))
+            out[:, y, x] = (np.nan, np.inf, np.nan, 0.0) if blended is None else blended
     return out
 
 
 def noise_correlation(residual, limits):
-    """25 (median |block mean| / median |residual|)², less the reference's share; 1 … 25."""
+    """25 (median |block mean| / median |residual|)², minus the reference's share; 1 … 25."""
     h, w = residual.shape
     tiles = residual[: h // 5 * 5, : w // 5 * 5].reshape(h // 5, 5, w // 5, 5).swapaxes(1, 2)
     complete = np.isfinite(tiles).all(axis=(2, 3))
     means = np.sort(np.abs(tiles[complete].mean(axis=(1, 2))))
     singles = np.sort(np.abs(tiles[complete][:, 2, 2]))
     ratio = means[means.size // 2] / singles[singles.size // 2]
-    found = np.clip(25 * ratio**2, 1, 25) - limits["reference_noise"] / limits["object_noise"]
-    return max(found, 1.0)
+    reference_share = limits["reference_noise"] / limits["object_noise"]
+    return max(np.clip(25 * ratio**2, 1, 25) - reference_share, 1.0)
 
 
 def block_means(values, window):
-    """Mean of the finite values of each block; 0 where there is none."""
+    """Mean of the finite values of each block; 0 in blocks without any."""
     h, w = values.shape
     rows, columns = window.nodes(h), window.nodes(w)
     out = np.zeros((rows, columns))
@@ -231,39 +238,40 @@ def upsample(means, window, shape):
 
 
 def invert(spline, d, start, scales, iterations, period, confidence, limits):
-    """Displacement, σ, gain and scale per pixel, and the noise correlation."""
+    """Displacement, σ, modulation ratio and scale per pixel, and the noise correlation."""
     limits = {**limits, "noise_correlation": 1.0}
     c = [-((-1) ** j) * _binomial(iterations, j) for j in range(1, iterations + 1)]
     pairs = [(j, k) for j in range(iterations) for k in range(iterations)]
     factor = np.sqrt(sum(c[j] * c[k] * 2 / (j + k + 2) for j, k in pairs))
     u, coarser = start.copy(), None
-    values, sigmas, gains, windows = [], [], [], []
+    values, sigmas, ratios, windows = [], [], [], []
     for scale in scales:
         window = Window(scale)
         for _ in range(iterations):
             grid = solve_grid(spline, d, u, window, coarser, limits)
-            delta, sigma, gain, offset = at_pixels(grid, window, d.shape)
+            delta, sigma, ratio, offset = at_pixels(grid, window, d.shape)
             u = u + np.nan_to_num(np.clip(delta, -period / 4, period / 4))
         widening = 1.0
         if coarser is None:
             s, _, m = warp(spline, u)
-            left = d - offset - np.nan_to_num(gain, nan=1.0) * s
-            limits["noise_correlation"] = noise_correlation(np.where(m > 0, left, np.nan), limits)
+            residual = d - offset - np.nan_to_num(ratio, nan=1.0) * s
+            residual = np.where(m > 0, residual, np.nan)
+            limits["noise_correlation"] = noise_correlation(residual, limits)
             widening = np.sqrt(limits["noise_correlation"])
         coarser = (grid, window)
         values.append(u.copy())
         sigmas.append(sigma * factor * widening)
-        gains.append(gain)
+        ratios.append(ratio)
         windows.append(window)
-    return (*select(values, sigmas, gains, windows, confidence), limits["noise_correlation"])
+    return (*select(values, sigmas, ratios, windows, confidence), limits["noise_correlation"])
 
 
 def _binomial(n, k):
     return 1 if k in (0, n) else _binomial(n - 1, k - 1) + _binomial(n - 1, k)
 
 
-def select(values, sigmas, gains, windows, confidence):
-    """The largest window that agrees with all finer ones, and its error bar."""
+def select(values, sigmas, ratios, windows, confidence):
+    """Estimate and σ of the largest window that agrees with all smaller ones."""
     shape = values[0].shape
     steps = []
     for k in range(len(values) - 1):
@@ -281,7 +289,7 @@ def select(values, sigmas, gains, windows, confidence):
             agrees &= np.abs(total) <= confidence * sigmas[j + 1]
         chosen[agrees] = k
         for target, source in zip(
-            out, (values[k], np.hypot(sigmas[k], steps[k]), gains[k]), strict=True
+            out, (values[k], np.hypot(sigmas[k], steps[k]), ratios[k]), strict=True
         ):
             target[agrees] = source[agrees]
     return (*out, chosen)

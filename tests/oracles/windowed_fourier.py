@@ -1,4 +1,4 @@
-"""Readable twin of windowed Fourier analysis: every coefficient of every pixel, one by one."""
+"""Readable twin of windowed Fourier analysis: all coefficients at every pixel."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from scipy.signal import fftconvolve
 
 
 def atoms(sigma: float, limit: float, step: float):
-    """Windows of unit energy, (frequency y, frequency x, atom)."""
+    """Yield (frequency y, frequency x, window of unit energy at that frequency)."""
     reach = int(np.ceil(6 * sigma))
     k = np.arange(-reach, reach + 1)
     g = np.exp(-(k**2) / (2 * sigma**2))
@@ -19,7 +19,7 @@ def atoms(sigma: float, limit: float, step: float):
 
 
 def wff(field, sigma, limit, step, threshold):
-    """Soft-thresholded coefficients, summed back; zeros around the field."""
+    """Sum of the soft-thresholded coefficients; the field is surrounded by zeros."""
     total = np.zeros(field.shape, complex)
     for _, _, atom in atoms(sigma, limit, step):
         s = fftconvolve(field, atom, mode="full")
@@ -29,7 +29,7 @@ def wff(field, sigma, limit, step, threshold):
 
 
 def wfr(field, sigma, limit, step):
-    """Largest coefficient of every pixel, its phase uncorrected, and its frequencies."""
+    """Largest coefficient of every pixel, without correction of its phase, and its frequencies."""
     best = np.zeros(field.shape)
     value = np.zeros(field.shape, complex)
     frequency = np.zeros((2, *field.shape))

@@ -29,9 +29,9 @@ def write_surface(path: StrPath, surface: HeightMap, *, ply: PlyKind = "points")
     Parameters
     ----------
     path : path
-        ``.tif``/``.tiff``: values as the image, σ and reasons below it (SubIFDs); float32, uint8. ``.npz``:
-        everything. ``.ply``: points or mesh with σ. ``.x3p`` (ISO 25178-72): values in metres.
-        ``.gsf`` (Gwyddion simple field): values.
+        ``.tif``/``.tiff``: values on the first page, float32; σ and reasons on two more.
+        ``.npz``: everything. ``.ply``: points or mesh with σ. ``.x3p`` (ISO 25178-72): values in
+        metres. ``.gsf`` (Gwyddion simple field): values.
     surface : HeightMap
     ply : "points" or "mesh"
 
@@ -88,18 +88,17 @@ def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
     if origin is not None:
         description[KEY] = origin.as_dict()
     with tifffile.TiffWriter(path) as pages:
-        # σ and reasons hang below the values, so that other programs see one image.
-        pages.write(surface.values.astype(np.float32), subifds=2, metadata=description)
-        pages.write(surface.sigma.astype(np.float32), metadata=None)
-        pages.write(surface.reason, metadata=None)
+        # Three series: programs that read one image take the values.
+        pages.write(surface.values.astype(np.float32), metadata=description)
+        pages.write(surface.sigma.astype(np.float32), metadata={"quantity": "sigma"})
+        pages.write(surface.reason, metadata={"quantity": "reason"})
 
 
 def _read_tiff(path: Path) -> HeightMap:
     try:
         with tifffile.TiffFile(path) as file:
             content = json.loads(file.pages[0].description)  # type: ignore[union-attr]
-            first: Any = file.pages[0]
-            values, sigma, reason = first.asarray(), *(page.asarray() for page in first.pages)
+            values, sigma, reason = (file.pages[k].asarray() for k in range(3))
         origin = json.dumps(content[KEY]) if KEY in content else None
         return _surface(
             path, content | {"values": values, "sigma": sigma, "reason": reason}, origin

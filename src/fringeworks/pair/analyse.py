@@ -9,8 +9,8 @@ import numpy as np
 
 import fringeworks.pair.methods  # noqa: F401, registers the methods of the package
 from fringeworks.pair import registry
-from fringeworks.pair.pair import PreparedPair, prepare
 from fringeworks.pair.plugins import load_installed
+from fringeworks.pair.prepared import PreparedPair, prepare
 from fringeworks.pair.registry import Method, MethodOption, Solution
 from fringeworks.types import (
     BoolMap,

@@ -1,49 +1,75 @@
-"""The carrier: which way the fringes vary, and with what period."""
+"""The carrier: the direction in which the fringes vary, and their period."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from fringeworks.types import Axis, FloatMap, InputError
 
 MIN_PERIODS = 3.0
-"""Fewer fringes than this across the frame are not told from shading."""
+"""Smallest number of periods across the frame.
+
+Below that, fringes cannot be distinguished from shading, which is as slow. An empirical choice.
+"""
+PERIODS_SLACK = 0.05
+"""Periods by which the refined count may fall short of ``MIN_PERIODS``.
+
+The refined frequency of a frame of exactly three periods can come out slightly low. An empirical
+choice.
+"""
 MIN_PERIOD_PX = 4.0
-"""Finer fringes have less than four samples: above half the Nyquist frequency."""
-TILT = 1.5
-"""Exponent of the frequency by which lines are compared; a square wave's harmonics stay below."""
-SPREAD = 0.3
-"""Half-width of the carrier's line, share of its frequency."""
+"""Shortest period that can be measured, px: four samples a period, half the Nyquist frequency."""
+MIN_SAMPLES = 8
+"""Shortest side along which a spectrum is used, px; a shorter one has too few lines to compare."""
+LINE_EXPONENT = 1.5
+"""Exponent of the frequency by which spectral lines are weighted before they are compared.
+
+It must be below 2: the power of a square wave's k-th harmonic falls as 1/k², and with 2 it would
+equal the carrier's. A high value lifts fringes over shading, whose spectrum falls off fast.
+"""
+LINE_HALF_WIDTH = 0.3
+"""Half-width of the carrier's line in the spectrum, as a share of its frequency.
+
+Perspective and the object spread the line. A wider band counts more noise as fringes. An empirical
+choice.
+"""
 MIN_SHARE = 0.2
-"""Least share of the frame's contrast that must lie in the carrier's line."""
+"""Smallest share of the frame's contrast that the carrier's line must hold, 0…1.
+
+Noise and ramps stay below it; strongly shaded or noisy fringes above. An empirical choice.
+"""
 REFINEMENTS = 3
 """Steps of the sub-bin frequency; each divides its error by more than ten."""
 
 
 @dataclass(frozen=True)
 class Carrier:
-    """The dominant fringe of a frame."""
+    """Direction and period of the dominant fringes of a frame."""
 
     axis: Axis
-    """The axis along which the fringes vary faster."""
+    """Axis along which the fringes vary faster."""
     period_px: float
-    """Mean period along that axis, px."""
+    """Mean period along that axis, > 0, px."""
     share: float
     """Share of the frame's contrast in the carrier's line, 0…1."""
-    across: float = 0.0
-    """Frequency along the other axis, cycles/px; 0 for fringes that run straight along it."""
+    cross_frequency: float = 0.0
+    """Frequency along the other axis, cycles/px; 0 where the fringes are parallel to that axis."""
 
     @property
     def tilt_deg(self) -> float:
-        """Angle between the fringes' direction of change and the axis, −45…45 degrees."""
-        return float(np.degrees(np.arctan(self.across * self.period_px)))
+        """Angle between the fringes' normal and ``axis``, −45…45 degrees."""
+        return float(np.degrees(np.arctan(self.cross_frequency * self.period_px)))
 
 
 def _without_slope(rows: FloatMap) -> FloatMap:
-    """Rows less their least-squares line (``scipy.signal`` takes half a second to import)."""
+    """Subtract its least-squares line from each row.
+
+    ``scipy.signal.detrend`` does the same, but importing ``scipy.signal`` takes half a second.
+    """
     n = rows.shape[1]
     t = np.arange(n) - 0.5 * (n - 1)
     centred = rows - rows.mean(axis=1, keepdims=True)
@@ -53,158 +79,185 @@ def _without_slope(rows: FloatMap) -> FloatMap:
 
 @dataclass(frozen=True)
 class _Line:
-    """The strongest line of the row spectrum within a band."""
+    """The strongest line of a power spectrum within a band."""
 
-    frequency: float  # cycles/px
+    frequency: float
+    """cycles/px"""
     energy: float
+    """Sum of the line's power above the noise, counts² up to the window's factor."""
     share: float
+    """Energy over that of the spectrum, 0…1."""
 
 
-NOTHING = _Line(0.0, 0.0, 0.0)
+NO_LINE = _Line(0.0, 0.0, 0.0)
+"""Result for a band without a line."""
 
 
 def _lines(frame: FloatMap) -> tuple[_Line, _Line]:
-    """The strongest line along the rows that can be measured, and the strongest of all."""
+    """Strongest line along the rows among the measurable frequencies, and among all."""
     n = frame.shape[1]
-    if n < 8:
-        return NOTHING, NOTHING
+    if n < MIN_SAMPLES:
+        return NO_LINE, NO_LINE
     window = np.hanning(n)
     spectrum = np.abs(fft.rfft(_without_slope(frame) * window, axis=1, workers=-1)) ** 2
     power = spectrum.mean(axis=0) / n**2
-    # What differs between the rows' means counts against the line as well, in the spectrum's
-    # units (Parseval).
-    across = 0.5 * float(np.mean(window**2)) * _fast_variance(frame.mean(axis=1))
-    slow = int(MIN_PERIODS)
-    noise = float(np.median(power[slow:])) if power.size > slow else 0.0
-
-    def strongest(first: int, last: int, total: float) -> _Line:
-        inside = power[first : last + 1]
-        if inside.size < 3 or not inside.any():
-            return NOTHING
-        # Shading falls off fast with the frequency, harmonics of a fringe do so too: between the
-        # two, the fringe stands out.
-        bins = np.arange(first, first + inside.size)
-        peak = first + int(np.argmax(inside * bins**TILT))
-        # Perspective and the object spread the line; noise lies under all of it.
-        reach = max(2, round(SPREAD * peak))
-        near = power[max(first - 1, peak - reach, 1) : peak + reach + 1]
-        energy = float(np.maximum(near - noise, 0.0).sum())
-        # A Hann window's line is three bins wide.
-        core = np.arange(max(peak - 1, 0), min(peak + 2, power.size))
-        frequency = float(np.dot(core, power[core]) / power[core].sum()) / n
-        return _Line(frequency, energy, energy / total if total > 0 else 0.0)
-
-    # Slower than the slowest fringe is shading: it does not count against a line.
-    fast = across + float(power[slow - 1 :].sum())
+    # Contrast between the rows' means is not in the rows' spectra. It counts against the line, in
+    # the units of the windowed spectrum (Parseval).
+    between_rows = 0.5 * float(np.mean(window**2)) * _fast_variance(frame.mean(axis=1))
+    slowest = int(MIN_PERIODS)
+    noise = float(np.median(power[slowest:])) if power.size > slowest else 0.0
+    # Frequencies below the slowest fringe are shading and do not count against a measurable line.
+    fast = between_rows + float(power[slowest - 1 :].sum())
+    total = between_rows + float(power.sum())
     return (
-        strongest(slow, int(n / MIN_PERIOD_PX), fast),
-        strongest(1, power.size - 1, across + float(power.sum())),
+        _strongest_line(power, n, (slowest, int(n / MIN_PERIOD_PX)), noise, fast),
+        _strongest_line(power, n, (1, power.size - 1), noise, total),
     )
 
 
+def _strongest_line(
+    power: FloatMap, samples: int, band: tuple[int, int], noise: float, total: float
+) -> _Line:
+    """Strongest line between two bins of the power spectrum of rows of ``samples`` px.
+
+    ``noise`` is the power per bin of the noise, ``total`` the energy that the share refers to.
+    """
+    first, last = band
+    inside = power[first : last + 1]
+    if inside.size < 3 or not inside.any():
+        return NO_LINE
+    bins = np.arange(first, first + inside.size)
+    peak = first + int(np.argmax(inside * bins**LINE_EXPONENT))
+    reach = max(2, round(LINE_HALF_WIDTH * peak))
+    near = power[max(first - 1, peak - reach, 1) : peak + reach + 1]
+    energy = float(np.maximum(near - noise, 0.0).sum())
+    # The line of a Hann window is three bins wide.
+    core = np.arange(max(peak - 1, 0), min(peak + 2, power.size))
+    frequency = float(np.dot(core, power[core]) / power[core].sum()) / samples
+    return _Line(frequency, energy, energy / total if total > 0 else 0.0)
+
+
 def _fast_variance(values: FloatMap) -> float:
-    """Variance of a profile without its slowest waves."""
-    if values.size < 8:
+    """Variance of a profile without the waves slower than the slowest fringe."""
+    if values.size < MIN_SAMPLES:
         return float(values.var())
     spectrum = np.abs(fft.rfft(values - values.mean())) ** 2
     return float(2.0 * spectrum[int(MIN_PERIODS) :].sum()) / values.size**2
 
 
 def _refine(frame: FloatMap, frequency: float) -> tuple[float, float]:
-    """Frequency along the rows, and across them, cycles/px: where the fringe's phase stands still.
+    """Sub-bin frequency of the carrier along x and along y, cycles/px.
 
-    The phase of the frame against the present frequency, summed over the left and the right half
-    (the upper and the lower), tells by how much it runs.
+    The frame is demodulated with the present frequency. The remaining phase difference between its
+    left and right half, over their distance, is the error of the frequency along x; upper and
+    lower half give the error along y.
     """
     h, w = frame.shape
     flat = _without_slope(frame)
     x, y = np.arange(w), np.arange(h)
-    across = 0.0
+    cross_frequency = 0.0
     for step in range(REFINEMENTS):
         half = w // 2
         wave = np.exp(-2j * np.pi * frequency * x)
         left = flat[:, :half] @ (np.hanning(half) * wave[:half])
         right = flat[:, w - half :] @ (np.hanning(half) * wave[w - half :])
         rows = left + right
-        if h >= 8:
+        if h >= MIN_SAMPLES:
             if step == 0:
-                spectrum = np.abs(fft.fft(rows * np.hanning(h)))
-                across = float(fft.fftfreq(h)[np.argmax(spectrum)])
-            turned = rows * np.exp(-2j * np.pi * across * y)
+                cross_frequency = _strongest_frequency(rows)
+            demodulated = rows * np.exp(-2j * np.pi * cross_frequency * y)
             middle = h // 2
-            upper = turned[:middle] @ np.hanning(middle)
-            lower = turned[h - middle :] @ np.hanning(middle)
-            across += float(np.angle(lower * np.conj(upper))) / (2.0 * np.pi * (h - middle))
+            upper = demodulated[:middle] @ np.hanning(middle)
+            lower = demodulated[h - middle :] @ np.hanning(middle)
+            turns = float(np.angle(lower * np.conj(upper))) / (2.0 * np.pi * (h - middle))
+            cross_frequency += turns
         frequency += float(np.angle(np.vdot(left, right))) / (2.0 * np.pi * (w - half))
-    return frequency, across
+    return frequency, cross_frequency
+
+
+def _strongest_frequency(values: NDArray[np.complex128]) -> float:
+    """Frequency of the largest line in the spectrum of a complex profile, cycles/px."""
+    n = values.size
+    spectrum = np.abs(fft.fft(values * np.hanning(n)))
+    return float(fft.fftfreq(n)[np.argmax(spectrum)])
 
 
 def find_carrier(frame: FloatMap, axis: Axis | None = None, *, name: str = "reference") -> Carrier:
-    """Find the direction and period of the fringes in a frame.
+    """Find the direction and the period of the fringes in a frame.
 
     Parameters
     ----------
-    frame : (h, w) float array of finite values, counts.
-    axis : "x" where the fringes vary along the columns, "y" along the rows; None to find it.
+    frame : (h, w) float array
+        Finite counts.
+    axis : "x", "y" or None
+        Axis along which the fringes vary: "x" from column to column, "y" from row to row; None to
+        find it.
     name : str
-        What the frame is called in messages.
+        Name of the frame in messages.
 
     Returns
     -------
-    Carrier with the period in px and the frequency across, both sub-bin.
+    Carrier
 
     Raises
     ------
-    InputError where the frame is constant, has no dominant fringe, fewer than 3 periods, or a
-    period below 4 px.
+    InputError
+        If the frame is constant, has no dominant line in its spectrum, has fewer than 3 periods,
+        or has a period below 4 px.
+
+    Notes
+    -----
+    Theory §5, "Carrier": the strongest line of the mean power spectrum of rows or columns, weighted
+    by f^1.5, then refined below one bin from the phases of the frame's halves.
 
     Examples
     --------
     >>> y, x = np.mgrid[:200, :300]
     >>> carrier = find_carrier(np.cos(2 * np.pi * (x / 17.3 + y / 90.0)))
-    >>> carrier.axis, round(carrier.period_px, 2), round(1 / carrier.across, 1)
+    >>> carrier.axis, round(carrier.period_px, 2), round(1 / carrier.cross_frequency, 1)
     ('x', 17.3, 90.0)
     """
     if float(np.ptp(frame)) == 0.0:
         raise InputError(f"{name} frame: expected fringes, got the constant {frame.flat[0]:g}")
-    found: dict[Axis, tuple[_Line, _Line]] = {}
+    lines: dict[Axis, tuple[_Line, _Line]] = {}
     for direction in ("x", "y"):
         if axis in (None, direction):
-            found[direction] = _lines(frame if direction == "x" else frame.T)
-    # A tilted fringe shows on both axes with equal energy: it is steepest where it is fastest.
-    best = max(found, key=lambda d: found[d][0].frequency * found[d][0].energy)
-    line = found[best][0]
+            lines[direction] = _lines(frame if direction == "x" else frame.T)
+    # Tilted fringes have equal energy on both axes; the axis with the higher frequency decides.
+    best = max(lines, key=lambda d: lines[d][0].frequency * lines[d][0].energy)
+    line = lines[best][0]
     if line.share < MIN_SHARE:
-        raise InputError(_complaint(name, axis, frame.shape, found))
+        raise InputError(_complaint(name, axis, frame.shape, lines))
     turned = frame if best == "x" else frame.T
-    frequency, across = _refine(turned, line.frequency)
-    if abs(across) > frequency or frequency * turned.shape[1] < MIN_PERIODS - 0.05:
-        raise InputError(_complaint(name, axis, frame.shape, found))
-    return Carrier(best, 1.0 / frequency, line.share, across)
+    frequency, cross_frequency = _refine(turned, line.frequency)
+    too_few = frequency * turned.shape[1] < MIN_PERIODS - PERIODS_SLACK
+    if abs(cross_frequency) > frequency or too_few:
+        raise InputError(_complaint(name, axis, frame.shape, lines))
+    return Carrier(best, 1.0 / frequency, line.share, cross_frequency)
 
 
 def _complaint(
     name: str,
     axis: Axis | None,
     shape: tuple[int, ...],
-    found: dict[Axis, tuple[_Line, _Line]],
+    lines: dict[Axis, tuple[_Line, _Line]],
 ) -> str:
-    """What was expected of the carrier, and what came."""
+    """Message for a frame without a measurable carrier."""
     where = f"along {axis}" if axis else "along x or y"
     expected = (
         f"{name} frame: expected fringes {where} with a period of at least {MIN_PERIOD_PX:g} px "
         f"and at least {MIN_PERIODS:g} periods"
     )
-    best = max(found, key=lambda d: found[d][1].energy)
-    line = found[best][1]
+    best = max(lines, key=lambda d: lines[d][1].energy)
+    line = lines[best][1]
     size = shape[1] if best == "x" else shape[0]
     if line.share >= MIN_SHARE and line.frequency > 0:
         return (
             f"{expected}, got a period of {1.0 / line.frequency:.1f} px along {best}, "
             f"{line.frequency * size:.1f} periods"
         )
-    strongest = max(entry[0].share for entry in found.values())
+    strongest = max(measurable.share for measurable, _ in lines.values())
     return (
-        f"{expected}, got no dominant line (strongest holds {strongest:.0%} of the contrast, "
-        f"{MIN_SHARE:.0%} needed)"
+        f"{expected}, got no dominant line (the strongest holds {strongest:.0%} of the contrast, "
+        f"{MIN_SHARE:.0%} is required)"
     )

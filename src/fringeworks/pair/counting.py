@@ -1,4 +1,4 @@
-"""Fringe orders by counting: extrema of the object row matched with those of the reference's."""
+"""Fringe counting: matches the extrema of object rows with those of the reference (theory §4)."""
 
 from __future__ import annotations
 
@@ -8,121 +8,194 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
 from fringeworks.signal.response import estimate_gamma
 from fringeworks.types import FloatMap, InputError, Reason
 
 Rows = NDArray[np.float64]
-Name = Literal["ifa", "sifa", "gsifa", "exact"]
+RowMethod = Literal["ifa", "sifa", "gsifa", "exact"]
 
+DEGREE = 9
+"""Default for the largest degree of a polynomial of ``ifa``.
+
+Lower degrees do not follow a half period of a cosine, higher ones oscillate (Runge); generalised
+cross-validation chooses below this limit. An empirical choice.
+"""
+RESAMPLES_PER_PX = 5
+"""Default for the samples of the row's spline that ``gsifa`` takes per pixel, 1/px.
+
+More samples cost time and bring the result closer to that of ``exact``. An empirical choice.
+"""
 PROMINENCE = 0.3
-"""Least swing of an extremum, as a share of the local range of its row."""
-NOISE_SWINGS = 5.0
-"""… and in standard deviations of the noise."""
-TOLERANCE = 0.05
-"""How far (share of a part's range) an intensity may exceed its part and count as its end."""
+"""Smallest swing of an extremum, as a share of the range of its row within 0.75 periods.
+
+It must be above the ripples of noise and below 1, so that weak fringes beside strong ones still
+count. An empirical choice.
+"""
+MIN_SWING_SIGMAS = 5.0
+"""Smallest swing of an extremum, in standard deviations of the noise (theory §4).
+
+Swings of the noise within a period of some tens of pixels rarely exceed it. An empirical choice.
+"""
+RANGE_TOLERANCE = 0.05
+"""Intensity beyond the end of its monotone part that counts as the end, as a share of the range.
+
+Noise and interpolation put samples beyond the extremum. A larger tolerance would invert samples of
+another albedo. An empirical choice.
+"""
 SAME_RANGE = 0.01
-"""Frames whose extremes differ by less than this share of their range have the same albedo."""
-QUIET = 3e-4
-"""Noise below this share of the range does not suffer from being bent."""
+"""Largest difference between the extremes of two frames of the same albedo, share of the range.
+
+Sampling alone makes the extremes differ slightly. An empirical choice.
+"""
+LINEARISED_NOISE = 3e-4
+"""Largest noise at which the response is linearised, as a share of the reference's range.
+
+The inverse response amplifies noise in dark fringes. The rounding of two frames to 8 bit is 1.6e-3
+of the range and exceeds this limit; that to 12 bit, 1e-4, does not. An empirical choice.
+"""
 GAMMA_ROWS = 8
-"""Rows from which the exponent is estimated."""
+"""Approximate number of rows from which the response exponent γ is estimated.
+
+All rows have the same γ, and a noise-free row determines it well; more rows only cost time.
+"""
 MIN_GAMMA_CHANGE = 0.02
-"""Exponents nearer to 1 than this are 1."""
+"""Exponents closer to 1 than this are taken as 1: the fringes are cosines already.
+
+The estimate of γ can be wrong by about this much. An empirical choice.
+"""
 ALBEDO_TOLERANCE = 0.02
-"""Parts whose extrema differ by more than this share are normalised to the reference's first."""
-MAX_PERIODS = 6.0
-"""Largest displacement considered where nothing is known of it."""
-SLIP = 0.6
-"""Rows whose neighbours differ by more than this share of a period may have slipped."""
+"""Largest difference of a part's extrema from the reference's that is not normalised (theory §4).
+
+A share of the part's range. A smaller difference can come from sampling, and normalising would add
+an error. An empirical choice.
+"""
+MAX_DISPLACEMENT_PERIODS = 6.0
+"""Default for the largest displacement considered, periods.
+
+A wider search costs time and allows false matches. An empirical choice.
+"""
+SLIP_PERIODS = 0.6
+"""Difference between neighbouring rows above which one of them may have a wrong order, periods.
+
+A wrong order makes a whole period; half a period is the limit of two frames. An empirical choice.
+"""
 
 
-def _linearised(pair: PreparedPair) -> tuple[Rows, Rows, float]:
-    """Both frames, through the inverse of the response where that can only help, and γ.
+def _linearised(prepared: PreparedPair) -> tuple[Rows, Rows, float]:
+    """Return both frames with a linear response, and the exponent γ that was removed (1 for none).
 
-    The inverse function does not change when both frames go through the same monotone curve, but
-    a flat minimum (γ = 2.2) is poorly interpolated by cubics and a cosine is not. A curve also
-    bends noise, and offset and gain of another albedo: frames with either are left alone.
+    A common monotone curve of both frames does not change the inverse function. But cubics
+    interpolate the flat minima of a strong response (γ = 2.2) poorly, and those of a cosine well.
+    The curve distorts noise and a different albedo, so frames with either are left as they are.
     """
-    s, d = pair.reference, pair.object
+    s, d = prepared.reference, prepared.object
     low, high = float(s.min()), float(s.max())
     slack = SAME_RANGE * (high - low)
     same_range = abs(float(d.min()) - low) <= slack and abs(float(d.max()) - high) <= slack
-    quiet = np.sqrt(sum(pair.noise)) <= QUIET * (high - low)
+    quiet = np.sqrt(sum(prepared.noise)) <= LINEARISED_NOISE * (high - low)
     if not (same_range and quiet):
         return s, d, 1.0
-    some = s[:: max(1, s.shape[0] // GAMMA_ROWS)]
-    gamma = estimate_gamma((some - low) / (high - low), pair.period)
+    sampled_rows = s[:: max(1, s.shape[0] // GAMMA_ROWS)]
+    gamma = estimate_gamma((sampled_rows - low) / (high - low), prepared.period)
     if abs(gamma - 1.0) < MIN_GAMMA_CHANGE:
         return s, d, 1.0
 
-    def bend(frame: Rows) -> Rows:
+    def linearise(frame: Rows) -> Rows:
         # The object's darkest sample may lie below the reference's by rounding.
         share = np.maximum((frame - low) / (high - low), 0.0)
         return np.asarray(low + (high - low) * share ** (1.0 / gamma))
 
-    return bend(s), bend(d), gamma
+    return linearise(s), linearise(d), gamma
 
 
 def invert_rows(
-    pair: PreparedPair,
-    name: Name,
+    prepared: PreparedPair,
+    name: RowMethod,
     *,
     max_displacement_px: float | None = None,
-    degree: int = 9,
-    n_resample: int = 5,
+    degree: int = DEGREE,
+    n_resample: int = RESAMPLES_PER_PX,
     guide_px: FloatMap | None = None,
 ) -> Solution:
-    """Match the extrema of both frames row by row and invert between them.
+    """Match the extrema of both frames row by row and invert the reference between them.
 
     Parameters
     ----------
-    pair : PreparedPair
+    prepared : PreparedPair
     name : "ifa", "sifa", "gsifa" or "exact"
-    max_displacement_px, degree, n_resample : as the methods have them
+        How a monotone part is inverted.
+    max_displacement_px : float > 0, optional
+        Largest |u| considered, px; six periods by default.
+    degree : int
+        Largest degree of the polynomials ("ifa").
+    n_resample : int
+        Samples of the row's spline per pixel ("gsifa").
     guide_px : (h, w) float array, optional
-        Expected displacement, NaN where unknown; decides orders, not values.
+        Expected displacement, px, NaN where unknown. It affects the fringe orders only, not the
+        values.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    InputError
+        If ``max_displacement_px`` is not positive.
+
+    Notes
+    -----
+    Theory §4.
     """
-    limit = MAX_PERIODS * pair.period if max_displacement_px is None else float(max_displacement_px)
+    period = prepared.period
+    limit = (
+        MAX_DISPLACEMENT_PERIODS * period
+        if max_displacement_px is None
+        else float(max_displacement_px)
+    )
     if not limit > 0:
         raise InputError(f"max_displacement_px: expected > 0, got {max_displacement_px}")
-    noise = float(np.sqrt(sum(pair.noise)))
-    reference, object_, gamma = _linearised(pair)
-    displacement, sigma, gain, reason = _core.invert_rows(
+    noise = float(np.sqrt(sum(prepared.noise)))
+    reference, object_, gamma = _linearised(prepared)
+    displacement, sigma, modulation_ratio, reason = _core.invert_rows(
         reference,
         object_,
-        pair.wanted.astype(np.uint8),
+        prepared.wanted.astype(np.uint8),
         guide=None if guide_px is None else guide_px.astype(np.float32),
         method=name,
         degree=degree,
         n_resample=n_resample,
-        period=pair.period,
+        period=period,
         prominence=PROMINENCE,
-        floor=NOISE_SWINGS * noise,
+        floor=MIN_SWING_SIGMAS * noise,
         noise=noise,
         max_displacement=limit,
-        tolerance=TOLERANCE,
-        # Under noise the extrema themselves scatter by a few σ without any change of albedo.
-        albedo_tolerance=max(ALBEDO_TOLERANCE, NOISE_SWINGS * noise / (2.0 * pair.modulation)),
+        tolerance=RANGE_TOLERANCE,
+        # Noise alone moves the extrema by a few σ, without any change of albedo.
+        albedo_tolerance=max(
+            ALBEDO_TOLERANCE, MIN_SWING_SIGMAS * noise / (2.0 * prepared.modulation)
+        ),
     )
     return Solution(
-        displacement,
-        sigma,
-        gain,
-        reason,
+        displacement_px=displacement,
+        sigma_px=sigma,
+        modulation_ratio=modulation_ratio,
+        reason=reason,
         details={"noise_counts": noise, "linearised_gamma": gamma},
     )
 
 
-def count_fringes(pair: PreparedPair) -> Solution:
-    """Displacement by counting alone: its orders are what matters, not its values."""
-    return invert_rows(pair, "sifa")
+def count_fringes(prepared: PreparedPair) -> Solution:
+    """Measure the displacement by counting fringes; only its fringe orders are meant to be used."""
+    return invert_rows(prepared, "sifa")
 
 
-def slips(found: Solution, period_px: float) -> bool:
-    """Whether neighbouring rows differ by about a period anywhere, or a row was given up."""
-    if bool((found.reason == Reason.ORDER_AMBIGUOUS).any()):
+def slips(solution: Solution, period_px: float) -> bool:
+    """Whether neighbouring rows differ by about a period anywhere, or an order is ambiguous."""
+    if bool((solution.reason == Reason.ORDER_AMBIGUOUS).any()):
         return True
     with np.errstate(invalid="ignore"):
-        return bool((np.abs(np.diff(found.displacement_px, axis=0)) > SLIP * period_px).any())
+        steps = np.abs(np.diff(solution.displacement_px, axis=0))
+        return bool((steps > SLIP_PERIODS * period_px).any())

@@ -1,4 +1,4 @@
-"""One path for all methods that demodulate: phasor → phase → unwrapped → displacement."""
+"""Path shared by all demodulating methods: phasor → phase → unwrapped phase → displacement."""
 
 from __future__ import annotations
 
@@ -9,78 +9,124 @@ import numpy as np
 
 from fringeworks.pair.bandpass import Analytic
 from fringeworks.pair.orders import settle_orders
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
 from fringeworks.pair.unwrap import unwrap
 from fringeworks.types import BoolMap, ByteMap, FloatMap, Reason
 
-MIN_MODULATION = 0.05
-"""Fringes weaker than this share of the reference's are not measured …"""
-NOISE_FACTOR = 4.0
-"""… nor those within this many standard deviations of the noise that passes the filter."""
+MIN_MODULATION_RATIO = 0.05
+"""Smallest modulation of the object that is measured, as a share of the reference's modulation.
+
+Weaker signals are mostly leakage of the filter from neighbouring fringes. An empirical choice.
+"""
+MIN_AMPLITUDE_SIGMAS = 4.0
+"""Smallest amplitude of the analytic signal, in standard deviations of its complex noise.
+
+Noise alone exceeds it with a probability of exp(−16), about 10⁻⁷, a pixel.
+"""
+RIM_DIVISOR = 50
+"""Side of the frame over the width of its rim, which is taken for the reference plane.
+
+The rim is at least 1 px wide, and narrow, so that the object rarely reaches it. An empirical
+choice.
+"""
 
 
 @dataclass(frozen=True)
 class Demodulated:
-    """What a demodulating method finds in a pair, in the pair's orientation."""
+    """Result of a demodulating method, in the orientation of the prepared pair."""
 
     phasor: Analytic
-    """(h, w) complex; its argument is φ = 2π u / p, wrapped."""
+    """(h, w) complex; its argument is the wrapped phase φ = 2π u / p, rad."""
     reference_amplitude: FloatMap
-    """Modulation of the reference as filtered, (h, w), counts."""
+    """Modulation of the reference after the filter, (h, w), counts."""
     object_amplitude: FloatMap
-    """Modulation of the object as filtered, (h, w), counts."""
+    """Modulation of the object after the filter, (h, w), counts."""
     noise_share: float
-    """Variance of an analytic signal, B/2 · exp(iφ), per variance of the frame's white noise."""
+    """Complex variance of an analytic signal B/2 · exp(iφ), per variance of the frame's noise."""
     details: dict[str, Any] = field(default_factory=dict)
+    """Further results of the method, for reports."""
 
 
-def to_displacement(pair: PreparedPair, found: Demodulated) -> Solution:
-    """Unwrap a phase against the reference and turn it into a displacement.
+def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solution:
+    """Unwrap the phase against the reference and convert it to a displacement.
+
+    Parameters
+    ----------
+    prepared : PreparedPair
+    demodulated : Demodulated
+
+    Returns
+    -------
+    Solution
+        NaN where the fringes are weak (``LOW_MODULATION``) or the order is open
+        (``ORDER_AMBIGUOUS``).
 
     Notes
     -----
-    The order is set so that the frame's rim lies on the reference plane, and checked against
-    fringe counting (``settle_orders``). σ is that of white noise through the filter, half of
-    whose variance turns the phase, against the local amplitude B/2.
+    Theory §5, "One path". The fringe order is set so that the rim of the frame lies on
+    the reference plane, and is then checked against fringe counting (``settle_orders``). σ is that
+    of white noise after the filter: half of its complex variance acts on the phase, relative to
+    the amplitude B/2.
     """
-    noise = tuple(v * found.noise_share for v in pair.noise)
-    half_reference, half_object = 0.5 * found.reference_amplitude, 0.5 * found.object_amplitude
-    weak = (half_object < MIN_MODULATION * 0.5 * pair.modulation) | (
-        half_object < NOISE_FACTOR * np.sqrt(noise[1])
+    noise = tuple(v * demodulated.noise_share for v in prepared.noise)
+    half_reference = 0.5 * demodulated.reference_amplitude
+    half_object = 0.5 * demodulated.object_amplitude
+    weak = (half_object < MIN_MODULATION_RATIO * 0.5 * prepared.modulation) | (
+        half_object < MIN_AMPLITUDE_SIGMAS * np.sqrt(noise[1])
     )
     reason: ByteMap = np.where(weak, Reason.LOW_MODULATION, Reason.OK).astype(np.uint8)
-    usable = ~weak & pair.wanted
+    usable = ~weak & prepared.wanted
     if not usable.any():
-        nothing = np.full(pair.object.shape, np.nan)
-        return Solution(nothing, nothing, nothing, reason, details=found.details)
-    unwrapped = unwrap(np.angle(found.phasor), usable)
+        return _unmeasured(reason, demodulated.details)
+    unwrapped = unwrap(np.angle(demodulated.phasor), usable)
     reason[usable & (unwrapped.region > 1)] = Reason.ORDER_AMBIGUOUS
     main = unwrapped.region == 1
     phase = np.where(main, _anchor(unwrapped.phase, main), np.nan)
-    to_px = pair.period / (2.0 * np.pi)
-    displacement, open_orders, moved = settle_orders(
-        pair, phase * to_px, suspect=unwrapped.residues > 0 or not main.all()
+    to_px = prepared.period / (2.0 * np.pi)
+    displacement, undecided, moved = settle_orders(
+        prepared, phase * to_px, suspect=unwrapped.residues > 0 or not main.all()
     )
-    reason[open_orders] = Reason.ORDER_AMBIGUOUS
+    reason[undecided] = Reason.ORDER_AMBIGUOUS
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = 0.5 * noise[0] / half_reference**2 + 0.5 * noise[1] / half_object**2
-        gain = found.object_amplitude / found.reference_amplitude
-    details = {
-        **found.details,
-        "regions": int(unwrapped.region.max()),
-        "residues": unwrapped.residues,
-        "unwrapping": unwrapped.algorithm,
-        "pixels_moved_by_counting": moved,
-    }
-    return Solution(displacement, np.sqrt(variance) * to_px, gain, reason, details=details)
+        modulation_ratio = demodulated.object_amplitude / demodulated.reference_amplitude
+    return Solution(
+        displacement_px=displacement,
+        sigma_px=np.sqrt(variance) * to_px,
+        modulation_ratio=modulation_ratio,
+        reason=reason,
+        details={
+            **demodulated.details,
+            "regions": int(unwrapped.region.max()),
+            "residues": unwrapped.residues,
+            "unwrapping": unwrapped.algorithm,
+            "pixels_moved_by_counting": moved,
+        },
+    )
+
+
+def _unmeasured(reason: ByteMap, details: dict[str, Any]) -> Solution:
+    """Solution without any value."""
+    nothing = np.full(reason.shape, np.nan)
+    return Solution(
+        displacement_px=nothing,
+        sigma_px=nothing,
+        modulation_ratio=nothing,
+        reason=reason,
+        details=details,
+    )
 
 
 def _anchor(phase: FloatMap, main: BoolMap) -> FloatMap:
-    """Shift the orders so that the rim of the frame, where the reference plane shows, is near 0."""
+    """Shift the phase by whole periods so that its median over the frame's rim is near 0.
+
+    The rim is taken for the reference plane. Where it has no pixel of the main region, the median
+    over the whole region is used.
+    """
     h, w = phase.shape
     rim = np.ones(phase.shape, bool)
-    by, bx = max(1, h // 50), max(1, w // 50)
+    by, bx = max(1, h // RIM_DIVISOR), max(1, w // RIM_DIVISOR)
     rim[by : h - by, bx : w - bx] = False
     where = main & rim if (main & rim).any() else main
     offset = 2.0 * np.pi * np.round(np.median(phase[where]) / (2.0 * np.pi))

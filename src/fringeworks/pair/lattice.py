@@ -1,9 +1,9 @@
-"""Windowed spectra on the lattice that holds them.
+"""Windowed Fourier spectra on a lattice that is coarser than the frame.
 
-A windowed spectrum varies slowly in space: with a window of σ px its bandwidth is a few times
-1/σ, so that it is fully known on a lattice some σ/2 apart. All coefficients are therefore
-computed, thresholded and summed on that lattice, by transforms of a few per cent of the frame's
-size; what is lost is below 10⁻⁴ of the window's spectrum.
+A windowed spectrum varies slowly in space: with a window of σ px its bandwidth is a few times 1/σ.
+Samples about 0.7 σ apart therefore hold all of it, except for the part of the window's spectrum
+that is below 10⁻⁴. All coefficients are computed, thresholded and summed on that lattice, with
+transforms of a few per cent of the frame's size.
 """
 
 from __future__ import annotations
@@ -19,58 +19,101 @@ from fringeworks.pair.bandpass import Analytic
 from fringeworks.types import FloatMap
 
 BANDWIDTH = 4.5
-"""Half the band that a window needs, 1/σ: beyond, its spectrum is below 10⁻⁴."""
+"""Half the bandwidth that is kept of a window's spectrum, 1/σ.
+
+Beyond it the Gaussian spectrum exp(−½ (σω)²) is below 10⁻⁴ of its maximum.
+"""
 MARGIN = 3.0
-"""Width of the border that is added around the field, σ."""
-STRONG = 0.2
-"""Coefficients from this share of a plain wave's on continue the field."""
-WIDER = 1.0
-"""How much further the frequencies of the border reach, 1/σ."""
+"""Width of the border that is added around the field, σ.
+
+A window at the field's end has 99.7 % of its weight within it.
+"""
+CONTINUED_SHARE = 0.2
+"""Smallest coefficient that continues the field into the border, as a share of a plain wave's.
+
+All coefficients together would reproduce the field's abrupt end; the strong ones continue its
+waves. An empirical choice.
+"""
+EXTRA_BANDWIDTH = 1.0
+"""How much further than those of the field the frequencies of the border reach, 1/σ.
+
+The continuation of a chirp has higher frequencies than the field itself. An empirical choice.
+"""
+MIN_BORDER_SHARE = 0.02
+"""Smallest amplitude in the border that is scaled up to the field's, as a share of its median.
+
+Weaker values are mostly noise; scaled in full, they would act like signal. An empirical choice.
+"""
+SMALLEST_THRESHOLD = 1e-15
+"""Lower bound of a threshold, in units of a coefficient; it avoids 0 / 0 where there is none."""
+ROUNDING = 1e-9
+"""Excess over a whole number of frequency steps that is taken for rounding, steps."""
 
 
 @dataclass(frozen=True)
-class Axis:
-    """One axis of the lattice: its length, its samples, and the window at each frequency."""
+class LatticeAxis:
+    """One axis of the lattice: its samples, its frequencies, and the window at each of them."""
 
     length: int
+    """Side of the padded field, px."""
     samples: int
-    frequencies: FloatMap  # rad/px
-    first: NDArray[np.intp]  # (frequencies,) signed bin of the first sample
-    bins: NDArray[np.intp]  # (frequencies, samples) places in the spectrum
-    windows: NDArray[np.float32]  # (frequencies, samples)
+    """Samples of the lattice along that side."""
+    frequencies: FloatMap
+    """(n,), rad/px."""
+    first: NDArray[np.intp]
+    """(n,) signed bin of the padded field's spectrum at which each frequency's samples start."""
+    bins: NDArray[np.intp]
+    """(n, samples) bins of the spectrum, 0 … length − 1."""
+    windows: NDArray[np.float32]
+    """(n, samples) spectrum of the window, of unit energy, at these bins."""
 
 
 def lattice_samples(length: int, sigma_px: float) -> int:
-    """Samples along an axis of that length that hold what a window of that width makes of it."""
-    wanted = int(np.ceil(BANDWIDTH / sigma_px * length / np.pi))
-    return min(int(fft.next_fast_len(wanted)), length)
+    """Number of samples along ``length`` px that hold what a window of σ = ``sigma_px`` yields."""
+    required = int(np.ceil(BANDWIDTH / sigma_px * length / np.pi))
+    return min(int(fft.next_fast_len(required)), length)
 
 
 def samples_inside(samples: int, side: int, pitch: float) -> int:
-    """How many of them lie on a field of ``side`` px, and the next one."""
+    """Number of samples that lie on a field of ``side`` px, plus the next one.
+
+    ``pitch`` is the distance of the samples in px, ``samples`` their number along the axis.
+    """
     return min(samples, int(np.ceil((side - 1) / pitch)) + 1)
 
 
 def shift_wave(first: int, samples: int) -> Analytic:
-    """Wave of the bin that samples were demodulated by when their spectrum starts at ``first``."""
+    """Wave by which samples are demodulated whose spectrum starts at bin ``first``; (samples,)."""
     turns = first * np.arange(samples) / samples
     return np.asarray(np.exp(2j * np.pi * turns), dtype=np.complex64)
 
 
-def _axis(length: int, sigma_px: float, limit: float, step: float) -> Axis:
-    """The lattice of one axis; the window has unit energy."""
-    steps = max(1, int(np.ceil(limit / step - 1e-9)))
+def _axis(length: int, sigma_px: float, limit: float, step: float) -> LatticeAxis:
+    """Build one axis with frequencies from −limit to limit, at most ``step`` apart, rad/px."""
+    steps = max(1, int(np.ceil(limit / step - ROUNDING)))
     frequencies = np.linspace(-limit, limit, 2 * steps + 1)
     samples = lattice_samples(length, sigma_px)
     first = np.round(frequencies * length / (2.0 * np.pi)).astype(np.intp) - samples // 2
     bins = first[:, None] + np.arange(samples)
     distance = 2.0 * np.pi * bins / length - frequencies[:, None]
     windows = np.sqrt(2.0 * sigma_px * np.sqrt(np.pi)) * np.exp(-0.5 * (sigma_px * distance) ** 2)
-    return Axis(length, samples, frequencies, first, bins % length, windows.astype(np.float32))
+    return LatticeAxis(
+        length, samples, frequencies, first, bins % length, windows.astype(np.float32)
+    )
 
 
 class Lattice:
-    """Windowed spectra of a field of one shape."""
+    """Windowed Fourier spectra of fields of one shape.
+
+    Parameters
+    ----------
+    shape : (h, w)
+        Shape of the field, px.
+    sigma_px : float
+        Width σ of the Gaussian window, px.
+    limit, step : float
+        Largest frequency, and largest distance of the frequencies along each axis, rad/px.
+    """
 
     def __init__(self, shape: tuple[int, int], sigma_px: float, limit: float, step: float) -> None:
         margin = int(np.ceil(MARGIN * sigma_px))
@@ -80,17 +123,21 @@ class Lattice:
             _axis(fft.next_fast_len(side + 2 * margin), sigma_px, limit, step) for side in shape
         )
         self.pitch = (self.y.length / self.y.samples, self.x.length / self.x.samples)
-        # Lattice points on the field, and the next ones.
+        """Distance of the lattice points along y and x, px."""
         self.inside = tuple(
             samples_inside(axis.samples, side, pitch)
             for axis, side, pitch in zip((self.y, self.x), shape, self.pitch, strict=True)
         )
+        """Number of lattice points on the field along y and x, plus the next ones."""
         self.density = self.y.length * self.x.length / (self.y.samples * self.x.samples)
+        """Pixels per lattice point."""
 
     def spectra(self, padded: Analytic) -> Iterator[Analytic]:
-        """For every frequency along y, the coefficients (frequencies along x, samples, samples).
+        """Yield, for every frequency along y, the coefficients at all frequencies along x.
 
-        They are demodulated by the bin of their first sample, and ``density`` times too large.
+        Each item has the shape (frequencies along x, samples along y, samples along x). The
+        coefficients are demodulated by the bin of their first sample (``shift_wave``), and are
+        ``density`` times as large as those of a window of unit energy.
         """
         spectrum = fft.fft2(padded, workers=-1)
         for rows, window in zip(self.y.bins, self.y.windows, strict=True):
@@ -99,18 +146,20 @@ class Lattice:
             yield fft.ifft2(stack, axes=(1, 2), overwrite_x=True, workers=-1)
 
     def pad(self, field: Analytic) -> Analytic:
-        """The field with a border of zeros, to the right and below (periodic)."""
+        """Add a border of zeros to the right and below; the lattice is periodic."""
         padded = np.zeros((self.y.length, self.x.length), np.complex64)
         padded[: self.shape[0], : self.shape[1]] = field
         return padded
 
     def filtered(self, padded: Analytic, threshold: float) -> Analytic:
-        """Sum of the coefficients that stand out."""
+        """Sum of the coefficients above a threshold, each reduced by it (soft threshold).
+
+        ``threshold`` is in units of a coefficient of a window of unit energy.
+        """
         out = np.zeros_like(padded)
-        limit = np.float32(max(threshold * self.density, 1e-15))
+        limit = np.float32(max(threshold * self.density, SMALLEST_THRESHOLD))
         for k, spectra in enumerate(self.spectra(padded)):
             power = spectra.real**2 + spectra.imag**2
-            # What is noise in a coefficient that stands out is taken off it as well.
             shrink = 1 - limit / np.sqrt(np.maximum(power, limit**2), out=power)
             spectra = fft.fft2(spectra * shrink, axes=(1, 2), overwrite_x=True, workers=-1)
             rows = np.zeros((self.y.samples, self.x.length), np.complex64)
@@ -122,21 +171,20 @@ class Lattice:
         return np.asarray(fft.ifft2(out, overwrite_x=True, workers=-1) * scale)
 
     def extended(self, field: Analytic, threshold: float) -> Analytic:
-        """The field with a border that continues it, as its own filtered version does.
+        """Add a border that continues the field, taken from its own filtered version.
 
-        A window at the border then sees what it would see inside (Gerchberg's extrapolation, one
-        step), where a border of zeros would pull the phase towards the inside.
+        A window at the field's end then covers the same waves as one inside. A border of zeros
+        would bias the phase towards the inside. It is one step of Gerchberg's extrapolation
+        (Optica Acta 21, 1974).
         """
-        # What continues a chirp has higher frequencies than the field itself.
-        wider = min(self.limit + WIDER / self.sigma_px, np.pi)
+        wider = min(self.limit + EXTRA_BANDWIDTH / self.sigma_px, np.pi)
         lattice = Lattice(self.shape, self.sigma_px, wider, self.step)
-        # All coefficients together would give back the field's end; the strongest go on.
-        usual = 2.0 * self.sigma_px * np.sqrt(np.pi) * float(np.median(np.abs(field)))
-        smooth = lattice.filtered(self.pad(field), max(threshold, STRONG * usual))
+        plain_wave = 2.0 * self.sigma_px * np.sqrt(np.pi) * float(np.median(np.abs(field)))
+        smooth = lattice.filtered(self.pad(field), max(threshold, CONTINUED_SHARE * plain_wave))
         size = np.abs(smooth)
         h, w = self.shape
         usual = float(np.median(size[:h, :w]))
         if usual > 0:
-            smooth *= usual / np.maximum(size, np.float32(0.02 * usual))
+            smooth *= usual / np.maximum(size, np.float32(MIN_BORDER_SHARE * usual))
         smooth[:h, :w] = field
         return smooth

@@ -1,8 +1,8 @@
-"""Fringe orders by two witnesses: the unwrapped phase, and the counting of fringes along rows.
+"""Fringe orders from two independent estimates: the unwrapped phase and fringe counting.
 
-Both know the displacement up to whole periods, and fail differently: a band-pass loses fringes
-that are stretched or compressed out of its band, counting slips where a fringe is hidden. Where
-they differ by whole periods over a region, the one that joins its surroundings is right.
+Both give the displacement up to whole periods, and they fail differently. A band-pass loses fringes
+that are stretched or compressed out of its band; counting slips where a fringe is hidden. Where the
+two differ by whole periods over a region, the estimate that continues the surroundings is correct.
 """
 
 from __future__ import annotations
@@ -12,132 +12,171 @@ from collections.abc import Callable
 import numpy as np
 from scipy import ndimage
 
-from fringeworks.pair.counting import MAX_PERIODS, Name, count_fringes, invert_rows, slips
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.counting import (
+    MAX_DISPLACEMENT_PERIODS,
+    RowMethod,
+    count_fringes,
+    invert_rows,
+    slips,
+)
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
 from fringeworks.types import BoolMap, FloatMap, Reason
 
-AGREE = 0.35
-"""Displacements whose difference is this close to whole periods (share of one) may be compared."""
+WHOLE_TOLERANCE = 0.35
+"""Largest deviation of a difference from whole periods at which the orders are compared, periods.
+
+At 0.5 every difference would be near a whole number; a smaller tolerance leaves gaps where one
+estimate is noisy. An empirical choice.
+"""
 MIN_REGION = 0.5
-"""Smallest region that is looked at, square periods; smaller ones are noise of the counting."""
+"""Smallest region that is examined, square periods; smaller ones are noise of the counting.
+
+An empirical choice.
+"""
 MAJORITY = 0.6
-"""Share of the border that must speak for one order."""
+"""Smallest share of a region's border that decides its order, 0.5…1.
+
+Between 1 − MAJORITY and MAJORITY the order is undecided. An empirical choice.
+"""
+BORDER_PX = 2
+"""Margin around a region's bounding box that holds the pixels beyond its border, px; at least 1."""
 
 
 def settle_orders(
-    pair: PreparedPair, displacement_px: FloatMap, *, suspect: bool
+    prepared: PreparedPair, displacement_px: FloatMap, *, suspect: bool
 ) -> tuple[FloatMap, BoolMap, int]:
-    """Check the orders of a displacement against fringe counting.
+    """Check the fringe orders of a displacement against fringe counting.
 
     Parameters
     ----------
-    pair : PreparedPair
-    displacement_px : (h, w) float array, NaN where unknown; not mutated
+    prepared : PreparedPair
+    displacement_px : (h, w) float array
+        px; NaN where unknown; not mutated.
     suspect : bool
-        Whether there is cause for doubt: a phase without residues in one region has one order.
+        Whether the orders may be wrong. The phase of a single region without residues is unwrapped
+        unambiguously, and is not checked.
 
     Returns
     -------
-    displacement : with regions moved by whole periods where counting joins the surroundings
-    open : True where neither does; NaN there
-    moved : number of pixels that were moved
+    displacement : (h, w) float array
+        px; regions are moved by whole periods where counting continues the surroundings.
+    undecided : (h, w) bool array
+        True where neither estimate does; the displacement is NaN there.
+    moved : int
+        Number of pixels that were moved.
     """
     nowhere = np.zeros(displacement_px.shape, bool)
     if not suspect:
         return displacement_px, nowhere, 0
-    counted = count_fringes(pair).displacement_px
-    orders, undecided = compare_orders(displacement_px, counted, pair.period)
-    moved = displacement_px + orders * pair.period
+    counted = count_fringes(prepared).displacement_px
+    orders, undecided = compare_orders(displacement_px, counted, prepared.period)
+    moved = displacement_px + orders * prepared.period
     moved[undecided] = np.nan
     return moved, undecided, int(np.count_nonzero(orders))
 
 
 def guided_count(
-    pair: PreparedPair,
+    prepared: PreparedPair,
     band_pass: Callable[[], FloatMap],
-    name: Name = "sifa",
+    name: RowMethod = "sifa",
     *,
     max_displacement_px: float | None = None,
     **options: int,
 ) -> Solution:
-    """Displacement by counting; with the band-pass as a guide where counting slipped.
+    """Measure the displacement by counting, guided by the band-pass where counting slipped.
 
     Parameters
     ----------
-    pair : PreparedPair
+    prepared : PreparedPair
     band_pass : function without arguments
-        Gives the displacement of the band-pass, (h, w), px; called only if rows disagree.
-    name, max_displacement_px, options : as ``invert_rows`` has them
-    """
-
-    def run(limit_px: float | None, guide: FloatMap | None = None) -> Solution:
-        return invert_rows(pair, name, max_displacement_px=limit_px, guide_px=guide, **options)
-
-    first = run(max_displacement_px)
-    if not slips(first, pair.period):
-        return first
-    band = band_pass()
-    orders, undecided = compare_orders(first.displacement_px, band, pair.period)
-    if not (orders.any() or undecided.any()):
-        return first
-    guide = first.displacement_px + orders * pair.period
-    with np.errstate(invalid="ignore"):
-        guide[undecided | (np.abs(band - guide) > 0.5 * pair.period)] = np.nan
-    limit_px = max_displacement_px
-    if limit_px is None and np.isfinite(guide).any():
-        limit_px = max(MAX_PERIODS * pair.period, float(np.nanmax(np.abs(guide))) + pair.period)
-    second = run(limit_px, guide)
-    # What the guide could not mend stays open.
-    with np.errstate(invalid="ignore"):
-        lost = undecided | (np.abs(second.displacement_px - guide) > 0.5 * pair.period)
-    second.displacement_px[lost] = np.nan
-    second.reason[lost & (second.reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
-    return second
-
-
-def compare_orders(first: FloatMap, second: FloatMap, period_px: float) -> tuple[FloatMap, BoolMap]:
-    """Whole periods to add to ``first`` where ``second`` joins the surroundings better.
+        Returns the displacement of the band-pass, (h, w), px; called only if counting slipped.
+    name, max_displacement_px, options
+        As in ``invert_rows``.
 
     Returns
     -------
-    orders : (h, w) float array of whole numbers
-    undecided : (h, w) bool array, where a region's border speaks for neither
+    Solution
+        NaN (``ORDER_AMBIGUOUS``) where the orders stay open in spite of the guide.
+    """
+
+    def count(limit_px: float | None, guide: FloatMap | None = None) -> Solution:
+        return invert_rows(prepared, name, max_displacement_px=limit_px, guide_px=guide, **options)
+
+    period = prepared.period
+    unguided = count(max_displacement_px)
+    if not slips(unguided, period):
+        return unguided
+    band = band_pass()
+    orders, undecided = compare_orders(unguided.displacement_px, band, period)
+    if not (orders.any() or undecided.any()):
+        return unguided
+    guide = unguided.displacement_px + orders * period
+    with np.errstate(invalid="ignore"):
+        guide[undecided | (np.abs(band - guide) > 0.5 * period)] = np.nan
+    limit_px = max_displacement_px
+    if limit_px is None and np.isfinite(guide).any():
+        largest = float(np.nanmax(np.abs(guide)))
+        limit_px = max(MAX_DISPLACEMENT_PERIODS * period, largest + period)
+    guided = count(limit_px, guide)
+    with np.errstate(invalid="ignore"):
+        still_open = undecided | (np.abs(guided.displacement_px - guide) > 0.5 * period)
+    guided.displacement_px[still_open] = np.nan
+    guided.reason[still_open & (guided.reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
+    return guided
+
+
+def compare_orders(first: FloatMap, second: FloatMap, period_px: float) -> tuple[FloatMap, BoolMap]:
+    """Find the whole periods to add where ``second`` continues the surroundings better.
+
+    Parameters
+    ----------
+    first, second : (h, w) float arrays
+        Two estimates of the displacement, px; NaN where unknown.
+    period_px : float > 0
+
+    Returns
+    -------
+    orders : (h, w) float array
+        Whole numbers of periods, 0 where ``first`` is right or the two cannot be compared.
+    undecided : (h, w) bool array
+        True in regions whose border supports neither estimate.
     """
     difference = (second - first) / period_px
     orders = np.zeros(first.shape)
     undecided = np.zeros(first.shape, bool)
     whole = np.round(difference)
     with np.errstate(invalid="ignore"):
-        comparable = np.abs(difference - whole) <= AGREE
+        comparable = np.abs(difference - whole) <= WHOLE_TOLERANCE
     if not comparable.any():
         return orders, undecided
-    # A global offset is no disagreement: the two are anchored independently.
+    # A common offset is no disagreement, because the two estimates are anchored independently.
     order = np.where(comparable, whole - np.median(whole[comparable]), 0.0)
     trusted = comparable & (order == 0)
     smallest = MIN_REGION * period_px**2
     for value in np.unique(order[order != 0]):
         label, count = ndimage.label(order == value)
         sizes = np.bincount(label.ravel(), minlength=count + 1)
-        places = ndimage.find_objects(label)
+        boxes = ndimage.find_objects(label)
         for k in range(1, count + 1):
             if sizes[k] < smallest:
                 continue
-            window = tuple(slice(max(0, s.start - 2), s.stop + 2) for s in places[k - 1])
-            region = label[window] == k
-            votes = _votes(
-                region, trusted[window], first[window], first[window] + value * period_px
+            box = tuple(
+                slice(max(0, s.start - BORDER_PX), s.stop + BORDER_PX) for s in boxes[k - 1]
             )
-            if votes > MAJORITY:
-                orders[window][region] = value
-            elif votes > 1.0 - MAJORITY:
-                undecided[window] |= region
+            region = label[box] == k
+            moved = first[box] + value * period_px
+            share = _smoother_share(region, trusted[box], first[box], moved)
+            if share > MAJORITY:
+                orders[box][region] = value
+            elif share > 1.0 - MAJORITY:
+                undecided[box] |= region
     return orders, undecided
 
 
-def _votes(region: BoolMap, trusted: BoolMap, first: FloatMap, second: FloatMap) -> float:
-    """Share of the region's border that ``second`` crosses more smoothly than ``first``."""
-    better = total = 0
+def _smoother_share(region: BoolMap, trusted: BoolMap, first: FloatMap, second: FloatMap) -> float:
+    """Share of the region's border where ``second`` is closer to the trusted pixel beyond it."""
+    closer = total = 0
     ahead, behind = slice(1, None), slice(None, -1)
     for here, there in (
         ((slice(None), ahead), (slice(None), behind)),
@@ -148,6 +187,6 @@ def _votes(region: BoolMap, trusted: BoolMap, first: FloatMap, second: FloatMap)
         edge = region[here] & trusted[there]
         outside = first[there][edge]
         a, b = np.abs(first[here][edge] - outside), np.abs(second[here][edge] - outside)
-        better += int(np.count_nonzero(b < a))
+        closer += int(np.count_nonzero(b < a))
         total += edge.sum()
-    return better / total if total else 0.0
+    return closer / total if total else 0.0

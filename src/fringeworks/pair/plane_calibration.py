@@ -1,4 +1,4 @@
-"""Calibration of the two-frame path: a plane at known heights over the reference (theory §2)."""
+"""Calibration of the two-frame path from a plane at known heights (theory §2)."""
 
 from __future__ import annotations
 
@@ -18,59 +18,71 @@ from fringeworks.types import (
     ReferencePlaneGeometry,
 )
 
-WORST = 0.1
-"""Error of a plane's height, over the largest, beyond which no geometry explains the planes."""
-LEAST = 100
-"""Measured pixels that a height needs."""
+MAX_MISFIT = 0.1
+"""Largest error of a plane's height, as a share of the largest height.
+
+With a larger error no geometry explains the planes: an order or a height is usually wrong. An
+empirical choice.
+"""
+MIN_PLANE_PIXELS = 100
+"""Smallest number of measured pixels at each height.
+
+The median displacement of fewer pixels is not robust against outliers. An empirical choice.
+"""
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlaneCalibration(Frozen):
-    """Distance and baseline, from planes at known heights."""
+    """Distance and baseline from planes at known heights."""
 
     geometry: ReferencePlaneGeometry
     distance_sigma_mm: float
-    """Standard deviation of l by how the planes scatter."""
+    """Standard deviation of l from the scatter of the planes, mm; with two planes 0."""
     baseline_sigma_mm: float
+    """Standard deviation of d₀ from the scatter of the planes, mm; with two planes 0."""
     residual_mm: tuple[float, ...]
-    """How far each plane's pixels are off its height: robust standard deviation."""
+    """Deviation of each plane's pixels from its height, mm: robust standard deviation."""
     provenance: Provenance | None = None
     """How it was made; None where the caller built it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PixelCalibration(Frozen):
-    """Height from displacement pixel by pixel: 1/h = β/α + 1 / (α u).
+    """Height from displacement at every pixel: h = α u / (1 + β u).
 
-    It takes up lens distortion and pupils at different distances, within the calibrated heights.
-    Between pupils at equal distances α = l/d₀ and β = 1/d₀.
+    Within the calibrated heights it also corrects for lens distortion and for pupils at different
+    distances. With pupils at equal distances α = l/d₀ and β = 1/d₀.
     """
 
     slope: FloatMap
     """α, (h, w), mm/px; NaN where not calibrated."""
     bend: FloatMap
-    """β, (h, w), 1/px."""
+    """β, (h, w), 1/px; NaN where not calibrated."""
     heights_mm: tuple[float, float]
-    """Lowest and highest plane; heights beyond are extrapolated."""
+    """Lowest and highest plane, mm; heights beyond are extrapolated."""
     provenance: Provenance | None = None
     """How it was made; None where the caller built it."""
 
 
 def _checked(
-    displacements_px: Sequence[FloatMap], heights_mm: Sequence[float], least: int
+    displacements_px: Sequence[FloatMap], heights_mm: Sequence[float], minimum: int
 ) -> tuple[FloatMap, FloatMap]:
+    """Displacements as (planes, h, w) and heights as (planes,), at least ``minimum`` different."""
     heights = np.asarray(heights_mm, np.float64)
     if len(displacements_px) != heights.size:
         raise InputError(
-            f"planes: expected a height for each, got {len(displacements_px)} and {heights.size}"
+            f"planes: expected a height for each, got {len(displacements_px)} planes and "
+            f"{heights.size} heights"
         )
     if not np.isfinite(heights).all() or (heights == 0).any():
         raise InputError(
-            f"heights: expected finite ones other than 0, the reference itself, got {heights_mm}"
+            f"heights: expected finite values other than 0 (the reference), got {heights_mm}"
         )
-    if np.unique(heights).size < least:
+    if np.unique(heights).size < minimum:
         raise InputError(
-            f"heights: expected {least} different ones or more, got {np.unique(heights).size}"
+            f"heights: expected at least {minimum} different ones, got {np.unique(heights).size}"
         )
     shapes = {np.shape(d) for d in displacements_px}
     if len(shapes) != 1:
@@ -84,53 +96,67 @@ def calibrate_reference_plane(
     *,
     pitch_mm_per_px: float,
 ) -> PlaneCalibration:
-    """l and d₀ from a plane at two known heights or more.
+    """Determine distance l and baseline d₀ from a plane at two or more known heights.
 
     Parameters
     ----------
-    displacements_px : sequence of (h, w) arrays
-        Displacement of the fringes on the plane at each height against the reference, px.
+    displacements_px : sequence of (h, w) float arrays
+        Displacement of the fringes on the plane at each height against the reference, px; NaN
+        where not measured.
     heights_mm : sequence of float
-        Heights over the reference plane, towards the camera, not 0.
+        Heights over the reference plane, positive towards the camera, not 0, mm.
     pitch_mm_per_px : float > 0
-        Size of a camera pixel on the reference plane: displacements alone do not tell it. A board
-        on the plane does (spacing of its corners).
+        Size of a camera pixel on the reference plane, mm/px. Displacements do not determine it; the
+        corner spacing of a board on the plane does.
+
+    Returns
+    -------
+    PlaneCalibration
 
     Raises
     ------
-    InputError for fewer than two heights, maps that do not fit, and displacements that no geometry
-    explains.
+    InputError
+        If there are fewer than two different heights or too few measured pixels, if the maps do not
+        fit together, or if no geometry explains the displacements.
 
     Notes
     -----
-    From (3), h/u = l/d₀ − h/d₀: linear in what is known exactly, the heights. Each plane counts
-    by the median of its displacement.
+    Theory §2: from (3), h/u = l/d₀ − h/d₀, which is linear in h, and h is known exactly. Each plane
+    is represented by its median displacement.
+
+    Examples
+    --------
+    >>> planes = [np.full((10, 10), 2000.0 * h / (5000.0 - h)) for h in (20.0, 50.0)]
+    >>> calibration = calibrate_reference_plane(planes, (20.0, 50.0), pitch_mm_per_px=1.0)
+    >>> round(calibration.geometry.distance_mm, 3), round(calibration.geometry.baseline_mm, 3)
+    (5000.0, 2000.0)
     """
     maps, heights = _checked(displacements_px, heights_mm, 2)
     if not pitch_mm_per_px > 0:
         raise InputError(f"pitch: expected > 0 mm/px, got {pitch_mm_per_px}")
     count = np.isfinite(maps).sum(axis=(1, 2))
-    if count.min() < LEAST:
+    if count.min() < MIN_PLANE_PIXELS:
         raise InputError(
-            f"planes: expected {LEAST} measured pixels or more at each height, got {count.min()}"
+            f"planes: expected at least {MIN_PLANE_PIXELS} measured pixels at each height, "
+            f"got {count.min()}"
         )
-    # Neighbouring pixels err alike, so the planes, not their pixels, are what is counted.
+    # Errors of neighbouring pixels are correlated, so the planes count, not their pixels.
     u = np.array([np.nanmedian(m) for m in maps]) * pitch_mm_per_px
-    solution, covariance = _law(u[:, None], heights)
+    solution, covariance = _fit_law(u[:, None], heights)
     slope, bend = (float(v) for v in solution[:, 0])
     distance, baseline = slope / bend if bend else np.inf, 1.0 / bend if bend else np.inf
     misfit = np.abs(slope * u / (1.0 + bend * u) - heights).max()
-    lawful = np.isfinite(distance) and distance > heights.max()
-    if not (lawful and misfit < WORST * np.abs(heights).max()):
+    possible = np.isfinite(distance) and distance > heights.max()
+    if not (possible and misfit < MAX_MISFIT * np.abs(heights).max()):
         raise InputError(
             "planes: expected displacements that grow with height, got some that no geometry "
             f"explains (l = {distance:g} mm, d₀ = {baseline:g} mm)"
         )
-    # l = α/β and d₀ = 1/β.
-    by = np.array([[1.0 / bend, -slope / bend**2], [0.0, -1.0 / bend**2]])
-    spread = np.sqrt(np.diag(by @ covariance[0] @ by.T))
-    off = [
-        slope * (p := m * pitch_mm_per_px) / (1.0 + bend * p) - h
+    # Derivatives of l = α/β and d₀ = 1/β with respect to α and β.
+    jacobian = np.array([[1.0 / bend, -slope / bend**2], [0.0, -1.0 / bend**2]])
+    sigma = np.sqrt(np.diag(jacobian @ covariance[0] @ jacobian.T))
+    residuals = [
+        slope * (u_mm := m * pitch_mm_per_px) / (1.0 + bend * u_mm) - h
         for m, h in zip(maps, heights, strict=True)
     ]
     geometry = ReferencePlaneGeometry(
@@ -141,17 +167,30 @@ def calibrate_reference_plane(
     )
     return PlaneCalibration(
         geometry,
-        float(spread[0]),
-        float(spread[1]),
-        tuple(1.4826 * float(np.nanmedian(np.abs(o))) for o in off),
+        distance_sigma_mm=float(sigma[0]),
+        baseline_sigma_mm=float(sigma[1]),
+        residual_mm=tuple(MAD_TO_SIGMA * float(np.nanmedian(np.abs(r))) for r in residuals),
     )
 
 
-def _law(u: FloatMap, heights: FloatMap) -> tuple[FloatMap, FloatMap]:
-    """α and β of h/u = α − β h, (2, n), for n pixels, and their covariances, (n, 2, 2).
+def _fit_law(u: FloatMap, heights: FloatMap) -> tuple[FloatMap, FloatMap]:
+    """Fit h/u = α − β h by weighted least squares.
 
-    Displacements (planes, n) have the noise, so they must not be among the regressors; u grows
-    with h, and with it the weight of h/u.
+    Parameters
+    ----------
+    u : (planes, n) float array
+        Displacements of n pixels, or of one plane each (n = 1); NaN where unknown.
+    heights : (planes,) float array, mm
+
+    Returns
+    -------
+    solution : (2, n) float array, α and β
+    covariance : (n, 2, 2) float array, of α and β
+
+    Notes
+    -----
+    Displacements have noise, so they are not used as regressors. Since u grows with h, the weight
+    of h/u is proportional to h².
     """
     known = np.isfinite(u) & (u != 0)
     h = heights[:, None]
@@ -163,33 +202,44 @@ def _law(u: FloatMap, heights: FloatMap) -> tuple[FloatMap, FloatMap]:
         determinant = s0 * s2 - s1 * s1
         slope = (s2 * r0 - s1 * r1) / determinant
         bend = -(s0 * r1 - s1 * r0) / determinant
-        left = np.sum(weight * (ratio - slope + bend * h) ** 2, axis=0)
+        residual = np.sum(weight * (ratio - slope + bend * h) ** 2, axis=0)
         freedom = np.maximum(known.sum(axis=0) - 2, 1)
         inverse = np.stack((np.stack((s2, s1), -1), np.stack((s1, s0), -1)), -2)
-        covariance = inverse * (left / freedom / determinant)[:, None, None]
+        covariance = inverse * (residual / freedom / determinant)[:, None, None]
     return np.stack((slope, bend)), covariance
 
 
 def calibrate_pixels(
     displacements_px: Sequence[FloatMap], heights_mm: Sequence[float]
 ) -> PixelCalibration:
-    """The law of every pixel from a plane at three known heights or more.
+    """Determine the law of height and displacement at every pixel from three or more known heights.
 
     Parameters
     ----------
-    displacements_px, heights_mm : as for ``calibrate_reference_plane``
+    displacements_px : sequence of (h, w) float arrays
+        Displacement of the fringes on the plane at each height against the reference, px; NaN
+        where not measured.
+    heights_mm : sequence of float
+        Heights over the reference plane, positive towards the camera, not 0, mm.
 
     Returns
     -------
-    PixelCalibration; NaN where fewer than three heights were measured.
+    PixelCalibration
+        NaN at pixels with fewer than three measured heights.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three different heights, if the maps do not fit together, or if no
+        pixel can be calibrated.
 
     Notes
     -----
-    The inverse-linear law of phase and height (Zhou and Su, Optics Communications 108, 1994), by
-    u l − h d = u h at every pixel.
+    The inverse-linear law 1/h = β/α + 1/(α u) of phase and height (Zhou and Su, Optics
+    Communications 108, 1994), fitted as h/u = α − β h at every pixel.
     """
     maps, heights = _checked(displacements_px, heights_mm, 3)
-    (slope, bend), _ = _law(maps.reshape(len(maps), -1), heights)
+    (slope, bend), _ = _fit_law(maps.reshape(len(maps), -1), heights)
     enough = np.isfinite(maps).sum(axis=0).ravel() >= 3
     with np.errstate(invalid="ignore"):
         grows = [1.0 + bend * m.ravel() > 0 for m in maps]
@@ -199,16 +249,36 @@ def calibrate_pixels(
         raise InputError("planes: expected displacements that grow with height, got none")
     shape = maps.shape[1:]
     return PixelCalibration(
-        np.where(good, slope, np.nan).reshape(shape),
-        np.where(good, bend, np.nan).reshape(shape),
-        (float(heights.min()), float(heights.max())),
+        slope=np.where(good, slope, np.nan).reshape(shape),
+        bend=np.where(good, bend, np.nan).reshape(shape),
+        heights_mm=(float(heights.min()), float(heights.max())),
     )
 
 
 def height_by_pixel(phase: DisplacementMap, calibration: PixelCalibration) -> HeightMap:
-    """Heights in mm by a calibration of every pixel.
+    """Convert a displacement to heights in mm by a calibration of every pixel.
 
-    h = α u / (1 + β u), σ_h = α / (1 + β u)² σ_u. Pixels that were not calibrated are NaN.
+    Parameters
+    ----------
+    phase : DisplacementMap
+        (h, w), px.
+    calibration : PixelCalibration
+        Of the same shape.
+
+    Returns
+    -------
+    HeightMap
+        mm, positive towards the camera; NaN where the pixel was not calibrated (``UNDETERMINED``)
+        or no height has its displacement (``BEYOND_GEOMETRY``).
+
+    Raises
+    ------
+    InputError
+        If the shapes differ.
+
+    Notes
+    -----
+    h = α u / (1 + β u), σ_h = |α| / (1 + β u)² · σ_u.
     """
     shape = phase.displacement_px.shape
     if calibration.slope.shape != shape:

@@ -1,4 +1,4 @@
-"""Two pupils over a reference plane: height from displacement and back (theory §2)."""
+"""Geometry of two pupils over a reference plane: height from displacement and back (theory §2)."""
 
 from __future__ import annotations
 
@@ -15,20 +15,28 @@ from fringeworks.types import (
 
 
 def displacement_from_height(height_mm: FloatMap, geometry: ReferencePlaneGeometry) -> FloatMap:
-    """Displacement of the fringes caused by a height, theory (3): u = d₀·h / (l − h).
+    """Compute the displacement of the fringes that a height causes.
 
     Parameters
     ----------
-    height_mm : float array of any shape, mm, below ``distance_mm``.
+    height_mm : float array of any shape
+        Height above the reference plane, positive towards the camera, below ``distance_mm``, mm;
+        NaN where unknown.
     geometry : ReferencePlaneGeometry
 
     Returns
     -------
-    Displacement in px, with the geometry's sign; NaN where the height is.
+    float64 array of the same shape
+        Displacement in px, with the geometry's sign; NaN where the height is NaN.
 
     Raises
     ------
-    InputError where a height reaches the pupils (h ≥ l).
+    InputError
+        If a height reaches the pupils (h ≥ l).
+
+    Notes
+    -----
+    Theory §2, (3): u = d₀·h / (l − h).
 
     Examples
     --------
@@ -49,17 +57,23 @@ def displacement_from_height(height_mm: FloatMap, geometry: ReferencePlaneGeomet
 def height_from_displacement(
     displacement_px: FloatMap, geometry: ReferencePlaneGeometry
 ) -> FloatMap:
-    """Height above the reference plane, theory (1): h = l·u / (d₀ + u).
+    """Compute the height above the reference plane that causes a displacement of the fringes.
 
     Parameters
     ----------
-    displacement_px : float array of any shape, px.
+    displacement_px : float array of any shape
+        px; NaN where unknown.
     geometry : ReferencePlaneGeometry
 
     Returns
     -------
-    Height in mm, towards the camera positive; NaN where u ≤ −d₀, since no height has that
-    displacement.
+    float64 array of the same shape
+        Height in mm, positive towards the camera; NaN where u ≤ −d₀, because no height has that
+        displacement.
+
+    Notes
+    -----
+    Theory §2, (1): h = l·u / (d₀ + u).
 
     Examples
     --------
@@ -74,9 +88,23 @@ def height_from_displacement(
 
 
 def to_surface(phase: DisplacementMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:
-    """Heights in mm with their σ; without a geometry the displacement in px, saying so.
+    """Convert a displacement to heights in mm, or keep it in px where the geometry is unknown.
 
-    σ_h = l·d₀ / (d₀ + u)² · σ_u, the derivative of (1).
+    Parameters
+    ----------
+    phase : DisplacementMap
+        (h, w), px.
+    geometry : ReferencePlaneGeometry or None
+
+    Returns
+    -------
+    HeightMap
+        Heights in mm with their σ; NaN (``BEYOND_GEOMETRY``) where no height has the displacement.
+        Without a geometry, ``quantity`` is "displacement" and ``unit`` is "px".
+
+    Notes
+    -----
+    Theory §2, (1) and its derivative, σ_h = l·d₀ / (d₀ + u)² · σ_u.
     """
     if geometry is None:
         return HeightMap(

@@ -1,4 +1,4 @@
-"""Phase unwrapping in space: three algorithms, one contract, and a choice by the data."""
+"""Phase unwrapping in space: three algorithms, and the choice between them (theory §5)."""
 
 from __future__ import annotations
 
@@ -14,34 +14,56 @@ from fringeworks.types import BoolMap, FloatMap, InputError
 
 Algorithm = Literal["auto", "reliability", "guided", "least_squares"]
 ALGORITHMS = ("auto", "reliability", "guided", "least_squares")
+"""Names of the algorithms."""
 PhaseField = NDArray[np.float32]
+Regions = NDArray[np.uint32]
 
-NOISY = 1e-4
-"""Share of residues above which the map is taken for noisy, and guided."""
+MAX_RESIDUE_SHARE = 1e-4
+"""Largest number of residues per valid pixel at which "auto" takes "reliability".
+
+More residues mean noise, where "reliability" leaves wrong orders and "guided" does not. An
+empirical choice.
+"""
 GUIDE_SIGMA_PX = 3.0
-"""Width of the window over which the guide's phasor is averaged."""
+"""Width σ of the Gaussian window over which the guide averages the phasor, px.
+
+A wider window reduces noise further but smooths over steep phase. An empirical choice.
+"""
 GUIDE_REACH_PX = 7
-"""Half the side of the box that measures the local frequency."""
-LARGEST_RAD = 1e6
-"""Beyond, single precision no longer holds a phase."""
-MAX_STEPS = 300
-"""Conjugate gradient steps of the weighted least squares."""
-TOLERANCE = 1e-5
-"""Share of the residual at which they end."""
+"""Half the side of the box in which the guide measures the local frequency, px (15 × 15 px).
+
+A larger box reduces noise; over it the frequency must be nearly constant. An empirical choice.
+"""
+MAX_PHASE_RAD = 1e6
+"""Largest absolute phase, rad; single precision resolves 0.06 rad there."""
+MAX_CG_STEPS = 300
+"""Largest number of conjugate gradient steps of the weighted least squares.
+
+It bounds the time where weights of very different size slow the convergence; the fringe order needs
+the solution only to within half a period. An empirical choice.
+"""
+CG_TOLERANCE = 1e-5
+"""Norm of the residual, as a share of the right side's, at which conjugate gradients stop.
+
+The fringe order needs the solution only to within half a period. An empirical choice.
+"""
 
 
 class Unwrapped(NamedTuple):
-    """An unwrapped phase, and how it was come by."""
+    """An unwrapped phase, its regions, and how it was obtained."""
 
     phase: PhaseField
-    """(h, w), rad; congruent with the input modulo 2π, NaN where masked."""
-    region: NDArray[np.uint32]
-    """0 where masked; 1 for the largest connected region, 2 for the next …; orders of different
-    regions are unrelated."""
+    """(h, w), rad; equal to the input modulo 2π, NaN where masked."""
+    region: Regions
+    """(h, w); 0 where masked, 1 in the largest connected region, 2 in the next, and so on.
+
+    The fringe orders of different regions are unrelated.
+    """
     algorithm: str
-    """The one that was used."""
+    """The algorithm that was used: "reliability", "guided" or "least_squares"."""
     residues: int
-    """Loops of four pixels that do not close: none where every path gives the same."""
+    """Number of loops of 2 × 2 pixels whose wrapped differences do not add up to 0. With none, the
+    result does not depend on the path."""
 
 
 def unwrap(
@@ -56,40 +78,46 @@ def unwrap(
     Parameters
     ----------
     phase_rad : (h, w) float array
-        Wrapped phase, rad; not mutated. Pixels that are not finite count as masked.
+        Wrapped phase, rad; not mutated. Pixels that are not finite are masked.
     mask : (h, w) bool array, optional
         True where the phase is valid.
     quality : (h, w) float array, ≥ 0, optional
-        How far each pixel is to be trusted, for instance its modulation; 0 or NaN counts as
-        masked. Sorts the pixels ("reliability"), or weights them.
+        Reliability of each pixel, for instance its modulation; pixels with 0 or NaN are masked.
+        "reliability" sorts the pixels by it, the other algorithms use it as a weight.
     algorithm : str
-        "reliability": sorting by reliability, exact where no residue makes the path matter.
-        "guided": the phasor is averaged along the local frequency, the average unwrapped, and
-        its fringe order handed to the raw phase; for noise.
-        "least_squares": the phase whose differences fit best, by cosine transforms; its order
-        handed to the raw phase.
-        "auto": "guided" where more than one loop in 10 000 is a residue, else "reliability".
+        "reliability": joins pixels along the most reliable edges first; exact where there are no
+        residues.
+        "guided": averages the phasor along the local frequency, unwraps the average, and gives its
+        fringe order to the input; for noise.
+        "least_squares": fits the phase to the wrapped differences by cosine transforms, and gives
+        its fringe order to the input.
+        "auto": "guided" if there is more than one residue per 10 000 valid pixels, else
+        "reliability".
 
     Returns
     -------
-    Unwrapped, a named tuple (phase, region, algorithm, residues).
+    Unwrapped
+        Named tuple (phase, region, algorithm, residues).
 
     Raises
     ------
-    InputError where the phase is not 2-D, values lie beyond 10⁶ rad, shapes differ, no pixel is
-    valid, or the algorithm is unknown.
+    InputError
+        If the phase is not 2-D, not real or beyond 10⁶ rad, if shapes differ, if no pixel is valid,
+        or if the algorithm is unknown.
 
     Notes
     -----
-    Herráez, Burton, Lalor, Gdeisat, Applied Optics 41(35):7437, 2002 (reliability); Ghiglia &
-    Romero, JOSA A 11(1):107, 1994 (least squares). Residues: Goldstein, Zebker, Werner, Radio
-    Science 23(4):713, 1988. Guided: theory §6; what is left wrong is what noise beyond π shifts.
+    Theory §5, "Unwrapping". Reliability: Herráez, Burton, Lalor, Gdeisat, Applied Optics
+    41(35):7437, 2002, doi:10.1364/AO.41.007437. Least squares: Ghiglia & Romero, JOSA A 11(1):107,
+    1994, doi:10.1364/JOSAA.11.000107. Residues: Goldstein, Zebker, Werner, Radio Science 23(4):713,
+    1988, doi:10.1029/RS023i004p00713. "guided" still makes errors where the noise of a pixel
+    exceeds π.
 
     Examples
     --------
     >>> ramp = np.tile(np.linspace(0, 20, 50), (40, 1))
     >>> result = unwrap(np.angle(np.exp(1j * ramp)))
-    >>> bool(np.allclose(np.diff(result.displacement, axis=1), 20 / 49, atol=1e-5))
+    >>> bool(np.allclose(np.diff(result.phase, axis=1), 20 / 49, atol=1e-5))
     True
     >>> result.algorithm, result.residues, int(result.region.max())
     ('reliability', 0, 1)
@@ -100,10 +128,10 @@ def unwrap(
     usable = valid.astype(np.uint8)
     residues = _core.count_residues(phase, usable)
     if algorithm == "auto":
-        algorithm = "guided" if residues > NOISY * valid.sum() else "reliability"
+        algorithm = "guided" if residues > MAX_RESIDUE_SHARE * valid.sum() else "reliability"
     if algorithm == "reliability":
-        rough = None if weight is None else weight.max() - weight
-        unwrapped, region = _core.unwrap_reliability(phase, usable, rough)
+        roughness = None if weight is None else weight.max() - weight
+        unwrapped, region = _core.unwrap_reliability(phase, usable, roughness)
         return Unwrapped(unwrapped, region, algorithm, residues)
     weights = valid.astype(np.float32) if weight is None else weight
     solve = _guided if algorithm == "guided" else _least_squares
@@ -114,7 +142,7 @@ def unwrap(
 def _checked(
     phase_rad: FloatMap, mask: BoolMap | None, quality: FloatMap | None
 ) -> tuple[PhaseField, BoolMap, PhaseField | None]:
-    """Phase with zeros in its gaps, valid pixels, and the quality scaled to 1 where given."""
+    """Phase with zeros where masked, valid pixels, and the quality scaled to a maximum of 1."""
     values = np.asarray(phase_rad)
     if values.ndim != 2:
         raise InputError(f"phase: expected shape (h, w), got {values.shape}")
@@ -134,8 +162,8 @@ def _checked(
     if not valid.any():
         raise InputError("phase: expected at least one valid pixel, got none")
     largest = float(np.abs(values[valid]).max())
-    if largest > LARGEST_RAD:
-        raise InputError(f"phase: expected at most {LARGEST_RAD:g} rad, got {largest:.3g}")
+    if largest > MAX_PHASE_RAD:
+        raise InputError(f"phase: expected at most {MAX_PHASE_RAD:g} rad, got {largest:.3g}")
     if quality is not None:
         weight = np.where(valid, quality, 0.0)
         weight = np.ascontiguousarray(weight / weight.max(), dtype=np.float32)
@@ -144,26 +172,24 @@ def _checked(
 
 
 def _congruent(smooth: PhaseField, phase: PhaseField) -> PhaseField:
-    """The raw phase with the fringe order of a smooth one."""
-    turn = np.float32(2.0 * np.pi)
-    return np.asarray(phase + turn * np.round((smooth - phase) / turn), dtype=np.float32)
+    """Add to the phase the whole periods that bring it closest to a smooth one."""
+    period = np.float32(2.0 * np.pi)
+    return np.asarray(phase + period * np.round((smooth - phase) / period), dtype=np.float32)
 
 
-Solved = tuple[PhaseField, NDArray[np.uint32]]
-
-
-def _guided(phase: PhaseField, valid: BoolMap, weight: PhaseField) -> Solved:
+def _guided(phase: PhaseField, valid: BoolMap, weight: PhaseField) -> tuple[PhaseField, Regions]:
     """Unwrapped phase of the locally averaged phasor, and its regions."""
     mean = _core.average_phasor(phase, weight, sigma=GUIDE_SIGMA_PX, reach=GUIDE_REACH_PX)
     return _core.unwrap_reliability(np.angle(mean), valid.astype(np.uint8), None)
 
 
 def _wrap(values: FloatMap) -> FloatMap:
+    """Values modulo 2π, −π…π."""
     return values - 2.0 * np.pi * np.round(values / (2.0 * np.pi))
 
 
 def _divergence(along_x: FloatMap, along_y: FloatMap, shape: tuple[int, int]) -> FloatMap:
-    """Sum of what flows into each pixel, from differences between neighbours."""
+    """Divergence at each pixel of a field given on the links to its right and lower neighbours."""
     total = np.zeros(shape)
     total[:, :-1] += along_x
     total[:, 1:] -= along_x
@@ -186,48 +212,58 @@ def _poisson(shape: tuple[int, int]) -> Callable[[FloatMap], FloatMap]:
     return solve
 
 
-def _least_squares(phase: PhaseField, valid: BoolMap, weight: PhaseField) -> Solved:
-    """Weighted least squares by conjugate gradients, preconditioned by the unweighted solver."""
+def _least_squares(
+    phase: PhaseField, valid: BoolMap, weight: PhaseField
+) -> tuple[PhaseField, Regions]:
+    """Phase whose differences fit the wrapped ones best, and its regions."""
     raw = phase.astype(np.float64)
     link_x = np.minimum(weight[:, 1:], weight[:, :-1]).astype(np.float64) ** 2
     link_y = np.minimum(weight[1:], weight[:-1]).astype(np.float64) ** 2
     source = _divergence(
         link_x * _wrap(np.diff(raw, axis=1)), link_y * _wrap(np.diff(raw, axis=0)), raw.shape
     )
-    poisson = _poisson(raw.shape)
-    uniform = bool((weight == weight.flat[0]).all())
-    found = poisson(source / float(weight.flat[0]) ** 2) if uniform else np.zeros(raw.shape)
-    if not uniform:
-        residual, direction, before = source, source, 0.0
-        target = TOLERANCE * float(np.linalg.norm(source))
-        for _ in range(MAX_STEPS):
-            if float(np.linalg.norm(residual)) <= target:
-                break
-            step = poisson(residual)
-            rho = float(np.vdot(residual, step))
-            direction = step if before == 0.0 else step + (rho / before) * direction
-            before = rho
-            pushed = _divergence(
-                link_x * np.diff(direction, axis=1),
-                link_y * np.diff(direction, axis=0),
-                raw.shape,
-            )
-            alpha = rho / float(np.vdot(direction, pushed))
-            found = found + alpha * direction
-            residual = residual - alpha * pushed
+    if bool((weight == weight.flat[0]).all()):
+        fitted = _poisson(raw.shape)(source / float(weight.flat[0]) ** 2)
+    else:
+        fitted = _conjugate_gradients(source, link_x, link_y)
     region = _regions(valid)
-    # Each region's constant is free: take the one that lies best on the raw phase.
+    # The constant of each region is free: take the mean difference from the wrapped phase.
     offset = np.zeros(int(region.max()) + 1)
     labels = np.arange(1, offset.size)
-    phasor = np.exp(1j * (raw - found))
+    phasor = np.exp(1j * (raw - fitted))
     real, imaginary = (ndimage.sum_labels(p, region, labels) for p in (phasor.real, phasor.imag))
     offset[1:] = np.arctan2(imaginary, real)
-    smooth = np.where(valid, found + offset[region], np.nan)
+    smooth = np.where(valid, fitted + offset[region], np.nan)
     return smooth.astype(np.float32), region
 
 
-def _regions(valid: BoolMap) -> NDArray[np.uint32]:
-    """Connected regions, numbered by falling size."""
+def _conjugate_gradients(source: FloatMap, link_x: FloatMap, link_y: FloatMap) -> FloatMap:
+    """Solve the weighted Poisson equation, preconditioned by the unweighted solver.
+
+    ``link_x`` and ``link_y`` are the weights of the links between neighbouring pixels.
+    """
+    poisson = _poisson(source.shape)
+    solution = np.zeros(source.shape)
+    residual, direction, previous_rho = source, source, 0.0
+    target = CG_TOLERANCE * float(np.linalg.norm(source))
+    for _ in range(MAX_CG_STEPS):
+        if float(np.linalg.norm(residual)) <= target:
+            break
+        step = poisson(residual)
+        rho = float(np.vdot(residual, step))
+        direction = step if previous_rho == 0.0 else step + (rho / previous_rho) * direction
+        previous_rho = rho
+        product = _divergence(
+            link_x * np.diff(direction, axis=1), link_y * np.diff(direction, axis=0), source.shape
+        )
+        alpha = rho / float(np.vdot(direction, product))
+        solution = solution + alpha * direction
+        residual = residual - alpha * product
+    return solution
+
+
+def _regions(valid: BoolMap) -> Regions:
+    """Connected regions, numbered by decreasing size; 0 where invalid."""
     label, count = ndimage.label(valid)
     size = np.bincount(label.ravel(), minlength=count + 1)
     rank = np.zeros(count + 1, np.uint32)

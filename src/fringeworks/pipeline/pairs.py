@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fringeworks.pair.analyse import analyse
-from fringeworks.pair.pair import prepare
 from fringeworks.pair.plane_calibration import (
     PixelCalibration,
     PlaneCalibration,
@@ -16,6 +15,7 @@ from fringeworks.pair.plane_calibration import (
     calibrate_reference_plane,
     height_by_pixel,
 )
+from fringeworks.pair.prepared import prepare
 from fringeworks.pair.reference_plane import to_surface
 from fringeworks.pair.registry import MethodOption
 from fringeworks.pipeline.inputs import StrPath, pair_of, sources_of

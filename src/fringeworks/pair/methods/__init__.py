@@ -1,4 +1,4 @@
-"""The registered methods, one file per family; importing this package registers them."""
+"""The registered methods, one file for each family. Importing this package registers them."""
 
 from fringeworks.pair.methods import (  # noqa: F401
     fourier,

@@ -1,4 +1,4 @@
-"""Fourier transform profilometry: a band-pass around the carrier, phase by phase (theory §5)."""
+"""Fourier transform profilometry: phase difference after a band-pass (theory §5)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from fringeworks.pair.bandpass import WIDTH, Shape, band_pass, check_band
+from fringeworks.pair.bandpass import HALF_WIDTH, Shape, band_pass, check_band
 from fringeworks.pair.demodulation import Demodulated, to_displacement
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
 
 
@@ -17,25 +17,35 @@ def fourier(
     pair: PreparedPair,
     *,
     dimensions: Literal[1, 2] = 2,
-    width: float = WIDTH,
+    width: float = HALF_WIDTH,
     window: Shape = "hann",
 ) -> Solution:
-    """Fourier transform profilometry: band-pass around the carrier, phase against the reference.
+    """Filters the band around the carrier and compares the phase with the reference's.
 
     Parameters
     ----------
     pair : PreparedPair
     dimensions : 1 or 2
-        Filter row by row, or the whole frame at once, which averages noise along the fringes too.
+        Filter row by row, or the whole frame, which also averages noise along the fringes.
     width : float in (0, 1)
         Half-width of the pass band, as a share of the carrier frequency.
     window : "hann", "gaussian", "tukey" or "rectangular"
-        Shape of the pass band.
+        Shape of the pass band, see ``band_response``.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    InputError
+        If an option is out of its range.
 
     Notes
     -----
-    Takeda & Mutoh, Applied Optics 22(24):3977, 1983; theory §5. φ = arg(reference · conj(object)),
-    then as all demodulated phases. Edges and steps leak over about a period.
+    Fourier transform profilometry: Takeda & Mutoh, Applied Optics 22(24):3977, 1983,
+    doi:10.1364/AO.22.003977; theory §5. φ = arg(reference · conj(object)), then unwrapped
+    (``to_displacement``). Edges and steps spread over about a period.
     """
     check_band(dimensions, width, window)
     (reference, share), (object_, _) = (

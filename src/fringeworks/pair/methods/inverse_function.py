@@ -1,8 +1,8 @@
-"""Inverse function analysis (IFA) and its family: u(x) = x − s⁻¹(d(x)), row by row (theory §4).
+"""Inverse function analysis (IFA) and its variants: u(x) = x − s⁻¹(d(x)), row by row (theory §4).
 
-Extrema split each row into monotone parts; parts of the object are matched with parts of the
-reference by counting fringes, so that a connected surface needs no unwrapping. The four methods
-differ in how a part is inverted.
+Extrema split each row into monotone parts. Parts of the object are matched with parts of the
+reference by counting fringes, so a connected surface needs no unwrapping. The four methods differ
+in how a part is inverted.
 """
 
 from __future__ import annotations
@@ -12,38 +12,58 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.pair.counting import NOISE_SWINGS, PROMINENCE, Name
+from fringeworks.pair.counting import (
+    DEGREE,
+    MIN_SWING_SIGMAS,
+    PROMINENCE,
+    RESAMPLES_PER_PX,
+    RowMethod,
+)
 from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import guided_count
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
 from fringeworks.types import BoolMap, FloatMap, InputError
+
+MAX_DEGREE = 30
+"""Largest degree of a polynomial that ``ifa`` accepts; higher ones are numerically singular."""
+MAX_RESAMPLES_PER_PX = 1000
+"""Largest number of samples per pixel that ``gsifa`` accepts, 1/px; it bounds time and memory."""
 
 
 @dataclass(frozen=True)
 class Extrema:
-    """Turning points of one fringe row, alternating."""
+    """Extrema of one fringe row, (n,) each; maxima and minima alternate."""
 
     position_px: FloatMap
+    """Column, px, sub-pixel."""
     value: FloatMap
+    """Intensity, counts."""
     is_maximum: BoolMap
+    """True for maxima."""
 
 
 def find_extrema(row: FloatMap, period_px: float, *, noise: float = 0.0) -> Extrema:
-    """Extrema of a fringe row, by prominence against its local modulation.
+    """Find the extrema of a fringe row by their prominence against its local modulation.
 
     Parameters
     ----------
-    row : (n,) float array, n ≥ 8, counts.
+    row : (n,) float array, n ≥ 8
+        Counts.
     period_px : float ≥ 2
-        Mean fringe period.
+        Mean fringe period, px.
     noise : float ≥ 0
-        Standard deviation of the row's noise, counts; swings below five of it are none.
+        Standard deviation of the row's noise, counts; extrema need a swing above five times this.
 
     Returns
     -------
-    Extrema at sub-pixel positions: roots of the row's spline derivative, or the middle of a
-    plateau where quantisation or saturation made one.
+    Extrema
+        At sub-pixel positions: roots of the derivative of the row's spline, or the middle of a
+        plateau that quantisation or saturation made.
+
+    Notes
+    -----
+    Theory §4.
 
     Examples
     --------
@@ -53,23 +73,23 @@ def find_extrema(row: FloatMap, period_px: float, *, noise: float = 0.0) -> Extr
     """
     values = np.ascontiguousarray(row, dtype=np.float64)
     position, value, is_maximum = _core.row_extrema(
-        values, period=period_px, prominence=PROMINENCE, floor=NOISE_SWINGS * noise
+        values, period=period_px, prominence=PROMINENCE, floor=MIN_SWING_SIGMAS * noise
     )
     return Extrema(position, value, is_maximum.astype(bool))
 
 
 def _invert(
-    pair: PreparedPair,
-    name: Name,
+    prepared: PreparedPair,
+    name: RowMethod,
     max_displacement_px: float | None,
     *,
-    degree: int = 9,
-    n_resample: int = 5,
+    degree: int = DEGREE,
+    n_resample: int = RESAMPLES_PER_PX,
 ) -> Solution:
-    """Count and invert; where counting slipped, with the band-pass as a guide."""
+    """Count fringes and invert; where counting slipped, with the band-pass as a guide."""
     return guided_count(
-        pair,
-        lambda: fourier(pair).displacement_px,
+        prepared,
+        lambda: fourier(prepared).displacement_px,
         name,
         max_displacement_px=max_displacement_px,
         degree=degree,
@@ -79,85 +99,125 @@ def _invert(
 
 @method("ifa")
 def ifa(
-    pair: PreparedPair, *, degree: int = 9, max_displacement_px: float | None = None
+    pair: PreparedPair, *, degree: int = DEGREE, max_displacement_px: float | None = None
 ) -> Solution:
-    """Inverse function analysis: a polynomial x = P(I) per monotone part.
+    """Inverts each monotone part of a row with a polynomial x = P(I).
 
     Parameters
     ----------
     pair : PreparedPair
     degree : int, 1 … 30
-        Largest degree; each part takes the degree up to it with the smallest generalised
-        cross-validation score RSS/(n − degree − 1)².
+        Largest degree. Each part takes the degree with the smallest generalised cross-validation
+        score RSS/(n − degree − 1)².
     max_displacement_px : float > 0, optional
-        Largest |u| considered in matching the fringe orders; four periods by default.
+        Largest |u| considered in matching the fringe orders, px; six periods by default.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    InputError
+        If an option is out of its range.
 
     Notes
     -----
-    Hu et al., IEEE TIM; theory §4. High degrees oscillate (Runge), low ones do not bend enough:
-    the error is systematic even on ideal frames.
+    Inverse function analysis: Hu et al., IEEE TIM; theory §4. High degrees oscillate (Runge), low
+    ones do not follow the fringe, so the error is systematic even on ideal frames.
     """
-    if not 1 <= degree <= 30:
-        raise InputError(f"degree: expected 1 to 30, got {degree}")
+    if not 1 <= degree <= MAX_DEGREE:
+        raise InputError(f"degree: expected 1 to {MAX_DEGREE}, got {degree}")
     return _invert(pair, "ifa", max_displacement_px, degree=degree)
 
 
 @method("sifa")
 def sifa(pair: PreparedPair, *, max_displacement_px: float | None = None) -> Solution:
-    """Spline IFA: an interpolating cubic spline x = S(I) through the samples of each part.
+    """Inverts each monotone part of a row with a cubic spline x = S(I) through its samples.
 
     Parameters
     ----------
     pair : PreparedPair
     max_displacement_px : float > 0, optional
-        Largest |u| considered in matching the fringe orders; four periods by default.
+        Largest |u| considered in matching the fringe orders, px; six periods by default.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    InputError
+        If the option is out of its range.
 
     Notes
     -----
-    Hani et al.; the dissertation, part 5; theory §4. The spline runs through the samples of the
-    part and its two extrema, its ends clamped to slope 0. Samples out of order (noise,
-    quantisation) are pooled, and such parts are joined by straight lines.
+    Spline IFA: Hani et al.; the dissertation, part 5; theory §4. The spline runs
+    through the samples of the part and its two extrema, with slope 0 at the ends. Samples that are
+    not monotone (noise, quantisation) are pooled, and such parts are interpolated linearly.
     """
     return _invert(pair, "sifa", max_displacement_px)
 
 
 @method("gsifa")
 def gsifa(
-    pair: PreparedPair, *, n_resample: int = 5, max_displacement_px: float | None = None
+    pair: PreparedPair,
+    *,
+    n_resample: int = RESAMPLES_PER_PX,
+    max_displacement_px: float | None = None,
 ) -> Solution:
-    """Global spline IFA: one spline through the row, re-sampled densely, inverted by splines.
+    """Re-samples the spline through each row densely and inverts its monotone parts with splines.
 
     Parameters
     ----------
     pair : PreparedPair
     n_resample : int, 1 … 1000
-        Samples of the global spline per pixel.
+        Samples of the row's spline per pixel.
     max_displacement_px : float > 0, optional
-        Largest |u| considered in matching the fringe orders; four periods by default.
+        Largest |u| considered in matching the fringe orders, px; six periods by default.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    InputError
+        If an option is out of its range.
 
     Notes
     -----
-    The dissertation, part 6; theory §4. Extrema are the roots of the global spline's derivative.
+    Global spline IFA: the dissertation, part 6; theory §4. Extrema are the roots of the derivative
+    of the row's spline.
     """
-    if not 1 <= n_resample <= 1000:
-        raise InputError(f"n_resample: expected 1 to 1000, got {n_resample}")
+    if not 1 <= n_resample <= MAX_RESAMPLES_PER_PX:
+        raise InputError(f"n_resample: expected 1 to {MAX_RESAMPLES_PER_PX}, got {n_resample}")
     return _invert(pair, "gsifa", max_displacement_px, n_resample=n_resample)
 
 
 @method("exact")
 def exact(pair: PreparedPair, *, max_displacement_px: float | None = None) -> Solution:
-    """Exact inversion: the root of the global spline itself, without a second fit.
+    """Solves for the roots of the spline through each row, without a second fit.
 
     Parameters
     ----------
     pair : PreparedPair
     max_displacement_px : float > 0, optional
-        Largest |u| considered in matching the fringe orders; four periods by default.
+        Largest |u| considered in matching the fringe orders, px; six periods by default.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    InputError
+        If the option is out of its range.
 
     Notes
     -----
-    Solves spline(x) = d on the monotone part by bracketed Newton steps (theory §4). On ideal
-    frames only rounding and the sampling of the row are left; noise is passed on undamped, as by
-    all methods that look at one pixel at a time.
+    Solves spline(x) = d on the monotone part by bracketed Newton steps (theory §4). On ideal frames
+    only rounding and the sampling of the row limit the accuracy. Noise is not averaged: this holds
+    for all methods that use one pixel at a time.
     """
     return _invert(pair, "exact", max_displacement_px)

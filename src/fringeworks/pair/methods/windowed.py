@@ -1,57 +1,152 @@
-"""Windowed inversion: the fringe's displacement by local least squares (theory §4, last item)."""
+"""Windowed inversion: displacement by local least squares (theory §4, "Windowed inversion")."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from fringeworks import _core
 from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import guided_count
-from fringeworks.pair.pair import PreparedPair, fill_nearest
+from fringeworks.pair.prepared import PreparedPair, fill_nearest
 from fringeworks.pair.registry import Solution, method
-from fringeworks.types import BoolMap, FloatMap, InputError, Reason
+from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason
 
-SCALES = (32.0, 16.0, 8.0, 4.0, 2.0)
-"""Widths σ of the Gaussian windows, px."""
-MIN_SCALE = 1.0 / 16.0
-"""Narrowest window, periods: a narrower one cannot tell displacement from gain and offset."""
-SMOOTHING = 1.0 / 30.0
-"""Width of the reference's noise filter, periods; it passes the first harmonics unchanged."""
+SCALES_PX = (32.0, 16.0, 8.0, 4.0, 2.0)
+"""Default widths σ of the Gaussian windows, px (theory §4).
+
+Factors of two, so that neighbouring scales differ enough to be compared; 2 px is close to the
+resolution of a camera. An empirical choice.
+"""
+MIN_SCALE_PERIODS = 1.0 / 16.0
+"""Narrowest default window, periods (theory §4).
+
+A narrower window cannot distinguish displacement from modulation ratio and offset. An empirical
+choice.
+"""
+MAX_SCALE_SHARE = 1.0 / 8.0
+"""Widest default window, as a share of the frame's width.
+
+A window of that σ covers most of the frame. An empirical choice.
+"""
+SCALE_LIMITS_PX = (0.8, 1e3)
+"""Smallest and largest width of a window that a caller may choose, px.
+
+Below about 1 px a window holds too few pixels for its five unknowns; above 1000 px it is as wide as
+a frame.
+"""
+MAX_ITERATIONS = 100
+"""Largest number of Gauss–Newton steps per scale that a caller may choose; it bounds the time."""
+REFERENCE_SMOOTHING = 1.0 / 30.0
+"""Width of the low-pass that reduces the reference's noise, periods.
+
+It passes the first harmonics almost unchanged (tests: 1e-4 of the modulation). An empirical choice.
+"""
+FILTER_REACH = 6.0
+"""Width of the border that is added for the low-pass, in widths of the filter.
+
+The filter's response is negligible at that distance.
+"""
 CONFIDENCE = 2.5
-"""A window is kept while its estimate lies within this many σ of all smaller ones."""
+"""Default for the largest difference of a window's estimate from those of all smaller windows, σ.
+
+Lepski's rule (theory §4): a larger value averages more noise, a smaller one follows details. An
+empirical choice.
+"""
 MAX_SIGMA = 1.0 / 25.0
-"""Estimates less certain than this share of a period are no estimates."""
+"""Largest standard deviation of an estimate that is kept, periods.
+
+0.25 rad of phase; beyond it the linearised model is no longer reliable. An empirical choice.
+"""
 DRIFT = 0.01
-"""How far offset and gain may drift between scales, share of the modulation."""
-MAX_SLOPE = 0.3
-"""Slope of the displacement, px/px, from which a band-pass rounds off more than it should."""
-OFF_BAND = 0.03
-"""Mean difference of count and band-pass, periods, from which the count is believed; at twice
-that, fully."""
+"""Expected change of offset and modulation ratio between scales, as a share of the modulation.
+
+It loosens the prior that a scale gets from the coarser one. An empirical choice.
+"""
+MAX_BAND_SLOPE = 0.3
+"""Largest slope of the displacement along x up to which the band-pass alone is the start, px/px.
+
+A steeper surface stretches fringes out of the pass band. An empirical choice.
+"""
+COUNT_THRESHOLD = 0.03
+"""Mean difference between counting and band-pass from which counting is used, periods.
+
+At twice that value it replaces the band-pass in full. Below it the difference is mostly scatter of
+the counting. An empirical choice.
+"""
 COUNT_SMOOTHING = 0.25
-"""Smoothing of a start that was counted, periods."""
-FOLD = 0.125
-"""Differences between a smooth and a sharp start, periods, from which the sharp one is right."""
+"""Width of the Gaussian that smooths a counted start, periods.
+
+It reduces the scatter of single pixels and keeps folds. An empirical choice.
+"""
+FOLD_THRESHOLD = 0.125
+"""Difference between a wide and a narrow smoothing of the start that is kept as a fold, periods.
+
+At twice that value the narrow one replaces the wide one in full. Below it the difference is ripple
+(theory §4, "Start"). An empirical choice.
+"""
+TRUNCATION = 3.0
+"""Distance at which the Gaussians of the start are cut off, σ."""
+MIN_SHARE_COUNTED = 1e-6
+"""Smallest sum of weights in the local mean of counted pixels; it keeps the quotient finite."""
 MIN_ROWS = 8
-"""Fewer rows leave the displacement's slope across them open."""
+"""Smallest number of rows; fewer do not determine the slope of the displacement across them."""
 MAX_GAP = 0.25
-"""Gaps in the data are bridged up to this distance from usable samples, periods."""
+"""Largest distance from usable samples up to which gaps are bridged, periods.
+
+Beyond it a window could only extrapolate. An empirical choice.
+"""
 MIN_NOISE = 1e-3
-"""Floor of the noise's standard deviation, share of the modulation: single precision's sums."""
+"""Lower bound on the noise's standard deviation, as a share of the modulation.
+
+On ideal frames, interpolation and single precision leave residuals of about this size. An empirical
+choice.
+"""
 MIN_EXPLAINED = 0.3
-"""Least share of the local contrast that the warped reference must explain."""
+"""Smallest share of the local contrast that the warped reference must explain, 0…1.
+
+A window that explains less does not show the reference's fringes. An empirical choice.
+"""
+OUTSIDE_PX = 1.0
+"""Distance beyond the reference frame up to which a matching point is still accepted, px.
+
+A window at the frame's edge determines it from pixels inside. An empirical choice.
+"""
+DARK_RATIO = 0.1
+"""Local modulation below which a failed pixel is called dark, as a share of the reference's.
+
+Only the reported reason depends on it, not the values. An empirical choice.
+"""
+DARK_NOISE_FACTOR = 2.0
+"""Local variance below which a failed pixel is called dark, in variances of the noise.
+
+It is added to that of ``DARK_RATIO``. An empirical choice.
+"""
 
 
 def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
-    """Low-pass with a response flat to sixth order, e^(−q)(1 + q + q²/2) with q = (σk)²/2.
+    """Low-pass a frame with a response that is flat to sixth order.
 
-    The harmonics that make up a real fringe pass unchanged, and white noise does not.
+    Parameters
+    ----------
+    frame : (h, w) float array
+    width_px : float > 0
+        Width σ of the filter, px.
+
+    Returns
+    -------
+    (h, w) float64 array
+
+    Notes
+    -----
+    The response is exp(−q) (1 + q + q²/2) with q = (σk)²/2: the first harmonics of a fringe pass
+    almost unchanged, and white noise is reduced.
     """
-    wanted = int(np.ceil(6.0 * width_px)) + 1
-    top, left = (min(wanted, side - 1) for side in frame.shape)
+    required = int(np.ceil(FILTER_REACH * width_px)) + 1
+    top, left = (min(required, side - 1) for side in frame.shape)
     # Odd reflection keeps value and slope at the border; even reflection would flatten the fringe.
     padded = np.pad(frame, ((top, top), (left, left)), mode="reflect", reflect_type="odd")
     rows, columns = padded.shape
@@ -66,51 +161,70 @@ def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
     return np.ascontiguousarray(smooth[top : top + h, left : left + w])
 
 
-def spline_coefficients(rows: FloatMap) -> np.ndarray:
-    """Cubic B-spline coefficients along rows with one mirrored coefficient in front, two behind."""
+def spline_coefficients(rows: FloatMap) -> NDArray[np.float32]:
+    """Cubic B-spline coefficients along rows, with one mirrored coefficient before and two after.
+
+    Returns an (h, w + 3) float32 array for (h, w) rows.
+    """
     coefficients = ndimage.spline_filter1d(rows, 3, axis=1, mode="mirror")
     padded = np.pad(coefficients, ((0, 0), (1, 2)), mode="reflect")
     return np.ascontiguousarray(padded, dtype=np.float32)
 
 
-def start_field(pair: PreparedPair, width_px: float) -> FloatMap:
-    """A first guess of the displacement, defined everywhere.
+def _gaussian(values: FloatMap, width_px: float) -> FloatMap:
+    """Smooth a map with a Gaussian of σ = ``width_px``."""
+    return np.asarray(
+        ndimage.gaussian_filter(values, width_px, mode="nearest", truncate=TRUNCATION)
+    )
 
-    The band-pass alone where it has no cause for doubt, smoothed over ``width_px``. Where it leaves
-    gaps or is steep, it may have rounded off or lost what counting the fringes still sees: the
-    count is taken where it differs from the band-pass on an average over a period, and not only
-    by its own scatter.
+
+def start_field(prepared: PreparedPair, width_px: float) -> FloatMap:
+    """Estimate the displacement that the windowed inversion starts from.
+
+    Parameters
+    ----------
+    prepared : PreparedPair
+    width_px : float > 0
+        Width σ of the smoothing, px.
+
+    Returns
+    -------
+    (h, w) float array
+        px; finite everywhere.
+
+    Notes
+    -----
+    Theory §4, "Start". The band-pass alone is used where it has no gaps and no steep slopes.
+    Otherwise it may have rounded off or lost what fringe counting still measures. Counting then
+    replaces it where the two differ on average over a period.
     """
-
-    def smooth(values: FloatMap, width: float) -> FloatMap:
-        return np.asarray(ndimage.gaussian_filter(values, width, mode="nearest", truncate=3.0))
-
-    band = fourier(pair).displacement_px
+    period, half_period = prepared.period, 0.5 * prepared.period
+    band = fourier(prepared).displacement_px
     known = np.isfinite(band)
     if not known.any():
         return np.zeros(band.shape)
     band = fill_nearest(band, known)
-    if known.all() and np.abs(np.diff(band, axis=1)).max() <= MAX_SLOPE:
-        return smooth(band, width_px)
-    counted = guided_count(pair, lambda: np.where(known, band, np.nan)).displacement_px
+    if known.all() and np.abs(np.diff(band, axis=1)).max() <= MAX_BAND_SLOPE:
+        return _gaussian(band, width_px)
+    counted = guided_count(prepared, lambda: np.where(known, band, np.nan)).displacement_px
     with np.errstate(invalid="ignore"):
-        usable = np.isfinite(counted) & (~known | (np.abs(counted - band) < 0.5 * pair.period))
+        usable = np.isfinite(counted) & (~known | (np.abs(counted - band) < half_period))
     difference = np.where(usable, counted - band, 0.0)
-    share = smooth(usable.astype(float), 0.5 * pair.period)
-    mean = smooth(difference, 0.5 * pair.period) / np.maximum(share, 1e-6)
-    trust = _rise(mean, OFF_BAND * pair.period)
+    share = _gaussian(usable.astype(float), half_period)
+    mean = _gaussian(difference, half_period) / np.maximum(share, MIN_SHARE_COUNTED)
+    trust = _ramp(mean, COUNT_THRESHOLD * period)
     trust[~known] = 1.0
     start = band + trust * np.where(usable, difference, mean)
-    # What varies faster than the first window stays in the field, right or wrong: only folds that
-    # stand out from the start's own ripple may.
-    wide = smooth(start, width_px)
-    sharp = smooth(start, min(width_px, COUNT_SMOOTHING * pair.period))
-    return wide + _rise(sharp - wide, FOLD * pair.period) * (sharp - wide)
+    # The first window cannot correct what varies faster than itself, so only folds that exceed the
+    # start's own ripple are kept sharp.
+    wide = _gaussian(start, width_px)
+    sharp = _gaussian(start, min(width_px, COUNT_SMOOTHING * period))
+    return wide + _ramp(sharp - wide, FOLD_THRESHOLD * period) * (sharp - wide)
 
 
-def _rise(values: FloatMap, limit: float) -> FloatMap:
-    """From 0 at |value| = limit to 1 at twice that."""
-    return np.clip(np.abs(values) / limit - 1.0, 0.0, 1.0)
+def _ramp(values: FloatMap, threshold: float) -> FloatMap:
+    """Weight that rises from 0 at |value| = threshold to 1 at twice the threshold."""
+    return np.clip(np.abs(values) / threshold - 1.0, 0.0, 1.0)
 
 
 @method("windowed")
@@ -121,45 +235,45 @@ def windowed(
     iterations: int = 1,
     confidence: float = CONFIDENCE,
 ) -> Solution:
-    """Windowed inversion: local least squares in windows that follow the information.
+    """Fits the displacement by least squares in local windows, whose size adapts to every pixel.
 
     Parameters
     ----------
     pair : PreparedPair
     scales : sequence of float, optional
-        Widths σ of the Gaussian windows in px, from coarse to fine; 32, 16, 8, 4, 2 by default,
-        those wider than an eighth of the rows
-        or narrower than a sixteenth of the period left out. One value gives a fixed window.
+        Widths σ of the Gaussian windows, from coarse to fine, 1000 to 0.8 px. By default 32, 16, 8,
+        4 and 2 px, without those wider than an eighth of the frame or narrower than a sixteenth of
+        the period. A single value gives a fixed window.
     iterations : int, 1 … 100
-        Gauss–Newton steps per scale. More lower the bias on smooth surfaces and raise the noise;
-        beside hard edges of paint they take the edge for shape.
+        Gauss–Newton steps per scale. More steps lower the bias on smooth surfaces and raise the
+        noise; beside hard edges of paint they take the edge for shape.
     confidence : float > 0
-        Each pixel keeps the largest window whose estimate lies within this many σ of those of
-        all smaller windows (Lepski's rule).
+        Each pixel keeps the largest window whose estimate lies within this many σ of those of all
+        smaller windows (Lepski's rule).
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    InputError
+        If an option is out of its range, or the frame has fewer than 8 rows along the fringes.
 
     Notes
     -----
-    Minimises Σ w [d − a − b·s(x − u − u_x i − u_y j)]² over offset, gain and affine displacement
-    in every window (theory §4). The waveform s is measured, so that γ and whatever else both
-    frames share cancels. σ comes from the normal equations with the residual's variance and the
-    reference's noise. Starts from ``fourier``, or, where that is in doubt, from counted fringes.
+    In every window, minimises Σ w [d − a − b·s(x − u − u_x i − u_y j)]² over offset a, modulation
+    ratio b and an affine displacement (theory §4). The waveform s is measured, so γ and any other
+    distortion common to both frames cancels. σ comes from the normal equations with the residual's
+    variance and the reference's noise. The iteration starts from ``fourier`` or, where that is
+    unreliable, from counted fringes (``start_field``).
     """
-    if pair.reference.shape[0] < MIN_ROWS:
-        raise InputError(
-            f"windowed: expected at least {MIN_ROWS} rows along the fringes, got "
-            f"{pair.reference.shape[0]}; single rows are for ifa, sifa, gsifa and exact"
-        )
-    widths = _check_scales(pair, scales)
-    if not 1 <= iterations <= 100:
-        raise InputError(f"iterations: expected 1 to 100, got {iterations}")
-    if not confidence > 0:
-        raise InputError(f"confidence: expected > 0, got {confidence}")
-    modulation, level = pair.modulation, pair.level
-    noise_reference, noise_object = (max(v / modulation**2, MIN_NOISE**2) for v in pair.noise)
-    smooth = smooth_reference(pair.reference, SMOOTHING * pair.period)
-    displacement, sigma, gain, scale, correlation = _core.invert_windowed(
-        spline_coefficients((smooth - level) / modulation),
-        ((pair.object - level) / modulation).astype(np.float32),
+    widths = _check_options(pair, scales, iterations, confidence)
+    noise_reference, noise_object = (max(v / pair.modulation**2, MIN_NOISE**2) for v in pair.noise)
+    smooth = smooth_reference(pair.reference, REFERENCE_SMOOTHING * pair.period)
+    displacement, sigma, modulation_ratio, scale, correlation = _core.invert_windowed(
+        spline_coefficients((smooth - pair.mean_brightness) / pair.modulation),
+        ((pair.object - pair.mean_brightness) / pair.modulation).astype(np.float32),
         pair.reference_ok.astype(np.uint8),
         pair.object_ok.astype(np.uint8),
         start_field(pair, 0.5 * widths[0]).astype(np.float32),
@@ -174,51 +288,78 @@ def windowed(
         min_explained=MIN_EXPLAINED,
     )
     displacement[_far_from_data(pair)] = np.nan
-    kept = np.isfinite(displacement)
-    reason = np.where(kept, Reason.OK, Reason.UNDETERMINED).astype(np.uint8)
-    column = np.arange(displacement.shape[1]) - displacement
-    outside = kept & ((column < -1.0) | (column > displacement.shape[1]))
-    reason[outside] = Reason.OUTSIDE
-    reason[~kept & _dark(pair)] = Reason.LOW_MODULATION
-    steps = np.where(kept, (scale + 1.0) * iterations, len(widths) * iterations)
+    steps = np.where(np.isfinite(displacement), scale + 1.0, len(widths)) * iterations
     return Solution(
-        displacement,
-        sigma,
-        gain,
-        reason,
-        iterations=np.minimum(steps, 255).astype(np.uint8),
+        displacement_px=displacement,
+        sigma_px=sigma,
+        modulation_ratio=modulation_ratio,
+        reason=_reasons(pair, displacement),
+        iterations=np.minimum(steps, np.iinfo(np.uint8).max).astype(np.uint8),
         details={
             "scales_px": widths,
             "scale_share": [float(np.mean(scale == k)) for k in range(len(widths))],
             "noise_correlation": correlation,
-            "noise_counts": float(np.sqrt(noise_object) * modulation),
+            "noise_counts": float(np.sqrt(noise_object) * pair.modulation),
         },
     )
 
 
-def _check_scales(pair: PreparedPair, scales: Sequence[float] | None) -> list[float]:
-    if scales is None:
-        narrowest = min(MIN_SCALE * pair.period, SCALES[0])
-        fitting = [s for s in SCALES if s >= narrowest]
-        widest = max(pair.reference.shape[1] / 8.0, fitting[-1])
-        return [s for s in fitting if s <= widest]
-    widths = [float(s) for s in scales]
-    if not widths or not all(0.8 <= s <= 1e3 for s in widths) or widths != sorted(widths)[::-1]:
-        raise InputError(f"scales: expected widths from 1000 down to 0.8 px, got {list(scales)}")
+def _check_options(
+    prepared: PreparedPair, scales: Sequence[float] | None, iterations: int, confidence: float
+) -> list[float]:
+    """Check the frame's size and the options; return the widths of the windows, px."""
+    rows = prepared.reference.shape[0]
+    if rows < MIN_ROWS:
+        raise InputError(
+            f"windowed: expected at least {MIN_ROWS} rows along the fringes, got {rows}; "
+            "for single rows use ifa, sifa, gsifa or exact"
+        )
+    widths = _default_scales(prepared) if scales is None else [float(s) for s in scales]
+    smallest, largest = SCALE_LIMITS_PX
+    in_range = bool(widths) and all(smallest <= s <= largest for s in widths)
+    if scales is not None and not (in_range and widths == sorted(widths)[::-1]):
+        raise InputError(
+            f"scales: expected widths from {largest:g} down to {smallest:g} px, got {list(scales)}"
+        )
+    if not 1 <= iterations <= MAX_ITERATIONS:
+        raise InputError(f"iterations: expected 1 to {MAX_ITERATIONS}, got {iterations}")
+    if not confidence > 0:
+        raise InputError(f"confidence: expected > 0, got {confidence}")
     return widths
 
 
-def _far_from_data(pair: PreparedPair) -> BoolMap:
+def _default_scales(prepared: PreparedPair) -> list[float]:
+    """Default widths that suit the period and the frame, px; at least one."""
+    narrowest = min(MIN_SCALE_PERIODS * prepared.period, SCALES_PX[0])
+    wide_enough = [s for s in SCALES_PX if s >= narrowest]
+    widest = max(prepared.reference.shape[1] * MAX_SCALE_SHARE, wide_enough[-1])
+    return [s for s in wide_enough if s <= widest]
+
+
+def _reasons(prepared: PreparedPair, displacement_px: FloatMap) -> ByteMap:
+    """``Reason`` of every pixel: outside the reference, too dark, or undetermined."""
+    kept = np.isfinite(displacement_px)
+    reason = np.where(kept, Reason.OK, Reason.UNDETERMINED).astype(np.uint8)
+    width = displacement_px.shape[1]
+    column = np.arange(width) - displacement_px
+    outside = (column < -OUTSIDE_PX) | (column > width - 1 + OUTSIDE_PX)
+    reason[kept & outside] = Reason.OUTSIDE
+    reason[~kept & _dark(prepared)] = Reason.LOW_MODULATION
+    return reason
+
+
+def _far_from_data(prepared: PreparedPair) -> BoolMap:
     """True where the nearest usable sample is so far that a window could only extrapolate."""
-    if pair.object_ok.all():
-        return np.zeros(pair.object_ok.shape, bool)
-    gap = ndimage.distance_transform_edt(~pair.object_ok)
-    return np.asarray(gap > MAX_GAP * pair.period)
+    if prepared.object_ok.all():
+        return np.zeros(prepared.object_ok.shape, bool)
+    gap = ndimage.distance_transform_edt(~prepared.object_ok)
+    return np.asarray(gap > MAX_GAP * prepared.period)
 
 
-def _dark(pair: PreparedPair) -> BoolMap:
-    """True where the object frame's local contrast is not told from noise."""
-    size = max(3, int(np.ceil(pair.period)))
-    mean = ndimage.uniform_filter(pair.object, size)
-    variance = ndimage.uniform_filter(pair.object**2, size) - mean**2
-    return np.asarray(variance < 0.5 * (0.1 * pair.modulation) ** 2 + 2.0 * pair.noise[1])
+def _dark(prepared: PreparedPair) -> BoolMap:
+    """True where the local contrast of the object frame is not distinguishable from noise."""
+    size = max(3, int(np.ceil(prepared.period)))
+    mean = ndimage.uniform_filter(prepared.object, size)
+    variance = ndimage.uniform_filter(prepared.object**2, size) - mean**2
+    weak_fringe = 0.5 * (DARK_RATIO * prepared.modulation) ** 2
+    return np.asarray(variance < weak_fringe + DARK_NOISE_FACTOR * prepared.noise[1])

@@ -1,4 +1,4 @@
-"""Windowed Fourier analysis: filtering by threshold (WFF) and the ridge (WFR) (theory §5)."""
+"""Windowed Fourier analysis: filtering by a threshold (WFF) and the ridge (WFR) (theory §5)."""
 
 from __future__ import annotations
 
@@ -8,30 +8,55 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.pair.bandpass import WIDTH, Analytic, band_pass
+from fringeworks.pair.bandpass import HALF_WIDTH, Analytic, band_pass
 from fringeworks.pair.demodulation import Demodulated, to_displacement
 from fringeworks.pair.lattice import Lattice, shift_wave
-from fringeworks.pair.pair import PreparedPair
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
-from fringeworks.pair.ridge import Pair, blend, curvature, strongest, window_factor
+from fringeworks.pair.ridge import Hessian, MapsYX, blend, curvature, strongest, window_factor
 from fringeworks.signal.noise import noise_variance
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import InputError
 
 SIGMA_PX = 10.0
-"""Classic width of the window, px."""
-LIMIT = 0.5
-"""Largest local frequency, rad/px."""
-STEP = 0.1
-"""Spacing of the frequencies, rad/px; 1/σ loses nothing."""
-THRESHOLD = 4.0
-"""Coefficients below this many standard deviations of their noise are noise."""
-INSIDE = 2.0
-"""How far inside the field the waves are taken that continue it, σ."""
+"""Default width σ of the Gaussian window, px; a usual value (Qian Kemao 2007)."""
+SIGMA_LIMITS_PX = (1.0, 1e3)
+"""Smallest and largest width of the window, px.
+
+Below 1 px a window holds hardly more than one pixel; above 1000 px it is as wide as a frame.
+"""
+MAX_FREQUENCY_RAD = 0.5
+"""Default for the largest local frequency along each axis, rad/px.
+
+It allows a local period of the phase down to 12.6 px. A wider range costs time and lets more noise
+through. An empirical choice.
+"""
+FREQUENCY_STEP_RAD = 0.1
+"""Default for the distance of the frequencies, rad/px.
+
+It is 1/σ of the default window: the spectra of neighbouring windows overlap, and nothing between
+them is lost.
+"""
+THRESHOLD_SIGMAS = 4.0
+"""Smallest coefficient that is kept, in standard deviations of its noise (theory §5).
+
+Complex noise alone exceeds it with a probability of exp(−16), about 10⁻⁷.
+"""
+CONTINUATION_DEPTH = 2.0
+"""Distance from the field's end of the waves that continue it into the border, σ.
+
+Waves closer to the end are measured with windows that reach into the border. An empirical choice.
+"""
+MIN_REFERENCE_SHARE = 0.02
+"""Smallest amplitude that the reference's analytic signal is divided by, share of the modulation.
+
+It limits the noise where the reference is dark. An empirical choice.
+"""
 
 
 def _check(
     field: NDArray[np.generic], sigma_px: float, limit: float, step: float
 ) -> tuple[Analytic, tuple[int, int]]:
+    """Check field and options; return the field as complex64, and its shape."""
     values = np.asarray(field)
     if values.ndim != 2:
         raise InputError(f"field: expected shape (h, w), got {values.shape}")
@@ -39,20 +64,21 @@ def _check(
         raise InputError(f"field: expected numbers, got {values.dtype}")
     if not np.isfinite(values).all():
         raise InputError("field: expected finite values, got NaN or infinity")
-    if not 1.0 <= sigma_px <= 1e3:
-        raise InputError(f"sigma_px: expected 1 to 1000 px, got {sigma_px}")
+    smallest, largest = SIGMA_LIMITS_PX
+    if not smallest <= sigma_px <= largest:
+        raise InputError(f"sigma_px: expected {smallest:g} to {largest:g} px, got {sigma_px}")
     if not 0 < limit <= np.pi:
-        raise InputError(f"limit: expected 0 to π rad/px, got {limit}")
+        raise InputError(f"limit: expected above 0 and up to π rad/px, got {limit}")
     if not step > 0:
         raise InputError(f"step: expected > 0 rad/px, got {step}")
     h, w = values.shape
     return values.astype(np.complex64), (h, w)
 
 
-def _centred(
+def _demodulated(
     values: Analytic, shape: tuple[int, int], centre: tuple[float, float]
 ) -> tuple[Analytic, Analytic]:
-    """The field with frequencies counted from a centre (cycles/px), and the wave taken off."""
+    """The field without the wave of frequency ``centre`` (x, y), cycles/px, and that wave."""
     if centre == (0.0, 0.0):
         return values, np.ones((1, 1), np.complex64)
     y, x = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
@@ -61,7 +87,7 @@ def _centred(
 
 
 def _noise(values: Analytic) -> float:
-    """Standard deviation of white complex noise in a field of smooth phase."""
+    """Standard deviation of the white complex noise in a field of smooth phase."""
     everywhere = np.ones(values.shape, bool)
     parts = (values.real, values.imag)
     variance = sum(noise_variance(part.astype(np.float64), everywhere) for part in parts)
@@ -72,40 +98,46 @@ def windowed_fourier_filter(
     field: NDArray[np.generic],
     *,
     sigma_px: float = SIGMA_PX,
-    limit: float = LIMIT,
-    step: float = STEP,
+    limit: float = MAX_FREQUENCY_RAD,
+    step: float = FREQUENCY_STEP_RAD,
     threshold: float | None = None,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> Analytic:
-    """Windowed Fourier filtering (WFF): keep the local spectrum's coefficients that stand out.
+    """Filter a field (WFF): keep the coefficients of its windowed spectrum above a threshold.
 
     Parameters
     ----------
     field : (h, w) complex or real array
-        A complex field, or fringes: then ``centre`` is their carrier, and the result the analytic
-        signal. Real fringes need a mean near zero, and a carrier above ``limit``.
+        Finite values. For real fringes ``centre`` is their carrier, and the result is the analytic
+        signal; they need a mean near zero, and a carrier above ``limit``.
     sigma_px : float, 1 … 1000
-        Width of the Gaussian window, px.
-    limit, step : float, rad/px
-        Local frequencies from −limit to limit around the centre, that far apart along each axis.
+        Width σ of the Gaussian window, px.
+    limit : float, 0 … π
+        Largest local frequency along each axis, relative to the centre, rad/px.
+    step : float > 0
+        Largest distance of the frequencies along each axis, rad/px.
     threshold : float, optional
-        In units of a coefficient with a window of unit energy, whose noise is that of a pixel;
-        four standard deviations of the field's noise by default.
-    centre : (fx, fy), cycles/px
+        In units of a coefficient of a window of unit energy, whose noise equals that of a pixel; by
+        default four standard deviations of the field's noise.
+    centre : (fx, fy)
+        Frequency at the centre of the band, cycles/px.
 
     Returns
     -------
-    (h, w) complex64 array, amplitude lessened by the threshold, phase kept.
+    (h, w) complex64 array
+        The phase is kept, the amplitude is reduced by the threshold.
 
     Raises
     ------
-    InputError for a field or option that cannot be used.
+    InputError
+        If the field or an option cannot be used.
 
     Notes
     -----
-    Qian Kemao, Applied Optics 43(13):2695, 2004; Optics and Lasers in Engineering 45(2):304,
-    2007. Soft threshold (Donoho), because coefficients that flicker around a hard one put their
-    noise back; the border continues the field.
+    Qian Kemao, Applied Optics 43(13):2695, 2004, doi:10.1364/AO.43.002695; Optics and Lasers in
+    Engineering 45(2):304, 2007, doi:10.1016/j.optlaseng.2005.10.012; theory §5. The threshold is
+    soft (Donoho): with a hard one, coefficients that flicker around it would add their noise again.
+    The field is continued beyond its border (``Lattice.extended``).
 
     Examples
     --------
@@ -116,65 +148,75 @@ def windowed_fourier_filter(
     True
     """
     values, shape = _check(field, sigma_px, limit, step)
-    values, wave = _centred(values, shape, centre)
-    level = THRESHOLD * _noise(values) if threshold is None else float(threshold)
+    values, wave = _demodulated(values, shape, centre)
+    cutoff = THRESHOLD_SIGMAS * _noise(values) if threshold is None else float(threshold)
     lattice = Lattice(shape, sigma_px, limit, step)
-    smooth = lattice.filtered(lattice.extended(values, level), level)
+    smooth = lattice.filtered(lattice.extended(values, cutoff), cutoff)
     return np.asarray(smooth[: shape[0], : shape[1]] * wave)
 
 
 class Ridge(NamedTuple):
-    """The strongest local wave of every pixel."""
+    """The strongest local wave at every pixel."""
 
     phasor: Analytic
-    """(h, w) complex; argument and amplitude of the wave at the pixel."""
+    """(h, w) complex; phase and amplitude of the wave."""
     frequency_x: NDArray[np.float32]
-    """Local frequency along the columns, (h, w), rad/px."""
+    """Local frequency along x, (h, w), rad/px."""
     frequency_y: NDArray[np.float32]
-    """… and along the rows."""
+    """Local frequency along y, (h, w), rad/px."""
 
 
 def windowed_fourier_ridge(
     field: NDArray[np.generic],
     *,
     sigma_px: float = SIGMA_PX,
-    limit: float = LIMIT,
-    step: float = STEP,
+    limit: float = MAX_FREQUENCY_RAD,
+    step: float = FREQUENCY_STEP_RAD,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> Ridge:
-    """Windowed Fourier ridges (WFR): phase and frequency of the strongest local wave.
+    """Find the windowed Fourier ridge (WFR): phase and frequency of the strongest local wave.
 
     Parameters
     ----------
-    field, sigma_px, limit, step, centre : as in ``windowed_fourier_filter``
+    field, sigma_px, limit, step, centre
+        As in ``windowed_fourier_filter``.
 
     Returns
     -------
-    Ridge (phasor, frequency_x, frequency_y)
+    Ridge
+        Named tuple (phasor, frequency_x, frequency_y).
 
     Raises
     ------
-    InputError for a field or option that cannot be used.
+    InputError
+        If the field or an option cannot be used.
 
     Notes
     -----
-    Qian Kemao (see ``windowed_fourier_filter``). The coefficient of a quadratic phase with Hessian
-    C, taken at a frequency δ off, is
+    Qian Kemao (see ``windowed_fourier_filter``); theory §5. The coefficient of a quadratic phase
+    with Hessian C, at a distance δ from its frequency, is
 
-        A exp(iφ) · det(I − iσ²C)^(−1/2) · exp(−½σ² δᵀ(I − iσ²C)⁻¹δ):
+        A exp(iφ) · det(I − iσ²C)^(−1/2) · exp(−½σ² δᵀ(I − iσ²C)⁻¹δ).
 
-    for a diagonal C on the ridge a bias of ½·atan(σ²c) per axis. δ comes from the parabola through
-    the neighbouring frequencies' logarithms, C from the smoothed slope of the frequency, and the
-    factor is divided out. The lattice's local waves, each extended by its frequency and
-    curvature, are blended bilinearly.
+    For a diagonal C on the ridge that is a bias of ½·atan(σ²c) per axis. δ is measured with a
+    parabola through the logarithms of neighbouring frequencies, C from the smoothed slope of the
+    frequency, and the factor is divided out. The local waves of the lattice are then interpolated
+    to all pixels (``ridge.blend``).
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[:80, :80]
+    >>> ridge = windowed_fourier_ridge(2.0 * np.exp(0.1j * x))
+    >>> round(float(abs(ridge.phasor[40, 40])), 2), round(float(ridge.frequency_x[40, 40]), 3)
+    (2.0, 0.1)
     """
     values, shape = _check(field, sigma_px, limit, step)
-    values, wave = _centred(values, shape, centre)
+    values, wave = _demodulated(values, shape, centre)
     lattice = Lattice(shape, sigma_px, limit, step)
-    waves = _local_waves(lattice, lattice.extended(values, THRESHOLD * _noise(values)))
-    # Now that frequency and curvature are known, the border can be continued by them.
+    waves = _local_waves(lattice, lattice.extended(values, THRESHOLD_SIGMAS * _noise(values)))
+    # With frequency and curvature known, the border can be continued more accurately.
     waves = _local_waves(lattice, _continued(lattice, values, waves))
-    phasor, fy, fx = blend(waves.phasor, waves.frequencies, waves.bends, lattice.pitch, shape)
+    phasor, fy, fx = blend(waves.phasor, waves.frequencies, waves.hessian, lattice.pitch, shape)
     turn = 2.0 * np.pi
     return Ridge(
         np.asarray(phasor * wave),
@@ -185,38 +227,42 @@ def windowed_fourier_ridge(
 
 @dataclass(frozen=True)
 class _Waves:
-    """The strongest wave at every point of the lattice that lies on the field."""
+    """The strongest wave at every lattice point on the field."""
 
     phasor: Analytic
-    frequencies: Pair  # rad/px along (y, x)
-    bends: tuple[FloatMap, FloatMap, FloatMap]  # second derivatives (yy, xx, xy), rad/px²
+    """Phase and amplitude."""
+    frequencies: MapsYX
+    """Along y and x, rad/px."""
+    hessian: Hessian
+    """Second derivatives of the phase (yy, xx, xy), rad/px²."""
 
 
 def _local_waves(lattice: Lattice, padded: Analytic) -> _Waves:
-    coefficient, frequencies, offsets = _strongest(lattice, padded)
-    bends = curvature(frequencies, lattice.pitch, lattice.sigma_px)
-    # A window of unit energy makes 2σ√π of an amplitude of 1.
+    """Find the strongest waves and remove the window's factor from their coefficients."""
+    coefficient, frequencies, offsets = _strongest_waves(lattice, padded)
+    hessian = curvature(frequencies, lattice.pitch, lattice.sigma_px)
+    # A window of unit energy turns an amplitude of 1 into 2σ√π.
     scale = 2.0 * lattice.sigma_px * np.sqrt(np.pi) * lattice.density
-    factor = window_factor(offsets, bends, lattice.sigma_px)
-    return _Waves((coefficient / (scale * factor)).astype(np.complex64), frequencies, bends)
+    factor = window_factor(offsets, hessian, lattice.sigma_px)
+    return _Waves((coefficient / (scale * factor)).astype(np.complex64), frequencies, hessian)
 
 
 def _continued(lattice: Lattice, field: Analytic, waves: _Waves) -> Analytic:
-    """The field with a border of the waves that lie some way inside it."""
+    """Add a border that continues the field by the waves some distance inside it."""
     padded = lattice.pad(field)
     h, w = lattice.shape
     sides = []
     for axis, side, pitch in zip((lattice.y, lattice.x), (h, w), lattice.pitch, strict=True):
-        # The second half of the border lies before the field.
+        # The lattice is periodic: the second half of the border precedes the field.
         at = np.arange(axis.length)
         at = np.where(at >= (side + axis.length) / 2, at - axis.length, at)
-        depth = min(INSIDE * lattice.sigma_px, 0.5 * (side - 1))
+        depth = min(CONTINUATION_DEPTH * lattice.sigma_px, 0.5 * (side - 1))
         node = np.round(np.clip(at, depth, side - 1 - depth) / pitch).astype(np.intp)
         node = np.minimum(node, int((side - 1) / pitch))
         sides.append((node, (at - node * pitch).astype(np.float32)))
     (node_y, dy), (node_x, dx) = sides
     wy, wx = waves.frequencies
-    cyy, cxx, cxy = waves.bends
+    cyy, cxx, cxy = waves.hessian
     for rows, columns in ((slice(h, None), slice(None)), (slice(0, h), slice(w, None))):
         nodes = np.ix_(node_y[rows], node_x[columns])
         y, x = dy[rows][:, None], dx[columns][None, :]
@@ -226,17 +272,20 @@ def _continued(lattice: Lattice, field: Analytic, waves: _Waves) -> Analytic:
     return padded
 
 
-def _strongest(lattice: Lattice, padded: Analytic) -> tuple[Analytic, Pair, Pair]:
-    """On the lattice: the largest coefficient at its place, its frequency, and how far that lies
-    from the coefficient's own, along (y, x)."""
-    # Undo the shift by whole bins, so that the phase is that of the place.
+def _strongest_waves(lattice: Lattice, padded: Analytic) -> tuple[Analytic, MapsYX, MapsYX]:
+    """Find the largest coefficient at every lattice point.
+
+    Returns the coefficient, the frequency of the peak, and the distance of the peak from the
+    coefficient's own frequency, both along (y, x), rad/px.
+    """
+    # Undo the demodulation by whole bins, so that the phase is that of the lattice point.
     columns = np.stack([shift_wave(first, lattice.x.samples) for first in lattice.x.first])
     inside = lattice.inside
     stacks = []
     for first, spectra in zip(lattice.y.first, lattice.spectra(padded), strict=True):
         rows = shift_wave(first, lattice.y.samples)
-        turned = spectra * rows[None, :, None] * columns[:, None, :]
-        stacks.append(turned[:, : inside[0], : inside[1]])
+        shifted = spectra * rows[None, :, None] * columns[:, None, :]
+        stacks.append(shifted[:, : inside[0], : inside[1]])
     value, j, i, dj, di = strongest(np.stack(stacks))
     steps = [float(np.diff(axis.frequencies[:2])[0]) for axis in (lattice.y, lattice.x)]
     offsets = (dj * steps[0], di * steps[1])
@@ -254,39 +303,48 @@ def windowed_fourier(
     algorithm: Literal["ridge", "filter"] = "ridge",
     sigma_px: float = SIGMA_PX,
 ) -> Solution:
-    """Windowed Fourier analysis of the phase difference: its ridge, or filtered by threshold.
+    """Takes the phase difference from the ridge of its windowed Fourier spectrum, or filters it.
 
     Parameters
     ----------
     pair : PreparedPair
     algorithm : "ridge" or "filter"
-        WFR follows the strongest local wave and corrects for the phase's curvature; WFF keeps all
-        that stands out, which also serves where the phase is no single wave.
+        "ridge" (WFR) follows the strongest local wave and corrects for the phase's curvature;
+        "filter" (WFF) keeps all coefficients above the noise, also where the phase is no single
+        wave.
     sigma_px : float, 1 … 1000
-        Width of the Gaussian window, px.
+        Width σ of the Gaussian window, px.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    InputError
+        If an option is out of its range.
 
     Notes
     -----
-    Both frames pass the carrier's band (as in ``fourier``); what is analysed is the product
-    reference · conj(object), whose phase is φ and whose frequencies lie around zero, whatever the
-    period. Qian Kemao 2004, 2007; theory §5.
+    Qian Kemao 2004, 2007 (see ``windowed_fourier_filter``); theory §5. Both frames pass the
+    carrier's band (as in ``fourier``). The product reference · conj(object) has the phase φ, and
+    its frequencies lie around zero for every period.
     """
     if algorithm not in ("ridge", "filter"):
         raise InputError(f"algorithm: expected ridge or filter, got {algorithm!r}")
     (reference, share), (object_, _) = (
         band_pass(frame, pair.frequency) for frame in (pair.reference, pair.object)
     )
-    strength = np.abs(reference)
-    floor = np.float32(0.02 * pair.modulation)
-    field = reference * np.conj(object_) / np.maximum(strength, floor)
-    # Beyond the band there is nothing to look for.
-    limit = min(LIMIT, WIDTH * 2.0 * np.pi * float(np.hypot(*pair.frequency)))
-    step = min(STEP, 1.0 / sigma_px)
+    amplitude = np.abs(reference)
+    smallest = np.float32(MIN_REFERENCE_SHARE * pair.modulation)
+    field = reference * np.conj(object_) / np.maximum(amplitude, smallest)
+    # The band-pass leaves no frequencies beyond its half-width.
+    limit = min(MAX_FREQUENCY_RAD, HALF_WIDTH * 2.0 * np.pi * float(np.hypot(*pair.frequency)))
+    step = min(FREQUENCY_STEP_RAD, 1.0 / sigma_px)
     if algorithm == "ridge":
         phasor = windowed_fourier_ridge(field, sigma_px=sigma_px, limit=limit, step=step).phasor
     else:
-        # Noise of both frames, of which the band lets pass what the frequencies can tell apart.
-        noise = THRESHOLD * float(np.sqrt(sum(pair.noise)))
+        noise = THRESHOLD_SIGMAS * float(np.sqrt(sum(pair.noise)))
         phasor = windowed_fourier_filter(
             field, sigma_px=sigma_px, limit=limit, step=step, threshold=noise
         )
@@ -294,7 +352,7 @@ def windowed_fourier(
         pair,
         Demodulated(
             phasor=phasor,
-            reference_amplitude=2.0 * strength,
+            reference_amplitude=2.0 * amplitude,
             object_amplitude=2.0 * np.abs(phasor),
             noise_share=min(share, 1.0 / (4.0 * np.pi * sigma_px**2)),
             details={"sigma_px": sigma_px, "algorithm": algorithm},

@@ -1,0 +1,224 @@
+"""The checked pair that all methods work on: float frames whose carrier runs along x."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from fringeworks.pair.carrier import Carrier, find_carrier
+from fringeworks.pair.plain_reference import plain_reference
+from fringeworks.signal.noise import noise_variance
+from fringeworks.types import BoolMap, FloatMap, InputError, Pair
+
+MIN_SIZE = 16
+"""Smallest length of a frame's longer side, px.
+
+A carrier needs three periods of at least 4 px (``carrier.MIN_PERIODS``, ``carrier.MIN_PERIOD_PX``),
+which is 12 px; 16 px leave a margin. An empirical choice.
+"""
+QUANTISATION_VARIANCE = 1.0 / 12.0
+"""Variance that rounding to whole counts adds, counts²: a uniform error over one count has 1/12."""
+FLOAT_NOISE = 1e-7
+"""Lower bound on the noise's standard deviation in float frames, as a share of the modulation.
+
+About the resolution of single precision (6e-8). It keeps σ above 0 on frames without noise.
+"""
+SATURATED_PX = 3
+"""Side of the smallest square of samples at the sensor's limit that counts as saturated, px.
+
+Smaller groups are usually peaks of the noise, whose neighbours still carry the fringe. An
+empirical choice.
+"""
+
+
+@dataclass(frozen=True)
+class PreparedPair:
+    """Checked reference and object frame, (h, w) float64, turned so that the carrier runs along x.
+
+    All maps have the shape (h, w) of the turned frames.
+    """
+
+    reference: NDArray[np.float64]
+    """Counts as captured; for a single frame, the plain fringes that fit its background."""
+    object: NDArray[np.float64]
+    """Counts as captured."""
+    reference_ok: BoolMap
+    """False where the reference is not finite or saturated: these pixels are not fitted."""
+    object_ok: BoolMap
+    """False where the object frame is not finite or saturated: these pixels are not fitted."""
+    wanted: BoolMap
+    """False where the caller masked the pixel or the object frame is not finite."""
+    gap: BoolMap
+    """True where the reference frame is not finite."""
+    saturated: BoolMap
+    """True where the object frame is at the sensor's limit over a square of 3 × 3 px."""
+    carrier: Carrier
+    """Carrier of the reference. Its ``axis`` is that of the pair as captured, before turning."""
+    integer: bool
+    """Whether all captured frames hold integers."""
+
+    @property
+    def period(self) -> float:
+        """Mean fringe period of the reference along x, px."""
+        return self.carrier.period_px
+
+    @property
+    def frequency(self) -> tuple[float, float]:
+        """Frequency of the carrier along x and y of the turned frames, cycles/px."""
+        return 1.0 / self.carrier.period_px, self.carrier.cross_frequency
+
+    @cached_property
+    def modulation(self) -> float:
+        """Mean amplitude B of the reference's fringes, counts: √2 × the standard deviation."""
+        return float(np.sqrt(2.0) * self.reference[self.reference_ok].std())
+
+    @cached_property
+    def mean_brightness(self) -> float:
+        """Mean of the reference, counts."""
+        return float(self.reference[self.reference_ok].mean())
+
+    @cached_property
+    def noise(self) -> tuple[float, float]:
+        """Noise variance of reference and object frame, counts²; at least that of rounding."""
+        floor = QUANTISATION_VARIANCE if self.integer else (FLOAT_NOISE * self.modulation) ** 2
+        return (
+            max(noise_variance(self.reference, self.reference_ok), floor),
+            max(noise_variance(self.object, self.object_ok), floor),
+        )
+
+    def to_capture(self, values: np.ndarray) -> np.ndarray:
+        """Turn a map, (h, w), back to the orientation of the pair as captured."""
+        return values if self.carrier.axis == "x" else np.ascontiguousarray(values.T)
+
+
+def fill_nearest(values: FloatMap, known: BoolMap) -> FloatMap:
+    """Give every unknown pixel of a map the value of the nearest known pixel."""
+    if known.all():
+        return values
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return np.asarray(values[tuple(nearest)])
+
+
+class _Frame(NamedTuple):
+    """One checked frame; all maps are (h, w)."""
+
+    values: FloatMap
+    """Counts, float64; pixels that are not finite have the value of the nearest finite one."""
+    finite: BoolMap
+    saturated: BoolMap
+    integer: bool
+
+
+def _checked_frame(name: str, frame: NDArray[Any]) -> _Frame:
+    """Check a captured frame, fill its gaps and mark its saturated pixels."""
+    array = np.asarray(frame)
+    if array.ndim != 2:
+        raise InputError(f"{name} frame: expected shape (h, w), got {array.shape}")
+    if array.dtype.kind not in "uif":
+        raise InputError(f"{name} frame: expected integer or float counts, got {array.dtype}")
+    values: FloatMap = array.astype(np.float64)
+    finite = np.isfinite(values)
+    if not finite.any():
+        raise InputError(f"{name} frame: expected finite values, got none")
+    if array.dtype.kind == "u":
+        at_limit = array == np.iinfo(array.dtype).max
+        saturated = ndimage.binary_opening(at_limit, np.ones((SATURATED_PX, SATURATED_PX)))
+    else:
+        saturated = np.zeros(values.shape, bool)
+    values = fill_nearest(values, finite)
+    if not values.any():
+        raise InputError(f"{name} frame: expected fringes, got an all-black frame")
+    return _Frame(values, finite, saturated, array.dtype.kind in "ui")
+
+
+def _pixels_to_measure(mask: BoolMap | None, finite: BoolMap) -> BoolMap:
+    """Finite pixels of the object frame that the caller did not mask."""
+    if mask is None:
+        return finite.copy()
+    if mask.shape != finite.shape:
+        raise InputError(f"mask: expected shape {finite.shape}, got {mask.shape}")
+    wanted: BoolMap = finite & np.asarray(mask, bool)
+    if not wanted.any():
+        raise InputError("mask: expected at least one pixel to measure, got none")
+    return wanted
+
+
+def _reference_of(pair: Pair, object_: _Frame) -> tuple[Carrier, _Frame]:
+    """Carrier, and the captured reference or the plain fringes that replace a missing one."""
+    if pair.reference is None:
+        carrier, values = plain_reference(object_.values, object_.finite, pair)
+        everywhere = np.ones(values.shape, bool)
+        return carrier, _Frame(values, everywhere, ~everywhere, object_.integer)
+    reference = _checked_frame("reference", pair.reference)
+    if reference.values.shape != object_.values.shape:
+        raise InputError(
+            f"frames: expected equal shapes, got reference {reference.values.shape} and "
+            f"object {object_.values.shape}"
+        )
+    return find_carrier(reference.values, pair.axis), reference
+
+
+def prepare(pair: Pair) -> PreparedPair:
+    """Check a pair and bring it into the form that the methods work on.
+
+    Parameters
+    ----------
+    pair : Pair
+        Two frames of equal shape (h, w), or the object frame alone; not mutated.
+
+    Returns
+    -------
+    PreparedPair
+        Float frames; transposed where the fringes vary along y.
+
+    Raises
+    ------
+    InputError
+        If the frames differ in shape, are not 2-D, or are too small; if a frame is black, constant
+        or has no finite value; if the reference has no fringes; if the mask has another shape or
+        leaves no pixel; for a single frame, if it has no plane background.
+
+    Notes
+    -----
+    Pixels that are not finite are not measured (``Reason.MASKED``). They are filled
+    with the nearest finite value, because the filters need a value everywhere.
+
+    Examples
+    --------
+    >>> x = np.arange(64.0)
+    >>> frame = np.tile(100 + 50 * np.cos(2 * np.pi * x / 16), (48, 1))
+    >>> prepared = prepare(Pair(frame.T, frame.T))
+    >>> prepared.carrier.axis, prepared.object.shape, round(prepared.period, 3)
+    ('y', (48, 64), 16.0)
+    """
+    object_ = _checked_frame("object", pair.object)
+    wanted = _pixels_to_measure(pair.mask, object_.finite)
+    shape = object_.values.shape
+    if max(shape) < MIN_SIZE:
+        raise InputError(
+            f"frames: expected at least {MIN_SIZE} px on the longer side, got shape {shape}"
+        )
+    carrier, reference = _reference_of(pair, object_)
+    if float(np.ptp(object_.values)) == 0.0:
+        constant = object_.values.flat[0]
+        raise InputError(f"object frame: expected fringes, got the constant {constant:g}")
+
+    def turn(values: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(values if carrier.axis == "x" else values.T)
+
+    return PreparedPair(
+        reference=turn(reference.values),
+        object=turn(object_.values),
+        reference_ok=turn(reference.finite & ~reference.saturated),
+        object_ok=turn(object_.finite & ~object_.saturated),
+        wanted=turn(wanted),
+        gap=turn(~reference.finite),
+        saturated=turn(object_.saturated),
+        carrier=carrier,
+        integer=reference.integer and object_.integer,
+    )

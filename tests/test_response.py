@@ -9,18 +9,17 @@ import pytest
 
 from fringeworks import InputError, analyse
 from fringeworks.files.response import read_response, write_response
+from fringeworks.signal.gamma import gamma_of_frames, harmonic_distortion
 from fringeworks.signal.phase_table import phase_table
 from fringeworks.signal.response import (
     apply_response,
     correct_phase,
-    gamma_of_frames,
-    harmonic_distortion,
     linearise,
     measure_response,
     phase_of_steps,
     predistort,
-    smooth_coordinate,
 )
+from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from tests.conftest import scene
 
 PERIOD = 60.0

@@ -17,7 +17,8 @@ from fringeworks.pair.plane_calibration import calibrate_pixels, calibrate_refer
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
 from fringeworks.pipeline import reconstruct
 from fringeworks.report.tables import to_json
-from fringeworks.signal.response import measure_response, smooth_coordinate
+from fringeworks.signal.response import measure_response
+from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from fringeworks.stack.decode import decode
 from fringeworks.stack.frames import Stack
 from fringeworks.types import FloatMap, InputError

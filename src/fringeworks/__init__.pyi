@@ -84,6 +84,9 @@ from .pair.reference_plane import (
 from .pair.unwrap import (
     unwrap as unwrap,
 )
+from .patterns.encode import (
+    encode as encode,
+)
 from .patterns.plan import (
     GrayCode as GrayCode,
 )
@@ -95,9 +98,6 @@ from .patterns.plan import (
 )
 from .patterns.plan import (
     Uniform as Uniform,
-)
-from .patterns.plan import (
-    encode as encode,
 )
 from .patterns.plan import (
     equal_steps as equal_steps,

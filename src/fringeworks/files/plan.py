@@ -14,13 +14,13 @@ from pydantic import Field
 
 from fringeworks.files.atomic import make_folder, replacing, write_frame, write_text
 from fringeworks.files.toml import Section, read_toml
+from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import (
     Block,
     GrayCode,
     PatternPlan,
     PhaseSteps,
     Uniform,
-    encode,
     equal_steps,
 )
 from fringeworks.types import Axis, InputError

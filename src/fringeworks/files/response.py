@@ -28,8 +28,8 @@ class ResponseFile(Section):
     residual_rad: float = Field(ge=0)
     offset_rad: float = 0.0
     brightness: list[float] = Field(min_length=1)
-    table_rad: list[Annotated[list[float], Field(min_length=TABLE_BINS, max_length=TABLE_BINS)]] = Field(
-        min_length=1
+    table_rad: list[Annotated[list[float], Field(min_length=TABLE_BINS, max_length=TABLE_BINS)]] = (
+        Field(min_length=1)
     )
 
 

@@ -54,7 +54,8 @@ count as exact, and far below any difference that can be measured: 0.002 px over
 ROUNDING = 1e-9
 """Relative tolerance for the rounding of double precision in comparisons.
 
-The sums here err by less than 1e-13, and real differences between combinations are larger than 1e-6.
+The sums here err by less than 1e-13, and real differences between combinations are larger than
+1e-6.
 """
 
 REPEAT_SEARCH = 4.0
@@ -84,8 +85,9 @@ phase noise. An empirical choice; cells must be narrower than 0.75 of that combi
 class OrderChain:
     """A sequence of roundings that resolves the fringe orders of several periods.
 
-    The first combination, or the Gray code, gives the coordinate over the whole range. Every further
-    combination refines it: x ← x + wrap(c·t − g x) / g, with the phases t in turns and g = c·f.
+    The first combination, or the Gray code, gives the coordinate over the whole range. Every
+    further combination refines it: x ← x + wrap(c·t − g x) / g, with the phases t in turns and g =
+    c·f.
     """
 
     periods_px: tuple[float, ...]
@@ -256,9 +258,7 @@ def _too_short(
     )
 
 
-def _binding(
-    rows: NDArray[np.float64], tolerance: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _binding(rows: NDArray[np.float64], tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Mark the roundings that can fail while all other roundings are right."""
     load = np.abs(rows) / tolerance[:, None]
     kept = np.asarray(np.abs(rows).sum(axis=1) > 0)
@@ -376,8 +376,8 @@ def separation(
 
     Notes
     -----
-    Maximum likelihood chooses the wrong order where the noise exceeds half of this distance. No chain
-    of roundings tolerates more (theory §5).
+    Maximum likelihood chooses the wrong order where the noise exceeds half of this distance. No
+    chain of roundings tolerates more (theory §5).
 
     Examples
     --------

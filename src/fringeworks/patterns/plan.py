@@ -1,9 +1,9 @@
-"""Plans of shifted fringes and Gray code, and the pictures that the projector shows."""
+"""Plans of what a projector shows: shifted fringes, Gray code, white and black frames."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -26,21 +26,14 @@ DEPTHS = (8, 10, 12, 16)
 MAX_STEPS = 64
 """Largest number of steps in a set.
 
-The decoding kernel marks the samples of a pixel in a 64-bit mask. More steps are hardly ever useful,
-because the precision grows only with √N.
+The decoding kernel marks the samples of a pixel in a 64-bit mask. More steps are hardly ever
+useful, because the precision grows only with √N.
 """
 
 MAX_GRAY_BITS = 24
 """Largest number of bits of a Gray code.
 
 The decoding kernel computes in single precision, which holds whole numbers exactly up to 2²⁴.
-"""
-
-DITHER_THRESHOLDS = 8
-"""Number of thresholds of the ordered dither, and its period along both axes, px.
-
-The mean over 8 pixels errs by at most 1/16 count instead of 1/2. More thresholds would be more exact
-but need a longer stretch, over which defocus no longer averages. An empirical choice.
 """
 
 MAX_SHIFT_CONDITION = 20.0
@@ -62,15 +55,6 @@ REPEAT_SEARCH_PERIODS = 64.0
 
 ``repeat_distance`` searches up to four times this range. Periods that do not repeat over so many
 fringes have no useful repeat distance. An empirical choice.
-"""
-
-SHARE_DECIMALS = 11
-"""Decimals to which a share of full scale is rounded before it becomes a count.
-
-A share of exactly ½ lies half-way between two counts, but the computed cosine misses it by up to
-2e-12, in a direction that depends on the machine's mathematical library. Without the rounding, such a
-pixel would be 127 on one machine and 128 on another. Rounded, it always becomes 128. The rounding
-moves other values by less than 4e-7 counts even at 16 bits.
 """
 
 
@@ -291,8 +275,8 @@ class PatternPlan:
         for block in self.blocks:
             if isinstance(block, GrayCode) and block.length_px != self.length_px(block.axis):
                 raise InputError(
-                    f"Gray code: expected the projector's length of {self.length_px(block.axis)} px "
-                    f"along {block.axis}, got {block.length_px} px"
+                    f"Gray code: expected a length of {self.length_px(block.axis)} px along "
+                    f"{block.axis}, like the projector, got {block.length_px} px"
                 )
         for axis in self.axes:
             if sum(isinstance(b, GrayCode) for b in self.blocks if _along(b, axis)) > 1:
@@ -324,7 +308,7 @@ class PatternPlan:
         return [(k, b) for k, b in self.placed if isinstance(b, PhaseSteps) and b.axis == axis]
 
     def gray_code(self, axis: Axis) -> tuple[int, GrayCode] | None:
-        """The Gray code along an axis with the index of its first frame; None where there is none."""
+        """The Gray code along an axis with its first frame's index; None where there is none."""
         codes = [(k, b) for k, b in self.placed if isinstance(b, GrayCode) and b.axis == axis]
         return codes[0] if codes else None
 
@@ -387,52 +371,3 @@ def _relative_range(periods_px: Sequence[float]) -> float:
 
 def _along(block: Block, axis: Axis) -> bool:
     return not isinstance(block, Uniform) and block.axis == axis
-
-
-def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
-    """Draw the pictures of a plan, one after the other.
-
-    Parameters
-    ----------
-    plan : PatternPlan
-
-    Yields
-    ------
-    (height, width) arrays of counts 0 … 2^bits − 1: uint8 for 8 bits, uint16 for more.
-
-    Notes
-    -----
-    A value v becomes the count (2^bits − 1) v^(1/γ). It is rounded to the nearest whole count, with
-    halves rounded up, or dithered.
-
-    Examples
-    --------
-    >>> plan = PatternPlan(64, 4, (PhaseSteps("x", 16.0, equal_steps(4)),))
-    >>> [int(picture[0, 0]) for picture in encode(plan)]
-    [255, 128, 0, 128]
-    """
-    top = 2**plan.bits - 1
-    kind = np.uint8 if plan.bits == 8 else np.uint16
-    shape = (plan.height_px, plan.width_px)
-    for block in plan.blocks:
-        down = not isinstance(block, Uniform) and block.axis == "y"
-        position = np.arange(shape[0] if down else shape[1], dtype=np.float64)
-        for n in range(block.frames):
-            share = block.values(position, n) ** (1.0 / plan.gamma)
-            line = top * np.round(share, SHARE_DECIMALS)
-            across = line[:, None] if down else line[None, :]
-            if plan.dither:
-                picture = np.floor(np.broadcast_to(across, shape) + _dither_thresholds(shape))
-            else:
-                picture = np.broadcast_to(np.floor(across + 0.5), shape)
-            yield np.minimum(picture, top).astype(kind)
-
-
-def _dither_thresholds(shape: tuple[int, int]) -> FloatMap:
-    """Thresholds of the ordered dither, (h, w), 0…1.
-
-    They form a Latin square: every 8 pixels of a row or of a column hold all eight thresholds. The
-    mean along fringes, where the pattern is constant, is therefore right.
-    """
-    y, x = np.ogrid[: shape[0], : shape[1]]
-    return np.asarray(((5 * y + 3 * x) % DITHER_THRESHOLDS + 0.5) / DITHER_THRESHOLDS)

@@ -48,8 +48,8 @@ With fewer fringes it would contribute little to the coordinate's precision. An 
 COARSENING = 0.94
 """Factor by which the number of fringes falls from one trial to the next.
 
-A factor nearer to 1 finds slightly finer fringes but takes longer: at 0.94 the period is at most 6 %
-longer than necessary. An empirical choice.
+A factor nearer to 1 finds slightly finer fringes but takes longer: at 0.94 the period is at most 6
+% longer than necessary. An empirical choice.
 """
 
 
@@ -135,7 +135,9 @@ def propose(
         raise InputError(f"min_period_px: expected 2 px or more, got {min_period_px}")
     share = frames // len(axes)
     if share < 3:
-        raise InputError(f"frames: expected 3 or more for each axis, got {frames} for {len(axes)} axes")
+        raise InputError(
+            f"frames: expected 3 or more for each axis, got {frames} for {len(axes)} axes"
+        )
     ratio = noise / modulation
     lengths = {"x": width_px, "y": height_px}
     proposals: list[Proposal] = []

@@ -20,8 +20,8 @@ DENOISERS = ("emd", "emd2d", "bemd")
 MAX_IMFS = 16
 """Default of the largest number of intrinsic mode functions (IMFs) of a row.
 
-The mean period of white noise doubles from one IMF to the next (``DECAY``), so that 16 are enough for
-rows of 65 000 pixels.
+The mean period of white noise doubles from one IMF to the next (``DECAY``), so that 16 are enough
+for rows of 65 000 pixels.
 """
 
 IMF_LIMIT = 64
@@ -40,8 +40,8 @@ SIFT_LIMIT = 10_000
 FLAT = 0.2
 """Largest root mean square of an IMF's envelope mean, as a share of the IMF's own.
 
-A smaller share takes more sifts and evens out the amplitude of the modes. An empirical choice within
-the range of 0.1 to 0.3 that is usual for stopping criteria.
+A smaller share takes more sifts and evens out the amplitude of the modes. An empirical choice
+within the range of 0.1 to 0.3 that is usual for stopping criteria.
 """
 
 FIRST_SHARE = 0.593
@@ -74,8 +74,8 @@ empirical choice that bounds the time.
 MAX_PLANAR_SIFTS = 10
 """Largest number of sifts per mode of a frame.
 
-Modes of running envelopes change little after a few sifts (Bhuiyan et al., 2008). An empirical choice
-that bounds the time.
+Modes of running envelopes change little after a few sifts (Bhuiyan et al., 2008). An empirical
+choice that bounds the time.
 """
 
 NOISE_MODES = 3
@@ -206,10 +206,10 @@ def decompose_frame(frame: NDArray[np.generic], *, max_imfs: int = MAX_PLANAR) -
 
     Notes
     -----
-    The fast and adaptive form: envelopes are running maxima and minima, smoothed over the same window.
-    The window is as wide as the mean distance of the extrema. Sifting ends at criterion II of
-    ``decompose_rows`` or after ten sifts. Bhuiyan, Adhami & Khan, EURASIP J. Adv. Signal Process.
-    2008:728356.
+    The fast and adaptive form: envelopes are running maxima and minima, smoothed over the same
+    window. The window is as wide as the mean distance of the extrema. Sifting ends at criterion II
+    of ``decompose_rows`` or after ten sifts. Bhuiyan, Adhami & Khan, EURASIP J. Adv. Signal
+    Process. 2008:728356.
 
     Examples
     --------
@@ -252,7 +252,7 @@ def _odd(width: float) -> int:
 
 
 def _spacing(frame: FloatMap) -> int | None:
-    """Mean distance of neighbouring extrema as an odd number of px; None where there are too few."""
+    """Mean distance of extrema as an odd number of px; None where there are too few."""
     if min(frame.shape) < 3 or float(np.ptp(frame)) == 0.0:
         return None
     top, bottom = ndimage.maximum_filter(frame, 3), ndimage.minimum_filter(frame, 3)
@@ -279,8 +279,8 @@ def denoise(
     ----------
     frame : (h, w) real array of finite values, fringes along the rows, counts
     method : "emd", "emd2d" or "bemd"
-        "emd" decomposes the rows. "emd2d" decomposes the rows, then the columns, along which fringes
-        change slowly but noise does not. "bemd" decomposes the whole frame.
+        "emd" decomposes the rows. "emd2d" decomposes the rows, then the columns, along which
+        fringes change slowly but noise does not. "bemd" decomposes the whole frame.
     noise : float ≥ 0, optional
         Standard deviation of the white noise, counts; measured where not given.
 
@@ -296,9 +296,9 @@ def denoise(
     Notes
     -----
     White noise of variance σ² leaves 0.593 σ² in the first IMF and 0.825 · 2.01^(−k) σ² in the k-th
-    (Flandrin, Rilling & Gonçalves, IEEE SPL 11(2):112, 2004). An IMF of a row with at most twice that
-    energy is dropped. For "bemd" a field of white noise passes through the same decomposition and
-    gives the energies.
+    (Flandrin, Rilling & Gonçalves, IEEE SPL 11(2):112, 2004). An IMF of a row with at most twice
+    that energy is dropped. For "bemd" a field of white noise passes through the same decomposition
+    and gives the energies.
     """
     values = _checked(frame)
     if method not in DENOISERS:
@@ -376,8 +376,8 @@ def normalise(frame: NDArray[np.generic]) -> NDArray[np.float64]:
 
     Notes
     -----
-    (I − m) / a, with the mean m and half the distance a of the rows' envelopes. Noise has extrema of
-    its own, which the envelopes follow, so apply ``denoise`` first.
+    (I − m) / a, with the mean m and half the distance a of the rows' envelopes. Noise has extrema
+    of its own, which the envelopes follow, so apply ``denoise`` first.
     """
     values = _checked(frame)
     upper, lower = _core.row_envelopes(values)

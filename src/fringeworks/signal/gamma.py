@@ -13,8 +13,8 @@ from fringeworks.types import FloatMap, InputError
 GAMMA_RANGE = (0.4, 4.0)
 """Range of the exponents that a search considers.
 
-Linear devices have 1, screens and projectors about 2.2. The range leaves a factor of about two on both
-sides. An empirical choice.
+Linear devices have 1, screens and projectors about 2.2. The range leaves a factor of about two on
+both sides. An empirical choice.
 """
 
 GAMMA_TRIALS = 25
@@ -35,8 +35,8 @@ Ten times finer than for a single frame, because N frames determine it better.
 SINUSOIDAL = 1e-7
 """Harmonic distortion below which a frame counts as sinusoidal and needs no search.
 
-Sinusoids of ten periods or more have at most 4e-8, from the side lobes of the window; γ = 1.01 makes
-1e-5 (trials with 400 to 1000 px).
+Sinusoids of ten periods or more have at most 4e-8, from the side lobes of the window; γ = 1.01
+makes 1e-5 (trials with 400 to 1000 px).
 """
 
 MAX_GAMMA_PIXELS = 50_000

@@ -139,7 +139,8 @@ def noise_of_residuals(brightness: FloatMap, square: FloatMap, freedom: float) -
     Notes
     -----
     σ² = read² + gain · I by weighted least squares over groups of similar brightness. The gain is
-    set to zero where it is below three of its standard errors, or the dark noise would be imaginary.
+    set to zero where it is below three of its standard errors, or the dark noise would be
+    imaginary.
     """
     order = np.argsort(brightness, kind="stable")
     parts = np.array_split(order, BRIGHTNESS_GROUPS)

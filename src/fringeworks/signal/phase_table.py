@@ -10,8 +10,8 @@ from fringeworks.types import FloatMap, InputError
 TABLE_BINS = 256
 """Entries of a phase table over one turn.
 
-A bin of 1.4° is short against the period of the highest harmonic of ``HARMONICS``, 30°. The decoding
-kernel and the response files are made for this number.
+A bin of 1.4° is short against the period of the highest harmonic of ``HARMONICS``, 30°. The
+decoding kernel and the response files are made for this number.
 """
 
 HARMONICS = 12
@@ -24,8 +24,8 @@ for three and four steps. Faster changes are mostly noise. An empirical choice.
 MIN_BIN_PIXELS = 20
 """Smallest number of pixels in every bin of a table.
 
-The median of 20 pixels scatters by 0.3 standard deviations, and the harmonics average over the bins.
-An empirical choice: a larger number refuses small boards.
+The median of 20 pixels scatters by 0.3 standard deviations, and the harmonics average over the
+bins. An empirical choice: a larger number refuses small boards.
 """
 
 PIXELS_PER_TABLE = 40_000
@@ -38,8 +38,8 @@ dependence on brightness. An empirical choice.
 MAX_TABLES = 8
 """Largest number of tables, each for a range of brightness.
 
-The decoder interpolates between the tables, and eight resolve the smooth bend of a camera's response
-near its limit. An empirical choice.
+The decoder interpolates between the tables, and eight resolve the smooth bend of a camera's
+response near its limit. An empirical choice.
 """
 
 

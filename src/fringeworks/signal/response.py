@@ -1,7 +1,7 @@
 """The common response of a projector and a camera: its measurement and its correction (theory §6).
 
-The response has two forms. The exponent γ, with I ∝ v^γ, linearises frames and pre-distorts patterns.
-The table φ → Δφ corrects the phases of N steps for a response of any shape.
+The response has two forms. The exponent γ, with I ∝ v^γ, linearises frames and pre-distorts
+patterns. The table φ → Δφ corrects the phases of N steps for a response of any shape.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Response:
     brightness: tuple[float, ...]
     """Brightness A + B of the K tables, counts, rising."""
     residual_rad: float
-    """Standard deviation of the phase error that the tables leave in the frames they come from, rad."""
+    """Standard deviation of the phase error that remains in the measured frames, rad."""
     offset_rad: float = 0.0
     """First of the shifts that the tables were measured with, rad."""
 
@@ -84,8 +84,9 @@ def phase_of_steps(
 
     Examples
     --------
-    >>> frames = np.stack([np.full((2, 2), 50 + 30 * np.cos(1.0 - s)) for s in (0.0, 1.5, 3.0, 4.5)])
-    >>> phase, modulation = phase_of_steps(frames, [0.0, 1.5, 3.0, 4.5])
+    >>> shifts = [0.0, 1.5, 3.0, 4.5]
+    >>> frames = np.stack([np.full((2, 2), 50 + 30 * np.cos(1.0 - s)) for s in shifts])
+    >>> phase, modulation = phase_of_steps(frames, shifts)
     >>> round(float(phase[0, 0]), 6), round(float(modulation[0, 0]), 6)
     (1.0, 30.0)
     """
@@ -99,9 +100,7 @@ def phase_of_steps(
     design = step_design(shifts)
     if np.linalg.cond(design) > SINGULAR_CONDITION:
         degrees = ", ".join(f"{d:g}" for d in np.degrees(shifts))
-        raise InputError(
-            f"shifts: expected at least three that differ modulo 360°, got {degrees}°"
-        )
+        raise InputError(f"shifts: expected at least three that differ modulo 360°, got {degrees}°")
     solver = np.linalg.pinv(design)
     _, cosine, sine = np.tensordot(solver, stack.astype(np.float64), axes=1)
     return np.arctan2(sine, cosine), np.hypot(sine, cosine)
@@ -245,8 +244,8 @@ def linearise(frame: NDArray[np.generic], response: Response) -> NDArray[np.floa
 
     Notes
     -----
-    The brightness over the dark is raised to the power 1/γ. The albedo of a surface does not matter,
-    because a power turns a factor into another factor.
+    The brightness over the dark is raised to the power 1/γ. The albedo of a surface does not
+    matter, because a power turns a factor into another factor.
     """
     values = np.asarray(frame, dtype=np.float64)
     finite = values[np.isfinite(values)]

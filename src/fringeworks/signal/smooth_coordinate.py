@@ -11,19 +11,19 @@ from fringeworks.types import BoolMap, FloatMap, InputError
 SMOOTHING_PX = 15.0
 """Default standard deviation of the Gaussian smoothing, camera px.
 
-It averages over several steps of a Gray code with cells of a few pixels, and is short enough to follow
-what the surface leaves, such as lens distortion. An empirical choice.
+It averages over several steps of a Gray code with cells of a few pixels, and is short enough to
+follow what the surface leaves, such as lens distortion. An empirical choice.
 """
 
 DEGREE = 3
 """Total degree of the polynomial surface.
 
-Perspective and lens distortion of a flat board are smooth, and a cubic leaves little for the smoothing.
-An empirical choice.
+Perspective and lens distortion of a flat board are smooth, and a cubic leaves little for the
+smoothing. An empirical choice.
 """
 
 MIN_VALID_PIXELS = 1_000
-"""Smallest number of valid pixels; a hundred per coefficient of the surface. An empirical choice."""
+"""Smallest number of valid pixels, a hundred per coefficient of the surface. Empirical."""
 
 SURFACE_PIXELS = 20_000
 """Approximate number of pixels in the fit of the surface.
@@ -54,7 +54,7 @@ choice.
 """
 
 NO_SPREAD_PX = 1e-9
-"""Smallest limit of the two distances, projector px, for a coordinate that the surface fits exactly."""
+"""Smallest limit of both distances, projector px; it serves coordinates that fit exactly."""
 
 
 def smooth_coordinate(

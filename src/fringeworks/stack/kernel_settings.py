@@ -32,8 +32,9 @@ does so in 0.1 % of the pixels next to the end; a larger value discards more pix
 LOST_SHARE = 1e-7
 """Share of pixels with right fringe orders that the test of the sets' disagreement may discard.
 
-It sets the quantile of χ². A frame of two megapixels loses a fifth of a pixel on average, so the test
-discards hardly any good pixel, and wrong orders exceed the quantile by far. An empirical choice.
+It sets the quantile of χ². A frame of two megapixels loses a fifth of a pixel on average, so the
+test discards hardly any good pixel, and wrong orders exceed the quantile by far. An empirical
+choice.
 """
 
 EXPONENT_TOLERANCE = 1e-3
@@ -45,7 +46,8 @@ Larger than the rounding of numbers in files, smaller than any deliberate change
 UNEQUAL_STEPS = 0.1
 """Largest |e^{iNδ_n} − e^{iNδ_0}| up to which N steps count as equal.
 
-It allows errors of 0.1/N rad per step, such as shifts given in rounded degrees. An empirical choice.
+It allows errors of 0.1/N rad per step, such as shifts given in rounded degrees. An empirical
+choice.
 """
 
 
@@ -64,7 +66,7 @@ class Limits:
 
     @property
     def threshold(self) -> float:
-        """The saturation for the kernels, counts; NaN disables the test, as ``v >= NaN`` is false."""
+        """The saturation for the kernels, counts. NaN disables it: ``v >= NaN`` is always false."""
         return self.saturation if np.isfinite(self.saturation) else float("nan")
 
 
@@ -79,14 +81,14 @@ class PhaseFrames:
     period_px: float
     """Period of the fringes, projector px."""
     table_turns: tuple[float, ...] = ()
-    """Phase errors of the response, turns, one row after the other per brightness; empty for none."""
+    """Phase errors of the response, turns: a row of 256 per brightness, or nothing."""
     brightness: tuple[float, ...] = ()
     """Brightness of every row, counts, rising."""
 
 
 @dataclass(frozen=True)
 class GrayFrames:
-    """A Gray code: the indices of its frames in the plan, and of the frames that decide its bits."""
+    """A Gray code: the indices of its frames in the plan, and of those that decide its bits."""
 
     bits: tuple[int, ...]
     """Index of every bit's frame, the most significant bit first."""
@@ -119,8 +121,10 @@ class Decoding:
     disagreement: float = 1.0
     """Disagreement of the sets: variance in units of the noise's variance; ≥ 1."""
     reach_px: float | None = None
-    """Largest distance of a coordinate from the middle of its Gray-code cell, projector px; None for
-    ``GRAY_REACH`` cells."""
+    """Largest distance of a coordinate from the middle of its Gray-code cell, projector px.
+
+    None for ``GRAY_REACH`` cells.
+    """
 
     @property
     def longest_px(self) -> float:
@@ -129,7 +133,7 @@ class Decoding:
 
     @property
     def frames(self) -> list[int]:
-        """Indices of the frames in the kernel's order: phase frames, then those of the Gray code."""
+        """Indices of the frames in the kernel's order: phase frames, then the Gray code's."""
         return self.phase_frames + self.gray_frames
 
     @property
@@ -296,8 +300,8 @@ def _table(
         raise InputError(f"response: made for {response.steps} steps, the plan has {n}")
     if abs(response.pattern_exponent * plan.gamma - 1.0) > EXPONENT_TOLERANCE:
         raise InputError(
-            f"response: made for patterns with the exponent {response.pattern_exponent:g}, the plan "
-            f"has the exponent {1.0 / plan.gamma:g}"
+            f"response: made for patterns with the exponent {response.pattern_exponent:g}, the "
+            f"plan has the exponent {1.0 / plan.gamma:g}"
         )
     offsets = np.exp(1j * n * np.asarray(shifts_rad))
     if np.abs(offsets - offsets[0]).max() > UNEQUAL_STEPS:
@@ -318,7 +322,7 @@ def _table(
 def empty_maps(
     shape: tuple[int, int], *, sets: int = 0, disagreement: bool = False
 ) -> dict[str, Any]:
-    """New arrays for the kernel to write to; ``sets`` > 0 for the wrapped phases of as many sets."""
+    """New arrays for the kernel to write to, with the wrapped phases of ``sets`` sets."""
     phases = np.empty((sets, *shape), np.float32)
     modulations = np.empty((sets, *shape), np.float32)
     # One block of memory: the system provides several smaller ones at half the speed.
@@ -364,7 +368,9 @@ def check_reusable(
                     f"{array.shape}"
                 )
             if not (array.flags.c_contiguous and array.flags.writeable):
-                raise InputError(f"out: expected {field} as decode returns it, got a strided or read-only array")
+                raise InputError(
+                    f"out: expected {field} as decode returns it, got a strided or read-only array"
+                )
 
 
 def reused_maps(earlier: Decoded, axis: Axis) -> dict[str, Any]:

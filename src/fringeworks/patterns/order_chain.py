@@ -86,8 +86,8 @@ class OrderChain:
     """A sequence of roundings that resolves the fringe orders of several periods.
 
     The first combination, or the Gray code, gives the coordinate over the whole range. Every
-    further combination refines it: x ← x + wrap(c·t − g x) / g, with the phases t in turns and g =
-    c·f.
+    further combination refines it: x ← x + wrap(c·t − g x) / g. Here t are the phases in turns, c
+    the coefficients of the combination and g = c·f its frequency.
     """
 
     periods_px: tuple[float, ...]

@@ -26,7 +26,7 @@ The minimum itself would depend on single noisy or dead pixels. An empirical cho
 MIN_MODULATION_SHARE = 0.2
 """Smallest modulation of a pixel that the response is measured from.
 
-As a share of the 95th percentile, which stands for the white plane. It excludes shadow and dark
+As a share of the 95th percentile, which is that of the white plane. It excludes shadow and dark
 surroundings. An empirical choice.
 """
 

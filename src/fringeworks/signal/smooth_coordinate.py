@@ -11,8 +11,8 @@ from fringeworks.types import BoolMap, FloatMap, InputError
 SMOOTHING_PX = 15.0
 """Default standard deviation of the Gaussian smoothing, camera px.
 
-It averages over several steps of a Gray code with cells of a few pixels, and is short enough to
-follow what the surface leaves, such as lens distortion. An empirical choice.
+It averages over several cells of a Gray code with cells of a few pixels. It is short enough to
+follow the deviations of the coordinate from a cubic. An empirical choice.
 """
 
 DEGREE = 3
@@ -34,7 +34,7 @@ More pixels make the fit slower and hardly more precise. An empirical choice.
 SURFACE_STEPS = 10
 """Number of fits, each without the outliers of the one before.
 
-Outliers of a decoded Gray code are gone after a few fits. An empirical choice.
+The set of outliers of a decoded Gray code changes little after a few fits. An empirical choice.
 """
 
 MAD_SIGMA = 1.4826
@@ -49,8 +49,8 @@ The usual limit of three discards 0.3 % of Gaussian residuals.
 FAR_SIGMAS = 6.0
 """Distance from the surface from which on a pixel is not smoothed, standard deviations.
 
-Twice ``OUTLIER_SIGMAS``: what a cubic does not follow stays, wrongly decoded bits go. An empirical
-choice.
+Twice ``OUTLIER_SIGMAS``, so that small deviations from a cubic are kept and wrongly decoded bits
+are discarded. An empirical choice.
 """
 
 NO_SPREAD_PX = 1e-9

@@ -36,7 +36,7 @@ stretches do not miss a small object.
 """
 
 GOLDEN = 0.6180339887498949
-"""Golden section. Positions that are shifted by it from row to row cover all columns evenly."""
+"""Golden ratio of a cycle. Starts that shift by it from row to row cover all columns evenly."""
 
 BAND_BYTES = 4 << 20
 """Memory for copies of frames that the kernels cannot read directly, bytes.

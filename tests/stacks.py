@@ -1,4 +1,4 @@
-"""Stacks of frames as a camera takes them that looks straight at the projector's pixels."""
+"""Simulated stacks of a camera that sees every projector pixel as one camera pixel."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fringeworks import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
 def multi(
     counts: Sequence[float], steps: int | Sequence[int], size=(960, 60), axis="x"
 ) -> PatternPlan:
-    """Fringes of several periods, given by their number."""
+    """A plan with several sets of fringes, given by their numbers of fringes."""
     length = size[0] if axis == "x" else size[1]
     each = [steps] * len(counts) if isinstance(steps, int) else steps
     sets = [PhaseSteps(axis, length / v, equal_steps(n)) for v, n in zip(counts, each, strict=True)]
@@ -31,7 +31,7 @@ def take(
     at: tuple[np.ndarray, np.ndarray] | None = None,
     kind=np.uint8,
 ) -> np.ndarray:
-    """Frames (n, h, w): albedo · (A + B · pattern) with noise, rounded and clipped for whole counts."""
+    """Frames (n, h, w) of albedo · (A + B · pattern) with noise; integers are rounded and clipped."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: plan.height_px, : plan.width_px] if at is None else at
     frames = []
@@ -46,10 +46,12 @@ def take(
     return np.stack(frames)
 
 
-def guarded(step: float = 16.0, steps: int = 4, size=(960, 60), *, inverse=False, levels=True):
-    """Phase and Gray code with cells of half a period."""
+def guarded(step: float = 16.0, steps: int = 4, size=(960, 60), *, inverse=False, white_black=True):
+    """A plan of fringes and Gray code with cells of half a period."""
     blocks = [
         PhaseSteps("x", 2.0 * step, equal_steps(steps)),
         GrayCode("x", step, size[0], inverse),
     ]
-    return PatternPlan(*size, (*blocks, *([Uniform("white"), Uniform("black")] if levels else [])))
+    return PatternPlan(
+        *size, (*blocks, *([Uniform("white"), Uniform("black")] if white_black else []))
+    )

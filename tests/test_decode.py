@@ -1,4 +1,4 @@
-"""Stacks to absolute coordinates: right, honest about their error, and quick to refuse."""
+"""Decoding of stacks: right coordinates, honest errors, and refusal of wrong frames."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ X = np.arange(960.0)
 
 
 def predicted(counts, steps, noise=2.0, modulation=100.0):
-    """Theory: the inverse-variance mean of all sets, quantisation included."""
+    """σ of the inverse-variance mean of all sets, quantisation included (theory §5)."""
     sigma = np.sqrt((noise**2 + 1 / 12) * 2 / steps) / modulation
     return sigma / np.sqrt(sum((2 * np.pi * v / 960) ** 2 for v in counts))
 
@@ -39,7 +39,7 @@ def test_error_is_that_of_theory(steps):
     off = found.coordinate_px - X
     assert np.isnan(off).sum() <= 2
     assert np.sqrt(np.nanmean(off**2)) == pytest.approx(predicted(HETERODYNE, steps), rel=0.02)
-    # No wraps, no gross errors, at the borders either.
+    # No wrong orders, not even at the borders.
     assert np.nanmax(np.abs(off)) < 6.5 * predicted(HETERODYNE, steps)
     assert np.nanmedian(found.sigma_px) == pytest.approx(predicted(HETERODYNE, steps), rel=0.03)
 
@@ -52,7 +52,7 @@ def test_orders_are_right_for_every_choice_of_periods(counts):
     found = decode(take(plan, seed=7), plan).x
     off = found.coordinate_px - X
     assert np.nanmax(np.abs(off)) < 6.5 * predicted(counts, 5)
-    # What is lost lies at the seam of the range, or where nothing repeats at its ends.
+    # Pixels are lost at the seam of the range, or at its ends where the phases do not repeat.
     assert found.failed_fraction < (0.03 if counts == (60, 61.5, 70) else 1e-3)
     assert set(np.unique(found.reason)) <= {Reason.OK, Reason.ORDER_AMBIGUOUS}
 
@@ -101,26 +101,26 @@ def test_shot_noise_is_found_and_counted():
     off = found.x.coordinate_px - X
     one, two = cover(off, found.x.sigma_px)
     assert (one, two) == pytest.approx((0.683, 0.954), abs=0.012)
-    # With three steps the noise of the phase changes three times a turn: each part is covered.
+    # With three steps the noise of the phase has three periods per turn: σ must follow it.
     turn = np.angle(np.exp(3j * 2 * np.pi * X * 36 / 960)) * np.ones((300, 1))
     for part in (np.abs(turn) < 1.0, np.abs(turn) > 2.1):
         one, _ = cover(np.where(part, off, np.nan), found.x.sigma_px)
         assert one == pytest.approx(0.683, abs=0.03)
 
 
-def test_noise_of_residuals_is_blind_to_outliers():
+def test_noise_of_residuals_ignores_outliers():
     rng = np.random.default_rng(0)
-    level = rng.uniform(10, 200, 30_000)
-    spread = np.sqrt(1.5**2 + 0.05 * level)
-    square = spread**2 * rng.chisquare(3, level.size)
+    brightness = rng.uniform(10, 200, 30_000)
+    sigma = np.sqrt(1.5**2 + 0.05 * brightness)
+    square = sigma**2 * rng.chisquare(3, brightness.size)
     square[::50] += 1e4
-    found = noise_of_residuals(level, square, 3)
+    found = noise_of_residuals(brightness, square, 3)
     assert found.read_counts == pytest.approx(1.5, rel=0.1)
     assert found.gain == pytest.approx(0.05, rel=0.1)
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32, np.float64])
-def test_every_kind_and_layout_of_frames(kind):
+def test_every_type_and_layout_of_frames(kind):
     plan = multi(HETERODYNE, 4, (960, 50))
     frames = take(plan).astype(kind)
     kept = frames.copy()
@@ -134,7 +134,7 @@ def test_every_kind_and_layout_of_frames(kind):
 
 
 @pytest.mark.parametrize("shape", [(960, 2), (961, 37), (1030, 3)])
-def test_widths_that_fill_no_block(shape):
+def test_widths_that_are_no_multiple_of_a_block(shape):
     plan = multi((1, 8), 4, shape)
     frames = take(plan)
     found = decode(frames, plan, noise=CameraNoise(2.0)).x
@@ -149,7 +149,7 @@ def streamed(frames, plan, **options):
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.float64])
-def test_a_stream_gives_the_same(kind):
+def test_a_stream_gives_the_same_result(kind):
     size = (300, 70)
     blocks = multi((1, 8), 4, size).blocks + multi((1, 5), 3, size, "y").blocks
     gray = (GrayCode("x", 15.0, 300), PhaseSteps("x", 30.0, equal_steps(6)))
@@ -167,13 +167,13 @@ def test_a_stream_gives_the_same(kind):
 
 
 @pytest.mark.parametrize("saturation", [None, 240.0])
-def test_a_stream_leaves_out_what_is_saturated(saturation):
+def test_a_stream_leaves_saturated_samples_out(saturation):
     plan = multi(HETERODYNE, 5, (960, 40))
     frames = take(plan, a=150.0, b=140.0, noise=1.0)
     whole = decode(frames, plan, saturation=saturation).x
     parts = streamed(frames, plan, saturation=saturation).x
     np.testing.assert_array_equal(parts.reason, whole.reason)
-    # Samples are taken off the sums again: the same but for rounding.
+    # The stream subtracts saturated samples from its sums, which adds rounding errors.
     np.testing.assert_allclose(parts.coordinate_px, whole.coordinate_px, atol=5e-4)
 
 
@@ -223,18 +223,17 @@ def test_a_stream_says_what_is_missing():
 
 
 @pytest.mark.parametrize("inverse", [False, True])
-@pytest.mark.parametrize("levels", [False, True])
-def test_gray_code_and_phase_agree_at_every_border(inverse, levels):
-    plan = guarded(16.0, 4, (960, 80), inverse=inverse, levels=levels)
-    # Blurred and off the grid: the border of a cell never sits on a pixel's.
+@pytest.mark.parametrize("white_black", [False, True])
+def test_gray_code_and_phase_agree_at_every_border(inverse, white_black):
+    plan = guarded(16.0, 4, (960, 80), inverse=inverse, white_black=white_black)
+    # The camera's pixels are shifted against the cells, so that no border lies between pixels.
     y, x = np.mgrid[:80, :960] * 1.0
     frames = take(plan, at=(y, x * 0.9937 + 0.31), seed=4)
     found = decode(frames, plan).x
     off = found.coordinate_px - (x * 0.9937 + 0.31)
     assert found.failed_fraction < 1e-3
     assert np.nanmax(np.abs(off)) < 1.0
-    # A bit that flips to the wrong side next to its border does no harm; one that cannot be told
-    # far from it is NaN.
+    # A wrong bit next to its border does no harm; an undecided bit far from it makes a NaN.
     first = plan.gray_code("x")[0]
     frames[first, 10, 514:516] = 255 - frames[first, 10, 514:516]
     frames[first : first + 1 + inverse, 20, 100] = 127
@@ -268,7 +267,7 @@ def test_reasons():
     assert (reason[:10] == Reason.SHADOW).mean() > 0.98
     assert np.isin(reason[10:20], (Reason.ORDER_AMBIGUOUS, Reason.LOW_MODULATION)).all()
     assert (reason[10:20] == Reason.ORDER_AMBIGUOUS).mean() > 0.8
-    # 3.5 counts of modulation on 1.4 of noise: seen by some sets, by none, or not enough.
+    # Modulation of 3.5 counts with noise of 1.4: too weak in some sets or in all.
     assert not (reason[20:30] == Reason.OK).any()
     assert (reason[30:40] == Reason.OK).all()
     assert (reason[40:50] == Reason.SATURATED).mean() > 0.3
@@ -350,9 +349,9 @@ def test_frames_of_another_plan_are_refused():
     with pytest.raises(InputError, match="contradict each other all over the image"):
         decode(take(other), plan)
     with pytest.raises(InputError, match="phases and Gray code are .* px apart"):
-        code = guarded(16.0)
-        wrong = PatternPlan(960, 60, (PhaseSteps("x", 27.0, equal_steps(4)), *code.blocks[1:]))
-        decode(take(wrong), code)
+        right = guarded(16.0)
+        wrong = PatternPlan(960, 60, (PhaseSteps("x", 27.0, equal_steps(4)), *right.blocks[1:]))
+        decode(take(wrong), right)
 
 
 @pytest.mark.parametrize(
@@ -388,7 +387,7 @@ def test_frames_that_do_not_fit_are_refused(change, words):
         ({"min_modulation": float("nan")}, "min_modulation: expected >= 0"),
     ],
 )
-def test_options_that_make_no_sense_are_refused(options, words):
+def test_invalid_options_are_refused(options, words):
     plan = multi((1, 8), 4, (300, 20))
     with pytest.raises(InputError, match=words):
         decode(take(plan), plan, **options)
@@ -401,22 +400,22 @@ def test_real_steps_are_found(steps):
     rng = np.random.default_rng(steps)
     wrong = np.radians(6.0) * rng.standard_normal((2, steps))
     wrong -= wrong.mean(axis=1, keepdims=True)
-    meant = multi((1, 8), steps, (960, 100))
+    nominal = multi((1, 8), steps, (960, 100))
     real = PatternPlan(
         960,
         100,
         tuple(
             PhaseSteps("x", b.period_px, tuple(np.asarray(b.shifts_rad) + w))
-            for b, w in zip(meant.blocks, wrong, strict=True)
+            for b, w in zip(nominal.blocks, wrong, strict=True)
         ),
     )
     frames = take(real, noise=1.0)
-    found = decode(frames, meant, estimate_steps=True)
+    found = decode(frames, nominal, estimate_steps=True)
     shifts = np.radians(found.details["x"]["shifts_deg"])
     real_shifts = np.stack([b.shifts_rad for b in real.blocks])
     assert np.abs(shifts - real_shifts).max() < (0.01 if steps < 5 else 0.003)
     off = found.x.coordinate_px - X
-    before = decode(frames, meant).x.coordinate_px - X
+    before = decode(frames, nominal).x.coordinate_px - X
     assert np.nanstd(off) < 0.6 * np.nanstd(before)
     assert any("off by up to" in note for note in found.notes)
 
@@ -427,7 +426,7 @@ def test_shifts_of_few_fringes_are_not_guessed():
         decode(take(multi((0.4, 8), 3, (300, 60))), plan, estimate_steps=True)
 
 
-def test_a_response_is_taken_out():
+def test_a_response_is_corrected():
     plan = multi((1, 8), 3, (960, 60))
     phase = (np.arange(256) + 0.5) * 2 * np.pi / 256 - np.pi
     frames = []

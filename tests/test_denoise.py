@@ -1,4 +1,4 @@
-"""Empirical mode decomposition: against its oracle, exact sums, and what denoising takes away."""
+"""Empirical mode decomposition against its oracle, and what denoising removes."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_patience_gives_up_the_first_criterion_only():
 
 
 @pytest.mark.parametrize("method", DENOISERS)
-def test_noise_is_taken_off_and_fringes_are_not(method):
+def test_noise_is_removed_and_fringes_are_kept(method):
     clean = scene("parabola", size=300, fringes=5, height_mm=30.0)
     noisy = scene("parabola", size=300, fringes=5, height_mm=30.0, noise=3.0, seed=2)
     before = (noisy.object - clean.object).std()
@@ -91,7 +91,7 @@ def test_noise_is_taken_off_and_fringes_are_not(method):
 
 
 @pytest.mark.parametrize("method", DENOISERS)
-def test_row_methods_gain(method):
+def test_denoising_reduces_the_error(method):
     capture = scene("parabola", size=300, fringes=5, height_mm=30.0, noise=3.0, bits=8, seed=2)
     errors = []
     for kind in (None, method):
@@ -113,7 +113,7 @@ def test_trend_and_normalisation():
     assert np.isnan(normalise(np.ones((2, 30)))).all()
 
 
-def test_planar_modes_come_apart():
+def test_planar_modes_separate_fine_and_coarse_waves():
     y, x = np.mgrid[:200, :200]
     fine = np.cos(0.9 * x) * np.cos(0.8 * y)
     coarse = 4.0 * np.cos(0.12 * x + 0.05 * y)

@@ -8,7 +8,7 @@ import pytest
 from fringeworks import Pair, Reason, _core, analyse, reconstruct
 from fringeworks.evaluate.errors import errors
 from fringeworks.pair.methods.inverse_function import find_extrema
-from fringeworks.signal.response import estimate_gamma
+from fringeworks.signal.gamma import estimate_gamma
 from tests.conftest import scene
 from tests.oracles import inverse_function as oracle
 

@@ -45,13 +45,27 @@ def test_pictures():
     for n in range(4):
         expected = 255 * (0.5 + 0.5 * np.cos(2 * np.pi * x / 20 - 2 * np.pi * n / 4))
         assert np.abs(pictures[n][3] - expected).max() <= 0.5 + 1e-9
-    # Neighbouring cells differ in one bit, and no two cells are alike.
-    code = np.stack([p[0] > 127 for p in pictures[7:10]])[:, ::5]
-    assert (np.abs(np.diff(code.astype(int), axis=1)).sum(axis=0) == 1).all()
-    assert np.unique(code, axis=1).shape[1] == 8
+    # Neighbouring cells differ in one bit, and no two cells have the same bits.
+    gray = np.stack([p[0] > 127 for p in pictures[7:10]])[:, ::5]
+    assert (np.abs(np.diff(gray.astype(int), axis=1)).sum(axis=0) == 1).all()
+    assert np.unique(gray, axis=1).shape[1] == 8
     assert (pictures[10] == 255 - pictures[11]).all()
     assert pictures[-2].min() == 255
     assert pictures[-1].max() == 0
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("period", [4.0, 20.0, 4096 / 1023])
+def test_halves_round_up(bits, period):
+    """Where the cosine is zero, the value is half-way between two counts on every machine."""
+    plan = PatternPlan(4096, 2, (PhaseSteps("x", period, equal_steps(4)),), bits=bits)
+    # Columns in which 4 x / p is a whole number; the cosine then is zero in every second frame.
+    quarters = 4 * np.arange(4096) / period
+    whole = np.abs(quarters - np.rint(quarters)) < 1e-6
+    for n, picture in enumerate(encode(plan)):
+        zero = whole & ((np.rint(quarters) - n) % 2 == 1)
+        assert zero.any()
+        assert (picture[0, zero] == 2 ** (bits - 1)).all()
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])
@@ -70,7 +84,7 @@ def test_dither_keeps_the_mean():
     dithered = dataclasses.replace(plan, dither=True)
     exact = 255 * plan.blocks[0].values(np.arange(64.0), 0) ** (1 / 1.7)
     plain, spread = (next(iter(encode(p))).astype(float) for p in (plan, dithered))
-    # Eight evenly spread thresholds: a sixteenth at most; rounding is off by up to a half.
+    # Eight thresholds err by a sixteenth at most, rounding by up to a half.
     assert np.abs(spread.mean(axis=0) - exact).max() <= 1 / 16 + 1e-9
     assert np.abs(plain.mean(axis=0) - exact).max() > 0.4
 
@@ -84,18 +98,21 @@ def test_dither_keeps_the_mean():
         (lambda: PhaseSteps("x", 1.5, equal_steps(3)), "expected 2 px or more"),
         (lambda: PhaseSteps("z", 20, equal_steps(3)), "expected x or y"),
         (lambda: equal_steps(2), "expected 3 to 64, got 2"),
-        (lambda: GrayCode("x", 0.5, 40), "expected 1 px or more"),
-        (lambda: GrayCode("x", 40, 40), "expected less than the projector's 40 px"),
+        (lambda: GrayCode("x", 0.5, 40), "cells of 1 px or more"),
+        (lambda: GrayCode("x", 40, 40), "less than the projector's 40 px"),
         (lambda: Uniform("grey"), "white or black"),
         (lambda: PatternPlan(40, 24, (Uniform("white"),)), "fringes or Gray code"),
-        (lambda: PatternPlan(40, 24, (GrayCode("y", 5.0, 40),)), "length of 24 px along y, got 40"),
+        (
+            lambda: PatternPlan(40, 24, (GrayCode("y", 5.0, 40),)),
+            "length of 24 px along y, like the projector, got 40",
+        ),
         (lambda: PatternPlan(40, 24, PLAN.blocks, bits=9), "bits"),
         (lambda: PatternPlan(40, 24, PLAN.blocks, gamma=0.0), "gamma"),
         (lambda: PatternPlan(1, 24, PLAN.blocks), "2 × 2"),
         (lambda: PatternPlan(40, 24, (GrayCode("x", 5.0, 40),) * 2), "one Gray code along x"),
     ],
 )
-def test_what_makes_no_plan_is_refused(make, words):
+def test_invalid_plans_are_refused(make, words):
     with pytest.raises(InputError, match=words):
         make()
 

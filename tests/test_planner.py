@@ -1,4 +1,4 @@
-"""Proposals keep what they promise."""
+"""Proposed plans reach the error that they predict."""
 
 from __future__ import annotations
 
@@ -52,6 +52,6 @@ def test_both_axes():
         ({"frames": 4, "noise": 40.0}, "expected more frames or light"),
     ],
 )
-def test_what_cannot_be_planned_is_refused(options, words):
+def test_impossible_requests_are_refused(options, words):
     with pytest.raises(InputError, match=words):
         propose(1920, 1080, **options)

@@ -31,13 +31,9 @@ from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.diagnosis import diagnose, pose_figures
 from fringeworks.rig.triangulate import triangulate
-from fringeworks.signal.response import (
-    correct_phase,
-    gamma_of_frames,
-    measure_response,
-    phase_of_steps,
-    smooth_coordinate,
-)
+from fringeworks.signal.gamma import gamma_of_frames
+from fringeworks.signal.response import correct_phase, measure_response, phase_of_steps
+from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from fringeworks.stack.even_light import texture
 from fringeworks.surface.form import fit_form
 from fringeworks.types import count_reasons

@@ -1,4 +1,4 @@
-"""The response: exponent and phase table, saved with the pair it belongs to."""
+"""The response: exponent, phase tables and their files."""
 
 from __future__ import annotations
 
@@ -9,25 +9,24 @@ import pytest
 
 from fringeworks import InputError, analyse
 from fringeworks.files.response import read_response, write_response
+from fringeworks.signal.gamma import gamma_of_frames, harmonic_distortion
 from fringeworks.signal.phase_table import phase_table
 from fringeworks.signal.response import (
     apply_response,
     correct_phase,
-    gamma_of_frames,
-    harmonic_distortion,
     linearise,
     measure_response,
     phase_of_steps,
     predistort,
-    smooth_coordinate,
 )
+from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from tests.conftest import scene
 
 PERIOD = 60.0
 
 
 def white_plane(gamma, steps=3, noise=0.5, seed=0, exponent=1.0):
-    """N frames of a slightly tilted plane, and their ideal phase."""
+    """N frames of a white plane with falling albedo, and the phase that was projected."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:200, :300]
     ideal = 2 * np.pi * (x + 0.1 * y) / PERIOD
@@ -63,9 +62,9 @@ def test_table_corrects_another_capture():
     frames, ideal = white_plane(2.2, seed=5)
     phase, _ = phase_of_steps(frames)
     raw = np.angle(np.exp(1j * (phase - ideal)))
-    left = np.angle(np.exp(1j * (correct_phase(phase, response) - ideal)))
+    residual = np.angle(np.exp(1j * (correct_phase(phase, response) - ideal)))
     assert raw.std() > 0.15
-    assert left.std() < 0.012
+    assert residual.std() < 0.012
     assert response.residual_rad < 0.012
 
 
@@ -80,9 +79,9 @@ def test_predistortion_and_linearisation_make_a_cosine():
 
 def test_applied_to_a_capture():
     response = measured(2.2)
-    own = {"size": 240, "fringes": 6, "height_mm": 30.0}
+    options = {"size": 240, "fringes": 6, "height_mm": 30.0}
     bent = dataclasses.replace(
-        scene("parabola", gamma=2.2, **own), camera="left", projector="bench"
+        scene("parabola", gamma=2.2, **options), camera="left", projector="bench"
     )
     straight = apply_response(bent, response)
     assert harmonic_distortion(straight.reference, 40.0) < 1e-3

@@ -1,4 +1,4 @@
-"""Fringe orders of several periods: proved beforehand."""
+"""Chains of roundings that resolve the fringe orders of several periods."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ RANGE = (-0.5, 959.5)
 
 
 def resolve(chain, turns, start=None):
-    """The chain by hand: x of phases in turns."""
+    """Coordinate of phases in turns, by the roundings of a chain."""
     x = 0.5 * (chain.low_px + chain.high_px) if start is None else start
     for row, g in zip(chain.combinations, chain.frequencies, strict=True):
         off = row @ turns - g * x
@@ -38,7 +38,7 @@ def test_every_coordinate_is_found_within_the_stated_noise(name):
     sigma = chain.largest_sigma_rad
     x = rng.uniform(0, 959, 4000)
     if np.isinf(chain.repeats_px):
-        # Nothing repeats: by its own noise the first combination may go round the ends.
+        # Without a finite repeat distance, noise can wrap the first combination past either end.
         first = np.linalg.norm(chain.combinations[0]) * sigma / (2 * np.pi) / chain.frequencies[0]
         reach = 0.5 / chain.frequencies[0] - 5 * first
         x = x[np.abs(x - 479.5) < reach]
@@ -55,7 +55,7 @@ def test_every_coordinate_is_found_within_the_stated_noise(name):
 
 
 @pytest.mark.parametrize("name", ["hierarchical", "heterodyne", "two"])
-def test_no_chain_beats_the_likeliest_choice_but_nearly_reaches_it(name):
+def test_the_margin_of_a_chain_is_close_to_that_of_maximum_likelihood(name):
     chain = order_chain(CHOICES[name], RANGE)
     limit = 0.5 * 2 * np.pi * separation(CHOICES[name], 960.0)
     assert 0.95 * limit < chain.margin(1.0) <= limit * (1 + 1e-9)
@@ -73,22 +73,22 @@ def test_repeat_distance():
     assert np.isinf(repeat_distance([np.pi * 10, 31.0], 100))
 
 
-def test_code_starts_the_chain():
-    chain = order_chain([32.0], RANGE, code_step_px=16.0)
+def test_gray_code_starts_the_chain():
+    chain = order_chain([32.0], RANGE, gray_step_px=16.0)
     turns = np.array([100.2 / 32.0])
     assert resolve(chain, turns - np.rint(turns), start=103.0) == pytest.approx(100.2)
-    assert chain.room[0] == pytest.approx(0.5 - 0.6 * 16 / 32)
+    assert chain.tolerance[0] == pytest.approx(0.5 - 0.6 * 16 / 32)
 
 
 @pytest.mark.parametrize(
-    ("periods", "code", "words"),
+    ("periods", "gray_step", "words"),
     [
         ([30.0, 60.0], None, "30, 60 px repeat after 60 px, but the projector has 960 px"),
         ([100.0], None, "repeat after 100 px"),
-        ([100.0], 100.0, "span 100 px, expected 133.333 px, better twice the 100 px"),
+        ([100.0], 100.0, "span 100 px, expected 133.333 px or more for Gray-code cells of 100 px"),
         ([100 * np.pi], None, "314.159 px repeat after 314.159 px"),
     ],
 )
-def test_what_cannot_be_resolved_is_refused(periods, code, words):
+def test_ambiguous_periods_are_refused(periods, gray_step, words):
     with pytest.raises(InputError, match=words):
-        order_chain(periods, RANGE, code_step_px=code)
+        order_chain(periods, RANGE, gray_step_px=gray_step)

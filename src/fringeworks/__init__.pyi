@@ -37,11 +37,13 @@ from .patterns.plan import (
     PatternPlan as PatternPlan,
     PhaseSteps as PhaseSteps,
     Uniform as Uniform,
-    encode as encode,
     equal_steps as equal_steps,
 )
 from .patterns.order_chain import (
     OrderChain as OrderChain,
+)
+from .patterns.encode import (
+    encode as encode,
 )
 from .patterns.propose import (
     Proposal as Proposal,

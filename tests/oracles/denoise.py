@@ -1,4 +1,4 @@
-"""Readable twin of sifting, with SciPy's splines."""
+"""Readable twin of the kernel's empirical mode decomposition, with SciPy's splines."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 
 
 def extrema(row):
-    """Positions of maxima and minima; a plateau counts once, in its middle."""
+    """Positions of maxima and of minima; a plateau counts once, in its middle."""
     found = {1: [], -1: []}
     steps = [(i, np.sign(d)) for i, d in enumerate(np.diff(row)) if d != 0]
     for (i, before), (j, after) in pairwise(steps):
@@ -19,7 +19,10 @@ def extrema(row):
 
 
 def knots(row, positions, side):
-    """Extrema with two mirrored ones, or the end itself, beyond each end."""
+    """Knots of an envelope: the extrema, and two mirrored ones beyond each end.
+
+    The end itself is a knot if it lies beyond the envelope. ``side`` is 1 for maxima, −1 for minima.
+    """
     end = row.size - 1
     x = list(positions)
     y = [row[int(p)] for p in positions]
@@ -36,13 +39,14 @@ def knots(row, positions, side):
 
 
 def envelope(row, positions, side):
+    """Natural cubic spline through the extrema."""
     x, y = knots(row, positions, side)
     t = np.arange(row.size)
     return CubicSpline(x, y, bc_type="natural")(t) if x.size > 1 else np.full(row.size, y[0])
 
 
 def emd(row, flat, max_sifts=100):
-    """IMFs and residue of one row."""
+    """IMFs and residue of one row, with criterion II ``flat``."""
     residue, imfs = row.astype(float), []
     while True:
         maxima, minima = extrema(residue)

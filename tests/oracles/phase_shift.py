@@ -1,4 +1,4 @@
-"""Decoding of a stack pixel by pixel: least squares per set, the likeliest orders of all."""
+"""Readable twin of the decoder: least squares per set and the most likely fringe orders."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import numpy as np
 from fringeworks import PatternPlan
 
 STEP_PX = 0.02
+"""Distance of the coordinates that are tried, px; small against the shortest period."""
 
 
 def fit(samples: np.ndarray, shifts: np.ndarray, limit: float) -> tuple[float, float, float]:
-    """Phase (rad), B and the phase's variance per count², without samples at the limit."""
+    """Phase (rad), modulation (counts) and the phase's variance for noise of one count."""
     kept = samples < limit
     if kept.sum() < 3:
         return np.nan, np.nan, np.nan
@@ -24,7 +25,7 @@ def fit(samples: np.ndarray, shifts: np.ndarray, limit: float) -> tuple[float, f
 def decode_pixel(
     samples: np.ndarray, plan: PatternPlan, variance: float, limit: float
 ) -> tuple[float, float]:
-    """Coordinate along x and its standard deviation, by trying every place on the projector."""
+    """Coordinate along x and its standard deviation, by trying all coordinates of the projector."""
     phases, precision, frequency = [], [], []
     for first, block in plan.phase_sets("x"):
         part = samples[first : first + block.frames].astype(float)

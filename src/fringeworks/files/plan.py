@@ -16,13 +16,13 @@ from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.folder import replacing_folder
 from fringeworks.files.images import write_frame
 from fringeworks.files.toml import Section, read_toml
+from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import (
     Block,
     GrayCode,
     PatternPlan,
     PhaseSteps,
     Uniform,
-    encode,
     equal_steps,
 )
 from fringeworks.types import Axis, FileProblem, InputError

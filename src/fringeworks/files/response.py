@@ -12,7 +12,7 @@ from pydantic import Field
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.provenance import ProvenanceSection, toml_section
 from fringeworks.files.toml import Section, read_toml
-from fringeworks.signal.phase_table import BINS
+from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.signal.response import Response
 from fringeworks.types import FileProblem
 
@@ -29,8 +29,8 @@ class ResponseFile(Section):
     residual_rad: float = Field(ge=0)
     offset_rad: float = 0.0
     brightness: list[float] = Field(min_length=1)
-    table_rad: list[Annotated[list[float], Field(min_length=BINS, max_length=BINS)]] = Field(
-        min_length=1
+    table_rad: list[Annotated[list[float], Field(min_length=TABLE_BINS, max_length=TABLE_BINS)]] = (
+        Field(min_length=1)
     )
     provenance: ProvenanceSection | None = None
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
-from fringeworks.signal.response import estimate_gamma
+from fringeworks.signal.gamma import estimate_gamma
 from fringeworks.types import FloatMap, InputError, Reason
 
 Rows = NDArray[np.float64]

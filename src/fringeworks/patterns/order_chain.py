@@ -1,10 +1,11 @@
-"""Temporal unwrapping: which fringe order every phase of several periods has, proved beforehand.
+"""Temporal unwrapping: the fringe orders of several periods, proved before anything is projected.
 
-Phases of M periods say where a point lies modulo each of them. An integer combination of phases is
-the phase of another, longer period (two of them: the beat of heterodyning). A chain of such
-combinations, from one that spans the projector down to the periods themselves, resolves all
-orders by rounding; how much noise it stands can be told before anything is measured. Hierarchical,
-heterodyne and number-theoretic choices of periods differ in their chain only.
+M wrapped phases give a coordinate modulo each of the M periods. An integer combination of the
+phases is the phase of another, usually longer, period; the difference of two phases is the beat of
+heterodyning. A chain of such combinations starts with one that spans the projector and leads to the
+periods themselves. Every step of the chain resolves a fringe order by one rounding. The phase
+noise that a chain tolerates follows from the periods alone, so a plan can be checked beforehand.
+Hierarchical, heterodyne and number-theoretic periods differ in their chain only (theory §5).
 """
 
 from __future__ import annotations
@@ -19,73 +20,140 @@ from numpy.typing import NDArray
 from fringeworks.types import InputError
 
 TURN = 2.0 * np.pi
-MAX_COMBINATIONS = 20_000
-"""Combinations that are looked through: coefficients are tried as far as this allows."""
-COMMENSURATE = 1e-6
-"""Distance from a whole number of turns, per turn, that counts as whole."""
-CODE_REACH = 0.6
-"""Distance from the middle of its code cell that a coordinate may have, share of the cell: half of
-it, and a tenth because the threshold of its bits never sits exactly half-way."""
+"""One turn, rad."""
 
-CODE_ROOM = 0.45
-"""Largest share of a turn that this reach may take."""
+ORDER_SIGMAS = 5.0
+"""Margin that every rounding of a fringe order must have, in standard deviations of its error.
+
+Gaussian errors exceed five standard deviations once in 1.7 million roundings, about once in a frame
+of two megapixels. A larger margin would turn more noisy pixels into NaN.
+"""
+
+MAX_COMBINATIONS = 20_000
+"""Largest number of integer combinations that the search for a chain tries.
+
+It limits the time of the search to a fraction of a second. An empirical choice: it allows
+coefficients up to 64 for two periods, 13 for three and 5 for four.
+"""
+
+MAX_COEFFICIENT = 64
+"""Largest coefficient of a combination.
+
+The error of a combination grows with its coefficients, so larger ones rarely lead to a better
+chain. The limit only matters for one or two periods; with more, ``MAX_COMBINATIONS`` is reached
+first. An empirical choice.
+"""
+
+COMMENSURATE = 1e-6
+"""Relative tolerance within which a distance holds a period a whole number of times.
+
+It lies far above the rounding of double precision (1e-16), so that periods such as 1920/59 px
+count as exact, and far below any difference that can be measured: 0.002 px over 1920 px.
+"""
+
+ROUNDING = 1e-9
+"""Relative tolerance for the rounding of double precision in comparisons.
+
+The sums here err by less than 1e-13, and real differences between combinations are larger than
+1e-6.
+"""
+
+REPEAT_SEARCH = 4.0
+"""Repeat distances are searched up to this multiple of the range.
+
+A repeat distance only helps while noise at one end of the range can reach the other end through it;
+that is not the case for distances of several ranges. An empirical choice.
+"""
+
+GRAY_REACH = 0.6
+"""Largest accepted distance of a coordinate from the middle of its Gray-code cell, in cells.
+
+A coordinate lies up to 0.5 cells from the middle of its cell. The other 0.1 allow for the borders
+of the cells, which blur and the decision threshold shift a little. An empirical choice: the larger
+the reach, the shorter are the cells that a period needs.
+"""
+
+MAX_GRAY_REACH_TURNS = 0.45
+"""Largest value of ``GRAY_REACH`` in turns of the first combination.
+
+The rounding that follows the Gray code tolerates 0.5 turns, so at least 0.05 turns (18°) remain for
+phase noise. An empirical choice; cells must be narrower than 0.75 of that combination's period.
+"""
 
 
 @dataclass(frozen=True)
 class OrderChain:
-    """How the fringe orders of several periods are found, one rounding after the other.
+    """A sequence of roundings that resolves the fringe orders of several periods.
 
-    The first combination gives the coordinate over the whole range (or a code does); every further
-    one refines it: x ← x + wrap(c·t − g x) / g, with t the phases in turns and g = c·f.
+    The first combination, or the Gray code, gives the coordinate over the whole range. Every
+    further combination refines it: x ← x + wrap(c·t − g x) / g. Here t are the phases in turns, c
+    the coefficients of the combination and g = c·f its frequency.
     """
 
     periods_px: tuple[float, ...]
-    """Periods p_m of the M phases; their frequencies f are 1/p."""
+    """Periods p_m of the M phases, projector px; their frequencies are f = 1/p."""
     low_px: float
-    """Smallest coordinate."""
+    """Smallest coordinate, projector px."""
     high_px: float
-    """Largest coordinate."""
+    """Largest coordinate, projector px."""
     repeats_px: float
-    """Distance after which all phases are the same again; infinity where there is none."""
+    """Distance after which all phases repeat, projector px; infinity where there is none."""
     combinations: NDArray[np.float64]
-    """Coefficients c, (K, M), whole numbers, from the longest period to the shortest."""
+    """Integer coefficients c, (K, M), from the longest period to the shortest."""
     amplification: NDArray[np.float64]
-    """What every rounding makes of the M phase errors, (K' , M), in turns per turn."""
-    room: NDArray[np.float64]
-    """How large that may become before the rounding goes wrong, (K',), turns."""
+    """Error of every rounding per phase error, (R, M), turns per turn."""
+    tolerance: NDArray[np.float64]
+    """Largest error of every rounding that still gives the right order, (R,), turns."""
 
     @property
     def frequencies(self) -> NDArray[np.float64]:
-        """g of every combination, (K,), turns per px."""
-        found: NDArray[np.float64] = self.combinations @ (1.0 / np.asarray(self.periods_px))
-        return found
+        """Frequencies g of the combinations, (K,), turns per px."""
+        frequencies: NDArray[np.float64] = self.combinations @ (1.0 / np.asarray(self.periods_px))
+        return frequencies
 
     def margin(self, sigma_rad: Sequence[float] | float) -> float:
-        """Least room of a rounding, in standard deviations of its error.
+        """Smallest margin of all roundings, in standard deviations of their error.
 
         Parameters
         ----------
         sigma_rad : float or (M,) floats
             Standard deviation of the phases, rad.
+
+        Returns
+        -------
+        float ≥ 0; infinity where no rounding is needed.
         """
         sigma = np.broadcast_to(np.asarray(sigma_rad, float) / TURN, len(self.periods_px))
         spread = np.sqrt((self.amplification**2) @ sigma**2)
         with np.errstate(divide="ignore"):
-            return float(np.min(self.room / spread, initial=np.inf))
+            return float(np.min(self.tolerance / spread, initial=np.inf))
 
     @property
     def largest_sigma_rad(self) -> float:
-        """Phase noise at which the least room is five standard deviations, rad."""
-        return self.margin(1.0) / 5.0
+        """Phase noise at which the smallest margin is ``ORDER_SIGMAS``, rad."""
+        return self.margin(1.0) / ORDER_SIGMAS
 
 
 def repeat_distance(periods_px: Sequence[float], up_to_px: float) -> float:
-    """Shortest distance that holds every period a whole number of times, px.
+    """Shortest distance that holds every period a whole number of times, projector px.
 
-    Infinity where none up to four times ``up_to_px`` does.
+    Parameters
+    ----------
+    periods_px : (M,) floats > 0
+    up_to_px : float > 0
+        Length of the range, projector px.
+
+    Returns
+    -------
+    float; infinity where no distance up to four times ``up_to_px`` does.
+
+    Examples
+    --------
+    >>> repeat_distance([30.0, 40.0], 1920.0)
+    120.0
     """
     first = max(periods_px)
-    count = np.arange(1, max(int(4.0 * up_to_px / first), 1) + 1)
+    count = np.arange(1, max(int(REPEAT_SEARCH * up_to_px / first), 1) + 1)
     turns = first * count[:, None] / np.asarray(periods_px)
     off = np.abs(turns - np.rint(turns)) / np.maximum(turns, 1.0)
     whole = np.flatnonzero((off < COMMENSURATE).all(axis=1))
@@ -97,20 +165,20 @@ def order_chain(
     range_px: tuple[float, float],
     *,
     weights: Sequence[float] | None = None,
-    code_step_px: float | None = None,
+    gray_step_px: float | None = None,
 ) -> OrderChain:
-    """The chain of combinations that stands the most noise.
+    """Find the chain of combinations that tolerates the most phase noise.
 
     Parameters
     ----------
     periods_px : (M,) floats > 0
         Periods of the fringes, projector px.
     range_px : (low, high)
-        Coordinates that are to be told apart, projector px.
+        Range in which coordinates must be unambiguous, projector px.
     weights : (M,) floats > 0, optional
-        Inverse variances of the phases against each other; equal where left out.
-    code_step_px : float > 0, optional
-        Cell of a code (Gray) that says where in the range a point lies.
+        Relative inverse variances of the phases; equal where not given.
+    gray_step_px : float > 0, optional
+        Width of the cells of a Gray code over the range, projector px.
 
     Returns
     -------
@@ -118,63 +186,81 @@ def order_chain(
 
     Raises
     ------
-    InputError where the periods cannot tell the coordinates of the range apart.
+    InputError
+        If the periods do not determine the coordinate in the range.
 
     Notes
     -----
-    The combination c = Σ c_m t_m has the frequency g = c·f and the error c·ε. Going from one
-    to a finer one is a rounding whose argument errs by (c' − (g'/g) c)·ε and must stay below half a
-    turn. Among all chains the one with the largest least room is found, a widest path over the
-    combinations that no other one beats in both length and error (heterodyne beats: Reich, Ritter
-    & Thesing, SPIE 3100, 1997; number theory: Gushov & Solodkin, Opt. Lasers Eng. 14:311, 1991).
+    A combination c of the phases t has the frequency g = c·f and the error c·ε, with ε the phase
+    errors in turns. The step to a finer combination c' is a rounding. Its error is
+    (c' − (g'/g) c)·ε and must stay below half a turn. The chain with the largest smallest margin is
+    a widest path through the combinations; a combination is left out if another one is both longer
+    and more accurate. Theory §5; heterodyne beats: Reich, Ritter & Thesing, SPIE 3100, 1997; number
+    theory: Gushov & Solodkin, Opt. Lasers Eng. 14:311, 1991.
+
+    Examples
+    --------
+    >>> chain = order_chain([960.0, 120.0, 15.0], (-0.5, 959.5))
+    >>> [round(1.0 / g) for g in chain.frequencies]
+    [960, 120]
     """
     low, high = (float(v) for v in range_px)
     length = high - low
     frequency = 1.0 / np.asarray(periods_px, float)
-    error = 1.0 / np.sqrt(np.ones(len(periods_px)) if weights is None else np.asarray(weights))
+    sigma = 1.0 / np.sqrt(np.ones(len(periods_px)) if weights is None else np.asarray(weights))
     repeats = repeat_distance(periods_px, length)
-    cells, g = _combinations(frequency)
-    if code_step_px is None:
-        if repeats < length * (1.0 - COMMENSURATE):
-            raise InputError(
-                f"periods: {_list(periods_px)} px repeat after {repeats:g} px, but the projector "
-                f"has {length:g} px: expected another period or a Gray code"
-            )
-        starts = g * length <= 1.0 + COMMENSURATE
-        room_of_start = np.full(g.size, np.inf)
-    else:
-        reach = CODE_REACH * code_step_px
-        starts = g * reach < CODE_ROOM
-        room_of_start = 0.5 - g * reach
-    if not starts.any():
-        longest = f"{1.0 / g.min():g}" if g.size else "0"
-        wanted = f"{length:g} px"
-        if code_step_px is not None:
-            least = CODE_REACH * code_step_px / CODE_ROOM
-            wanted = f"{least:g} px, better twice the {code_step_px:g} px of a code cell,"
+    if gray_step_px is None and repeats < length * (1.0 - COMMENSURATE):
         raise InputError(
-            f"periods: {_list(periods_px)} px and their beats span {longest} px, expected "
-            f"{wanted} or more"
+            f"periods: {_list(periods_px)} px repeat after {repeats:g} px, but the projector "
+            f"has {length:g} px: expected another period or a Gray code"
         )
-    path = _widest_path(cells, g, error, starts, room_of_start, frequency)
-    rows, room = _roundings(cells[path], g[path], room_of_start[path[0]], frequency)
-    if code_step_px is None:
-        rows, room = rows[1:], room[1:]
-    used = _binding(rows, room)
+    c, g = _combinations(frequency)
+    if gray_step_px is None:
+        starts = g * length <= 1.0 + COMMENSURATE
+        start_tolerance = np.full(g.size, np.inf)
+    else:
+        reach = GRAY_REACH * gray_step_px
+        starts = g * reach < MAX_GRAY_REACH_TURNS
+        start_tolerance = 0.5 - g * reach
+    if not starts.any():
+        raise InputError(_too_short(periods_px, g, length, gray_step_px))
+    path = _widest_path(c, g, sigma, starts, start_tolerance, frequency)
+    rows, tolerance = _roundings(c[path], g[path], start_tolerance[path[0]], frequency)
+    if gray_step_px is None:
+        rows, tolerance = rows[1:], tolerance[1:]
+    used = _binding(rows, tolerance)
     return OrderChain(
         periods_px=tuple(float(p) for p in periods_px),
         low_px=low,
         high_px=high,
         repeats_px=repeats,
-        combinations=cells[path],
+        combinations=c[path],
         amplification=rows[used],
-        room=room[used],
+        tolerance=tolerance[used],
     )
 
 
-def _binding(rows: NDArray[np.float64], room: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Roundings that are not safe already whenever another one is."""
-    load = np.abs(rows) / room[:, None]
+def _too_short(
+    periods_px: Sequence[float],
+    g: NDArray[np.float64],
+    length: float,
+    gray_step_px: float | None,
+) -> str:
+    """Message for periods of which no combination can start a chain."""
+    longest = f"{1.0 / g.min():g}" if g.size else "0"
+    message = f"periods: {_list(periods_px)} px and their beats span {longest} px, expected "
+    if gray_step_px is None:
+        return message + f"the projector's {length:g} px or more"
+    least = GRAY_REACH * gray_step_px / MAX_GRAY_REACH_TURNS
+    return message + (
+        f"{least:g} px or more for Gray-code cells of {gray_step_px:g} px "
+        f"(recommended: {2.0 * gray_step_px:g} px)"
+    )
+
+
+def _binding(rows: NDArray[np.float64], tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Mark the roundings that can fail while all other roundings are right."""
+    load = np.abs(rows) / tolerance[:, None]
     kept = np.asarray(np.abs(rows).sum(axis=1) > 0)
     for k in range(len(rows)):
         others = kept.copy()
@@ -191,98 +277,117 @@ def _list(periods_px: Sequence[float]) -> str:
 def _combinations(
     frequency: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Integer combinations with a positive frequency up to the highest there is."""
+    """Coefficients and frequencies of combinations with a positive frequency, none above the
+    highest of the phases."""
     m = frequency.size
-    reach = next((r for r in range(64, 0, -1) if (2 * r + 1) ** m <= MAX_COMBINATIONS), 0)
-    if reach:
-        cells = np.array(list(product(range(-reach, reach + 1), repeat=m)), float)
-    else:  # many periods: their differences
-        eye = np.eye(m)
-        cells = np.array([a - b for a in (*eye, np.zeros(m)) for b in (*eye, np.zeros(m))])
-    g = cells @ frequency
-    fine = (g > COMMENSURATE * frequency.max()) & (g <= frequency.max() * (1.0 + 1e-9))
-    return cells[fine], g[fine]
+    sizes = range(MAX_COEFFICIENT, 0, -1)
+    largest = next((r for r in sizes if (2 * r + 1) ** m <= MAX_COMBINATIONS), 0)
+    if largest:
+        c = np.array(list(product(range(-largest, largest + 1), repeat=m)), float)
+    else:  # too many periods for a full search: only the phases and their differences
+        unit = (*np.eye(m), np.zeros(m))
+        c = np.array([a - b for a in unit for b in unit])
+    g = c @ frequency
+    wanted = (g > COMMENSURATE * frequency.max()) & (g <= frequency.max() * (1.0 + ROUNDING))
+    return c[wanted], g[wanted]
 
 
 def _widest_path(
-    cells: NDArray[np.float64],
+    c: NDArray[np.float64],
     g: NDArray[np.float64],
-    error: NDArray[np.float64],
+    sigma: NDArray[np.float64],
     starts: NDArray[np.bool_],
-    room_of_start: NDArray[np.float64],
+    start_tolerance: NDArray[np.float64],
     frequency: NDArray[np.float64],
 ) -> NDArray[np.intp]:
-    """Indices of the combinations of the best chain."""
-    spread = np.sqrt((cells**2) @ error**2)
-    # Only what no other combination beats in being both longer and nearer to the truth.
-    kept: list[int] = []
-    least = np.inf
-    for k in np.lexsort((spread, g)):
-        if spread[k] / g[k] < least * (1.0 - 1e-9):
-            least = spread[k] / g[k]
-            kept.append(int(k))
-    nodes = np.array(kept)
-    c, f, first = cells[nodes], g[nodes], starts[nodes]
-    best = np.where(first, room_of_start[nodes] / spread[nodes], 0.0)
+    """Indices of the combinations of the chain with the largest smallest margin."""
+    spread = np.sqrt((c**2) @ sigma**2)
+    nodes = _undominated(g, spread)
+    c, g = c[nodes], g[nodes]
+    margin = np.where(starts[nodes], start_tolerance[nodes] / spread[nodes], 0.0)
     before = np.full(nodes.size, -1)
-    for j in range(1, nodes.size):  # by rising frequency: predecessors are done
-        step = c[j] - (f[j] / f[:j])[:, None] * c[:j]
+    # By rising frequency, so that all predecessors of a combination are final.
+    for j in range(1, nodes.size):
+        step = c[j] - (g[j] / g[:j])[:, None] * c[:j]
         with np.errstate(divide="ignore"):
-            room = np.minimum(best[:j], 0.5 / np.sqrt((step**2) @ error**2))
-        i = int(np.argmax(room))
-        if room[i] > best[j]:
-            best[j], before[j] = room[i], i
+            reached = np.minimum(margin[:j], 0.5 / np.sqrt((step**2) @ sigma**2))
+        i = int(np.argmax(reached))
+        if reached[i] > margin[j]:
+            margin[j], before[j] = reached[i], i
     final = np.empty(nodes.size)
     for j in range(nodes.size):
-        step = np.eye(frequency.size) - (frequency / f[j])[:, None] * c[j]
+        step = np.eye(frequency.size) - (frequency / g[j])[:, None] * c[j]
         with np.errstate(divide="ignore"):
-            final[j] = min(best[j], float(np.min(0.5 / np.sqrt((step**2) @ error**2))))
+            final[j] = min(margin[j], float(np.min(0.5 / np.sqrt((step**2) @ sigma**2))))
     path = [int(np.argmax(final))]
     while before[path[-1]] >= 0:
         path.append(int(before[path[-1]]))
     return nodes[path[::-1]]
 
 
+def _undominated(g: NDArray[np.float64], spread: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Indices of combinations that no longer one beats in accuracy, by rising frequency."""
+    kept: list[int] = []
+    least = np.inf
+    for k in np.lexsort((spread, g)):
+        if spread[k] / g[k] < least * (1.0 - ROUNDING):
+            least = spread[k] / g[k]
+            kept.append(int(k))
+    return np.array(kept)
+
+
 def _roundings(
-    cells: NDArray[np.float64],
+    c: NDArray[np.float64],
     g: NDArray[np.float64],
-    room_of_start: float,
+    start_tolerance: float,
     frequency: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What each rounding of a chain makes of the phase errors, and how large it may become."""
-    rows, room = [cells[0]], [room_of_start]
+    """Amplification of the phase errors by every rounding of a chain, and its tolerance."""
+    rows, tolerance = [c[0]], [start_tolerance]
     for k in range(1, g.size):
-        rows.append(cells[k] - (g[k] / g[k - 1]) * cells[k - 1])
-        room.append(0.5)
+        rows.append(c[k] - (g[k] / g[k - 1]) * c[k - 1])
+        tolerance.append(0.5)
     for m in range(frequency.size):
-        rows.append(np.eye(frequency.size)[m] - (frequency[m] / g[-1]) * cells[-1])
-        room.append(0.5)
-    found = np.array(rows)
-    found[np.abs(found) < 1e-9] = 0.0
-    return found, np.array(room)
+        rows.append(np.eye(frequency.size)[m] - (frequency[m] / g[-1]) * c[-1])
+        tolerance.append(0.5)
+    amplification = np.array(rows)
+    amplification[np.abs(amplification) < ROUNDING] = 0.0
+    return amplification, np.array(tolerance)
 
 
 def separation(
     periods_px: Sequence[float], length_px: float, weights: Sequence[float] | None = None
 ) -> float:
-    """Least distance between what two coordinates of a range make of the phases.
+    """Smallest distance between the phases of two coordinates whose fringe orders differ.
 
     Parameters
     ----------
     periods_px : (M,) floats > 0
-    length_px : float
-        Length of the range, px.
+        Periods of the fringes, projector px.
+    length_px : float > 0
+        Length of the range, projector px.
     weights : (M,) floats > 0, optional
-        Inverse variances of the phases in turns; 1 where left out.
+        Inverse variances of the phases in turns; 1 where not given.
 
     Returns
     -------
-    Distance in standard deviations (turns where weights are left out): orders are told apart by the
-    most likely choice where half of it is several. The limit that no chain exceeds.
+    float ≥ 0, in standard deviations of the phases, or in turns where no weights are given;
+    infinity where the range is shorter than every period.
+
+    Notes
+    -----
+    Maximum likelihood chooses the wrong order where the noise exceeds half of this distance. No
+    chain of roundings tolerates more (theory §5).
+
+    Examples
+    --------
+    >>> round(separation([30.0, 40.0], 60.0), 2)
+    0.2
     """
     frequency = 1.0 / np.asarray(periods_px, float)
     weight = np.ones(frequency.size) if weights is None else np.asarray(weights, float)
-    # Neighbouring lines of the lattice are nearest where some phase is a whole number of turns.
+    # Phases over the coordinate are parallel lines modulo one turn. Two of them come closest where
+    # one phase has made a whole number of turns.
     at = np.concatenate(
         [p * np.arange(1, int(length_px / p * (1.0 - COMMENSURATE)) + 1) for p in periods_px]
     )

@@ -1,9 +1,9 @@
-"""What is projected: plans of shifted fringes and Gray code, and their pictures."""
+"""Plans of what a projector shows: shifted fringes, Gray code, white and black frames."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Literal
@@ -11,32 +11,79 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.order_chain import TURN, OrderChain, order_chain, repeat_distance
+from fringeworks.patterns.order_chain import (
+    ROUNDING,
+    TURN,
+    OrderChain,
+    order_chain,
+    repeat_distance,
+)
 from fringeworks.types import Axis, FloatMap, InputError
 
 DEPTHS = (8, 10, 12, 16)
+"""Depths of pictures that can be drawn, bits: those of common projectors and displays."""
+
 MAX_STEPS = 64
-MAX_CODE_BITS = 24
-DITHER_THRESHOLDS = 8
-"""Thresholds of the dither."""
+"""Largest number of steps in a set.
+
+The decoding kernel marks the samples of a pixel in a 64-bit mask. More steps are hardly ever
+useful, because the precision grows only with √N.
+"""
+
+MAX_GRAY_BITS = 24
+"""Largest number of bits of a Gray code.
+
+The decoding kernel computes in single precision, which holds whole numbers exactly up to 2²⁴.
+"""
+
+MAX_SHIFT_CONDITION = 20.0
+"""Largest condition number of the design matrix of a set of steps.
+
+Equal steps have √2. At 20 the phase is up to 14 times as noisy as with equal steps, and such shifts
+are more likely a mistake than intended. An empirical choice.
+"""
+
+SINGULAR_CONDITION = 1e3
+"""Condition number from which on a design matrix counts as singular.
+
+Computed values of a singular matrix of cosines exceed 1e14, and usable sets of steps stay below
+``MAX_SHIFT_CONDITION``; the value lies between them. An empirical choice.
+"""
+
+REPEAT_SEARCH_PERIODS = 64.0
+"""Range over which the repeat distance of a relative plan is searched, longest periods.
+
+``repeat_distance`` searches up to four times this range. Periods that do not repeat over so many
+fringes have no useful repeat distance. An empirical choice.
+"""
 
 
 def step_design(shifts_rad: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """Design (N, 3) of I_n = A + c cos δ_n + s sin δ_n, the light under N shifted fringes."""
+    """Design matrix of I_n = A + c cos δ_n + s sin δ_n, the brightness under N shifted fringes.
+
+    Parameters
+    ----------
+    shifts_rad : (N,) floats
+        Shifts δ_n, rad.
+
+    Returns
+    -------
+    (N, 3) array with the columns 1, cos δ_n and sin δ_n.
+    """
     shifts = np.asarray(shifts_rad, np.float64)
     return np.column_stack((np.ones(shifts.size), np.cos(shifts), np.sin(shifts)))
 
 
 @dataclass(frozen=True)
 class PhaseSteps:
-    """N frames ½ + ½ cos(2π x / p − δ_n) along one axis."""
+    """One set of N shifted fringe patterns ½ + ½ cos(2π x / p − δ_n) along one axis."""
 
     axis: Axis
-    """x: fringes that vary from column to column; y: from row to row."""
+    """x: the fringes vary from column to column; y: from row to row."""
     period_px: float
-    """p, projector px; ≥ 2."""
+    """Period p, projector px; ≥ 2."""
     shifts_rad: tuple[float, ...]
-    """δ_n, rad; at least three that determine a phase."""
+    """Shifts δ_n, rad; 3 to 64, at least three of them different modulo 2π."""
 
     def __post_init__(self) -> None:
         _check_axis(self.axis)
@@ -48,10 +95,10 @@ class PhaseSteps:
         shifts = np.asarray(self.shifts_rad, float)
         if not np.isfinite(shifts).all():
             raise InputError("shifts: expected finite values, got NaN or infinity")
-        if np.linalg.cond(step_design(shifts)) > 20.0:
+        if np.linalg.cond(step_design(shifts)) > MAX_SHIFT_CONDITION:
             degrees = ", ".join(f"{d:g}" for d in np.degrees(shifts))
             raise InputError(
-                f"shifts: expected three or more that differ modulo 360°, got {degrees}°"
+                f"shifts: expected at least three that clearly differ modulo 360°, got {degrees}°"
             )
 
     @property
@@ -61,48 +108,59 @@ class PhaseSteps:
 
     @property
     def precision(self) -> float:
-        """Inverse variance of the phase over (B/σ)², mean over all phases; N/2 for equal steps."""
+        """Inverse variance of the phase in units of (B/σ)², 1/rad²; N/2 for equal steps.
+
+        The variance is the mean over all phases.
+        """
         design = step_design(self.shifts_rad)
         covariance = np.linalg.inv(design.T @ design)
         return float(2.0 / (covariance[1, 1] + covariance[2, 2]))
 
     def values(self, position: FloatMap, frame: int) -> FloatMap:
-        """Light to send at projector positions, 0…1."""
+        """Light that one frame sends to projector positions, 0…1.
+
+        Parameters
+        ----------
+        position : float array of any shape, projector px
+        frame : int, 0 … N − 1
+        """
         phase = TURN * position / self.period_px - self.shifts_rad[frame]
         return np.asarray(0.5 + 0.5 * np.cos(phase))
 
     def labels(self) -> list[str]:
+        """One name per frame."""
         return [f"{self.axis}-phase-{self.period_px:g}px-{n}" for n in range(self.frames)]
 
 
 @dataclass(frozen=True)
 class GrayCode:
-    """Gray code of cells along one axis, the most significant bit first."""
+    """Gray code that numbers cells along one axis, the most significant bit first."""
 
     axis: Axis
     step_px: float
     """Width of a cell, projector px; ≥ 1."""
     length_px: int
-    """Projector px along the axis."""
+    """Length of the projector along the axis, px."""
     inverse: bool = False
-    """Whether every bit is followed by its inverse."""
+    """Whether the inverse picture follows every bit."""
 
     def __post_init__(self) -> None:
         _check_axis(self.axis)
         if not (math.isfinite(self.step_px) and self.step_px >= 1.0):
-            raise InputError(f"step of the Gray code: expected 1 px or more, got {self.step_px:g}")
+            raise InputError(f"Gray code: expected cells of 1 px or more, got {self.step_px:g} px")
         if self.cells < 2:
             raise InputError(
-                f"step of the Gray code: expected less than the projector's {self.length_px} px, "
-                f"got {self.step_px:g}"
+                f"Gray code: expected cells of less than the projector's {self.length_px} px, "
+                f"got {self.step_px:g} px"
             )
-        if self.bits > MAX_CODE_BITS:
-            raise InputError(f"Gray code: expected {MAX_CODE_BITS} bits or fewer, got {self.bits}")
+        if self.bits > MAX_GRAY_BITS:
+            raise InputError(f"Gray code: expected {MAX_GRAY_BITS} bits or fewer, got {self.bits}")
 
     @property
     def cells(self) -> int:
         """Number of cells."""
-        return math.ceil(self.length_px / self.step_px - 1e-9)
+        # Rounding must not add a cell where the length is a whole number of cells.
+        return math.ceil(self.length_px / self.step_px - ROUNDING)
 
     @property
     def bits(self) -> int:
@@ -115,13 +173,20 @@ class GrayCode:
         return self.bits * (2 if self.inverse else 1)
 
     def values(self, position: FloatMap, frame: int) -> FloatMap:
-        """Light to send at projector positions, 0 or 1."""
+        """Light that one frame sends to projector positions, 0 or 1.
+
+        Parameters
+        ----------
+        position : float array of any shape, projector px
+        frame : int, 0 … ``frames`` − 1
+        """
         bit = frame // 2 if self.inverse else frame
         cell = np.floor((position + 0.5) / self.step_px).astype(np.int64)
         lit = (((cell ^ (cell >> 1)) >> (self.bits - 1 - bit)) & 1).astype(float)
         return np.asarray(1.0 - lit if self.inverse and frame % 2 else lit)
 
     def labels(self) -> list[str]:
+        """One name per frame."""
         if not self.inverse:
             return [f"{self.axis}-gray-{b}" for b in range(self.bits)]
         return [f"{self.axis}-gray-{b}{i}" for b in range(self.bits) for i in ("", "-inverse")]
@@ -129,25 +194,26 @@ class GrayCode:
 
 @dataclass(frozen=True)
 class Uniform:
-    """One frame of one brightness."""
+    """One white or black frame."""
 
     kind: Literal["white", "black"]
 
     def __post_init__(self) -> None:
         if self.kind not in ("white", "black"):
-            raise InputError(f"level: expected white or black, got {self.kind!r}")
+            raise InputError(f"uniform frame: expected white or black, got {self.kind!r}")
 
     @property
     def frames(self) -> int:
-        """One."""
+        """Number of frames, 1."""
         return 1
 
     def values(self, position: FloatMap, frame: int) -> FloatMap:
-        """Light to send, 0 or 1."""
+        """Light that the frame sends to projector positions, 0 or 1."""
         del frame
         return np.full(position.shape, 1.0 if self.kind == "white" else 0.0)
 
     def labels(self) -> list[str]:
+        """The name of the frame."""
         return [self.kind]
 
 
@@ -160,7 +226,18 @@ def _check_axis(axis: str) -> None:
 
 
 def equal_steps(n: int) -> tuple[float, ...]:
-    """Shifts 2π k / n, k = 0 … n − 1, rad."""
+    """Shifts 2π k / n for k = 0 … n − 1, rad.
+
+    Raises
+    ------
+    InputError
+        If n is not between 3 and 64.
+
+    Examples
+    --------
+    >>> [round(shift, 2) for shift in equal_steps(4)]
+    [0.0, 1.57, 3.14, 4.71]
+    """
     if not 3 <= n <= MAX_STEPS:
         raise InputError(f"steps: expected 3 to {MAX_STEPS}, got {n}")
     return tuple(TURN * k / n for k in range(n))
@@ -168,55 +245,56 @@ def equal_steps(n: int) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class PatternPlan:
-    """A sequence of patterns for a projector, in the order in which they are sent and taken."""
+    """A sequence of patterns for a projector, in the order of projection and of the frames."""
 
     width_px: int
-    """Projector columns."""
+    """Number of projector columns; ≥ 2."""
     height_px: int
-    """Projector rows."""
+    """Number of projector rows; ≥ 2."""
     blocks: tuple[Block, ...]
-    """What is sent, one after the other."""
+    """Sets of steps, Gray codes and uniform frames in the order of projection."""
     bits: int = 8
-    """Depth of the pictures, 8, 10, 12 or 16; values go from 0 to 2^bits − 1."""
+    """Depth of the pictures, 8, 10, 12 or 16; counts go from 0 to 2^bits − 1."""
     gamma: float = 1.0
-    """Exponent of the response that the patterns are pre-distorted for: v^(1/γ) is sent."""
+    """Exponent γ of the response that the patterns compensate: v^(1/γ) is sent; > 0."""
     dither: bool = False
-    """Whether rounding to the depth is spread over 8 pixels either way (ordered dither)."""
+    """Whether an ordered dither over 8 × 8 pixels replaces the rounding to whole counts."""
 
     def __post_init__(self) -> None:
         if self.width_px < 2 or self.height_px < 2:
             raise InputError(
-                f"projector: expected 2 × 2 px or more, got {self.width_px} × {self.height_px}"
+                f"projector: expected 2 × 2 px or more, got {self.width_px} × {self.height_px} px"
             )
         if self.bits not in DEPTHS:
-            raise InputError(f"bits: expected one of {DEPTHS}, got {self.bits}")
+            depths = ", ".join(str(depth) for depth in DEPTHS)
+            raise InputError(f"bits: expected one of {depths}, got {self.bits}")
         if not (math.isfinite(self.gamma) and self.gamma > 0):
             raise InputError(f"gamma: expected > 0, got {self.gamma}")
         if not any(isinstance(block, PhaseSteps | GrayCode) for block in self.blocks):
-            raise InputError("plan: expected fringes or Gray code, got neither")
+            raise InputError("plan: expected fringes or Gray code, got uniform frames only")
         for block in self.blocks:
             if isinstance(block, GrayCode) and block.length_px != self.length_px(block.axis):
                 raise InputError(
                     f"Gray code: expected a length of {self.length_px(block.axis)} px along "
-                    f"{block.axis}, got {block.length_px}"
+                    f"{block.axis}, like the projector, got {block.length_px} px"
                 )
         for axis in self.axes:
             if sum(isinstance(b, GrayCode) for b in self.blocks if _along(b, axis)) > 1:
-                raise InputError(f"plan: expected one Gray code along {axis}, got several")
+                raise InputError(f"plan: expected at most one Gray code along {axis}, got several")
 
     def length_px(self, axis: Axis) -> int:
-        """Projector px along an axis."""
+        """Length of the projector along an axis, px."""
         return self.width_px if axis == "x" else self.height_px
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Axes along which something is decoded."""
+        """Axes along which the plan has fringes or Gray code."""
         every: tuple[Axis, ...] = ("x", "y")
         return tuple(a for a in every if any(_along(block, a) for block in self.blocks))
 
     @property
     def frames(self) -> int:
-        """Number of frames."""
+        """Number of frames of all blocks."""
         return sum(block.frames for block in self.blocks)
 
     @cached_property
@@ -226,25 +304,25 @@ class PatternPlan:
         return tuple((int(first), block) for first, block in zip(firsts, self.blocks, strict=False))
 
     def phase_sets(self, axis: Axis) -> list[tuple[int, PhaseSteps]]:
-        """Sets of steps along an axis, with the index of their first frame."""
+        """Sets of steps along an axis, each with the index of its first frame."""
         return [(k, b) for k, b in self.placed if isinstance(b, PhaseSteps) and b.axis == axis]
 
     def gray_code(self, axis: Axis) -> tuple[int, GrayCode] | None:
-        """The Gray code along an axis, with the index of its first frame."""
-        found = [(k, b) for k, b in self.placed if isinstance(b, GrayCode) and b.axis == axis]
-        return found[0] if found else None
+        """The Gray code along an axis with its first frame's index; None where there is none."""
+        codes = [(k, b) for k, b in self.placed if isinstance(b, GrayCode) and b.axis == axis]
+        return codes[0] if codes else None
 
     def uniform(self, kind: Literal["white", "black"]) -> int | None:
-        """Index of the white or black frame; None where there is none."""
-        found = [k for k, b in self.placed if isinstance(b, Uniform) and b.kind == kind]
-        return found[0] if found else None
+        """Index of the first white or black frame; None where there is none."""
+        frames = [k for k, b in self.placed if isinstance(b, Uniform) and b.kind == kind]
+        return frames[0] if frames else None
 
     def labels(self) -> list[str]:
-        """A name for every frame."""
+        """One name per frame of the plan."""
         return [label for block in self.blocks for label in block.labels()]
 
     def chain(self, axis: Axis, *, absolute: bool = True) -> OrderChain:
-        """How the fringe orders along an axis are found.
+        """The chain of roundings that resolves the fringe orders along an axis.
 
         Parameters
         ----------
@@ -252,21 +330,26 @@ class PatternPlan:
         absolute : bool
             False for coordinates modulo the distance after which all phases repeat.
 
+        Returns
+        -------
+        OrderChain
+
         Raises
         ------
-        InputError where the periods cannot be resolved.
+        InputError
+            If the periods do not determine the coordinate on the whole projector.
         """
         sets = [block for _, block in self.phase_sets(axis)]
         periods = [block.period_px for block in sets]
-        code = self.gray_code(axis)
+        gray = self.gray_code(axis)
         weights = [block.precision for block in sets]
-        length = float(self.length_px(axis)) if absolute else _repeats(periods)
+        length = float(self.length_px(axis)) if absolute else _relative_range(periods)
         bounds = (-0.5, length - 0.5)
-        step = None if code is None or not absolute else code[1].step_px
+        step = None if gray is None or not absolute else gray[1].step_px
         try:
             return _chain(tuple(periods), bounds, tuple(weights), step)
         except InputError as error:
-            raise InputError(f"plan, {axis}: {error}") from error
+            raise InputError(f"plan along {axis}: {error}") from error
 
 
 @lru_cache(maxsize=64)
@@ -274,58 +357,17 @@ def _chain(
     periods_px: tuple[float, ...],
     bounds: tuple[float, float],
     weights: tuple[float, ...],
-    code_step_px: float | None,
+    gray_step_px: float | None,
 ) -> OrderChain:
-    return order_chain(periods_px, bounds, weights=weights, code_step_px=code_step_px)
+    return order_chain(periods_px, bounds, weights=weights, gray_step_px=gray_step_px)
 
 
-def _repeats(periods_px: Sequence[float]) -> float:
+def _relative_range(periods_px: Sequence[float]) -> float:
+    """Range of relative coordinates: the repeat distance, or else the longest period, px."""
     longest = max(periods_px)
-    found = repeat_distance(periods_px, 64.0 * longest)
-    return found if math.isfinite(found) else longest
+    repeats = repeat_distance(periods_px, REPEAT_SEARCH_PERIODS * longest)
+    return repeats if math.isfinite(repeats) else longest
 
 
 def _along(block: Block, axis: Axis) -> bool:
     return not isinstance(block, Uniform) and block.axis == axis
-
-
-def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
-    """The pictures of a plan, one after the other.
-
-    Parameters
-    ----------
-    plan : PatternPlan
-
-    Yields
-    ------
-    (height, width) arrays, uint8, or uint16 for more than 8 bits; 0 … 2^bits − 1.
-
-    Examples
-    --------
-    >>> plan = PatternPlan(64, 4, (PhaseSteps("x", 16.0, equal_steps(4)),))
-    >>> [int(picture[0, 0]) for picture in encode(plan)]
-    [255, 128, 0, 128]
-    """
-    top = 2**plan.bits - 1
-    kind = np.uint8 if plan.bits == 8 else np.uint16
-    shape = (plan.height_px, plan.width_px)
-    for block in plan.blocks:
-        down = not isinstance(block, Uniform) and block.axis == "y"
-        position = np.arange(shape[0] if down else shape[1], dtype=np.float64)
-        for n in range(block.frames):
-            line = top * block.values(position, n) ** (1.0 / plan.gamma)
-            across = line[:, None] if down else line[None, :]
-            if plan.dither:
-                picture = np.floor(np.broadcast_to(across, shape) + _thresholds(shape))
-            else:
-                picture = np.broadcast_to(np.floor(across + 0.5), shape)
-            yield np.minimum(picture, top).astype(kind)
-
-
-def _thresholds(shape: tuple[int, int]) -> FloatMap:
-    """Ordered dither by a Latin square: eight thresholds, evenly spread in every row and column.
-
-    Fringes do not change along one axis: that is where their mean has to be right.
-    """
-    y, x = np.ogrid[: shape[0], : shape[1]]
-    return np.asarray(((5 * y + 3 * x) % DITHER_THRESHOLDS + 0.5) / DITHER_THRESHOLDS)

@@ -1,4 +1,4 @@
-"""Which plan gives the smallest error for a number of frames: proposals with their predicted σ."""
+"""Proposals of plans: the smallest predicted error for a given number of frames."""
 
 from __future__ import annotations
 
@@ -12,26 +12,58 @@ from fringeworks.patterns.order_chain import TURN, separation
 from fringeworks.patterns.plan import Block, GrayCode, PatternPlan, PhaseSteps, equal_steps
 from fringeworks.types import Axis, InputError
 
-SAFETY = 6.0
-"""Standard deviations of room that every rounding of an order has in a proposal."""
+MIN_MARGIN = 6.0
+"""Margin that every rounding of a fringe order has in a proposal, in standard deviations.
+
+One more than decoding demands (``ORDER_SIGMAS``), so that a surface a sixth darker than expected
+still decodes.
+"""
+
 END_PX = 2.0
-"""By how much phases repeat later than the projector ends, px: its two ends stay apart."""
+"""Distance by which the phases of a proposal repeat beyond the projector, px.
+
+It keeps the two ends of the projector apart: noise of a coordinate at one end does not reach the
+other end. Two pixels are many standard deviations of a coordinate.
+"""
+
 MAX_SETS = 4
-COARSER = 0.94
-"""Factor by which the number of fringes goes down until a plan is safe."""
+"""Largest number of periods per axis in a proposal.
+
+Every set needs three frames or more. Four sets span any common projector with good margins, and
+more only take frames from the finest set. An empirical choice.
+"""
+
+MAX_HETERODYNE_SETS = 3
+"""Largest number of periods of a heterodyne proposal.
+
+All choices of two beats are tried; those of three would take too long. An empirical choice.
+"""
+
+MAX_BEAT_SHARE = 3
+"""The coarsest set of a heterodyne plan lacks at most 1/3 of the finest set's fringes.
+
+With fewer fringes it would contribute little to the coordinate's precision. An empirical choice.
+"""
+
+COARSENING = 0.94
+"""Factor by which the number of fringes falls from one trial to the next.
+
+A factor nearer to 1 finds slightly finer fringes but takes longer: at 0.94 the period is at most 6
+% longer than necessary. An empirical choice.
+"""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A plan, and what to expect of it."""
+    """A plan with its predicted error."""
 
     kind: str
-    """hierarchical, heterodyne, number-theoretic, or gray (phase with Gray code)."""
+    """hierarchical, heterodyne, number-theoretic, or gray (fringes and Gray code)."""
     plan: PatternPlan
     sigma_px: float
-    """Predicted standard deviation of the coordinate, projector px; the larger of the axes."""
+    """Predicted standard deviation of the coordinate, projector px; of two axes the larger one."""
     margin: float
-    """Least room of a rounding of a fringe order, in standard deviations."""
+    """Smallest margin of a fringe order's rounding, in standard deviations; ≥ 6."""
 
     @property
     def summary(self) -> str:
@@ -55,53 +87,64 @@ def propose(
     modulation: float = 100.0,
     min_period_px: float = 16.0,
 ) -> list[Proposal]:
-    """The best plan of every kind, the smallest predicted error first.
+    """Propose the best plan of every kind, the smallest predicted error first.
 
     Parameters
     ----------
     width_px, height_px : int
-        Projector.
+        Columns and rows of the projector.
     frames : int
-        Frames to spend, shared evenly by the axes; ≥ 3 per axis.
-    axes : "x", "y" or both
+        Number of frames that the plan may use, shared evenly by the axes; ≥ 3 per axis.
+    axes : sequence of "x", "y" or both
     noise : float > 0
         Standard deviation of a camera count.
     modulation : float > 0
-        B of the fringes, counts; take that of the darkest surface that matters.
+        Modulation B of the fringes on the darkest surface that matters, counts.
     min_period_px : float ≥ 2
         Shortest period that projector and camera still resolve, projector px.
 
     Returns
     -------
-    Proposals that leave every fringe order six standard deviations of room.
+    list of Proposal
+        At most one per kind, each with a margin of six standard deviations or more.
 
     Raises
     ------
-    InputError where no plan does.
+    InputError
+        If an argument is out of range, or no plan has the required margin.
 
     Notes
     -----
-    σ = (Σ (N_m / 2) (2π B / (p_m σ_I))²)^−½, the inverse-variance mean of all sets (theory §5).
+    The predicted error is that of the inverse-variance mean of all sets,
+    σ = (Σ (N_m / 2) (2π B / (p_m σ_I))²)^−½ (theory §5).
+
+    Examples
+    --------
+    >>> best = propose(1920, 1080, 12)[0]
+    >>> best.plan.frames
+    12
+    >>> best.margin >= 6.0
+    True
     """
     if not axes or any(axis not in ("x", "y") for axis in axes):
-        raise InputError(f"axes: expected x, y or both, got {axes}")
+        raise InputError(f"axes: expected x, y or both, got {', '.join(axes) or 'none'}")
     for name, value in (("noise", noise), ("modulation", modulation)):
         if not (math.isfinite(value) and value > 0):
             raise InputError(f"{name}: expected > 0 counts, got {value}")
     if not min_period_px >= 2:
-        raise InputError(f"min_period: expected 2 px or more, got {min_period_px}")
+        raise InputError(f"min_period_px: expected 2 px or more, got {min_period_px}")
     share = frames // len(axes)
     if share < 3:
-        raise InputError(f"frames: expected 3 or more for each axis, got {frames}")
+        raise InputError(
+            f"frames: expected 3 or more for each axis, got {frames} for {len(axes)} axes"
+        )
     ratio = noise / modulation
-    found: dict[str, Proposal] = {}
+    lengths = {"x": width_px, "y": height_px}
+    proposals: list[Proposal] = []
     for kind in ("hierarchical", "heterodyne", "number-theoretic", "gray"):
-        per_axis = [
-            _best(kind, axis, width_px if axis == "x" else height_px, share, ratio, min_period_px)
-            for axis in axes
-        ]
         blocks: list[Block] = []
-        for best in per_axis:
+        for axis in axes:
+            best = _best(kind, axis, lengths[axis], share, ratio, min_period_px)
             if best is None:
                 break
             blocks += best
@@ -109,26 +152,28 @@ def propose(
             plan = PatternPlan(width_px, height_px, tuple(blocks))
             margin = min(plan.chain(axis).margin(_sigmas(plan, axis, ratio)) for axis in axes)
             sigma = max(_predicted(plan, axis, ratio) for axis in axes)
-            found[kind] = Proposal(kind, plan, sigma, margin)
-    if not found:
+            proposals.append(Proposal(kind, plan, sigma, margin))
+    if not proposals:
         raise InputError(
-            f"plan: no choice of {frames} frames resolves the projector with six standard "
-            f"deviations of room at noise {noise:g} and modulation {modulation:g}: expected more "
-            "frames or light"
+            f"plan: with {frames} frames, noise {noise:g} and modulation {modulation:g}, no plan "
+            f"resolves the fringe orders with a margin of {MIN_MARGIN:g} standard deviations: "
+            "expected more frames or light"
         )
-    return sorted(found.values(), key=lambda proposal: proposal.sigma_px)
+    return sorted(proposals, key=lambda proposal: proposal.sigma_px)
 
 
 def _sigmas(plan: PatternPlan, axis: Axis, ratio: float) -> list[float]:
-    """Standard deviation of every phase, rad."""
+    """Standard deviations of the phases along an axis, rad; ``ratio`` is noise over modulation."""
     return [ratio / math.sqrt(block.precision) for _, block in plan.phase_sets(axis)]
 
 
 def _predicted(plan: PatternPlan, axis: Axis, ratio: float) -> float:
+    """Predicted standard deviation of the coordinate along an axis, projector px."""
     return _sigma([b.period_px for _, b in plan.phase_sets(axis)], _sigmas(plan, axis, ratio))
 
 
 def _sigma(periods: Sequence[float], sigmas: Sequence[float]) -> float:
+    """Standard deviation of the inverse-variance mean of all sets, projector px."""
     pairs = zip(periods, sigmas, strict=True)
     return 1.0 / math.sqrt(sum((TURN / (period * sigma)) ** 2 for period, sigma in pairs))
 
@@ -136,7 +181,7 @@ def _sigma(periods: Sequence[float], sigmas: Sequence[float]) -> float:
 def _best(
     kind: str, axis: Axis, length: int, frames: int, ratio: float, least: float
 ) -> list[Block] | None:
-    """Blocks of the kind with the smallest error; None where none is safe."""
+    """Blocks of a kind with the smallest error; None where none has the required margin."""
     if kind == "gray":
         options = _gray(axis, length, frames, least)
     else:
@@ -153,18 +198,21 @@ def _best(
             margin = PatternPlan(*size, tuple(blocks)).chain(axis).margin(sigmas)
         except InputError:
             continue
-        if margin >= SAFETY:
+        if margin >= MIN_MARGIN:
             best, smallest = blocks, sigma
     return best
 
 
 def _gray(axis: Axis, length: int, frames: int, least: float) -> Iterator[list[Block]]:
-    """Code cells of half a period: the border of a cell is never that of a period."""
+    """Fringes and Gray code with cells of half a period.
+
+    A pixel on a blurred border may be read as either cell; both lead to the same fringe order.
+    """
     for steps in range(3, frames):
         bits = frames - steps
         step = max(length / 2**bits, 0.5 * least)
         if bits > math.ceil(math.log2(length / step)):
-            continue
+            continue  # a bit would be unused: the same cells with more steps are better
         yield [
             PhaseSteps(axis, 2.0 * step, equal_steps(steps)),
             GrayCode(axis, step, length),
@@ -172,17 +220,18 @@ def _gray(axis: Axis, length: int, frames: int, least: float) -> Iterator[list[B
 
 
 def _shares(frames: int, sets: int) -> list[list[int]]:
-    """Steps of every set, the finest first: evenly, and as many as possible for the finest."""
+    """Numbers of steps of the sets, the finest first: even shares, and most for the finest."""
     if frames < 3 * sets:
         return []
     even = [frames // sets + (1 if k < frames % sets else 0) for k in range(sets)]
-    steep = [frames - 3 * (sets - 1)] + [3] * (sets - 1)
-    return [even] if even == steep else [even, steep]
+    uneven = [frames - 3 * (sets - 1)] + [3] * (sets - 1)
+    return [even] if even == uneven else [even, uneven]
 
 
 def _phases(
     kind: str, axis: Axis, length: int, frames: int, ratio: float, least: float
 ) -> Iterator[list[Block]]:
+    """Blocks of fringes of a kind, for every number of sets the finest that have the margin."""
     span = length + END_PX
     for sets in range(2, MAX_SETS + 1):
         for steps in _shares(frames, sets):
@@ -190,45 +239,49 @@ def _phases(
             count = span / least
             while count > sets:
                 periods = _periods(kind, span, count, sets, weights)
-                if periods and 0.5 * separation(periods, length, weights) >= SAFETY:
+                if periods and 0.5 * separation(periods, length, weights) >= MIN_MARGIN:
                     yield [
                         PhaseSteps(axis, p, equal_steps(n))
                         for p, n in zip(periods, steps, strict=True)
                     ]
                     break
-                count *= COARSER
+                count *= COARSENING
 
 
 def _periods(
     kind: str, span: float, count: float, sets: int, weights: Sequence[float]
 ) -> list[float] | None:
-    """Periods of a kind with about ``count`` fringes in the finest, the finest first."""
+    """Periods with about ``count`` fringes in the finest set, the finest first; None for none."""
     if kind == "hierarchical":
-        # Whole numbers of fringes: all phases repeat where the longest does.
-        step = int(count) ** (1.0 / (sets - 1))
-        return [span / max(1, round(step ** (sets - 1 - k))) for k in range(sets)]
+        # Whole numbers of fringes, so that all phases repeat together with the longest.
+        ratio = int(count) ** (1.0 / (sets - 1))
+        return [span / max(1, round(ratio ** (sets - 1 - k))) for k in range(sets)]
     if kind == "heterodyne":
         return _heterodyne(span, int(count), sets, weights)
     return _whole_periods(span, math.ceil(span / count), sets)
 
 
 def _heterodyne(span: float, count: int, sets: int, weights: Sequence[float]) -> list[float] | None:
-    """Numbers of fringes close to each other whose phases differ most over the range."""
-    if sets > 3 or count < 3:
+    """Periods with similar numbers of fringes whose phases have the largest separation."""
+    if sets > MAX_HETERODYNE_SETS or count < 3:
         return None
-    reach = range(1, max(2, count // 3))
+    beats = range(1, max(2, count // MAX_BEAT_SHARE))
     choices: list[tuple[int, ...]] = [(count, count - 1)]
     if sets == 3:
-        choices = [(count, count - a, count - b) for a in reach for b in reach if b > a]
-    whole = [c for c in choices if c[-1] >= 1 and math.gcd(*c) == 1]
-    if not whole:
+        choices = [(count, count - a, count - b) for a in beats for b in beats if b > a]
+    # Numbers with a common divisor would repeat within the range.
+    coprime = [c for c in choices if c[-1] >= 1 and math.gcd(*c) == 1]
+    if not coprime:
         return None
-    best = max(whole, key=lambda c: separation([span / n for n in c], span - END_PX, weights))
+    best = max(coprime, key=lambda c: separation([span / n for n in c], span - END_PX, weights))
     return [span / n for n in best]
 
 
 def _whole_periods(span: float, shortest: int, sets: int) -> list[float] | None:
-    """Whole periods of a few pixels without a common divisor (Chinese remainder theorem)."""
+    """Pairwise coprime periods in whole pixels; None where their product is below ``span``.
+
+    By the Chinese remainder theorem such periods repeat after their product.
+    """
     periods = [shortest]
     while len(periods) < sets:
         following = periods[-1] + 1

@@ -1,4 +1,4 @@
-"""Denoising by empirical mode decomposition (EMD): of rows, and of frames (theory §7)."""
+"""Empirical mode decomposition (EMD) of rows and of frames, and denoising with it (theory §7)."""
 
 from __future__ import annotations
 
@@ -15,42 +15,104 @@ from fringeworks.types import FloatMap, InputError
 
 Denoiser = Literal["emd", "emd2d", "bemd"]
 DENOISERS = ("emd", "emd2d", "bemd")
+"""Names of the denoising methods: by rows, by rows and columns, by modes of the whole frame."""
+
 MAX_IMFS = 16
+"""Default of the largest number of intrinsic mode functions (IMFs) of a row.
+
+The mean period of white noise doubles from one IMF to the next (``DECAY``), so that 16 are enough
+for rows of 65 000 pixels.
+"""
+
+IMF_LIMIT = 64
+"""Largest ``max_imfs`` that is accepted, also by the kernel; far beyond any decomposition."""
+
 MAX_SIFTS = 100
+"""Default of the largest number of sifts per IMF.
+
+It bounds the time. Rows of white noise and of noisy fringes meet both criteria within 50 sifts
+(trials with rows of 400 and 4096 px).
+"""
+
+SIFT_LIMIT = 10_000
+"""Largest ``max_sifts`` that is accepted, also by the kernel; it bounds the time of a call."""
+
 FLAT = 0.2
-"""An IMF's envelope mean has at most this root mean square, share of the IMF's."""
+"""Largest root mean square of an IMF's envelope mean, as a share of the IMF's own.
+
+A smaller share takes more sifts and evens out the amplitude of the modes. An empirical choice
+within the range of 0.1 to 0.3 that is usual for stopping criteria.
+"""
+
 FIRST_SHARE = 0.593
-"""White noise puts this share of its energy into the first IMF, …"""
+"""Share of the energy of white noise in the first IMF (Flandrin, Rilling & Gonçalves, 2004)."""
+
 FIRST_RATIO = 0.719
+"""Factor β of the energy of white noise in later IMFs (Flandrin, Rilling & Gonçalves, 2004).
+
+The k-th IMF holds the share FIRST_SHARE / FIRST_RATIO · DECAY^(−k), k ≥ 2.
+"""
+
 DECAY = 2.01
-"""… and FIRST_SHARE / FIRST_RATIO · DECAY^(−k) into the k-th (Flandrin, Rilling, Gonçalves)."""
+"""Factor ρ by which that energy falls from one IMF to the next (same source)."""
+
 CONFIDENCE = 2.0
-"""An IMF with at most this many times the noise's energy is noise."""
+"""An IMF with at most this many times the energy of the noise counts as noise.
+
+The energy of noise in the IMF of one row scatters. A factor of two covers 96 % of the IMFs of white
+noise, and all of the first three (trial with 500 rows of 1000 px). A larger factor would also drop
+weak fringes.
+"""
+
 MAX_PLANAR = 8
+"""Default of the largest number of modes of a frame.
+
+Windows grow by ``GROWTH`` or more, so that eight modes cover windows up to 17 times the first. An
+empirical choice that bounds the time.
+"""
+
 MAX_PLANAR_SIFTS = 10
+"""Largest number of sifts per mode of a frame.
+
+Modes of running envelopes change little after a few sifts (Bhuiyan et al., 2008). An empirical
+choice that bounds the time.
+"""
+
 NOISE_MODES = 3
-"""Modes of a frame that may be noise; slower ones hold too little of it to matter."""
+"""Number of modes of a frame that may count as noise.
+
+The first three hold more than 90 % of the energy of white noise (trial with 300 × 300 px).
+"""
+
 GROWTH = 1.5
-"""Windows of successive two-dimensional modes grow at least by this factor."""
+"""Smallest ratio of the windows of successive modes of a frame.
+
+Without it, successive modes could use the same window and hold the same waves. An empirical choice.
+"""
+
 MIN_EXTREMA = 8
-"""A frame with fewer maxima or minima has no mode left."""
+"""Smallest number of maxima and of minima in a frame that has another mode.
+
+With fewer, their mean distance does not determine a window. An empirical choice.
+"""
 
 
 @dataclass(frozen=True)
 class Decomposition:
-    """A frame's modes, from fast to slow, and what is left; they add up to the frame."""
+    """The modes of a frame, from fast to slow, and the residue; their sum is the frame."""
 
     imfs: NDArray[np.float64]
-    """(h, k, w) by rows, zeros where a row has fewer, or (k, h, w) of a frame; counts."""
+    """Modes, counts: (h, k, w) by rows, with zeros where a row has fewer; (k, h, w) of a frame."""
     residue: NDArray[np.float64]
-    """(h, w), counts: the trend."""
+    """What remains after the last mode, the trend; (h, w), counts."""
     counts: NDArray[np.uint32]
-    """Modes of every row, (h,); of a frame, (1,)."""
+    """Number of modes of every row, (h,), or of the frame, (1,)."""
     unfinished: int = 0
-    """Rows of which a mode met a limit before both criteria."""
+    """Number of rows in which a mode reached a limit before it met both criteria."""
 
 
 def _checked(frame: NDArray[np.generic]) -> NDArray[np.float64]:
+    """The frame as a contiguous array of finite float64 values."""
     values = np.asarray(frame)
     if values.ndim != 2 or values.size == 0:
         raise InputError(f"frame: expected shape (h, w), got {values.shape}")
@@ -69,48 +131,50 @@ def decompose_rows(
     flat: float = FLAT,
     patience: int = MAX_SIFTS,
 ) -> Decomposition:
-    """Empirical mode decomposition of every row.
+    """Decompose every row of a frame into intrinsic mode functions (IMFs).
 
     Parameters
     ----------
-    frame : (h, w) real array of finite values
+    frame : (h, w) real array of finite values, counts
     max_imfs : int, 1 … 64
+        Largest number of IMFs per row.
     max_sifts : int, 1 … 10000
-        Sifts per IMF at most.
+        Largest number of sifts per IMF.
     flat : float > 0
-        Criterion II: root mean square of the envelopes' mean, as a share of the IMF's.
+        Criterion II: largest root mean square of the envelope mean, as a share of the IMF's.
     patience : int ≥ 0
-        Sifts after which criterion II alone suffices. Riding waves that never cross zero take tens
-        of sifts; with 0 sifting ends as soon as the mean is flat, as many programs do.
+        Number of sifts after which criterion II alone suffices. Waves that ride on others without
+        crossing zero take tens of sifts. With 0, sifting ends as soon as the mean is flat.
 
     Returns
     -------
-    Decomposition with imfs (h, k, w)
+    Decomposition with imfs of shape (h, k, w)
 
     Raises
     ------
-    InputError for a frame or option that cannot be used.
+    InputError
+        If the frame is not real, finite and two-dimensional, or an option is out of range.
 
     Notes
     -----
-    Huang et al., Proc. R. Soc. London A 454:903, 1998; Boudraa & Cexus, Proc. ISCCSP 2006. Sifting
-    takes the mean of the natural cubic spline envelopes away until (I) the numbers of extrema and
-    zero crossings differ by at most one and (II) that mean is nearly zero. The residue has at most
-    two extrema. Rows are mirrored at their ends.
+    Sifting subtracts the mean of the two natural cubic spline envelopes until (I) the numbers of
+    extrema and zero crossings differ by at most one and (II) that mean is nearly zero. The residue
+    has at most two extrema. Rows are mirrored at their ends. Huang et al., Proc. R. Soc. London A
+    454:903, 1998; Boudraa & Cexus, Proc. ISCCSP 2006; theory §7.
 
     Examples
     --------
     >>> x = np.arange(400.0)
     >>> row = np.cos(0.5 * x) + 3 * np.cos(0.05 * x) + 0.01 * x
-    >>> found = decompose_rows(row[None])
-    >>> bool(np.abs(found.imfs.sum(axis=1) + found.residue - row).max() < 1e-12)
+    >>> modes = decompose_rows(row[None])
+    >>> bool(np.abs(modes.imfs.sum(axis=1) + modes.residue - row).max() < 1e-12)
     True
     """
     values = _checked(frame)
-    if not 1 <= max_imfs <= 64:
-        raise InputError(f"max_imfs: expected 1 to 64, got {max_imfs}")
-    if not 1 <= max_sifts <= 10_000:
-        raise InputError(f"max_sifts: expected 1 to 10000, got {max_sifts}")
+    if not 1 <= max_imfs <= IMF_LIMIT:
+        raise InputError(f"max_imfs: expected 1 to {IMF_LIMIT}, got {max_imfs}")
+    if not 1 <= max_sifts <= SIFT_LIMIT:
+        raise InputError(f"max_sifts: expected 1 to {SIFT_LIMIT}, got {max_sifts}")
     if not flat > 0:
         raise InputError(f"flat: expected > 0, got {flat}")
     if not patience >= 0:
@@ -123,30 +187,41 @@ def decompose_rows(
 
 
 def decompose_frame(frame: NDArray[np.generic], *, max_imfs: int = MAX_PLANAR) -> Decomposition:
-    """Bidimensional empirical mode decomposition of a frame.
+    """Decompose a frame into two-dimensional modes.
 
     Parameters
     ----------
-    frame : (h, w) real array of finite values
+    frame : (h, w) real array of finite values, counts
     max_imfs : int, 1 … 64
+        Largest number of modes.
 
     Returns
     -------
-    Decomposition with imfs (k, h, w)
+    Decomposition with imfs of shape (k, h, w)
 
     Raises
     ------
-    InputError for a frame that cannot be used.
+    InputError
+        If the frame is not real, finite and two-dimensional, or ``max_imfs`` is out of range.
 
     Notes
     -----
-    Fast and adaptive form: envelopes are running maxima and minima over a window as wide as the
-    extrema are apart, smoothed over the same window (Bhuiyan, Adhami, Khan, EURASIP J. Adv. Signal
-    Process. 2008:728356), sifted until criterion II of ``decompose_rows`` or ten times.
+    The fast and adaptive form: envelopes are running maxima and minima, smoothed over the same
+    window. The window is as wide as the mean distance of the extrema. Sifting ends at criterion II
+    of ``decompose_rows`` or after ten sifts. Bhuiyan, Adhami & Khan, EURASIP J. Adv. Signal
+    Process. 2008:728356.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[:64, :64]
+    >>> frame = np.cos(0.9 * x) * np.cos(0.8 * y) + 0.01 * x
+    >>> modes = decompose_frame(frame)
+    >>> bool(np.abs(modes.imfs.sum(axis=0) + modes.residue - frame).max() < 1e-12)
+    True
     """
     values = _checked(frame)
-    if not 1 <= max_imfs <= 64:
-        raise InputError(f"max_imfs: expected 1 to 64, got {max_imfs}")
+    if not 1 <= max_imfs <= IMF_LIMIT:
+        raise InputError(f"max_imfs: expected 1 to {IMF_LIMIT}, got {max_imfs}")
     windows: list[int] = []
     modes: list[NDArray[np.float64]] = []
     residue = values
@@ -172,22 +247,24 @@ def decompose_frame(frame: NDArray[np.generic], *, max_imfs: int = MAX_PLANAR) -
 
 
 def _odd(width: float) -> int:
+    """The smallest odd whole number that is not below a width."""
     return 2 * int(np.ceil(0.5 * (width - 1.0))) + 1
 
 
 def _spacing(frame: FloatMap) -> int | None:
-    """Mean distance of neighbouring extrema, odd; None where there are too few."""
+    """Mean distance of extrema as an odd number of px; None where there are too few."""
     if min(frame.shape) < 3 or float(np.ptp(frame)) == 0.0:
         return None
     top, bottom = ndimage.maximum_filter(frame, 3), ndimage.minimum_filter(frame, 3)
-    moving = top > bottom
-    count = min(int(np.count_nonzero((frame == end) & moving)) for end in (top, bottom))
+    varying = top > bottom
+    count = min(int(np.count_nonzero((frame == end) & varying)) for end in (top, bottom))
     if count < MIN_EXTREMA:
         return None
     return max(3, _odd(float(np.sqrt(frame.size / count))))
 
 
 def _envelope_mean(frame: FloatMap, window: int) -> NDArray[np.float64]:
+    """Mean of the upper and the lower running envelope."""
     upper = ndimage.uniform_filter(ndimage.maximum_filter(frame, window), window)
     lower = ndimage.uniform_filter(ndimage.minimum_filter(frame, window), window)
     return np.asarray(0.5 * (upper + lower))
@@ -196,37 +273,38 @@ def _envelope_mean(frame: FloatMap, window: int) -> NDArray[np.float64]:
 def denoise(
     frame: NDArray[np.generic], method: Denoiser = "emd", *, noise: float | None = None
 ) -> NDArray[np.float64]:
-    """A frame without the modes that are no stronger than noise.
+    """Remove the modes of a frame that are no stronger than noise.
 
     Parameters
     ----------
-    frame : (h, w) real array of finite values, fringes along the rows
+    frame : (h, w) real array of finite values, fringes along the rows, counts
     method : "emd", "emd2d" or "bemd"
-        By rows; by rows, then by columns, along which fringes are slow and noise is not; or by the
-        modes of the whole frame.
+        "emd" decomposes the rows. "emd2d" decomposes the rows, then the columns, along which
+        fringes change slowly but noise does not. "bemd" decomposes the whole frame.
     noise : float ≥ 0, optional
-        Standard deviation of the white noise, counts; measured where left out.
+        Standard deviation of the white noise, counts; measured where not given.
 
     Returns
     -------
-    (h, w) float64 array; the frame itself where nothing is noise.
+    (h, w) float64 array, counts; the frame itself where no mode counts as noise.
 
     Raises
     ------
-    InputError for a frame or method that cannot be used.
+    InputError
+        If the frame is not real, finite and two-dimensional, or an option is out of range.
 
     Notes
     -----
-    Energy threshold: white noise of variance σ² leaves 0.593 σ² in the first IMF and
-    0.825 · 2.01^(−k) σ² in the k-th (Flandrin, Rilling, Gonçalves, IEEE SPL 11(2):112, 2004); an
-    IMF of a row with at most twice that is dropped. For "bemd" the noise's energies are those of
-    a field of noise taken through the same decomposition.
+    White noise of variance σ² leaves 0.593 σ² in the first IMF and 0.825 · 2.01^(−k) σ² in the k-th
+    (Flandrin, Rilling & Gonçalves, IEEE SPL 11(2):112, 2004). An IMF of a row with at most twice
+    that energy is dropped. For "bemd" a field of white noise passes through the same decomposition
+    and gives the energies.
     """
     values = _checked(frame)
     if method not in DENOISERS:
         raise InputError(f"denoise: expected one of {', '.join(DENOISERS)}, got {method!r}")
     if noise is not None and not noise >= 0:
-        raise InputError(f"noise: expected ≥ 0, got {noise}")
+        raise InputError(f"noise: expected ≥ 0 counts, got {noise}")
     variance = noise_variance(values, np.ones(values.shape, bool)) if noise is None else noise**2
     if method == "bemd":
         return _without_planar_noise(values, variance)
@@ -237,61 +315,73 @@ def denoise(
 
 
 def _without_row_noise(values: FloatMap, variance: float) -> NDArray[np.float64]:
-    found = decompose_rows(np.ascontiguousarray(values))
-    energy = np.mean(found.imfs**2, axis=2)
-    k = np.arange(1, found.imfs.shape[1] + 1)
+    """The frame without the IMFs of its rows that count as noise."""
+    modes = decompose_rows(np.ascontiguousarray(values))
+    energy = np.mean(modes.imfs**2, axis=2)
+    k = np.arange(1, modes.imfs.shape[1] + 1)
     expected = FIRST_SHARE / FIRST_RATIO * DECAY ** (-k.astype(float))
     expected[:1] = FIRST_SHARE
     dropped = energy <= CONFIDENCE * variance * expected
-    return np.asarray(values - np.einsum("hkw,hk->hw", found.imfs, dropped))
+    return np.asarray(values - np.einsum("hkw,hk->hw", modes.imfs, dropped))
 
 
 def _without_planar_noise(values: FloatMap, variance: float) -> NDArray[np.float64]:
-    found = decompose_frame(values, max_imfs=NOISE_MODES)
-    pure = np.random.default_rng(0).standard_normal(values.shape)
-    expected = np.mean(decompose_frame(pure, max_imfs=NOISE_MODES).imfs ** 2, axis=(1, 2))
+    """The frame without the fastest of its modes, as long as they count as noise."""
+    modes = decompose_frame(values, max_imfs=NOISE_MODES)
+    white = np.random.default_rng(0).standard_normal(values.shape)
+    expected = np.mean(decompose_frame(white, max_imfs=NOISE_MODES).imfs ** 2, axis=(1, 2))
     out = np.asarray(values, dtype=np.float64)
-    for mode, share in zip(found.imfs, expected, strict=False):
+    for mode, share in zip(modes.imfs, expected, strict=False):
         if np.mean(mode**2) > CONFIDENCE * variance * share:
-            break  # slower modes hold fringes
+            break  # all slower modes hold fringes
         out = out - mode
     return out
 
 
 def remove_trend(frame: NDArray[np.generic]) -> NDArray[np.float64]:
-    """A frame without the residue of its rows: shading that has no fringe's shape.
+    """Remove the slow trend of every row, such as shading.
 
     Parameters
     ----------
-    frame : (h, w) real array of finite values
+    frame : (h, w) real array of finite values, counts
 
     Returns
     -------
-    (h, w) float64 array around zero
+    (h, w) float64 array, counts: the sum of the rows' modes, around zero.
+
+    Raises
+    ------
+    InputError
+        If the frame is not real, finite and two-dimensional.
     """
     values = _checked(frame)
     return np.asarray(values - decompose_rows(values).residue)
 
 
 def normalise(frame: NDArray[np.generic]) -> NDArray[np.float64]:
-    """A fringe frame between its envelopes: −1 at the minima, 1 at the maxima.
+    """Scale a fringe frame to −1 at its minima and 1 at its maxima.
 
     Parameters
     ----------
-    frame : (h, w) real array of finite values, fringes along the rows
+    frame : (h, w) real array of finite values, fringes along the rows, counts
 
     Returns
     -------
-    (h, w) float64 array; NaN in rows without three extrema, and where the envelopes meet
+    (h, w) float64 array; NaN in rows with fewer than three extrema and where the envelopes meet.
+
+    Raises
+    ------
+    InputError
+        If the frame is not real, finite and two-dimensional.
 
     Notes
     -----
-    (I − m) / a with the mean m and the half distance a of the envelopes by rows. Noise makes
-    envelopes of its own: ``denoise`` first.
+    (I − m) / a, with the mean m and half the distance a of the rows' envelopes. Noise has extrema
+    of its own, which the envelopes follow, so apply ``denoise`` first.
     """
     values = _checked(frame)
     upper, lower = _core.row_envelopes(values)
     half = 0.5 * (upper - lower)
     with np.errstate(divide="ignore", invalid="ignore"):
-        shown = np.where(half > 0, (values - 0.5 * (upper + lower)) / half, np.nan)
-    return np.asarray(shown)
+        scaled = np.where(half > 0, (values - 0.5 * (upper + lower)) / half, np.nan)
+    return np.asarray(scaled)

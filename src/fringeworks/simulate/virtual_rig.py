@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, special
 
-from fringeworks.patterns.plan import DEPTHS, PatternPlan, encode
+from fringeworks.patterns.encode import encode
+from fringeworks.patterns.plan import DEPTHS, PatternPlan
 from fringeworks.rig.pinhole import inverse, project, rays, transform
 from fringeworks.simulate.bodies import Body
 from fringeworks.types import BoolMap, FloatMap, InputError, Rig, check_fields

@@ -1,4 +1,4 @@
-"""What a scene looks like by itself: frames of a stack that add up to even light."""
+"""The texture image of a scene, from frames whose light adds up to even light."""
 
 from __future__ import annotations
 
@@ -11,34 +11,41 @@ from numpy.typing import NDArray
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
 from fringeworks.types import FloatMap, InputError
 
+EVEN = 1e-6
+"""Largest mean of e^{iδ} over the steps of a set whose fringes cancel in the sum.
+
+It lies far above the rounding of double precision and far below any deliberate shift.
+"""
+
 
 def texture(
     frames: NDArray[Any] | Sequence[NDArray[Any]], plan: PatternPlan
 ) -> NDArray[np.float32]:
-    """The scene under even light, with as little noise as the stack allows.
+    """Compute the texture image: the scene under even light, with little noise.
 
     Parameters
     ----------
-    frames : (n, h, w) array or sequence of (h, w) arrays
+    frames : (n, h, w) array or sequence of (h, w) arrays, counts
         In the order of the plan.
     plan : PatternPlan
 
     Returns
     -------
-    (h, w) float32, counts: the mean of white frames, of phase steps whose sum is even, and of bits
-    with their inverse.
+    (h, w) float32 array, counts
+        The mean of all white frames, sets of equal steps, and Gray codes with their inverse.
 
     Raises
     ------
-    InputError where nothing in the plan adds up to even light.
+    InputError
+        If the number of frames is not the plan's, or the plan has no such frames.
     """
     if len(frames) != plan.frames:
         raise InputError(f"frames: the plan has {plan.frames}, got {len(frames)}")
     chosen = [k for first, block in plan.placed for k in _even(first, block)]
     if not chosen:
         raise InputError(
-            "plan: expected a white frame, equal phase steps or Gray code with its inverse, to see "
-            "the scene by itself; got none"
+            "plan: expected a white frame, equal phase steps or a Gray code with its inverse to "
+            "compute the texture image, got none of them"
         )
     total: FloatMap = np.zeros(np.shape(frames[0]), np.float32)
     for k in chosen:
@@ -47,10 +54,11 @@ def texture(
 
 
 def _even(first: int, block: PhaseSteps | GrayCode | Uniform) -> range:
-    every = range(first, first + block.frames)
+    """Indices of a block's frames if their light adds up to even light; otherwise none."""
+    frames = range(first, first + block.frames)
     if isinstance(block, Uniform):
-        return every if block.kind == "white" else range(0)
+        return frames if block.kind == "white" else range(0)
     if isinstance(block, GrayCode):
-        return every if block.inverse else range(0)
+        return frames if block.inverse else range(0)
     sums = step_design(block.shifts_rad).sum(axis=0)
-    return every if np.hypot(sums[1], sums[2]) < 1e-6 * block.frames else range(0)
+    return frames if np.hypot(sums[1], sums[2]) < EVEN * block.frames else range(0)

@@ -1,22 +1,25 @@
-"""What a sample of the pixels says about a stack: its noise, its order, its real steps."""
+"""Judgement of a stack by a sample of its pixels: noise, saturation, real steps, disagreement.
+
+The disagreement of the sets is the median χ² of the sample over its expectation. It is 1 where the
+phases of the sets, and the Gray code, differ by their noise alone.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.patterns.order_chain import CODE_REACH
+from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.signal.noise import chi_square_quantile
-from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps
+from fringeworks.signal.noise import NORMAL_MEDIAN, chi_square_quantile
+from fringeworks.stack.kernel_settings import Decoding, GrayFrames, Limits, empty_maps
 from fringeworks.stack.noise import (
-    MIN_PIXELS,
+    MIN_JUDGED_PIXELS,
     exceeds,
     measure_noise,
     phase_samples,
@@ -25,40 +28,74 @@ from fringeworks.stack.noise import (
     usable,
 )
 from fringeworks.stack.shifts import estimate_shifts
+from fringeworks.stack.swaps import refuse_swap_by_orders, refuse_swap_by_residuals
 from fringeworks.types import Axis, CameraNoise, FloatMap, InputError, Reason
 
-PLAIN = 1.15
-"""Disagreement of the sets, in units of the noise, up to which it is taken for noise."""
+NOISE_ALONE = 1.15
+"""Disagreement up to which the sets differ by noise alone.
+
+The sample's median χ² scatters by 2 to 3 %, and simulated stacks without errors have 0.99 to 1.02.
+The rest of the margin allows for errors of the measured noise. The same factor applies to the
+distance between phases and Gray code over its expectation. Empirical.
+"""
+
 SUSPICIOUS = 2.5
-"""Disagreement above which it is compared with that of unrelated phases."""
-SWAPPED = 0.3
-"""Share of the disagreement of unrelated phases above which swapped frames are looked for."""
-CHANCE = 0.9
-"""The same above which no order can be trusted."""
-EXPLAINED = 0.25
-"""A swap of two frames is named where it leaves less than this of the misfit."""
-PRECISION = 5e-5
-"""Error of the kernels' arithmetic, share of the largest count."""
-ALIKE = 1.5
-"""Swaps that leave up to this many times the misfit of the best one explain as much."""
-MAX_NAMED = 2
-"""Pairs that are named; where more explain the frames, none does."""
-ROUGH = 0.004
-"""Residual variance over B² above which swapped frames are looked for."""
-MAX_SWAP_FRAMES = 24
-SWAP_PIXELS = 2000
+"""Disagreement above which it is compared with that of unrelated phases.
+
+The comparison takes a second decoding of the sample, so it should be rare. Simulated steps that are
+wrong by 2° reach 2.6 and swapped frames more than 100. Empirical.
+"""
+
+MAYBE_SWAPPED = 0.3
+"""Share of the disagreement of unrelated phases above which swapped frames are searched.
+
+In simulations two swapped frames make 0.56 to 1.02, and a response with γ = 1.6 makes 0.2 to 0.35.
+The value keeps the costly search to few stacks. Empirical.
+"""
+
+UNRELATED = 0.9
+"""Share of the disagreement of unrelated phases above which no fringe order can be trusted.
+
+Frames of another plan make 0.99 to 1.01 in simulations; the sampling error of both numbers is a few
+per cent. Empirical.
+"""
+
+ARITHMETIC_ERROR = 5e-5
+"""Smallest noise, as a share of the largest count, because of the kernels' single precision.
+
+Simulated float frames without noise disagree by 1.0 at 1e-5, but by 3 to 5 at 1e-6, because the
+assumed noise is below the rounding. The value keeps a factor of five and is far below the noise of
+any camera.
+"""
+
+MIN_NOISE = 1e-30
+"""Smallest standard deviation of a count, so that weights stay finite even for black frames."""
+
+MIN_VARIANCE_PX2 = 1e-12
+"""Smallest variance of a coordinate that divides, px²; it only avoids the division by zero."""
+
+LIT_POWER = 0.25
+"""Smallest squared modulation of a pixel that shifts are estimated from.
+
+As a share of the 95th percentile: half of its modulation. Dim pixels add noise but hardly any
+information. Empirical.
+"""
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What decoding goes by."""
+    """Results of the judgement, which decoding uses."""
 
     noise: CameraNoise
+    """Noise of the camera, given or measured, not below that of the arithmetic."""
     limits: Limits
+    """The limits; the saturation is infinite if samples only touch the sensor's limit."""
     decodings: dict[Axis, Decoding]
-    """How each axis is decoded, with its real shifts and the disagreement of its sets."""
+    """Decoding of each axis, with its real shifts and the disagreement of its sets."""
     notes: tuple[str, ...] = ()
+    """What was measured or decided, for the user."""
     details: dict[str, Any] = field(default_factory=dict)
+    """Per axis: ``disagreement``, in standard deviations of the noise, and ``shifts_deg``."""
 
 
 def examine(
@@ -77,65 +114,84 @@ def examine(
     ----------
     plan : PatternPlan
     sample : (1, n) arrays, one per frame of the plan, counts
-    decodings : how each axis would be decoded
+    decodings : nominal decoding of each axis
     limits : Limits
     noise : CameraNoise, optional
-        Known noise; measured where left out.
-    patch : (h, w) float arrays
-        Connected pixels of some frames, for the noise where nothing else tells it.
+        Known noise; measured where not given.
+    patch : (h, w) float arrays, counts
+        Connected pixels of some frames, for measuring spatial noise.
     estimate_steps : bool
-        Whether shifts are taken from the frames.
+        Whether to estimate the real shifts from the frames.
+
+    Returns
+    -------
+    Findings
 
     Raises
     ------
-    InputError where frames contradict the plan, such as two that are swapped.
+    InputError
+        If the frames contradict the plan, for example because two of them are swapped.
     """
-    decodings = dict(decodings)
     notes: list[str] = []
-    details: dict[str, Any] = {}
     values = {axis: phase_samples(sample, decoding) for axis, decoding in decodings.items()}
     if estimate_steps:
-        for axis, decoding in decodings.items():
-            decodings[axis], said = _real_steps(decoding, values[axis], limits)
-            notes += said
+        decodings, notes = _with_real_steps(decodings, values, limits)
     for axis, decoding in decodings.items():
-        _refuse_swapped_in_sets(decoding, values[axis], limits, plan)
+        refuse_swap_by_residuals(decoding, values[axis], limits, plan)
     if noise is None:
         noise, source = measure_noise(decodings, values, limits, patch)
         shot = f", {noise.gain:.3g} counts² per count" if noise.gain else ""
         notes.append(f"noise of {noise.read_counts:.3g} counts{shot}, from {source}")
-    largest = max((float(np.abs(s[np.isfinite(s)]).max(initial=0.0)) for s in sample), default=0.0)
-    # Rounding to whole counts, and that of the kernels' single precision.
-    floor = max(12.0**-0.5 if sample[0].dtype.kind == "u" else 0.0, PRECISION * largest, 1e-30)
-    if noise.read_counts < floor:
-        noise = replace(noise, read_counts=floor)
+    noise = _with_floor(noise, sample)
     if not limits.given and np.isfinite(limits.saturation):
         exceeded = [exceeds(d, values[axis], limits, noise) for axis, d in decodings.items()]
         if not any(exceeded):
             limits = replace(limits, saturation=float("inf"))
+    judged: dict[Axis, Decoding] = {}
+    details: dict[str, Any] = {}
     for axis, decoding in decodings.items():
-        open_limits = replace(limits, max_disagreement=float("inf"))
-        decodings[axis], scale = _judged(decoding, sample, noise, open_limits, plan)
+        judged[axis], disagreement = _judged(decoding, sample, noise, limits, plan)
         details[axis] = {
-            "disagreement": scale**0.5,
+            "disagreement": disagreement**0.5,
             "shifts_deg": [np.degrees(s.shifts_rad).round(3).tolist() for s in decoding.sets],
         }
-        if scale > PLAIN:
+        if disagreement > NOISE_ALONE:
+            what = "phases and Gray code" if decoding.gray is not None else "phases"
             notes.append(
-                f"phases (and code) along {axis} disagree by {scale**0.5:.1f} times their noise: "
-                "standard deviations are raised by that"
+                f"{what} along {axis} disagree by {disagreement**0.5:.1f} times their noise: "
+                "standard deviations are raised by this factor"
             )
-    return Findings(noise, limits, decodings, tuple(notes), details)
+    return Findings(noise, limits, judged, tuple(notes), details)
+
+
+def _with_floor(noise: CameraNoise, sample: Sequence[NDArray[Any]]) -> CameraNoise:
+    """The noise, not below that of rounding to whole counts and of the kernels' arithmetic."""
+    largest = max((float(np.abs(s[np.isfinite(s)]).max(initial=0.0)) for s in sample), default=0.0)
+    rounding = 12.0**-0.5 if sample[0].dtype.kind == "u" else 0.0
+    floor = max(rounding, ARITHMETIC_ERROR * largest, MIN_NOISE)
+    return replace(noise, read_counts=floor) if noise.read_counts < floor else noise
+
+
+def _with_real_steps(
+    decodings: dict[Axis, Decoding], values: dict[Axis, FloatMap], limits: Limits
+) -> tuple[dict[Axis, Decoding], list[str]]:
+    """The decodings with shifts that are estimated from the frames, and notes about them."""
+    real: dict[Axis, Decoding] = {}
+    notes: list[str] = []
+    for axis, decoding in decodings.items():
+        real[axis], axis_notes = _real_steps(decoding, values[axis], limits)
+        notes += axis_notes
+    return real, notes
 
 
 def _real_steps(decoding: Decoding, values: FloatMap, limits: Limits) -> tuple[Decoding, list[str]]:
-    """The decoding with shifts as the frames show them."""
+    """The decoding of one axis with estimated shifts, and a note about each set."""
     sets, notes = [], []
     for part, phases in zip(set_parts(decoding), decoding.sets, strict=True):
         data = values[part]
-        found, _ = solve(data, phases.shifts_rad)
-        power = found[1] ** 2 + found[2] ** 2
-        lit = usable(data, limits) & (power > 0.25 * np.percentile(power, 95))
+        (_, c, s), _ = solve(data, phases.shifts_rad)
+        power = c**2 + s**2
+        lit = usable(data, limits) & (power > LIT_POWER * np.percentile(power, 95))
         shifts = estimate_shifts(data[:, lit], phases.shifts_rad)
         off = np.degrees(np.abs(shifts - np.asarray(phases.shifts_rad)).max())
         notes.append(
@@ -146,69 +202,6 @@ def _real_steps(decoding: Decoding, values: FloatMap, limits: Limits) -> tuple[D
     return replace(decoding, sets=tuple(sets)), notes
 
 
-def _refuse_swapped_in_sets(
-    decoding: Decoding, values: FloatMap, limits: Limits, plan: PatternPlan
-) -> None:
-    """Refuse frames whose residuals say that two of them are swapped."""
-    places = np.flatnonzero(usable(values, limits)) if values.size else np.empty(0, int)
-    if places.size < MIN_PIXELS:
-        return
-    data = values[:, places[:: max(1, places.size // SWAP_PIXELS)]]
-    parts = set_parts(decoding)
-
-    def misfit(order: NDArray[np.intp]) -> float:
-        total = 0.0
-        for part, phases in zip(parts, decoding.sets, strict=True):
-            if len(phases.frames) > 3:
-                _, left = solve(data[order[part]], phases.shifts_rad)
-                total += float(np.mean(left))
-        return total
-
-    freedom = sum(len(s.frames) - 3 for s in decoding.sets)
-    if freedom == 0 or len(data) > MAX_SWAP_FRAMES:
-        return
-    plain = np.arange(len(data))
-    before = misfit(plain)
-    power = [
-        float(np.median(np.sum(solve(data[p], s.shifts_rad)[0][1:] ** 2, axis=0)))
-        for p, s in zip(parts, decoding.sets, strict=True)
-    ]
-    if before / freedom < ROUGH * float(np.mean(power)):
-        return
-    pairs = list(combinations(range(len(data)), 2))
-    after = np.array([misfit(_swapped(plain, pair)) for pair in pairs])
-    alike = _alike(pairs, after)
-    if after.min() < EXPLAINED * before and len(alike) <= MAX_NAMED:
-        _refuse_swap(decoding, plan, alike, "their residuals")
-
-
-def _swapped(order: NDArray[np.intp], pair: tuple[int, int]) -> NDArray[np.intp]:
-    out = order.copy()
-    out[list(pair)] = out[list(pair[::-1])]
-    return out
-
-
-def _alike(pairs: list[tuple[int, int]], misfit: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Pairs whose swap explains the frames as well as the best one's, which comes first."""
-    order = np.argsort(misfit)
-    return [pairs[k] for k in order if misfit[k] <= ALIKE * misfit[order[0]]]
-
-
-def _refuse_swap(
-    decoding: Decoding, plan: PatternPlan, pairs: list[tuple[int, int]], why: str
-) -> None:
-    frames = decoding.phase_frames
-    labels = plan.labels()
-    named = [
-        f"{frames[first]} and {frames[second]} ({labels[frames[first]]}, {labels[frames[second]]})"
-        for first, second in sorted(pairs)
-    ]
-    raise InputError(
-        f"frames {' or '.join(named)} seem to be swapped: {why} say so; expected the order of the "
-        "plan"
-    )
-
-
 def _judged(
     decoding: Decoding,
     sample: Sequence[NDArray[Any]],
@@ -216,108 +209,123 @@ def _judged(
     limits: Limits,
     plan: PatternPlan,
 ) -> tuple[Decoding, float]:
-    """The decoding with what its sets, and its code, disagree by; and that in units of the noise.
-
-    Raises where they disagree as if they had nothing to do with each other.
-    """
+    """The decoding with the disagreement of its sets and Gray code, and that disagreement."""
     planes = [sample[k] for k in decoding.frames]
-    scale = 1.0
+    limits = replace(limits, max_disagreement=float("inf"))
+    disagreement = 1.0
     if len(decoding.sets) > 1:
-        score = _score(decoding, planes, noise, limits)
-        if score is not None and score > SUSPICIOUS:
-            chance = _score(decoding, _unrelated(decoding, planes), noise, limits)
-            if chance is not None and score > SWAPPED * chance:
-                _refuse_swapped(decoding, planes, noise, limits, plan, score)
-            if chance is not None and score > CHANCE * chance:
-                raise InputError(
-                    f"frames along {decoding.axis}: fringe orders contradict each other all over "
-                    f"the image ({score**0.5:.0f} times the noise): expected the frames in the "
-                    "order of the plan, with its periods and steps, and a response that leaves "
-                    "their orders apart"
-                )
-        scale = max(scale, score or 1.0)
-    if decoding.sets and decoding.code is not None:
-        off, own = _off_code(decoding, planes, noise, limits)
-        step, longest = decoding.code.step_px, decoding.longest_px
-        expected = float(np.hypot(step / 4.0, own))
-        if off > 0.5 * (expected + longest / 4.0):
-            raise InputError(
-                f"frames along {decoding.axis}: phases and Gray code are {off:.0f} px apart, as "
-                "far as by chance: expected the frames in the order of the plan, with its periods, "
-                "steps and cells"
-            )
-        if off > PLAIN * expected:
-            usual = CODE_REACH * step
-            reach = min(usual * off / expected, longest / 4.0)
-            decoding = replace(decoding, reach_px=max(reach, usual))
-            scale = max(scale, (off**2 - (step / 4.0) ** 2) / max(own**2, 1e-12))
-    return (replace(decoding, scale=scale) if scale > PLAIN else decoding), scale
+        disagreement = _sets_disagreement(decoding, planes, noise, limits, plan)
+    if decoding.sets and decoding.gray is not None:
+        decoding, of_gray = _judged_gray(decoding, decoding.gray, planes, noise, limits)
+        disagreement = max(disagreement, of_gray)
+    if disagreement > NOISE_ALONE:
+        decoding = replace(decoding, disagreement=disagreement)
+    return decoding, disagreement
 
 
-def _score(
-    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
-) -> float | None:
-    """Median χ² of lit pixels over its expectation; None where too few are lit."""
-    maps = empty_maps((1, planes[0].size), disagreement=True)
-    kernel = replace(decoding, reach_px=float("inf")).kernel(noise, limits)
-    _core.decode_frames(planes, kernel, maps)
-    judged = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
-    square = maps["disagreement"][judged & np.isfinite(maps["disagreement"])]
-    if square.size < MIN_PIXELS:
-        return None
-    return float(np.median(square)) / chi_square_quantile(0.5, len(decoding.sets) - 1)
-
-
-def _off_code(
-    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
-) -> tuple[float, float]:
-    """Median distance of coordinates from their code cell's middle, and of their noise, px."""
-    if decoding.code is not None and not decoding.code.inverse and decoding.code.levels is None:
-        return 0.0, 0.0  # read against the phases: there is no code by itself
-    maps, code = (empty_maps((1, planes[0].size)) for _ in range(2))
-    free = replace(decoding, reach_px=float("inf"))
-    _core.decode_frames(planes, free.kernel(noise, limits), maps)
-    alone = replace(decoding, sets=(), chain=None)
-    some = [planes[decoding.frames.index(k)] for k in alone.frames]
-    _core.decode_frames(some, alone.kernel(noise, limits), code)
-    both = np.isfinite(maps["coordinate"]) & np.isfinite(code["coordinate"])
-    if both.sum() < MIN_PIXELS:
-        return 0.0, 0.0
-    off = np.abs(maps["coordinate"] - code["coordinate"])[both]
-    return float(np.median(off)), 0.6745 * float(np.median(maps["sigma"][both]))
-
-
-def _unrelated(decoding: Decoding, planes: list[NDArray[Any]]) -> list[NDArray[Any]]:
-    """The sample with the pixels of every set in another order: no sets belong together."""
-    rng = np.random.default_rng(0)
-    out = list(planes)
-    for phases in decoding.sets:
-        order = rng.permutation(planes[0].size)
-        for k in phases.frames:
-            place = decoding.frames.index(k)
-            out[place] = np.ascontiguousarray(planes[place][:, order])
-    return out
-
-
-def _refuse_swapped(
+def _sets_disagreement(
     decoding: Decoding,
     planes: list[NDArray[Any]],
     noise: CameraNoise,
     limits: Limits,
     plan: PatternPlan,
-    score: float,
-) -> None:
-    """Refuse frames where the swap of two of them would make the sets agree."""
-    count = len(decoding.phase_frames)
-    if count <= MAX_SWAP_FRAMES:
-        step = max(1, planes[0].size // SWAP_PIXELS)
-        few = [np.ascontiguousarray(plane[:, ::step]) for plane in planes]
-        pairs = list(combinations(range(count), 2))
-        after = np.full(len(pairs), np.inf)
-        for k, pair in enumerate(pairs):
-            places = _swapped(np.arange(len(few)), pair)
-            found = _score(decoding, [few[p] for p in places], noise, limits)
-            after[k] = np.inf if found is None else found
-        alike = _alike(pairs, after)
-        if after.min() < EXPLAINED * score and len(alike) <= MAX_NAMED:
-            _refuse_swap(decoding, plan, alike, "the fringe orders")
+) -> float:
+    """Disagreement of the sets, ≥ 1; refuses sets that are as far apart as unrelated phases."""
+
+    def disagreement_of(planes: list[NDArray[Any]]) -> float | None:
+        return _disagreement(decoding, planes, noise, limits)
+
+    disagreement = disagreement_of(planes)
+    if disagreement is not None and disagreement > SUSPICIOUS:
+        unrelated = disagreement_of(_unrelated(decoding, planes))
+        if unrelated is not None and disagreement > MAYBE_SWAPPED * unrelated:
+            refuse_swap_by_orders(decoding, planes, plan, disagreement, disagreement_of)
+        if unrelated is not None and disagreement > UNRELATED * unrelated:
+            raise InputError(
+                f"frames along {decoding.axis}: fringe orders contradict each other all over the "
+                f"image, by {disagreement**0.5:.0f} times the noise; expected frames in the order "
+                "of the plan, with its periods and steps, and a response that keeps their fringe "
+                "orders distinct"
+            )
+    return max(1.0, disagreement or 1.0)
+
+
+def _judged_gray(
+    decoding: Decoding,
+    gray: GrayFrames,
+    planes: list[NDArray[Any]],
+    noise: CameraNoise,
+    limits: Limits,
+) -> tuple[Decoding, float]:
+    """The decoding with the reach that its Gray code needs, and the disagreement with the phases.
+
+    Refuses a Gray code that is as far from the phases as an unrelated one.
+    """
+    off, sigma = _distance_from_gray(decoding, gray, planes, noise, limits)
+    step, longest = gray.step_px, decoding.longest_px
+    # Distances that are uniform up to half a cell, or half a period, have a median of a quarter.
+    expected = float(np.hypot(step / 4.0, sigma))
+    unrelated = longest / 4.0
+    if off > 0.5 * (expected + unrelated):
+        raise InputError(
+            f"frames along {decoding.axis}: phases and Gray code are {off:.0f} px apart, like "
+            "unrelated ones; expected frames in the order of the plan, with its periods, steps and "
+            "Gray-code cells"
+        )
+    if off <= NOISE_ALONE * expected:
+        return decoding, 1.0
+    usual = GRAY_REACH * step
+    reach = min(usual * off / expected, longest / 4.0)
+    disagreement = (off**2 - (step / 4.0) ** 2) / max(sigma**2, MIN_VARIANCE_PX2)
+    return replace(decoding, reach_px=max(reach, usual)), disagreement
+
+
+def _disagreement(
+    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
+) -> float | None:
+    """Median χ² of the sets over its expectation; None where too few pixels are lit."""
+    maps = empty_maps((1, planes[0].size), disagreement=True)
+    kernel = replace(decoding, reach_px=float("inf")).kernel(noise, limits)
+    _core.decode_frames(planes, kernel, maps)
+    lit = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
+    square = maps["disagreement"][lit & np.isfinite(maps["disagreement"])]
+    if square.size < MIN_JUDGED_PIXELS:
+        return None
+    return float(np.median(square)) / chi_square_quantile(0.5, len(decoding.sets) - 1)
+
+
+def _distance_from_gray(
+    decoding: Decoding,
+    gray: GrayFrames,
+    planes: list[NDArray[Any]],
+    noise: CameraNoise,
+    limits: Limits,
+) -> tuple[float, float]:
+    """Median distance of coordinates from the middles of their Gray-code cells, and that of their
+    noise alone; projector px. Both are 0 where the Gray code cannot be decoded alone."""
+    if not gray.inverse and gray.white_black is None:
+        return 0.0, 0.0  # its bits are compared with the phases' background
+    by_phases, by_gray = (empty_maps((1, planes[0].size)) for _ in range(2))
+    unlimited = replace(decoding, reach_px=float("inf"))
+    _core.decode_frames(planes, unlimited.kernel(noise, limits), by_phases)
+    alone = replace(decoding, sets=(), chain=None)
+    gray_planes = [planes[decoding.frames.index(k)] for k in alone.frames]
+    _core.decode_frames(gray_planes, alone.kernel(noise, limits), by_gray)
+    both = np.isfinite(by_phases["coordinate"]) & np.isfinite(by_gray["coordinate"])
+    if both.sum() < MIN_JUDGED_PIXELS:
+        return 0.0, 0.0
+    off = np.abs(by_phases["coordinate"] - by_gray["coordinate"])[both]
+    sigma = NORMAL_MEDIAN * float(np.median(by_phases["sigma"][both]))
+    return float(np.median(off)), sigma
+
+
+def _unrelated(decoding: Decoding, planes: list[NDArray[Any]]) -> list[NDArray[Any]]:
+    """The sample with the pixels of every set shuffled, so that the sets are unrelated."""
+    rng = np.random.default_rng(0)
+    shuffled = list(planes)
+    for phases in decoding.sets:
+        order = rng.permutation(planes[0].size)
+        for k in phases.frames:
+            place = decoding.frames.index(k)
+            shuffled[place] = np.ascontiguousarray(planes[place][:, order])
+    return shuffled

@@ -1,4 +1,4 @@
-"""How one axis of a plan is handed to the decoding kernel."""
+"""Settings of the decoding kernel for one axis of a plan, and the arrays of its results."""
 
 from __future__ import annotations
 
@@ -8,110 +8,159 @@ from typing import Any
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.patterns.order_chain import CODE_REACH, TURN, OrderChain
+from fringeworks.patterns.order_chain import GRAY_REACH, ORDER_SIGMAS, TURN, OrderChain
 from fringeworks.patterns.plan import GrayCode, PatternPlan
 from fringeworks.signal.noise import chi_square_quantile
-from fringeworks.signal.phase_table import BINS
+from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.signal.response import Response
 from fringeworks.types import Axis, CameraNoise, Decoded, InputError
 
 MIN_SNR = 4.0
-"""Modulation over its standard deviation below which there is no fringe."""
-ORDER_SIGMAS = 5.0
-"""Room that every rounding of a fringe order must have, in standard deviations."""
-END_SIGMAS = 3.0
-"""Distance from the seam of the range that a coordinate must have, where both ends look alike."""
-DISAGREEING = 1e-7
-"""Share of pixels with right orders that may be lost because their sets disagree by chance."""
+"""Smallest modulation of a fringe, in standard deviations of the modulation.
+
+Noise alone has a modulation of one to two standard deviations, and exceeds four in 0.03 % of the
+pixels (Rayleigh distribution). A larger value would discard weak fringes that can still be used.
+"""
+
+SEAM_SIGMAS = 3.0
+"""Margin between a coordinate and the ends of the range, in standard deviations.
+
+It matters where noise can wrap a coordinate from one end of the range to the other. At three, noise
+does so in 0.1 % of the pixels next to the end; a larger value discards more pixels there.
+"""
+
+LOST_SHARE = 1e-7
+"""Share of pixels with right fringe orders that the test of the sets' disagreement may discard.
+
+It sets the quantile of χ². A frame of two megapixels loses a fifth of a pixel on average, so the
+test discards hardly any good pixel, and wrong orders exceed the quantile by far. An empirical
+choice.
+"""
+
+EXPONENT_TOLERANCE = 1e-3
+"""Largest relative difference between the exponents of the response's and the plan's patterns.
+
+Larger than the rounding of numbers in files, smaller than any deliberate change of γ.
+"""
+
+UNEQUAL_STEPS = 0.1
+"""Largest |e^{iNδ_n} − e^{iNδ_0}| up to which N steps count as equal.
+
+It allows errors of 0.1/N rad per step, such as shifts given in rounded degrees. An empirical
+choice.
+"""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a pixel must keep."""
+    """Limits that a pixel's samples, modulation and disagreement must keep."""
 
     saturation: float
-    """Counts from which on a sample is not trusted; infinite for none."""
+    """Counts from which on a sample is left out of the fit; infinity for none."""
     min_modulation: float = 0.0
-    """Counts."""
+    """Modulation below which a pixel is not used, counts; ≥ 0."""
     max_disagreement: float | None = None
-    """χ² of the sets; None for the quantile that loses 1e-7 of the right ones."""
+    """Largest χ² of the sets' disagreement; None for the quantile that ``LOST_SHARE`` sets."""
     given: bool = True
-    """Whether the caller set the saturation; else it holds only where light exceeds it."""
+    """Whether the caller gave the saturation. Otherwise it applies only if light exceeds it."""
 
     @property
     def threshold(self) -> float:
-        """The saturation for the kernels: no count is beyond a limit that is no number."""
+        """The saturation for the kernels, counts. NaN disables it: ``v >= NaN`` is always false."""
         return self.saturation if np.isfinite(self.saturation) else float("nan")
 
 
 @dataclass(frozen=True)
 class PhaseFrames:
-    """One set of steps: where its frames are, and how they were shifted."""
+    """One set of steps: the indices of its frames in the plan, and their shifts."""
 
     frames: tuple[int, ...]
+    """Index of every frame in the plan."""
     shifts_rad: tuple[float, ...]
+    """Shift of every frame, rad."""
     period_px: float
+    """Period of the fringes, projector px."""
     table_turns: tuple[float, ...] = ()
-    """Phase errors of the response, turns, a row per level of brightness; empty for none."""
+    """Phase errors of the response, turns: a row of 256 per brightness, or nothing."""
     brightness: tuple[float, ...] = ()
-    """Those levels, counts."""
+    """Brightness of every row, counts, rising."""
 
 
 @dataclass(frozen=True)
-class CodeFrames:
-    """A Gray code: where its frames are, and what they are compared with."""
+class GrayFrames:
+    """A Gray code: the indices of its frames in the plan, and of those that decide its bits."""
 
     bits: tuple[int, ...]
+    """Index of every bit's frame, the most significant bit first."""
     inverse: tuple[int, ...]
-    levels: tuple[int, int] | None
-    """White and black frame."""
+    """Index of every inverse bit's frame; empty where there are none."""
+    white_black: tuple[int, int] | None
+    """Indices of the white and the black frame; None where they are missing or not needed."""
     step_px: float
+    """Width of a cell, projector px."""
     cells: int
+    """Number of cells."""
 
 
 @dataclass(frozen=True)
 class Decoding:
-    """All that decides how one axis is decoded, but for noise and limits."""
+    """Everything that decides how one axis is decoded, except for noise and limits."""
 
     axis: Axis
+    """x: projector columns are decoded; y: projector rows."""
     sets: tuple[PhaseFrames, ...]
-    code: CodeFrames | None
+    """Sets of steps along the axis, in the plan's order; empty for a Gray code alone."""
+    gray: GrayFrames | None
+    """The Gray code along the axis; None where there is none or it is not needed."""
     chain: OrderChain | None
-    """None where there is nothing but a code."""
+    """How fringe orders are resolved; None for a Gray code alone."""
     length_px: float
+    """Length of the range of coordinates, projector px."""
     absolute: bool = True
-    scale: float = 1.0
-    """Disagreement of the sets, variance in units of the noise."""
+    """False for coordinates modulo ``length_px``."""
+    disagreement: float = 1.0
+    """Disagreement of the sets: variance in units of the noise's variance; ≥ 1."""
     reach_px: float | None = None
-    """Distance from the middle of its code cell that a coordinate may have; None for the usual."""
+    """Largest distance of a coordinate from the middle of its Gray-code cell, projector px.
+
+    None for ``GRAY_REACH`` cells.
+    """
 
     @property
     def longest_px(self) -> float:
-        """Range over which the phases by themselves tell the coordinate, px."""
+        """Range over which the phases alone determine the coordinate, projector px."""
         return float("inf") if self.chain is None else 1.0 / float(self.chain.frequencies[0])
 
     @property
     def frames(self) -> list[int]:
-        """Indices of the frames that the kernel gets, in its order: phases, then the code."""
-        return self.phase_frames + self.code_frames
+        """Indices of the frames in the kernel's order: phase frames, then the Gray code's."""
+        return self.phase_frames + self.gray_frames
 
     @property
     def phase_frames(self) -> list[int]:
-        """Indices of the phase frames, a set after the other."""
+        """Indices of the phase frames, set after set."""
         return [k for phases in self.sets for k in phases.frames]
 
     @property
-    def code_frames(self) -> list[int]:
-        """Indices of the frames of the code."""
-        if self.code is None:
+    def gray_frames(self) -> list[int]:
+        """Indices of the Gray code's frames: bits, inverse bits, white and black frame."""
+        if self.gray is None:
             return []
-        return [*self.code.bits, *self.code.inverse, *(self.code.levels or ())]
+        return [*self.gray.bits, *self.gray.inverse, *(self.gray.white_black or ())]
 
     def kernel(
         self, noise: CameraNoise, limits: Limits, *, streamed: bool = False
     ) -> _core.DecodeSettings:
-        """The kernel's plan; a stream's knows the frames of the code only."""
-        order = self.code_frames if streamed else self.frames
+        """Settings for the kernel.
+
+        Parameters
+        ----------
+        noise : CameraNoise
+        limits : Limits
+        streamed : bool
+            True where the kernel gets the frames of the Gray code only, with sums of the others.
+        """
+        order = self.gray_frames if streamed else self.frames
         place = {frame: k for k, frame in enumerate(order)}
         sets = [
             (
@@ -123,74 +172,86 @@ class Decoding:
             )
             for phases in self.sets
         ]
-        code = None
-        if self.code is not None:
-            levels = self.code.levels
-            code = (
-                [place[k] for k in self.code.bits],
-                [place[k] for k in self.code.inverse],
-                None if levels is None else (place[levels[0]], place[levels[1]]),
-                self.code.step_px,
-                self.code.cells,
-            )
         largest = limits.max_disagreement
         if largest is None:
             freedom = max(1, len(self.sets) - 1)
-            largest = chi_square_quantile(1.0 - DISAGREEING, freedom)
+            largest = chi_square_quantile(1.0 - LOST_SHARE, freedom)
         return _core.DecodeSettings(
             sets=sets,
-            code=code,
+            code=_kernel_gray(self.gray, place),
             read_variance=noise.read_counts**2,
             gain=noise.gain,
-            scale=self.scale,
+            scale=self.disagreement,
             saturation=limits.threshold,
             min_snr=MIN_SNR,
             min_modulation=limits.min_modulation,
             max_disagreement=largest,
-            confidence=END_SIGMAS,
-            **self._chain(),
+            confidence=SEAM_SIGMAS,
+            **self._range(),
+            **_kernel_chain(self.chain),
         )
 
-    def _chain(self) -> dict[str, Any]:
+    def _range(self) -> dict[str, Any]:
+        """The kernel's range of coordinates, and the reach of a Gray-code cell."""
         half = 0.5 * self.length_px
-        reach = 0.0 if self.code is None else CODE_REACH * self.code.step_px
+        reach = 0.0 if self.gray is None else GRAY_REACH * self.gray.step_px
         if self.reach_px is not None:
             reach = self.reach_px
-        plain = {
+        return {
             "middle": half - 0.5,
             "half": half,
             "circular": not self.absolute,
             "code_reach": reach,
         }
-        chain = self.chain
-        if chain is None:
-            nothing = np.empty((0, 0), np.float32)
-            flat = np.empty(0, np.float32)
-            return plain | {
-                "combinations": nothing,
-                "frequencies": flat,
-                "amplification": nothing,
-                "room": flat,
-                "repeats": float("inf"),
-            }
-        return plain | {
-            "combinations": np.ascontiguousarray(chain.combinations, np.float32),
-            "frequencies": np.ascontiguousarray(chain.frequencies, np.float32),
-            "amplification": np.ascontiguousarray(chain.amplification**2, np.float32),
-            "room": np.ascontiguousarray((chain.room / ORDER_SIGMAS) ** 2, np.float32),
-            "repeats": chain.repeats_px,
+
+
+KernelGray = tuple[list[int], list[int], tuple[int, int] | None, float, int]
+
+
+def _kernel_gray(gray: GrayFrames | None, place: dict[int, int]) -> KernelGray | None:
+    """The kernel's Gray code, with frames by their place in the kernel's order."""
+    if gray is None:
+        return None
+    white_black = gray.white_black
+    return (
+        [place[k] for k in gray.bits],
+        [place[k] for k in gray.inverse],
+        None if white_black is None else (place[white_black[0]], place[white_black[1]]),
+        gray.step_px,
+        gray.cells,
+    )
+
+
+def _kernel_chain(chain: OrderChain | None) -> dict[str, Any]:
+    """The kernel's chain of roundings; an empty one for a Gray code alone."""
+    if chain is None:
+        matrix, vector = np.empty((0, 0), np.float32), np.empty(0, np.float32)
+        return {
+            "combinations": matrix,
+            "frequencies": vector,
+            "amplification": matrix,
+            "room": vector,
+            "repeats": float("inf"),
         }
+    return {
+        "combinations": np.ascontiguousarray(chain.combinations, np.float32),
+        "frequencies": np.ascontiguousarray(chain.frequencies, np.float32),
+        "amplification": np.ascontiguousarray(chain.amplification**2, np.float32),
+        "room": np.ascontiguousarray((chain.tolerance / ORDER_SIGMAS) ** 2, np.float32),
+        "repeats": chain.repeats_px,
+    }
 
 
 def decoding_of(
     plan: PatternPlan, axis: Axis, *, absolute: bool, response: Response | None
 ) -> Decoding:
-    """How an axis of a plan is decoded.
+    """The decoding of one axis of a plan.
 
     Raises
     ------
-    InputError where periods cannot be resolved, a code has nothing to be compared with, or the
-    response is for other patterns.
+    InputError
+        If the periods do not determine the coordinate, the bits of a Gray code cannot be decided,
+        or the response does not fit the patterns.
     """
     sets = tuple(
         PhaseFrames(
@@ -202,63 +263,69 @@ def decoding_of(
         )
         for first, block in plan.phase_sets(axis)
     )
-    found = plan.gray_code(axis)
-    code = None if found is None or (not absolute and sets) else _code(plan, *found, bool(sets))
     if not absolute and not sets:
         raise InputError("relative coordinates: expected fringes, got Gray code only")
+    placed = plan.gray_code(axis)
+    gray = None
+    if placed is not None and absolute:
+        gray = _gray_frames(plan, *placed, phases=bool(sets))
     chain = plan.chain(axis, absolute=absolute) if sets else None
     length = float(plan.length_px(axis)) if absolute or chain is None else chain.high_px + 0.5
-    return Decoding(axis, sets, code, chain, length, absolute)
+    return Decoding(axis, sets, gray, chain, length, absolute)
 
 
-def _code(plan: PatternPlan, first: int, block: GrayCode, phases: bool) -> CodeFrames:
+def _gray_frames(plan: PatternPlan, first: int, block: GrayCode, *, phases: bool) -> GrayFrames:
+    """The frames of a Gray code, and of the light that its bits are compared with."""
     white, black = plan.uniform("white"), plan.uniform("black")
-    levels = None if white is None or black is None else (white, black)
+    white_black = None if white is None or black is None else (white, black)
     frames = range(first, first + block.frames)
     if block.inverse:
-        return CodeFrames(tuple(frames[::2]), tuple(frames[1::2]), None, block.step_px, block.cells)
-    if levels is None and not phases:
+        return GrayFrames(tuple(frames[::2]), tuple(frames[1::2]), None, block.step_px, block.cells)
+    if white_black is None and not phases:
         raise InputError(
             "Gray code: expected inverse bits, a white and a black frame, or fringes along the "
-            "same axis to compare the bits with; got none"
+            "same axis to compare the bits with, got none of them"
         )
-    return CodeFrames(tuple(frames), (), levels, block.step_px, block.cells)
+    return GrayFrames(tuple(frames), (), white_black, block.step_px, block.cells)
 
 
 def _table(
     plan: PatternPlan, shifts_rad: tuple[float, ...], response: Response | None
 ) -> tuple[float, ...]:
-    """The response's phase errors for these shifts, in turns."""
+    """The response's phase errors for these shifts, turns."""
     if response is None:
         return ()
     n = len(shifts_rad)
     if n != response.steps:
         raise InputError(f"response: made for {response.steps} steps, the plan has {n}")
-    if abs(response.pattern_exponent * plan.gamma - 1.0) > 1e-3:
+    if abs(response.pattern_exponent * plan.gamma - 1.0) > EXPONENT_TOLERANCE:
         raise InputError(
-            f"response: made for patterns to the power {response.pattern_exponent:g}, the plan "
-            f"sends them to the power {1.0 / plan.gamma:g}"
+            f"response: made for patterns with the exponent {response.pattern_exponent:g}, the "
+            f"plan has the exponent {1.0 / plan.gamma:g}"
         )
     offsets = np.exp(1j * n * np.asarray(shifts_rad))
-    if np.abs(offsets - offsets[0]).max() > 0.1:
-        raise InputError("response: a table is right for equal steps only, the plan has others")
-    # The error has N periods a turn, counted from the shifts; the table's count from its own.
+    if np.abs(offsets - offsets[0]).max() > UNEQUAL_STEPS:
+        raise InputError("response: expected equal steps in the plan, got unequal ones")
+    # The phase error moves with the first shift, modulo a period of 1/N turn. The table starts at
+    # the response's first shift, the plan at its own.
     away = float(np.angle(offsets[0] * np.exp(-1j * n * response.offset_rad))) / n
-    at = (np.arange(BINS) + 0.5 - away * BINS / TURN) % BINS - 0.5
-    left = np.floor(at).astype(int)
-    share = at - left
+    at = (np.arange(TABLE_BINS) + 0.5 - away * TABLE_BINS / TURN) % TABLE_BINS - 0.5
+    below = np.floor(at).astype(int)
+    share = at - below
     table = response.table_rad
-    rolled = table[:, left % BINS] * (1.0 - share) + table[:, (left + 1) % BINS] * share
+    rolled = (
+        table[:, below % TABLE_BINS] * (1.0 - share) + table[:, (below + 1) % TABLE_BINS] * share
+    )
     return tuple(float(v) for v in rolled.ravel() / TURN)
 
 
 def empty_maps(
     shape: tuple[int, int], *, sets: int = 0, disagreement: bool = False
 ) -> dict[str, Any]:
-    """Arrays for the kernel to write to; ``sets`` > 0 for wrapped phases as well."""
+    """New arrays for the kernel to write to, with the wrapped phases of ``sets`` sets."""
     phases = np.empty((sets, *shape), np.float32)
     modulations = np.empty((sets, *shape), np.float32)
-    # One block: the system hands out memory for several smaller ones half as fast.
+    # One block of memory: the system provides several smaller ones at half the speed.
     coordinate, sigma, modulation, background = np.empty((4, *shape), np.float32)
     return {
         "coordinate": coordinate,
@@ -279,21 +346,21 @@ RESULTS = {
     "background": "background",
     "reason": "reason",
 }
-"""Arrays of the kernel by the fields of a ``CoordinateMap``."""
+"""Names of the kernel's arrays and the fields of a ``CoordinateMap`` that hold them."""
 
 
 def check_reusable(
     earlier: Decoded, axes: tuple[Axis, ...], shape: tuple[int, ...], keep_phases: bool
 ) -> None:
-    """Refuse an earlier result whose maps cannot be written to again."""
+    """Refuse an earlier result whose maps the kernel cannot write to again."""
     if keep_phases:
-        raise InputError("out: expected keep_phases=False, wrapped phases go to new memory only")
+        raise InputError("out: expected keep_phases=False, because wrapped phases need new memory")
     if set(earlier.maps) != set(axes):
-        had = ", ".join(earlier.maps)
-        raise InputError(f"out: expected a result along {', '.join(axes)}, got one along {had}")
-    for found in earlier.maps.values():
+        got = ", ".join(earlier.maps)
+        raise InputError(f"out: expected a result along {', '.join(axes)}, got one along {got}")
+    for coordinate_map in earlier.maps.values():
         for field in RESULTS.values():
-            array = getattr(found, field)
+            array = getattr(coordinate_map, field)
             kind = np.uint8 if field == "reason" else np.float32
             if array.shape != shape or array.dtype != kind:
                 raise InputError(
@@ -301,11 +368,13 @@ def check_reusable(
                     f"{array.shape}"
                 )
             if not (array.flags.c_contiguous and array.flags.writeable):
-                raise InputError(f"out: expected {field} as written by decode, got a view of it")
+                raise InputError(
+                    f"out: expected {field} as decode returns it, got a strided or read-only array"
+                )
 
 
 def reused_maps(earlier: Decoded, axis: Axis) -> dict[str, Any]:
     """The arrays of an earlier result for the kernel to write to."""
-    found = earlier.maps[axis]
-    maps: dict[str, Any] = {name: getattr(found, field) for name, field in RESULTS.items()}
+    earlier_map = earlier.maps[axis]
+    maps: dict[str, Any] = {name: getattr(earlier_map, field) for name, field in RESULTS.items()}
     return maps | {"phases": [], "modulations": [], "disagreement": None}

@@ -1,4 +1,4 @@
-"""The noise of a camera, from a sample of a stack's pixels."""
+"""The noise of a camera, measured from a sample of a stack's pixels."""
 
 from __future__ import annotations
 
@@ -9,27 +9,68 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.plan import step_design
+from fringeworks.patterns.plan import SINGULAR_CONDITION, step_design
 from fringeworks.signal.noise import noise_of_residuals, noise_variance, residual_variance
-from fringeworks.stack.kernel_settings import Decoding, Limits
+from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap, InputError
 
-MIN_PIXELS = 200
-"""Pixels that a judgement about the whole stack needs."""
+MIN_JUDGED_PIXELS = 200
+"""Smallest number of pixels for a statement about the whole stack.
+
+A variance from 200 residuals errs by 10 %. An empirical choice: more would leave small objects
+without a measured noise.
+"""
+
 MAX_RESIDUALS = 16_000
-"""Residuals, about, that the noise is taken from: its error is half a percent."""
-TEXTURE = 4.0
-"""Variance over that of the texture above which backgrounds differ by more than noise."""
+"""Approximate largest number of residuals from which the noise is measured.
+
+They determine a standard deviation to about 0.6 %; more only take time.
+"""
+
+BACKGROUND_EXCESS = 4.0
+"""Variance of the backgrounds over the spatial noise up to which it counts as noise of the camera.
+
+Spatial noise includes the texture of the scene and is usually the larger one. Backgrounds that
+differ by more than twice as much have another cause, such as changing light. An empirical choice.
+"""
+
+QUANTISATION_VARIANCE = 1.0 / 12.0
+"""Variance that rounding to whole counts adds, counts²."""
+
 RARE = 0.01
-"""Share of samples at the limit that may exceed it by chance or on a highlight."""
+"""Share of samples at the sensor's limit that may exceed it in a stack without saturation.
+
+It allows for chance and for a small highlight. An empirical choice.
+"""
+
+EXCEEDED_SIGMAS = 4.0
+"""Excess over the sensor's limit from which on a sample counts as cut off, standard deviations.
+
+Noise alone reaches it in 0.003 % of the samples, far below ``RARE``.
+"""
+
 DIM = 0.1
-"""Share of the frames' brightness below which a pixel tells little of the noise."""
-CLIPPED = 3.0
-"""Distance from the sensor's limits, in standard deviations, within which noise is cut off."""
+"""Smallest mean brightness of a pixel for measuring the noise.
+
+As a share of the 99th percentile. In darker pixels the sensor cuts off the noise at zero counts, so
+that it seems too small. An empirical choice.
+"""
+
+CLIPPED_SIGMAS = 3.0
+"""Distance from the sensor's limits within which it cuts off the noise, standard deviations.
+
+Beyond three, 0.1 % of Gaussian noise is cut off, which lowers its variance by 0.3 %.
+"""
+
+ROUGH_STRIDE = 4
+"""Every so many pixels give the rough noise that ``CLIPPED_SIGMAS`` needs; a quarter suffices."""
+
+BACKGROUND_PASSES = 2
+"""Number of estimates from backgrounds: one from all pixels, one without those near the limits."""
 
 
 def phase_samples(sample: Sequence[NDArray[Any]], decoding: Decoding) -> FloatMap:
-    """Samples of the phase frames, (frames, n), float; the sets one after the other."""
+    """The sample of the phase frames, set after set: (frames, n) float array, counts."""
     frames = decoding.phase_frames
     if not frames:
         return np.empty((0, sample[0].size))
@@ -37,6 +78,7 @@ def phase_samples(sample: Sequence[NDArray[Any]], decoding: Decoding) -> FloatMa
 
 
 def set_parts(decoding: Decoding) -> list[slice]:
+    """The rows of ``phase_samples`` that belong to each set."""
     ends = np.cumsum([len(phases.frames) for phases in decoding.sets])
     return [
         slice(int(end) - len(s.frames), int(end))
@@ -45,40 +87,61 @@ def set_parts(decoding: Decoding) -> list[slice]:
 
 
 def usable(values: FloatMap, limits: Limits) -> BoolMap:
-    """Pixels that are finite and nowhere at the sensor's limit, but all where those are few."""
+    """Mark pixels without saturated samples; where those are too few, all finite pixels."""
     finite = np.asarray(np.isfinite(values).all(axis=0))
     inner = finite & (values < limits.saturation).all(axis=0)
-    return inner if inner.sum() >= MIN_PIXELS else finite
+    return inner if inner.sum() >= MIN_JUDGED_PIXELS else finite
 
 
 @lru_cache(maxsize=1024)
 def fit_matrices(
     shifts_rad: tuple[float, ...], kept: tuple[bool, ...] | None = None
 ) -> tuple[FloatMap, FloatMap | None]:
-    """Design of I = A + c cos δ + s sin δ and its solver, for all frames of a set or for some.
+    """Design matrix of I = A + c cos δ + s sin δ and its pseudo-inverse.
 
-    No solver where the frames do not determine the three.
+    Parameters
+    ----------
+    shifts_rad : (N,) floats, rad
+    kept : (N,) bools, optional
+        Frames that take part; all where not given.
+
+    Returns
+    -------
+    design : (M, 3) array of the frames that take part
+    solver : (3, M) array, or None where these frames do not determine A, c and s
     """
     design = step_design(shifts_rad)
     if kept is not None:
         design = design[list(kept)]
-    known = len(design) >= 3 and np.linalg.cond(design) < 1e3
-    return design, np.linalg.pinv(design) if known else None
+    determined = len(design) >= 3 and np.linalg.cond(design) < SINGULAR_CONDITION
+    return design, np.linalg.pinv(design) if determined else None
 
 
 def _times(matrix: FloatMap, values: FloatMap) -> FloatMap:
-    """matrix @ values without BLAS: its threads would spin on while the decoding kernel runs."""
+    """Return matrix @ values without BLAS, whose idle threads would slow the kernel down."""
     return np.asarray(np.einsum("ij,jn->in", matrix, values))
 
 
 def solve(values: FloatMap, shifts_rad: Sequence[float]) -> tuple[FloatMap, FloatMap]:
-    """Background, c and s of one set, and the sum of squares that they leave."""
+    """Fit one set of steps at every pixel.
+
+    Parameters
+    ----------
+    values : (N, n) float array, counts
+    shifts_rad : (N,) floats, rad
+
+    Returns
+    -------
+    fitted : (3, n) array of A, c and s, counts
+    square : (n,) array of the sums of squared residuals, counts²
+    """
     design, solver = fit_matrices(tuple(shifts_rad))
     if solver is None:
-        raise InputError("shifts: expected three or more that differ, got none that do")
-    found = _times(solver, values)
-    left = values - _times(design, found)
-    return found, np.einsum("ns,ns->s", left, left)
+        degrees = ", ".join(f"{d:g}" for d in np.degrees(shifts_rad))
+        raise InputError(f"shifts: expected at least three that differ modulo 360°, got {degrees}°")
+    fitted = _times(solver, values)
+    residual = values - _times(design, fitted)
+    return fitted, np.einsum("ns,ns->s", residual, residual)
 
 
 def measure_noise(
@@ -87,107 +150,143 @@ def measure_noise(
     limits: Limits,
     patch: Sequence[FloatMap],
 ) -> tuple[CameraNoise, str]:
-    """Noise from the residuals of the fits; else from how backgrounds differ; else from texture."""
+    """Measure the noise of the camera, and name the source of the result.
+
+    Parameters
+    ----------
+    decodings : decoding of each axis
+    values : ``phase_samples`` of each axis
+    limits : Limits
+    patch : (h, w) float arrays
+        Connected pixels of some frames, counts.
+
+    Returns
+    -------
+    noise : CameraNoise
+    source : str
+        "the residuals of the fits", from sets of four or more steps. Otherwise "the backgrounds of
+        the sets", from the differences of their backgrounds. Otherwise spatial noise, "the
+        differences of neighbouring pixels".
+    """
     for axis, decoding in decodings.items():
-        found = _residual_noise(decoding, values[axis], limits)
-        if found is not None:
-            return found, "the residuals of the fits"
-    texture = [noise_variance(frame, np.asarray(np.isfinite(frame))) for frame in patch]
-    plain = CameraNoise(float(np.sqrt(np.mean(texture))) if texture else 0.0)
+        noise = _residual_noise(decoding, values[axis], limits)
+        if noise is not None:
+            return noise, "the residuals of the fits"
+    variances = [noise_variance(frame, np.asarray(np.isfinite(frame))) for frame in patch]
+    spatial = CameraNoise(float(np.sqrt(np.mean(variances))) if variances else 0.0)
     for axis, decoding in decodings.items():
-        found = _background_noise(decoding, values[axis], limits)
-        if found is None:
+        noise = _background_noise(decoding, values[axis], limits)
+        if noise is None:
             continue
-        level = max(float(np.mean(values[axis])), 0.0)
-        variance = found.read_counts**2 + found.gain * level
-        if texture and variance > TEXTURE * max(plain.read_counts**2, 1.0 / 12.0):
-            return plain, "the frames' texture: backgrounds of the sets differ by more"
-        return found, "the backgrounds of the sets"
-    return plain, "the frames' texture"
+        brightness = max(float(np.mean(values[axis])), 0.0)
+        variance = noise.read_counts**2 + noise.gain * brightness
+        largest = BACKGROUND_EXCESS * max(spatial.read_counts**2, QUANTISATION_VARIANCE)
+        if variances and variance > largest:
+            return spatial, (
+                "the differences of neighbouring pixels, because the backgrounds of the sets "
+                "differ by more"
+            )
+        return noise, "the backgrounds of the sets"
+    return spatial, "the differences of neighbouring pixels"
 
 
 def _residual_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> CameraNoise | None:
-    """Noise from what the fits of four and more steps leave; None where there are none.
+    """Noise from the residuals of sets with four or more steps; None where there are none.
 
-    Samples near the sensor's limits have less noise than others, and those that noise kept off the
-    limits more light than they should: samples are chosen by the fitted light, and left out of
-    the fit, not by their own value.
+    Near the sensor's limits the noise is cut off. Leaving out samples by their own value would bias
+    the result, because noise decides which ones stay. Samples are therefore chosen by their fitted
+    brightness.
     """
-    rich = [
+    overdetermined = [
         (part, phases)
         for part, phases in zip(set_parts(decoding), decoding.sets, strict=True)
         if len(phases.frames) > 3
     ]
-    if not rich:
+    finite = np.asarray(np.isfinite(values).all(axis=0))
+    if not overdetermined or finite.sum() < MIN_JUDGED_PIXELS:
         return None
-    finite = np.isfinite(values).all(axis=0)
-    if finite.sum() < MIN_PIXELS:
+    data = values[:, _lit(values, finite)]
+    data = data[:, :: max(1, data.shape[1] * len(overdetermined) // MAX_RESIDUALS)]
+    fits = [_clear_fit(data[part], phases, limits) for part, phases in overdetermined]
+    background, square, count = (np.concatenate(parts) for parts in zip(*fits, strict=True))
+    freedom = count - 3
+    pixels = np.bincount(np.maximum(freedom, 0))[1:]
+    if pixels.size == 0 or pixels.max() < MIN_JUDGED_PIXELS:
         return None
-    # Where it is dark, noise is cut off: with enough light elsewhere, that is where to look.
-    light = np.where(finite, values, 0.0).mean(axis=0)
-    lit = finite & (light > DIM * np.percentile(light[finite], 99))
-    data = values[:, lit if lit.sum() >= MIN_PIXELS else finite]
-    data = data[:, :: max(1, data.shape[1] * len(rich) // MAX_RESIDUALS)]
-    levels, squares, freedoms = [], [], []
-    for part, phases in rich:
-        found, left = solve(data[part], phases.shifts_rad)
-        count = np.full(left.shape, len(phases.frames))
-        rough = residual_variance(left[::4], len(phases.frames) - 3) ** 0.5
-        inside = _inside(data[part], phases.shifts_rad, found, limits, CLIPPED * rough)
-        if not inside.all():
-            left, count = _solve_some(data[part], phases.shifts_rad, inside)
-        levels.append(found[0])
-        squares.append(left)
-        freedoms.append(count - 3)
-    freedom = np.concatenate(freedoms)
-    usual = np.bincount(np.maximum(freedom, 0))[1:]
-    if usual.size == 0 or usual.max() < MIN_PIXELS:
-        return None
-    most = int(np.argmax(usual * np.arange(1, usual.size + 1))) + 1
-    chosen = freedom == most
-    level, square = np.concatenate(levels)[chosen], np.concatenate(squares)[chosen]
-    return noise_of_residuals(level, square, most)
+    # Pixels of one freedom, so that their sums follow one distribution: those with most residuals.
+    chosen_freedom = int(np.argmax(pixels * np.arange(1, pixels.size + 1))) + 1
+    chosen = freedom == chosen_freedom
+    return noise_of_residuals(background[chosen], square[chosen], chosen_freedom)
+
+
+def _lit(values: FloatMap, finite: BoolMap) -> BoolMap:
+    """Mark finite pixels that are not dim; where those are too few, all finite pixels."""
+    brightness = np.where(finite, values, 0.0).mean(axis=0)
+    lit = np.asarray(finite & (brightness > DIM * np.percentile(brightness[finite], 99)))
+    return lit if lit.sum() >= MIN_JUDGED_PIXELS else finite
+
+
+def _clear_fit(
+    values: FloatMap, phases: PhaseFrames, limits: Limits
+) -> tuple[FloatMap, FloatMap, NDArray[np.intp]]:
+    """Fit a set without the samples near the sensor's limits.
+
+    Returns the background, the sum of squared residuals and the number of samples of every pixel.
+    The background is that of all samples.
+    """
+    steps = len(phases.frames)
+    fitted, square = solve(values, phases.shifts_rad)
+    count = np.full(square.shape, steps)
+    rough = residual_variance(square[::ROUGH_STRIDE], steps - 3) ** 0.5
+    inside = _inside(values, phases.shifts_rad, fitted, limits, CLIPPED_SIGMAS * rough)
+    if not inside.all():
+        square, count = _solve_partly(values, phases.shifts_rad, inside)
+    return fitted[0], square, count
 
 
 def _inside(
     values: FloatMap,
-    shifts: Sequence[float],
-    found: FloatMap,
+    shifts_rad: Sequence[float],
+    fitted: FloatMap,
     limits: Limits,
     margin: float,
-) -> NDArray[np.bool_]:
-    """Samples whose fitted light is away from both ends of the sensor's range."""
+) -> BoolMap:
+    """Mark samples whose fitted brightness keeps a margin (counts) to both limits of the sensor."""
     if not np.isfinite(limits.saturation) or (
         values.min() > 0 and values.max() < limits.saturation
     ):
         return np.ones(values.shape, bool)
-    light = _times(fit_matrices(tuple(shifts))[0], found)
-    return np.asarray((light > margin) & (light < limits.saturation - margin))
+    brightness = _times(fit_matrices(tuple(shifts_rad))[0], fitted)
+    return np.asarray((brightness > margin) & (brightness < limits.saturation - margin))
 
 
-def _solve_some(
-    values: FloatMap, shifts: Sequence[float], inside: NDArray[np.bool_]
+def _solve_partly(
+    values: FloatMap, shifts_rad: Sequence[float], inside: BoolMap
 ) -> tuple[FloatMap, NDArray[np.intp]]:
-    """Sum of squares that fits of some samples of every pixel leave, and how many those were."""
+    """Fit every pixel to the samples that are inside.
+
+    Returns the sum of squared residuals and the number of samples of every pixel; the number is 0
+    where the samples leave no residual.
+    """
     count = np.where(inside.sum(axis=0) > 3, inside.sum(axis=0), 0)
-    left = np.zeros(values.shape[1])
+    square = np.zeros(values.shape[1])
     # Pixels that lack the same samples share a fit.
-    bits = np.int64(1) << np.arange(len(shifts), dtype=np.int64)
+    bits = np.int64(1) << np.arange(len(shifts_rad), dtype=np.int64)
     _, first, group = np.unique(bits @ inside, return_index=True, return_inverse=True)
     for k, place in enumerate(first):
-        pattern = inside[:, place]
-        some, solver = fit_matrices(tuple(shifts), tuple(pattern.tolist()))
-        if len(some) <= 3 or solver is None:
+        kept = inside[:, place]
+        design, solver = fit_matrices(tuple(shifts_rad), tuple(kept.tolist()))
+        if len(design) <= 3 or solver is None:
             count[group == k] = 0
             continue
-        own = np.flatnonzero(group == k)
-        data = values[np.ix_(pattern, own)]
-        left[own] = np.sum((data - _times(some, _times(solver, data))) ** 2, axis=0)
-    return left, count
+        pixels = np.flatnonzero(group == k)
+        data = values[np.ix_(kept, pixels)]
+        square[pixels] = np.sum((data - _times(design, _times(solver, data))) ** 2, axis=0)
+    return square, count
 
 
 def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> CameraNoise | None:
-    """Noise from how the backgrounds of several sets differ."""
+    """Noise from the differences of the sets' backgrounds; None where there is one set only."""
     if len(decoding.sets) < 2:
         return None
     finite = np.isfinite(values).all(axis=0)
@@ -195,33 +294,35 @@ def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> C
     parts = set_parts(decoding)
     fits = [solve(data[p], s.shifts_rad)[0] for p, s in zip(parts, decoding.sets, strict=True)]
     steps = np.array([len(s.frames) for s in decoding.sets], float)[:, None]
-    middle = np.sum(steps * np.stack([f[0] for f in fits]), axis=0) / steps.sum()
+    background = np.sum(steps * np.stack([f[0] for f in fits]), axis=0) / steps.sum()
     chosen = np.ones(data.shape[1], bool)
-    for _ in range(2):
-        if chosen.sum() < MIN_PIXELS:
+    for _ in range(BACKGROUND_PASSES):
+        if chosen.sum() < MIN_JUDGED_PIXELS:
             return None
-        mean = middle[chosen]
+        mean = background[chosen]
         square = sum(n * (f[0][chosen] - mean) ** 2 for n, f in zip(steps[:, 0], fits, strict=True))
-        found = noise_of_residuals(mean, square, len(fits) - 1)
-        rough = residual_variance(square, len(fits) - 1) ** 0.5
-        # By the mean background: how backgrounds differ does not depend on it, while three
-        # samples are their own fit and would choose themselves.
+        noise = noise_of_residuals(mean, square, len(fits) - 1)
+        margin = CLIPPED_SIGMAS * residual_variance(square, len(fits) - 1) ** 0.5
+        # The fitted brightness is that around the mean background. The differences of the
+        # backgrounds do not depend on it, whereas a fit of three samples reproduces them exactly,
+        # noise included, so that noise would decide which ones are inside.
         inside = [
-            _inside(data[p], s.shifts_rad, np.stack((middle, f[1], f[2])), limits, CLIPPED * rough)
+            _inside(data[p], s.shifts_rad, np.stack((background, f[1], f[2])), limits, margin)
             for p, s, f in zip(parts, decoding.sets, fits, strict=True)
         ]
-        inner = np.logical_and.reduce([part.all(axis=0) for part in inside])
-        if inner.all() or inner.sum() < MIN_PIXELS:
+        clear = np.logical_and.reduce([part.all(axis=0) for part in inside])
+        if clear.all() or clear.sum() < MIN_JUDGED_PIXELS:
             break
-        chosen = inner
-    return found
+        chosen = clear
+    return noise
 
 
 def exceeds(decoding: Decoding, values: FloatMap, limits: Limits, noise: CameraNoise) -> bool:
-    """Whether light exceeds the sensor's limit, or samples only touch it.
+    """Decide whether light exceeds the sensor's limit or samples only touch it.
 
-    A sample at the limit is compared with what the others say it should be: the fit of its set
-    without it, or, of three steps, the background of the other sets. True where nothing tells.
+    A sample at the limit is compared with its prediction. The prediction is the fit of its set
+    without it; for three steps, it follows from the background of the other sets. Without any
+    prediction the answer is True.
     """
     at_limit = values >= limits.saturation
     if not at_limit.any():
@@ -229,31 +330,52 @@ def exceeds(decoding: Decoding, values: FloatMap, limits: Limits, noise: CameraN
     parts = set_parts(decoding)
     clear = np.stack([~at_limit[part].any(axis=0) for part in parts])
     means = np.stack([values[part].mean(axis=0) for part in parts])
-    found: list[FloatMap] = []
+    excesses: list[FloatMap] = []
     for part, phases in zip(parts, decoding.sets, strict=True):
-        data, at, n = values[part], at_limit[part], len(phases.frames)
-        if np.mean(at.sum(axis=0) > max(1, n // 4)) > RARE:
-            return True
-        single = at.sum(axis=0) == 1
-        if n == 3:
-            others = clear.sum(axis=0)
-            known = single & (others > 0)
-            background = np.sum(np.where(clear, means, 0.0), axis=0)[known] / others[known]
-            should = 3.0 * background - np.sum(np.where(at, 0.0, data), axis=0)[known]
-            found.append((should - limits.saturation) / np.sqrt(2.0 + 3.0 / others[known]))
-            continue
-        design, _ = fit_matrices(phases.shifts_rad)
-        for step in range(n):
-            rest = np.arange(n) != step
-            own = np.flatnonzero(single & at[step])
-            _, solver = fit_matrices(phases.shifts_rad, tuple(rest.tolist()))
-            if solver is None or own.size == 0:
-                continue
-            weights = design[step] @ solver
-            should = _times(weights[None], data[np.ix_(rest, own)])[0]
-            found.append((should - limits.saturation) / np.linalg.norm(weights))
-    tested = np.concatenate(found) if found else np.empty(0)
+        data, at = values[part], at_limit[part]
+        if np.mean(at.sum(axis=0) > max(1, len(data) // 4)) > RARE:
+            return True  # too many samples of a set at the limit: it cannot be a mere touch
+        if len(data) == 3:
+            excesses.append(_excess_of_three(data, at, clear, means, limits.saturation))
+        else:
+            excesses += _excess_of_more(data, at, phases.shifts_rad, limits.saturation)
+    tested = np.concatenate(excesses) if excesses else np.empty(0)
     if tested.size == 0:
         return True
-    spread = np.sqrt(noise.read_counts**2 + noise.gain * limits.saturation)
-    return bool(np.mean(tested > 4.0 * spread) > RARE)
+    sigma = np.sqrt(noise.read_counts**2 + noise.gain * limits.saturation)
+    return bool(np.mean(tested > EXCEEDED_SIGMAS * sigma) > RARE)
+
+
+def _excess_of_three(
+    data: FloatMap, at: BoolMap, clear: BoolMap, means: FloatMap, saturation: float
+) -> FloatMap:
+    """Predicted excess of single samples at the limit, counts, scaled to the noise of a sample.
+
+    The mean of three equal steps is the background, which the sets that are ``clear`` of the limit
+    give by their ``means``.
+    """
+    others = clear.sum(axis=0)
+    known = (at.sum(axis=0) == 1) & (others > 0)
+    background = np.sum(np.where(clear, means, 0.0), axis=0)[known] / others[known]
+    predicted = 3.0 * background - np.sum(np.where(at, 0.0, data), axis=0)[known]
+    return np.asarray((predicted - saturation) / np.sqrt(2.0 + 3.0 / others[known]))
+
+
+def _excess_of_more(
+    data: FloatMap, at: BoolMap, shifts_rad: tuple[float, ...], saturation: float
+) -> list[FloatMap]:
+    """Predicted excess of single samples at the limit by the other samples of their set, counts,
+    scaled to the noise of a sample; one array per step."""
+    single = at.sum(axis=0) == 1
+    design, _ = fit_matrices(shifts_rad)
+    excesses = []
+    for step in range(len(data)):
+        others = np.arange(len(data)) != step
+        pixels = np.flatnonzero(single & at[step])
+        _, solver = fit_matrices(shifts_rad, tuple(others.tolist()))
+        if solver is None or pixels.size == 0:
+            continue
+        weights = design[step] @ solver
+        predicted = _times(weights[None], data[np.ix_(others, pixels)])[0]
+        excesses.append(np.asarray((predicted - saturation) / np.linalg.norm(weights)))
+    return excesses

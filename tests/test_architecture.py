@@ -1,23 +1,31 @@
-"""Imports run one way, files stay small, and the binary keeps its promises."""
+"""Imports run one way, files and functions stay short, and the two languages agree."""
 
 from __future__ import annotations
 
 import ast
+import dataclasses
+import importlib
+import inspect
 import re
+import typing
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-import fringeworks
-from fringeworks import Reason, _core
+import fringeworks as fw
+from fringeworks import _core
+from fringeworks.types import Frozen
 
-SOURCE = Path(fringeworks.__file__).parent
+SOURCE = Path(fw.__file__).parent
 ROOT = SOURCE.parent.parent
 MODULES = sorted(SOURCE.rglob("*.py"))
+RUST = sorted((ROOT / "crates").rglob("*.rs"))
 
-# Rooms in the order of the light: a room imports from rooms above it in this list only.
+# The rooms in the order of the light. A room imports from the lines above its own only.
 ROOMS = [
-    ["_core", "types"],
+    ["_core"],
+    ["types"],
     ["patterns", "surface", "rig"],
     ["signal"],
     ["pair", "stack"],
@@ -29,52 +37,109 @@ ROOMS = [
     ["showcase"],
     ["cli"],
 ]
-# Rooms that compute: no disk, no screen.
-PURE = {"types", "patterns", "surface", "rig", "signal", "pair", "stack", "simulate"}
+PLACE = {room: line for line, rooms in enumerate(ROOMS) for room in rooms}
+# Rooms that compute: they know neither disk nor screen.
+PURE = {"types", "patterns", "surface", "rig", "signal", "stack", "simulate", "pair"}
 OUTER = {"PIL", "tifffile", "h5py", "matplotlib", "rich", "typer", "pydantic", "tomli_w", "pathlib"}
 
+MAX_FILE = 400
+MAX_FUNCTION = 40
+# Functions that are longer, with the reason.
+LONG: dict[str, str] = {}
 
-def layer_of(module: str) -> int:
-    return next(k for k, names in enumerate(ROOMS) if module in names)
 
-
-def imports(path: Path) -> list[str]:
-    found = []
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            found += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            if node.module == "fringeworks":
-                found += [f"fringeworks.{alias.name}" for alias in node.names]
-            else:
-                found.append(node.module)
-    return found
+def short(path: Path) -> str:
+    return str(path.relative_to(ROOT))
 
 
 def room(path: Path) -> str:
     return path.relative_to(SOURCE).with_suffix("").parts[0]
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(SOURCE)))
+def imports(path: Path) -> list[tuple[str, str]]:
+    """Modules and names that a file imports from the package, and other modules."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found += [(alias.name, "") for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module == "fringeworks":
+            found += [(f"fringeworks.{alias.name}", "") for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found += [(node.module, alias.name) for alias in node.names]
+    return found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=short)
 def test_imports_run_one_way(path):
     here = room(path)
     if here in ("__init__", "__main__"):
         return
-    for name in imports(path):
-        if name.startswith("fringeworks."):
-            other = name.split(".")[1]
-            same = other == here
-            assert same or layer_of(other) < layer_of(here), f"{path.name} imports {name}"
-            assert same or "._" not in name.replace("._core", ""), (
-                f"{path.name} reaches into {name}"
-            )
+    for module, name in imports(path):
+        if module.startswith("fringeworks."):
+            other = module.split(".")[1]
+            if other == here:
+                continue
+            assert PLACE[other] < PLACE[here], f"{short(path)} imports {module}"
+            assert not name.startswith("_"), f"{short(path)} imports {name} of {module}"
         elif here in PURE:
-            assert name.split(".")[0] not in OUTER, f"{path.name} imports {name}"
+            assert module.split(".")[0] not in OUTER, f"{short(path)} imports {module}"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(SOURCE)))
-def test_files_stay_readable(path):
-    assert len(path.read_text().splitlines()) <= 430
+def test_the_top_level_holds_rooms():
+    assert {p.name for p in SOURCE.glob("*.py")} == {"__init__.py", "__main__.py"}
+    assert {p.name for p in SOURCE.iterdir() if (p / "__init__.py").is_file()} == PLACE.keys() - {
+        "_core"
+    }
+
+
+@pytest.mark.parametrize("path", [*MODULES, *RUST], ids=short)
+def test_files_are_short(path):
+    assert len(path.read_text().splitlines()) <= MAX_FILE
+
+
+def python_functions(path: Path):
+    """Names and lengths of functions, docstrings not counted."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            body = node.body[1:] if ast.get_docstring(node) is not None else node.body
+            if body:
+                yield node.name, (node.end_lineno or 0) - body[0].lineno + 1
+
+
+def rust_functions(path: Path):
+    """Names of functions, and the lines between their braces; rustfmt has laid them out."""
+    lines = path.read_text().splitlines()
+    for k, line in enumerate(lines):
+        head = re.match(r"( *)(?:pub(?:\([a-z]+\))? )?(?:const )?fn (\w+)", line)
+        if head is None:
+            continue
+        start = next(n for n in range(k, len(lines)) if lines[n].rstrip().endswith(("{", "}", ";")))
+        if lines[start].rstrip().endswith("{"):
+            end = next(n for n in range(start, len(lines)) if lines[n] == head[1] + "}")
+            yield head[2], end - start - 1
+
+
+@pytest.mark.parametrize("path", [*MODULES, *RUST], ids=short)
+def test_functions_read_in_one_look(path):
+    functions = python_functions(path) if path.suffix == ".py" else rust_functions(path)
+    for name, length in functions:
+        key = f"{short(path)}:{name}"
+        assert length <= MAX_FUNCTION or key in LONG, f"{key} has {length} lines"
+
+
+def test_every_chosen_number_has_a_docstring():
+    bare = []
+    for path in MODULES:
+        body = ast.parse(path.read_text()).body
+        for node, following in zip(body, [*body[1:], None], strict=True):
+            if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
+                continue
+            numbers = [n for n in ast.walk(node.value) if isinstance(n, ast.Constant)]
+            chosen = any(isinstance(n.value, int | float) for n in numbers)
+            said = isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant)
+            if node.targets[0].id.isupper() and chosen and not said:
+                bare.append(f"{short(path)}: {node.targets[0].id}")
+    assert not bare
 
 
 def test_kernels_know_nothing_of_python():
@@ -87,7 +152,7 @@ def test_kernels_know_nothing_of_python():
 def test_reasons_are_the_same_on_both_sides():
     text = (ROOT / "crates/fringeworks/src/reason.rs").read_text()
     found = {name: int(code) for name, code in re.findall(r"const (\w+): u8 = (\d+);", text)}
-    assert found == {name: Reason[name].value for name in found}
+    assert found == {name: fw.Reason[name].value for name in found}
     assert len(found) >= 7
 
 
@@ -96,9 +161,65 @@ def test_build_is_optimised():
 
 
 def test_kernels_refuse_what_does_not_fit():
-    import numpy as np
-
     with pytest.raises(ValueError, match="mask: expected 20 values, got 12"):
         _core.unwrap_reliability(np.zeros((4, 5), np.float32), np.zeros((4, 3), np.uint8))
     with pytest.raises(ValueError, match="contiguous by rows"):
         _core.unwrap_reliability(np.zeros((5, 4), np.float32).T, np.ones((4, 5), np.uint8))
+
+
+def own_types(annotation: object) -> set[type]:
+    """Classes of the package in an annotation."""
+    found = {annotation} if inspect.isclass(annotation) else set()
+    for part in typing.get_args(annotation):
+        found |= own_types(part)
+    return {t for t in found if getattr(t, "__module__", "").startswith("fringeworks")}
+
+
+def signatures():
+    """Public functions and methods, by name."""
+    for name in fw.__all__:
+        value = getattr(fw, name)
+        if inspect.isfunction(value):
+            yield name, value
+        elif inspect.isclass(value):
+            for attribute, member in vars(value).items():
+                function = member.fget if isinstance(member, property) else member
+                if inspect.isfunction(function) and not attribute.startswith("__"):
+                    yield f"{name}.{attribute}", function
+
+
+def test_every_type_in_a_public_signature_is_public():
+    public = {getattr(fw, name) for name in fw.__all__ if inspect.isclass(getattr(fw, name))}
+    hidden = {}
+    for name, function in signatures():
+        if name.partition(".")[2].startswith("_"):
+            continue
+        module = importlib.import_module(function.__module__)
+        hints = typing.get_type_hints(function, vars(module))
+        for kind in set().union(*(own_types(hint) for hint in hints.values())) - public:
+            hidden.setdefault(kind.__qualname__, []).append(name)
+    assert not hidden
+
+
+def test_every_public_name_has_a_docstring():
+    for name in fw.__all__:
+        value = getattr(fw, name)
+        if inspect.isfunction(value) or inspect.isclass(value):
+            text = inspect.getdoc(value) or ""
+            assert text.split("\n")[0].rstrip().endswith((".", "…")), name
+
+
+def test_types_that_hold_arrays_own_them():
+    for path in MODULES:
+        if path.name == "__main__.py":
+            continue
+        name = ".".join(path.relative_to(SOURCE.parent).with_suffix("").parts)
+        module = importlib.import_module(name.removesuffix(".__init__"))
+        for kind in vars(module).values():
+            if not (inspect.isclass(kind) and dataclasses.is_dataclass(kind)):
+                continue
+            if kind.__module__ != module.__name__ or kind.__name__.startswith("_"):
+                continue
+            hints = " ".join(str(field.type) for field in dataclasses.fields(kind))
+            if re.search(r"Map\b|NDArray", hints):
+                assert issubclass(kind, Frozen), kind

@@ -77,12 +77,6 @@ def reconstruct(
 
     output.check(out, check_surface_target)
     output.check(figure, check_figure_target)
-    numbers = {
-        "distance_mm": distance_mm,
-        "baseline_mm": baseline_mm,
-        "pitch_mm_per_px": pitch_mm_per_px,
-        "sign": sign,
-    }
     pair = _changed(
         _read(capture, reference, object),
         axis=None if axis is None else axis.value,
@@ -96,7 +90,7 @@ def reconstruct(
         result = fw.reconstruct(
             pair,
             method,
-            geometry=_geometry(geometry, numbers),
+            geometry=_geometry(geometry, distance_mm, baseline_mm, pitch_mm_per_px, sign),
             response=None if response is None else fw.read_response(response),
             denoise=None if denoise is None else denoise.value,
             **_method_options(method, option or []),
@@ -139,30 +133,33 @@ def _changed(pair: fw.Pair, **changes: Any) -> fw.Pair:
 
 
 def _geometry(
-    path: Path | None, numbers: dict[str, float | None]
+    path: Path | None,
+    distance_mm: float | None,
+    baseline_mm: float | None,
+    pitch_mm_per_px: float | None,
+    sign: int | None,
 ) -> fw.ReferencePlaneGeometry | fw.PixelCalibration | None:
     """The geometry by its file or by its numbers."""
-    given = {name: value for name, value in numbers.items() if value is not None}
+    numbers = {
+        "--distance-mm": distance_mm,
+        "--baseline-mm": baseline_mm,
+        "--pitch-mm-per-px": pitch_mm_per_px,
+    }
+    given = [name for name, value in {**numbers, "--sign": sign}.items() if value is not None]
     if path is not None:
         if given:
-            option = next(iter(given)).replace("_", "-")
-            raise fw.InputError(f"--geometry cannot be combined with --{option}")
+            raise fw.InputError(f"--geometry cannot be combined with {given[0]}")
         return fw.read_reference_plane(path)
     if not given:
         return None
-    needed = ("distance_mm", "baseline_mm", "pitch_mm_per_px")
-    missing = [f"--{name.replace('_', '-')}" for name in needed if name not in given]
-    if missing:
+    if distance_mm is None or baseline_mm is None or pitch_mm_per_px is None:
+        missing = [name for name, value in numbers.items() if value is None]
         raise fw.InputError(
             "geometry: expected --distance-mm, --baseline-mm and --pitch-mm-per-px together, "
             f"{', '.join(missing)} missing"
         )
-    return fw.ReferencePlaneGeometry(
-        given["distance_mm"],
-        given["baseline_mm"],
-        given["pitch_mm_per_px"],
-        int(given.get("sign", 1)),  # type: ignore[arg-type]
-    )
+    side: Any = 1 if sign is None else sign
+    return fw.ReferencePlaneGeometry(distance_mm, baseline_mm, pitch_mm_per_px, side)
 
 
 def _method_options(method: str, settings: list[str]) -> dict[str, fw.MethodOption]:

@@ -223,6 +223,22 @@ def _from_opencv(path: Path, projector_size: tuple[int, int] | None) -> Rig:
         )
     except (cv2.error, SystemError, UnicodeDecodeError) as error:
         raise InputError("expected XML or YAML of OpenCV's FileStorage, got none") from error
+    found = _matrices(storage)
+    devices = []
+    for name in ("camera", "projector"):
+        size = _size_of(storage, name) or (projector_size if name == "projector" else None)
+        if size is None:
+            raise InputError(f"missing {name}_size: columns and rows of the {name}")
+        devices.append(_pinhole(name, found, size))
+    T = np.eye(4)
+    # The nearest rotation: files hold a few digits only.
+    u, _, v = np.linalg.svd(found["rotation"].reshape(3, 3))
+    T[:3, :3], T[:3, 3] = u @ v, found["translation"].ravel()
+    return Rig(devices[0], devices[1], T)
+
+
+def _matrices(storage: Any) -> dict[str, FloatMap]:
+    """The matrices of a file by our names."""
     found: dict[str, FloatMap] = {}
     for name, known in NAMES.items():
         nodes = [storage.getNode(k) for k in known]
@@ -234,30 +250,21 @@ def _from_opencv(path: Path, projector_size: tuple[int, int] | None) -> Rig:
     for name, size in shapes.items():
         if found[name].size != size:
             raise InputError(f"{name}: expected {size} values, got {found[name].size}")
-    devices = []
-    for name in ("camera", "projector"):
-        K, d = found[f"{name}_matrix"].reshape(3, 3), found[f"{name}_distortion"].ravel()
-        if d.size > 5 and np.any(d[5:]):
-            raise InputError(
-                f"{name}_distortion: expected five coefficients or fewer, got {d.size}"
-            )
-        k = np.zeros(5)
-        k[: min(5, d.size)] = d[:5]
-        frame = _size_of(storage, name) or (projector_size if name == "projector" else None)
-        if frame is None:
-            raise InputError(f"missing {name}_size: columns and rows of the {name}")
-        devices.append(
-            Pinhole(
-                *frame,
-                (float(K[0, 0]), float(K[1, 1])),
-                (float(K[0, 2]), float(K[1, 2])),
-                (float(k[0]), float(k[1]), float(k[2]), float(k[3]), float(k[4])),
-            )
-        )
-    T = np.eye(4)
-    u, _, v = np.linalg.svd(found["rotation"].reshape(3, 3))
-    T[:3, :3], T[:3, 3] = u @ v, found["translation"].ravel()
-    return Rig(devices[0], devices[1], T)
+    return found
+
+
+def _pinhole(name: str, found: dict[str, FloatMap], size: tuple[int, int]) -> Pinhole:
+    K, d = found[f"{name}_matrix"].reshape(3, 3), found[f"{name}_distortion"].ravel()
+    if d.size > 5 and np.any(d[5:]):
+        raise InputError(f"{name}_distortion: expected five coefficients or fewer, got {d.size}")
+    k = np.zeros(5)
+    k[: min(5, d.size)] = d[:5]
+    return Pinhole(
+        *size,
+        (float(K[0, 0]), float(K[1, 1])),
+        (float(K[0, 2]), float(K[1, 2])),
+        (float(k[0]), float(k[1]), float(k[2]), float(k[3]), float(k[4])),
+    )
 
 
 def _size_of(storage: Any, name: str) -> tuple[int, int] | None:

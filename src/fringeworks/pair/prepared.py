@@ -13,7 +13,7 @@ from scipy import ndimage
 from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.plain_reference import plain_reference
 from fringeworks.signal.noise import noise_variance
-from fringeworks.types import BoolMap, FloatMap, InputError, Pair
+from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, Pair
 
 MIN_SIZE = 16
 """Smallest length of a frame's longer side, px.
@@ -36,8 +36,8 @@ empirical choice.
 """
 
 
-@dataclass(frozen=True)
-class PreparedPair:
+@dataclass(frozen=True, eq=False, repr=False)
+class PreparedPair(Frozen):
     """Checked reference and object frame, (h, w) float64, turned so that the carrier runs along x.
 
     All maps have the shape (h, w) of the turned frames.

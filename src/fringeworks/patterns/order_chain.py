@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import InputError
+from fringeworks.types import Frozen, InputError
 
 TURN = 2.0 * np.pi
 """One turn, rad."""
@@ -81,8 +81,8 @@ phase noise. An empirical choice; cells must be narrower than 0.75 of that combi
 """
 
 
-@dataclass(frozen=True)
-class OrderChain:
+@dataclass(frozen=True, eq=False, repr=False)
+class OrderChain(Frozen):
     """A sequence of roundings that resolves the fringe orders of several periods.
 
     The first combination, or the Gray code, gives the coordinate over the whole range. Every

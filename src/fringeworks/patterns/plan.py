@@ -18,7 +18,7 @@ from fringeworks.patterns.order_chain import (
     order_chain,
     repeat_distance,
 )
-from fringeworks.types import Axis, FloatMap, InputError
+from fringeworks.types import Axis, FloatMap, Frozen, InputError
 
 DEPTHS = (8, 10, 12, 16)
 """Depths of pictures that can be drawn, bits: those of common projectors and displays."""
@@ -74,8 +74,8 @@ def step_design(shifts_rad: Sequence[float] | NDArray[np.float64]) -> NDArray[np
     return np.column_stack((np.ones(shifts.size), np.cos(shifts), np.sin(shifts)))
 
 
-@dataclass(frozen=True)
-class PhaseSteps:
+@dataclass(frozen=True, eq=False, repr=False)
+class PhaseSteps(Frozen):
     """One set of N shifted fringe patterns ½ + ½ cos(2π x / p − δ_n) along one axis."""
 
     axis: Axis
@@ -132,8 +132,8 @@ class PhaseSteps:
         return [f"{self.axis}-phase-{self.period_px:g}px-{n}" for n in range(self.frames)]
 
 
-@dataclass(frozen=True)
-class GrayCode:
+@dataclass(frozen=True, eq=False, repr=False)
+class GrayCode(Frozen):
     """Gray code that numbers cells along one axis, the most significant bit first."""
 
     axis: Axis
@@ -192,8 +192,8 @@ class GrayCode:
         return [f"{self.axis}-gray-{b}{i}" for b in range(self.bits) for i in ("", "-inverse")]
 
 
-@dataclass(frozen=True)
-class Uniform:
+@dataclass(frozen=True, eq=False, repr=False)
+class Uniform(Frozen):
     """One white or black frame."""
 
     kind: Literal["white", "black"]
@@ -243,8 +243,8 @@ def equal_steps(n: int) -> tuple[float, ...]:
     return tuple(TURN * k / n for k in range(n))
 
 
-@dataclass(frozen=True)
-class PatternPlan:
+@dataclass(frozen=True, eq=False, repr=False)
+class PatternPlan(Frozen):
     """A sequence of patterns for a projector, in the order of projection and of the frames."""
 
     width_px: int

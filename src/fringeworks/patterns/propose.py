@@ -10,7 +10,7 @@ import numpy as np
 
 from fringeworks.patterns.order_chain import TURN, separation
 from fringeworks.patterns.plan import Block, GrayCode, PatternPlan, PhaseSteps, equal_steps
-from fringeworks.types import Axis, InputError
+from fringeworks.types import Axis, Frozen, InputError
 
 MIN_MARGIN = 6.0
 """Margin that every rounding of a fringe order has in a proposal, in standard deviations.
@@ -53,8 +53,8 @@ A factor nearer to 1 finds slightly finer fringes but takes longer: at 0.94 the 
 """
 
 
-@dataclass(frozen=True)
-class Proposal:
+@dataclass(frozen=True, eq=False, repr=False)
+class Proposal(Frozen):
     """A plan with its predicted error."""
 
     kind: str

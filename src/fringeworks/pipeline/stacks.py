@@ -16,8 +16,8 @@ from fringeworks.signal.response import (
     Response,
     check_devices,
     measure_response,
-    smooth_coordinate,
 )
+from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from fringeworks.stack.decode import decode
 from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack

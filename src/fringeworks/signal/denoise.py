@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from fringeworks import _core
 from fringeworks.signal.noise import noise_variance
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import FloatMap, Frozen, InputError
 
 Denoiser = Literal["emd", "emd2d", "bemd"]
 DENOISERS = ("emd", "emd2d", "bemd")
@@ -97,8 +97,8 @@ With fewer, their mean distance does not determine a window. An empirical choice
 """
 
 
-@dataclass(frozen=True)
-class Decomposition:
+@dataclass(frozen=True, eq=False, repr=False)
+class Decomposition(Frozen):
     """The modes of a frame, from fast to slow, and the residue; their sum is the frame."""
 
     imfs: NDArray[np.float64]

@@ -33,7 +33,15 @@ from fringeworks.stack.kernel_settings import (
     empty_maps,
     reused_maps,
 )
-from fringeworks.types import Axis, CameraNoise, CoordinateMap, Decoded, FloatMap, InputError
+from fringeworks.types import (
+    Axis,
+    CameraNoise,
+    CoordinateMap,
+    Decoded,
+    FloatMap,
+    InputError,
+    sealed,
+)
 
 PATCH = 256
 """Side of the patch that spatial noise is measured in, px.
@@ -350,10 +358,10 @@ def _coordinate_map(
     def stacked(name: str) -> FloatMap | None:
         if not (keep_phases and decoding.sets):
             return None
-        return np.asarray(results[name][0].base)
+        return sealed(np.asarray(results[name][0].base))
 
     return CoordinateMap(
-        **{field: results[name] for name, field in RESULTS.items()},
+        **{field: sealed(results[name]) for name, field in RESULTS.items()},
         axis=decoding.axis,
         periods_px=tuple(phases.period_px for phases in decoding.sets),
         phase_rad=stacked("phases"),

@@ -13,7 +13,7 @@ from fringeworks.patterns.plan import GrayCode, PatternPlan
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.signal.response import Response
-from fringeworks.types import Axis, CameraNoise, Decoded, InputError
+from fringeworks.types import Axis, CameraNoise, Decoded, InputError, unsealed
 
 MIN_SNR = 4.0
 """Smallest modulation of a fringe, in standard deviations of the modulation.
@@ -367,14 +367,14 @@ def check_reusable(
                     f"out: expected {field} as {np.dtype(kind)} {shape}, got {array.dtype} "
                     f"{array.shape}"
                 )
-            if not (array.flags.c_contiguous and array.flags.writeable):
-                raise InputError(
-                    f"out: expected {field} as decode returns it, got a strided or read-only array"
-                )
+            if not array.flags.c_contiguous:
+                raise InputError(f"out: expected {field} as decode returns it, got a strided array")
 
 
 def reused_maps(earlier: Decoded, axis: Axis) -> dict[str, Any]:
-    """The arrays of an earlier result for the kernel to write to."""
+    """The arrays of an earlier result, writable again, for the kernel to write to."""
     earlier_map = earlier.maps[axis]
-    maps: dict[str, Any] = {name: getattr(earlier_map, field) for name, field in RESULTS.items()}
+    maps: dict[str, Any] = {
+        name: unsealed(getattr(earlier_map, field)) for name, field in RESULTS.items()
+    }
     return maps | {"phases": [], "modulations": [], "disagreement": None}

@@ -23,7 +23,7 @@ from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import guided_count
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
-from fringeworks.types import BoolMap, FloatMap, InputError
+from fringeworks.types import BoolMap, FloatMap, Frozen, InputError
 
 MAX_DEGREE = 30
 """Largest degree of a polynomial that ``ifa`` accepts; higher ones are numerically singular."""
@@ -31,8 +31,8 @@ MAX_RESAMPLES_PER_PX = 1000
 """Largest number of samples per pixel that ``gsifa`` accepts, 1/px; it bounds time and memory."""
 
 
-@dataclass(frozen=True)
-class Extrema:
+@dataclass(frozen=True, eq=False, repr=False)
+class Extrema(Frozen):
     """Extrema of one fringe row, (n,) each; maxima and minima alternate."""
 
     position_px: FloatMap

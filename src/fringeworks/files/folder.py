@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 from collections.abc import Iterator, Sequence
@@ -12,9 +13,16 @@ from fringeworks.files.atomic import TEMPORARY, StrPath, write_text
 from fringeworks.types import FileProblem
 
 MANIFEST = ".fringeworks"
-"""File in a folder that lists, a line each, the names that fringeworks has written there."""
+"""File in a folder that lists what fringeworks has written there: a line each, hash and name."""
+UNFINISHED = "-"
+"""Stands in place of the hash until the folder is complete."""
+HASH_DIGITS = 16
+"""Hexadecimal digits of a hash in the manifest: 64 bits tell an edited file from the written one."""
 NAMED = 3
 """Foreign names that a message lists; enough to recognise the folder."""
+
+Manifest = dict[str, str]
+"""Hash or ``UNFINISHED`` by name."""
 
 
 class FolderInUse(FileProblem):
@@ -24,9 +32,8 @@ class FolderInUse(FileProblem):
 class FolderWriter:
     """Hands out the names of a folder's files; see ``replacing_folder``."""
 
-    def __init__(self, folder: Path, index: Sequence[str], before: list[str]) -> None:
+    def __init__(self, folder: Path, before: Sequence[str]) -> None:
         self.folder = folder
-        self._index = index
         self._before = before
         self._written: list[str] = []
         self._started = False
@@ -38,26 +45,27 @@ class FolderWriter:
         self._written.append(name)
         # The name is listed before the file is there: after a kill, everything is still known.
         with (self.folder / MANIFEST).open("a", encoding="utf-8") as manifest:
-            manifest.write(f"{name}\n")
+            manifest.write(f"{UNFINISHED} {name}\n")
         return self.folder / name
 
     def _start(self) -> None:
-        """Take the earlier result away: its index first, so that nothing reads half of it."""
+        """Delete the earlier result."""
         self._started = True
-        _write_manifest(self.folder, self._before)
-        for name in [*(n for n in self._index if n in self._before), *self._before]:
+        _write_manifest(self.folder, dict.fromkeys(self._before, UNFINISHED))
+        # Descriptions go first, so that nothing reads half of the folder.
+        for name in sorted(self._before, key=lambda name: not name.endswith(".toml")):
             if (self.folder / name).is_file():
                 (self.folder / name).unlink(missing_ok=True)
-        for left in self.folder.glob(f"{TEMPORARY}*"):
-            left.unlink(missing_ok=True)
+        for unfinished in self.folder.glob(f"{TEMPORARY}*"):
+            unfinished.unlink(missing_ok=True)
 
     def finish(self) -> None:
-        """List what the folder holds now; folders of an earlier result go."""
+        """List what the folder holds now, and delete folders of the earlier result."""
         for name in set(self._before) - set(self._written):
             inside = self.folder / name
             if inside.is_dir() and not foreign_names(inside):
                 shutil.rmtree(inside, ignore_errors=True)
-        _write_manifest(self.folder, self._written)
+        _write_manifest(self.folder, {n: _hash(self.folder / n) for n in self._written})
 
 
 @contextmanager
@@ -66,9 +74,9 @@ def replacing_folder(
 ) -> Iterator[FolderWriter]:
     """Write a folder as a whole.
 
-    The folder is made, or an earlier result in it is replaced: its index is deleted first, then
-    its other files, and the caller writes the new index last. Whoever reads the folder in between,
-    or after the program was killed, finds no index and thus no result, never a mixture.
+    The folder is made, or an earlier result in it is replaced: its descriptions (TOML) are deleted
+    first, then its other files, and the caller writes the new description last. Whoever reads the
+    folder in between, or after the program was killed, finds no description and thus no result.
 
     Parameters
     ----------
@@ -81,8 +89,8 @@ def replacing_folder(
 
     Raises
     ------
-    FolderInUse where the folder holds things that fringeworks did not write, unless forced.
-    FileProblem where it cannot be made or written to.
+    FolderInUse where the folder holds things that fringeworks did not write, or that were changed
+    since, unless forced. FileProblem where it cannot be made or written to.
     """
     folder = make_folder(path)
     foreign = foreign_names(folder)
@@ -92,7 +100,8 @@ def replacing_folder(
             f"{folder}: expected a new or empty folder, or one that fringeworks wrote; it holds "
             f"{', '.join(foreign[:NAMED])}{more}"
         )
-    writer = FolderWriter(folder, index, _read_manifest(folder) + _foreign_index(folder, index))
+    own = [name for name in _read_manifest(folder) if name not in foreign]
+    writer = FolderWriter(folder, own + [name for name in index if name in foreign])
     try:
         yield writer
         writer.finish()
@@ -122,34 +131,47 @@ def make_folder(path: StrPath) -> Path:
 
 
 def foreign_names(folder: Path) -> list[str]:
-    """Names in a folder that fringeworks did not write, but for those that begin with a dot."""
-    own = set(_read_manifest(folder))
+    """Names in a folder that fringeworks did not write, or whose files were changed since.
+
+    Names that begin with a dot do not count.
+    """
+    own = _read_manifest(folder)
     try:
-        names = [entry.name for entry in folder.iterdir()]
+        names = [entry.name for entry in folder.iterdir() if not entry.name.startswith(".")]
     except OSError as error:
         raise FileProblem(f"{folder}: could not be read: {error.strerror}") from error
-    return sorted(n for n in names if n not in own and not n.startswith("."))
-
-
-def _foreign_index(folder: Path, index: Sequence[str]) -> list[str]:
-    """Index files of others, which a forced write has to take away first as well."""
-    own = _read_manifest(folder)
-    return [name for name in index if (folder / name).is_file() and name not in own]
+    return sorted(
+        name
+        for name in names
+        if name not in own or own[name] not in (UNFINISHED, _hash(folder / name))
+    )
 
 
 def incomplete(folder: Path) -> bool:
-    """Whether fringeworks has begun to write a folder."""
-    return (folder / MANIFEST).is_file()
+    """Whether fringeworks has begun to write a folder and not finished it."""
+    return UNFINISHED in _read_manifest(folder).values()
 
 
-def _read_manifest(folder: Path) -> list[str]:
+def _hash(path: Path) -> str:
+    """The hash of a file; of a folder its kind, since it has a manifest of its own."""
+    if path.is_dir():
+        return "folder"
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()[:HASH_DIGITS]
+    except OSError:
+        return UNFINISHED
+
+
+def _read_manifest(folder: Path) -> Manifest:
     try:
         lines = (folder / MANIFEST).read_text("utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
-        return []
+        return {}
+    found = {name: state for state, _, name in (line.partition(" ") for line in lines)}
     # Plain names only: a forged list must not lead out of the folder.
-    return [n for n in lines if n and n not in (".", "..") and "/" not in n and "\\" not in n]
+    return {n: s for n, s in found.items() if n and n != ".." and not {"/", "\\"} & set(n)}
 
 
-def _write_manifest(folder: Path, names: Sequence[str]) -> None:
-    write_text(folder / MANIFEST, "".join(f"{name}\n" for name in dict.fromkeys(names)))
+def _write_manifest(folder: Path, content: Manifest) -> None:
+    write_text(folder / MANIFEST, "".join(f"{state} {name}\n" for name, state in content.items()))

@@ -85,6 +85,7 @@ def reconstruct(
 
     Examples
     --------
+    >>> import numpy as np
     >>> from fringeworks.simulate import standard_scene
     >>> scene = standard_scene("parabola", size=200, fringes=8, bits=8, noise=1, seed=1)
     >>> result = reconstruct(scene)

@@ -133,6 +133,9 @@ def _owned(value: Any) -> Any:
 def _short(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return _short_array(value)
+    if isinstance(value, Frozen):
+        text = repr(value)
+        return text if "\n" not in text else f"{type(value).__name__}(…)"
     if type(value) in (tuple, list):
         shown = [_short(item) for item in value[:SHOWN_ITEMS]]
         if len(value) > SHOWN_ITEMS:

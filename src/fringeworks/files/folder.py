@@ -17,7 +17,7 @@ MANIFEST = ".fringeworks"
 UNFINISHED = "-"
 """Stands in place of the hash until the folder is complete."""
 HASH_DIGITS = 16
-"""Hexadecimal digits of a hash in the manifest: 64 bits tell an edited file from the written one."""
+"""Hexadecimal digits of a hash in the manifest: 64 bits, enough to notice an edited file."""
 NAMED = 3
 """Foreign names that a message lists; enough to recognise the folder."""
 

@@ -17,9 +17,9 @@ from fringeworks import (
     PhaseSteps,
     Pinhole,
     Rig,
+    Triangulator,
     decode,
     equal_steps,
-    triangulate,
 )
 from fringeworks.rig.pinhole import look_at, project, rays, transform
 from fringeworks.types import CoordinateMap, FloatMap
@@ -101,7 +101,8 @@ def triangulation() -> list[Result]:
     with ThreadPoolExecutor(2) as pool:
         for axes in ("x", "xy"):
             known = decoded(pixels, axes)
-            earlier = triangulate(known, rig_of := rig())
+            prepared = Triangulator(rig())
+            earlier = prepared.triangulate(known)
             error = float(np.abs(earlier.xyz_mm - points).max())
             assert error < 1e-3, error
             inputs = [
@@ -109,8 +110,8 @@ def triangulation() -> list[Result]:
             ]
             stream = streamer(inputs, results(len(axes) == 2), pool)
 
-            def ours(known: Any = known, rig_of: Rig = rig_of, earlier: Any = earlier) -> Any:
-                return triangulate(known, rig_of, out=earlier)
+            def ours(known: Any = known, by: Triangulator = prepared, out: Any = earlier) -> Any:
+                return by.triangulate(known, out=out)
 
             name = f"triangulate {axes}, {WIDTH} x {HEIGHT}"
             found.append(judged(name, ours, stream, 1.5, error))
@@ -130,16 +131,16 @@ def frames_to_points() -> list[Result]:
         for k in range(block.frames):
             light = 20.0 + 200.0 * block.values(pixels[..., 0], k)
             frames.append(np.rint(light + 2.0 * rng.standard_normal(light.shape)).astype(np.uint8))
-    pair = rig()
+    prepared = Triangulator(rig())
     first = decode(frames, plan)
-    cloud = triangulate(first, pair)
+    cloud = prepared.triangulate(first)
     off = np.linalg.norm(cloud.xyz_mm - points, axis=-1) / np.linalg.norm(points, axis=-1) * 500
     with ThreadPoolExecutor(2) as pool:
         stream = streamer(frames, results(False), pool)
         return [
             judged(
                 f"decode and triangulate 12 frames, {WIDTH} x {HEIGHT}",
-                lambda: triangulate(decode(frames, plan, out=first), pair, out=cloud),
+                lambda: prepared.triangulate(decode(frames, plan, out=first), out=cloud),
                 stream,
                 3.0,
                 float(np.nanmedian(off)),

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
+import re
+import signal
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -99,6 +103,7 @@ def test_compare(tmp_path):
     done = run(
         *("compare", "--shape", "parabola", "--gamma", "1", "--noise", "0", "--bits", "0"),
         *("--method", "ifa,sifa,gsifa,exact,windowed", "--size", "200", "--fringes", "5"),
+        "--timing",
         *("--json", table, "--csv", tmp_path / "t.csv", "--markdown", tmp_path / "t.md"),
     )
     rows = json.loads(table.read_text())["rows"]
@@ -306,10 +311,143 @@ def test_response_is_applied(tmp_path):
         "8",
     )
     ok = run("reconstruct", tmp_path / "s", "--response", out, *devices).stdout
-    assert "response of γ = 2." in ok
+    assert "a response with γ = 2.2" in ok
     for given, words in (
         ((), "does not name its camera"),
         (("--camera", "right", "--projector", "bench"), "the capture is of 'right'"),
     ):
         refused = run("reconstruct", tmp_path / "s", "--response", out, *given, code=2)
         assert words in refused.stderr
+
+
+def test_version_quiet_and_log(capture, tmp_path):
+    import fringeworks
+
+    assert run("--version").stdout == f"fringeworks {fringeworks.__version__}\n"
+    log = tmp_path / "run.log"
+    done = run("--quiet", "--log", log, "reconstruct", capture, "--method", "fourier")
+    assert done.stdout == done.stderr == ""
+    run("--log", log, "reconstruct", "nowhere", code=2)
+    lines = log.read_text().splitlines()
+    assert all(re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ ", line) for line in lines)
+    assert any("height: " in line for line in lines)
+    assert "error: nowhere: expected a capture folder" in lines[-1]
+    assert "could not be written" in run("--log", tmp_path, "methods", code=2).stderr
+
+
+def test_standard_output_takes_any_result(capture):
+    command = [sys.executable, "-m", "fringeworks", "reconstruct", capture, "--method", "fourier"]
+
+    def bytes_of(*options):
+        return subprocess.run([*command, *options], capture_output=True, check=True, timeout=60)
+
+    done = bytes_of("--out", "-")
+    assert tifffile.imread(io.BytesIO(done.stdout)).shape == (300, 300)
+    assert b"median" in done.stderr  # words give way to the result
+    assert bytes_of("--figure", "-").stdout.startswith(b"\x89PNG")
+    assert "standard output" in run("simulate", "--out", "-", code=2).stderr
+
+
+def test_an_interrupt_is_answered(tmp_path):
+    command = [sys.executable, "-m", "fringeworks", "paper", "--out", tmp_path / "figures"]
+    for wait in (0.25, 1.5):
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+            time.sleep(wait)
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=60)
+        assert process.returncode == 130
+        assert said == "fringeworks: interrupted\n"
+
+
+PLUGIN = '''
+import numpy as np
+import fringeworks as fw
+
+@fw.method("still")
+def still(pair: fw.PreparedPair, *, sigma: float = 0.5) -> fw.Solution:
+    """Finds no displacement anywhere."""
+    zero = np.zeros(pair.object.shape)
+    reason = np.zeros(zero.shape, np.uint8)
+    return fw.Solution(zero, zero + sigma, zero + 1, reason)
+
+@fw.method("wrong")
+def wrong(pair):
+    """Returns something else."""
+    return pair.object
+'''
+
+
+def test_methods_from_outside(capture, tmp_path):
+    plugin = tmp_path / "mine.py"
+    plugin.write_text(PLUGIN)
+    own = ("--plugin", plugin)
+    assert "Finds no displacement" in run(*own, "methods").stdout
+    figures = run(
+        *own, "reconstruct", capture, "--method", "still", "--option", "sigma=2", "--json", "-"
+    )
+    content = json.loads(figures.stdout)
+    assert (content["maximum"], content["failed_fraction"]) == (0.0, 0.0)
+    refused = run(*own, "reconstruct", capture, "--method", "wrong", code=2).stderr
+    assert "method wrong: expected a fringeworks.Solution to be returned, got ndarray" in refused
+    taken = tmp_path / "taken.py"
+    taken.write_text(PLUGIN.replace('"still"', '"fourier"'))
+    assert (
+        "expected a name that is free, got that of"
+        in run("--plugin", taken, "methods", code=2).stderr
+    )
+    for text, words in (("x = 1", "with the decorator"), ("1 / 0", "ZeroDivisionError")):
+        taken.write_text(text)
+        assert words in run("--plugin", taken, "methods", code=2).stderr
+    assert "no such file" in run("--plugin", "none.py", "methods", code=2).stderr
+
+
+def test_installed_methods_are_found(tmp_path):
+    (tmp_path / "theirs.py").write_text(PLUGIN)
+    info = tmp_path / "theirs-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[fringeworks.methods]\nstill = theirs\n")
+    script = "import fringeworks as fw; print(*fw.methods())"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.split()[-2:] == ["still", "wrong"]
+    (tmp_path / "theirs.py").write_text("import nothing_there")
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert "plug-in still (theirs): could not be loaded: ModuleNotFoundError" in done.stderr
+
+
+def test_every_command_has_an_example():
+    from fringeworks.cli import pairs, patterns, results, simulation, stacks  # noqa: F401
+    from fringeworks.cli.app import SECTIONS, app, run  # noqa: F401
+
+    for command in app.registered_commands:
+        assert command.epilog.startswith("Example: fringeworks "), command.name
+        assert command.rich_help_panel in SECTIONS
+
+
+def test_light_imports():
+    script = (
+        "import sys, fringeworks; heavy = {'numpy', 'h5py', 'typer', 'rich', 'matplotlib', 'scipy',"
+        " 'cv2', 'pydantic'}; print(*heavy & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == []
+
+
+def test_start_is_quick():
+    """``import fringeworks`` ≤ 2 × ``import numpy``, ``fringeworks --help`` ≤ 5 ×; best of five."""
+
+    def seconds(*command):
+        best = float("inf")
+        for _ in range(5):
+            started = time.perf_counter()
+            subprocess.run([sys.executable, *command], capture_output=True, check=True)
+            best = min(best, time.perf_counter() - started)
+        return best
+
+    numpy = seconds("-c", "import numpy")
+    assert seconds("-c", "import fringeworks") <= 2 * numpy
+    assert seconds("-m", "fringeworks", "--help") <= 5 * numpy

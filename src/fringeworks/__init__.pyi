@@ -249,6 +249,7 @@ from .evaluate.errors import (
     errors as errors,
 )
 from .evaluate.compare import (
+    CompareOptions as CompareOptions,
     compare as compare,
     compare_everywhere as compare_everywhere,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from itertools import product
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 from fringeworks.evaluate.errors import errors
 from fringeworks.pair.analyse import get_method
@@ -78,7 +78,23 @@ def compare(
     return rows
 
 
-SWEEP: dict[str, Any] = {
+class CompareOptions(TypedDict, total=False):
+    """Keyword options of ``compare``; each is explained there."""
+
+    objects: Sequence[str]
+    gammas: Sequence[float]
+    noises: Sequence[float]
+    bits: Sequence[int]
+    fringes: Sequence[float]
+    height_mm: float
+    size: int
+    seed: int
+    denoise: Denoiser | None
+    timing: bool
+    on_result: Callable[[Row, Reconstruction], None] | None
+
+
+SWEEP: CompareOptions = {
     "objects": ("parabola", "sphere", "cylinder", "cube"),
     "gammas": (1.0, 2.2),
     "noises": (0.0, 1.0, 4.0),
@@ -92,7 +108,9 @@ have on the standard scene. The height keeps every cliff below half a period, be
 frames cannot distinguish steps that differ by a whole period."""
 
 
-def compare_everywhere(methods: Sequence[str] | None = None, **options: Any) -> list[Row]:
+def compare_everywhere(
+    methods: Sequence[str] | None = None, **options: Unpack[CompareOptions]
+) -> list[Row]:
     """Run methods on a sweep of objects, responses, noise, quantisation and fringes.
 
     Parameters
@@ -106,4 +124,5 @@ def compare_everywhere(methods: Sequence[str] | None = None, **options: Any) -> 
     -------
     Rows as those of ``compare``; ``best_methods`` finds the winners.
     """
-    return compare(methods=methods, **{**SWEEP, **options})
+    chosen: CompareOptions = {**SWEEP, **options}
+    return compare(methods=methods, **chosen)

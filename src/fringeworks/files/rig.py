@@ -12,7 +12,7 @@ import tomli_w
 from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
-from fringeworks.files.provenance import ProvenanceSection, toml_section
+from fringeworks.files.provenance import KEY, ProvenanceSection, from_json, json_line, toml_section
 from fringeworks.files.toml import Section, read_toml
 from fringeworks.types import RIG_PARAMETERS, FileProblem, FloatMap, InputError, Pinhole, Rig
 
@@ -206,6 +206,9 @@ def _opencv(path: Path, rig: Rig) -> str:
         storage.write(f"{name}_distortion", np.array([device.distortion]))
     storage.write("rotation", rig.T_projector_camera[:3, :3].copy())
     storage.write("translation", rig.T_projector_camera[:3, 3:].copy())
+    origin = json_line(rig.provenance)
+    if origin is not None:
+        storage.write(KEY, origin)
     return str(storage.releaseAndGetString())
 
 
@@ -234,7 +237,8 @@ def _from_opencv(path: Path, projector_size: tuple[int, int] | None) -> Rig:
     # The nearest rotation: files hold a few digits only.
     u, _, v = np.linalg.svd(found["rotation"].reshape(3, 3))
     T[:3, :3], T[:3, 3] = u @ v, found["translation"].ravel()
-    return Rig(devices[0], devices[1], T)
+    origin = from_json(storage.getNode(KEY).string())
+    return Rig(devices[0], devices[1], T, provenance=origin)
 
 
 def _matrices(storage: Any) -> dict[str, FloatMap]:

@@ -196,6 +196,10 @@ def prepare(pair: Pair) -> PreparedPair:
     >>> prepared.carrier.axis, prepared.object.shape, round(prepared.period, 3)
     ('y', (48, 64), 16.0)
     """
+    if not isinstance(pair, Pair):
+        raise InputError(
+            f"pair: expected a Pair, got {type(pair).__name__}; read_capture and read_pair read one"
+        )
     object_ = _checked_frame("object", pair.object)
     wanted = _pixels_to_measure(pair.mask, object_.finite)
     shape = object_.values.shape

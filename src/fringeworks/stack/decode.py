@@ -39,6 +39,7 @@ from fringeworks.types import (
     CoordinateMap,
     Decoded,
     FloatMap,
+    FramesContradictPlan,
     InputError,
     sealed,
 )
@@ -232,7 +233,7 @@ class StreamingDecoder:
         frame = np.asarray(frame)
         index = len(self._sample)
         if index == len(self._labels):
-            raise InputError(f"frames: the plan has {len(self._labels)}, got one more")
+            raise FramesContradictPlan(f"frames: the plan has {len(self._labels)}, got one more")
         check_frame(frame, self._labels[index], frame if self._first is None else self._first)
         sampled = sample_of(frame, sampled_places(frame.shape, self._plan))
         block = next(b for k, b in reversed(self._plan.placed) if k <= index)
@@ -281,7 +282,7 @@ class StreamingDecoder:
             If frames are missing, or ``decode`` would refuse them.
         """
         if self.missing or self._first is None:
-            raise InputError(
+            raise FramesContradictPlan(
                 f"frames: the plan has {len(self._labels)}, got {len(self._sample)}; missing: "
                 f"{', '.join(self.missing)}"
             )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import FloatMap, FramesContradictPlan, InputError
 
 EVEN = 1e-6
 """Largest mean of e^{iδ} over the steps of a set whose fringes cancel in the sum.
@@ -40,7 +40,7 @@ def texture(
         If the number of frames is not the plan's, or the plan has no such frames.
     """
     if len(frames) != plan.frames:
-        raise InputError(f"frames: the plan has {plan.frames}, got {len(frames)}")
+        raise FramesContradictPlan(f"frames: the plan has {plan.frames}, got {len(frames)}")
     chosen = [k for first, block in plan.placed for k in _even(first, block)]
     if not chosen:
         raise InputError(

@@ -29,7 +29,7 @@ from fringeworks.stack.noise import (
 )
 from fringeworks.stack.shifts import estimate_shifts
 from fringeworks.stack.swaps import refuse_swap_by_orders, refuse_swap_by_residuals
-from fringeworks.types import Axis, CameraNoise, FloatMap, InputError, Reason
+from fringeworks.types import Axis, CameraNoise, FloatMap, FramesContradictPlan, Reason
 
 NOISE_ALONE = 1.15
 """Disagreement up to which the sets differ by noise alone.
@@ -241,7 +241,7 @@ def _sets_disagreement(
         if unrelated is not None and disagreement > MAYBE_SWAPPED * unrelated:
             refuse_swap_by_orders(decoding, planes, plan, disagreement, disagreement_of)
         if unrelated is not None and disagreement > UNRELATED * unrelated:
-            raise InputError(
+            raise FramesContradictPlan(
                 f"frames along {decoding.axis}: fringe orders contradict each other all over the "
                 f"image, by {disagreement**0.5:.0f} times the noise; expected frames in the order "
                 "of the plan, with its periods and steps, and a response that keeps their fringe "
@@ -267,7 +267,7 @@ def _judged_gray(
     expected = float(np.hypot(step / 4.0, sigma))
     unrelated = longest / 4.0
     if off > 0.5 * (expected + unrelated):
-        raise InputError(
+        raise FramesContradictPlan(
             f"frames along {decoding.axis}: phases and Gray code are {off:.0f} px apart, like "
             "unrelated ones; expected frames in the order of the plan, with its periods, steps and "
             "Gray-code cells"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
-from fringeworks.types import Frozen, InputError, Source
+from fringeworks.types import FramesContradictPlan, Frozen, InputError, Source
 
 FRAME_TYPES = ("uint8", "uint16", "float32", "float64")
 """Types of the counts that frames may have."""
@@ -84,15 +85,17 @@ def check_frames(frames: NDArray[Any] | Sequence[NDArray[Any]], plan: PatternPla
     """
     if isinstance(frames, np.ndarray) and frames.ndim != 3:
         raise InputError(f"frames: expected shape (n, h, w), got {frames.shape}")
+    if isinstance(frames, (str, os.PathLike)):
+        raise InputError(f"frames: expected arrays, got the path {frames}; read_stack reads it")
     planes = [np.asarray(frame) for frame in frames]
     labels = plan.labels()
     if len(planes) < len(labels):
         missing = ", ".join(labels[len(planes) :])
-        raise InputError(
+        raise FramesContradictPlan(
             f"frames: the plan has {len(labels)}, got {len(planes)}; missing: {missing}"
         )
     if len(planes) > len(labels):
-        raise InputError(
+        raise FramesContradictPlan(
             f"frames: the plan has {len(labels)}, got {len(planes)}: {len(planes) - len(labels)} "
             "too many"
         )
@@ -108,11 +111,11 @@ def check_frame(frame: NDArray[Any], label: str, first: NDArray[Any]) -> None:
     if frame.dtype.name not in FRAME_TYPES:
         raise InputError(f"frame {label}: expected {', '.join(FRAME_TYPES)}, got {frame.dtype}")
     if frame.shape != first.shape:
-        raise InputError(
+        raise FramesContradictPlan(
             f"frame {label}: expected the size of the first, {first.shape}, got {frame.shape}"
         )
     if frame.dtype != first.dtype:
-        raise InputError(
+        raise FramesContradictPlan(
             f"frame {label}: expected the type of the first, {first.dtype}, got {frame.dtype}"
         )
 
@@ -122,7 +125,7 @@ def refuse_constant(frame: NDArray[Any], label: str, sampled: NDArray[Any]) -> N
     if sampled.size and np.all(sampled == sampled.flat[0]):
         value = frame.flat[0]
         if np.all(frame == value):
-            raise InputError(f"frame {label}: expected a pattern, got {value} everywhere")
+            raise FramesContradictPlan(f"frame {label}: expected a pattern, got {value} everywhere")
 
 
 def check_content(planes: Planes, plan: PatternPlan, sampled: Sequence[NDArray[Any]]) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.kernel_settings import Decoding, Limits
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS, set_parts, solve, usable
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import FloatMap, FramesContradictPlan
 
 EXPLAINED = 0.25
 """Share of the misfit below which a swap of two frames explains it.
@@ -168,7 +168,7 @@ def _refuse_explained(
         f"{frames[first]} and {frames[second]} ({labels[frames[first]]}, {labels[frames[second]]})"
         for first, second in sorted(candidates)
     ]
-    raise InputError(
+    raise FramesContradictPlan(
         f"frames {' or '.join(named)} seem to be swapped, judging by {evidence}; expected the "
         "order of the plan"
     )

@@ -16,6 +16,7 @@ import pytest
 import tifffile
 from PIL import Image
 
+import fringeworks as fw
 from fringeworks.files.response import write_response
 from fringeworks.files.surfaces import read_surface
 from fringeworks.signal.response import Response
@@ -451,3 +452,45 @@ def test_start_is_quick():
     numpy = seconds("-c", "import numpy")
     assert seconds("-c", "import fringeworks") <= 2 * numpy
     assert seconds("-m", "fringeworks", "--help") <= 5 * numpy
+
+
+def test_long_work_off_a_terminal_says_so_now_and_then(monkeypatch, capsys):
+    from fringeworks.cli import output
+
+    now = iter([0.0, 1.0, 11.0, 12.0, 25.0])
+    monkeypatch.setattr(output.time, "monotonic", lambda: next(now))
+    with output.progress(4) as progress:
+        for step in ("one", "two", "three", "four"):
+            progress(step)
+    assert capsys.readouterr().err.splitlines() == ["2/4 two (11 s)", "4/4 four (25 s)"]
+
+
+def test_paths_are_read_where_captures_are_wanted(capture, tmp_path):
+    found = fw.reconstruct(str(capture), "fourier")
+    assert found.surface.values.shape == (300, 300)
+    for call, words in (
+        (lambda: fw.reconstruct(tmp_path), "expected a file capture.toml or plan.toml, got none"),
+        (lambda: fw.reconstruct(3), "pair: expected a Pair or a path, got int"),
+        (lambda: fw.measure(3, "rig.toml"), "stack: expected a Stack or a path, got int"),
+        (lambda: fw.measure(capture, "rig.toml"), "kind: "),
+        (lambda: fw.analyse("folder"), "pair: expected a Pair, got str"),
+        (lambda: fw.decode("folder", fw.propose(640, 480, 9)[0].plan), "got the path folder"),
+        (lambda: fw.summarise("folder"), "result: expected a result of fringeworks, got str"),
+    ):
+        with pytest.raises(fw.InputError, match=words):
+            call()
+
+
+def test_errors_say_their_kind(capture, tmp_path):
+    plan = fw.propose(640, 480, 9)[0].plan
+    frames = list(fw.encode(plan))
+    for error, call in (
+        (fw.FileProblem, lambda: fw.read_capture(tmp_path / "none")),
+        (fw.FramesContradictPlan, lambda: fw.decode(frames[:-1], plan)),
+        (fw.UnknownMethod, lambda: fw.reconstruct(capture, "magic")),
+        (fw.UnknownMethod, lambda: fw.reconstruct(capture, "fourier", magic=1)),
+        (fw.InputError, lambda: fw.reconstruct(capture, "fourier", width="wide")),
+    ):
+        with pytest.raises(error) as caught:
+            call()
+        assert type(caught.value) is error

@@ -9,8 +9,8 @@ import numpy as np
 
 from fringeworks import decode
 from fringeworks.rig.calibration.board import Board, parse_board
-from fringeworks.rig.calibration.bundle import Sighting
 from fringeworks.rig.calibration.calibrate import observe
+from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.pinhole import pose, project_with_derivatives, transform
 from fringeworks.simulate import (
     Body,

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError, PatternPlan, PhaseSteps, decode
-from fringeworks.rig.calibration.bundle import adjust, board_bow
+from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.diagnosis import diagnose
+from fringeworks.rig.calibration.flatness import board_bow
 from fringeworks.rig.pinhole import pose, project, transform
 from fringeworks.simulate import Optics, board_body, board_poses, fringe_plan
 from fringeworks.stack.even_light import texture
@@ -224,7 +225,8 @@ def test_a_pose_taken_twice_is_mentioned():
     o = observations()
     found = calibrate([*o, replace(o[2], name="again")], board())
     messages = [f.message for f in diagnose(found)]
-    assert "the board did not move between pose2 and again: one pose" in messages
+    expected = "the board did not move between pose2 and again: they count as one pose"
+    assert any(m.startswith(expected) for m in messages)
 
 
 def test_parallel_poses_are_named():

@@ -52,7 +52,7 @@ def sigma_of(rig: Rig, pixel, coordinate, sigma, covariance=None) -> tuple[float
 
 def moved(rig: Rig, k: int, step: float) -> Rig:
     """A rig with one of its 24 parameters changed."""
-    from fringeworks.rig.calibration.bundle import pinhole_of
+    from fringeworks.rig.calibration.parameters import pinhole_of
     from fringeworks.rig.pinhole import pose, rotation
 
     devices = [rig.camera, rig.projector]

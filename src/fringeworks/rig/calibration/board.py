@@ -12,7 +12,7 @@ import numpy as np
 
 from fringeworks.types import FloatMap, InputError
 
-Kind = Literal["chessboard", "charuco", "circles", "asymmetric-circles"]
+BoardKind = Literal["chessboard", "charuco", "circles", "asymmetric-circles"]
 DICTIONARY = "4X4_250"
 """ArUco dictionary of a ChArUco board that names none: 250 markers of 4 × 4 bits, OpenCV's usual
 choice. It suffices for boards of up to 500 squares."""
@@ -53,7 +53,7 @@ class Board:
     into their squares, and an unknown dictionary.
     """
 
-    kind: Kind
+    kind: BoardKind
     columns: int
     """Number of inner corners (chessboard), squares (ChArUco) or circles across."""
     rows: int
@@ -204,7 +204,7 @@ def parse_board(text: str) -> Board:
     """
     kind, _, rest = text.partition(":")
     parts = rest.split(":") if rest else []
-    kinds: dict[str, Kind] = {
+    kinds: dict[str, BoardKind] = {
         "chessboard": "chessboard",
         "charuco": "charuco",
         "circles": "circles",

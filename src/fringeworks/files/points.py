@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import check_target, replacing
-from fringeworks.surface.cloud import normals, triangles
+from fringeworks.surface.cloud import cloud_triangles, normals
 from fringeworks.types import FloatMap, InputError, PointCloud, Reason
 
 Kind = Literal["points", "mesh"]
@@ -95,7 +95,7 @@ def _write_ply(path: Path, cloud: PointCloud, kind: Kind) -> None:
     ]
     faces = np.empty(0, dtype=[("n", "u1"), ("index", "<i4", (3,))])
     if kind == "mesh":
-        corners = triangles(cloud)
+        corners = cloud_triangles(cloud)
         place = np.cumsum(ok.ravel()) - 1
         faces = np.empty(len(corners), dtype=faces.dtype)
         faces["n"], faces["index"] = 3, place[corners]

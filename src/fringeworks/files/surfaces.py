@@ -14,7 +14,7 @@ import numpy as np
 import tifffile
 
 from fringeworks.files.atomic import check_target, replacing
-from fringeworks.surface.height_map import points, triangles
+from fringeworks.surface.height_map import height_map_points, height_map_triangles
 from fringeworks.types import HeightMap, InputError
 
 PlyKind = Literal["points", "mesh"]
@@ -90,7 +90,7 @@ def read_npz(path: Path) -> HeightMap:
 
 
 def _write_ply(path: Path, surface: HeightMap, kind: PlyKind) -> None:
-    xyz, sigma, index = points(surface)
+    xyz, sigma, index = height_map_points(surface)
     vertex = np.empty(len(xyz), dtype=[(name, "<f4") for name in ("x", "y", "z", "sigma")])
     vertex["x"], vertex["y"], vertex["z"] = xyz.T
     vertex["sigma"] = sigma
@@ -103,7 +103,7 @@ def _write_ply(path: Path, surface: HeightMap, kind: PlyKind) -> None:
     ]
     faces = np.empty(0, dtype=[("n", "u1"), ("index", "<i4", (3,))])
     if kind == "mesh":
-        corners = triangles(surface, index)
+        corners = height_map_triangles(surface, index)
         faces = np.empty(len(corners), dtype=faces.dtype)
         faces["n"], faces["index"] = 3, corners
         header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]

@@ -14,12 +14,12 @@ from fringeworks.types import BoolMap, FloatMap, InputError, Rig
 
 MAX_ROUNDS = 8
 """Largest number of rounds. Every round minimises with fixed weights, then estimates scatter and
-weights anew; four or five rounds are usual."""
+weights anew; three or four rounds are usual."""
 SETTLED = 1e-3
 """Relative change of the scatter between two rounds below which it has settled. The weights, and
 with them the result, then change by far less than a standard deviation."""
 MAX_STEPS = 40
-"""Largest number of Levenberg–Marquardt steps in a round; fewer than ten are usual."""
+"""Largest number of Levenberg–Marquardt steps in a round; five to seven are usual."""
 MAX_TRIALS = 12
 """Largest number of dampings tried in one step. If none lowers the cost, the minimum is reached to
 rounding."""

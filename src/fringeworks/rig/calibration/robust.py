@@ -18,7 +18,7 @@ more corners is weighted by its own scatter, one with few by the pooled one. Pos
 of edges along the pixel grid, blur and light. Empirical: with a scatter per pose, 97.9 % of the
 true parameters lie within three standard deviations on photographs (docs/rig.md)."""
 MIN_SCATTER_PX = 1e-4
-"""Lower bound on the scatter, px, far below that of real corners (0.004 px and more). Noise-free
+"""Lower bound on the scatter, px, far below that of real corners (0.002 px and more). Noise-free
 corners would otherwise lead to a division by zero."""
 MIN_REDUNDANCY = 0.2
 """Lower bound on the share of the measured values that exceeds the number of parameters, 0…1. The

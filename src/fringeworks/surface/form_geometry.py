@@ -29,7 +29,7 @@ CYLINDER_AXES = 60
 """Number of axis directions that are tried for a cylinder through a few points, evenly over the
 half sphere: 18° apart. The fit afterwards converges from such a start."""
 GOLDEN_ANGLE_RAD = 2.399963
-"""Angle between consecutive points of a Fibonacci lattice, π (3 − √5), which spreads them evenly."""
+"""Angle between consecutive points of a Fibonacci lattice, π (3 − √5): it spreads them evenly."""
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ larger one has no inverse. Looser than ``CONVERGED``, so that rounding never rem
 SMALL_ANGLE_RAD = 1e-8
 """Rotation angle below which the series to second order is used, because Rodrigues' formula
 divides by the angle. The omitted third order is 1e-24, below rounding."""
-MIN_SINE = 1e-9
+MIN_SIGHT_SINE = 1e-9
 """Smallest sine of the angle between the direction of sight and ``down``. Below it, rounding would
 determine the direction of the rows."""
 
@@ -282,7 +282,7 @@ def look_at(eye_mm: FloatMap, target_mm: FloatMap, *, down: FloatMap | None = No
     forward = np.asarray(target_mm, np.float64) - np.asarray(eye_mm, np.float64)
     y = np.array([0.0, 1.0, 0.0]) if down is None else np.asarray(down, np.float64)
     across = np.cross(y, forward)
-    if not np.linalg.norm(across) > MIN_SINE * np.linalg.norm(forward) > 0:
+    if not np.linalg.norm(across) > MIN_SIGHT_SINE * np.linalg.norm(forward) > 0:
         raise InputError(
             "look_at: expected a target apart from the eye and not along down, got the eye at "
             f"{np.asarray(eye_mm).tolist()} and the target at {np.asarray(target_mm).tolist()}"

@@ -14,8 +14,9 @@ a blur of 0.6 px, the light is exact to 0.03 % of the height of an edge."""
 REACH_SIGMAS = 5.0
 """Distance over which the light of a pixel is blurred, in standard deviations; the rest is below
 1e-6 of its light."""
-SQUARE_VARIANCE = 1.0 / 12.0
-"""Variance of the light of one square pixel, px²."""
+EXCESS_VARIANCE = 1.0 / 12.0
+"""By how much linear interpolation between pixel centres (variance 1/6 px²) blurs more than square
+pixels do (1/12 px²). The Gaussian blur is reduced by it."""
 
 
 class ProjectedLight:
@@ -64,9 +65,7 @@ class ProjectedLight:
 
     def _of_picture(self, picture: FloatMap) -> FloatMap:
         """Light of any picture: blurred at the centres of projector pixels, linear between them."""
-        # Linear interpolation adds a variance of 1/6 px², a square pixel has 1/12: the blur is reduced
-        # by the difference.
-        sigma = np.sqrt(max(self.defocus_px**2 - SQUARE_VARIANCE, 0.0))
+        sigma = np.sqrt(max(self.defocus_px**2 - EXCESS_VARIANCE, 0.0))
         blurred = ndimage.gaussian_filter(picture, sigma, mode="nearest")
         return np.asarray(
             ndimage.map_coordinates(blurred, self.coordinates[::-1], order=1, mode="nearest")

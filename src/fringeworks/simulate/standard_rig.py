@@ -15,10 +15,12 @@ DISTANCE_MM = 500.0
 TILT_DEG = (15.0, 35.0)
 """Smallest and largest tilt of a board, degrees: less determines focal lengths weakly, with more
 the squares become too short in one direction."""
-PERIODS_ACROSS_X, PERIODS_ACROSS_Y = (59, 64, 70), (37, 40, 44)
-"""Numbers of periods of the three sets of fringes across the projector. Their differences, and the
-differences of those, let the fringe order be resolved over the whole projector; along y the periods
-are about as long as along x on a projector of 1920 × 1200 px."""
+PERIODS_ACROSS_X = (59, 64, 70)
+"""Numbers of periods of the three sets of fringes across the projector's columns. Their beats have
+5 and 6 periods, and 6 − 5 = 1, which resolves the fringe order everywhere. On 1920 px the periods
+are about 30 px, short enough for small noise."""
+PERIODS_ACROSS_Y = (37, 40, 44)
+"""The same across the projector's rows: beats of 3, 4 and 1, and about 30 px on 1200 px."""
 WALL_ALBEDO = 0.35
 """Reflectance of the wall behind the bust, 0…1: darker than the bust, as a laboratory's wall."""
 

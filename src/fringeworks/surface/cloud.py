@@ -22,7 +22,7 @@ hardly ever measured, because fringes on it are weak."""
 LONG_SIDE = 4.0
 """Largest side of a triangle, relative to the median of all triangles at the same depth. A longer
 one is taken to bridge a step in depth. Empirical: surfaces tilted by up to 75° stay."""
-MIN_SINE = 1e-6
+MIN_RIGHT_SINE = 1e-6
 """Smallest sine of the angle between ``right`` and the plane's normal: below it, rounding would
 determine the direction of the grid."""
 MAX_NODES = 1e8
@@ -189,7 +189,7 @@ def _plane_axes(
     up = normal / np.linalg.norm(normal) * (1.0 if normal @ -origin > 0 else -1.0)
     x = np.array([1.0, 0.0, 0.0]) if right is None else np.asarray(right, np.float64)
     x = x - (x @ up) * up
-    if not np.linalg.norm(x) > MIN_SINE:
+    if not np.linalg.norm(x) > MIN_RIGHT_SINE:
         raise InputError("right: expected a direction that is not along the normal, got one")
     x = x / np.linalg.norm(x)
     # Rows go down in the image: x to the right, y down, up towards the viewer.

@@ -123,12 +123,12 @@ def fit_form(
     start, spread = _start((sample - mean) / scale, geometry, rng)
     fitted = _fit((points - mean) / scale, weight, start, spread, geometry)
     if fitted is None:
-        raise InputError(f"fit: expected a {body}, found none that {MIN_POINTS} points lie on")
+        raise InputError(f"fit: expected {MIN_POINTS} or more points on a {body}, found fewer")
     values, covariance, distance, used = fitted
     if np.std(distance[used]) > MAX_SPREAD:
         raise InputError(
-            f"fit: expected a {body}, found none that a tenth of the points lie on; take a part "
-            "of the cloud"
+            f"fit: expected a {body}, found none that a tenth of the points lie on; fit a part of "
+            "the cloud that shows the body alone"
         )
     parameters = geometry.parameters(values, mean, scale)
     # The radius is the last value of a sphere and of a cylinder.

@@ -20,8 +20,8 @@ from fringeworks.types import FloatMap
 
 BodyKind = Literal["plane", "sphere", "cylinder"]
 MAX_RADIUS = 5.0
-"""Largest radius of a sphere or cylinder, in sizes of the cloud. A larger one cannot be told from a
-plane by a noisy cloud. Empirical."""
+"""Largest radius of a sphere or cylinder, in sizes of the cloud. With a noisy cloud, a larger
+one cannot be distinguished from a plane. Empirical."""
 DEGENERATE = 1e-9
 """Determinant or cross product below which a few points do not determine a body, in scaled
 coordinates: points on a line or a plane, to rounding."""

@@ -14,8 +14,8 @@ from fringeworks.types import FloatMap, InputError
 
 BoardKind = Literal["chessboard", "charuco", "circles", "asymmetric-circles"]
 DICTIONARY = "4X4_250"
-"""ArUco dictionary of a ChArUco board that names none: 250 markers of 4 × 4 bits, OpenCV's usual
-choice. It suffices for boards of up to 500 squares."""
+"""ArUco dictionary of a ChArUco board whose description gives no dictionary: 250 markers of 4 × 4
+bits, enough for boards of up to 500 squares."""
 BOARD_SYNTAX = (
     "chessboard:9x7:75, charuco:8x6:30:22[:dictionary][:legacy], circles:9x7:30 or "
     "asymmetric-circles:4x11:20"

@@ -18,16 +18,18 @@ weights anew; three or four rounds are usual."""
 SETTLED = 1e-3
 """Relative change of the scatter between two rounds below which it has settled. The weights, and
 with them the result, then change by far less than a standard deviation."""
-MAX_STEPS = 40
+MAX_LM_STEPS = 40
 """Largest number of Levenberg–Marquardt steps in a round; five to seven are usual."""
 MAX_TRIALS = 12
-"""Largest number of dampings tried in one step. If none lowers the cost, the minimum is reached to
-rounding."""
+"""Largest number of dampings tried in one step. If all of them raise the cost, the minimum is
+reached to rounding."""
 FIRST_DAMPING = 1e-4
 """Damping of the first step, relative to the diagonal of the normal matrix: nearly a plain
 Gauss–Newton step, because the start is good."""
-MORE_DAMPING, LESS_DAMPING = 8.0, 0.1
-"""Factors of the damping after a step that raised the cost, and after one that lowered it."""
+MORE_DAMPING = 8.0
+"""Factor of the damping after a step that raised the cost. Empirical."""
+LESS_DAMPING = 0.1
+"""Factor of the damping after a step that lowered the cost. Empirical."""
 MIN_RAISED_DAMPING = 1e-8
 """Damping to begin with after a failed step, however small it was before: below, the next step
 would be the same to rounding."""
@@ -152,7 +154,7 @@ class _Problem:
     def minimise(self, state: State, scatter: FloatMap, weights: FloatMap | None) -> State:
         """Lower the cost by Levenberg–Marquardt steps with fixed scatter and weights."""
         damping = FIRST_DAMPING
-        for _ in range(MAX_STEPS):
+        for _ in range(MAX_LM_STEPS):
             A, b, cost = self.normal_equations(state, scatter, weights)
             scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
             A, b = A / np.outer(scale, scale), b / scale

@@ -146,8 +146,8 @@ def calibrate(
     skipped : dict, optional
         Names of poses that could not be observed, with the reason: for errors and reports.
     distortion : 0, 2, 4 or 5
-        Number of distortion coefficients to estimate for each device: none; k₁ and k₂; p₁ and p₂
-        as well; k₃ as well.
+        Number of distortion coefficients to estimate for each device. 2: k₁ and k₂; 4: p₁ and p₂
+        as well; 5: k₃ as well. 0: none, and k₁ and k₂ keep the values of the start.
 
     Returns
     -------

@@ -19,14 +19,16 @@ reliable centre."""
 CELL_SHARE = 4.0
 """Largest area of a circle that is looked for, as a divisor of the frame's area per circle. A
 circle fills a quarter of its cell or so, and the board never more than the frame."""
-REACH = 0.48
+DISC_REACH = 0.48
 """Radius of the disc in which a circle is measured, over the distance to the nearest circle: just
 below half, so that no neighbour enters."""
-MIN_REACH_PX = 3
+MIN_DISC_PX = 3
 """Smallest radius of that disc, px."""
-DARK_PERCENT, BRIGHT_PERCENT = 5, 95
-"""Percentiles of the brightness around a circle that are taken for ink and for paper; unlike
-minimum and maximum, a few noisy pixels do not change them."""
+DARK_PERCENT = 5
+"""Percentile of the brightness around a circle that is taken for ink; unlike the minimum, a few
+noisy pixels do not change it."""
+BRIGHT_PERCENT = 95
+"""Percentile of the brightness around a circle that is taken for paper."""
 INK_PERCENT = 97
 """Percentile of the darkness in a disc that is taken for full ink: darker than the blurred rim, and
 not the noise of single pixels. Only the measured area of the circle depends on it."""
@@ -36,7 +38,7 @@ PAPER_NOISE = 0.5
 """Paper pixels that differ from the fitted light by less than this, relative to it, count as
 exactly white, so that noise far from the circle does not move its centre. Larger differences are
 not noise."""
-MAX_SHIFT = 0.2
+MAX_CENTRE_SHIFT = 0.2
 """Largest distance of a centre of gravity from OpenCV's centre, over the disc's radius. A circle
 that is partly hidden moves further."""
 
@@ -70,7 +72,7 @@ def _centroids(image: FloatMap, start: FloatMap) -> BoardView:
     """Measure circles by the centres of gravity of their ink, which blur does not move."""
     distance = np.linalg.norm(start[:, None] - start[None], axis=2)
     distance[np.diag_indices(len(start))] = np.inf
-    half = int(max(MIN_REACH_PX, REACH * np.median(distance.min(axis=1))))
+    half = int(max(MIN_DISC_PX, DISC_REACH * np.median(distance.min(axis=1))))
     dy, dx = np.mgrid[-half : half + 1, -half : half + 1]
     disc = np.hypot(dx, dy) <= half
     pixels, ink = np.full(start.shape, np.nan), np.zeros(len(start))
@@ -84,7 +86,7 @@ def _centroids(image: FloatMap, start: FloatMap) -> BoardView:
         pixels[k] = centre + np.array([np.sum(dark * dx), np.sum(dark * dy)]) / dark.sum()
         ink[k] = dark.sum() / max(full, 1e-6)
     shift = np.linalg.norm(pixels - start, axis=1)
-    good = np.isfinite(pixels).all(axis=1) & (shift < MAX_SHIFT * half)
+    good = np.isfinite(pixels).all(axis=1) & (shift < MAX_CENTRE_SHIFT * half)
     if good.sum() < MIN_CORNERS:
         raise InputError(
             f"expected {MIN_CORNERS} circles or more inside the image, found {good.sum()}"

@@ -12,7 +12,7 @@ from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView, flattened
 from fringeworks.rig.calibration.chessboard import chessboard_view
 from fringeworks.rig.calibration.circles import circles_view
-from fringeworks.rig.calibration.saddle import MIN_CONTRAST, WINDOW, fit_saddles
+from fringeworks.rig.calibration.saddle import CORNER_WINDOW, MIN_CONTRAST, fit_saddles
 from fringeworks.types import FloatMap, InputError
 
 MARKER_GAP = 0.4
@@ -35,7 +35,7 @@ def find_board(image: NDArray[Any], board: Board) -> BoardView:
 
     Raises
     ------
-    InputError where the board is not found, or another board is; it says what was found.
+    InputError where the board is not found, or another board is found; it says which.
 
     Notes
     -----
@@ -85,8 +85,8 @@ def refit(
 def _window(board: Board) -> float:
     """Half side of the fitted square, in squares: on a ChArUco board it ends before the markers."""
     if board.kind != "charuco":
-        return WINDOW
-    return min(MARKER_GAP * (1.0 - (board.marker_mm or 0.0) / board.pitch_mm), WINDOW)
+        return CORNER_WINDOW
+    return min(MARKER_GAP * (1.0 - (board.marker_mm or 0.0) / board.pitch_mm), CORNER_WINDOW)
 
 
 def _charuco(image: NDArray[Any], board: Board) -> BoardView:

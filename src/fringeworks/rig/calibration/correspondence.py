@@ -8,17 +8,19 @@ import numpy as np
 
 from fringeworks.types import Axis, BoolMap, CoordinateMap, Decoded, FloatMap, InputError
 
-REACH = 0.5
+SURFACE_REACH = 0.5
 """Half side of a corner's window over the distance of neighbouring corners: windows are as large as
 possible without overlapping, so that the errors of neighbouring corners are independent."""
-MIN_HALF_PX, MAX_HALF_PX = 4, 40
-"""Limits of the half side of a window, px: at least 81 pixels for six coefficients; beyond 40 px
-noise no longer matters, but deviations from a quadratic surface and computing time do."""
+MIN_SURFACE_HALF_PX = 4
+"""Smallest half side of a window, px: 81 pixels for six coefficients."""
+MAX_SURFACE_HALF_PX = 40
+"""Largest half side of a window, px: beyond, noise hardly matters any more, but deviations from a
+quadratic surface and computing time do. Empirical."""
 COEFFICIENTS = 6
 """Number of coefficients of a quadratic surface."""
 PIXELS_PER_COEFFICIENT = 4
-"""Smallest number of decoded pixels in a window, per coefficient, so that outliers can be told from
-the surface."""
+"""Smallest number of decoded pixels in a window, per coefficient, so that outliers differ visibly
+from the surface."""
 SIGMA_FLOOR = 1.0 / 3.0
 """Lower bound on a pixel's σ, as a fraction of the median σ in the window: a few pixels with a tiny
 σ must not determine the surface alone."""
@@ -33,9 +35,12 @@ MIN_ABSOLUTE = 0.1
 a pixel that happens to lie on the surface must not get an infinite weight."""
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
-MAX_DESIGN_CONDITION, MAX_NORMAL_CONDITION = 1e10, 1e12
-"""Largest condition numbers of the normal matrix, without and with weights. Beyond, the pixels lie
-almost on a line and do not determine a surface."""
+MAX_DESIGN_CONDITION = 1e10
+"""Largest condition number of the normal matrix without weights. Beyond, the pixels lie almost on a
+line and do not determine a surface."""
+MAX_NORMAL_CONDITION = 1e12
+"""Largest condition number of the normal matrix with weights, which may differ by some powers of
+ten between pixels."""
 MAX_SIGMA_SHARE = 0.02
 """Largest σ of a corner's coordinate, as a share of the half window; beyond, the corner has no
 coordinate. Usual are some thousandths of a pixel. Empirical."""
@@ -101,7 +106,7 @@ def projector_at(decoded: Decoded, pixels: FloatMap, spacing_px: float) -> Corre
     if decoded.x is None or decoded.y is None:
         missing = "y" if decoded.y is None else "x"
         raise InputError(f"calibration: expected both axes of the projector, {missing} is missing")
-    half = int(np.clip(REACH * spacing_px, MIN_HALF_PX, MAX_HALF_PX))
+    half = int(np.clip(SURFACE_REACH * spacing_px, MIN_SURFACE_HALF_PX, MAX_SURFACE_HALF_PX))
     m = len(pixels)
     projector, by_pixel = np.full((m, 2), np.nan), np.full((m, 2, 2), np.nan)
     sigma = np.full((m, 2), np.nan)

@@ -10,27 +10,34 @@ from scipy import special
 
 from fringeworks.types import BoolMap, FloatMap
 
-WINDOW = 0.38
+CORNER_WINDOW = 0.38
 """Half side of the fitted square over the distance of neighbouring corners: as large as possible
 without the blurred edges of the next corner."""
-MIN_HALF_PX, MAX_HALF_PX = 3, 11
-"""Limits of the half side, px: 49 pixels for eleven unknowns at least; beyond 11 px the edges bend
-and the light varies more than noise counts."""
-MAX_STEPS = 12
-"""Number of Levenberg–Marquardt steps, the same for all corners, which are fitted together. From a
-start within a quarter of a square, six to eight are enough."""
-MIN_BLUR_PX, MAX_BLUR_PX = 0.3, 4.0
-"""Limits of the standard deviation of a blurred edge, px. Sharper edges cannot be told from 0.3 px
-by pixels, and at 4 px an edge fills the window."""
+MIN_CORNER_HALF_PX = 3
+"""Smallest half side of the fitted square, px: 49 pixels for eleven unknowns."""
+MAX_CORNER_HALF_PX = 11
+"""Largest half side of the fitted square, px: further out, bent edges and uneven light cause larger
+errors than noise does. Empirical."""
+CORNER_STEPS = 12
+"""Number of Levenberg–Marquardt steps, the same for all corners because they are fitted together.
+From a start within a quarter of a square, six to eight are enough."""
+MIN_BLUR_PX = 0.3
+"""Smallest standard deviation of a blurred edge, px: pixels do not show sharper edges."""
+MAX_BLUR_PX = 4.0
+"""Largest standard deviation of a blurred edge, px: such an edge fills the window."""
 FIRST_BLUR_PX = 0.9
 """Blur to start from, px: a sharp camera."""
-FIRST_DAMPING = 1e-3
-"""Damping of the first step, relative to the diagonal of the normal matrix."""
-LESS_DAMPING, MORE_DAMPING = 0.2, 8.0
-"""Factors of the damping after a step that lowered the residual, and after one that raised it."""
+CORNER_FIRST_DAMPING = 1e-3
+"""Damping of the first step, relative to the diagonal of the normal matrix: nearly a plain
+Gauss–Newton step, because the start is good."""
+CORNER_LESS_DAMPING = 0.2
+"""Factor of the damping after a step that lowered the residual. Empirical."""
+CORNER_MORE_DAMPING = 8.0
+"""Factor of the damping after a step that raised the residual. Empirical."""
 RIDGE = 1e-9
-"""Added to the diagonals of the normal matrices, so that flat windows are not singular."""
-MAX_SHIFT = 0.3
+"""Added to the diagonals of the normal matrices, so that windows without contrast are not
+singular; far below the entries of others."""
+MAX_CORNER_SHIFT = 0.3
 """Largest distance of a fitted corner from its start, over the distance of neighbours: farther away
 it may be another corner."""
 MIN_CONTRAST = 0.5
@@ -62,7 +69,7 @@ def fit_saddles(
     start: FloatMap,
     edges: FloatMap,
     *,
-    window: float = WINDOW,
+    window: float = CORNER_WINDOW,
     bends: FloatMap | None = None,
 ) -> Saddles:
     """Fit a crossing of two blurred edges around every start.
@@ -93,7 +100,11 @@ def fit_saddles(
     """
     n = len(start)
     length = np.linalg.norm(edges, axis=2).min(axis=1, initial=np.inf)
-    half = int(np.clip(window * np.median(length), MIN_HALF_PX, MAX_HALF_PX)) if n else MIN_HALF_PX
+    half = (
+        int(np.clip(window * np.median(length), MIN_CORNER_HALF_PX, MAX_CORNER_HALF_PX))
+        if n
+        else MIN_CORNER_HALF_PX
+    )
     offsets = np.arange(-half, half + 1)
     dx, dy = (a.ravel().astype(np.float64) for a in np.meshgrid(offsets, offsets))
     centre = np.rint(start).astype(int)
@@ -105,7 +116,7 @@ def fit_saddles(
     shift = fitted[:, :2] + centre - start
     good = inside & np.isfinite(values).all(axis=1)
     good &= (np.abs(fitted[:, :2]) <= half).all(axis=1)
-    good &= np.hypot(*shift.T) <= MAX_SHIFT * np.maximum(length, 1.0)
+    good &= np.hypot(*shift.T) <= MAX_CORNER_SHIFT * np.maximum(length, 1.0)
     return Saddles(fitted[:, :2] + centre, linear[:, 3], residual, good)
 
 
@@ -141,9 +152,9 @@ def _minimise(
     trial, best = start, start.copy()
     residual, linear = np.full(n, np.nan), np.zeros((n, LINEAR))
     lowest = np.full(n, np.inf)
-    damping = np.full(n, FIRST_DAMPING)
+    damping = np.full(n, CORNER_FIRST_DAMPING)
     ramp = np.stack((np.ones_like(dx), dx, dy))
-    for _ in range(MAX_STEPS):
+    for _ in range(CORNER_STEPS):
         crossing, by_unknown = _crossing(trial, dx, dy, bends)
         design = np.concatenate(
             (np.broadcast_to(ramp, (n, 3, dx.size)), crossing[:, None] * ramp), axis=1
@@ -155,7 +166,7 @@ def _minimise(
         better = rms <= lowest
         best[better], residual[better], lowest[better] = trial[better], rms[better], rms[better]
         linear[better] = solved[better]
-        damping = np.where(better, damping * LESS_DAMPING, damping * MORE_DAMPING)
+        damping = np.where(better, damping * CORNER_LESS_DAMPING, damping * CORNER_MORE_DAMPING)
         amplitude = solved[:, 3, None] + solved[:, 4, None] * dx + solved[:, 5, None] * dy
         step = _step(by_unknown * amplitude[:, None], design, normal, error, damping)
         trial = np.where(better[:, None], trial, best) + np.where(better[:, None], step, 0.0)

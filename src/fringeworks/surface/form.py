@@ -38,7 +38,7 @@ FAR_SIGMAS = 6.0
 normally distributed distances one in 10⁹ is larger."""
 FIT_ROUNDS = 6
 """Largest number of fits; the points that belong to the body are chosen anew after each. Usually
-they no longer change after three."""
+they no longer change after the second or third."""
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 

@@ -26,7 +26,8 @@ SIGMA_FLOOR = 1.0 / 3.0
 σ must not determine the surface alone."""
 REWEIGHTINGS = 12
 """Number of weighted fits of a surface: half of them towards least absolute deviations, half with
-Tukey's weights. Each half settles after four or five."""
+Tukey's weights. On the virtual rig the coordinates are then within 3e-5 px of their limit, at a
+noise of 0.003 px."""
 BIWEIGHT = 4.7
 """Scale of Tukey's biweight, in standard deviations: 95 % efficient for normal errors (Holland and
 Welsch, Communications in Statistics A 6, 1977)."""
@@ -43,7 +44,7 @@ MAX_NORMAL_CONDITION = 1e12
 ten between pixels."""
 MAX_SIGMA_SHARE = 0.02
 """Largest σ of a corner's coordinate, as a share of the half window; beyond, the corner has no
-coordinate. Usual are some thousandths of a pixel. Empirical."""
+coordinate. On the virtual rig 0.003 px is usual, 0.0003 of the half window. Empirical."""
 RIPPLE_HARMONICS = 6
 """Number of harmonics of the fringes that are looked for in the residuals: γ and saturation give a
 ripple at N and 2N times the fringes' frequency for N = 3 steps."""

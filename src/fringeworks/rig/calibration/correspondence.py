@@ -43,8 +43,8 @@ MAX_NORMAL_CONDITION = 1e12
 """Largest condition number of the normal matrix with weights, which may differ by some powers of
 ten between pixels."""
 MAX_SIGMA_SHARE = 0.02
-"""Largest σ of a corner's coordinate, as a share of the half window; beyond, the corner has no
-coordinate. On the virtual rig 0.003 px is usual, 0.0003 of the half window. Empirical."""
+"""Largest σ of a corner's coordinate, as a share of the coordinate's change over half a window;
+beyond, the corner has no coordinate. On the virtual rig about 0.0001 is usual. Empirical."""
 RIPPLE_HARMONICS = 6
 """Number of harmonics of the fringes that are looked for in the residuals: γ and saturation give a
 ripple at N and 2N times the fringes' frequency for N = 3 steps."""

@@ -1,4 +1,4 @@
-"""Simple bodies fitted to a measured map: what is left over is form error and noise."""
+"""Simple bodies fitted to a measured map: the residual is form error and noise."""
 
 from __future__ import annotations
 
@@ -40,9 +40,10 @@ def fit_plane(values: FloatMap, where: BoolMap | None = None) -> Fit:
 
     Parameters
     ----------
-    values : (h, w) float array; NaN is left out.
+    values : (h, w) float array
+        NaN for pixels without a value.
     where : (h, w) bool array, optional
-        Pixels to fit.
+        Pixels to fit; all with a value by default.
 
     Examples
     --------
@@ -62,20 +63,22 @@ def fit_plane(values: FloatMap, where: BoolMap | None = None) -> Fit:
 
 
 CONE_HARMONICS = 2
-"""A round cone seen and lit obliquely has flanks whose slope varies once and twice a turn."""
+"""Number of harmonics of the slope around the apex: the flanks of a round cone that is seen and lit
+obliquely vary once and twice per turn."""
 
 
 def fit_cone(values: FloatMap, where: BoolMap) -> Fit:
-    """Least-squares cone: straight flanks from a sharp apex, their slope a smooth function of θ.
+    """Least-squares cone: straight flanks from a sharp apex, with a slope that depends on θ.
 
     z = apex − r·(c₀ + Σ aₘ cos mθ + bₘ sin mθ), m = 1, 2, with r and θ about (x₀, y₀). A round
-    cone under an oblique camera and projector is of this form, not of one with a round base.
+    cone has this form if camera and projector are oblique.
 
     Parameters
     ----------
-    values : (h, w) float array; NaN is left out.
+    values : (h, w) float array
+        NaN for pixels without a value.
     where : (h, w) bool array
-        Pixels on the cone, its rim left out.
+        Pixels on the cone, without its rim.
 
     Returns
     -------
@@ -98,8 +101,8 @@ def fit_cone(values: FloatMap, where: BoolMap) -> Fit:
             steepness += p[2 + 2 * m] * np.cos(m * angle) + p[3 + 2 * m] * np.sin(m * angle)
         return np.asarray(p[0] - np.hypot(dx, dy) * steepness - z)
 
-    found = optimize.least_squares(misfit, start)
+    solved = optimize.least_squares(misfit, start)
     residual = np.full(values.shape, np.nan)
-    residual[chosen] = -found.fun
+    residual[chosen] = -solved.fun
     names = ("apex", "x", "y", "slope")
-    return Fit({name: float(v) for name, v in zip(names, found.x[:4], strict=True)}, residual)
+    return Fit({name: float(v) for name, v in zip(names, solved.x[:4], strict=True)}, residual)

@@ -1,4 +1,4 @@
-"""Virtual rigs for the tests: small ones, their boards and captures, made once."""
+"""Small virtual rigs for the tests, with boards and captures; each is computed once."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from fringeworks import decode
 from fringeworks.rig.calibration.board import Board, parse_board
-from fringeworks.rig.calibration.bundle import Sighting
 from fringeworks.rig.calibration.calibrate import observe
+from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.pinhole import pose, project_with_derivatives, transform
 from fringeworks.simulate import (
     Body,
@@ -28,11 +28,14 @@ from fringeworks.stack.even_light import texture
 from fringeworks.types import Rig
 
 SCALE = 0.5
+"""Frame sizes over those of the standard rig: a quarter of the pixels keeps the tests quick."""
 BOARD = "chessboard:11x8:12"
+"""A board that fills the field of 200 mm, with one odd and one even count."""
 
 
 @lru_cache
 def rig() -> Rig:
+    """The standard rig with half the resolution."""
     return standard_rig(scale=SCALE)
 
 
@@ -43,28 +46,30 @@ def board(text: str = BOARD) -> Board:
 
 @lru_cache
 def poses(count: int = 8, seed: int = 0, text: str = BOARD):
+    """T_camera_board of a board in several poses."""
     return tuple(board_poses(board(text), count, seed=seed))
 
 
 def shoot(bodies, optics: Optics | None = None, *, both: bool = True, plan=None):
-    """View, plan and frames of bodies before the small rig."""
+    """View, plan and frames of bodies before the rig."""
     view = look(rig(), bodies)
     plan = plan or fringe_plan(rig(), both=both)
     return view, plan, list(photograph(view, plan, optics or Optics()))
 
 
 def see(T, name: str, *, text: str = BOARD, optics: Optics | None = None, plan=None, damage=None):
-    """A board in a pose, photographed and observed."""
+    """Observation of a board in a pose; ``damage`` changes what was decoded."""
     _, plan, frames = shoot([board_body(board(text), T)], optics, plan=plan)
-    found = decode(frames, plan)
+    decoded = decode(frames, plan)
     if damage is not None:
-        found = damage(found)
+        decoded = damage(decoded)
     size = (plan.width_px, plan.height_px)
-    return observe(texture(frames, plan), found, board(text), projector_size=size, name=name)
+    return observe(texture(frames, plan), decoded, board(text), projector_size=size, name=name)
 
 
 @lru_cache
 def observations(count: int = 8, seed: int = 0):
+    """Observations of the board in several poses."""
     return tuple(
         see(T, f"pose{k}", optics=Optics(seed=100 * seed + k))
         for k, T in enumerate(poses(count, seed))
@@ -73,6 +78,7 @@ def observations(count: int = 8, seed: int = 0):
 
 @lru_cache
 def calibrated():
+    """Calibration from the eight poses."""
     from fringeworks.rig.calibration.calibrate import calibrate
 
     return calibrate(observations(), board())
@@ -95,7 +101,10 @@ def rig_errors(found: Rig, truth: Rig) -> np.ndarray:
 
 
 def sighting(truth: Rig, target: Board, T, rng, *, corner=0.01, phase=0.004) -> Sighting:
-    """Corners as they would be measured: off by noise, and read where they were taken to be."""
+    """Corners as they would be measured.
+
+    The corner is off by noise, and the projector coordinate is read where the corner was seen.
+    """
     points = transform(T, target.points_mm)
     R = truth.T_projector_camera[:3, :3]
     c, c_by, _ = project_with_derivatives(truth.camera, points)
@@ -103,12 +112,13 @@ def sighting(truth: Rig, target: Board, T, rng, *, corner=0.01, phase=0.004) -> 
         truth.projector, transform(truth.T_projector_camera, points)
     )
     by_pixel = (q_by @ R @ T[:3, :2]) @ np.linalg.inv(c_by @ T[:3, :2])
-    off = rng.normal(0, corner, c.shape)
-    read = q + np.einsum("nij,nj->ni", by_pixel, off) + rng.normal(0, phase, q.shape)
-    return Sighting(target.points_mm, c + off, read, by_pixel)
+    error = rng.normal(0, corner, c.shape)
+    read = q + np.einsum("nij,nj->ni", by_pixel, error) + rng.normal(0, phase, q.shape)
+    return Sighting(target.points_mm, c + error, read, by_pixel)
 
 
 def ahead(body, x=0.0, y=0.0, z=500.0, turn=None, albedo=0.8) -> Body:
+    """A shape in front of the camera; ``turn`` is a rotation vector in rad."""
     from fringeworks.rig.pinhole import rotation
 
     R = np.eye(3) if turn is None else rotation(np.array(turn, float))
@@ -117,7 +127,7 @@ def ahead(body, x=0.0, y=0.0, z=500.0, turn=None, albedo=0.8) -> Body:
 
 @lru_cache
 def scene(name: str, seed: int = 50, both: bool = False):
-    """A sphere or plane before the small rig: view, decoded."""
+    """A sphere or plane before the rig: view, and what was decoded."""
     body = (
         ahead(Sphere(25.0), 5, 3)
         if name == "sphere"
@@ -128,13 +138,12 @@ def scene(name: str, seed: int = 50, both: bool = False):
 
 
 def with_gross_errors(decoded, share: float, seed: int = 0):
-    """A tenth of the coordinates off by whole periods and more."""
+    """Coordinates of which a share is wrong by about a period or more."""
     rng = np.random.default_rng(seed)
     maps = {}
-    for axis, found in decoded.maps.items():
-        wrong = rng.random(found.coordinate_px.shape) < share
-        jump = rng.choice([-30.0, 15.0, 60.0], found.coordinate_px.shape).astype(np.float32)
-        maps[axis] = replace(
-            found, coordinate_px=np.where(wrong, found.coordinate_px + jump, found.coordinate_px)
-        )
+    for axis, coordinates in decoded.maps.items():
+        true = coordinates.coordinate_px
+        wrong = rng.random(true.shape) < share
+        jump = rng.choice([-30.0, 15.0, 60.0], true.shape).astype(np.float32)
+        maps[axis] = replace(coordinates, coordinate_px=np.where(wrong, true + jump, true))
     return replace(decoded, **maps)

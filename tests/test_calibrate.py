@@ -1,4 +1,4 @@
-"""Calibration on the virtual rig: bars, honest error bars, and causes that are named."""
+"""Calibration on the virtual rig: accuracy, true error bars, and findings that give the cause."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError, PatternPlan, PhaseSteps, decode
-from fringeworks.rig.calibration.bundle import adjust, board_bow
+from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.diagnosis import diagnose
+from fringeworks.rig.calibration.flatness import board_bow
 from fringeworks.rig.pinhole import pose, project, transform
 from fringeworks.simulate import Optics, board_body, board_poses, fringe_plan
 from fringeworks.stack.even_light import texture
@@ -28,8 +29,8 @@ from tests.rigs import (
 )
 
 
-def test_bars_with_noise_and_eight_bits():
-    """Half the pixels of the standard rig and eight poses: bars in px count as they stand."""
+def test_accuracy_with_noise_and_eight_bits():
+    """With half the resolution of the standard rig and eight poses, limits in px are the same."""
     found, truth = calibrated().rig, rig()
     errors = rig_errors(found, truth)
     for k in (0, 1, 9, 10):
@@ -53,18 +54,18 @@ def test_true_parameters_lie_within_three_sigma():
         scores.append(errors / np.sqrt(np.diag(found.rig.covariance)))
         ratios.append(errors @ np.linalg.solve(found.rig.covariance, errors) / errors.size)
     assert np.mean(np.abs(scores) < 3) >= 0.99
-    # And not because they are too wide.
+    # The standard deviations must not be too large either.
     assert np.std(scores) == pytest.approx(1.0, abs=0.12)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.2)
 
 
-def test_start_does_not_matter():
+def test_result_does_not_depend_on_the_start():
     rng = np.random.default_rng(3)
     places = board_poses(board(), 8, seed=3)
     seen = [sighting(rig(), board(), T, rng) for T in places]
     from tests.oracles.triangulation import moved
 
-    off = rig()
+    wrong_start = rig()
     for k, step in (
         (0, 40.0),
         (1, -30.0),
@@ -74,14 +75,15 @@ def test_start_does_not_matter():
         (19, 0.02),
         (21, 8.0),
     ):
-        off = moved(off, k, step)
+        wrong_start = moved(wrong_start, k, step)
     far = [pose(T[:3, :3], T[:3, 3] + [3.0, -4.0, 10.0]) for T in places]
-    one, other = adjust(seen, rig(), places), adjust(seen, off, far)
-    step = rig_errors(other.rig, one.rig) / np.sqrt(np.diag(one.rig.covariance))
+    near_start, far_start = adjust(seen, rig(), places), adjust(seen, wrong_start, far)
+    sigma = np.sqrt(np.diag(near_start.rig.covariance))
+    step = rig_errors(far_start.rig, near_start.rig) / sigma
     assert np.abs(step).max() < 0.01
 
 
-def test_wrong_corners_do_not_pull():
+def test_wrong_corners_do_not_change_the_rig():
     rng = np.random.default_rng(4)
     places = board_poses(board(), 8, seed=4)
     seen = [sighting(rig(), board(), T, rng) for T in places]
@@ -95,14 +97,14 @@ def test_wrong_corners_do_not_pull():
     assert np.abs(step).max() < 0.7
 
 
-def test_phase_outliers_do_not_pull():
+def test_phase_outliers_do_not_change_the_rig():
     T = poses()[1]
     clean = observations()[1]
     dirty = see(T, "pose1", optics=Optics(seed=1), damage=lambda d: with_gross_errors(d, 0.1))
     assert dirty.found.outliers == pytest.approx(0.1, abs=0.04)
-    off = dirty.found.projector_px - clean.found.projector_px
-    assert np.isfinite(off).all()
-    assert np.abs(off).max() < 0.03
+    change = dirty.found.projector_px - clean.found.projector_px
+    assert np.isfinite(change).all()
+    assert np.abs(change).max() < 0.03
     found = calibrate([dirty if o.name == "pose1" else o for o in observations()], board())
     assert found.rig.baseline_mm == pytest.approx(rig().baseline_mm, rel=2e-4)
 
@@ -114,9 +116,9 @@ def test_coordinates_between_pixels_are_exact():
         )
         c = project(rig().camera, transform(T, board().points_mm))
         moved = np.einsum("nij,nj->ni", o.found.by_pixel, (o.view.pixels - c[o.view.index]))
-        off = o.found.projector_px - at[o.view.index] - moved
-        assert np.sqrt(np.mean(off**2)) < 0.01
-        assert np.median(np.abs(off) / o.found.sigma_px) < 2.0
+        error = o.found.projector_px - at[o.view.index] - moved
+        assert np.sqrt(np.mean(error**2)) < 0.01
+        assert np.median(np.abs(error) / o.found.sigma_px) < 2.0
 
 
 @pytest.mark.parametrize("text", ["charuco:12x9:12:8.5", "circles:9x7:15"])
@@ -142,20 +144,20 @@ def test_fewer_coefficients_can_be_asked_for():
         calibrate(observations(), board(), distortion=3)
 
 
-def test_a_good_calibration_has_nothing_to_complain_of():
+def test_a_good_calibration_has_only_minor_findings():
     causes = {f.cause for f in diagnose(calibrated())}
     assert causes <= {"poses", "corners"}
 
 
 def test_a_moved_board_is_named():
-    """Between the frames of even light and those of the code the board went 0.3 mm back."""
+    """The board moved by 0.3 mm between the photograph and the frames of the fringes."""
     o, T = observations()[4], poses()[4]
     _, plan, frames = shoot([board_body(board(), T)], Optics(seed=4))
     moved = see(pose(T[:3, :3], T[:3, 3] + [0.0, 0.0, 0.3]), "pose4", optics=Optics(seed=4))
-    torn = observe(
+    inconsistent = observe(
         moved.image, decode(frames, plan), board(), projector_size=o.projector_size, name="pose4"
     )
-    found = calibrate([torn if x.name == o.name else x for x in observations()], board())
+    found = calibrate([inconsistent if x.name == o.name else x for x in observations()], board())
     messages = [f.message for f in diagnose(found) if f.cause == "pose"]
     assert messages
     assert all(m.startswith("pose4: the ") for m in messages)
@@ -202,7 +204,7 @@ def replace_points(points, height):
 
 
 class bent_board:
-    """Looks like a board to ``sighting``."""
+    """Stands in for a board in ``sighting``: it only has points."""
 
     def __init__(self, points):
         self.points_mm = points
@@ -224,7 +226,8 @@ def test_a_pose_taken_twice_is_mentioned():
     o = observations()
     found = calibrate([*o, replace(o[2], name="again")], board())
     messages = [f.message for f in diagnose(found)]
-    assert "the board did not move between pose2 and again: one pose" in messages
+    expected = "the board did not move between pose2 and again: they count as one pose"
+    assert any(m.startswith(expected) for m in messages)
 
 
 def test_parallel_poses_are_named():
@@ -291,7 +294,7 @@ def test_texture_is_even_light():
     _, plan, frames = shoot([board_body(board(), poses()[0])], Optics(noise=0.0))
     even = texture(frames, plan)
     assert even.dtype == np.float32
-    # The mean of any one set is the same light.
+    # The mean over the equal steps of any set is the same light.
     first = np.mean([f.astype(float) for f in frames[:4]], axis=0)
     assert np.abs(even - first).max() < 1.5
     with pytest.raises(InputError, match="the plan has 24, got 3"):

@@ -1,4 +1,4 @@
-"""Boards are found in uneven light and with corners hidden, to hundredths of a pixel."""
+"""Boards are found in uneven light and with hidden corners, to hundredths of a pixel."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def test_every_kind_is_found(text):
     image, truth = picture(text)
     view = find_board(image, board(text))
     if board(text).grid == (8, 8):
-        # A square board looks alike after a quarter turn: some numbering of its corners.
-        off = np.linalg.norm(view.pixels[:, None] - truth, axis=2).min(axis=1)
-        assert np.sqrt(np.mean(off**2)) < 0.02
+        # A square board looks the same after a quarter turn, so its numbering is arbitrary.
+        distance = np.linalg.norm(view.pixels[:, None] - truth, axis=2).min(axis=1)
+        assert np.sqrt(np.mean(distance**2)) < 0.02
         return
     assert len(view.index) == len(truth)
-    # Centres of gravity of circles are off by perspective, which calibration takes out.
+    # Perspective moves the centres of gravity of circles; calibration corrects that.
     assert rms(view, truth) < (0.1 if "circles" in text else 0.02)
 
 
@@ -133,12 +133,12 @@ def test_nothing_is_found_in_noise():
         "circles:9x7:nan",
     ],
 )
-def test_boards_that_are_none_are_refused(text):
+def test_invalid_boards_are_refused(text):
     with pytest.raises(InputError, match="board: expected"):
         parse_board(text)
 
 
-def test_boards_say_where_their_points_are():
+def test_points_of_boards():
     assert parse_board("charuco:8x6:30:22:DICT_5X5_100:legacy").legacy
     points = parse_board("asymmetric-circles:4x11:20").points_mm
     assert points.shape == (44, 3)

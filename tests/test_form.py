@@ -1,4 +1,4 @@
-"""Fits of planes, spheres and cylinders, and what VDI/VDE 2634 makes of them."""
+"""Fits of planes, spheres and cylinders, and their evaluation in the terms of VDI/VDE 2634."""
 
 from __future__ import annotations
 
@@ -71,14 +71,14 @@ def test_cylinder():
 def test_a_body_is_found_among_others(body):
     both = np.concatenate((ball([5, 3, 480], 25.0), sheet()))
     found = fit_form(both, body)
-    own = len(both) - 20_000
-    right = slice(0, own) if body == "sphere" else slice(own, None)
-    assert found.used[right].mean() > 0.999
+    on_sphere = len(both) - 20_000
+    on_body = slice(0, on_sphere) if body == "sphere" else slice(on_sphere, None)
+    assert found.used[on_body].mean() > 0.999
     assert found.used.mean() < 0.8
     assert found.deviation_mm < 0.02
 
 
-def test_outliers_do_not_pull():
+def test_outliers_do_not_change_the_radius():
     points = ball([0, 0, 500], 25.0)
     points[::20] += RNG.uniform(0.2, 5.0, (len(points[::20]), 1))
     found = fit_form(points, "sphere")
@@ -97,7 +97,7 @@ def test_spheres_and_their_spacing():
         find_spheres(ball([0, 0, 500], 25.0), 3)
 
 
-def test_report_speaks_vdi_2634():
+def test_report_in_the_terms_of_vdi_2634():
     found = report(fit_form(ball([5, 3, 500], 25.0), "sphere"), diameter_mm=50.01)
     assert found["probing_error_size_PS_mm"] == pytest.approx(-0.01, abs=3e-3)
     # 99.7 % of normal errors span nearly six standard deviations.
@@ -113,12 +113,11 @@ def test_report_speaks_vdi_2634():
 
 def test_weights_count():
     points = ball([0, 0, 500], 25.0, noise=0.005)
-    loud = np.arange(len(points)) % 2 == 0
-    points[loud] += 0.2 * RNG.normal(size=(loud.sum(), 3))
-    sigma = np.where(loud, 0.2, 0.005)
+    noisy = np.arange(len(points)) % 2 == 0
+    points[noisy] += 0.2 * RNG.normal(size=(noisy.sum(), 3))
+    sigma = np.where(noisy, 0.2, 0.005)
     plain, weighted = fit_form(points, "sphere"), fit_form(points, "sphere", sigma_mm=sigma)
-    off = [abs(f.parameters["radius_mm"] - 25.0) for f in (plain, weighted)]
-    assert off[1] < 1e-3
+    assert abs(weighted.parameters["radius_mm"] - 25.0) < 1e-3
     assert weighted.sigma_mm < 0.8 * plain.sigma_mm
 
 
@@ -133,6 +132,6 @@ def test_weights_count():
         (np.repeat([[1.0, 2, 3]], 50, axis=0), "sphere", "determine a body"),
     ],
 )
-def test_what_cannot_be_fitted_is_refused(points, body, message):
+def test_invalid_points_are_refused(points, body, message):
     with pytest.raises(InputError, match=message):
         fit_form(points, body)

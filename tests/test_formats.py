@@ -12,7 +12,7 @@ import tifffile
 
 from fringeworks import HeightMap, InputError, Reason, write_surface
 from fringeworks.files.surfaces import WRITERS, read_surface
-from fringeworks.surface.height_map import points
+from fringeworks.surface.height_map import height_map_points
 
 
 @pytest.fixture
@@ -140,7 +140,7 @@ def test_unknown_suffix(tmp_path, surface):
 
 
 def test_points_index(surface):
-    xyz, sigma, index = points(surface)
+    xyz, sigma, index = height_map_points(surface)
     assert index[3, 7] == -1
     assert xyz[index[10, 4]].tolist() == [2.0, -5.0, surface.values[10, 4]]
     assert sigma.shape == (596,)

@@ -1,4 +1,4 @@
-"""Pinholes with distortion: against OpenCV, and derivatives against differences."""
+"""The pinhole model with lens distortion: against OpenCV, derivatives against differences."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ K = np.array([[700.0, 0, 320.0], [0, 690.0, 236.0], [0, 0, 1]])
 POINTS = np.random.default_rng(0).uniform([-150, -100, 400], [150, 100, 600], (50, 3))
 
 
-def test_projection_is_that_of_opencv():
+def test_projection_equals_opencv():
     theirs, _ = cv2.projectPoints(POINTS, np.zeros(3), np.zeros(3), K, np.array(DEVICE.distortion))
     np.testing.assert_allclose(project(DEVICE, POINTS), theirs[:, 0], atol=1e-9)
 
@@ -39,14 +39,14 @@ def test_points_behind_have_no_pixel():
     assert np.isnan(project(DEVICE, np.array([[0.0, 0.0, -5.0], [0.0, 0.0, 0.0]]))).all()
 
 
-def test_a_lens_that_folds_over_has_no_ray_there():
+def test_folded_distortion_has_no_ray():
     folded = Pinhole(640, 480, (300.0, 300.0), (320.0, 240.0), (-0.9, 0.0, 0.0, 0.0, 0.0))
     found = rays(folded, np.array([[320.0, 240.0], [0.0, 0.0]]))
     assert np.isfinite(found[0]).all()
     assert np.isnan(found[1, :2]).all()
 
 
-def test_derivatives_are_those_of_differences():
+def test_derivatives_equal_differences():
     pixels, by_point, by_device = project_with_derivatives(DEVICE, POINTS)
     np.testing.assert_allclose(pixels, project(DEVICE, POINTS))
     for k in range(3):
@@ -65,7 +65,7 @@ def test_derivatives_are_those_of_differences():
         np.testing.assert_allclose(by_device[:, :, k], (sides[0] - sides[1]) / (2 * h), atol=1e-5)
 
 
-def test_rotations_are_those_of_opencv():
+def test_rotations_equal_opencv():
     for vector in ([0.3, -0.2, 0.9], [0.0, 0.0, 1e-10], [np.pi - 1e-6, 0.0, 0.0]):
         np.testing.assert_allclose(
             rotation(np.array(vector)), cv2.Rodrigues(np.array(vector))[0], atol=1e-9
@@ -74,7 +74,7 @@ def test_rotations_are_those_of_opencv():
     np.testing.assert_allclose(skew(v) @ w, np.cross(v, w))
 
 
-def test_look_at_looks_there():
+def test_look_at_looks_at_the_target():
     eye, target = np.array([100.0, 5.0, 0.0]), np.array([0.0, 0.0, 500.0])
     T = look_at(eye, target)
     np.testing.assert_allclose(transform(T, eye), 0.0, atol=1e-9)
@@ -94,7 +94,7 @@ def test_look_at_looks_there():
         ({"principal_px": (np.nan, 1.0)}, "finite"),
     ],
 )
-def test_devices_that_are_none_are_refused(change, message):
+def test_invalid_devices_are_refused(change, message):
     good = {"width_px": 64, "height_px": 48, "focal_px": (70.0, 70.0), "principal_px": (32.0, 24.0)}
     with pytest.raises(InputError, match=message):
         Pinhole(**(good | change))

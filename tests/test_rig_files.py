@@ -12,7 +12,7 @@ from fringeworks import InputError, Reason
 from fringeworks.files.points import read_cloud, read_points, write_points
 from fringeworks.files.rig import format_rig, read_rig, write_rig
 from fringeworks.rig.triangulate import triangulate
-from fringeworks.surface.cloud import triangles
+from fringeworks.surface.cloud import cloud_triangles
 from tests.rigs import calibrated, rig, scene
 
 
@@ -129,7 +129,7 @@ def test_ply_is_read_by_others(tmp_path):
     write_points(tmp_path / "mesh.ply", written, kind="mesh")
     found = trimesh.load(tmp_path / "mesh.ply", process=False)
     assert len(found.vertices) == (written.reason == Reason.OK).sum()
-    assert len(found.faces) == len(triangles(written))
+    assert len(found.faces) == len(cloud_triangles(written))
     # Triangles face the camera.
     towards = np.einsum("nk,nk->n", found.face_normals, found.triangles_center)
     assert (towards < 0).mean() > 0.99

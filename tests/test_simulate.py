@@ -1,4 +1,4 @@
-"""Artificial objects and fringes: shapes, equations, noise, repeatability."""
+"""Simulated objects and fringes: shapes, equations, noise, repeatability."""
 
 from __future__ import annotations
 

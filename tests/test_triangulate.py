@@ -11,7 +11,7 @@ from fringeworks import CameraNoise, InputError, Reason, decode
 from fringeworks.rig.pinhole import look_at, pose, project, rays, rotation, transform
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.simulate import Box, Optics, Plane, Sphere, look, truth_distance
-from fringeworks.surface.cloud import height_over_plane, normals, triangles
+from fringeworks.surface.cloud import cloud_triangles, height_over_plane, normals
 from fringeworks.surface.form import fit_form
 from fringeworks.types import CoordinateMap, Decoded, Pinhole, Rig
 from tests.oracles.triangulation import point_of, sigma_of
@@ -277,7 +277,7 @@ def test_triangles_do_not_bridge_cliffs():
     bodies = [ahead(Box((40.0, 40.0, 40.0)), z=480.0), ahead(Plane(), z=560.0)]
     view, plan, frames = shoot(bodies, Optics(seed=3, exposure=0.8), both=False)
     cloud = triangulate(decode(frames, plan), rig())
-    faces = triangles(cloud)
+    faces = cloud_triangles(cloud)
     assert len(faces) > 100_000
     depth = cloud.xyz_mm.reshape(-1, 3)[:, 2][faces]
     assert np.ptp(depth, axis=1).max() < 25.0

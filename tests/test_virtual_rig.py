@@ -1,4 +1,4 @@
-"""The virtual rig: exact where it claims to be, and optics as they are described."""
+"""The virtual rig: exact geometry, and optics as documented."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ TURN = rotation(np.array([0.4, -0.3, 0.2]))
 
 
 def implicit(shape, p):
-    """How far points of a body are from its equation."""
+    """Value of a body's implicit equation at points: 0 on the surface."""
     if isinstance(shape, Plane):
         return p[:, 2]
     if isinstance(shape, Sphere):
@@ -70,18 +70,18 @@ BODIES = [
 
 @pytest.mark.parametrize("shape", BODIES, ids=lambda s: type(s).__name__)
 def test_hits_lie_on_the_body_and_are_the_first(shape):
-    # Turned about, so that a paraboloid's cap opens away from the camera.
+    # Turned by 180°, so that a paraboloid's cap opens away from the camera.
     T = pose(TURN @ rotation(np.array([np.pi, 0, 0])), np.array([3.0, -2, 500]))
     view = look(TINY, [Body(shape, T)])
     hit = view.body == 0
     assert hit.sum() > 500
     local = transform(inverse(T), view.points_mm[hit])
     np.testing.assert_allclose(implicit(shape, local), 0.0, atol=1e-9)
-    # Between the camera and the hit nothing of the body is in the way: the way in is outside.
+    # The ray is outside the body until the hit.
     before = transform(inverse(T), 0.999 * view.points_mm[hit])
     sign = np.sign(implicit(shape, transform(inverse(T), np.zeros((1, 3)))))
     assert np.mean(np.sign(implicit(shape, before)) == sign) > 0.98
-    # The camera's pixels are where they should be.
+    # The points project to the pixels of their rays.
     v, u = np.nonzero(hit)
     np.testing.assert_allclose(
         project(TINY.camera, view.points_mm[hit]), np.column_stack((u, v)), atol=1e-6
@@ -141,7 +141,7 @@ def test_mesh_files_are_read(tmp_path):
         read_mesh(tmp_path / "none.stl")
 
 
-def test_meshes_that_are_none_are_refused():
+def test_invalid_meshes_are_refused():
     corners = np.eye(3)
     with pytest.raises(InputError, match="corners below 3"):
         Mesh(corners, np.array([[0, 1, 3]]))
@@ -160,14 +160,14 @@ def test_a_body_throws_a_shadow_away_from_the_projector():
     free = look(TINY, [wall])
     dark &= free.lit
     assert dark.sum() > 50
-    # The projector stands at the right: the shadow is left of the ball.
+    # The projector is on the right, so the shadow is left of the ball.
     assert view.points_mm[dark][:, 0].mean() < -20.0
-    # Every dark point's way to the lamp goes through the ball.
-    lamp = TINY.projector_centre_mm
+    # The line from every dark point to the projector goes through the ball.
+    pupil = TINY.projector_centre_mm
     points = view.points_mm[dark]
-    way = (lamp - points) / np.linalg.norm(lamp - points, axis=1, keepdims=True)
+    line = (pupil - points) / np.linalg.norm(pupil - points, axis=1, keepdims=True)
     centre = np.array([0.0, 0.0, 450.0])
-    foot = points + np.sum((centre - points) * way, axis=1, keepdims=True) * way
+    foot = points + np.sum((centre - points) * line, axis=1, keepdims=True) * line
     assert np.linalg.norm(foot - centre, axis=1).max() < 20.0 + 1e-6
 
 
@@ -182,14 +182,14 @@ def test_shading_is_lambert_over_distance_squared():
 
 
 def head_on(size=64):
-    """A camera at the projector's place, pixel on pixel."""
+    """A rig whose camera is at the projector's pupil, with the same pixels."""
     device = Pinhole(size, size, (1000.0, 1000.0), (size / 2 - 0.5, size / 2 - 0.5))
     nearly = np.eye(4)
     nearly[0, 3] = -1e-9
     return Rig(device, device, nearly)
 
 
-def test_fringes_have_the_contrast_that_pixels_and_defocus_leave():
+def test_pixels_and_defocus_lower_the_contrast_of_fringes():
     period, blur = 8.0, 1.1
     plan = PatternPlan(64, 64, (PhaseSteps("x", period, equal_steps(4)),), bits=16)
     optics = Optics(defocus_px=blur, blur_px=0, ambient=0, black=0, noise=0, bits=16)
@@ -197,7 +197,7 @@ def test_fringes_have_the_contrast_that_pixels_and_defocus_leave():
     frames = np.stack(list(photograph(view, plan, optics))).astype(float)[:, 20:44, 16:48]
     wave = frames[0] - frames[2] + 1j * (frames[1] - frames[3])
     contrast = np.abs(wave).mean() / frames.mean() / 2
-    # A pixel samples at its centre: only the square pixels' staircase and the Gaussian count.
+    # A camera pixel samples at its centre, so only the projector's pixels and its blur count.
     k = np.pi / period
     square = np.sin(k) / k
     assert contrast == pytest.approx(square * np.exp(-2 * (k * blur) ** 2), rel=2e-3)
@@ -225,16 +225,16 @@ def test_gamma_bends_the_fringes():
     np.testing.assert_allclose(frames[0][30, 20:44] / frames[-1][30, 20:44], sent**2.2, atol=2e-3)
 
 
-def test_noise_is_what_was_asked_for_and_repeats():
+def test_noise_is_as_specified_and_repeatable():
     wall = [Body(Plane(), pose(np.eye(3), np.array([0.0, 0, 500])), 0.5)]
     plan = PatternPlan(64, 64, (PhaseSteps("x", 16.0, equal_steps(4)), Uniform("white")))
     view = look(head_on(), wall)
-    level = 0.5 * 255 * (1 + 0.02)
+    brightness = 0.5 * 255 * (1 + 0.02)
     for noise, shot in ((2.0, 0.0), (1.0, 0.1)):
         last = list(photograph(view, plan, Optics(noise=noise, shot=shot, seed=3)))[-1]
         inner = last[4:-4, 4:-4].astype(float)
         inner -= ndimage.uniform_filter(inner, 15)
-        expected = np.sqrt(noise**2 + shot * level + 1 / 12) * np.sqrt(1 - 1 / 225)
+        expected = np.sqrt(noise**2 + shot * brightness + 1 / 12) * np.sqrt(1 - 1 / 225)
         assert inner[8:-8, 8:-8].std() == pytest.approx(expected, rel=0.05)
     one, other = (list(photograph(view, plan, Optics(seed=5))) for _ in range(2))
     assert all((a == b).all() for a, b in zip(one, other, strict=True))
@@ -252,8 +252,8 @@ def test_frames_clip_and_have_their_depth():
     assert frames[0].min() >= 0
 
 
-def test_edges_of_paint_lie_where_they_are():
-    """The mean albedo of a pixel is the share of it that is painted, also along its grid."""
+def test_edges_of_paint_are_in_the_right_place():
+    """The mean albedo of a pixel is the painted share of it, also for edges along the pixel grid."""
     target = board("chessboard:5x4:20")
     for shift in (0.0, 0.013, 0.27, 0.5):
         place = pose(np.eye(3), np.array([-40.0 + shift, -30.0, 1000.0]))
@@ -301,7 +301,7 @@ def test_a_virtual_capture_is_like_a_real_one(tmp_path):
 
 
 def test_rays_of_neighbours_are_apart():
-    """The camera's grid is not folded anywhere."""
+    """Lens distortion does not fold the camera's image anywhere."""
     v, u = np.mgrid[0:512:64, 0:640:64]
     x = rays(rig().camera, np.stack((u, v), -1).astype(float))[..., 0]
     assert all((b > a).all() for a, b in pairwise(x.T))

@@ -170,10 +170,13 @@ from .files.coordinates import (
 # Rig: camera and projector to points.
 from .rig.calibration.board import (
     Board as Board,
+    BoardKind as BoardKind,
     parse_board as parse_board,
 )
-from .rig.calibration.corners import (
+from .rig.calibration.board_view import (
     BoardView as BoardView,
+)
+from .rig.calibration.corners import (
     find_board as find_board,
 )
 from .rig.calibration.calibrate import (
@@ -201,6 +204,7 @@ from .surface.cloud import (
     normals as normals,
 )
 from .surface.form import (
+    BodyKind as BodyKind,
     Form as Form,
     find_spheres as find_spheres,
     fit_form as fit_form,

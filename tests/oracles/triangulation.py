@@ -1,4 +1,4 @@
-"""Triangulation of one pixel by a general minimiser: slow, plain, and without our derivatives."""
+"""Triangulation of one pixel by a general minimiser: slow, but without derivatives of our own."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from fringeworks.types import Rig
 
 
 def point_of(rig: Rig, pixel, coordinate, sigma) -> np.ndarray:
-    """The point on a camera pixel's ray whose projector pixel fits best.
+    """The point on a camera pixel's ray whose projector pixel fits best, (3,), mm.
 
-    ``coordinate`` and ``sigma`` are (2,); an axis with NaN does not count.
+    ``coordinate`` and ``sigma`` are (2,), px; an axis with NaN does not count.
     """
     ray = rays(rig.camera, np.asarray(pixel, float))
     used = np.isfinite(coordinate)
@@ -29,7 +29,7 @@ def point_of(rig: Rig, pixel, coordinate, sigma) -> np.ndarray:
 
 
 def sigma_of(rig: Rig, pixel, coordinate, sigma, covariance=None) -> tuple[float, float]:
-    """Standard deviation along the ray by differences: pixel noise alone, and all."""
+    """Standard deviation along the ray by differences: from pixel noise alone, and in all, mm."""
     base = point_of(rig, pixel, coordinate, sigma)
     along = base / np.linalg.norm(base)
     noise = 0.0
@@ -41,18 +41,19 @@ def sigma_of(rig: Rig, pixel, coordinate, sigma, covariance=None) -> tuple[float
             noise += ((ends[0] - ends[1]) @ along / 2e-3 * sigma[k]) ** 2
     if covariance is None:
         return float(np.sqrt(noise)), float(np.sqrt(noise))
-    by = np.empty(24)
+    by_parameter = np.empty(24)
     steps = np.sqrt(np.diag(covariance))
     for k in range(24):
         ends = [point_of(moved(rig, k, s * steps[k]), pixel, coordinate, sigma) for s in (1, -1)]
-        by[k] = np.linalg.norm(ends[0]) - np.linalg.norm(ends[1])
-        by[k] /= 2 * steps[k]
-    return float(np.sqrt(noise)), float(np.sqrt(noise + by @ covariance @ by))
+        by_parameter[k] = np.linalg.norm(ends[0]) - np.linalg.norm(ends[1])
+        by_parameter[k] /= 2 * steps[k]
+    calibration = by_parameter @ covariance @ by_parameter
+    return float(np.sqrt(noise)), float(np.sqrt(noise + calibration))
 
 
 def moved(rig: Rig, k: int, step: float) -> Rig:
-    """A rig with one of its 24 parameters changed."""
-    from fringeworks.rig.calibration.bundle import pinhole_of
+    """A rig with one of its 24 parameters changed; those of ``RIG_PARAMETERS``."""
+    from fringeworks.rig.calibration.parameters import pinhole_of
     from fringeworks.rig.pinhole import pose, rotation
 
     devices = [rig.camera, rig.projector]

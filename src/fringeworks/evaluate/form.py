@@ -10,7 +10,7 @@ import numpy as np
 
 from fringeworks.files.points import Points, read_points
 from fringeworks.files.provenance import source_of
-from fringeworks.surface.form import Body, Form, find_spheres, fit_form
+from fringeworks.surface.form import BodyKind, Form, find_spheres, fit_form
 from fringeworks.surface.form import report as form_report
 from fringeworks.types import (
     FloatMap,
@@ -40,7 +40,7 @@ class FormEvaluation(Frozen):
 
 def evaluate_form(
     points: Points | FloatMap | str | os.PathLike[str],
-    fit: Body,
+    fit: BodyKind,
     *,
     diameter_mm: float | None = None,
     count: int = 1,

@@ -21,7 +21,7 @@ from fringeworks.files.provenance import (
     from_json,
     json_line,
 )
-from fringeworks.surface.cloud import normals, triangles
+from fringeworks.surface.cloud import cloud_triangles, normals
 from fringeworks.types import (
     FileProblem,
     FloatMap,
@@ -96,7 +96,7 @@ def _write_ply(path: Path, cloud: PointCloud, kind: Kind) -> None:
     faces = None
     if kind == "mesh":
         place = np.cumsum(ok.ravel()) - 1
-        faces = place[triangles(cloud)].astype(np.int32)
+        faces = place[cloud_triangles(cloud)].astype(np.int32)
     comments = ["fringeworks; camera coordinates, x right, y down, z forward; unit mm"]
     write_ply(path, vertices, faces, comments + comment_lines(cloud.provenance))
 

@@ -15,7 +15,7 @@ from fringeworks.files.npz import read_npz
 from fringeworks.files.ply import write_ply
 from fringeworks.files.provenance import KEY, comment_lines, from_json, json_line
 from fringeworks.files.x3p import read_x3p, write_x3p
-from fringeworks.surface.height_map import points, triangles
+from fringeworks.surface.height_map import height_map_points, height_map_triangles
 from fringeworks.types import FileProblem, HeightMap, Reason
 
 PlyKind = Literal["points", "mesh"]
@@ -143,13 +143,15 @@ def _surface(path: Path, content: dict[str, Any], origin: str | None) -> HeightM
 
 
 def _write_ply(path: Path, surface: HeightMap, kind: PlyKind) -> None:
-    xyz, sigma, index = points(surface)
+    xyz, sigma, index = height_map_points(surface)
     vertices = np.empty(len(xyz), dtype=[(name, "<f4") for name in ("x", "y", "z", "sigma")])
     vertices["x"], vertices["y"], vertices["z"] = xyz.T
     vertices["sigma"] = sigma
     comments = [f"fringeworks {surface.method} {surface.quantity}; unit {surface.unit}"]
     comments += comment_lines(surface.provenance)
-    write_ply(path, vertices, triangles(surface, index) if kind == "mesh" else None, comments)
+    write_ply(
+        path, vertices, height_map_triangles(surface, index) if kind == "mesh" else None, comments
+    )
 
 
 def _write_gsf(path: Path, surface: HeightMap, _: PlyKind) -> None:

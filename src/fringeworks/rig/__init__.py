@@ -1,1 +1,1 @@
-"""A calibrated camera and projector: projection and triangulation."""
+"""A calibrated camera and projector: the pinhole model, calibration, triangulation."""

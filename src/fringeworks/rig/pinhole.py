@@ -1,4 +1,8 @@
-"""Pinhole devices with lens distortion: points to pixels, pixels to rays, and the derivatives."""
+"""The pinhole model of a device (camera or projector): points to pixels, pixels to rays.
+
+A device is a camera or a projector; ``Pinhole`` is its model, with lens distortion (theory §8).
+This file also has the derivatives that calibration and error bars need, and rigid transforms.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,36 @@ import numpy as np
 
 from fringeworks.types import FloatMap, InputError, Pinhole
 
-NEWTON_STEPS = 12
+MAX_NEWTON_STEPS = 12
+"""Largest number of Newton steps for undoing lens distortion. Newton's method doubles the correct
+digits in every step, so usual distortions need four or five; the rest is for strong ones."""
 CONVERGED = 1e-11
+"""Newton's method stops when all points are met to this, in normalised image coordinates. For a
+focal length of 10 000 px that is 1e-7 px: far below any measurement, far above rounding."""
+INVERTED = 1e-9
+"""Largest remaining error of an undistorted point, in normalised image coordinates. A point with a
+larger one has no inverse. Looser than ``CONVERGED``, so that rounding never removes a point."""
+SMALL_ANGLE_RAD = 1e-8
+"""Rotation angle below which the series to second order is used, because Rodrigues' formula
+divides by the angle. The omitted third order is 1e-24, below rounding."""
+MIN_SIGHT_SINE = 1e-9
+"""Smallest sine of the angle between the direction of sight and ``down``. Below it, rounding would
+determine the direction of the rows."""
 
 
 def distort(ideal: FloatMap, distortion: FloatMap) -> FloatMap:
-    """Where a lens moves normalised image points to.
+    """Apply lens distortion to normalised image points.
 
     Parameters
     ----------
-    ideal : (..., 2) array, x/z and y/z.
-    distortion : (5,) k₁, k₂, p₁, p₂, k₃
+    ideal : (..., 2) array
+        x/z and y/z of points in the device's coordinates.
+    distortion : (5,) array
+        k₁, k₂, p₁, p₂, k₃.
+
+    Returns
+    -------
+    (..., 2) array, the distorted points, in normalised image coordinates.
 
     Notes
     -----
@@ -37,111 +60,159 @@ def distort(ideal: FloatMap, distortion: FloatMap) -> FloatMap:
 
 
 def distortion_by_point(ideal: FloatMap, distortion: FloatMap) -> FloatMap:
-    """Derivative of ``distort`` by the ideal point, (..., 2, 2)."""
+    """Derivative of ``distort`` with respect to the ideal point, (..., 2, 2)."""
     k1, k2, p1, p2, k3 = distortion
     x, y = ideal[..., 0], ideal[..., 1]
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
     slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2))
     across = x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
-    by = np.empty((*x.shape, 2, 2))
-    by[..., 0, 0] = radial + x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
-    by[..., 0, 1] = by[..., 1, 0] = across
-    by[..., 1, 1] = radial + y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
-    return by
+    jacobian = np.empty((*x.shape, 2, 2))
+    jacobian[..., 0, 0] = radial + x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
+    jacobian[..., 0, 1] = jacobian[..., 1, 0] = across
+    jacobian[..., 1, 1] = radial + y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
+    return jacobian
 
 
 def distortion_by_coefficients(ideal: FloatMap) -> FloatMap:
-    """Derivative of ``distort`` by k₁, k₂, p₁, p₂, k₃, (..., 2, 5)."""
+    """Derivative of ``distort`` with respect to k₁, k₂, p₁, p₂, k₃, (..., 2, 5)."""
     x, y = ideal[..., 0], ideal[..., 1]
     r2 = x * x + y * y
-    zero = 2.0 * x * y
-    by_x = np.stack((x * r2, x * r2**2, zero, r2 + 2.0 * x * x, x * r2**3), axis=-1)
-    by_y = np.stack((y * r2, y * r2**2, r2 + 2.0 * y * y, zero, y * r2**3), axis=-1)
-    return np.stack((by_x, by_y), axis=-2)
+    product = 2.0 * x * y
+    of_x = np.stack((x * r2, x * r2**2, product, r2 + 2.0 * x * x, x * r2**3), axis=-1)
+    of_y = np.stack((y * r2, y * r2**2, r2 + 2.0 * y * y, product, y * r2**3), axis=-1)
+    return np.stack((of_x, of_y), axis=-2)
 
 
 def undistort(distorted: FloatMap, distortion: FloatMap) -> FloatMap:
-    """Inverse of ``distort`` by Newton's method.
+    """Remove lens distortion from normalised image points: the inverse of ``distort``.
+
+    Parameters
+    ----------
+    distorted : (..., 2) array
+        Normalised image coordinates.
+    distortion : (5,) array
+        k₁, k₂, p₁, p₂, k₃.
 
     Returns
     -------
-    (..., 2) array; NaN where the lens model folds over and has no inverse.
+    (..., 2) array; NaN where the model has no inverse. Strong distortion folds the image: beyond
+    some radius, points further out are imaged further in.
+
+    Notes
+    -----
+    Newton's method from the distorted point. A solution counts only where the distortion keeps
+    the orientation (positive definite derivative): beyond the fold it does not.
     """
     ideal = np.array(distorted, np.float64)
     with np.errstate(all="ignore"):
-        for _ in range(NEWTON_STEPS):
-            miss = distort(ideal, distortion) - distorted
-            if not np.nanmax(np.abs(miss), initial=0.0) > CONVERGED:
+        for _ in range(MAX_NEWTON_STEPS):
+            error = distort(ideal, distortion) - distorted
+            if not np.nanmax(np.abs(error), initial=0.0) > CONVERGED:
                 break
-            by = distortion_by_point(ideal, distortion)
-            a, b, c = by[..., 0, 0], by[..., 0, 1], by[..., 1, 1]
+            jacobian = distortion_by_point(ideal, distortion)
+            a, b, c = jacobian[..., 0, 0], jacobian[..., 0, 1], jacobian[..., 1, 1]
             determinant = a * c - b * b
-            ideal[..., 0] -= (c * miss[..., 0] - b * miss[..., 1]) / determinant
-            ideal[..., 1] -= (a * miss[..., 1] - b * miss[..., 0]) / determinant
-        miss = distort(ideal, distortion) - distorted
-        by = distortion_by_point(ideal, distortion)
-        upright = by[..., 0, 0] * by[..., 1, 1] > by[..., 0, 1] ** 2
-        good = (np.abs(miss).max(axis=-1) < 1e-9) & upright & (by[..., 0, 0] > 0)
-    ideal[~good] = np.nan
+            ideal[..., 0] -= (c * error[..., 0] - b * error[..., 1]) / determinant
+            ideal[..., 1] -= (a * error[..., 1] - b * error[..., 0]) / determinant
+        error = distort(ideal, distortion) - distorted
+        jacobian = distortion_by_point(ideal, distortion)
+        determinant_positive = jacobian[..., 0, 0] * jacobian[..., 1, 1] > jacobian[..., 0, 1] ** 2
+        not_folded = determinant_positive & (jacobian[..., 0, 0] > 0)
+        valid = (np.abs(error).max(axis=-1) < INVERTED) & not_folded
+    ideal[~valid] = np.nan
     return ideal
 
 
 def project(device: Pinhole, points_mm: FloatMap) -> FloatMap:
-    """Pixels of points in the device's coordinates.
+    """Project points to the pixels of a device.
 
     Parameters
     ----------
-    points_mm : (..., 3) array.
+    device : Pinhole
+    points_mm : (..., 3) array
+        Points in the device's coordinates, mm.
 
     Returns
     -------
-    (..., 2) array, px; NaN for points that are not in front of the device.
+    (..., 2) float64 array: column and row, px, not limited to the frame; NaN for points that are
+    not in front of the device.
+
+    Raises
+    ------
+    InputError for points of another shape.
+
+    Notes
+    -----
+    u = f_x x_d + c_x, v = f_y y_d + c_y, with (x_d, y_d) of ``distort`` (theory §8).
+
+    Examples
+    --------
+    >>> device = Pinhole(640, 480, (700.0, 700.0), (320.0, 240.0))
+    >>> project(device, np.array([10.0, 0.0, 500.0])).tolist()
+    [334.0, 240.0]
     """
     points = np.asarray(points_mm, np.float64)
     if points.shape[-1:] != (3,):
-        raise InputError(f"points: expected shape (..., 3), got {points.shape}")
+        raise InputError(f"points: expected an array of shape (..., 3), got {points.shape}")
     z = points[..., 2]
     with np.errstate(all="ignore"):
         ideal = points[..., :2] / np.where(z > 0, z, np.nan)[..., None]
-        moved = distort(ideal, np.asarray(device.distortion))
-    return np.asarray(moved * device.focal_px + device.principal_px)
+        distorted = distort(ideal, np.asarray(device.distortion))
+    return np.asarray(distorted * device.focal_px + device.principal_px)
 
 
 def project_with_derivatives(
     device: Pinhole, points_mm: FloatMap
 ) -> tuple[FloatMap, FloatMap, FloatMap]:
-    """Pixels, their derivatives by the points and by the device's nine parameters.
+    """Project points; also return the derivatives with respect to the points and the device.
+
+    Parameters
+    ----------
+    device : Pinhole
+    points_mm : (n, 3) array
+        Points in front of the device, in its coordinates, mm.
 
     Returns
     -------
-    (n, 2) px; (n, 2, 3) px/mm; (n, 2, 9) in the order of ``Pinhole.parameters``.
+    pixels : (n, 2) px
+    by_point : (n, 2, 3) px/mm
+    by_device : (n, 2, 9)
+        With respect to the nine values of ``Pinhole.parameters``, in that order.
     """
     z = points_mm[:, 2]
     ideal = points_mm[:, :2] / z[:, None]
     distortion, focal = np.asarray(device.distortion), np.asarray(device.focal_px)
-    moved = distort(ideal, distortion)
+    distorted = distort(ideal, distortion)
     by_ideal = focal[:, None] * distortion_by_point(ideal, distortion)
     ideal_by_point = np.zeros((len(z), 2, 3))
     ideal_by_point[:, 0, 0] = ideal_by_point[:, 1, 1] = 1.0 / z
     ideal_by_point[:, :, 2] = -ideal / z[:, None]
     by_device = np.zeros((len(z), 2, 9))
-    by_device[:, [0, 1], [0, 1]] = moved
+    by_device[:, [0, 1], [0, 1]] = distorted
     by_device[:, [0, 1], [2, 3]] = 1.0
     by_device[:, :, 4:] = focal[:, None] * distortion_by_coefficients(ideal)
-    return moved * focal + device.principal_px, by_ideal @ ideal_by_point, by_device
+    return distorted * focal + device.principal_px, by_ideal @ ideal_by_point, by_device
 
 
 def rays(device: Pinhole, pixels: FloatMap) -> FloatMap:
-    """Directions of pixels in the device's coordinates, with z = 1.
+    """Return the directions in which pixels look, in the device's coordinates.
 
     Parameters
     ----------
-    pixels : (..., 2) array, px.
+    device : Pinhole
+    pixels : (..., 2) array
+        Column and row, px.
 
     Returns
     -------
-    (..., 3) array; NaN where the distortion has no inverse.
+    (..., 3) array, scaled to z = 1; x and y are NaN where the lens distortion has no inverse.
+
+    Examples
+    --------
+    >>> device = Pinhole(640, 480, (700.0, 700.0), (320.0, 240.0))
+    >>> rays(device, np.array([334.0, 240.0])).tolist()
+    [0.02, 0.0, 1.0]
     """
     distorted = (np.asarray(pixels, np.float64) - device.principal_px) / device.focal_px
     ideal = undistort(distorted, np.asarray(device.distortion))
@@ -149,18 +220,21 @@ def rays(device: Pinhole, pixels: FloatMap) -> FloatMap:
 
 
 def rotation(vector: FloatMap) -> FloatMap:
-    """exp(ω): the rotation by |ω| rad about ω, (3, 3) (Rodrigues)."""
+    """Return the rotation matrix of a rotation vector, (3, 3), by Rodrigues' formula.
+
+    The rotation is by |vector| rad about the direction of the vector: exp([ω]×).
+    """
     vector = np.asarray(vector, np.float64)
     angle = float(np.linalg.norm(vector))
     cross = skew(vector)
-    if angle < 1e-8:
+    if angle < SMALL_ANGLE_RAD:
         return np.asarray(np.eye(3) + cross + 0.5 * cross @ cross)
     half = np.sin(0.5 * angle) / angle
     return np.asarray(np.eye(3) + np.sin(angle) / angle * cross + 2.0 * half**2 * cross @ cross)
 
 
 def skew(vector: FloatMap) -> FloatMap:
-    """The matrix of v ×, (..., 3, 3)."""
+    """Return the matrix of the cross product with a vector: skew(v) @ w = v × w, (..., 3, 3)."""
     vector = np.asarray(vector, np.float64)
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     zero = np.zeros_like(x)
@@ -169,34 +243,50 @@ def skew(vector: FloatMap) -> FloatMap:
 
 
 def transform(T: FloatMap, points_mm: FloatMap) -> FloatMap:
-    """Points (..., 3) in the coordinates that ``T`` (4, 4) maps to."""
+    """Apply a rigid transform ``T`` (4, 4) to points (..., 3), mm."""
     return np.asarray(points_mm @ T[:3, :3].T + T[:3, 3])
 
 
 def pose(rotation: FloatMap, translation_mm: FloatMap) -> FloatMap:
-    """A (4, 4) transform of a rotation and a translation."""
+    """Build the (4, 4) transform of a rotation (3, 3) and a translation (3,), mm."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = rotation, translation_mm
     return T
 
 
 def inverse(T: FloatMap) -> FloatMap:
-    """The inverse of a rigid transform."""
+    """Invert a rigid transform (4, 4)."""
     return pose(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])
 
 
 def look_at(eye_mm: FloatMap, target_mm: FloatMap, *, down: FloatMap | None = None) -> FloatMap:
-    """T_device_world of a device at ``eye`` that looks at ``target``, its rows along ``down``.
+    """Return the pose T_device_world of a device that looks from one point at another.
+
+    Parameters
+    ----------
+    eye_mm : (3,) array
+        Pupil of the device in world coordinates, mm.
+    target_mm : (3,) array
+        A point on the optical axis, mm.
+    down : (3,) array, optional
+        Direction in which rows are counted, as far as the direction of sight allows; y by default.
+
+    Returns
+    -------
+    (4, 4) transform from world to device coordinates.
 
     Raises
     ------
-    InputError where the direction of sight is undefined or along ``down``.
+    InputError where eye and target coincide, or the device would look along ``down``.
     """
     forward = np.asarray(target_mm, np.float64) - np.asarray(eye_mm, np.float64)
     y = np.array([0.0, 1.0, 0.0]) if down is None else np.asarray(down, np.float64)
     across = np.cross(y, forward)
-    if not np.linalg.norm(across) > 1e-9 * np.linalg.norm(forward) > 0:
-        raise InputError("look_at: expected a target away from the eye and not along down")
+    if not np.linalg.norm(across) > MIN_SIGHT_SINE * np.linalg.norm(forward) > 0:
+        raise InputError(
+            "look_at: expected a target apart from the eye and not along down, got the eye at "
+            f"{np.asarray(eye_mm).tolist()} and the target at {np.asarray(target_mm).tolist()}"
+        )
     z = forward / np.linalg.norm(forward)
     x = across / np.linalg.norm(across)
     R = np.stack((x, np.cross(z, x), z))

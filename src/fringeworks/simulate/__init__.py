@@ -1,4 +1,4 @@
-"""Artificial objects, and the frames a camera would deliver of them."""
+"""Simulation: artificial objects and bodies, and the frames that a camera would deliver of them."""
 
 from fringeworks.simulate.bodies import (
     Body,

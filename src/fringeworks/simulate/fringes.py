@@ -1,4 +1,4 @@
-"""Reference and deformed fringes of a height map, ideal or as a camera would deliver them."""
+"""Fringes on the reference plane and on a height map, ideal or as a camera would deliver them."""
 
 from __future__ import annotations
 
@@ -19,26 +19,34 @@ from fringeworks.types import (
 )
 
 BIT_DEPTHS = (0, 8, 10, 12, 16)
+"""Depths of simulated frames, bit; 0 for floating point. Industrial cameras deliver the others."""
+FULL_RANGE = 255.0
+"""Brightness of full light, counts of 8 bit, in which noise and amplitudes are given."""
 
 
 @dataclass(frozen=True)
 class PairSettings:
-    """How the fringes are projected and seen."""
+    """How the fringes of a pair are projected and seen.
+
+    Raises
+    ------
+    InputError for a value out of its range.
+    """
 
     fringes: float = 10.0
-    """f₀, periods across the frame."""
+    """f₀, number of periods across the frame; > 0."""
     gamma: float = 1.0
     """Exponent of the projector's response, I_out ∝ I_in^γ; > 0."""
     noise: float = 0.0
-    """Standard deviation of the Gaussian read noise, counts of 8 bit."""
+    """Standard deviation of the Gaussian read noise, counts of 8 bit; ≥ 0."""
     shot: float = 0.0
-    """Shot noise: variance per count (counts of 8 bit), σ² = shot · I."""
+    """Shot noise: variance per count, counts of 8 bit, σ² = shot · I; ≥ 0."""
     bits: int = 0
     """Quantisation: 8, 10, 12 or 16 bit, or 0 for floating point."""
     ambient: float = 0.0
-    """Constant light added to both frames, share of the full range, 0…1."""
+    """Constant light in both frames, as a share of the full range, 0…1."""
     contrast: float = 1.0
-    """Share of the range that the fringes fill, 0…1."""
+    """Share of the remaining range that the fringes fill, 0…1."""
     axis: Axis = "x"
     """Direction in which the fringes vary."""
     seed: int = 0
@@ -60,33 +68,37 @@ class PairSettings:
 
 @dataclass(frozen=True)
 class Row:
-    """The dissertation's one-dimensional experiment."""
+    """One row of a pair: the dissertation's one-dimensional experiment (theory §3)."""
 
     reference: FloatMap
+    """Fringes on the reference plane, (n,), counts."""
     object: FloatMap
+    """Fringes on the object, (n,), counts."""
     height_mm: FloatMap
+    """(n,), mm."""
     displacement_px: FloatMap
+    """u, (n,), px."""
 
 
 def _waveform(cycles: FloatMap, settings: PairSettings) -> FloatMap:
-    """Projected intensity, 0…1, at a position counted in periods."""
+    """Brightness, 0…1, at a position counted in periods."""
     wave = (0.5 + 0.5 * np.cos(2.0 * np.pi * cycles)) ** settings.gamma
     light: FloatMap = settings.ambient + (1.0 - settings.ambient) * settings.contrast * wave
     return light
 
 
 def _camera(light: FloatMap, settings: PairSettings, rng: np.random.Generator) -> NDArray[Any]:
-    """Counts of a frame: noise, clipping at the sensor's limits, rounding."""
-    counts = 255.0 * light
+    """Counts of a frame: noise, then clipping at the sensor's limits and rounding."""
+    counts = FULL_RANGE * light
     variance = settings.noise**2 + settings.shot * np.maximum(counts, 0.0)
     if settings.noise or settings.shot:
         counts = counts + np.sqrt(variance) * rng.standard_normal(counts.shape)
     if not settings.bits:
         return counts
-    top = 2**settings.bits - 1
-    # A sensor clips at both ends; that is what is simulated, not a repair of bad numbers.
-    levels = np.clip(np.rint(counts * (top / 255.0)), 0, top)
-    quantised: NDArray[Any] = levels.astype(np.uint8 if settings.bits == 8 else np.uint16)
+    largest = 2**settings.bits - 1
+    # Clipping simulates the sensor, whose counts end at both limits.
+    clipped = np.clip(np.rint(counts * (largest / FULL_RANGE)), 0, largest)
+    quantised: NDArray[Any] = clipped.astype(np.uint8 if settings.bits == 8 else np.uint16)
     return quantised
 
 
@@ -97,11 +109,12 @@ def capture_pair(
     *,
     albedo: FloatMap | float = 1.0,
 ) -> Pair:
-    """Reference and object frame of a height map.
+    """Simulate the reference frame and the object frame of a height map.
 
     Parameters
     ----------
-    height_mm : (h, w) float array, mm, below the pupils.
+    height_mm : (h, w) float array
+        Heights over the reference plane, below the pupils, mm.
     geometry : ReferencePlaneGeometry
     settings : PairSettings, optional
     albedo : (h, w) array or float, 0…1
@@ -109,15 +122,23 @@ def capture_pair(
 
     Returns
     -------
-    Pair with the truth; frames float64 (bits = 0), uint8 or uint16 counts.
+    Pair with the true height. Frames are float64 (bits = 0), uint8 or uint16, counts.
 
     Raises
     ------
-    InputError where a height reaches the pupils or the albedo does not fit.
+    InputError where a height reaches the pupils, and for an albedo of another shape or outside
+    0…1.
 
     Notes
     -----
-    s(x) = (½ + ½ cos 2πf₀x/N)^γ scaled to 0…255, d(x) = albedo · s(x − u) with u by theory (3).
+    s(x) = (½ + ½ cos 2πf₀x/N)^γ scaled to 0…255, d(x) = albedo · s(x − u) with u of theory (3).
+
+    Examples
+    --------
+    >>> geometry = ReferencePlaneGeometry(distance_mm=800.0, baseline_mm=300.0)
+    >>> pair = capture_pair(np.full((4, 64), 10.0), geometry, PairSettings(fringes=4, bits=8))
+    >>> pair.object.dtype, pair.reference.shape
+    (dtype('uint8'), (4, 64))
     """
     settings = settings or PairSettings()
     height = np.asarray(height_mm, np.float64)
@@ -127,7 +148,10 @@ def capture_pair(
     if reflectance.ndim and reflectance.shape != height.shape:
         raise InputError(f"albedo: expected shape {height.shape}, got {reflectance.shape}")
     if np.any(reflectance < 0) or np.any(reflectance > 1):
-        raise InputError("albedo: expected values 0 to 1, got some outside")
+        raise InputError(
+            f"albedo: expected values 0 to 1, got {np.min(reflectance):g} to "
+            f"{np.max(reflectance):g}"
+        )
     u = displacement_from_height(height, geometry)
     rows, columns = height.shape
     if settings.axis == "x":
@@ -150,14 +174,27 @@ def capture_pair(
 def deformed_row(
     height_mm: FloatMap, geometry: ReferencePlaneGeometry, *, fringes: float = 10.0
 ) -> Row:
-    """The one-dimensional pair of theory §3: s = 127.5 + 127.5 cos(2π f₀ t / N)."""
+    """Compute the ideal fringes of one row: s = 127.5 + 127.5 cos(2π f₀ t / N) (theory §3).
+
+    Parameters
+    ----------
+    height_mm : (n,) array
+        Heights over the reference plane, below the pupils, mm.
+    geometry : ReferencePlaneGeometry
+    fringes : float > 0
+        f₀, number of periods in the row.
+
+    Returns
+    -------
+    Row
+    """
     u = displacement_from_height(height_mm, geometry)
     t = np.arange(u.size, dtype=np.float64)
     settings = PairSettings(fringes=fringes)
     per_px = fringes / u.size
     return Row(
-        reference=255.0 * _waveform(t * per_px, settings),
-        object=255.0 * _waveform((t - u) * per_px, settings),
+        reference=FULL_RANGE * _waveform(t * per_px, settings),
+        object=FULL_RANGE * _waveform((t - u) * per_px, settings),
         height_mm=np.asarray(height_mm, np.float64),
         displacement_px=u,
     )

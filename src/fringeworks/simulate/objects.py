@@ -8,14 +8,31 @@ import numpy as np
 
 from fringeworks.types import FloatMap, InputError
 
-Shape = Callable[[FloatMap, FloatMap, float], FloatMap]
-"""Relative height (0…1) from x/R, y/R and the relative height unit h_max/R."""
+HeightFunction = Callable[[FloatMap, FloatMap, float], FloatMap]
+"""Height over the largest height (0…1), as a function of x/R, y/R and h_max/R."""
 
 
 def parabola_1d(n: int = 1001, height_mm: float = 100.0) -> FloatMap:
-    """The dissertation's one-dimensional parabola, support 250…750 of 1001 samples.
+    """Compute the dissertation's one-dimensional parabola.
 
-    h = h_max · max(0, 1 − ((t − N/2)/(N/4))²) with N = n − 1; the printed formula is ambiguous
+    Parameters
+    ----------
+    n : int ≥ 8
+        Number of samples.
+    height_mm : float
+        Largest height, mm.
+
+    Returns
+    -------
+    (n,) array, mm; above 0 in the middle half, which is 250…750 of 1001 samples.
+
+    Raises
+    ------
+    InputError for fewer than 8 samples.
+
+    Notes
+    -----
+    h = h_max · max(0, 1 − ((t − N/2)/(N/4))²) with N = n − 1. The printed formula is ambiguous
     (theory §3).
     """
     if n < 8:
@@ -38,7 +55,7 @@ def _cylinder(x: FloatMap, y: FloatMap, _: float) -> FloatMap:
 
 
 def _sphere(x: FloatMap, y: FloatMap, relative_height: float) -> FloatMap:
-    # A cap of base radius R and height h belongs to a ball of radius (R² + h²) / 2h.
+    # A cap with base radius R and height h belongs to a ball of radius (R² + h²) / 2h.
     h = relative_height
     ball = (1.0 + h * h) / (2.0 * h)
     r2 = x * x + y * y
@@ -58,7 +75,7 @@ def _step(x: FloatMap, y: FloatMap, _: float) -> FloatMap:
     return np.broadcast_to(x > 0.0, np.broadcast_shapes(x.shape, y.shape)).astype(np.float64)
 
 
-OBJECTS: dict[str, Shape] = {
+OBJECTS: dict[str, HeightFunction] = {
     "parabola": _parabola,
     "cube": _cube,
     "cylinder": _cylinder,
@@ -67,8 +84,8 @@ OBJECTS: dict[str, Shape] = {
     "tilt": _tilt,
     "step": _step,
 }
-"""Bodies by name: paraboloid of revolution, box, cylinder lying on the plane with its axis along
-y, cap of a sphere, the bare plane, a tilted plane, a step half way across."""
+"""Bodies by name: a paraboloid of revolution, a box, half a cylinder with its axis along y, the cap
+of a sphere, the bare reference plane, a tilted plane, a step in the middle."""
 
 
 def make_object(
@@ -80,25 +97,32 @@ def make_object(
     pitch_mm_per_px: float = 1.0,
     centre_px: tuple[float, float] | None = None,
 ) -> FloatMap:
-    """Height map of a named body.
+    """Compute the height map of a named body.
 
     Parameters
     ----------
     name : str
         A key of ``OBJECTS``.
     shape : (h, w)
+        Rows and columns.
     height_mm : float
-        Largest height; negative for a hollow.
+        Largest height, mm; negative for a hollow.
     radius_px : float > 0
-        Base radius, or half the side of the base.
+        Radius of the base, or half its side, px.
     pitch_mm_per_px : float > 0
-        Only the sphere needs it: its curvature ties height and radius together.
+        Size of a pixel. Only the sphere needs it, because its height and its radius are lengths in
+        one equation.
     centre_px : (x, y), optional
-        Position of the body's centre; the frame's centre by default.
+        Position of the body's centre, px; the frame's centre by default.
 
     Returns
     -------
     (h, w) float64 array, mm.
+
+    Raises
+    ------
+    InputError for an unknown name, an empty shape, a radius that is not above 0, and a sphere
+    higher than its base radius.
 
     Examples
     --------
@@ -110,8 +134,8 @@ def make_object(
     h, w = shape
     if h < 1 or w < 1 or not radius_px > 0:
         raise InputError(
-            f"object: expected a shape of at least (1, 1) and a radius > 0, "
-            f"got {shape} and {radius_px}"
+            f"object: expected a shape of at least (1, 1) and a radius > 0 px, "
+            f"got {shape} and {radius_px} px"
         )
     relative_height = abs(height_mm) / (radius_px * pitch_mm_per_px)
     if name == "sphere" and not 0 < relative_height <= 1:
@@ -126,21 +150,27 @@ def make_object(
 
 
 def paint(shape: tuple[int, int], *, darkest: float = 0.5, seed: int = 0) -> FloatMap:
-    """An albedo map as of a painted body: a dark stripe, a dark disc and soft blotches.
+    """Simulate the albedo of a painted body: a dark stripe, a dark disc and soft blotches.
 
     Parameters
     ----------
     shape : (h, w)
+        Rows and columns.
     darkest : float, 0…1
-        Albedo of the darkest paint.
+        Albedo of the darkest paint; > 0.
     seed : int
+        Seed of the positions of the blotches.
 
     Returns
     -------
     (h, w) float64 array, darkest…1.
+
+    Raises
+    ------
+    InputError for an albedo out of its range.
     """
     if not 0 < darkest <= 1:
-        raise InputError(f"darkest: expected 0 to 1, got {darkest}")
+        raise InputError(f"darkest: expected above 0 and up to 1, got {darkest}")
     h, w = shape
     y = np.linspace(-1.0, 1.0, h)[:, None]
     x = np.linspace(-1.0, 1.0, w)[None, :]

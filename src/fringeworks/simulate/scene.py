@@ -11,6 +11,15 @@ from fringeworks.types import InputError, Pair, ReferencePlaneGeometry
 STANDARD_GEOMETRY = ReferencePlaneGeometry(
     distance_mm=5000.0, baseline_mm=2000.0, pitch_mm_per_px=1.0
 )
+"""Geometry of the standard scene: l and d₀ of the dissertation, and our choice of the pitch (theory
+§3)."""
+STANDARD_SIZE_PX = 1000
+"""Side of the standard scene's frame, px; our choice, as the dissertation does not print it."""
+STANDARD_RADIUS_PX = 350.0
+"""Radius of the body's base in a frame of 1000 px, px: it leaves the reference plane visible all
+around."""
+MIN_SIZE_PX = 16
+"""Smallest side of a frame, px: below, ten fringes have less than two pixels each."""
 
 
 def standard_scene(
@@ -22,22 +31,31 @@ def standard_scene(
     sign: Literal[1, -1] = 1,
     **settings: Any,
 ) -> Pair:
-    """A body on the standard scene: 1000 × 1000 px of 1 mm, l = 5000 mm, d₀ = 2000 mm.
+    """Simulate a pair of the standard scene: 1000 × 1000 px of 1 mm, l = 5000 mm, d₀ = 2000 mm.
 
     Parameters
     ----------
     name : str
         A key of ``OBJECTS``.
-    size : int
-        Frame side, px; body and displacement keep their size relative to the frame.
+    size : int ≥ 16
+        Side of the frame, px. Body and displacement keep their size relative to the frame, and the
+        pitch changes accordingly.
     height_mm : float
-        Largest height.
+        Largest height, mm.
     painted : bool
-        Give the frame of the object an albedo map (``paint``).
+        Whether the object has the albedo of ``paint`` instead of 1.
     sign : +1 or −1
-        Side on which the projector stands.
+        Side on which the projector is; see ``ReferencePlaneGeometry.sign``.
     **settings
         Fields of ``PairSettings``.
+
+    Returns
+    -------
+    Pair with the true height.
+
+    Raises
+    ------
+    InputError for an unknown body, a frame that is too small, and settings out of their range.
 
     Examples
     --------
@@ -45,20 +63,20 @@ def standard_scene(
     >>> scene.reference.dtype, scene.object.shape
     (dtype('uint8'), (100, 100))
     """
-    scale = max(size, 1) / 1000.0
+    if size < MIN_SIZE_PX:
+        raise InputError(f"size: expected at least {MIN_SIZE_PX} px, got {size}")
+    scale = size / STANDARD_SIZE_PX
     geometry = ReferencePlaneGeometry(
         distance_mm=STANDARD_GEOMETRY.distance_mm,
         baseline_mm=STANDARD_GEOMETRY.baseline_mm,
         pitch_mm_per_px=STANDARD_GEOMETRY.pitch_mm_per_px / scale,
         sign=sign,
     )
-    if size < 16:
-        raise InputError(f"size: expected at least 16 px, got {size}")
     body = make_object(
         name,
         (size, size),
         height_mm=height_mm,
-        radius_px=350.0 * scale,
+        radius_px=STANDARD_RADIUS_PX * scale,
         pitch_mm_per_px=geometry.pitch_mm_per_px,
     )
     fringe_settings = PairSettings(**settings)

@@ -1,4 +1,4 @@
-"""The rig that calibration and measurement are proved on, and what is put before it."""
+"""The standard rig, on which calibration and measurement are tested, and scenes for it."""
 
 from __future__ import annotations
 
@@ -11,18 +11,40 @@ from fringeworks.simulate.bodies import Body, Box, Cylinder, Paraboloid, Plane, 
 from fringeworks.types import FloatMap, Pinhole, Rig
 
 DISTANCE_MM = 500.0
-"""From the camera to the middle of the field."""
+"""Distance from the camera to the middle of the field, mm: usual for a field of 200 mm."""
+TILT_DEG = (15.0, 35.0)
+"""Smallest and largest tilt of a board, degrees: less determines focal lengths weakly, with more
+the squares become too short in one direction."""
+PERIODS_ACROSS_X = (59, 64, 70)
+"""Numbers of periods of the three sets of fringes across the projector's columns. Their beats have
+5 and 6 periods, and 6 − 5 = 1, which resolves the fringe order everywhere. On 1920 px the periods
+are about 30 px, short enough for small noise."""
+PERIODS_ACROSS_Y = (37, 40, 44)
+"""The same across the projector's rows: beats of 3, 4 and 1, and about 30 px on 1200 px."""
+WALL_ALBEDO = 0.35
+"""Reflectance of the wall behind the bust, 0…1: darker than the bust, as a laboratory's wall."""
 
 
 def standard_rig(*, scale: float = 1.0, baseline_mm: float = 280.0) -> Rig:
-    """A camera of 1280 × 1024 and a projector of 1920 × 1200 px on a field of 200 mm at 500 mm.
+    """Build the standard rig: a field of 200 mm at 500 mm, with lens distortion in both devices.
 
     Parameters
     ----------
     scale : float > 0
-        Size of both frames over that; 0.5 has a quarter of the pixels and the same field.
-    baseline_mm : float
-        Distance of the two pupils.
+        Frame sizes over those of a camera of 1280 × 1024 px and a projector of 1920 × 1200 px; 0.5
+        has a quarter of the pixels and the same field.
+    baseline_mm : float > 0
+        Distance of the two pupils, mm.
+
+    Returns
+    -------
+    Rig without a covariance.
+
+    Examples
+    --------
+    >>> rig = standard_rig(scale=0.5)
+    >>> rig.camera.shape, round(rig.baseline_mm)
+    ((512, 640), 280)
     """
     camera = Pinhole(
         round(1280 * scale),
@@ -43,45 +65,70 @@ def standard_rig(*, scale: float = 1.0, baseline_mm: float = 280.0) -> Rig:
 
 
 def fringe_plan(rig: Rig, *, both: bool = True, steps: int = 4) -> PatternPlan:
-    """Three sets of fringes along x (59, 64 and 70 on 1920 px), and along y as well for a board."""
+    """Plan three sets of fringes along x, and along y as well.
+
+    Parameters
+    ----------
+    rig : Rig
+    both : bool
+        Whether to plan fringes along y; calibration needs them.
+    steps : int
+        Number of phase steps of each set.
+    """
     width, height = rig.projector.width_px, rig.projector.height_px
-    along_x = [PhaseSteps("x", width / n, equal_steps(steps)) for n in (59, 64, 70)]
-    along_y = [PhaseSteps("y", height / n, equal_steps(steps)) for n in (37, 40, 44)]
+    along_x = [PhaseSteps("x", width / n, equal_steps(steps)) for n in PERIODS_ACROSS_X]
+    along_y = [PhaseSteps("y", height / n, equal_steps(steps)) for n in PERIODS_ACROSS_Y]
     return PatternPlan(width, height, (*along_x, *(along_y if both else ())))
 
 
 def board_poses(board: Board, count: int = 12, *, seed: int = 0) -> list[FloatMap]:
-    """Places of a board before the standard rig, tilted by 15° to 35° to all sides.
+    """Choose poses of a board before the standard rig, tilted by 15° to 35° to all sides.
+
+    Parameters
+    ----------
+    board : Board
+    count : int
+        Number of poses.
+    seed : int
+        Seed of the random part of tilts and positions.
 
     Returns
     -------
-    T_camera_board of each, (4, 4), mm.
+    list of (4, 4) arrays, T_camera_board, mm.
     """
     rng = np.random.default_rng(seed)
-    middle = pose(np.eye(3), -board.points_mm.mean(axis=0))
+    from_middle = pose(np.eye(3), -board.points_mm.mean(axis=0))
     poses: list[FloatMap] = []
     for k in range(count):
-        tilt = np.radians(rng.uniform(15.0, 35.0))
+        tilt = np.radians(rng.uniform(*TILT_DEG))
         side = 2.0 * np.pi * k / count + rng.uniform(-0.2, 0.2)
         turn = rotation(
             np.array([tilt * np.cos(side), tilt * np.sin(side), rng.uniform(-0.3, 0.3)])
         )
         place = [rng.uniform(-20, 20), rng.uniform(-15, 15), DISTANCE_MM + rng.uniform(-40, 50)]
-        poses.append(pose(turn, np.array(place)) @ middle)
+        poses.append(pose(turn, np.array(place)) @ from_middle)
     return poses
 
 
 def board_body(board: Board, T_camera_board: FloatMap) -> Body:
-    """A board as a body before the camera."""
+    """Make a body of a board in a pose (4, 4), mm: a sheet with the board's pattern."""
     left, top, right, bottom = board.extent_mm
     sheet = Plane(right - left, bottom - top, (0.5 * (left + right), 0.5 * (top + bottom)))
     return Body(sheet, T_camera_board, board.albedo)
 
 
 def bust(T_camera_scene: FloatMap | None = None, *, albedo: float = 0.75) -> list[Body]:
-    """Something like a head on shoulders: ellipse-like parts of simple bodies, 120 mm tall."""
-    ahead = pose(np.eye(3), np.array([0.0, 0.0, DISTANCE_MM]))
-    T = ahead if T_camera_scene is None else T_camera_scene
+    """Build a head on shoulders from simple bodies, 120 mm tall, before a wall.
+
+    Parameters
+    ----------
+    T_camera_scene : (4, 4) array, optional
+        Pose of the scene, mm; 500 mm straight ahead by default.
+    albedo : float, 0…1
+        Reflectance of the bust.
+    """
+    straight_ahead = pose(np.eye(3), np.array([0.0, 0.0, DISTANCE_MM]))
+    T = straight_ahead if T_camera_scene is None else T_camera_scene
 
     def at(x: float, y: float, z: float, turn: tuple[float, float, float] = (0, 0, 0)) -> FloatMap:
         return T @ pose(rotation(np.array(turn, float)), np.array([x, y, z]))
@@ -94,18 +141,26 @@ def bust(T_camera_scene: FloatMap | None = None, *, albedo: float = 0.75) -> lis
         Body(Sphere(26.0), at(0, -6, 1), albedo),
         Body(Cylinder(14.0, 40.0), at(0, 30, 8), albedo),
         Body(Sphere(8.0), at(0, 12, -19), albedo),
-        # The nose: a cap that opens away from the camera.
+        # The nose is a cap that opens away from the camera.
         Body(Paraboloid(7.0, 14.0), at(0, -9, -23, (np.pi, 0, 0)), albedo),
         eye(-10.5, -18),
         eye(10.5, -18),
         Body(Cylinder(16.0, 110.0), at(0, 58, 14, (0, 0, np.pi / 2)), albedo),
         Body(Box((60.0, 26.0, 40.0)), at(0, 70, 18), albedo),
-        Body(Plane(), at(0, 0, 60), 0.35),
+        Body(Plane(), at(0, 0, 60), WALL_ALBEDO),
     ]
 
 
 def truth_distance(points_mm: FloatMap, measured_mm: FloatMap) -> FloatMap:
-    """Signed error along the camera's ray: how much further than the truth, mm."""
-    off = np.asarray(measured_mm, np.float64) - points_mm
+    """Return the signed error along the camera's ray, mm: positive where measured too far away.
+
+    Parameters
+    ----------
+    points_mm : (..., 3) array
+        True points in camera coordinates, mm.
+    measured_mm : (..., 3) array
+        Measured points, mm.
+    """
+    error = np.asarray(measured_mm, np.float64) - points_mm
     length = np.linalg.norm(points_mm, axis=-1)
-    return np.asarray(np.sum(off * points_mm, axis=-1) / length)
+    return np.asarray(np.sum(error * points_mm, axis=-1) / length)

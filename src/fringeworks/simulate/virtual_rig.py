@@ -2,32 +2,35 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, special
+from scipy import ndimage
 
 from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import DEPTHS, PatternPlan
 from fringeworks.rig.pinhole import inverse, project, rays, transform
 from fringeworks.simulate.bodies import Body
+from fringeworks.simulate.pixel_albedo import pixel_albedo
+from fringeworks.simulate.projected_light import ProjectedLight
 from fringeworks.types import BoolMap, FloatMap, InputError, Rig, check_fields
 
-COARSE, DENSE = 8, 144
-"""Points of a pixel at which a varying albedo is looked at: in all, and where those differ."""
-FINE = 16
-"""Samples per projector pixel of a pattern's profile."""
-SHADOW_START = 1e-4
-"""Share of the way to the projector within which a surface does not shade itself."""
+SHADOW_SHARE = 1e-4
+"""A surface does not shade a point if it is nearer to the point than this, over the distance from
+the projector: 0.05 mm at 500 mm. Rounding would otherwise let a surface shade itself."""
 
 
 @dataclass(frozen=True)
 class Optics:
-    """How the virtual devices form light and images."""
+    """How the virtual devices form light and images.
+
+    Raises
+    ------
+    InputError for a value out of its range.
+    """
 
     gamma: float = 1.0
     """Exponent of the projector's response; > 0."""
@@ -36,20 +39,20 @@ class Optics:
     blur_px: float = 0.5
     """Standard deviation of the camera's blur, camera px; ≥ 0."""
     exposure: float = 1.0
-    """Share of the camera's range that a white, head-on surface in the middle of the field fills
-    under full light; > 0."""
+    """Brightness of a white surface under full light, as a share of the camera's range; > 0. The
+    surface is at the median distance of what is lit, and faces the projector."""
     ambient: float = 0.02
-    """Light that is always there, share of that."""
+    """Light that does not come from the projector, relative to its full light; ≥ 0."""
     black: float = 0.01
-    """Light that the projector sends where it should send none, share of full light."""
+    """Light of the projector's black, relative to its full light; 0…1."""
     noise: float = 2.0
-    """Standard deviation of the read noise, counts of 8 bit."""
+    """Standard deviation of the read noise, counts of 8 bit; ≥ 0."""
     shot: float = 0.0
-    """Variance per count, counts of 8 bit."""
+    """Shot noise: variance per count, counts of 8 bit; ≥ 0."""
     bits: int = 8
-    """Depth of the frames, 8, 10, 12 or 16."""
+    """Depth of the frames: 8, 10, 12 or 16."""
     seed: int = 0
-    """Of the noise; equal seeds give equal frames."""
+    """Seed of the noise; equal seeds give equal frames."""
 
     def __post_init__(self) -> None:
         check_fields(
@@ -71,22 +74,23 @@ class View:
     """What the camera's pixels look at, exactly; maps are (h, w)."""
 
     points_mm: FloatMap
-    """(h, w, 3) in camera coordinates; NaN where nothing is hit."""
+    """(h, w, 3), camera coordinates, mm; NaN where no body is hit."""
     normals: FloatMap
-    """(h, w, 3), towards the camera."""
+    """(h, w, 3), unit normals towards the camera; NaN where no body is hit."""
     projector_px: FloatMap
-    """(h, w, 2) column and row on the projector; NaN where nothing is hit."""
+    """(h, w, 2), column and row on the projector, px; NaN where no body is hit."""
     body: NDArray[np.int32]
-    """Number of the body; −1 for none."""
+    """Number of the body, in the order given to ``look``; −1 for none."""
     albedo: FloatMap
-    """Reflectance, mean over the pixel; 0 where nothing is hit."""
+    """Reflectance, mean over the pixel, 0…1; 0 where no body is hit."""
     shading: FloatMap
-    """Projector's light that reaches the surface, 1 for head-on in the middle of the field; 0 in
-    shadow, off the projector's frame, and on sides that face away."""
+    """The projector's light on the surface: cosine of incidence over the squared distance, 1 for
+    head-on incidence at the median distance; 0 in shadow, outside the projector's frame, and where
+    the surface faces away."""
 
     @property
     def truth(self) -> dict[str, NDArray[Any]]:
-        """What a virtual capture is written with: points, coordinates and masks."""
+        """The maps that are stored as the truth of a virtual capture, by name."""
         return {
             "points_mm": self.points_mm,
             "projector_px": self.projector_px,
@@ -97,65 +101,71 @@ class View:
 
     @property
     def lit(self) -> BoolMap:
-        """Where the projector's light reaches."""
+        """True where the projector's light arrives."""
         return self.shading > 0
 
 
 def look(rig: Rig, bodies: Sequence[Body], *, T_camera_world: FloatMap | None = None) -> View:
-    """Cast the camera's rays at bodies, and look from there to the projector.
+    """Cast a ray through every camera pixel at bodies, and from there one to the projector.
 
     Parameters
     ----------
     rig : Rig
     bodies : sequence of Body
         In world coordinates.
-    T_camera_world : (4, 4), optional
-        World to camera coordinates; by default they are the same.
+    T_camera_world : (4, 4) array, optional
+        Maps world to camera coordinates, mm; by default they are the same.
 
     Returns
     -------
     View
+
+    Examples
+    --------
+    >>> from fringeworks.simulate import Plane, Sphere, standard_rig
+    >>> from fringeworks.rig.pinhole import pose
+    >>> ball = Body(Sphere(25.0), pose(np.eye(3), np.array([0.0, 0.0, 500.0])))
+    >>> view = look(standard_rig(scale=0.1), [ball])
+    >>> view.points_mm.shape, round(float(np.nanmin(view.points_mm[..., 2])))
+    ((102, 128, 3), 475)
     """
     camera = rig.camera
     v, u = np.mgrid[: camera.height_px, : camera.width_px].astype(np.float64)
     directions = rays(camera, np.stack((u, v), axis=-1)).reshape(-1, 3)
     T_world_camera = np.eye(4) if T_camera_world is None else inverse(T_camera_world)
     R = T_world_camera[:3, :3]
-    eye, ways = T_world_camera[:3, 3], directions @ R.T
-    distance, body = _nearest(bodies, eye, ways)
-    found = np.flatnonzero(body >= 0)
-    t = distance[found, None]
-    points = t * directions[found]
-    # Distances count from the camera in lengths of its rays.
-    world, sight = eye + t * ways[found], t * ways[found]
-    normals = np.empty_like(world)
-    for k, item in enumerate(bodies):
-        own = body[found] == k
-        normals[own] = item.normal(world[own], sight[own])
-    normals *= -np.sign(np.sum(normals * sight, axis=1, keepdims=True))
+    eye, world_directions = T_world_camera[:3, 3], directions @ R.T
+    distance, body = _nearest(bodies, eye, world_directions)
+    hit = np.flatnonzero(body >= 0)
+    # Distances count in lengths of the camera's rays, which have z = 1.
+    t = distance[hit, None]
+    points = t * directions[hit]
+    sight = t * world_directions[hit]
+    world = eye + sight
+    normals = _normals_towards_camera(bodies, body[hit], world, sight)
     shading = _shading(rig, bodies, points, normals @ R, (T_world_camera, world))
-    shape = camera.shape
+    projector_px = project(rig.projector, transform(rig.T_projector_camera, points))
 
-    def spread(values: FloatMap, empty: float) -> FloatMap:
+    def as_map(values: FloatMap, empty: float) -> FloatMap:
         whole = np.full((len(body), *values.shape[1:]), empty)
-        whole[found] = values
-        return whole.reshape(*shape, *values.shape[1:])
+        whole[hit] = values
+        return whole.reshape(*camera.shape, *values.shape[1:])
 
-    seen = project(rig.projector, transform(rig.T_projector_camera, points))
-    bodies_seen = body.reshape(shape)
+    body_map = body.reshape(camera.shape)
     return View(
-        points_mm=spread(points, np.nan),
-        normals=spread(normals @ R, np.nan),
-        projector_px=spread(seen, np.nan),
-        body=bodies_seen,
-        albedo=_albedo(bodies, spread(world, np.nan), bodies_seen),
-        shading=spread(shading, 0.0),
+        points_mm=as_map(points, np.nan),
+        normals=as_map(normals @ R, np.nan),
+        projector_px=as_map(projector_px, np.nan),
+        body=body_map,
+        albedo=pixel_albedo(bodies, as_map(world, np.nan), body_map),
+        shading=as_map(shading, 0.0),
     )
 
 
 def _nearest(
     bodies: Sequence[Body], origin: FloatMap, directions: FloatMap
 ) -> tuple[FloatMap, NDArray[np.int32]]:
+    """Distance to the first body that each ray hits, and its number; ∞ and −1 for none."""
     distance = np.full(len(directions), np.inf)
     body = np.full(len(directions), -1, np.int32)
     for k, item in enumerate(bodies):
@@ -165,6 +175,18 @@ def _nearest(
     return distance, body
 
 
+def _normals_towards_camera(
+    bodies: Sequence[Body], body: NDArray[np.int32], world: FloatMap, sight: FloatMap
+) -> FloatMap:
+    """Unit normals at points that rays have hit, (n, 3), in world coordinates."""
+    normals = np.empty_like(world)
+    for k, item in enumerate(bodies):
+        of_body = body == k
+        normals[of_body] = item.normal(world[of_body], sight[of_body])
+    normals *= -np.sign(np.sum(normals * sight, axis=1, keepdims=True))
+    return normals
+
+
 def _shading(
     rig: Rig,
     bodies: Sequence[Body],
@@ -172,101 +194,46 @@ def _shading(
     normals: FloatMap,
     world: tuple[FloatMap, FloatMap],
 ) -> FloatMap:
-    """Lambert's cosine over the distance squared, where light arrives at all."""
+    """The projector's light at points, (n,): Lambert's cosine over the squared distance.
+
+    ``points`` and ``normals`` are in camera coordinates; ``world`` is T_world_camera and the points
+    in world coordinates.
+    """
     centre = rig.projector_centre_mm
-    way = centre - points
-    length = np.linalg.norm(way, axis=1)
-    cosine = np.einsum("nk,nk->n", normals, way) / length
+    to_projector = centre - points
+    length = np.linalg.norm(to_projector, axis=1)
+    cosine = np.einsum("nk,nk->n", normals, to_projector) / length
     pixel = project(rig.projector, transform(rig.T_projector_camera, points))
     size = np.array([rig.projector.width_px, rig.projector.height_px])
     with np.errstate(invalid="ignore"):
         inside = ((pixel >= -0.5) & (pixel <= size - 0.5)).all(axis=1)
     light = np.where(inside & (cosine > 0), cosine, 0.0)
     lit = np.flatnonzero(light)
-    T_world_camera, places = world
-    lamp = transform(T_world_camera, centre)
-    # From the lamp to the point: shaded where something is hit well before it.
-    towards = places[lit] - lamp
+    T_world_camera, world_points = world
+    pupil = transform(T_world_camera, centre)
+    # Rays from the projector's pupil to the points: a body that is hit well before shades.
+    from_pupil = world_points[lit] - pupil
     for item in bodies:
-        light[lit[item.hit(lamp, towards) < 1.0 - SHADOW_START]] = 0.0
-    usual = np.median(length[light > 0]) if (light > 0).any() else 1.0
-    return np.asarray(light * (usual / length) ** 2)
-
-
-def _albedo(bodies: Sequence[Body], world: FloatMap, body: NDArray[np.int32]) -> FloatMap:
-    """Mean reflectance over every pixel: paint may change within one."""
-    albedo = np.zeros(body.shape)
-    for k, item in enumerate(bodies):
-        own = body == k
-        if not callable(item.albedo):
-            albedo[own] = item.albedo
-        elif own.any():
-            rows, columns = (slice(c.min(), c.max() + 1) for c in np.nonzero(own))
-            part = own[rows, columns]
-            surface = np.zeros((*part.shape, 2))
-            surface[part] = item.local(world[rows, columns][part])[:, :2]
-            albedo[rows, columns][part] = _mean_paint(item.albedo, surface)[part]
-    return albedo
-
-
-def _mean_paint(paint: Any, surface: FloatMap) -> FloatMap:
-    down, across = _steps(surface, 0), _steps(surface, 1)
-    looks = [paint(*_shifted(surface, across, down, a, b)) for a, b in _lattice(COARSE)]
-    total = np.mean(looks, axis=0)
-    # Where neighbours differ may be an edge that a few points do not see: more of them.
-    mixed = ndimage.maximum_filter(np.max(looks, axis=0), 3) > ndimage.minimum_filter(
-        np.min(looks, axis=0), 3
-    )
-    here = (surface[mixed], across[mixed], down[mixed])
-    # A lattice errs alike for all pixels that an edge crosses alike: turned about within each
-    # pixel by an amount of its own, its errors average out along the edge.
-    turn_a, turn_b = np.random.default_rng(0).random((2, int(mixed.sum())))
-    dense = np.zeros(turn_a.size)
-    for a, b in _lattice(DENSE):
-        dense += paint(
-            *_shifted(*here, (a + turn_a + 0.5) % 1.0 - 0.5, (b + turn_b + 0.5) % 1.0 - 0.5)
-        )
-    total[mixed] = dense / DENSE
-    return np.asarray(total)
-
-
-def _lattice(n: int) -> Iterator[tuple[float, float]]:
-    """n points of a unit square about 0, one in each of n rows and columns (golden section)."""
-    step = next(m for m in range(round(0.618 * n), n + 1) if math.gcd(m, n) == 1)
-    for k in range(n):
-        yield (k + 0.5) / n - 0.5, (k * step % n + 0.5) / n - 0.5
-
-
-def _shifted(
-    surface: FloatMap, across: FloatMap, down: FloatMap, a: Any, b: Any
-) -> tuple[FloatMap, FloatMap]:
-    """Coordinates at a part (a, b) of a pixel away from its middle."""
-    x, y = (surface[..., k] + a * across[..., k] + b * down[..., k] for k in (0, 1))
-    return x, y
-
-
-def _steps(surface: FloatMap, axis: int) -> FloatMap:
-    """Change of the surface's coordinates from pixel to pixel."""
-    if surface.shape[axis] < 2:
-        return np.zeros_like(surface)
-    return np.asarray(np.gradient(surface, axis=axis))
+        light[lit[item.hit(pupil, from_pupil) < 1.0 - SHADOW_SHARE]] = 0.0
+    median_length = np.median(length[light > 0]) if (light > 0).any() else 1.0
+    return np.asarray(light * (median_length / length) ** 2)
 
 
 def photograph(
     view: View, plan: PatternPlan, optics: Optics | None = None
 ) -> Iterator[NDArray[np.unsignedinteger]]:
-    """The frames that the camera takes while a plan is projected.
+    """Take the frames that the camera sees while the patterns of a plan are projected.
 
     Parameters
     ----------
     view : View
-        Of ``look``; its rig's projector must be of the plan's size.
+        From ``look``; the projector of its rig must have the plan's size.
     plan : PatternPlan
     optics : Optics, optional
 
     Yields
     ------
-    (h, w) arrays, uint8, or uint16 for more than 8 bits.
+    (h, w) arrays, counts: uint8, or uint16 for more than 8 bits.
 
     Raises
     ------
@@ -274,89 +241,31 @@ def photograph(
 
     Notes
     -----
-    A projector pixel is a square of constant light v^γ; the lens blurs it by a Gaussian. The
-    camera integrates reflected light under a Gaussian blur; noise σ² = noise² + shot · I,
-    clipping and rounding follow.
+    A projector pixel is a square of constant light v^γ, blurred by a Gaussian. The camera blurs
+    the reflected light by a Gaussian; noise of variance noise² + shot · I, clipping and rounding
+    follow.
     """
     optics = optics or Optics()
     rng = np.random.default_rng(optics.seed)
-    top = 2**optics.bits - 1
-    scale = top / 255.0
-    reflected = optics.exposure * top * view.albedo
-    sampler = _Projected(view, optics.defocus_px)
-    for lit, size in zip(sampler.places, (plan.width_px, plan.height_px), strict=True):
+    largest = 2**optics.bits - 1
+    per_count_of_8_bit = largest / 255.0
+    reflected = optics.exposure * largest * view.albedo
+    projected = ProjectedLight(view.projector_px, view.lit, optics.defocus_px)
+    for lit, size in zip(projected.coordinates, (plan.width_px, plan.height_px), strict=True):
         if lit.size and lit.max() > size:
             raise InputError(
                 f"plan: expected one for the view's projector, got {plan.width_px} × "
-                f"{plan.height_px} px where light comes from beyond"
+                f"{plan.height_px} px, but the view is lit from coordinate {lit.max():.0f} px"
             )
-    bright = 2**plan.bits - 1
     for picture in encode(plan):
-        sent = (picture / bright) ** optics.gamma
-        light = optics.black + (1.0 - optics.black) * sampler(sent)
+        sent = (picture / (2**plan.bits - 1)) ** optics.gamma
+        light = optics.black + (1.0 - optics.black) * projected(sent)
         counts = reflected * (view.shading * light + optics.ambient)
         if optics.blur_px:
             counts = ndimage.gaussian_filter(counts, optics.blur_px, mode="nearest")
-        spread = np.sqrt((optics.noise * scale) ** 2 + optics.shot * scale * counts)
-        counts += spread * rng.standard_normal(counts.shape, np.float32)
-        # A sensor clips at both ends; that is what is simulated, not a repair of bad numbers.
-        np.clip(np.rint(counts, out=counts), 0, top, out=counts)
+        variance = (optics.noise * per_count_of_8_bit) ** 2
+        sigma = np.sqrt(variance + optics.shot * per_count_of_8_bit * counts)
+        counts += sigma * rng.standard_normal(counts.shape, np.float32)
+        # Clipping simulates the sensor, whose counts end at both limits.
+        np.clip(np.rint(counts, out=counts), 0, largest, out=counts)
         yield counts.astype(np.uint8 if optics.bits == 8 else np.uint16)
-
-
-class _Projected:
-    """Light at the pixels of a view for pictures of the projector."""
-
-    def __init__(self, view: View, defocus_px: float) -> None:
-        self.shape = view.body.shape
-        self.lit = np.flatnonzero(view.lit)
-        self.defocus = defocus_px
-        self.places = [view.projector_px[..., k].reshape(-1)[self.lit] for k in (0, 1)]
-        self.lines: dict[int, tuple[NDArray[np.int32], NDArray[np.float32]]] = {}
-
-    def __call__(self, picture: FloatMap) -> FloatMap:
-        light = np.zeros(self.shape)
-        if (picture == picture[:1]).all():
-            light.reshape(-1)[self.lit] = self._along(0, picture[0])
-        elif (picture == picture[:, :1]).all():
-            light.reshape(-1)[self.lit] = self._along(1, picture[:, 0])
-        else:
-            light.reshape(-1)[self.lit] = self._everywhere(picture)
-        return light
-
-    def _along(self, axis: int, values: FloatMap) -> FloatMap:
-        """Most patterns vary along one axis: their profile, exact, and linear between samples."""
-        fine = _profile(values, self.defocus)
-        if axis not in self.lines:
-            place = (self.places[axis] + 0.5) * FINE
-            whole = np.clip(place.astype(np.int32), 0, fine.size - 2)
-            self.lines[axis] = whole, (place - whole).astype(np.float32)
-        index, part = self.lines[axis]
-        return np.asarray(fine[index] + part * np.diff(fine)[index])
-
-    def _everywhere(self, picture: FloatMap) -> FloatMap:
-        """Any picture: blurred at the pixels' centres, linear between them."""
-        # Interpolation spreads a pixel by 1/6 px² where its square has 1/12.
-        sigma = np.sqrt(max(self.defocus**2 - 1.0 / 12.0, 0.0))
-        blurred = ndimage.gaussian_filter(picture, sigma, mode="nearest")
-        return np.asarray(
-            ndimage.map_coordinates(blurred, self.places[::-1], order=1, mode="nearest")
-        )
-
-
-def _profile(values: FloatMap, defocus_px: float) -> FloatMap:
-    """Light at −½, −½ + 1/16 … of pixels in a line, each a square blurred by a Gaussian."""
-    n = values.size
-    place = np.arange(n * FINE + 1) / FINE - 0.5
-    if defocus_px == 0:
-        return np.asarray(values[np.clip(np.floor(place + 0.5).astype(int), 0, n - 1)])
-    reach = int(np.ceil(5.0 * defocus_px)) + 1
-    near = np.clip(np.floor(place + 0.5).astype(int), 0, n - 1)
-    light = np.zeros(place.size)
-    for k in range(-reach, reach + 1):
-        pixel = near + k
-        edges = (pixel + 0.5 - place, pixel - 0.5 - place)
-        share = special.ndtr(edges[0] / defocus_px) - special.ndtr(edges[1] / defocus_px)
-        inside = (pixel >= 0) & (pixel < n)
-        light += np.where(inside, share * values[np.clip(pixel, 0, n - 1)], 0.0)
-    return light

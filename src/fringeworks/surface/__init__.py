@@ -1,1 +1,1 @@
-"""Height maps and point clouds: triangles, normals, fitted bodies."""
+"""Surfaces: normals, triangles and heights of point clouds; points of height maps; fitted forms."""

@@ -1,4 +1,4 @@
-"""What is read off a point cloud: normals, triangles, and heights over a plane."""
+"""Surfaces from point clouds: normals, triangles, and heights over a plane."""
 
 from __future__ import annotations
 
@@ -9,31 +9,47 @@ from scipy import ndimage
 from fringeworks import _core
 from fringeworks.types import FloatMap, HeightMap, InputError, PointCloud, Reason
 
-LEAST_NORMAL = 6
-"""Points in a window below which it has no normal."""
-GRAZING = 0.08
-"""Cosine between a triangle's normal and the camera's ray below which it bridges a cliff."""
-CLIFF = 4.0
-"""Longest side of a triangle over the usual one beyond which it bridges a cliff."""
+MIN_NORMAL_POINTS = 6
+"""Smallest number of points in a window for a normal: a plane has three parameters, and twice as
+many points average the noise a little."""
+FLAT_DETERMINANT = 1e-12
+"""Smallest determinant of the normal equations over the product of their diagonal. Below it, the
+points lie on a line to rounding and have no normal."""
+GRAZING_COSINE = 0.08
+"""Smallest |cosine| between a triangle's normal and the camera's ray. A triangle seen at less than
+5° is taken to bridge a step in depth, where no surface was seen. Empirical: a steeper surface is
+hardly ever measured, because fringes on it are weak."""
+LONG_SIDE = 4.0
+"""Largest side of a triangle, relative to the median of all triangles at the same depth. A longer
+one is taken to bridge a step in depth. Empirical: surfaces tilted by up to 75° stay."""
+MIN_RIGHT_SINE = 1e-6
+"""Smallest sine of the angle between ``right`` and the plane's normal: below it, rounding would
+determine the direction of the grid."""
+MAX_NODES = 1e8
+"""Largest number of nodes of a height grid: 10⁸ nodes need several GB."""
 
 
 def normals(cloud: PointCloud, *, window: int = 5) -> FloatMap:
-    """Unit normals of the surface, towards the camera.
+    """Compute the unit normals of a point cloud's surface, pointing towards the camera.
 
     Parameters
     ----------
     cloud : PointCloud
     window : int
-        Side of the square of pixels that a plane is fitted to; odd, ≥ 3.
+        Side of the square window in which a plane is fitted, px; odd, ≥ 3.
 
     Returns
     -------
-    (h, w, 3) float32 array; NaN where there is no point or too few around it.
+    (h, w, 3) float32 array; NaN where there is no point, or fewer than six around it.
+
+    Raises
+    ------
+    InputError for an even or too small window.
 
     Notes
     -----
-    A plane n·P = 1 is linear in 1/z over image coordinates, 1/z = n·(x/z, y/z, 1): least squares
-    over the window by sums that slide along.
+    A plane n·P = 1 is linear in the inverse depth over image coordinates: 1/z = n·(x/z, y/z, 1).
+    It is fitted by least squares, with sums that slide along with the window.
     """
     if window < 3 or window % 2 == 0:
         raise InputError(f"window: expected an odd number of 3 or more, got {window}")
@@ -41,9 +57,9 @@ def normals(cloud: PointCloud, *, window: int = 5) -> FloatMap:
     xyz = np.where(ok[..., None], cloud.xyz_mm, 1.0).astype(np.float64)
     w = 1.0 / xyz[..., 2]
     u, v = xyz[..., 0] * w, xyz[..., 1] * w
-    # About a middle, so that sums of squares do not lose the differences.
-    centre = [float(a[ok].mean()) if ok.any() else 0.0 for a in (u, v, w)]
-    u, v, w = (np.where(ok, a - c, 0.0) for a, c in zip((u, v, w), centre, strict=True))
+    # Sums of squares lose small differences of large numbers, so the mean is subtracted first.
+    mean = [float(a[ok].mean()) if ok.any() else 0.0 for a in (u, v, w)]
+    u, v, w = (np.where(ok, a - m, 0.0) for a, m in zip((u, v, w), mean, strict=True))
 
     def total(values: FloatMap) -> FloatMap:
         return np.asarray(ndimage.uniform_filter(values, window, mode="constant") * window**2)
@@ -58,23 +74,28 @@ def normals(cloud: PointCloud, *, window: int = 5) -> FloatMap:
         uw, vw = total(u * w) - su * sw / n, total(v * w) - sv * sw / n
         determinant = uu * vv - uv * uv
         a, b = (vv * uw - uv * vw) / determinant, (uu * vw - uv * uw) / determinant
-        # 1/z = a u + b v + c in full coordinates.
-        c = sw / n + centre[2] - a * (su / n + centre[0]) - b * (sv / n + centre[1])
+        # 1/z = a u + b v + c, with the means added again.
+        c = sw / n + mean[2] - a * (su / n + mean[0]) - b * (sv / n + mean[1])
+        # (a, b, c)·P = 1 in front of the camera, so (a, b, c) points away from it.
         normal = -np.stack((a, b, c), axis=-1)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        flat = determinant > 1e-12 * uu * vv
-    # n·P = 1 with P in front: n points away from the camera, so its opposite towards it.
-    normal[~(ok & flat & (np.rint(n) >= LEAST_NORMAL))] = np.nan
+        determined = determinant > FLAT_DETERMINANT * uu * vv
+    normal[~(ok & determined & (np.rint(n) >= MIN_NORMAL_POINTS))] = np.nan
     return normal.astype(np.float32)
 
 
-def triangles(cloud: PointCloud) -> NDArray[np.uint32]:
-    """Triangles between neighbouring pixels, facing the camera.
+def cloud_triangles(cloud: PointCloud) -> NDArray[np.uint32]:
+    """Connect neighbouring points of a point cloud by triangles that face the camera.
+
+    Parameters
+    ----------
+    cloud : PointCloud
 
     Returns
     -------
-    (m, 3) flat indices of pixels; none where a corner is missing, and none across cliffs: steep
-    to the camera's ray, or far longer than usual for their depth.
+    (m, 3) uint32 array of flat pixel indices, rows of ``cloud.xyz_mm.reshape(-1, 3)``. A triangle
+    is missing where a corner is, and where it would bridge a step in depth: it is steep to the
+    camera's ray, or far longer than usual for its depth.
     """
     h, w = cloud.shape
     index = np.arange(h * w, dtype=np.int64).reshape(h, w)
@@ -87,13 +108,14 @@ def triangles(cloud: PointCloud) -> NDArray[np.uint32]:
         return np.empty((0, 3), np.uint32)
     p, q, r = (points[faces[:, k]].astype(np.float64) for k in range(3))
     normal = np.cross(q - p, r - p)
-    size = np.linalg.norm(normal, axis=1) * np.linalg.norm(p, axis=1)
-    steep = np.abs(np.einsum("nk,nk->n", normal, p)) < GRAZING * size
-    longest = np.sqrt(
+    length_product = np.linalg.norm(normal, axis=1) * np.linalg.norm(p, axis=1)
+    grazing = np.abs(np.einsum("nk,nk->n", normal, p)) < GRAZING_COSINE * length_product
+    longest_side = np.sqrt(
         np.max([np.sum((s - t) ** 2, axis=1) for s, t in ((p, q), (q, r), (r, p))], axis=0)
     )
-    relative = longest / p[:, 2]
-    faces = faces[~steep & (relative < CLIFF * np.median(relative))]
+    # A pixel sees a length in proportion to its depth.
+    per_depth = longest_side / p[:, 2]
+    faces = faces[~grazing & (per_depth < LONG_SIDE * np.median(per_depth))]
     return np.asarray(faces, np.uint32)
 
 
@@ -105,71 +127,97 @@ def height_over_plane(
     pitch_mm: float,
     right: FloatMap | None = None,
 ) -> HeightMap:
-    """The surface as heights over a plane, on an even grid.
+    """Resample a point cloud to heights over a plane, on a regular grid.
 
     Parameters
     ----------
     cloud : PointCloud
-    point_mm, normal : (3,) arrays
-        A point of the plane and its normal, in camera coordinates; the side that the camera is on
-        is up.
+    point_mm : (3,) array
+        A point of the plane in camera coordinates, mm.
+    normal : (3,) array
+        Normal of the plane in camera coordinates, of any length and either sign: heights count
+        towards the camera.
     pitch_mm : float > 0
-        Distance of the grid's nodes.
+        Distance of the grid's nodes, mm.
     right : (3,) array, optional
-        Direction of the grid's columns, laid into the plane; by default the camera's x.
+        Direction in which the grid's columns count, projected into the plane; the camera's x by
+        default.
 
     Returns
     -------
-    HeightMap in mm. Each node has the topmost triangle between neighbouring points; its σ is the
-    mean of the corners', turned from along the ray to along the normal.
+    HeightMap in mm. The height at a node is that of the topmost triangle of ``cloud_triangles``.
+    Its σ is the mean of the triangle's corners, converted from along the camera's ray to along
+    the normal. Nodes without a triangle are NaN, ``OUTSIDE``.
 
     Raises
     ------
-    InputError for a plane or pitch that makes no grid, or one of more than 10⁸ nodes.
+    InputError for a plane, direction or pitch that defines no grid, a grid of more than 10⁸ nodes,
+    and a cloud without triangles.
     """
-    up = np.asarray(normal, np.float64)
-    origin = np.asarray(point_mm, np.float64)
-    if up.shape != (3,) or origin.shape != (3,) or not np.linalg.norm(up) > 0:
-        raise InputError(f"plane: expected a point and a normal of 3 values, got {up}, {origin}")
     if not pitch_mm > 0:
         raise InputError(f"pitch_mm: expected > 0, got {pitch_mm}")
-    up = up / np.linalg.norm(up) * (1.0 if up @ -origin > 0 else -1.0)
-    x = np.array([1.0, 0.0, 0.0]) if right is None else np.asarray(right, np.float64)
-    x = x - (x @ up) * up
-    if not np.linalg.norm(x) > 1e-6:
-        raise InputError("right: expected a direction that is not along the normal")
-    x = x / np.linalg.norm(x)
-    # Rows go down in the image: x, y and up as x right, y down, z towards the viewer.
-    y = np.cross(x, up)
-    faces = triangles(cloud)
+    origin = np.asarray(point_mm, np.float64)
+    x, y, up = _plane_axes(origin, np.asarray(normal, np.float64), right)
+    faces = cloud_triangles(cloud)
     if not len(faces):
         raise InputError("cloud: expected neighbouring points, got none")
-    used, inner = np.unique(faces, return_inverse=True)
-    local = (cloud.xyz_mm.reshape(-1, 3)[used].astype(np.float64) - origin) @ np.stack((x, y, up)).T
-    low, high = local.min(axis=0), local.max(axis=0)
-    columns, rows = (int(n) for n in np.floor((high[:2] - low[:2]) / pitch_mm) + 1)
-    if rows * columns > 1e8:
-        raise InputError(f"pitch_mm: expected a grid below 1e8 nodes, got {columns} × {rows}")
-    tree = _core.Triangles(
-        np.ascontiguousarray(local), np.ascontiguousarray(inner.reshape(faces.shape), np.uint32)
-    )
-    v, u = np.mgrid[:rows, :columns] * pitch_mm
-    top = high[2] + 1.0
-    start = np.column_stack((u.ravel() + low[0], v.ravel() + low[1], np.full(u.size, top)))
-    down = np.broadcast_to([0.0, 0.0, -1.0], start.shape)
-    distance, face = tree.hit(start, np.ascontiguousarray(down), 0.0)
+    height, face = _topmost(cloud, faces, origin, np.stack((x, y, up)), pitch_mm)
     hit = face >= 0
-    height = np.where(hit, top - np.where(hit, distance, 0.0), np.nan).reshape(rows, columns)
-    corners = faces[np.maximum(face, 0)]
+    corners = faces[np.maximum(face.ravel(), 0)]
     points = cloud.xyz_mm.reshape(-1, 3)[corners[:, 0]].astype(np.float64)
-    slant = np.abs(points @ up) / np.linalg.norm(points, axis=1)
-    sigma = np.where(hit, cloud.sigma_mm.reshape(-1)[corners].mean(axis=1) * slant, np.nan)
+    ray_to_normal = np.abs(points @ up) / np.linalg.norm(points, axis=1)
+    sigma = cloud.sigma_mm.reshape(-1)[corners].mean(axis=1) * ray_to_normal
     return HeightMap(
         values=height,
-        sigma=sigma.reshape(rows, columns),
-        reason=np.where(hit, Reason.OK, Reason.OUTSIDE).astype(np.uint8).reshape(rows, columns),
+        sigma=np.where(hit, sigma.reshape(hit.shape), np.nan),
+        reason=np.where(hit, Reason.OK, Reason.OUTSIDE).astype(np.uint8),
         quantity="height",
         unit="mm",
         pitch=pitch_mm,
         method="triangulation",
     )
+
+
+def _plane_axes(
+    origin: FloatMap, normal: FloatMap, right: FloatMap | None
+) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Unit vectors of a grid on a plane: columns, rows, and up towards the camera."""
+    if normal.shape != (3,) or origin.shape != (3,) or not np.linalg.norm(normal) > 0:
+        raise InputError(
+            f"plane: expected a point and a normal > 0 of 3 values each, got {origin} and {normal}"
+        )
+    up = normal / np.linalg.norm(normal) * (1.0 if normal @ -origin > 0 else -1.0)
+    x = np.array([1.0, 0.0, 0.0]) if right is None else np.asarray(right, np.float64)
+    x = x - (x @ up) * up
+    if not np.linalg.norm(x) > MIN_RIGHT_SINE:
+        raise InputError("right: expected a direction that is not along the normal, got one")
+    x = x / np.linalg.norm(x)
+    # Rows go down in the image: x to the right, y down, up towards the viewer.
+    return x, np.cross(x, up), up
+
+
+def _topmost(
+    cloud: PointCloud, faces: NDArray[np.uint32], origin: FloatMap, axes: FloatMap, pitch_mm: float
+) -> tuple[FloatMap, NDArray[np.int32]]:
+    """Height and number of the topmost triangle at every node, (rows, columns); NaN and −1."""
+    used, local_faces = np.unique(faces, return_inverse=True)
+    local = (cloud.xyz_mm.reshape(-1, 3)[used].astype(np.float64) - origin) @ axes.T
+    low, high = local.min(axis=0), local.max(axis=0)
+    columns, rows = (int(n) for n in np.floor((high[:2] - low[:2]) / pitch_mm) + 1)
+    if rows * columns > MAX_NODES:
+        raise InputError(
+            f"pitch_mm: expected a grid below {MAX_NODES:.0e} nodes, got {columns} × {rows} nodes "
+            f"for a pitch of {pitch_mm:g} mm"
+        )
+    tree = _core.Triangles(
+        np.ascontiguousarray(local),
+        np.ascontiguousarray(local_faces.reshape(faces.shape), np.uint32),
+    )
+    v, u = np.mgrid[:rows, :columns] * pitch_mm
+    above = high[2] + 1.0
+    start = np.column_stack((u.ravel() + low[0], v.ravel() + low[1], np.full(u.size, above)))
+    down = np.broadcast_to([0.0, 0.0, -1.0], start.shape)
+    distance, face = tree.hit(start, np.ascontiguousarray(down), 0.0)
+    hit = face >= 0
+    height = np.where(hit, above - np.where(hit, distance, 0.0), np.nan)
+    return height.reshape(rows, columns), face.reshape(rows, columns)

@@ -1,301 +1,286 @@
-"""Planes, spheres and cylinders fitted to points, judged in the vocabulary of VDI/VDE 2634."""
+"""Planes, spheres and cylinders fitted to points, evaluated in the terms of VDI/VDE 2634."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy import optimize
 
+from fringeworks.surface.form_geometry import GEOMETRIES, BodyKind, FormGeometry
 from fringeworks.types import BoolMap, FloatMap, InputError
 
-Body = Literal["plane", "sphere", "cylinder"]
 DISCARDED = 0.003
-"""Share of the points that VDI/VDE 2634 part 2 lets go before a range is taken."""
+"""Share of the points that may be discarded before a range is taken, from VDI/VDE 2634 part 2."""
+MIN_POINTS = 10
+"""Smallest number of points for a fit: more than the seven numbers of a cylinder."""
 NEARBY = 0.7
-"""Reach of the points that a start goes through, of the cloud's size: likely on one body."""
-LARGEST = 5.0
-"""Largest radius of a sphere or cylinder, of the cloud's size: a plane is a sphere beyond."""
-SAMPLE = 20_000
-"""Points that a start and a robust fit are made of."""
-FEWEST = 0.1
-"""Share of the points that must lie on a body for it to be found."""
-LOOSEST = 0.05
-"""Standard deviation, of the cloud's size, beyond which points do not lie on a body."""
-FAR = 6.0
-"""Points beyond this many robust standard deviations do not belong to the body."""
-ROUNDS = 6
+"""Distance within which the points of a trial body are chosen, in sizes of the cloud: neighbours
+are more likely to lie on one body. Empirical."""
+START_POINTS = 20_000
+"""Largest number of points from which a start is found; more only cost time."""
+JUDGING_POINTS = 2_000
+"""Largest number of points by which trial bodies are compared: a tenth of them, 200, determine the
+score of a body."""
+REFINED_POINTS = 200_000
+"""Number of points above which the least-squares fit uses every second one, or fewer: the precision
+is then limited by the calibration, not by the number of points."""
+BODY_SHARE = 0.1
+"""Share of the points that must lie on a body for it to be found, 0…1: one body among several."""
+TENTH_OF_NORMAL = 0.125
+"""Distance, in standard deviations, within which a tenth of normally distributed distances lies."""
+MAX_SPREAD = 0.05
+"""Largest standard deviation of the points that count as on the body, in sizes of the cloud. Above,
+the body does not describe the points. Empirical."""
+FAR_SIGMAS = 6.0
+"""Distance in robust standard deviations beyond which a point does not belong to the body; of
+normally distributed distances one in 10⁹ is larger."""
+FIT_ROUNDS = 6
+"""Largest number of fits; the points that belong to the body are chosen anew after each. Usually
+they no longer change after the second or third."""
+NORMAL_MAD = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 @dataclass(frozen=True, eq=False)
 class Form:
     """A body fitted to points."""
 
-    body: Body
+    body: BodyKind
     parameters: dict[str, list[float] | float]
-    """plane: point_mm, normal; sphere: centre_mm, radius_mm; cylinder: point_mm, axis,
-    radius_mm."""
+    """In mm, in the coordinates of the points. plane: point_mm, normal; sphere: centre_mm,
+    radius_mm; cylinder: point_mm, axis, radius_mm."""
     distance_mm: FloatMap
     """Signed distance of every point, (n,), mm: out of the sphere or cylinder, along the normal."""
     used: BoolMap
-    """Points that belong to the body, (n,)."""
+    """Which points belong to the body, (n,)."""
     sigma_mm: float | None
-    """Standard deviation of the radius, by the scatter of the points; None for a plane."""
+    """Standard deviation of the radius from the scatter of the points, mm; None for a plane."""
 
     @property
     def deviation_mm(self) -> float:
-        """Standard deviation of the points that belong to the body."""
+        """Standard deviation of the distances of the body's points, mm."""
         return float(np.std(self.distance_mm[self.used]))
 
     def spread_mm(self, share: float = 1.0 - DISCARDED) -> float:
-        """Narrowest range of distances that holds this share of the body's points."""
+        """Return the narrowest range of distances that holds a share of the body's points, mm."""
         ordered = np.sort(self.distance_mm[self.used])
         kept = max(int(np.ceil(share * ordered.size)), 1)
         return float(np.min(ordered[kept - 1 :] - ordered[: ordered.size - kept + 1]))
 
 
 def fit_form(
-    points_mm: FloatMap, body: Body, *, sigma_mm: FloatMap | None = None, seed: int = 0
+    points_mm: FloatMap, body: BodyKind, *, sigma_mm: FloatMap | None = None, seed: int = 0
 ) -> Form:
-    """Least-squares body through the points that lie on it.
+    """Fit a plane, sphere or cylinder to the points that lie on it, by least squares.
 
     Parameters
     ----------
     points_mm : (n, 3) array
+        At least ten points, finite, mm. Points of other surfaces may be among them.
     body : "plane", "sphere" or "cylinder"
     sigma_mm : (n,) array, optional
-        Standard deviations along the body's normal: weights of the points.
+        Standard deviations of the points along the body's normal, mm, > 0; points are weighted by
+        1/σ². By default all count alike.
     seed : int
-        Of the random choice of a start.
+        Seed of the random choice of points for the start.
+
+    Returns
+    -------
+    Form
 
     Raises
     ------
-    InputError for too few points, and where no such body is found.
+    InputError for too few points or points that are not finite, and where no such body is found:
+    at least a tenth of the points must lie on it.
 
     Notes
     -----
-    Start: the body through random points that most of all points lie near (RANSAC). Then least
-    squares of orthogonal distances, points beyond six robust standard deviations left out.
+    The start is, of many bodies through a few random points, the one that a tenth of all points
+    lie nearest to (after RANSAC: Fischler and Bolles, CACM 24, 1981, doi:10.1145/358669.358692).
+    Then the orthogonal distances are minimised; points beyond six robust standard deviations do
+    not count.
+
+    Examples
+    --------
+    >>> x, y = np.mgrid[:10, :10]
+    >>> flat = np.column_stack((x.ravel(), y.ravel(), np.full(100, 500.0)))
+    >>> form = fit_form(flat, "plane")
+    >>> [round(v, 6) + 0.0 for v in form.parameters["normal"]], round(form.deviation_mm, 6)
+    ([0.0, 0.0, -1.0], 0.0)
     """
-    if body not in BODIES:
-        raise InputError(f"fit: expected one of {', '.join(BODIES)}, got {body!r}")
+    points, geometry = _checked(points_mm, body)
+    weight = _weights(sigma_mm, len(points))
+    rng = np.random.default_rng(seed)
+    sample = points
+    if len(points) > START_POINTS:
+        sample = points[rng.choice(len(points), START_POINTS, False)]
+    mean = sample.mean(axis=0)
+    scale = float(np.sqrt(np.mean(np.sum((sample - mean) ** 2, axis=1))))
+    if not scale > 0:
+        raise InputError("fit: expected points that determine a body, got one point many times")
+    start, spread = _start((sample - mean) / scale, geometry, rng)
+    fitted = _fit((points - mean) / scale, weight, start, spread, geometry)
+    if fitted is None:
+        raise InputError(f"fit: expected {MIN_POINTS} or more points on a {body}, found fewer")
+    values, covariance, distance, used = fitted
+    if np.std(distance[used]) > MAX_SPREAD:
+        raise InputError(
+            f"fit: expected a {body}, found none that a tenth of the points lie on; fit a part of "
+            "the cloud that shows the body alone"
+        )
+    parameters = geometry.parameters(values, mean, scale)
+    # The radius is the last value of a sphere and of a cylinder.
+    radius_sigma = float(np.sqrt(max(covariance[-1, -1], 0.0))) * scale
+    return Form(body, parameters, distance * scale, used, None if body == "plane" else radius_sigma)
+
+
+def _checked(points_mm: FloatMap, body: str) -> tuple[FloatMap, FormGeometry]:
+    if body not in GEOMETRIES:
+        raise InputError(f"fit: expected one of {', '.join(GEOMETRIES)}, got {body!r}")
     points = np.asarray(points_mm, np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise InputError(f"points: expected finite (n, 3), got shape {points.shape}")
-    if len(points) < 10:
-        raise InputError(f"fit: expected 10 points or more, got {len(points)}")
-    kind = BODIES[body]
-    rng = np.random.default_rng(seed)
-    some = points if len(points) <= SAMPLE else points[rng.choice(len(points), SAMPLE, False)]
-    middle = some.mean(axis=0)
-    scale = float(np.sqrt(np.mean(np.sum((some - middle) ** 2, axis=1))))
-    if not scale > 0:
-        raise InputError("fit: expected points that determine a body, got one point many times")
-    found, spread = _start((some - middle) / scale, kind, rng)
-    weight = np.ones(len(points))
-    if sigma_mm is not None:
-        sigma = np.asarray(sigma_mm, np.float64)
-        if sigma.shape != (len(points),) or not (sigma > 0).all():
-            raise InputError(f"sigma: expected {len(points)} values > 0, got {sigma.shape}")
-        weight = np.median(sigma) / sigma
-    scaled = (points - middle) / scale
-    used = np.zeros(len(points), bool)
-    distance = kind.distance(found, scaled)
-    covariance: FloatMap = np.zeros((len(found), len(found)))
-    for _ in range(ROUNDS):
-        before, used = used, np.abs(distance) * weight <= FAR * max(spread, 1e-12)
-        if used.sum() < 10:
-            raise InputError(f"fit: expected a {body}, found none that 10 points lie on")
-        part, part_weight = scaled[used], weight[used]
-        found, covariance = _refine(found, part, part_weight, kind)
-        distance = kind.distance(found, scaled)
-        spread = 1.4826 * float(np.median(np.abs(distance * weight)[used]))
-        if np.array_equal(before, used):
-            break
-    if np.std(distance[used]) > LOOSEST:
-        raise InputError(
-            f"fit: expected a {body}, found none that a tenth of the points lie on; take a part "
-            "of the cloud"
-        )
-    parameters = kind.parameters(found, middle, scale)
-    last = float(np.sqrt(max(covariance[-1, -1], 0.0))) * scale
-    return Form(body, parameters, distance * scale, used, None if body == "plane" else last)
+    if len(points) < MIN_POINTS:
+        raise InputError(f"fit: expected {MIN_POINTS} points or more, got {len(points)}")
+    return points, GEOMETRIES[body]
 
 
-@dataclass(frozen=True)
-class _Kind:
-    points: int
-    """Points that determine one."""
-    trials: int
-    """Bodies through a few points each, of which the one that most points lie on is the start."""
-    through: Callable[[FloatMap], FloatMap | None]
-    distance: Callable[[FloatMap, FloatMap], FloatMap]
-    parameters: Callable[[FloatMap, FloatMap, float], dict[str, Any]]
+def _weights(sigma_mm: FloatMap | None, n: int) -> FloatMap:
+    """Factors of the distances, (n,): the median σ over each point's σ."""
+    if sigma_mm is None:
+        return np.ones(n)
+    sigma = np.asarray(sigma_mm, np.float64)
+    if sigma.shape != (n,) or not (sigma > 0).all():
+        raise InputError(f"sigma: expected {n} values > 0, got shape {sigma.shape}")
+    return np.asarray(np.median(sigma) / sigma)
 
 
-def _start(points: FloatMap, kind: _Kind, rng: np.random.Generator) -> tuple[FloatMap, float]:
-    judges = points if len(points) <= 2000 else points[rng.choice(len(points), 2000, False)]
+def _start(
+    points: FloatMap, geometry: FormGeometry, rng: np.random.Generator
+) -> tuple[FloatMap, float]:
+    """The best of many trial bodies, and a rough standard deviation of the points on it."""
+    judges = points
+    if len(points) > JUDGING_POINTS:
+        judges = points[rng.choice(len(points), JUDGING_POINTS, False)]
     best: tuple[float, FloatMap] | None = None
-    for _ in range(kind.trials):
+    for _ in range(geometry.trials):
         anchor = judges[rng.integers(len(judges))]
         near = judges[np.sum((judges - anchor) ** 2, axis=1) < NEARBY**2]
-        if len(near) < kind.points:
+        if len(near) < geometry.points:
             continue
-        trial = kind.through(near[rng.choice(len(near), kind.points, False)])
+        trial = geometry.through(near[rng.choice(len(near), geometry.points, False)])
         if trial is None:
             continue
-        # The distance that a tenth of the points keep: a body needs that many to be found.
-        score = float(np.quantile(np.abs(kind.distance(trial, judges)), FEWEST))
+        # The distance within which the required share of the points lies: the smaller the better.
+        score = float(np.quantile(np.abs(geometry.distance(trial, judges)), BODY_SHARE))
         if best is None or score < best[0]:
             best = (score, trial)
     if best is None:
-        raise InputError("fit: expected points that determine a body, got none that do")
-    # Were all points on the body, a tenth of them would lie within an eighth of their deviation.
-    return best[1], best[0] / 0.125
+        raise InputError(
+            "fit: expected points that determine a body, got points on a line or in one place"
+        )
+    return best[1], best[0] / TENTH_OF_NORMAL
+
+
+def _fit(
+    scaled: FloatMap, weight: FloatMap, start: FloatMap, spread: float, geometry: FormGeometry
+) -> tuple[FloatMap, FloatMap, FloatMap, BoolMap] | None:
+    """Values of the body, covariance, distances of all points, and which of them belong to it.
+
+    None where fewer than ten points belong to it.
+    """
+    values = start
+    covariance: FloatMap = np.zeros((len(start), len(start)))
+    used = np.zeros(len(scaled), bool)
+    distance = geometry.distance(values, scaled)
+    for _ in range(FIT_ROUNDS):
+        before, used = used, np.abs(distance) * weight <= FAR_SIGMAS * max(spread, 1e-12)
+        if used.sum() < MIN_POINTS:
+            return None
+        values, covariance = _refine(values, scaled[used], weight[used], geometry)
+        distance = geometry.distance(values, scaled)
+        spread = NORMAL_MAD * float(np.median(np.abs(distance * weight)[used]))
+        if np.array_equal(before, used):
+            break
+    return values, covariance, distance, used
 
 
 def _refine(
-    start: FloatMap, points: FloatMap, weight: FloatMap, kind: _Kind
+    start: FloatMap, points: FloatMap, weight: FloatMap, geometry: FormGeometry
 ) -> tuple[FloatMap, FloatMap]:
-    step = max(1, len(points) // (10 * SAMPLE))
-    part, w = points[::step], weight[::step]
+    """Least squares of the weighted distances: the body's values and their covariance."""
+    every = max(1, len(points) // REFINED_POINTS)
+    part, part_weight = points[::every], weight[::every]
     solved = optimize.least_squares(
-        lambda p: kind.distance(p, part) * w, start, x_scale="jac", method="trf"
+        lambda p: geometry.distance(p, part) * part_weight, start, x_scale="jac", method="trf"
     )
     jacobian = solved.jac
-    variance = 2.0 * solved.cost / max(len(part) - start.size, 1) / step
+    variance = 2.0 * solved.cost / max(len(part) - start.size, 1) / every
     return solved.x, np.linalg.pinv(jacobian.T @ jacobian) * variance
-
-
-def _plane_through(p: FloatMap) -> FloatMap | None:
-    n = np.cross(p[1] - p[0], p[2] - p[0])
-    size = np.linalg.norm(n)
-    return None if size < 1e-9 else np.array([*(n / size), n @ p[0] / size])
-
-
-def _plane_distance(q: FloatMap, p: FloatMap) -> FloatMap:
-    size = np.linalg.norm(q[:3])
-    return np.asarray((p @ q[:3] - q[3]) / size)
-
-
-def _plane_parameters(q: FloatMap, middle: FloatMap, scale: float) -> dict[str, Any]:
-    n = q[:3] / np.linalg.norm(q[:3])
-    if n[2] > 0:
-        n = -n  # towards the camera
-        q = -q
-    offset = q[3] / np.linalg.norm(q[:3])
-    return {
-        "point_mm": [float(v) for v in middle + scale * offset * n],
-        "normal": [float(v) for v in n],
-    }
-
-
-def _sphere_through(p: FloatMap) -> FloatMap | None:
-    A = np.column_stack((2.0 * p, np.ones(4)))
-    if abs(np.linalg.det(A)) < 1e-9:
-        return None
-    s = np.linalg.solve(A, np.sum(p * p, axis=1))
-    square = s[3] + s[:3] @ s[:3]
-    return None if square <= 0 or square > LARGEST**2 else np.array([*s[:3], np.sqrt(square)])
-
-
-def _sphere_distance(q: FloatMap, p: FloatMap) -> FloatMap:
-    return np.asarray(np.linalg.norm(p - q[:3], axis=1) - q[3])
-
-
-def _sphere_parameters(q: FloatMap, middle: FloatMap, scale: float) -> dict[str, Any]:
-    return {
-        "centre_mm": [float(v) for v in middle + scale * q[:3]],
-        "radius_mm": float(scale * abs(q[3])),
-    }
-
-
-def _cylinder_through(p: FloatMap) -> FloatMap | None:
-    """Through five points: of many directions the one that puts them best on a circle."""
-    best: tuple[float, FloatMap] | None = None
-    for k in range(60):
-        # Even over the half sphere (Fibonacci).
-        z = (k + 0.5) / 60
-        r, a = np.sqrt(1 - z * z), k * 2.399963
-        q = _circle(p, np.array([r * np.cos(a), r * np.sin(a), z]))
-        if q is None:
-            continue
-        score = float(np.abs(_cylinder_distance(q, p)).max())
-        if best is None or score < best[0]:
-            best = (score, q)
-    return None if best is None else best[1]
-
-
-def _circle(p: FloatMap, axis: FloatMap) -> FloatMap | None:
-    x = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    x /= np.linalg.norm(x)
-    y = np.cross(axis, x)
-    u, v = p @ x, p @ y
-    A = np.column_stack((2 * u, 2 * v, np.ones(len(p))))
-    s, _, rank, _ = np.linalg.lstsq(A, u * u + v * v, rcond=None)
-    square = s[2] + s[0] ** 2 + s[1] ** 2
-    if rank < 3 or square <= 0 or square > LARGEST**2:
-        return None
-    return np.array([*(s[0] * x + s[1] * y), *axis, np.sqrt(square)])
-
-
-def _cylinder_distance(q: FloatMap, p: FloatMap) -> FloatMap:
-    axis = q[3:6] / np.linalg.norm(q[3:6])
-    return np.asarray(np.linalg.norm(np.cross(p - q[:3], axis), axis=1) - q[6])
-
-
-def _cylinder_parameters(q: FloatMap, middle: FloatMap, scale: float) -> dict[str, Any]:
-    axis = q[3:6] / np.linalg.norm(q[3:6])
-    foot = q[:3] - (q[:3] @ axis) * axis
-    return {
-        "point_mm": [float(v) for v in middle + scale * foot],
-        "axis": [float(v) for v in axis],
-        "radius_mm": float(scale * abs(q[6])),
-    }
-
-
-BODIES: dict[str, _Kind] = {
-    "plane": _Kind(3, 300, _plane_through, _plane_distance, _plane_parameters),
-    "sphere": _Kind(4, 1000, _sphere_through, _sphere_distance, _sphere_parameters),
-    "cylinder": _Kind(6, 200, _cylinder_through, _cylinder_distance, _cylinder_parameters),
-}
 
 
 def find_spheres(
     points_mm: FloatMap, count: int, *, sigma_mm: FloatMap | None = None, seed: int = 0
 ) -> list[Form]:
-    """Several spheres in one cloud, one after the other; distances are those of all points.
+    """Fit several spheres to one cloud, one after the other.
+
+    Parameters
+    ----------
+    points_mm : (n, 3) array, mm
+    count : int
+        Number of spheres.
+    sigma_mm, seed
+        As for ``fit_form``.
+
+    Returns
+    -------
+    list of Form, each with the distances of all points.
 
     Raises
     ------
-    InputError where fewer are found.
+    InputError where fewer spheres are found.
     """
     points = np.asarray(points_mm, np.float64)
-    rest = np.ones(len(points), bool)
-    found = []
+    remaining = np.ones(len(points), bool)
+    forms = []
     for k in range(count):
-        if rest.sum() < 10:
+        if remaining.sum() < MIN_POINTS:
             raise InputError(f"fit: expected {count} spheres, found {k}")
-        part = None if sigma_mm is None else sigma_mm[rest]
-        form = fit_form(points[rest], "sphere", sigma_mm=part, seed=seed)
+        sigma = None if sigma_mm is None else sigma_mm[remaining]
+        form = fit_form(points[remaining], "sphere", sigma_mm=sigma, seed=seed)
         used = np.zeros(len(points), bool)
-        used[rest] = form.used
+        used[remaining] = form.used
         centre = np.asarray(form.parameters["centre_mm"])
         distance = np.linalg.norm(points - centre, axis=1) - float(form.parameters["radius_mm"])  # type: ignore[arg-type]
-        found.append(Form("sphere", form.parameters, distance, used, form.sigma_mm))
-        rest &= ~used
-    return found
+        forms.append(Form("sphere", form.parameters, distance, used, form.sigma_mm))
+        remaining &= ~used
+    return forms
 
 
 def report(form: Form, *, diameter_mm: float | None = None) -> dict[str, Any]:
-    """Figures of a fit in the vocabulary of VDI/VDE 2634 part 2, mm.
+    """Return the numerical results of a fit in the terms of VDI/VDE 2634 part 2, ready for JSON.
 
-    probing error form PF: range of radial distances; probing error size PS: measured minus
-    calibrated diameter; flatness measurement error F: range of distances from the plane. Up to
-    0.3 % of the points may be discarded. (That guideline has them in many positions of calibrated
-    artefacts; this is one position.)
+    Parameters
+    ----------
+    form : Form
+    diameter_mm : float > 0, optional
+        Calibrated diameter of the sphere or cylinder, mm, for the probing error of size.
+
+    Returns
+    -------
+    dict, lengths in mm. ``probing_error_form_PF_mm``: range of the radial distances.
+    ``probing_error_size_PS_mm``: measured minus calibrated diameter. ``flatness_error_F_mm``: range
+    of the distances from the plane. Up to 0.3 % of the points are discarded from the ranges.
+
+    Raises
+    ------
+    InputError for a diameter of a plane, or one that is not above 0.
+
+    Notes
+    -----
+    The guideline asks for many positions of calibrated artefacts. This is one position.
     """
     content: dict[str, Any] = {
         "fit": form.body,
@@ -308,14 +293,17 @@ def report(form: Form, *, diameter_mm: float | None = None) -> dict[str, Any]:
     }
     if form.body == "plane":
         if diameter_mm is not None:
-            raise InputError("--diameter: expected together with a sphere or cylinder")
+            raise InputError(
+                f"diameter_mm: expected none for a plane, got {diameter_mm}; only spheres and "
+                "cylinders have one"
+            )
         content["flatness_error_F_mm"] = content["range_mm"]
         return content
     content["radius_sigma_mm"] = form.sigma_mm
     content["probing_error_form_PF_mm"] = content["range_mm"]
     if diameter_mm is not None:
         if not diameter_mm > 0:
-            raise InputError(f"--diameter: expected > 0 mm, got {diameter_mm}")
+            raise InputError(f"diameter_mm: expected > 0 mm, got {diameter_mm}")
         measured = 2.0 * float(form.parameters["radius_mm"])  # type: ignore[arg-type]
         content["probing_error_size_PS_mm"] = measured - diameter_mm
     return content

@@ -7,20 +7,27 @@ from numpy.typing import NDArray
 
 from fringeworks.types import FloatMap, HeightMap
 
-MAX_SLOPE = 10.0
-"""Triangles steeper than this (rise over run) would bridge a cliff and are left out."""
+MAX_TRIANGLE_SLOPE = 10.0
+"""Largest slope of a triangle, rise over lateral pitch. A steeper one (84°) is taken to bridge a
+step in height, where no surface was seen. Empirical."""
 
 
-def points(surface: HeightMap) -> tuple[FloatMap, FloatMap, NDArray[np.int32]]:
-    """The measured pixels as points.
+def height_map_points(surface: HeightMap) -> tuple[FloatMap, FloatMap, NDArray[np.int32]]:
+    """Return the measured pixels of a height map as points.
+
+    Parameters
+    ----------
+    surface : HeightMap
 
     Returns
     -------
     xyz : (n, 3) float64
-        x to the right and y up in the image, z towards the camera: right-handed; lateral unit as
-        the pitch's (mm, or px without a geometry).
-    sigma : (n,) float64, of z
-    index : (h, w) int32, row of a pixel's point, −1 where it has none
+        x to the right in the image, y up, z towards the camera: right-handed. Lateral unit as the
+        pitch's: mm, or px without a geometry.
+    sigma : (n,) float64
+        Standard deviation of z, in the unit of the heights.
+    index : (h, w) int32
+        Row of each pixel's point; −1 where it has none.
     """
     valid = np.isfinite(surface.values)
     y, x = np.nonzero(valid)
@@ -30,8 +37,19 @@ def points(surface: HeightMap) -> tuple[FloatMap, FloatMap, NDArray[np.int32]]:
     return xyz.astype(np.float64), surface.sigma[valid].astype(np.float64), index
 
 
-def triangles(surface: HeightMap, index: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Triangles between neighbouring points, (m, 3) rows of ``points``, facing the camera."""
+def height_map_triangles(surface: HeightMap, index: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Connect neighbouring points of a height map by triangles that face the camera.
+
+    Parameters
+    ----------
+    surface : HeightMap
+    index : (h, w) int32 array
+        As from ``height_map_points``.
+
+    Returns
+    -------
+    (m, 3) int32 array, rows of the points; without triangles that would bridge a step in height.
+    """
     a, b = index[:-1, :-1], index[:-1, 1:]
     c, d = index[1:, :-1], index[1:, 1:]
     z = surface.values
@@ -42,7 +60,7 @@ def triangles(surface: HeightMap, index: NDArray[np.int32]) -> NDArray[np.int32]
     ) -> NDArray[np.int32]:
         rise = np.maximum.reduce(heights) - np.minimum.reduce(heights)
         # NaN compares false: a triangle with an unmeasured corner is left out.
-        good = rise <= MAX_SLOPE * surface.pitch
+        good = rise <= MAX_TRIANGLE_SLOPE * surface.pitch
         return np.column_stack([corner[good] for corner in corners])
 
     return np.vstack((keep((a, c, b), (za, zc, zb)), keep((b, c, d), (zb, zc, zd))))

@@ -1,1 +1,1 @@
-"""From photographs of a board in several poses to a rig with its covariance."""
+"""Calibration: from photographs of a board in several poses to a rig with its covariance."""

@@ -1,4 +1,4 @@
-"""What is wrong with a calibration, in words: causes with figures, worst first."""
+"""Diagnosis of a calibration: what is wrong, the likely cause, and what to do, in plain words."""
 
 from __future__ import annotations
 
@@ -8,26 +8,39 @@ from typing import Any
 import numpy as np
 from scipy import spatial
 
-from fringeworks.rig.calibration.calibrate import Calibration, tilts_deg, unmoved
+from fringeworks.rig.calibration.calibrate import Calibration, unmoved
+from fringeworks.rig.calibration.parameters import DEVICE_SIZE
+from fringeworks.rig.calibration.poses import tilts_deg
 from fringeworks.types import Axis, FloatMap
 
 USUAL_POSES = 10
-TILT_DEG = 20.0
-"""Largest angle between boards below which focal lengths are weakly determined."""
-COVERED = 0.35
-"""Share of a frame that corners should span."""
-ODD_POSE = 2.5
-"""A pose stands out whose residual is this many times the median of all."""
-RIPPLE = 10.0
-"""Standard deviations, and ..."""
+"""Number of poses from which on a calibration is not called short of poses: the usual advice for
+calibration with flat boards; with 8 to 12 the virtual rig meets its limits (docs)."""
+USUAL_TILT_DEG = 20.0
+"""Largest angle between two boards below which focal lengths are reported as weakly determined,
+degrees. Boards tilted by the recommended 15° to all sides differ by 30°. See ``MIN_TILT_DEG`` for
+how the uncertainty grows with smaller angles."""
+MIN_COVERAGE = 0.35
+"""Share of a frame that corners should span, 0…1. Further out, lens distortion is extrapolated.
+Empirical: the boards of the virtual rig span 50 % of the camera's frame and 34 % of the
+projector's."""
+ODD_POSE_RATIO = 2.5
+"""A pose is reported if its residual is this many times the median of all poses. Poses of one good
+series differ by less than a factor of two; a board that was moved gives ten and more. Empirical."""
+RIPPLE_SIGMAS = 10.0
+"""Smallest ripple that is reported, in standard deviations of what noise alone gives: certain."""
 RIPPLE_PX = 0.03
-"""... projector px beyond which coordinates follow the fringes."""
-BENT = 6.0
-"""Standard deviations, and ..."""
+"""Smallest ripple that is reported, projector px: less is below the scatter of corners."""
+BENT_SIGMAS = 6.0
+"""Smallest deviation of the board from flat that is reported, in standard deviations."""
 BENT_SHARE = 1e-4
-"""... share of the board's size beyond which it is not flat."""
+"""Smallest deviation of the board from flat that is reported, over the board's size: 0.02 mm on a
+board of 200 mm, flatter than printed boards are."""
 WEAK_FOCAL = 0.003
-"""Relative standard deviation of a focal length that is worth a word."""
+"""Relative standard deviation of a focal length above which it is reported as badly known:
+distances of 500 mm are then uncertain by about 1.5 mm. Tilts of 20° or more give 0.0003 or less."""
+LISTED_CORNERS = 8
+"""Largest number of corners that one finding lists by column and row; a line holds no more."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +48,27 @@ class Finding:
     """One thing that makes a calibration worse than it could be."""
 
     cause: str
-    """A short name: pose, corners, coverage, ripple, board, poses, tilt, weak, skipped."""
+    """Short name: pose, corners, coverage, ripple, board, poses, tilt, weak or skipped."""
     message: str
+    """What was seen, the likely cause, and what to do."""
 
 
 def pose_figures(calibration: Calibration) -> list[dict[str, Any]]:
-    """Per pose: name, corners used and found, residuals of both devices and of the prediction."""
+    """Return the numerical results of every pose, ready for JSON.
+
+    Returns
+    -------
+    One dictionary per pose:
+
+    - ``pose``: its name
+    - ``corners``, ``corners_found``: number of corners used, and found in the photograph
+    - ``camera_rms_px``, ``projector_rms_px``: root mean square residuals of the used corners, px
+    - ``camera_rms_all_px``, ``projector_rms_all_px``: the same, outliers included
+    - ``predicted_rms_px``: see ``Calibration.predicted_px``; None where there is no prediction
+    - ``phase_outliers``: share of the decoded pixels that do not lie on a smooth surface, 0…1
+    """
     adjusted = calibration.adjusted
+    predicted = calibration.predicted_px
     rows = []
     for k, observation in enumerate(calibration.observations):
         used = adjusted.used[k]
@@ -50,164 +77,193 @@ def pose_figures(calibration: Calibration) -> list[dict[str, Any]]:
                 "pose": observation.name,
                 "corners": int(used.sum()),
                 "corners_found": len(observation.view.index),
-                "camera_rms_px": _rms(adjusted.camera_residual_px[k], used),
-                "projector_rms_px": _rms(adjusted.projector_residual_px[k], used),
+                "camera_rms_px": _rms(adjusted.camera_residual_px[k][used]),
+                "projector_rms_px": _rms(adjusted.projector_residual_px[k][used]),
                 "camera_rms_all_px": _rms(adjusted.camera_residual_px[k]),
                 "projector_rms_all_px": _rms(adjusted.projector_residual_px[k]),
-                "predicted_rms_px": calibration.predicted_px[k]
-                if calibration.predicted_px
-                else None,
+                "predicted_rms_px": predicted[k] if predicted else None,
                 "phase_outliers": observation.found.outliers,
             }
         )
     return rows
 
 
-def _rms(residual: FloatMap, used: Any = slice(None)) -> float:
-    part = residual[used]
-    return float(np.sqrt(np.mean(np.sum(part**2, axis=1)))) if len(part) else float("nan")
+def _rms(residual: FloatMap) -> float:
+    if not len(residual):
+        return float("nan")
+    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
 
 
 def coverage(calibration: Calibration) -> tuple[float, float]:
-    """Share of the camera's and of the projector's frame that corners span, 0…1."""
+    """Return the share of the camera's and the projector's frame that corners span, 0…1."""
     first = calibration.observations[0]
     shares = []
     for size, pixels in (
         (first.camera_size, [o.view.pixels for o in calibration.observations]),
         (first.projector_size, [o.found.projector_px for o in calibration.observations]),
     ):
-        every = np.concatenate(pixels)
-        every = every[np.isfinite(every).all(axis=1)]
-        hull = spatial.ConvexHull(every)
-        # In the plane, a hull's volume is its area.
+        corners = np.concatenate(pixels)
+        corners = corners[np.isfinite(corners).all(axis=1)]
+        hull = spatial.ConvexHull(corners)
+        # In two dimensions SciPy calls the area of a hull its volume.
         shares.append(float(hull.volume / (size[0] * size[1])))
     return shares[0], shares[1]
 
 
 def diagnose(calibration: Calibration) -> list[Finding]:
-    """Causes of a bad result, the most likely first; empty for a good one."""
-    found = [
+    """Find what makes a calibration worse than it could be.
+
+    Parameters
+    ----------
+    calibration : Calibration
+
+    Returns
+    -------
+    list of Finding, the most important first; empty for a calibration without fault.
+    """
+    return [
         *_odd_poses(calibration),
         *_ripple(calibration),
-        *_bent(calibration),
-        *_weak(calibration),
-        *_left_out(calibration),
+        *_bent_board(calibration),
+        *_low_tilt(calibration),
+        *_few_poses(calibration),
+        *_low_coverage(calibration),
+        *_weak_focal_lengths(calibration),
+        *_outlying_corners(calibration),
+        *_skipped(calibration),
     ]
-    found += [Finding("skipped", f"not used: {reason}") for reason in calibration.skipped.values()]
-    return found
 
 
 def _odd_poses(calibration: Calibration) -> list[Finding]:
-    found = []
+    findings = []
     rows = pose_figures(calibration)
     for device in ("camera", "projector"):
         values = np.array([row[f"{device}_rms_all_px"] for row in rows])
         usual = float(np.median(values))
         for row, value in zip(rows, values, strict=True):
-            if value > ODD_POSE * usual:
-                found.append(
-                    Finding(
-                        "pose",
-                        f"{row['pose']}: the {device}'s residual is {value:.3f} px where "
-                        f"{usual:.3f} px is usual; was the board moved or blurred, or hidden?",
-                    )
+            if value > ODD_POSE_RATIO * usual:
+                message = (
+                    f"{row['pose']}: the {device}'s residual is {value:.3f} px, in most poses it "
+                    f"is {usual:.3f} px; the board was probably moved, blurred or partly hidden: "
+                    "photograph this pose again, or leave it out"
                 )
-    return found
+                findings.append(Finding("pose", message))
+    return findings
 
 
 def _ripple(calibration: Calibration) -> list[Finding]:
-    found = []
+    findings = []
     axes: tuple[Axis, ...] = ("x", "y")
     for axis in axes:
-        every = [o.found.ripple for o in calibration.observations]
-        values = [ripple[axis] for ripple in every if axis in ripple]
-        if not values:
+        all_poses = [o.found.ripple for o in calibration.observations]
+        ripples = [ripple[axis] for ripple in all_poses if axis in ripple]
+        if not ripples:
             continue
-        amplitude = float(np.median([v.amplitude_px for v in values]))
-        sigma = float(np.median([v.sigma_px for v in values]))
-        if amplitude > RIPPLE_PX and amplitude > RIPPLE * sigma:
-            found.append(
-                Finding(
-                    "ripple",
-                    f"coordinates along {axis} follow the fringes by {amplitude:.3f} px: the "
-                    "projector's response (γ) is not corrected, or light is clipped",
-                )
+        amplitude = float(np.median([r.amplitude_px for r in ripples]))
+        sigma = float(np.median([r.sigma_px for r in ripples]))
+        if amplitude > RIPPLE_PX and amplitude > RIPPLE_SIGMAS * sigma:
+            message = (
+                f"coordinates along {axis} have an error of ±{amplitude:.3f} px that repeats with "
+                "the fringes; the projector's response (γ) is probably not corrected, or frames "
+                "are saturated: measure and correct the response, lower the exposure, or use more "
+                "phase steps"
             )
-    return found
+            findings.append(Finding("ripple", message))
+    return findings
 
 
-def _bent(calibration: Calibration) -> list[Finding]:
+def _bent_board(calibration: Calibration) -> list[Finding]:
     bow, sigma = calibration.bow_mm, calibration.bow_sigma_mm
     size = float(np.ptp(calibration.board.points_mm[:, :2], axis=0).max())
     worst = int(np.argmax(np.abs(bow) / sigma))
-    if abs(bow[worst]) > BENT * sigma[worst] and np.abs(bow).max() > BENT_SHARE * size:
-        return [
-            Finding(
-                "board",
-                f"the board is not flat: by {np.abs(bow).max():.3f} mm ± {sigma[worst]:.3f} mm "
-                "half its size from its middle; its poses and all lengths suffer from it",
-            )
-        ]
-    return []
+    largest = float(np.abs(bow).max())
+    if not (abs(bow[worst]) > BENT_SIGMAS * sigma[worst] and largest > BENT_SHARE * size):
+        return []
+    message = (
+        f"the board is not flat: half its size from its middle it deviates by {largest:.3f} mm ± "
+        f"{sigma[worst]:.3f} mm from a plane; this makes poses and all lengths wrong: use a "
+        "stiffer board, or glue the pattern onto a flat plate"
+    )
+    return [Finding("board", message)]
 
 
-def _weak(calibration: Calibration) -> list[Finding]:
-    found = []
-    n = len(calibration.observations)
+def _low_tilt(calibration: Calibration) -> list[Finding]:
     tilt = float(tilts_deg(calibration.adjusted.poses).max())
-    if tilt < TILT_DEG:
-        found.append(
-            Finding(
-                "tilt",
-                f"boards are turned against each other by {tilt:.0f}° at most: {TILT_DEG:.0f}° or "
-                "more determine focal lengths well",
-            )
-        )
+    if tilt >= USUAL_TILT_DEG:
+        return []
+    message = (
+        f"the boards are tilted against each other by {tilt:.0f}° at most, so focal lengths are "
+        f"weakly determined: tilt the board by 15° to 35° to all sides, so that poses differ by "
+        f"{USUAL_TILT_DEG:.0f}° or more"
+    )
+    return [Finding("tilt", message)]
+
+
+def _few_poses(calibration: Calibration) -> list[Finding]:
+    findings = []
+    n = len(calibration.observations)
     if n < USUAL_POSES:
-        found.append(Finding("poses", f"{n} poses: {USUAL_POSES} or more are usual"))
-    for group in unmoved(calibration.observations, calibration.board):
-        found.append(
-            Finding("poses", f"the board did not move between {' and '.join(group)}: one pose")
+        message = f"{n} poses are few: {USUAL_POSES} or more are usual; photograph more"
+        findings.append(Finding("poses", message))
+    for names in unmoved(calibration.observations, calibration.board):
+        message = (
+            f"the board did not move between {' and '.join(names)}: they count as one pose; move "
+            "the board between photographs"
         )
+        findings.append(Finding("poses", message))
+    return findings
+
+
+def _low_coverage(calibration: Calibration) -> list[Finding]:
+    findings = []
     for name, share in zip(("camera", "projector"), coverage(calibration), strict=True):
-        if share < COVERED:
-            found.append(
-                Finding(
-                    "coverage",
-                    f"corners span {share:.0%} of the {name}'s frame: distortion outside is a "
-                    "guess",
-                )
+        if share < MIN_COVERAGE:
+            message = (
+                f"corners span {share:.0%} of the {name}'s frame: lens distortion is extrapolated "
+                "outside; move the board into the corners of the frame"
             )
+            findings.append(Finding("coverage", message))
+    return findings
+
+
+def _weak_focal_lengths(calibration: Calibration) -> list[Finding]:
+    findings = []
     rig = calibration.rig
     assert rig.covariance is not None
     sigma = np.sqrt(np.diag(rig.covariance))
-    for name, device, start in (("camera", rig.camera, 0), ("projector", rig.projector, 9)):
-        relative = float(sigma[start] / device.focal_px[0])
+    for k, (name, device) in enumerate((("camera", rig.camera), ("projector", rig.projector))):
+        relative = float(sigma[DEVICE_SIZE * k] / device.focal_px[0])
         if relative > WEAK_FOCAL:
-            found.append(
-                Finding(
-                    "weak",
-                    f"the {name}'s focal length is known to {relative:.2%} only: poses nearer, "
-                    "further and more tilted would tell more",
-                )
+            message = (
+                f"the {name}'s focal length is only known to {relative:.2%}; the poses are "
+                "probably too similar: add poses that are nearer, further away and tilted more"
             )
-    return found
+            findings.append(Finding("weak", message))
+    return findings
 
 
-def _left_out(calibration: Calibration) -> list[Finding]:
-    found = []
+def _outlying_corners(calibration: Calibration) -> list[Finding]:
+    findings = []
     columns = calibration.board.grid[0]
     for observation, used in zip(calibration.observations, calibration.adjusted.used, strict=True):
         lit = np.isfinite(observation.found.projector_px).all(axis=1)
-        bad = observation.view.index[lit][~used]
-        if len(bad):
-            places = ", ".join(f"{k % columns}/{k // columns}" for k in bad[:8])
-            more = f" and {len(bad) - 8} more" if len(bad) > 8 else ""
-            found.append(
-                Finding(
-                    "corners",
-                    f"{observation.name}: left out as {'outliers' if len(bad) > 1 else 'outlier'}: "
-                    f"{len(bad)} (column/row {places}{more})",
-                )
-            )
-    return found
+        outliers = observation.view.index[lit][~used]
+        if not len(outliers):
+            continue
+        places = ", ".join(f"{k % columns}/{k // columns}" for k in outliers[:LISTED_CORNERS])
+        more = len(outliers) - LISTED_CORNERS
+        if more > 0:
+            places += f" and {more} more"
+        corners = "1 corner was" if len(outliers) == 1 else f"{len(outliers)} corners were"
+        message = (
+            f"{observation.name}: {corners} left out as too far from the fit (column/row {places}"
+            "); probably glare, dirt or something in front of the board"
+        )
+        findings.append(Finding("corners", message))
+    return findings
+
+
+def _skipped(calibration: Calibration) -> list[Finding]:
+    return [
+        Finding("skipped", f"pose not used: {reason}") for reason in calibration.skipped.values()
+    ]

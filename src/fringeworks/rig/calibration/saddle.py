@@ -1,37 +1,67 @@
-"""Corners of a chessboard to a few hundredths of a pixel: a blurred crossing fitted to each."""
+"""Corners of squares to hundredths of a pixel: a blurred crossing of edges is fitted to each."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from fringeworks.types import BoolMap, FloatMap
 
-STEPS = 12
-SMALLEST, LARGEST = 3, 11
-"""Half sides of the window, px."""
-WINDOW = 0.38
-"""Half side of the window over the distance of neighbouring corners."""
-BLUR = (0.3, 4.0)
-"""Standard deviations of the edges that are believed, px."""
+CORNER_WINDOW = 0.38
+"""Half side of the fitted square over the distance of neighbouring corners: as large as possible
+without the blurred edges of the next corner."""
+MIN_CORNER_HALF_PX = 3
+"""Smallest half side of the fitted square, px: 49 pixels for eleven unknowns."""
+MAX_CORNER_HALF_PX = 11
+"""Largest half side of the fitted square, px: further out, bent edges and uneven light cause larger
+errors than noise does. Empirical."""
+CORNER_STEPS = 12
+"""Number of Levenberg–Marquardt steps, the same for all corners because they are fitted together.
+From a start a fifth of a square away, the result no longer changes after ten."""
+MIN_BLUR_PX = 0.3
+"""Smallest standard deviation of a blurred edge, px: pixels do not show sharper edges."""
+MAX_BLUR_PX = 4.0
+"""Largest standard deviation of a blurred edge, px: such an edge fills the window."""
+FIRST_BLUR_PX = 0.9
+"""Blur to start from, px: a sharp camera."""
+CORNER_FIRST_DAMPING = 1e-3
+"""Damping of the first step, relative to the diagonal of the normal matrix: nearly a plain
+Gauss–Newton step, because the start is good."""
+CORNER_LESS_DAMPING = 0.2
+"""Factor of the damping after a step that lowered the residual. Empirical."""
+CORNER_MORE_DAMPING = 8.0
+"""Factor of the damping after a step that raised the residual. Empirical."""
+RIDGE = 1e-9
+"""Added to the diagonals of the normal matrices, so that windows without contrast are not
+singular; far below the entries of others."""
+MAX_CORNER_SHIFT = 0.3
+"""Largest distance of a fitted corner from its start, over the distance of neighbours: farther away
+it may be another corner."""
+MIN_CONTRAST = 0.5
+"""Smallest contrast of a corner, relative to the usual contrast on the board. Hidden corners and
+other patterns have less; shading within a board varies less. Empirical."""
 LINEAR = 6
+"""Number of linear unknowns of a corner: a, a_x, a_y, b, b_x, b_y."""
+NONLINEAR = 5
+"""Number of non-linear unknowns of a corner: x, y, the angles of both normals, blur."""
 
 
 @dataclass(frozen=True, eq=False)
 class Saddles:
-    """Fitted crossings."""
+    """Corners of squares, fitted: the brightness has a saddle at each."""
 
     pixels: FloatMap
-    """Where they are, (n, 2), px."""
+    """Positions, (n, 2), px."""
     contrast: FloatMap
-    """Signed amplitude: positive where the fields in the direction of both edges' normals (and
-    opposite) are bright, (n,), counts."""
+    """Signed amplitude b of the crossing, (n,), counts. Positive where the square between the
+    normals of both edges, and the one opposite, are the bright ones."""
     residual: FloatMap
-    """Root mean square of what the model leaves, (n,), counts."""
+    """Root mean square residual of the fit, (n,), counts; NaN where it failed."""
     good: BoolMap
-    """Whether the fit stayed within its window, (n,)."""
+    """Whether the fit succeeded inside the image and near its start, (n,)."""
 
 
 def fit_saddles(
@@ -39,106 +69,150 @@ def fit_saddles(
     start: FloatMap,
     edges: FloatMap,
     *,
-    window: float = WINDOW,
+    window: float = CORNER_WINDOW,
     bends: FloatMap | None = None,
 ) -> Saddles:
-    """Fit a crossing of two blurred edges around every starting point.
+    """Fit a crossing of two blurred edges around every start.
 
     Parameters
     ----------
-    image : (h, w) float array, counts.
-    start : (n, 2) array, px, right to a quarter of the distance of corners.
+    image : (h, w) float array, counts
+    start : (n, 2) array
+        Positions to start from, px; exact to a quarter of the distance of corners.
     edges : (n, 2, 2) array
         The two vectors from a corner to its neighbours, px.
     window : float
-        Half side of the square that is fitted, over the distance of neighbours.
+        Half side of the fitted square, over the distance of neighbours.
     bends : (n, 2) array, optional
-        By how much a lens bends each edge: half its curvature, 1/px, towards the edge turned by
-        90° from x to y. None for straight ones.
+        Half the curvature of each edge, 1/px, positive towards the edge turned by 90° from x to y.
+        None for straight edges.
+
+    Returns
+    -------
+    Saddles
 
     Notes
     -----
-    I = a + a_x x + a_y y + (b + b_x x + b_y y) E(n₁·x) E(n₂·x), E(u) = erf(u / √2 s), by Gauss and
-    Newton, for all corners at once; the slopes of a and b take up uneven light. The normals are
-    the edges turned by 90° from x to y.
+    I = a + a_x x + a_y y + (b + b_x x + b_y y) E(n₁·x) E(n₂·x), E(u) = erf(u / √2 s), by
+    Levenberg–Marquardt for all corners together (theory §8). The slopes of a and b follow uneven
+    light. The normals n₁, n₂ are the edges turned by 90° from x to y; bent edges have
+    n·x − κ (t·x)² in place of n·x.
     """
     n = len(start)
     length = np.linalg.norm(edges, axis=2).min(axis=1, initial=np.inf)
-    half = int(np.clip(window * np.median(length), SMALLEST, LARGEST)) if n else SMALLEST
+    half = (
+        int(np.clip(window * np.median(length), MIN_CORNER_HALF_PX, MAX_CORNER_HALF_PX))
+        if n
+        else MIN_CORNER_HALF_PX
+    )
     offsets = np.arange(-half, half + 1)
     dx, dy = (a.ravel().astype(np.float64) for a in np.meshgrid(offsets, offsets))
     centre = np.rint(start).astype(int)
+    values, inside = _windows(image, centre, dx, dy)
+    angle = np.arctan2(edges[..., 1], edges[..., 0])
+    first = np.column_stack((start - centre, angle + 0.5 * np.pi, np.full(n, FIRST_BLUR_PX)))
+    curvature = np.zeros((n, 2)) if bends is None else bends
+    fitted, linear, residual = _minimise(values, first, dx, dy, curvature)
+    shift = fitted[:, :2] + centre - start
+    good = inside & np.isfinite(values).all(axis=1)
+    good &= (np.abs(fitted[:, :2]) <= half).all(axis=1)
+    good &= np.hypot(*shift.T) <= MAX_CORNER_SHIFT * np.maximum(length, 1.0)
+    return Saddles(fitted[:, :2] + centre, linear[:, 3], residual, good)
+
+
+def _windows(
+    image: FloatMap, centre: NDArray[np.int_], dx: FloatMap, dy: FloatMap
+) -> tuple[FloatMap, BoolMap]:
+    """Brightness in the windows, (n, m), and which windows lie inside the image, (n,)."""
     rows, columns = centre[:, 1, None] + dy.astype(int), centre[:, 0, None] + dx.astype(int)
     h, w = image.shape
     inside = ((rows >= 0) & (rows < h) & (columns >= 0) & (columns < w)).all(axis=1)
     values = image[np.clip(rows, 0, h - 1), np.clip(columns, 0, w - 1)].astype(np.float64)
-    along = np.arctan2(edges[..., 1], edges[..., 0])
-    # Position, angles of the two normals, blur; then the linear six.
-    p = np.column_stack((start - centre, along + 0.5 * np.pi, np.full(n, 0.9)))
-    good = inside & np.isfinite(values).all(axis=1)
+    return values, inside
+
+
+def _minimise(
+    values: FloatMap, start: FloatMap, dx: FloatMap, dy: FloatMap, bends: FloatMap
+) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Fit all windows by Levenberg–Marquardt with the linear unknowns eliminated.
+
+    Parameters
+    ----------
+    values : (n, m) array, counts
+    start : (n, 5) array
+        Position (px from the window's centre), angles of both normals (rad), blur (px).
+    dx, dy : (m,) arrays, pixels of a window from its centre
+    bends : (n, 2) array, 1/px
+
+    Returns
+    -------
+    The best non-linear (n, 5) and linear (n, 6) unknowns, and the root mean square residual (n,).
+    """
+    n = len(start)
+    trial, best = start, start.copy()
     residual, linear = np.full(n, np.nan), np.zeros((n, LINEAR))
-    damping = np.full(n, 1e-3)
-    last = np.full(n, np.inf)
-    best = p.copy()
-    bent = np.zeros((n, 2)) if bends is None else bends
-    for _ in range(STEPS):
-        shape, by_shape = _crossing(p, dx, dy, bent)
-        ramp = np.stack((np.ones_like(dx), dx, dy))
+    lowest = np.full(n, np.inf)
+    damping = np.full(n, CORNER_FIRST_DAMPING)
+    ramp = np.stack((np.ones_like(dx), dx, dy))
+    for _ in range(CORNER_STEPS):
+        crossing, by_unknown = _crossing(trial, dx, dy, bends)
         design = np.concatenate(
-            (np.broadcast_to(ramp, (n, 3, dx.size)), shape[:, None] * ramp), axis=1
+            (np.broadcast_to(ramp, (n, 3, dx.size)), crossing[:, None] * ramp), axis=1
         )
-        normal = design @ design.transpose(0, 2, 1) + 1e-9 * np.eye(LINEAR)
+        normal = design @ design.transpose(0, 2, 1) + RIDGE * np.eye(LINEAR)
         solved = np.linalg.solve(normal, design @ values[..., None])[..., 0]
-        miss = values - np.einsum("nkm,nk->nm", design, solved)
-        cost = np.sqrt(np.mean(miss**2, axis=1))
-        better = cost <= last
-        best[better], residual[better], last[better] = p[better], cost[better], cost[better]
+        error = values - np.einsum("nkm,nk->nm", design, solved)
+        rms = np.sqrt(np.mean(error**2, axis=1))
+        better = rms <= lowest
+        best[better], residual[better], lowest[better] = trial[better], rms[better], rms[better]
         linear[better] = solved[better]
-        damping = np.where(better, damping * 0.2, damping * 8.0)
+        damping = np.where(better, damping * CORNER_LESS_DAMPING, damping * CORNER_MORE_DAMPING)
         amplitude = solved[:, 3, None] + solved[:, 4, None] * dx + solved[:, 5, None] * dy
-        slopes = by_shape * amplitude[:, None]
-        # What the linear part can take up is not a reason to move.
-        overlap = design @ slopes.transpose(0, 2, 1)
-        slopes = slopes - np.einsum("nkm,nkj->njm", design, np.linalg.solve(normal, overlap))
-        curvature = slopes @ slopes.transpose(0, 2, 1)
-        diagonal = np.einsum("nkk->nk", curvature)
-        ridge = damping[:, None] * diagonal + 1e-9
-        curvature = curvature + ridge[:, :, None] * np.eye(5)
-        step = np.linalg.solve(curvature, slopes @ miss[..., None])[..., 0]
-        p = np.where(better[:, None], p, best) + np.where(better[:, None], step, 0.0)
-        p[:, 4] = np.clip(p[:, 4], *BLUR)
-    moved = best[:, :2] + centre - start
-    good &= (np.abs(best[:, :2]) <= half).all(axis=1)
-    good &= np.hypot(*moved.T) <= 0.3 * np.maximum(length, 1.0)
-    return Saddles(best[:, :2] + centre, linear[:, 3], residual, good)
+        step = _step(by_unknown * amplitude[:, None], design, normal, error, damping)
+        trial = np.where(better[:, None], trial, best) + np.where(better[:, None], step, 0.0)
+        trial[:, 4] = np.clip(trial[:, 4], MIN_BLUR_PX, MAX_BLUR_PX)
+    return best, linear, residual
+
+
+def _step(
+    slopes: FloatMap, design: FloatMap, normal: FloatMap, error: FloatMap, damping: FloatMap
+) -> FloatMap:
+    """Damped Gauss–Newton step of the non-linear unknowns, (n, 5)."""
+    # The linear unknowns follow every step, so only the slopes that they cannot explain count.
+    overlap = design @ slopes.transpose(0, 2, 1)
+    slopes = slopes - np.einsum("nkm,nkj->njm", design, np.linalg.solve(normal, overlap))
+    curvature = slopes @ slopes.transpose(0, 2, 1)
+    ridge = damping[:, None] * np.einsum("nkk->nk", curvature) + RIDGE
+    curvature = curvature + ridge[:, :, None] * np.eye(NONLINEAR)
+    return np.asarray(np.linalg.solve(curvature, slopes @ error[..., None])[..., 0])
 
 
 def _crossing(
-    p: FloatMap, dx: FloatMap, dy: FloatMap, bends: FloatMap
+    unknowns: FloatMap, dx: FloatMap, dy: FloatMap, bends: FloatMap
 ) -> tuple[FloatMap, FloatMap]:
     """E(n₁·x) E(n₂·x) at the window's pixels, (n, m), and its derivatives, (n, 5, m)."""
-    x, y = dx - p[:, 0, None], dy - p[:, 1, None]
-    width = np.sqrt(2.0) * p[:, 4, None]
-    factors, slopes, normals, turned = [], [], [], []
-    for k, angle in enumerate((p[:, 2, None], p[:, 3, None])):
+    x, y = dx - unknowns[:, 0, None], dy - unknowns[:, 1, None]
+    width = np.sqrt(2.0) * unknowns[:, 4, None]
+    factors, slopes, normals, along = [], [], [], []
+    for k, angle in enumerate((unknowns[:, 2, None], unknowns[:, 3, None])):
         c, s = np.cos(angle), np.sin(angle)
         u = (c * x + s * y - bends[:, k, None] * (c * y - s * x) ** 2) / width
         factors.append(special.erf(u))
         slopes.append(2.0 / np.sqrt(np.pi) * np.exp(-u * u) / width)
         normals.append((c, s))
-        turned.append(c * y - s * x)
+        along.append(c * y - s * x)
     (e1, e2), (g1, g2) = factors, slopes
-    one, other = g1 * e2, e1 * g2
-    blur = -(one * (normals[0][0] * x + normals[0][1] * y))
-    blur -= other * (normals[1][0] * x + normals[1][1] * y)
-    by = np.stack(
+    by_first, by_second = g1 * e2, e1 * g2
+    by_blur = -(by_first * (normals[0][0] * x + normals[0][1] * y))
+    by_blur -= by_second * (normals[1][0] * x + normals[1][1] * y)
+    derivatives = np.stack(
         (
-            -(one * normals[0][0] + other * normals[1][0]),
-            -(one * normals[0][1] + other * normals[1][1]),
-            one * turned[0],
-            other * turned[1],
-            blur / p[:, 4, None],
+            -(by_first * normals[0][0] + by_second * normals[1][0]),
+            -(by_first * normals[0][1] + by_second * normals[1][1]),
+            by_first * along[0],
+            by_second * along[1],
+            by_blur / unknowns[:, 4, None],
         ),
         axis=1,
     )
-    return e1 * e2, by
+    return e1 * e2, derivatives

@@ -1,0 +1,229 @@
+"""Corners of a chessboard: a part is found by OpenCV, then the lattice is grown and fitted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.rig.calibration.board import Board
+from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView, flattened
+from fringeworks.rig.calibration.saddle import MIN_CONTRAST, fit_saddles
+from fringeworks.types import FloatMap, InputError
+
+PART_SIZES = ((5, 5), (3, 3), (4, 4), (4, 3))
+"""Sizes of the part of a chessboard that OpenCV looks for, columns and rows, in the order in which
+they are tried. A large part is unlikely to be anything else; smaller ones fit between hidden
+corners."""
+MAX_FIT_RESIDUAL = 0.25
+"""Largest root mean square residual of a fitted corner, relative to its amplitude. On the
+virtual rig corners have 3 %, and three quarters of all other places more than 45 %. Empirical."""
+RETRY_PX = 1.0
+"""How far a new guess of a corner must lie from the one that failed for another trial, px. The fit
+converges from a quarter of a square, so a nearer guess would fail again."""
+
+Place = tuple[int, int]
+"""Column and row of a corner in the lattice, counted from the part that was found first."""
+
+
+def chessboard_view(image: NDArray[Any], board: Board) -> BoardView:
+    """Find the corners of a chessboard.
+
+    OpenCV's detector stops at a hidden corner and does not say how large another board is. It
+    only finds a part here, and the lattice is grown from it over all corners that are visible.
+
+    Raises
+    ------
+    InputError where no chessboard is found, or one of another size.
+    """
+    grey = flattened(image)
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE
+    best: _Lattice | None = None
+    for size in PART_SIZES:
+        found, corners, meta = cv2.findChessboardCornersSBWithMeta(grey, size, flags)
+        if not found:
+            continue
+        part = np.asarray(corners, np.float64).reshape(*meta.shape, 2)
+        lattice = _Lattice(grey.astype(np.float64), part)
+        lattice.grow()
+        # A hidden corner can distort the first part; the largest lattice comes from a good one.
+        if best is None or len(lattice.corners) > len(best.corners):
+            best = lattice
+        if best.is_complete(board):
+            break
+    if best is None:
+        raise InputError(
+            f"expected a chessboard of {board.columns} × {board.rows} inner corners, found none"
+        )
+    return best.as_view(image.astype(np.float64), board)
+
+
+class _Lattice:
+    """Corners of a chessboard by column and row, as far as they have been found."""
+
+    def __init__(self, image: FloatMap, corners: FloatMap) -> None:
+        self.image = image
+        rows, columns = corners.shape[:2]
+        places = [(i, j) for j in range(rows) for i in range(columns)]
+        self.corners: dict[Place, FloatMap] = dict(
+            zip(places, corners.reshape(-1, 2).astype(np.float64), strict=True)
+        )
+        self.usual_contrast = 0.0
+        self._fit(places)
+
+    def grow(self) -> None:
+        """Add corners next to the known ones until no more are found."""
+        tried: dict[Place, FloatMap] = {}
+        while True:
+            new = []
+            for place in self._empty_neighbours():
+                guess = self._guess(place)
+                before = tried.get(place)
+                if before is None or np.hypot(*(guess - before)) > RETRY_PX:
+                    tried[place] = self.corners[place] = guess
+                    new.append(place)
+            if not new or not self._fit(new):
+                return
+
+    def _empty_neighbours(self) -> list[Place]:
+        """Empty places that continue a line of two corners, and those one place further on."""
+        places = set()
+        for i, j in self.corners:
+            for di, dj in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+                if (i - di, j - dj) in self.corners:
+                    places |= {(i + di, j + dj), (i + 2 * di, j + 2 * dj)}
+        return sorted(p for p in places if p not in self.corners)
+
+    def _guess(self, place: Place) -> FloatMap:
+        """Interpolate or extrapolate where the corner at a place should be, (2,), px."""
+        i, j = place
+        guesses = []
+        for di, dj in ((1, 0), (0, 1)):
+            line = [self.corners.get((i + k * di, j + k * dj)) for k in (-3, -2, -1, 1, 2, 3)]
+            if line[2] is not None and line[3] is not None:
+                return np.asarray(0.5 * (line[2] + line[3]))
+            for first, second, third in (line[2::-1], line[3:]):
+                if first is not None and second is not None:
+                    guesses.append(
+                        2.0 * first - second
+                        if third is None
+                        else 3.0 * first - 3.0 * second + third
+                    )
+                elif second is not None and third is not None:
+                    guesses.append(3.0 * second - 2.0 * third)
+        return np.asarray(np.mean(guesses, axis=0))
+
+    def _edges(self, place: Place) -> FloatMap:
+        """Vectors to the next corner along columns and rows, (2, 2), px, from the nearest pair."""
+        i, j = place
+        edges = []
+        for di, dj in ((1, 0), (0, 1)):
+            nearest: tuple[float, FloatMap] | None = None
+            for (a, b), corner in self.corners.items():
+                following = self.corners.get((a + di, b + dj))
+                distance = np.hypot(a - i + 0.5 * di, b - j + 0.5 * dj)
+                if following is not None and (nearest is None or distance < nearest[0]):
+                    nearest = (float(distance), following - corner)
+            edges.append(np.full(2, np.nan) if nearest is None else nearest[1])
+        return np.stack(edges)
+
+    def _fit(self, places: list[Place]) -> int:
+        """Fit the corners at these places and remove failed ones. Returns how many remain."""
+        edges = np.stack([self._edges(place) for place in places])
+        guesses = np.stack([self.corners[place] for place in places])
+        saddles = fit_saddles(self.image, guesses, np.nan_to_num(edges, nan=1.0))
+        # Light and dark squares alternate, and so does the sign of a corner's contrast.
+        signs = np.array([1.0 - 2.0 * ((i + j) % 2) for i, j in places])
+        if not self.usual_contrast:
+            self.usual_contrast = float(np.median(saddles.contrast * signs))
+        relative = saddles.contrast * signs / self.usual_contrast
+        good = saddles.good & (relative > MIN_CONTRAST)
+        good &= saddles.residual < np.abs(saddles.contrast) * MAX_FIT_RESIDUAL
+        for place, pixel, is_corner in zip(places, saddles.pixels, good, strict=True):
+            if is_corner:
+                self.corners[place] = pixel
+            else:
+                del self.corners[place]
+        return int(good.sum())
+
+    def is_complete(self, board: Board) -> bool:
+        """Whether exactly the board's corners have been found."""
+        across, down = board.grid
+        complete = len(self.corners) == across * down
+        return complete and self._size() in ((across, down), (down, across))
+
+    def _size(self) -> tuple[int, int]:
+        """Columns and rows that the lattice spans."""
+        places = np.array(list(self.corners)).reshape(-1, 2)
+        columns, rows = np.ptp(places, axis=0) + 1 if len(places) else (0, 0)
+        return int(columns), int(rows)
+
+    def as_view(self, image: FloatMap, board: Board) -> BoardView:
+        """Fit all corners in the image itself, and number them as the board does."""
+        if len(self.corners) < MIN_CORNERS:
+            raise InputError(f"expected {MIN_CORNERS} corners or more, found {len(self.corners)}")
+        across, down = board.grid
+        size = self._size()
+        if size not in ((across, down), (down, across)):
+            raise InputError(
+                f"expected {across} × {down} inner corners, found {size[0]} × {size[1]}"
+            )
+        places = list(self.corners)
+        edges = np.stack([self._edges(place) for place in places])
+        start = np.stack([self.corners[place] for place in places])
+        saddles = fit_saddles(image, start, edges)
+        pixels = np.where(saddles.good[:, None], saddles.pixels, start)
+        from_zero = np.array(places)
+        from_zero -= from_zero.min(axis=0)
+        numbered = _as_on_board(from_zero, size, pixels, saddles.contrast, board)
+        index = numbered[:, 1] * across + numbered[:, 0]
+        order = np.argsort(index)
+        return BoardView(index[order], pixels[order])
+
+
+def _as_on_board(
+    places: NDArray[np.int_],
+    size: tuple[int, int],
+    pixels: FloatMap,
+    contrast: FloatMap,
+    board: Board,
+) -> NDArray[np.int_]:
+    """Turn columns and rows of the lattice into those of the board, seen from its front.
+
+    Parameters
+    ----------
+    places : (m, 2) array, columns and rows from 0
+    size : (columns, rows) of the lattice
+    pixels : (m, 2) array, px
+    contrast : (m,) array
+        Of the fitted corners, see ``Saddles``.
+    board : Board
+
+    Returns
+    -------
+    (m, 2) array. Of the orientations with the board's size that are not mirrored, the one in which
+    the square after the first corner is dark; where the colours do not decide (boards with two odd
+    or two even counts), the one whose first corner is up and left in the image.
+    """
+    candidates = []
+    for swap in (False, True):
+        for flip_i in (False, True):
+            for flip_j in (False, True):
+                i, j = places.T
+                i = size[0] - 1 - i if flip_i else i
+                j = size[1] - 1 - j if flip_j else j
+                turned = np.column_stack((j, i) if swap else (i, j))
+                extent = size[::-1] if swap else size
+                x, y, _ = np.linalg.lstsq(
+                    np.column_stack((turned, np.ones(len(turned)))), pixels, rcond=None
+                )[0]
+                mirrored = x[0] * y[1] - x[1] * y[0] <= 0
+                if extent != board.grid or mirrored:
+                    continue
+                # The contrast's sign refers to the edges, which a flip turns round.
+                signs = (1.0 - 2.0 * (turned.sum(axis=1) % 2)) * (-1.0) ** (flip_i + flip_j)
+                wrong_colours = float(np.sum(signs * contrast)) < 0
+                candidates.append((wrong_colours, -(x[0] + y[1]), turned))
+    return np.asarray(min(candidates, key=lambda c: c[:2])[2])

@@ -1,0 +1,74 @@
+"""The unknowns of a calibration: both devices, their relative pose, and every pose of the board."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fringeworks.rig.pinhole import pose, rotation
+from fringeworks.types import RIG_PARAMETERS, FloatMap, Pinhole, Rig
+
+DEVICE_SIZE = 9
+"""Number of parameters of a device, those of ``Pinhole.parameters``."""
+RIG_SIZE = len(RIG_PARAMETERS)
+"""Number of parameters of a rig: two devices, then rotation (rad) and translation (mm)."""
+POSE_SIZE = 6
+"""Number of parameters of a pose: rotation (rad), then translation (mm)."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Values of all unknowns."""
+
+    rig: Rig
+    poses: tuple[FloatMap, ...]
+    """T_camera_board of every sighting, (4, 4), mm."""
+
+    def moved(self, step: FloatMap) -> State | None:
+        """Return the state after a step of all parameters, (24 + 6 poses,).
+
+        None where a focal length would not be positive or a device's parameter not finite.
+        """
+        devices = []
+        for k, device in enumerate((self.rig.camera, self.rig.projector)):
+            values = device.parameters + step[DEVICE_SIZE * k : DEVICE_SIZE * (k + 1)]
+            if not (np.isfinite(values).all() and values[0] > 0 and values[1] > 0):
+                return None
+            devices.append(pinhole_of(values, device))
+        relative_step = step[2 * DEVICE_SIZE : RIG_SIZE]
+        rig = Rig(devices[0], devices[1], moved_pose(self.rig.T_projector_camera, relative_step))
+        poses = tuple(moved_pose(T, step[pose_slice(k)]) for k, T in enumerate(self.poses))
+        return State(rig, poses)
+
+
+def pose_slice(k: int) -> slice:
+    """Return where the parameters of the k-th board pose lie in the vector of all parameters."""
+    return slice(RIG_SIZE + POSE_SIZE * k, RIG_SIZE + POSE_SIZE * (k + 1))
+
+
+def pinhole_of(values: FloatMap, like: Pinhole) -> Pinhole:
+    """Build a device from its nine parameters and the frame size of another device.
+
+    Parameters
+    ----------
+    values : (9,) array
+        In the order of ``Pinhole.parameters``.
+    like : Pinhole
+        Its frame size is taken over.
+    """
+    v = [float(x) for x in values]
+    return Pinhole(
+        like.width_px, like.height_px, (v[0], v[1]), (v[2], v[3]), (v[4], v[5], v[6], v[7], v[8])
+    )
+
+
+def moved_pose(T: FloatMap, step: FloatMap) -> FloatMap:
+    """Change a pose by a small rotation vector (rad) and a translation (mm), (6,) together.
+
+    The rotation ω turns R into exp(ω) R.
+    """
+    turned = rotation(step[:3]) @ T[:3, :3]
+    # Rounding errors add up over many steps, so the nearest exact rotation is taken.
+    u, _, v = np.linalg.svd(turned)
+    return pose(u @ v, T[:3, 3] + step[3:])

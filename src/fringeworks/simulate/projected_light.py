@@ -1,0 +1,102 @@
+"""Light of the projector's patterns where the pixels of a view look."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, special
+
+from fringeworks.types import FloatMap
+
+SAMPLES_PER_PIXEL = 16
+"""Samples of a pattern's profile per projector pixel, with linear interpolation between them: with
+a blur of 0.6 px, the light is exact to 0.03 % of the height of an edge."""
+REACH_SIGMAS = 5.0
+"""Distance over which the light of a pixel is blurred, in standard deviations; the rest is below
+1e-6 of its light."""
+EXCESS_VARIANCE = 1.0 / 12.0
+"""By how much linear interpolation between pixel centres (variance 1/6 px²) blurs more than square
+pixels do (1/12 px²). The Gaussian blur is reduced by it."""
+
+
+class ProjectedLight:
+    """Light of projected pictures at the pixels of a view, before shading.
+
+    A projector pixel is a square of constant light, blurred by a Gaussian.
+
+    Parameters
+    ----------
+    projector_px : (h, w, 2) array
+        Column and row on the projector where each camera pixel looks, px.
+    lit : (h, w) bool array
+        Pixels that the projector reaches; the others get no light.
+    defocus_px : float ≥ 0
+        Standard deviation of the projector's blur, projector px.
+    """
+
+    def __init__(self, projector_px: FloatMap, lit: NDArray[np.bool_], defocus_px: float) -> None:
+        self.shape = lit.shape
+        self.lit = np.flatnonzero(lit)
+        self.defocus_px = defocus_px
+        self.coordinates = [projector_px[..., k].reshape(-1)[self.lit] for k in (0, 1)]
+        """Columns and rows of the lit pixels, px."""
+        self._samples: dict[int, tuple[NDArray[np.int32], NDArray[np.float32]]] = {}
+
+    def __call__(self, picture: FloatMap) -> FloatMap:
+        """Return the light of a picture (rows, columns) of the projector at all pixels, (h, w)."""
+        light = np.zeros(self.shape)
+        if (picture == picture[:1]).all():
+            light.reshape(-1)[self.lit] = self._of_profile(0, picture[0])
+        elif (picture == picture[:, :1]).all():
+            light.reshape(-1)[self.lit] = self._of_profile(1, picture[:, 0])
+        else:
+            light.reshape(-1)[self.lit] = self._of_picture(picture)
+        return light
+
+    def _of_profile(self, axis: int, values: FloatMap) -> FloatMap:
+        """Light of a picture that varies along one axis only, as most patterns do."""
+        profile = blurred_profile(values, self.defocus_px)
+        if axis not in self._samples:
+            place = (self.coordinates[axis] + 0.5) * SAMPLES_PER_PIXEL
+            whole = np.clip(place.astype(np.int32), 0, profile.size - 2)
+            self._samples[axis] = whole, (place - whole).astype(np.float32)
+        index, fraction = self._samples[axis]
+        return np.asarray(profile[index] + fraction * np.diff(profile)[index])
+
+    def _of_picture(self, picture: FloatMap) -> FloatMap:
+        """Light of any picture: blurred at the centres of projector pixels, linear between them."""
+        sigma = np.sqrt(max(self.defocus_px**2 - EXCESS_VARIANCE, 0.0))
+        blurred = ndimage.gaussian_filter(picture, sigma, mode="nearest")
+        return np.asarray(
+            ndimage.map_coordinates(blurred, self.coordinates[::-1], order=1, mode="nearest")
+        )
+
+
+def blurred_profile(values: FloatMap, defocus_px: float) -> FloatMap:
+    """Return the light of a line of square pixels, each blurred by a Gaussian.
+
+    Parameters
+    ----------
+    values : (n,) array
+        Light of the pixels.
+    defocus_px : float ≥ 0
+        Standard deviation of the blur, px.
+
+    Returns
+    -------
+    (16 n + 1,) array, the light at −½, −½ + 1/16, … n − ½ px.
+    """
+    n = values.size
+    place = np.arange(n * SAMPLES_PER_PIXEL + 1) / SAMPLES_PER_PIXEL - 0.5
+    nearest = np.clip(np.floor(place + 0.5).astype(int), 0, n - 1)
+    if defocus_px == 0:
+        return np.asarray(values[nearest])
+    reach = int(np.ceil(REACH_SIGMAS * defocus_px)) + 1
+    light = np.zeros(place.size)
+    for k in range(-reach, reach + 1):
+        pixel = nearest + k
+        edges = (pixel + 0.5 - place, pixel - 0.5 - place)
+        share = special.ndtr(edges[0] / defocus_px) - special.ndtr(edges[1] / defocus_px)
+        inside = (pixel >= 0) & (pixel < n)
+        light += np.where(inside, share * values[np.clip(pixel, 0, n - 1)], 0.0)
+    return light

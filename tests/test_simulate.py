@@ -89,7 +89,7 @@ def test_noise_is_as_stated_and_repeatable():
         )
         < 0.01
     )
-    shot = standard_scene("plane", size=400, fringes=10.0, shot=0.5, seed=1)
+    shot = standard_scene("plane", size=400, fringes=10.0, gain=0.5, seed=1)
     bright, dark = clean.reference > 230, clean.reference < 25
     noise = shot.reference - clean.reference
     assert noise[bright].var() == pytest.approx(0.5 * clean.reference[bright].mean(), rel=0.1)

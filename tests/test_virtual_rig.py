@@ -231,7 +231,7 @@ def test_noise_is_as_specified_and_repeatable():
     view = look(head_on(), wall)
     brightness = 0.5 * 255 * (1 + 0.02)
     for noise, shot in ((2.0, 0.0), (1.0, 0.1)):
-        last = list(photograph(view, plan, Optics(noise=noise, shot=shot, seed=3)))[-1]
+        last = list(photograph(view, plan, Optics(noise=noise, gain=shot, seed=3)))[-1]
         inner = last[4:-4, 4:-4].astype(float)
         inner -= ndimage.uniform_filter(inner, 15)
         expected = np.sqrt(noise**2 + shot * brightness + 1 / 12) * np.sqrt(1 - 1 / 225)

@@ -203,8 +203,10 @@ from .surface.cloud import (
     height_over_plane as height_over_plane,
     normals as normals,
 )
-from .surface.form import (
+from .surface.form_geometry import (
     BodyKind as BodyKind,
+)
+from .surface.form import (
     Form as Form,
     find_spheres as find_spheres,
     fit_form as fit_form,
@@ -242,6 +244,9 @@ from .pipeline.boards import (
 # Simulation.
 from .simulate.scene import (
     standard_scene as standard_scene,
+)
+from .simulate.fringes import (
+    PairOptions as PairOptions,
 )
 from .simulate.bodies import (
     Mesh as Mesh,

@@ -58,7 +58,7 @@ def simulate(
         fringes=fringes,
         gamma=gamma,
         noise=noise,
-        shot=gain,
+        gain=gain,
         bits=bits,
         ambient=ambient,
         axis=axis.value,

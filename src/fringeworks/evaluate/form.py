@@ -10,8 +10,9 @@ import numpy as np
 
 from fringeworks.files.points import Points, read_points
 from fringeworks.files.provenance import source_of
-from fringeworks.surface.form import BodyKind, Form, find_spheres, fit_form
+from fringeworks.surface.form import Form, find_spheres, fit_form
 from fringeworks.surface.form import report as form_report
+from fringeworks.surface.form_geometry import BodyKind
 from fringeworks.types import (
     FloatMap,
     Frozen,

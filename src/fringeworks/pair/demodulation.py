@@ -12,7 +12,7 @@ from fringeworks.pair.orders import settle_orders
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
 from fringeworks.pair.unwrap import unwrap
-from fringeworks.types import BoolMap, ByteMap, FloatMap, Frozen, Reason
+from fringeworks.types import BoolMap, ByteMap, FloatMap, Reason
 
 MIN_MODULATION_RATIO = 0.05
 """Smallest modulation of the object that is measured, as a share of the reference's modulation.
@@ -32,8 +32,8 @@ choice.
 """
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Demodulated(Frozen):
+@dataclass(frozen=True, eq=False)
+class Demodulated:
     """Result of a demodulating method, in the orientation of the prepared pair."""
 
     phasor: Analytic

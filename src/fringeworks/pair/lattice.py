@@ -50,7 +50,7 @@ ROUNDING = 1e-9
 """Excess over a whole number of frequency steps that is taken for rounding, steps."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LatticeAxis:
     """One axis of the lattice: its samples, its frequencies, and the window at each of them."""
 

@@ -25,7 +25,10 @@ METHODS = ("ifa", "sifa", "gsifa", "exact")
 PUBLISHED_MM = {"ifa": (0.3149, 0.3655), "sifa": (0.0390, 0.1577), "gsifa": (0.0023, 0.0188)}
 """Mean and standard deviation of the parabola's error, table 4.1 of the dissertation."""
 ROW_GEOMETRY = ReferencePlaneGeometry(distance_mm=800.0, baseline_mm=300.0)
+"""Geometry of the one-dimensional experiment, mm, as the dissertation prints it."""
 GAMMAS = (1.0, 2.2)
+"""Exponents of the response: the dissertation's conclusion calls its case ideal, its files carry 2.2
+(theory §3)."""
 
 Progress = Callable[[str], None]
 

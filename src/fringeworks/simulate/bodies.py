@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import FloatMap, Frozen, InputError
 
 Albedo = float | Callable[[FloatMap, FloatMap], FloatMap]
 """One reflectance, 0…1, or a function of x and y in the body's coordinates, mm."""
@@ -39,8 +39,8 @@ class Shape(Protocol):
         """
 
 
-@dataclass(frozen=True, eq=False)
-class Body:
+@dataclass(frozen=True, eq=False, repr=False)
+class Body(Frozen):
     """A shape with a pose and a reflectance."""
 
     shape: Shape
@@ -204,8 +204,8 @@ class Paraboloid:
         return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
 
 
-@dataclass(frozen=True, eq=False)
-class Mesh:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh(Frozen):
     """A surface of triangles, as from a file or a height map.
 
     Raises

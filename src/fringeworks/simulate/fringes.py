@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from fringeworks.pair.reference_plane import displacement_from_height
 from fringeworks.types import (
     Axis,
     FloatMap,
+    Frozen,
     InputError,
     Pair,
     ReferencePlaneGeometry,
@@ -22,6 +23,20 @@ BIT_DEPTHS = (0, 8, 10, 12, 16)
 """Depths of simulated frames, bit; 0 for floating point. Industrial cameras deliver the others."""
 FULL_RANGE = 255.0
 """Brightness of full light, counts of 8 bit, in which noise and amplitudes are given."""
+
+
+class PairOptions(TypedDict, total=False):
+    """Fields of ``PairSettings`` as keyword options; each is explained there."""
+
+    fringes: float
+    gamma: float
+    noise: float
+    gain: float
+    bits: int
+    ambient: float
+    contrast: float
+    axis: Axis
+    seed: int
 
 
 @dataclass(frozen=True)
@@ -39,8 +54,8 @@ class PairSettings:
     """Exponent of the projector's response, I_out ∝ I_in^γ; > 0."""
     noise: float = 0.0
     """Standard deviation of the Gaussian read noise, counts of 8 bit; ≥ 0."""
-    shot: float = 0.0
-    """Shot noise: variance per count, counts of 8 bit, σ² = shot · I; ≥ 0."""
+    gain: float = 0.0
+    """Shot noise: variance per count, counts of 8 bit, σ² = gain · I; ≥ 0."""
     bits: int = 0
     """Quantisation: 8, 10, 12 or 16 bit, or 0 for floating point."""
     ambient: float = 0.0
@@ -58,7 +73,7 @@ class PairSettings:
             fringes=(self.fringes > 0, "> 0"),
             gamma=(self.gamma > 0, "> 0"),
             noise=(self.noise >= 0, ">= 0"),
-            shot=(self.shot >= 0, ">= 0"),
+            gain=(self.gain >= 0, ">= 0"),
             bits=(self.bits in BIT_DEPTHS, f"one of {BIT_DEPTHS}"),
             ambient=(0 <= self.ambient < 1, "0 to 1"),
             contrast=(0 < self.contrast <= 1, "0 to 1"),
@@ -66,8 +81,8 @@ class PairSettings:
         )
 
 
-@dataclass(frozen=True)
-class Row:
+@dataclass(frozen=True, eq=False, repr=False)
+class Row(Frozen):
     """One row of a pair: the dissertation's one-dimensional experiment (theory §3)."""
 
     reference: FloatMap
@@ -90,8 +105,8 @@ def _waveform(cycles: FloatMap, settings: PairSettings) -> FloatMap:
 def _camera(light: FloatMap, settings: PairSettings, rng: np.random.Generator) -> NDArray[Any]:
     """Counts of a frame: noise, then clipping at the sensor's limits and rounding."""
     counts = FULL_RANGE * light
-    variance = settings.noise**2 + settings.shot * np.maximum(counts, 0.0)
-    if settings.noise or settings.shot:
+    variance = settings.noise**2 + settings.gain * np.maximum(counts, 0.0)
+    if settings.noise or settings.gain:
         counts = counts + np.sqrt(variance) * rng.standard_normal(counts.shape)
     if not settings.bits:
         return counts

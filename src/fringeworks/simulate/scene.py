@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal, Unpack
 
-from fringeworks.simulate.fringes import PairSettings, capture_pair
+from fringeworks.simulate.fringes import PairOptions, PairSettings, capture_pair
 from fringeworks.simulate.objects import make_object, paint
 from fringeworks.types import InputError, Pair, ReferencePlaneGeometry
 
@@ -29,7 +29,7 @@ def standard_scene(
     height_mm: float = 100.0,
     painted: bool = False,
     sign: Literal[1, -1] = 1,
-    **settings: Any,
+    **settings: Unpack[PairOptions],
 ) -> Pair:
     """Simulate a pair of the standard scene: 1000 × 1000 px of 1 mm, l = 5000 mm, d₀ = 2000 mm.
 

@@ -16,7 +16,7 @@ from fringeworks.rig.pinhole import inverse, project, rays, transform
 from fringeworks.simulate.bodies import Body
 from fringeworks.simulate.pixel_albedo import pixel_albedo
 from fringeworks.simulate.projected_light import ProjectedLight
-from fringeworks.types import BoolMap, FloatMap, InputError, Rig, check_fields
+from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, Rig, check_fields
 
 SHADOW_SHARE = 1e-4
 """A surface does not shade a point if it is nearer to the point than this, over the distance from
@@ -47,7 +47,7 @@ class Optics:
     """Light of the projector's black, relative to its full light; 0…1."""
     noise: float = 2.0
     """Standard deviation of the read noise, counts of 8 bit; ≥ 0."""
-    shot: float = 0.0
+    gain: float = 0.0
     """Shot noise: variance per count, counts of 8 bit; ≥ 0."""
     bits: int = 8
     """Depth of the frames: 8, 10, 12 or 16."""
@@ -64,13 +64,13 @@ class Optics:
             ambient=(self.ambient >= 0, ">= 0"),
             black=(0 <= self.black < 1, "0 to 1"),
             noise=(self.noise >= 0, ">= 0"),
-            shot=(self.shot >= 0, ">= 0"),
+            gain=(self.gain >= 0, ">= 0"),
             bits=(self.bits in DEPTHS, f"one of {DEPTHS}"),
         )
 
 
-@dataclass(frozen=True, eq=False)
-class View:
+@dataclass(frozen=True, eq=False, repr=False)
+class View(Frozen):
     """What the camera's pixels look at, exactly; maps are (h, w)."""
 
     points_mm: FloatMap
@@ -242,7 +242,7 @@ def photograph(
     Notes
     -----
     A projector pixel is a square of constant light v^γ, blurred by a Gaussian. The camera blurs
-    the reflected light by a Gaussian; noise of variance noise² + shot · I, clipping and rounding
+    the reflected light by a Gaussian; noise of variance noise² + gain · I, clipping and rounding
     follow.
     """
     optics = optics or Optics()
@@ -264,7 +264,7 @@ def photograph(
         if optics.blur_px:
             counts = ndimage.gaussian_filter(counts, optics.blur_px, mode="nearest")
         variance = (optics.noise * per_count_of_8_bit) ** 2
-        sigma = np.sqrt(variance + optics.shot * per_count_of_8_bit * counts)
+        sigma = np.sqrt(variance + optics.gain * per_count_of_8_bit * counts)
         counts += sigma * rng.standard_normal(counts.shape, np.float32)
         # Clipping simulates the sensor, whose counts end at both limits.
         np.clip(np.rint(counts, out=counts), 0, largest, out=counts)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import optimize
 
 from fringeworks.surface.form_geometry import GEOMETRIES, BodyKind, FormGeometry
-from fringeworks.types import BoolMap, FloatMap, InputError
+from fringeworks.types import BoolMap, FloatMap, Frozen, InputError
 
 DISCARDED = 0.003
 """Share of the points that may be discarded before a range is taken, from VDI/VDE 2634 part 2."""
@@ -43,8 +43,8 @@ NORMAL_MAD = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
 
-@dataclass(frozen=True, eq=False)
-class Form:
+@dataclass(frozen=True, eq=False, repr=False)
+class Form(Frozen):
     """A body fitted to points."""
 
     body: BodyKind

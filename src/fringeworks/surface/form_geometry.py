@@ -32,7 +32,7 @@ GOLDEN_ANGLE_RAD = 2.399963
 """Angle between consecutive points of a Fibonacci lattice, π (3 − √5): it spreads them evenly."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FormGeometry:
     """What a fit needs to know about a kind of body."""
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import FloatMap
+from fringeworks.types import FloatMap, Frozen
 
 MIN_CORNERS = 8
 """Smallest number of corners of a usable view. A pose has six parameters and a corner gives two
@@ -31,8 +31,8 @@ PAPER_COUNTS = 230.0
 """Brightness of paper in the flattened image, counts of 8 bit, with some headroom to 255."""
 
 
-@dataclass(frozen=True, eq=False)
-class BoardView:
+@dataclass(frozen=True, eq=False, repr=False)
+class BoardView(Frozen):
     """The corners of a board that one photograph shows, in camera pixels.
 
     An ``Observation`` adds the projector coordinates at these corners.

@@ -21,7 +21,16 @@ from fringeworks.rig.calibration.refine import refined_view
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.calibration.start import start
 from fringeworks.rig.pinhole import project, transform
-from fringeworks.types import BoolMap, Decoded, FloatMap, InputError, Pinhole, Rig
+from fringeworks.types import (
+    BoardNotFound,
+    BoolMap,
+    Decoded,
+    FloatMap,
+    Frozen,
+    InputError,
+    Pinhole,
+    Rig,
+)
 
 MIN_POSES = 3
 """Smallest number of different poses of the board. Two determine a device only with assumptions
@@ -31,8 +40,8 @@ SAME_POSE_PX = 1.0
 Corners of a board that was not touched repeat to 0.1 px; a board moved by hand is many px away."""
 
 
-@dataclass(frozen=True, eq=False)
-class Observation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Observation(Frozen):
     """One pose of the board, as measured: its photograph and its corners in both devices.
 
     A ``BoardView`` has the corners in the camera only. A ``Sighting`` has only the numbers of an
@@ -53,8 +62,8 @@ class Observation:
     """Columns and rows of the projector."""
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Frozen):
     """A calibrated rig, and what it was calibrated from."""
 
     rig: Rig
@@ -117,10 +126,10 @@ def observe(
         view = find_board(photograph, board)
         correspondence = projector_at(decoded, view.pixels, spacing(view.pixels))
     except InputError as error:
-        raise InputError(f"{name}: {error}") from error
+        raise type(error)(f"{name}: {error}") from error
     lit = np.asarray(np.isfinite(correspondence.projector_px).all(axis=1))
     if lit.sum() < MIN_CORNERS:
-        raise InputError(
+        raise BoardNotFound(
             f"{name}: expected {MIN_CORNERS} or more corners with projector coordinates, got "
             f"{lit.sum()} of the {len(lit)} that the camera sees: the projector does not light the "
             "board"

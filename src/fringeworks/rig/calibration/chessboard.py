@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView, flattened
 from fringeworks.rig.calibration.saddle import MIN_CONTRAST, fit_saddles
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import BoardNotFound, FloatMap
 
 PART_SIZES = ((5, 5), (3, 3), (4, 4), (4, 3))
 """Sizes of the part of a chessboard that OpenCV looks for, columns and rows, in the order in which
@@ -54,7 +54,7 @@ def chessboard_view(image: NDArray[Any], board: Board) -> BoardView:
         if best.is_complete(board):
             break
     if best is None:
-        raise InputError(
+        raise BoardNotFound(
             f"expected a chessboard of {board.columns} × {board.rows} inner corners, found none"
         )
     return best.as_view(image.astype(np.float64), board)
@@ -163,11 +163,13 @@ class _Lattice:
     def as_view(self, image: FloatMap, board: Board) -> BoardView:
         """Fit all corners in the image itself, and number them as the board does."""
         if len(self.corners) < MIN_CORNERS:
-            raise InputError(f"expected {MIN_CORNERS} corners or more, found {len(self.corners)}")
+            raise BoardNotFound(
+                f"expected {MIN_CORNERS} corners or more, found {len(self.corners)}"
+            )
         across, down = board.grid
         size = self._size()
         if size not in ((across, down), (down, across)):
-            raise InputError(
+            raise BoardNotFound(
                 f"expected {across} × {down} inner corners, found {size[0]} × {size[1]}"
             )
         places = list(self.corners)

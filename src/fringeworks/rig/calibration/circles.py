@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView, flattened
-from fringeworks.types import BoolMap, FloatMap, InputError
+from fringeworks.types import BoardNotFound, BoolMap, FloatMap
 
 MIN_CIRCLE_PX2 = 20.0
 """Smallest area of a circle that is looked for, px²: five pixels across. Smaller ones have no
@@ -64,7 +64,7 @@ def circles_view(image: NDArray[Any], board: Board) -> BoardView:
         if found:
             break
     else:
-        raise InputError(f"expected {board.columns} × {board.rows} circles, found no such grid")
+        raise BoardNotFound(f"expected {board.columns} × {board.rows} circles, found no such grid")
     return _centroids(image.astype(np.float64), np.asarray(centres, np.float64).reshape(-1, 2))
 
 
@@ -88,7 +88,7 @@ def _centroids(image: FloatMap, start: FloatMap) -> BoardView:
     shift = np.linalg.norm(pixels - start, axis=1)
     good = np.isfinite(pixels).all(axis=1) & (shift < MAX_CENTRE_SHIFT * half)
     if good.sum() < MIN_CORNERS:
-        raise InputError(
+        raise BoardNotFound(
             f"expected {MIN_CORNERS} circles or more inside the image, found {good.sum()}"
         )
     return BoardView(np.flatnonzero(good), pixels[good], ink_px=ink[good])

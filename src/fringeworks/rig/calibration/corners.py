@@ -13,7 +13,7 @@ from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView, flatt
 from fringeworks.rig.calibration.chessboard import chessboard_view
 from fringeworks.rig.calibration.circles import circles_view
 from fringeworks.rig.calibration.saddle import CORNER_WINDOW, MIN_CONTRAST, fit_saddles
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import BoardNotFound, FloatMap, InputError
 
 MARKER_GAP = 0.4
 """Half side of the window around a ChArUco corner, over the two white margins beside a marker taken
@@ -96,7 +96,7 @@ def _charuco(image: NDArray[Any], board: Board) -> BoardView:
     if index is None or len(index) < MIN_CORNERS:
         corner_count = 0 if index is None else len(index)
         marker_count = 0 if markers is None else len(markers)
-        raise InputError(
+        raise BoardNotFound(
             f"expected {MIN_CORNERS} corners of a ChArUco board or more, found {corner_count} with "
             f"{marker_count} markers of {board.dictionary}"
         )
@@ -106,7 +106,7 @@ def _charuco(image: NDArray[Any], board: Board) -> BoardView:
     contrast = np.abs(saddles.contrast)
     good = saddles.good & (contrast > MIN_CONTRAST * np.median(contrast))
     if good.sum() < MIN_CORNERS:
-        raise InputError(f"expected {MIN_CORNERS} sharp corners or more, found {good.sum()}")
+        raise BoardNotFound(f"expected {MIN_CORNERS} sharp corners or more, found {good.sum()}")
     return BoardView(index[good], saddles.pixels[good])
 
 
@@ -117,7 +117,7 @@ def _edges_on_board(points_mm: FloatMap, pixels: FloatMap, pitch_mm: float) -> F
     """
     homography = cv2.findHomography(points_mm, pixels)[0]
     if homography is None:
-        raise InputError(
+        raise BoardNotFound(
             "expected corners of a ChArUco board that span a plane, found all on one line"
         )
     H = np.asarray(homography, np.float64)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fringeworks.types import Axis, BoolMap, CoordinateMap, Decoded, FloatMap, InputError
+from fringeworks.types import Axis, BoolMap, CoordinateMap, Decoded, FloatMap, Frozen, InputError
 
 SURFACE_REACH = 0.5
 """Half side of a corner's window over the distance of neighbouring corners: windows are as large as
@@ -62,8 +62,8 @@ class Ripple:
     """Amplitude that noise alone would give, projector px."""
 
 
-@dataclass(frozen=True, eq=False)
-class Correspondence:
+@dataclass(frozen=True, eq=False, repr=False)
+class Correspondence(Frozen):
     """Projector coordinates at the corners of a board."""
 
     projector_px: FloatMap

@@ -15,11 +15,11 @@ from fringeworks.rig.calibration.parameters import (
     pose_slice,
 )
 from fringeworks.rig.pinhole import project_with_derivatives, skew, transform
-from fringeworks.types import FloatMap, Rig
+from fringeworks.types import FloatMap, Frozen, Rig
 
 
-@dataclass(frozen=True, eq=False)
-class Sighting:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sighting(Frozen):
     """The corners of the board that both devices see in one pose, as numbers for the adjustment.
 
     An ``Observation`` is everything known about a pose, with its photograph and its name. A

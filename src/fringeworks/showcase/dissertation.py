@@ -27,7 +27,7 @@ PUBLISHED_MM = {"ifa": (0.3149, 0.3655), "sifa": (0.0390, 0.1577), "gsifa": (0.0
 ROW_GEOMETRY = ReferencePlaneGeometry(distance_mm=800.0, baseline_mm=300.0)
 """Geometry of the one-dimensional experiment, mm, as the dissertation prints it."""
 GAMMAS = (1.0, 2.2)
-"""Exponents of the response: the dissertation's conclusion calls its case ideal, its files carry 2.2
+"""Exponents of the response: the dissertation calls its case ideal, but its files carry 2.2
 (theory §3)."""
 
 Progress = Callable[[str], None]

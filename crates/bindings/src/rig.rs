@@ -62,7 +62,7 @@ impl Triangulation {
         projector_size: (usize, usize),
     ) -> PyResult<Self> {
         let wrong = |_| PyValueError::new_err("pose: expected 9 and 3 values");
-        if spread.shape()[2] != triangulate::POWERS {
+        if spread.shape()[2] != triangulate::SPREAD_COEFFICIENTS {
             return Err(PyValueError::new_err("spread: expected 5 coefficients"));
         }
         let rig = triangulate::Rig {

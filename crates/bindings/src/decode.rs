@@ -1,7 +1,7 @@
 use crate::{refuse, rows_of};
 use fringeworks::decode::stream::{self, SetSums};
 use fringeworks::decode::{
-    decode, Against, Chain, Code, Limits, Noise, Outputs, PhaseSet, Plan, Sample, Table,
+    decode, Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Plan, Sample, Table,
 };
 use fringeworks::Error;
 use numpy::{
@@ -20,6 +20,31 @@ pub struct DecodeSettings {
 type SetItems = (Vec<usize>, Vec<f64>, f64, Vec<f32>, Vec<f32>);
 /// Bits, inverse bits, (white, black), width of a cell (px), cells.
 type CodeItems = (Vec<usize>, Vec<usize>, Option<(usize, usize)>, f32, u32);
+
+fn phase_sets(items: Vec<SetItems>) -> PyResult<Vec<PhaseSet>> {
+    items
+        .into_iter()
+        .map(|(frames, shifts, period, turns, brightness)| {
+            let mut set = PhaseSet::new(frames, &shifts, period)?;
+            set.table = Table { turns, brightness };
+            Ok(set)
+        })
+        .collect::<Result<_, Error>>()
+        .map_err(refuse)
+}
+
+fn gray_code((bits, inverse, white_black, step, cells): CodeItems) -> GrayCode {
+    GrayCode {
+        bits,
+        against: match white_black {
+            Some((white, black)) => Against::WhiteBlack { white, black },
+            None if inverse.is_empty() => Against::Mean,
+            None => Against::Inverse(inverse),
+        },
+        step,
+        cells,
+    }
+}
 
 #[pymethods]
 impl DecodeSettings {
@@ -49,30 +74,13 @@ impl DecodeSettings {
         max_disagreement: f32,
         confidence: f32,
     ) -> PyResult<Self> {
-        let sets = sets
-            .into_iter()
-            .map(|(frames, shifts, period, turns, brightness)| {
-                let mut set = PhaseSet::new(frames, &shifts, period)?;
-                set.table = Table { turns, brightness };
-                Ok(set)
-            })
-            .collect::<Result<Vec<_>, Error>>()
-            .map_err(refuse)?;
-        let code = code.map(|(bits, inverse, levels, step, cells)| Code {
-            bits,
-            against: match levels {
-                Some((white, black)) => Against::Levels { white, black },
-                None if inverse.is_empty() => Against::Mean,
-                None => Against::Inverse(inverse),
-            },
-            step,
-            cells,
-        });
+        let sets = phase_sets(sets)?;
+        let gray_code = code.map(gray_code);
         let chain = Chain {
             combinations: rows_of(&combinations)?.to_vec(),
             frequencies: rows_of(&frequencies)?.to_vec(),
             amplification: rows_of(&amplification)?.to_vec(),
-            room: rows_of(&room)?.to_vec(),
+            margin: rows_of(&room)?.to_vec(),
             middle,
             half,
             repeats,
@@ -93,7 +101,7 @@ impl DecodeSettings {
         };
         let plan = Plan {
             sets,
-            code,
+            gray_code,
             chain,
             noise,
             limits,

@@ -69,7 +69,7 @@ pub fn invert_rows<'py>(
     Ok((
         displacement.into_pyarray(py),
         map(field.sigma).into_pyarray(py),
-        map(field.gain).into_pyarray(py),
+        map(field.modulation_ratio).into_pyarray(py),
         reason.into_pyarray(py),
     ))
 }

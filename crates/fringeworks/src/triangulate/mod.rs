@@ -128,6 +128,23 @@ impl Points<'_> {
     }
 }
 
+fn check(
+    rig: &Triangulation,
+    x: Option<Axis<'_>>,
+    y: Option<Axis<'_>>,
+    out: &Points<'_>,
+) -> Result<(), Error> {
+    let pixels = rig.shape().0 * rig.shape().1;
+    check_value("axes", x.is_some() || y.is_some(), "one or two", "none")?;
+    for axis in [x, y].into_iter().flatten() {
+        axis.check(pixels)?;
+    }
+    out.check(pixels, x.is_some() && y.is_some())?;
+    let spread_axis = if rig.spread_along_x() { x } else { y };
+    let given = spread_axis.is_some();
+    check_value("spread", given, "an axis that is given", "the other")
+}
+
 /// Triangulate a frame from one axis or both.
 pub fn triangulate(
     rig: &Triangulation,
@@ -137,24 +154,11 @@ pub fn triangulate(
     out: Points<'_>,
 ) -> Result<(), Error> {
     let (rows, width) = rig.shape();
-    let pixels = rows * width;
-    check_value("axes", x.is_some() || y.is_some(), "one or two", "none")?;
-    for axis in [x, y].into_iter().flatten() {
-        axis.check(pixels)?;
-    }
-    let both_axes = x.is_some() && y.is_some();
-    out.check(pixels, both_axes)?;
-    let has_spread_axis = if rig.spread_along_x() { x } else { y }.is_some();
-    check_value(
-        "spread",
-        has_spread_axis,
-        "an axis that is given",
-        "the other",
-    )?;
-    if pixels == 0 {
+    check(rig, x, y, &out)?;
+    if rows * width == 0 {
         return Ok(());
     }
-    let residual_rows: Vec<&mut [f32]> = if both_axes {
+    let residual_rows: Vec<&mut [f32]> = if x.is_some() && y.is_some() {
         out.residual.chunks_mut(width).collect()
     } else {
         (0..rows).map(|_| <&mut [f32]>::default()).collect()

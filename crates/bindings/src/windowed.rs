@@ -64,7 +64,7 @@ pub fn invert_windowed<'py>(
     Ok((
         map(field.displacement).into_pyarray(py),
         map(field.sigma).into_pyarray(py),
-        map(field.gain).into_pyarray(py),
+        map(field.modulation_ratio).into_pyarray(py),
         scale.into_pyarray(py),
         field.noise_correlation,
     ))

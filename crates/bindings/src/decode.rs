@@ -1,3 +1,5 @@
+//! Bindings of the decoder, for whole stacks and for streams.
+
 use crate::{refuse, rows_of};
 use fringeworks::decode::stream::{self, SetSums};
 use fringeworks::decode::{
@@ -10,17 +12,19 @@ use numpy::{
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-/// What is decoded along one axis; indices count the frames that are handed to a call.
+/// Settings of the decoder along one axis. Indices refer to the frames that are passed to a call.
 #[pyclass(frozen, module = "fringeworks._core")]
 pub struct DecodeSettings {
     plan: Plan,
 }
 
-/// Index of each frame, shifts (rad), period (px), phase errors (turns) by brightness, or nothing.
+/// Indices of the frames, shifts (rad), period (px), and the response: phase errors (turns) and
+/// brightnesses (counts), or empty.
 type SetItems = (Vec<usize>, Vec<f64>, f64, Vec<f32>, Vec<f32>);
-/// Bits, inverse bits, (white, black), width of a cell (px), cells.
+/// Indices of bits, of inverse bits and of (white, black); width of a cell (px), number of cells.
 type CodeItems = (Vec<usize>, Vec<usize>, Option<(usize, usize)>, f32, u32);
 
+/// Phase sets of the kernel.
 fn phase_sets(items: Vec<SetItems>) -> PyResult<Vec<PhaseSet>> {
     items
         .into_iter()
@@ -33,6 +37,7 @@ fn phase_sets(items: Vec<SetItems>) -> PyResult<Vec<PhaseSet>> {
         .map_err(refuse)
 }
 
+/// Gray code of the kernel. Without inverse, white and black frames, the threshold is the mean.
 fn gray_code((bits, inverse, white_black, step, cells): CodeItems) -> GrayCode {
     GrayCode {
         bits,
@@ -52,7 +57,7 @@ impl DecodeSettings {
     #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room, middle, half,
         repeats, circular, code_reach, read_variance, gain, scale, saturation, min_snr,
         min_modulation, max_disagreement, confidence))]
-    #[allow(clippy::too_many_arguments)] // keywords, all of them
+    #[allow(clippy::too_many_arguments)] // All are keywords in Python.
     fn new(
         sets: Vec<SetItems>,
         code: Option<CodeItems>,
@@ -110,7 +115,7 @@ impl DecodeSettings {
     }
 }
 
-/// Arrays that results are written to.
+/// Arrays that the results are written to.
 #[derive(FromPyObject)]
 pub struct Maps<'py> {
     #[pyo3(item)]
@@ -159,7 +164,7 @@ impl Maps<'_> {
     }
 }
 
-/// Frames of one of the kinds that the kernels know.
+/// Frames of one of the types that the kernels are compiled for.
 #[derive(FromPyObject)]
 pub enum Frames<'py> {
     Bytes(Vec<PyReadonlyArray2<'py, u8>>),
@@ -167,6 +172,7 @@ pub enum Frames<'py> {
     Floats(Vec<PyReadonlyArray2<'py, f32>>),
 }
 
+/// Evaluate an expression with the planes of frames of any type.
 macro_rules! with_planes {
     ($frames:expr, $planes:ident => $call:expr) => {
         match $frames {
@@ -190,6 +196,7 @@ fn planes_of<'a, T: Element>(list: &'a [PyReadonlyArray2<'_, T>]) -> PyResult<Ve
     list.iter().map(rows_of).collect()
 }
 
+/// Decode a stack of frames into `maps`.
 #[pyfunction]
 pub fn decode_frames(
     py: Python<'_>,
@@ -202,7 +209,10 @@ pub fn decode_frames(
     with_planes!(&frames, planes => py.detach(|| decode(&planes, plan, out)).map_err(refuse))
 }
 
-/// Sums of the frames of each set, as they arrive.
+/// Largest index of a step: the sums have one bit per step in a `u64`.
+const MAX_STEP: usize = 63;
+
+/// Sums over the frames of each set, which arrive one by one.
 #[pyclass(module = "fringeworks._core")]
 pub struct StreamSums {
     sets: Vec<SetSums>,
@@ -220,7 +230,7 @@ impl StreamSums {
         }
     }
 
-    /// Add a frame to a set: the step it is, and its shift in rad.
+    /// Add a frame to a set: the index of its step, and its shift in rad.
     fn add(
         &mut self,
         py: Python<'_>,
@@ -229,9 +239,9 @@ impl StreamSums {
         step: usize,
         shift: f64,
     ) -> PyResult<()> {
-        if step >= 64 {
+        if step > MAX_STEP {
             return Err(PyValueError::new_err(format!(
-                "step: expected 0 to 63, got {step}"
+                "step: expected 0 to {MAX_STEP}, got {step}"
             )));
         }
         let saturation = self.saturation;
@@ -243,7 +253,10 @@ impl StreamSums {
         fn one<'a, T>(planes: &[&'a [T]]) -> PyResult<&'a [T]> {
             match planes {
                 [frame] => Ok(frame),
-                _ => Err(PyTypeError::new_err("expected a list of one frame")),
+                _ => Err(PyTypeError::new_err(format!(
+                    "frame: expected a list of one frame, got {}",
+                    planes.len()
+                ))),
             }
         }
         with_planes!(&frame, planes => {
@@ -252,7 +265,7 @@ impl StreamSums {
         })
     }
 
-    /// Decode what has been added; `frames` are those of the code.
+    /// Decode the sums; `frames` are those of the Gray code.
     fn decode(
         &self,
         py: Python<'_>,

@@ -1,3 +1,5 @@
+//! Bindings of inverse function analysis.
+
 use crate::{refuse, rows_of};
 use fringeworks::inverse::{invert, Method, Options};
 use numpy::ndarray::Array2;
@@ -6,6 +8,7 @@ use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntyped
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+/// Displacement, σ, modulation ratio and reason.
 type Maps<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f32>>,
@@ -40,7 +43,7 @@ pub fn invert_rows<'py>(
         "exact" => Method::Exact,
         other => {
             return Err(PyValueError::new_err(format!(
-                "method: unknown name {other:?}"
+                "method: expected ifa, sifa, gsifa or exact, got {other:?}"
             )))
         }
     };
@@ -74,6 +77,7 @@ pub fn invert_rows<'py>(
     ))
 }
 
+/// Position, value and kind (1 for a maximum) of every extremum.
 type Points<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<f64>>,

@@ -1,9 +1,12 @@
+//! Bindings of windowed inversion.
+
 use crate::{refuse, rows_of};
 use fringeworks::windowed::{invert, Limits, Options, Pair};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+/// Displacement, σ, modulation ratio, scale, and correlation of the noise.
 type Maps<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<f32>>,

@@ -1,4 +1,7 @@
-"""Kernels in Rust. Arrays must be C-contiguous and of the stated dtype; callers see to that."""
+"""Kernels in Rust.
+
+Callers pass C-contiguous arrays of the stated dtype; other arrays raise ``TypeError`` or ``ValueError``.
+"""
 
 from collections.abc import Sequence
 from typing import Any, final

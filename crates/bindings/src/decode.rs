@@ -1,7 +1,9 @@
+//! Bindings of the decoder, for whole stacks and for streams.
+
 use crate::{refuse, rows_of};
 use fringeworks::decode::stream::{self, SetSums};
 use fringeworks::decode::{
-    decode, Against, Chain, Code, Limits, Noise, Outputs, PhaseSet, Plan, Sample, Table,
+    decode, Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Plan, Sample, Table,
 };
 use fringeworks::Error;
 use numpy::{
@@ -10,16 +12,44 @@ use numpy::{
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
-/// What is decoded along one axis; indices count the frames that are handed to a call.
+/// Settings of the decoder along one axis. Indices refer to the frames that are passed to a call.
 #[pyclass(frozen, module = "fringeworks._core")]
 pub struct DecodeSettings {
     plan: Plan,
 }
 
-/// Index of each frame, shifts (rad), period (px), phase errors (turns) by brightness, or nothing.
+/// Indices of the frames, shifts (rad), period (px), and the response: phase errors (turns) and
+/// brightnesses (counts), or empty.
 type SetItems = (Vec<usize>, Vec<f64>, f64, Vec<f32>, Vec<f32>);
-/// Bits, inverse bits, (white, black), width of a cell (px), cells.
+/// Indices of bits, of inverse bits and of (white, black); width of a cell (px), number of cells.
 type CodeItems = (Vec<usize>, Vec<usize>, Option<(usize, usize)>, f32, u32);
+
+/// Phase sets of the kernel.
+fn phase_sets(items: Vec<SetItems>) -> PyResult<Vec<PhaseSet>> {
+    items
+        .into_iter()
+        .map(|(frames, shifts, period, turns, brightness)| {
+            let mut set = PhaseSet::new(frames, &shifts, period)?;
+            set.table = Table { turns, brightness };
+            Ok(set)
+        })
+        .collect::<Result<_, Error>>()
+        .map_err(refuse)
+}
+
+/// Gray code of the kernel. Without inverse, white and black frames, the threshold is the mean.
+fn gray_code((bits, inverse, white_black, step, cells): CodeItems) -> GrayCode {
+    GrayCode {
+        bits,
+        against: match white_black {
+            Some((white, black)) => Against::WhiteBlack { white, black },
+            None if inverse.is_empty() => Against::Mean,
+            None => Against::Inverse(inverse),
+        },
+        step,
+        cells,
+    }
+}
 
 #[pymethods]
 impl DecodeSettings {
@@ -27,7 +57,7 @@ impl DecodeSettings {
     #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room, middle, half,
         repeats, circular, code_reach, read_variance, gain, scale, saturation, min_snr,
         min_modulation, max_disagreement, confidence))]
-    #[allow(clippy::too_many_arguments)] // keywords, all of them
+    #[allow(clippy::too_many_arguments)] // All are keywords in Python.
     fn new(
         sets: Vec<SetItems>,
         code: Option<CodeItems>,
@@ -49,30 +79,13 @@ impl DecodeSettings {
         max_disagreement: f32,
         confidence: f32,
     ) -> PyResult<Self> {
-        let sets = sets
-            .into_iter()
-            .map(|(frames, shifts, period, turns, brightness)| {
-                let mut set = PhaseSet::new(frames, &shifts, period)?;
-                set.table = Table { turns, brightness };
-                Ok(set)
-            })
-            .collect::<Result<Vec<_>, Error>>()
-            .map_err(refuse)?;
-        let code = code.map(|(bits, inverse, levels, step, cells)| Code {
-            bits,
-            against: match levels {
-                Some((white, black)) => Against::Levels { white, black },
-                None if inverse.is_empty() => Against::Mean,
-                None => Against::Inverse(inverse),
-            },
-            step,
-            cells,
-        });
+        let sets = phase_sets(sets)?;
+        let gray_code = code.map(gray_code);
         let chain = Chain {
             combinations: rows_of(&combinations)?.to_vec(),
             frequencies: rows_of(&frequencies)?.to_vec(),
             amplification: rows_of(&amplification)?.to_vec(),
-            room: rows_of(&room)?.to_vec(),
+            margin: rows_of(&room)?.to_vec(),
             middle,
             half,
             repeats,
@@ -93,7 +106,7 @@ impl DecodeSettings {
         };
         let plan = Plan {
             sets,
-            code,
+            gray_code,
             chain,
             noise,
             limits,
@@ -102,7 +115,7 @@ impl DecodeSettings {
     }
 }
 
-/// Arrays that results are written to.
+/// Arrays that the results are written to.
 #[derive(FromPyObject)]
 pub struct Maps<'py> {
     #[pyo3(item)]
@@ -151,7 +164,7 @@ impl Maps<'_> {
     }
 }
 
-/// Frames of one of the kinds that the kernels know.
+/// Frames of one of the types that the kernels are compiled for.
 #[derive(FromPyObject)]
 pub enum Frames<'py> {
     Bytes(Vec<PyReadonlyArray2<'py, u8>>),
@@ -159,6 +172,7 @@ pub enum Frames<'py> {
     Floats(Vec<PyReadonlyArray2<'py, f32>>),
 }
 
+/// Evaluate an expression with the planes of frames of any type.
 macro_rules! with_planes {
     ($frames:expr, $planes:ident => $call:expr) => {
         match $frames {
@@ -182,6 +196,7 @@ fn planes_of<'a, T: Element>(list: &'a [PyReadonlyArray2<'_, T>]) -> PyResult<Ve
     list.iter().map(rows_of).collect()
 }
 
+/// Decode a stack of frames into `maps`.
 #[pyfunction]
 pub fn decode_frames(
     py: Python<'_>,
@@ -194,7 +209,10 @@ pub fn decode_frames(
     with_planes!(&frames, planes => py.detach(|| decode(&planes, plan, out)).map_err(refuse))
 }
 
-/// Sums of the frames of each set, as they arrive.
+/// Largest index of a step: the sums have one bit per step in a `u64`.
+const MAX_STEP: usize = 63;
+
+/// Sums over the frames of each set, which arrive one by one.
 #[pyclass(module = "fringeworks._core")]
 pub struct StreamSums {
     sets: Vec<SetSums>,
@@ -212,7 +230,7 @@ impl StreamSums {
         }
     }
 
-    /// Add a frame to a set: the step it is, and its shift in rad.
+    /// Add a frame to a set: the index of its step, and its shift in rad.
     fn add(
         &mut self,
         py: Python<'_>,
@@ -221,9 +239,9 @@ impl StreamSums {
         step: usize,
         shift: f64,
     ) -> PyResult<()> {
-        if step >= 64 {
+        if step > MAX_STEP {
             return Err(PyValueError::new_err(format!(
-                "step: expected 0 to 63, got {step}"
+                "step: expected 0 to {MAX_STEP}, got {step}"
             )));
         }
         let saturation = self.saturation;
@@ -235,7 +253,10 @@ impl StreamSums {
         fn one<'a, T>(planes: &[&'a [T]]) -> PyResult<&'a [T]> {
             match planes {
                 [frame] => Ok(frame),
-                _ => Err(PyTypeError::new_err("expected a list of one frame")),
+                _ => Err(PyTypeError::new_err(format!(
+                    "frame: expected a list of one frame, got {}",
+                    planes.len()
+                ))),
             }
         }
         with_planes!(&frame, planes => {
@@ -244,7 +265,7 @@ impl StreamSums {
         })
     }
 
-    /// Decode what has been added; `frames` are those of the code.
+    /// Decode the sums; `frames` are those of the Gray code.
     fn decode(
         &self,
         py: Python<'_>,

@@ -1,9 +1,12 @@
+//! Bindings of empirical mode decomposition.
+
 use crate::{refuse, rows_of};
 use fringeworks::emd::{decompose, envelopes, Options};
 use numpy::ndarray::{Array2, Array3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+/// Modes, residues, number of modes per row, and number of rows whose sifting did not converge.
 type Modes<'py> = (
     Bound<'py, PyArray3<f64>>,
     Bound<'py, PyArray2<f64>>,
@@ -42,6 +45,7 @@ pub fn decompose_rows<'py>(
     ))
 }
 
+/// Upper and lower envelopes.
 type Lines<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
 
 #[pyfunction]

@@ -1,3 +1,5 @@
+//! Bindings of inverse function analysis.
+
 use crate::{refuse, rows_of};
 use fringeworks::inverse::{invert, Method, Options};
 use numpy::ndarray::Array2;
@@ -6,6 +8,7 @@ use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntyped
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+/// Displacement, σ, modulation ratio and reason.
 type Maps<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f32>>,
@@ -40,7 +43,7 @@ pub fn invert_rows<'py>(
         "exact" => Method::Exact,
         other => {
             return Err(PyValueError::new_err(format!(
-                "method: unknown name {other:?}"
+                "method: expected ifa, sifa, gsifa or exact, got {other:?}"
             )))
         }
     };
@@ -69,11 +72,12 @@ pub fn invert_rows<'py>(
     Ok((
         displacement.into_pyarray(py),
         map(field.sigma).into_pyarray(py),
-        map(field.gain).into_pyarray(py),
+        map(field.modulation_ratio).into_pyarray(py),
         reason.into_pyarray(py),
     ))
 }
 
+/// Position, value and kind (1 for a maximum) of every extremum.
 type Points<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<f64>>,

@@ -1,4 +1,5 @@
-//! Python face of the kernels: borrow the arrays, detach from the interpreter, call, hand back.
+//! Python bindings of the kernels: borrow the arrays, detach from the interpreter, call the kernel and
+//! return its result.
 
 mod decode;
 mod emd;
@@ -13,8 +14,10 @@ use numpy::{Element, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// The values of an array row after row. A transposed view is refused: numpy's own check takes it
-/// for contiguous, and its rows for columns.
+/// The values of an array, row after row.
+///
+/// A transposed view is refused. The check of the numpy crate accepts it as contiguous, and would
+/// deliver its columns as rows.
 fn rows_of<'a, T: Element, D: Dimension>(
     array: &'a PyReadonlyArray<'_, T, D>,
 ) -> PyResult<&'a [T]> {
@@ -26,6 +29,7 @@ fn rows_of<'a, T: Element, D: Dimension>(
     Ok(array.as_slice()?)
 }
 
+/// A kernel's error as a `ValueError`.
 fn refuse(error: fringeworks::Error) -> PyErr {
     PyValueError::new_err(error.to_string())
 }

@@ -1,3 +1,5 @@
+//! Bindings of triangulation and of ray casting.
+
 use crate::{refuse, rows_of};
 use fringeworks::mesh;
 use fringeworks::triangulate::{self, Axis, Lens, Limits, Points, Spread};
@@ -8,16 +10,20 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// A camera–projector pair, and the variance of 1/z that its calibration leaves.
+/// A calibrated rig, and the variance of 1/z that comes from its calibration.
 #[pyclass(frozen, module = "fringeworks._core")]
 pub struct Triangulation {
     inner: triangulate::Triangulation,
 }
 
+fn wrong_length(name: &str, expected: usize, got: usize) -> PyErr {
+    PyValueError::new_err(format!("{name}: expected {expected} values, got {got}"))
+}
+
 fn lens(values: &[f64]) -> PyResult<Lens> {
     let v: [f64; 9] = values
         .try_into()
-        .map_err(|_| PyValueError::new_err("device: expected 9 values"))?;
+        .map_err(|_| wrong_length("device", 9, values.len()))?;
     Ok(Lens {
         focal: [v[0], v[1]],
         principal: [v[2], v[3]],
@@ -32,6 +38,7 @@ type Maps<'py> = (
     PyReadonlyArray2<'py, u8>,
 );
 
+/// Decoded maps as the kernel borrows them.
 fn axis<'a>(maps: Option<&'a Maps<'_>>) -> PyResult<Option<Axis<'a>>> {
     maps.map(|(coordinate, sigma, reason)| {
         Ok(Axis {
@@ -48,7 +55,7 @@ impl Triangulation {
     #[new]
     #[pyo3(signature = (*, camera, projector, rotation, translation, spread, spread_along_x,
         spread_length, camera_shape, projector_size))]
-    #[allow(clippy::too_many_arguments)] // keywords, all of them
+    #[allow(clippy::too_many_arguments)] // All are keywords in Python.
     fn new(
         py: Python<'_>,
         camera: Vec<f64>,
@@ -61,15 +68,24 @@ impl Triangulation {
         camera_shape: (usize, usize),
         projector_size: (usize, usize),
     ) -> PyResult<Self> {
-        let wrong = |_| PyValueError::new_err("pose: expected 9 and 3 values");
-        if spread.shape()[2] != triangulate::POWERS {
-            return Err(PyValueError::new_err("spread: expected 5 coefficients"));
+        let coefficients = spread.shape()[2];
+        if coefficients != triangulate::SPREAD_COEFFICIENTS {
+            let expected = triangulate::SPREAD_COEFFICIENTS;
+            return Err(wrong_length(
+                "coefficients of the spread",
+                expected,
+                coefficients,
+            ));
         }
         let rig = triangulate::Rig {
             camera: lens(&camera)?,
             projector: lens(&projector)?,
-            rotation: rotation.try_into().map_err(wrong)?,
-            translation: translation.try_into().map_err(wrong)?,
+            rotation: rotation
+                .try_into()
+                .map_err(|v: Vec<f64>| wrong_length("rotation", 9, v.len()))?,
+            translation: translation
+                .try_into()
+                .map_err(|v: Vec<f64>| wrong_length("translation", 3, v.len()))?,
         };
         let spread = Spread {
             rows: spread.shape()[0],
@@ -84,9 +100,9 @@ impl Triangulation {
         Ok(Self { inner })
     }
 
-    /// Fill the maps with points.
+    /// Triangulate one axis or both into the maps.
     #[pyo3(signature = (x, y, *, xyz, sigma, noise, residual, reason, residual_sigmas, residual_px))]
-    #[allow(clippy::too_many_arguments)] // keywords, most of them
+    #[allow(clippy::too_many_arguments)] // Most are keywords in Python.
     fn run(
         &self,
         py: Python<'_>,
@@ -132,6 +148,7 @@ pub struct Triangles {
     inner: mesh::Triangles,
 }
 
+/// Distances and triangles.
 type Hits<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>);
 
 #[pymethods]
@@ -145,7 +162,8 @@ impl Triangles {
         Ok(Self { inner })
     }
 
-    /// Distance of every ray's first hit beyond `near`, and the triangle that is hit.
+    /// Distance of every ray's first hit beyond `near` (∞ for none), and the index of the triangle that is
+    /// hit (−1 for none).
     fn hit<'py>(
         &self,
         py: Python<'py>,

@@ -1,8 +1,11 @@
+//! Bindings of phase unwrapping.
+
 use crate::{refuse, rows_of};
 use numpy::ndarray::Array2;
 use numpy::{Complex32, IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+/// Unwrapped phase, and region of every pixel.
 type Maps<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<u32>>);
 
 #[pyfunction]

@@ -1,9 +1,12 @@
+//! Bindings of the wavelet ridge.
+
 use crate::{refuse, rows_of};
 use fringeworks::wavelet::{ridge, Options};
 use numpy::ndarray::Array2;
 use numpy::{Complex32, IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+/// Phasor and local frequency.
 type Maps<'py> = (Bound<'py, PyArray2<Complex32>>, Bound<'py, PyArray2<f32>>);
 
 #[pyfunction]

@@ -1,9 +1,12 @@
+//! Bindings of windowed inversion.
+
 use crate::{refuse, rows_of};
 use fringeworks::windowed::{invert, Limits, Options, Pair};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+/// Displacement, σ, modulation ratio, scale, and correlation of the noise.
 type Maps<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<f32>>,
@@ -64,7 +67,7 @@ pub fn invert_windowed<'py>(
     Ok((
         map(field.displacement).into_pyarray(py),
         map(field.sigma).into_pyarray(py),
-        map(field.gain).into_pyarray(py),
+        map(field.modulation_ratio).into_pyarray(py),
         scale.into_pyarray(py),
         field.noise_correlation,
     ))

@@ -1,16 +1,17 @@
 //! Kernels of fringe projection profilometry, on plain slices.
 //!
-//! Nothing here knows of Python, files or screens. Callers validate; kernels state what they
-//! assume and return [`Error`] where an assumption can be checked for free.
+//! The crate has no Python, files or screens. Callers validate their input. Kernels document what they
+//! assume and return an [`Error`] where an assumption can be checked at no cost.
 //!
 //! * [`decode`]: shifted fringes and Gray code to projector coordinates, in one pass.
 //! * [`emd`]: empirical mode decomposition of rows, and their envelopes.
-//! * [`mesh`]: rays against triangles, for the virtual rig.
 //! * [`inverse`]: inverse function analysis by rows (IFA, SIFA, GSIFA, exact).
-//! * [`windowed`]: windowed inversion, local least squares over several window sizes.
-//! * [`triangulate`]: projector coordinates and a calibrated pair to points.
+//! * [`mesh`]: intersection of rays with triangles, for the virtual rig.
+//! * [`reason`]: why a pixel has no value.
+//! * [`triangulate`]: projector coordinates and a calibrated rig to points.
 //! * [`unwrap`]: phase unwrapping by sorting by reliability, and the average that guides it.
 //! * [`wavelet`]: ridge of the continuous wavelet transform by rows.
+//! * [`windowed`]: windowed inversion, local least squares over several window sizes.
 
 pub mod decode;
 pub mod emd;
@@ -23,7 +24,7 @@ pub mod unwrap;
 pub mod wavelet;
 pub mod windowed;
 
-/// What a kernel refuses. The bindings map it to `ValueError`.
+/// Input that a kernel refuses. The bindings map it to `ValueError`.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum Error {
     #[error("{name}: expected {expected} values, got {got}")]
@@ -40,6 +41,7 @@ pub enum Error {
     },
 }
 
+/// Refuse a slice that does not have the expected number of values.
 pub(crate) fn check_length(name: &'static str, got: usize, expected: usize) -> Result<(), Error> {
     if got == expected {
         Ok(())
@@ -52,6 +54,7 @@ pub(crate) fn check_length(name: &'static str, got: usize, expected: usize) -> R
     }
 }
 
+/// Refuse a value that is not `ok`; `expected` says in words what is.
 pub(crate) fn check_value(
     name: &'static str,
     ok: bool,
@@ -69,9 +72,9 @@ pub(crate) fn check_value(
     }
 }
 
-/// Whether this is an optimised build; a debug build of these loops is unusably slow.
+/// Whether this is an optimised build. A debug build of these loops is unusably slow.
 pub fn is_optimised() -> bool {
-    // `debug_assertions` is off in the release profile only; the dev profile is optimised too
+    // Only the release profile turns `debug_assertions` off. The dev profile is optimised too
     // (Cargo.toml), but keeps its checks.
     !cfg!(debug_assertions)
 }

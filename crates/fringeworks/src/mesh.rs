@@ -1,29 +1,44 @@
-//! Rays against triangles: a tree of boxes, halved at the median of the longest side.
+//! Intersection of rays with triangles, by a tree of boxes halved at the median of the longest side.
 
 use crate::{check_length, check_value, Error};
 use rayon::prelude::*;
 
 type Point = [f64; 3];
-/// Triangles per leaf.
-const LEAF: usize = 4;
-/// A triangle's rim belongs to it, so that rays find no gap between neighbours.
+/// Triangles per leaf: about where testing them costs as much as another box.
+const LEAF_TRIANGLES: usize = 4;
+
+/// Width of the rim that is added to a triangle, in barycentric coordinates.
+///
+/// A little above rounding, so that rays find no gap between neighbouring triangles.
 const RIM: f64 = 1e-12;
+
+/// Relative tolerance of a ray's interval in a box: a little above rounding.
+const BOX_TOLERANCE: f64 = 1e-12;
+
+/// Rays that one task casts: enough to hide the cost of a task.
+const RAYS_PER_TASK: usize = 1024;
+
+/// Nodes that can wait on the way down the tree.
+///
+/// Halving makes a tree of n triangles log₂ n deep, and each level leaves one child waiting.
+const MAX_WAITING: usize = 2 * usize::BITS as usize;
 
 struct Node {
     low: Point,
     high: Point,
-    /// First triangle of a leaf; of an inner node, its right child (the left one is the next).
+    /// Of a leaf, its first triangle. Of an inner node, its right child; the left child is the next
+    /// node.
     first: usize,
-    /// Triangles of a leaf; 0 for an inner node.
+    /// Number of triangles of a leaf; 0 for an inner node.
     count: usize,
 }
 
 /// Triangles that rays can be cast at.
 pub struct Triangles {
     nodes: Vec<Node>,
-    /// Corner and two sides, in the tree's order.
+    /// A corner and the two sides from it, in the order of the tree.
     triangles: Vec<[Point; 3]>,
-    /// The caller's number of each.
+    /// The caller's index of each triangle.
     order: Vec<u32>,
 }
 
@@ -44,7 +59,7 @@ fn dot(a: Point, b: Point) -> f64 {
 }
 
 impl Triangles {
-    /// `vertices` are x, y, z after one another, `faces` three numbers of vertices each.
+    /// `vertices` holds x, y, z of each vertex, `faces` three vertex indices per triangle.
     pub fn new(vertices: &[f64], faces: &[u32]) -> Result<Self, Error> {
         check_length("vertices", vertices.len() % 3, 0)?;
         check_length("faces", faces.len() % 3, 0)?;
@@ -84,8 +99,8 @@ impl Triangles {
         })
     }
 
-    /// The first hit of every ray beyond `near`, in lengths of its direction (∞ for none), and the
-    /// number of its triangle (−1).
+    /// First hit of every ray beyond the distance `near`, in lengths of the ray's direction (∞ for
+    /// none), and the index of the triangle (−1 for none).
     pub fn hit(
         &self,
         origins: &[f64],
@@ -102,42 +117,42 @@ impl Triangles {
             .par_chunks_exact(3)
             .zip(directions.par_chunks_exact(3))
             .zip(distance.par_iter_mut().zip(face.par_iter_mut()))
-            .with_min_len(1024)
+            .with_min_len(RAYS_PER_TASK)
             .for_each(|((o, d), (distance, face))| {
                 (*distance, *face) = self.first([o[0], o[1], o[2]], [d[0], d[1], d[2]], near);
             });
         Ok(())
     }
 
+    /// Distance and triangle of the first hit of one ray.
     fn first(&self, origin: Point, direction: Point, near: f64) -> (f64, i32) {
         let (mut best, mut face) = (f64::INFINITY, -1);
         if self.order.is_empty() {
             return (best, face);
         }
         let inverse = direction.map(|d| 1.0 / d);
-        // Halving keeps the tree far less deep than this.
-        let mut waiting = [0usize; 2 * usize::BITS as usize];
+        let mut waiting = [0usize; MAX_WAITING];
         let mut n = 1;
         while n > 0 {
             n -= 1;
             let k = waiting[n];
             let node = &self.nodes[k];
-            if enters(node, origin, inverse) >= best {
+            if enter_distance(node, origin, inverse) >= best {
                 continue;
             }
             if node.count == 0 {
                 let (left, right) = (k + 1, node.first);
                 let (a, b) = (
-                    enters(&self.nodes[left], origin, inverse),
-                    enters(&self.nodes[right], origin, inverse),
+                    enter_distance(&self.nodes[left], origin, inverse),
+                    enter_distance(&self.nodes[right], origin, inverse),
                 );
-                // The nearer child is looked at first: it is on top.
+                // The nearer child is on top, so it is tested first.
                 [waiting[n], waiting[n + 1]] = if a < b { [right, left] } else { [left, right] };
                 n += 2;
                 continue;
             }
             for t in node.first..node.first + node.count {
-                let distance = meets(&self.triangles[t], origin, direction);
+                let distance = hit_distance(&self.triangles[t], origin, direction);
                 if distance > near && distance < best {
                     (best, face) = (distance, self.order[t] as i32);
                 }
@@ -147,7 +162,8 @@ impl Triangles {
     }
 }
 
-/// Append the tree of some triangles; `offset` is the place of the first in the whole order.
+/// Append the tree of the triangles in `order`; `offset` is the index of the first one in the whole
+/// order.
 fn build(
     corners: &[[Point; 3]],
     centres: &[Point],
@@ -171,7 +187,7 @@ fn build(
         first: offset,
         count: order.len(),
     });
-    if order.len() <= LEAF {
+    if order.len() <= LEAF_TRIANGLES {
         return;
     }
     let side = minus(high, low);
@@ -190,25 +206,26 @@ fn build(
     nodes[here].count = 0;
 }
 
-/// Where a ray enters a node's box; ∞ where it does not.
-fn enters(node: &Node, origin: Point, inverse: Point) -> f64 {
+/// Distance at which a ray enters a node's box; ∞ where it misses the box.
+fn enter_distance(node: &Node, origin: Point, inverse: Point) -> f64 {
     let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
     for axis in 0..3 {
         let a = (node.low[axis] - origin[axis]) * inverse[axis];
         let b = (node.high[axis] - origin[axis]) * inverse[axis];
-        // 0 · ∞ is NaN, which min and max pass over: a ray within a side's plane.
+        // A ray in the plane of a side gives 0 · ∞ = NaN, which min and max ignore.
         enter = enter.max(a.min(b));
         leave = leave.min(a.max(b));
     }
-    if enter <= leave * (1.0 + 1e-12) {
+    if enter <= leave * (1.0 + BOX_TOLERANCE) {
         enter
     } else {
         f64::INFINITY
     }
 }
 
-/// Möller and Trumbore (Journal of Graphics Tools 2, 1997); NaN where the ray passes by.
-fn meets(triangle: &[Point; 3], origin: Point, direction: Point) -> f64 {
+/// Distance at which a ray meets a triangle; NaN where it misses (Möller and Trumbore, Journal of
+/// Graphics Tools 2, 1997).
+fn hit_distance(triangle: &[Point; 3], origin: Point, direction: Point) -> f64 {
     let [corner, one, other] = *triangle;
     let p = cross(direction, other);
     let scale = 1.0 / dot(one, p);
@@ -227,15 +244,13 @@ fn meets(triangle: &[Point; 3], origin: Point, direction: Point) -> f64 {
 mod tests {
     use super::*;
 
-    #[test]
-    fn tree_finds_what_a_search_through_all_finds() {
-        // A wavy sheet, and rays from a point above it.
-        let n = 40;
+    /// A wavy sheet of n × n vertices.
+    fn sheet(n: usize) -> (Vec<f64>, Vec<u32>) {
         let at = |i: usize, j: usize| -> Point {
             let (x, y) = (i as f64, j as f64);
             [x, y, (x * 0.7).sin() + (y * 0.9).cos()]
         };
-        let vertices: Vec<f64> = (0..n * n).flat_map(|k| at(k % n, k / n)).collect();
+        let vertices = (0..n * n).flat_map(|k| at(k % n, k / n)).collect();
         let mut faces = Vec::new();
         for j in 0..n - 1 {
             for i in 0..n - 1 {
@@ -244,31 +259,37 @@ mod tests {
                 faces.extend([a, a + 1, a + n, a + 1, a + n + 1, a + n]);
             }
         }
-        let tree = Triangles::new(&vertices, &faces).unwrap();
-        let rays = 500;
-        let origin = [19.3, 20.1, 30.0];
-        let directions: Vec<f64> = (0..rays)
+        (vertices, faces)
+    }
+
+    /// Directions of rays in a cone, along a spiral.
+    fn cone(rays: usize) -> Vec<f64> {
+        (0..rays)
             .flat_map(|k| {
                 let a = k as f64 * 2.4;
                 let r = 0.8 * (k as f64 / rays as f64).sqrt();
                 [r * a.cos(), r * a.sin(), -1.0]
             })
-            .collect();
+            .collect()
+    }
+
+    #[test]
+    fn tree_finds_what_a_search_through_all_finds() {
+        let (vertices, faces) = sheet(40);
+        let tree = Triangles::new(&vertices, &faces).unwrap();
+        let rays = 500;
+        let origin = [19.3, 20.1, 30.0];
+        let directions = cone(rays);
         let origins = origin.repeat(rays);
         let (mut distance, mut face) = (vec![0.0; rays], vec![0; rays]);
         tree.hit(&origins, &directions, 1e-9, &mut distance, &mut face)
             .unwrap();
         let mut missed = 0;
-        for k in 0..rays {
-            let d = [
-                directions[3 * k],
-                directions[3 * k + 1],
-                directions[3 * k + 2],
-            ];
+        for (k, d) in directions.chunks_exact(3).enumerate() {
             let all = tree
                 .triangles
                 .iter()
-                .map(|t| meets(t, origin, d))
+                .map(|t| hit_distance(t, origin, [d[0], d[1], d[2]]))
                 .filter(|&t| t > 1e-9)
                 .fold(f64::INFINITY, f64::min);
             assert_eq!(distance[k], all);

@@ -1,11 +1,11 @@
-//! Cubic splines in slope (Hermite) form.
+//! Cubic splines in slope (Hermite) form: every interval has values and slopes at its two ends.
 
 /// Derivative at `x[0]` of the cubic through the first four samples of a uniform row.
 fn end_slope(y0: f64, y1: f64, y2: f64, y3: f64) -> f64 {
     (-11.0 * y0 + 18.0 * y1 - 9.0 * y2 + 2.0 * y3) / 6.0
 }
 
-/// The Thomas algorithm's pivots of `m[i−1] + 4 m[i] + m[i+1]`, the same for every row of a width.
+/// Pivots of the Thomas algorithm for `m[i−1] + 4 m[i] + m[i+1]`, the same for all rows of a width.
 pub fn uniform_pivots(n: usize) -> Vec<f64> {
     let mut pivots = vec![0.0; n];
     for i in 1..n.saturating_sub(1) {
@@ -14,8 +14,10 @@ pub fn uniform_pivots(n: usize) -> Vec<f64> {
     pivots
 }
 
-/// Slopes of the interpolating cubic spline of a row sampled at 0, 1, 2 …, clamped at both ends to
-/// the slope of the cubic through the four outermost samples. `pivots` are those of the width.
+/// Slopes of the interpolating cubic spline of a row sampled at 0, 1, 2 …
+///
+/// Both ends are clamped to the slope of the cubic through the four outermost samples. `pivots` come
+/// from [`uniform_pivots`] for the row's width.
 pub fn uniform_slopes(y: &[f64], slopes: &mut [f64], pivots: &[f64]) {
     let n = y.len();
     debug_assert!(n >= 4 && slopes.len() == n && pivots.len() == n);
@@ -88,7 +90,7 @@ impl RowSpline<'_> {
         )
     }
 
-    /// The polynomial of the interval that holds `x`.
+    /// The polynomial of the interval that contains `x`.
     pub fn cubic(&self, x: f64) -> Cubic {
         let k = (x as usize).min(self.y.len() - 2);
         let (m0, m1) = (self.slopes[k], self.slopes[k + 1]);
@@ -115,7 +117,7 @@ impl RowSpline<'_> {
         let roots = if discriminant < 0.0 {
             [f64::NAN; 2]
         } else {
-            // The form that does not cancel; one root is q/a, the other m0/q.
+            // This form of the quadratic formula avoids cancellation; the roots are q/a and m0/q.
             let q = -0.5 * (b + discriminant.sqrt().copysign(b));
             [q / a, m0 / q]
         };
@@ -136,10 +138,25 @@ pub struct Spline {
     buckets_per_unit: f64,
 }
 
+/// Equal steps over a spline's range that the search for an interval starts from.
+///
+/// A densely sampled part has some hundred knots: 64 steps leave a few of them to each binary
+/// search, in a table of 260 bytes.
 const BUCKETS: usize = 64;
 
-/// Slopes of the clamped spline, by elimination from both ends at once: the two chains of
-/// divisions do not wait for each other, which halves the time of the longest loop of GSIFA.
+/// Step h and secant Δ of the interval behind a knot.
+type Interval = (f64, f64);
+
+fn interval(x: &[f64], y: &[f64], i: usize) -> Interval {
+    let h = x[i + 1] - x[i];
+    (h, (y[i + 1] - y[i]) / h)
+}
+
+/// Slopes of the clamped spline.
+///
+/// Each knot has the equation m[i−1]/h0 + 2 (1/h0 + 1/h1) m[i] + m[i+1]/h1 = 3 (Δ0/h0 + Δ1/h1), here
+/// times h0 h1. Elimination runs from both ends at once: the two chains of divisions do not wait for
+/// each other, which halves the time of the longest loop of GSIFA.
 fn clamped_slopes(x: &[f64], y: &[f64], first: f64, last: f64) -> Vec<f64> {
     let n = x.len();
     let mut slopes = vec![0.0; n];
@@ -148,45 +165,8 @@ fn clamped_slopes(x: &[f64], y: &[f64], first: f64, last: f64) -> Vec<f64> {
     if n == 2 {
         return slopes;
     }
-    // Step and secant of interval i; an equation needs those on either side of its knot:
-    // m[i−1]/h0 + 2 (1/h0 + 1/h1) m[i] + m[i+1]/h1 = 3 (Δ0/h0 + Δ1/h1), times h0 h1.
-    let interval = |i: usize| {
-        let h = x[i + 1] - x[i];
-        (h, (y[i + 1] - y[i]) / h)
-    };
     let mut factor = vec![0.0; n];
-    let (mut left, mut right) = (1, n - 2);
-    let (mut from_left, mut from_right) = (interval(0), interval(n - 2));
-    while left < right {
-        let (h0, s0) = from_left;
-        let (h1, s1) = interval(left);
-        from_left = (h1, s1);
-        let (k1, t1) = from_right;
-        let (k0, t0) = interval(right - 1);
-        from_right = (k0, t0);
-        let pivot = 1.0 / (2.0 * (h0 + h1) - h1 * factor[left - 1]);
-        let tovip = 1.0 / (2.0 * (k0 + k1) - k0 * factor[right + 1]);
-        factor[left] = h0 * pivot;
-        factor[right] = k1 * tovip;
-        slopes[left] = (3.0 * (s0 * h1 + s1 * h0) - h1 * slopes[left - 1]) * pivot;
-        slopes[right] = (3.0 * (t0 * k1 + t1 * k0) - k0 * slopes[right + 1]) * tovip;
-        left += 1;
-        right -= 1;
-    }
-    if left == right {
-        // The middle row sees both neighbours' substitutions.
-        let ((h0, s0), (h1, s1)) = (from_left, from_right);
-        let pivot = 2.0 * (h0 + h1) - h1 * factor[left - 1] - h0 * factor[left + 1];
-        let rest = 3.0 * (s0 * h1 + s1 * h0);
-        slopes[left] = (rest - h1 * slopes[left - 1] - h0 * slopes[left + 1]) / pivot;
-    } else {
-        // The two chains met between `right` and `left`.
-        let (u, l) = (factor[right], factor[left]);
-        let v = slopes[right];
-        slopes[right] = (v - u * slopes[left]) / (1.0 - u * l);
-        slopes[left] -= l * slopes[right];
-        (left, right) = (right, left);
-    }
+    let (mut left, mut right) = eliminate(x, y, &mut slopes, &mut factor);
     while left > 1 {
         slopes[left - 1] -= factor[left - 1] * slopes[left];
         slopes[right + 1] -= factor[right + 1] * slopes[right];
@@ -194,6 +174,45 @@ fn clamped_slopes(x: &[f64], y: &[f64], first: f64, last: f64) -> Vec<f64> {
         right += 1;
     }
     slopes
+}
+
+/// Eliminate from both ends and solve the middle. Returns the first solved knots of the left and of
+/// the right chain.
+#[inline(always)]
+fn eliminate(x: &[f64], y: &[f64], slopes: &mut [f64], factor: &mut [f64]) -> (usize, usize) {
+    let n = x.len();
+    let (mut left, mut right) = (1, n - 2);
+    let (mut from_left, mut from_right) = (interval(x, y, 0), interval(x, y, n - 2));
+    while left < right {
+        let (h0, s0) = from_left;
+        let (h1, s1) = interval(x, y, left);
+        from_left = (h1, s1);
+        let (k1, t1) = from_right;
+        let (k0, t0) = interval(x, y, right - 1);
+        from_right = (k0, t0);
+        let left_pivot = 1.0 / (2.0 * (h0 + h1) - h1 * factor[left - 1]);
+        let right_pivot = 1.0 / (2.0 * (k0 + k1) - k0 * factor[right + 1]);
+        factor[left] = h0 * left_pivot;
+        factor[right] = k1 * right_pivot;
+        slopes[left] = (3.0 * (s0 * h1 + s1 * h0) - h1 * slopes[left - 1]) * left_pivot;
+        slopes[right] = (3.0 * (t0 * k1 + t1 * k0) - k0 * slopes[right + 1]) * right_pivot;
+        left += 1;
+        right -= 1;
+    }
+    if left == right {
+        // An odd number of knots: the middle one has both eliminated neighbours.
+        let ((h0, s0), (h1, s1)) = (from_left, from_right);
+        let pivot = 2.0 * (h0 + h1) - h1 * factor[left - 1] - h0 * factor[left + 1];
+        let rest = 3.0 * (s0 * h1 + s1 * h0);
+        slopes[left] = (rest - h1 * slopes[left - 1] - h0 * slopes[left + 1]) / pivot;
+        return (left, right);
+    }
+    // An even number of knots: two equations for the two knots at which the chains meet.
+    let (u, l) = (factor[right], factor[left]);
+    let v = slopes[right];
+    slopes[right] = (v - u * slopes[left]) / (1.0 - u * l);
+    slopes[left] -= l * slopes[right];
+    (right, left)
 }
 
 impl Spline {

@@ -1,36 +1,49 @@
-//! From stacks of shifted fringes and Gray code to projector coordinates, in one pass.
+//! From stacks of shifted fringes and Gray code to projector coordinates, in one pass (theory §5).
 //!
-//! Pixels go in blocks that stay in the first cache: sums of the frames with cosine and sine of
-//! their shifts ([`fit`]), the phase of every period, Gray code ([`code`]), then the orders of all
-//! periods by the chain that the plan proved, the weighted mean of the coordinate and its variance
-//! ([`orders`]). Sums may also come from a [`stream`] that took the frames one by one; the
-//! operations on a pixel are the same in the same order, and so is the result.
+//! Pixels are computed in blocks that stay in the first cache: sums of the frames with cosine and
+//! sine of their shifts and the phase of every period ([`fit`]), the Gray code ([`gray_code`]), then
+//! the fringe orders of all periods, the weighted mean of the coordinate and its variance
+//! ([`orders`]). The sums may also come from a [`stream`] that took the frames one by one. Both ways
+//! do the same operations in the same order and give the same result.
 //!
-//! Multiplications and additions are kept apart (no fused ones), so that all instruction sets give
-//! the same numbers.
+//! Multiplications and additions are not fused, so that all instruction sets give the same numbers.
 
-mod code;
 mod fit;
+mod gray_code;
 mod orders;
+mod outputs;
 pub mod stream;
 
 use crate::{check_length, check_value, Error};
 use rayon::prelude::*;
 
-pub use code::{Against, Code};
-pub use fit::{PhaseSet, Table, TABLE};
+pub use fit::{PhaseSet, Table, TABLE_BINS};
+pub use gray_code::{Against, GrayCode};
 pub use orders::{Chain, Limits, Noise};
+pub use outputs::Outputs;
 
-/// Pixels that are worked on together; the arrays of a block stay in the first cache.
-pub(crate) const BLOCK: usize = 1024;
-/// Pixels per task of a thread.
-const BAND: usize = 8 * BLOCK;
-pub(crate) type Line = [f32; BLOCK];
-/// Pixels whose values stay in registers; a divisor of a block.
+/// Pixels of a block.
+///
+/// A block of one period's arrays takes 20 kB in single precision: about the first cache.
+pub(crate) const BLOCK_PIXELS: usize = 1024;
+
+/// Pixels that one task decodes.
+///
+/// Long enough to hide the cost of a task, short enough to share a small frame between threads.
+const TASK_PIXELS: usize = 8 * BLOCK_PIXELS;
+
+/// Pixels of a group, whose values stay in registers; a divisor of a block.
+///
+/// 64 single-precision values are four registers of 512 bit or eight of 256 bit.
 pub(crate) const LANES: usize = 64;
+
+/// One value per pixel of a block.
+pub(crate) type Line = [f32; BLOCK_PIXELS];
+
+/// One value per pixel of a group.
 pub(crate) type Lanes = [f32; LANES];
 
-/// A kind of camera count, and the kernels compiled for it.
+/// A type of camera counts, and the kernels compiled for it.
 pub trait Sample: Copy + Default + Send + Sync + PartialOrd + 'static {
     fn value(self) -> f32;
     fn larger(self, other: Self) -> Self;
@@ -40,7 +53,7 @@ pub trait Sample: Copy + Default + Send + Sync + PartialOrd + 'static {
     fn streamed(task: Task<'_, stream::Sums<'_, Self>>);
 }
 
-/// A band of pixels to decode.
+/// A run of pixels to decode.
 #[doc(hidden)]
 pub struct Task<'a, S> {
     source: &'a S,
@@ -57,7 +70,7 @@ macro_rules! sample {
             "x86_64+avx2+fma"
         ))]
         fn $frames(task: Task<'_, fit::Frames<'_, $type>>) {
-            band(task);
+            decode_task(task);
         }
 
         #[multiversion::multiversion(targets(
@@ -65,7 +78,7 @@ macro_rules! sample {
             "x86_64+avx2+fma"
         ))]
         fn $streamed(task: Task<'_, stream::Sums<'_, $type>>) {
-            band(task);
+            decode_task(task);
         }
 
         impl Sample for $type {
@@ -92,11 +105,11 @@ sample!(f32, frames_f32, streamed_f32);
 
 /// What is decoded along one axis of the projector.
 pub struct Plan {
-    /// Sets of steps, one per period.
+    /// Sets of phase steps, one per period.
     pub sets: Vec<PhaseSet>,
-    /// Gray code beside them; the coordinate comes from it alone where there are no sets.
-    pub code: Option<Code>,
-    /// How orders are found; one combination at least where there are sets.
+    /// Gray code; without sets it gives the coordinate alone.
+    pub gray_code: Option<GrayCode>,
+    /// How fringe orders are found; at least one combination where there are sets.
     pub chain: Chain,
     pub noise: Noise,
     pub limits: Limits,
@@ -107,19 +120,19 @@ impl Plan {
         for set in &self.sets {
             set.check(frames)?;
         }
-        if let Some(code) = &self.code {
+        if let Some(code) = &self.gray_code {
             code.check(frames)?;
         }
         check_value(
             "plan",
-            !self.sets.is_empty() || self.code.is_some(),
+            !self.sets.is_empty() || self.gray_code.is_some(),
             "phases or a code",
             "neither",
         )?;
-        self.chain.check(self.sets.len(), self.code.is_some())
+        self.chain.check(self.sets.len(), self.gray_code.is_some())
     }
 
-    /// The set with the shortest period: it carries the coordinate.
+    /// Index of the set with the shortest period, which determines the precision.
     fn finest(&self) -> usize {
         let f = |k: &usize| self.sets[*k].frequency;
         (0..self.sets.len())
@@ -128,109 +141,30 @@ impl Plan {
     }
 }
 
-/// Where results go: maps of as many pixels as the frames have.
-pub struct Outputs<'a> {
-    /// Projector coordinate, px; NaN where not measured.
-    pub coordinate: &'a mut [f32],
-    /// Its standard deviation, px.
-    pub sigma: &'a mut [f32],
-    /// Modulation of the set with the shortest period, counts.
-    pub modulation: &'a mut [f32],
-    /// Mean of the phase frames, counts.
-    pub background: &'a mut [f32],
-    /// See [`crate::reason`].
-    pub reason: &'a mut [u8],
-    /// Wrapped phases, rad, and modulations, counts: a map per set after another; or empty.
-    pub phases: Vec<&'a mut [f32]>,
-    pub modulations: Vec<&'a mut [f32]>,
-    /// Disagreement of the sets, χ²; or empty.
-    pub disagreement: &'a mut [f32],
-}
-
-impl<'a> Outputs<'a> {
-    fn check(&self, pixels: usize, sets: usize) -> Result<(), Error> {
-        check_length("coordinate", self.coordinate.len(), pixels)?;
-        check_length("sigma", self.sigma.len(), pixels)?;
-        check_length("modulation", self.modulation.len(), pixels)?;
-        check_length("background", self.background.len(), pixels)?;
-        check_length("reason", self.reason.len(), pixels)?;
-        for maps in [&self.phases, &self.modulations] {
-            if !maps.is_empty() {
-                check_length("phases", maps.len(), sets)?;
-            }
-            for map in maps {
-                check_length("phases", map.len(), pixels)?;
-            }
-        }
-        if !self.disagreement.is_empty() {
-            check_length("disagreement", self.disagreement.len(), pixels)?;
-        }
-        Ok(())
-    }
-
-    /// The first `n` pixels, and the rest.
-    fn split(self, n: usize) -> (Self, Self) {
-        let (coordinate, coordinate_rest) = self.coordinate.split_at_mut(n);
-        let (sigma, sigma_rest) = self.sigma.split_at_mut(n);
-        let (modulation, modulation_rest) = self.modulation.split_at_mut(n);
-        let (background, background_rest) = self.background.split_at_mut(n);
-        let (reason, reason_rest) = self.reason.split_at_mut(n);
-        let halves = |maps: Vec<&'a mut [f32]>| -> (Vec<&'a mut [f32]>, Vec<&'a mut [f32]>) {
-            maps.into_iter().map(|map| map.split_at_mut(n)).unzip()
-        };
-        let (phases, phases_rest) = halves(self.phases);
-        let (modulations, modulations_rest) = halves(self.modulations);
-        let at = n.min(self.disagreement.len());
-        let (disagreement, disagreement_rest) = self.disagreement.split_at_mut(at);
-        (
-            Self {
-                coordinate,
-                sigma,
-                modulation,
-                background,
-                reason,
-                phases,
-                modulations,
-                disagreement,
-            },
-            Self {
-                coordinate: coordinate_rest,
-                sigma: sigma_rest,
-                modulation: modulation_rest,
-                background: background_rest,
-                reason: reason_rest,
-                phases: phases_rest,
-                modulations: modulations_rest,
-                disagreement: disagreement_rest,
-            },
-        )
-    }
-}
-
-/// Where the sums of a set come from: the frames themselves, or a stream that has seen them.
+/// Where the sums of a set come from: the frames, or a stream that has received them.
 pub(crate) trait Source: Sync + Sized {
     type Sample: Sample;
-    /// Decode a band, compiled for this source.
+    /// Decode a run of pixels, compiled for this source.
     fn run(task: Task<'_, Self>);
-    /// Σ I, Σ I cos δ and Σ I sin δ of a set at a few pixels; true where some sample is at the limit.
+    /// Sums of a set over a group of pixels; true where a sample is at the sensor's limit.
     fn sums(&self, index: usize, set: &PhaseSet, at: usize, limit: f32) -> (fit::Sums, bool);
-    /// The same without samples at the limit, and what they were.
+    /// The same sums without the samples at the limit, and the sums of those samples' phasors.
     fn sums_below(
         &self,
         index: usize,
         set: &PhaseSet,
         at: usize,
         limit: f32,
-    ) -> (fit::Sums, fit::LeftOut);
-    /// Which frames of the set count at a pixel (a bit each), and their sums.
+    ) -> (fit::Sums, fit::Saturated);
+    /// Which frames of the set are below the limit at a pixel (one bit each), and their sums.
     fn kept(&self, index: usize, set: &PhaseSet, pixel: usize, limit: f32) -> (u64, [f32; 3]);
-    /// A frame of the code.
+    /// A frame of the Gray code.
     fn plane(&self, frame: usize) -> &[Self::Sample];
 }
 
 /// Decode frames.
 ///
-/// `frames` are the planes of one axis; `plan` refers to them by their index. All have the length
+/// `frames` are the planes of one axis; `plan` refers to them by index. All planes have the length
 /// of the outputs.
 pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(), Error> {
     let pixels = out.coordinate.len();
@@ -244,16 +178,16 @@ pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(
 pub(crate) fn run<S: Source>(source: &S, plan: &Plan, out: Outputs) -> Result<(), Error> {
     let pixels = out.coordinate.len();
     out.check(pixels, plan.sets.len())?;
-    let mut bands = Vec::with_capacity(pixels / BAND + 1);
+    let mut tasks = Vec::with_capacity(pixels / TASK_PIXELS + 1);
     let (mut rest, mut start) = (out, 0);
     while start < pixels {
-        let n = BAND.min(pixels - start);
-        let (band, after) = rest.split(n);
-        bands.push((start, band));
+        let n = TASK_PIXELS.min(pixels - start);
+        let (first, after) = rest.split(n);
+        tasks.push((start, first));
         rest = after;
         start += n;
     }
-    bands.into_par_iter().for_each_init(
+    tasks.into_par_iter().for_each_init(
         || orders::Scratch::new(plan.sets.len()),
         |scratch, (start, out)| {
             S::run(Task {
@@ -268,14 +202,14 @@ pub(crate) fn run<S: Source>(source: &S, plan: &Plan, out: Outputs) -> Result<()
     Ok(())
 }
 
-/// One task: block after block.
+/// Decode the blocks of one task.
 #[inline(always)]
-fn band<S: Source>(task: Task<'_, S>) {
+fn decode_task<S: Source>(task: Task<'_, S>) {
     let n = task.out.coordinate.len();
     let (mut rest, mut done) = (task.out, 0);
     while done < n {
-        let (block, after) = rest.split(BLOCK.min(n - done));
-        orders::block(
+        let (block, after) = rest.split(BLOCK_PIXELS.min(n - done));
+        orders::decode_block(
             task.source,
             task.plan,
             task.start + done,
@@ -283,6 +217,6 @@ fn band<S: Source>(task: Task<'_, S>) {
             task.scratch,
         );
         rest = after;
-        done += BLOCK;
+        done += BLOCK_PIXELS;
     }
 }

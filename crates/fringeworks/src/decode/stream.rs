@@ -4,15 +4,17 @@ use super::{fit, run, Outputs, PhaseSet, Plan, Sample, Source, Task, LANES};
 use crate::{check_length, Error};
 use rayon::prelude::*;
 
-/// Pixels per task of a thread.
-const BAND: usize = 1 << 15;
+/// Pixels that one task adds.
+///
+/// Adding is bound by memory, so the tasks are longer than those of decoding.
+const ADD_PIXELS: usize = 1 << 15;
 
-/// Σ I, Σ I cos δ, Σ I sin δ of one set over the frames so far; a map each.
+/// Sums Σ I, Σ I cos δ and Σ I sin δ of one set over the frames so far, a map each.
 pub struct SetSums {
     pub plain: Vec<f32>,
     pub cos: Vec<f32>,
     pub sin: Vec<f32>,
-    /// A bit per frame that was below the sensor's limit.
+    /// One bit per frame that was below the sensor's limit.
     pub kept: Vec<u64>,
 }
 
@@ -26,7 +28,7 @@ impl SetSums {
         }
     }
 
-    /// Add the frame of step `step` with the shift δ.
+    /// Add the frame of step `step` with the shift δ (rad).
     pub fn add<T: Sample>(
         &mut self,
         frame: &[T],
@@ -37,18 +39,19 @@ impl SetSums {
         check_length("frame", frame.len(), self.plain.len())?;
         let (c, s) = (shift.cos() as f32, shift.sin() as f32);
         let maps = (
-            self.plain.par_chunks_mut(BAND),
-            self.cos.par_chunks_mut(BAND),
-            self.sin.par_chunks_mut(BAND),
-            self.kept.par_chunks_mut(BAND),
-            frame.par_chunks(BAND),
+            self.plain.par_chunks_mut(ADD_PIXELS),
+            self.cos.par_chunks_mut(ADD_PIXELS),
+            self.sin.par_chunks_mut(ADD_PIXELS),
+            self.kept.par_chunks_mut(ADD_PIXELS),
+            frame.par_chunks(ADD_PIXELS),
         );
         maps.into_par_iter()
             .for_each(|(plain, cos, sin, kept, frame)| {
                 for i in 0..frame.len() {
                     let v = frame[i].value();
-                    // NaN is kept: it shall show.
-                    // A sample at the limit counts as the limit: it is known when it has to go.
+                    // NaN counts as kept: it makes the sums NaN and the pixel masked.
+                    // A saturated sample is added as the limit, a known value that can be
+                    // subtracted later.
                     let above = v >= saturation;
                     let counted = if above { saturation } else { v };
                     plain[i] += counted;
@@ -61,13 +64,14 @@ impl SetSums {
     }
 }
 
-/// All sums of a finished stream, and the frames of its code.
+/// Sums of a finished stream, and the frames of its Gray code.
 pub struct Sums<'a, T> {
     pub sets: &'a [SetSums],
     pub planes: &'a [&'a [T]],
 }
 
-/// Decode a stream's sums; `planes` are the frames of the code (the plan's indices count those).
+/// Decode the sums of a stream. `planes` are the frames of the Gray code; the plan's indices refer
+/// to them.
 pub fn decode<T: Sample>(
     sets: &[SetSums],
     planes: &[&[T]],
@@ -82,16 +86,17 @@ pub fn decode<T: Sample>(
     for frame in planes {
         check_length("frame", frame.len(), pixels)?;
     }
-    if let Some(code) = &plan.code {
+    if let Some(code) = &plan.gray_code {
         code.check(planes.len())?;
     }
-    plan.chain.check(plan.sets.len(), plan.code.is_some())?;
+    plan.chain
+        .check(plan.sets.len(), plan.gray_code.is_some())?;
     run(&Sums { sets, planes }, plan, out)
 }
 
 impl<T> Sums<'_, T> {
     #[inline(always)]
-    fn of(&self, index: usize, at: usize) -> fit::Sums {
+    fn group(&self, index: usize, at: usize) -> fit::Sums {
         let sums = &self.sets[index];
         fit::Sums {
             plain: fit::lanes(&sums.plain, at),
@@ -111,11 +116,11 @@ impl<T: Sample> Source for Sums<'_, T> {
     #[inline(always)]
     fn sums(&self, index: usize, set: &PhaseSet, at: usize, limit: f32) -> (fit::Sums, bool) {
         let sums = &self.sets[index];
-        let all = u64::MAX >> (64 - set.steps());
+        let all = set.all_steps();
         let end = sums.kept.len().min(at + LANES);
-        // A plan without a limit trusts all samples.
+        // A plan without a limit (NaN) uses all samples.
         let above = !limit.is_nan() && sums.kept[at..end].iter().any(|&kept| kept != all);
-        (self.of(index, at), above)
+        (self.group(index, at), above)
     }
 
     #[inline(always)]
@@ -125,37 +130,37 @@ impl<T: Sample> Source for Sums<'_, T> {
         set: &PhaseSet,
         at: usize,
         limit: f32,
-    ) -> (fit::Sums, fit::LeftOut) {
-        let mut left_out = fit::LeftOut::nothing();
-        // Beyond the end nothing is kept: those pixels are not looked at.
+    ) -> (fit::Sums, fit::Saturated) {
+        let mut saturated = fit::Saturated::none();
+        // Beyond the end of the map all samples count as saturated; those pixels are not used.
         let kept = fit::lanes(&self.sets[index].kept, at);
         for step in 0..set.steps() {
             let (c, s) = set.phasor(step);
             for (i, kept) in kept.iter().enumerate() {
                 let above = kept >> step & 1 == 0;
-                left_out.count[i] += if above { 1.0 } else { 0.0 };
-                left_out.cos[i] += if above { c } else { 0.0 };
-                left_out.sin[i] += if above { s } else { 0.0 };
+                saturated.count[i] += if above { 1.0 } else { 0.0 };
+                saturated.cos[i] += if above { c } else { 0.0 };
+                saturated.sin[i] += if above { s } else { 0.0 };
             }
         }
-        let mut sums = self.of(index, at);
+        let mut sums = self.group(index, at);
         for i in 0..LANES {
-            sums.plain[i] -= limit * left_out.count[i];
-            sums.cos[i] -= limit * left_out.cos[i];
-            sums.sin[i] -= limit * left_out.sin[i];
+            sums.plain[i] -= limit * saturated.count[i];
+            sums.cos[i] -= limit * saturated.cos[i];
+            sums.sin[i] -= limit * saturated.sin[i];
         }
-        (sums, left_out)
+        (sums, saturated)
     }
 
     fn kept(&self, index: usize, set: &PhaseSet, pixel: usize, limit: f32) -> (u64, [f32; 3]) {
         let sums = &self.sets[index];
         let kept = sums.kept[pixel];
-        let mut found = [sums.plain[pixel], sums.cos[pixel], sums.sin[pixel]];
+        let [mut plain, mut cos, mut sin] = [sums.plain[pixel], sums.cos[pixel], sums.sin[pixel]];
         for step in (0..set.steps()).filter(|step| kept >> step & 1 == 0) {
             let (c, s) = set.phasor(step);
-            found = [found[0] - limit, found[1] - limit * c, found[2] - limit * s];
+            (plain, cos, sin) = (plain - limit, cos - limit * c, sin - limit * s);
         }
-        (kept, found)
+        (kept, [plain, cos, sin])
     }
 
     fn plane(&self, frame: usize) -> &[T] {

@@ -1,15 +1,19 @@
 //! Envelopes of a row: natural cubic splines through its maxima and through its minima.
 
 /// Extrema that are mirrored beyond each end of the row.
+///
+/// Two knots beyond the end keep the natural spline's free end away from the row (Rilling et al.,
+/// 2003).
 const MIRRORED: usize = 2;
 
-/// Knots of one envelope and its spline, re-used from sift to sift.
+/// Knots of one envelope and its spline; the memory is used again from sift to sift.
 #[derive(Default)]
 struct Line {
     x: Vec<f64>,
     y: Vec<f64>,
-    /// Second derivatives at the knots, over 6.
+    /// Second derivatives at the knots, divided by 6.
     bend: Vec<f64>,
+    /// Factors of the elimination.
     factor: Vec<f64>,
     /// Inverse distance to the next knot.
     per: Vec<f64>,
@@ -35,11 +39,11 @@ impl Envelopes {
         }
     }
 
-    /// Collect the extrema of a row; false where it has at most two, and thus no mode.
+    /// Collect the extrema of a row. Returns false where it has at most two, and thus no mode.
     ///
-    /// A plateau counts once, in its middle. Beyond the ends the row is mirrored, about its last
-    /// extremum's side or about the end sample itself where that lies outside the envelope
-    /// (Rilling, Flandrin, Gonçalves, 2003).
+    /// A plateau counts once, in its middle. Beyond the ends the extrema are mirrored about the end
+    /// sample. An end sample that lies outside the envelope becomes a knot itself (Rilling, Flandrin,
+    /// Gonçalves, 2003).
     pub fn find(&mut self, row: &[f64]) -> bool {
         self.maxima.clear();
         self.minima.clear();
@@ -56,7 +60,7 @@ impl Envelopes {
         true
     }
 
-    /// Extrema of a row without equal neighbours; false where it has some.
+    /// Extrema of a row without equal neighbours; returns false where it has equal neighbours.
     fn find_turns(&mut self, row: &[f64]) -> bool {
         for (i, p) in row.windows(3).enumerate() {
             let (before, after) = (p[1] - p[0], p[2] - p[1]);
@@ -68,7 +72,7 @@ impl Envelopes {
                 self.minima.clear();
                 return false;
             }
-            // Of differences as small as a denormal the product is zero as well.
+            // The product of two very small differences rounds to zero, so compare their signs.
             if (before > 0.0) != (after > 0.0) {
                 let line = if before > 0.0 {
                     &mut self.maxima
@@ -81,6 +85,7 @@ impl Envelopes {
         true
     }
 
+    /// Extrema of a row with equal neighbours.
     fn find_plateaus(&mut self, row: &[f64]) {
         let mut rising: Option<bool> = None;
         let mut turn = 0;
@@ -90,7 +95,7 @@ impl Envelopes {
             }
             let up = row[i] > row[i - 1];
             if rising.is_some_and(|before| before != up) {
-                // The row has been level since `turn`.
+                // The row is constant from `turn` on.
                 let middle = 0.5 * (turn + i - 1) as f64;
                 let line = if up {
                     &mut self.minima
@@ -104,15 +109,16 @@ impl Envelopes {
         }
     }
 
+    /// Compute both envelopes through the extrema found.
     pub fn draw(&mut self) {
         solve(&mut self.maxima, &mut self.minima);
         self.maxima.evaluate(&mut self.upper);
         self.minima.evaluate(&mut self.lower);
     }
 
-    /// Criterion II, for the row whose envelopes were drawn: their mean is nearly zero.
+    /// Criterion II for the row whose envelopes were drawn: their mean is nearly zero.
     pub fn is_flat(&self, row: &[f64], flat: f64) -> bool {
-        // Four sums of each kind, which do not wait for one another.
+        // Four independent sums of each kind, so that additions do not wait for one another.
         let (mut mean, mut whole) = ([0.0; 4], [0.0; 4]);
         let ends = self.upper.chunks(4).zip(self.lower.chunks(4));
         for (v, (u, l)) in row.chunks(4).zip(ends) {
@@ -127,7 +133,7 @@ impl Envelopes {
         mean <= flat * flat * whole
     }
 
-    /// Criterion I: as many extrema as zero crossings, or one more or less.
+    /// Criterion I: the numbers of extrema and of zero crossings differ by at most one.
     pub fn is_even(&self, row: &[f64]) -> bool {
         let mut crossings = 0u32;
         for p in row.windows(2) {
@@ -154,7 +160,8 @@ impl Line {
         self.y.push(y);
     }
 
-    /// Put the first and last extrema beyond the row's ends as well. `side` is 1 for maxima.
+    /// Mirror the first and last extrema beyond the row's ends. `side` is 1 for maxima and −1 for
+    /// minima.
     fn mirror(&mut self, first: f64, last: f64, end: f64, side: f64) {
         let n = self.x.len();
         // An end sample outside the envelope is an extremum of the mirrored row.
@@ -189,6 +196,7 @@ impl Line {
         self.y.insert(0, y);
     }
 
+    /// Set the arrays of the elimination to the number of knots.
     fn prepare(&mut self) {
         let n = self.x.len();
         self.bend.clear();
@@ -230,7 +238,7 @@ impl Line {
             let to = if k + 2 == n {
                 out.len()
             } else {
-                // Samples up to, not including, the next knot; knots lie on halves.
+                // Samples before the next knot; knots lie on multiples of ½.
                 let next = b as usize;
                 (next + (next as f64 != b) as usize).min(out.len()) * (b > 0.0) as usize
             };
@@ -252,8 +260,10 @@ impl Line {
     }
 }
 
-/// Second derivatives of the natural cubic splines through two lines' knots. The lines are as long
-/// as each other, or nearly: solved side by side, the divisions of one hide those of the other.
+/// Second derivatives of the natural cubic splines through two lines' knots.
+///
+/// The lines have about the same number of knots. They are solved side by side, so that the divisions
+/// of one hide those of the other.
 fn solve(a: &mut Line, b: &mut Line) {
     a.prepare();
     b.prepare();

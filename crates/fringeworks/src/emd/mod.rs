@@ -1,15 +1,16 @@
-//! Empirical mode decomposition of rows (Huang et al., Proc. R. Soc. A 454, 1998).
+//! Empirical mode decomposition of rows (Huang et al., Proc. R. Soc. A 454, 1998; theory §7).
 //!
-//! A row is the sum of its intrinsic mode functions (IMF), from fast to slow, and a residue. An IMF
-//! is what sifting leaves: the mean of the envelopes through maxima and minima is taken away until
+//! A row is the sum of its intrinsic mode functions (IMF), from fast to slow, and a residue. Sifting
+//! finds an IMF: it subtracts the mean of the envelopes through maxima and minima until
 //!
 //! * (I) the numbers of extrema and of zero crossings differ by at most one, and
-//! * (II) the envelopes' mean is near zero: its root mean square is below `flat` times the mode's
-//!   (Huang's standard deviation criterion),
+//! * (II) the root mean square of the envelopes' mean is below `flat` times that of the mode (Huang's
+//!   standard deviation criterion).
 //!
-//! or criterion II has held `patience` sifts long without criterion I (riding waves that never cross
-//! zero take tens of sifts, which level the mode out; Huang et al., Proc. R. Soc. A 459, 2003), or
-//! `max_sifts` is reached. The residue has at most two extrema, or is what `max_imfs` leave.
+//! Sifting also ends when criterion II has held for `patience` sifts without criterion I, or after
+//! `max_sifts`. The reason for `patience`: riding waves that never cross zero take tens of sifts,
+//! which level the amplitude of the mode (Huang et al., Proc. R. Soc. A 459, 2003). The residue has at
+//! most two extrema, or is the rest after `max_imfs` modes.
 
 mod envelope;
 
@@ -19,25 +20,41 @@ use rayon::prelude::*;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
+    /// Largest number of modes per row.
     pub max_imfs: usize,
+    /// Largest number of sifts per mode.
     pub max_sifts: usize,
+    /// Threshold of criterion II, a ratio of root mean squares.
     pub flat: f64,
+    /// Sifts after which criterion II alone suffices.
     pub patience: usize,
 }
 
-/// IMFs of all rows, `imfs[(row · count + k) · width + x]`; rows that have fewer end in zeros.
+/// Modes and residues of all rows.
 pub struct Decomposition {
+    /// `imfs[(row · count + k) · width + x]`; rows with fewer modes are filled with zeros.
     pub imfs: Vec<f64>,
-    /// IMFs per row in `imfs`.
+    /// Modes per row in `imfs`.
     pub count: usize,
     pub residue: Vec<f64>,
-    /// IMFs that each row has.
+    /// Modes that each row has.
     pub counts: Vec<u32>,
-    /// Rows of which an IMF met a limit before both criteria.
+    /// Rows with a mode that reached a limit before both criteria held.
     pub unfinished: usize,
 }
 
+/// Modes of a row that memory is reserved for: rows of a thousand samples have about this many.
 const USUAL_IMFS: usize = 8;
+
+/// Largest number of sifts that may be asked for; more only hides that sifting does not converge.
+const MAX_SIFTS: usize = 10_000;
+
+/// Largest number of modes that may be asked for; each mode halves the frequency about, so no row of
+/// a frame has as many.
+const MAX_IMFS: usize = 64;
+
+/// Range of a residue, as a share of the row's largest value, below which it is rounding error.
+const ROUNDING: f64 = 1e-13;
 
 struct Row {
     imfs: Vec<f64>,
@@ -45,8 +62,7 @@ struct Row {
     unfinished: bool,
 }
 
-/// Decompose every row of `rows`.
-pub fn decompose(rows: &[f64], width: usize, options: &Options) -> Result<Decomposition, Error> {
+fn check(rows: &[f64], width: usize, options: &Options) -> Result<(), Error> {
     check_value("width", width >= 1, "at least 1 px", width)?;
     check_length("rows", rows.len() % width, 0)?;
     check_value(
@@ -57,36 +73,41 @@ pub fn decompose(rows: &[f64], width: usize, options: &Options) -> Result<Decomp
     )?;
     check_value(
         "max_sifts",
-        (1..=10_000).contains(&options.max_sifts),
+        (1..=MAX_SIFTS).contains(&options.max_sifts),
         "1 to 10000",
         options.max_sifts,
     )?;
     check_value(
         "max_imfs",
-        (1..=64).contains(&options.max_imfs),
+        (1..=MAX_IMFS).contains(&options.max_imfs),
         "1 to 64",
         options.max_imfs,
-    )?;
-    let found: Vec<Row> = rows
+    )
+}
+
+/// Decompose every row of `rows`.
+pub fn decompose(rows: &[f64], width: usize, options: &Options) -> Result<Decomposition, Error> {
+    check(rows, width, options)?;
+    let sifted: Vec<Row> = rows
         .par_chunks(width)
         .map_init(
             || Envelopes::new(width),
             |envelopes, row| sift_row(row, envelopes, options),
         )
         .collect();
-    let counts: Vec<u32> = found
+    let counts: Vec<u32> = sifted
         .iter()
         .map(|r| (r.imfs.len() / width) as u32)
         .collect();
     let count = counts.iter().max().map_or(0, |c| *c as usize);
-    let mut imfs = vec![0.0; found.len() * count * width];
+    let mut imfs = vec![0.0; sifted.len() * count * width];
     let mut residue = Vec::with_capacity(rows.len());
     if count > 0 {
         imfs.par_chunks_mut(count * width)
-            .zip(&found)
+            .zip(&sifted)
             .for_each(|(out, row)| out[..row.imfs.len()].copy_from_slice(&row.imfs));
     }
-    for row in &found {
+    for row in &sifted {
         residue.extend_from_slice(&row.residue);
     }
     Ok(Decomposition {
@@ -94,20 +115,19 @@ pub fn decompose(rows: &[f64], width: usize, options: &Options) -> Result<Decomp
         count,
         residue,
         counts,
-        unfinished: found.iter().filter(|r| r.unfinished).count(),
+        unfinished: sifted.iter().filter(|r| r.unfinished).count(),
     })
 }
 
+/// Decompose one row.
 fn sift_row(row: &[f64], envelopes: &mut Envelopes, options: &Options) -> Row {
     let mut residue = row.to_vec();
-    // Rows of a thousand samples have about this many modes.
     let mut imfs = Vec::with_capacity(USUAL_IMFS * row.len());
     let mut unfinished = false;
-    // What rounding leaves of a row is no mode of it.
     let largest = row.iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let mut mode = vec![0.0; row.len()];
     for _ in 0..options.max_imfs {
-        if !envelopes.find(&residue) || range(&residue) <= 1e-13 * largest {
+        if !envelopes.find(&residue) || range(&residue) <= ROUNDING * largest {
             break;
         }
         mode.copy_from_slice(&residue);
@@ -123,7 +143,7 @@ fn sift_row(row: &[f64], envelopes: &mut Envelopes, options: &Options) -> Row {
             }
             envelopes.subtract_mean(&mut mode);
             if !envelopes.find(&mode) {
-                // Sifting has left nothing that oscillates.
+                // Without extrema there is nothing to sift.
                 done = true;
                 break;
             }
@@ -141,6 +161,7 @@ fn sift_row(row: &[f64], envelopes: &mut Envelopes, options: &Options) -> Row {
     }
 }
 
+/// Largest minus smallest value.
 fn range(row: &[f64]) -> f64 {
     let (low, high) = row
         .iter()

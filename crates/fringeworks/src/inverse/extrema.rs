@@ -1,23 +1,36 @@
-//! Extrema of a fringe row: alternating, by prominence against the local modulation.
+//! Extrema of a fringe row, alternating, chosen by prominence against the local modulation.
 
 use crate::spline::RowSpline;
 
+/// A maximum or minimum of a fringe row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extremum {
+    /// Sub-pixel position, px.
     pub position: f64,
+    /// Value of the row's spline there, counts.
     pub value: f64,
     pub is_maximum: bool,
 }
 
-/// Longest run of equal samples whose extremum is still looked for on the spline; a longer one is
-/// a plateau (quantised flat minimum, saturated maximum) and its middle is taken.
+/// Longest run of equal samples whose extremum is searched on the spline.
+///
+/// A longer run is a plateau (a quantised flat minimum or a saturated maximum), whose middle is
+/// taken.
 const SHORT_PLATEAU: usize = 2;
 
 /// Blocks per half window of the local range.
+///
+/// The range is computed per block, so a window is right to an eighth of its half width, at a cost
+/// that does not grow with the window.
 const RANGE_BLOCKS: usize = 8;
 
-/// Largest minus smallest sample within about `half` samples of each block of samples; the block
-/// length comes first.
+/// Half the window of the local range, in periods.
+///
+/// The window of one and a half periods holds a maximum and a minimum wherever it lies.
+const RANGE_PERIODS: f64 = 0.75;
+
+/// The length of a block of samples, and for each block the range (largest minus smallest sample)
+/// within about `half` samples of it.
 fn local_range(y: &[f64], half: usize) -> (usize, Vec<f64>) {
     let block = half.div_ceil(RANGE_BLOCKS);
     let extremes: Vec<(f64, f64)> = y
@@ -41,7 +54,7 @@ fn local_range(y: &[f64], half: usize) -> (usize, Vec<f64>) {
     (block, ranges)
 }
 
-/// The most extreme sample so far, with the first and last place where it was reached.
+/// The most extreme sample so far, with the first and last index where it was reached.
 #[derive(Clone, Copy)]
 struct Candidate {
     value: f64,
@@ -58,6 +71,7 @@ impl Candidate {
         }
     }
 
+    /// Take a sample into account; `sign` is 1 for maxima and −1 for minima.
     fn update(&mut self, value: f64, at: usize, sign: f64) {
         if sign * value > sign * self.value {
             *self = Self::new(value, at);
@@ -67,12 +81,13 @@ impl Candidate {
     }
 }
 
-fn refine(row: &RowSpline, found: Candidate, is_maximum: bool) -> Extremum {
+/// Position of an extremum on the row's spline, or the middle of its plateau.
+fn refine(row: &RowSpline, candidate: Candidate, is_maximum: bool) -> Extremum {
     let n = row.y.len();
-    let middle = 0.5 * (found.first + found.last) as f64;
+    let middle = 0.5 * (candidate.first + candidate.last) as f64;
     let mut position = middle;
-    if found.last - found.first < SHORT_PLATEAU {
-        let nearest = (found.first.saturating_sub(1)..=found.last)
+    if candidate.last - candidate.first < SHORT_PLATEAU {
+        let nearest = (candidate.first.saturating_sub(1)..=candidate.last)
             .filter(|k| k + 1 < n)
             .flat_map(|k| row.stationary_points(k))
             .min_by(|a, b| (a - middle).abs().total_cmp(&(b - middle).abs()));
@@ -87,16 +102,17 @@ fn refine(row: &RowSpline, found: Candidate, is_maximum: bool) -> Extremum {
     }
 }
 
-/// Extrema whose swing to either neighbour exceeds `prominence` × the local range (and `floor`).
+/// Extrema whose swing to either neighbour exceeds `prominence` × the local range, and `floor`.
 ///
-/// A hysteresis walk: an extremum counts once the row has moved away from it by the threshold, so
-/// maxima and minima alternate by construction and ripples below the threshold leave no trace.
+/// The row is followed with hysteresis: an extremum counts once the row has moved away from it by
+/// the threshold. Maxima and minima alternate by construction, and ripples below the threshold are
+/// ignored.
 pub fn find(row: &RowSpline, period: f64, prominence: f64, floor: f64) -> Vec<Extremum> {
     let y = row.y;
-    let (block, range) = local_range(y, (0.75 * period).ceil() as usize);
+    let (block, range) = local_range(y, (RANGE_PERIODS * period).ceil() as usize);
     let mut found = Vec::new();
-    // A start that is itself the highest or lowest sample is the edge of the frame, not an extremum
-    // of the fringe. (An end never is one: the row has not moved away from it.)
+    // An extremum at the first sample is the edge of the frame, not an extremum of the fringe. The
+    // last sample never counts, because the row does not move away from it.
     let mut keep = |candidate: Candidate, is_maximum: bool| {
         if candidate.first > 0 {
             found.push(refine(row, candidate, is_maximum));
@@ -104,7 +120,7 @@ pub fn find(row: &RowSpline, period: f64, prominence: f64, floor: f64) -> Vec<Ex
     };
     let mut high = Candidate::new(y[0], 0);
     let mut low = high;
-    // +1: looking for a maximum, −1: for a minimum, 0: not known yet.
+    // +1: searching a maximum, −1: a minimum, 0: not known yet.
     let mut direction = 0;
     for (i, value) in y.iter().enumerate() {
         let threshold = (prominence * range[i / block]).max(floor);

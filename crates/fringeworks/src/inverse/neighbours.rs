@@ -1,21 +1,29 @@
-//! Rows are matched one by one; a row whose order slipped gives itself away beside its neighbours.
+//! Check of each row's fringe orders against the rows around it.
+//!
+//! Rows are matched one by one. A row whose order slipped differs from its neighbours by a period.
 
 use super::Field;
 use crate::reason;
 use rayon::prelude::*;
 
-/// Rows above and below that have a say.
-const REACH: usize = 3;
-/// Displacements further apart than this, in periods, are of different orders.
-const SLIP: f64 = 0.6;
-
-/// Clear the pixels whose order no majority of the rows around them shares.
+/// Rows above and below a row that it is compared with.
 ///
-/// A surface's own edge along the rows passes: on either side of it at least half of the rows
-/// are of the same surface.
+/// Seven rows form a majority that a single slipped row cannot break, and still fit a small object.
+/// An empirical choice.
+const NEIGHBOUR_ROWS: usize = 3;
+
+/// Difference of displacements, in periods, beyond which they are of different orders.
+///
+/// A slip is a whole period. 0.6 allows for the surface's slope over three rows and for noise.
+const SLIP_PERIODS: f64 = 0.6;
+
+/// Clear the pixels whose order is not shared by a majority of the rows around them.
+///
+/// An edge of the surface along the rows is kept: on either side of it, more than half of the rows
+/// belong to the same surface.
 pub fn mark_slipped_orders(field: &mut Field, width: usize, period: f64) {
     let height = field.displacement.len() / width;
-    if height < 2 * REACH + 1 {
+    if height < 2 * NEIGHBOUR_ROWS + 1 {
         return;
     }
     let before = &field.displacement;
@@ -26,18 +34,20 @@ pub fn mark_slipped_orders(field: &mut Field, width: usize, period: f64) {
             |(near, known), y| {
                 near.fill(0);
                 known.fill(0);
-                let own = &before[y * width..(y + 1) * width];
-                let first = y.saturating_sub(REACH).min(height - 2 * REACH - 1);
-                for row in first..=first + 2 * REACH {
+                let here = &before[y * width..(y + 1) * width];
+                let first = y
+                    .saturating_sub(NEIGHBOUR_ROWS)
+                    .min(height - 2 * NEIGHBOUR_ROWS - 1);
+                for row in first..=first + 2 * NEIGHBOUR_ROWS {
                     let other = &before[row * width..(row + 1) * width];
                     for x in 0..width {
                         // Comparisons with NaN are false: it is neither known nor near.
                         known[x] += other[x].is_finite() as u8;
-                        near[x] += ((other[x] - own[x]).abs() <= SLIP * period) as u8;
+                        near[x] += ((other[x] - here[x]).abs() <= SLIP_PERIODS * period) as u8;
                     }
                 }
                 (0..width)
-                    .filter(|x| own[*x].is_finite() && 2 * near[*x] <= known[*x])
+                    .filter(|x| here[*x].is_finite() && 2 * near[*x] <= known[*x])
                     .map(|x| y * width + x)
                     .collect()
             },
@@ -46,7 +56,7 @@ pub fn mark_slipped_orders(field: &mut Field, width: usize, period: f64) {
     for i in slipped.into_iter().flatten() {
         field.displacement[i] = f64::NAN;
         field.sigma[i] = f32::NAN;
-        field.gain[i] = f32::NAN;
+        field.modulation_ratio[i] = f32::NAN;
         field.reason[i] = reason::ORDER_AMBIGUOUS;
     }
 }
@@ -64,7 +74,7 @@ mod tests {
         displacement[5 * width..6 * width].fill(20.0);
         let mut field = Field {
             sigma: vec![1.0; height * width],
-            gain: vec![1.0; height * width],
+            modulation_ratio: vec![1.0; height * width],
             reason: vec![reason::OK; height * width],
             displacement,
         };

@@ -1,8 +1,25 @@
 //! The inverse function x(I) of one monotone part of the reference row.
 
 use super::extrema::Extremum;
+use super::polynomial::Polynomial;
 use super::Method;
 use crate::spline::{RowSpline, Spline};
+
+/// Distance from a turning point, px, below which a sample is not used.
+///
+/// It repeats the turning point: it adds no information, and an inverse spline through both would be
+/// nearly vertical between them. An empirical choice.
+const MIN_SPACING: f64 = 0.02;
+
+/// Least number of samples for a polynomial: a parabola, or a line with one residual.
+const MIN_POLYNOMIAL_POINTS: usize = 3;
+
+/// Largest number of steps of the root search. Bisection alone halves the bracket of about one pixel
+/// to below [`ROOT_TOLERANCE`] in 40.
+const MAX_ROOT_STEPS: usize = 60;
+
+/// Change of the position at which the root search ends, px: far below any other error.
+const ROOT_TOLERANCE: f64 = 1e-11;
 
 /// A monotone part of the reference row, from one turning point (or end of the row) to the next.
 #[derive(Clone, Copy)]
@@ -36,14 +53,15 @@ pub fn spans(row: &RowSpline, extrema: &[Extremum]) -> Vec<Span> {
         .collect()
 }
 
-/// x(I) of one part. A handful per row: their sizes do not matter.
+/// The inverse function x(I) of one part.
+// A row has a handful of these, so the size of the largest variant does not matter.
 #[allow(clippy::large_enum_variant)]
 pub enum Inverse {
     Polynomial(Polynomial),
     Spline(Spline),
-    /// Roots of the row's own spline between these samples (position, intensity).
+    /// Roots of the row's global spline between these samples (position, intensity).
     Exact(Vec<(f64, f64)>),
-    /// Noise broke the order of the samples: straight lines between pooled ones.
+    /// Straight lines between pooled samples, where noise broke their order.
     Pooled(Vec<(f64, f64)>),
 }
 
@@ -59,7 +77,8 @@ impl Inverse {
         match method {
             Method::Polynomial => {
                 let points = samples(row, span, false);
-                (points.len() >= 3).then(|| Inverse::Polynomial(Polynomial::fit(&points, degree)))
+                (points.len() >= MIN_POLYNOMIAL_POINTS)
+                    .then(|| Inverse::Polynomial(Polynomial::fit(&points, degree)))
             }
             Method::PartSpline => {
                 Self::spline_unless_pooled(samples(row, span, true), span.rising(), Self::clamped)
@@ -78,7 +97,8 @@ impl Inverse {
         }
     }
 
-    /// Noise that breaks the order leaves no curve worth interpolating: straight lines then.
+    /// `build` of the points, or straight lines where noise broke their order: a curve through
+    /// pooled samples would follow the noise.
     fn spline_unless_pooled(
         points: Vec<(f64, f64)>,
         rising: bool,
@@ -117,11 +137,7 @@ impl Inverse {
     }
 }
 
-/// Samples nearer than this (px) to a turning point repeat it: they add no information, and an
-/// inverse spline through both would be nearly vertical between them.
-const MIN_SPACING: f64 = 0.02;
-
-/// The whole samples inside a part, with its two ends where `ends` is set.
+/// The samples inside a part (position, intensity), with its two ends where `ends` is set.
 fn samples(row: &RowSpline, span: &Span, ends: bool) -> Vec<(f64, f64)> {
     let first = (span.from + MIN_SPACING).floor() as usize + 1;
     let last = (span.to - MIN_SPACING).ceil().max(0.0) as usize;
@@ -136,7 +152,7 @@ fn samples(row: &RowSpline, span: &Span, ends: bool) -> Vec<(f64, f64)> {
     points
 }
 
-/// The row's spline, sampled evenly over a part: intensities, rising, and their positions.
+/// The row's spline, sampled evenly over a part: rising intensities, and their positions.
 fn resampled(row: &RowSpline, span: &Span, per_sample: usize) -> (Vec<f64>, Vec<f64>) {
     let count = ((span.to - span.from) * per_sample as f64).ceil().max(3.0) as usize;
     let pitch = (span.to - span.from) / count as f64;
@@ -158,9 +174,10 @@ fn resampled(row: &RowSpline, span: &Span, per_sample: usize) -> (Vec<f64>, Vec<
     (intensity, x)
 }
 
-/// Points in order of rising intensity, strictly increasing; neighbours that break the order
-/// (noise, quantisation) are pooled into their mean, which is the least-squares monotone fit
-/// (pool-adjacent-violators). Says whether it had to pool.
+/// Points in order of strictly rising intensity, and whether any were pooled.
+///
+/// Neighbours that break the order (noise, quantisation) are pooled into their mean, which is the
+/// least-squares monotone fit (pool-adjacent-violators).
 fn monotone(mut points: Vec<(f64, f64)>, rising: bool) -> (Vec<(f64, f64)>, bool) {
     if !rising {
         points.reverse();
@@ -204,7 +221,7 @@ fn root(row: &RowSpline, a: f64, b: f64, intensity: f64) -> f64 {
     }
     let (mut low, mut high) = (a, b);
     let mut x = a + (b - a) * (f_a / (f_a - f_b));
-    for _ in 0..60 {
+    for _ in 0..MAX_ROOT_STEPS {
         let (value, slope) = row.at(x);
         let excess = value - intensity;
         if excess < 0.0 {
@@ -215,7 +232,7 @@ fn root(row: &RowSpline, a: f64, b: f64, intensity: f64) -> f64 {
         let newton = x - excess / slope;
         let inside = (newton - low) * (newton - high) < 0.0;
         let next = if inside { newton } else { 0.5 * (low + high) };
-        if (next - x).abs() < 1e-11 {
+        if (next - x).abs() < ROOT_TOLERANCE {
             return next;
         }
         x = next;
@@ -223,105 +240,9 @@ fn root(row: &RowSpline, a: f64, b: f64, intensity: f64) -> f64 {
     x
 }
 
-/// x as a polynomial of the intensity, in orthogonal polynomials on the samples (Forsythe).
-pub struct Polynomial {
-    centre: f64,
-    half_range: f64,
-    alpha: Vec<f64>,
-    beta: Vec<f64>,
-    coefficients: Vec<f64>,
-}
-
-impl Polynomial {
-    /// Least-squares fit. The degree is the one up to `max_degree` with the smallest generalised
-    /// cross-validation score RSS / (n − degree − 1)².
-    pub fn fit(points: &[(f64, f64)], max_degree: usize) -> Self {
-        let n = points.len();
-        let low = points.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
-        let high = points.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
-        let centre = 0.5 * (low + high);
-        let half_range = (0.5 * (high - low)).max(f64::MIN_POSITIVE);
-        let z: Vec<f64> = points.iter().map(|p| (p.1 - centre) / half_range).collect();
-        let mut residual: Vec<f64> = points.iter().map(|p| p.0).collect();
-        let (mut previous, mut current) = (vec![0.0; n], vec![1.0; n]);
-        let mut previous_norm = 1.0;
-        let mut fit = Self {
-            centre,
-            half_range,
-            alpha: vec![],
-            beta: vec![],
-            coefficients: vec![],
-        };
-        let mut best = (f64::INFINITY, 1);
-        for degree in 0..=max_degree.min(n - 2) {
-            let norm: f64 = current.iter().map(|c| c * c).sum();
-            if norm < 1e-12 * n as f64 {
-                break;
-            }
-            let coefficient = current
-                .iter()
-                .zip(&residual)
-                .map(|(c, r)| c * r)
-                .sum::<f64>()
-                / norm;
-            for (r, c) in residual.iter_mut().zip(&current) {
-                *r -= coefficient * c;
-            }
-            let alpha = current.iter().zip(&z).map(|(c, z)| c * c * z).sum::<f64>() / norm;
-            let beta = if degree == 0 {
-                0.0
-            } else {
-                norm / previous_norm
-            };
-            fit.coefficients.push(coefficient);
-            fit.alpha.push(alpha);
-            fit.beta.push(beta);
-            let rss: f64 = residual.iter().map(|r| r * r).sum();
-            let score = rss / ((n - degree - 1) as f64).powi(2);
-            if score < best.0 {
-                best = (score, degree + 1);
-            }
-            for k in 0..n {
-                let next = (z[k] - alpha) * current[k] - beta * previous[k];
-                previous[k] = current[k];
-                current[k] = next;
-            }
-            previous_norm = norm;
-        }
-        fit.coefficients.truncate(best.1);
-        fit
-    }
-
-    pub fn at(&self, intensity: f64) -> f64 {
-        let z = (intensity - self.centre) / self.half_range;
-        let (mut previous, mut current, mut sum) = (0.0, 1.0, 0.0);
-        for (k, c) in self.coefficients.iter().enumerate() {
-            sum += c * current;
-            let next = (z - self.alpha[k]) * current - self.beta[k] * previous;
-            previous = current;
-            current = next;
-        }
-        sum
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn polynomial_is_exact_for_a_polynomial() {
-        let points: Vec<(f64, f64)> = (0..20)
-            .map(|k| {
-                let v = k as f64 * 0.5;
-                (3.0 + v - 0.2 * v * v + 0.01 * v.powi(3), v)
-            })
-            .collect();
-        let p = Polynomial::fit(&points, 9);
-        for (x, v) in &points {
-            assert!((p.at(*v) - x).abs() < 1e-9);
-        }
-    }
 
     #[test]
     fn pooling_keeps_order() {

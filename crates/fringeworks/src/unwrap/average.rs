@@ -1,9 +1,19 @@
-//! The locally averaged phasor, along the local frequency: what unwraps through noise.
+//! The phasor averaged locally along the local frequency, which guides unwrapping through noise.
 
 use crate::{check_length, check_value, Error};
 use rayon::prelude::*;
 
+/// A complex number: real and imaginary part.
 type Phasor = [f32; 2];
+
+/// Half-width of the Gaussian window, in its σ: the weight is 0.04 there.
+const WINDOW_SIGMAS: f32 = 2.5;
+
+/// Largest σ of the window, px: beyond, the window exceeds any frame.
+const MAX_SIGMA: f32 = 1e3;
+
+/// Side of the blocks that a transposition copies, px: a block of phasors fits the first cache.
+const TRANSPOSED_PIXELS: usize = 32;
 
 #[inline(always)]
 fn times([a, b]: Phasor, [c, d]: Phasor) -> Phasor {
@@ -15,13 +25,12 @@ fn conjugate([a, b]: Phasor) -> Phasor {
     [a, -b]
 }
 
-/// Average of `exp(iφ)`, with a non-negative weight per pixel, over a Gaussian window of `sigma` px,
-/// every sample turned back by the local frequency first, so that fringes as fine as a few pixels
-/// do not average out.
+/// Average of `exp(iφ)` over a Gaussian window of `sigma` px, with a non-negative weight per pixel.
 ///
-/// The frequency is that of the phasor's steps over a box of `2 reach + 1` px. Windows end at pixels
-/// of weight 0: nothing is averaged across them. Gives the phasor (real, imaginary) per pixel; its
-/// modulus is between 0 and 1 and says how well the samples agree.
+/// Every sample is first turned back by the local frequency times its distance, so that fringes of a
+/// few pixels do not average out. The frequency is the mean step of the phasor over a box of
+/// `2 reach + 1` px. Windows end at pixels of weight 0: no sample beyond such a pixel counts. Returns
+/// a phasor per pixel, whose modulus of 0 … 1 measures how well the samples agree.
 pub fn average(
     phase: &[f32],
     weight: &[f32],
@@ -32,13 +41,18 @@ pub fn average(
 ) -> Result<Vec<Phasor>, Error> {
     check_length("phase", phase.len(), height * width)?;
     check_length("weight", weight.len(), height * width)?;
-    check_value("sigma", sigma > 0.0 && sigma < 1e3, "0 to 1000 px", sigma)?;
+    check_value(
+        "sigma",
+        sigma > 0.0 && sigma < MAX_SIGMA,
+        "0 to 1000 px",
+        sigma,
+    )?;
     let phasors: Vec<Phasor> = phase
         .par_iter()
         .zip(weight.par_iter())
         .map(|(p, w)| [w * p.cos(), w * p.sin()])
         .collect();
-    let window: Vec<f32> = (0..=(2.5 * sigma).ceil() as usize)
+    let window: Vec<f32> = (0..=(WINDOW_SIGMAS * sigma).ceil() as usize)
         .map(|j| (-0.5 * (j as f32 / sigma).powi(2)).exp())
         .collect();
     let step = steps(&phasors, width, height, reach);
@@ -57,7 +71,7 @@ pub fn average(
     Ok(transpose(&sums, width, height))
 }
 
-/// Mean direction of z(x + 1)·z̄(x) around every pixel, as a unit phasor.
+/// Mean direction of z(x + 1) · conj(z(x)) around every pixel, as a unit phasor.
 fn steps(phasors: &[Phasor], width: usize, height: usize, reach: usize) -> Vec<Phasor> {
     let mut rows = vec![[0.0; 2]; phasors.len()];
     rows.par_chunks_mut(width)
@@ -84,7 +98,8 @@ fn steps(phasors: &[Phasor], width: usize, height: usize, reach: usize) -> Vec<P
     out
 }
 
-/// Sums over `reach` samples to either side, in place; running sums, in double so that they last.
+/// Sums over `reach` samples to either side, in place. The running sums are f64, so that rounding does
+/// not accumulate.
 fn box_sum(line: &mut [Phasor], reach: usize) {
     let source = line.to_vec();
     let n = source.len();
@@ -105,8 +120,8 @@ fn box_sum(line: &mut [Phasor], reach: usize) {
     }
 }
 
-/// Sums along lines of `width`, each sample turned back by its distance times the step, and the
-/// sums of their weights. Both stop at samples of weight 0.
+/// Sums along lines of `width`, each sample turned back by its distance times the step, and the sums
+/// of their weights. Both end at samples of weight 0.
 fn lines(
     values: &[Phasor],
     weight: &[f32],
@@ -144,14 +159,14 @@ fn lines(
     (sums, totals)
 }
 
-/// One line's values, the waves that turn them, and their sums, each in an array of its own: whole
-/// vectors of pixels go through the window together.
+/// Values of one line, the waves that turn them, and their sums. Each has an array of its own, so that
+/// the loops over pixels become vector operations.
 struct Line {
     value: [Vec<f32>; 2],
     step: [Vec<f32>; 2],
-    /// The step to the power of the distance; ahead by its conjugate.
+    /// The step to the power of the distance; samples ahead are turned by its conjugate.
     wave: [Vec<f32>; 2],
-    /// 1 while every sample on the way had a weight, ahead and behind.
+    /// 1 while every sample on the way, ahead and behind, had a weight; else 0.
     open: [Vec<f32>; 2],
     sum: [Vec<f32>; 2],
     total: Vec<f32>,
@@ -170,6 +185,7 @@ impl Line {
         }
     }
 
+    /// Start the sums of a line.
     fn load(&mut self, values: &[Phasor], weight: &[f32], step: &[Phasor]) {
         for k in 0..2 {
             for (x, v) in values.iter().enumerate() {
@@ -244,18 +260,16 @@ fn turn(wave_re: &mut [f32], wave_im: &mut [f32], step_re: &[f32], step_im: &[f3
     }
 }
 
-const BLOCK: usize = 32;
-
-/// `height × width` to `width × height`, by blocks that stay in the cache.
+/// Transpose `height × width` values to `width × height`, in blocks that stay in the cache.
 fn transpose<T: Copy + Default + Send + Sync>(values: &[T], height: usize, width: usize) -> Vec<T> {
     let mut out = vec![T::default(); values.len()];
-    out.par_chunks_mut(BLOCK * height)
+    out.par_chunks_mut(TRANSPOSED_PIXELS * height)
         .enumerate()
         .for_each(|(k, lines)| {
-            for y0 in (0..height).step_by(BLOCK) {
+            for y0 in (0..height).step_by(TRANSPOSED_PIXELS) {
                 for (j, line) in lines.chunks_mut(height).enumerate() {
-                    let x = k * BLOCK + j;
-                    for y in y0..(y0 + BLOCK).min(height) {
+                    let x = k * TRANSPOSED_PIXELS + j;
+                    for y in y0..(y0 + TRANSPOSED_PIXELS).min(height) {
                         line[y] = values[y * width + x];
                     }
                 }

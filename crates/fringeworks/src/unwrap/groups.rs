@@ -1,14 +1,16 @@
-//! Disjoint sets whose members know their fringe order relative to each other.
+//! Disjoint sets of pixels with fringe orders relative to each other (union–find).
 
+/// Disjoint sets; every entry has a fringe order relative to its parent.
 pub struct Groups {
     parent: Vec<u32>,
     /// Order relative to the parent.
     order: Vec<i32>,
+    /// Number of pixels of a root's set.
     size: Vec<u32>,
 }
 
 impl Groups {
-    /// One set per entry, holding that many pixels.
+    /// One set per entry, of so many pixels each.
     pub fn new(size: Vec<u32>) -> Self {
         Self {
             parent: (0..size.len() as u32).collect(),
@@ -17,7 +19,7 @@ impl Groups {
         }
     }
 
-    /// Every set alone again, of one pixel each.
+    /// Make `n` sets of one pixel each.
     pub fn reset(&mut self, n: usize) {
         self.parent.clear();
         self.parent.extend(0..n as u32);
@@ -27,7 +29,7 @@ impl Groups {
         self.size.resize(n, 1);
     }
 
-    /// Root of `i` and the order of `i` relative to it; halves the path on its way.
+    /// Root of `i`, and the order of `i` relative to the root. Halves the path to the root.
     #[inline]
     pub fn find(&mut self, mut i: usize) -> (usize, i32) {
         let mut total = 0;
@@ -50,7 +52,8 @@ impl Groups {
         self.size[root]
     }
 
-    /// Make one set of two roots' sets, with order(b) − order(a) = `shift`; gives the new root.
+    /// Unite the sets of the roots `a` and `b` so that order(b) − order(a) = `shift`. Returns the new
+    /// root.
     #[inline]
     pub fn unite(&mut self, a: usize, b: usize, shift: i32) -> usize {
         let (root, leaf, shift) = if self.size[a] >= self.size[b] {
@@ -73,7 +76,7 @@ impl Groups {
         }
     }
 
-    /// Order of every entry within its set, and the set's number: 1 for the largest, then 2, …
+    /// Order of every entry relative to its root, and the number of its set; 1 is the largest.
     pub fn labelled(&mut self) -> (Vec<i32>, Vec<u32>) {
         let n = self.parent.len();
         let mut roots: Vec<usize> = (0..n).filter(|i| self.parent[*i] as usize == *i).collect();

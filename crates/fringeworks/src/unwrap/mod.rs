@@ -1,37 +1,42 @@
-//! Phase unwrapping in space: [`reliability`] sorting, and the local [`average`] that guides it
-//! through noise. Residues tell which of the two a map needs.
+//! Spatial phase unwrapping: sorting by [`reliability`], and the local [`average`] that guides it
+//! through noise (theory §5). The number of [`residues`] determines whether a map needs the guide.
 
 mod average;
 mod groups;
+mod spanning_tree;
 mod tile;
 
 pub use average::average;
 
 use crate::{check_length, check_value, Error};
-use groups::Groups;
 use rayon::prelude::*;
 use std::f32::consts::TAU;
-use tile::Tile;
 
+/// Turns per radian.
 const PER_TURN: f32 = 1.0 / TAU;
-/// Adding and taking away 1.5 · 2²³ rounds a float to the nearest whole number, in two operations
-/// that every processor does on whole vectors.
+
+/// 1.5 · 2²³: adding and subtracting it rounds an f32 to the nearest whole number, in two operations
+/// that every processor has as vector operations.
 const ROUNDER: f32 = 12_582_912.0;
 
+/// The whole number of turns nearest to a phase in rad.
 #[inline(always)]
 fn turns(x: f32) -> f32 {
     (x * PER_TURN + ROUNDER) - ROUNDER
 }
 
+/// The phase modulo a turn, −π … π.
 #[inline(always)]
 fn wrap(x: f32) -> f32 {
     x - TAU * turns(x)
 }
 
-/// Unwrapped phase, and a label per pixel: 0 where masked, 1, 2, … for regions that are not
-/// connected and whose orders are therefore unrelated (1 is the largest).
+/// An unwrapped map.
 pub struct Unwrapped {
+    /// Phase, rad; NaN where masked.
     pub phase: Vec<f32>,
+    /// 0 where masked, else the number of the pixel's region, 1 being the largest. Regions are not
+    /// connected, so their orders are unrelated.
     pub region: Vec<u32>,
 }
 
@@ -46,8 +51,8 @@ fn check(phase: &[f32], mask: &[u8], height: usize, width: usize) -> Result<(), 
     )
 }
 
-/// Second differences of the wrapped phase; small where the phase is locally smooth. Pixels at the
-/// border or beside masked ones get the worst value.
+/// Second differences of the wrapped phase, rad²: small where the phase is locally smooth. Pixels at
+/// the border or beside masked ones get the largest f32.
 fn roughness(phase: &[f32], mask: &[u8], height: usize, width: usize) -> Vec<f32> {
     let mut out = vec![f32::MAX; phase.len()];
     out.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
@@ -89,8 +94,8 @@ fn rough_row(phase: &[f32], mask: &[u8], out: &mut [f32]) {
     }
 }
 
-/// Loops of four valid pixels around which the phase does not come back to itself. Where there are
-/// none, every path gives the same result.
+/// Number of residues: loops of four valid pixels around which the wrapped phase differences do not
+/// sum to zero (Goldstein et al., 1988). Without residues, every path gives the same result.
 pub fn residues(phase: &[f32], mask: &[u8], height: usize, width: usize) -> Result<usize, Error> {
     check(phase, mask, height, width)?;
     Ok((0..height - 1)
@@ -118,25 +123,16 @@ fn residues_row(phase: &[f32], mask: &[u8], width: usize) -> usize {
     count as usize
 }
 
-/// Edges are ordered by the sum of both ends' roughness, then by place: smooth joins come first.
-/// The bits of a non-negative float sort like the float itself. The place is the edge's upper or
-/// left pixel, times two, plus one where it goes down.
-#[inline(always)]
-fn key(rough: &[f32], a: usize, b: usize, down: u64) -> u64 {
-    let sum = (rough[a] + rough[b]).min(f32::MAX);
-    (sum.to_bits() as u64) << 32 | (a as u64) << 1 | down
-}
-
-/// Unwrap a `height × width` phase in radians by sorting by reliability, following a
-/// non-continuous path (Herráez, Burton, Lalor, Gdeisat, Applied Optics 41(35), 2002).
+/// Unwrap a `height × width` phase in radians by sorting by reliability, following a non-continuous
+/// path (Herráez, Burton, Lalor, Gdeisat, Applied Optics 41(35), 2002).
 ///
-/// `mask` is 1 where the phase is valid, which is finite everywhere. `roughness` (non-negative, small where the phase is
-/// to be trusted) takes the place of the second differences of the phase.
+/// `mask` is 1 where the phase is valid; the phase is finite everywhere. `roughness` (non-negative,
+/// small where the phase is reliable) replaces the second differences of the phase.
 ///
-/// The path is the minimum spanning tree over all edges. It is found tile by tile: an edge that is
-/// the smoothest way out of a group of pixels belongs to the tree of the whole map, and inside a
-/// tile that is known unless the group touches the tile's border by a smoother edge. What stays
-/// open, a few per cent, is sorted and joined over the whole map.
+/// The path is the minimum spanning tree over all edges between neighbours. It is found tile by tile:
+/// an edge that is the smoothest way out of a group of pixels belongs to the tree of the whole map.
+/// Inside a tile that is known unless the group touches the tile's border by a smoother edge. The
+/// edges that stay open, a few per cent, are sorted and joined over the whole map.
 pub fn reliability(
     phase: &[f32],
     mask: &[u8],
@@ -156,59 +152,14 @@ pub fn reliability(
             &second_differences
         }
     };
-    let mut order = vec![0i32; phase.len()];
-    let mut group = vec![0u32; phase.len()];
-    let mut bands: Vec<tile::Band> = order
-        .par_chunks_mut(tile::SIDE * width)
-        .zip(group.par_chunks_mut(tile::SIDE * width))
-        .enumerate()
-        .map(|(k, (order, group))| {
-            let mut band = tile::Band::default();
-            let mut tile = Tile::new(phase, mask, rough, height, width);
-            for x0 in (0..width).step_by(tile::SIDE) {
-                tile.join(k * tile::SIDE, x0, order, group, &mut band);
-            }
-            band
-        })
-        .collect();
-    // Groups were numbered within their band.
-    let mut sizes = Vec::new();
-    let mut first = Vec::with_capacity(bands.len());
-    let mut open = Vec::new();
-    for band in &mut bands {
-        first.push(sizes.len() as u32);
-        sizes.append(&mut band.sizes);
-        open.append(&mut band.open);
-    }
-    open.par_sort_unstable();
-    let node = |i: usize| (first[i / (width * tile::SIDE)] + group[i]) as usize;
-    let mut groups = Groups::new(sizes);
-    for edge in open {
-        let (a, b) = tile::ends(edge, width);
-        let step = order[a] - order[b] - turns(phase[b] - phase[a]) as i32;
-        groups.join(node(a), node(b), step);
-    }
-    let (offset, label) = groups.labelled();
-    let mut unwrapped = vec![f32::NAN; phase.len()];
-    let mut region = vec![0u32; phase.len()];
-    unwrapped
-        .par_chunks_mut(width)
-        .zip(region.par_chunks_mut(width))
-        .enumerate()
-        .for_each(|(y, (out, region))| {
-            for x in 0..width {
-                let i = y * width + x;
-                if mask[i] != 0 {
-                    let n = node(i);
-                    out[x] = phase[i] + (order[i] + offset[n]) as f32 * TAU;
-                    region[x] = label[n];
-                }
-            }
-        });
-    Ok(Unwrapped {
-        phase: unwrapped,
-        region,
-    })
+    let map = tile::Map {
+        phase,
+        mask,
+        rough,
+        height,
+        width,
+    };
+    Ok(spanning_tree::unwrap(&map))
 }
 
 #[cfg(test)]

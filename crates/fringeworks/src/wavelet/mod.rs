@@ -1,9 +1,9 @@
-//! Continuous wavelet transform of fringe rows with a complex Morlet, and its ridge.
+//! Continuous wavelet transform of fringe rows with a complex Morlet, and its ridge (theory §5).
 //!
-//! The wavelet is centred in the frequency domain, `exp(−½ (aω − ω₀)²)`, so that it has no
-//! sub-sample shift. Coefficients are normalised to the amplitude of the fringe. They vary slowly
-//! along the row, with the bandwidth of their envelope, and are computed at nodes some pixels apart
-//! that hold all of them; every pixel blends the local waves of the two nodes beside it.
+//! The wavelet is centred in the frequency domain, `exp(−½ (aω − ω₀)²)`, so that it has no sub-sample
+//! shift. Coefficients are normalised to the amplitude of the fringe. Along the row they vary slowly,
+//! with the bandwidth of their envelope. They are therefore computed at nodes some pixels apart, which
+//! represent them fully. Every pixel blends the local waves of the two nodes beside it.
 
 mod bank;
 mod row;
@@ -12,23 +12,36 @@ use crate::{check_length, check_value, Error};
 use bank::Bank;
 use rayon::prelude::*;
 use row::Scratch;
+use std::ops::RangeInclusive;
+
+/// Least number of frequencies: the ridge is the vertex of a parabola through three.
+const MIN_FREQUENCIES: usize = 3;
+
+/// Largest frequency, cycles/px: the sampling theorem's limit.
+const MAX_FREQUENCY: f64 = 0.5;
+
+/// Values of ω₀: below, the wavelet has a noticeable mean; above, its envelope exceeds a row.
+const OMEGA_RANGE: RangeInclusive<f64> = 4.0..=60.0;
+
+/// Values of the smoothness; beyond, the ridge cannot change its scale at all.
+const SMOOTHNESS_RANGE: RangeInclusive<f64> = 0.0..=1e6;
 
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Centre frequencies of the wavelets, cycles/px, rising in equal ratios.
     pub frequencies: Vec<f64>,
-    /// ω₀: oscillations within the envelope times 2π, about; the envelope is ω₀ / ω px wide.
+    /// ω₀, about 2π times the number of oscillations within the envelope, whose width is ω₀ / ω px.
     pub omega: f64,
-    /// Cost of a change of scale from node to node (squared, in scales), as a share of the
-    /// mean squared coefficient on the ridge; 0 takes the largest coefficient of every sample.
+    /// Cost of the squared change of scale (in scales) from node to node, as a share of the mean squared
+    /// coefficient on the ridge; 0 takes the largest coefficient at every node.
     pub smoothness: f64,
 }
 
 /// The ridge of every row.
 pub struct Ridge {
-    /// Amplitude and phase of the fringe, (real, imaginary).
+    /// Amplitude and phase of the fringe as (real, imaginary).
     pub phasor: Vec<[f32; 2]>,
-    /// Its local frequency, rad/px.
+    /// Local frequency, rad/px.
     pub frequency: Vec<f32>,
 }
 
@@ -38,22 +51,22 @@ pub fn ridge(rows: &[f32], width: usize, options: &Options) -> Result<Ridge, Err
     check_length("rows", rows.len() % width, 0)?;
     check_value(
         "frequencies",
-        options.frequencies.len() >= 3
+        options.frequencies.len() >= MIN_FREQUENCIES
             && options.frequencies.windows(2).all(|f| f[0] < f[1])
             && options.frequencies[0] > 0.0
-            && options.frequencies[options.frequencies.len() - 1] <= 0.5,
+            && options.frequencies[options.frequencies.len() - 1] <= MAX_FREQUENCY,
         "three or more, rising, from above 0 to 0.5 cycles/px",
         &options.frequencies,
     )?;
     check_value(
         "omega",
-        (4.0..=60.0).contains(&options.omega),
+        OMEGA_RANGE.contains(&options.omega),
         "4 to 60",
         options.omega,
     )?;
     check_value(
         "smoothness",
-        (0.0..=1e6).contains(&options.smoothness),
+        SMOOTHNESS_RANGE.contains(&options.smoothness),
         "0 to 1e6",
         options.smoothness,
     )?;

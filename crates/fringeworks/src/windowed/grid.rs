@@ -1,4 +1,4 @@
-//! Solutions on the grid of nodes, and their way back to pixels.
+//! Solutions on the grid of nodes, and their interpolation to pixels.
 
 use super::lattice::Lattice;
 use super::moments::{block_sums, NodeRow, Window};
@@ -12,13 +12,15 @@ pub struct Grid {
     nodes: Vec<Node>,
 }
 
-/// What the nodes around a pixel say about it.
+/// Solution at a pixel, interpolated between the nodes around it.
 #[derive(Clone, Copy)]
 pub struct Blend {
+    /// Correction of the displacement, px.
     pub delta: f32,
+    /// Standard deviation of the displacement, px.
     pub sigma: f32,
     pub offset: f32,
-    pub gain: f32,
+    pub modulation_ratio: f32,
 }
 
 impl Grid {
@@ -34,17 +36,7 @@ impl Grid {
         let lattice = window.lattice(pair.height, pair.width);
         let Lattice { rows, columns, .. } = lattice;
         let sums = block_sums(pair, u, window);
-        let mut nodes = vec![
-            Node {
-                delta: 0.0,
-                slope: [0.0; 2],
-                gain: 0.0,
-                sigma: f32::INFINITY,
-                determined: false,
-                prior: *start,
-            };
-            rows * columns
-        ];
+        let mut nodes = vec![Node::undetermined(start); rows * columns];
         nodes.par_chunks_mut(columns).enumerate().for_each_init(
             || NodeRow::new(columns),
             |gathered, (row, out)| {
@@ -63,6 +55,7 @@ impl Grid {
         &self.nodes[row * self.lattice.columns + column]
     }
 
+    /// Prior of a finer window at a pixel position.
     fn prior_at(&self, x: f64, y: f64) -> Prior {
         let corners = self.lattice.corners(x, y);
         let mix = |field: fn(&Prior) -> f32| -> f32 {
@@ -73,14 +66,14 @@ impl Grid {
         };
         Prior {
             offset: mix(|p| p.offset),
-            gain: mix(|p| p.gain),
+            modulation_ratio: mix(|p| p.modulation_ratio),
             offset_variance: mix(|p| p.offset_variance),
-            gain_variance: mix(|p| p.gain_variance),
+            ratio_variance: mix(|p| p.ratio_variance),
             residual: mix(|p| p.residual),
         }
     }
 
-    /// Blend the affine solutions of the four nodes around a pixel, leaving out those that do not
+    /// Interpolate the affine solutions of the four nodes around a pixel, without those that do not
     /// determine the displacement; `None` where no node does.
     pub fn blend(&self, x: usize, y: usize) -> Option<Blend> {
         let block = self.lattice.block;
@@ -90,14 +83,14 @@ impl Grid {
                 delta: node.delta,
                 sigma: node.sigma,
                 offset: node.prior.offset,
-                gain: node.gain,
+                modulation_ratio: node.modulation_ratio,
             });
         }
         let mut sum = Blend {
             delta: 0.0,
             sigma: 0.0,
             offset: 0.0,
-            gain: 0.0,
+            modulation_ratio: 0.0,
         };
         let mut total = 0.0f32;
         for (row, column, weight) in self.lattice.corners(x as f64, y as f64) {
@@ -111,14 +104,14 @@ impl Grid {
             sum.delta += weight * (node.delta + node.slope[0] * dx + node.slope[1] * dy);
             sum.sigma += weight * node.sigma;
             sum.offset += weight * node.prior.offset;
-            sum.gain += weight * node.gain;
+            sum.modulation_ratio += weight * node.modulation_ratio;
             total += weight;
         }
         (total > 0.0).then(|| Blend {
             delta: sum.delta / total,
             sigma: sum.sigma / total,
             offset: sum.offset / total,
-            gain: sum.gain / total,
+            modulation_ratio: sum.modulation_ratio / total,
         })
     }
 }

@@ -1,16 +1,17 @@
-//! Where the nodes of a scale lie, and how values on them are read at pixels.
+//! The nodes of a scale, and interpolation between them.
 
 use rayon::prelude::*;
 
-/// Where the nodes of a scale lie: at the centres of square blocks of pixels.
+/// Nodes of a scale, which lie at the centres of square blocks of pixels.
 #[derive(Clone, Copy)]
 pub struct Lattice {
     pub rows: usize,
     pub columns: usize,
+    /// Side of a block, px.
     pub block: usize,
 }
 
-/// Two neighbours and the share of the second.
+/// The two nodes around a position, and the share of the second.
 fn between(position: f64, count: usize) -> (usize, usize, f32) {
     let clamped = position.clamp(0.0, (count - 1) as f64);
     let first = (clamped as usize).min(count - 1);
@@ -40,7 +41,8 @@ pub struct BlockMeans {
 }
 
 impl BlockMeans {
-    /// Average `value(pixel index)` over each block, leaving out `None`; 0 where all are.
+    /// Average `value(pixel index)` over each block without the pixels that are `None`; 0 for a block
+    /// without values.
     pub fn new(
         lattice: Lattice,
         height: usize,

@@ -1,53 +1,65 @@
 //! Local moments of the warped pair, at a cost that does not grow with the window.
 //!
-//! The products that make up the normal equations are summed over square blocks first, with their
-//! first and second moments about the block's centre; a Gaussian of two blocks' width then
-//! gathers the blocks. A block is half a σ wide, so every window costs the same few taps, and
-//! larger windows have fewer nodes: large windows are the cheap ones.
+//! The products of the normal equations are first summed over square blocks, with their first and
+//! second moments about the centre of the block. A Gaussian of two blocks' σ then gathers the blocks.
+//! A block is half of the window's σ wide, so every window costs the same number of taps. Larger
+//! windows have fewer nodes, hence they cost less.
 //!
-//! Sums are kept in double precision: offset, gain and displacement are nearly collinear in a
-//! window that is small against the fringe, and single precision would decide between them.
+//! Sums are f64: offset, modulation ratio and displacement are nearly collinear in a window that is
+//! small against the fringe, and in f32 the rounding would decide between them.
 
 use super::lattice::Lattice;
 use super::warp::{warp_row, Pair, WarpedRow};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-// Products summed per block. The first six are needed as plain sums only; those with the slope g
-// also with the offset (x, y) of the pixel, g² with its squares.
-pub const M: usize = 0; // weight
+// Channels: products summed per block, of weight, reference s, object d and slope g. Products with g
+// are also summed times the offset (x, y) of the pixel, g² also times the squares of the offset.
+/// Weight.
+pub const M: usize = 0;
 pub const S: usize = 1;
 pub const SS: usize = 2;
 pub const D: usize = 3;
 pub const DS: usize = 4;
 pub const DD: usize = 5;
-pub const G: usize = 6; // g, sg, dg: each with a plain sum here …
+/// g, then s g and d g.
+pub const G: usize = 6;
 pub const GG: usize = 9;
+/// Number of plain sums.
 pub const PLAIN: usize = 10;
-pub const GX: usize = 10; // … the sum times x here (g, sg, dg, gg) …
-pub const GY: usize = 14; // … times y here …
-pub const GGXX: usize = 18; // … and g² times x², xy, y².
+/// x times g, s g, d g and g².
+pub const GX: usize = 10;
+/// y times g, s g, d g and g².
+pub const GY: usize = 14;
+/// g² times x², x y and y².
+pub const GGXX: usize = 18;
 pub const GGXY: usize = 19;
 pub const GGYY: usize = 20;
+/// Number of channels.
 pub const CHANNELS: usize = 21;
 
-/// Half-width of the gathering kernel, in blocks.
+/// Half-width of the gathering Gaussian, in blocks: three of its σ, where its weight is 0.01.
 pub const RADIUS: usize = 6;
+
+/// Blocks that the Gaussian gathers along each axis.
 const TAPS: usize = 2 * RADIUS + 1;
-/// σ of the gathering kernel, in blocks (less where the block is already a single pixel).
+/// σ of the gathering Gaussian, in blocks; less where a block is a single pixel.
+///
+/// Two samples per σ represent a Gaussian almost exactly; more would cost more taps.
 const SIGMA_BLOCKS: f64 = 2.0;
 
-/// One window size: its block width and its one-dimensional weights.
+/// One window size: the width of its blocks, and its weights along one axis.
 pub struct Window {
-    /// Pixels per block side.
+    /// Side of a block, px.
     pub block: usize,
-    /// Weight of a pixel in the block at each offset, times the offset to the power 0, 1, 2 in px.
+    /// Weight of a pixel in the block at each offset, times the offset (px) to the power 0, 1 and 2.
     pub taps: [[f64; TAPS]; 3],
-    /// 1 / Σ w² over the window: the number of pixels that count.
+    /// 1 / Σ w² over the window: the effective number of pixels.
     pub effective_pixels: f64,
 }
 
 impl Window {
+    /// A Gaussian window of σ `sigma` px.
     pub fn new(sigma: f64) -> Self {
         let block = (sigma / SIGMA_BLOCKS).round().max(1.0) as usize;
         let sigma_blocks = sigma / block as f64;
@@ -74,6 +86,7 @@ impl Window {
         }
     }
 
+    /// The nodes of this window size over a frame.
     pub fn lattice(&self, height: usize, width: usize) -> Lattice {
         Lattice {
             rows: height.div_ceil(self.block),
@@ -88,7 +101,7 @@ impl Window {
     }
 }
 
-/// Channels that are stored: single-pixel blocks have no moments about their centre.
+/// Number of channels that are stored: single-pixel blocks have no moments about their centre.
 pub fn stored_channels(window: &Window) -> usize {
     if window.block == 1 {
         PLAIN
@@ -125,6 +138,7 @@ pub fn block_sums(pair: &Pair, u: &[f32], window: &Window) -> Vec<f64> {
     sums
 }
 
+/// Products of one row of single-pixel blocks.
 fn products(warped: &WarpedRow, object: &[f32], out: &mut [f64], columns: usize) {
     let mut channel: Vec<&mut [f64]> = out.chunks_mut(columns).collect();
     for x in 0..columns {
@@ -142,6 +156,7 @@ fn products(warped: &WarpedRow, object: &[f32], out: &mut [f64], columns: usize)
     }
 }
 
+/// Add one row of pixels to the sums of its blocks; `dy` is its offset from their centres.
 fn sum_row(
     warped: &WarpedRow,
     object: &[f32],
@@ -206,7 +221,8 @@ fn add_scaled(target: &mut [f64], source: &[f64], weight: f64) {
 
 /// All window moments of one row of nodes, `CHANNELS` rows of `columns` values.
 pub struct NodeRow {
-    vertical: Vec<f64>, // CHANNELS rows, each padded by RADIUS zeros on both sides
+    /// Sums gathered along columns: `CHANNELS` rows, padded by `RADIUS` zeros on both sides.
+    vertical: Vec<f64>,
     moments: Vec<f64>,
     columns: usize,
 }

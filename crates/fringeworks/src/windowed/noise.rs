@@ -1,12 +1,17 @@
-//! How far the noise of neighbouring pixels belongs together.
+//! Correlation of the noise of neighbouring pixels.
 
 use rayon::prelude::*;
 
 /// Side of the blocks whose means are compared with single pixels, px.
-const BLOCK: usize = 5;
-/// Values from which a median is taken; more would not change it.
-const ENOUGH: usize = 100_000;
+///
+/// Wider than the reach of demosaicking, and small enough that the residual of a large window is
+/// noise. An empirical choice.
+const MEAN_PIXELS: usize = 5;
 
+/// Number of values that a median is taken of: its scatter is then about half a per cent.
+const MEDIAN_VALUES: usize = 100_000;
+
+/// Median of values that are not negative; 0 for none.
 fn median_magnitude(mut values: Vec<f32>) -> f64 {
     if values.is_empty() {
         return 0.0;
@@ -16,32 +21,37 @@ fn median_magnitude(mut values: Vec<f32>) -> f64 {
     *median as f64
 }
 
-/// By how much the variance of a mean over many pixels exceeds that of independent noise: 1 for
-/// white noise, more where compression, demosaicking or texture tie neighbours together.
+/// Variance of a mean over many pixels' noise divided by that of independent noise: 1 for white noise,
+/// more where compression, demosaicking or paint correlate neighbours.
 ///
-/// Compares the median magnitude of block means with that of single residuals, so that the few
-/// places where a large window does not fit do not count.
+/// It compares the median magnitude of block means with that of single residuals. Medians ignore the
+/// few places where a large window does not fit.
 pub fn correlation(residuals: &[f32], height: usize, width: usize) -> f64 {
-    if height < BLOCK || width < BLOCK {
+    if height < MEAN_PIXELS || width < MEAN_PIXELS {
         return 1.0;
     }
-    let blocks = (height / BLOCK) * (width / BLOCK);
-    let stride = blocks.div_ceil(ENOUGH).max(1);
+    let blocks = (height / MEAN_PIXELS) * (width / MEAN_PIXELS);
+    let stride = blocks.div_ceil(MEDIAN_VALUES).max(1);
     let (means, singles): (Vec<f32>, Vec<f32>) = (0..blocks / stride)
         .into_par_iter()
         .filter_map(|k| {
-            let (row, column) = (k * stride / (width / BLOCK), k * stride % (width / BLOCK));
+            let (row, column) = (
+                k * stride / (width / MEAN_PIXELS),
+                k * stride % (width / MEAN_PIXELS),
+            );
             let mut sum = 0.0f32;
-            for y in row * BLOCK..(row + 1) * BLOCK {
-                for x in column * BLOCK..(column + 1) * BLOCK {
+            for y in row * MEAN_PIXELS..(row + 1) * MEAN_PIXELS {
+                for x in column * MEAN_PIXELS..(column + 1) * MEAN_PIXELS {
                     sum += residuals[y * width + x];
                 }
             }
-            let middle = (row * BLOCK + BLOCK / 2) * width + column * BLOCK + BLOCK / 2;
-            // A block without data in some pixel has a NaN sum.
+            let middle = (row * MEAN_PIXELS + MEAN_PIXELS / 2) * width
+                + column * MEAN_PIXELS
+                + MEAN_PIXELS / 2;
+            // A block with a pixel without data has a NaN sum.
             sum.is_finite().then(|| {
                 (
-                    (sum / (BLOCK * BLOCK) as f32).abs(),
+                    (sum / (MEAN_PIXELS * MEAN_PIXELS) as f32).abs(),
                     residuals[middle].abs(),
                 )
             })
@@ -51,7 +61,8 @@ pub fn correlation(residuals: &[f32], height: usize, width: usize) -> f64 {
     if single <= 0.0 {
         return 1.0;
     }
-    ((BLOCK * BLOCK) as f64 * (mean / single).powi(2)).clamp(1.0, (BLOCK * BLOCK) as f64)
+    ((MEAN_PIXELS * MEAN_PIXELS) as f64 * (mean / single).powi(2))
+        .clamp(1.0, (MEAN_PIXELS * MEAN_PIXELS) as f64)
 }
 
 #[cfg(test)]

@@ -1,8 +1,9 @@
-//! The reference seen through the present displacement: s(x − u) and s′(x − u) by cubic B-splines
-//! along rows.
+//! The reference warped by the current displacement: s(x − u) and s′(x − u), by cubic B-splines along
+//! rows.
 
-/// Samples at either end of a row that are not used: the spline leans on mirrored data there.
-const MARGIN: f64 = 2.0;
+/// Distance from either end of a row, px, within which the reference is not used: its spline depends on
+/// mirrored data there.
+const END_MARGIN: f64 = 2.0;
 
 /// A frame pair in the normalised units of the kernel (background 0, modulation 1).
 #[derive(Clone, Copy)]
@@ -10,13 +11,13 @@ pub struct Pair<'a> {
     pub height: usize,
     pub width: usize,
     /// Cubic B-spline coefficients of the reference rows, `height × (width + 3)`: one mirrored
-    /// coefficient in front, two behind.
+    /// coefficient before the row and two after it.
     pub spline: &'a [f32],
     /// Object frame, `height × width`.
     pub object: &'a [f32],
-    /// 1 where the reference sample may be trusted.
+    /// 1 where the reference sample is valid, else 0.
     pub reference_ok: &'a [u8],
-    /// 1 where the object sample may be trusted.
+    /// 1 where the object sample is valid, else 0.
     pub object_ok: &'a [u8],
 }
 
@@ -71,12 +72,12 @@ fn evaluate(coefficients: &[f32], position: f64) -> (f32, f32) {
 }
 
 impl Pair<'_> {
-    /// Value and slope of the reference at x − u; `None` where either frame has no sample to trust.
+    /// Value and slope of the reference at x − u; `None` where either frame has no valid sample.
     #[inline(always)]
     pub fn reference_at(&self, x: usize, y: usize, u: f32) -> Option<(f32, f32)> {
         let position = x as f64 - u as f64;
-        // A NaN displacement fails both comparisons.
-        let inside = position >= MARGIN && position <= (self.width - 1) as f64 - MARGIN;
+        // Both comparisons are false for a NaN displacement.
+        let inside = position >= END_MARGIN && position <= (self.width - 1) as f64 - END_MARGIN;
         let row = y * self.width;
         if !inside
             || self.object_ok[row + x] == 0

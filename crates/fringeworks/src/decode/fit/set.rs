@@ -1,0 +1,79 @@
+//! The frames of one period, and the least-squares problem of their shifts.
+
+use super::solver::Solver;
+use super::table::Table;
+use crate::{check_value, Error};
+use std::ops::RangeInclusive;
+
+/// Numbers of phase steps: three determine A, B and φ; 64 frames have a bit each in a `u64`.
+const STEPS: RangeInclusive<usize> = 3..=64;
+
+/// Frames I_n = A + B cos(φ − δ_n) of one period.
+pub struct PhaseSet {
+    /// Index of each frame.
+    pub frames: Vec<usize>,
+    /// 1 / period, turns per projector px.
+    pub frequency: f32,
+    /// Phase errors of the response, which are subtracted.
+    pub table: Table,
+    cos: Vec<f32>,
+    sin: Vec<f32>,
+    pub(super) solver: Solver,
+}
+
+impl PhaseSet {
+    /// A set of steps δ_n in rad; the period in projector px.
+    pub fn new(frames: Vec<usize>, shifts: &[f64], period: f64) -> Result<Self, Error> {
+        crate::check_length("shifts", shifts.len(), frames.len())?;
+        let enough = STEPS.contains(&frames.len());
+        check_value("steps", enough, "3 to 64", frames.len())?;
+        check_value("period", period > 0.0 && period.is_finite(), "> 0", period)?;
+        let solver = Solver::new(shifts).ok_or(Error::Value {
+            name: "shifts",
+            expected: "three or more that differ",
+            got: format!("{shifts:?}"),
+        })?;
+        Ok(Self {
+            frames,
+            frequency: (1.0 / period) as f32,
+            table: Table::default(),
+            cos: shifts.iter().map(|d| d.cos() as f32).collect(),
+            sin: shifts.iter().map(|d| d.sin() as f32).collect(),
+            solver,
+        })
+    }
+
+    pub(in super::super) fn check(&self, frames: usize) -> Result<(), Error> {
+        let inside = self.frames.iter().all(|&k| k < frames);
+        check_value("frames of a set", inside, "frames that exist", &self.frames)?;
+        self.table.check()
+    }
+
+    /// Number of phase steps.
+    pub fn steps(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// One bit for each phase step.
+    pub(in super::super) fn all_steps(&self) -> u64 {
+        u64::MAX >> (64 - self.steps())
+    }
+
+    /// Cosine and sine of the shift of step `n`.
+    #[inline(always)]
+    pub(in super::super) fn phasor(&self, n: usize) -> (f32, f32) {
+        (self.cos[n], self.sin[n])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn three_equal_shifts_are_refused() {
+        assert!(PhaseSet::new(vec![0, 1, 2], &[0.0, TAU, 2.0 * TAU], 10.0).is_err());
+        assert!(PhaseSet::new(vec![0, 1], &[0.0, 1.0], 10.0).is_err());
+    }
+}

@@ -1,0 +1,154 @@
+//! Normal equations of I_n = A + c cos δ_n + s sin δ_n (Bruning 1974; Greivenkamp 1984; theory §5).
+
+use super::set::PhaseSet;
+use super::sums::Sums;
+use crate::decode::{Lanes, LANES};
+
+/// Least determinant of the normal equations, as a share of that of equal steps.
+///
+/// Below, the kept samples are so close in phase that noise decides the result. 0.02 allows a
+/// standard deviation of about seven times (1/√0.02) that of equal steps: an empirical choice
+/// between lost pixels and noisy ones.
+const MIN_DETERMINANT: f64 = 0.02;
+
+/// Off-diagonal entries of the inverse that count as zero: the rounding of f64 cosines.
+const BALANCED_TOLERANCE: f64 = 1e-9;
+
+/// Skew coefficients that count as zero: a little above the rounding of f32.
+const SKEW_TOLERANCE: f32 = 1e-6;
+
+/// Inverse of the matrix of the normal equations, for (A, c, s).
+pub type Inverse = [[f64; 3]; 3];
+
+/// Inverse of the symmetric matrix Σ (1, cos, sin)ᵀ(1, cos, sin) over the kept frames, one bit each;
+/// `None` where the frames do not determine the phase.
+pub fn inverse(
+    kept: u64,
+    cos: impl Fn(usize) -> f64,
+    sin: impl Fn(usize) -> f64,
+) -> Option<Inverse> {
+    let mut g = [[0.0f64; 3]; 3];
+    for n in (0..64).filter(|n| kept >> n & 1 == 1) {
+        let row = [1.0, cos(n), sin(n)];
+        for i in 0..3 {
+            for j in 0..3 {
+                g[i][j] += row[i] * row[j];
+            }
+        }
+    }
+    let minor = |i: usize, j: usize| {
+        let (a, b) = ((i + 1) % 3, (i + 2) % 3);
+        let (c, d) = ((j + 1) % 3, (j + 2) % 3);
+        g[a][c] * g[b][d] - g[a][d] * g[b][c]
+    };
+    let determinant = (0..3).map(|j| g[0][j] * minor(0, j)).sum::<f64>();
+    // N equal steps have the determinant N · N/2 · N/2.
+    let equal = g[0][0].powi(3) / 4.0;
+    if determinant <= MIN_DETERMINANT * equal {
+        return None;
+    }
+    let mut out = [[0.0; 3]; 3];
+    for i in 0..3 {
+        for j in 0..3 {
+            out[i][j] = minor(j, i) / determinant;
+        }
+    }
+    Some(out)
+}
+
+/// Solver of the normal equations of all samples of a set.
+#[derive(Clone)]
+pub struct Solver {
+    pub inverse: [[f32; 3]; 3],
+    /// Whether the off-diagonal terms vanish: equal steps over whole turns.
+    pub balanced: bool,
+    /// Correction from the mean brightness to the one that shot noise sees: coefficients of c³, c²s,
+    /// cs² and s³ over B². Non-zero only for three equal steps or for unequal ones.
+    pub skew: Option<[f32; 4]>,
+}
+
+impl Solver {
+    /// The solver for these shifts (rad); `None` where they do not determine the phase.
+    pub fn new(shifts: &[f64]) -> Option<Self> {
+        let all = u64::MAX >> (64 - shifts.len());
+        let inverse = inverse(all, |n| shifts[n].cos(), |n| shifts[n].sin())?;
+        let largest = inverse[0][1]
+            .abs()
+            .max(inverse[0][2].abs())
+            .max(inverse[1][2].abs());
+        let balanced = largest < BALANCED_TOLERANCE
+            && (inverse[1][1] - inverse[2][2]).abs() < BALANCED_TOLERANCE;
+        let skew = skew(&inverse, shifts);
+        Some(Self {
+            inverse: inverse.map(|row| row.map(|v| v as f32)),
+            balanced,
+            skew: skew
+                .iter()
+                .any(|v| v.abs() > SKEW_TOLERANCE)
+                .then_some(skew),
+        })
+    }
+}
+
+/// Coefficients of [`Solver::skew`].
+///
+/// The phase's variance sums the squared weight of every sample times the brightness of that
+/// sample. Weights are linear in c and s over B², and the brightness is linear in c and s, so the
+/// part beyond the mean brightness is cubic in c and s.
+fn skew(inverse: &Inverse, shifts: &[f64]) -> [f32; 4] {
+    let (mut cubic, mut quadratic) = ([0.0f64; 4], [0.0f64; 3]);
+    for shift in shifts {
+        let (k, q) = (shift.cos(), shift.sin());
+        let wc = inverse[1][0] + inverse[1][1] * k + inverse[1][2] * q;
+        let ws = inverse[2][0] + inverse[2][1] * k + inverse[2][2] * q;
+        let square = [ws * ws, -2.0 * ws * wc, wc * wc];
+        for i in 0..3 {
+            quadratic[i] += square[i];
+            cubic[i] += square[i] * k;
+            cubic[i + 1] += square[i] * q;
+        }
+    }
+    let scale = 0.5 * (quadratic[0] + quadratic[2]);
+    cubic.map(|v| (v / scale) as f32)
+}
+
+/// A, c and s (in this order in the result) of I = A + c cos δ + s sin δ.
+#[inline(always)]
+pub fn solve(set: &PhaseSet, sums: &Sums) -> Sums {
+    let m = &set.solver.inverse;
+    let mut out = *sums;
+    if set.solver.balanced {
+        for i in 0..LANES {
+            out.plain[i] *= m[0][0];
+            out.cos[i] *= m[1][1];
+            out.sin[i] *= m[1][1];
+        }
+    } else {
+        for i in 0..LANES {
+            let (p, q, r) = (sums.plain[i], sums.cos[i], sums.sin[i]);
+            let row = |row: &[f32; 3]| row[0] * p + row[1] * q + row[2] * r;
+            (out.plain[i], out.cos[i], out.sin[i]) = (row(&m[0]), row(&m[1]), row(&m[2]));
+        }
+    }
+    out
+}
+
+/// Inverse variance of the phase for noise of one count², with all samples used.
+#[inline(always)]
+pub fn precision(set: &PhaseSet, Sums { cos, sin, .. }: &Sums) -> Lanes {
+    let m = &set.solver.inverse;
+    let mut out = [0.0; LANES];
+    if set.solver.balanced {
+        for i in 0..LANES {
+            out[i] = (cos[i] * cos[i] + sin[i] * sin[i]) * (1.0 / m[1][1]);
+        }
+    } else {
+        for i in 0..LANES {
+            let (c, s) = (cos[i], sin[i]);
+            let (cc, ss, power) = (c * c, s * s, c * c + s * s);
+            let spread = m[2][2] * cc + m[1][1] * ss - 2.0 * m[1][2] * (c * s);
+            out[i] = power * power / spread;
+        }
+    }
+    out
+}

@@ -1,0 +1,38 @@
+//! Coordinates of a plan without fringes: the middles of the Gray code's cells.
+
+use super::Scratch;
+use crate::decode::{Plan, BLOCK_PIXELS};
+use crate::reason;
+
+/// Variance of a value that is uniform over a cell, in units of the squared cell width.
+const UNIFORM_VARIANCE: f32 = 12.0;
+
+/// Variance of half the difference of two frames, in units of the variance of one frame.
+const HALF_DIFFERENCE: f32 = 0.5;
+
+/// Coordinates, variances and reasons of a block from its Gray code alone.
+#[inline(always)]
+pub fn resolve_gray_only(plan: &Plan, scratch: &mut Scratch) {
+    let step = plan.gray_code.as_ref().map_or(0.0, |code| code.step);
+    let snr = plan.limits.min_snr;
+    scratch.background = scratch.gray.threshold;
+    scratch.modulation = scratch.gray.contrast;
+    scratch.coordinate = scratch.gray.coordinate;
+    scratch.variance = [step * step / UNIFORM_VARIANCE; BLOCK_PIXELS];
+    scratch.disagreement = [0.0; BLOCK_PIXELS];
+    for i in 0..BLOCK_PIXELS {
+        let contrast = scratch.modulation[i];
+        let noise = (HALF_DIFFERENCE * plan.noise.variance(scratch.background[i])).sqrt();
+        scratch.reason[i] = u32::from(if !scratch.background[i].is_finite() {
+            reason::MASKED
+        } else if contrast < snr * noise {
+            reason::SHADOW
+        } else if contrast < plan.limits.min_modulation {
+            reason::LOW_MODULATION
+        } else if scratch.coordinate[i].is_nan() {
+            reason::ORDER_AMBIGUOUS
+        } else {
+            reason::OK
+        });
+    }
+}

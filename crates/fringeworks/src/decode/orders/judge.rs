@@ -1,0 +1,93 @@
+//! Whether a coordinate can be trusted: margins of the roundings, range, and agreement of the sets.
+
+use super::resolve::Resolved;
+use super::{nearest, part};
+use crate::decode::fit::Fitted;
+use crate::decode::{Lanes, Plan, LANES};
+
+/// Bring the coordinates of a group into the range. Returns non-zero where the fringe order is
+/// ambiguous: a rounding without its margin, or sets and Gray code that disagree.
+#[inline(always)]
+pub fn judge(plan: &Plan, at: usize, sets: &[Fitted], resolved: &mut Resolved) -> [u32; LANES] {
+    let mut ambiguous = [0u32; LANES];
+    check_roundings(plan, at, sets, &mut ambiguous);
+    let coded = plan.gray_code.is_some();
+    if plan.chain.repeats.is_infinite() && !coded {
+        check_ends(plan, at, sets, &resolved.coordinate, &mut ambiguous);
+    }
+    check_range(plan, coded, resolved, &mut ambiguous);
+    ambiguous
+}
+
+/// The error of every rounding must stay within its margin.
+#[inline(always)]
+fn check_roundings(plan: &Plan, at: usize, sets: &[Fitted], ambiguous: &mut [u32; LANES]) {
+    let chain = &plan.chain;
+    for (row, &margin) in chain
+        .amplification
+        .chunks_exact(sets.len())
+        .zip(&chain.margin)
+    {
+        let mut error = [0.0; LANES];
+        for (fitted, &a) in sets.iter().zip(row) {
+            let variance = part(&fitted.brightness_or_variance, at);
+            for i in 0..LANES {
+                error[i] += a * variance[i];
+            }
+        }
+        for i in 0..LANES {
+            let fits = error[i] <= margin;
+            ambiguous[i] |= u32::from(!fits);
+        }
+    }
+}
+
+/// Without a finite repeat distance, noise can wrap the coarsest combination past either end, so a
+/// margin is required.
+#[inline(always)]
+fn check_ends(plan: &Plan, at: usize, sets: &[Fitted], x: &Lanes, ambiguous: &mut [u32; LANES]) {
+    let (chain, limits) = (&plan.chain, &plan.limits);
+    let half_range = 0.5 / chain.frequencies[0];
+    let mut coarsest = [0.0; LANES];
+    for (fitted, &c) in sets.iter().zip(&chain.combinations) {
+        let variance = part(&fitted.brightness_or_variance, at);
+        for i in 0..LANES {
+            coarsest[i] += c * c * variance[i];
+        }
+    }
+    for i in 0..LANES {
+        let reach = half_range - limits.confidence * 2.0 * half_range * coarsest[i].sqrt();
+        let inside = (x[i] - chain.middle).abs() <= reach;
+        ambiguous[i] |= u32::from(!inside);
+    }
+}
+
+/// Coordinates modulo the repeat distance must lie in the range and near the Gray-code cell, and the
+/// sets must agree.
+#[inline(always)]
+fn check_range(plan: &Plan, coded: bool, resolved: &mut Resolved, ambiguous: &mut [u32; LANES]) {
+    let (chain, limits) = (&plan.chain, &plan.limits);
+    let allowed = limits.max_disagreement * plan.noise.scale;
+    let periodic = chain.repeats.is_finite() && !coded;
+    let (repeats, turn, seam) = if periodic {
+        (chain.repeats, 1.0 / chain.repeats, 0.5 * chain.repeats)
+    } else {
+        (0.0, 0.0, f32::INFINITY)
+    };
+    let reach = if coded {
+        chain.code_reach
+    } else {
+        f32::INFINITY
+    };
+    let bounded = u32::from(!chain.circular);
+    let x = &mut resolved.coordinate;
+    for i in 0..LANES {
+        x[i] -= repeats * nearest((x[i] - chain.middle) * turn);
+        let margin = limits.confidence * resolved.variance[i].sqrt();
+        let from_middle = (x[i] - chain.middle).abs();
+        let inside = from_middle <= (chain.half + margin).min(seam - margin);
+        let near = (x[i] - resolved.start[i]).abs() <= reach + margin;
+        let agree = resolved.disagreement[i] <= allowed;
+        ambiguous[i] |= u32::from(!agree) | u32::from(!near) | (bounded & u32::from(!inside));
+    }
+}

@@ -1,0 +1,89 @@
+//! Variance of every phase, and the pixels whose fringes are too weak.
+
+use super::{part, part_mut, Scratch};
+use crate::decode::fit::{Fitted, NO_PRECISION};
+use crate::decode::{Lanes, Plan, LANES};
+use crate::reason;
+use std::f32::consts::TAU;
+
+/// Sets of a pixel whose phase cannot be used.
+struct Unusable {
+    /// Number of sets whose fringe is too weak.
+    weak: [u32; LANES],
+    /// Non-zero where saturation leaves some phase undetermined.
+    saturated: [u32; LANES],
+}
+
+/// Turn the precision of every phase into 1/turns², and its brightness into its variance, in place.
+///
+/// Returns the reason of each pixel of the group: why its phases cannot be used, or OK.
+#[inline(always)]
+pub fn phase_noise(plan: &Plan, start: usize, scratch: &mut Scratch) -> [u32; LANES] {
+    let mut unusable = Unusable {
+        weak: [0; LANES],
+        saturated: [0; LANES],
+    };
+    for fitted in &mut scratch.sets {
+        set_noise(plan, start, fitted, &mut unusable);
+    }
+    let background = part(&scratch.background, start);
+    let modulation = part(&scratch.modulation, start);
+    reasons(plan, background, modulation, &unusable)
+}
+
+#[inline(always)]
+fn set_noise(plan: &Plan, start: usize, fitted: &mut Fitted, unusable: &mut Unusable) {
+    let min_precision = plan.limits.min_snr * plan.limits.min_snr;
+    let precision = part_mut(&mut fitted.precision, start);
+    let brightness_or_variance = part_mut(&mut fitted.brightness_or_variance, start);
+    let mut per_noise = [1.0 / plan.noise.read_variance; LANES];
+    if plan.noise.gain > 0.0 {
+        for i in 0..LANES {
+            per_noise[i] = 1.0 / plan.noise.variance(brightness_or_variance[i]);
+        }
+    }
+    for i in 0..LANES {
+        let unit = precision[i];
+        let q = unit * per_noise[i];
+        let strong = q >= min_precision;
+        unusable.weak[i] += u32::from(!strong);
+        unusable.saturated[i] |= u32::from(unit == NO_PRECISION);
+        // 1/q underestimates the variance by about 1/q²: half because B comes from the same noisy
+        // samples, half because the phase of a weak fringe is not Gaussian.
+        let u = 1.0 / q;
+        let v = u * (1.0 + u);
+        precision[i] = q * (1.0 - u + u * u) * (TAU * TAU);
+        brightness_or_variance[i] = v * (1.0 / (TAU * TAU));
+    }
+}
+
+#[inline(always)]
+fn reasons(
+    plan: &Plan,
+    background: &Lanes,
+    modulation: &Lanes,
+    Unusable { weak, saturated }: &Unusable,
+) -> [u32; LANES] {
+    let all = plan.sets.len() as u32;
+    let mut reasons = [0u32; LANES];
+    for i in 0..LANES {
+        let faint = modulation[i] < plan.limits.min_modulation || weak[i] > 0;
+        let dark = if weak[i] == all {
+            u32::from(reason::SHADOW)
+        } else {
+            u32::from(reason::LOW_MODULATION)
+        };
+        let lit = if faint { dark } else { u32::from(reason::OK) };
+        let reason = if background[i].is_finite() {
+            lit
+        } else {
+            u32::from(reason::MASKED)
+        };
+        reasons[i] = if saturated[i] > 0 {
+            u32::from(reason::SATURATED)
+        } else {
+            reason
+        };
+    }
+    reasons
+}

@@ -1,0 +1,105 @@
+//! Coordinate of a group of pixels by the chain of roundings, and its variance.
+
+use super::judge::judge;
+use super::phase_noise::phase_noise;
+use super::{nearest, part, Scratch};
+use crate::decode::fit::Fitted;
+use crate::decode::{Lanes, PhaseSet, Plan, LANES};
+use crate::reason;
+
+/// The result for a group.
+pub struct Resolved {
+    /// Coordinate that the chain starts from, px: the Gray-code cell's or the range's middle.
+    pub start: Lanes,
+    /// Coordinate, px.
+    pub coordinate: Lanes,
+    /// Variance of the coordinate, px².
+    pub variance: Lanes,
+    /// χ² of the sets' disagreement.
+    pub disagreement: Lanes,
+}
+
+/// v less the nearest whole number.
+#[inline(always)]
+fn wrap(v: f32) -> f32 {
+    v - nearest(v)
+}
+
+/// Resolve the group of pixels from `at` on, and store it in the arrays of the block.
+#[inline(always)]
+pub fn resolve(plan: &Plan, at: usize, scratch: &mut Scratch) {
+    let unusable = phase_noise(plan, at, scratch);
+    let start = if plan.gray_code.is_some() {
+        *part(&scratch.gray.coordinate, at)
+    } else {
+        [plan.chain.middle; LANES]
+    };
+    let coarse = follow_chain(plan, at, &scratch.sets, start);
+    let mut resolved = average_sets(plan, at, &scratch.sets, start, coarse);
+    let ambiguous = judge(plan, at, &scratch.sets, &mut resolved);
+    let reasons = &mut scratch.reason[at..at + LANES];
+    for i in 0..LANES {
+        let ok = unusable[i] == u32::from(reason::OK) && ambiguous[i] == 0;
+        reasons[i] = if ok {
+            u32::from(reason::OK)
+        } else {
+            unusable[i].max(u32::from(unusable[i] == 0) * u32::from(reason::ORDER_AMBIGUOUS))
+        };
+    }
+    let place = at..at + LANES;
+    scratch.coordinate[place.clone()].copy_from_slice(&resolved.coordinate);
+    scratch.variance[place.clone()].copy_from_slice(&resolved.variance);
+    scratch.disagreement[place].copy_from_slice(&resolved.disagreement);
+}
+
+/// Coordinate by the chain, from coarse combinations to fine ones:
+/// x ← x + wrap(c·t − g x) / g, with the combination c of the phases t and its frequency g.
+#[inline(always)]
+fn follow_chain(plan: &Plan, at: usize, sets: &[Fitted], mut x: Lanes) -> Lanes {
+    let chain = &plan.chain;
+    for (k, &g) in chain.frequencies.iter().enumerate() {
+        let row = &chain.combinations[k * sets.len()..(k + 1) * sets.len()];
+        let mut phase = [0.0; LANES];
+        for (fitted, &c) in sets.iter().zip(row) {
+            let turns = part(&fitted.turns, at);
+            for i in 0..LANES {
+                phase[i] += c * turns[i];
+            }
+        }
+        let px = 1.0 / g;
+        for i in 0..LANES {
+            x[i] += wrap(phase[i] - g * x[i]) * px;
+        }
+    }
+    x
+}
+
+/// Mean of the coordinates of all sets, weighted by inverse variance, and its χ².
+#[inline(always)]
+fn average_sets(plan: &Plan, at: usize, sets: &[Fitted], start: Lanes, mut x: Lanes) -> Resolved {
+    let (mut weight, mut pull, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for (fitted, &PhaseSet { frequency: f, .. }) in sets.iter().zip(&plan.sets) {
+        let (turns, precision) = (part(&fitted.turns, at), part(&fitted.precision, at));
+        for i in 0..LANES {
+            let off = wrap(turns[i] - f * x[i]);
+            let fp = f * precision[i];
+            weight[i] += f * fp;
+            pull[i] += fp * off;
+            square[i] += precision[i] * off * off;
+        }
+    }
+    let (mut variance, mut disagreement) = ([0.0; LANES], [0.0; LANES]);
+    for i in 0..LANES {
+        let inverse = 1.0 / weight[i];
+        let shift = pull[i] * inverse;
+        x[i] += shift;
+        variance[i] = inverse * plan.noise.scale;
+        disagreement[i] = square[i] - shift * pull[i];
+    }
+    Resolved {
+        start,
+        coordinate: x,
+        variance,
+        disagreement,
+    }
+}

@@ -1,0 +1,78 @@
+//! What a plan knows before any pixel: the chain of roundings, the noise, and the limits.
+
+use crate::{check_length, check_value, Error};
+
+/// The chain of roundings that gives the fringe orders of all sets (temporal unwrapping, theory §5).
+///
+/// The caller has proved it: each rounding keeps a margin against the noise.
+pub struct Chain {
+    /// Integer coefficients of the phases, one row per combination with one value per set.
+    pub combinations: Vec<f32>,
+    /// Frequency of every combination, turns per px.
+    pub frequencies: Vec<f32>,
+    /// Squared amplification of the phase errors by every rounding, rows as above.
+    pub amplification: Vec<f32>,
+    /// Squared margin of every rounding divided by the squared confidence, turns².
+    pub margin: Vec<f32>,
+    /// Middle of the range of coordinates, px.
+    pub middle: f32,
+    /// Half the range of coordinates, px.
+    pub half: f32,
+    /// Distance after which all phases repeat, px; infinite where they do not.
+    pub repeats: f32,
+    /// Whether both ends of the range are the same place: a coordinate modulo `repeats`.
+    pub circular: bool,
+    /// Largest distance of a coordinate from the middle of its Gray-code cell, px.
+    pub code_reach: f32,
+}
+
+impl Chain {
+    pub(in super::super) fn check(&self, sets: usize, code: bool) -> Result<(), Error> {
+        let n = self.frequencies.len();
+        check_value("chain", sets == 0 || n > 0, "a combination", n)?;
+        check_length("combinations", self.combinations.len(), n * sets)?;
+        check_length(
+            "amplification",
+            self.amplification.len(),
+            self.margin.len() * sets,
+        )?;
+        let positive = self.frequencies.iter().all(|&g| g > 0.0);
+        check_value("frequencies", positive, "> 0", &self.frequencies)?;
+        check_value("range", self.half > 0.0, "> 0", self.half)?;
+        check_value("repeats", self.repeats > 0.0, "> 0", self.repeats)?;
+        let reach = !code || self.code_reach > 0.0;
+        check_value("reach of the code", reach, "> 0", self.code_reach)
+    }
+}
+
+/// Noise of the camera: read noise and shot noise.
+pub struct Noise {
+    /// Counts².
+    pub read_variance: f32,
+    /// Variance per count of brightness, counts.
+    pub gain: f32,
+    /// Factor on the variance of a coordinate where the sets disagree by more than their noise; ≥ 1.
+    pub scale: f32,
+}
+
+impl Noise {
+    /// Variance of a count at some brightness, counts².
+    #[inline(always)]
+    pub fn variance(&self, brightness: f32) -> f32 {
+        self.read_variance + self.gain * brightness.max(0.0)
+    }
+}
+
+/// Limits that a pixel must keep.
+pub struct Limits {
+    /// Counts from which on a sample is not used; NaN for none.
+    pub saturation: f32,
+    /// Least modulation over its standard deviation; below, there is no fringe.
+    pub min_snr: f32,
+    /// Least modulation, counts.
+    pub min_modulation: f32,
+    /// Largest χ² of the sets' disagreement, in units of [`Noise::scale`].
+    pub max_disagreement: f32,
+    /// Standard deviations that decisions must be safe by.
+    pub confidence: f32,
+}

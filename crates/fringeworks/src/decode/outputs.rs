@@ -1,0 +1,82 @@
+//! Output maps of the decoder.
+
+use crate::{check_length, Error};
+
+/// Output maps, each with one value per pixel of the frames.
+pub struct Outputs<'a> {
+    /// Projector coordinate, px; NaN where not measured.
+    pub coordinate: &'a mut [f32],
+    /// Standard deviation of the coordinate, px.
+    pub sigma: &'a mut [f32],
+    /// Modulation of the set with the shortest period, counts.
+    pub modulation: &'a mut [f32],
+    /// Mean of the phase frames, counts.
+    pub background: &'a mut [f32],
+    /// See [`crate::reason`].
+    pub reason: &'a mut [u8],
+    /// Wrapped phase of every set, rad; or no maps.
+    pub phases: Vec<&'a mut [f32]>,
+    /// Modulation of every set, counts; or no maps.
+    pub modulations: Vec<&'a mut [f32]>,
+    /// Disagreement of the sets, χ²; or empty.
+    pub disagreement: &'a mut [f32],
+}
+
+impl<'a> Outputs<'a> {
+    pub(super) fn check(&self, pixels: usize, sets: usize) -> Result<(), Error> {
+        check_length("coordinate", self.coordinate.len(), pixels)?;
+        check_length("sigma", self.sigma.len(), pixels)?;
+        check_length("modulation", self.modulation.len(), pixels)?;
+        check_length("background", self.background.len(), pixels)?;
+        check_length("reason", self.reason.len(), pixels)?;
+        for maps in [&self.phases, &self.modulations] {
+            if !maps.is_empty() {
+                check_length("phases", maps.len(), sets)?;
+            }
+            for map in maps {
+                check_length("phases", map.len(), pixels)?;
+            }
+        }
+        if !self.disagreement.is_empty() {
+            check_length("disagreement", self.disagreement.len(), pixels)?;
+        }
+        Ok(())
+    }
+
+    /// Split into the first `n` pixels and the rest.
+    pub(super) fn split(self, n: usize) -> (Self, Self) {
+        let (coordinate, coordinate_rest) = self.coordinate.split_at_mut(n);
+        let (sigma, sigma_rest) = self.sigma.split_at_mut(n);
+        let (modulation, modulation_rest) = self.modulation.split_at_mut(n);
+        let (background, background_rest) = self.background.split_at_mut(n);
+        let (reason, reason_rest) = self.reason.split_at_mut(n);
+        let halves = |maps: Vec<&'a mut [f32]>| -> (Vec<&'a mut [f32]>, Vec<&'a mut [f32]>) {
+            maps.into_iter().map(|map| map.split_at_mut(n)).unzip()
+        };
+        let (phases, phases_rest) = halves(self.phases);
+        let (modulations, modulations_rest) = halves(self.modulations);
+        let at = n.min(self.disagreement.len());
+        let (disagreement, disagreement_rest) = self.disagreement.split_at_mut(at);
+        let first = Self {
+            coordinate,
+            sigma,
+            modulation,
+            background,
+            reason,
+            phases,
+            modulations,
+            disagreement,
+        };
+        let rest = Self {
+            coordinate: coordinate_rest,
+            sigma: sigma_rest,
+            modulation: modulation_rest,
+            background: background_rest,
+            reason: reason_rest,
+            phases: phases_rest,
+            modulations: modulations_rest,
+            disagreement: disagreement_rest,
+        };
+        (first, rest)
+    }
+}

@@ -1,0 +1,168 @@
+//! Inversion of one row.
+
+use super::extrema;
+use super::matched::{matched_parts, MatchedPart};
+use super::matching::match_orders;
+use super::part::{spans, Inverse, Span};
+use super::Options;
+use crate::reason;
+use crate::spline::{uniform_pivots, uniform_slopes, RowSpline};
+
+/// Upper bound on σ, in periods: where the slope vanishes, the neighbouring parts bound the error.
+const MAX_SIGMA_PERIODS: f64 = 0.25;
+
+/// One row of the frames.
+pub struct RowIn<'a> {
+    pub reference: &'a [f64],
+    pub object: &'a [f64],
+    pub mask: &'a [u8],
+    pub guide: Option<&'a [f32]>,
+}
+
+/// One row of the result.
+pub struct RowOut<'a> {
+    pub displacement: &'a mut [f64],
+    pub sigma: &'a mut [f32],
+    pub modulation_ratio: &'a mut [f32],
+    pub reason: &'a mut [u8],
+}
+
+/// Arrays that are used again from row to row.
+pub struct Scratch {
+    reference_slopes: Vec<f64>,
+    object_slopes: Vec<f64>,
+    pivots: Vec<f64>,
+}
+
+impl Scratch {
+    pub fn new(width: usize) -> Self {
+        Self {
+            reference_slopes: vec![0.0; width],
+            object_slopes: vec![0.0; width],
+            pivots: uniform_pivots(width),
+        }
+    }
+
+    /// Splines of the reference row and of the object row.
+    fn splines<'a>(&'a mut self, frames: &RowIn<'a>) -> (RowSpline<'a>, RowSpline<'a>) {
+        uniform_slopes(frames.reference, &mut self.reference_slopes, &self.pivots);
+        uniform_slopes(frames.object, &mut self.object_slopes, &self.pivots);
+        let reference = RowSpline {
+            y: frames.reference,
+            slopes: &self.reference_slopes,
+        };
+        let object = RowSpline {
+            y: frames.object,
+            slopes: &self.object_slopes,
+        };
+        (reference, object)
+    }
+
+    /// Invert one row; `s` and `d` are the splines of reference and object, as in theory §2.
+    pub fn invert_row(&mut self, frames: &RowIn, options: &Options, out: &mut RowOut) {
+        let (s, d) = self.splines(frames);
+        let find =
+            |row: &RowSpline| extrema::find(row, options.period, options.prominence, options.floor);
+        let (s_extrema, d_extrema) = (find(&s), find(&d));
+        let orders = match_orders(
+            &s_extrema,
+            &d_extrema,
+            options.period,
+            options.max_displacement,
+            frames.guide,
+        );
+        let parts = spans(&s, &s_extrema);
+        // The outer `Option` says whether the inverse was built, the inner one whether it exists.
+        let mut inverses: Vec<Option<Option<Inverse>>> = (0..parts.len()).map(|_| None).collect();
+        if s_extrema.is_empty() || d_extrema.is_empty() {
+            out.reason.fill(reason::LOW_MODULATION);
+        }
+        let tolerance = options.albedo_tolerance;
+        for matched in matched_parts(&d, &d_extrema, &s_extrema, &orders, tolerance) {
+            let span = &parts[matched.part];
+            let inverse = inverses[matched.part].get_or_insert_with(|| {
+                Inverse::build(&s, span, options.method, options.degree, options.n_resample)
+            });
+            let at_end = matched.part == 0 || matched.part + 1 == parts.len();
+            match inverse {
+                Some(inverse) => {
+                    let reference = Part {
+                        row: &s,
+                        span,
+                        inverse,
+                        at_end,
+                    };
+                    invert_part(&reference, frames.object, &matched, options, out);
+                }
+                None => {
+                    out.reason[matched.pixels(frames.object.len())].fill(reason::LOW_MODULATION)
+                }
+            }
+        }
+        apply_mask(frames.mask, out);
+    }
+}
+
+/// A part of the reference row, ready to be inverted.
+struct Part<'a> {
+    row: &'a RowSpline<'a>,
+    span: &'a Span,
+    inverse: &'a Inverse,
+    /// Whether it is the first or last part of the row, beyond which the frame ends.
+    at_end: bool,
+}
+
+/// Invert the pixels of a matched part of the object row.
+fn invert_part(
+    reference: &Part,
+    object: &[f64],
+    matched: &MatchedPart,
+    options: &Options,
+    out: &mut RowOut,
+) {
+    let last_sample = (object.len() - 1) as f64;
+    let max_sigma = MAX_SIGMA_PERIODS * options.period;
+    for x in matched.pixels(object.len()) {
+        let intensity = (object[x] - matched.offset) / matched.modulation_ratio;
+        let Some(value) = clamp_to(reference.span, intensity, options.tolerance) else {
+            out.reason[x] = if reference.at_end {
+                reason::OUTSIDE
+            } else {
+                reason::OUT_OF_RANGE
+            };
+            continue;
+        };
+        let position = reference
+            .inverse
+            .at(reference.row, value)
+            .clamp(0.0, last_sample);
+        out.displacement[x] = x as f64 - position;
+        let slope = reference.row.cubic(position).slope(position);
+        let slope = (matched.modulation_ratio * slope).abs();
+        out.sigma[x] = (options.noise / slope).min(max_sigma) as f32;
+        out.modulation_ratio[x] = matched.modulation_ratio as f32;
+        out.reason[x] = reason::OK;
+    }
+}
+
+fn apply_mask(mask: &[u8], out: &mut RowOut) {
+    for (x, wanted) in mask.iter().enumerate() {
+        if *wanted == 0 {
+            out.displacement[x] = f64::NAN;
+            out.sigma[x] = f32::NAN;
+            out.modulation_ratio[x] = f32::NAN;
+            out.reason[x] = reason::MASKED;
+        }
+    }
+}
+
+/// The intensity, moved to the end of its part where it exceeds the part by no more than the
+/// tolerance.
+fn clamp_to(span: &Span, intensity: f64, tolerance: f64) -> Option<f64> {
+    let (low, high) = (
+        span.value_from.min(span.value_to),
+        span.value_from.max(span.value_to),
+    );
+    let slack = tolerance * (high - low);
+    (intensity >= low - slack && intensity <= high + slack).then(|| intensity.clamp(low, high))
+}

@@ -1,0 +1,190 @@
+//! Triangulation: from projector coordinates to points (theory §8 and §9).
+//!
+//! The unknown of a pixel is w = 1/z along its ray. In the projector's coordinates, divided by its
+//! depth z, a point is R r + w t, which is linear in w. Without distortion, one axis gives w in
+//! closed form and two axes give it by linear least squares. With distortion, Newton's method
+//! continues from there.
+//!
+//! A row of the frame is cut into segments of 32 pixels. The rays of a segment are cubics through
+//! four pixels, whose distortion is inverted in double precision when the rig is prepared.
+//!
+//! Polynomials use fused multiply-add where the processor has it, so results of different
+//! instruction sets agree to rounding only.
+
+mod arithmetic;
+mod depth;
+mod lens;
+mod points;
+mod prepare;
+mod rays;
+mod row;
+
+use crate::{check_length, check_value, Error};
+use rayon::prelude::*;
+
+pub use lens::Lens;
+pub use prepare::Triangulation;
+
+/// Pixels of a segment, which are computed together.
+///
+/// 32 single-precision values fill two registers of 512 bit, or four of 256 bit, so that the
+/// latency of one operation is hidden by the next. All arrays of a segment stay in the first cache.
+const SEGMENT_PIXELS: usize = 32;
+
+/// One value per pixel of a segment.
+type Values = [f32; SEGMENT_PIXELS];
+
+/// Coefficients of the polynomial in [`Spread`], per node.
+///
+/// Must be the number that the Python side fits (`fringeworks.rig.triangulate`): degree 4 follows
+/// the logarithm of the variance along a ray over the depths that the projector lights.
+pub const SPREAD_COEFFICIENTS: usize = 5;
+
+/// Camera, projector, and the pose that maps camera coordinates to projector coordinates.
+pub struct Rig {
+    pub camera: Lens,
+    pub projector: Lens,
+    /// Rotation matrix, row by row.
+    pub rotation: [f64; 9],
+    /// Translation, mm.
+    pub translation: [f64; 3],
+}
+
+/// Variance of 1/z that comes from the calibration: a polynomial along the ray of each node.
+///
+/// The nodes are evenly spaced and cover the camera's frame.
+pub struct Spread {
+    pub columns: usize,
+    pub rows: usize,
+    /// Coefficients of the binary logarithm of the variance, [`SPREAD_COEFFICIENTS`] per node from
+    /// the constant on, node after node of each row. The variable is the projector coordinate,
+    /// scaled to −1…1 over the projector's length.
+    pub coefficients: Vec<f32>,
+    /// Whether the variable is the projector's column (x) or its row (y).
+    pub along_x: bool,
+    /// Length of the projector along that axis, px.
+    pub length: f32,
+}
+
+/// Decoded maps along one axis of the projector, one value per camera pixel.
+#[derive(Clone, Copy)]
+pub struct Axis<'a> {
+    /// Projector coordinate, px.
+    pub coordinate: &'a [f32],
+    /// Standard deviation of the coordinate, px.
+    pub sigma: &'a [f32],
+    /// See [`crate::reason`].
+    pub reason: &'a [u8],
+}
+
+/// Limits that a point must keep.
+pub struct Limits {
+    /// Largest distance from the epipolar line, in standard deviations of that distance.
+    pub residual_sigmas: f32,
+    /// Share of the calibration in that standard deviation, px.
+    pub residual_px: f32,
+}
+
+/// Output maps with one value per pixel of the camera's frame; `xyz` has three.
+pub struct Points<'a> {
+    /// Camera coordinates, mm; NaN where not measured.
+    pub xyz: &'a mut [f32],
+    /// Standard deviation along the ray from noise and calibration, mm.
+    pub sigma: &'a mut [f32],
+    /// Standard deviation along the ray from noise alone, mm.
+    pub noise: &'a mut [f32],
+    /// Distance from the epipolar line, px; empty for one axis.
+    pub residual: &'a mut [f32],
+    /// See [`crate::reason`].
+    pub reason: &'a mut [u8],
+}
+
+impl<'a> Axis<'a> {
+    fn check(&self, pixels: usize) -> Result<(), Error> {
+        check_length("coordinate", self.coordinate.len(), pixels)?;
+        check_length("sigma", self.sigma.len(), pixels)?;
+        check_length("reason", self.reason.len(), pixels)
+    }
+
+    /// One row of the maps.
+    fn row(self, index: usize, width: usize) -> Axis<'a> {
+        let range = index * width..(index + 1) * width;
+        Axis {
+            coordinate: &self.coordinate[range.clone()],
+            sigma: &self.sigma[range.clone()],
+            reason: &self.reason[range],
+        }
+    }
+}
+
+impl Points<'_> {
+    fn check(&self, pixels: usize, both_axes: bool) -> Result<(), Error> {
+        check_length("points", self.xyz.len(), 3 * pixels)?;
+        check_length("sigma", self.sigma.len(), pixels)?;
+        check_length("noise", self.noise.len(), pixels)?;
+        check_length("reason", self.reason.len(), pixels)?;
+        let residuals = if both_axes { pixels } else { 0 };
+        check_length("residual", self.residual.len(), residuals)
+    }
+}
+
+fn check(
+    rig: &Triangulation,
+    x: Option<Axis<'_>>,
+    y: Option<Axis<'_>>,
+    out: &Points<'_>,
+) -> Result<(), Error> {
+    let pixels = rig.shape().0 * rig.shape().1;
+    check_value("axes", x.is_some() || y.is_some(), "one or two", "none")?;
+    for axis in [x, y].into_iter().flatten() {
+        axis.check(pixels)?;
+    }
+    out.check(pixels, x.is_some() && y.is_some())?;
+    let spread_axis = if rig.spread_along_x() { x } else { y };
+    let given = spread_axis.is_some();
+    check_value("spread", given, "an axis that is given", "the other")
+}
+
+/// Triangulate a frame from one axis or both.
+pub fn triangulate(
+    rig: &Triangulation,
+    limits: &Limits,
+    x: Option<Axis<'_>>,
+    y: Option<Axis<'_>>,
+    out: Points<'_>,
+) -> Result<(), Error> {
+    let (rows, width) = rig.shape();
+    check(rig, x, y, &out)?;
+    if rows * width == 0 {
+        return Ok(());
+    }
+    let residual_rows: Vec<&mut [f32]> = if x.is_some() && y.is_some() {
+        out.residual.chunks_mut(width).collect()
+    } else {
+        (0..rows).map(|_| <&mut [f32]>::default()).collect()
+    };
+    out.xyz
+        .par_chunks_mut(3 * width)
+        .zip(out.sigma.par_chunks_mut(width))
+        .zip(out.noise.par_chunks_mut(width))
+        .zip(out.reason.par_chunks_mut(width))
+        .zip(residual_rows.into_par_iter())
+        .enumerate()
+        .for_each(|(index, ((((xyz, sigma), noise), reason), residual))| {
+            row::triangulate_row(row::Row {
+                rig,
+                limits,
+                index,
+                x: x.map(|axis| axis.row(index, width)),
+                y: y.map(|axis| axis.row(index, width)),
+                out: Points {
+                    xyz,
+                    sigma,
+                    noise,
+                    residual,
+                    reason,
+                },
+            });
+        });
+    Ok(())
+}

@@ -1,0 +1,109 @@
+//! A rig prepared for a camera's frame: everything that does not depend on decoded coordinates.
+
+use super::rays::{Rays, SegmentSpread};
+use super::{Rig, Spread, SEGMENT_PIXELS, SPREAD_COEFFICIENTS};
+use crate::{check_length, check_value, Error};
+use rayon::prelude::*;
+
+/// Rays and calibration variance of one segment.
+pub struct Segment {
+    pub rays: Rays,
+    pub spread: SegmentSpread,
+}
+
+/// The projector and the pose in single precision.
+pub struct Projector {
+    pub focal: [f32; 2],
+    pub principal: [f32; 2],
+    pub distortion: [f32; 5],
+    pub translation: [f32; 3],
+    /// Newton steps that the distortion takes; 0 where there is none.
+    pub newton_steps: usize,
+}
+
+/// Variable of the calibration variance: offset + factor × projector coordinate along an axis.
+pub struct SpreadVariable {
+    pub along_x: bool,
+    pub offset: f32,
+    pub factor: f32,
+}
+
+/// A rig prepared for a camera's frame.
+pub struct Triangulation {
+    /// Rows and columns.
+    shape: (usize, usize),
+    /// Row by row, [`SEGMENT_PIXELS`] pixels each.
+    segments: Vec<Segment>,
+    pub(super) projector: Projector,
+    pub(super) spread_variable: SpreadVariable,
+}
+
+impl Triangulation {
+    /// Prepare a rig. `shape` is rows and columns of the camera, `size` columns and rows of the
+    /// projector.
+    pub fn new(
+        rig: &Rig,
+        spread: &Spread,
+        shape: (usize, usize),
+        size: (usize, usize),
+    ) -> Result<Self, Error> {
+        let nodes = spread.columns * spread.rows;
+        check_length(
+            "spread",
+            spread.coefficients.len(),
+            nodes * SPREAD_COEFFICIENTS,
+        )?;
+        let enough = spread.columns >= 2 && spread.rows >= 2;
+        check_value("spread", enough, "2 × 2 nodes or more", nodes)?;
+        let per_row = shape.1.div_ceil(SEGMENT_PIXELS);
+        let segments = (0..shape.0 * per_row)
+            .into_par_iter()
+            .map(|k| {
+                let (row, column) = (k / per_row, k % per_row * SEGMENT_PIXELS);
+                Segment {
+                    rays: Rays::new(rig, column, row),
+                    spread: SegmentSpread::new(spread, shape, column, row),
+                }
+            })
+            .collect();
+        Ok(Self {
+            shape,
+            segments,
+            projector: Projector::new(rig, size),
+            spread_variable: SpreadVariable {
+                along_x: spread.along_x,
+                offset: 1.0 / spread.length - 1.0,
+                factor: 2.0 / spread.length,
+            },
+        })
+    }
+
+    /// Rows and columns of the camera's frame.
+    pub fn shape(&self) -> (usize, usize) {
+        self.shape
+    }
+
+    pub(super) fn spread_along_x(&self) -> bool {
+        self.spread_variable.along_x
+    }
+
+    /// Segments of one row of the frame.
+    #[inline(always)]
+    pub(super) fn segments_of(&self, row: usize) -> &[Segment] {
+        let per_row = self.shape.1.div_ceil(SEGMENT_PIXELS);
+        &self.segments[row * per_row..(row + 1) * per_row]
+    }
+}
+
+impl Projector {
+    fn new(rig: &Rig, size: (usize, usize)) -> Self {
+        let single = |v: f64| v as f32;
+        Self {
+            focal: rig.projector.focal.map(single),
+            principal: rig.projector.principal.map(single),
+            distortion: rig.projector.distortion.map(single),
+            translation: rig.translation.map(single),
+            newton_steps: rig.projector.newton_steps(size),
+        }
+    }
+}

@@ -12,7 +12,13 @@ import tomli_w
 from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
-from fringeworks.files.provenance import KEY, ProvenanceSection, from_json, json_line, toml_section
+from fringeworks.files.provenance import (
+    KEY,
+    ProvenanceSection,
+    comment_lines,
+    from_comments,
+    toml_section,
+)
 from fringeworks.files.toml import Section, read_toml
 from fringeworks.types import RIG_PARAMETERS, FileProblem, FloatMap, InputError, Pinhole, Rig
 
@@ -206,9 +212,11 @@ def _opencv(path: Path, rig: Rig) -> str:
         storage.write(f"{name}_distortion", np.array([device.distortion]))
     storage.write("rotation", rig.T_projector_camera[:3, :3].copy())
     storage.write("translation", rig.T_projector_camera[:3, 3:].copy())
-    origin = json_line(rig.provenance)
-    if origin is not None:
-        storage.write(KEY, origin)
+    # OpenCV limits the length of a string.
+    storage.startWriteStruct(KEY, cv2.FileNode_SEQ)
+    for line in comment_lines(rig.provenance):
+        storage.write("", line)
+    storage.endWriteStruct()
     return str(storage.releaseAndGetString())
 
 
@@ -237,7 +245,8 @@ def _from_opencv(path: Path, projector_size: tuple[int, int] | None) -> Rig:
     # The nearest rotation: files hold a few digits only.
     u, _, v = np.linalg.svd(found["rotation"].reshape(3, 3))
     T[:3, :3], T[:3, 3] = u @ v, found["translation"].ravel()
-    origin = from_json(storage.getNode(KEY).string())
+    node = storage.getNode(KEY)
+    origin = from_comments(node.at(k).string() for k in range(node.size()))
     return Rig(devices[0], devices[1], T, provenance=origin)
 
 

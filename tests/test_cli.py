@@ -30,8 +30,10 @@ def run(*arguments, cwd=None, code=0):
     )
     assert done.returncode == code, done.stderr
     if code == 2:
-        assert done.stderr.startswith("fringeworks: ")
-        assert len(done.stderr.splitlines()) == 1, done.stderr
+        # On a slow machine lines of progress may stand before the one of the error.
+        said = [line for line in done.stderr.splitlines() if not re.search(r"\(\d+ s\)$", line)]
+        assert len(said) == 1, done.stderr
+        assert said[0].startswith("fringeworks: ")
         assert "Traceback" not in done.stderr
     return done
 
@@ -457,12 +459,12 @@ def test_start_is_quick():
 def test_long_work_off_a_terminal_says_so_now_and_then(monkeypatch, capsys):
     from fringeworks.cli import output
 
-    now = iter([0.0, 1.0, 11.0, 12.0, 25.0])
+    now = iter([0.0, 1.0, 21.0, 22.0, 45.0])
     monkeypatch.setattr(output.time, "monotonic", lambda: next(now))
     with output.progress(4) as progress:
         for step in ("one", "two", "three", "four"):
             progress(step)
-    assert capsys.readouterr().err.splitlines() == ["2/4 two (11 s)", "4/4 four (25 s)"]
+    assert capsys.readouterr().err.splitlines() == ["2/4 two (21 s)", "4/4 four (45 s)"]
 
 
 def test_paths_are_read_where_captures_are_wanted(capture, tmp_path):

@@ -19,7 +19,7 @@ import fringeworks as fw
 
 STDOUT = "-"
 """Name that stands for standard output."""
-LINE_EVERY_S = 10.0
+LINE_EVERY_S = 20.0
 """Seconds between two lines of progress where stderr is no terminal: often enough to see life, rare
 enough for a log."""
 

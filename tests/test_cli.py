@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -349,6 +350,8 @@ def test_standard_output_takes_any_result(capture):
     assert b"median" in done.stderr  # words give way to the result
     assert bytes_of("--figure", "-").stdout.startswith(b"\x89PNG")
     assert "standard output" in run("simulate", "--out", "-", code=2).stderr
+    both = ("reconstruct", capture, "--out", "-", "--json", "-")
+    assert "one result on standard output, got 2" in run(*both, code=2).stderr
 
 
 def test_an_interrupt_is_answered(tmp_path):
@@ -402,6 +405,20 @@ def test_methods_from_outside(capture, tmp_path):
         taken.write_text(text)
         assert words in run("--plugin", taken, "methods", code=2).stderr
     assert "no such file" in run("--plugin", "none.py", "methods", code=2).stderr
+    taken.write_text(PLUGIN.replace("zero = ", "zero = 1 / "))
+    broken = ("--plugin", taken, "reconstruct", capture, "--method", "still")
+    assert "method still, from outside" in run(*broken, code=2).stderr
+
+
+def test_the_reference_page_is_complete():
+    from fringeworks.cli import pairs, patterns, results, simulation, stacks  # noqa: F401
+    from fringeworks.cli.app import app
+
+    page = (Path(__file__).parent.parent / "docs" / "reference.md").read_text()
+    named = set(re.findall(r"`([\w-]+)", page))
+    assert set(fw.__all__) <= named
+    commands = {c.name or c.callback.__name__ for c in app.registered_commands}
+    assert commands <= named
 
 
 def test_installed_methods_are_found(tmp_path):

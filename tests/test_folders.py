@@ -47,14 +47,22 @@ def test_photographs_in_the_place_of_pictures_are_safe(tmp_path):
     written = fw.write_patterns(tmp_path, PLANS[0])
     written[3].write_bytes(written[4].read_bytes())  # a photograph with the picture's name
     for write in (fw.write_patterns, lambda f, p: fw.write_stack(f, take(p), p)):
-        with pytest.raises(fw.FolderInUse, match=written[3].name):
+        with pytest.raises(fw.FolderInUse, match=written[3].name + r" \(changed since\)"):
             write(tmp_path, PLANS[0])
     assert len(fw.read_stack(tmp_path).frames) == 8
     fw.write_patterns(tmp_path, PLANS[0], force=True)
     np.testing.assert_array_equal(fw.read_stack(tmp_path).frames, list(fw.encode(PLANS[0])))
 
 
-def test_another_kind_of_result_leaves_nothing_behind(tmp_path):
+def test_another_kind_of_result_is_not_replaced_unasked(tmp_path):
+    fw.write_patterns(tmp_path, PLANS[0])
+    with pytest.raises(fw.FolderInUse, match="of the same kind; it holds a result: patterns"):
+        fw.write_stack(tmp_path, take(PLANS[1]), PLANS[1])
+    fw.write_stack(tmp_path, take(PLANS[1]), PLANS[1], force=True)
+    assert fw.read_capture(tmp_path).plan == PLANS[1]
+
+
+def test_another_capture_leaves_nothing_behind(tmp_path):
     fw.write_stack(tmp_path / "c", take(PLANS[0]), PLANS[0])
     fw.write_pair(tmp_path / "c", scene("cube", size=64, fringes=4))
     names = sorted(p.name for p in (tmp_path / "c").iterdir())
@@ -114,11 +122,12 @@ def content(k):
         frames = [
             np.full(shape, k % 251, np.uint8) + np.arange(shape[1], dtype=np.uint8) % 4
         ] * plan.frames
-        return lambda folder: fw.write_stack(folder, frames, plan)
+        return lambda folder: fw.write_stack(folder, frames, plan, force=True)
     if k % 3 == 1:
         frame = np.full((40, 50), k % 251, np.uint8)
-        return lambda folder: fw.write_pair(folder, fw.Pair(frame, frame + 1, mask=frame > 0))
-    return lambda folder: fw.write_patterns(folder, plan)
+        pair = fw.Pair(frame, frame + 1, mask=frame > 0)
+        return lambda folder: fw.write_pair(folder, pair, force=True)
+    return lambda folder: fw.write_patterns(folder, plan, force=True)
 
 
 def check(folder):

@@ -114,7 +114,7 @@ def test_commands_from_plan_to_coordinates(tmp_path):
         *("--json", tmp_path / "plans.json"),
     ).stdout
     assert "hierarchical" in shown
-    best = json.loads((tmp_path / "plans.json").read_text())[0]
+    best = json.loads((tmp_path / "plans.json").read_text())["proposals"][0]
     shown = run("patterns", plan, "--out", tmp_path / "shots").stdout
     assert f"wrote {best['frames']} patterns" in shown
     out, picture = tmp_path / "x.npz", tmp_path / "x.png"

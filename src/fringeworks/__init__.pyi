@@ -103,10 +103,10 @@ from .pair.registry import (
     Method as Method,
     MethodOption as MethodOption,
     Solution as Solution,
-    method as method,
 )
 from .pair.plugins import (
     load_plugin as load_plugin,
+    method as method,
 )
 from .pair.prepared import (
     PreparedPair as PreparedPair,

@@ -90,7 +90,10 @@ def run(arguments: Sequence[str]) -> int:
     except fw.InputError as error:
         return output.fail(str(error))
     except TyperException as error:
-        return output.fail(error.format_message())
+        message = error.format_message().replace("Value error, ", "")
+        if "No such option" in message:
+            message += " Options of all commands, such as --quiet, stand before the command."
+        return output.fail(message)
     except typer.Abort:
         return 130
     return code if isinstance(code, int) else 0

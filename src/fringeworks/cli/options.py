@@ -16,7 +16,7 @@ Force = Annotated[
     bool, typer.Option("--force", help="Write into a folder with other things in it, too.")
 ]
 JsonFile = Annotated[
-    Path | None, typer.Option("--json", help="Write the figures as JSON to this file.")
+    Path | None, typer.Option("--json", help="Write the numerical results as JSON to this file.")
 ]
 Figure = Annotated[
     Path | None, typer.Option("--figure", help="Draw a picture: .png, .pdf or .svg.")
@@ -54,7 +54,6 @@ class Ply(StrEnum):
     mesh = "mesh"
 
 
-AxisOption = Annotated[AxisName | None, typer.Option("--axis", help="Axis, x or y.")]
 PlyOption = Annotated[Ply, typer.Option("--ply", help="Content of a .ply file.")]
 DenoiseOption = Annotated[
     DenoiserName | None, typer.Option("--denoise", help="Remove noise from both frames first.")

@@ -56,7 +56,12 @@ class Output:
     """The words of one command: on stdout, or on stderr where a result goes to stdout."""
 
     def __init__(self, *targets: Path | None) -> None:
-        self._err = any(is_stdout(target) for target in targets)
+        count = sum(is_stdout(target) for target in targets)
+        if count > 1:
+            raise fw.InputError(
+                f"expected one result on standard output, got {count} options with '-'"
+            )
+        self._err = count == 1
 
     def say(self, text: str) -> None:
         """Print a line of text."""

@@ -13,7 +13,7 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.options import (
-    AxisOption,
+    AxisName,
     Camera,
     DenoiseOption,
     Figure,
@@ -54,7 +54,9 @@ def reconstruct(
         float | None, typer.Option(help="Camera pixel on the reference plane, mm.")
     ] = None,
     sign: Annotated[int | None, typer.Option(help="Side of the projector, 1 or -1.")] = None,
-    axis: AxisOption = None,
+    axis: Annotated[
+        AxisName | None, typer.Option(help="Direction of the fringes, x or y; found by default.")
+    ] = None,
     mask: Annotated[Path | None, typer.Option(help="Image, non-zero where to measure.")] = None,
     background: Annotated[
         Path | None, typer.Option(help="Image, non-zero where a single frame shows the plane.")
@@ -72,6 +74,7 @@ def reconstruct(
     json_file: JsonFile = None,
 ) -> None:
     """Measure the surface of a pair of frames."""
+    words = output.Output(out, figure, json_file)
     from fringeworks.files.surfaces import check_surface_target
     from fringeworks.report.figures import check_figure_target
 
@@ -105,7 +108,6 @@ def reconstruct(
     if pair.truth_mm is not None and result.surface.unit == "mm":
         figures["errors"] = asdict(fw.errors(result.surface, pair.truth_mm))
     output.write_json(json_file, figures)
-    words = output.Output(out, figure, json_file)
     say_surface(words, figures)
     words.wrote(out, figure)
 
@@ -216,6 +218,7 @@ def calibrate_plane(
     json_file: JsonFile = None,
 ) -> None:
     """Calibrate the two-frame path with a plane at known heights."""
+    words = output.Output(out, json_file)
     from fringeworks.files.reference_plane import PIXELS_SUFFIX, check_reference_plane_target
 
     output.check(out, check_reference_plane_target)
@@ -240,7 +243,6 @@ def calibrate_plane(
         fw.write_reference_plane(place, found)
     figures = fw.summarise(found)
     output.write_json(json_file, figures)
-    words = output.Output(out, json_file)
     for name, value in figures.items():
         if name != "provenance":
             words.say(f"{name}: {value}")

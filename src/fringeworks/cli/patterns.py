@@ -60,24 +60,25 @@ def plan(
     json_file: JsonFile = None,
 ) -> None:
     """Propose plans for a projector and a number of frames, the smallest error first."""
+    words = output.Output(out, json_file)
     width, height = size_of(projector_size, "projector-size")
-    found = fw.propose(
-        width,
-        height,
-        frames,
-        axes=AXES[axes],
-        noise=noise,
-        modulation=modulation,
-        min_period_px=min_period,
-    )
+    options: dict[str, Any] = {
+        "axes": AXES[axes],
+        "noise": noise,
+        "modulation": modulation,
+        "min_period_px": min_period,
+    }
+    found = fw.propose(width, height, frames, **options)
+    asked = {"width_px": width, "height_px": height, "frames": frames, **options}
+    origin = fw.made_by("propose", options=asked)
     chosen = [p for p in found if p.kind == kind] if kind else found[:1]
     if not chosen:
         raise fw.InputError(f"--kind: expected {', '.join(p.kind for p in found)}, got {kind!r}")
     if out is not None:
         with output.target(out, ".toml") as place:
             fw.write_plan(place, chosen[0].plan)
-    output.write_json(json_file, [_figures(p) for p in found])
-    words = output.Output(out, json_file)
+    proposals = [_figures(p) for p in found]
+    output.write_json(json_file, {"proposals": proposals, "provenance": origin.as_dict()})
     words.table(
         ["kind", "σ / px", "margin / σ", "frames", "periods × steps"],
         [

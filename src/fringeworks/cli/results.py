@@ -91,6 +91,7 @@ def compare(
     markdown: Annotated[Path | None, typer.Option(help="Write the table as Markdown.")] = None,
 ) -> None:
     """Compare methods on artificial objects; every combination of the lists is run."""
+    words = output.Output(csv, markdown, json_file, figure)
     if figure is not None and not matrix:
         raise fw.InputError("--figure: expected together with --matrix")
     given: dict[str, Any] = {
@@ -115,7 +116,6 @@ def compare(
     output.write_text(csv, fw.format_table(rows, "csv"))
     output.write_text(markdown, fw.format_table(rows, "markdown"))
     output.write_json(json_file, {"rows": rows, "provenance": origin.as_dict()})
-    words = output.Output(csv, markdown, json_file, figure)
     if not matrix:
         words.say(fw.format_table(rows).rstrip("\n"))
         return

@@ -79,13 +79,13 @@ def paper(out: Folder, size: Size = 1000, force: Force = False) -> None:
 @app.command(rich_help_panel=SECTION, epilog="Example: fringeworks demo --out demo/")
 def demo(out: Folder, size: Size = 1000, force: Force = False, json_file: JsonFile = None) -> None:
     """Measure artificial objects by two frames and by a calibrated rig; pictures and tables."""
+    words = output.Output(json_file)
     output.check_folder(out)
     with output.progress() as progress:
         result = fw.write_demo(out, size=size, force=force, progress=progress)
     origin = fw.made_by("write_demo", options={"size": size})
     rows = [*result.rows, *result.rig_rows]
     output.write_json(json_file, {"rows": rows, "provenance": origin.as_dict()})
-    words = output.Output(json_file)
     shown = [{name: row[name] for name in SHOWN} for row in result.rows]
     words.say(fw.format_table(shown))
     words.say("with a calibrated rig:")

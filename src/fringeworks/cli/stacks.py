@@ -12,7 +12,7 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.options import (
-    AxisOption,
+    AxisName,
     Camera,
     Figure,
     JsonFile,
@@ -63,10 +63,11 @@ def _options(
     """The options of decoding, as the library takes them."""
     if noise is None and gain is not None:
         raise fw.InputError("--gain: expected together with --noise")
-    options: fw.DecodeOptions = {
-        "min_modulation": min_modulation,
-        "estimate_steps": estimate_steps,
-    }
+    options: fw.DecodeOptions = {}
+    if min_modulation:
+        options["min_modulation"] = min_modulation
+    if estimate_steps:
+        options["estimate_steps"] = True
     if noise is not None:
         options["noise"] = fw.CameraNoise(noise, gain or 0.0)
     if saturation is not None:
@@ -93,6 +94,7 @@ def response(
     json_file: JsonFile = None,
 ) -> None:
     """Measure the response of camera and projector on a white plane."""
+    words = output.Output(out, json_file)
     from fringeworks.files.response import check_response_target
 
     output.check(out, check_response_target)
@@ -100,7 +102,6 @@ def response(
     with output.target(out, ".toml") as place:
         fw.write_response(place, found)
     output.write_json(json_file, fw.summarise(found))
-    words = output.Output(out, json_file)
     words.say(
         f"γ = {found.gamma:.3f}; residual phase error after correction "
         f"{found.residual_rad:.4f} rad rms"
@@ -133,6 +134,7 @@ def decode(
     json_file: JsonFile = None,
 ) -> None:
     """Decode fringes and Gray code to projector coordinates."""
+    words = output.Output(out, figure, json_file)
     from fringeworks.files.coordinates import check_coordinate_target
     from fringeworks.report.figures import check_figure_target
 
@@ -143,7 +145,10 @@ def decode(
         progress("reading …")
         loaded = _stack(stack, plan, camera, projector)
         progress("decoding …")
-        options["absolute"], options["keep_phases"] = not relative, phases
+        if relative:
+            options["absolute"] = False
+        if phases:
+            options["keep_phases"] = True
         found = fw.decode_stack(loaded, **options)
     if out is not None:
         with output.target(out, ".npz") as place:
@@ -152,7 +157,6 @@ def decode(
         output.draw(fw.coordinate_sheet(stack.name, found), figure, found.provenance)
     figures = fw.summarise(found)
     output.write_json(json_file, figures)
-    words = output.Output(out, figure, json_file)
     say_coordinates(words, figures)
     words.wrote(out, figure)
 
@@ -183,6 +187,7 @@ def calibrate(
     json_file: JsonFile = None,
 ) -> None:
     """Calibrate a camera and projector with a board in several poses."""
+    words = output.Output(out, json_file)
     from fringeworks.files.rig import check_rig_target
     from fringeworks.files.stack import pose_paths
 
@@ -197,7 +202,6 @@ def calibrate(
         fw.write_rig(place, found.rig)
     figures = fw.summarise(found)
     output.write_json(json_file, figures)
-    words = output.Output(out, json_file)
     say_calibration(words, figures)
     words.wrote(out)
 
@@ -232,7 +236,9 @@ def measure(
     stack: StackArgument,
     rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
     plan: PlanFile = None,
-    axis: AxisOption = None,
+    axis: Annotated[
+        AxisName | None, typer.Option(help="Use this axis of the projector only, x or y.")
+    ] = None,
     noise: Noise = None,
     gain: Gain = None,
     saturation: Saturation = None,
@@ -249,6 +255,7 @@ def measure(
     json_file: JsonFile = None,
 ) -> None:
     """Measure the points of a stack of frames with a calibrated rig."""
+    words = output.Output(out, figure, json_file)
     from fringeworks.files.points import check_points_target
     from fringeworks.report.figures import check_figure_target
 
@@ -267,6 +274,5 @@ def measure(
         output.draw(fw.points_sheet(stack.name, found.points), figure, found.points.provenance)
     figures = fw.summarise(found)
     output.write_json(json_file, figures)
-    words = output.Output(out, figure, json_file)
     say_points(words, figures)
     words.wrote(out, figure)

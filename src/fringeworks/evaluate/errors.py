@@ -27,7 +27,7 @@ class Errors:
     edge_mean_abs_error_mm: float
     """Mean absolute error within 5 px of a cliff; NaN where there is none."""
     inner_mean_abs_error_mm: float
-    """… and outside that band."""
+    """Mean absolute error of the other pixels; NaN where there are none."""
     within_1_sigma: float
     """Share of errors no larger than the stated σ; 0.683 where σ is right and errors are normal."""
     within_2_sigma: float
@@ -52,7 +52,7 @@ def edge_band(truth_mm: FloatMap, pitch: float, width_px: int = EDGE_BAND_PX) ->
 
 
 def errors(surface: HeightMap, truth_mm: FloatMap) -> Errors:
-    """Figures of the errors of a surface against the truth.
+    """Errors of a surface against the truth: means, deviation, share within σ.
 
     Parameters
     ----------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 from fringeworks.files.atomic import StrPath
@@ -15,7 +14,7 @@ from fringeworks.files.pair import (
 )
 from fringeworks.files.plan import PLAN_FILE
 from fringeworks.files.stack import STACK_SUFFIXES, read_stack
-from fringeworks.files.toml import read_toml
+from fringeworks.files.toml import kind_of, read_toml
 from fringeworks.stack.frames import Stack
 from fringeworks.types import FileProblem, Pair
 
@@ -48,7 +47,7 @@ def read_capture(path: StrPath) -> Pair | Stack:
             if (path / PLAN_FILE).is_file():
                 return read_stack(path)
             raise missing_description(path, f"{CAPTURE_FILE} or {PLAN_FILE}")
-        if _kind_of(description) == "stack":
+        if kind_of(description) == "stack":
             return read_stack(path)
         return read_pair_folder(path, read_toml(description, CaptureFile))
     if not path.is_file():
@@ -67,12 +66,3 @@ def read_capture(path: StrPath) -> Pair | Stack:
 
 def _suffixes() -> str:
     return ", ".join(dict.fromkeys((*PAIR_SUFFIXES, *STACK_SUFFIXES)))
-
-
-def _kind_of(description: Path) -> str | None:
-    """The kind that a description names; what is wrong in it is found when it is read."""
-    try:
-        kind = tomllib.loads(description.read_text("utf-8")).get("kind")
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
-        return None
-    return kind if isinstance(kind, str) else None

@@ -22,7 +22,9 @@ NAMED = 3
 """Foreign names that a message lists; enough to recognise the folder."""
 
 Manifest = dict[str, str]
-"""Hash or ``UNFINISHED`` by name."""
+"""Hash or ``UNFINISHED`` by name; the kind of the folder under ``KIND``."""
+KIND = "kind"
+"""First word of the manifest's line that says what kind of result the folder holds."""
 
 
 class FolderInUse(FileProblem):
@@ -32,8 +34,9 @@ class FolderInUse(FileProblem):
 class FolderWriter:
     """Hands out the names of a folder's files; see ``replacing_folder``."""
 
-    def __init__(self, folder: Path, before: Sequence[str]) -> None:
+    def __init__(self, folder: Path, kind: str, before: Sequence[str]) -> None:
         self.folder = folder
+        self._kind = kind
         self._before = before
         self._written: list[str] = []
         self._started = False
@@ -51,26 +54,26 @@ class FolderWriter:
     def _start(self) -> None:
         """Delete the earlier result."""
         self._started = True
-        _write_manifest(self.folder, dict.fromkeys(self._before, UNFINISHED))
+        _write_manifest(self.folder, self._kind, dict.fromkeys(self._before, UNFINISHED))
         # Descriptions go first, so that nothing reads half of the folder.
         for name in sorted(self._before, key=lambda name: not name.endswith(".toml")):
-            if (self.folder / name).is_file():
-                (self.folder / name).unlink(missing_ok=True)
+            earlier = self.folder / name
+            if earlier.is_file():
+                earlier.unlink(missing_ok=True)
+            elif earlier.is_dir() and not foreign_names(earlier):
+                shutil.rmtree(earlier, ignore_errors=True)
         for unfinished in self.folder.glob(f"{TEMPORARY}*"):
             unfinished.unlink(missing_ok=True)
 
     def finish(self) -> None:
-        """List what the folder holds now, and delete folders of the earlier result."""
-        for name in set(self._before) - set(self._written):
-            inside = self.folder / name
-            if inside.is_dir() and not foreign_names(inside):
-                shutil.rmtree(inside, ignore_errors=True)
-        _write_manifest(self.folder, {n: _hash(self.folder / n) for n in self._written})
+        """List what the folder holds now."""
+        content = {name: _hash(self.folder / name) for name in self._written}
+        _write_manifest(self.folder, self._kind, content)
 
 
 @contextmanager
 def replacing_folder(
-    path: StrPath, *, index: Sequence[str] = (), force: bool = False
+    path: StrPath, kind: str, *, index: Sequence[str] = (), force: bool = False
 ) -> Iterator[FolderWriter]:
     """Write a folder as a whole.
 
@@ -81,6 +84,8 @@ def replacing_folder(
     Parameters
     ----------
     path : path
+    kind : str
+        What the folder holds, one word. A folder of another kind is not replaced unless forced.
     index : names
         Files that make the folder a result, such as ``capture.toml``.
     force : bool
@@ -93,20 +98,28 @@ def replacing_folder(
     since, unless forced. FileProblem where it cannot be made or written to.
     """
     folder = make_folder(path)
+    own = _read_manifest(folder)
+    before = own.pop(KIND, kind)
     foreign = foreign_names(folder)
-    if foreign and not force:
-        more = f" and {len(foreign) - NAMED} more" if len(foreign) > NAMED else ""
-        raise FolderInUse(
-            f"{folder}: expected a new or empty folder, or one that fringeworks wrote; it holds "
-            f"{', '.join(foreign[:NAMED])}{more}"
-        )
-    own = [name for name in _read_manifest(folder) if name not in foreign]
-    writer = FolderWriter(folder, own + [name for name in index if name in foreign])
+    if not force:
+        _refuse(folder, foreign, own, "" if before == kind else before)
+    kept = [name for name in own if name not in foreign]
+    writer = FolderWriter(folder, kind, kept + [name for name in index if name in foreign])
     try:
         yield writer
         writer.finish()
     except OSError as error:
         raise FileProblem(f"{folder}: could not be written: {error.strerror or error}") from error
+
+
+def _refuse(folder: Path, foreign: Sequence[str], own: Manifest, kind: str) -> None:
+    expected = f"{folder}: expected a new or empty folder, or one that fringeworks wrote"
+    if foreign:
+        shown = [f"{name} (changed since)" if name in own else name for name in foreign[:NAMED]]
+        more = f" and {len(foreign) - NAMED} more" if len(foreign) > NAMED else ""
+        raise FolderInUse(f"{expected}; it holds {', '.join(shown)}{more}")
+    if kind:
+        raise FolderInUse(f"{expected} as a result of the same kind; it holds a result: {kind}")
 
 
 def make_folder(path: StrPath) -> Path:
@@ -136,6 +149,7 @@ def foreign_names(folder: Path) -> list[str]:
     Names that begin with a dot do not count.
     """
     own = _read_manifest(folder)
+    own.pop(KIND, None)
     try:
         names = [entry.name for entry in folder.iterdir() if not entry.name.startswith(".")]
     except OSError as error:
@@ -168,10 +182,13 @@ def _read_manifest(folder: Path) -> Manifest:
         lines = (folder / MANIFEST).read_text("utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
         return {}
-    found = {name: state for state, _, name in (line.partition(" ") for line in lines)}
+    pairs = [line.partition(" ") for line in lines]
+    kinds = dict((state, name) for state, _, name in pairs if state == KIND)
+    found = {name: state for state, _, name in pairs if state != KIND and name != KIND}
     # Plain names only: a forged list must not lead out of the folder.
-    return {n: s for n, s in found.items() if n and n != ".." and not {"/", "\\"} & set(n)}
+    return kinds | {n: s for n, s in found.items() if n and n != ".." and not {"/", "\\"} & set(n)}
 
 
-def _write_manifest(folder: Path, content: Manifest) -> None:
-    write_text(folder / MANIFEST, "".join(f"{state} {name}\n" for name, state in content.items()))
+def _write_manifest(folder: Path, kind: str, content: Manifest) -> None:
+    lines = [f"{KIND} {kind}", *(f"{state} {name}" for name, state in content.items())]
+    write_text(folder / MANIFEST, "".join(f"{line}\n" for line in lines))

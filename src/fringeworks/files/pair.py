@@ -241,7 +241,7 @@ def write_pair(folder: StrPath, pair: Pair, *, force: bool = False) -> Path:
     ------
     FileProblem where the folder holds other things or cannot be written to.
     """
-    with replacing_folder(folder, index=(CAPTURE_FILE,), force=force) as writer:
+    with replacing_folder(folder, "capture", index=(CAPTURE_FILE,), force=force) as writer:
         frames: dict[str, str] = {}
         content: dict[str, Any] = {"kind": "pair"} | ({"axis": pair.axis} if pair.axis else {})
         for name in ("reference", "object"):

@@ -198,7 +198,7 @@ def write_patterns(
     """
     check_resolvable(plan)
     labels = plan.labels()
-    with replacing_folder(folder, index=(PLAN_FILE,), force=force) as writer:
+    with replacing_folder(folder, "patterns", index=(PLAN_FILE,), force=force) as writer:
         written = []
         if stack:
             written.append(writer.file(PATTERNS_FILE))

@@ -124,8 +124,16 @@ def read_rig(path: StrPath, *, projector_size: tuple[int, int] | None = None) ->
         raise FileProblem(f"{path}: expected a rig file, got no such file")
     try:
         if path.suffix.lower() in OPENCV_SUFFIXES:
-            return _from_opencv(path, projector_size)
-        return _from_toml(read_toml(path, RigFile))
+            rig = _from_opencv(path, projector_size)
+        else:
+            rig = _from_toml(read_toml(path, RigFile))
+        size = (rig.projector.width_px, rig.projector.height_px)
+        if projector_size not in (None, size):
+            raise InputError(
+                f"projector_size: expected {size[0]} × {size[1]} as the file says, got "
+                f"{' × '.join(map(str, projector_size or ()))}"
+            )
+        return rig
     except InputError as error:
         text = str(error)
         raise FileProblem(text if str(path) in text else f"{path}: {text}") from error

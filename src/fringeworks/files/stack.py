@@ -24,7 +24,7 @@ from fringeworks.files.npz import read_npz
 from fringeworks.files.pair import CAPTURE_FILE, DevicesSection, missing_description
 from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names, read_plan
 from fringeworks.files.provenance import source_of
-from fringeworks.files.toml import Section, read_toml
+from fringeworks.files.toml import Section, kind_of, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Stack
 from fringeworks.types import FileProblem, FramesContradictPlan, sealed
@@ -165,7 +165,8 @@ def write_stack(
     holds other things or cannot be written to.
     """
     labels, names = plan.labels(), []
-    with replacing_folder(folder, index=(CAPTURE_FILE, PLAN_FILE), force=force) as writer:
+    index = (CAPTURE_FILE, PLAN_FILE)
+    with replacing_folder(folder, "capture", index=index, force=force) as writer:
         for count, frame in enumerate(frames):
             if count >= len(labels):
                 raise FramesContradictPlan(f"frames: the plan has {len(labels)}, got more")
@@ -197,6 +198,8 @@ def _plan_of(plan: StrPath | PatternPlan) -> PatternPlan:
 def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
     description = folder / CAPTURE_FILE
     described = description.is_file()
+    if described and kind_of(description) == "pair":
+        raise FileProblem(f"{folder}: expected a stack of frames, got a pair: reconstruct it")
     content = read_toml(description, StackFile) if described else StackFile(kind="stack")
     if plan is None:
         plan = folder / content.plan

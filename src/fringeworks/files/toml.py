@@ -53,3 +53,12 @@ def _first_fault(error: ValidationError) -> str:
     if fault["type"] == "missing":
         return f"missing key {where}"
     return f"{where}: {fault['msg']}, got {fault['input']!r}"
+
+
+def kind_of(description: Path) -> str | None:
+    """The kind that a description names; what is wrong in it is found when it is read."""
+    try:
+        kind = tomllib.loads(description.read_text("utf-8")).get("kind")
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        return None
+    return kind if isinstance(kind, str) else None

@@ -85,7 +85,7 @@ def analyse(
     chosen = get_method(method)
     _check_options(chosen, options)
     prepared = pair if isinstance(pair, PreparedPair) else prepare(pair)
-    returned = chosen.function(prepared, **options)
+    returned = _run(chosen, prepared, options)
     _check_solution(chosen, returned, prepared.object.shape)
     solution = _mark(prepared, returned)
     turn = prepared.to_capture
@@ -101,6 +101,21 @@ def analyse(
         iterations=None if solution.iterations is None else turn(solution.iterations),
         details=solution.details,
     )
+
+
+def _run(chosen: Method, prepared: PreparedPair, options: dict[str, MethodOption]) -> Any:
+    """Call a method; a fault in one from outside is told in a sentence that names it."""
+    try:
+        return chosen.function(prepared, **options)
+    except InputError:
+        raise
+    except Exception as error:
+        module = chosen.function.__module__
+        if module.startswith("fringeworks."):
+            raise
+        raise InputError(
+            f"method {chosen.name}, from outside ({module}): {type(error).__name__}: {error}"
+        ) from error
 
 
 def _check_options(chosen: Method, options: dict[str, MethodOption]) -> None:

@@ -255,12 +255,12 @@ def calibrate_pixels(
     )
 
 
-def height_by_pixel(phase: DisplacementMap, calibration: PixelCalibration) -> HeightMap:
+def height_by_pixel(displacement: DisplacementMap, calibration: PixelCalibration) -> HeightMap:
     """Convert a displacement to heights in mm by a calibration of every pixel.
 
     Parameters
     ----------
-    phase : DisplacementMap
+    displacement : DisplacementMap
         (h, w), px.
     calibration : PixelCalibration
         Of the same shape.
@@ -280,16 +280,16 @@ def height_by_pixel(phase: DisplacementMap, calibration: PixelCalibration) -> He
     -----
     h = α u / (1 + β u), σ_h = |α| / (1 + β u)² · σ_u.
     """
-    shape = phase.displacement_px.shape
+    shape = displacement.displacement_px.shape
     if calibration.slope.shape != shape:
         raise InputError(f"calibration: expected shape {shape}, got {calibration.slope.shape}")
-    u = phase.displacement_px
+    u = displacement.displacement_px
     with np.errstate(all="ignore"):
         base = 1.0 + calibration.bend * u
         height = calibration.slope * u / base
-        sigma = np.abs(calibration.slope) / base**2 * phase.sigma_px
+        sigma = np.abs(calibration.slope) / base**2 * displacement.sigma_px
         good = np.isfinite(height) & (base > 0)
-    reason = phase.reason.copy()
+    reason = displacement.reason.copy()
     reason[(reason == Reason.OK) & ~np.isfinite(calibration.slope)] = Reason.UNDETERMINED
     reason[(reason == Reason.OK) & ~good] = Reason.BEYOND_GEOMETRY
     ok = reason == Reason.OK
@@ -300,5 +300,5 @@ def height_by_pixel(phase: DisplacementMap, calibration: PixelCalibration) -> He
         quantity="height",
         unit="mm",
         pitch=1.0,
-        method=phase.method,
+        method=displacement.method,
     )

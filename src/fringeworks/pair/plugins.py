@@ -6,16 +6,54 @@ import hashlib
 import importlib.util
 import os
 import sys
+from collections.abc import Callable
 from functools import cache
 from importlib import metadata
 
-from fringeworks.pair.registry import REGISTERED
+from fringeworks.pair import registry
+from fringeworks.pair.registry import REGISTERED, Analysis
 from fringeworks.types import FileProblem, InputError
 
 ENTRY_POINTS = "fringeworks.methods"
 """Group of entry points. Each names a module, or a function in one, that registers methods."""
 _LOADED: dict[str, list[str]] = {}
 """Methods of the files that were loaded already, by the name of their module."""
+
+
+def method(name: str) -> Callable[[Analysis], Analysis]:
+    """Register a fringe analysis of two frames under a name.
+
+    The function takes a ``PreparedPair`` and keyword options, each with a default, and returns a
+    ``Solution``. The first line of its docstring describes it to users.
+
+    Parameters
+    ----------
+    name : str
+        A name that no other method has.
+
+    Raises
+    ------
+    InputError for a name that is taken, and for options without a default.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import fringeworks as fw
+    >>> @fw.method("still")
+    ... def still(pair: fw.PreparedPair, *, sigma: float = 0.5) -> fw.Solution:
+    ...     "Finds no displacement anywhere."
+    ...     zero = np.zeros(pair.object.shape)
+    ...     return fw.Solution(zero, zero + sigma, zero + 1, np.zeros(zero.shape, np.uint8))
+    >>> fw.get_method("still").options
+    {'sigma': 0.5}
+    """
+    _load_own()
+    return registry.method(name)
+
+
+def _load_own() -> None:
+    """Load the package's own methods first, so that nobody takes their names."""
+    import fringeworks.pair.methods  # noqa: F401
 
 
 @cache
@@ -60,6 +98,7 @@ def load_plugin(path: str | os.PathLike[str]) -> list[str]:
     name = f"fringeworks_plugin_{digest}"
     if name in _LOADED:
         return _LOADED[name]
+    _load_own()
     before = set(REGISTERED)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:

@@ -87,12 +87,12 @@ def height_from_displacement(
     return geometry.distance_mm * u_mm / base
 
 
-def to_surface(phase: DisplacementMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:
+def to_surface(displacement: DisplacementMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:
     """Convert a displacement to heights in mm, or keep it in px where the geometry is unknown.
 
     Parameters
     ----------
-    phase : DisplacementMap
+    displacement : DisplacementMap
         (h, w), px.
     geometry : ReferencePlaneGeometry or None
 
@@ -108,22 +108,22 @@ def to_surface(phase: DisplacementMap, geometry: ReferencePlaneGeometry | None) 
     """
     if geometry is None:
         return HeightMap(
-            values=phase.displacement_px,
-            sigma=phase.sigma_px,
-            reason=phase.reason,
+            values=displacement.displacement_px,
+            sigma=displacement.sigma_px,
+            reason=displacement.reason,
             quantity="displacement",
             unit="px",
             pitch=1.0,
-            method=phase.method,
+            method=displacement.method,
         )
-    height = height_from_displacement(phase.displacement_px, geometry)
-    u_mm = geometry.sign * phase.displacement_px * geometry.pitch_mm_per_px
+    height = height_from_displacement(displacement.displacement_px, geometry)
+    u_mm = geometry.sign * displacement.displacement_px * geometry.pitch_mm_per_px
     with np.errstate(divide="ignore", invalid="ignore"):
         rate = geometry.distance_mm * geometry.baseline_mm / (geometry.baseline_mm + u_mm) ** 2
-    beyond = np.isfinite(phase.displacement_px) & ~np.isfinite(height)
-    reason = phase.reason.copy()
+    beyond = np.isfinite(displacement.displacement_px) & ~np.isfinite(height)
+    reason = displacement.reason.copy()
     reason[beyond] = Reason.BEYOND_GEOMETRY
-    sigma = np.where(beyond, np.nan, rate * phase.sigma_px * geometry.pitch_mm_per_px)
+    sigma = np.where(beyond, np.nan, rate * displacement.sigma_px * geometry.pitch_mm_per_px)
     return HeightMap(
         values=height,
         sigma=sigma,
@@ -131,5 +131,5 @@ def to_surface(phase: DisplacementMap, geometry: ReferencePlaneGeometry | None) 
         quantity="height",
         unit="mm",
         pitch=geometry.pitch_mm_per_px,
-        method=phase.method,
+        method=displacement.method,
     )

@@ -1,4 +1,4 @@
-"""Results as figures, ready for JSON."""
+"""The numerical results, ready for JSON."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from fringeworks.types import (
 
 @singledispatch
 def summarise(result: object) -> dict[str, Any]:
-    """The figures of a result, ready for JSON.
+    """The numerical results of a chain, ready for JSON.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def summarise(result: object) -> dict[str, Any]:
 
     Returns
     -------
-    Dictionary of JSON values. Timings are not in it: equal runs give equal figures.
+    Dictionary of JSON values. Timings are not in it: equal runs give equal numbers.
 
     Raises
     ------

@@ -15,7 +15,7 @@ Row = dict[str, Any]
 
 
 def to_json(content: Any) -> str:
-    """JSON text; what was not measured (NaN, which JSON does not have) is null."""
+    """The JSON text of results. NaN, which JSON does not have, becomes null."""
 
     def clean(value: Any) -> Any:
         if isinstance(value, dict):

@@ -21,7 +21,7 @@ from fringeworks.report import figures
 from fringeworks.report.tables import format_table
 from fringeworks.showcase.demo_rig import rig_demo
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.types import HeightMap, Pair
+from fringeworks.types import HeightMap, Pair, made_by
 
 BODIES = ("parabola", "cube", "cylinder")
 """Artificial objects, as in the dissertation."""
@@ -88,7 +88,8 @@ def write_demo(
     """
     rows: list[Row] = []
     pictures: list[Path] = []
-    with replacing_folder(out, force=force) as writer:
+    origin = made_by("write_demo", options={"size": size})
+    with replacing_folder(out, "demo", force=force) as writer:
         for case, settings in CASES.items():
             lines = []
             for body in BODIES:
@@ -101,7 +102,9 @@ def write_demo(
                     write_pair(writer.file("capture"), scene, force=force)
                     write_surface(writer.file("parabola.ply"), results["windowed"].surface)
             sheet = figures.overview(f"{case}: {_describe(settings)}", lines)
-            pictures.append(figures.save_figure(sheet, writer.file(f"{case}.png")))
+            pictures.append(
+                figures.save_figure(sheet, writer.file(f"{case}.png"), provenance=origin)
+            )
         photographed = _photographed_cone(writer, progress)
         write_text(writer.file("errors.md"), format_table(rows, "markdown"))
         write_text(writer.file("errors.json"), format_table(rows, "json"))
@@ -150,10 +153,20 @@ def _photographed_cone(writer: FolderWriter, progress: Callable[[str], None]) ->
     for name in ("windowed", "gsifa", "fourier"):
         surfaces[name] = reconstruct(pair, name).surface
         sheet = figures.surface_sheet(f"photographed cone, {name}", surfaces[name])
-        pictures.append(figures.save_figure(sheet, writer.file(f"cone_{name}.png")))
+        pictures.append(
+            figures.save_figure(
+                sheet, writer.file(f"cone_{name}.png"), provenance=surfaces[name].provenance
+            )
+        )
     view = figures.perspective(
         "photographed cone, windowed: displacement", surfaces["windowed"].values, unit="px"
     )
-    pictures.append(figures.save_figure(view, writer.file("cone_perspective.png")))
+    pictures.append(
+        figures.save_figure(
+            view,
+            writer.file("cone_perspective.png"),
+            provenance=surfaces["windowed"].provenance,
+        )
+    )
     write_surface(writer.file("cone.npz"), surfaces["windowed"])
     return pictures

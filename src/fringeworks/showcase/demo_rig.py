@@ -90,10 +90,16 @@ def rig_demo(
             write_stack(writer.file("bust"), frames, plan, truth=view.truth, force=force)
         write_points(writer.file(f"{name}.ply"), cloud, kind="mesh")
         sheet = figures.points_sheet(f"{name}, measured by a calibrated virtual rig", cloud)
-        pictures.append(figures.save_figure(sheet, writer.file(f"rig_{name}.png")))
+        pictures.append(
+            figures.save_figure(sheet, writer.file(f"rig_{name}.png"), provenance=cloud.provenance)
+        )
         maps = {"error along the ray": error, "σ": cloud.sigma_mm}
         errors = figures.error_maps(f"{name}: measured minus true", maps)
-        pictures.append(figures.save_figure(errors, writer.file(f"rig_{name}_error.png")))
+        pictures.append(
+            figures.save_figure(
+                errors, writer.file(f"rig_{name}_error.png"), provenance=cloud.provenance
+            )
+        )
     write_text(writer.file("rig.md"), format_table(rows, "markdown"))
     return rows, pictures
 

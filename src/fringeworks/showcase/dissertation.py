@@ -19,7 +19,7 @@ from fringeworks.report.tables import TableFormat, format_table
 from fringeworks.simulate.fringes import deformed_row
 from fringeworks.simulate.objects import make_object, parabola_1d
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.types import FloatMap, Pair, ReferencePlaneGeometry
+from fringeworks.types import FloatMap, Pair, ReferencePlaneGeometry, made_by
 
 METHODS = ("ifa", "sifa", "gsifa", "exact")
 PUBLISHED_MM = {"ifa": (0.3149, 0.3655), "sifa": (0.0390, 0.1577), "gsifa": (0.0023, 0.0188)}
@@ -54,10 +54,13 @@ def write_paper(
     Paths of all files written.
     """
     written: list[Path] = []
-    with replacing_folder(out, force=force) as writer:
+    origin = made_by("write_paper", options={"size": size})
+    with replacing_folder(out, "paper", force=force) as writer:
 
         def save(name: str, figure: Figure) -> None:
-            written.append(figures.save_figure(figure, writer.file(f"{name}.png")))
+            written.append(
+                figures.save_figure(figure, writer.file(f"{name}.png"), provenance=origin)
+            )
             progress(name)
 
         _part_1_and_3(save)

@@ -79,7 +79,7 @@ def phase_table(phase_rad: FloatMap, ideal_rad: FloatMap) -> tuple[NDArray[np.fl
     if count.min() < MIN_BIN_PIXELS:
         raise InputError(
             f"phase table: expected {MIN_BIN_PIXELS} pixels or more at every phase, got "
-            f"{count.min()}: the frames must hold whole fringes"
+            f"{count.min()} at one: too few pixels, or no whole fringe in the frames"
         )
     parts = np.split(error[order], np.cumsum(count)[:-1])
     spectrum = np.fft.rfft([float(np.median(part)) for part in parts])

@@ -1,6 +1,7 @@
 """Kernels in Rust.
 
-Callers pass C-contiguous arrays of the stated dtype; other arrays raise ``TypeError`` or ``ValueError``.
+Callers pass C-contiguous arrays of the stated dtype; other arrays raise ``TypeError`` or
+``ValueError``.
 """
 
 from collections.abc import Sequence

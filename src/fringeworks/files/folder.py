@@ -183,7 +183,7 @@ def _read_manifest(folder: Path) -> Manifest:
     except (OSError, UnicodeDecodeError):
         return {}
     pairs = [line.partition(" ") for line in lines]
-    kinds = dict((state, name) for state, _, name in pairs if state == KIND)
+    kinds = {state: name for state, _, name in pairs if state == KIND}
     found = {name: state for state, _, name in pairs if state != KIND and name != KIND}
     # Plain names only: a forged list must not lead out of the folder.
     return kinds | {n: s for n, s in found.items() if n and n != ".." and not {"/", "\\"} & set(n)}

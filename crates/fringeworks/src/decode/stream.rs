@@ -152,6 +152,7 @@ impl<T: Sample> Source for Sums<'_, T> {
         (sums, saturated)
     }
 
+    #[inline(always)]
     fn kept(&self, index: usize, set: &PhaseSet, pixel: usize, limit: f32) -> (u64, [f32; 3]) {
         let sums = &self.sets[index];
         let kept = sums.kept[pixel];

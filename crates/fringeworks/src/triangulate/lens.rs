@@ -56,6 +56,7 @@ struct Jacobian {
 
 impl Lens {
     /// Distorted direction of the normalised direction (x, y).
+    #[inline(always)]
     pub(super) fn distort(&self, x: f64, y: f64) -> (f64, f64) {
         let [k1, k2, p1, p2, k3] = self.distortion;
         let r2 = x * x + y * y;
@@ -66,6 +67,7 @@ impl Lens {
         )
     }
 
+    #[inline(always)]
     fn jacobian(&self, x: f64, y: f64) -> Jacobian {
         let [k1, k2, p1, p2, k3] = self.distortion;
         let r2 = x * x + y * y;

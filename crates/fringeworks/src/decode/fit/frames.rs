@@ -67,6 +67,7 @@ impl<T: Sample> Source for Frames<'_, T> {
         (out, saturated)
     }
 
+    #[inline(always)]
     fn kept(&self, _: usize, set: &PhaseSet, pixel: usize, limit: f32) -> (u64, [f32; 3]) {
         let (mut kept, mut sums) = (0, [0.0f32; 3]);
         for (k, &frame) in set.frames.iter().enumerate() {

@@ -8,12 +8,12 @@ use crate::decode::{Lanes, Plan, LANES};
 /// Bring the coordinates of a group into the range. Returns non-zero where the fringe order is
 /// ambiguous: a rounding without its margin, or sets and Gray code that disagree.
 #[inline(always)]
-pub fn judge(plan: &Plan, at: usize, sets: &[Fitted], resolved: &mut Resolved) -> [u32; LANES] {
+pub fn judge(plan: &Plan, at: usize, sets: &[Fitted], resolved: Resolved) -> [u32; LANES] {
     let mut ambiguous = [0u32; LANES];
     check_roundings(plan, at, sets, &mut ambiguous);
     let coded = plan.gray_code.is_some();
     if plan.chain.repeats.is_infinite() && !coded {
-        check_ends(plan, at, sets, &resolved.coordinate, &mut ambiguous);
+        check_ends(plan, at, sets, resolved.coordinate, &mut ambiguous);
     }
     check_range(plan, coded, resolved, &mut ambiguous);
     ambiguous
@@ -65,7 +65,7 @@ fn check_ends(plan: &Plan, at: usize, sets: &[Fitted], x: &Lanes, ambiguous: &mu
 /// Coordinates modulo the repeat distance must lie in the range and near the Gray-code cell, and the
 /// sets must agree.
 #[inline(always)]
-fn check_range(plan: &Plan, coded: bool, resolved: &mut Resolved, ambiguous: &mut [u32; LANES]) {
+fn check_range(plan: &Plan, coded: bool, resolved: Resolved, ambiguous: &mut [u32; LANES]) {
     let (chain, limits) = (&plan.chain, &plan.limits);
     let allowed = limits.max_disagreement * plan.noise.scale;
     let periodic = chain.repeats.is_finite() && !coded;
@@ -80,7 +80,7 @@ fn check_range(plan: &Plan, coded: bool, resolved: &mut Resolved, ambiguous: &mu
         f32::INFINITY
     };
     let bounded = u32::from(!chain.circular);
-    let x = &mut resolved.coordinate;
+    let x = resolved.coordinate;
     for i in 0..LANES {
         x[i] -= repeats * nearest((x[i] - chain.middle) * turn);
         let margin = limits.confidence * resolved.variance[i].sqrt();

@@ -24,27 +24,37 @@ pub fn phase_noise(plan: &Plan, start: usize, scratch: &mut Scratch) -> [u32; LA
         saturated: [0; LANES],
     };
     for fitted in &mut scratch.sets {
-        set_noise(plan, start, fitted, &mut unusable);
+        if plan.noise.gain > 0.0 {
+            set_noise::<true>(plan, start, fitted, &mut unusable);
+        } else {
+            set_noise::<false>(plan, start, fitted, &mut unusable);
+        }
     }
     let background = part(&scratch.background, start);
     let modulation = part(&scratch.modulation, start);
     reasons(plan, background, modulation, &unusable)
 }
 
+/// The same for one set; SHOT says whether there is shot noise.
 #[inline(always)]
-fn set_noise(plan: &Plan, start: usize, fitted: &mut Fitted, unusable: &mut Unusable) {
+fn set_noise<const SHOT: bool>(
+    plan: &Plan,
+    start: usize,
+    fitted: &mut Fitted,
+    unusable: &mut Unusable,
+) {
     let min_precision = plan.limits.min_snr * plan.limits.min_snr;
     let precision = part_mut(&mut fitted.precision, start);
     let brightness_or_variance = part_mut(&mut fitted.brightness_or_variance, start);
-    let mut per_noise = [1.0 / plan.noise.read_variance; LANES];
-    if plan.noise.gain > 0.0 {
-        for i in 0..LANES {
-            per_noise[i] = 1.0 / plan.noise.variance(brightness_or_variance[i]);
-        }
-    }
+    let per_read_noise = 1.0 / plan.noise.read_variance;
     for i in 0..LANES {
+        let per_noise = if SHOT {
+            1.0 / plan.noise.variance(brightness_or_variance[i])
+        } else {
+            per_read_noise
+        };
         let unit = precision[i];
-        let q = unit * per_noise[i];
+        let q = unit * per_noise;
         let strong = q >= min_precision;
         unusable.weak[i] += u32::from(!strong);
         unusable.saturated[i] |= u32::from(unit == NO_PRECISION);

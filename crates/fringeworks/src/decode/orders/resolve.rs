@@ -7,16 +7,16 @@ use crate::decode::fit::Fitted;
 use crate::decode::{Lanes, PhaseSet, Plan, LANES};
 use crate::reason;
 
-/// The result for a group.
-pub struct Resolved {
-    /// Coordinate that the chain starts from, px: the Gray-code cell's or the range's middle.
-    pub start: Lanes,
+/// The result for a group, by reference: copies of the arrays would cost time in the inner loop.
+pub struct Resolved<'a> {
+    /// Coordinate that the chain starts from, px: the middle of the Gray-code cell or of the range.
+    pub start: &'a Lanes,
     /// Coordinate, px.
-    pub coordinate: Lanes,
+    pub coordinate: &'a mut Lanes,
     /// Variance of the coordinate, px².
-    pub variance: Lanes,
+    pub variance: &'a Lanes,
     /// χ² of the sets' disagreement.
-    pub disagreement: Lanes,
+    pub disagreement: &'a Lanes,
 }
 
 /// v less the nearest whole number.
@@ -34,9 +34,16 @@ pub fn resolve(plan: &Plan, at: usize, scratch: &mut Scratch) {
     } else {
         [plan.chain.middle; LANES]
     };
-    let coarse = follow_chain(plan, at, &scratch.sets, start);
-    let mut resolved = average_sets(plan, at, &scratch.sets, start, coarse);
-    let ambiguous = judge(plan, at, &scratch.sets, &mut resolved);
+    let mut x = start;
+    follow_chain(plan, at, &scratch.sets, &mut x);
+    let (variance, disagreement) = average_sets(plan, at, &scratch.sets, &mut x);
+    let resolved = Resolved {
+        start: &start,
+        coordinate: &mut x,
+        variance: &variance,
+        disagreement: &disagreement,
+    };
+    let ambiguous = judge(plan, at, &scratch.sets, resolved);
     let reasons = &mut scratch.reason[at..at + LANES];
     for i in 0..LANES {
         let ok = unusable[i] == u32::from(reason::OK) && ambiguous[i] == 0;
@@ -47,15 +54,15 @@ pub fn resolve(plan: &Plan, at: usize, scratch: &mut Scratch) {
         };
     }
     let place = at..at + LANES;
-    scratch.coordinate[place.clone()].copy_from_slice(&resolved.coordinate);
-    scratch.variance[place.clone()].copy_from_slice(&resolved.variance);
-    scratch.disagreement[place].copy_from_slice(&resolved.disagreement);
+    scratch.coordinate[place.clone()].copy_from_slice(&x);
+    scratch.variance[place.clone()].copy_from_slice(&variance);
+    scratch.disagreement[place].copy_from_slice(&disagreement);
 }
 
-/// Coordinate by the chain, from coarse combinations to fine ones:
+/// Refine the coordinate by the chain, from coarse combinations to fine ones:
 /// x ← x + wrap(c·t − g x) / g, with the combination c of the phases t and its frequency g.
 #[inline(always)]
-fn follow_chain(plan: &Plan, at: usize, sets: &[Fitted], mut x: Lanes) -> Lanes {
+fn follow_chain(plan: &Plan, at: usize, sets: &[Fitted], x: &mut Lanes) {
     let chain = &plan.chain;
     for (k, &g) in chain.frequencies.iter().enumerate() {
         let row = &chain.combinations[k * sets.len()..(k + 1) * sets.len()];
@@ -71,12 +78,12 @@ fn follow_chain(plan: &Plan, at: usize, sets: &[Fitted], mut x: Lanes) -> Lanes 
             x[i] += wrap(phase[i] - g * x[i]) * px;
         }
     }
-    x
 }
 
-/// Mean of the coordinates of all sets, weighted by inverse variance, and its χ².
+/// Replace the coordinate by the mean over all sets, weighted by inverse variance. Returns its variance
+/// and its χ².
 #[inline(always)]
-fn average_sets(plan: &Plan, at: usize, sets: &[Fitted], start: Lanes, mut x: Lanes) -> Resolved {
+fn average_sets(plan: &Plan, at: usize, sets: &[Fitted], x: &mut Lanes) -> (Lanes, Lanes) {
     let (mut weight, mut pull, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for (fitted, &PhaseSet { frequency: f, .. }) in sets.iter().zip(&plan.sets) {
         let (turns, precision) = (part(&fitted.turns, at), part(&fitted.precision, at));
@@ -96,10 +103,5 @@ fn average_sets(plan: &Plan, at: usize, sets: &[Fitted], start: Lanes, mut x: La
         variance[i] = inverse * plan.noise.scale;
         disagreement[i] = square[i] - shift * pull[i];
     }
-    Resolved {
-        start,
-        coordinate: x,
-        variance,
-        disagreement,
-    }
+    (variance, disagreement)
 }

@@ -24,6 +24,13 @@ pub mod unwrap;
 pub mod wavelet;
 pub mod windowed;
 
+/// Least width of a row or frame to invert, px: splines need four samples, and the reference is not used
+/// within two of its ends.
+pub(crate) const MIN_WIDTH: usize = 8;
+
+/// Least fringe period, px: two samples per period, the sampling theorem's limit.
+pub(crate) const MIN_PERIOD: f64 = 2.0;
+
 /// Input that a kernel refuses. The bindings map it to `ValueError`.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum Error {

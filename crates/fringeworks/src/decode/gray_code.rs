@@ -11,7 +11,7 @@ use crate::{check_value, Error};
 const DOUBT_SIGMAS: f32 = 4.0;
 
 /// Variance of half the difference of two frames, in units of the variance of one frame.
-const HALF_DIFFERENCE: f32 = 0.5;
+pub const HALF_DIFFERENCE: f32 = 0.5;
 
 /// Variance of a frame minus the mean of two other frames, in units of the variance of one frame.
 ///

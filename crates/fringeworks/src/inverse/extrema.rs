@@ -110,12 +110,12 @@ fn refine(row: &RowSpline, candidate: Candidate, is_maximum: bool) -> Extremum {
 pub fn find(row: &RowSpline, period: f64, prominence: f64, floor: f64) -> Vec<Extremum> {
     let y = row.y;
     let (block, range) = local_range(y, (RANGE_PERIODS * period).ceil() as usize);
-    let mut found = Vec::new();
+    let mut extrema = Vec::new();
     // An extremum at the first sample is the edge of the frame, not an extremum of the fringe. The
     // last sample never counts, because the row does not move away from it.
     let mut keep = |candidate: Candidate, is_maximum: bool| {
         if candidate.first > 0 {
-            found.push(refine(row, candidate, is_maximum));
+            extrema.push(refine(row, candidate, is_maximum));
         }
     };
     let mut high = Candidate::new(y[0], 0);
@@ -143,7 +143,7 @@ pub fn find(row: &RowSpline, period: f64, prominence: f64, floor: f64) -> Vec<Ex
             low = Candidate::new(*value, i);
         }
     }
-    found
+    extrema
 }
 
 #[cfg(test)]

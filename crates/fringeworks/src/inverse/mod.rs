@@ -13,16 +13,10 @@ mod polynomial;
 mod row;
 
 use crate::spline::{uniform_pivots, uniform_slopes, RowSpline};
-use crate::{check_length, check_value, reason, Error};
+use crate::{check_length, check_value, reason, Error, MIN_PERIOD, MIN_WIDTH};
 pub use extrema::Extremum;
 use rayon::prelude::*;
 use row::{RowIn, RowOut, Scratch};
-
-/// Least width of a row, px: the splines need four samples, the search for extrema some more.
-const MIN_WIDTH: usize = 8;
-
-/// Least fringe period, px: two samples per period, the sampling theorem's limit.
-const MIN_PERIOD: f64 = 2.0;
 
 /// How a monotone part is inverted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -105,14 +105,16 @@ impl Spread {
         let across = column * scale(self.columns, shape.1);
         let i = (across as usize).min(self.columns - 2);
         let u = across - i as f32;
-        std::array::from_fn(|k| {
+        let mut coefficients = [0.0; SPREAD_COEFFICIENTS];
+        for (k, value) in coefficients.iter_mut().enumerate() {
             let node = |j: usize, i: usize| {
                 self.coefficients[(j * self.columns + i) * SPREAD_COEFFICIENTS + k]
             };
             let upper = node(j, i) + u * (node(j, i + 1) - node(j, i));
             let lower = node(j + 1, i) + u * (node(j + 1, i + 1) - node(j + 1, i));
-            upper + v * (lower - upper)
-        })
+            *value = upper + v * (lower - upper);
+        }
+        coefficients
     }
 }
 

@@ -15,7 +15,7 @@ mod select;
 mod solve;
 mod warp;
 
-use crate::{check_length, check_value, Error};
+use crate::{check_length, check_value, Error, MIN_PERIOD, MIN_WIDTH};
 use grid::Grid;
 use lattice::{BlockMeans, Lattice};
 use moments::Window;
@@ -63,12 +63,6 @@ const SCALE_RANGE: std::ops::RangeInclusive<f64> = 0.8..=1e4;
 
 /// Largest number of Gauss–Newton steps per scale; more steps only add noise.
 const MAX_ITERATIONS: usize = 100;
-
-/// Least fringe period, px: two samples per period, the sampling theorem's limit.
-const MIN_PERIOD: f64 = 2.0;
-
-/// Least width of a frame, px: the reference is not used near the ends of its rows.
-const MIN_WIDTH: usize = 8;
 
 /// Largest step of a displacement, in periods: the linearisation of a cosine holds no further.
 const MAX_STEP_PERIODS: f64 = 0.25;

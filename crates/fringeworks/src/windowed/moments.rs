@@ -17,13 +17,19 @@ use rayon::prelude::*;
 // are also summed times the offset (x, y) of the pixel, g² also times the squares of the offset.
 /// Weight.
 pub const M: usize = 0;
+/// s.
 pub const S: usize = 1;
+/// s².
 pub const SS: usize = 2;
+/// d.
 pub const D: usize = 3;
+/// d s.
 pub const DS: usize = 4;
+/// d².
 pub const DD: usize = 5;
 /// g, then s g and d g.
 pub const G: usize = 6;
+/// g².
 pub const GG: usize = 9;
 /// Number of plain sums.
 pub const PLAIN: usize = 10;
@@ -31,9 +37,11 @@ pub const PLAIN: usize = 10;
 pub const GX: usize = 10;
 /// y times g, s g, d g and g².
 pub const GY: usize = 14;
-/// g² times x², x y and y².
+/// x² g².
 pub const GGXX: usize = 18;
+/// x y g².
 pub const GGXY: usize = 19;
+/// y² g².
 pub const GGYY: usize = 20;
 /// Number of channels.
 pub const CHANNELS: usize = 21;

@@ -1,14 +1,12 @@
 //! Coordinates of a plan without fringes: the middles of the Gray code's cells.
 
 use super::Scratch;
+use crate::decode::gray_code::HALF_DIFFERENCE;
 use crate::decode::{Plan, BLOCK_PIXELS};
 use crate::reason;
 
-/// Variance of a value that is uniform over a cell, in units of the squared cell width.
+/// Squared cell width over the variance of a coordinate that is uniform over the cell.
 const UNIFORM_VARIANCE: f32 = 12.0;
-
-/// Variance of half the difference of two frames, in units of the variance of one frame.
-const HALF_DIFFERENCE: f32 = 0.5;
 
 /// Coordinates, variances and reasons of a block from its Gray code alone.
 #[inline(always)]

@@ -60,7 +60,8 @@ projector = "bench"
     for change, words in (
         (("shot7.png", "shot1.png"), "shot1.png: expected an image file"),
         (("saturation", "saturated"), "unknown key saturated"),
-        (('"stack"', '"pair"'), "kind"),
+        (('"stack"', '"pair"'), "got a pair"),
+        (('"stack"', '"film"'), "kind"),
     ):
         (folder / "capture.toml").write_text(text.replace(*change))
         with pytest.raises(InputError, match=words):

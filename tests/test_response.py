@@ -156,7 +156,7 @@ def test_bad_input():
         measure_response(frames, ideal, camera=" ", projector="b")
     with pytest.raises(InputError, match="pattern_exponent"):
         measure_response(frames, ideal, pattern_exponent=0.0, **names)
-    with pytest.raises(InputError, match="whole fringes"):
+    with pytest.raises(InputError, match="whole fringe"):
         phase_table(np.zeros((50, 50)), np.zeros((50, 50)))
     with pytest.raises(InputError, match="1000 valid pixels"):
         smooth_coordinate(ideal, np.zeros(ideal.shape, bool))

@@ -8,6 +8,7 @@ two differ by whole periods over a region, the estimate that continues the surro
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
@@ -121,9 +122,10 @@ def guided_count(
     guided = count(limit_px, guide)
     with np.errstate(invalid="ignore"):
         still_open = undecided | (np.abs(guided.displacement_px - guide) > 0.5 * period)
-    guided.displacement_px[still_open] = np.nan
-    guided.reason[still_open & (guided.reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
-    return guided
+    displacement, reason = guided.displacement_px.copy(), guided.reason.copy()
+    displacement[still_open] = np.nan
+    reason[still_open & (reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
+    return replace(guided, displacement_px=displacement, reason=reason)
 
 
 def compare_orders(first: FloatMap, second: FloatMap, period_px: float) -> tuple[FloatMap, BoolMap]:

@@ -18,7 +18,7 @@ demo: $(VENV)/.built
 
 test: $(VENV)/.built
 	cargo test --quiet
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: $(VENV)/.built
 	cargo fmt --check

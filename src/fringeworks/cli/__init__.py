@@ -16,7 +16,7 @@ def main() -> None:
     """Entry point: exit code 0 done, 2 bad input (one line on stderr), 130 interrupted, 1 else."""
     try:
         # Imported here, so that Ctrl-C during the imports is answered as well.
-        from fringeworks.cli.app import run
+        from fringeworks.cli.commands import run
 
         code = run(sys.argv[1:])
     except KeyboardInterrupt:

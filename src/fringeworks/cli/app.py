@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
-from typer.exceptions import TyperException
 
 import fringeworks as fw
 from fringeworks.cli import output
@@ -70,30 +68,3 @@ def all_commands(
     output.configure(quiet=quiet, log=log)
     for path in plugin or []:
         fw.load_plugin(path)
-
-
-def run(arguments: Sequence[str]) -> int:
-    """Run one command; its exit code."""
-    from fringeworks.cli import (  # noqa: F401, registers the commands in the order of help
-        pairs,
-        patterns,
-        results,
-        simulation,
-        stacks,
-    )
-
-    try:
-        # A bare call is a question, not a mistake.
-        code = app(list(arguments) or ["--help"], standalone_mode=False)
-    except fw.FolderInUse as error:
-        return output.fail(f"{error}; choose another folder, or add --force to write into it")
-    except fw.InputError as error:
-        return output.fail(str(error))
-    except TyperException as error:
-        message = error.format_message().replace("Value error, ", "")
-        if "No such option" in message:
-            message += " Options of all commands, such as --quiet, stand before the command."
-        return output.fail(message)
-    except typer.Abort:
-        return 130
-    return code if isinstance(code, int) else 0

@@ -17,7 +17,6 @@ from fringeworks.cli import pairs, patterns, results, simulation, stacks  # noqa
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command; its exit code."""
-
     try:
         # A bare call is a question, not a mistake.
         code = face.app(list(arguments) or ["--help"], standalone_mode=False)

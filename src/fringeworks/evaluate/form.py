@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fringeworks.files.atomic import StrPath
 from fringeworks.files.points import Points, read_points
 from fringeworks.files.provenance import source_of
 from fringeworks.surface.form import Form, find_spheres, fit_form
@@ -40,7 +41,7 @@ class FormEvaluation(Frozen):
 
 
 def evaluate_form(
-    points: Points | FloatMap | str | os.PathLike[str],
+    points: Points | FloatMap | StrPath,
     fit: BodyKind,
     *,
     diameter_mm: float | None = None,
@@ -93,7 +94,7 @@ def evaluate_form(
 
 
 def _points_of(
-    points: Points | FloatMap | str | os.PathLike[str],
+    points: Points | FloatMap | StrPath,
 ) -> tuple[FloatMap, tuple[Source, ...]]:
     if isinstance(points, (str, os.PathLike)):
         return read_points(points).xyz_mm, (source_of(points),)

@@ -164,7 +164,7 @@ def write_stack(
     FramesContradictPlan where the number of frames is not the plan's; FileProblem where the folder
     holds other things or cannot be written to.
     """
-    labels, names = plan.labels(), []
+    labels, stems, names = plan.labels(), frame_names(plan, ""), []
     index = (CAPTURE_FILE, PLAN_FILE)
     with replacing_folder(folder, "capture", index=index, force=force) as writer:
         for count, frame in enumerate(frames):
@@ -172,7 +172,7 @@ def write_stack(
                 raise FramesContradictPlan(f"frames: the plan has {len(labels)}, got more")
             progress(labels[count])
             suffix = ".png" if frame.dtype in (np.uint8, np.uint16) else ".tif"
-            names.append(frame_names(plan, suffix)[count])
+            names.append(stems[count] + suffix)
             write_frame(writer.file(names[-1]), frame)
         if len(names) != len(labels):
             raise FramesContradictPlan(

@@ -16,7 +16,7 @@ from fringeworks.files.ply import write_ply
 from fringeworks.files.provenance import KEY, comment_lines, from_json, json_line
 from fringeworks.files.x3p import read_x3p, write_x3p
 from fringeworks.surface.height_map import height_map_points, height_map_triangles
-from fringeworks.types import FileProblem, HeightMap, Reason
+from fringeworks.types import FileProblem, HeightMap, Provenance, Reason
 
 PlyKind = Literal["points", "mesh"]
 GSF_MAGIC = "Gwyddion Simple Field 1.0"
@@ -99,7 +99,7 @@ def _read_tiff(path: Path) -> HeightMap:
         with tifffile.TiffFile(path) as file:
             content = json.loads(file.pages[0].description)  # type: ignore[union-attr]
             values, sigma, reason = (file.pages[k].asarray() for k in range(3))
-        origin = json.dumps(content[KEY]) if KEY in content else None
+        origin = from_json(json.dumps(content[KEY])) if KEY in content else None
         return _surface(
             path, content | {"values": values, "sigma": sigma, "reason": reason}, origin
         )
@@ -118,14 +118,14 @@ def _write_npz(path: Path, surface: HeightMap, _: PlyKind) -> None:
 
 def _read_npz(path: Path) -> HeightMap:
     content = read_npz(path, "a height map")
-    origin = str(content[KEY]) if KEY in content else None
+    origin = from_json(str(content[KEY])) if KEY in content else None
     try:
         return _surface(path, content, origin)
     except (KeyError, ValueError, TypeError) as error:
         raise FileProblem(f"{path}: expected a height map, got: {error}") from error
 
 
-def _surface(path: Path, content: dict[str, Any], origin: str | None) -> HeightMap:
+def _surface(path: Path, content: dict[str, Any], origin: Provenance | None) -> HeightMap:
     quantity, unit = str(content["quantity"]), str(content["unit"])
     if quantity not in ("height", "displacement") or unit not in ("mm", "px"):
         raise FileProblem(f"{path}: expected heights or displacements, got {quantity} in {unit}")
@@ -138,7 +138,7 @@ def _surface(path: Path, content: dict[str, Any], origin: str | None) -> HeightM
         unit="mm" if unit == "mm" else "px",
         pitch=float(content["pitch"]),
         method=str(content["method"]),
-        provenance=from_json(origin),
+        provenance=origin,
     )
 
 
@@ -197,17 +197,17 @@ def _read_gsf(path: Path) -> HeightMap:
     values = raw.astype(np.float64) * scale
     method = fields.get("Title", "").partition(" ")[0]
     return _without_sigma(
-        values, in_mm=in_mm, pitch=pitch, method=method, origin=fields.get("Comment")
+        values, in_mm=in_mm, pitch=pitch, method=method, origin=from_json(fields.get("Comment"))
     )
 
 
 def _read_x3p(path: Path) -> HeightMap:
     values, pitch, method, origin = read_x3p(path)
-    return _without_sigma(values, in_mm=True, pitch=pitch, method=method, origin=json_line(origin))
+    return _without_sigma(values, in_mm=True, pitch=pitch, method=method, origin=origin)
 
 
 def _without_sigma(
-    values: Any, *, in_mm: bool, pitch: float, method: str, origin: str | None
+    values: Any, *, in_mm: bool, pitch: float, method: str, origin: Provenance | None
 ) -> HeightMap:
     reason = np.where(np.isfinite(values), Reason.OK, Reason.UNDETERMINED).astype(np.uint8)
     return HeightMap(
@@ -218,7 +218,7 @@ def _without_sigma(
         unit="mm" if in_mm else "px",
         pitch=pitch,
         method=method,
-        provenance=from_json(origin),
+        provenance=origin,
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.types import (
+    MAD_TO_SIGMA,
     DisplacementMap,
     FloatMap,
     Frozen,
@@ -29,8 +30,6 @@ MIN_PLANE_PIXELS = 100
 
 The median displacement of fewer pixels is not robust against outliers. An empirical choice.
 """
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -56,20 +56,7 @@ own and those of installed plug-ins first."""
 
 
 def method(name: str) -> Callable[[Analysis], Analysis]:
-    """Register a fringe analysis of two frames under a name.
-
-    The function takes a ``PreparedPair`` and keyword options, each with a default, and returns a
-    ``Solution``. The first line of its docstring describes it to users.
-
-    Parameters
-    ----------
-    name : str
-        Not yet registered.
-
-    Raises
-    ------
-    InputError for a name that is taken, and for options without a default.
-    """
+    """Register a fringe analysis under a name; users call ``fringeworks.method``."""
 
     def register(function: Analysis) -> Analysis:
         taken = REGISTERED.get(name)

@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Unpack
 
+from fringeworks.files.atomic import StrPath
 from fringeworks.files.stack import read_poses
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.pipeline.inputs import StrPath, inputs_of
+from fringeworks.pipeline.inputs import inputs_of
 from fringeworks.pipeline.stacks import decoded
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.calibrate import Calibration, Observation, calibrate, observe
@@ -18,18 +19,11 @@ from fringeworks.stack.frames import Stack
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import (
     BoardNotFound,
-    FileProblem,
     FramesContradictPlan,
     Source,
     fingerprint,
     made_by,
 )
-
-Progress = Callable[[str], None]
-
-
-def silent(_: str) -> None:
-    """Show no progress."""
 
 
 def calibrate_stacks(
@@ -38,7 +32,7 @@ def calibrate_stacks(
     *,
     plan: PatternPlan | StrPath | None = None,
     distortion: int = 5,
-    progress: Progress = silent,
+    progress: Callable[[str], None] = lambda _: None,
     **options: Unpack[DecodeOptions],
 ) -> Calibration:
     """Calibrate a rig from stacks of a board in several poses.
@@ -66,22 +60,22 @@ def calibrate_stacks(
 
     Raises
     ------
-    InputError where too few poses are left, and as ``calibrate``.
+    InputError where too few poses are left, a stack cannot be read, and as ``calibrate``.
     """
     board = parse_board(board) if isinstance(board, str) else board
     poses = read_poses(stacks, plan) if isinstance(stacks, (str, os.PathLike)) else stacks
     observations: list[Observation] = []
     skipped: dict[str, str] = {}
     inputs: list[Source] = []
-    plans: dict[str, PatternPlan] = {}
+    plans: dict[PatternPlan, None] = {}
     for name, stack in poses:
         progress(f"{name} …")
         # One line for a pose, by the hashes of its files: a rig file is read by people.
         inputs.append(Source(name, fingerprint(tuple(s.sha256 for s in inputs_of(stack)))))
-        plans[fingerprint(stack.plan)] = stack.plan
+        plans[stack.plan] = None
         try:
             observations.append(_observed(name, stack, board, options))
-        except (BoardNotFound, FramesContradictPlan, FileProblem) as error:
+        except (BoardNotFound, FramesContradictPlan) as error:
             skipped[name] = str(error) if name in str(error) else f"{name}: {error}"
     progress("adjusting …")
     found = calibrate(observations, board, skipped=skipped, distortion=distortion)
@@ -89,7 +83,7 @@ def calibrate_stacks(
         "calibrate_stacks",
         options={"board": board, "distortion": distortion, **options},
         inputs=tuple(inputs),
-        plan=next(iter(plans.values())) if len(plans) == 1 else tuple(plans.values()),
+        plan=next(iter(plans)) if len(plans) == 1 else tuple(plans),
     )
     return replace(found, rig=replace(found.rig, provenance=origin))
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fringeworks.files.atomic import StrPath
 from fringeworks.files.capture import read_capture
 from fringeworks.files.stack import read_stack
 from fringeworks.stack.frames import Stack
@@ -18,10 +19,9 @@ from fringeworks.types import (
     fingerprint,
 )
 
-StrPath = str | os.PathLike[str]
-
 
 def pair_of(pair: Pair | StrPath) -> Pair:
+    """The pair itself, or the one that is read from a path."""
     if isinstance(pair, (str, os.PathLike)):
         found = read_capture(pair)
         if isinstance(found, Stack):
@@ -33,6 +33,7 @@ def pair_of(pair: Pair | StrPath) -> Pair:
 
 
 def stack_of(stack: Stack | StrPath) -> Stack:
+    """The stack itself, or the one that is read from a path."""
     if isinstance(stack, (str, os.PathLike)):
         return read_stack(stack)
     if not isinstance(stack, Stack):
@@ -41,6 +42,7 @@ def stack_of(stack: Stack | StrPath) -> Stack:
 
 
 def inputs_of(stack: Stack) -> tuple[Source, ...]:
+    """The files of a stack as inputs; its arrays where it was not read."""
     return stack.sources or sources_of(**dict(zip(stack.plan.labels(), stack.frames, strict=False)))
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from fringeworks.files.atomic import StrPath
 from fringeworks.pair.analyse import analyse
 from fringeworks.pair.plane_calibration import (
     PixelCalibration,
@@ -18,7 +19,7 @@ from fringeworks.pair.plane_calibration import (
 from fringeworks.pair.prepared import prepare
 from fringeworks.pair.reference_plane import to_surface
 from fringeworks.pair.registry import MethodOption
-from fringeworks.pipeline.inputs import StrPath, pair_of, sources_of
+from fringeworks.pipeline.inputs import pair_of, sources_of
 from fringeworks.signal.denoise import Denoiser
 from fringeworks.signal.denoise import denoise as denoise_frame
 from fringeworks.signal.response import (

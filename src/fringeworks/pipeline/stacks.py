@@ -8,9 +8,10 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from fringeworks.files.atomic import StrPath
 from fringeworks.files.rig import read_rig
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
-from fringeworks.pipeline.inputs import StrPath, inputs_of, stack_of
+from fringeworks.pipeline.inputs import inputs_of, stack_of
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.signal.response import (
     Response,
@@ -72,7 +73,7 @@ def decode_stack(stack: Stack | StrPath, **options: Unpack[DecodeOptions]) -> De
     found = decoded(stack, options)
     origin = made_by(
         "decode_stack",
-        options=given(stack, options),
+        options=_given(stack, options),
         inputs=inputs_of(stack),
         plan=stack.plan,
     )
@@ -121,7 +122,7 @@ def measure(
     seconds = time.perf_counter() - started
     origin = made_by(
         "measure",
-        options={"axis": axis, **given(stack, options)},
+        options={"axis": axis, **_given(stack, options)},
         inputs=inputs_of(stack),
         plan=stack.plan,
         rig=rig.rig,
@@ -211,17 +212,16 @@ def _gray_coordinate(stack: Stack, axis: Axis) -> FloatMap:
 
 
 def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
+    """Decode the frames of a stack; a response must be that of its devices."""
     response = options.get("response")
     if response is not None:
         check_devices(response, stack.camera, stack.projector)
-    given: DecodeOptions = {"saturation": stack.saturation, **without_none(options)}
-    return decode(stack.frames, stack.plan, **given)
+    return decode(stack.frames, stack.plan, **_given(stack, options))
 
 
-def without_none(options: DecodeOptions) -> DecodeOptions:
+def _given(stack: Stack, options: DecodeOptions) -> DecodeOptions:
+    """The options that are not None; the stack's own saturation where none is given."""
     known: Any = {name: value for name, value in options.items() if value is not None}
-    return known  # type: ignore[no-any-return]
-
-
-def given(stack: Stack, options: DecodeOptions) -> dict[str, Any]:
-    return {"saturation": stack.saturation, **without_none(options)}
+    merged: DecodeOptions = {"saturation": stack.saturation}
+    merged.update(known)
+    return merged

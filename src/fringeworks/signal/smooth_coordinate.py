@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from fringeworks.types import BoolMap, FloatMap, InputError
+from fringeworks.types import MAD_TO_SIGMA, BoolMap, FloatMap, InputError
 
 SMOOTHING_PX = 15.0
 """Default standard deviation of the Gaussian smoothing, camera px.
@@ -37,8 +37,6 @@ SURFACE_STEPS = 10
 The set of outliers of a decoded Gray code changes little after a few fits. An empirical choice.
 """
 
-MAD_SIGMA = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 OUTLIER_SIGMAS = 3.0
 """Distance from the surface from which on a pixel is left out of its fit, standard deviations.
@@ -105,8 +103,8 @@ def _surface(coordinate: FloatMap, places: NDArray[np.intp]) -> tuple[FloatMap, 
     for _ in range(SURFACE_STEPS):
         coefficients = np.linalg.lstsq(design[kept], values[kept], rcond=None)[0]
         off = np.abs(values - design @ coefficients)
-        limit = OUTLIER_SIGMAS * MAD_SIGMA * float(np.median(off[kept]))
+        limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * float(np.median(off[kept]))
         kept = off <= max(limit, NO_SPREAD_PX)
-    spread = MAD_SIGMA * float(np.median(off[kept]))
+    spread = MAD_TO_SIGMA * float(np.median(off[kept]))
     terms = (c * x**i * y**j for c, (i, j) in zip(coefficients, powers, strict=True))
     return np.asarray(sum(terms)), spread

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import optimize
 
 from fringeworks.surface.form_geometry import GEOMETRIES, BodyKind, FormGeometry
-from fringeworks.types import BoolMap, FloatMap, Frozen, InputError
+from fringeworks.types import MAD_TO_SIGMA, BoolMap, FloatMap, Frozen, InputError
 
 DISCARDED = 0.003
 """Share of the points that may be discarded before a range is taken, from VDI/VDE 2634 part 2."""
@@ -39,8 +39,6 @@ normally distributed distances one in 10⁹ is larger."""
 FIT_ROUNDS = 6
 """Largest number of fits; the points that belong to the body are chosen anew after each. Usually
 they no longer change after the second or third."""
-NORMAL_MAD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -201,7 +199,7 @@ def _fit(
             return None
         values, covariance = _refine(values, scaled[used], weight[used], geometry)
         distance = geometry.distance(values, scaled)
-        spread = NORMAL_MAD * float(np.median(np.abs(distance * weight)[used]))
+        spread = MAD_TO_SIGMA * float(np.median(np.abs(distance * weight)[used]))
         if np.array_equal(before, used):
             break
     return values, covariance, distance, used

@@ -24,13 +24,14 @@ from fringeworks.types.errors import (
     check_fields,
 )
 from fringeworks.types.frozen import Frozen, fingerprint, sealed, unsealed
-from fringeworks.types.noise import CameraNoise
+from fringeworks.types.noise import MAD_TO_SIGMA, CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
 from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
 from fringeworks.types.surface import HeightMap, PointCloud
 
 __all__ = [
+    "MAD_TO_SIGMA",
     "RIG_PARAMETERS",
     "Axis",
     "BoardNotFound",

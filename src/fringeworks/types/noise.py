@@ -9,6 +9,9 @@ import numpy as np
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CameraNoise(Frozen):

@@ -6,7 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fringeworks.types import Axis, BoolMap, CoordinateMap, Decoded, FloatMap, Frozen, InputError
+from fringeworks.types import (
+    MAD_TO_SIGMA,
+    Axis,
+    BoolMap,
+    CoordinateMap,
+    Decoded,
+    FloatMap,
+    Frozen,
+    InputError,
+)
 
 SURFACE_REACH = 0.5
 """Half side of a corner's window over the distance of neighbouring corners: windows are as large as
@@ -34,8 +43,6 @@ Welsch, Communications in Statistics A 6, 1977)."""
 MIN_ABSOLUTE = 0.1
 """Lower bound on a deviation in the weights for least absolute deviations, relative to the scatter:
 a pixel that happens to lie on the surface must not get an infinite weight."""
-NORMAL_MAD = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
 MAX_DESIGN_CONDITION = 1e10
 """Largest condition number of the normal matrix without weights. Beyond, the pixels lie almost on a
 line and do not determine a surface."""
@@ -190,7 +197,7 @@ def _robust_fit(
             return None
         coefficients = np.linalg.solve(normal, q @ weighted)
         deviation = np.abs(q - design @ coefficients) * inverse_sigma
-        scale = max(NORMAL_MAD * float(np.median(deviation)), 1e-9)
+        scale = max(MAD_TO_SIGMA * float(np.median(deviation)), 1e-9)
         if step < REWEIGHTINGS // 2:
             # Least absolute deviations first: outliers of any size lose their influence.
             weight = inverse_sigma / np.sqrt(np.maximum(deviation, MIN_ABSOLUTE * scale))

@@ -100,7 +100,17 @@ class DecodeSettings:
     def __new__(
         cls,
         *,
-        sets: Sequence[tuple[list[int], list[float], float, list[float], list[float]]],
+        sets: Sequence[
+            tuple[
+                list[int],
+                list[float],
+                list[tuple[float, float, float]],
+                float,
+                float,
+                list[float],
+                list[float],
+            ]
+        ],
         code: tuple[list[int], list[int], tuple[int, int] | None, float, int] | None,
         combinations: NDArray[np.float32],
         frequencies: NDArray[np.float32],
@@ -113,7 +123,6 @@ class DecodeSettings:
         code_reach: float,
         read_variance: float,
         gain: float,
-        scale: float,
         saturation: float,
         min_snr: float,
         min_modulation: float,

@@ -18,9 +18,18 @@ pub struct DecodeSettings {
     plan: Plan,
 }
 
-/// Indices of the frames, shifts (rad), period (px), and the response: phase errors (turns) and
-/// brightnesses (counts), or empty.
-type SetItems = (Vec<usize>, Vec<f64>, f64, Vec<f32>, Vec<f32>);
+/// Indices of the frames, shifts (rad), what every frame really shows of (A, c, s) or nothing, period
+/// (px), floor of the phase's variance (rad²), and the response: phase errors (turns) and
+/// brightnesses (counts), or nothing.
+type SetItems = (
+    Vec<usize>,
+    Vec<f64>,
+    Vec<[f64; 3]>,
+    f64,
+    f32,
+    Vec<f32>,
+    Vec<f32>,
+);
 /// Indices of bits, of inverse bits and of (white, black); width of a cell (px), number of cells.
 type CodeItems = (Vec<usize>, Vec<usize>, Option<(usize, usize)>, f32, u32);
 
@@ -28,8 +37,9 @@ type CodeItems = (Vec<usize>, Vec<usize>, Option<(usize, usize)>, f32, u32);
 fn phase_sets(items: Vec<SetItems>) -> PyResult<Vec<PhaseSet>> {
     items
         .into_iter()
-        .map(|(frames, shifts, period, turns, brightness)| {
-            let mut set = PhaseSet::new(frames, &shifts, period)?;
+        .map(|(frames, shifts, design, period, floor, turns, brightness)| {
+            let mut set = PhaseSet::new(frames, &shifts, design, period)?;
+            set.floor = floor;
             set.table = Table { turns, brightness };
             Ok(set)
         })
@@ -55,7 +65,7 @@ fn gray_code((bits, inverse, white_black, step, cells): CodeItems) -> GrayCode {
 impl DecodeSettings {
     #[new]
     #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room, middle, half,
-        repeats, circular, code_reach, read_variance, gain, scale, saturation, min_snr,
+        repeats, circular, code_reach, read_variance, gain, saturation, min_snr,
         min_modulation, max_disagreement, confidence))]
     #[allow(clippy::too_many_arguments)] // All are keywords in Python.
     fn new(
@@ -72,7 +82,6 @@ impl DecodeSettings {
         code_reach: f32,
         read_variance: f32,
         gain: f32,
-        scale: f32,
         saturation: f32,
         min_snr: f32,
         min_modulation: f32,
@@ -95,7 +104,6 @@ impl DecodeSettings {
         let noise = Noise {
             read_variance,
             gain,
-            scale,
         };
         let limits = Limits {
             saturation,

@@ -1,23 +1,26 @@
-"""Judgement of a stack by a sample of its pixels: noise, saturation, real steps, disagreement.
-
-The disagreement of the sets is the median χ² of the sample over its expectation. It is 1 where the
-phases of the sets, and the Gray code, differ by their noise alone.
-"""
+"""Judgement of a stack by a sample of its pixels: order, real frames, noise and phase errors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks import _core
 from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.signal.noise import NORMAL_MEDIAN, chi_square_quantile
-from fringeworks.stack.kernel_settings import Decoding, GrayFrames, Limits, empty_maps
+from fringeworks.signal.noise import NORMAL_MEDIAN
+from fringeworks.stack import words
+from fringeworks.stack.agreement import (
+    Agreement,
+    agreement,
+    decode_sample,
+    disagreement,
+    unrelated,
+)
+from fringeworks.stack.kernel_settings import Decoding, GrayFrames, Limits, PhaseFrames
 from fringeworks.stack.noise import (
     MIN_JUDGED_PIXELS,
     exceeds,
@@ -25,39 +28,21 @@ from fringeworks.stack.noise import (
     phase_samples,
     set_parts,
     solve,
+    spatial_noise,
     usable,
 )
-from fringeworks.stack.shifts import estimate_shifts
-from fringeworks.stack.swaps import refuse_swap_by_orders, refuse_swap_by_residuals
-from fringeworks.types import Axis, CameraNoise, FloatMap, FramesContradictPlan, Reason
+from fringeworks.stack.order_faults import refuse_order_faults
+from fringeworks.stack.phase_errors import PhaseErrors, errors_of_sets
+from fringeworks.stack.real_frames import RealFrames, real_frames
+from fringeworks.stack.ripple import Ripple, measure_ripple
+from fringeworks.stack.sample import Sample
+from fringeworks.types import Axis, CameraNoise, Finding, FloatMap, Reason
 
-NOISE_ALONE = 1.15
-"""Disagreement up to which the sets differ by noise alone.
-
-The sample's median χ² scatters by 2 to 3 %, and simulated stacks without errors have 0.99 to 1.02.
-The rest of the margin allows for errors of the measured noise. The same factor applies to the
-distance between phases and Gray code over its expectation. Empirical.
-"""
-
-SUSPICIOUS = 2.5
-"""Disagreement above which it is compared with that of unrelated phases.
+RELATED = 2.5
+"""Disagreement of the sets above which it is compared with that of unrelated phases.
 
 The comparison takes a second decoding of the sample, so it should be rare. Simulated steps that are
 wrong by 2° reach 2.6 and swapped frames more than 100. Empirical.
-"""
-
-MAYBE_SWAPPED = 0.3
-"""Share of the disagreement of unrelated phases above which swapped frames are searched.
-
-In simulations two swapped frames make 0.56 to 1.02, and a response with γ = 1.6 makes 0.2 to 0.35.
-The value keeps the costly search to few stacks. Empirical.
-"""
-
-UNRELATED = 0.9
-"""Share of the disagreement of unrelated phases above which no fringe order can be trusted.
-
-Frames of another plan make 0.99 to 1.01 in simulations; the sampling error of both numbers is a few
-per cent. Empirical.
 """
 
 ARITHMETIC_ERROR = 5e-5
@@ -71,11 +56,8 @@ any camera.
 MIN_NOISE = 1e-30
 """Smallest standard deviation of a count, so that weights stay finite even for black frames."""
 
-MIN_VARIANCE_PX2 = 1e-12
-"""Smallest variance of a coordinate that divides, px²; it only avoids the division by zero."""
-
 LIT_POWER = 0.25
-"""Smallest squared modulation of a pixel that shifts are estimated from.
+"""Smallest squared modulation of a pixel that real frames and ripple are estimated from.
 
 As a share of the 95th percentile: half of its modulation. Dim pixels add noise but hardly any
 information. Empirical.
@@ -83,7 +65,7 @@ information. Empirical.
 
 
 @dataclass(frozen=True)
-class Findings:
+class Judgement:
     """Results of the judgement, which decoding uses."""
 
     noise: CameraNoise
@@ -91,77 +73,116 @@ class Findings:
     limits: Limits
     """The limits; the saturation is infinite if samples only touch the sensor's limit."""
     decodings: dict[Axis, Decoding]
-    """Decoding of each axis, with its real shifts and the disagreement of its sets."""
-    notes: tuple[str, ...] = ()
+    """Decoding of each axis, with its real frames and the floor of its phase errors."""
+    findings: tuple[Finding, ...]
     """What was measured or decided, for the user."""
-    details: dict[str, Any] = field(default_factory=dict)
+    details: dict[str, Any]
     """Per axis: ``disagreement``, in standard deviations of the noise, and ``shifts_deg``."""
 
 
 def examine(
     plan: PatternPlan,
-    sample: Sequence[NDArray[Any]],
+    sample: Sample,
     decodings: dict[Axis, Decoding],
     limits: Limits,
     *,
     noise: CameraNoise | None,
-    patch: Sequence[FloatMap],
     estimate_steps: bool,
-) -> Findings:
+) -> Judgement:
     """Judge a stack by a sample of its pixels.
 
     Parameters
     ----------
     plan : PatternPlan
-    sample : (1, n) arrays, one per frame of the plan, counts
+    sample : Sample
     decodings : nominal decoding of each axis
     limits : Limits
     noise : CameraNoise, optional
         Known noise; measured where not given.
-    patch : (h, w) float arrays, counts
-        Connected pixels of some frames, for measuring spatial noise.
     estimate_steps : bool
-        Whether to estimate the real shifts from the frames.
+        Whether to estimate the real steps and gains of the frames.
 
     Returns
     -------
-    Findings
+    Judgement
 
     Raises
     ------
     InputError
         If the frames contradict the plan, for example because two of them are swapped.
     """
-    notes: list[str] = []
-    values = {axis: phase_samples(sample, decoding) for axis, decoding in decodings.items()}
+    rough = _with_floor(noise or spatial_noise(sample.patch), sample.points)
+    _check_order(plan, sample, decodings, limits, rough)
+    findings: list[Finding] = []
+    values = {axis: phase_samples(sample.points, d) for axis, d in decodings.items()}
     if estimate_steps:
-        decodings, notes = _with_real_steps(decodings, values, limits)
-    for axis, decoding in decodings.items():
-        refuse_swap_by_residuals(decoding, values[axis], limits, plan)
+        decodings, found = _with_real_frames(plan, decodings, values, limits)
+        findings += found
     if noise is None:
-        noise, source = measure_noise(decodings, values, limits, patch)
-        shot = f", {noise.gain:.3g} counts² per count" if noise.gain else ""
-        notes.append(f"noise of {noise.read_counts:.3g} counts{shot}, from {source}")
-    noise = _with_floor(noise, sample)
+        noise, source = measure_noise(decodings, values, limits, sample.patch)
+        findings.append(words.noise(noise, source))
+    noise = _with_floor(noise, sample.points)
     if not limits.given and np.isfinite(limits.saturation):
         exceeded = [exceeds(d, values[axis], limits, noise) for axis, d in decodings.items()]
         if not any(exceeded):
             limits = replace(limits, saturation=float("inf"))
     judged: dict[Axis, Decoding] = {}
     details: dict[str, Any] = {}
+    factor = 1.0
     for axis, decoding in decodings.items():
-        judged[axis], disagreement = _judged(decoding, sample, noise, limits, plan)
+        judged[axis], errors, found = _judged(decoding, sample, noise, limits, estimate_steps)
+        findings += found
+        factor = max(factor, errors.noise_factor)
         details[axis] = {
-            "disagreement": disagreement**0.5,
-            "shifts_deg": [np.degrees(s.shifts_rad).round(3).tolist() for s in decoding.sets],
+            "disagreement": errors.ratio**0.5,
+            "shifts_deg": [_degrees(s) for s in judged[axis].sets],
         }
-        if disagreement > NOISE_ALONE:
-            what = "phases and Gray code" if decoding.gray is not None else "phases"
-            notes.append(
-                f"{what} along {axis} disagree by {disagreement**0.5:.1f} times their noise: "
-                "standard deviations are raised by this factor"
+    if factor > 1.0:
+        noise = CameraNoise(noise.read_counts * factor**0.5, noise.gain * factor)
+    return Judgement(noise, limits, judged, tuple(findings), details)
+
+
+def _degrees(phases: PhaseFrames) -> list[float]:
+    real = RealFrames(np.array(phases.rows), 0.0).shifts_rad
+    planned = np.asarray(phases.shifts_rad)
+    off = np.angle(np.exp(1j * (real - planned)))
+    return [float(d) for d in np.degrees(planned + off - off.mean()).round(3)]
+
+
+def _check_order(
+    plan: PatternPlan,
+    sample: Sample,
+    decodings: dict[Axis, Decoding],
+    limits: Limits,
+    noise: CameraNoise,
+) -> None:
+    """Refuse frames in a wrong order."""
+    unrelated_sets = {}
+    for axis, decoding in decodings.items():
+        planes = [sample.points[k] for k in decoding.frames]
+        unrelated_sets[axis] = _unrelated_sets(decoding, planes, noise, limits)
+
+    def agreements_of(sample: Sample) -> dict[Axis, Agreement]:
+        return {
+            axis: agreement(
+                decoding, sample.points, sample.lines[axis], noise, limits, unrelated_sets[axis]
             )
-    return Findings(noise, limits, judged, tuple(notes), details)
+            for axis, decoding in decodings.items()
+        }
+
+    refuse_order_faults(plan, sample, agreements_of(sample), agreements_of)
+
+
+def _unrelated_sets(
+    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
+) -> float:
+    """Disagreement of the sets for unrelated phases; infinite where that of the sample is small."""
+    if len(decoding.sets) < 2:
+        return float("inf")
+    present = disagreement(decoding, planes, noise, limits)
+    if present is None or present < RELATED:
+        return float("inf")
+    return disagreement(decoding, unrelated(decoding, planes), noise, limits) or float("inf")
 
 
 def _with_floor(noise: CameraNoise, sample: Sequence[NDArray[Any]]) -> CameraNoise:
@@ -172,126 +193,159 @@ def _with_floor(noise: CameraNoise, sample: Sequence[NDArray[Any]]) -> CameraNoi
     return replace(noise, read_counts=floor) if noise.read_counts < floor else noise
 
 
-def _with_real_steps(
-    decodings: dict[Axis, Decoding], values: dict[Axis, FloatMap], limits: Limits
-) -> tuple[dict[Axis, Decoding], list[str]]:
-    """The decodings with shifts that are estimated from the frames, and notes about them."""
+def _with_real_frames(
+    plan: PatternPlan,
+    decodings: dict[Axis, Decoding],
+    values: dict[Axis, FloatMap],
+    limits: Limits,
+) -> tuple[dict[Axis, Decoding], list[Finding]]:
+    """The decodings with what the frames really show, where it differs from the plan."""
     real: dict[Axis, Decoding] = {}
-    notes: list[str] = []
+    findings: list[Finding] = []
     for axis, decoding in decodings.items():
-        real[axis], axis_notes = _real_steps(decoding, values[axis], limits)
-        notes += axis_notes
-    return real, notes
+        sets = []
+        for part, phases in zip(set_parts(decoding), decoding.sets, strict=True):
+            data = values[axis][part]
+            (_, c, s), _ = solve(data, phases.rows)
+            power = c**2 + s**2
+            lit = usable(data, limits)
+            lit &= power > LIT_POWER * np.percentile(power[np.isfinite(power)], 95)
+            found = real_frames(data[:, lit], np.array(phases.rows))
+            if found is not None:
+                findings.append(words.real_frames(found, phases, axis, plan.labels()))
+                phases = replace(phases, design=_rows(found.design))
+            sets.append(phases)
+        real[axis] = replace(decoding, sets=tuple(sets))
+    return real, findings
 
 
-def _real_steps(decoding: Decoding, values: FloatMap, limits: Limits) -> tuple[Decoding, list[str]]:
-    """The decoding of one axis with estimated shifts, and a note about each set."""
-    sets, notes = [], []
-    for part, phases in zip(set_parts(decoding), decoding.sets, strict=True):
-        data = values[part]
-        (_, c, s), _ = solve(data, phases.shifts_rad)
-        power = c**2 + s**2
-        lit = usable(data, limits) & (power > LIT_POWER * np.percentile(power, 95))
-        shifts = estimate_shifts(data[:, lit], phases.shifts_rad)
-        off = np.degrees(np.abs(shifts - np.asarray(phases.shifts_rad)).max())
-        notes.append(
-            f"steps of {phases.period_px:g} px along {decoding.axis}: "
-            f"{', '.join(f'{d:.1f}' for d in np.degrees(shifts))}°, off by up to {off:.1f}°"
-        )
-        sets.append(replace(phases, shifts_rad=tuple(float(d) for d in shifts)))
-    return replace(decoding, sets=tuple(sets)), notes
+def _rows(design: NDArray[np.float64]) -> tuple[tuple[float, float, float], ...]:
+    return tuple((float(a), float(c), float(s)) for a, c, s in design)
 
 
 def _judged(
     decoding: Decoding,
-    sample: Sequence[NDArray[Any]],
+    sample: Sample,
     noise: CameraNoise,
     limits: Limits,
-    plan: PatternPlan,
-) -> tuple[Decoding, float]:
-    """The decoding with the disagreement of its sets and Gray code, and that disagreement."""
-    planes = [sample[k] for k in decoding.frames]
-    limits = replace(limits, max_disagreement=float("inf"))
-    disagreement = 1.0
+    estimate_steps: bool,
+) -> tuple[Decoding, PhaseErrors, list[Finding]]:
+    """The decoding with the floor of its phase errors, those errors, and what was found."""
+    findings: list[Finding] = []
+    errors = PhaseErrors()
+    if decoding.sets:
+        lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
+        decoding, found = _with_ripple(decoding, lines, noise, limits, estimate_steps)
+        findings += found
+    planes = [sample.points[k] for k in decoding.frames]
     if len(decoding.sets) > 1:
-        disagreement = _sets_disagreement(decoding, planes, noise, limits, plan)
+        free = replace(decoding, reach_px=float("inf"))
+        open_limits = replace(limits, max_disagreement=float("inf"))
+        maps = decode_sample(free, planes, noise, open_limits)
+        variance = np.mean(
+            [phase_variance(p, m, maps["background"], noise)
+             for p, m in zip(decoding.sets, maps["modulations"], strict=True)], axis=0
+        )
+        errors = errors_of_sets(maps, variance, len(decoding.sets))
+        if not errors.by_noise:
+            findings.append(words.disagreement(errors, decoding.axis))
+            decoding = with_floor(decoding, errors.floor_rad)
     if decoding.sets and decoding.gray is not None:
-        decoding, of_gray = _judged_gray(decoding, decoding.gray, planes, noise, limits)
-        disagreement = max(disagreement, of_gray)
-    if disagreement > NOISE_ALONE:
-        decoding = replace(decoding, disagreement=disagreement)
-    return decoding, disagreement
+        decoding = _with_reach(decoding, decoding.gray, planes, noise, limits)
+    return decoding, errors, findings
 
 
-def _sets_disagreement(
+def phase_variance(
+    phases: PhaseFrames, modulation: FloatMap, background: FloatMap, noise: CameraNoise
+) -> FloatMap:
+    """Variance of the phase by camera noise, rad²: that of equal steps."""
+    variance = noise.read_counts**2 + noise.gain * np.maximum(background, 0.0)
+    return np.asarray(2.0 / len(phases.frames) * variance / np.maximum(modulation, 1e-6) ** 2)
+
+
+def with_floor(decoding: Decoding, floor_rad: float) -> Decoding:
+    """The decoding with a floor added to the phase errors of all its sets."""
+    sets = tuple(replace(s, floor_rad=float(np.hypot(s.floor_rad, floor_rad))) for s in decoding.sets)
+    return replace(decoding, sets=sets)
+
+
+def _with_ripple(
     decoding: Decoding,
-    planes: list[NDArray[Any]],
+    lines: list[NDArray[Any]],
     noise: CameraNoise,
     limits: Limits,
-    plan: PatternPlan,
-) -> float:
-    """Disagreement of the sets, ≥ 1; refuses sets that are as far apart as unrelated phases."""
+    estimate_steps: bool,
+) -> tuple[Decoding, list[Finding]]:
+    """The decoding without the ripple that steps and gains make, and with the rest as a floor."""
+    findings: list[Finding] = []
+    maps = decode_sample(decoding, lines, noise, replace(limits, max_disagreement=float("inf")))
+    lit = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
+    sets = []
+    for phases, turns, modulation in zip(
+        decoding.sets, maps["phases"], maps["modulations"], strict=True
+    ):
+        bright = lit & (modulation**2 > LIT_POWER * np.percentile(modulation[lit] ** 2, 95)
+                        if lit.any() else lit)
+        sigma = np.sqrt(phase_variance(phases, modulation, maps["background"], noise))
+        orders = tuple(sorted({1, 2, 3, 4, len(phases.frames)}))
+        ripple = measure_ripple(turns / (2 * np.pi), bright, sigma, orders)
+        if ripple is None:
+            sets.append(phases)
+            continue
+        if estimate_steps:
+            ratio = float(np.median(maps["background"][bright] / modulation[bright]))
+            phases = replace(phases, design=_without_ripple(phases, ripple, ratio))
+        phases, found = _with_harmonics(phases, ripple, decoding.axis, estimate_steps)
+        sets.append(phases)
+        findings += found
+    return replace(decoding, sets=tuple(sets)), findings
 
-    def disagreement_of(planes: list[NDArray[Any]]) -> float | None:
-        return _disagreement(decoding, planes, noise, limits)
 
-    disagreement = disagreement_of(planes)
-    if disagreement is not None and disagreement > SUSPICIOUS:
-        unrelated = disagreement_of(_unrelated(decoding, planes))
-        if unrelated is not None and disagreement > MAYBE_SWAPPED * unrelated:
-            refuse_swap_by_orders(decoding, planes, plan, disagreement, disagreement_of)
-        if unrelated is not None and disagreement > UNRELATED * unrelated:
-            raise FramesContradictPlan(
-                f"frames along {decoding.axis}: fringe orders contradict each other all over the "
-                f"image, by {disagreement**0.5:.0f} times the noise; expected frames in the order "
-                "of the plan, with its periods and steps, and a response that keeps their fringe "
-                "orders distinct"
-            )
-    return max(1.0, disagreement or 1.0)
+def _without_ripple(
+    phases: PhaseFrames, ripple: Ripple, background_ratio: float
+) -> tuple[tuple[float, float, float], ...]:
+    """The design whose fits do not have the ripple of one and two per fringe.
+
+    A fit that mixes A, c and s shifts the phase by (A/B)(ν cos φ − μ sin φ) + ζ cos 2φ − γ sin 2φ,
+    where μ and ν are the shares of A in c and s, and (γ, ζ; ζ, −γ) mixes c and s.
+    """
+    once, twice = ripple.significant(1), ripple.significant(2)
+    if once == 0 and twice == 0:
+        return phases.design
+    nu, mu = once.real / background_ratio, -once.imag / background_ratio
+    zeta, gamma = twice.real, -twice.imag
+    mixing = np.array([[1.0, 0.0, 0.0], [mu, 1.0 + gamma, zeta], [nu, zeta, 1.0 - gamma]])
+    return _rows(np.array(phases.rows) @ mixing)
 
 
-def _judged_gray(
+def _with_harmonics(
+    phases: PhaseFrames, ripple: Ripple, axis: Axis, removed: bool
+) -> tuple[PhaseFrames, list[Finding]]:
+    """The set with the remaining ripple in its floor, and what was found."""
+    harmonics = {k: ripple.significant(k) for k in ripple.orders if not (removed and k <= 2)}
+    power = 0.5 * sum(abs(z) ** 2 for z in harmonics.values())
+    if power == 0:
+        return phases, []
+    floor = float(np.hypot(phases.floor_rad, power**0.5))
+    finding = words.ripple(harmonics, phases, axis, float(power**0.5))
+    return replace(phases, floor_rad=floor), [] if finding is None else [finding]
+
+
+def _with_reach(
     decoding: Decoding,
     gray: GrayFrames,
     planes: list[NDArray[Any]],
     noise: CameraNoise,
     limits: Limits,
-) -> tuple[Decoding, float]:
-    """The decoding with the reach that its Gray code needs, and the disagreement with the phases.
-
-    Refuses a Gray code that is as far from the phases as an unrelated one.
-    """
+) -> Decoding:
+    """The decoding with the reach that its Gray code needs where its borders are shifted."""
     off, sigma = _distance_from_gray(decoding, gray, planes, noise, limits)
-    step, longest = gray.step_px, decoding.longest_px
-    # Distances that are uniform up to half a cell, or half a period, have a median of a quarter.
-    expected = float(np.hypot(step / 4.0, sigma))
-    unrelated = longest / 4.0
-    if off > 0.5 * (expected + unrelated):
-        raise FramesContradictPlan(
-            f"frames along {decoding.axis}: phases and Gray code are {off:.0f} px apart, like "
-            "unrelated ones; expected frames in the order of the plan, with its periods, steps and "
-            "Gray-code cells"
-        )
-    if off <= NOISE_ALONE * expected:
-        return decoding, 1.0
-    usual = GRAY_REACH * step
-    reach = min(usual * off / expected, longest / 4.0)
-    disagreement = (off**2 - (step / 4.0) ** 2) / max(sigma**2, MIN_VARIANCE_PX2)
-    return replace(decoding, reach_px=max(reach, usual)), disagreement
-
-
-def _disagreement(
-    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
-) -> float | None:
-    """Median χ² of the sets over its expectation; None where too few pixels are lit."""
-    maps = empty_maps((1, planes[0].size), disagreement=True)
-    kernel = replace(decoding, reach_px=float("inf")).kernel(noise, limits)
-    _core.decode_frames(planes, kernel, maps)
-    lit = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
-    square = maps["disagreement"][lit & np.isfinite(maps["disagreement"])]
-    if square.size < MIN_JUDGED_PIXELS:
-        return None
-    return float(np.median(square)) / chi_square_quantile(0.5, len(decoding.sets) - 1)
+    # Distances that are uniform up to half a cell have a median of a quarter.
+    expected = float(np.hypot(gray.step_px / 4.0, sigma))
+    if off <= 1.15 * expected:
+        return decoding
+    usual = GRAY_REACH * gray.step_px
+    return replace(decoding, reach_px=max(min(usual * off / expected, decoding.longest_px / 4.0), usual))
 
 
 def _distance_from_gray(
@@ -305,27 +359,14 @@ def _distance_from_gray(
     noise alone; projector px. Both are 0 where the Gray code cannot be decoded alone."""
     if not gray.inverse and gray.white_black is None:
         return 0.0, 0.0  # its bits are compared with the phases' background
-    by_phases, by_gray = (empty_maps((1, planes[0].size)) for _ in range(2))
-    unlimited = replace(decoding, reach_px=float("inf"))
-    _core.decode_frames(planes, unlimited.kernel(noise, limits), by_phases)
+    free = replace(decoding, reach_px=float("inf"))
+    by_phases = decode_sample(free, planes, noise, limits)
     alone = replace(decoding, sets=(), chain=None)
     gray_planes = [planes[decoding.frames.index(k)] for k in alone.frames]
-    _core.decode_frames(gray_planes, alone.kernel(noise, limits), by_gray)
+    by_gray = decode_sample(alone, gray_planes, noise, limits)
     both = np.isfinite(by_phases["coordinate"]) & np.isfinite(by_gray["coordinate"])
     if both.sum() < MIN_JUDGED_PIXELS:
         return 0.0, 0.0
     off = np.abs(by_phases["coordinate"] - by_gray["coordinate"])[both]
     sigma = NORMAL_MEDIAN * float(np.median(by_phases["sigma"][both]))
     return float(np.median(off)), sigma
-
-
-def _unrelated(decoding: Decoding, planes: list[NDArray[Any]]) -> list[NDArray[Any]]:
-    """The sample with the pixels of every set shuffled, so that the sets are unrelated."""
-    rng = np.random.default_rng(0)
-    shuffled = list(planes)
-    for phases in decoding.sets:
-        order = rng.permutation(planes[0].size)
-        for k in phases.frames:
-            place = decoding.frames.index(k)
-            shuffled[place] = np.ascontiguousarray(planes[place][:, order])
-    return shuffled

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from fringeworks import _core
 from fringeworks.patterns.order_chain import GRAY_REACH, ORDER_SIGMAS, TURN, OrderChain
-from fringeworks.patterns.plan import GrayCode, PatternPlan
+from fringeworks.patterns.plan import GrayCode, PatternPlan, step_design
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.signal.response import Response
@@ -80,10 +81,26 @@ class PhaseFrames:
     """Shift of every frame, rad."""
     period_px: float
     """Period of the fringes, projector px."""
+    design: tuple[tuple[float, float, float], ...] = ()
+    """What every frame really shows of A, c and s (real steps and gains); that of the shifts where
+    empty."""
+    floor_rad: float = 0.0
+    """Standard deviation of the phase error that does not shrink with the modulation, rad."""
     table_turns: tuple[float, ...] = ()
     """Phase errors of the response, turns: a row of 256 per brightness, or nothing."""
     brightness: tuple[float, ...] = ()
     """Brightness of every row, counts, rising."""
+
+    @property
+    def rows(self) -> tuple[tuple[float, float, float], ...]:
+        """The design matrix of the fit: what every frame shows of A, c and s."""
+        return self.design or planned_rows(self.shifts_rad)
+
+
+@lru_cache(maxsize=256)
+def planned_rows(shifts_rad: tuple[float, ...]) -> tuple[tuple[float, float, float], ...]:
+    """What frames of these shifts show of A, c and s: (1, cos δ, sin δ)."""
+    return tuple((float(a), float(c), float(s)) for a, c, s in step_design(shifts_rad))
 
 
 @dataclass(frozen=True)
@@ -118,8 +135,6 @@ class Decoding:
     """Length of the range of coordinates, projector px."""
     absolute: bool = True
     """False for coordinates modulo ``length_px``."""
-    disagreement: float = 1.0
-    """Disagreement of the sets: variance in units of the noise's variance; ≥ 1."""
     reach_px: float | None = None
     """Largest distance of a coordinate from the middle of its Gray-code cell, projector px.
 
@@ -166,7 +181,9 @@ class Decoding:
             (
                 [place.get(k, 0) for k in phases.frames],
                 list(phases.shifts_rad),
+                list(phases.design),
                 phases.period_px,
+                phases.floor_rad**2,
                 list(phases.table_turns),
                 list(phases.brightness),
             )
@@ -181,7 +198,6 @@ class Decoding:
             code=_kernel_gray(self.gray, place),
             read_variance=noise.read_counts**2,
             gain=noise.gain,
-            scale=self.disagreement,
             saturation=limits.threshold,
             min_snr=MIN_SNR,
             min_modulation=limits.min_modulation,
@@ -258,8 +274,8 @@ def decoding_of(
             tuple(range(first, first + block.frames)),
             block.shifts_rad,
             block.period_px,
-            _table(plan, block.shifts_rad, response),
-            () if response is None else response.brightness,
+            table_turns=_table(plan, block.shifts_rad, response),
+            brightness=() if response is None else response.brightness,
         )
         for first, block in plan.phase_sets(axis)
     )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.plan import SINGULAR_CONDITION, step_design
+from fringeworks.patterns.plan import SINGULAR_CONDITION
 from fringeworks.signal.noise import noise_of_residuals, noise_variance, residual_variance
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap, InputError
@@ -93,15 +93,20 @@ def usable(values: FloatMap, limits: Limits) -> BoolMap:
     return inner if inner.sum() >= MIN_JUDGED_PIXELS else finite
 
 
+DesignRows = tuple[tuple[float, float, float], ...]
+"""What every frame of a set shows of A, c and s."""
+
+
 @lru_cache(maxsize=1024)
 def fit_matrices(
-    shifts_rad: tuple[float, ...], kept: tuple[bool, ...] | None = None
+    rows: DesignRows, kept: tuple[bool, ...] | None = None
 ) -> tuple[FloatMap, FloatMap | None]:
-    """Design matrix of I = A + c cos δ + s sin δ and its pseudo-inverse.
+    """Design matrix of a set and its pseudo-inverse.
 
     Parameters
     ----------
-    shifts_rad : (N,) floats, rad
+    rows : (N, 3) floats
+        What every frame shows of A, c and s; as planned, 1, cos δ and sin δ.
     kept : (N,) bools, optional
         Frames that take part; all where not given.
 
@@ -110,7 +115,7 @@ def fit_matrices(
     design : (M, 3) array of the frames that take part
     solver : (3, M) array, or None where these frames do not determine A, c and s
     """
-    design = step_design(shifts_rad)
+    design = np.array(rows)
     if kept is not None:
         design = design[list(kept)]
     determined = len(design) >= 3 and np.linalg.cond(design) < SINGULAR_CONDITION
@@ -122,22 +127,23 @@ def _times(matrix: FloatMap, values: FloatMap) -> FloatMap:
     return np.asarray(np.einsum("ij,jn->in", matrix, values))
 
 
-def solve(values: FloatMap, shifts_rad: Sequence[float]) -> tuple[FloatMap, FloatMap]:
+def solve(values: FloatMap, rows: DesignRows) -> tuple[FloatMap, FloatMap]:
     """Fit one set of steps at every pixel.
 
     Parameters
     ----------
     values : (N, n) float array, counts
-    shifts_rad : (N,) floats, rad
+    rows : (N, 3) floats
+        What every frame shows of A, c and s.
 
     Returns
     -------
     fitted : (3, n) array of A, c and s, counts
     square : (n,) array of the sums of squared residuals, counts²
     """
-    design, solver = fit_matrices(tuple(shifts_rad))
+    design, solver = fit_matrices(rows)
     if solver is None:
-        degrees = ", ".join(f"{d:g}" for d in np.degrees(shifts_rad))
+        degrees = ", ".join(f"{np.degrees(np.arctan2(q, k)):g}" for _, k, q in rows)
         raise InputError(f"shifts: expected at least three that differ modulo 360°, got {degrees}°")
     fitted = _times(solver, values)
     residual = values - _times(design, fitted)
@@ -172,8 +178,7 @@ def measure_noise(
         noise = _residual_noise(decoding, values[axis], limits)
         if noise is not None:
             return noise, "the residuals of the fits"
-    variances = [noise_variance(frame, np.asarray(np.isfinite(frame))) for frame in patch]
-    spatial = CameraNoise(float(np.sqrt(np.mean(variances))) if variances else 0.0)
+    spatial = spatial_noise(patch)
     for axis, decoding in decodings.items():
         noise = _background_noise(decoding, values[axis], limits)
         if noise is None:
@@ -181,13 +186,25 @@ def measure_noise(
         brightness = max(float(np.mean(values[axis])), 0.0)
         variance = noise.read_counts**2 + noise.gain * brightness
         largest = BACKGROUND_EXCESS * max(spatial.read_counts**2, QUANTISATION_VARIANCE)
-        if variances and variance > largest:
+        if patch and variance > largest:
             return spatial, (
                 "the differences of neighbouring pixels, because the backgrounds of the sets "
                 "differ by more"
             )
         return noise, "the backgrounds of the sets"
     return spatial, "the differences of neighbouring pixels"
+
+
+def spatial_noise(patch: Sequence[FloatMap]) -> CameraNoise:
+    """Noise from the differences of neighbouring pixels; it contains the texture of the scene.
+
+    Parameters
+    ----------
+    patch : (h, w) float arrays
+        Connected pixels of some frames, counts.
+    """
+    variances = [noise_variance(frame, np.asarray(np.isfinite(frame))) for frame in patch]
+    return CameraNoise(float(np.sqrt(np.mean(variances))) if variances else 0.0)
 
 
 def _residual_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> CameraNoise | None:
@@ -235,18 +252,18 @@ def _clear_fit(
     The background is that of all samples.
     """
     steps = len(phases.frames)
-    fitted, square = solve(values, phases.shifts_rad)
+    fitted, square = solve(values, phases.rows)
     count = np.full(square.shape, steps)
     rough = residual_variance(square[::ROUGH_STRIDE], steps - 3) ** 0.5
-    inside = _inside(values, phases.shifts_rad, fitted, limits, CLIPPED_SIGMAS * rough)
+    inside = _inside(values, phases.rows, fitted, limits, CLIPPED_SIGMAS * rough)
     if not inside.all():
-        square, count = _solve_partly(values, phases.shifts_rad, inside)
+        square, count = _solve_partly(values, phases.rows, inside)
     return fitted[0], square, count
 
 
 def _inside(
     values: FloatMap,
-    shifts_rad: Sequence[float],
+    rows: DesignRows,
     fitted: FloatMap,
     limits: Limits,
     margin: float,
@@ -256,12 +273,12 @@ def _inside(
         values.min() > 0 and values.max() < limits.saturation
     ):
         return np.ones(values.shape, bool)
-    brightness = _times(fit_matrices(tuple(shifts_rad))[0], fitted)
+    brightness = _times(fit_matrices(rows)[0], fitted)
     return np.asarray((brightness > margin) & (brightness < limits.saturation - margin))
 
 
 def _solve_partly(
-    values: FloatMap, shifts_rad: Sequence[float], inside: BoolMap
+    values: FloatMap, rows: DesignRows, inside: BoolMap
 ) -> tuple[FloatMap, NDArray[np.intp]]:
     """Fit every pixel to the samples that are inside.
 
@@ -271,11 +288,11 @@ def _solve_partly(
     count = np.where(inside.sum(axis=0) > 3, inside.sum(axis=0), 0)
     square = np.zeros(values.shape[1])
     # Pixels that lack the same samples share a fit.
-    bits = np.int64(1) << np.arange(len(shifts_rad), dtype=np.int64)
+    bits = np.int64(1) << np.arange(len(rows), dtype=np.int64)
     _, first, group = np.unique(bits @ inside, return_index=True, return_inverse=True)
     for k, place in enumerate(first):
         kept = inside[:, place]
-        design, solver = fit_matrices(tuple(shifts_rad), tuple(kept.tolist()))
+        design, solver = fit_matrices(rows, tuple(kept.tolist()))
         if len(design) <= 3 or solver is None:
             count[group == k] = 0
             continue
@@ -292,7 +309,7 @@ def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> C
     finite = np.isfinite(values).all(axis=0)
     data = values[:, finite]
     parts = set_parts(decoding)
-    fits = [solve(data[p], s.shifts_rad)[0] for p, s in zip(parts, decoding.sets, strict=True)]
+    fits = [solve(data[p], s.rows)[0] for p, s in zip(parts, decoding.sets, strict=True)]
     steps = np.array([len(s.frames) for s in decoding.sets], float)[:, None]
     background = np.sum(steps * np.stack([f[0] for f in fits]), axis=0) / steps.sum()
     chosen = np.ones(data.shape[1], bool)
@@ -307,7 +324,7 @@ def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> C
         # backgrounds do not depend on it, whereas a fit of three samples reproduces them exactly,
         # noise included, so that noise would decide which ones are inside.
         inside = [
-            _inside(data[p], s.shifts_rad, np.stack((background, f[1], f[2])), limits, margin)
+            _inside(data[p], s.rows, np.stack((background, f[1], f[2])), limits, margin)
             for p, s, f in zip(parts, decoding.sets, fits, strict=True)
         ]
         clear = np.logical_and.reduce([part.all(axis=0) for part in inside])
@@ -338,7 +355,7 @@ def exceeds(decoding: Decoding, values: FloatMap, limits: Limits, noise: CameraN
         if len(data) == 3:
             excesses.append(_excess_of_three(data, at, clear, means, limits.saturation))
         else:
-            excesses += _excess_of_more(data, at, phases.shifts_rad, limits.saturation)
+            excesses += _excess_of_more(data, at, phases.rows, limits.saturation)
     tested = np.concatenate(excesses) if excesses else np.empty(0)
     if tested.size == 0:
         return True
@@ -362,17 +379,17 @@ def _excess_of_three(
 
 
 def _excess_of_more(
-    data: FloatMap, at: BoolMap, shifts_rad: tuple[float, ...], saturation: float
+    data: FloatMap, at: BoolMap, rows: DesignRows, saturation: float
 ) -> list[FloatMap]:
     """Predicted excess of single samples at the limit by the other samples of their set, counts,
     scaled to the noise of a sample; one array per step."""
     single = at.sum(axis=0) == 1
-    design, _ = fit_matrices(shifts_rad)
+    design, _ = fit_matrices(rows)
     excesses = []
     for step in range(len(data)):
         others = np.arange(len(data)) != step
         pixels = np.flatnonzero(single & at[step])
-        _, solver = fit_matrices(shifts_rad, tuple(others.tolist()))
+        _, solver = fit_matrices(rows, tuple(others.tolist()))
         if solver is None or pixels.size == 0:
             continue
         weights = design[step] @ solver

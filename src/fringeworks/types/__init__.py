@@ -23,6 +23,7 @@ from fringeworks.types.errors import (
     UnknownMethod,
     check_fields,
 )
+from fringeworks.types.finding import Finding, FindingKind
 from fringeworks.types.frozen import Frozen, fingerprint, sealed, unsealed
 from fringeworks.types.noise import MAD_TO_SIGMA, CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
@@ -42,6 +43,8 @@ __all__ = [
     "Decoded",
     "DisplacementMap",
     "FileProblem",
+    "Finding",
+    "FindingKind",
     "FloatMap",
     "FramesContradictPlan",
     "Frozen",

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.types.arrays import Axis, ByteMap, FloatMap, Reason
+from fringeworks.types.finding import Finding
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.noise import CameraNoise
 from fringeworks.types.provenance import Provenance
@@ -54,12 +55,17 @@ class Decoded(Frozen):
     """Along projector rows."""
     noise: CameraNoise
     """Noise of the camera, from which the standard deviations come."""
-    notes: tuple[str, ...] = ()
-    """What was found in the frames, and what was decided because of it."""
+    findings: tuple[Finding, ...] = ()
+    """What was found in the frames, with its likely causes, and what was decided because of it."""
     details: dict[str, Any] = field(default_factory=dict)
     """Figures per axis: disagreement of the sets, estimated shifts."""
     provenance: Provenance | None = None
     """How it was made; None where the caller decoded arrays."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The text of every finding."""
+        return tuple(finding.text for finding in self.findings)
 
     @property
     def maps(self) -> dict[Axis, CoordinateMap]:

@@ -2,7 +2,7 @@
 
 use super::angle::angle;
 use super::set::PhaseSet;
-use super::solver::{inverse, precision, solve, Inverse};
+use super::solver::{precision, solution, solve, Solution};
 use super::sums::{Saturated, Sums};
 use super::{store, Fitted, NO_PRECISION};
 use crate::decode::{Plan, Source, LANES};
@@ -76,24 +76,25 @@ pub fn refit<S: Source>(source: &S, plan: &Plan, index: usize, at: Range<usize>,
         if kept == all || updated {
             continue;
         }
-        let cos = |n: usize| set.phasor(n).0.into();
-        let sin = |n: usize| set.phasor(n).1.into();
+        let planned = |n: usize| [1.0, set.phasor(n).0.into(), set.phasor(n).1.into()];
         let solvable = if kept.count_ones() >= 3 {
-            inverse(kept, cos, sin)
+            solution(kept, planned, |n| set.design[n])
         } else {
             None
         };
         match solvable {
-            Some(inverse) => store_pixel(&inverse, sums, i, out),
+            Some(solution) => store_pixel(&solution, sums, i, out),
             None => clear_pixel(i, out),
         }
     }
 }
 
-fn store_pixel(m: &Inverse, sums: [f32; 3], i: usize, out: &mut Fitted) {
+fn store_pixel(solution: &Solution, sums: [f32; 3], i: usize, out: &mut Fitted) {
+    let m = &solution.inverse;
     let solve = |row: &[f64; 3]| (0..3).map(|j| row[j] * f64::from(sums[j])).sum::<f64>();
     let (a, c, s) = (solve(&m[0]), solve(&m[1]), solve(&m[2]));
     let power = c * c + s * s;
+    let m = &solution.covariance;
     let spread = m[2][2] * c * c + m[1][1] * s * s - 2.0 * m[1][2] * c * s;
     out.turns[i] = angle(s as f32, c as f32);
     out.precision[i] = (power * power / spread) as f32;

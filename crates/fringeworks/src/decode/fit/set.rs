@@ -1,6 +1,6 @@
 //! The frames of one period, and the least-squares problem of their shifts.
 
-use super::solver::Solver;
+use super::solver::{planned_row, Solver};
 use super::table::Table;
 use crate::{check_value, Error};
 use std::ops::RangeInclusive;
@@ -16,19 +16,35 @@ pub struct PhaseSet {
     pub frequency: f32,
     /// Phase errors of the response, which are subtracted.
     pub table: Table,
+    /// Variance of the phase error that does not shrink with the modulation, rad².
+    pub floor: f32,
     cos: Vec<f32>,
     sin: Vec<f32>,
+    /// What every frame shows of (A, c, s).
+    pub(super) design: Vec<[f64; 3]>,
     pub(super) solver: Solver,
 }
 
 impl PhaseSet {
-    /// A set of steps δ_n in rad; the period in projector px.
-    pub fn new(frames: Vec<usize>, shifts: &[f64], period: f64) -> Result<Self, Error> {
+    /// A set of steps δ_n in rad; the period in projector px. `design` is what every frame really
+    /// shows of (A, c, s); empty for that of the shifts.
+    pub fn new(
+        frames: Vec<usize>,
+        shifts: &[f64],
+        design: Vec<[f64; 3]>,
+        period: f64,
+    ) -> Result<Self, Error> {
         crate::check_length("shifts", shifts.len(), frames.len())?;
+        let design = if design.is_empty() {
+            shifts.iter().map(|&shift| planned_row(shift)).collect()
+        } else {
+            design
+        };
+        crate::check_length("design", design.len(), frames.len())?;
         let enough = STEPS.contains(&frames.len());
         check_value("steps", enough, "3 to 64", frames.len())?;
         check_value("period", period > 0.0 && period.is_finite(), "> 0", period)?;
-        let solver = Solver::new(shifts).ok_or(Error::Value {
+        let solver = Solver::new(shifts, &design).ok_or(Error::Value {
             name: "shifts",
             expected: "three or more that differ",
             got: format!("{shifts:?}"),
@@ -37,8 +53,10 @@ impl PhaseSet {
             frames,
             frequency: (1.0 / period) as f32,
             table: Table::default(),
+            floor: 0.0,
             cos: shifts.iter().map(|d| d.cos() as f32).collect(),
             sin: shifts.iter().map(|d| d.sin() as f32).collect(),
+            design,
             solver,
         })
     }
@@ -46,6 +64,7 @@ impl PhaseSet {
     pub(in super::super) fn check(&self, frames: usize) -> Result<(), Error> {
         let inside = self.frames.iter().all(|&k| k < frames);
         check_value("frames of a set", inside, "frames that exist", &self.frames)?;
+        check_value("floor", self.floor >= 0.0, ">= 0", self.floor)?;
         self.table.check()
     }
 
@@ -73,7 +92,7 @@ mod tests {
 
     #[test]
     fn three_equal_shifts_are_refused() {
-        assert!(PhaseSet::new(vec![0, 1, 2], &[0.0, TAU, 2.0 * TAU], 10.0).is_err());
-        assert!(PhaseSet::new(vec![0, 1], &[0.0, 1.0], 10.0).is_err());
+        assert!(PhaseSet::new(vec![0, 1, 2], &[0.0, TAU, 2.0 * TAU], vec![], 10.0).is_err());
+        assert!(PhaseSet::new(vec![0, 1], &[0.0, 1.0], vec![], 10.0).is_err());
     }
 }

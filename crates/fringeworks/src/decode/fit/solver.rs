@@ -17,25 +17,58 @@ const BALANCED_TOLERANCE: f64 = 1e-9;
 /// Skew coefficients that count as zero: a little above the rounding of f32.
 const SKEW_TOLERANCE: f32 = 1e-6;
 
-/// Inverse of the matrix of the normal equations, for (A, c, s).
-pub type Inverse = [[f64; 3]; 3];
+/// A matrix over (A, c, s).
+pub type Matrix = [[f64; 3]; 3];
 
-/// Inverse of the symmetric matrix Σ (1, cos, sin)ᵀ(1, cos, sin) over the kept frames, one bit each;
-/// `None` where the frames do not determine the phase.
-pub fn inverse(
+/// How the sums of the kept frames give the amplitudes (A, c, s).
+pub struct Solution {
+    /// From Σ I, Σ I cos δ and Σ I sin δ to the amplitudes.
+    pub inverse: Matrix,
+    /// Covariance of the amplitudes, for noise of one count².
+    pub covariance: Matrix,
+}
+
+/// Solution for the kept frames, one bit each; `None` where they do not determine the phase.
+///
+/// A frame shows `design` · (A, c, s): (1, cos δ, sin δ) as planned, or what was found in the frames.
+/// The sums are those of the planned shifts in both cases, so that a stream can add frames before
+/// the real steps are known.
+pub fn solution(
     kept: u64,
-    cos: impl Fn(usize) -> f64,
-    sin: impl Fn(usize) -> f64,
-) -> Option<Inverse> {
-    let mut g = [[0.0f64; 3]; 3];
+    planned: impl Fn(usize) -> [f64; 3],
+    design: impl Fn(usize) -> [f64; 3],
+) -> Option<Solution> {
+    let (mut normal, mut gram) = ([[0.0f64; 3]; 3], [[0.0f64; 3]; 3]);
     for n in (0..64).filter(|n| kept >> n & 1 == 1) {
-        let row = [1.0, cos(n), sin(n)];
+        let (row, real) = (planned(n), design(n));
         for i in 0..3 {
             for j in 0..3 {
-                g[i][j] += row[i] * row[j];
+                normal[i][j] += row[i] * real[j];
+                gram[i][j] += row[i] * row[j];
             }
         }
     }
+    let inverse = invert(&normal, f64::from(kept.count_ones()))?;
+    let mut half = [[0.0; 3]; 3];
+    let mut covariance = [[0.0; 3]; 3];
+    for i in 0..3 {
+        for j in 0..3 {
+            half[i][j] = (0..3).map(|k| inverse[i][k] * gram[k][j]).sum();
+        }
+    }
+    for i in 0..3 {
+        for j in 0..3 {
+            covariance[i][j] = (0..3).map(|k| half[i][k] * inverse[j][k]).sum();
+        }
+    }
+    Some(Solution {
+        inverse,
+        covariance,
+    })
+}
+
+/// Inverse of the matrix of the normal equations of some frames.
+fn invert(g: &Matrix, frames: f64) -> Option<Matrix> {
     let minor = |i: usize, j: usize| {
         let (a, b) = ((i + 1) % 3, (i + 2) % 3);
         let (c, d) = ((j + 1) % 3, (j + 2) % 3);
@@ -43,7 +76,7 @@ pub fn inverse(
     };
     let determinant = (0..3).map(|j| g[0][j] * minor(0, j)).sum::<f64>();
     // N equal steps have the determinant N · N/2 · N/2.
-    let equal = g[0][0].powi(3) / 4.0;
+    let equal = frames.powi(3) / 4.0;
     if determinant <= MIN_DETERMINANT * equal {
         return None;
     }
@@ -60,7 +93,9 @@ pub fn inverse(
 #[derive(Clone)]
 pub struct Solver {
     pub inverse: [[f32; 3]; 3],
-    /// Whether the off-diagonal terms vanish: equal steps over whole turns.
+    /// Covariance of the amplitudes, for noise of one count².
+    pub covariance: [[f32; 3]; 3],
+    /// Whether the off-diagonal terms vanish: equal steps over whole turns, as planned.
     pub balanced: bool,
     /// Correction from the mean brightness to the one that shot noise sees: coefficients of c³, c²s,
     /// cs² and s³ over B². Non-zero only for three equal steps or for unequal ones.
@@ -68,19 +103,25 @@ pub struct Solver {
 }
 
 impl Solver {
-    /// The solver for these shifts (rad); `None` where they do not determine the phase.
-    pub fn new(shifts: &[f64]) -> Option<Self> {
+    /// The solver for these shifts (rad) and what the frames really show of (A, c, s); `None` where
+    /// they do not determine the phase.
+    pub fn new(shifts: &[f64], design: &[[f64; 3]]) -> Option<Self> {
         let all = u64::MAX >> (64 - shifts.len());
-        let inverse = inverse(all, |n| shifts[n].cos(), |n| shifts[n].sin())?;
-        let largest = inverse[0][1]
-            .abs()
-            .max(inverse[0][2].abs())
-            .max(inverse[1][2].abs());
+        let planned = |n: usize| planned_row(shifts[n]);
+        let Solution {
+            inverse,
+            covariance,
+        } = solution(all, planned, |n| design[n])?;
+        let off_diagonal = |i: usize, j: usize| inverse[i][j].abs().max(inverse[j][i].abs());
+        let largest = off_diagonal(0, 1)
+            .max(off_diagonal(0, 2))
+            .max(off_diagonal(1, 2));
         let balanced = largest < BALANCED_TOLERANCE
             && (inverse[1][1] - inverse[2][2]).abs() < BALANCED_TOLERANCE;
         let skew = skew(&inverse, shifts);
         Some(Self {
             inverse: inverse.map(|row| row.map(|v| v as f32)),
+            covariance: covariance.map(|row| row.map(|v| v as f32)),
             balanced,
             skew: skew
                 .iter()
@@ -90,12 +131,17 @@ impl Solver {
     }
 }
 
+/// What a frame of a shift shows of (A, c, s).
+pub fn planned_row(shift: f64) -> [f64; 3] {
+    [1.0, shift.cos(), shift.sin()]
+}
+
 /// Coefficients of [`Solver::skew`].
 ///
 /// The phase's variance sums the squared weight of every sample times the brightness of that
 /// sample. Weights are linear in c and s over B², and the brightness is linear in c and s, so the
 /// part beyond the mean brightness is cubic in c and s.
-fn skew(inverse: &Inverse, shifts: &[f64]) -> [f32; 4] {
+fn skew(inverse: &Matrix, shifts: &[f64]) -> [f32; 4] {
     let (mut cubic, mut quadratic) = ([0.0f64; 4], [0.0f64; 3]);
     for shift in shifts {
         let (k, q) = (shift.cos(), shift.sin());
@@ -136,7 +182,7 @@ pub fn solve(set: &PhaseSet, sums: &Sums) -> Sums {
 /// Inverse variance of the phase for noise of one count², with all samples used.
 #[inline(always)]
 pub fn precision(set: &PhaseSet, Sums { cos, sin, .. }: &Sums) -> Lanes {
-    let m = &set.solver.inverse;
+    let m = &set.solver.covariance;
     let mut out = [0.0; LANES];
     if set.solver.balanced {
         for i in 0..LANES {

@@ -67,7 +67,7 @@ fn check_ends(plan: &Plan, at: usize, sets: &[Fitted], x: &Lanes, ambiguous: &mu
 #[inline(always)]
 fn check_range(plan: &Plan, coded: bool, resolved: Resolved, ambiguous: &mut [u32; LANES]) {
     let (chain, limits) = (&plan.chain, &plan.limits);
-    let allowed = limits.max_disagreement * plan.noise.scale;
+    let allowed = limits.max_disagreement;
     let periodic = chain.repeats.is_finite() && !coded;
     let (repeats, turn, seam) = if periodic {
         (chain.repeats, 1.0 / chain.repeats, 0.5 * chain.repeats)

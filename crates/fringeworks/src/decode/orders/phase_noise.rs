@@ -23,11 +23,14 @@ pub fn phase_noise(plan: &Plan, start: usize, scratch: &mut Scratch) -> [u32; LA
         weak: [0; LANES],
         saturated: [0; LANES],
     };
-    for fitted in &mut scratch.sets {
+    for (fitted, set) in scratch.sets.iter_mut().zip(&plan.sets) {
         if plan.noise.gain > 0.0 {
             set_noise::<true>(plan, start, fitted, &mut unusable);
         } else {
             set_noise::<false>(plan, start, fitted, &mut unusable);
+        }
+        if set.floor > 0.0 {
+            add_floor(set.floor, start, fitted);
         }
     }
     let background = part(&scratch.background, start);
@@ -64,6 +67,18 @@ fn set_noise<const SHOT: bool>(
         let v = u * (1.0 + u);
         precision[i] = q * (1.0 - u + u * u) * (TAU * TAU);
         brightness_or_variance[i] = v * (1.0 / (TAU * TAU));
+    }
+}
+
+/// Add the variance that does not shrink with the modulation, rad².
+#[inline(always)]
+fn add_floor(floor: f32, start: usize, fitted: &mut Fitted) {
+    let turns = floor * (1.0 / (TAU * TAU));
+    let variance = part_mut(&mut fitted.brightness_or_variance, start);
+    let precision = part_mut(&mut fitted.precision, start);
+    for i in 0..LANES {
+        variance[i] += turns;
+        precision[i] = 1.0 / variance[i];
     }
 }
 

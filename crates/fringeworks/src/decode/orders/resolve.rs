@@ -100,7 +100,7 @@ fn average_sets(plan: &Plan, at: usize, sets: &[Fitted], x: &mut Lanes) -> (Lane
         let inverse = 1.0 / weight[i];
         let shift = pull[i] * inverse;
         x[i] += shift;
-        variance[i] = inverse * plan.noise.scale;
+        variance[i] = inverse;
         disagreement[i] = square[i] - shift * pull[i];
     }
     (variance, disagreement)

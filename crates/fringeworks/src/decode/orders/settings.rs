@@ -51,8 +51,6 @@ pub struct Noise {
     pub read_variance: f32,
     /// Variance per count of brightness, counts.
     pub gain: f32,
-    /// Factor on the variance of a coordinate where the sets disagree by more than their noise; ≥ 1.
-    pub scale: f32,
 }
 
 impl Noise {
@@ -71,7 +69,7 @@ pub struct Limits {
     pub min_snr: f32,
     /// Least modulation, counts.
     pub min_modulation: f32,
-    /// Largest χ² of the sets' disagreement, in units of [`Noise::scale`].
+    /// Largest χ² of the sets' disagreement.
     pub max_disagreement: f32,
     /// Standard deviations that decisions must be safe by.
     pub confidence: f32,

@@ -1,0 +1,239 @@
+"""How well a sample agrees with its plan: residuals, sets, Gray code and neighbouring pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks import _core
+from fringeworks.signal.noise import chi_square_quantile
+from fringeworks.stack.kernel_settings import Decoding, GrayFrames, Limits, empty_maps
+from fringeworks.stack.noise import MIN_JUDGED_PIXELS, solve
+from fringeworks.stack.sample import Lines
+from fringeworks.types import BoolMap, CameraNoise, FloatMap, Reason
+
+UNRELATED_RESIDUAL = 0.5
+"""Variance of the residuals over B² where frames are in no relation: that of a cosine, ½."""
+
+UNRELATED_ASTRAY = 0.4
+"""Share of coordinates beyond the reach of their Gray-code cell where phases and Gray code are in no
+relation: distances are then uniform up to one cell, and the reach is 0.6 cells."""
+
+MIN_BORDERS = 6
+"""Smallest number of borders of a Gray-code bit in the lines for a statement about the bit.
+
+Fewer could all lie at one edge of the scene. An empirical choice.
+"""
+
+WRONG_BORDERS = 0.3
+"""Share of a bit's borders, less those that lead backwards, that must join neighbouring cells.
+
+Right codes have 0.9 or more, bits in a wrong order 0 or less. Empirical.
+"""
+
+CONTINUOUS_TURNS = 0.15
+"""Change of the phase from pixel to pixel up to which a surface counts as continuous, turns."""
+
+BRIGHT = 0.5
+"""Quantile of the modulation above which pixels are asked whether they can be measured."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How a sample agrees with its plan along one axis; every value is 0 for perfect agreement and
+    about 1 for frames in no relation to the plan."""
+
+    residual: float = 0.0
+    """Variance of the residuals of sets with four or more steps, over that of unrelated frames."""
+    sets: float = 0.0
+    """Disagreement of the sets over that of unrelated phases."""
+    astray: float = 0.0
+    """Share of pixels whose phases and Gray code contradict each other, over that of unrelated
+    ones."""
+    borders: float = 0.0
+    """Share of the bits of the Gray code whose borders do not join neighbouring cells."""
+    unmeasured: float = 0.0
+    """Share of bright pixels that cannot be measured."""
+    lit: float = 1.0
+    """Share of the pixels that show fringes, 0…1; without them the other parts say nothing."""
+
+    @property
+    def total(self) -> float:
+        """The sum of all parts."""
+        return self.residual + self.sets + self.astray + self.borders + self.unmeasured
+
+
+def disagreement(
+    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
+) -> float | None:
+    """Median χ² of the sets over its expectation; None where too few pixels are lit.
+
+    Parameters
+    ----------
+    decoding : Decoding
+    planes : (1, n) arrays, counts
+        The sample in the decoding's order.
+    noise : CameraNoise
+    limits : Limits
+    """
+    limits = replace(limits, max_disagreement=float("inf"))
+    maps = decode_sample(replace(decoding, reach_px=float("inf")), planes, noise, limits)
+    square = maps["disagreement"][_lit(maps) & np.isfinite(maps["disagreement"])]
+    if square.size < MIN_JUDGED_PIXELS:
+        return None
+    return float(np.median(square)) / chi_square_quantile(0.5, len(decoding.sets) - 1)
+
+
+def decode_sample(
+    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
+) -> dict[str, Any]:
+    """The kernel's maps for a sample, with phases, modulations and disagreement."""
+    maps = empty_maps(planes[0].shape, sets=len(decoding.sets), disagreement=True)
+    _core.decode_frames(planes, decoding.kernel(noise, limits), maps)
+    return maps
+
+
+def unrelated(decoding: Decoding, planes: list[NDArray[Any]]) -> list[NDArray[Any]]:
+    """The sample with the pixels of every set shuffled, so that the sets are unrelated."""
+    rng = np.random.default_rng(0)
+    shuffled = list(planes)
+    for phases in decoding.sets:
+        order = rng.permutation(planes[0].size)
+        for k in phases.frames:
+            place = decoding.frames.index(k)
+            shuffled[place] = np.ascontiguousarray(planes[place][:, order])
+    return shuffled
+
+
+def agreement(
+    decoding: Decoding,
+    points: tuple[NDArray[Any], ...],
+    lines: Lines,
+    noise: CameraNoise,
+    limits: Limits,
+    unrelated_sets: float,
+) -> Agreement:
+    """Measure how a sample agrees with its plan along one axis.
+
+    Parameters
+    ----------
+    decoding : Decoding
+    points : (1, n) arrays, one per frame of the plan
+    lines : (r, l) arrays, one per frame of the plan
+    noise : CameraNoise
+    limits : Limits
+    unrelated_sets : float
+        Disagreement of the sets for unrelated phases.
+    """
+    planes = [points[k] for k in decoding.frames]
+    open_limits = replace(limits, max_disagreement=float("inf"))
+    maps = decode_sample(decoding, planes, noise, open_limits)
+    lit = _lit(maps)
+    parts: dict[str, float] = {
+        "residual": _residual(decoding, points),
+        "lit": float(np.mean(lit)),
+    }
+    if len(decoding.sets) > 1:
+        square = maps["disagreement"][lit & np.isfinite(maps["disagreement"])]
+        if square.size >= MIN_JUDGED_PIXELS and unrelated_sets > 1.0:
+            usual = chi_square_quantile(0.5, len(decoding.sets) - 1)
+            parts["sets"] = float(np.median(square)) / usual / unrelated_sets
+    bright = lit & (maps["modulation"] >= np.nanquantile(maps["modulation"][lit], BRIGHT)
+                    if lit.any() else lit)
+    if bright.sum() >= MIN_JUDGED_PIXELS:
+        parts["unmeasured"] = float(np.mean(maps["reason"][bright] != Reason.OK))
+    if decoding.gray is not None:
+        if decoding.sets:
+            parts["astray"] = _astray(decoding, planes, bright, maps, (noise, open_limits))
+        line_planes = [lines[k] for k in decoding.frames]
+        along = decode_sample(decoding, line_planes, noise, open_limits)
+        turns = along["phases"][0] / (2.0 * np.pi) if decoding.sets else None
+        parts["borders"] = wrong_borders(along["coordinate"], turns, decoding.gray)
+    return Agreement(**parts)
+
+
+def _lit(maps: dict[str, Any]) -> BoolMap:
+    reason = maps["reason"]
+    return np.asarray((reason == Reason.OK) | (reason == Reason.ORDER_AMBIGUOUS))
+
+
+def _residual(decoding: Decoding, points: tuple[NDArray[Any], ...]) -> float:
+    """Variance of the residuals over B², of the brighter pixels, relative to unrelated frames."""
+    worst = 0.0
+    for phases in decoding.sets:
+        if len(phases.frames) < 4:
+            continue
+        values = np.stack([points[k][0] for k in phases.frames]).astype(np.float64)
+        values = values[:, np.isfinite(values).all(axis=0)]
+        fitted, square = solve(values, phases.rows)
+        spread = values.var(axis=0)
+        bright = spread >= np.median(spread) if spread.size else np.zeros(0, bool)
+        power = fitted[1] ** 2 + fitted[2] ** 2 + square / len(values)
+        if bright.any():
+            share = square[bright] / (len(values) - 3) / np.maximum(power[bright], 1e-12)
+            worst = max(worst, float(np.median(share)))
+    return worst / UNRELATED_RESIDUAL
+
+
+def _astray(
+    decoding: Decoding,
+    planes: list[NDArray[Any]],
+    bright: BoolMap,
+    maps: dict[str, Any],
+    known: tuple[CameraNoise, Limits],
+) -> float:
+    """Share of bright pixels that only the reach of the Gray-code cells rejects."""
+    noise, limits = known
+    free = decode_sample(replace(decoding, reach_px=float("inf")), planes, noise, limits)
+    open_ = bright & (free["reason"] == Reason.OK)
+    if open_.sum() < MIN_JUDGED_PIXELS:
+        return 0.0
+    return float(np.mean(maps["reason"][open_] != Reason.OK)) / UNRELATED_ASTRAY
+
+
+def wrong_borders(coordinate: FloatMap, turns: FloatMap | None, gray: GrayFrames) -> float:
+    """Share of the bits of a Gray code whose borders do not join neighbouring cells.
+
+    Parameters
+    ----------
+    coordinate : (r, l) float array, projector px
+        Along lines across the fringes; NaN where unknown.
+    turns : (r, l) float array, optional
+        A wrapped phase along the same lines, turns. It shows where the surface is continuous.
+    gray : GrayFrames
+
+    Returns
+    -------
+    float, 0…1
+
+    Notes
+    -----
+    Along a line over a smooth surface, cells follow one another in one direction, and each border
+    changes one bit. Bits of frames in a wrong order still change one at a time, but lead to cells
+    that are no neighbours, or backwards.
+    """
+    known = np.isfinite(coordinate)
+    cells = np.floor((np.where(known, coordinate, 0.0) + 0.5) / gray.step_px).astype(np.int64)
+    pair = known[:, 1:] & known[:, :-1]
+    if turns is not None:
+        slope = np.diff(turns, axis=1)
+        pair &= np.abs(slope - np.rint(slope)) < CONTINUOUS_TURNS
+    change = np.diff(cells, axis=1)
+    words = cells ^ (cells >> 1)
+    flipped = words[:, 1:] ^ words[:, :-1]
+    single = pair & (flipped > 0) & ((flipped & (flipped - 1)) == 0)
+    flipped, change = flipped[single], change[single]
+    direction = np.sign(np.sum(np.sign(change[np.abs(change) == 1]))) or 1
+    bit = np.log2(flipped).astype(np.intp)
+    ahead = np.where(change == direction, 1, np.where(change == -direction, -1, 0))
+    total = np.bincount(bit, minlength=len(gray.bits))
+    good = np.bincount(bit, weights=ahead, minlength=len(gray.bits))
+    judged = total >= MIN_BORDERS
+    wrong = int(np.sum(good[judged] < WRONG_BORDERS * total[judged]))
+    # Without phases, a single bit may change at an edge of the scene only.
+    if wrong < (1 if turns is not None else 2):
+        return 0.0
+    return max(WRONG_BORDERS, wrong / float(judged.sum()))

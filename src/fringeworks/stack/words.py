@@ -1,0 +1,108 @@
+"""The findings of the judgement: what was seen, the likely causes, and what to do."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fringeworks.stack.kernel_settings import PhaseFrames
+from fringeworks.stack.phase_errors import PhaseErrors
+from fringeworks.stack.real_frames import RealFrames
+from fringeworks.types import Axis, CameraNoise, Finding
+
+STEADY = 0.8
+"""Correlation with the number of the frame above which a change over the frames is steady."""
+
+NOTABLE_DEG = 0.3
+"""Error of a phase step from which on it is reported as one, degrees. Empirical."""
+
+NOTABLE_GAIN = 0.003
+"""Change of the light from frame to frame from which on it is reported as one. Empirical."""
+
+
+def noise(found: CameraNoise, source: str) -> Finding:
+    """The measured noise."""
+    shot = f", {found.gain:.3g} counts² per count" if found.gain else ""
+    figures = {"read_counts": found.read_counts, "gain": found.gain}
+    seen = f"noise of {found.read_counts:.3g} counts{shot}, from {source}"
+    return Finding("noise", seen, figures=figures)
+
+
+def real_frames(
+    found: RealFrames, phases: PhaseFrames, axis: Axis, labels: list[str]
+) -> Finding:
+    """Steps and gains that differ from the plan."""
+    planned = np.asarray(phases.shifts_rad)
+    off = np.angle(np.exp(1j * (found.shifts_rad - planned)))
+    off = np.degrees(off - off.mean())
+    light, fringe = found.light_gains - 1.0, found.fringe_gains - 1.0
+    number = np.arange(len(planned))
+    steps = (
+        f"steps of {phases.period_px:g} px along {axis}: "
+        f"{', '.join(f'{d:.1f}' for d in np.degrees(planned) + off)}°, "
+        f"off by up to {np.abs(off).max():.1f}°"
+    )
+    gains = f"light of the frames differs by up to {100 * np.abs(light).max():.1f} %"
+    named = tuple(labels[k] for k in phases.frames)
+    figures = {
+        "largest_step_error_deg": float(np.abs(off).max()),
+        "largest_light_change": float(np.abs(light).max()),
+        "largest_fringe_change": float(np.abs(fringe).max()),
+    }
+    seen = f"{steps}, {gains}; taken into account"
+    if np.abs(off).max() > NOTABLE_DEG and abs(np.corrcoef(number, off)[0, 1]) > STEADY:
+        causes = ("motion during the capture", "a step that is wrong by the same amount each time")
+        advice = "keep the scene at rest or take the frames faster"
+        return Finding("motion", seen, causes, advice, axis, named, figures)
+    if np.radians(np.abs(off).max()) > np.abs(light).max():
+        causes = ("wrong steps of the projector", "vibration", "a response that is not linear")
+        advice = "check the patterns that are really shown and the mounts of the devices"
+        return Finding("steps", seen, causes, advice, axis, named, figures)
+    steady = abs(np.corrcoef(number, light)[0, 1]) > STEADY
+    causes = ("flicker of the projector against the exposure", "a change of the light in the room")
+    causes = causes[::-1] if steady else causes
+    advice = "expose for whole periods of the projector's refresh, and keep the light constant"
+    return Finding("flicker", seen, causes, advice, axis, named, figures)
+
+
+def ripple(
+    harmonics: dict[int, complex], phases: PhaseFrames, axis: Axis, rms_rad: float
+) -> Finding | None:
+    """Ripple of the phase that stays in the result."""
+    steps = len(phases.frames)
+    largest = max(harmonics, key=lambda k: abs(harmonics[k]))
+    if abs(harmonics[largest]) == 0:
+        return None
+    pixels = rms_rad * phases.period_px / (2.0 * np.pi)
+    seen = (
+        f"ripple of {rms_rad:.3f} rad rms ({pixels:.2g} px), {largest} per fringe, in the phases "
+        f"of {phases.period_px:g} px along {axis}; added to the standard deviations"
+    )
+    figures = {"rms_rad": rms_rad, "per_fringe": float(largest)}
+    if largest % steps == 0 or largest >= 3:
+        causes = ("a response of projector and camera that is not linear (γ)", "saturated samples")
+        advice = "correct the patterns for γ, measure the response, or use more steps"
+    else:
+        causes = ("wrong steps", "flicker or a change of the light between frames")
+        advice = "estimate the real steps"
+    return Finding("ripple", seen, causes, advice, axis, (), figures)
+
+
+def disagreement(errors: PhaseErrors, axis: Axis) -> Finding:
+    """Sets that disagree by more than the noise."""
+    seen = f"phases along {axis} disagree by {errors.ratio**0.5:.1f} times their noise"
+    if errors.noise_factor > 1.0:
+        seen += f": noise {errors.noise_factor**0.5:.1f} times that of the camera"
+    if errors.floor_rad > 0.0:
+        seen += f", phase errors of {errors.floor_rad:.3f} rad that do not depend on brightness"
+    figures = {
+        "ratio": errors.ratio,
+        "noise_factor": errors.noise_factor,
+        "floor_rad": errors.floor_rad,
+    }
+    causes = (
+        "motion or vibration between the sets",
+        "a response that is not linear (γ)",
+        "light between surfaces",
+    )
+    advice = "standard deviations contain it"
+    return Finding("disagreement", seen, causes, advice, axis, (), figures)

@@ -52,6 +52,8 @@ class Cell:
     def failings(self) -> list[str]:
         """What the cell does not reach."""
         tally = self.tally()
+        if any(outcome.crashed for outcome in self.outcomes):
+            return ["crashed"]
         if not tally.ok:
             return [] if self.refused == len(self.outcomes) else ["nothing measured"]
         found = []
@@ -139,6 +141,8 @@ def lines(cell: Cell, bands: list[str]) -> Iterator[str]:
 def brief(cell: Cell) -> str:
     """A cell in a few characters."""
     tally = cell.tally()
+    if "crashed" in cell.failings:
+        return "CRASH"
     refused = "R" if cell.refused else ""
     if refused and cell.refused < len(cell.outcomes):
         refused = f"R{cell.refused}/{len(cell.outcomes)} "

@@ -61,6 +61,8 @@ class Outcome:
 
     refused: str = ""
     """The error's message; empty where the shot was decoded."""
+    crashed: str = ""
+    """Any other exception, which is a defect of the decoder."""
     notes: tuple[str, ...] = ()
     """Notes of the result, without the one that tells the noise."""
     noise: float = 0.0
@@ -69,7 +71,9 @@ class Outcome:
 
     @property
     def verdict(self) -> str:
-        """refused, noted or silent, with the text."""
+        """refused, crashed, noted or silent, with the text."""
+        if self.crashed:
+            return f"crashed: {self.crashed}"
         if self.refused:
             return f"refused: {self.refused}"
         return f"noted: {'; '.join(self.notes)}" if self.notes else "silent"
@@ -89,6 +93,7 @@ class Outcome:
         return {
             "verdict": self.verdict.split(":")[0],
             "refused": self.refused,
+            "crashed": self.crashed,
             "notes": list(self.notes),
             "noise": self.noise,
             "bands": bands,
@@ -106,6 +111,8 @@ def measure(shot: Shot, stage: Stage, **options: Any) -> Outcome:
         decoded = fw.decode(shot.frames, stage.plan, **options)
     except InputError as error:
         return Outcome(refused=str(error))
+    except Exception as error:  # the table goes on and shows the defect
+        return Outcome(crashed=f"{type(error).__name__}: {error}")
     found = decoded.x
     assert found is not None
     notes = tuple(note for note in decoded.notes if not note.startswith("noise of"))
@@ -124,7 +131,7 @@ def measure(shot: Shot, stage: Stage, **options: Any) -> Outcome:
             int(np.sum(here & wrong)),
             [int(np.sum(here & w)) for w in within],
         )
-    return Outcome("", notes, float(decoded.noise.read_counts), bands)
+    return Outcome(notes=notes, noise=float(decoded.noise.read_counts), bands=bands)
 
 
 def run(condition: str, plan: PatternPlan, scene: str = "bust", seed: int = 0) -> Outcome:

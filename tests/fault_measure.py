@@ -9,7 +9,7 @@ import numpy as np
 
 import fringeworks as fw
 from fringeworks import InputError, PatternPlan, Reason
-from tests.faults import FAULTS, Shot, Stage
+from tests.faults import FAULTS, Shot, Stage, dark_frame, lost, swapped
 
 BANDS = {"all": (0.0, np.inf), "< 5": (0.0, 5.0), "5-10": (5.0, 10.0), "> 10": (10.0, np.inf)}
 """Ranges of the modulation that the figures are split by, counts.
@@ -101,8 +101,29 @@ class Outcome:
 
 
 def capture(condition: str, stage: Stage, seed: int) -> Shot:
-    """A shot under a fault, the same for the same seed."""
-    return FAULTS[condition](stage, np.random.default_rng([seed, *condition.encode()]))
+    """A shot under a fault, the same for the same seed.
+
+    ``lost:3``, ``dark-frame:3`` and ``swapped:3-5`` name the frames instead of drawing them.
+    """
+    name, _, frames = condition.partition(":")
+    rng = np.random.default_rng([seed, *name.encode()])
+    if not frames:
+        return FAULTS[name](stage, rng)
+    if name == "swapped":
+        first, second = frames.split("-")
+        return swapped(stage, rng, (int(first), int(second)))
+    return {"lost": lost, "dark-frame": dark_frame}[name](stage, rng, int(frames))
+
+
+def expand(condition: str, plan: PatternPlan) -> list[str]:
+    """``lost:*``, ``dark-frame:*`` and ``swapped:*`` for every frame or pair of a plan."""
+    name, _, frames = condition.partition(":")
+    if frames != "*":
+        return [condition]
+    n = plan.frames
+    if name == "swapped":
+        return [f"{name}:{a}-{b}" for a in range(n) for b in range(a + 1, n)]
+    return [f"{name}:{i}" for i in range(n)]
 
 
 def measure(shot: Shot, stage: Stage, **options: Any) -> Outcome:

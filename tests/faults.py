@@ -32,15 +32,19 @@ LEAK = 0.03
 """Light of a projector's black, as a share of its white; a contrast of 33 in a room."""
 NOISE = 1.0
 """Noise of the camera in every fault that says nothing else, counts."""
-EDGE_PX = 5.0
-"""Range of coordinates among 3 × 3 pixels from which on a pixel lies at a depth step, px.
+JUMP_PX = 1.0
+"""Change of slope between three pixels in a row from which on there is a depth step, px.
 
-Surfaces of the scenes stay below 5 px, two pixels apart.
+It stays below 0.03 px on the smooth surfaces; the smallest step of the scenes is 3 px.
 """
-SLACK_PX = 2.0
+REACH = 5
+"""Pixels across that the light of one pixel comes from: its area and a lens blur of 0.5 px rms."""
+LENS_PX = 0.5
+"""Blur of the camera's lens in views that move or mix, px rms; that of a sharp lens."""
+SLACK_PX = 3.0
 """Distance from either side that counts as right at a depth step, px.
 
-A coordinate changes by up to 1.7 px over a pixel, and the parts of a pixel are not told apart.
+A coordinate changes by up to 3 px over a pixel, and the parts of a pixel are not told apart.
 """
 
 
@@ -152,14 +156,27 @@ def expose(
     return np.clip(np.rint(counts + black), 0, 255).astype(np.uint8)
 
 
+def depth_steps(x: np.ndarray) -> np.ndarray:
+    """Pixels that depth steps or the borders of shadows (NaN) may send light to."""
+    filled = np.where(np.isfinite(x), x, -1e3)
+    jump = np.zeros(x.shape, bool)
+    for axis in (0, 1):
+        bend = np.diff(filled, 2, axis=axis, prepend=0.0, append=0.0)
+        jump |= np.abs(bend) > JUMP_PX
+    jump[[0, -1], :] = False
+    jump[:, [0, -1]] = False
+    return ndimage.maximum_filter(jump, REACH)
+
+
 def at_edges(frames: np.ndarray, x: np.ndarray) -> Shot:
     """A shot of pixels that mix light: at depth steps and shadows, both sides are right."""
-    low = ndimage.minimum_filter(np.where(np.isfinite(x), x, np.inf), 3)
-    high = ndimage.maximum_filter(np.where(np.isfinite(x), x, -np.inf), 3)
-    near_dark = ndimage.maximum_filter(np.isnan(x), 3)
-    edge = np.isfinite(low) & ((high - low > EDGE_PX) | near_dark)
-    truth = np.stack([x, np.where(edge, low, x), np.where(edge, high, x)])
-    return Shot(frames, truth, np.where(edge, SLACK_PX, 0.0))
+    edge = depth_steps(x)
+    truth = [x]
+    for size in (3, REACH):
+        low = ndimage.minimum_filter(np.where(np.isfinite(x), x, np.inf), size)
+        high = ndimage.maximum_filter(np.where(np.isfinite(x), x, -np.inf), size)
+        truth += [np.where(edge, low, x), np.where(edge, high, x)]
+    return Shot(frames, np.stack(truth), np.where(edge, SLACK_PX, 0.0))
 
 
 # The camera's noise.
@@ -310,7 +327,7 @@ def interreflection(stage: Stage, rng: np.random.Generator) -> Shot:
 
 def mixed_pixels(stage: Stage, rng: np.random.Generator) -> Shot:
     """Pixels average over their area and a lens blur of 0.5 px: at depth steps over two surfaces."""
-    return _moved(stage, rng, np.zeros((stage.plan.frames, 2)), blur_px=0.5)
+    return _moved(stage, rng, np.zeros((stage.plan.frames, 2)))
 
 
 def blending(stage: Stage, rng: np.random.Generator) -> Shot:
@@ -322,10 +339,8 @@ def blending(stage: Stage, rng: np.random.Generator) -> Shot:
 # Motion.
 
 
-def _moved(
-    stage: Stage, rng: np.random.Generator, shifts: np.ndarray, blur_px: float = 0.0
-) -> Shot:
-    """A camera displaced by (columns, rows) in every frame, whose pixels average over their area.
+def _moved(stage: Stage, rng: np.random.Generator, shifts: np.ndarray) -> Shot:
+    """A camera displaced by (columns, rows) in every frame, whose pixels and lens average.
 
     The true coordinate of a pixel on one surface is the mean weighted with the reflected light.
     """
@@ -334,8 +349,7 @@ def _moved(
     ambient = AMBIENT * fine.albedo
 
     def image(light: np.ndarray, shift: np.ndarray) -> np.ndarray:
-        seen = pixels(light, (float(shift[0]), float(shift[1])))
-        return ndimage.gaussian_filter(seen, blur_px) if blur_px else seen
+        return ndimage.gaussian_filter(pixels(light, (float(shift[0]), float(shift[1]))), LENS_PX)
 
     light = [
         image(reflected * stage.pattern(i, fine.x) + ambient, shift)

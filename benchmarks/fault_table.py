@@ -3,7 +3,8 @@
 ``python -m benchmarks.fault_table --out table.json [--seeds 0,1] [--plans A,B] [--conditions C,D]
 [--scenes bust,plane,steps]``, from the root of the source tree.
 
-``lost:*``, ``dark-frame:*`` and ``swapped:*`` are conditions that go through every frame or pair.
+``lost:*``, ``dark-frame:*`` and ``swapped:*`` are conditions that go through every frame or pair;
+``rare`` stands for the faults of ``tests.faults_rare``.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from fringeworks.files.atomic import write_text
 from fringeworks.report.tables import to_json
 from tests.fault_measure import BANDS, Outcome, Tally, capture, expand, measure
 from tests.fault_scenes import SCENES, plans
-from tests.faults import FAULTS, Stage
+from tests.fault_stage import Stage
+from tests.faults import FAULTS
+from tests.faults_rare import RARE
 
 MAX_WRONG = 100.0
 """Wrong orders, and pixels beyond 5 σ, per million measured pixels that a cell may have.
@@ -88,6 +91,7 @@ def main() -> int:
     parser.add_argument("--conditions", default=",".join(FAULTS))
     parser.add_argument("--scenes", default="bust", help=", ".join(SCENES))
     arguments = parser.parse_args()
+    arguments.conditions = arguments.conditions.replace("rare", ",".join(RARE))
     seeds = [int(seed) for seed in arguments.seeds.split(",")]
     start = time.perf_counter()
     cells, rows = [], []

@@ -9,7 +9,13 @@ import numpy as np
 
 import fringeworks as fw
 from fringeworks import InputError, PatternPlan, Reason
-from tests.faults import FAULTS, Shot, Stage, dark_frame, lost, swapped
+from tests.fault_stage import Shot, Stage
+from tests.faults import FAULTS, dark_frame, lost, swapped
+from tests.faults_rare import RARE
+
+EVERY = FAULTS | RARE
+"""All faults by name; the table goes through ``FAULTS`` unless told otherwise."""
+
 
 BANDS = {"all": (0.0, np.inf), "< 5": (0.0, 5.0), "5-10": (5.0, 10.0), "> 10": (10.0, np.inf)}
 """Ranges of the modulation that the figures are split by, counts.
@@ -108,7 +114,7 @@ def capture(condition: str, stage: Stage, seed: int) -> Shot:
     name, _, frames = condition.partition(":")
     rng = np.random.default_rng([seed, *name.encode()])
     if not frames:
-        return FAULTS[name](stage, rng)
+        return EVERY[name](stage, rng)
     if name == "swapped":
         first, second = frames.split("-")
         return swapped(stage, rng, (int(first), int(second)))

@@ -103,7 +103,7 @@ def plane(u: np.ndarray, v: np.ndarray, width: int) -> tuple[np.ndarray, ...]:
 
 def bust(u: np.ndarray, v: np.ndarray, width: int) -> tuple[np.ndarray, ...]:
     """A rounded body in front of a wall, with its shadow, dark patches and a printed chequerboard."""
-    jump = 0.06 * width
+    jump = (0.06 + 0.02 * (v - 260.0) / 185.0) * width  # 40 to 80 px at the rim
     across, down = (u - 300.0) / 140.0, (v - 260.0) / 185.0
     radius = across**2 + down**2
     body = radius < 1.0

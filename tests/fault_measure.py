@@ -132,6 +132,13 @@ def expand(condition: str, plan: PatternPlan) -> list[str]:
     return [f"{name}:{i}" for i in range(n)]
 
 
+def errors(coordinate_px: np.ndarray, shot: Shot, offset: float) -> np.ndarray:
+    """Distance of every coordinate from the nearest right one, px; infinite where none is right."""
+    error = np.abs(coordinate_px - offset - shot.truth)
+    error = np.where(np.isfinite(error), error, np.inf).min(axis=0)
+    return np.maximum(error - shot.slack, 0.0)
+
+
 def measure(shot: Shot, stage: Stage, **options: Any) -> Outcome:
     """Decode a shot and compare the result with the truth."""
     try:
@@ -144,10 +151,11 @@ def measure(shot: Shot, stage: Stage, **options: Any) -> Outcome:
     assert found is not None
     notes = tuple(note for note in decoded.notes if not note.startswith("noise of"))
     ok = found.reason == Reason.OK
-    error = np.abs(found.coordinate_px - shot.truth)
-    error = np.where(np.isfinite(error), error, np.inf).min(axis=0)
-    error = np.maximum(error - shot.slack, 0.0)
+    error = errors(found.coordinate_px, shot, 0.0)
     wrong = ok & (error > 0.5 * stage.finest_px)
+    if shot.any_offset and np.any(ok & ~wrong):
+        offset = float(np.median((found.coordinate_px - shot.truth[0])[ok & ~wrong]))
+        error = errors(found.coordinate_px, shot, offset)
     within = [ok & (error <= k * found.sigma_px) for k in (1, 2, 5)]
     bands = {}
     for name, (low, high) in BANDS.items():

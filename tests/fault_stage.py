@@ -48,6 +48,11 @@ class Shot:
     """(k, h, w) px: every coordinate that is right; at depth steps both sides are. NaN: none is."""
     slack: np.ndarray | float = 0.0
     """Distance from the truth that counts as none, px or (h, w) px."""
+    any_offset: bool = False
+    """Whether a common offset of all coordinates is no error of the decoder.
+
+    A constant error of all shifts cannot be told from a projector that is displaced by as much.
+    """
 
 
 @dataclass(frozen=True)
@@ -121,9 +126,9 @@ class Stage:
         frames = [self.reflect(i, pattern=pattern) for i in range(self.plan.frames)]
         return np.stack(frames) + self.ambient
 
-    def shot(self, frames: np.ndarray) -> Shot:
+    def shot(self, frames: np.ndarray, *, any_offset: bool = False) -> Shot:
         """A shot of a scene at rest."""
-        return Shot(frames, self.seen.truth[None])
+        return Shot(frames, self.seen.truth[None], any_offset=any_offset)
 
 
 def expose(

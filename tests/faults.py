@@ -133,13 +133,15 @@ def lamp(stage: Stage, rng: np.random.Generator) -> Shot:
 
 def wrong_steps(stage: Stage, rng: np.random.Generator) -> Shot:
     """Steps of 147° where the plan has 150°: all shifts are 2 % too small."""
-    return stage.shot(expose(stage.each(partial(_shifted, stage, lambda s, _: 0.98 * s)), rng))
+    light = stage.each(partial(_shifted, stage, lambda s, _: 0.98 * s))
+    return stage.shot(expose(light, rng), any_offset=True)
 
 
 def random_steps(stage: Stage, rng: np.random.Generator) -> Shot:
     """A phase shifter that errs by 5° rms in every frame."""
     errors = np.radians(5.0) * rng.standard_normal(stage.plan.frames)
-    return stage.shot(expose(stage.each(partial(_shifted, stage, lambda s, i: s + errors[i])), rng))
+    light = stage.each(partial(_shifted, stage, lambda s, i: s + errors[i]))
+    return stage.shot(expose(light, rng), any_offset=True)
 
 
 def _shifted(stage: Stage, shift: Callable, i: int, x: np.ndarray) -> np.ndarray:
@@ -189,7 +191,8 @@ def mixed_pixels(stage: Stage, rng: np.random.Generator) -> Shot:
 def blending(stage: Stage, rng: np.random.Generator) -> Shot:
     """The exposure lasts into the next pattern: each frame holds 10 % of the next."""
     following = np.concatenate([stage.direct[1:], stage.direct[-1:]])
-    return stage.shot(expose(0.9 * stage.direct + 0.1 * following + stage.ambient, rng))
+    light = 0.9 * stage.direct + 0.1 * following + stage.ambient
+    return stage.shot(expose(light, rng), any_offset=True)
 
 
 # Motion.

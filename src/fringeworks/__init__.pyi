@@ -153,8 +153,10 @@ from .stack.options import (
     DecodeOptions as DecodeOptions,
 )
 from .stack.decode import (
-    StreamingDecoder as StreamingDecoder,
     decode as decode,
+)
+from .stack.stream import (
+    StreamingDecoder as StreamingDecoder,
 )
 from .stack.shifts import (
     estimate_shifts as estimate_shifts,

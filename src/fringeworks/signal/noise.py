@@ -38,6 +38,9 @@ GAIN_SIGMAS = 3.0
 At three, noise without a gain is given one in 0.1 % of the cases.
 """
 
+NO_NOISE = 1e-6
+"""Variance of a group, over that of the noisiest one, below which it has no noise at all."""
+
 TRIMMED = 0.9995
 """Share of Gaussian residuals that the variance is computed from; larger ones count as outliers.
 
@@ -120,7 +123,9 @@ def residual_variance(square: FloatMap, freedom: float) -> float:
     return variance
 
 
-def noise_of_residuals(brightness: FloatMap, square: FloatMap, freedom: float) -> CameraNoise:
+def noise_of_residuals(
+    brightness: FloatMap, square: FloatMap, freedom: float, floor_counts: float = 0.0
+) -> CameraNoise:
     """Noise of a camera, from the residuals of a model at many pixels.
 
     Parameters
@@ -131,6 +136,8 @@ def noise_of_residuals(brightness: FloatMap, square: FloatMap, freedom: float) -
         Sum of squared residuals of each pixel.
     freedom : float > 0
         Degrees of freedom of each sum.
+    floor_counts : float ≥ 0
+        Smallest possible standard deviation in the dark, that of rounding, counts.
 
     Returns
     -------
@@ -139,8 +146,8 @@ def noise_of_residuals(brightness: FloatMap, square: FloatMap, freedom: float) -
     Notes
     -----
     σ² = read² + gain · I by weighted least squares over groups of similar brightness. The gain is
-    set to zero where it is below three of its standard errors, or the dark noise would be
-    imaginary.
+    set to zero where it is below three of its standard errors. Where the dark noise would be below
+    that of rounding, it is set to it, and the gain is fitted alone.
     """
     order = np.argsort(brightness, kind="stable")
     parts = np.array_split(order, BRIGHTNESS_GROUPS)
@@ -150,12 +157,24 @@ def noise_of_residuals(brightness: FloatMap, square: FloatMap, freedom: float) -
         return constant
     mean = np.array([float(np.mean(brightness[part])) for part in groups])
     variance = np.array([residual_variance(square[part], freedom) for part in groups])
-    if np.ptp(mean) < MIN_BRIGHTNESS_SPREAD * mean.max() or variance.min() <= 0:
+    # Groups without any noise, such as those that are cut off at zero counts, say nothing.
+    noisy = variance > NO_NOISE * variance.max()
+    groups = [part for part, kept in zip(groups, noisy, strict=True) if kept]
+    mean, variance = mean[noisy], variance[noisy]
+    if len(groups) < MIN_GROUPS or np.ptp(mean) < MIN_BRIGHTNESS_SPREAD * mean.max():
         return constant
     weight = np.array([part.size for part in groups]) * freedom / (2.0 * variance**2)
-    design = np.column_stack((np.ones_like(mean), mean))
-    normal = np.linalg.inv(design.T @ (weight[:, None] * design))
-    read_variance, gain = normal @ (design.T @ (weight * variance))
-    if gain < GAIN_SIGMAS * np.sqrt(normal[1, 1]) or read_variance < 0:
+    least = min(floor_counts**2, float(variance.min()))
+    normal = np.array(
+        [[weight.sum(), weight @ mean], [weight @ mean, weight @ mean**2]]
+    )
+    read_variance, gain = np.linalg.solve(normal, np.array([weight @ variance, weight * mean @ variance]))
+    error = float(np.sqrt(np.linalg.inv(normal)[1, 1]))
+    if read_variance < least:
+        # Shot noise dominates: the noise in the dark is that of rounding.
+        read_variance = least
+        gain = weight @ ((variance - least) * mean) / (weight @ mean**2)
+        error = float((weight @ mean**2) ** -0.5)
+    if gain < GAIN_SIGMAS * error:
         return constant
     return CameraNoise(float(np.sqrt(read_variance)), float(gain))

@@ -29,6 +29,7 @@ from fringeworks.stack.kernel_settings import (
     empty_maps,
     reused_maps,
 )
+from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.sample import take_sample
 from fringeworks.types import (
     Axis,
@@ -37,6 +38,7 @@ from fringeworks.types import (
     Decoded,
     FloatMap,
     InputError,
+    count_reasons,
     sealed,
 )
 
@@ -136,12 +138,38 @@ def decode(
         axis_planes = [planes[k] for k in decoding.frames]
         in_bands(axis_planes, results, partial(_run, kernel))
         maps[axis] = _coordinate_map(decoding, results, keep_phases)
-    return _decoded(maps, findings)
+    decoded = _decoded(maps, findings)
+    refuse_nothing_measured(decoded)
+    return decoded
+
+
+def refuse_nothing_measured(decoded: Decoded) -> None:
+    """Refuse a stack of which no pixel can be measured, with the reasons and what was found."""
+    for axis, found in decoded.maps.items():
+        counts = count_reasons(found.reason)
+        if counts.get("ok"):
+            continue
+        reasons = ", ".join(
+            f"{100.0 * count / found.reason.size:.0f} % {name}"
+            for name, count in counts.items()
+            if count
+        )
+        seen = "; ".join(f.text for f in decoded.findings if f.kind != "noise")
+        raise InputError(
+            f"frames along {axis}: expected pixels that can be measured, got none: {reasons}"
+            + (f". Found: {seen}" if seen else "")
+        )
 
 
 def _run(kernel: _core.DecodeSettings, planes: Planes, maps: dict[str, Any]) -> None:
     """Call the kernel with the arguments in the order that ``in_bands`` needs."""
     _core.decode_frames(planes, kernel, maps)
+
+
+def check_options(plan: PatternPlan, options: DecodeOptions) -> None:
+    """Refuse options that ``decode`` would refuse, before there are frames."""
+    _decodings(plan, options.get("absolute", True), options.get("response"))
+    _not_negative(options.get("min_modulation", 0.0))
 
 
 def _decodings(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.order_chain import GRAY_REACH
+from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.signal.noise import NORMAL_MEDIAN
 from fringeworks.stack import words
@@ -23,6 +23,7 @@ from fringeworks.stack.agreement import (
 from fringeworks.stack.kernel_settings import Decoding, GrayFrames, Limits, PhaseFrames
 from fringeworks.stack.noise import (
     MIN_JUDGED_PIXELS,
+    bit_sums,
     exceeds,
     measure_noise,
     phase_samples,
@@ -32,7 +33,12 @@ from fringeworks.stack.noise import (
     usable,
 )
 from fringeworks.stack.order_faults import refuse_order_faults
-from fringeworks.stack.phase_errors import PhaseErrors, errors_of_sets
+from fringeworks.stack.phase_errors import (
+    PhaseErrors,
+    order_errors,
+    set_offsets,
+    two_parts,
+)
 from fringeworks.stack.real_frames import RealFrames, real_frames
 from fringeworks.stack.ripple import Ripple, measure_ripple
 from fringeworks.stack.sample import Sample
@@ -62,6 +68,19 @@ LIT_POWER = 0.25
 As a share of the 95th percentile: half of its modulation. Dim pixels add noise but hardly any
 information. Empirical.
 """
+
+
+MAX_ORDER = 8
+"""Highest order of a ripple that is looked for, periods per fringe; higher ones are weak."""
+
+LINES_NOISE_ALONE = 1.4
+"""Variance of the phase along smooth lines, over that of the noise, from which on noise of the camera
+is not its only cause. It scatters by 5 % in simulations; the rest of the margin allows for surfaces
+that are rough everywhere. Empirical."""
+
+MAX_RIPPLE_NOISE_RAD = 0.2
+"""Largest phase noise of a pixel that a ripple is measured from, rad. Noisier pixels only add noise.
+An empirical choice."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +138,8 @@ def examine(
         decodings, found = _with_real_frames(plan, decodings, values, limits)
         findings += found
     if noise is None:
-        noise, source = measure_noise(decodings, values, limits, sample.patch)
+        bits = {axis: bit_sums(sample.points, d) for axis, d in decodings.items()}
+        noise, source = measure_noise(decodings, values, bits, limits, sample.patch)
         findings.append(words.noise(noise, source))
     noise = _with_floor(noise, sample.points)
     if not limits.given and np.isfinite(limits.saturation):
@@ -138,8 +158,13 @@ def examine(
             "shifts_deg": [_degrees(s) for s in judged[axis].sets],
         }
     if factor > 1.0:
-        noise = CameraNoise(noise.read_counts * factor**0.5, noise.gain * factor)
+        noise = scaled(noise, factor)
     return Judgement(noise, limits, judged, tuple(findings), details)
+
+
+def scaled(noise: CameraNoise, factor: float) -> CameraNoise:
+    """The noise with a variance that is larger by a factor."""
+    return CameraNoise(noise.read_counts * factor**0.5, noise.gain * factor)
 
 
 def _degrees(phases: PhaseFrames) -> list[float]:
@@ -232,27 +257,75 @@ def _judged(
 ) -> tuple[Decoding, PhaseErrors, list[Finding]]:
     """The decoding with the floor of its phase errors, those errors, and what was found."""
     findings: list[Finding] = []
-    errors = PhaseErrors()
+    errors, factor = PhaseErrors(), 1.0
     if decoding.sets:
         lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
-        decoding, found = _with_ripple(decoding, lines, noise, limits, estimate_steps)
+        decoding, found, factor = _with_ripple(decoding, lines, noise, limits, estimate_steps)
         findings += found
+        if factor > 1.0:
+            findings.append(words.correlated_noise(factor, decoding.axis))
+            noise = scaled(noise, factor)
     planes = [sample.points[k] for k in decoding.frames]
     if len(decoding.sets) > 1:
-        free = replace(decoding, reach_px=float("inf"))
-        open_limits = replace(limits, max_disagreement=float("inf"))
-        maps = decode_sample(free, planes, noise, open_limits)
-        variance = np.mean(
-            [phase_variance(p, m, maps["background"], noise)
-             for p, m in zip(decoding.sets, maps["modulations"], strict=True)], axis=0
-        )
-        errors = errors_of_sets(maps, variance, len(decoding.sets))
+        decoding, errors = _with_agreeing_sets(decoding, planes, noise, limits)
         if not errors.by_noise:
             findings.append(words.disagreement(errors, decoding.axis))
-            decoding = with_floor(decoding, errors.floor_rad)
     if decoding.sets and decoding.gray is not None:
         decoding = _with_reach(decoding, decoding.gray, planes, noise, limits)
-    return decoding, errors, findings
+    return decoding, replace(errors, noise_factor=factor * errors.noise_factor), findings
+
+
+def _with_agreeing_sets(
+    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
+) -> tuple[Decoding, PhaseErrors]:
+    """The decoding with the errors that the disagreement of its sets shows, and these errors."""
+    residuals, variances, maps = _residuals(decoding, planes, noise, limits)
+    if residuals.shape[1] < MIN_JUDGED_PIXELS:
+        return decoding, PhaseErrors()
+    frequencies = np.array([1.0 / s.period_px for s in decoding.sets])
+    offsets = set_offsets(residuals, variances, frequencies)
+    if offsets.any():
+        sets = [_turned(s, o) for s, o in zip(decoding.sets, offsets, strict=True)]
+        decoding = replace(decoding, sets=tuple(sets))
+        residuals, variances, maps = _residuals(decoding, planes, noise, limits)
+    square = maps["disagreement"][maps["used"]]
+    errors = two_parts(square, variances.mean(axis=0) * TURN**2, len(decoding.sets) - 1)
+    if errors.by_noise or decoding.chain is None:
+        return decoding, errors
+    factor = errors.noise_factor
+    bounds = order_errors(decoding.chain.amplification, residuals, factor * variances)
+    return replace(with_floor(decoding, errors.floor_rad), order_errors=bounds), errors
+
+
+def _residuals(
+    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
+) -> tuple[FloatMap, FloatMap, dict[str, Any]]:
+    """Residuals of the phases of a sample and their variances by noise, (M, n), turns and turns²,
+    and the kernel's maps with the pixels that were used."""
+    free = replace(decoding, reach_px=float("inf"))
+    maps = decode_sample(free, planes, noise, replace(limits, max_disagreement=float("inf")))
+    used = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
+    # A coordinate that is not written is that of the phases nearest to it: the residuals are those
+    # of the nearest fringe orders.
+    used &= np.isfinite(maps["disagreement"]) & np.isfinite(maps["coordinate"])
+    maps["used"] = used
+    x = maps["coordinate"][used].astype(np.float64)
+    off, variance = [], []
+    for phases, turns, modulation in zip(
+        decoding.sets, maps["phases"], maps["modulations"], strict=True
+    ):
+        rest = turns[used] / TURN - x / phases.period_px
+        off.append(rest - np.rint(rest))
+        by_noise = phase_variance(phases, modulation, maps["background"], noise)
+        variance.append(by_noise[used] / TURN**2)
+    return np.stack(off), np.stack(variance), maps
+
+
+def _turned(phases: PhaseFrames, turns: float) -> PhaseFrames:
+    """The set with phases that are smaller by a constant."""
+    c, s = np.cos(TURN * turns), np.sin(TURN * turns)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
+    return replace(phases, design=_rows(np.array(phases.rows) @ turn.T))
 
 
 def phase_variance(
@@ -275,19 +348,21 @@ def _with_ripple(
     noise: CameraNoise,
     limits: Limits,
     estimate_steps: bool,
-) -> tuple[Decoding, list[Finding]]:
-    """The decoding without the ripple that steps and gains make, and with the rest as a floor."""
+) -> tuple[Decoding, list[Finding], float]:
+    """The decoding without the ripple that steps and gains make, and with the rest as a floor; what
+    was found; and the variance of the finest phase along the lines over that of the noise."""
     findings: list[Finding] = []
+    factor, finest = 1.0, min(s.period_px for s in decoding.sets)
     maps = decode_sample(decoding, lines, noise, replace(limits, max_disagreement=float("inf")))
     lit = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
     sets = []
     for phases, turns, modulation in zip(
         decoding.sets, maps["phases"], maps["modulations"], strict=True
     ):
-        bright = lit & (modulation**2 > LIT_POWER * np.percentile(modulation[lit] ** 2, 95)
-                        if lit.any() else lit)
         sigma = np.sqrt(phase_variance(phases, modulation, maps["background"], noise))
-        orders = tuple(sorted({1, 2, 3, 4, len(phases.frames)}))
+        bright = lit & (sigma < MAX_RIPPLE_NOISE_RAD)
+        steps = len(phases.frames)
+        orders = tuple(sorted({1, 2, 3, 4, steps, min(2 * steps, MAX_ORDER)}))
         ripple = measure_ripple(turns / (2 * np.pi), bright, sigma, orders)
         if ripple is None:
             sets.append(phases)
@@ -298,7 +373,9 @@ def _with_ripple(
         phases, found = _with_harmonics(phases, ripple, decoding.axis, estimate_steps)
         sets.append(phases)
         findings += found
-    return replace(decoding, sets=tuple(sets)), findings
+        if phases.period_px == finest and ripple.excess > LINES_NOISE_ALONE:
+            factor = ripple.excess
+    return replace(decoding, sets=tuple(sets)), findings, factor
 
 
 def _without_ripple(

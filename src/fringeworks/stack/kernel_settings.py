@@ -135,6 +135,8 @@ class Decoding:
     """Length of the range of coordinates, projector px."""
     absolute: bool = True
     """False for coordinates modulo ``length_px``."""
+    order_errors: tuple[float, ...] = ()
+    """Errors of every rounding of the chain that are no noise, turns; none where empty."""
     reach_px: float | None = None
     """Largest distance of a coordinate from the middle of its Gray-code cell, projector px.
 
@@ -204,7 +206,7 @@ class Decoding:
             max_disagreement=largest,
             confidence=SEAM_SIGMAS,
             **self._range(),
-            **_kernel_chain(self.chain),
+            **_kernel_chain(self.chain, self.order_errors),
         )
 
     def _range(self) -> dict[str, Any]:
@@ -238,7 +240,7 @@ def _kernel_gray(gray: GrayFrames | None, place: dict[int, int]) -> KernelGray |
     )
 
 
-def _kernel_chain(chain: OrderChain | None) -> dict[str, Any]:
+def _kernel_chain(chain: OrderChain | None, errors: tuple[float, ...]) -> dict[str, Any]:
     """The kernel's chain of roundings; an empty one for a Gray code alone."""
     if chain is None:
         matrix, vector = np.empty((0, 0), np.float32), np.empty(0, np.float32)
@@ -249,11 +251,12 @@ def _kernel_chain(chain: OrderChain | None) -> dict[str, Any]:
             "room": vector,
             "repeats": float("inf"),
         }
+    tolerance = np.maximum(chain.tolerance - np.array(errors or 0.0), 0.0)
     return {
         "combinations": np.ascontiguousarray(chain.combinations, np.float32),
         "frequencies": np.ascontiguousarray(chain.frequencies, np.float32),
         "amplification": np.ascontiguousarray(chain.amplification**2, np.float32),
-        "room": np.ascontiguousarray((chain.tolerance / ORDER_SIGMAS) ** 2, np.float32),
+        "room": np.ascontiguousarray((tolerance / ORDER_SIGMAS) ** 2, np.float32),
         "repeats": chain.repeats_px,
     }
 

@@ -62,6 +62,15 @@ CLIPPED_SIGMAS = 3.0
 Beyond three, 0.1 % of Gaussian noise is cut off, which lowers its variance by 0.3 %.
 """
 
+HARMONICS = (2, 3, 4)
+"""Harmonics of the fringe that are looked for in the residuals; higher ones are weak."""
+
+SMALL_POWER = 1e-6
+"""Power of a harmonic outside of the fit, over that of the fringes, below which it is not seen."""
+
+EXPLAINED_BY_HARMONICS = 0.7
+"""Share of the residuals' power that harmonics must leave at most to count as their cause."""
+
 ROUGH_STRIDE = 4
 """Every so many pixels give the rough noise that ``CLIPPED_SIGMAS`` needs; a quarter suffices."""
 
@@ -75,6 +84,15 @@ def phase_samples(sample: Sequence[NDArray[Any]], decoding: Decoding) -> FloatMa
     if not frames:
         return np.empty((0, sample[0].size))
     return np.stack([sample[k][0].astype(np.float64) for k in frames])
+
+
+def bit_sums(sample: Sequence[NDArray[Any]], decoding: Decoding) -> FloatMap:
+    """Sums of every bit of the Gray code and its inverse: (bits, n) float array, counts."""
+    gray = decoding.gray
+    if gray is None or len(gray.inverse) < 2:
+        return np.empty((0, sample[0].size))
+    pairs = zip(gray.bits, gray.inverse, strict=True)
+    return np.stack([sample[a][0].astype(np.float64) + sample[b][0] for a, b in pairs])
 
 
 def set_parts(decoding: Decoding) -> list[slice]:
@@ -153,6 +171,7 @@ def solve(values: FloatMap, rows: DesignRows) -> tuple[FloatMap, FloatMap]:
 def measure_noise(
     decodings: dict[Axis, Decoding],
     values: dict[Axis, FloatMap],
+    bits: dict[Axis, FloatMap],
     limits: Limits,
     patch: Sequence[FloatMap],
 ) -> tuple[CameraNoise, str]:
@@ -162,6 +181,7 @@ def measure_noise(
     ----------
     decodings : decoding of each axis
     values : ``phase_samples`` of each axis
+    bits : ``bit_sums`` of each axis
     limits : Limits
     patch : (h, w) float arrays
         Connected pixels of some frames, counts.
@@ -174,11 +194,16 @@ def measure_noise(
         the sets", from the differences of their backgrounds. Otherwise spatial noise, "the
         differences of neighbouring pixels".
     """
+    spatial = spatial_noise(patch)
+    margin = CLIPPED_SIGMAS * max(spatial.read_counts, QUANTISATION_VARIANCE**0.5)
     for axis, decoding in decodings.items():
-        noise = _residual_noise(decoding, values[axis], limits)
+        noise = _residual_noise(decoding, values[axis], limits, margin)
         if noise is not None:
             return noise, "the residuals of the fits"
-    spatial = spatial_noise(patch)
+    for axis, decoding in decodings.items():
+        noise = _pair_noise(decoding, bits[axis])
+        if noise is not None:
+            return noise, "the sums of the Gray code's bits and their inverse"
     for axis, decoding in decodings.items():
         noise = _background_noise(decoding, values[axis], limits)
         if noise is None:
@@ -195,6 +220,18 @@ def measure_noise(
     return spatial, "the differences of neighbouring pixels"
 
 
+def _pair_noise(decoding: Decoding, sums: FloatMap) -> CameraNoise | None:
+    """Noise from a Gray code without fringes, whose bits and inverse add up to the same light."""
+    finite = np.isfinite(sums).all(axis=0)
+    if decoding.sets or len(sums) < 2 or finite.sum() < MIN_JUDGED_PIXELS:
+        return None
+    data = sums[:, finite]
+    data = data[:, _lit(data, np.ones(data.shape[1], bool))]
+    mean = data.mean(axis=0)
+    square = np.sum((data - mean) ** 2, axis=0) / 2.0
+    return noise_of_residuals(mean / 2.0, square, len(sums) - 1, QUANTISATION_VARIANCE**0.5)
+
+
 def spatial_noise(patch: Sequence[FloatMap]) -> CameraNoise:
     """Noise from the differences of neighbouring pixels; it contains the texture of the scene.
 
@@ -207,7 +244,9 @@ def spatial_noise(patch: Sequence[FloatMap]) -> CameraNoise:
     return CameraNoise(float(np.sqrt(np.mean(variances))) if variances else 0.0)
 
 
-def _residual_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> CameraNoise | None:
+def _residual_noise(
+    decoding: Decoding, values: FloatMap, limits: Limits, margin: float
+) -> CameraNoise | None:
     """Noise from the residuals of sets with four or more steps; None where there are none.
 
     Near the sensor's limits the noise is cut off. Leaving out samples by their own value would bias
@@ -224,7 +263,7 @@ def _residual_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> Cam
         return None
     data = values[:, _lit(values, finite)]
     data = data[:, :: max(1, data.shape[1] * len(overdetermined) // MAX_RESIDUALS)]
-    fits = [_clear_fit(data[part], phases, limits) for part, phases in overdetermined]
+    fits = [_clear_fit(data[part], phases, limits, margin) for part, phases in overdetermined]
     background, square, count = (np.concatenate(parts) for parts in zip(*fits, strict=True))
     freedom = count - 3
     pixels = np.bincount(np.maximum(freedom, 0))[1:]
@@ -233,7 +272,9 @@ def _residual_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> Cam
     # Pixels of one freedom, so that their sums follow one distribution: those with most residuals.
     chosen_freedom = int(np.argmax(pixels * np.arange(1, pixels.size + 1))) + 1
     chosen = freedom == chosen_freedom
-    return noise_of_residuals(background[chosen], square[chosen], chosen_freedom)
+    return noise_of_residuals(
+        background[chosen], square[chosen], chosen_freedom, QUANTISATION_VARIANCE**0.5
+    )
 
 
 def _lit(values: FloatMap, finite: BoolMap) -> BoolMap:
@@ -244,21 +285,57 @@ def _lit(values: FloatMap, finite: BoolMap) -> BoolMap:
 
 
 def _clear_fit(
-    values: FloatMap, phases: PhaseFrames, limits: Limits
+    values: FloatMap, phases: PhaseFrames, limits: Limits, most: float
 ) -> tuple[FloatMap, FloatMap, NDArray[np.intp]]:
     """Fit a set without the samples near the sensor's limits.
 
-    Returns the background, the sum of squared residuals and the number of samples of every pixel.
-    The background is that of all samples.
+    Samples count as near within three standard deviations of the residuals, but at most ``most``
+    counts: residuals that are not noise must not empty the sample. Returns the background, the sum
+    of squared residuals and the number of samples of every pixel. The background is that of all
+    samples.
     """
     steps = len(phases.frames)
     fitted, square = solve(values, phases.rows)
     count = np.full(square.shape, steps)
     rough = residual_variance(square[::ROUGH_STRIDE], steps - 3) ** 0.5
-    inside = _inside(values, phases.rows, fitted, limits, CLIPPED_SIGMAS * rough)
-    if not inside.all():
+    inside = _inside(values, phases.rows, fitted, limits, min(CLIPPED_SIGMAS * rough, most))
+    whole = inside.all(axis=0)
+    if not whole.all():
         square, count = _solve_partly(values, phases.rows, inside)
+    if whole.sum() >= MIN_JUDGED_PIXELS and CLIPPED_SIGMAS * rough > most:
+        # More than noise: harmonics of the fringe are known causes, and most of them do not
+        # disturb the phase.
+        square[whole] = _without_harmonics(values[:, whole], phases, fitted[:, whole])
+        count[~whole] = 0
     return fitted[0], square, count
+
+
+def _without_harmonics(values: FloatMap, phases: PhaseFrames, fitted: FloatMap) -> FloatMap:
+    """Sums of squared residuals without the harmonics that all pixels have in common.
+
+    A response that is not linear adds harmonics Re(h_k B e^{ik(φ − δ_n)}), with the same h_k at all
+    pixels of similar brightness.
+    """
+    design, solver = fit_matrices(phases.rows)
+    assert solver is not None
+    residual = values - _times(design, fitted)
+    _, c, s = fitted
+    modulation = np.hypot(c, s)
+    waves = np.exp(1j * (np.arctan2(s, c) - np.asarray(phases.shifts_rad)[:, None]))
+    total = np.sum(residual**2)
+    for order in HARMONICS:
+        wave = modulation * waves**order
+        wave = wave - _times(design, _times(solver, wave.real)) - 1j * _times(
+            design, _times(solver, wave.imag)
+        )
+        power = float(np.sum(np.abs(wave) ** 2))
+        if power > SMALL_POWER * float(np.sum(modulation**2)):
+            parts = np.stack((wave.real.ravel(), wave.imag.ravel()))
+            shares = np.linalg.lstsq(parts @ parts.T, parts @ residual.ravel(), rcond=None)[0]
+            residual = residual - shares[0] * wave.real - shares[1] * wave.imag
+    if np.sum(residual**2) > EXPLAINED_BY_HARMONICS * total:
+        return np.asarray(np.sum((values - _times(design, fitted)) ** 2, axis=0))
+    return np.asarray(np.sum(residual**2, axis=0))
 
 
 def _inside(
@@ -318,7 +395,7 @@ def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> C
             return None
         mean = background[chosen]
         square = sum(n * (f[0][chosen] - mean) ** 2 for n, f in zip(steps[:, 0], fits, strict=True))
-        noise = noise_of_residuals(mean, square, len(fits) - 1)
+        noise = noise_of_residuals(mean, square, len(fits) - 1, QUANTISATION_VARIANCE**0.5)
         margin = CLIPPED_SIGMAS * residual_variance(square, len(fits) - 1) ** 0.5
         # The fitted brightness is that around the mean background. The differences of the
         # backgrounds do not depend on it, whereas a fit of three samples reproduces them exactly,

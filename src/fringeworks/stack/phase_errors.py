@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import optimize
 
-from fringeworks.signal.noise import chi_square_quantile
-from fringeworks.types import FloatMap, Reason
+from fringeworks.signal.noise import NORMAL_MEDIAN, chi_square_quantile
+from fringeworks.types import FloatMap
 
 GROUPS = 6
 """Number of groups of similar modulation; two parts are fitted to them. An empirical choice."""
@@ -26,6 +25,21 @@ The rest of the margin allows for errors of the measured noise. Empirical.
 
 QUANTILES = (0.5, 0.9)
 """Quantiles of χ² that both must agree with the errors: the middle, and the beginning of the tail."""
+
+
+TAIL = 0.99
+"""Quantile of the errors of a rounding that counts as their bound; edges of the scene may hold up to
+a hundredth of the pixels."""
+
+TAIL_SAFETY = 1.5
+"""Factor on this bound. The 99th percentile of Gaussian errors is 2.6 standard deviations; times
+1.5, one in ten thousand exceeds it."""
+
+OFFSET_SIGMAS = 5.0
+"""Constant residual of a set that counts as significant, in standard errors."""
+
+OFFSET_SHARE = 0.1
+"""Constant residual that matters, as a share of the phase noise of a pixel."""
 
 
 @dataclass(frozen=True)
@@ -45,27 +59,6 @@ class PhaseErrors:
         return self.noise_factor == 1.0 and self.floor_rad == 0.0
 
 
-def errors_of_sets(maps: dict[str, Any], variance_rad2: FloatMap, sets: int) -> PhaseErrors:
-    """Find both parts in the disagreement of sets of fringes.
-
-    Parameters
-    ----------
-    maps : the kernel's maps of a sample, with the disagreement for camera noise alone
-    variance_rad2 : (1, n) float array
-        Variance of the phases by camera noise alone, mean of the sets, rad².
-    sets : int
-        Number of sets of fringes, two or more.
-
-    Notes
-    -----
-    The expectation of χ² over its degrees of freedom is s² + f² / v, with the noise factor s², the
-    floor f and the variance v by noise. Groups of similar v give both by least squares.
-    """
-    lit = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
-    known = lit & np.isfinite(maps["disagreement"])
-    return two_parts(maps["disagreement"][known], variance_rad2[known], sets - 1)
-
-
 def two_parts(square: FloatMap, variance_rad2: FloatMap, freedom: float) -> PhaseErrors:
     """Find both parts in sums of squared errors, each over the variance by camera noise.
 
@@ -77,6 +70,11 @@ def two_parts(square: FloatMap, variance_rad2: FloatMap, freedom: float) -> Phas
         Variance of the phase by camera noise alone, rad².
     freedom : float > 0
         Degrees of freedom of every χ².
+
+    Notes
+    -----
+    The expectation of χ² over its degrees of freedom is s² + f² / v, with the noise factor s², the
+    floor f and the variance v by noise. Groups of similar v give both by least squares.
     """
     groups = [
         part
@@ -103,3 +101,63 @@ def two_parts(square: FloatMap, variance_rad2: FloatMap, freedom: float) -> Phas
             ratio,
         )
     return worst
+
+
+def order_errors(
+    amplification: FloatMap, residuals: FloatMap, variances: FloatMap
+) -> tuple[float, ...]:
+    """Errors of the roundings of an order chain that are no noise, from the residuals of the sets.
+
+    Parameters
+    ----------
+    amplification : (R, M) array
+        Error of every rounding per phase error.
+    residuals : (M, n) array, turns
+        Phases of the sets less those of the coordinate.
+    variances : (M, n) array, turns²
+        Variances of the phases by noise.
+
+    Returns
+    -------
+    (R,) floats, turns
+
+    Notes
+    -----
+    A rounding combines the phases so that the coordinate cancels. Its error is therefore seen in
+    the residuals. The part beyond the noise is taken from the 99th percentile, so that bounded
+    errors, such as ripple, count less than noise of the same standard deviation.
+    """
+    errors = []
+    for row in amplification:
+        error = np.abs(row @ residuals)
+        noise = row**2 @ variances
+        seen = float(np.quantile(error, TAIL)) ** 2
+        expected = float(np.quantile(noise, TAIL)) * chi_square_quantile(TAIL, 1)
+        errors.append(TAIL_SAFETY * float(np.sqrt(max(seen - expected, 0.0))))
+    return tuple(errors)
+
+
+def set_offsets(residuals: FloatMap, variances: FloatMap, frequencies: FloatMap) -> FloatMap:
+    """Constant errors of the phases of the sets, turns; without the common shift of the coordinate.
+
+    Parameters
+    ----------
+    residuals, variances
+        As for ``order_errors``.
+    frequencies : (M,) array
+        Turns per projector px.
+
+    Returns
+    -------
+    (M,) array, turns; 0 where they are not significant.
+
+    Notes
+    -----
+    The real steps of a set are known up to a common shift. In several sets, these shifts show as
+    constant residuals, except for the part that a shift of the coordinate explains.
+    """
+    middle = np.median(residuals, axis=1)
+    scatter = np.median(np.abs(residuals - middle[:, None]), axis=1) / NORMAL_MEDIAN
+    error = 1.25 * scatter / np.sqrt(residuals.shape[1])
+    limit = np.maximum(OFFSET_SIGMAS * error, OFFSET_SHARE * np.sqrt(np.median(variances, axis=1)))
+    return np.zeros(len(middle)) if np.all(np.abs(middle) < limit) else np.asarray(middle)

@@ -40,6 +40,9 @@ JUMP_TURNS = 0.2
 SMOOTH_SHARE = 0.7
 """Share of the windows that is used: those that are smoothest. The rest may hold edges or relief."""
 
+LOWEST_THIRD = 1.06
+"""Mean of the lowest 35 % of a normal distribution below its mean, in standard deviations."""
+
 SIGNIFICANT = 5.0
 """Amplitude of a ripple in standard errors from which on it counts as seen."""
 
@@ -54,11 +57,9 @@ class Ripple:
     """z_k of the error Σ Re(z_k e^{−ikφ}), rad: a_k + i b_k of a_k cos kφ + b_k sin kφ."""
     errors_rad: NDArray[np.float64]
     """Standard error of every amplitude, rad."""
-    residual_rad: float
-    """Standard deviation of the phase about a smooth surface without the ripple, rad: that of the
-    smoother windows."""
-    expected_rad: float
-    """The same, if noise of the camera were its only cause, rad."""
+    excess: float
+    """Variance of the phase about a smooth surface, without the ripple and in the smoother windows,
+    over that by noise of the camera."""
 
     def significant(self, order: int) -> complex:
         """The harmonic of an order; 0 where it is not significant."""
@@ -107,21 +108,21 @@ def measure_ripple(
         wave = waves**order
         shapes += [rough(wave.real), rough(wave.imag)]
     design = np.stack(shapes, axis=-1)
-    scatter = np.mean(errors**2, axis=1)
+    expected = np.mean(sigma**2, axis=1)
+    scatter = np.mean(errors**2, axis=1) / expected
     kept = scatter <= np.quantile(scatter, SMOOTH_SHARE)
     coefficients, covariance = _pooled(design[kept], errors[kept])
-    left = np.mean((errors[kept] - design[kept] @ coefficients) ** 2, axis=1)
-    freedom = (length - 4.0) / length
-    # The smoother half: relief and edges of the surface only make windows rougher.
-    smooth = np.sort(left)[: max(1, left.size // 2)]
-    expected = np.mean(sigma[kept][np.argsort(left)[: smooth.size]] ** 2)
+    residual = np.mean((errors[kept] - design[kept] @ coefficients) ** 2, axis=1) / expected[kept]
+    smooth = np.sort(residual)[: max(1, residual.size // 2)]
+    freedom = length - 4.0
+    # The smoothest windows are so by chance, too: their mean is that of the lower part of χ².
+    by_chance = 1.0 - LOWEST_THIRD * np.sqrt(2.0 / freedom)
     pairs = coefficients.reshape(-1, 2)
     return Ripple(
         orders,
         pairs[:, 0] + 1j * pairs[:, 1],
         np.sqrt(np.diag(covariance).reshape(-1, 2).max(axis=1)),
-        float(np.sqrt(smooth.mean() / freedom)),
-        float(np.sqrt(expected)),
+        float(smooth.mean() * length / freedom / by_chance),
     )
 
 

@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.plan import PatternPlan, PhaseSteps, GrayCode
-from fringeworks.stack.decode import decode
-from fringeworks.stack.frames import check_frame, refuse_constant, sample_of, sampled_places
+from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
+from fringeworks.stack.decode import check_options, decode
+from fringeworks.stack.frames import check_frame, refuse_constant
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import Decoded, FramesContradictPlan
+
 
 class StreamingDecoder:
     """Decode the frames of a plan as they arrive, with the same result as ``decode``.
 
-    The decoder keeps sums of each set instead of its frames. It keeps the frames of a Gray code.
+    Every frame is checked when it arrives, so that a fault is known before the next one is taken.
+    The decoder keeps copies of the frames: whether their order and their steps are right can only
+    be judged from all of them.
 
     Parameters
     ----------
-    plan, noise, saturation, min_modulation, absolute, response, keep_phases
+    plan : PatternPlan
+    **options
         As for ``decode``.
 
     Raises
     ------
     InputError
-        If ``min_modulation`` is negative, or the plan or the response cannot be used.
+        If an option is out of its range, or the plan or the response cannot be used.
 
     Examples
     --------
@@ -40,35 +44,17 @@ class StreamingDecoder:
     20.0
     """
 
-    def __init__(
-        self,
-        plan: PatternPlan,
-        *,
-        noise: CameraNoise | None = None,
-        saturation: float | None = None,
-        min_modulation: float = 0.0,
-        absolute: bool = True,
-        response: Response | None = None,
-        keep_phases: bool = False,
-    ) -> None:
+    def __init__(self, plan: PatternPlan, **options: Unpack[DecodeOptions]) -> None:
+        check_options(plan, options)
         self._plan = plan
-        self._noise = noise
-        self._saturation = saturation
-        self._min_modulation = _not_negative(min_modulation)
-        self._keep_phases = keep_phases
-        self._decodings = _decodings(plan, absolute, response)
+        self._options = options
         self._labels = plan.labels()
-        self._fringes = any(isinstance(block, PhaseSteps) for block in plan.blocks)
-        self._sums: dict[Axis, _core.StreamSums] = {}
-        self._first: NDArray[Any] | None = None
-        self._kept: dict[int, NDArray[Any]] = {}
-        self._sample: list[NDArray[Any]] = []
-        self._patch: list[FloatMap] = []
+        self._frames: list[NDArray[Any]] = []
 
     @property
     def missing(self) -> list[str]:
         """Labels of the frames that have not arrived yet."""
-        return self._labels[len(self._sample) :]
+        return self._labels[len(self._frames) :]
 
     def add(self, frame: NDArray[Any]) -> None:
         """Add the next frame of the plan.
@@ -84,43 +70,14 @@ class StreamingDecoder:
             constant where the plan has fringes or Gray code.
         """
         frame = np.asarray(frame)
-        index = len(self._sample)
+        index = len(self._frames)
         if index == len(self._labels):
             raise FramesContradictPlan(f"frames: the plan has {len(self._labels)}, got one more")
-        check_frame(frame, self._labels[index], frame if self._first is None else self._first)
-        sampled = sample_of(frame, sampled_places(frame.shape, self._plan))
+        check_frame(frame, self._labels[index], self._frames[0] if self._frames else frame)
         block = next(b for k, b in reversed(self._plan.placed) if k <= index)
         if isinstance(block, PhaseSteps | GrayCode):
-            refuse_constant(frame, self._labels[index], sampled)
-        kind = np.float32 if frame.dtype == np.float64 else frame.dtype
-        readable = np.ascontiguousarray(frame, kind)
-        if self._first is None:
-            # Later frames are compared with its size and type, which need no memory for its pixels.
-            self._first = np.broadcast_to(frame[:1, :1], frame.shape)
-        if isinstance(block, PhaseSteps):
-            self._add_phase(readable, index)
-        if isinstance(block, PhaseSteps) == self._fringes and len(self._patch) < PATCH_FRAMES:
-            self._patch.append(_middle(frame))
-        if any(index in decoding.gray_frames for decoding in self._decodings.values()):
-            self._kept[index] = readable.copy() if readable is frame else readable
-        self._sample.append(sampled)
-
-    def _add_phase(self, frame: NDArray[Any], index: int) -> None:
-        """Add a phase frame to the sums of its set."""
-        limits = _limits(frame.dtype, self._saturation, self._min_modulation)
-        for axis, decoding in self._decodings.items():
-            for k, phases in enumerate(decoding.sets):
-                if index in phases.frames:
-                    sums = self._sums.setdefault(
-                        axis,
-                        _core.StreamSums(
-                            sets=len(decoding.sets),
-                            pixels=frame.size,
-                            saturation=limits.threshold,
-                        ),
-                    )
-                    step = phases.frames.index(index)
-                    sums.add([frame], k, step, phases.shifts_rad[step])
+            refuse_constant(frame, self._labels[index], frame[:1])
+        self._frames.append(np.array(frame, order="C"))
 
     def result(self) -> Decoded:
         """Decode the frames that have arrived.
@@ -134,35 +91,9 @@ class StreamingDecoder:
         InputError
             If frames are missing, or ``decode`` would refuse them.
         """
-        if self.missing or self._first is None:
+        if self.missing:
             raise FramesContradictPlan(
-                f"frames: the plan has {len(self._labels)}, got {len(self._sample)}; missing: "
+                f"frames: the plan has {len(self._labels)}, got {len(self._frames)}; missing: "
                 f"{', '.join(self.missing)}"
             )
-        first = self._first
-        limits = _limits(first.dtype, self._saturation, self._min_modulation)
-        findings = examine(
-            self._plan,
-            self._sample,
-            self._decodings,
-            limits,
-            noise=self._noise,
-            patch=self._patch,
-            estimate_steps=False,
-        )
-        maps = {}
-        for axis, decoding in findings.decodings.items():
-            kernel = decoding.kernel(findings.noise, findings.limits, streamed=True)
-            results = empty_maps(first.shape, sets=len(decoding.sets) if self._keep_phases else 0)
-            gray_planes = [self._kept[k] for k in decoding.gray_frames]
-            sums = self._sums.get(axis)
-            if sums is None:
-                _core.decode_frames(gray_planes, kernel, results)
-            else:
-                # Without a Gray code the kernel still takes the type of the counts from a frame.
-                kind = np.float32 if first.dtype == np.float64 else first.dtype
-                sums.decode(gray_planes or [np.empty(first.shape, kind)], kernel, results)
-            maps[axis] = _coordinate_map(decoding, results, self._keep_phases)
-        return _decoded(maps, findings)
-
-
+        return decode(self._frames, self._plan, **self._options)

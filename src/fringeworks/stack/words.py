@@ -106,3 +106,18 @@ def disagreement(errors: PhaseErrors, axis: Axis) -> Finding:
     )
     advice = "standard deviations contain it"
     return Finding("disagreement", seen, causes, advice, axis, (), figures)
+
+
+def correlated_noise(factor: float, axis: Axis) -> Finding:
+    """Phases along smooth lines that are noisier than the noise of the camera."""
+    seen = (
+        f"phases along {axis} scatter {factor**0.5:.1f} times as much along smooth lines as the noise "
+        "of the camera explains; standard deviations are raised by this factor"
+    )
+    causes = (
+        "lossy compression or smoothing in the camera",
+        "frames that hold a part of the next one",
+        "a surface that is rough everywhere",
+    )
+    advice = "store frames without loss and leave the projector time to change"
+    return Finding("correlated noise", seen, causes, advice, axis, (), {"factor": factor})

@@ -70,16 +70,19 @@ fn set_noise<const SHOT: bool>(
     }
 }
 
-/// Add the variance that does not shrink with the modulation, rad².
+/// Add the variance that does not shrink with the modulation, rad², to that of the coordinate.
+///
+/// The roundings do not use it: it is no noise, and the caller lowers their margins by the errors
+/// that the sets show.
 #[inline(always)]
 fn add_floor(floor: f32, start: usize, fitted: &mut Fitted) {
     let turns = floor * (1.0 / (TAU * TAU));
-    let variance = part_mut(&mut fitted.brightness_or_variance, start);
-    let precision = part_mut(&mut fitted.precision, start);
+    let variance = part(&fitted.brightness_or_variance, start);
+    let mut sum = [0.0; LANES];
     for i in 0..LANES {
-        variance[i] += turns;
-        precision[i] = 1.0 / variance[i];
+        sum[i] = 1.0 / (variance[i] + turns);
     }
+    part_mut(&mut fitted.precision, start).copy_from_slice(&sum);
 }
 
 #[inline(always)]

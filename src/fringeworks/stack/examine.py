@@ -40,7 +40,7 @@ from fringeworks.stack.phase_errors import (
     two_parts,
 )
 from fringeworks.stack.real_frames import RealFrames, real_frames
-from fringeworks.stack.ripple import Ripple, measure_ripple
+from fringeworks.stack.ripple import NOISE_ALONE, Ripple, measure_ripple
 from fringeworks.stack.sample import Sample
 from fringeworks.types import Axis, CameraNoise, Finding, FloatMap, Reason
 
@@ -73,10 +73,19 @@ information. Empirical.
 MAX_ORDER = 8
 """Highest order of a ripple that is looked for, periods per fringe; higher ones are weak."""
 
-LINES_NOISE_ALONE = 1.4
-"""Variance of the phase along smooth lines, over that of the noise, from which on noise of the camera
-is not its only cause. It scatters by 5 % in simulations; the rest of the margin allows for surfaces
-that are rough everywhere. Empirical."""
+MAX_OFFSET_TURNS = 0.15
+"""Largest error of a rounding that constant offsets between the sets may make, turns.
+
+Offsets are known modulo one turn of every rounding only. Up to 0.15 turns, the smallest one is far
+likelier than the next; beyond, fringe orders cannot be trusted. Empirical.
+"""
+
+RIPPLE_FACTOR = 1.2
+"""Standard deviation that stands for a ripple, over its rms value.
+
+A sinusoid spends only half of its phases within its rms value; within 1.2 times that, it spends 64
+%, about as much as a normal distribution within its standard deviation.
+"""
 
 MAX_RIPPLE_NOISE_RAD = 0.2
 """Largest phase noise of a pixel that a ripple is measured from, rad. Noisier pixels only add noise.
@@ -282,9 +291,9 @@ def _with_agreeing_sets(
     residuals, variances, maps = _residuals(decoding, planes, noise, limits)
     if residuals.shape[1] < MIN_JUDGED_PIXELS:
         return decoding, PhaseErrors()
-    frequencies = np.array([1.0 / s.period_px for s in decoding.sets])
-    offsets = set_offsets(residuals, variances, frequencies)
-    if offsets.any():
+    offsets = set_offsets(residuals, variances)
+    shifted = 0.0 if decoding.chain is None else np.abs(decoding.chain.amplification @ offsets).max()
+    if offsets.any() and shifted < MAX_OFFSET_TURNS:
         sets = [_turned(s, o) for s, o in zip(decoding.sets, offsets, strict=True)]
         decoding = replace(decoding, sets=tuple(sets))
         residuals, variances, maps = _residuals(decoding, planes, noise, limits)
@@ -373,7 +382,7 @@ def _with_ripple(
         phases, found = _with_harmonics(phases, ripple, decoding.axis, estimate_steps)
         sets.append(phases)
         findings += found
-        if phases.period_px == finest and ripple.excess > LINES_NOISE_ALONE:
+        if phases.period_px == finest and ripple.excess > NOISE_ALONE:
             factor = ripple.excess
     return replace(decoding, sets=tuple(sets)), findings, factor
 
@@ -403,7 +412,7 @@ def _with_harmonics(
     power = 0.5 * sum(abs(z) ** 2 for z in harmonics.values())
     if power == 0:
         return phases, []
-    floor = float(np.hypot(phases.floor_rad, power**0.5))
+    floor = float(np.hypot(phases.floor_rad, RIPPLE_FACTOR * power**0.5))
     finding = words.ripple(harmonics, phases, axis, float(power**0.5))
     return replace(phases, floor_rad=floor), [] if finding is None else [finding]
 

@@ -137,15 +137,13 @@ def order_errors(
     return tuple(errors)
 
 
-def set_offsets(residuals: FloatMap, variances: FloatMap, frequencies: FloatMap) -> FloatMap:
+def set_offsets(residuals: FloatMap, variances: FloatMap) -> FloatMap:
     """Constant errors of the phases of the sets, turns; without the common shift of the coordinate.
 
     Parameters
     ----------
     residuals, variances
         As for ``order_errors``.
-    frequencies : (M,) array
-        Turns per projector px.
 
     Returns
     -------

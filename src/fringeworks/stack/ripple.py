@@ -40,6 +40,11 @@ JUMP_TURNS = 0.2
 SMOOTH_SHARE = 0.7
 """Share of the windows that is used: those that are smoothest. The rest may hold edges or relief."""
 
+NOISE_ALONE = 1.4
+"""Variance of the phase along smooth lines, over that of the noise, from which on noise of the camera
+is not its only cause. It scatters by 5 % in simulations; the rest of the margin allows for surfaces
+that are rough everywhere. Empirical."""
+
 LOWEST_THIRD = 1.06
 """Mean of the lowest 35 % of a normal distribution below its mean, in standard deviations."""
 
@@ -117,12 +122,16 @@ def measure_ripple(
     freedom = length - 4.0
     # The smoothest windows are so by chance, too: their mean is that of the lower part of χ².
     by_chance = 1.0 - LOWEST_THIRD * np.sqrt(2.0 / freedom)
+    excess = float(smooth.mean() * length / freedom / by_chance)
+    if excess > NOISE_ALONE:
+        # Errors that vary over the scene count with their usual size, not with their smallest.
+        excess = float(np.quantile(scatter, SMOOTH_SHARE) * length / freedom)
     pairs = coefficients.reshape(-1, 2)
     return Ripple(
         orders,
         pairs[:, 0] + 1j * pairs[:, 1],
         np.sqrt(np.diag(covariance).reshape(-1, 2).max(axis=1)),
-        float(smooth.mean() * length / freedom / by_chance),
+        excess,
     )
 
 

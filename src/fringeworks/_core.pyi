@@ -106,6 +106,8 @@ class DecodeSettings:
         frequencies: NDArray[np.float32],
         amplification: NDArray[np.float32],
         room: NDArray[np.float32],
+        remainder: list[int],
+        alternative: NDArray[np.float32],
         middle: float,
         half: float,
         repeats: float,
@@ -119,6 +121,7 @@ class DecodeSettings:
         min_modulation: float,
         max_disagreement: float,
         confidence: float,
+        order_confidence: float,
     ) -> DecodeSettings: ...
 
 @final

@@ -54,9 +54,10 @@ fn gray_code((bits, inverse, white_black, step, cells): CodeItems) -> GrayCode {
 #[pymethods]
 impl DecodeSettings {
     #[new]
-    #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room, middle, half,
+    #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room,
+        remainder, alternative, middle, half,
         repeats, circular, code_reach, read_variance, gain, scale, saturation, min_snr,
-        min_modulation, max_disagreement, confidence))]
+        min_modulation, max_disagreement, confidence, order_confidence))]
     #[allow(clippy::too_many_arguments)] // All are keywords in Python.
     fn new(
         sets: Vec<SetItems>,
@@ -65,6 +66,8 @@ impl DecodeSettings {
         frequencies: PyReadonlyArray1<'_, f32>,
         amplification: PyReadonlyArray2<'_, f32>,
         room: PyReadonlyArray1<'_, f32>,
+        remainder: Vec<usize>,
+        alternative: PyReadonlyArray1<'_, f32>,
         middle: f32,
         half: f32,
         repeats: f32,
@@ -78,6 +81,7 @@ impl DecodeSettings {
         min_modulation: f32,
         max_disagreement: f32,
         confidence: f32,
+        order_confidence: f32,
     ) -> PyResult<Self> {
         let sets = phase_sets(sets)?;
         let gray_code = code.map(gray_code);
@@ -86,6 +90,8 @@ impl DecodeSettings {
             frequencies: rows_of(&frequencies)?.to_vec(),
             amplification: rows_of(&amplification)?.to_vec(),
             margin: rows_of(&room)?.to_vec(),
+            remainder,
+            alternative: rows_of(&alternative)?.to_vec(),
             middle,
             half,
             repeats,
@@ -103,6 +109,7 @@ impl DecodeSettings {
             min_modulation,
             max_disagreement,
             confidence,
+            order_confidence,
         };
         let plan = Plan {
             sets,

@@ -29,6 +29,31 @@ Gaussian errors exceed five standard deviations once in 1.7 million roundings, a
 of two megapixels. A larger margin would turn more noisy pixels into NaN.
 """
 
+ALTERNATIVE_SIGMAS = 6.0
+"""Distance of a decoded coordinate from any other one in the range, in standard deviations.
+
+A pixel's noise shows how far it is from the next fringe order. Six standard deviations are exceeded
+once in 500 million roundings. Five would leave one wrong order in two million pixels at the noise
+limit. At the limit, the test discards one right pixel in 15,000.
+"""
+
+MAX_END_LOSS = 0.01
+"""Share of the range in which the first combination may wrap at the smallest accepted margin.
+
+Noise wraps the first combination from one end of its period to the other. If its period is little
+longer than the range, pixels near both ends of the range are ambiguous. The margin of the first
+combination is stated for this loss: 1 % of the range, half of it at each end. A smaller loss would
+refuse plans that measure nearly the whole projector. An empirical choice.
+"""
+
+SEARCH_END_LOSS = 0.1
+"""Share of the range that the search for a chain gives up at its ends, at the same margin.
+
+A first combination with a longer period wraps farther outside the range, but it has larger
+coefficients, and the margins of all pixels become smaller. Pixels at the ends weigh less than that.
+An empirical choice: chains with much more than 10 % of loss would measure the middle only.
+"""
+
 MAX_COMBINATIONS = 20_000
 """Largest number of integer combinations that the search for a chain tries.
 
@@ -87,7 +112,8 @@ class OrderChain(Frozen):
 
     The first combination, or the Gray code, gives the coordinate over the whole range. Every
     further combination refines it: x ← x + wrap(c·t − g x) / g. Here t are the phases in turns, c
-    the coefficients of the combination and g = c·f its frequency.
+    the coefficients of the combination and g = c·f its frequency. The wrapped difference is the
+    remainder of the rounding; the remainders of the phases themselves come last.
     """
 
     periods_px: tuple[float, ...]
@@ -103,7 +129,23 @@ class OrderChain(Frozen):
     amplification: NDArray[np.float64]
     """Error of every rounding per phase error, (R, M), turns per turn."""
     tolerance: NDArray[np.float64]
-    """Largest error of every rounding that still gives the right order, (R,), turns."""
+    """Largest error of every rounding that still gives the right order, (R,), turns.
+
+    For the first combination without a Gray code: the error at which 1 % of the range is lost,
+    because noise could wrap the combination there.
+    """
+    remainder: NDArray[np.intp]
+    """Index of the remainder of every rounding, (R,): 0 … K − 1 for the combinations, then the M
+    phases."""
+    alternative: NDArray[np.float64]
+    """Distance from a remainder of zero to the nearest remainder of another coordinate in the range,
+    (R,), turns: 1, and less where the first combination wraps little beyond the range."""
+
+    @property
+    def wraps(self) -> NDArray[np.bool_]:
+        """Roundings, (R,), that fail near the ends of the range only: that of the first combination
+        without a Gray code."""
+        return self.alternative < 1.0
 
     @property
     def frequencies(self) -> NDArray[np.float64]:
@@ -113,6 +155,9 @@ class OrderChain(Frozen):
 
     def margin(self, sigma_rad: Sequence[float] | float) -> float:
         """Smallest margin of all roundings, in standard deviations of their error.
+
+        The margin of the first combination, which noise may wrap from one end of the range to the
+        other, is stated so that at most 1 % of the range is lost at a margin of ``ORDER_SIGMAS``.
 
         Parameters
         ----------
@@ -166,6 +211,7 @@ def order_chain(
     *,
     weights: Sequence[float] | None = None,
     gray_step_px: float | None = None,
+    circular: bool = False,
 ) -> OrderChain:
     """Find the chain of combinations that tolerates the most phase noise.
 
@@ -179,6 +225,8 @@ def order_chain(
         Relative inverse variances of the phases; equal where not given.
     gray_step_px : float > 0, optional
         Width of the cells of a Gray code over the range, projector px.
+    circular : bool
+        True where both ends of the range are the same place, so that none of it is lost there.
 
     Returns
     -------
@@ -217,7 +265,7 @@ def order_chain(
     c, g = _combinations(frequency)
     if gray_step_px is None:
         starts = g * length <= 1.0 + COMMENSURATE
-        start_tolerance = np.full(g.size, np.inf)
+        start_tolerance = np.full(g.size, np.inf) if circular else _end_tolerance(g, length, repeats, SEARCH_END_LOSS)
     else:
         reach = GRAY_REACH * gray_step_px
         starts = g * reach < MAX_GRAY_REACH_TURNS
@@ -225,19 +273,45 @@ def order_chain(
     if not starts.any():
         raise InputError(_too_short(periods_px, g, length, gray_step_px))
     path = _widest_path(c, g, sigma, starts, start_tolerance, frequency)
-    rows, tolerance = _roundings(c[path], g[path], start_tolerance[path[0]], frequency)
-    if gray_step_px is None:
-        rows, tolerance = rows[1:], tolerance[1:]
+    c, g = c[path], g[path]
+    rows, tolerance = _roundings(c, g, start_tolerance[path[0]], frequency)
+    alternative = np.ones(tolerance.size)
     used = _binding(rows, tolerance)
+    if gray_step_px is None:
+        # The first combination fails by wrapping only, unless all phases repeat with it.
+        used[1:] = _binding(rows[1:], tolerance[1:])
+        used[0] = abs(repeats * g[0] - 1.0) >= COMMENSURATE
+        if circular:
+            alternative[0] = 0.5
+        else:
+            alternative[0] = 1.0 - 0.5 * min(length * g[0], 1.0)
+            tolerance[:1] = _end_tolerance(g[:1], length, repeats, MAX_END_LOSS)
     return OrderChain(
         periods_px=tuple(float(p) for p in periods_px),
         low_px=low,
         high_px=high,
         repeats_px=repeats,
-        combinations=c[path],
+        combinations=c,
         amplification=rows[used],
         tolerance=tolerance[used],
+        remainder=np.flatnonzero(used),
+        alternative=alternative[used],
     )
+
+
+def _end_tolerance(
+    g: NDArray[np.float64], length: float, repeats: float, loss: float
+) -> NDArray[np.float64]:
+    """Errors of first combinations at which the ends of the range lose a share ``loss``, turns.
+
+    An estimate at the distance d from one end of the range is right if its error is smaller than
+    1/g − L + d, because the coordinate would lie beyond the other end otherwise. Infinite where all
+    phases repeat with the combination: a wrapped coordinate is then moved back by that distance.
+    """
+    kept = (1.0 - 0.5 * loss) * np.minimum(length * g, 1.0)
+    tolerance = (1.0 - kept) * ORDER_SIGMAS / ALTERNATIVE_SIGMAS
+    whole = np.abs(repeats * g - 1.0) < COMMENSURATE
+    return np.asarray(np.where(whole, np.inf, tolerance))
 
 
 def _too_short(
@@ -259,13 +333,18 @@ def _too_short(
 
 
 def _binding(rows: NDArray[np.float64], tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mark the roundings that can fail while all other roundings are right."""
+    """Mark the roundings that can fail while all other roundings are right.
+
+    One that is left out has an error so much smaller than another's that ``ORDER_SIGMAS`` of that
+    error are ``ALTERNATIVE_SIGMAS`` of its own.
+    """
     load = np.abs(rows) / tolerance[:, None]
+    safe = load * (ALTERNATIVE_SIGMAS / ORDER_SIGMAS)
     kept = np.asarray(np.abs(rows).sum(axis=1) > 0)
     for k in range(len(rows)):
         others = kept.copy()
         others[k] = False
-        if kept[k] and np.any(np.all(load[others] >= load[k], axis=1)):
+        if kept[k] and np.any(np.all(load[others] >= safe[k], axis=1)):
             kept[k] = False
     return kept
 

@@ -347,7 +347,7 @@ class PatternPlan(Frozen):
         bounds = (-0.5, length - 0.5)
         step = None if gray is None or not absolute else gray[1].step_px
         try:
-            return _chain(tuple(periods), bounds, tuple(weights), step)
+            return _chain(tuple(periods), bounds, tuple(weights), step, not absolute)
         except InputError as error:
             raise InputError(f"plan along {axis}: {error}") from error
 
@@ -358,8 +358,11 @@ def _chain(
     bounds: tuple[float, float],
     weights: tuple[float, ...],
     gray_step_px: float | None,
+    circular: bool,
 ) -> OrderChain:
-    return order_chain(periods_px, bounds, weights=weights, gray_step_px=gray_step_px)
+    return order_chain(
+        periods_px, bounds, weights=weights, gray_step_px=gray_step_px, circular=circular
+    )
 
 
 def _relative_range(periods_px: Sequence[float]) -> float:

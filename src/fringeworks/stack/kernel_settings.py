@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.patterns.order_chain import GRAY_REACH, ORDER_SIGMAS, TURN, OrderChain
+from fringeworks.patterns.order_chain import (
+    ALTERNATIVE_SIGMAS,
+    GRAY_REACH,
+    ORDER_SIGMAS,
+    TURN,
+    OrderChain,
+)
 from fringeworks.patterns.plan import GrayCode, PatternPlan
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.signal.phase_table import TABLE_BINS
@@ -23,10 +29,10 @@ pixels (Rayleigh distribution). A larger value would discard weak fringes that c
 """
 
 SEAM_SIGMAS = 3.0
-"""Margin between a coordinate and the ends of the range, in standard deviations.
+"""Largest distance of a coordinate beyond the range or its Gray-code cell, in standard deviations.
 
-It matters where noise can wrap a coordinate from one end of the range to the other. At three, noise
-does so in 0.1 % of the pixels next to the end; a larger value discards more pixels there.
+Noise moves one pixel in a thousand next to the end of the range by more than three. A larger value
+accepts more of what lies beyond. An empirical choice.
 """
 
 LOST_SHARE = 1e-7
@@ -187,6 +193,7 @@ class Decoding:
             min_modulation=limits.min_modulation,
             max_disagreement=largest,
             confidence=SEAM_SIGMAS,
+            order_confidence=ALTERNATIVE_SIGMAS,
             **self._range(),
             **_kernel_chain(self.chain),
         )
@@ -231,13 +238,19 @@ def _kernel_chain(chain: OrderChain | None) -> dict[str, Any]:
             "frequencies": vector,
             "amplification": matrix,
             "room": vector,
+            "remainder": [],
+            "alternative": vector,
             "repeats": float("inf"),
         }
+    # Where the first combination can wrap, the estimate of every pixel decides alone.
+    tolerance = np.where(chain.wraps, np.inf, chain.tolerance)
     return {
         "combinations": np.ascontiguousarray(chain.combinations, np.float32),
         "frequencies": np.ascontiguousarray(chain.frequencies, np.float32),
         "amplification": np.ascontiguousarray(chain.amplification**2, np.float32),
-        "room": np.ascontiguousarray((chain.tolerance / ORDER_SIGMAS) ** 2, np.float32),
+        "room": np.ascontiguousarray((tolerance / ORDER_SIGMAS) ** 2, np.float32),
+        "remainder": [int(k) for k in chain.remainder],
+        "alternative": np.ascontiguousarray(chain.alternative, np.float32),
         "repeats": chain.repeats_px,
     }
 

@@ -118,9 +118,7 @@ class Decoder:
 
     def limit(self) -> float:
         """Modulation over noise at which about half of the pixels are ok that ever can be."""
-        shares = [
-            self.count(np.full(TRIAL_PIXELS, b))[0] / TRIAL_PIXELS for b in SIGNAL_TO_NOISE
-        ]
+        shares = [self.count(np.full(TRIAL_PIXELS, b))[0] / TRIAL_PIXELS for b in SIGNAL_TO_NOISE]
         half = 0.5 * max(shares)
         return float(next(b for b, s in zip(SIGNAL_TO_NOISE, shares, strict=True) if s >= half))
 
@@ -143,9 +141,14 @@ def main() -> int:
         good[name] += ok
         bad[name] += wrong
         if wrong:
-            sets = [(round(b.period_px, 3), b.frames) for b in plan.blocks if isinstance(b, PhaseSteps)]
-            print(f"{wrong} of {ok} wrong: {name}, {plan.width_px} px, {sets}, "
-                  f"modulation {modulation.mean():.1f} × noise", flush=True)
+            sets = [
+                (round(b.period_px, 3), b.frames) for b in plan.blocks if isinstance(b, PhaseSteps)
+            ]
+            print(
+                f"{wrong} of {ok} wrong: {name}, {plan.width_px} px, {sets}, "
+                f"modulation {modulation.mean():.1f} × noise",
+                flush=True,
+            )
     for name in sorted(plans):
         print(f"{name:32} {plans[name]:6} plans {good[name]:12,} ok px {bad[name]:8} wrong")
     print(f"{bad.total()} wrong of {good.total():,} ok px in {plans.total()} plans")

@@ -108,6 +108,7 @@ class DecodeSettings:
         room: NDArray[np.float32],
         remainder: list[int],
         alternative: NDArray[np.float32],
+        order_variance: tuple[float, float],
         middle: float,
         half: float,
         repeats: float,

@@ -55,7 +55,7 @@ fn gray_code((bits, inverse, white_black, step, cells): CodeItems) -> GrayCode {
 impl DecodeSettings {
     #[new]
     #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room,
-        remainder, alternative, middle, half,
+        remainder, alternative, order_variance, middle, half,
         repeats, circular, code_reach, read_variance, gain, scale, saturation, min_snr,
         min_modulation, max_disagreement, confidence, order_confidence))]
     #[allow(clippy::too_many_arguments)] // All are keywords in Python.
@@ -68,6 +68,7 @@ impl DecodeSettings {
         room: PyReadonlyArray1<'_, f32>,
         remainder: Vec<usize>,
         alternative: PyReadonlyArray1<'_, f32>,
+        order_variance: [f32; 2],
         middle: f32,
         half: f32,
         repeats: f32,
@@ -92,6 +93,7 @@ impl DecodeSettings {
             margin: rows_of(&room)?.to_vec(),
             remainder,
             alternative: rows_of(&alternative)?.to_vec(),
+            order_variance,
             middle,
             half,
             repeats,

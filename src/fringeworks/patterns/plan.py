@@ -11,13 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.order_chain import (
-    ROUNDING,
-    TURN,
-    OrderChain,
-    order_chain,
-    repeat_distance,
-)
+from fringeworks.patterns.chain_search import ROUNDING
+from fringeworks.patterns.order_chain import TURN, OrderChain, order_chain, repeat_distance
 from fringeworks.types import Axis, FloatMap, Frozen, InputError
 
 DEPTHS = (8, 10, 12, 16)

@@ -8,13 +8,8 @@ from typing import Any
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.patterns.order_chain import (
-    ALTERNATIVE_SIGMAS,
-    GRAY_REACH,
-    ORDER_SIGMAS,
-    TURN,
-    OrderChain,
-)
+from fringeworks.patterns.chain_search import ALTERNATIVE_SIGMAS, ORDER_SIGMAS
+from fringeworks.patterns.order_chain import GRAY_REACH, TURN, OrderChain
 from fringeworks.patterns.plan import GrayCode, PatternPlan
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.signal.phase_table import TABLE_BINS
@@ -240,6 +235,7 @@ def _kernel_chain(chain: OrderChain | None) -> dict[str, Any]:
             "room": vector,
             "remainder": [],
             "alternative": vector,
+            "order_variance": (0.0, 0.0),
             "repeats": float("inf"),
         }
     # Where the first combination can wrap, the estimate of every pixel decides alone.
@@ -251,6 +247,7 @@ def _kernel_chain(chain: OrderChain | None) -> dict[str, Any]:
         "room": np.ascontiguousarray((tolerance / ORDER_SIGMAS) ** 2, np.float32),
         "remainder": [int(k) for k in chain.remainder],
         "alternative": np.ascontiguousarray(chain.alternative, np.float32),
+        "order_variance": chain.order_variance,
         "repeats": chain.repeats_px,
     }
 

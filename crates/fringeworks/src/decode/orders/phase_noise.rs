@@ -14,18 +14,6 @@ struct Unusable {
     saturated: [u32; LANES],
 }
 
-/// Coefficients of u² and u³ in the variance that fringe orders are judged by, over that of u.
-///
-/// u is the variance of a phase with the measured modulation in place of the true one. It is too small
-/// where the noise has made the modulation larger. Such pixels are more likely to pass a test, and a
-/// weak fringe's phase is not Gaussian. If all true modulations are equally likely, the sine of the
-/// error is Gaussian with the variance u. Five standard deviations of it are the angle asin(5 √u), and
-/// (asin(5 √u) / 5)² = u (1 + 25/3 u + 111 u² + …).
-const ORDER_VARIANCE: [f32; 2] = [25.0 / 3.0, 111.0];
-
-/// The same with a Gray code, which refuses the next fringe order by itself: the mean variance.
-const ORDER_VARIANCE_CODED: [f32; 2] = [1.0, 0.0];
-
 /// Turn the precision of every phase into 1/turns², and its brightness into its variance, in place.
 ///
 /// Returns the reason of each pixel of the group: why its phases cannot be used, or OK.
@@ -58,11 +46,7 @@ fn set_noise<const SHOT: bool>(
     let min_precision = plan.limits.min_snr * plan.limits.min_snr;
     let precision = part_mut(&mut fitted.precision, start);
     let brightness_or_variance = part_mut(&mut fitted.brightness_or_variance, start);
-    let [second, third] = if plan.gray_code.is_some() {
-        ORDER_VARIANCE_CODED
-    } else {
-        ORDER_VARIANCE
-    };
+    let [second, third] = plan.chain.order_variance;
     let per_read_noise = 1.0 / plan.noise.read_variance;
     for i in 0..LANES {
         let per_noise = if SHOT {
@@ -76,7 +60,8 @@ fn set_noise<const SHOT: bool>(
         unusable.weak[i] += u32::from(!strong);
         unusable.saturated[i] |= u32::from(unit == NO_PRECISION);
         // 1/q underestimates the variance by about 1/q²: half because B comes from the same noisy
-        // samples, half because the phase of a weak fringe is not Gaussian.
+        // samples, half because the phase of a weak fringe is not Gaussian. Fringe orders are judged by
+        // a larger variance, see `Chain::order_variance`.
         let u = 1.0 / q;
         let v = u * (1.0 + u * (second + third * u));
         precision[i] = q * (1.0 - u + u * u) * (TAU * TAU);

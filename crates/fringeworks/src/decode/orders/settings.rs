@@ -21,6 +21,9 @@ pub struct Chain {
     /// Distance from a remainder of zero to the nearest one of another coordinate in the range,
     /// one per rounding, turns; at least ½.
     pub alternative: Vec<f32>,
+    /// Coefficients of u² and u³ in the phase variance that roundings are judged by, over that of u,
+    /// the variance with the measured modulation in place of the true one, rad².
+    pub order_variance: [f32; 2],
     /// Middle of the range of coordinates, px.
     pub middle: f32,
     /// Half the range of coordinates, px.

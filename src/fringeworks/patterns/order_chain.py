@@ -143,7 +143,7 @@ class OrderChain(Frozen):
         frequencies: NDArray[np.float64] = self.combinations @ (1.0 / np.asarray(self.periods_px))
         return frequencies
 
-    def margin(self, sigma_rad: Sequence[float] | float) -> float:
+    def margin(self, sigma_rad: Sequence[float] | NDArray[np.float64] | float) -> float:
         """Smallest margin of all roundings, in standard deviations of their error.
 
         The margin of the first combination, which noise may wrap from one end of the range to the
@@ -267,32 +267,19 @@ def order_chain(
             f"has {length:g} px: expected another period or a Gray code"
         )
     c, g = combinations(frequency)
-    if gray_step_px is None:
-        starts = g * length <= 1.0 + COMMENSURATE
-        start_tolerance = (
-            np.full(g.size, np.inf)
-            if circular
-            else _end_tolerance(g, length, repeats, SEARCH_END_LOSS)
-        )
-    else:
-        reach = GRAY_REACH * gray_step_px
-        starts = g * reach < MAX_GRAY_REACH_TURNS
-        start_tolerance = 0.5 - g * reach
+    starts, start_tolerance = _starts(g, length, repeats, gray_step_px, circular)
     if not starts.any():
         raise InputError(_too_short(periods_px, g, length, gray_step_px))
     path = widest_path(c, g, sigma, starts, start_tolerance, frequency)
     c, g = c[path], g[path]
     rows, tolerance = roundings(c, g, start_tolerance[path[0]], frequency)
-    alternative = np.ones(tolerance.size)
-    used = binding(rows, tolerance)
+    used, alternative = binding(rows, tolerance), np.ones(tolerance.size)
     if gray_step_px is None:
         # The first combination fails by wrapping only, unless all phases repeat with it.
         used[1:] = binding(rows[1:], tolerance[1:])
         used[0] = abs(repeats * g[0] - 1.0) >= COMMENSURATE
-        if circular:
-            alternative[0] = 0.5
-        else:
-            alternative[0] = 1.0 - 0.5 * min(length * g[0], 1.0)
+        alternative[0] = 0.5 if circular else 1.0 - 0.5 * min(length * g[0], 1.0)
+        if not circular:
             tolerance[:1] = _end_tolerance(g[:1], length, repeats, MAX_END_LOSS)
     return OrderChain(
         periods_px=tuple(float(p) for p in periods_px),
@@ -306,6 +293,23 @@ def order_chain(
         alternative=alternative[used],
         order_variance=ORDER_VARIANCE if gray_step_px is None else CODED_ORDER_VARIANCE,
     )
+
+
+def _starts(
+    g: NDArray[np.float64],
+    length: float,
+    repeats: float,
+    gray_step_px: float | None,
+    circular: bool,
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Combinations that can start a chain, and their tolerance, turns."""
+    if gray_step_px is not None:
+        reach = GRAY_REACH * gray_step_px
+        return g * reach < MAX_GRAY_REACH_TURNS, 0.5 - g * reach
+    starts = g * length <= 1.0 + COMMENSURATE
+    if circular:
+        return starts, np.full(g.size, np.inf)
+    return starts, _end_tolerance(g, length, repeats, SEARCH_END_LOSS)
 
 
 def _end_tolerance(

@@ -11,6 +11,9 @@ use crate::decode::{Lanes, Plan, LANES};
 pub fn judge(plan: &Plan, at: usize, sets: &[Fitted], resolved: Resolved) -> [u32; LANES] {
     let mut ambiguous = [0u32; LANES];
     check_roundings(plan, at, sets, resolved.remainders, &mut ambiguous);
+    if plan.chain.circular && plan.chain.repeats.is_infinite() {
+        check_ends(plan, at, sets, resolved.coordinate, &mut ambiguous);
+    }
     check_range(plan, plan.gray_code.is_some(), resolved, &mut ambiguous);
     ambiguous
 }
@@ -45,6 +48,26 @@ fn check_roundings(
             let fits = (error[i] <= margin) & (error[i] <= away * away);
             ambiguous[i] |= u32::from(!fits);
         }
+    }
+}
+
+/// Relative coordinates without a finite repeat distance can lie outside the first combination's period.
+/// Such a coordinate often leaves that period when the chain refines it.
+#[inline(always)]
+fn check_ends(plan: &Plan, at: usize, sets: &[Fitted], x: &Lanes, ambiguous: &mut [u32; LANES]) {
+    let (chain, limits) = (&plan.chain, &plan.limits);
+    let half_range = 0.5 / chain.frequencies[0];
+    let mut coarsest = [0.0; LANES];
+    for (fitted, &c) in sets.iter().zip(&chain.combinations) {
+        let variance = part(&fitted.brightness_or_variance, at);
+        for i in 0..LANES {
+            coarsest[i] += c * c * variance[i];
+        }
+    }
+    for i in 0..LANES {
+        let reach = half_range - limits.confidence * 2.0 * half_range * coarsest[i].sqrt();
+        let inside = (x[i] - chain.middle).abs() <= reach;
+        ambiguous[i] |= u32::from(!inside);
     }
 }
 

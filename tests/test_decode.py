@@ -53,7 +53,7 @@ def test_orders_are_right_for_every_choice_of_periods(counts):
     off = found.coordinate_px - X
     assert np.nanmax(np.abs(off)) < 6.5 * predicted(counts, 5)
     # Pixels are lost at the seam of the range, or at its ends where the phases do not repeat.
-    assert found.failed_fraction < (0.03 if counts == (60, 61.5, 70) else 1e-3)
+    assert found.failed_fraction < (0.03 if counts == (60, 61.5, 70) else 3e-3)
     assert set(np.unique(found.reason)) <= {Reason.OK, Reason.ORDER_AMBIGUOUS}
 
 

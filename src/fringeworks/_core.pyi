@@ -116,6 +116,9 @@ class DecodeSettings:
         frequencies: NDArray[np.float32],
         amplification: NDArray[np.float32],
         room: NDArray[np.float32],
+        remainder: list[int],
+        alternative: NDArray[np.float32],
+        order_variance: tuple[float, float],
         middle: float,
         half: float,
         repeats: float,
@@ -128,6 +131,7 @@ class DecodeSettings:
         min_modulation: float,
         max_disagreement: float,
         confidence: float,
+        order_confidence: float,
     ) -> DecodeSettings: ...
 
 @final

@@ -64,9 +64,10 @@ fn gray_code((bits, inverse, white_black, step, cells): CodeItems) -> GrayCode {
 #[pymethods]
 impl DecodeSettings {
     #[new]
-    #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room, middle, half,
+    #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room,
+        remainder, alternative, order_variance, middle, half,
         repeats, circular, code_reach, read_variance, gain, saturation, min_snr,
-        min_modulation, max_disagreement, confidence))]
+        min_modulation, max_disagreement, confidence, order_confidence))]
     #[allow(clippy::too_many_arguments)] // All are keywords in Python.
     fn new(
         sets: Vec<SetItems>,
@@ -75,6 +76,9 @@ impl DecodeSettings {
         frequencies: PyReadonlyArray1<'_, f32>,
         amplification: PyReadonlyArray2<'_, f32>,
         room: PyReadonlyArray1<'_, f32>,
+        remainder: Vec<usize>,
+        alternative: PyReadonlyArray1<'_, f32>,
+        order_variance: [f32; 2],
         middle: f32,
         half: f32,
         repeats: f32,
@@ -87,6 +91,7 @@ impl DecodeSettings {
         min_modulation: f32,
         max_disagreement: f32,
         confidence: f32,
+        order_confidence: f32,
     ) -> PyResult<Self> {
         let sets = phase_sets(sets)?;
         let gray_code = code.map(gray_code);
@@ -95,6 +100,9 @@ impl DecodeSettings {
             frequencies: rows_of(&frequencies)?.to_vec(),
             amplification: rows_of(&amplification)?.to_vec(),
             margin: rows_of(&room)?.to_vec(),
+            remainder,
+            alternative: rows_of(&alternative)?.to_vec(),
+            order_variance,
             middle,
             half,
             repeats,
@@ -111,6 +119,7 @@ impl DecodeSettings {
             min_modulation,
             max_disagreement,
             confidence,
+            order_confidence,
         };
         let plan = Plan {
             sets,

@@ -12,50 +12,63 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.patterns.chain_search import (
+    ALTERNATIVE_SIGMAS,
+    COMMENSURATE,
+    ORDER_SIGMAS,
+    binding,
+    combinations,
+    roundings,
+    widest_path,
+)
 from fringeworks.types import Frozen, InputError
 
 TURN = 2.0 * np.pi
 """One turn, rad."""
 
-ORDER_SIGMAS = 5.0
-"""Margin that every rounding of a fringe order must have, in standard deviations of its error.
+ORDER_VARIANCE = (25.0 / 3.0, 111.0)
+"""Coefficients of u² and u³ in the phase variance that roundings are judged by, over that of u.
 
-Gaussian errors exceed five standard deviations once in 1.7 million roundings, about once in a frame
-of two megapixels. A larger margin would turn more noisy pixels into NaN.
+u is the variance of a phase, rad², with the measured modulation in place of the true one. It is too
+small where noise has made the modulation larger, and such pixels pass a test more often. The phase
+of a weak fringe is not Gaussian either. If all true modulations are equally likely, the sine of the
+error is Gaussian with the variance u. Five standard deviations of it are an error of asin(5 √u),
+and (asin(5 √u) / 5)² = u + 25/3 u² + 111 u³ + … The first three terms
+raise the variance by half at a modulation of five standard deviations and by 1 % at thirty.
 """
 
-MAX_COMBINATIONS = 20_000
-"""Largest number of integer combinations that the search for a chain tries.
+CODED_ORDER_VARIANCE = (1.0, 0.0)
+"""The same with a Gray code: the variance is right on average.
 
-It limits the time of the search to a fraction of a second. An empirical choice: it allows
-coefficients up to 64 for two periods, 13 for three and 5 for four.
+A Gray code refuses a coordinate in a neighbouring period by its own cell, so nothing is added.
 """
 
-MAX_COEFFICIENT = 64
-"""Largest coefficient of a combination.
+MAX_END_LOSS = 0.01
+"""Share of the range in which the first combination may wrap at the smallest accepted margin.
 
-The error of a combination grows with its coefficients, so larger ones rarely lead to a better
-chain. The limit only matters for one or two periods; with more, ``MAX_COMBINATIONS`` is reached
-first. An empirical choice.
+Noise wraps the first combination from one end of its period to the other. If its period is little
+longer than the range, pixels near both ends of the range are ambiguous. The margin of the first
+combination is stated for this loss: 1 % of the range, half of it at each end. A smaller loss would
+refuse plans that measure nearly the whole projector. An empirical choice.
 """
 
-COMMENSURATE = 1e-6
-"""Relative tolerance within which a distance holds a period a whole number of times.
+SEARCH_END_LOSS = 0.25
+"""Share of the range that the search for a chain gives up at its ends, at the same margin.
 
-It lies far above the rounding of double precision (1e-16), so that periods such as 1920/59 px
-count as exact, and far below any difference that can be measured: 0.002 px over 1920 px.
+A first combination with a longer period wraps farther outside the range, but it has larger
+coefficients, and then all pixels need more light. Of periods such as 13.81 and 14.38 px on 640 px,
+it would need 2.4 times as much; at 25 %, the search accepts the loss there. An empirical choice.
 """
 
-ROUNDING = 1e-9
-"""Relative tolerance for the rounding of double precision in comparisons.
+END_SIGMAS = ALTERNATIVE_SIGMAS + 2.0
+"""Distance from the next alternative at which few estimates are refused, in standard deviations.
 
-The sums here err by less than 1e-13, and real differences between combinations are larger than
-1e-6.
+The decoder refuses estimates within ``ALTERNATIVE_SIGMAS``. The estimates scatter themselves: 2 %
+of them by more than two standard deviations towards the alternative.
 """
 
 REPEAT_SEARCH = 4.0
@@ -87,7 +100,8 @@ class OrderChain(Frozen):
 
     The first combination, or the Gray code, gives the coordinate over the whole range. Every
     further combination refines it: x ← x + wrap(c·t − g x) / g. Here t are the phases in turns, c
-    the coefficients of the combination and g = c·f its frequency.
+    the coefficients of the combination and g = c·f its frequency. The wrapped difference is the
+    remainder of the rounding; the remainders of the phases themselves come last.
     """
 
     periods_px: tuple[float, ...]
@@ -103,7 +117,25 @@ class OrderChain(Frozen):
     amplification: NDArray[np.float64]
     """Error of every rounding per phase error, (R, M), turns per turn."""
     tolerance: NDArray[np.float64]
-    """Largest error of every rounding that still gives the right order, (R,), turns."""
+    """Largest error of every rounding that still gives the right order, (R,), turns.
+
+    For the first combination without a Gray code: the error at which 1 % of the range is lost,
+    because noise could wrap the combination there.
+    """
+    remainder: NDArray[np.intp]
+    """Index of the remainder of every rounding, (R,): 0 … K − 1 for the combinations, then the M
+    phases."""
+    alternative: NDArray[np.float64]
+    """Distance from a remainder of zero to the nearest one of another coordinate in the range,
+    (R,), turns: 1, and less where the first combination wraps little beyond the range."""
+    order_variance: tuple[float, float]
+    """Coefficients of σ⁴ and σ⁶ in the phase variance that roundings are judged by."""
+
+    @property
+    def wraps(self) -> NDArray[np.bool_]:
+        """Roundings, (R,), that fail near the ends of the range only: that of the first combination
+        without a Gray code."""
+        return self.alternative < 1.0
 
     @property
     def frequencies(self) -> NDArray[np.float64]:
@@ -111,8 +143,11 @@ class OrderChain(Frozen):
         frequencies: NDArray[np.float64] = self.combinations @ (1.0 / np.asarray(self.periods_px))
         return frequencies
 
-    def margin(self, sigma_rad: Sequence[float] | float) -> float:
+    def margin(self, sigma_rad: Sequence[float] | NDArray[np.float64] | float) -> float:
         """Smallest margin of all roundings, in standard deviations of their error.
+
+        The margin of the first combination, which noise may wrap from one end of the range to the
+        other, is stated so that at most 1 % of the range is lost at a margin of ``ORDER_SIGMAS``.
 
         Parameters
         ----------
@@ -127,6 +162,20 @@ class OrderChain(Frozen):
         spread = np.sqrt((self.amplification**2) @ sigma**2)
         with np.errstate(divide="ignore"):
             return float(np.min(self.tolerance / spread, initial=np.inf))
+
+    def judged_sigma(self, sigma_rad: Sequence[float]) -> NDArray[np.float64]:
+        """Standard deviations that the decoder judges roundings by, (M,), rad.
+
+        They exceed those of the phases where fringes are weak.
+
+        Parameters
+        ----------
+        sigma_rad : (M,) floats
+            Standard deviation of the phases, rad.
+        """
+        sigma = np.asarray(sigma_rad, np.float64)
+        second, third = self.order_variance
+        return sigma * np.sqrt(1.0 + sigma**2 * (second + third * sigma**2))
 
     @property
     def largest_sigma_rad(self) -> float:
@@ -166,6 +215,7 @@ def order_chain(
     *,
     weights: Sequence[float] | None = None,
     gray_step_px: float | None = None,
+    circular: bool = False,
 ) -> OrderChain:
     """Find the chain of combinations that tolerates the most phase noise.
 
@@ -179,6 +229,8 @@ def order_chain(
         Relative inverse variances of the phases; equal where not given.
     gray_step_px : float > 0, optional
         Width of the cells of a Gray code over the range, projector px.
+    circular : bool
+        True where both ends of the range are the same place, so that none of it is lost there.
 
     Returns
     -------
@@ -214,30 +266,65 @@ def order_chain(
             f"periods: {_list(periods_px)} px repeat after {repeats:g} px, but the projector "
             f"has {length:g} px: expected another period or a Gray code"
         )
-    c, g = _combinations(frequency)
-    if gray_step_px is None:
-        starts = g * length <= 1.0 + COMMENSURATE
-        start_tolerance = np.full(g.size, np.inf)
-    else:
-        reach = GRAY_REACH * gray_step_px
-        starts = g * reach < MAX_GRAY_REACH_TURNS
-        start_tolerance = 0.5 - g * reach
+    c, g = combinations(frequency)
+    starts, start_tolerance = _starts(g, length, repeats, gray_step_px, circular)
     if not starts.any():
         raise InputError(_too_short(periods_px, g, length, gray_step_px))
-    path = _widest_path(c, g, sigma, starts, start_tolerance, frequency)
-    rows, tolerance = _roundings(c[path], g[path], start_tolerance[path[0]], frequency)
+    path = widest_path(c, g, sigma, starts, start_tolerance, frequency)
+    c, g = c[path], g[path]
+    rows, tolerance = roundings(c, g, start_tolerance[path[0]], frequency)
+    used, alternative = binding(rows, tolerance), np.ones(tolerance.size)
     if gray_step_px is None:
-        rows, tolerance = rows[1:], tolerance[1:]
-    used = _binding(rows, tolerance)
+        # The first combination fails by wrapping only, unless all phases repeat with it.
+        used[1:] = binding(rows[1:], tolerance[1:])
+        used[0] = abs(repeats * g[0] - 1.0) >= COMMENSURATE
+        alternative[0] = 0.5 if circular else 1.0 - 0.5 * min(length * g[0], 1.0)
+        if not circular:
+            tolerance[:1] = _end_tolerance(g[:1], length, repeats, MAX_END_LOSS)
     return OrderChain(
         periods_px=tuple(float(p) for p in periods_px),
         low_px=low,
         high_px=high,
         repeats_px=repeats,
-        combinations=c[path],
+        combinations=c,
         amplification=rows[used],
         tolerance=tolerance[used],
+        remainder=np.flatnonzero(used),
+        alternative=alternative[used],
+        order_variance=ORDER_VARIANCE if gray_step_px is None else CODED_ORDER_VARIANCE,
     )
+
+
+def _starts(
+    g: NDArray[np.float64],
+    length: float,
+    repeats: float,
+    gray_step_px: float | None,
+    circular: bool,
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Combinations that can start a chain, and their tolerance, turns."""
+    if gray_step_px is not None:
+        reach = GRAY_REACH * gray_step_px
+        return g * reach < MAX_GRAY_REACH_TURNS, 0.5 - g * reach
+    starts = g * length <= 1.0 + COMMENSURATE
+    if circular:
+        return starts, np.full(g.size, np.inf)
+    return starts, _end_tolerance(g, length, repeats, SEARCH_END_LOSS)
+
+
+def _end_tolerance(
+    g: NDArray[np.float64], length: float, repeats: float, loss: float
+) -> NDArray[np.float64]:
+    """Errors of first combinations at which the ends of the range lose a share ``loss``, turns.
+
+    An estimate at the distance d from one end of the range is right if its error is smaller than
+    1/g − L + d, because the coordinate would lie beyond the other end otherwise. Infinite where all
+    phases repeat with the combination: a wrapped coordinate is then moved back by that distance.
+    """
+    kept = (1.0 - 0.5 * loss) * np.minimum(length * g, 1.0)
+    tolerance = (1.0 - kept) * ORDER_SIGMAS / END_SIGMAS
+    whole = np.abs(repeats * g - 1.0) < COMMENSURATE
+    return np.asarray(np.where(whole, np.inf, tolerance))
 
 
 def _too_short(
@@ -258,101 +345,8 @@ def _too_short(
     )
 
 
-def _binding(rows: NDArray[np.float64], tolerance: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mark the roundings that can fail while all other roundings are right."""
-    load = np.abs(rows) / tolerance[:, None]
-    kept = np.asarray(np.abs(rows).sum(axis=1) > 0)
-    for k in range(len(rows)):
-        others = kept.copy()
-        others[k] = False
-        if kept[k] and np.any(np.all(load[others] >= load[k], axis=1)):
-            kept[k] = False
-    return kept
-
-
 def _list(periods_px: Sequence[float]) -> str:
     return ", ".join(f"{p:g}" for p in periods_px)
-
-
-def _combinations(
-    frequency: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Coefficients and frequencies of combinations with a positive frequency, none above the
-    highest of the phases."""
-    m = frequency.size
-    sizes = range(MAX_COEFFICIENT, 0, -1)
-    largest = next((r for r in sizes if (2 * r + 1) ** m <= MAX_COMBINATIONS), 0)
-    if largest:
-        c = np.array(list(product(range(-largest, largest + 1), repeat=m)), float)
-    else:  # too many periods for a full search: only the phases and their differences
-        unit = (*np.eye(m), np.zeros(m))
-        c = np.array([a - b for a in unit for b in unit])
-    g = c @ frequency
-    wanted = (g > COMMENSURATE * frequency.max()) & (g <= frequency.max() * (1.0 + ROUNDING))
-    return c[wanted], g[wanted]
-
-
-def _widest_path(
-    c: NDArray[np.float64],
-    g: NDArray[np.float64],
-    sigma: NDArray[np.float64],
-    starts: NDArray[np.bool_],
-    start_tolerance: NDArray[np.float64],
-    frequency: NDArray[np.float64],
-) -> NDArray[np.intp]:
-    """Indices of the combinations of the chain with the largest smallest margin."""
-    spread = np.sqrt((c**2) @ sigma**2)
-    nodes = _undominated(g, spread)
-    c, g = c[nodes], g[nodes]
-    margin = np.where(starts[nodes], start_tolerance[nodes] / spread[nodes], 0.0)
-    before = np.full(nodes.size, -1)
-    # By rising frequency, so that all predecessors of a combination are final.
-    for j in range(1, nodes.size):
-        step = c[j] - (g[j] / g[:j])[:, None] * c[:j]
-        with np.errstate(divide="ignore"):
-            reached = np.minimum(margin[:j], 0.5 / np.sqrt((step**2) @ sigma**2))
-        i = int(np.argmax(reached))
-        if reached[i] > margin[j]:
-            margin[j], before[j] = reached[i], i
-    final = np.empty(nodes.size)
-    for j in range(nodes.size):
-        step = np.eye(frequency.size) - (frequency / g[j])[:, None] * c[j]
-        with np.errstate(divide="ignore"):
-            final[j] = min(margin[j], float(np.min(0.5 / np.sqrt((step**2) @ sigma**2))))
-    path = [int(np.argmax(final))]
-    while before[path[-1]] >= 0:
-        path.append(int(before[path[-1]]))
-    return nodes[path[::-1]]
-
-
-def _undominated(g: NDArray[np.float64], spread: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Indices of combinations that no longer one beats in accuracy, by rising frequency."""
-    kept: list[int] = []
-    least = np.inf
-    for k in np.lexsort((spread, g)):
-        if spread[k] / g[k] < least * (1.0 - ROUNDING):
-            least = spread[k] / g[k]
-            kept.append(int(k))
-    return np.array(kept)
-
-
-def _roundings(
-    c: NDArray[np.float64],
-    g: NDArray[np.float64],
-    start_tolerance: float,
-    frequency: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Amplification of the phase errors by every rounding of a chain, and its tolerance."""
-    rows, tolerance = [c[0]], [start_tolerance]
-    for k in range(1, g.size):
-        rows.append(c[k] - (g[k] / g[k - 1]) * c[k - 1])
-        tolerance.append(0.5)
-    for m in range(frequency.size):
-        rows.append(np.eye(frequency.size)[m] - (frequency[m] / g[-1]) * c[-1])
-        tolerance.append(0.5)
-    amplification = np.array(rows)
-    amplification[np.abs(amplification) < ROUNDING] = 0.0
-    return amplification, np.array(tolerance)
 
 
 def separation(

@@ -11,13 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.order_chain import (
-    ROUNDING,
-    TURN,
-    OrderChain,
-    order_chain,
-    repeat_distance,
-)
+from fringeworks.patterns.chain_search import ROUNDING
+from fringeworks.patterns.order_chain import TURN, OrderChain, order_chain, repeat_distance
 from fringeworks.types import Axis, FloatMap, Frozen, InputError
 
 DEPTHS = (8, 10, 12, 16)
@@ -347,7 +342,7 @@ class PatternPlan(Frozen):
         bounds = (-0.5, length - 0.5)
         step = None if gray is None or not absolute else gray[1].step_px
         try:
-            return _chain(tuple(periods), bounds, tuple(weights), step)
+            return _chain(tuple(periods), bounds, tuple(weights), step, not absolute)
         except InputError as error:
             raise InputError(f"plan along {axis}: {error}") from error
 
@@ -358,8 +353,11 @@ def _chain(
     bounds: tuple[float, float],
     weights: tuple[float, ...],
     gray_step_px: float | None,
+    circular: bool,
 ) -> OrderChain:
-    return order_chain(periods_px, bounds, weights=weights, gray_step_px=gray_step_px)
+    return order_chain(
+        periods_px, bounds, weights=weights, gray_step_px=gray_step_px, circular=circular
+    )
 
 
 def _relative_range(periods_px: Sequence[float]) -> float:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.patterns.order_chain import GRAY_REACH, ORDER_SIGMAS, TURN, OrderChain
+from fringeworks.patterns.chain_search import ALTERNATIVE_SIGMAS, ORDER_SIGMAS
+from fringeworks.patterns.order_chain import GRAY_REACH, TURN, OrderChain
 from fringeworks.patterns.plan import GrayCode, PatternPlan, step_design
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.signal.phase_table import TABLE_BINS
@@ -24,10 +25,10 @@ pixels (Rayleigh distribution). A larger value would discard weak fringes that c
 """
 
 SEAM_SIGMAS = 3.0
-"""Margin between a coordinate and the ends of the range, in standard deviations.
+"""Largest distance of a coordinate beyond the range or its Gray-code cell, in standard deviations.
 
-It matters where noise can wrap a coordinate from one end of the range to the other. At three, noise
-does so in 0.1 % of the pixels next to the end; a larger value discards more pixels there.
+Noise moves one pixel in a thousand next to the end of the range by more than three. A larger value
+accepts more of what lies beyond. An empirical choice.
 """
 
 LOST_SHARE = 1e-7
@@ -205,6 +206,7 @@ class Decoding:
             min_modulation=limits.min_modulation,
             max_disagreement=largest,
             confidence=SEAM_SIGMAS,
+            order_confidence=ALTERNATIVE_SIGMAS,
             **self._range(),
             **_kernel_chain(self.chain, self.order_errors),
         )
@@ -249,14 +251,23 @@ def _kernel_chain(chain: OrderChain | None, errors: tuple[float, ...]) -> dict[s
             "frequencies": vector,
             "amplification": matrix,
             "room": vector,
+            "remainder": [],
+            "alternative": vector,
+            "order_variance": (0.0, 0.0),
             "repeats": float("inf"),
         }
-    tolerance = np.maximum(chain.tolerance - np.array(errors or 0.0), 0.0)
+    lost = np.array(errors or 0.0)
+    # Where the first combination can wrap, the estimate of every pixel decides alone.
+    tolerance = np.where(chain.wraps, np.inf, np.maximum(chain.tolerance - lost, 0.0))
+    alternative = np.maximum(chain.alternative - lost, 0.0)
     return {
         "combinations": np.ascontiguousarray(chain.combinations, np.float32),
         "frequencies": np.ascontiguousarray(chain.frequencies, np.float32),
         "amplification": np.ascontiguousarray(chain.amplification**2, np.float32),
         "room": np.ascontiguousarray((tolerance / ORDER_SIGMAS) ** 2, np.float32),
+        "remainder": [int(k) for k in chain.remainder],
+        "alternative": np.ascontiguousarray(alternative, np.float32),
+        "order_variance": chain.order_variance,
         "repeats": chain.repeats_px,
     }
 

@@ -188,7 +188,7 @@ pub(crate) fn run<S: Source>(source: &S, plan: &Plan, out: Outputs) -> Result<()
         start += n;
     }
     tasks.into_par_iter().for_each_init(
-        || orders::Scratch::new(plan.sets.len()),
+        || orders::Scratch::new(plan.sets.len(), plan.chain.frequencies.len()),
         |scratch, (start, out)| {
             S::run(Task {
                 source,

@@ -10,24 +10,32 @@ use crate::decode::{Lanes, Plan, LANES};
 #[inline(always)]
 pub fn judge(plan: &Plan, at: usize, sets: &[Fitted], resolved: Resolved) -> [u32; LANES] {
     let mut ambiguous = [0u32; LANES];
-    check_roundings(plan, at, sets, &mut ambiguous);
-    let coded = plan.gray_code.is_some();
-    if plan.chain.repeats.is_infinite() && !coded {
+    check_roundings(plan, at, sets, resolved.remainders, &mut ambiguous);
+    if plan.chain.circular && plan.chain.repeats.is_infinite() {
         check_ends(plan, at, sets, resolved.coordinate, &mut ambiguous);
     }
-    check_range(plan, coded, resolved, &mut ambiguous);
+    check_range(plan, plan.gray_code.is_some(), resolved, &mut ambiguous);
     ambiguous
 }
 
-/// The error of every rounding must stay within its margin.
+/// The error of every rounding must stay within its margin, and away from the distance between its
+/// remainder and that of the nearest other coordinate in the range.
+///
+/// The second test uses what the pixel shows: the closer a remainder is to half a turn, or the first
+/// estimate to the place where it wraps, the smaller its error must be.
 #[inline(always)]
-fn check_roundings(plan: &Plan, at: usize, sets: &[Fitted], ambiguous: &mut [u32; LANES]) {
+fn check_roundings(
+    plan: &Plan,
+    at: usize,
+    sets: &[Fitted],
+    remainders: &[Lanes],
+    ambiguous: &mut [u32; LANES],
+) {
     let chain = &plan.chain;
-    for (row, &margin) in chain
-        .amplification
-        .chunks_exact(sets.len())
-        .zip(&chain.margin)
-    {
+    let per_sigma = 1.0 / plan.limits.order_confidence;
+    for (k, row) in chain.amplification.chunks_exact(sets.len()).enumerate() {
+        let (margin, alternative) = (chain.margin[k], chain.alternative[k] * per_sigma);
+        let remainder = &remainders[chain.remainder[k]];
         let mut error = [0.0; LANES];
         for (fitted, &a) in sets.iter().zip(row) {
             let variance = part(&fitted.brightness_or_variance, at);
@@ -36,14 +44,15 @@ fn check_roundings(plan: &Plan, at: usize, sets: &[Fitted], ambiguous: &mut [u32
             }
         }
         for i in 0..LANES {
-            let fits = error[i] <= margin;
+            let away = alternative - remainder[i].abs() * per_sigma;
+            let fits = (error[i] <= margin) & (error[i] <= away * away);
             ambiguous[i] |= u32::from(!fits);
         }
     }
 }
 
-/// Without a finite repeat distance, noise can wrap the coarsest combination past either end, so a
-/// margin is required.
+/// Relative coordinates without a finite repeat distance can lie outside the first combination's period.
+/// Such a coordinate often leaves that period when the chain refines it.
 #[inline(always)]
 fn check_ends(plan: &Plan, at: usize, sets: &[Fitted], x: &Lanes, ambiguous: &mut [u32; LANES]) {
     let (chain, limits) = (&plan.chain, &plan.limits);
@@ -83,9 +92,11 @@ fn check_range(plan: &Plan, coded: bool, resolved: Resolved, ambiguous: &mut [u3
     let x = resolved.coordinate;
     for i in 0..LANES {
         x[i] -= repeats * nearest((x[i] - chain.middle) * turn);
-        let margin = limits.confidence * resolved.variance[i].sqrt();
+        let sigma = resolved.variance[i].sqrt();
+        let margin = limits.confidence * sigma;
         let from_middle = (x[i] - chain.middle).abs();
-        let inside = from_middle <= (chain.half + margin).min(seam - margin);
+        let inside =
+            from_middle <= (chain.half + margin).min(seam - limits.order_confidence * sigma);
         let near = (x[i] - resolved.start[i]).abs() <= reach + margin;
         let agree = resolved.disagreement[i] <= allowed;
         ambiguous[i] |= u32::from(!agree) | u32::from(!near) | (bounded & u32::from(!inside));

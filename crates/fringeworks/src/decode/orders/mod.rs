@@ -28,11 +28,13 @@ pub struct Scratch {
     coordinate: Line,
     variance: Line,
     disagreement: Line,
+    /// Remainder of every rounding of a group: those of the combinations, then those of the sets.
+    remainders: Vec<Lanes>,
     reason: [u32; BLOCK_PIXELS],
 }
 
 impl Scratch {
-    pub fn new(sets: usize) -> Self {
+    pub fn new(sets: usize, combinations: usize) -> Self {
         let zero = [0.0; BLOCK_PIXELS];
         Self {
             sets: (0..sets).map(|_| Fitted::new()).collect(),
@@ -42,6 +44,7 @@ impl Scratch {
             coordinate: zero,
             variance: zero,
             disagreement: zero,
+            remainders: vec![[0.0; LANES]; combinations + sets],
             reason: [0; BLOCK_PIXELS],
         }
     }

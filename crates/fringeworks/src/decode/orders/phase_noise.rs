@@ -49,6 +49,7 @@ fn set_noise<const SHOT: bool>(
     let min_precision = plan.limits.min_snr * plan.limits.min_snr;
     let precision = part_mut(&mut fitted.precision, start);
     let brightness_or_variance = part_mut(&mut fitted.brightness_or_variance, start);
+    let [second, third] = plan.chain.order_variance;
     let per_read_noise = 1.0 / plan.noise.read_variance;
     for i in 0..LANES {
         let per_noise = if SHOT {
@@ -62,9 +63,10 @@ fn set_noise<const SHOT: bool>(
         unusable.weak[i] += u32::from(!strong);
         unusable.saturated[i] |= u32::from(unit == NO_PRECISION);
         // 1/q underestimates the variance by about 1/q²: half because B comes from the same noisy
-        // samples, half because the phase of a weak fringe is not Gaussian.
+        // samples, half because the phase of a weak fringe is not Gaussian. Fringe orders are judged by
+        // a larger variance, see `Chain::order_variance`.
         let u = 1.0 / q;
-        let v = u * (1.0 + u);
+        let v = u * (1.0 + u * (second + third * u));
         precision[i] = q * (1.0 - u + u * u) * (TAU * TAU);
         brightness_or_variance[i] = v * (1.0 / (TAU * TAU));
     }
@@ -77,12 +79,10 @@ fn set_noise<const SHOT: bool>(
 #[inline(always)]
 fn add_floor(floor: f32, start: usize, fitted: &mut Fitted) {
     let turns = floor * (1.0 / (TAU * TAU));
-    let variance = part(&fitted.brightness_or_variance, start);
-    let mut sum = [0.0; LANES];
+    let precision = part_mut(&mut fitted.precision, start);
     for i in 0..LANES {
-        sum[i] = 1.0 / (variance[i] + turns);
+        precision[i] /= 1.0 + turns * precision[i];
     }
-    part_mut(&mut fitted.precision, start).copy_from_slice(&sum);
 }
 
 #[inline(always)]

@@ -17,6 +17,8 @@ pub struct Resolved<'a> {
     pub variance: &'a Lanes,
     /// χ² of the sets' disagreement.
     pub disagreement: &'a Lanes,
+    /// Remainder of every rounding, turns: those of the combinations, then those of the sets.
+    pub remainders: &'a [Lanes],
 }
 
 /// v less the nearest whole number.
@@ -35,13 +37,17 @@ pub fn resolve(plan: &Plan, at: usize, scratch: &mut Scratch) {
         [plan.chain.middle; LANES]
     };
     let mut x = start;
-    follow_chain(plan, at, &scratch.sets, &mut x);
-    let (variance, disagreement) = average_sets(plan, at, &scratch.sets, &mut x);
+    let (of_chain, of_sets) = scratch
+        .remainders
+        .split_at_mut(plan.chain.frequencies.len());
+    follow_chain(plan, at, &scratch.sets, &mut x, of_chain);
+    let (variance, disagreement) = average_sets(plan, at, &scratch.sets, &mut x, of_sets);
     let resolved = Resolved {
         start: &start,
         coordinate: &mut x,
         variance: &variance,
         disagreement: &disagreement,
+        remainders: &scratch.remainders,
     };
     let ambiguous = judge(plan, at, &scratch.sets, resolved);
     let reasons = &mut scratch.reason[at..at + LANES];
@@ -62,9 +68,9 @@ pub fn resolve(plan: &Plan, at: usize, scratch: &mut Scratch) {
 /// Refine the coordinate by the chain, from coarse combinations to fine ones:
 /// x ← x + wrap(c·t − g x) / g, with the combination c of the phases t and its frequency g.
 #[inline(always)]
-fn follow_chain(plan: &Plan, at: usize, sets: &[Fitted], x: &mut Lanes) {
+fn follow_chain(plan: &Plan, at: usize, sets: &[Fitted], x: &mut Lanes, remainders: &mut [Lanes]) {
     let chain = &plan.chain;
-    for (k, &g) in chain.frequencies.iter().enumerate() {
+    for (k, (&g, remainder)) in chain.frequencies.iter().zip(remainders).enumerate() {
         let row = &chain.combinations[k * sets.len()..(k + 1) * sets.len()];
         let mut phase = [0.0; LANES];
         for (fitted, &c) in sets.iter().zip(row) {
@@ -75,7 +81,8 @@ fn follow_chain(plan: &Plan, at: usize, sets: &[Fitted], x: &mut Lanes) {
         }
         let px = 1.0 / g;
         for i in 0..LANES {
-            x[i] += wrap(phase[i] - g * x[i]) * px;
+            remainder[i] = wrap(phase[i] - g * x[i]);
+            x[i] += remainder[i] * px;
         }
     }
 }
@@ -83,12 +90,20 @@ fn follow_chain(plan: &Plan, at: usize, sets: &[Fitted], x: &mut Lanes) {
 /// Replace the coordinate by the mean over all sets, weighted by inverse variance. Returns its variance
 /// and its χ².
 #[inline(always)]
-fn average_sets(plan: &Plan, at: usize, sets: &[Fitted], x: &mut Lanes) -> (Lanes, Lanes) {
+fn average_sets(
+    plan: &Plan,
+    at: usize,
+    sets: &[Fitted],
+    x: &mut Lanes,
+    remainders: &mut [Lanes],
+) -> (Lanes, Lanes) {
     let (mut weight, mut pull, mut square) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for (fitted, &PhaseSet { frequency: f, .. }) in sets.iter().zip(&plan.sets) {
+    let sets = sets.iter().zip(&plan.sets).zip(remainders);
+    for ((fitted, &PhaseSet { frequency: f, .. }), remainder) in sets {
         let (turns, precision) = (part(&fitted.turns, at), part(&fitted.precision, at));
         for i in 0..LANES {
             let off = wrap(turns[i] - f * x[i]);
+            remainder[i] = off;
             let fp = f * precision[i];
             weight[i] += f * fp;
             pull[i] += fp * off;

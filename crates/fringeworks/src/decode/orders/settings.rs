@@ -4,7 +4,8 @@ use crate::{check_length, check_value, Error};
 
 /// The chain of roundings that gives the fringe orders of all sets (temporal unwrapping, theory §5).
 ///
-/// The caller has proved it: each rounding keeps a margin against the noise.
+/// The caller has proved it: each rounding keeps a margin against the noise. A pixel must also show that
+/// its noise cannot have led to another coordinate in the range.
 pub struct Chain {
     /// Integer coefficients of the phases, one row per combination with one value per set.
     pub combinations: Vec<f32>,
@@ -12,8 +13,17 @@ pub struct Chain {
     pub frequencies: Vec<f32>,
     /// Squared amplification of the phase errors by every rounding, rows as above.
     pub amplification: Vec<f32>,
-    /// Squared margin of every rounding divided by the squared confidence, turns².
+    /// Squared margin of every rounding divided by the squared confidence, turns²; infinite where
+    /// only the remainder decides.
     pub margin: Vec<f32>,
+    /// Index of the remainder of every rounding: those of the combinations, then those of the sets.
+    pub remainder: Vec<usize>,
+    /// Distance from a remainder of zero to the nearest one of another coordinate in the range,
+    /// one per rounding, turns; at least ½.
+    pub alternative: Vec<f32>,
+    /// Coefficients of u² and u³ in the phase variance that roundings are judged by, over that of u,
+    /// the variance with the measured modulation in place of the true one, rad².
+    pub order_variance: [f32; 2],
     /// Middle of the range of coordinates, px.
     pub middle: f32,
     /// Half the range of coordinates, px.
@@ -36,6 +46,10 @@ impl Chain {
             self.amplification.len(),
             self.margin.len() * sets,
         )?;
+        check_length("remainder", self.remainder.len(), self.margin.len())?;
+        check_length("alternative", self.alternative.len(), self.margin.len())?;
+        let known = self.remainder.iter().all(|&k| k < n + sets);
+        check_value("remainder", known, "a rounding", &self.remainder)?;
         let positive = self.frequencies.iter().all(|&g| g > 0.0);
         check_value("frequencies", positive, "> 0", &self.frequencies)?;
         check_value("range", self.half > 0.0, "> 0", self.half)?;
@@ -73,4 +87,6 @@ pub struct Limits {
     pub max_disagreement: f32,
     /// Standard deviations that decisions must be safe by.
     pub confidence: f32,
+    /// Standard deviations that the noise must stay away from another coordinate in the range.
+    pub order_confidence: f32,
 }

@@ -19,6 +19,8 @@ from fringeworks.stack.frames import (
     check_frame,
     check_frames,
     in_bands,
+    kernel_type,
+    readable,
     refuse_constant,
     sample_of,
     sampled_places,
@@ -28,7 +30,7 @@ from fringeworks.stack.kernel_settings import (
     RESULTS,
     Decoding,
     Limits,
-    check_reusable,
+    check_reusable_result,
     decoding_of,
     empty_maps,
     reused_maps,
@@ -60,6 +62,7 @@ def decode(
     *,
     noise: CameraNoise | None = None,
     saturation: float | None = None,
+    count_step: float | None = None,
     min_modulation: float = 0.0,
     absolute: bool = True,
     response: Response | None = None,
@@ -72,8 +75,8 @@ def decode(
     Parameters
     ----------
     frames : (n, h, w) array or sequence of (h, w) arrays, counts
-        uint8, uint16, float32 or float64 in the order of the plan, with any strides, also
-        memory-mapped. They are not changed.
+        uint8, uint16, float32 or float64 in the order of the plan, with any byte order and
+        strides, also memory-mapped. They are not changed.
     plan : PatternPlan
         The patterns that were projected.
     noise : CameraNoise, optional
@@ -82,6 +85,9 @@ def decode(
         Counts from which on a sample is left out of the fit. The default for integers is the type's
         largest value, unless samples only touch it, as with patterns that exactly fill the range.
         The default for floats is no limit. A 12-bit camera in 16-bit files has 4095.
+    count_step : float > 0, optional
+        Smallest difference between two counts of the camera; rounding to it is the smallest noise.
+        The default is 1 for integers and for floats that are whole numbers, otherwise unknown.
     min_modulation : float ≥ 0
         Modulation below which a pixel is not used, counts.
     absolute : bool
@@ -130,7 +136,7 @@ def decode(
     """
     planes = check_frames(frames, plan)
     if out is not None:
-        check_reusable(out, plan.axes, planes[0].shape, keep_phases)
+        check_reusable_result(out, plan.axes, planes[0].shape, keep_phases)
     places = sampled_places(planes[0].shape, plan)
     sample = [sample_of(plane, places) for plane in planes]
     check_content(planes, plan, sample)
@@ -142,6 +148,7 @@ def decode(
         limits,
         noise=noise,
         patch=_patch(planes, plan),
+        count_step=_positive(count_step),
         estimate_steps=estimate_steps,
     )
     maps = {}
@@ -167,7 +174,7 @@ class StreamingDecoder:
 
     Parameters
     ----------
-    plan, noise, saturation, min_modulation, absolute, response, keep_phases
+    plan, noise, saturation, count_step, min_modulation, absolute, response, keep_phases
         As for ``decode``.
 
     Raises
@@ -193,6 +200,7 @@ class StreamingDecoder:
         *,
         noise: CameraNoise | None = None,
         saturation: float | None = None,
+        count_step: float | None = None,
         min_modulation: float = 0.0,
         absolute: bool = True,
         response: Response | None = None,
@@ -201,13 +209,14 @@ class StreamingDecoder:
         self._plan = plan
         self._noise = noise
         self._saturation = saturation
+        self._count_step = _positive(count_step)
         self._min_modulation = _not_negative(min_modulation)
         self._keep_phases = keep_phases
         self._decodings = _decodings(plan, absolute, response)
         self._labels = plan.labels()
         self._fringes = any(isinstance(block, PhaseSteps) for block in plan.blocks)
         self._sums: dict[Axis, _core.StreamSums] = {}
-        self._first: NDArray[Any] | None = None
+        self._first: tuple[tuple[int, int], np.dtype[Any]] | None = None
         self._kept: dict[int, NDArray[Any]] = {}
         self._sample: list[NDArray[Any]] = []
         self._patch: list[FloatMap] = []
@@ -231,25 +240,24 @@ class StreamingDecoder:
             constant where the plan has fringes or Gray code.
         """
         frame = np.asarray(frame)
+        shape, kind = self._first or (frame.shape, frame.dtype)
         index = len(self._sample)
         if index == len(self._labels):
             raise FramesContradictPlan(f"frames: the plan has {len(self._labels)}, got one more")
-        check_frame(frame, self._labels[index], frame if self._first is None else self._first)
+        check_frame(frame, self._labels[index], shape, kind)
         sampled = sample_of(frame, sampled_places(frame.shape, self._plan))
         block = next(b for k, b in reversed(self._plan.placed) if k <= index)
         if isinstance(block, PhaseSteps | GrayCode):
             refuse_constant(frame, self._labels[index], sampled)
-        kind = np.float32 if frame.dtype == np.float64 else frame.dtype
-        readable = np.ascontiguousarray(frame, kind)
-        if self._first is None:
-            # Later frames are compared with its size and type, which need no memory for its pixels.
-            self._first = np.broadcast_to(frame[:1, :1], frame.shape)
+        counts = readable(frame)
+        self._first = (shape[0], shape[1]), kind
         if isinstance(block, PhaseSteps):
-            self._add_phase(readable, index)
+            self._add_phase(counts, index)
         if isinstance(block, PhaseSteps) == self._fringes and len(self._patch) < PATCH_FRAMES:
             self._patch.append(_middle(frame))
         if any(index in decoding.gray_frames for decoding in self._decodings.values()):
-            self._kept[index] = readable.copy() if readable is frame else readable
+            # A view of the frame would follow changes of it, and keep all its memory.
+            self._kept[index] = counts.copy() if np.may_share_memory(counts, frame) else counts
         self._sample.append(sampled)
 
     def _add_phase(self, frame: NDArray[Any], index: int) -> None:
@@ -286,8 +294,8 @@ class StreamingDecoder:
                 f"frames: the plan has {len(self._labels)}, got {len(self._sample)}; missing: "
                 f"{', '.join(self.missing)}"
             )
-        first = self._first
-        limits = _limits(first.dtype, self._saturation, self._min_modulation)
+        shape, kind = self._first
+        limits = _limits(kind, self._saturation, self._min_modulation)
         findings = examine(
             self._plan,
             self._sample,
@@ -295,20 +303,20 @@ class StreamingDecoder:
             limits,
             noise=self._noise,
             patch=self._patch,
+            count_step=self._count_step,
             estimate_steps=False,
         )
         maps = {}
         for axis, decoding in findings.decodings.items():
             kernel = decoding.kernel(findings.noise, findings.limits, streamed=True)
-            results = empty_maps(first.shape, sets=len(decoding.sets) if self._keep_phases else 0)
+            results = empty_maps(shape, sets=len(decoding.sets) if self._keep_phases else 0)
             gray_planes = [self._kept[k] for k in decoding.gray_frames]
             sums = self._sums.get(axis)
             if sums is None:
                 _core.decode_frames(gray_planes, kernel, results)
             else:
                 # Without a Gray code the kernel still takes the type of the counts from a frame.
-                kind = np.float32 if first.dtype == np.float64 else first.dtype
-                sums.decode(gray_planes or [np.empty(first.shape, kind)], kernel, results)
+                sums.decode(gray_planes or [np.empty(shape, kernel_type(kind))], kernel, results)
             maps[axis] = _coordinate_map(decoding, results, self._keep_phases)
         return _decoded(maps, findings)
 
@@ -331,6 +339,12 @@ def _not_negative(min_modulation: float) -> float:
     if not min_modulation >= 0:
         raise InputError(f"min_modulation: expected >= 0 counts, got {min_modulation}")
     return float(min_modulation)
+
+
+def _positive(count_step: float | None) -> float | None:
+    if count_step is not None and not 0 < count_step < np.inf:
+        raise InputError(f"count_step: expected > 0 counts, got {count_step}")
+    return count_step
 
 
 def _middle(frame: NDArray[Any]) -> FloatMap:

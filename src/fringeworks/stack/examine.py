@@ -106,6 +106,7 @@ def examine(
     *,
     noise: CameraNoise | None,
     patch: Sequence[FloatMap],
+    count_step: float | None,
     estimate_steps: bool,
 ) -> Findings:
     """Judge a stack by a sample of its pixels.
@@ -120,6 +121,8 @@ def examine(
         Known noise; measured where not given.
     patch : (h, w) float arrays, counts
         Connected pixels of some frames, for measuring spatial noise.
+    count_step : float > 0, optional
+        Smallest difference between two counts of the camera; found from the sample where not given.
     estimate_steps : bool
         Whether to estimate the real shifts from the frames.
 
@@ -142,7 +145,7 @@ def examine(
         noise, source = measure_noise(decodings, values, limits, patch)
         shot = f", {noise.gain:.3g} counts² per count" if noise.gain else ""
         notes.append(f"noise of {noise.read_counts:.3g} counts{shot}, from {source}")
-    noise = _with_floor(noise, sample)
+    noise = _with_floor(noise, sample, count_step)
     if not limits.given and np.isfinite(limits.saturation):
         exceeded = [exceeds(d, values[axis], limits, noise) for axis, d in decodings.items()]
         if not any(exceeded):
@@ -164,10 +167,16 @@ def examine(
     return Findings(noise, limits, judged, tuple(notes), details)
 
 
-def _with_floor(noise: CameraNoise, sample: Sequence[NDArray[Any]]) -> CameraNoise:
-    """The noise, not below that of rounding to whole counts and of the kernels' arithmetic."""
+def _with_floor(
+    noise: CameraNoise, sample: Sequence[NDArray[Any]], count_step: float | None
+) -> CameraNoise:
+    """The noise, not below that of rounding to the steps of the counts and of the arithmetic."""
     largest = max((float(np.abs(s[np.isfinite(s)]).max(initial=0.0)) for s in sample), default=0.0)
-    rounding = 12.0**-0.5 if sample[0].dtype.kind == "u" else 0.0
+    if count_step is None:
+        # Floats that are 0 and 1 alone are shares of light, not counts.
+        whole = largest > 1.0 and all(np.all(s[np.isfinite(s)] % 1 == 0) for s in sample)
+        count_step = 1.0 if sample[0].dtype.kind == "u" or whole else 0.0
+    rounding = count_step / 12.0**0.5
     floor = max(rounding, ARITHMETIC_ERROR * largest, MIN_NOISE)
     return replace(noise, read_counts=floor) if noise.read_counts < floor else noise
 

@@ -116,13 +116,12 @@ def _missing(paths: Sequence[Path], labels: list[str], carried: list[str] | None
     if not ends:
         told = (f"{labels[k]} ({name})" for k, name in zip(gaps, names, strict=True))
         return f"; missing: {', '.join(told)}"
-    few = f"{ends} frame{'s' if ends > 1 else ''}"
-    if not gaps:
-        return (
-            f"; the numbers in the names have no gap: the first or the last {few} are missing, "
-            f"{labels[0]} or {labels[-1]}"
-        )
-    return f"; missing: {', '.join(names)}, and {few} at the beginning or the end"
+    few = f"{ends} frame{'s' if ends > 1 else ''} at the beginning or the end"
+    if gaps:
+        return f"; missing: {', '.join(names)}, and {few}"
+    if numbers[0] == 0:
+        return f"; missing: {', '.join(labels[-ends:])}"
+    return f"; missing: {few}, as the numbers in the names have no gap"
 
 
 def _running_number(paths: Sequence[Path]) -> tuple[list[int], str, str, int] | None:

@@ -263,6 +263,25 @@ def test_a_stack_with_colour_is_converted_as_one(tmp_path):
     assert {frame.dtype.name for frame in fw.read_stack(tmp_path).frames} == {"float32"}
 
 
+@pytest.mark.parametrize("colours", [(1.0, 0.9, 0.7), (1.0, 1.0, 1.0)])
+def test_saturated_colour_is_left_out(tmp_path, colours):
+    """Red is clipped while the luminance is still below the limit."""
+    plan = multi((1, 5, 20), 6, (640, 30))
+    fw.write_plan(tmp_path / "plan.toml", plan)
+    rng = np.random.default_rng(0)
+    for k, frame in enumerate(take(plan, noise=0.0, a=150.0, b=140.0, kind=np.float32)):
+        seen = frame[..., None] * colours + rng.normal(0, 1.5, (*frame.shape, 3))
+        picture = np.clip(np.rint(seen), 0, 255).astype(np.uint8)
+        Image.fromarray(picture).save(tmp_path / f"{k:02d}.png")
+    stack = fw.read_stack(tmp_path)
+    assert stack.saturation == 255.0
+    found = fw.decode_stack(stack).x
+    off = np.abs(found.coordinate_px - np.arange(640)) / found.sigma_px
+    measured = found.reason == fw.Reason.OK
+    assert measured.mean() > 0.95
+    assert (off[measured] < 1).mean() > 0.6
+
+
 def test_neutral_stacks_keep_their_counts(tmp_path):
     frames = take(GRAY)
     stack = fw.read_stack(save(tmp_path, frames, colours=(1.0, 1.0, 1.0)))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fringeworks.files.atomic import StrPath, replacing
-from fringeworks.types import FileProblem, FramesContradictPlan, Frozen, InputError, sealed
+from fringeworks.types import BoolMap, FileProblem, FramesContradictPlan, Frozen, InputError, sealed
 
 LUMINANCE = (0.299, 0.587, 0.114)
 """Weights of red, green and blue in a grey value (ITU-R BT.601)."""
@@ -41,6 +41,8 @@ class _Image(NamedTuple):
     """Whether the channels differ somewhere."""
     lossy: bool
     """Whether the file is lossily compressed."""
+    clipped: BoolMap | None = None
+    """Where a channel of a coloured image is at the limit of its type, (h, w)."""
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -64,6 +66,8 @@ class ReadFrames(Frozen):
     """Smallest difference between two counts of the files, 1 for whole counts; None for floats."""
     lossy: bool
     """Whether a file is lossily compressed, such as a JPEG."""
+    saturation: float | None
+    """Largest count of the files' type, where frames were converted from it to luminance."""
 
 
 def read_frame(path: StrPath) -> tuple[NDArray[Any], tuple[str, ...]]:
@@ -89,7 +93,7 @@ def read_frame(path: StrPath) -> tuple[NDArray[Any], tuple[str, ...]]:
     return image.grey, image.notes
 
 
-def read_frames(paths: Sequence[Path], *, one_type: bool) -> ReadFrames:
+def read_frames(paths: Sequence[Path], *, stack: bool) -> ReadFrames:
     """Read images that belong together as grey frames.
 
     If one image is coloured, all become luminance (BT.601), float32, also those without colour.
@@ -97,8 +101,10 @@ def read_frames(paths: Sequence[Path], *, one_type: bool) -> ReadFrames:
     Parameters
     ----------
     paths : sequence of paths
-    one_type : bool
-        Whether all files must have counts of one type.
+    stack : bool
+        Whether they are the frames of a stack. All must have counts of one type then. A pixel with
+        a channel at the limit of its type gets that limit as luminance, because the mean of clipped
+        and other channels does not show that it is saturated.
 
     Returns
     -------
@@ -106,27 +112,35 @@ def read_frames(paths: Sequence[Path], *, one_type: bool) -> ReadFrames:
 
     Raises
     ------
-    FramesContradictPlan where an image has another depth than the first, naming both files;
-    FileProblem as ``read_frame``.
+    FramesContradictPlan where a frame of a stack has another depth than the first, naming both
+    files; FileProblem as ``read_frame``.
     """
     images = [_read(path) for path in paths]
     for image in images:
-        if one_type and image.kind != images[0].kind:
+        if stack and image.kind != images[0].kind:
             raise FramesContradictPlan(
                 f"{image.path}: expected counts of the type in {images[0].path.name}, "
                 f"{images[0].kind}, got {image.kind}"
             )
-    if any(image.coloured for image in images):
-        images = [
-            image._replace(grey=image.grey.astype(np.float32, copy=False), coloured=True)
-            for image in images
-        ]
+    whole = all(image.kind.kind in "ui" for image in images)
+    converted = any(image.coloured for image in images)
+    if converted:
+        images = [_as_luminance(image, mark_clipped=stack) for image in images]
     return ReadFrames(
         tuple(sealed(image.grey) for image in images),
         tuple(note for image in images for note in image.notes),
-        1.0 if all(image.kind.kind in "ui" for image in images) else None,
+        1.0 if whole else None,
         any(image.lossy for image in images),
+        float(np.iinfo(images[0].kind).max) if stack and converted and whole else None,
     )
+
+
+def _as_luminance(image: _Image, *, mark_clipped: bool) -> _Image:
+    """An image of a set in which at least one is coloured."""
+    grey = image.grey.astype(np.float32, copy=False)
+    if mark_clipped and image.clipped is not None:
+        grey = np.where(image.clipped, np.float32(np.iinfo(image.kind).max), grey)
+    return image._replace(grey=grey, coloured=True)
 
 
 def _read(path: Path) -> _Image:
@@ -224,7 +238,9 @@ def _to_grey(path: Path, array: NDArray[Any], lossy: bool) -> _Image:
     if np.array_equal(np.broadcast_to(array[..., :1], array.shape), array):
         return _Image(path, np.ascontiguousarray(array[..., 0]), kind, channels, False, lossy)
     grey = (array.astype(np.float64) @ np.array(LUMINANCE)).astype(np.float32)
-    return _Image(path, grey, kind, channels, True, lossy)
+    limit = np.iinfo(kind).max if kind.kind in "ui" else None
+    clipped = None if limit is None else np.asarray((array == limit).any(axis=2))
+    return _Image(path, grey, kind, channels, True, lossy, clipped)
 
 
 def holds_counts(frame: NDArray[Any]) -> bool:

@@ -93,7 +93,7 @@ def read_pair(
     """
     paths = [Path(p) for p in (reference, object) if p is not None]
     # Two images are converted to grey as one: to luminance if either is coloured.
-    read = read_frames([p for p in paths if not _is_mat(p)], one_type=False)
+    read = read_frames([p for p in paths if not _is_mat(p)], stack=False)
     images = iter(read.frames)
     frames = [
         _real_array(p, _load_mat(p), MATLAB_OBJECT if p is paths[-1] else MATLAB_REFERENCE)

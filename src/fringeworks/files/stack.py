@@ -222,7 +222,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
         plan = folder / content.plan
         if not plan.is_file():
             raise missing_description(folder, content.plan)
-    layout = _plan_of(plan)
+    layout, saturation = _plan_of(plan), content.saturation
     if isinstance(content.frames, str):
         paths = [folder / content.frames]
         notes: list[str] = []
@@ -232,8 +232,9 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
         listed = content.frames is not None
         given = [folder / name for name in content.frames or ()] if listed else _images(folder)
         paths, notes = in_plan_order(given, layout, folder, listed=listed)
-        read = read_frames(paths, one_type=True)
+        read = read_frames(paths, stack=True)
         frames, step, lossy = read.frames, read.count_step, read.lossy
+        saturation = saturation or read.saturation
         notes += read.notes[:MAX_NOTES]
         if len(read.notes) > MAX_NOTES:
             more = len(read.notes) - MAX_NOTES
@@ -243,7 +244,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
     return Stack(
         frames,
         layout,
-        content.saturation,
+        saturation,
         content.devices.camera,
         content.devices.projector,
         tuple(notes),

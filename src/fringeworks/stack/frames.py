@@ -58,7 +58,8 @@ class Stack(Frozen):
     """(h, w) arrays in the order of the plan, counts; those of a TIFF stack stay on disk."""
     plan: PatternPlan
     saturation: float | None = None
-    """Counts from which on a sample is not trusted; None where the capture does not say."""
+    """Counts from which on a sample is not trusted; None where the capture does not say. For frames
+    that were converted from colour, the largest count of their files."""
     camera: str | None = None
     """Name of the camera."""
     projector: str | None = None

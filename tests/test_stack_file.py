@@ -39,7 +39,7 @@ def test_folder_with_a_plan(folder):
     assert stack.plan.frames == 8
     (folder / "shot9.png").unlink()
     with pytest.raises(
-        InputError, match="plan has 8 frames, got 7 images; missing: x-phase-37.5px-3"
+        InputError, match=r"plan has 8 frames, got 7 images; missing: x-phase-300px-2 \(shot9.png\)"
     ):
         read_stack(folder)
 

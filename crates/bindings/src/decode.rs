@@ -1,14 +1,13 @@
 //! Bindings of the decoder, for whole stacks and for streams.
 
-use crate::{refuse, rows_of};
+use crate::rows::{refuse, rows_of, rows_of_mut};
+use crate::threads::detached;
 use fringeworks::decode::stream::{self, SetSums};
 use fringeworks::decode::{
     decode, Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Plan, Sample, Table,
 };
 use fringeworks::Error;
-use numpy::{
-    Element, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2, PyUntypedArrayMethods,
-};
+use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
@@ -155,26 +154,24 @@ pub struct Maps<'py> {
 
 impl Maps<'_> {
     fn outputs(&mut self) -> PyResult<Outputs<'_>> {
-        fn rows<'a, T: Element>(map: &'a mut PyReadwriteArray2<'_, T>) -> PyResult<&'a mut [T]> {
-            if !map.is_c_contiguous() {
-                return Err(PyValueError::new_err("expected maps contiguous by rows"));
-            }
-            Ok(map.as_slice_mut()?)
-        }
         Ok(Outputs {
-            coordinate: rows(&mut self.coordinate)?,
-            sigma: rows(&mut self.sigma)?,
-            modulation: rows(&mut self.modulation)?,
-            background: rows(&mut self.background)?,
-            reason: rows(&mut self.reason)?,
-            phases: self.phases.iter_mut().map(rows).collect::<PyResult<_>>()?,
+            coordinate: rows_of_mut(&mut self.coordinate)?,
+            sigma: rows_of_mut(&mut self.sigma)?,
+            modulation: rows_of_mut(&mut self.modulation)?,
+            background: rows_of_mut(&mut self.background)?,
+            reason: rows_of_mut(&mut self.reason)?,
+            phases: self
+                .phases
+                .iter_mut()
+                .map(rows_of_mut)
+                .collect::<PyResult<_>>()?,
             modulations: self
                 .modulations
                 .iter_mut()
-                .map(rows)
+                .map(rows_of_mut)
                 .collect::<PyResult<_>>()?,
             disagreement: match &mut self.disagreement {
-                Some(map) => rows(map)?,
+                Some(map) => rows_of_mut(map)?,
                 None => &mut [],
             },
         })
@@ -223,7 +220,7 @@ pub fn decode_frames(
 ) -> PyResult<()> {
     let out = maps.outputs()?;
     let plan = &plan.plan;
-    with_planes!(&frames, planes => py.detach(|| decode(&planes, plan, out)).map_err(refuse))
+    with_planes!(&frames, planes => detached(py, || decode(&planes, plan, out)))
 }
 
 /// Largest index of a step: the sums have one bit per step in a `u64`.
@@ -278,7 +275,7 @@ impl StreamSums {
         }
         with_planes!(&frame, planes => {
             let frame = one(&planes)?;
-            py.detach(|| sums.add(frame, step, shift, saturation)).map_err(refuse)
+            detached(py, || sums.add(frame, step, shift, saturation))
         })
     }
 
@@ -300,6 +297,6 @@ impl StreamSums {
         }
         let out = maps.outputs()?;
         let (sets, plan) = (&self.sets, &plan.plan);
-        with_planes!(&frames, planes => py.detach(|| run(sets, &planes, plan, out)).map_err(refuse))
+        with_planes!(&frames, planes => detached(py, || run(sets, &planes, plan, out)))
     }
 }

@@ -1,6 +1,7 @@
 //! Bindings of empirical mode decomposition.
 
-use crate::{refuse, rows_of};
+use crate::rows::rows_of;
+use crate::threads::detached;
 use fringeworks::emd::{decompose, envelopes, Options};
 use numpy::ndarray::{Array2, Array3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -32,9 +33,7 @@ pub fn decompose_rows<'py>(
         flat,
         patience,
     };
-    let out = py
-        .detach(|| decompose(values, w, &options))
-        .map_err(refuse)?;
+    let out = detached(py, || decompose(values, w, &options))?;
     let imfs = Array3::from_shape_vec((h, out.count, w), out.imfs).expect("kernel keeps the shape");
     let residue = Array2::from_shape_vec((h, w), out.residue).expect("kernel keeps the shape");
     Ok((
@@ -55,7 +54,7 @@ pub fn row_envelopes<'py>(
 ) -> PyResult<Lines<'py>> {
     let shape = (rows.shape()[0], rows.shape()[1]);
     let values = rows_of(&rows)?;
-    let (upper, lower) = py.detach(|| envelopes(values, shape.1)).map_err(refuse)?;
+    let (upper, lower) = detached(py, || envelopes(values, shape.1))?;
     let map = |v: Vec<f64>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
     Ok((map(upper).into_pyarray(py), map(lower).into_pyarray(py)))
 }

@@ -1,6 +1,7 @@
 //! Bindings of inverse function analysis.
 
-use crate::{refuse, rows_of};
+use crate::rows::rows_of;
+use crate::threads::detached;
 use fringeworks::inverse::{invert, Method, Options};
 use numpy::ndarray::Array2;
 use numpy::PyArray1;
@@ -62,9 +63,7 @@ pub fn invert_rows<'py>(
     let shape = (reference.shape()[0], reference.shape()[1]);
     let (s, d, m) = (rows_of(&reference)?, rows_of(&object)?, rows_of(&mask)?);
     let g = guide.as_ref().map(rows_of).transpose()?;
-    let field = py
-        .detach(|| invert(s, d, m, g, shape.1, &options))
-        .map_err(refuse)?;
+    let field = detached(py, || invert(s, d, m, g, shape.1, &options))?;
     let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
     let displacement =
         Array2::from_shape_vec(shape, field.displacement).expect("kernel keeps the shape");
@@ -94,9 +93,9 @@ pub fn row_extrema<'py>(
     floor: f64,
 ) -> PyResult<Points<'py>> {
     let values = rows_of(&row)?;
-    let found = py
-        .detach(|| fringeworks::inverse::row_extrema(values, period, prominence, floor))
-        .map_err(refuse)?;
+    let found = detached(py, || {
+        fringeworks::inverse::row_extrema(values, period, prominence, floor)
+    })?;
     let position: Vec<f64> = found.iter().map(|e| e.position).collect();
     let value: Vec<f64> = found.iter().map(|e| e.value).collect();
     let is_maximum: Vec<u8> = found.iter().map(|e| e.is_maximum as u8).collect();

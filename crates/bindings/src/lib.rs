@@ -5,34 +5,13 @@ mod decode;
 mod emd;
 mod inverse;
 mod rig;
+mod rows;
+mod threads;
 mod unwrap;
 mod wavelet;
 mod windowed;
 
-use numpy::ndarray::Dimension;
-use numpy::{Element, PyReadonlyArray, PyUntypedArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-
-/// The values of an array, row after row.
-///
-/// A transposed view is refused. The check of the numpy crate accepts it as contiguous, and would
-/// deliver its columns as rows.
-fn rows_of<'a, T: Element, D: Dimension>(
-    array: &'a PyReadonlyArray<'_, T, D>,
-) -> PyResult<&'a [T]> {
-    if !array.is_c_contiguous() {
-        return Err(PyValueError::new_err(
-            "expected an array contiguous by rows",
-        ));
-    }
-    Ok(array.as_slice()?)
-}
-
-/// A kernel's error as a `ValueError`.
-fn refuse(error: fringeworks::Error) -> PyErr {
-    PyValueError::new_err(error.to_string())
-}
 
 #[pymodule]
 mod _core {
@@ -55,6 +34,7 @@ mod _core {
 
     #[pymodule_init]
     fn init(m: &Bound<'_, PyModule>) -> PyResult<()> {
+        super::threads::count_forks(m.py())?;
         m.add("version", env!("CARGO_PKG_VERSION"))?;
         m.add("optimised", fringeworks::is_optimised())
     }

@@ -1,6 +1,7 @@
 //! Bindings of triangulation and of ray casting.
 
-use crate::{refuse, rows_of};
+use crate::rows::{refuse, rows_of, rows_of_mut};
+use crate::threads::detached;
 use fringeworks::mesh;
 use fringeworks::triangulate::{self, Axis, Lens, Limits, Points, Spread};
 use numpy::{
@@ -94,9 +95,9 @@ impl Triangulation {
             along_x: spread_along_x,
             length: spread_length,
         };
-        let inner = py
-            .detach(|| triangulate::Triangulation::new(&rig, &spread, camera_shape, projector_size))
-            .map_err(refuse)?;
+        let inner = detached(py, || {
+            triangulate::Triangulation::new(&rig, &spread, camera_shape, projector_size)
+        })?;
         Ok(Self { inner })
     }
 
@@ -128,17 +129,18 @@ impl Triangulation {
         };
         let (along_x, along_y) = (axis(x.as_ref())?, axis(y.as_ref())?);
         let out = Points {
-            xyz: xyz.as_slice_mut()?,
-            sigma: sigma.as_slice_mut()?,
-            noise: noise.as_slice_mut()?,
+            xyz: rows_of_mut(&mut xyz)?,
+            sigma: rows_of_mut(&mut sigma)?,
+            noise: rows_of_mut(&mut noise)?,
             residual: match &mut residual {
-                Some(map) => map.as_slice_mut()?,
+                Some(map) => rows_of_mut(map)?,
                 None => &mut [],
             },
-            reason: reason.as_slice_mut()?,
+            reason: rows_of_mut(&mut reason)?,
         };
-        py.detach(|| triangulate::triangulate(&self.inner, &limits, along_x, along_y, out))
-            .map_err(refuse)
+        detached(py, || {
+            triangulate::triangulate(&self.inner, &limits, along_x, along_y, out)
+        })
     }
 }
 
@@ -174,8 +176,7 @@ impl Triangles {
         let n = directions.shape()[0];
         let (mut distance, mut face) = (vec![0.0; n], vec![0; n]);
         let (o, d) = (rows_of(&origins)?, rows_of(&directions)?);
-        py.detach(|| self.inner.hit(o, d, near, &mut distance, &mut face))
-            .map_err(refuse)?;
+        detached(py, || self.inner.hit(o, d, near, &mut distance, &mut face))?;
         Ok((distance.into_pyarray(py), face.into_pyarray(py)))
     }
 }

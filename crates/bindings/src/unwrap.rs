@@ -1,6 +1,7 @@
 //! Bindings of phase unwrapping.
 
-use crate::{refuse, rows_of};
+use crate::rows::rows_of;
+use crate::threads::detached;
 use numpy::ndarray::Array2;
 use numpy::{Complex32, IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -19,9 +20,9 @@ pub fn unwrap_reliability<'py>(
     let shape = (phase.shape()[0], phase.shape()[1]);
     let (p, m) = (rows_of(&phase)?, rows_of(&mask)?);
     let r = roughness.as_ref().map(rows_of).transpose()?;
-    let out = py
-        .detach(|| fringeworks::unwrap::reliability(p, m, r, shape.0, shape.1))
-        .map_err(refuse)?;
+    let out = detached(py, || {
+        fringeworks::unwrap::reliability(p, m, r, shape.0, shape.1)
+    })?;
     let phase = Array2::from_shape_vec(shape, out.phase).expect("kernel keeps the shape");
     let region = Array2::from_shape_vec(shape, out.region).expect("kernel keeps the shape");
     Ok((phase.into_pyarray(py), region.into_pyarray(py)))
@@ -35,8 +36,7 @@ pub fn count_residues<'py>(
 ) -> PyResult<usize> {
     let shape = (phase.shape()[0], phase.shape()[1]);
     let (p, m) = (rows_of(&phase)?, rows_of(&mask)?);
-    py.detach(|| fringeworks::unwrap::residues(p, m, shape.0, shape.1))
-        .map_err(refuse)
+    detached(py, || fringeworks::unwrap::residues(p, m, shape.0, shape.1))
 }
 
 #[pyfunction]
@@ -50,9 +50,9 @@ pub fn average_phasor<'py>(
 ) -> PyResult<Bound<'py, PyArray2<Complex32>>> {
     let shape = (phase.shape()[0], phase.shape()[1]);
     let (p, w) = (rows_of(&phase)?, rows_of(&weight)?);
-    let out = py
-        .detach(|| fringeworks::unwrap::average(p, w, shape.0, shape.1, sigma, reach))
-        .map_err(refuse)?;
+    let out = detached(py, || {
+        fringeworks::unwrap::average(p, w, shape.0, shape.1, sigma, reach)
+    })?;
     let phasors = out.into_iter().map(|[re, im]| Complex32::new(re, im));
     let map = Array2::from_shape_vec(shape, phasors.collect()).expect("kernel keeps the shape");
     Ok(map.into_pyarray(py))

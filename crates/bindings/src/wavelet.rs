@@ -1,6 +1,7 @@
 //! Bindings of the wavelet ridge.
 
-use crate::{refuse, rows_of};
+use crate::rows::rows_of;
+use crate::threads::detached;
 use fringeworks::wavelet::{ridge, Options};
 use numpy::ndarray::Array2;
 use numpy::{Complex32, IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -25,9 +26,7 @@ pub fn wavelet_ridge_rows<'py>(
         omega,
         smoothness,
     };
-    let out = py
-        .detach(|| ridge(values, shape.1, &options))
-        .map_err(refuse)?;
+    let out = detached(py, || ridge(values, shape.1, &options))?;
     let phasors = out
         .phasor
         .into_iter()

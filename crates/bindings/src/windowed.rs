@@ -1,6 +1,7 @@
 //! Bindings of windowed inversion.
 
-use crate::{refuse, rows_of};
+use crate::rows::rows_of;
+use crate::threads::detached;
 use fringeworks::windowed::{invert, Limits, Options, Pair};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -59,9 +60,7 @@ pub fn invert_windowed<'py>(
             min_explained,
         },
     };
-    let field = py
-        .detach(|| invert(&pair, start, &options))
-        .map_err(refuse)?;
+    let field = detached(py, || invert(&pair, start, &options))?;
     let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
     let scale = Array2::from_shape_vec(shape, field.scale).expect("kernel keeps the shape");
     Ok((

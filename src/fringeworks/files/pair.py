@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, write_text
 from fringeworks.files.folder import incomplete, replacing_folder
-from fringeworks.files.images import read_frame, write_frame
+from fringeworks.files.images import holds_counts, read_frame, read_frames, write_frame
 from fringeworks.files.npz import read_npz
 from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import Section
@@ -92,18 +92,26 @@ def read_pair(
     FileProblem where a file cannot be read; InputError where the two differ in size.
     """
     paths = [Path(p) for p in (reference, object) if p is not None]
-    read = [_one_frame(p, MATLAB_OBJECT if p is paths[-1] else MATLAB_REFERENCE) for p in paths]
-    if len({frame.shape for frame, _ in read}) > 1:
-        (first, _), (second, _) = read
+    # Two images are converted to grey as one: to luminance if either is coloured.
+    read = read_frames([p for p in paths if not _is_mat(p)], stack=False)
+    images = iter(read.frames)
+    frames = [
+        _real_array(p, _load_mat(p), MATLAB_OBJECT if p is paths[-1] else MATLAB_REFERENCE)
+        if _is_mat(p)
+        else next(images)
+        for p in paths
+    ]
+    if len({frame.shape for frame in frames}) > 1:
+        first, second = frames
         raise InputError(
             f"frames: expected equal sizes, got {_size(first)} in {paths[0].name} and "
             f"{_size(second)} in {paths[1].name}"
         )
     return Pair(
-        reference=None if reference is None else read[0][0],
-        object=read[-1][0],
+        reference=None if reference is None else frames[0],
+        object=frames[-1],
         geometry=geometry,
-        notes=tuple(note for _, notes in read for note in notes),
+        notes=read.notes,
         sources=tuple(source_of(p) for p in paths),
     )
 
@@ -128,10 +136,8 @@ def read_pair_file(path: StrPath) -> Pair:
     return _from_arrays(path, arrays, *names)
 
 
-def _one_frame(path: Path, variable: str) -> tuple[NDArray[Any], tuple[str, ...]]:
-    if Path(path).suffix.lower() == ".mat" and Path(path).is_file():
-        return _real_array(path, _load_mat(path), variable), ()
-    return read_frame(path)
+def _is_mat(path: Path) -> bool:
+    return path.suffix.lower() == ".mat" and path.is_file()
 
 
 def _size(frame: NDArray[Any]) -> str:
@@ -247,8 +253,7 @@ def write_pair(folder: StrPath, pair: Pair, *, force: bool = False) -> Path:
         for name in ("reference", "object"):
             frame = getattr(pair, name)
             if frame is not None:
-                whole = frame.dtype in (np.uint8, np.uint16)
-                frames[name] = f"{name}.png" if whole else f"{name}.tif"
+                frames[name] = f"{name}.png" if holds_counts(frame) else f"{name}.tif"
                 write_frame(writer.file(frames[name]), frame)
         for name in ("mask", "background"):
             values = getattr(pair, name)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -13,10 +12,13 @@ from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.folder import replacing_folder
+from fringeworks.files.frame_order import by_name, in_plan_order
 from fringeworks.files.images import (
     IMAGE_SUFFIXES,
     TIFF_SUFFIXES,
-    read_frame,
+    holds_counts,
+    is_lossy_tiff,
+    read_frames,
     read_tiff,
     write_frame,
 )
@@ -26,7 +28,7 @@ from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names, read_pla
 from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import Section, kind_of, read_toml
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.stack.frames import Stack
+from fringeworks.stack.frames import Stack, step_of
 from fringeworks.types import FileProblem, FramesContradictPlan, sealed
 
 TRUTH_FILE = "truth.npz"
@@ -44,7 +46,8 @@ class StackFile(Section):
     plan: str = PLAN_FILE
     """Plan file, relative to the folder."""
     frames: list[str] | str | None = None
-    """Images in the order of the plan, or one TIFF stack; all images by name where left out."""
+    """Images in the order of the plan, or one TIFF stack; where left out, all images, by the labels
+    in their names or by name."""
     saturation: float | None = None
     """Counts from which on a sample is not trusted."""
     devices: DevicesSection = DevicesSection()
@@ -63,12 +66,19 @@ def read_stack(path: StrPath, plan: StrPath | PatternPlan | None = None) -> Stac
 
     Returns
     -------
-    Stack with frames as stored. Uncompressed TIFF and ``.npy`` stay on disk.
+    Stack with frames as stored. Uncompressed TIFF and ``.npy`` stay on disk. If an image of a
+    folder is coloured, all become luminance, float32.
 
     Raises
     ------
     FileProblem for anything missing, unreadable or unknown, naming the file;
-    FramesContradictPlan where the number of frames is not the plan's.
+    FramesContradictPlan where the number of frames is not the plan's, images differ in depth, or a
+    list of frames contradicts the labels in their names.
+
+    Notes
+    -----
+    The images of a folder are placed by the labels in their names, as ``write_stack`` and
+    ``write_patterns`` write them, where every name carries a label of the plan; otherwise by name.
     """
     path = Path(path)
     if path.is_dir():
@@ -79,7 +89,14 @@ def read_stack(path: StrPath, plan: StrPath | PatternPlan | None = None) -> Stac
         plan = path.parent / PLAN_FILE
         if not plan.is_file():
             raise FileProblem(f"{path}: expected a plan, or a file {PLAN_FILE} beside it; got none")
-    return Stack(_read_file(path), _plan_of(plan), sources=(source_of(path),))
+    frames, lossy = _read_file(path)
+    return Stack(
+        frames,
+        _plan_of(plan),
+        sources=(source_of(path),),
+        count_step=step_of(frames[0].dtype) if frames else None,
+        lossy=lossy,
+    )
 
 
 def read_poses(
@@ -171,7 +188,7 @@ def write_stack(
             if count >= len(labels):
                 raise FramesContradictPlan(f"frames: the plan has {len(labels)}, got more")
             progress(labels[count])
-            suffix = ".png" if frame.dtype in (np.uint8, np.uint16) else ".tif"
+            suffix = ".png" if holds_counts(frame) else ".tif"
             names.append(stems[count] + suffix)
             write_frame(writer.file(names[-1]), frame)
         if len(names) != len(labels):
@@ -205,30 +222,35 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
         plan = folder / content.plan
         if not plan.is_file():
             raise missing_description(folder, content.plan)
-    layout = _plan_of(plan)
+    layout, saturation = _plan_of(plan), content.saturation
     if isinstance(content.frames, str):
-        paths, notes = [folder / content.frames], []
-        frames: Sequence[NDArray[Any]] = _read_file(paths[0])
+        paths = [folder / content.frames]
+        notes: list[str] = []
+        frames, lossy = _read_file(paths[0])
+        step = step_of(frames[0].dtype) if frames else None
     else:
-        named = content.frames
-        paths = _images(folder) if named is None else [folder / name for name in named]
-        _refuse_missing(paths, layout, folder)
-        read = [read_frame(path) for path in paths]
-        frames = [sealed(frame) for frame, _ in read]
-        notes = [note for _, said in read for note in said]
-        if len(notes) > MAX_NOTES:
-            more = len(notes) - MAX_NOTES
-            notes = [*notes[:MAX_NOTES], f"the same holds for {more} other frames"]
+        listed = content.frames is not None
+        given = [folder / name for name in content.frames or ()] if listed else _images(folder)
+        paths, notes = in_plan_order(given, layout, folder, listed=listed)
+        read = read_frames(paths, stack=True)
+        frames, step, lossy = read.frames, read.count_step, read.lossy
+        saturation = saturation or read.saturation
+        notes += read.notes[:MAX_NOTES]
+        if len(read.notes) > MAX_NOTES:
+            more = len(read.notes) - MAX_NOTES
+            notes.append(f"the same holds for {more} other frame{'s' if more > 1 else ''}")
     tomls = [description] if described else []
     tomls += [] if isinstance(plan, PatternPlan) else [Path(plan)]
     return Stack(
         frames,
         layout,
-        content.saturation,
+        saturation,
         content.devices.camera,
         content.devices.projector,
         tuple(notes),
         tuple(source_of(path) for path in (*paths, *tomls)),
+        step,
+        lossy,
     )
 
 
@@ -245,29 +267,14 @@ def _images(folder: Path) -> list[Path]:
         raise FileProblem(
             f"{folder}: expected one image per frame, got one TIFF; name it as the capture itself"
         )
-    return sorted(
-        found,
-        key=lambda p: [
-            (0, int(part), "") if part.isdigit() else (1, 0, part)
-            for part in re.split(r"(\d+)", p.name)
-        ],
-    )
+    return by_name(found)
 
 
-def _refuse_missing(paths: list[Path], plan: PatternPlan, folder: Path) -> None:
-    labels = plan.labels()
-    if len(paths) != len(labels):
-        short = len(paths) < len(labels)
-        missing = f"; missing: {', '.join(labels[len(paths) :])}" if short else ""
-        raise FramesContradictPlan(
-            f"{folder}: the plan has {len(labels)} frames, got {len(paths)} images{missing}"
-        )
-
-
-def _read_file(path: Path) -> Sequence[NDArray[Any]]:
-    suffix = path.suffix.lower()
+def _read_file(path: Path) -> tuple[Sequence[NDArray[Any]], bool]:
+    """The frames of a file, and whether they are lossily compressed."""
+    suffix, lossy = path.suffix.lower(), False
     if suffix in TIFF_SUFFIXES:
-        stack = read_tiff(path, on_disk=True)
+        stack, lossy = read_tiff(path, on_disk=True), is_lossy_tiff(path)
     elif suffix == ".npy":
         try:
             stack = np.load(path, mmap_mode="r", allow_pickle=False)
@@ -285,4 +292,4 @@ def _read_file(path: Path) -> Sequence[NDArray[Any]]:
         )
     if stack.ndim != 3:
         raise FileProblem(f"{path}: expected frames of shape (n, h, w), got {stack.shape}")
-    return list(sealed(stack))
+    return list(sealed(stack)), lossy

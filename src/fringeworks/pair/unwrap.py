@@ -143,7 +143,7 @@ def _checked(
     phase_rad: FloatMap, mask: BoolMap | None, quality: FloatMap | None
 ) -> tuple[PhaseField, BoolMap, PhaseField | None]:
     """Phase with zeros where masked, valid pixels, and the quality scaled to a maximum of 1."""
-    values = np.asarray(phase_rad)
+    values = np.ascontiguousarray(phase_rad)
     if values.ndim != 2:
         raise InputError(f"phase: expected shape (h, w), got {values.shape}")
     if values.dtype.kind not in "fiu":

@@ -59,7 +59,7 @@ def decode_stack(stack: Stack | StrPath, **options: Unpack[DecodeOptions]) -> De
     stack : Stack or path
         Frames and their plan; or a capture to read.
     **options
-        Of ``decode``; the stack's own saturation holds where none is given.
+        Of ``decode``; the stack's own saturation and count step hold where none is given.
 
     Returns
     -------
@@ -208,7 +208,7 @@ def _gray_coordinate(stack: Stack, axis: Axis) -> FloatMap:
     ]
     frames = [stack.frames[k] for first, block in kept for k in range(first, first + block.frames)]
     alone = PatternPlan(plan.width_px, plan.height_px, tuple(block for _, block in kept))
-    return decode(frames, alone).maps[axis].coordinate_px.astype(np.float64)
+    return decode(frames, alone, **_given(stack, {})).maps[axis].coordinate_px.astype(np.float64)
 
 
 def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
@@ -220,8 +220,8 @@ def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
 
 
 def _given(stack: Stack, options: DecodeOptions) -> DecodeOptions:
-    """The options that are not None; the stack's own saturation where none is given."""
+    """The options that are not None; without them, the stack's own saturation and count step."""
     known: Any = {name: value for name, value in options.items() if value is not None}
-    merged: DecodeOptions = {"saturation": stack.saturation}
+    merged: DecodeOptions = {"saturation": stack.saturation, "count_step": stack.count_step}
     merged.update(known)
     return merged

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
@@ -11,6 +9,7 @@ from scipy import ndimage
 
 from fringeworks import _core
 from fringeworks.rig.pinhole import project_with_derivatives, rays, skew
+from fringeworks.rig.point_arrays import empty_arrays, input_arrays, reused_arrays
 from fringeworks.types import (
     Axis,
     ByteMap,
@@ -23,7 +22,6 @@ from fringeworks.types import (
     Rig,
     RigMismatch,
     sealed,
-    unsealed,
 )
 
 RESIDUAL_SIGMAS = 5.0
@@ -99,10 +97,10 @@ class Triangulator:
         if colour is not None and np.shape(colour)[:2] != shape:
             raise InputError(f"colour: expected shape {shape}, got {np.shape(colour)}")
         both = len(maps) == 2
-        results = _empty(shape, both) if out is None else _reused(out, shape, both)
+        results = empty_arrays(shape, both) if out is None else reused_arrays(out, shape, both)
         self._kernel(None if both else next(iter(maps))).run(
-            _arrays(maps.get("x")),
-            _arrays(maps.get("y")),
+            input_arrays(maps.get("x")),
+            input_arrays(maps.get("y")),
             **results,
             residual_sigmas=residual_sigmas,
             residual_px=float(np.hypot(*rig.residual_px)),
@@ -171,7 +169,8 @@ def triangulate(
     ------
     RigMismatch for maps of another size than the rig's camera, coordinates beyond the rig's
     projector, and where the rays hardly meet in front of both devices. InputError for relative
-    coordinates and for an axis that was not decoded.
+    coordinates, for an axis that was not decoded, and for ``out`` with arrays of other shapes,
+    types or strides than those of a result.
 
     Notes
     -----
@@ -217,41 +216,6 @@ def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, Coordin
                 f"got coordinates up to {np.nanmax(rows):.0f} along {name}"
             )
     return maps
-
-
-def _arrays(
-    found: CoordinateMap | None,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]] | None:
-    if found is None:
-        return None
-    return (
-        np.ascontiguousarray(found.coordinate_px, np.float32),
-        np.ascontiguousarray(found.sigma_px, np.float32),
-        np.ascontiguousarray(found.reason, np.uint8),
-    )
-
-
-def _empty(shape: tuple[int, int], both: bool) -> dict[str, Any]:
-    return {
-        "xyz": np.empty((*shape, 3), np.float32),
-        "sigma": np.empty(shape, np.float32),
-        "noise": np.empty(shape, np.float32),
-        "reason": np.empty(shape, np.uint8),
-        "residual": np.empty(shape, np.float32) if both else None,
-    }
-
-
-def _reused(out: PointCloud, shape: tuple[int, int], both: bool) -> dict[str, Any]:
-    """The arrays of an earlier result, writable again."""
-    if out.shape != shape or (out.residual_px is not None) != both:
-        raise InputError(f"out: expected a point cloud of {shape} from as many axes, got another")
-    return {
-        "xyz": unsealed(out.xyz_mm),
-        "sigma": unsealed(out.sigma_mm),
-        "noise": unsealed(out.noise_mm),
-        "reason": unsealed(out.reason),
-        "residual": None if out.residual_px is None else unsealed(out.residual_px),
-    }
 
 
 def _refuse_nothing(all_reasons: ByteMap, maps: dict[Axis, CoordinateMap]) -> None:

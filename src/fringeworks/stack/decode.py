@@ -24,7 +24,7 @@ from fringeworks.stack.kernel_settings import (
     RESULTS,
     Decoding,
     Limits,
-    check_reusable,
+    check_reusable_result,
     decoding_of,
     empty_maps,
     reused_maps,
@@ -48,6 +48,7 @@ def decode(
     *,
     noise: CameraNoise | None = None,
     saturation: float | None = None,
+    count_step: float | None = None,
     min_modulation: float = 0.0,
     absolute: bool = True,
     response: Response | None = None,
@@ -60,8 +61,8 @@ def decode(
     Parameters
     ----------
     frames : (n, h, w) array or sequence of (h, w) arrays, counts
-        uint8, uint16, float32 or float64 in the order of the plan, with any strides, also
-        memory-mapped. They are not changed.
+        uint8, uint16, float32 or float64 in the order of the plan, with any byte order and
+        strides, also memory-mapped. They are not changed.
     plan : PatternPlan
         The patterns that were projected.
     noise : CameraNoise, optional
@@ -70,6 +71,9 @@ def decode(
         Counts from which on a sample is left out of the fit. The default for integers is the type's
         largest value, unless samples only touch it, as with patterns that exactly fill the range.
         The default for floats is no limit. A 12-bit camera in 16-bit files has 4095.
+    count_step : float > 0, optional
+        Smallest difference between two counts of the camera; rounding to it is the smallest noise.
+        The default is 1 for integers and for floats that are whole numbers, otherwise unknown.
     min_modulation : float ≥ 0
         Modulation below which a pixel is not used, counts.
     absolute : bool
@@ -118,7 +122,7 @@ def decode(
     """
     planes = check_frames(frames, plan)
     if out is not None:
-        check_reusable(out, plan.axes, planes[0].shape, keep_phases)
+        check_reusable_result(out, plan.axes, planes[0].shape, keep_phases)
     sample = take_sample(planes, plan)
     check_content(planes, plan, sample.points)
     limits = _limits(planes[0].dtype, saturation, min_modulation)
@@ -128,6 +132,7 @@ def decode(
         _decodings(plan, absolute, response),
         limits,
         noise=noise,
+        count_step=_positive(count_step),
         estimate_steps=estimate_steps,
     )
     maps = {}
@@ -190,6 +195,12 @@ def _not_negative(min_modulation: float) -> float:
     if not min_modulation >= 0:
         raise InputError(f"min_modulation: expected >= 0 counts, got {min_modulation}")
     return float(min_modulation)
+
+
+def _positive(count_step: float | None) -> float | None:
+    if count_step is not None and not 0 < count_step < np.inf:
+        raise InputError(f"count_step: expected > 0 counts, got {count_step}")
+    return count_step
 
 
 def _coordinate_map(

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
-from fringeworks.types import FloatMap, FramesContradictPlan, InputError
+from fringeworks.stack.frames import check_frames
+from fringeworks.types import FloatMap, InputError
 
 EVEN = 1e-6
 """Largest mean of e^{iδ} over the steps of a set whose fringes cancel in the sum.
@@ -26,7 +27,7 @@ def texture(
     Parameters
     ----------
     frames : (n, h, w) array or sequence of (h, w) arrays, counts
-        In the order of the plan.
+        uint8, uint16, float32 or float64 in the order of the plan, with any byte order and strides.
     plan : PatternPlan
 
     Returns
@@ -37,19 +38,19 @@ def texture(
     Raises
     ------
     InputError
-        If the number of frames is not the plan's, or the plan has no such frames.
+        If the number of frames is not the plan's, a frame differs in size or type, or the plan has
+        no such frames.
     """
-    if len(frames) != plan.frames:
-        raise FramesContradictPlan(f"frames: the plan has {plan.frames}, got {len(frames)}")
+    planes = check_frames(frames, plan)
     chosen = [k for first, block in plan.placed for k in _even(first, block)]
     if not chosen:
         raise InputError(
             "plan: expected a white frame, equal phase steps or a Gray code with its inverse to "
             "compute the texture image, got none of them"
         )
-    total: FloatMap = np.zeros(np.shape(frames[0]), np.float32)
+    total: FloatMap = np.zeros(planes[0].shape, np.float32)
     for k in chosen:
-        total += frames[k]
+        total += planes[k]
     return np.asarray(total / len(chosen), np.float32)
 
 

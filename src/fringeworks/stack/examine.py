@@ -115,6 +115,7 @@ def examine(
     limits: Limits,
     *,
     noise: CameraNoise | None,
+    count_step: float | None,
     estimate_steps: bool,
 ) -> Judgement:
     """Judge a stack by a sample of its pixels.
@@ -127,6 +128,8 @@ def examine(
     limits : Limits
     noise : CameraNoise, optional
         Known noise; measured where not given.
+    count_step : float > 0, optional
+        Smallest difference between two counts of the camera; found from the sample where not given.
     estimate_steps : bool
         Whether to estimate the real steps and gains of the frames.
 
@@ -139,7 +142,7 @@ def examine(
     InputError
         If the frames contradict the plan, for example because two of them are swapped.
     """
-    rough = _with_floor(noise or spatial_noise(sample.patch), sample.points)
+    rough = _with_floor(noise or spatial_noise(sample.patch), sample.points, count_step)
     _check_order(plan, sample, decodings, limits, rough)
     findings: list[Finding] = []
     values = {axis: phase_samples(sample.points, d) for axis, d in decodings.items()}
@@ -150,7 +153,7 @@ def examine(
         bits = {axis: bit_sums(sample.points, d) for axis, d in decodings.items()}
         noise, source = measure_noise(decodings, values, bits, limits, sample.patch)
         findings.append(words.noise(noise, source))
-    noise = _with_floor(noise, sample.points)
+    noise = _with_floor(noise, sample.points, count_step)
     if not limits.given and np.isfinite(limits.saturation):
         exceeded = [exceeds(d, values[axis], limits, noise) for axis, d in decodings.items()]
         if not any(exceeded):
@@ -219,10 +222,16 @@ def _unrelated_sets(
     return disagreement(decoding, unrelated(decoding, planes), noise, limits) or float("inf")
 
 
-def _with_floor(noise: CameraNoise, sample: Sequence[NDArray[Any]]) -> CameraNoise:
-    """The noise, not below that of rounding to whole counts and of the kernels' arithmetic."""
+def _with_floor(
+    noise: CameraNoise, sample: Sequence[NDArray[Any]], count_step: float | None
+) -> CameraNoise:
+    """The noise, not below that of rounding to the steps of the counts and of the arithmetic."""
     largest = max((float(np.abs(s[np.isfinite(s)]).max(initial=0.0)) for s in sample), default=0.0)
-    rounding = 12.0**-0.5 if sample[0].dtype.kind == "u" else 0.0
+    if count_step is None:
+        # Floats that are 0 and 1 alone are shares of light, not counts.
+        whole = largest > 1.0 and all(np.all(s[np.isfinite(s)] % 1 == 0) for s in sample)
+        count_step = 1.0 if sample[0].dtype.kind == "u" or whole else 0.0
+    rounding = count_step / 12.0**0.5
     floor = max(rounding, ARITHMETIC_ERROR * largest, MIN_NOISE)
     return replace(noise, read_counts=floor) if noise.read_counts < floor else noise
 

@@ -58,7 +58,8 @@ class Stack(Frozen):
     """(h, w) arrays in the order of the plan, counts; those of a TIFF stack stay on disk."""
     plan: PatternPlan
     saturation: float | None = None
-    """Counts from which on a sample is not trusted; None where the capture does not say."""
+    """Counts from which on a sample is not trusted; None where the capture does not say. For frames
+    that were converted from colour, the largest count of their files."""
     camera: str | None = None
     """Name of the camera."""
     projector: str | None = None
@@ -67,6 +68,11 @@ class Stack(Frozen):
     """What was done to the frames on reading, such as colour turned to grey."""
     sources: tuple[Source, ...] = ()
     """The files that the frames and the plan were read from."""
+    count_step: float | None = None
+    """Smallest difference between two counts of the source, before any conversion; 1 for whole
+    counts, None where unknown."""
+    lossy: bool = False
+    """Whether the frames come from lossily compressed files, such as JPEG."""
 
     def __post_init__(self) -> None:
         frames = self.frames
@@ -99,25 +105,46 @@ def check_frames(frames: NDArray[Any] | Sequence[NDArray[Any]], plan: PatternPla
             f"frames: the plan has {len(labels)}, got {len(planes)}: {len(planes) - len(labels)} "
             "too many"
         )
+    first = planes[0]
     for label, plane in zip(labels, planes, strict=True):
-        check_frame(plane, label, planes[0])
+        check_frame(plane, label, first.shape, first.dtype)
     return planes
 
 
-def check_frame(frame: NDArray[Any], label: str, first: NDArray[Any]) -> None:
-    """Refuse a frame that is not two-dimensional or differs from the first in size or type."""
+def check_frame(
+    frame: NDArray[Any], label: str, shape: tuple[int, ...], kind: np.dtype[Any]
+) -> None:
+    """Refuse a frame that is not two-dimensional or has another size or type than the first.
+
+    The byte order does not count.
+    """
     if frame.ndim != 2 or frame.size == 0:
         raise InputError(f"frame {label}: expected shape (h, w), got {frame.shape}")
     if frame.dtype.name not in FRAME_TYPES:
         raise InputError(f"frame {label}: expected {', '.join(FRAME_TYPES)}, got {frame.dtype}")
-    if frame.shape != first.shape:
+    if frame.shape != shape:
         raise FramesContradictPlan(
-            f"frame {label}: expected the size of the first, {first.shape}, got {frame.shape}"
+            f"frame {label}: expected the size of the first, {shape}, got {frame.shape}"
         )
-    if frame.dtype != first.dtype:
+    if frame.dtype.name != kind.name:
         raise FramesContradictPlan(
-            f"frame {label}: expected the type of the first, {first.dtype}, got {frame.dtype}"
+            f"frame {label}: expected the type of the first, {kind.name}, got {frame.dtype.name}"
         )
+
+
+def step_of(kind: np.dtype[Any]) -> float | None:
+    """Smallest difference between two counts of a type: 1 for integers, unknown for floats."""
+    return 1.0 if kind.kind in "ui" else None
+
+
+def kernel_type(kind: np.dtype[Any]) -> np.dtype[Any]:
+    """The type that kernels read counts of a type in: native byte order, no double precision."""
+    return np.dtype(np.float32) if kind.name == "float64" else kind.newbyteorder("=")
+
+
+def readable(frame: NDArray[Any]) -> NDArray[Any]:
+    """The frame itself where kernels can read its memory, otherwise a copy that they can read."""
+    return np.require(frame, kernel_type(frame.dtype), ["C", "A"])
 
 
 def refuse_constant(frame: NDArray[Any], label: str, sampled: NDArray[Any]) -> None:
@@ -180,8 +207,7 @@ def sampled_places(shape: tuple[int, int], plan: PatternPlan) -> Places:
 
 def sample_of(frame: NDArray[Any], places: Places) -> NDArray[Any]:
     """Pixels of a frame as one row, (1, n), of a type that the kernels read."""
-    row = np.ascontiguousarray(frame[places])[None]
-    return row.astype(np.float32) if row.dtype == np.float64 else row
+    return readable(frame[places][None])
 
 
 def saturation_of(dtype: np.dtype[Any], given: float | None) -> float:
@@ -206,17 +232,24 @@ def in_bands(
     maps : arrays that the kernel writes to, by name; (h, w), lists of such arrays, or None
     run : function that calls the kernel on frames and maps of equal height
     """
-    if all(plane.flags.c_contiguous and plane.dtype != np.float64 for plane in planes):
+    if all(_is_readable(plane) for plane in planes):
         run(planes, maps)
         return
     height, width = planes[0].shape
-    kind = np.float32 if planes[0].dtype == np.float64 else planes[0].dtype
-    per_row = max(1, len(planes) * width * np.dtype(kind).itemsize)
+    per_row = max(1, len(planes) * width * kernel_type(planes[0].dtype).itemsize)
     rows = max(1, BAND_BYTES // per_row)
     for start in range(0, height, rows):
         part = slice(start, start + rows)
-        copies = [np.ascontiguousarray(plane[part], kind) for plane in planes]
-        run(copies, {name: _cut(value, part) for name, value in maps.items()})
+        run(
+            [readable(plane[part]) for plane in planes],
+            {name: _cut(value, part) for name, value in maps.items()},
+        )
+
+
+def _is_readable(plane: NDArray[Any]) -> bool:
+    """Whether kernels can read a frame without a copy."""
+    fits = plane.dtype == kernel_type(plane.dtype)
+    return bool(fits and plane.flags.c_contiguous and plane.flags.aligned)
 
 
 def _cut(value: Any, part: slice) -> Any:

@@ -15,7 +15,7 @@ from fringeworks.patterns.plan import GrayCode, PatternPlan, step_design
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.signal.response import Response
-from fringeworks.types import Axis, CameraNoise, Decoded, InputError, unsealed
+from fringeworks.types import Axis, CameraNoise, Decoded, InputError, check_reusable, unsealed
 
 MIN_SNR = 4.0
 """Smallest modulation of a fringe, in standard deviations of the modulation.
@@ -379,7 +379,7 @@ RESULTS = {
 """Names of the kernel's arrays and the fields of a ``CoordinateMap`` that hold them."""
 
 
-def check_reusable(
+def check_reusable_result(
     earlier: Decoded, axes: tuple[Axis, ...], shape: tuple[int, ...], keep_phases: bool
 ) -> None:
     """Refuse an earlier result whose maps the kernel cannot write to again."""
@@ -388,17 +388,11 @@ def check_reusable(
     if set(earlier.maps) != set(axes):
         got = ", ".join(earlier.maps)
         raise InputError(f"out: expected a result along {', '.join(axes)}, got one along {got}")
+    expected = {
+        field: (shape, np.uint8 if field == "reason" else np.float32) for field in RESULTS.values()
+    }
     for coordinate_map in earlier.maps.values():
-        for field in RESULTS.values():
-            array = getattr(coordinate_map, field)
-            kind = np.uint8 if field == "reason" else np.float32
-            if array.shape != shape or array.dtype != kind:
-                raise InputError(
-                    f"out: expected {field} as {np.dtype(kind)} {shape}, got {array.dtype} "
-                    f"{array.shape}"
-                )
-            if not array.flags.c_contiguous:
-                raise InputError(f"out: expected {field} as decode returns it, got a strided array")
+        check_reusable({field: getattr(coordinate_map, field) for field in expected}, expected)
 
 
 def reused_maps(earlier: Decoded, axis: Axis) -> dict[str, Any]:

@@ -13,6 +13,7 @@ class DecodeOptions(TypedDict, total=False):
 
     noise: CameraNoise | None
     saturation: float | None
+    count_step: float | None
     min_modulation: float
     absolute: bool
     response: Response | None

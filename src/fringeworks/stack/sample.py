@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import PatternPlan, PhaseSteps
-from fringeworks.stack.frames import Planes, sample_of, sampled_places
+from fringeworks.stack.frames import Planes, readable, sample_of, sampled_places
 from fringeworks.types import Axis, FloatMap
 
 PATCH = 256
@@ -82,8 +82,7 @@ def _lines(frame: NDArray[Any], axis: Axis) -> NDArray[Any]:
     count, length = across.shape
     wanted = min(count, max(MIN_LINES, LINE_PIXELS // length))
     rows = ((np.arange(wanted) + 0.5) * count / wanted).astype(np.intp)
-    lines = np.ascontiguousarray(across[rows])
-    return lines.astype(np.float32) if lines.dtype == np.float64 else lines
+    return readable(across[rows])
 
 
 def _patch(planes: Planes, plan: PatternPlan) -> list[FloatMap]:

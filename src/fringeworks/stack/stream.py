@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.stack.decode import check_options, decode
-from fringeworks.stack.frames import check_frame, refuse_constant
+from fringeworks.stack.frames import check_frame, readable, refuse_constant
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import Decoded, FramesContradictPlan
 
@@ -73,11 +73,13 @@ class StreamingDecoder:
         index = len(self._frames)
         if index == len(self._labels):
             raise FramesContradictPlan(f"frames: the plan has {len(self._labels)}, got one more")
-        check_frame(frame, self._labels[index], self._frames[0] if self._frames else frame)
+        first = self._frames[0] if self._frames else frame
+        check_frame(frame, self._labels[index], first.shape, first.dtype)
         block = next(b for k, b in reversed(self._plan.placed) if k <= index)
         if isinstance(block, PhaseSteps | GrayCode):
             refuse_constant(frame, self._labels[index], frame[:1])
-        self._frames.append(np.array(frame, order="C"))
+        counts = readable(frame)
+        self._frames.append(counts.copy() if np.may_share_memory(counts, frame) else counts)
 
     def result(self) -> Decoded:
         """Decode the frames that have arrived.

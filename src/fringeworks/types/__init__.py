@@ -24,7 +24,7 @@ from fringeworks.types.errors import (
     check_fields,
 )
 from fringeworks.types.finding import Finding, FindingKind
-from fringeworks.types.frozen import Frozen, fingerprint, sealed, unsealed
+from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
 from fringeworks.types.noise import MAD_TO_SIGMA, CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
@@ -62,6 +62,7 @@ __all__ = [
     "Source",
     "UnknownMethod",
     "check_fields",
+    "check_reusable",
     "count_reasons",
     "fingerprint",
     "made_by",

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from itertools import combinations
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from fringeworks.types.errors import InputError
 
 SHOWN_ITEMS = 6
 """Items of a tuple or dictionary that ``repr`` shows; a few fit on one line."""
@@ -68,15 +72,49 @@ def unsealed(array: Array) -> Array:
     """Make an array of a frozen type writable again; return it.
 
     For ``out`` arguments only: the object that held the array is not valid afterwards.
+
+    Raises
+    ------
+    InputError where the memory cannot be written to, such as a file that is mapped for reading.
     """
     chain: list[NDArray[Any]] = []
     part: Any = array
     while isinstance(part, np.ndarray):
         chain.append(part)
         part = part.base
-    for view in reversed(chain):
-        view.setflags(write=True)
+    try:
+        for view in reversed(chain):
+            view.setflags(write=True)
+    except ValueError as error:
+        raise InputError("out: expected memory that can be written to, got read-only") from error
     return array
+
+
+def check_reusable(
+    arrays: Mapping[str, NDArray[Any]], expected: Mapping[str, tuple[tuple[int, ...], type]]
+) -> None:
+    """Refuse arrays of an earlier result that a kernel cannot write to.
+
+    Parameters
+    ----------
+    arrays : arrays by name
+    expected : shape and type of each, by the same names
+
+    Raises
+    ------
+    InputError for another shape, type or byte order, strides, and arrays that share memory.
+    """
+    for name, (shape, kind) in expected.items():
+        array = arrays[name]
+        if array.shape != shape or array.dtype != kind:
+            raise InputError(
+                f"out: expected {name} as {np.dtype(kind)} {shape}, got {array.dtype} {array.shape}"
+            )
+        if not (array.flags.c_contiguous and array.flags.aligned):
+            raise InputError(f"out: expected {name} contiguous by rows, got a strided array")
+    for one, other in combinations(arrays, 2):
+        if np.may_share_memory(arrays[one], arrays[other]):
+            raise InputError(f"out: expected {one} and {other} in memory of their own, got shared")
 
 
 def fingerprint(value: Any) -> str:

@@ -1,0 +1,146 @@
+"""The order of a folder's images: by the labels in their names, or else by name."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+
+from fringeworks.patterns.plan import PatternPlan
+from fringeworks.types import FramesContradictPlan
+
+
+def by_name(paths: Sequence[Path]) -> list[Path]:
+    """Sort paths by name, numbers in the names by their value."""
+    return sorted(
+        paths,
+        key=lambda p: [
+            (0, int(part), "") if part.isdigit() else (1, 0, part) for part in _parts(p.name)
+        ],
+    )
+
+
+def in_plan_order(
+    paths: Sequence[Path], plan: PatternPlan, folder: Path, *, listed: bool
+) -> tuple[list[Path], list[str]]:
+    """Put images into the order of their plan.
+
+    Parameters
+    ----------
+    paths : images in the order of their names, or in the order of a list
+    plan : PatternPlan
+    folder : path
+        For messages.
+    listed : bool
+        Whether the user gave the order. It is kept; labels that contradict it are an error.
+
+    Returns
+    -------
+    paths : images in the order of the plan
+        By the labels in their names where every name carries one; otherwise in the given order.
+    notes : one sentence if labels changed the order
+
+    Raises
+    ------
+    FramesContradictPlan
+        If the number of images is not the plan's. The message names the missing frames as far as
+        labels or numbers in the names tell them.
+    """
+    labels = plan.labels()
+    carried = _labels_of(paths, labels)
+    if len(paths) != len(labels):
+        missing = _missing(paths, labels, carried) if len(paths) < len(labels) else ""
+        raise FramesContradictPlan(
+            f"{folder}: the plan has {len(labels)} frames, got {len(paths)} images{missing}"
+        )
+    if carried is None or carried == labels:
+        return list(paths), []
+    if listed:
+        k = next(k for k, label in enumerate(labels) if carried[k] != label)
+        raise FramesContradictPlan(
+            f"{folder}: expected {labels[k]} as frame {k} of the list, got {paths[k].name}, whose "
+            f"name carries the label {carried[k]}"
+        )
+    waiting: dict[str, list[Path]] = {}
+    for path, label in zip(paths, carried, strict=True):
+        waiting.setdefault(label, []).append(path)
+    note = "frames put into the order of the plan by the labels in their names"
+    return [waiting[label].pop(0) for label in labels], [note]
+
+
+def _parts(name: str) -> list[str]:
+    """A name in parts: text, number, text, …"""
+    return re.split(r"(\d+)", name)
+
+
+def _labels_of(paths: Sequence[Path], labels: list[str]) -> list[str] | None:
+    """The label in the name of every image; None unless the names tell which frame each one is.
+
+    Names tell that if each carries a label, and no label occurs more often than in the plan.
+    """
+    # The longest label first: "x-gray-1-inverse" also contains "x-gray-1".
+    known = sorted(set(labels), key=lambda label: (-len(label), label))
+    # A label ends where its number ends. An inverse bit does not stand for the bit itself.
+    patterns = {
+        label: re.compile(rf"(?<![0-9A-Za-z.]){re.escape(label)}(?![0-9A-Za-z.]|-inverse)")
+        for label in known
+    }
+    found = []
+    for path in paths:
+        carried = next((name for name in known if patterns[name].search(path.stem)), None)
+        if carried is None:
+            return None
+        found.append(carried)
+    return None if Counter(found) - Counter(labels) else found
+
+
+def _missing(paths: Sequence[Path], labels: list[str], carried: list[str] | None) -> str:
+    """Which frames are missing, as the end of a message; empty where the names do not tell it."""
+    if carried is not None:
+        left = Counter(labels) - Counter(carried)
+        return f"; missing: {', '.join(label for label in dict.fromkeys(labels) if left[label])}"
+    numbered = _running_number(paths)
+    if numbered is None:
+        return ""
+    numbers, before, after, digits = numbered
+    step = math.gcd(*(b - a for a, b in pairwise(numbers))) or 1
+    places = range(numbers[0], numbers[-1] + 1, step)
+    gaps = [k for k, number in enumerate(places) if number not in set(numbers)]
+    if len(places) > len(labels):
+        return ""  # the numbers skip more than the plan has: they do not count its frames
+    names = [f"{before}{places[k]:0{digits}d}{after}" for k in gaps]
+    ends = len(labels) - len(places)
+    if not ends:
+        told = (f"{labels[k]} ({name})" for k, name in zip(gaps, names, strict=True))
+        return f"; missing: {', '.join(told)}"
+    few = f"{ends} frame{'s' if ends > 1 else ''} at the beginning or the end"
+    if gaps:
+        return f"; missing: {', '.join(names)}, and {few}"
+    if numbers[0] == 0:
+        return f"; missing: {', '.join(labels[-ends:])}"
+    return f"; missing: {few}, as the numbers in the names have no gap"
+
+
+def _running_number(paths: Sequence[Path]) -> tuple[list[int], str, str, int] | None:
+    """The number that runs through the names, ascending; what stands before and after it; and its
+    smallest number of digits.
+
+    None unless the names differ in one number only.
+    """
+    names = [_parts(path.name) for path in paths]
+    if len(names) < 2 or len({len(parts) for parts in names}) > 1:
+        return None
+    columns = list(zip(*names, strict=True))
+    values = [tuple(int(p) for p in c) if c[0].isdigit() else c for c in columns]
+    differing = [k for k, column in enumerate(values) if len(set(column)) > 1]
+    if len(differing) != 1 or not columns[differing[0]][0].isdigit():
+        return None
+    k = differing[0]
+    numbers = sorted(int(part) for part in columns[k])
+    digits = min(len(part) for part in columns[k])
+    if len(set(numbers)) < len(numbers):
+        return None
+    return numbers, "".join(names[0][:k]), "".join(names[0][k + 1 :]), digits

@@ -1,0 +1,179 @@
+"""Kernels in forked processes: every one works there, after it has worked in the parent."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BINDINGS = Path(__file__).parents[1] / "crates/bindings/src"
+TIMEOUT = 120
+"""Seconds after which a process counts as one that hangs; it takes about five."""
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork")
+
+
+def run(script: str, **environment: str) -> str:
+    """Output of a script; a process of its own, so that one that hangs can be ended."""
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore::DeprecationWarning", "-c", script],
+        cwd=Path(__file__).parents[1],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+EVERY_KERNEL = """
+import os
+import numpy as np
+import fringeworks as fw
+from fringeworks import _core
+
+called = set()
+
+def counted(name, kernel):
+    def call(*arguments, **options):
+        called.add(name)
+        return kernel(*arguments, **options)
+    return call
+
+kernels = {n for n in _core.__all__ if callable(getattr(_core, n))}
+for name in kernels:
+    setattr(_core, name, counted(name, getattr(_core, name)))
+
+from fringeworks.simulate import (
+    Optics, bust, fringe_plan, height_field, look, photograph, standard_rig, standard_scene
+)
+from fringeworks.pair.methods.inverse_function import find_extrema
+from fringeworks.signal.denoise import normalise
+from tests.stacks import multi, take
+
+plan = multi((1, 8), 4, (300, 40))
+frames = take(plan)
+scene = standard_scene("parabola", size=64, fringes=6, noise=1, seed=1)
+rig = standard_rig(scale=0.1)
+phase = np.angle(np.exp(1j * np.add.outer(np.arange(40), np.arange(50)) / 4))
+
+def results():
+    found = [fw.decode(frames, plan)]
+    stream = fw.StreamingDecoder(plan)
+    for frame in frames:
+        stream.add(frame)
+    found.append(stream.result())
+    view = look(rig, bust())
+    layout = fringe_plan(rig)
+    found.append(fw.Triangulator(rig).triangulate(
+        fw.decode(list(photograph(view, layout, Optics())), layout)))
+    found += [fw.analyse(scene, name) for name in fw.methods()]
+    found += [fw.unwrap(phase, algorithm=name).phase for name in ("reliability", "guided")]
+    found += [fw.decompose_rows(scene.object), fw.decompose_frame(scene.object)]
+    found += [normalise(scene.object), find_extrema(scene.object[30], 10.0).position_px]
+    hill = height_field(np.hypot(*np.mgrid[-5:6, -5:6]), 1.0)
+    found.append(hill.hit(np.array([0.1, 0.2, 50.0]), np.array([[0.0, 0.0, -1.0]])))
+    return [fw.fingerprint(result) for result in found]
+
+first = results()
+assert called == kernels, kernels - called
+child = os.fork()
+if child == 0:
+    ok = results() == first
+    grandchild = os.fork()
+    if grandchild == 0:
+        os._exit(0 if fw.fingerprint(fw.decode(frames, plan)) == first[0] else 3)
+    ok = ok and os.waitstatus_to_exitcode(os.waitpid(grandchild, 0)[1]) == 0
+    os._exit(0 if ok else 3)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+print("equal")
+"""
+
+
+def test_every_kernel_works_in_a_forked_process():
+    assert run(EVERY_KERNEL).strip() == "equal"
+
+
+POOL = """
+import multiprocessing
+import fringeworks as fw
+from tests.stacks import multi, take
+
+plan = multi((1, 8), 4, (300, 40))
+stacks = [take(plan, seed=k) for k in range(4)]
+
+def coordinates(frames):
+    return fw.decode(frames, plan).x.coordinate_px.tobytes()
+
+expected = [coordinates(frames) for frames in stacks]
+with multiprocessing.get_context("fork").Pool(2) as pool:
+    assert pool.map(coordinates, stacks) == expected
+print("equal")
+"""
+
+
+def test_a_pool_of_forked_workers():
+    assert run(POOL).strip() == "equal"
+
+
+BUSY = """
+import os, threading
+import fringeworks as fw
+from tests.stacks import multi, take
+
+plan = multi((1, 8), 4, (300, 40))
+frames = take(plan)
+expected = fw.decode(frames, plan)
+stop = threading.Event()
+
+def work():
+    while not stop.is_set():
+        fw.decode(frames, plan)
+
+workers = [threading.Thread(target=work) for _ in range(3)]
+for worker in workers:
+    worker.start()
+for _ in range(20):
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if fw.decode(frames, plan) == expected else 3)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+stop.set()
+for worker in workers:
+    worker.join()
+print("equal")
+"""
+
+
+def test_forks_while_other_threads_decode():
+    assert run(BUSY).strip() == "equal"
+
+
+THREADS = """
+from pathlib import Path
+import fringeworks as fw
+from tests.stacks import multi, take
+plan = multi((1, 8), 4, (300, 40))
+fw.decode(take(plan), plan)
+names = [(task / "comm").read_text() for task in Path("/proc/self/task").iterdir()]
+print(sum(name.startswith("fringeworks") for name in names))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="the system lists no threads")
+def test_the_number_of_threads_is_that_of_the_environment():
+    assert run(THREADS, RAYON_NUM_THREADS="3").strip() == "3"
+
+
+def test_bindings_share_their_threads_and_guards():
+    for path in BINDINGS.glob("*.rs"):
+        text = path.read_text()
+        if path.name != "threads.rs":
+            assert not re.search(r"\.detach\(|rayon", text), path.name
+        if path.name != "rows.rs":
+            assert not re.search(r"\.as_slice(_mut)?\(|\.as_array", text), path.name

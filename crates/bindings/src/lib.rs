@@ -4,6 +4,7 @@
 mod decode;
 mod emd;
 mod inverse;
+mod isolated;
 mod rig;
 mod unwrap;
 mod wavelet;
@@ -42,6 +43,8 @@ mod _core {
     use super::emd::{decompose_rows, row_envelopes};
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
+    #[pymodule_export]
+    use super::isolated::mark_isolated;
     #[pymodule_export]
     use super::rig::{Triangles, Triangulation};
     #[pymodule_export]

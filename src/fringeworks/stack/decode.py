@@ -65,6 +65,7 @@ def decode(
     response: Response | None = None,
     estimate_steps: bool = False,
     keep_phases: bool = False,
+    remove_isolated: bool = True,
     out: Decoded | None = None,
 ) -> Decoded:
     """Decode the projector coordinate of every camera pixel, with its standard deviation.
@@ -94,6 +95,9 @@ def decode(
         Whether to estimate the real phase shifts from the frames (``estimate_shifts``).
     keep_phases : bool
         Whether to return wrapped phase and modulation of every set.
+    remove_isolated : bool
+        Whether to set pixels to NaN, with ``ISOLATED``, whose coordinate fits no surface through
+        their neighbours. Most of them see two depths, at an edge.
     out : Decoded, optional
         An earlier result of the same size. Its maps are overwritten and returned, which saves the
         time for new memory in live measurement.
@@ -117,7 +121,8 @@ def decode(
     sets. Its σ follows from the camera's noise and the modulation, σ_φ² = (2/N) σ²/B² for equal
     steps (theory §5, §9). If the sets disagree by more than their noise, σ is raised by that
     factor. A pixel is NaN with ``ORDER_AMBIGUOUS`` where a rounding has a margin of less than five
-    standard deviations or its sets disagree.
+    standard deviations or its sets disagree. It is NaN with ``ISOLATED`` where fewer than three of
+    its eight neighbours continue its surface (``tests/oracles/isolated.py``).
 
     Examples
     --------
@@ -151,7 +156,7 @@ def decode(
         results = empty_maps(planes[0].shape, sets=sets) if out is None else reused_maps(out, axis)
         axis_planes = [planes[k] for k in decoding.frames]
         in_bands(axis_planes, results, partial(_run, kernel))
-        maps[axis] = _coordinate_map(decoding, results, keep_phases)
+        maps[axis] = _coordinate_map(decoding, results, keep_phases, remove_isolated)
     return _decoded(maps, findings)
 
 
@@ -167,7 +172,7 @@ class StreamingDecoder:
 
     Parameters
     ----------
-    plan, noise, saturation, min_modulation, absolute, response, keep_phases
+    plan, noise, saturation, min_modulation, absolute, response, keep_phases, remove_isolated
         As for ``decode``.
 
     Raises
@@ -197,12 +202,14 @@ class StreamingDecoder:
         absolute: bool = True,
         response: Response | None = None,
         keep_phases: bool = False,
+        remove_isolated: bool = True,
     ) -> None:
         self._plan = plan
         self._noise = noise
         self._saturation = saturation
         self._min_modulation = _not_negative(min_modulation)
         self._keep_phases = keep_phases
+        self._remove_isolated = remove_isolated
         self._decodings = _decodings(plan, absolute, response)
         self._labels = plan.labels()
         self._fringes = any(isinstance(block, PhaseSteps) for block in plan.blocks)
@@ -309,7 +316,9 @@ class StreamingDecoder:
                 # Without a Gray code the kernel still takes the type of the counts from a frame.
                 kind = np.float32 if first.dtype == np.float64 else first.dtype
                 sums.decode(gray_planes or [np.empty(first.shape, kind)], kernel, results)
-            maps[axis] = _coordinate_map(decoding, results, self._keep_phases)
+            maps[axis] = _coordinate_map(
+                decoding, results, self._keep_phases, self._remove_isolated
+            )
         return _decoded(maps, findings)
 
 
@@ -352,9 +361,15 @@ def _patch(planes: Planes, plan: PatternPlan) -> list[FloatMap]:
 
 
 def _coordinate_map(
-    decoding: Decoding, results: dict[str, Any], keep_phases: bool
+    decoding: Decoding, results: dict[str, Any], keep_phases: bool, remove_isolated: bool
 ) -> CoordinateMap:
-    """The kernel's results for one axis as a ``CoordinateMap``."""
+    """The kernel's results for one axis as a ``CoordinateMap``, without isolated pixels."""
+    repeats_px = None if decoding.absolute else decoding.length_px
+    if remove_isolated:
+        _core.mark_isolated(
+            *(results[name] for name in ("coordinate", "sigma", "reason")),
+            repeats=np.inf if repeats_px is None else repeats_px,
+        )
 
     def stacked(name: str) -> FloatMap | None:
         if not (keep_phases and decoding.sets):
@@ -367,7 +382,7 @@ def _coordinate_map(
         periods_px=tuple(phases.period_px for phases in decoding.sets),
         phase_rad=stacked("phases"),
         modulations=stacked("modulations"),
-        repeats_px=None if decoding.absolute else decoding.length_px,
+        repeats_px=repeats_px,
     )
 
 

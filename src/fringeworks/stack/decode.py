@@ -122,7 +122,7 @@ def decode(
     steps (theory §5, §9). If the sets disagree by more than their noise, σ is raised by that
     factor. A pixel is NaN with ``ORDER_AMBIGUOUS`` where a rounding has a margin of less than five
     standard deviations or its sets disagree. It is NaN with ``ISOLATED`` where fewer than three of
-    its eight neighbours continue its surface (``tests/oracles/isolated.py``).
+    its eight neighbours share its surface, as in pixels that see two depths.
 
     Examples
     --------

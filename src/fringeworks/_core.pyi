@@ -91,6 +91,13 @@ def decompose_rows(
 def row_envelopes(
     rows: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def mark_isolated(
+    coordinate: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    reason: NDArray[np.uint8],
+    *,
+    repeats: float,
+) -> int: ...
 def decode_frames(
     frames: Sequence[NDArray[Any]], plan: DecodeSettings, maps: dict[str, Any]
 ) -> None: ...

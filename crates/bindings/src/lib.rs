@@ -4,6 +4,7 @@
 mod decode;
 mod emd;
 mod inverse;
+mod isolated;
 mod rig;
 mod rows;
 mod threads;
@@ -21,6 +22,8 @@ mod _core {
     use super::emd::{decompose_rows, row_envelopes};
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
+    #[pymodule_export]
+    use super::isolated::mark_isolated;
     #[pymodule_export]
     use super::rig::{Triangles, Triangulation};
     #[pymodule_export]

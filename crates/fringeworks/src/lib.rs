@@ -6,6 +6,7 @@
 //! * [`decode`]: shifted fringes and Gray code to projector coordinates, in one pass.
 //! * [`emd`]: empirical mode decomposition of rows, and their envelopes.
 //! * [`inverse`]: inverse function analysis by rows (IFA, SIFA, GSIFA, exact).
+//! * [`isolated`]: pixels whose decoded coordinate no neighbour shares.
 //! * [`mesh`]: intersection of rays with triangles, for the virtual rig.
 //! * [`reason`]: why a pixel has no value.
 //! * [`triangulate`]: projector coordinates and a calibrated rig to points.
@@ -16,6 +17,7 @@
 pub mod decode;
 pub mod emd;
 pub mod inverse;
+pub mod isolated;
 pub mod mesh;
 pub mod reason;
 mod spline;

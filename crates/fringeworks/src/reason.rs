@@ -24,3 +24,5 @@ pub const SHADOW: u8 = 9;
 /// The decoded point is too far from the epipolar line: the rays of camera and projector pass each
 /// other.
 pub const RAYS_APART: u8 = 10;
+/// No surface through the pixel's neighbours has its coordinate, as where it sees two depths at an edge.
+pub const ISOLATED: u8 = 11;

@@ -54,6 +54,7 @@ def decode(
     response: Response | None = None,
     estimate_steps: bool = True,
     keep_phases: bool = False,
+    remove_isolated: bool = True,
     out: Decoded | None = None,
 ) -> Decoded:
     """Decode the projector coordinate of every camera pixel, with its standard deviation.
@@ -86,6 +87,9 @@ def decode(
         Whether to estimate the real phase shifts from the frames (``estimate_shifts``).
     keep_phases : bool
         Whether to return wrapped phase and modulation of every set.
+    remove_isolated : bool
+        Whether to set pixels to NaN, with ``ISOLATED``, whose coordinate fits no surface through
+        their neighbours. Most of them see two depths, at an edge.
     out : Decoded, optional
         An earlier result of the same size. Its maps are overwritten and returned, which saves the
         time for new memory in live measurement.
@@ -109,7 +113,8 @@ def decode(
     sets. Its σ follows from the camera's noise and the modulation, σ_φ² = (2/N) σ²/B² for equal
     steps (theory §5, §9). If the sets disagree by more than their noise, σ is raised by that
     factor. A pixel is NaN with ``ORDER_AMBIGUOUS`` where a rounding has a margin of less than five
-    standard deviations or its sets disagree.
+    standard deviations or its sets disagree. It is NaN with ``ISOLATED`` where fewer than three of
+    its eight neighbours share its surface, as in pixels that see two depths.
 
     Examples
     --------
@@ -142,7 +147,7 @@ def decode(
         results = empty_maps(planes[0].shape, sets=sets) if out is None else reused_maps(out, axis)
         axis_planes = [planes[k] for k in decoding.frames]
         in_bands(axis_planes, results, partial(_run, kernel))
-        maps[axis] = _coordinate_map(decoding, results, keep_phases)
+        maps[axis] = _coordinate_map(decoding, results, keep_phases, remove_isolated)
     decoded = _decoded(maps, findings)
     refuse_nothing_measured(decoded)
     return decoded
@@ -204,9 +209,15 @@ def _positive(count_step: float | None) -> float | None:
 
 
 def _coordinate_map(
-    decoding: Decoding, results: dict[str, Any], keep_phases: bool
+    decoding: Decoding, results: dict[str, Any], keep_phases: bool, remove_isolated: bool
 ) -> CoordinateMap:
-    """The kernel's results for one axis as a ``CoordinateMap``."""
+    """The kernel's results for one axis as a ``CoordinateMap``, without isolated pixels."""
+    repeats_px = None if decoding.absolute else decoding.length_px
+    if remove_isolated:
+        _core.mark_isolated(
+            *(results[name] for name in ("coordinate", "sigma", "reason")),
+            repeats=np.inf if repeats_px is None else repeats_px,
+        )
 
     def stacked(name: str) -> FloatMap | None:
         if not (keep_phases and decoding.sets):
@@ -219,7 +230,7 @@ def _coordinate_map(
         periods_px=tuple(phases.period_px for phases in decoding.sets),
         phase_rad=stacked("phases"),
         modulations=stacked("modulations"),
-        repeats_px=None if decoding.absolute else decoding.length_px,
+        repeats_px=repeats_px,
     )
 
 

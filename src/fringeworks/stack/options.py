@@ -19,3 +19,4 @@ class DecodeOptions(TypedDict, total=False):
     response: Response | None
     estimate_steps: bool
     keep_phases: bool
+    remove_isolated: bool

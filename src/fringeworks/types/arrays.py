@@ -32,6 +32,7 @@ class Reason(IntEnum):
     BEYOND_GEOMETRY = 8  # no height has this displacement, or no point in front of both devices
     SHADOW = 9  # the fringes are not above the noise: the projector does not light the pixel
     RAYS_APART = 10  # columns and rows disagree: the rays of camera and projector do not meet
+    ISOLATED = 11  # no surface through its neighbours has its coordinate: two depths in one pixel
 
 
 def count_reasons(reason: ByteMap) -> dict[str, int]:

@@ -18,5 +18,5 @@ pub fn mark_isolated<'py>(
     let width = coordinate.shape()[1];
     let c = rows_of_mut(&mut coordinate)?;
     let (s, r) = (rows_of_mut(&mut sigma)?, rows_of_mut(&mut reason)?);
-    detached(py, || mark(c, s, r, width, repeats)).map_err(refuse)
+    detached(py, || mark(c, s, r, width, repeats))?.map_err(refuse)
 }

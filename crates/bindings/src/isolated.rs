@@ -1,6 +1,6 @@
 //! Binding of the test for isolated pixels.
 
-use crate::rows::{refuse, rows_of_mut};
+use crate::rows::rows_of_mut;
 use crate::threads::detached;
 use fringeworks::isolated::mark;
 use numpy::{PyReadwriteArray2, PyUntypedArrayMethods};
@@ -18,5 +18,5 @@ pub fn mark_isolated<'py>(
     let width = coordinate.shape()[1];
     let c = rows_of_mut(&mut coordinate)?;
     let (s, r) = (rows_of_mut(&mut sigma)?, rows_of_mut(&mut reason)?);
-    detached(py, || mark(c, s, r, width, repeats))?.map_err(refuse)
+    detached(py, || mark(c, s, r, width, repeats))
 }

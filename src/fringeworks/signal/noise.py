@@ -165,10 +165,10 @@ def noise_of_residuals(
         return constant
     weight = np.array([part.size for part in groups]) * freedom / (2.0 * variance**2)
     least = min(floor_counts**2, float(variance.min()))
-    normal = np.array(
-        [[weight.sum(), weight @ mean], [weight @ mean, weight @ mean**2]]
+    normal = np.array([[weight.sum(), weight @ mean], [weight @ mean, weight @ mean**2]])
+    read_variance, gain = np.linalg.solve(
+        normal, np.array([weight @ variance, weight * mean @ variance])
     )
-    read_variance, gain = np.linalg.solve(normal, np.array([weight @ variance, weight * mean @ variance]))
     error = float(np.sqrt(np.linalg.inv(normal)[1, 1]))
     if read_variance < least:
         # Shot noise dominates: the noise in the dark is that of rounding.

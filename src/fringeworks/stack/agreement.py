@@ -19,8 +19,8 @@ UNRELATED_RESIDUAL = 0.5
 """Variance of the residuals over B² where frames are in no relation: that of a cosine, ½."""
 
 UNRELATED_ASTRAY = 0.4
-"""Share of coordinates beyond the reach of their Gray-code cell where phases and Gray code are in no
-relation: distances are then uniform up to one cell, and the reach is 0.6 cells."""
+"""Share of coordinates beyond the reach of their Gray-code cell where phases and Gray code are in
+no relation: distances are then uniform up to one cell, and the reach is 0.6 cells."""
 
 MIN_BORDERS = 6
 """Smallest number of borders of a Gray-code bit in the lines for a statement about the bit.
@@ -141,8 +141,9 @@ def agreement(
         if square.size >= MIN_JUDGED_PIXELS and unrelated_sets > 1.0:
             usual = chi_square_quantile(0.5, len(decoding.sets) - 1)
             parts["sets"] = float(np.median(square)) / usual / unrelated_sets
-    bright = lit & (maps["modulation"] >= np.nanquantile(maps["modulation"][lit], BRIGHT)
-                    if lit.any() else lit)
+    bright = lit & (
+        maps["modulation"] >= np.nanquantile(maps["modulation"][lit], BRIGHT) if lit.any() else lit
+    )
     if bright.sum() >= MIN_JUDGED_PIXELS:
         parts["unmeasured"] = float(np.mean(maps["reason"][bright] != Reason.OK))
     if decoding.gray is not None:

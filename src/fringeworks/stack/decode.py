@@ -42,6 +42,7 @@ from fringeworks.types import (
     sealed,
 )
 
+
 def decode(
     frames: NDArray[Any] | Sequence[NDArray[Any]],
     plan: PatternPlan,

@@ -325,8 +325,10 @@ def _without_harmonics(values: FloatMap, phases: PhaseFrames, fitted: FloatMap) 
     total = np.sum(residual**2)
     for order in HARMONICS:
         wave = modulation * waves**order
-        wave = wave - _times(design, _times(solver, wave.real)) - 1j * _times(
-            design, _times(solver, wave.imag)
+        wave = (
+            wave
+            - _times(design, _times(solver, wave.real))
+            - 1j * _times(design, _times(solver, wave.imag))
         )
         power = float(np.sum(np.abs(wave) ** 2))
         if power > SMALL_POWER * float(np.sum(modulation**2)):

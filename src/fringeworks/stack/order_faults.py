@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,7 @@ Numbers of neighbouring bits of a Gray code differ by 1. Empirical.
 """
 
 MIN_EXPECTED = 4.0
-"""Smallest number of expected borders for a statement that a frame shows no pattern."""
+"""Smallest number of expected borders per line for a statement that a frame shows no pattern."""
 
 NO_PATTERN = 0.1
 """Share of the expected borders below which a frame shows no pattern. Empirical."""
@@ -105,6 +105,8 @@ class _Signature:
 
     seen: NDArray[np.float64]
     """Borders of every frame of the stack."""
+    lines: int
+    """Number of lines."""
     per_px: NDArray[np.float64]
     """Borders per projector px of every frame of the plan; NaN for frames without a pattern along
     the axis."""
@@ -204,18 +206,19 @@ def _refuse_repeated(plan: PatternPlan, sample: Sample, labels: list[str]) -> No
         after = first + block.frames
         if after < plan.frames:
             frames.append(sample.points[after][0].astype(np.float64))
-        steps = [np.median(np.abs(b - a)[lit]) for a, b in zip(frames, frames[1:], strict=False)]
+        steps = [np.median(np.abs(b - a)[lit]) for a, b in pairwise(frames)]
         usual = float(np.median(steps))
         for k, step in enumerate(steps):
             if step < REPEATED * usual:
                 raise FramesContradictPlan(
-                    f"frame {labels[first + k + 1]}: it repeats frame {labels[first + k]}; expected "
-                    "another pattern (a frame was taken twice, or the projector did not change)"
+                    f"frame {labels[first + k + 1]}: it repeats frame {labels[first + k]}; "
+                    "expected another pattern (a frame was taken twice, or the projector did not "
+                    "change)"
                 )
 
 
 def _lit(sample: Sample, axis: Axis) -> tuple[FloatMap, FloatMap, BoolMap]:
-    """Middle and half difference of the darkest and brightest frame of the lines, and lit pixels."""
+    """Middle and half difference of the darkest and brightest frame of the lines; lit pixels."""
     frames = sample.lines[axis]
     dark = np.minimum.reduce(frames).astype(np.float64)
     bright = np.maximum.reduce(frames).astype(np.float64)
@@ -233,7 +236,7 @@ def _signature(plan: PatternPlan, sample: Sample, axis: Axis) -> _Signature:
             per_px[first : first + block.frames] = [
                 _borders_per_px(block, k) for k in range(block.frames)
             ]
-    return _Signature(seen, per_px)
+    return _Signature(seen, len(middle), per_px)
 
 
 def _borders_per_px(block: PhaseSteps | GrayCode, frame: int) -> float:
@@ -258,12 +261,12 @@ def _refuse_no_pattern(signatures: list[_Signature], labels: list[str]) -> None:
     """Refuse frames without the pattern that their plan expects."""
     for found in signatures:
         _, expected = found.fits({k: k for k in range(len(labels))})
-        empty = (expected >= MIN_EXPECTED) & (found.seen < NO_PATTERN * expected)
+        empty = (expected >= MIN_EXPECTED * found.lines) & (found.seen < NO_PATTERN * expected)
         if 0 < empty.sum() <= MAX_CANDIDATES:
             named = ", ".join(labels[k] for k in np.flatnonzero(empty))
             raise FramesContradictPlan(
-                f"frame {named}: it shows no pattern, expected one; the projector was dark or showed "
-                "something else when it was taken, or the stack begins too early or too late"
+                f"frame {named}: it shows no pattern, expected one; the projector was dark or "
+                "showed something else when it was taken, or the stack begins too early or too late"
             )
 
 
@@ -308,13 +311,13 @@ def _late(lag: int, labels: list[str]) -> str:
     word, place = ("late", lag) if lag > 0 else ("early", 0)
     shown = f"frame {place} of the stack shows {labels[place - lag]}"
     return (
-        f"frames: the stack is {count} {word} ({shown}); expected the frames of the plan, the first "
-        f"one {labels[0]}"
+        f"frames: the stack is {count} {word} ({shown}); expected the frames of the plan, "
+        f"the first one {labels[0]}"
     )
 
 
 def _alignments(count: int) -> Iterator[tuple[str, int, dict[int, int]]]:
-    """Kinds of shifts: name, frame or lag, and the place in the stack of every frame of the plan."""
+    """Kinds of shifts: name, frame or lag, and the place in the stack of the plan's frames."""
     for lag in LAGS:
         yield "late", lag, {k: k + lag for k in range(count) if 0 <= k + lag < count}
     for lost in range(count):
@@ -322,7 +325,7 @@ def _alignments(count: int) -> Iterator[tuple[str, int, dict[int, int]]]:
 
 
 def _refuse_shifted(signatures: list[_Signature], labels: list[str]) -> None:
-    """Refuse a stack whose patterns are those of the plan, shifted as a whole or from a frame on."""
+    """Refuse a stack whose patterns are the plan's, shifted as a whole or from a frame on."""
     count = len(labels)
 
     def explained(places: dict[int, int]) -> int:

@@ -1,4 +1,4 @@
-"""The errors of phases in two parts: noise, and a floor that does not shrink with the modulation."""
+"""Errors of phases in two parts: noise, and a floor that does not shrink with the modulation."""
 
 from __future__ import annotations
 
@@ -23,13 +23,16 @@ The sample's median χ² scatters by 2 to 3 %, and simulated stacks without erro
 The rest of the margin allows for errors of the measured noise. Empirical.
 """
 
+GROUP_NOISE_ALONE = 1.5
+"""The same for a group of similar modulation, which scatters more. Empirical."""
+
 QUANTILES = (0.5, 0.9)
-"""Quantiles of χ² that both must agree with the errors: the middle, and the beginning of the tail."""
+"""Quantiles of χ² that both must agree with the errors: the middle and the tail."""
 
 
 TAIL = 0.99
-"""Quantile of the errors of a rounding that counts as their bound; edges of the scene may hold up to
-a hundredth of the pixels."""
+"""Quantile of the errors of a rounding that counts as their bound; edges of the scene may hold up
+to a hundredth of the pixels."""
 
 TAIL_SAFETY = 1.5
 """Factor on this bound. The 99th percentile of Gaussian errors is 2.6 standard deviations; times
@@ -89,7 +92,8 @@ def two_parts(square: FloatMap, variance_rad2: FloatMap, freedom: float) -> Phas
     for quantile in QUANTILES:
         usual = chi_square_quantile(quantile, freedom)
         seen = np.array([float(np.quantile(square[part], quantile)) for part in groups]) / usual
-        if seen.max() <= NOISE_ALONE:
+        whole = float(np.quantile(square, quantile)) / usual
+        if whole <= NOISE_ALONE and seen.max() <= GROUP_NOISE_ALONE:
             continue
         weights = 1.0 / seen
         design = np.column_stack((np.ones_like(inverse), inverse)) * weights[:, None]

@@ -51,19 +51,29 @@ class RealFrames:
 
     design: NDArray[np.float64]
     """(N, 3): α_n, k_n and q_n."""
-    explained: float
-    """Share of the residuals' variance that is explained, 0…1."""
 
     @property
     def shifts_rad(self) -> NDArray[np.float64]:
-        """Phase steps δ_n, rad."""
-        return np.asarray(np.arctan2(self.design[:, 2], self.design[:, 1]))
+        """Phase steps δ_n, rad, up to a common one."""
+        k, q = self._circle()
+        return np.asarray(np.arctan2(q, k))
 
     @property
     def fringe_gains(self) -> NDArray[np.float64]:
-        """Modulation of every frame over the mean of all."""
-        gains = np.hypot(self.design[:, 1], self.design[:, 2])
+        """Modulation over background of every frame, relative to the mean of all."""
+        gains = np.hypot(*self._circle())
         return np.asarray(gains / gains.mean())
+
+    def _circle(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(k_n, q_n) / α_n about the centre of the circle through them.
+
+        Adding shares of c and s to A does not change the phase, but moves these points. Where all
+        frames have the same modulation over background, the points lie on a circle about zero.
+        """
+        k, q = (self.design[:, 1:] / self.design[:, :1]).T
+        conic = np.column_stack((2.0 * k, 2.0 * q, np.ones_like(k)))
+        centre = np.linalg.lstsq(conic, k**2 + q**2, rcond=None)[0]
+        return k - centre[0], q - centre[1]
 
     @property
     def light_gains(self) -> NDArray[np.float64]:
@@ -71,7 +81,7 @@ class RealFrames:
         return np.asarray(self.design[:, 0] / self.design[:, 0].mean())
 
 
-def real_frames(samples: FloatMap, planned: NDArray[np.float64]) -> RealFrames | None:
+def real_frames(samples: FloatMap, planned: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Estimate what the frames of a set show, from many pixels.
 
     Parameters
@@ -83,8 +93,8 @@ def real_frames(samples: FloatMap, planned: NDArray[np.float64]) -> RealFrames |
 
     Returns
     -------
-    RealFrames; None where three frames, noise, or too little of a fringe do not determine it, or
-    where the frames show what was planned.
+    (N, 3) array: α_n, k_n and q_n of every frame; None where three frames, noise, or too little of
+    a fringe do not determine it, or where the frames show what was planned.
 
     Notes
     -----
@@ -122,4 +132,9 @@ def real_frames(samples: FloatMap, planned: NDArray[np.float64]) -> RealFrames |
     phasor = (c + 1j * s) / np.maximum(np.hypot(c, s), np.finfo(float).tiny)
     if abs(np.mean(phasor)) > MAX_ALIGNED:
         return None
-    return RealFrames(np.asarray(design), explained)
+    return np.asarray(design)
+
+
+def design_rows(design: NDArray[np.float64]) -> tuple[tuple[float, float, float], ...]:
+    """A design matrix as tuples, one per frame."""
+    return tuple((float(a), float(c), float(s)) for a, c, s in design)

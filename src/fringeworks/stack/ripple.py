@@ -38,12 +38,23 @@ JUMP_TURNS = 0.2
 """Change of the phase's slope from pixel to pixel above which a window holds an edge, turns."""
 
 SMOOTH_SHARE = 0.7
-"""Share of the windows that is used: those that are smoothest. The rest may hold edges or relief."""
+"""Share of the windows that is used: the smoothest ones. The rest may hold edges or relief."""
 
 NOISE_ALONE = 1.4
-"""Variance of the phase along smooth lines, over that of the noise, from which on noise of the camera
-is not its only cause. It scatters by 5 % in simulations; the rest of the margin allows for surfaces
-that are rough everywhere. Empirical."""
+"""Variance of the phase along smooth lines, over that of the noise, from which on noise of the
+camera is not its only cause. It scatters by 5 % in simulations; the rest of the margin allows for
+surfaces that are rough everywhere. Empirical."""
+
+MAX_CONDITION = 1e3
+"""Largest condition number of the normal equations of a ripple: phases must cover most of a
+fringe."""
+
+OUTLIER_SIGMAS = 4.0
+"""Residuals beyond this many standard deviations do not take part, for example wrong orders."""
+
+USUAL_WINDOW = 0.9
+"""Quantile of the smooth windows whose errors count where noise is not their only cause. Errors by
+compression or vibration differ from place to place; most pixels must be covered. Empirical."""
 
 LOWEST_THIRD = 1.06
 """Mean of the lowest 35 % of a normal distribution below its mean, in standard deviations."""
@@ -65,6 +76,8 @@ class Ripple:
     excess: float
     """Variance of the phase about a smooth surface, without the ripple and in the smoother windows,
     over that by noise of the camera."""
+    background_ratio: float = 1.0
+    """Background over modulation of the pixels, median."""
 
     def significant(self, order: int) -> complex:
         """The harmonic of an order; 0 where it is not significant."""
@@ -98,7 +111,7 @@ def measure_ripple(
     if windows is None:
         return None
     phase, sigma = windows
-    n, length = phase.shape
+    length = phase.shape[1]
     place = np.linspace(-1.0, 1.0, length)
     basis, _ = np.linalg.qr(np.vander(place, 4))
 
@@ -125,7 +138,7 @@ def measure_ripple(
     excess = float(smooth.mean() * length / freedom / by_chance)
     if excess > NOISE_ALONE:
         # Errors that vary over the scene count with their usual size, not with their smallest.
-        excess = float(np.quantile(scatter, SMOOTH_SHARE) * length / freedom)
+        excess = float(np.quantile(residual, USUAL_WINDOW) * length / freedom)
     pairs = coefficients.reshape(-1, 2)
     return Ripple(
         orders,
@@ -135,9 +148,43 @@ def measure_ripple(
     )
 
 
-def _windows(
-    turns: FloatMap, usable: BoolMap, sigma: FloatMap
-) -> tuple[FloatMap, FloatMap] | None:
+def ripple_of_residuals(
+    phase_rad: FloatMap, residual_rad: FloatMap, orders: tuple[int, ...]
+) -> Ripple | None:
+    """Ripple of a set of long fringes, from its differences to the other sets.
+
+    Parameters
+    ----------
+    phase_rad : (n,) float array
+        Wrapped phase of the set, rad.
+    residual_rad : (n,) float array
+        Phase of the set less that of the coordinate, rad.
+    orders : tuple of int
+
+    Returns
+    -------
+    Ripple; None where the phases do not cover a fringe.
+    """
+    waves = [np.ones_like(phase_rad)]
+    for order in orders:
+        waves += [np.cos(order * phase_rad), np.sin(order * phase_rad)]
+    design = np.stack(waves, axis=1)
+    normal = design.T @ design
+    if np.linalg.cond(normal) > MAX_CONDITION:
+        return None
+    inverse = np.linalg.inv(normal)
+    coefficients = inverse @ (design.T @ residual_rad)
+    left = residual_rad - design @ coefficients
+    kept = np.abs(left) <= OUTLIER_SIGMAS * 1.4826 * np.median(np.abs(left))
+    inverse = np.linalg.inv(design[kept].T @ design[kept])
+    coefficients = inverse @ (design[kept].T @ residual_rad[kept])
+    variance = float(np.var(residual_rad[kept] - design[kept] @ coefficients))
+    pairs = coefficients[1:].reshape(-1, 2)
+    errors = np.sqrt(variance * np.diag(inverse)[1:].reshape(-1, 2).max(axis=1))
+    return Ripple(orders, pairs[:, 0] + 1j * pairs[:, 1], errors, 1.0)
+
+
+def _windows(turns: FloatMap, usable: BoolMap, sigma: FloatMap) -> tuple[FloatMap, FloatMap] | None:
     """Unwrapped phases of windows without edges, rad, and their standard deviations by noise."""
     slope = np.diff(turns, axis=1)
     slope -= np.rint(slope)

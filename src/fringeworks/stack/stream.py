@@ -50,6 +50,7 @@ class StreamingDecoder:
         self._options = options
         self._labels = plan.labels()
         self._frames: list[NDArray[Any]] = []
+        self._first: tuple[tuple[int, ...], np.dtype[Any]] | None = None
 
     @property
     def missing(self) -> list[str]:
@@ -73,11 +74,12 @@ class StreamingDecoder:
         index = len(self._frames)
         if index == len(self._labels):
             raise FramesContradictPlan(f"frames: the plan has {len(self._labels)}, got one more")
-        first = self._frames[0] if self._frames else frame
-        check_frame(frame, self._labels[index], first.shape, first.dtype)
+        shape, kind = self._first or (frame.shape, frame.dtype)
+        check_frame(frame, self._labels[index], shape, kind)
         block = next(b for k, b in reversed(self._plan.placed) if k <= index)
         if isinstance(block, PhaseSteps | GrayCode):
             refuse_constant(frame, self._labels[index], frame[:1])
+        self._first = shape, kind
         counts = readable(frame)
         self._frames.append(counts.copy() if np.may_share_memory(counts, frame) else counts)
 

@@ -27,14 +27,17 @@ def noise(found: CameraNoise, source: str) -> Finding:
     return Finding("noise", seen, figures=figures)
 
 
-def real_frames(
-    found: RealFrames, phases: PhaseFrames, axis: Axis, labels: list[str]
-) -> Finding:
-    """Steps and gains that differ from the plan."""
+def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> Finding | None:
+    """Steps and gains that differ from the plan; None where they hardly do."""
+    if not phases.design:
+        return None
+    found = RealFrames(np.array(phases.design))
     planned = np.asarray(phases.shifts_rad)
     off = np.angle(np.exp(1j * (found.shifts_rad - planned)))
     off = np.degrees(off - off.mean())
     light, fringe = found.light_gains - 1.0, found.fringe_gains - 1.0
+    if np.abs(off).max() < NOTABLE_DEG and np.abs(light).max() < NOTABLE_GAIN:
+        return None
     number = np.arange(len(planned))
     steps = (
         f"steps of {phases.period_px:g} px along {axis}: "
@@ -111,8 +114,8 @@ def disagreement(errors: PhaseErrors, axis: Axis) -> Finding:
 def correlated_noise(factor: float, axis: Axis) -> Finding:
     """Phases along smooth lines that are noisier than the noise of the camera."""
     seen = (
-        f"phases along {axis} scatter {factor**0.5:.1f} times as much along smooth lines as the noise "
-        "of the camera explains; standard deviations are raised by this factor"
+        f"phases along {axis} scatter {factor**0.5:.1f} times as much along smooth lines as the "
+        "noise of the camera explains; standard deviations are raised by this factor"
     )
     causes = (
         "lossy compression or smoothing in the camera",

@@ -1,0 +1,332 @@
+"""Errors of the phases that are no noise: found in a sample, taken out, or added to their floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.patterns.order_chain import GRAY_REACH, TURN
+from fringeworks.signal.noise import NORMAL_MEDIAN
+from fringeworks.stack import words
+from fringeworks.stack.agreement import decode_sample
+from fringeworks.stack.kernel_settings import Decoding, GrayFrames, Limits, PhaseFrames
+from fringeworks.stack.noise import MIN_JUDGED_PIXELS
+from fringeworks.stack.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
+from fringeworks.stack.real_frames import design_rows
+from fringeworks.stack.ripple import NOISE_ALONE, Ripple, measure_ripple, ripple_of_residuals
+from fringeworks.stack.sample import Sample
+from fringeworks.types import CameraNoise, Finding, FloatMap, Reason
+
+MAX_OFFSET_TURNS = 0.15
+"""Largest error of a rounding that constant offsets between the sets may make, turns.
+
+Offsets are known modulo one turn of every rounding only. Up to 0.15 turns, the smallest one is far
+likelier than the next; beyond, fringe orders cannot be trusted. Empirical.
+"""
+
+RIPPLE_FACTOR = 1.2
+"""Standard deviation that stands for a ripple, over its rms value.
+
+A sinusoid spends only half of its phases within its rms value. Within 1.2 times that, it spends
+64 %, about as much as a normal distribution within its standard deviation.
+"""
+
+MAX_ORDER = 8
+"""Highest order of a ripple that is looked for, periods per fringe; higher ones are weak."""
+
+MAX_RIPPLE_NOISE_RAD = 0.2
+"""Largest phase noise of a pixel that a ripple is measured from, rad. An empirical choice: noisier
+pixels only add noise."""
+
+RIPPLE_PASSES = 2
+"""Passes of taking a ripple out. One leaves the square of a ripple in radians, the second nothing
+that matters."""
+
+SHIFTED_REACH = 1.15
+"""Median distance of coordinates from the middles of their Gray-code cells, over its expectation,
+up to which borders of cells count as where they should be. Empirical."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of the frames when their phases are judged."""
+
+    noise: CameraNoise
+    limits: Limits
+    estimate_steps: bool
+    """Whether errors of steps and gains may be taken out."""
+
+    @property
+    def open_limits(self) -> Limits:
+        """The limits without that of the sets' disagreement."""
+        return replace(self.limits, max_disagreement=float("inf"))
+
+
+@dataclass(frozen=True)
+class Refined:
+    """The decoding of an axis with the errors of its phases, and what was found."""
+
+    decoding: Decoding
+    findings: tuple[Finding, ...] = ()
+    noise_factor: float = 1.0
+    """Variance of the noise in the phases over that of the camera's noise; ≥ 1."""
+    ratio: float = 1.0
+    """Median χ² of the sets over its expectation for noise alone."""
+
+
+def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
+    """Find the errors of the phases that are no noise, and take them out or into account.
+
+    Parameters
+    ----------
+    decoding : Decoding
+    sample : Sample
+    known : Known
+
+    Returns
+    -------
+    Refined
+    """
+    if not decoding.sets:
+        return Refined(decoding)
+    lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
+    planes = [sample.points[k] for k in decoding.frames]
+    decoding, ripples = _without_ripples(decoding, lines, planes, known)
+    findings: list[Finding] = []
+    sets = []
+    for phases, ripple in zip(decoding.sets, ripples, strict=True):
+        floored, found = _with_harmonics(phases, ripple, decoding.axis, known.estimate_steps)
+        sets.append(floored)
+        findings += found
+    decoding = replace(decoding, sets=tuple(sets))
+    finest = min(range(len(sets)), key=lambda k: sets[k].period_px)
+    factor = 1.0 if ripples[finest] is None else ripples[finest].excess
+    factor = factor if factor > NOISE_ALONE else 1.0
+    if factor > 1.0:
+        findings.append(words.correlated_noise(factor, decoding.axis))
+        known = replace(known, noise=scaled(known.noise, factor))
+    errors = PhaseErrors()
+    if len(sets) > 1:
+        decoding, errors = _with_agreeing_sets(decoding, planes, known)
+        if not errors.by_noise:
+            findings.append(words.disagreement(errors, decoding.axis))
+    if decoding.gray is not None:
+        decoding = _with_reach(decoding, decoding.gray, planes, known.noise, known.limits)
+    return Refined(decoding, tuple(findings), factor * errors.noise_factor, errors.ratio)
+
+
+def scaled(noise: CameraNoise, factor: float) -> CameraNoise:
+    """The noise with a variance that is larger by a factor."""
+    return CameraNoise(noise.read_counts * factor**0.5, noise.gain * factor)
+
+
+def _without_ripples(
+    decoding: Decoding, lines: list[NDArray[Any]], planes: list[NDArray[Any]], known: Known
+) -> tuple[Decoding, list[Ripple | None]]:
+    """The decoding without the ripple that steps and gains make, and the ripple of every set.
+
+    The ripple of a set is measured along lines. Where they hold too few of its fringes, it is that
+    of the differences from the other sets.
+    """
+    ripples: list[Ripple | None] = []
+    for _ in range(RIPPLE_PASSES):
+        maps = decode_sample(decoding, lines, known.noise, known.open_limits)
+        ripples = [_line_ripple(p, maps, k, known) for k, p in enumerate(decoding.sets)]
+        if None in ripples and len(decoding.sets) > 1:
+            ripples = _with_set_ripples(decoding, planes, known, ripples)
+        if not known.estimate_steps or not any(_removable(r) for r in ripples):
+            break
+        sets = tuple(
+            phases if ripple is None else replace(phases, design=_without_ripple(phases, ripple))
+            for phases, ripple in zip(decoding.sets, ripples, strict=True)
+        )
+        decoding = replace(decoding, sets=sets)
+    return decoding, ripples
+
+
+def _removable(ripple: Ripple | None) -> bool:
+    return ripple is not None and any(ripple.significant(order) != 0 for order in (1, 2))
+
+
+def _orders(phases: PhaseFrames) -> tuple[int, ...]:
+    """Orders of a ripple that wrong frames or a response that is not linear can make."""
+    steps = len(phases.frames)
+    return tuple(sorted({1, 2, 3, 4, steps, min(2 * steps, MAX_ORDER)}))
+
+
+def _line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
+    """Ripple of a set along lines; None where they hold too few fringes."""
+    lit = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
+    modulation = maps["modulations"][k]
+    with np.errstate(invalid="ignore"):  # pixels that are not finite
+        sigma = np.sqrt(phase_variance(phases, modulation, maps["background"], known.noise))
+        bright = lit & (sigma < MAX_RIPPLE_NOISE_RAD)
+    if not bright.any():
+        return None
+    turns = np.where(bright, maps["phases"][k] / TURN, 0.0)
+    ratio = float(np.median(maps["background"][bright] / modulation[bright]))
+    found = measure_ripple(turns, bright, np.where(bright, sigma, 1.0), _orders(phases))
+    return None if found is None else replace(found, background_ratio=ratio)
+
+
+def _with_set_ripples(
+    decoding: Decoding,
+    planes: list[NDArray[Any]],
+    known: Known,
+    ripples: list[Ripple | None],
+) -> list[Ripple | None]:
+    """The ripples, with those that lines do not show from the residuals of the sets."""
+    residuals, _, maps = _residuals(decoding, planes, known)
+    if residuals.shape[1] < MIN_JUDGED_PIXELS:
+        return ripples
+    used = maps["used"]
+    out = list(ripples)
+    for k, phases in enumerate(decoding.sets):
+        if out[k] is None:
+            ratio = float(np.median(maps["background"][used] / maps["modulations"][k][used]))
+            phase = maps["phases"][k][used]
+            found = ripple_of_residuals(phase, TURN * residuals[k], _orders(phases))
+            out[k] = None if found is None else replace(found, background_ratio=ratio)
+    return out
+
+
+def _without_ripple(phases: PhaseFrames, ripple: Ripple) -> tuple[tuple[float, float, float], ...]:
+    """The design whose fits do not have the ripple of one and two per fringe.
+
+    A fit that mixes A, c and s shifts the phase by (A/B)(ν cos φ − μ sin φ) + ζ cos 2φ − γ sin 2φ,
+    where μ and ν are the shares of A in c and s, and (γ, ζ; ζ, −γ) mixes c and s.
+    """
+    once, twice = ripple.significant(1), ripple.significant(2)
+    if once == 0 and twice == 0:
+        return phases.design
+    nu, mu = once.real / ripple.background_ratio, -once.imag / ripple.background_ratio
+    zeta, gamma = twice.real, -twice.imag
+    mixing = np.array([[1.0, 0.0, 0.0], [mu, 1.0 + gamma, zeta], [nu, zeta, 1.0 - gamma]])
+    return design_rows(np.array(phases.rows) @ mixing)
+
+
+def _with_harmonics(
+    phases: PhaseFrames, ripple: Ripple | None, axis: words.Axis, removed: bool
+) -> tuple[PhaseFrames, list[Finding]]:
+    """The set with the remaining ripple in its floor, and what was found."""
+    if ripple is None:
+        return phases, []
+    harmonics = {k: ripple.significant(k) for k in ripple.orders if not (removed and k <= 2)}
+    rms = (0.5 * sum(abs(z) ** 2 for z in harmonics.values())) ** 0.5
+    if rms == 0:
+        return phases, []
+    floor = float(np.hypot(phases.floor_rad, RIPPLE_FACTOR * rms))
+    finding = words.ripple(harmonics, phases, axis, float(rms))
+    return replace(phases, floor_rad=floor), [] if finding is None else [finding]
+
+
+def _with_agreeing_sets(
+    decoding: Decoding, planes: list[NDArray[Any]], known: Known
+) -> tuple[Decoding, PhaseErrors]:
+    """The decoding with the errors that the disagreement of its sets shows, and these errors."""
+    residuals, variances, maps = _residuals(decoding, planes, known)
+    if residuals.shape[1] < MIN_JUDGED_PIXELS or decoding.chain is None:
+        return decoding, PhaseErrors()
+    offsets = set_offsets(residuals, variances)
+    shifted = np.abs(decoding.chain.amplification @ offsets).max(initial=0.0)
+    if known.estimate_steps and offsets.any() and shifted < MAX_OFFSET_TURNS:
+        sets = [_turned(s, o) for s, o in zip(decoding.sets, offsets, strict=True)]
+        decoding = replace(decoding, sets=tuple(sets))
+        residuals, variances, maps = _residuals(decoding, planes, known)
+    square = maps["disagreement"][maps["used"]]
+    errors = two_parts(square, variances.mean(axis=0) * TURN**2, len(decoding.sets) - 1)
+    if errors.by_noise:
+        return decoding, errors
+    bounds = order_errors(decoding.chain.amplification, residuals, errors.noise_factor * variances)
+    return replace(with_floor(decoding, errors.floor_rad), order_errors=bounds), errors
+
+
+def _residuals(
+    decoding: Decoding, planes: list[NDArray[Any]], known: Known
+) -> tuple[FloatMap, FloatMap, dict[str, Any]]:
+    """Residuals of the phases of a sample and their variances by noise, (M, n), turns and turns²,
+    and the kernel's maps with the pixels that were used."""
+    free = replace(decoding, reach_px=float("inf"))
+    maps = decode_sample(free, planes, known.noise, known.open_limits)
+    used = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
+    # A coordinate that is not written is that of the phases nearest to it: the residuals are those
+    # of the nearest fringe orders.
+    used &= np.isfinite(maps["disagreement"]) & np.isfinite(maps["coordinate"])
+    maps["used"] = used
+    x = maps["coordinate"][used].astype(np.float64)
+    off, variance = [], []
+    for phases, turns, modulation in zip(
+        decoding.sets, maps["phases"], maps["modulations"], strict=True
+    ):
+        rest = turns[used] / TURN - x / phases.period_px
+        off.append(rest - np.rint(rest))
+        by_noise = phase_variance(phases, modulation, maps["background"], known.noise)
+        variance.append(by_noise[used] / TURN**2)
+    return np.stack(off), np.stack(variance), maps
+
+
+def _turned(phases: PhaseFrames, turns: float) -> PhaseFrames:
+    """The set with phases that are smaller by a constant."""
+    c, s = np.cos(TURN * turns), np.sin(TURN * turns)
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
+    return replace(phases, design=design_rows(np.array(phases.rows) @ turn.T))
+
+
+def phase_variance(
+    phases: PhaseFrames, modulation: FloatMap, background: FloatMap, noise: CameraNoise
+) -> FloatMap:
+    """Variance of the phase by camera noise, rad²: that of equal steps."""
+    variance = noise.read_counts**2 + noise.gain * np.maximum(background, 0.0)
+    return np.asarray(2.0 / len(phases.frames) * variance / np.maximum(modulation, 1e-6) ** 2)
+
+
+def with_floor(decoding: Decoding, floor_rad: float) -> Decoding:
+    """The decoding with a floor added to the phase errors of all its sets."""
+    floors = [float(np.hypot(phases.floor_rad, floor_rad)) for phases in decoding.sets]
+    pairs = zip(decoding.sets, floors, strict=True)
+    return replace(decoding, sets=tuple(replace(s, floor_rad=floor) for s, floor in pairs))
+
+
+def _with_reach(
+    decoding: Decoding,
+    gray: GrayFrames,
+    planes: list[NDArray[Any]],
+    noise: CameraNoise,
+    limits: Limits,
+) -> Decoding:
+    """The decoding with the reach that its Gray code needs where its borders are shifted."""
+    off, sigma = _distance_from_gray(decoding, gray, planes, noise, limits)
+    # Distances that are uniform up to half a cell have a median of a quarter.
+    expected = float(np.hypot(gray.step_px / 4.0, sigma))
+    if off <= SHIFTED_REACH * expected:
+        return decoding
+    usual = GRAY_REACH * gray.step_px
+    needed = min(usual * off / expected, decoding.longest_px / 4.0)
+    return replace(decoding, reach_px=max(needed, usual))
+
+
+def _distance_from_gray(
+    decoding: Decoding,
+    gray: GrayFrames,
+    planes: list[NDArray[Any]],
+    noise: CameraNoise,
+    limits: Limits,
+) -> tuple[float, float]:
+    """Median distance of coordinates from the middles of their Gray-code cells, and that of their
+    noise alone; projector px. Both are 0 where the Gray code cannot be decoded alone."""
+    if not gray.inverse and gray.white_black is None:
+        return 0.0, 0.0  # its bits are compared with the phases' background
+    free = replace(decoding, reach_px=float("inf"))
+    by_phases = decode_sample(free, planes, noise, limits)
+    alone = replace(decoding, sets=(), chain=None)
+    gray_planes = [planes[decoding.frames.index(k)] for k in alone.frames]
+    by_gray = decode_sample(alone, gray_planes, noise, limits)
+    both = np.isfinite(by_phases["coordinate"]) & np.isfinite(by_gray["coordinate"])
+    if both.sum() < MIN_JUDGED_PIXELS:
+        return 0.0, 0.0
+    off = np.abs(by_phases["coordinate"] - by_gray["coordinate"])[both]
+    sigma = NORMAL_MEDIAN * float(np.median(by_phases["sigma"][both]))
+    return float(np.median(off)), sigma

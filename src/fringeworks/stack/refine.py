@@ -279,7 +279,8 @@ def phase_variance(
     phases: PhaseFrames, modulation: FloatMap, background: FloatMap, noise: CameraNoise
 ) -> FloatMap:
     """Variance of the phase by camera noise, rad²: that of equal steps."""
-    variance = noise.read_counts**2 + noise.gain * np.maximum(background, 0.0)
+    light = np.where(np.isfinite(background), np.maximum(background, 0.0), 0.0)
+    variance = noise.read_counts**2 + noise.gain * light
     return np.asarray(2.0 / len(phases.frames) * variance / np.maximum(modulation, 1e-6) ** 2)
 
 

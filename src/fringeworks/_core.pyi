@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 __all__ = [
     "DecodeSettings",
-    "StreamSums",
     "Triangles",
     "Triangulation",
     "average_phasor",
@@ -140,16 +139,6 @@ class DecodeSettings:
         confidence: float,
         order_confidence: float,
     ) -> DecodeSettings: ...
-
-@final
-class StreamSums:
-    def __new__(cls, *, sets: int, pixels: int, saturation: float) -> StreamSums: ...
-    def add(self, frame: Sequence[NDArray[Any]], set: int, step: int, shift: float) -> None: ...
-    def decode(
-        self, frames: Sequence[NDArray[Any]], plan: DecodeSettings, maps: dict[str, Any]
-    ) -> None: ...
-
-_AxisMaps = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
 
 @final
 class Triangulation:

@@ -2,13 +2,11 @@
 
 use crate::rows::{refuse, rows_of, rows_of_mut};
 use crate::threads::detached;
-use fringeworks::decode::stream::{self, SetSums};
 use fringeworks::decode::{
-    decode, Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Plan, Sample, Table,
+    decode, Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Plan, Table,
 };
 use fringeworks::Error;
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2};
-use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 
 /// Settings of the decoder along one axis. Indices refer to the frames that are passed to a call.
@@ -150,6 +148,8 @@ pub struct Maps<'py> {
     modulations: Vec<PyReadwriteArray2<'py, f32>>,
     #[pyo3(item)]
     disagreement: Option<PyReadwriteArray2<'py, f32>>,
+    #[pyo3(item)]
+    inflation: Option<PyReadonlyArray2<'py, f32>>,
 }
 
 impl Maps<'_> {
@@ -173,6 +173,10 @@ impl Maps<'_> {
             disagreement: match &mut self.disagreement {
                 Some(map) => rows_of_mut(map)?,
                 None => &mut [],
+            },
+            inflation: match &self.inflation {
+                Some(map) => rows_of(map)?,
+                None => &[],
             },
         })
     }
@@ -221,82 +225,4 @@ pub fn decode_frames(
     let out = maps.outputs()?;
     let plan = &plan.plan;
     with_planes!(&frames, planes => detached(py, || decode(&planes, plan, out)))
-}
-
-/// Largest index of a step: the sums have one bit per step in a `u64`.
-const MAX_STEP: usize = 63;
-
-/// Sums over the frames of each set, which arrive one by one.
-#[pyclass(module = "fringeworks._core")]
-pub struct StreamSums {
-    sets: Vec<SetSums>,
-    saturation: f32,
-}
-
-#[pymethods]
-impl StreamSums {
-    #[new]
-    #[pyo3(signature = (*, sets, pixels, saturation))]
-    fn new(sets: usize, pixels: usize, saturation: f32) -> Self {
-        Self {
-            sets: (0..sets).map(|_| SetSums::new(pixels)).collect(),
-            saturation,
-        }
-    }
-
-    /// Add a frame to a set: the index of its step, and its shift in rad.
-    fn add(
-        &mut self,
-        py: Python<'_>,
-        frame: Frames<'_>,
-        set: usize,
-        step: usize,
-        shift: f64,
-    ) -> PyResult<()> {
-        if step > MAX_STEP {
-            return Err(PyValueError::new_err(format!(
-                "step: expected 0 to {MAX_STEP}, got {step}"
-            )));
-        }
-        let saturation = self.saturation;
-        let n = self.sets.len();
-        let sums = self
-            .sets
-            .get_mut(set)
-            .ok_or_else(|| PyValueError::new_err(format!("set: expected one of {n}, got {set}")))?;
-        fn one<'a, T>(planes: &[&'a [T]]) -> PyResult<&'a [T]> {
-            match planes {
-                [frame] => Ok(frame),
-                _ => Err(PyTypeError::new_err(format!(
-                    "frame: expected a list of one frame, got {}",
-                    planes.len()
-                ))),
-            }
-        }
-        with_planes!(&frame, planes => {
-            let frame = one(&planes)?;
-            detached(py, || sums.add(frame, step, shift, saturation))
-        })
-    }
-
-    /// Decode the sums; `frames` are those of the Gray code.
-    fn decode(
-        &self,
-        py: Python<'_>,
-        frames: Frames<'_>,
-        plan: &DecodeSettings,
-        mut maps: Maps<'_>,
-    ) -> PyResult<()> {
-        fn run<T: Sample>(
-            sets: &[SetSums],
-            planes: &[&[T]],
-            plan: &Plan,
-            out: Outputs<'_>,
-        ) -> Result<(), Error> {
-            stream::decode(sets, planes, plan, out)
-        }
-        let out = maps.outputs()?;
-        let (sets, plan) = (&self.sets, &plan.plan);
-        with_planes!(&frames, planes => detached(py, || run(sets, &planes, plan, out)))
-    }
 }

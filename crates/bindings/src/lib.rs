@@ -17,7 +17,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     #[pymodule_export]
-    use super::decode::{decode_frames, DecodeSettings, StreamSums};
+    use super::decode::{decode_frames, DecodeSettings};
     #[pymodule_export]
     use super::emd::{decompose_rows, row_envelopes};
     #[pymodule_export]

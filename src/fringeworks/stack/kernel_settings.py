@@ -166,23 +166,12 @@ class Decoding:
             return []
         return [*self.gray.bits, *self.gray.inverse, *(self.gray.white_black or ())]
 
-    def kernel(
-        self, noise: CameraNoise, limits: Limits, *, streamed: bool = False
-    ) -> _core.DecodeSettings:
-        """Settings for the kernel.
-
-        Parameters
-        ----------
-        noise : CameraNoise
-        limits : Limits
-        streamed : bool
-            True where the kernel gets the frames of the Gray code only, with sums of the others.
-        """
-        order = self.gray_frames if streamed else self.frames
-        place = {frame: k for k, frame in enumerate(order)}
+    def kernel(self, noise: CameraNoise, limits: Limits) -> _core.DecodeSettings:
+        """Settings for the kernel."""
+        place = {frame: k for k, frame in enumerate(self.frames)}
         sets = [
             (
-                [place.get(k, 0) for k in phases.frames],
+                [place[k] for k in phases.frames],
                 list(phases.shifts_rad),
                 list(phases.design),
                 phases.period_px,
@@ -366,6 +355,7 @@ def empty_maps(
         "phases": list(phases),
         "modulations": list(modulations),
         "disagreement": np.empty(shape, np.float32) if disagreement else None,
+        "inflation": None,
     }
 
 
@@ -401,4 +391,4 @@ def reused_maps(earlier: Decoded, axis: Axis) -> dict[str, Any]:
     maps: dict[str, Any] = {
         name: unsealed(getattr(earlier_map, field)) for name, field in RESULTS.items()
     }
-    return maps | {"phases": [], "modulations": [], "disagreement": None}
+    return maps | {"phases": [], "modulations": [], "disagreement": None, "inflation": None}

@@ -3,8 +3,7 @@
 //! Pixels are computed in blocks that stay in the first cache: sums of the frames with cosine and
 //! sine of their shifts and the phase of every period ([`fit`]), the Gray code ([`gray_code`]), then
 //! the fringe orders of all periods, the weighted mean of the coordinate and its variance
-//! ([`orders`]). The sums may also come from a [`stream`] that took the frames one by one. Both ways
-//! do the same operations in the same order and give the same result.
+//! ([`orders`]).
 //!
 //! Multiplications and additions are not fused, so that all instruction sets give the same numbers.
 
@@ -12,7 +11,6 @@ mod fit;
 mod gray_code;
 mod orders;
 mod outputs;
-pub mod stream;
 
 use crate::{check_length, check_value, Error};
 use rayon::prelude::*;
@@ -49,8 +47,6 @@ pub trait Sample: Copy + Default + Send + Sync + PartialOrd + 'static {
     fn larger(self, other: Self) -> Self;
     #[doc(hidden)]
     fn frames(task: Task<'_, fit::Frames<'_, Self>>);
-    #[doc(hidden)]
-    fn streamed(task: Task<'_, stream::Sums<'_, Self>>);
 }
 
 /// A run of pixels to decode.
@@ -64,20 +60,12 @@ pub struct Task<'a, S> {
 }
 
 macro_rules! sample {
-    ($type:ident, $frames:ident, $streamed:ident) => {
+    ($type:ident, $frames:ident) => {
         #[multiversion::multiversion(targets(
             "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
             "x86_64+avx2+fma"
         ))]
         fn $frames(task: Task<'_, fit::Frames<'_, $type>>) {
-            decode_task(task);
-        }
-
-        #[multiversion::multiversion(targets(
-            "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
-            "x86_64+avx2+fma"
-        ))]
-        fn $streamed(task: Task<'_, stream::Sums<'_, $type>>) {
             decode_task(task);
         }
 
@@ -93,15 +81,12 @@ macro_rules! sample {
             fn frames(task: Task<'_, fit::Frames<'_, Self>>) {
                 $frames(task);
             }
-            fn streamed(task: Task<'_, stream::Sums<'_, Self>>) {
-                $streamed(task);
-            }
         }
     };
 }
-sample!(u8, frames_u8, streamed_u8);
-sample!(u16, frames_u16, streamed_u16);
-sample!(f32, frames_f32, streamed_f32);
+sample!(u8, frames_u8);
+sample!(u16, frames_u16);
+sample!(f32, frames_f32);
 
 /// What is decoded along one axis of the projector.
 pub struct Plan {

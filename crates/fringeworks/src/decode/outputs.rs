@@ -1,4 +1,4 @@
-//! Output maps of the decoder.
+//! Maps of the decoder: those that it writes, and what is known of every pixel beforehand.
 
 use crate::{check_length, Error};
 
@@ -20,6 +20,8 @@ pub struct Outputs<'a> {
     pub modulations: Vec<&'a mut [f32]>,
     /// Disagreement of the sets, χ²; or empty.
     pub disagreement: &'a mut [f32],
+    /// Read, not written: factor on the variances of the pixel's phases, ≥ 1; or empty.
+    pub inflation: &'a [f32],
 }
 
 impl<'a> Outputs<'a> {
@@ -40,6 +42,9 @@ impl<'a> Outputs<'a> {
         if !self.disagreement.is_empty() {
             check_length("disagreement", self.disagreement.len(), pixels)?;
         }
+        if !self.inflation.is_empty() {
+            check_length("inflation", self.inflation.len(), pixels)?;
+        }
         Ok(())
     }
 
@@ -57,6 +62,7 @@ impl<'a> Outputs<'a> {
         let (modulations, modulations_rest) = halves(self.modulations);
         let at = n.min(self.disagreement.len());
         let (disagreement, disagreement_rest) = self.disagreement.split_at_mut(at);
+        let (inflation, inflation_rest) = self.inflation.split_at(n.min(self.inflation.len()));
         let first = Self {
             coordinate,
             sigma,
@@ -66,6 +72,7 @@ impl<'a> Outputs<'a> {
             phases,
             modulations,
             disagreement,
+            inflation,
         };
         let rest = Self {
             coordinate: coordinate_rest,
@@ -76,6 +83,7 @@ impl<'a> Outputs<'a> {
             phases: phases_rest,
             modulations: modulations_rest,
             disagreement: disagreement_rest,
+            inflation: inflation_rest,
         };
         (first, rest)
     }

@@ -16,7 +16,7 @@ pub use frames::Frames;
 use saturation::{fit_unsaturated, refit};
 pub use set::PhaseSet;
 use solver::{precision, solve};
-pub use sums::{lanes, Saturated, Sums};
+pub use sums::{Saturated, Sums};
 pub use table::{Table, TABLE_BINS};
 
 /// Precision of a phase that the unsaturated samples do not determine; true ones are not negative.

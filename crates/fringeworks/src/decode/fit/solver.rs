@@ -31,8 +31,8 @@ pub struct Solution {
 /// Solution for the kept frames, one bit each; `None` where they do not determine the phase.
 ///
 /// A frame shows `design` · (A, c, s): (1, cos δ, sin δ) as planned, or what was found in the frames.
-/// The sums are those of the planned shifts in both cases, so that a stream can add frames before
-/// the real steps are known.
+/// The sums are those of the planned shifts in both cases, so that the inner loop does not depend on
+/// what was found.
 pub fn solution(
     kept: u64,
     planned: impl Fn(usize) -> [f64; 3],

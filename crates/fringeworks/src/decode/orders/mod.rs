@@ -31,6 +31,8 @@ pub struct Scratch {
     /// Remainder of every rounding of a group: those of the combinations, then those of the sets.
     remainders: Vec<Lanes>,
     reason: [u32; BLOCK_PIXELS],
+    /// Factor on the variances of every pixel, where there is one.
+    inflation: Option<Box<Line>>,
 }
 
 impl Scratch {
@@ -46,6 +48,7 @@ impl Scratch {
             disagreement: zero,
             remainders: vec![[0.0; LANES]; combinations + sets],
             reason: [0; BLOCK_PIXELS],
+            inflation: None,
         }
     }
 }
@@ -60,6 +63,11 @@ pub fn decode_block<S: Source>(
     scratch: &mut Scratch,
 ) {
     let n = out.coordinate.len();
+    scratch.inflation = (!out.inflation.is_empty()).then(|| {
+        let mut line = Box::new([1.0; BLOCK_PIXELS]);
+        line[..n].copy_from_slice(out.inflation);
+        line
+    });
     fit_sets(source, plan, at, n, scratch);
     if let Some(code) = &plan.gray_code {
         let phases = (&scratch.background, &scratch.modulation);

@@ -24,13 +24,17 @@ pub fn phase_noise(plan: &Plan, start: usize, scratch: &mut Scratch) -> [u32; LA
         saturated: [0; LANES],
     };
     for (fitted, set) in scratch.sets.iter_mut().zip(&plan.sets) {
+        if let Some(inflation) = &scratch.inflation {
+            inflate(part(inflation, start), start, fitted);
+        }
         if plan.noise.gain > 0.0 {
             set_noise::<true>(plan, start, fitted, &mut unusable);
         } else {
             set_noise::<false>(plan, start, fitted, &mut unusable);
         }
         if set.floor > 0.0 {
-            add_floor(set.floor, start, fitted);
+            let factor = scratch.inflation.as_ref().map(|line| *part(line, start));
+            add_floor(set.floor, factor, start, fitted);
         }
     }
     let background = part(&scratch.background, start);
@@ -72,16 +76,28 @@ fn set_noise<const SHOT: bool>(
     }
 }
 
+/// Divide the precision of a group by the factor on its variances.
+#[inline(always)]
+fn inflate(factor: &Lanes, start: usize, fitted: &mut Fitted) {
+    let precision = part_mut(&mut fitted.precision, start);
+    for i in 0..LANES {
+        let known = precision[i] > 0.0;
+        precision[i] /= if known { factor[i] } else { 1.0 };
+    }
+}
+
 /// Add the variance that does not shrink with the modulation, rad², to that of the coordinate.
 ///
 /// The roundings do not use it: it is no noise, and the caller lowers their margins by the errors
 /// that the sets show.
 #[inline(always)]
-fn add_floor(floor: f32, start: usize, fitted: &mut Fitted) {
-    let turns = floor * (1.0 / (TAU * TAU));
+fn add_floor(floor: f32, factor: Option<Lanes>, start: usize, fitted: &mut Fitted) {
+    let turns = factor
+        .unwrap_or([1.0; LANES])
+        .map(|factor| factor * floor * (1.0 / (TAU * TAU)));
     let precision = part_mut(&mut fitted.precision, start);
     for i in 0..LANES {
-        precision[i] /= 1.0 + turns * precision[i];
+        precision[i] /= 1.0 + turns[i] * precision[i];
     }
 }
 

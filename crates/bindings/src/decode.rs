@@ -21,8 +21,33 @@ pub struct DecodeSettings {
 /// Indices of the frames, shifts (rad), period (px), and the response: phase errors (turns) and
 /// brightnesses (counts), or empty.
 type SetItems = (Vec<usize>, Vec<f64>, f64, Vec<f32>, Vec<f32>);
-/// Indices of bits, of inverse bits and of (white, black); width of a cell (px), number of cells.
-type CodeItems = (Vec<usize>, Vec<usize>, Option<(usize, usize)>, f32, u32);
+
+/// A Gray code: indices of its frames, its cells (px), and how its start is judged; see the kernel.
+#[derive(FromPyObject)]
+struct CodeItems {
+    #[pyo3(item)]
+    bits: Vec<usize>,
+    #[pyo3(item)]
+    inverse: Vec<usize>,
+    #[pyo3(item)]
+    white_black: Option<(usize, usize)>,
+    #[pyo3(item)]
+    levels: u32,
+    #[pyo3(item)]
+    step: f32,
+    #[pyo3(item)]
+    offset: f32,
+    #[pyo3(item)]
+    cells: u32,
+    #[pyo3(item)]
+    doubt_share: f32,
+    #[pyo3(item)]
+    slack: f32,
+    #[pyo3(item)]
+    guard: f32,
+    #[pyo3(item)]
+    confidence: f32,
+}
 
 /// Phase sets of the kernel.
 fn phase_sets(items: Vec<SetItems>) -> PyResult<Vec<PhaseSet>> {
@@ -38,16 +63,22 @@ fn phase_sets(items: Vec<SetItems>) -> PyResult<Vec<PhaseSet>> {
 }
 
 /// Gray code of the kernel. Without inverse, white and black frames, the threshold is the mean.
-fn gray_code((bits, inverse, white_black, step, cells): CodeItems) -> GrayCode {
+fn gray_code(items: CodeItems) -> GrayCode {
     GrayCode {
-        bits,
-        against: match white_black {
+        bits: items.bits,
+        against: match items.white_black {
             Some((white, black)) => Against::WhiteBlack { white, black },
-            None if inverse.is_empty() => Against::Mean,
-            None => Against::Inverse(inverse),
+            None if items.inverse.is_empty() => Against::Mean,
+            None => Against::Inverse(items.inverse),
         },
-        step,
-        cells,
+        levels: items.levels,
+        step: items.step,
+        offset: items.offset,
+        cells: items.cells,
+        doubt_share: items.doubt_share,
+        slack: items.slack,
+        guard: items.guard,
+        confidence: items.confidence,
     }
 }
 
@@ -55,7 +86,7 @@ fn gray_code((bits, inverse, white_black, step, cells): CodeItems) -> GrayCode {
 impl DecodeSettings {
     #[new]
     #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room, middle, half,
-        repeats, circular, code_reach, read_variance, gain, scale, saturation, min_snr,
+        repeats, circular, read_variance, gain, scale, saturation, min_snr,
         min_modulation, max_disagreement, confidence))]
     #[allow(clippy::too_many_arguments)] // All are keywords in Python.
     fn new(
@@ -69,7 +100,6 @@ impl DecodeSettings {
         half: f32,
         repeats: f32,
         circular: bool,
-        code_reach: f32,
         read_variance: f32,
         gain: f32,
         scale: f32,
@@ -90,7 +120,6 @@ impl DecodeSettings {
             half,
             repeats,
             circular,
-            code_reach,
         };
         let noise = Noise {
             read_variance,

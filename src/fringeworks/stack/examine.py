@@ -17,7 +17,8 @@ from fringeworks import _core
 from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.signal.noise import NORMAL_MEDIAN, chi_square_quantile
-from fringeworks.stack.kernel_settings import Decoding, GrayFrames, Limits, empty_maps
+from fringeworks.stack.gray_frames import GrayFrames
+from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps
 from fringeworks.stack.noise import (
     MIN_JUDGED_PIXELS,
     exceeds,
@@ -266,7 +267,9 @@ def _judged_gray(
     # Distances that are uniform up to half a cell, or half a period, have a median of a quarter.
     expected = float(np.hypot(step / 4.0, sigma))
     unrelated = longest / 4.0
-    if off > 0.5 * (expected + unrelated):
+    # With cells of one period, unrelated codes and fringes have the same median distance.
+    distinct = unrelated > NOISE_ALONE * expected
+    if distinct and off > 0.5 * (expected + unrelated):
         raise FramesContradictPlan(
             f"frames along {decoding.axis}: phases and Gray code are {off:.0f} px apart, like "
             "unrelated ones; expected frames in the order of the plan, with its periods, steps and "

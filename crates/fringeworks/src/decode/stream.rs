@@ -89,8 +89,7 @@ pub fn decode<T: Sample>(
     if let Some(code) = &plan.gray_code {
         code.check(planes.len())?;
     }
-    plan.chain
-        .check(plan.sets.len(), plan.gray_code.is_some())?;
+    plan.chain.check(plan.sets.len())?;
     run(&Sums { sets, planes }, plan, out)
 }
 

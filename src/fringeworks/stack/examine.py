@@ -17,7 +17,7 @@ from fringeworks import _core
 from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.signal.noise import NORMAL_MEDIAN, chi_square_quantile
-from fringeworks.stack.gray_frames import GrayFrames
+from fringeworks.stack.gray_frames import GrayFrames, refuse_unequal_levels
 from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps
 from fringeworks.stack.noise import (
     MIN_JUDGED_PIXELS,
@@ -211,6 +211,8 @@ def _judged(
     plan: PatternPlan,
 ) -> tuple[Decoding, float]:
     """The decoding with the disagreement of its sets and Gray code, and that disagreement."""
+    if decoding.gray is not None:
+        refuse_unequal_levels(decoding.gray, sample, noise)
     planes = [sample[k] for k in decoding.frames]
     limits = replace(limits, max_disagreement=float("inf"))
     disagreement = 1.0

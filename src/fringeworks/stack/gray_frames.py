@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import GRAY_REACH, ORDER_SIGMAS
 from fringeworks.patterns.plan import GrayCode, PatternPlan
-from fringeworks.types import InputError
+from fringeworks.types import CameraNoise, FramesContradictPlan, InputError
 
 GRAY_GUARD = 0.02
 """Distance that a coordinate one period away keeps from a Gray-code cell, besides noise, in cells.
@@ -32,6 +34,29 @@ BORDER_CONTRAST = 0.5
 A pixel on the blurred border of two cells may show either bit. The value must be well above the
 error of the threshold, and below the contrast that indirect light leaves to narrow stripes. At 0.5
 a pixel counts as border within 0.7 standard deviations of a Gaussian blur. An empirical choice.
+"""
+
+MIN_LEVEL_PIXELS = 200
+"""Smallest number of pixels for a statement about the levels of brightness. An empirical choice."""
+
+CLEAR_LEVELS = 12.0
+"""Smallest distance of two levels of brightness in a sample that is judged, in standard deviations.
+
+Noise then moves a sample by up to a tenth of that distance. An empirical choice.
+"""
+
+MAX_OFF_LEVEL = 0.2
+"""Largest median distance of the samples from the nearest level, in distances of two levels.
+
+Linear responses reach 0.1, because of noise and blur. With four levels γ = 1.5 makes 0.4 and
+γ = 2.2 makes 0.25. Empirical.
+"""
+
+MIN_LEVEL_SHARE = 0.02
+"""Smallest share of the samples that every level of brightness has.
+
+The finest digit shows all levels nearly equally often, so that each has several per cent with up to
+16 levels and few digits. A strong response moves a level onto the next one. Empirical.
 """
 
 
@@ -111,3 +136,38 @@ def gray_frames(plan: PatternPlan, first: int, block: GrayCode, *, phases: bool)
     return GrayFrames(
         bits, inverse, white_black, block.step_px, block.cells, block.offset_px, block.levels
     )
+
+
+def refuse_unequal_levels(
+    gray: GrayFrames, sample: Sequence[NDArray[Any]], noise: CameraNoise
+) -> None:
+    """Refuse a Gray code whose levels of brightness are not equally spaced.
+
+    Parameters
+    ----------
+    gray : GrayFrames
+    sample : (1, n) arrays, one per frame of the plan, counts
+    noise : CameraNoise
+    """
+    if gray.levels == 2 or gray.white_black is None:
+        return
+    frames = [sample[k].astype(np.float64) for k in gray.white_black]
+    white, black = (np.where(np.isfinite(frame), frame, np.nan) for frame in frames)
+    spacing = (white - black) / (gray.levels - 1)
+    variance = noise.read_counts**2 + noise.gain * np.maximum(white, 0.0)
+    lit = np.isfinite(spacing) & (spacing > CLEAR_LEVELS * np.sqrt(variance))
+    if lit.sum() < MIN_LEVEL_PIXELS:
+        return
+    digits = [sample[k].astype(np.float64)[lit] for k in gray.bits]
+    level = np.stack([(digit - black[lit]) / spacing[lit] for digit in digits])
+    level = level[np.isfinite(level)]
+    nearest = np.clip(np.rint(level), 0, gray.levels - 1)
+    # The darkest and the brightest level are right by definition.
+    inner = (level > MAX_OFF_LEVEL) & (level < gray.levels - 1 - MAX_OFF_LEVEL)
+    off = float(np.median(np.abs(level - nearest)[inner])) if inner.any() else 0.0
+    shares = [float(np.mean(nearest == k)) for k in range(gray.levels)]
+    if off > MAX_OFF_LEVEL or min(shares) < MIN_LEVEL_SHARE:
+        raise FramesContradictPlan(
+            f"Gray code: expected {gray.levels} equally spaced levels of brightness, got samples "
+            f"between them; correct the projector's response (gamma of the plan)"
+        )

@@ -180,12 +180,12 @@ fn limits_of_doubt(code: &GrayCode, plan: &Plan, n: usize, out: &mut GrayCells) 
         let contrast = out.contrast[i] * per_level;
         let share = code.doubt_share * contrast;
         let limit = (DOUBT_SIGMAS * DOUBT_SIGMAS * variance).max(share * share);
-        // What separates a bit of full contrast from a bit in doubt. If noise cannot bridge it, the
-        // bit is in doubt because the pixel lies on the blurred border.
+        // What separates a bit of full contrast from a bit in doubt, both with their noise. If noise
+        // cannot bridge it, the bit is in doubt because the pixel lies on the blurred border.
         let rest = contrast - limit.sqrt();
-        let on_border = code.doubt_share > 0.0
-            && rest > 0.0
-            && rest * rest >= code.confidence * code.confidence * variance;
+        let rest_variance = variance + HALF_DIFFERENCE * plan.noise.variance(out.threshold[i]);
+        let on_border =
+            rest > 0.0 && rest * rest >= code.confidence * code.confidence * rest_variance;
         out.doubt_below[i] = limit;
         out.half_width[i] = if on_border { 0.5 } else { 1.0 } * code.step;
     }

@@ -85,10 +85,10 @@ fn check_code(
 ) {
     let period = 1.0 / plan.chain.frequencies[0];
     for i in 0..LANES {
-        let margin = code.confidence * period * coarsest[i].sqrt();
+        let sigma = period * coarsest[i].sqrt();
         let half_width = resolved.half_width[i];
-        let allowed = half_width + code.slack + margin;
-        let unique = period - half_width - code.guard - margin;
+        let allowed = half_width + code.slack + plan.limits.confidence * sigma;
+        let unique = period - half_width - code.guard - code.confidence * sigma;
         let off = (resolved.coordinate[i] - resolved.start[i]).abs();
         let near = off <= allowed && off <= unique;
         ambiguous[i] |= u32::from(!near);

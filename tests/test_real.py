@@ -393,3 +393,25 @@ def test_board_is_flat_when_measured(procam):
     # Gray code knows a projector pixel, 1.9 mm, to 0.29 of it.
     assert flat.deviation_mm < 6.0
     assert flat.used.mean() > 0.97
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_cells_of_one_period_on_the_object(real_data, object_scene, axis):
+    """The period of the Gray code's cells alone, against both periods and the Gray code."""
+    length = 0 if axis == "x" else 1
+    phase, code = ((3, range(12, 21, 2)), (9, range(22, 29, 2)))[length]
+    plan = PatternPlan(
+        *BOARD,
+        (
+            PhaseSteps(axis, 100.0, THIRDS),
+            GrayCode(axis, 100.0, BOARD[length]),
+            Uniform("white"),
+            Uniform("black"),
+        ),
+    )
+    frames = shots(real_data / "object_gray_phase", [phase, phase + 1, phase + 2, *code, 30, 31])
+    found, both = decode(frames, plan).maps[axis], object_scene.maps[axis]
+    lit = (both.modulations > 10).all(axis=0) & (both.reason == Reason.OK)
+    off = np.abs(found.coordinate_px - both.coordinate_px)[lit]
+    assert np.isfinite(off).mean() > 0.95
+    assert np.mean(off[np.isfinite(off)] > 50.0) < 1e-4

@@ -5,9 +5,10 @@ import pytest
 import typer
 
 import fringeworks as fw
-from fringeworks import InputError, Reason, equal_steps, wrapped_phase
+from fringeworks import GrayCode, InputError, PhaseSteps, Reason, equal_steps, wrapped_phase
 from fringeworks.cli import commands
 from tests.oracles.phase_shift import fit
+from tests.stacks import take
 
 SHAPE = (80, 300)
 
@@ -125,3 +126,17 @@ def test_the_lens_is_measured_without_a_plan(real_data):
     ok = found.reason == Reason.OK
     assert ok[np.hypot(c, s) > 20.0].mean() > 0.99
     assert np.abs(wrapped(found.phase_rad - np.arctan2(s, c)))[ok].max() < 1e-3
+
+
+def test_the_response_of_a_stack_takes_the_options_of_decoding():
+    """With a saturation, pixels that have a sample at it are not used."""
+    blocks = (PhaseSteps("x", 32.0, equal_steps(4)), GrayCode("x", 4.0, 960))
+    plan = fw.PatternPlan(960, 80, (*blocks, fw.Uniform("white"), fw.Uniform("black")))
+    frames = take(plan, a=120.0, b=100.0, noise=1.0)
+    frames[:4, 40:] = np.minimum(frames[:4, 40:], 180)
+    stack = fw.Stack(frames, plan, camera="a", projector="b")
+    bent = fw.response_from_stack(stack)
+    straight = fw.response_from_stack(stack, saturation=180.0, noise=fw.CameraNoise(1.0))
+    assert abs(straight.gamma - 1.0) < 0.05 < abs(bent.gamma - 1.0)
+    with pytest.raises(InputError, match="min_modulation: expected >= 0"):
+        fw.response_from_stack(stack, min_modulation=-1.0)

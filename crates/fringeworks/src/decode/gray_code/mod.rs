@@ -27,6 +27,12 @@ const FRAME_MINUS_MEAN: f32 = 1.5;
 /// is 1.5 for a border in the middle.
 const FRAME_MINUS_LEVEL: f32 = 2.0;
 
+/// Largest distance of a pixel on a blurred border from that border, in cells.
+///
+/// A border that is blurred as far as this leaves hardly any modulation to fringes of one cell's
+/// width. A larger value accepts pixels inside a cell whose bits are weak because of indirect light.
+const BORDER_HALF_WIDTH: f32 = 0.25;
+
 /// Largest number of bits: 2²⁴ cells, the whole numbers that an f32 holds exactly.
 const MAX_BITS: usize = 24;
 
@@ -187,7 +193,7 @@ fn limits_of_doubt(code: &GrayCode, plan: &Plan, n: usize, out: &mut GrayCells) 
         let on_border =
             rest > 0.0 && rest * rest >= code.confidence * code.confidence * rest_variance;
         out.doubt_below[i] = limit;
-        out.half_width[i] = if on_border { 0.5 } else { 1.0 } * code.step;
+        out.half_width[i] = if on_border { BORDER_HALF_WIDTH } else { 1.0 } * code.step;
     }
 }
 

@@ -85,7 +85,7 @@ def test_gray_code_starts_the_chain():
     [
         ([30.0, 60.0], None, "30, 60 px repeat after 60 px, but the projector has 960 px"),
         ([100.0], None, "repeat after 100 px"),
-        ([100.0], 100.0, "span 100 px, expected 133.333 px or more for Gray-code cells of 100 px"),
+        ([100.0], 120.0, "span 100 px, expected 120 px or more for Gray-code cells of 120 px"),
         ([100 * np.pi], None, "314.159 px repeat after 314.159 px"),
     ],
 )

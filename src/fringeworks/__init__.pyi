@@ -161,12 +161,20 @@ from .stack.stream import (
 from .stack.shifts import (
     estimate_shifts as estimate_shifts,
 )
+from .stack.wrapped import (
+    WrappedPhase as WrappedPhase,
+    wrapped_phase as wrapped_phase,
+)
 from .stack.even_light import (
     texture as texture,
 )
 from .files.coordinates import (
     read_coordinates as read_coordinates,
     write_coordinates as write_coordinates,
+)
+from .files.wrapped import (
+    read_phase as read_phase,
+    write_phase as write_phase,
 )
 
 # Rig: camera and projector to points.
@@ -237,6 +245,7 @@ from .pipeline.stacks import (
     Measurement as Measurement,
     decode_stack as decode_stack,
     measure as measure,
+    phase_from_stack as phase_from_stack,
     response_from_stack as response_from_stack,
 )
 from .pipeline.boards import (
@@ -285,6 +294,7 @@ from .report.tables import (
 from .report.figures import (
     best_map as best_map,
     coordinate_sheet as coordinate_sheet,
+    phase_sheet as phase_sheet,
     points_sheet as points_sheet,
     save_figure as save_figure,
     surface_sheet as surface_sheet,

@@ -117,7 +117,7 @@ class DecodeSettings:
                 list[float],
             ]
         ],
-        code: tuple[list[int], list[int], tuple[int, int] | None, float, int] | None,
+        code: dict[str, Any] | None,
         combinations: NDArray[np.float32],
         frequencies: NDArray[np.float32],
         amplification: NDArray[np.float32],
@@ -129,7 +129,6 @@ class DecodeSettings:
         half: float,
         repeats: float,
         circular: bool,
-        code_reach: float,
         read_variance: float,
         gain: float,
         saturation: float,

@@ -27,34 +27,67 @@ type SetItems = (
     Vec<f32>,
     Vec<f32>,
 );
-/// Indices of bits, of inverse bits and of (white, black); width of a cell (px), number of cells.
-type CodeItems = (Vec<usize>, Vec<usize>, Option<(usize, usize)>, f32, u32);
+
+/// A Gray code: indices of its frames, its cells (px), and how its start is judged; see the kernel.
+#[derive(FromPyObject)]
+struct CodeItems {
+    #[pyo3(item)]
+    bits: Vec<usize>,
+    #[pyo3(item)]
+    inverse: Vec<usize>,
+    #[pyo3(item)]
+    white_black: Option<(usize, usize)>,
+    #[pyo3(item)]
+    levels: u32,
+    #[pyo3(item)]
+    step: f32,
+    #[pyo3(item)]
+    offset: f32,
+    #[pyo3(item)]
+    cells: u32,
+    #[pyo3(item)]
+    doubt_share: f32,
+    #[pyo3(item)]
+    slack: f32,
+    #[pyo3(item)]
+    guard: f32,
+    #[pyo3(item)]
+    confidence: f32,
+}
 
 /// Phase sets of the kernel.
 fn phase_sets(items: Vec<SetItems>) -> PyResult<Vec<PhaseSet>> {
     items
         .into_iter()
-        .map(|(frames, shifts, design, period, floor, turns, brightness)| {
-            let mut set = PhaseSet::new(frames, &shifts, design, period)?;
-            set.floor = floor;
-            set.table = Table { turns, brightness };
-            Ok(set)
-        })
+        .map(
+            |(frames, shifts, design, period, floor, turns, brightness)| {
+                let mut set = PhaseSet::new(frames, &shifts, design, period)?;
+                set.floor = floor;
+                set.table = Table { turns, brightness };
+                Ok(set)
+            },
+        )
         .collect::<Result<_, Error>>()
         .map_err(refuse)
 }
 
 /// Gray code of the kernel. Without inverse, white and black frames, the threshold is the mean.
-fn gray_code((bits, inverse, white_black, step, cells): CodeItems) -> GrayCode {
+fn gray_code(items: CodeItems) -> GrayCode {
     GrayCode {
-        bits,
-        against: match white_black {
+        bits: items.bits,
+        against: match items.white_black {
             Some((white, black)) => Against::WhiteBlack { white, black },
-            None if inverse.is_empty() => Against::Mean,
-            None => Against::Inverse(inverse),
+            None if items.inverse.is_empty() => Against::Mean,
+            None => Against::Inverse(items.inverse),
         },
-        step,
-        cells,
+        levels: items.levels,
+        step: items.step,
+        offset: items.offset,
+        cells: items.cells,
+        doubt_share: items.doubt_share,
+        slack: items.slack,
+        guard: items.guard,
+        confidence: items.confidence,
     }
 }
 
@@ -63,7 +96,7 @@ impl DecodeSettings {
     #[new]
     #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room,
         remainder, alternative, order_variance, middle, half,
-        repeats, circular, code_reach, read_variance, gain, saturation, min_snr,
+        repeats, circular, read_variance, gain, saturation, min_snr,
         min_modulation, max_disagreement, confidence, order_confidence))]
     #[allow(clippy::too_many_arguments)] // All are keywords in Python.
     fn new(
@@ -80,7 +113,6 @@ impl DecodeSettings {
         half: f32,
         repeats: f32,
         circular: bool,
-        code_reach: f32,
         read_variance: f32,
         gain: f32,
         saturation: f32,
@@ -104,7 +136,6 @@ impl DecodeSettings {
             half,
             repeats,
             circular,
-            code_reach,
         };
         let noise = Noise {
             read_variance,

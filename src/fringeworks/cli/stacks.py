@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -21,9 +22,10 @@ from fringeworks.cli.options import (
     PlyOption,
     Projector,
     ResponseFile,
+    items,
     size_of,
 )
-from fringeworks.cli.words import say_calibration, say_coordinates, say_points
+from fringeworks.cli.words import say_calibration, say_coordinates, say_phase, say_points
 
 SECTION = "Stacks and rigs"
 
@@ -48,7 +50,11 @@ EstimateSteps = Annotated[
 def _stack(
     path: Path, plan: Path | None, camera: str | None = None, projector: str | None = None
 ) -> fw.Stack:
-    stack = fw.read_stack(path, plan)
+    return _named(fw.read_stack(path, plan), camera, projector)
+
+
+def _named(stack: fw.Stack, camera: str | None, projector: str | None) -> fw.Stack:
+    """The stack with the names of its devices, where they are given."""
     return replace(stack, camera=camera or stack.camera, projector=projector or stack.projector)
 
 
@@ -91,6 +97,10 @@ def response(
     ] = 1,
     camera: Camera = None,
     projector: Projector = None,
+    noise: Noise = None,
+    gain: Gain = None,
+    saturation: Saturation = None,
+    min_modulation: MinModulation = 0.0,
     json_file: JsonFile = None,
 ) -> None:
     """Measure the response of camera and projector on a white plane."""
@@ -98,7 +108,9 @@ def response(
     from fringeworks.files.response import check_response_target
 
     output.check(out, check_response_target)
-    found = fw.response_from_stack(_stack(stack, plan, camera, projector), number=number)
+    options = _options(noise, gain, saturation, min_modulation, False, None)
+    loaded = _stack(stack, plan, camera, projector)
+    found = fw.response_from_stack(loaded, number=number, **options)
     with output.target(out, ".toml") as place:
         fw.write_response(place, found)
     output.write_json(json_file, fw.summarise(found))
@@ -129,11 +141,23 @@ def decode(
         typer.Option("--relative", help="Coordinates modulo the plan's unambiguous range."),
     ] = False,
     phases: Annotated[bool, typer.Option("--phases", help="Write wrapped phases as well.")] = False,
-    out: Annotated[Path | None, typer.Option("--out", help="Coordinates to write (.npz).")] = None,
+    steps: Annotated[
+        str,
+        typer.Option(
+            help="Phase steps of frames without a plan: their number, or all shifts in degrees as "
+            "0,90,180,270. The result is the wrapped phase."
+        ),
+    ] = "",
+    unwrap: Annotated[
+        bool, typer.Option("--unwrap", help="Write the unwrapped phase as well; with --steps.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Coordinates or phase to write (.npz).")
+    ] = None,
     figure: Figure = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Decode fringes and Gray code to projector coordinates."""
+    """Decode fringes and Gray code to projector coordinates, or phase steps to their phase."""
     words = output.Output(out, figure, json_file)
     from fringeworks.files.coordinates import check_coordinate_target
     from fringeworks.report.figures import check_figure_target
@@ -141,6 +165,18 @@ def decode(
     output.check(out, check_coordinate_target)
     output.check(figure, check_figure_target)
     options = _options(noise, gain, saturation, min_modulation, estimate_steps, response)
+    if steps:
+        if plan is not None or relative or phases:
+            raise fw.InputError(
+                "--steps: it takes the place of a plan and gives a phase; expected none of "
+                "--plan, --relative, --phases beside it"
+            )
+        given: dict[str, Any] = {"camera": camera, "projector": projector, **options}
+        phase = fw.phase_from_stack(stack, _shifts(steps), **given)
+        _show_phase(words, stack.name, phase, unwrap, out, figure, json_file)
+        return
+    if unwrap:
+        raise fw.InputError("--unwrap: expected together with --steps")
     with output.progress() as progress:
         progress("reading …")
         loaded = _stack(stack, plan, camera, projector)
@@ -158,6 +194,42 @@ def decode(
     figures = fw.summarise(found)
     output.write_json(json_file, figures)
     say_coordinates(words, figures)
+    words.wrote(out, figure)
+
+
+def _shifts(steps: str) -> tuple[float, ...]:
+    """Shifts in rad, from a number of equal steps or from degrees."""
+    if steps.strip().isdigit():
+        return fw.equal_steps(int(steps))
+    return tuple(math.radians(d) for d in items(float, steps, "steps"))
+
+
+def _show_phase(
+    words: output.Output,
+    name: str,
+    phase: fw.WrappedPhase,
+    unwrap: bool,
+    out: Path | None,
+    figure: Path | None,
+    json_file: Path | None,
+) -> None:
+    """Write and print a wrapped phase."""
+    unwrapped = None
+    if unwrap:
+        unwrapped = fw.unwrap(phase.phase_rad, quality=phase.modulation)
+    if out is not None:
+        with output.target(out, ".npz") as place:
+            fw.write_phase(place, phase, unwrapped)
+    if figure is not None:
+        output.draw(fw.phase_sheet(name, phase), figure, phase.provenance)
+    figures = fw.summarise(phase)
+    output.write_json(json_file, figures)
+    say_phase(words, figures)
+    if unwrapped is not None:
+        words.say(
+            f"unwrapped by {unwrapped.algorithm}: {unwrapped.residues} residues, "
+            f"{int(unwrapped.region.max())} connected regions"
+        )
     words.wrote(out, figure)
 
 
@@ -184,6 +256,9 @@ def calibrate(
     saturation: Saturation = None,
     min_modulation: MinModulation = 0.0,
     estimate_steps: EstimateSteps = False,
+    response: ResponseFile = None,
+    camera: Camera = None,
+    projector: Projector = None,
     json_file: JsonFile = None,
 ) -> None:
     """Calibrate a camera and projector with a board in several poses."""
@@ -193,10 +268,13 @@ def calibrate(
 
     output.check(out, check_rig_target)
     known = fw.parse_board(board)
-    options = _options(noise, gain, saturation, min_modulation, estimate_steps, None)
+    options = _options(noise, gain, saturation, min_modulation, estimate_steps, response)
     with output.progress(len(pose_paths(folder)) + 1) as progress:
+        poses = (
+            (name, _named(stack, camera, projector)) for name, stack in fw.read_poses(folder, plan)
+        )
         found = fw.calibrate_stacks(
-            folder, known, plan=plan, distortion=distortion, progress=progress, **options
+            poses, known, distortion=distortion, progress=progress, **options
         )
     with output.target(out, ".toml") as place:
         fw.write_rig(place, found.rig)

@@ -54,6 +54,20 @@ def say_coordinates(words: Output, figures: dict[str, Any]) -> None:
         words.say(f"   failed: {found['failed_fraction']:.2%} ({failed})")
 
 
+def say_phase(words: Output, figures: dict[str, Any]) -> None:
+    """A wrapped phase."""
+    say_notes(words, figures)
+    failed = failures(figures["reasons"])
+    if figures["median_sigma_rad"] is None:
+        words.say(f"phase: no pixel could be measured ({failed})")
+        return
+    words.say(
+        f"phase: median σ {figures['median_sigma_rad']:.3g} rad, "
+        f"median modulation {figures['median_modulation']:.3g} counts"
+    )
+    words.say(f"   failed: {figures['failed_fraction']:.2%} ({failed})")
+
+
 def say_points(words: Output, figures: dict[str, Any]) -> None:
     """A point cloud."""
     say_notes(words, figures)

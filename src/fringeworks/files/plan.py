@@ -54,6 +54,10 @@ class GrayEntry(Section):
     step_px: float = 1.0
     inverse: bool = False
     """Whether each bit is followed by its inverse."""
+    offset_px: float = 0.0
+    """Start of the first cell from the projector's edge; ≤ 0."""
+    levels: int = 2
+    """Levels of brightness."""
 
 
 class UniformEntry(Section):
@@ -108,7 +112,9 @@ def _block(entry: PhaseEntry | GrayEntry | UniformEntry, width: int, height: int
         return Uniform(entry.kind)
     length = width if entry.axis == "x" else height
     if isinstance(entry, GrayEntry):
-        return GrayCode(entry.axis, entry.step_px, length, entry.inverse)
+        return GrayCode(
+            entry.axis, entry.step_px, length, entry.inverse, entry.offset_px, entry.levels
+        )
     if (entry.period_px is None) == (entry.fringes is None):
         raise InputError("expected either period_px or fringes")
     if (entry.steps is None) == (entry.shifts_deg is None):
@@ -131,7 +137,9 @@ def format_plan(plan: PatternPlan) -> str:
             sequence.append({"kind": block.kind})
         elif isinstance(block, GrayCode):
             entry = {"kind": "gray", "axis": block.axis, "step_px": float(block.step_px)}
-            sequence.append(entry | ({"inverse": True} if block.inverse else {}))
+            entry |= {"inverse": True} if block.inverse else {}
+            entry |= {"offset_px": float(block.offset_px)} if block.offset_px else {}
+            sequence.append(entry | ({"levels": block.levels} if block.levels != 2 else {}))
         else:
             n = len(block.shifts_rad)
             entry = {"kind": "phase", "axis": block.axis, "period_px": float(block.period_px)}

@@ -86,11 +86,12 @@ of the cells, which blur and the decision threshold shift a little. An empirical
 the reach, the shorter are the cells that a period needs.
 """
 
-MAX_GRAY_REACH_TURNS = 0.45
-"""Largest value of ``GRAY_REACH`` in turns of the first combination.
+MIN_GRAY_TOLERANCE = 0.1
+"""Smallest error that the rounding after a Gray code tolerates, turns of the first combination.
 
-The rounding that follows the Gray code tolerates 0.5 turns, so at least 0.05 turns (18°) remain for
-phase noise. An empirical choice; cells must be narrower than 0.75 of that combination's period.
+It holds for cells of 0.67 periods or more. The decoder refuses pixels near the ends of their cell
+that noise could move by a period: at this error a fifth of all, with cells of one period. A smaller
+value would refuse more noisy pixels as a whole. An empirical choice.
 """
 
 
@@ -305,7 +306,8 @@ def _starts(
     """Combinations that can start a chain, and their tolerance, turns."""
     if gray_step_px is not None:
         reach = GRAY_REACH * gray_step_px
-        return g * reach < MAX_GRAY_REACH_TURNS, 0.5 - g * reach
+        starts = g * gray_step_px <= 1.0 + COMMENSURATE
+        return starts, np.maximum(0.5 - g * reach, MIN_GRAY_TOLERANCE)
     starts = g * length <= 1.0 + COMMENSURATE
     if circular:
         return starts, np.full(g.size, np.inf)
@@ -338,9 +340,8 @@ def _too_short(
     message = f"periods: {_list(periods_px)} px and their beats span {longest} px, expected "
     if gray_step_px is None:
         return message + f"the projector's {length:g} px or more"
-    least = GRAY_REACH * gray_step_px / MAX_GRAY_REACH_TURNS
     return message + (
-        f"{least:g} px or more for Gray-code cells of {gray_step_px:g} px "
+        f"{gray_step_px:g} px or more for Gray-code cells of {gray_step_px:g} px "
         f"(recommended: {2.0 * gray_step_px:g} px)"
     )
 

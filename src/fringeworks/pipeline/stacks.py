@@ -1,8 +1,9 @@
-"""Stack → projector coordinates, stack + rig → points, stack of a white plane → response."""
+"""Stack → projector coordinates or phase, stack + rig → points, white plane → response."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Unpack
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.rig import read_rig
+from fringeworks.files.stack import read_stack
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
 from fringeworks.pipeline.inputs import inputs_of, stack_of
 from fringeworks.rig.triangulate import Triangulator
@@ -23,8 +25,10 @@ from fringeworks.stack.decode import decode
 from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
 from fringeworks.stack.options import DecodeOptions
+from fringeworks.stack.wrapped import WrappedPhase, steps_plan, wrapped_phase
 from fringeworks.types import (
     Axis,
+    CameraNoise,
     Decoded,
     FloatMap,
     Frozen,
@@ -138,6 +142,7 @@ def response_from_stack(
     camera: str | None = None,
     projector: str | None = None,
     number: int = 1,
+    **options: Unpack[DecodeOptions],
 ) -> Response:
     """Measure the response of a camera and projector from a stack of a white plane.
 
@@ -149,6 +154,9 @@ def response_from_stack(
         Names of the devices; the stack's where left out.
     number : int
         Which set of steps of the plan, from 1.
+    **options
+        Of ``decode``, for the Gray code. Pixels with a sample at the saturation, where one is
+        given, are not used; nor are those below ``min_modulation``.
 
     Returns
     -------
@@ -167,10 +175,15 @@ def response_from_stack(
     if not 1 <= number <= len(sets):
         raise InputError(f"number: expected 1 to {len(sets)} sets of steps, got {number}")
     first, steps = sets[number - 1]
-    coordinate = _gray_coordinate(stack, steps.axis)
+    given = _given(stack, options)
+    coordinate = _gray_coordinate(stack, steps.axis, given)
+    frames = np.stack(stack.frames[first : first + steps.frames])
+    limit = given["saturation"]
+    if limit is not None:
+        coordinate[(frames >= limit).any(axis=0)] = np.nan
     phase = 2.0 * np.pi / steps.period_px * smooth_coordinate(coordinate, np.isfinite(coordinate))
     found = measure_response(
-        np.stack(stack.frames[first : first + steps.frames]),
+        frames,
         phase,
         camera=names["camera"] or "",
         projector=names["projector"] or "",
@@ -179,11 +192,63 @@ def response_from_stack(
     )
     origin = made_by(
         "response_from_stack",
-        options={**names, "number": number},
+        options={**names, "number": number, **given},
         inputs=inputs_of(stack),
         plan=stack.plan,
     )
     return replace(found, provenance=origin)
+
+
+def phase_from_stack(
+    path: StrPath,
+    shifts_rad: Sequence[float],
+    *,
+    camera: str | None = None,
+    projector: str | None = None,
+    noise: CameraNoise | None = None,
+    saturation: float | None = None,
+    min_modulation: float = 0.0,
+    response: Response | None = None,
+    estimate_steps: bool = False,
+) -> WrappedPhase:
+    """Read phase steps without a plan, and compute their wrapped phase.
+
+    Parameters
+    ----------
+    path : path
+        Folder of images, or a TIFF, ``.npy`` or ``.npz`` stack, in the order of the shifts.
+    shifts_rad : (n,) floats
+        Shift of every frame, rad.
+    camera, projector : str, optional
+        Names of the devices, which a response is checked with; the capture's where left out.
+    noise, saturation, min_modulation, response, estimate_steps
+        As for ``decode``; the capture's own saturation holds where none is given.
+
+    Returns
+    -------
+    WrappedPhase, with the notes of reading first and its provenance.
+
+    Raises
+    ------
+    InputError as ``read_stack`` and ``decode``.
+    """
+    stack = read_stack(path, steps_plan(shifts_rad))
+    if response is not None:
+        check_devices(response, camera or stack.camera, projector or stack.projector)
+    options: dict[str, Any] = {
+        "noise": noise,
+        "saturation": stack.saturation if saturation is None else saturation,
+        "min_modulation": min_modulation,
+        "response": response,
+        "estimate_steps": estimate_steps,
+    }
+    found = wrapped_phase(stack.frames, shifts_rad, **options)
+    origin = made_by(
+        "phase_from_stack",
+        options={"shifts_rad": list(found.shifts_rad), **options},
+        inputs=inputs_of(stack),
+    )
+    return replace(found, notes=(*stack.notes, *found.notes), provenance=origin)
 
 
 def check_projector(rig: Rig, stack: Stack) -> None:
@@ -196,7 +261,7 @@ def check_projector(rig: Rig, stack: Stack) -> None:
         )
 
 
-def _gray_coordinate(stack: Stack, axis: Axis) -> FloatMap:
+def _gray_coordinate(stack: Stack, axis: Axis, options: DecodeOptions) -> FloatMap:
     """The coordinate by Gray code alone: it does not depend on the response."""
     plan = stack.plan
     if plan.gray_code(axis) is None:
@@ -208,7 +273,7 @@ def _gray_coordinate(stack: Stack, axis: Axis) -> FloatMap:
     ]
     frames = [stack.frames[k] for first, block in kept for k in range(first, first + block.frames)]
     alone = PatternPlan(plan.width_px, plan.height_px, tuple(block for _, block in kept))
-    return decode(frames, alone, **_given(stack, {})).maps[axis].coordinate_px.astype(np.float64)
+    return decode(frames, alone, **options).maps[axis].coordinate_px.astype(np.float64)
 
 
 def decoded(stack: Stack, options: DecodeOptions) -> Decoded:

@@ -16,6 +16,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from fringeworks.files.atomic import StrPath, check_target, replacing
 from fringeworks.files.provenance import json_line
 from fringeworks.pair.methods.inverse_function import Extrema
+from fringeworks.stack.wrapped import WrappedPhase
 from fringeworks.surface.cloud import normals
 from fringeworks.types import ByteMap, Decoded, FloatMap, HeightMap, PointCloud, Provenance, Reason
 
@@ -225,6 +226,24 @@ def coordinate_sheet(title: str, decoded: Decoded) -> Figure:
         top = spread([found.modulation], 99.5)
         _map(places[2], found.modulation, limits=(0.0, top), colours="gray", label="counts")
         _reasons(places[3], found.reason, found.failed_fraction)
+    return figure
+
+
+def phase_sheet(title: str, wrapped: WrappedPhase) -> Figure:
+    """Wrapped phase, error bar, modulation and reasons on one sheet."""
+    figure = Figure(figsize=(18.0, 4.6), layout="constrained")
+    figure.suptitle(title)
+    places = [figure.add_subplot(1, 4, k) for k in (1, 2, 3, 4)]
+    places[0].set_title("wrapped phase")
+    limits = (-np.pi, np.pi)
+    _map(places[0], wrapped.phase_rad, limits=limits, colours="twilight", label="rad")
+    places[1].set_title("σ")
+    top = spread([wrapped.sigma_rad], SIGMA_PERCENTILE)
+    _map(places[1], wrapped.sigma_rad, limits=(0.0, top), colours="magma", label="rad")
+    places[2].set_title("modulation")
+    top = spread([wrapped.modulation], 99.5)
+    _map(places[2], wrapped.modulation, limits=(0.0, top), colours="gray", label="counts")
+    _reasons(places[3], wrapped.reason, wrapped.failed_fraction)
     return figure
 
 

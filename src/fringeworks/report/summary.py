@@ -14,6 +14,7 @@ from fringeworks.pipeline.stacks import Measurement
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import coverage, diagnose, pose_figures
 from fringeworks.signal.response import Response
+from fringeworks.stack.wrapped import WrappedPhase
 from fringeworks.types import (
     RIG_PARAMETERS,
     Decoded,
@@ -31,8 +32,8 @@ def summarise(result: object) -> dict[str, Any]:
 
     Parameters
     ----------
-    result : Reconstruction, Measurement, Decoded, Calibration, PlaneCalibration, PixelCalibration,
-        Response, FormEvaluation or PointCloud
+    result : Reconstruction, Measurement, Decoded, WrappedPhase, Calibration, PlaneCalibration,
+        PixelCalibration, Response, FormEvaluation or PointCloud
 
     Returns
     -------
@@ -97,6 +98,22 @@ def _(decoded: Decoded) -> dict[str, Any]:
         "axes": axes,
         "notes": list(decoded.notes),
         **_origin(decoded.provenance),
+    }
+
+
+@summarise.register
+def _(wrapped: WrappedPhase) -> dict[str, Any]:
+    ok = wrapped.reason == Reason.OK
+    return {
+        "shape": list(wrapped.phase_rad.shape),
+        "shifts_deg": np.degrees(wrapped.shifts_rad).round(9).tolist(),
+        "noise": {"read_counts": wrapped.noise.read_counts, "gain": wrapped.noise.gain},
+        "failed_fraction": wrapped.failed_fraction,
+        "reasons": count_reasons(wrapped.reason),
+        "median_sigma_rad": float(np.median(wrapped.sigma_rad[ok])) if ok.any() else None,
+        "median_modulation": float(np.median(wrapped.modulation[ok])) if ok.any() else None,
+        "notes": list(wrapped.notes),
+        **_origin(wrapped.provenance),
     }
 
 

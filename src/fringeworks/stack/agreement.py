@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.signal.noise import chi_square_quantile
-from fringeworks.stack.kernel_settings import Decoding, GrayFrames, Limits, empty_maps
+from fringeworks.stack.gray_frames import GrayFrames
+from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS, solve
 from fringeworks.stack.sample import Lines
 from fringeworks.types import BoolMap, CameraNoise, FloatMap, Reason
@@ -216,8 +217,11 @@ def wrong_borders(coordinate: FloatMap, turns: FloatMap | None, gray: GrayFrames
     changes one bit. Bits of frames in a wrong order still change one at a time, but lead to cells
     that are no neighbours, or backwards.
     """
+    if gray.levels > 2:
+        return 0.0  # digits change one by one as well, but not by one bit
     known = np.isfinite(coordinate)
-    cells = np.floor((np.where(known, coordinate, 0.0) + 0.5) / gray.step_px).astype(np.int64)
+    place = np.where(known, coordinate, 0.0) + 0.5 - gray.offset_px
+    cells = np.maximum(np.floor(place / gray.step_px), 0.0).astype(np.int64)
     pair = known[:, 1:] & known[:, :-1]
     if turns is not None:
         slope = np.diff(turns, axis=1)

@@ -17,6 +17,7 @@ from fringeworks.stack.agreement import (
     disagreement,
     unrelated,
 )
+from fringeworks.stack.gray_frames import refuse_unequal_levels
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import (
     bit_sums,
@@ -125,6 +126,9 @@ def examine(
         exceeded = [exceeds(d, values[axis], limits, noise) for axis, d in decodings.items()]
         if not any(exceeded):
             limits = replace(limits, saturation=float("inf"))
+    for decoding in decodings.values():
+        if decoding.gray is not None:
+            refuse_unequal_levels(decoding.gray, sample.points, noise)
     judged: dict[Axis, Decoding] = {}
     details: dict[str, Any] = {}
     factor = 1.0

@@ -10,11 +10,12 @@ import numpy as np
 
 from fringeworks import _core
 from fringeworks.patterns.chain_search import ALTERNATIVE_SIGMAS, ORDER_SIGMAS
-from fringeworks.patterns.order_chain import GRAY_REACH, TURN, OrderChain
-from fringeworks.patterns.plan import GrayCode, PatternPlan, step_design
+from fringeworks.patterns.order_chain import TURN, OrderChain
+from fringeworks.patterns.plan import PatternPlan, step_design
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.signal.response import Response
+from fringeworks.stack.gray_frames import GrayFrames, gray_frames
 from fringeworks.types import Axis, CameraNoise, Decoded, InputError, check_reusable, unsealed
 
 MIN_SNR = 4.0
@@ -105,22 +106,6 @@ def planned_rows(shifts_rad: tuple[float, ...]) -> tuple[tuple[float, float, flo
 
 
 @dataclass(frozen=True)
-class GrayFrames:
-    """A Gray code: the indices of its frames in the plan, and of those that decide its bits."""
-
-    bits: tuple[int, ...]
-    """Index of every bit's frame, the most significant bit first."""
-    inverse: tuple[int, ...]
-    """Index of every inverse bit's frame; empty where there are none."""
-    white_black: tuple[int, int] | None
-    """Indices of the white and the black frame; None where they are missing or not needed."""
-    step_px: float
-    """Width of a cell, projector px."""
-    cells: int
-    """Number of cells."""
-
-
-@dataclass(frozen=True)
 class Decoding:
     """Everything that decides how one axis is decoded, except for noise and limits."""
 
@@ -187,7 +172,9 @@ class Decoding:
             largest = chi_square_quantile(1.0 - LOST_SHARE, freedom)
         return _core.DecodeSettings(
             sets=sets,
-            code=_kernel_gray(self.gray, place),
+            code=None
+            if self.gray is None
+            else self.gray.kernel(place, self.longest_px, self.reach_px),
             read_variance=noise.read_counts**2,
             gain=noise.gain,
             saturation=limits.threshold,
@@ -201,34 +188,9 @@ class Decoding:
         )
 
     def _range(self) -> dict[str, Any]:
-        """The kernel's range of coordinates, and the reach of a Gray-code cell."""
+        """The kernel's range of coordinates."""
         half = 0.5 * self.length_px
-        reach = 0.0 if self.gray is None else GRAY_REACH * self.gray.step_px
-        if self.reach_px is not None:
-            reach = self.reach_px
-        return {
-            "middle": half - 0.5,
-            "half": half,
-            "circular": not self.absolute,
-            "code_reach": reach,
-        }
-
-
-KernelGray = tuple[list[int], list[int], tuple[int, int] | None, float, int]
-
-
-def _kernel_gray(gray: GrayFrames | None, place: dict[int, int]) -> KernelGray | None:
-    """The kernel's Gray code, with frames by their place in the kernel's order."""
-    if gray is None:
-        return None
-    white_black = gray.white_black
-    return (
-        [place[k] for k in gray.bits],
-        [place[k] for k in gray.inverse],
-        None if white_black is None else (place[white_black[0]], place[white_black[1]]),
-        gray.step_px,
-        gray.cells,
-    )
+        return {"middle": half - 0.5, "half": half, "circular": not self.absolute}
 
 
 def _kernel_chain(chain: OrderChain | None, errors: tuple[float, ...]) -> dict[str, Any]:
@@ -287,25 +249,10 @@ def decoding_of(
     placed = plan.gray_code(axis)
     gray = None
     if placed is not None and absolute:
-        gray = _gray_frames(plan, *placed, phases=bool(sets))
+        gray = gray_frames(plan, *placed, phases=bool(sets))
     chain = plan.chain(axis, absolute=absolute) if sets else None
     length = float(plan.length_px(axis)) if absolute or chain is None else chain.high_px + 0.5
     return Decoding(axis, sets, gray, chain, length, absolute)
-
-
-def _gray_frames(plan: PatternPlan, first: int, block: GrayCode, *, phases: bool) -> GrayFrames:
-    """The frames of a Gray code, and of the light that its bits are compared with."""
-    white, black = plan.uniform("white"), plan.uniform("black")
-    white_black = None if white is None or black is None else (white, black)
-    frames = range(first, first + block.frames)
-    if block.inverse:
-        return GrayFrames(tuple(frames[::2]), tuple(frames[1::2]), None, block.step_px, block.cells)
-    if white_black is None and not phases:
-        raise InputError(
-            "Gray code: expected inverse bits, a white and a black frame, or fringes along the "
-            "same axis to compare the bits with, got none of them"
-        )
-    return GrayFrames(tuple(frames), (), white_black, block.step_px, block.cells)
 
 
 def _table(

@@ -56,6 +56,10 @@ class PhaseErrors:
     ratio: float = 1.0
     """Median χ² of the sample over its expectation for camera noise alone."""
 
+    offset_turns: float = 0.0
+    """Error of a rounding by constant offsets between the sets, where it is too large to be taken
+    out, turns."""
+
     @property
     def by_noise(self) -> bool:
         """Whether the noise of the camera is the only cause."""

@@ -12,7 +12,8 @@ from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.signal.noise import NORMAL_MEDIAN
 from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
-from fringeworks.stack.kernel_settings import Decoding, GrayFrames, Limits, PhaseFrames
+from fringeworks.stack.gray_frames import GrayFrames
+from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
 from fringeworks.stack.real_frames import design_rows
@@ -26,6 +27,10 @@ MAX_OFFSET_TURNS = 0.15
 Offsets are known modulo one turn of every rounding only. Up to 0.15 turns, the smallest one is far
 likelier than the next; beyond, fringe orders cannot be trusted. Empirical.
 """
+
+DOUBTFUL_OFFSET_TURNS = 0.05
+"""The same where the sets disagree by more than noise even without the offsets. A scene or a device
+that has moved between the sets makes offsets that differ from place to place. Empirical."""
 
 RIPPLE_FACTOR = 1.2
 """Standard deviation that stands for a ripple, over its rms value.
@@ -111,7 +116,7 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     errors = PhaseErrors()
     if len(sets) > 1:
         decoding, errors = _with_agreeing_sets(decoding, planes, known)
-        if not errors.by_noise:
+        if not errors.by_noise or errors.offset_turns > 0:
             findings.append(words.disagreement(errors, decoding.axis))
     if decoding.gray is not None:
         decoding = _with_reach(decoding, decoding.gray, planes, known.noise, known.limits)
@@ -232,12 +237,16 @@ def _with_agreeing_sets(
         return decoding, PhaseErrors()
     offsets = set_offsets(residuals, variances)
     shifted = np.abs(decoding.chain.amplification @ offsets).max(initial=0.0)
-    if known.estimate_steps and offsets.any() and shifted < MAX_OFFSET_TURNS:
+    if known.estimate_steps and 0.0 < shifted < MAX_OFFSET_TURNS:
         sets = [_turned(s, o) for s, o in zip(decoding.sets, offsets, strict=True)]
         decoding = replace(decoding, sets=tuple(sets))
         residuals, variances, maps = _residuals(decoding, planes, known)
     square = maps["disagreement"][maps["used"]]
     errors = two_parts(square, variances.mean(axis=0) * TURN**2, len(decoding.sets) - 1)
+    if shifted >= MAX_OFFSET_TURNS or (shifted >= DOUBTFUL_OFFSET_TURNS and not errors.by_noise):
+        # The offsets may be larger by a whole turn of a rounding: no fringe order is certain.
+        unknown = (1.0,) * len(decoding.chain.tolerance)
+        return replace(decoding, order_errors=unknown), replace(errors, offset_turns=shifted)
     if errors.by_noise:
         return decoding, errors
     bounds = order_errors(decoding.chain.amplification, residuals, errors.noise_factor * variances)

@@ -97,6 +97,8 @@ def disagreement(errors: PhaseErrors, axis: Axis) -> Finding:
         seen += f": noise {errors.noise_factor**0.5:.1f} times that of the camera"
     if errors.floor_rad > 0.0:
         seen += f", phase errors of {errors.floor_rad:.3f} rad that do not depend on brightness"
+    if errors.offset_turns > 0.0:
+        seen += ", and are shifted against each other so far that fringe orders are not certain"
     figures = {
         "ratio": errors.ratio,
         "noise_factor": errors.noise_factor,

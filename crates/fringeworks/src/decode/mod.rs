@@ -43,6 +43,8 @@ pub(crate) type Lanes = [f32; LANES];
 
 /// A type of camera counts, and the kernels compiled for it.
 pub trait Sample: Copy + Default + Send + Sync + PartialOrd + 'static {
+    /// Whether the type has NaN and infinity.
+    const MAY_BE_INFINITE: bool;
     fn value(self) -> f32;
     fn larger(self, other: Self) -> Self;
     #[doc(hidden)]
@@ -60,7 +62,7 @@ pub struct Task<'a, S> {
 }
 
 macro_rules! sample {
-    ($type:ident, $frames:ident) => {
+    ($type:ident, $frames:ident, $infinite:expr) => {
         #[multiversion::multiversion(targets(
             "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
             "x86_64+avx2+fma"
@@ -70,6 +72,7 @@ macro_rules! sample {
         }
 
         impl Sample for $type {
+            const MAY_BE_INFINITE: bool = $infinite;
             #[inline(always)]
             fn value(self) -> f32 {
                 f32::from(self)
@@ -84,9 +87,9 @@ macro_rules! sample {
         }
     };
 }
-sample!(u8, frames_u8);
-sample!(u16, frames_u16);
-sample!(f32, frames_f32);
+sample!(u8, frames_u8, false);
+sample!(u16, frames_u16, false);
+sample!(f32, frames_f32, true);
 
 /// What is decoded along one axis of the projector.
 pub struct Plan {
@@ -114,7 +117,7 @@ impl Plan {
             "phases or a code",
             "neither",
         )?;
-        self.chain.check(self.sets.len(), self.gray_code.is_some())
+        self.chain.check(self.sets.len())
     }
 
     /// Index of the set with the shortest period, which determines the precision.

@@ -3,7 +3,7 @@
 use super::resolve::Resolved;
 use super::{nearest, part};
 use crate::decode::fit::Fitted;
-use crate::decode::{Lanes, Plan, LANES};
+use crate::decode::{GrayCode, Lanes, Plan, LANES};
 
 /// Bring the coordinates of a group into the range. Returns non-zero where the fringe order is
 /// ambiguous: a rounding without its margin, or sets and Gray code that disagree.
@@ -11,10 +11,13 @@ use crate::decode::{Lanes, Plan, LANES};
 pub fn judge(plan: &Plan, at: usize, sets: &[Fitted], resolved: Resolved) -> [u32; LANES] {
     let mut ambiguous = [0u32; LANES];
     check_roundings(plan, at, sets, resolved.remainders, &mut ambiguous);
-    if plan.chain.circular && plan.chain.repeats.is_infinite() {
+    if let Some(code) = &plan.gray_code {
+        let coarsest = coarsest_variance(plan, at, sets);
+        check_code(plan, code, &coarsest, &resolved, &mut ambiguous);
+    } else if plan.chain.circular && plan.chain.repeats.is_infinite() {
         check_ends(plan, at, sets, resolved.coordinate, &mut ambiguous);
     }
-    check_range(plan, plan.gray_code.is_some(), resolved, &mut ambiguous);
+    check_range(plan, resolved, &mut ambiguous);
     ambiguous
 }
 
@@ -57,13 +60,7 @@ fn check_roundings(
 fn check_ends(plan: &Plan, at: usize, sets: &[Fitted], x: &Lanes, ambiguous: &mut [u32; LANES]) {
     let (chain, limits) = (&plan.chain, &plan.limits);
     let half_range = 0.5 / chain.frequencies[0];
-    let mut coarsest = [0.0; LANES];
-    for (fitted, &c) in sets.iter().zip(&chain.combinations) {
-        let variance = part(&fitted.brightness_or_variance, at);
-        for i in 0..LANES {
-            coarsest[i] += c * c * variance[i];
-        }
-    }
+    let coarsest = coarsest_variance(plan, at, sets);
     for i in 0..LANES {
         let reach = half_range - limits.confidence * 2.0 * half_range * coarsest[i].sqrt();
         let inside = (x[i] - chain.middle).abs() <= reach;
@@ -71,22 +68,53 @@ fn check_ends(plan: &Plan, at: usize, sets: &[Fitted], x: &Lanes, ambiguous: &mu
     }
 }
 
-/// Coordinates modulo the repeat distance must lie in the range and near the Gray-code cell, and the
-/// sets must agree.
+/// Variance of the first combination of the chain, turns².
 #[inline(always)]
-fn check_range(plan: &Plan, coded: bool, resolved: Resolved, ambiguous: &mut [u32; LANES]) {
+fn coarsest_variance(plan: &Plan, at: usize, sets: &[Fitted]) -> Lanes {
+    let mut coarsest = [0.0; LANES];
+    for (fitted, &c) in sets.iter().zip(&plan.chain.combinations) {
+        let variance = part(&fitted.brightness_or_variance, at);
+        for i in 0..LANES {
+            coarsest[i] += c * c * variance[i];
+        }
+    }
+    coarsest
+}
+
+/// The coordinate must lie where the Gray code allows it, and the next one, a period of the first
+/// combination away, must not.
+///
+/// With cells of half a period the first condition decides, with cells of one period the second.
+#[inline(always)]
+fn check_code(
+    plan: &Plan,
+    code: &GrayCode,
+    coarsest: &Lanes,
+    resolved: &Resolved,
+    ambiguous: &mut [u32; LANES],
+) {
+    let period = 1.0 / plan.chain.frequencies[0];
+    for i in 0..LANES {
+        let sigma = period * coarsest[i].sqrt();
+        let half_width = resolved.half_width[i];
+        let allowed = half_width + code.slack + plan.limits.confidence * sigma;
+        let unique = period - half_width - code.guard - code.confidence * sigma;
+        let off = (resolved.coordinate[i] - resolved.start[i]).abs();
+        let near = off <= allowed && off <= unique;
+        ambiguous[i] |= u32::from(!near);
+    }
+}
+
+/// Coordinates modulo the repeat distance must lie in the range, and the sets must agree.
+#[inline(always)]
+fn check_range(plan: &Plan, resolved: Resolved, ambiguous: &mut [u32; LANES]) {
     let (chain, limits) = (&plan.chain, &plan.limits);
     let allowed = limits.max_disagreement;
-    let periodic = chain.repeats.is_finite() && !coded;
+    let periodic = chain.repeats.is_finite() && plan.gray_code.is_none();
     let (repeats, turn, seam) = if periodic {
         (chain.repeats, 1.0 / chain.repeats, 0.5 * chain.repeats)
     } else {
         (0.0, 0.0, f32::INFINITY)
-    };
-    let reach = if coded {
-        chain.code_reach
-    } else {
-        f32::INFINITY
     };
     let bounded = u32::from(!chain.circular);
     let x = resolved.coordinate;
@@ -97,8 +125,7 @@ fn check_range(plan: &Plan, coded: bool, resolved: Resolved, ambiguous: &mut [u3
         let from_middle = (x[i] - chain.middle).abs();
         let inside =
             from_middle <= (chain.half + margin).min(seam - limits.order_confidence * sigma);
-        let near = (x[i] - resolved.start[i]).abs() <= reach + margin;
         let agree = resolved.disagreement[i] <= allowed;
-        ambiguous[i] |= u32::from(!agree) | u32::from(!near) | (bounded & u32::from(!inside));
+        ambiguous[i] |= u32::from(!agree) | (bounded & u32::from(!inside));
     }
 }

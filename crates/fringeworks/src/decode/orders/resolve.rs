@@ -9,8 +9,10 @@ use crate::reason;
 
 /// The result for a group, by reference: copies of the arrays would cost time in the inner loop.
 pub struct Resolved<'a> {
-    /// Coordinate that the chain starts from, px: the middle of the Gray-code cell or of the range.
+    /// Coordinate that the chain starts from, px: that of the Gray code, or the middle of the range.
     pub start: &'a Lanes,
+    /// Largest distance of the true coordinate from the Gray code's, px.
+    pub half_width: &'a Lanes,
     /// Coordinate, px.
     pub coordinate: &'a mut Lanes,
     /// Variance of the coordinate, px².
@@ -30,7 +32,10 @@ fn wrap(v: f32) -> f32 {
 /// Resolve the group of pixels from `at` on, and store it in the arrays of the block.
 #[inline(always)]
 pub fn resolve(plan: &Plan, at: usize, scratch: &mut Scratch) {
-    let unusable = phase_noise(plan, at, scratch);
+    let mut unusable = phase_noise(plan, at, scratch);
+    if plan.gray_code.is_some() {
+        mask_gray(part(&scratch.gray.sum, at), &mut unusable);
+    }
     let start = if plan.gray_code.is_some() {
         *part(&scratch.gray.coordinate, at)
     } else {
@@ -44,6 +49,7 @@ pub fn resolve(plan: &Plan, at: usize, scratch: &mut Scratch) {
     let (variance, disagreement) = average_sets(plan, at, &scratch.sets, &mut x, of_sets);
     let resolved = Resolved {
         start: &start,
+        half_width: part(&scratch.gray.half_width, at),
         coordinate: &mut x,
         variance: &variance,
         disagreement: &disagreement,
@@ -63,6 +69,18 @@ pub fn resolve(plan: &Plan, at: usize, scratch: &mut Scratch) {
     scratch.coordinate[place.clone()].copy_from_slice(&x);
     scratch.variance[place.clone()].copy_from_slice(&variance);
     scratch.disagreement[place].copy_from_slice(&disagreement);
+}
+
+/// Mask the pixels that have a sample of the Gray code that is not finite.
+#[inline(always)]
+fn mask_gray(sum: &Lanes, reasons: &mut [u32; LANES]) {
+    for i in 0..LANES {
+        reasons[i] = if sum[i].is_finite() {
+            reasons[i]
+        } else {
+            u32::from(reason::MASKED)
+        };
+    }
 }
 
 /// Refine the coordinate by the chain, from coarse combinations to fine ones:

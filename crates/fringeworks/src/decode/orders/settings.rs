@@ -32,12 +32,10 @@ pub struct Chain {
     pub repeats: f32,
     /// Whether both ends of the range are the same place: a coordinate modulo `repeats`.
     pub circular: bool,
-    /// Largest distance of a coordinate from the middle of its Gray-code cell, px.
-    pub code_reach: f32,
 }
 
 impl Chain {
-    pub(in super::super) fn check(&self, sets: usize, code: bool) -> Result<(), Error> {
+    pub(in super::super) fn check(&self, sets: usize) -> Result<(), Error> {
         let n = self.frequencies.len();
         check_value("chain", sets == 0 || n > 0, "a combination", n)?;
         check_length("combinations", self.combinations.len(), n * sets)?;
@@ -53,9 +51,7 @@ impl Chain {
         let positive = self.frequencies.iter().all(|&g| g > 0.0);
         check_value("frequencies", positive, "> 0", &self.frequencies)?;
         check_value("range", self.half > 0.0, "> 0", self.half)?;
-        check_value("repeats", self.repeats > 0.0, "> 0", self.repeats)?;
-        let reach = !code || self.code_reach > 0.0;
-        check_value("reach of the code", reach, "> 0", self.code_reach)
+        check_value("repeats", self.repeats > 0.0, "> 0", self.repeats)
     }
 }
 

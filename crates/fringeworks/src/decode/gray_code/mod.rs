@@ -1,0 +1,289 @@
+//! Gray code: which cell of the projector a pixel sees.
+
+mod words;
+
+use super::{Line, Plan, Sample, Source, BLOCK_PIXELS};
+use crate::{check_value, Error};
+use words::{read_bits, read_digits, Words};
+
+/// Distance of a bit's brightness from its threshold below which the bit is in doubt, in standard
+/// deviations of the noise.
+///
+/// At 4, noise flips a bit that is not in doubt in 3 of 100 000 cases. A larger value rejects more
+/// pixels of weak contrast.
+const DOUBT_SIGMAS: f32 = 4.0;
+
+/// Variance of half the difference of two frames, in units of the variance of one frame.
+pub const HALF_DIFFERENCE: f32 = 0.5;
+
+/// Variance of a frame minus the mean of two other frames, in units of the variance of one frame.
+///
+/// Also used where the threshold is the mean of the phase frames, which is less noisy.
+const FRAME_MINUS_MEAN: f32 = 1.5;
+
+/// Variance of a frame minus the border of two levels, in units of the variance of one frame.
+///
+/// The border comes from a white and a black frame. The value is that of the outermost borders; it
+/// is 1.5 for a border in the middle.
+const FRAME_MINUS_LEVEL: f32 = 2.0;
+
+/// Largest distance of a pixel on a blurred border from that border, in cells.
+///
+/// A border that is blurred as far as this leaves hardly any modulation to fringes of one cell's
+/// width. A larger value accepts pixels inside a cell whose bits are weak because of indirect light.
+const BORDER_HALF_WIDTH: f32 = 0.25;
+
+/// Largest number of bits: 2²⁴ cells, the whole numbers that an f32 holds exactly.
+const MAX_BITS: usize = 24;
+
+/// Number of words of a code that a `u32` holds with room for one more level.
+const MAX_WORDS: f64 = 2_147_483_648.0;
+
+/// Threshold that the bits are compared with.
+pub enum Against {
+    /// The frame with this bit inverted, one per bit.
+    Inverse(Vec<usize>),
+    /// The mean of a white and a black frame.
+    WhiteBlack { white: usize, black: usize },
+    /// The mean of the phase frames.
+    Mean,
+}
+
+/// Gray code along one axis, the most significant bit first.
+///
+/// With more than two levels of brightness its bits are digits: a reflected code of that base.
+pub struct GrayCode {
+    /// Index of the frame of each bit.
+    pub bits: Vec<usize>,
+    pub against: Against,
+    /// Number of levels of brightness; 2 for bits.
+    pub levels: u32,
+    /// Width of a cell, projector px.
+    pub step: f32,
+    /// Start of the first cell, projector px from the projector's edge.
+    pub offset: f32,
+    /// Number of cells; a code word beyond has no meaning.
+    pub cells: u32,
+    /// Share of a bit's contrast below which the bit is in doubt, besides the doubt by noise. Above
+    /// 0, the blurred border of a cell is recognised even where there is hardly any noise.
+    pub doubt_share: f32,
+    /// Distance beyond the half width around the start at which a coordinate is still accepted, px.
+    pub slack: f32,
+    /// Distance that a coordinate one period away must keep from that half width, px.
+    pub guard: f32,
+    /// Standard deviations by which a coordinate must differ from one that is a period away.
+    pub confidence: f32,
+}
+
+impl GrayCode {
+    pub(super) fn check(&self, frames: usize) -> Result<(), Error> {
+        let n = self.bits.len();
+        check_value(
+            "bits of the code",
+            (1..=MAX_BITS).contains(&n),
+            "1 to 24",
+            n,
+        )?;
+        check_value("step of the code", self.step > 0.0, "> 0", self.step)?;
+        check_value("levels of the code", self.levels >= 2, ">= 2", self.levels)?;
+        let words = f64::from(self.levels).powi(n as i32);
+        check_value("words of the code", words < MAX_WORDS, "< 2^31", words)?;
+        let finite = self.offset.is_finite();
+        check_value("offset of the code", finite, "a finite number", self.offset)?;
+        let known = self.levels == 2 || matches!(self.against, Against::WhiteBlack { .. });
+        check_value("frames", known, "white and black", "levels without them")?;
+        let others: Vec<usize> = match &self.against {
+            Against::Inverse(inverse) => {
+                check_value("inverse bits", inverse.len() == n, "one per bit", inverse)?;
+                inverse.clone()
+            }
+            Against::WhiteBlack { white, black } => vec![*white, *black],
+            Against::Mean => Vec::new(),
+        };
+        let inside = self.bits.iter().chain(&others).all(|&k| k < frames);
+        check_value(
+            "frames of the code",
+            inside,
+            "frames that exist",
+            &self.bits,
+        )
+    }
+
+    /// Variance of the difference of a bit and its threshold, in units of that of one frame.
+    fn variance_of_bits(&self) -> f32 {
+        match self.against {
+            _ if self.levels > 2 => FRAME_MINUS_LEVEL,
+            Against::Inverse(_) => HALF_DIFFERENCE,
+            Against::WhiteBlack { .. } | Against::Mean => FRAME_MINUS_MEAN,
+        }
+    }
+}
+
+/// Gray code of the pixels of a block.
+pub struct GrayCells {
+    /// Coordinate that the phases start from, projector px: the middle of the cell or, where a bit
+    /// is in doubt, the border that this bit marks; NaN where the bits do not tell. Without phases
+    /// always the middle of a cell.
+    pub coordinate: Line,
+    /// Largest distance of the true coordinate from it, projector px.
+    pub half_width: Line,
+    /// Threshold: mean of white and black, or of a bit and its inverse, counts.
+    pub threshold: Line,
+    /// Half their difference, counts: the modulation of the Gray code.
+    pub contrast: Line,
+    /// Not finite where a sample of the Gray code is not.
+    pub sum: Line,
+    /// Squared distance from its threshold below which a bit is in doubt, counts².
+    doubt_below: Line,
+}
+
+impl GrayCells {
+    pub fn new() -> Self {
+        let zero = [0.0; BLOCK_PIXELS];
+        Self {
+            coordinate: zero,
+            half_width: zero,
+            threshold: zero,
+            contrast: zero,
+            sum: zero,
+            doubt_below: zero,
+        }
+    }
+}
+
+/// Read the Gray code of `n` pixels from `at` on. `mean` and `modulation` are of the phase frames.
+#[inline(always)]
+pub fn read_gray_code<S: Source>(
+    source: &S,
+    plan: &Plan,
+    code: &GrayCode,
+    (at, n): (usize, usize),
+    (mean, modulation): (&Line, &Line),
+    out: &mut GrayCells,
+) {
+    let line = |frame: usize| &source.plane(frame)[at..at + n];
+    thresholds(code, line, n, (mean, modulation), out);
+    limits_of_doubt(code, plan, n, out);
+    if S::Sample::MAY_BE_INFINITE {
+        sum_samples(code, line, n, out);
+    }
+    let words = if code.levels == 2 {
+        read_bits(code, line, n, out)
+    } else {
+        read_digits(code, line, n, out)
+    };
+    cells(code, n, &words, !plan.sets.is_empty(), out);
+}
+
+/// Distance from the threshold below which a bit is in doubt, and how far from the border between
+/// two cells a pixel with such a bit may lie.
+#[inline(always)]
+fn limits_of_doubt(code: &GrayCode, plan: &Plan, n: usize, out: &mut GrayCells) {
+    let per_frame = code.variance_of_bits();
+    let per_level = 1.0 / (code.levels - 1) as f32;
+    for i in 0..n {
+        let variance = per_frame * plan.noise.variance(out.threshold[i]);
+        let contrast = out.contrast[i] * per_level;
+        let share = code.doubt_share * contrast;
+        let limit = (DOUBT_SIGMAS * DOUBT_SIGMAS * variance).max(share * share);
+        // What separates a bit of full contrast from a bit in doubt, both with their noise. If noise
+        // cannot bridge it, the bit is in doubt because the pixel lies on the blurred border.
+        let rest = contrast - limit.sqrt();
+        let rest_variance = variance + HALF_DIFFERENCE * plan.noise.variance(out.threshold[i]);
+        let on_border =
+            rest > 0.0 && rest * rest >= code.confidence * code.confidence * rest_variance;
+        out.doubt_below[i] = limit;
+        out.half_width[i] = if on_border { BORDER_HALF_WIDTH } else { 1.0 } * code.step;
+    }
+}
+
+/// Sum all samples of the code: NaN and infinity stay in the sum.
+#[inline(always)]
+fn sum_samples<'a, T: Sample>(
+    code: &GrayCode,
+    line: impl Fn(usize) -> &'a [T],
+    n: usize,
+    out: &mut GrayCells,
+) {
+    let pair;
+    let others: &[usize] = match &code.against {
+        Against::Inverse(inverse) => inverse,
+        Against::WhiteBlack { white, black } => {
+            pair = [*white, *black];
+            &pair
+        }
+        Against::Mean => &[],
+    };
+    out.sum = [0.0; BLOCK_PIXELS];
+    for &frame in code.bits.iter().chain(others) {
+        let samples = line(frame);
+        for i in 0..n {
+            out.sum[i] += samples[i].value();
+        }
+    }
+}
+
+/// Where `n` pixels lie by their words: in the middle of a cell or, where `phases` follow, on the
+/// border of two cells.
+#[inline(always)]
+fn cells(code: &GrayCode, n: usize, words: &Words, phases: bool, out: &mut GrayCells) {
+    let first = code.offset - 0.5;
+    for i in 0..n {
+        let (cell, other) = (words.cell[i], words.other[i]);
+        let sure = words.doubts[i] == 0 && cell < code.cells;
+        // Neighbouring cells differ in one bit. On their border that bit may be in doubt, because
+        // either cell is right there; any other bit may not.
+        let border =
+            words.doubts[i] == 1 && cell.abs_diff(other) == 1 && cell.min(other) < code.cells;
+        let middle = (cell as f32 + 0.5) * code.step + first;
+        let between = cell.max(other) as f32 * code.step + first;
+        // Without phases, the bit in doubt is a better guess than none.
+        let guess = if phases { between } else { middle };
+        let uncertain = if border { guess } else { f32::NAN };
+        out.coordinate[i] = if sure { middle } else { uncertain };
+        out.half_width[i] = if sure {
+            0.5 * code.step
+        } else {
+            out.half_width[i]
+        };
+    }
+}
+
+/// Threshold and contrast of `n` pixels.
+#[inline(always)]
+fn thresholds<'a, T: Sample>(
+    code: &GrayCode,
+    line: impl Fn(usize) -> &'a [T],
+    n: usize,
+    (mean, modulation): (&Line, &Line),
+    out: &mut GrayCells,
+) {
+    match &code.against {
+        Against::Mean => {
+            out.threshold = *mean;
+            out.contrast = *modulation;
+        }
+        Against::WhiteBlack { white, black } => {
+            mean_and_contrast(line(*white), line(*black), n, out);
+        }
+        Against::Inverse(inverse) => {
+            mean_and_contrast(line(code.bits[0]), line(inverse[0]), n, out);
+            // No pixel lies on borders of both of the first bits: one of them and its inverse show
+            // full white and full black.
+            let second = 1.min(code.bits.len() - 1);
+            let (bits, other) = (line(code.bits[second]), line(inverse[second]));
+            for i in 0..n {
+                let contrast = 0.5 * (bits[i].value() - other[i].value());
+                out.contrast[i] = out.contrast[i].abs().max(contrast.abs());
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn mean_and_contrast<T: Sample>(bright: &[T], dark: &[T], n: usize, out: &mut GrayCells) {
+    for i in 0..n {
+        out.threshold[i] = 0.5 * (bright[i].value() + dark[i].value());
+        out.contrast[i] = 0.5 * (bright[i].value() - dark[i].value());
+    }
+}

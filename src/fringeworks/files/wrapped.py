@@ -1,0 +1,65 @@
+"""Wrapped phases on disk: one ``.npz`` with the maps and, where asked for, the unwrapped phase."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fringeworks.files.atomic import StrPath, check_target
+from fringeworks.files.npz import read_npz, write_npz
+from fringeworks.files.provenance import KEY, from_json, json_line
+from fringeworks.pair.unwrap import Unwrapped
+from fringeworks.stack.wrapped import WrappedPhase
+from fringeworks.types import CameraNoise, FileProblem, sealed
+
+MAPS = ("phase_rad", "sigma_rad", "modulation", "background", "reason")
+"""Maps of a wrapped phase."""
+
+
+def write_phase(path: StrPath, wrapped: WrappedPhase, unwrapped: Unwrapped | None = None) -> Path:
+    """Write a wrapped phase as ``.npz``, whole or not at all.
+
+    Arrays ``phase_rad``, ``sigma_rad``, ``modulation``, ``background``, ``reason``, ``shifts_rad``,
+    ``noise`` (read, gain) and ``notes``; with an unwrapped phase also ``unwrapped_rad`` and
+    ``region``.
+    """
+    check_target(path, (".npz",))
+    noise = wrapped.noise
+    arrays: dict[str, Any] = {name: getattr(wrapped, name) for name in MAPS}
+    arrays |= {
+        "shifts_rad": np.array(wrapped.shifts_rad),
+        "noise": np.array([noise.read_counts, noise.gain]),
+        "notes": np.array(wrapped.notes, dtype=np.str_),
+    }
+    if unwrapped is not None:
+        arrays |= {"unwrapped_rad": unwrapped.phase, "region": unwrapped.region}
+    origin = json_line(wrapped.provenance)
+    if origin is not None:
+        arrays[KEY] = origin
+    write_npz(path, arrays, compressed=False)
+    return Path(path)
+
+
+def read_phase(path: StrPath) -> WrappedPhase:
+    """Read a wrapped phase.
+
+    Raises
+    ------
+    FileProblem where there is no such file, or it holds no wrapped phase.
+    """
+    arrays = read_npz(path, "a wrapped phase")
+    try:
+        read_counts, gain = (float(v) for v in arrays["noise"])
+        return WrappedPhase(
+            **{name: sealed(arrays[name]) for name in MAPS},
+            shifts_rad=tuple(float(v) for v in arrays["shifts_rad"]),
+            noise=CameraNoise(read_counts, gain),
+            notes=tuple(str(note) for note in arrays["notes"]),
+            provenance=from_json(str(arrays[KEY])) if KEY in arrays else None,
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileProblem(
+            f"{path}: expected a wrapped phase, got an archive without {error}"
+        ) from error

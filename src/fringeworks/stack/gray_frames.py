@@ -1,0 +1,180 @@
+"""The frames of a Gray code, and how far the kernel trusts its cells."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.patterns.order_chain import GRAY_REACH, ORDER_SIGMAS
+from fringeworks.patterns.plan import GrayCode, PatternPlan
+from fringeworks.types import CameraNoise, FramesContradictPlan, InputError
+
+GRAY_GUARD = 0.02
+"""Distance that a coordinate one period away keeps from a Gray-code cell, besides noise, in cells.
+
+It allows for small systematic errors of the phase at the ends of a cell, 7° with cells of one
+period. Larger values discard more pixels there, 4 % with this value where images are sharp;
+narrower cells are not affected. An empirical choice.
+"""
+
+WIDE_CELL_TURNS = 0.75
+"""Width of Gray-code cells, in periods, above which their blurred borders are looked for.
+
+The coordinate of a wide cell is not unique near its ends. Narrower cells tolerate that the border
+of the code lies up to an eighth of a period beside that of the fringes. An empirical choice.
+"""
+
+BORDER_CONTRAST = 0.5
+"""Share of its full contrast below which a bit of a wide cell lies on the border of two cells.
+
+A pixel on the blurred border of two cells may show either bit. The value must be well above the
+error of the threshold, and below the contrast that indirect light leaves to narrow stripes. At 0.5
+a pixel counts as border within 0.7 standard deviations of a Gaussian blur. An empirical choice.
+"""
+
+NARROW_CONTRAST = 0.35
+"""The same for narrower cells, where it protects against thresholds that are wrong.
+
+Light in the room that changes between the fringes and the code shifts the threshold. A bit that
+passes by less than a third of its contrast may be wrong then. An empirical choice.
+"""
+
+MIN_LEVEL_PIXELS = 200
+"""Smallest number of pixels for a statement about the levels of brightness. An empirical choice."""
+
+CLEAR_LEVELS = 12.0
+"""Smallest distance of two levels of brightness in a sample that is judged, in standard deviations.
+
+Noise then moves a sample by up to a tenth of that distance. An empirical choice.
+"""
+
+MAX_OFF_LEVEL = 0.2
+"""Largest median distance of the samples from the nearest level, in distances of two levels.
+
+Linear responses reach 0.1, because of noise and blur. With four levels γ = 1.5 makes 0.4 and
+γ = 2.2 makes 0.25. Empirical.
+"""
+
+MIN_LEVEL_SHARE = 0.02
+"""Smallest share of the samples that every level of brightness has.
+
+The finest digit shows all levels nearly equally often, so that each has several per cent with up to
+16 levels and few digits. A strong response moves a level onto the next one. Empirical.
+"""
+
+
+@dataclass(frozen=True)
+class GrayFrames:
+    """A Gray code: the indices of its frames in the plan, and of those that decide its bits."""
+
+    bits: tuple[int, ...]
+    """Index of every bit's frame, the most significant bit first."""
+    inverse: tuple[int, ...]
+    """Index of every inverse bit's frame; empty where there are none."""
+    white_black: tuple[int, int] | None
+    """Indices of the white and the black frame; None where they are missing or not needed."""
+    step_px: float
+    """Width of a cell, projector px."""
+    cells: int
+    """Number of cells."""
+    offset_px: float = 0.0
+    """Start of the first cell, projector px from the projector's edge."""
+    levels: int = 2
+    """Number of levels of brightness."""
+
+    def kernel(
+        self, place: dict[int, int], period_px: float, reach_px: float | None
+    ) -> dict[str, Any]:
+        """Settings for the kernel.
+
+        Parameters
+        ----------
+        place : dict
+            Place of every frame of the plan in the kernel's order.
+        period_px : float
+            Range over which the phases determine the coordinate, projector px.
+        reach_px : float, optional
+            Largest distance of a coordinate from the middle of its cell, projector px;
+            ``GRAY_REACH`` cells where not given.
+        """
+        usual = GRAY_REACH * self.step_px
+        reach = usual if reach_px is None else reach_px
+        wide = self.step_px > WIDE_CELL_TURNS * period_px
+        white_black = self.white_black
+        return {
+            "bits": [place[k] for k in self.bits],
+            "inverse": [place[k] for k in self.inverse],
+            "white_black": white_black and (place[white_black[0]], place[white_black[1]]),
+            "levels": self.levels,
+            "step": self.step_px,
+            "offset": self.offset_px,
+            "cells": self.cells,
+            "doubt_share": BORDER_CONTRAST if wide or self.levels > 2 else NARROW_CONTRAST,
+            "slack": reach - 0.5 * self.step_px,
+            # Without a limit of the reach, any coordinate is accepted.
+            "guard": GRAY_GUARD * self.step_px if np.isfinite(reach) else -reach,
+            "confidence": ORDER_SIGMAS,
+        }
+
+
+def gray_frames(plan: PatternPlan, first: int, block: GrayCode, *, phases: bool) -> GrayFrames:
+    """The frames of a Gray code, and of the light that its bits are compared with."""
+    white, black = plan.uniform("white"), plan.uniform("black")
+    white_black = None if white is None or black is None else (white, black)
+    frames = range(first, first + block.frames)
+    if block.inverse:
+        bits, inverse, white_black = tuple(frames[::2]), tuple(frames[1::2]), None
+    else:
+        bits, inverse = tuple(frames), ()
+    if white_black is None and block.levels > 2:
+        raise InputError(
+            f"Gray code: expected a white and a black frame to tell its {block.levels} levels of "
+            "brightness apart, got none"
+        )
+    if white_black is None and not inverse and not phases:
+        raise InputError(
+            "Gray code: expected inverse bits, a white and a black frame, or fringes along the "
+            "same axis to compare the bits with, got none of them"
+        )
+    return GrayFrames(
+        bits, inverse, white_black, block.step_px, block.cells, block.offset_px, block.levels
+    )
+
+
+def refuse_unequal_levels(
+    gray: GrayFrames, sample: Sequence[NDArray[Any]], noise: CameraNoise
+) -> None:
+    """Refuse a Gray code whose levels of brightness are not equally spaced.
+
+    Parameters
+    ----------
+    gray : GrayFrames
+    sample : (1, n) arrays, one per frame of the plan, counts
+    noise : CameraNoise
+    """
+    if gray.levels == 2 or gray.white_black is None:
+        return
+    frames = [sample[k].astype(np.float64) for k in gray.white_black]
+    white, black = (np.where(np.isfinite(frame), frame, np.nan) for frame in frames)
+    spacing = (white - black) / (gray.levels - 1)
+    variance = noise.read_counts**2 + noise.gain * np.maximum(white, 0.0)
+    lit = np.isfinite(spacing) & (spacing > CLEAR_LEVELS * np.sqrt(variance))
+    if lit.sum() < MIN_LEVEL_PIXELS:
+        return
+    digits = [sample[k].astype(np.float64)[lit] for k in gray.bits]
+    level = np.stack([(digit - black[lit]) / spacing[lit] for digit in digits])
+    level = level[np.isfinite(level)]
+    nearest = np.clip(np.rint(level), 0, gray.levels - 1)
+    # The darkest and the brightest level are right by definition.
+    inner = (level > MAX_OFF_LEVEL) & (level < gray.levels - 1 - MAX_OFF_LEVEL)
+    off = float(np.median(np.abs(level - nearest)[inner])) if inner.any() else 0.0
+    shares = [float(np.mean(nearest == k)) for k in range(gray.levels)]
+    if off > MAX_OFF_LEVEL or min(shares) < MIN_LEVEL_SHARE:
+        raise FramesContradictPlan(
+            f"Gray code: expected {gray.levels} equally spaced levels of brightness, got samples "
+            f"between them; correct the projector's response (gamma of the plan)"
+        )

@@ -1,0 +1,142 @@
+"""Wrapped phase of one set of phase steps, where neither period nor projector is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.patterns.order_chain import TURN
+from fringeworks.patterns.plan import PatternPlan, PhaseSteps
+from fringeworks.signal.response import Response
+from fringeworks.stack.decode import decode
+from fringeworks.types import (
+    ByteMap,
+    CameraNoise,
+    FloatMap,
+    Frozen,
+    Provenance,
+    Reason,
+    sealed,
+)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WrappedPhase(Frozen):
+    """The phase of shifted fringes at every camera pixel, modulo 2π."""
+
+    phase_rad: FloatMap
+    """φ of I_n = A + B cos(φ − δ_n), (h, w), −π…π rad; NaN where it cannot be measured."""
+    sigma_rad: FloatMap
+    """Standard deviation of the phase, (h, w), rad; NaN where the phase is."""
+    modulation: FloatMap
+    """B, (h, w), counts; NaN where undetermined."""
+    background: FloatMap
+    """A, (h, w), counts."""
+    reason: ByteMap
+    """``Reason`` per pixel, (h, w)."""
+    shifts_rad: tuple[float, ...]
+    """Shifts δ_n, rad."""
+    noise: CameraNoise
+    """Noise of the camera, from which the standard deviations come."""
+    notes: tuple[str, ...] = ()
+    """What was found in the frames, and what was decided because of it."""
+    provenance: Provenance | None = None
+    """How it was made; None where the caller gave arrays."""
+
+    @property
+    def failed_fraction(self) -> float:
+        """Share of pixels without a phase, 0…1."""
+        return float(np.mean(self.reason != Reason.OK))
+
+
+class _Steps(PhaseSteps):
+    """Phase steps of an unknown period, with the shifts as names of the frames."""
+
+    def labels(self) -> list[str]:
+        return [f"of {math.degrees(shift):g}°" for shift in self.shifts_rad]
+
+
+def steps_plan(shifts_rad: Sequence[float], *, gamma: float = 1.0) -> PatternPlan:
+    """A plan of one set of steps alone, for functions that check frames against a plan.
+
+    It describes no projector. Its period is 2π "px", so that its relative coordinates are phases.
+    """
+    shifts = tuple(float(shift) for shift in shifts_rad)
+    return PatternPlan(2, 2, (_Steps("x", TURN, shifts),), gamma=gamma)
+
+
+def wrapped_phase(
+    frames: NDArray[Any] | Sequence[NDArray[Any]],
+    shifts_rad: Sequence[float],
+    *,
+    noise: CameraNoise | None = None,
+    saturation: float | None = None,
+    min_modulation: float = 0.0,
+    response: Response | None = None,
+    estimate_steps: bool = True,
+) -> WrappedPhase:
+    """Compute the wrapped phase of shifted fringes, without a plan and without a projector.
+
+    Parameters
+    ----------
+    frames : (n, h, w) array or sequence of (h, w) arrays, counts
+        One frame per shift; types as for ``decode``.
+    shifts_rad : (n,) floats
+        Shifts δ_n of I_n = A + B cos(φ − δ_n), rad; 3 to 64. ``equal_steps`` gives equal ones.
+    noise, saturation, min_modulation, response, estimate_steps
+        As for ``decode``.
+
+    Returns
+    -------
+    WrappedPhase, its maps of shape (h, w). ``unwrap`` unwraps its phase in space.
+
+    Raises
+    ------
+    InputError
+        As for ``decode``.
+
+    Notes
+    -----
+    The phase and its standard deviation come from the same fit as those of ``decode`` (theory §5,
+    §9).
+
+    Examples
+    --------
+    >>> from fringeworks.patterns.plan import equal_steps
+    >>> phase = np.tile(np.linspace(-3.0, 3.0, 200), (40, 1))
+    >>> frames = [100.0 + 50.0 * np.cos(phase - shift) for shift in equal_steps(4)]
+    >>> found = wrapped_phase(frames, equal_steps(4))
+    >>> bool(np.allclose(found.phase_rad, phase, atol=1e-3))
+    True
+    """
+    gamma = 1.0 if response is None else 1.0 / response.pattern_exponent
+    decoded = decode(
+        frames,
+        steps_plan(shifts_rad, gamma=gamma),
+        noise=noise,
+        saturation=saturation,
+        min_modulation=min_modulation,
+        absolute=False,
+        response=response,
+        estimate_steps=estimate_steps,
+        keep_phases=True,
+    )
+    found = decoded.x
+    assert found is not None
+    assert found.phase_rad is not None
+    # The period is 2π: a coordinate and its standard deviation in "px" are those of the phase.
+    return WrappedPhase(
+        phase_rad=sealed(np.where(found.reason == Reason.OK, found.phase_rad[0], np.nan)),
+        sigma_rad=found.sigma_px,
+        modulation=found.modulation,
+        background=found.background,
+        reason=found.reason,
+        shifts_rad=tuple(float(shift) for shift in shifts_rad),
+        noise=decoded.noise,
+        notes=decoded.notes,
+    )

@@ -139,6 +139,8 @@ class DecodeSettings:
         order_confidence: float,
     ) -> DecodeSettings: ...
 
+_AxisMaps = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
+
 @final
 class Triangulation:
     def __new__(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,15 @@ import numpy as np
 from fringeworks.files.atomic import StrPath, check_target
 from fringeworks.files.npz import read_npz, write_npz
 from fringeworks.files.provenance import KEY, from_json, json_line
-from fringeworks.types import Axis, CameraNoise, CoordinateMap, Decoded, FileProblem, sealed
+from fringeworks.types import (
+    Axis,
+    CameraNoise,
+    CoordinateMap,
+    Decoded,
+    FileProblem,
+    Finding,
+    sealed,
+)
 
 MAPS = ("coordinate_px", "sigma_px", "modulation", "background", "reason")
 """Maps that every axis has."""
@@ -27,14 +37,15 @@ def write_coordinates(path: StrPath, decoded: Decoded) -> Path:
     """Write decoded coordinates, whole or not at all.
 
     Arrays ``x_coordinate_px``, ``x_sigma_px``, ``x_modulation``, ``x_background``, ``x_reason``
-    and ``x_periods_px``, the same with ``y_``, for the axes there are; ``noise`` (read, gain) and
-    ``notes``.
+    and ``x_periods_px``, the same with ``y_``, for the axes there are; ``noise`` (read, gain),
+    ``findings`` (JSON) and ``notes``, their text.
     """
     check_coordinate_target(path)
     noise = decoded.noise
     arrays: dict[str, Any] = {
         "noise": np.array([noise.read_counts, noise.gain]),
         "notes": np.array(decoded.notes, dtype=np.str_),
+        "findings": np.array(json.dumps([asdict(finding) for finding in decoded.findings])),
     }
     for axis, found in decoded.maps.items():
         arrays[f"{axis}_periods_px"] = np.array(found.periods_px)
@@ -60,7 +71,7 @@ def read_coordinates(path: StrPath) -> Decoded:
     arrays = read_npz(path, "coordinates")
     try:
         read_counts, gain = (float(v) for v in arrays["noise"])
-        notes = tuple(str(note) for note in arrays["notes"])
+        findings = _findings(str(arrays["findings"]))
         x, y = _axis(arrays, "x"), _axis(arrays, "y")
     except (KeyError, TypeError, ValueError) as error:
         raise FileProblem(
@@ -69,7 +80,14 @@ def read_coordinates(path: StrPath) -> Decoded:
     if x is None and y is None:
         raise FileProblem(f"{path}: expected coordinates along x or y, got neither")
     origin = from_json(str(arrays[KEY])) if KEY in arrays else None
-    return Decoded(x, y, CameraNoise(read_counts, gain), notes, provenance=origin)
+    return Decoded(x, y, CameraNoise(read_counts, gain), findings, provenance=origin)
+
+
+def _findings(text: str) -> tuple[Finding, ...]:
+    """Findings as they were written."""
+    items: list[dict[str, Any]] = json.loads(text)
+    listed = ("causes", "frames")
+    return tuple(Finding(**item | {name: tuple(item[name]) for name in listed}) for item in items)
 
 
 def _axis(arrays: dict[str, Any], axis: Axis) -> CoordinateMap | None:

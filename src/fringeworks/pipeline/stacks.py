@@ -30,6 +30,7 @@ from fringeworks.types import (
     Axis,
     CameraNoise,
     Decoded,
+    Finding,
     FloatMap,
     Frozen,
     InputError,
@@ -67,7 +68,7 @@ def decode_stack(stack: Stack | StrPath, **options: Unpack[DecodeOptions]) -> De
 
     Returns
     -------
-    Decoded, with the notes of reading first.
+    Decoded, with the findings of reading first.
 
     Raises
     ------
@@ -81,7 +82,7 @@ def decode_stack(stack: Stack | StrPath, **options: Unpack[DecodeOptions]) -> De
         inputs=inputs_of(stack),
         plan=stack.plan,
     )
-    return replace(found, notes=(*stack.notes, *found.notes), provenance=origin)
+    return replace(found, provenance=origin)
 
 
 def measure(
@@ -132,8 +133,7 @@ def measure(
         rig=rig.rig,
     )
     found = replace(found, provenance=origin)
-    notes = (*stack.notes, *found.notes)
-    return Measurement(replace(points, provenance=origin), found, seconds, notes)
+    return Measurement(replace(points, provenance=origin), found, seconds, found.notes)
 
 
 def response_from_stack(
@@ -281,7 +281,23 @@ def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
     response = options.get("response")
     if response is not None:
         check_devices(response, stack.camera, stack.projector)
-    return decode(stack.frames, stack.plan, **_given(stack, options))
+    found = decode(stack.frames, stack.plan, **_given(stack, options))
+    return replace(found, findings=(*_of_files(stack), *found.findings))
+
+
+def _of_files(stack: Stack) -> tuple[Finding, ...]:
+    """What reading the files found."""
+    findings = [Finding("files", note) for note in stack.notes]
+    if stack.lossy:
+        findings.append(
+            Finding(
+                "files",
+                "the frames were compressed with loss (JPEG)",
+                advice="store them without loss: the compression makes errors that no average "
+                "removes",
+            )
+        )
+    return tuple(findings)
 
 
 def _given(stack: Stack, options: DecodeOptions) -> DecodeOptions:

@@ -29,6 +29,7 @@ from fringeworks.stack.kernel_settings import (
     empty_maps,
     reused_maps,
 )
+from fringeworks.stack.local_errors import inflation
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.sample import take_sample
 from fringeworks.types import (
@@ -147,7 +148,14 @@ def decode(
         sets = len(decoding.sets) if keep_phases else 0
         results = empty_maps(planes[0].shape, sets=sets) if out is None else reused_maps(out, axis)
         axis_planes = [planes[k] for k in decoding.frames]
+        if findings.uneven[axis] and results["disagreement"] is None:
+            results["disagreement"] = np.empty(planes[0].shape, np.float32)
         in_bands(axis_planes, results, partial(_run, kernel))
+        if findings.uneven[axis]:
+            results["inflation"] = inflation(
+                axis_planes, decoding, results, findings.noise, findings.limits
+            )
+            in_bands(axis_planes, results, partial(_run, kernel))
         maps[axis] = _coordinate_map(decoding, results, keep_phases, remove_isolated)
     decoded = _decoded(maps, findings)
     refuse_nothing_measured(decoded)

@@ -73,6 +73,8 @@ class Judgement:
     """Decoding of each axis, with its real frames and the floor of its phase errors."""
     findings: tuple[Finding, ...]
     """What was measured or decided, for the user."""
+    uneven: dict[Axis, bool]
+    """Whether errors differ over the scene, so that every pixel is judged by its neighbourhood."""
     details: dict[str, Any]
     """Per axis: ``disagreement``, in standard deviations of the noise, and ``shifts_deg``."""
 
@@ -131,6 +133,7 @@ def examine(
             refuse_unequal_levels(decoding.gray, sample.points, noise)
     judged: dict[Axis, Decoding] = {}
     details: dict[str, Any] = {}
+    uneven: dict[Axis, bool] = {}
     factor = 1.0
     for axis, decoding in decodings.items():
         found = refined(decoding, sample, Known(noise, limits, estimate_steps))
@@ -142,13 +145,14 @@ def examine(
         ]
         findings += found.findings
         factor = max(factor, found.noise_factor)
+        uneven[axis] = found.uneven
         details[axis] = {
             "disagreement": found.ratio**0.5,
             "shifts_deg": [_degrees(s) for s in judged[axis].sets],
         }
     if factor > 1.0:
         noise = scaled(noise, factor)
-    return Judgement(noise, limits, judged, tuple(findings), details)
+    return Judgement(noise, limits, judged, tuple(findings), uneven, details)
 
 
 def _degrees(phases: PhaseFrames) -> list[float]:

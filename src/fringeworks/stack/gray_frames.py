@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.order_chain import GRAY_REACH, ORDER_SIGMAS
+from fringeworks.patterns.chain_search import ORDER_SIGMAS
+from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.patterns.plan import GrayCode, PatternPlan
 from fringeworks.types import CameraNoise, FramesContradictPlan, InputError
 

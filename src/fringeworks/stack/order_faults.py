@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import combinations, pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -247,7 +248,7 @@ def _borders_per_px(block: PhaseSteps | GrayCode, frame: int) -> float:
     return float(2.0 ** (bit - block.bits) / block.step_px)
 
 
-def _borders(frame: NDArray[np.generic], middle: FloatMap, half: FloatMap, lit: BoolMap) -> float:
+def _borders(frame: NDArray[Any], middle: FloatMap, half: FloatMap, lit: BoolMap) -> float:
     """Number of borders between bright and dark along lines."""
     off = frame - middle
     clear = lit & (np.abs(off) > 2.0 * PATTERN_SHARE * half)

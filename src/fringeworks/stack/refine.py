@@ -14,12 +14,12 @@ from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
-from fringeworks.stack.noise import MIN_JUDGED_PIXELS
+from fringeworks.stack.noise import MIN_JUDGED_PIXELS, solve
 from fringeworks.stack.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import NOISE_ALONE, Ripple, measure_ripple, ripple_of_residuals
 from fringeworks.stack.sample import Sample
-from fringeworks.types import CameraNoise, Finding, FloatMap, Reason
+from fringeworks.types import Axis, CameraNoise, Finding, FloatMap, Reason
 
 MAX_OFFSET_TURNS = 0.15
 """Largest error of a rounding that constant offsets between the sets may make, turns.
@@ -45,6 +45,16 @@ MAX_ORDER = 8
 MAX_RIPPLE_NOISE_RAD = 0.2
 """Largest phase noise of a pixel that a ripple is measured from, rad. An empirical choice: noisier
 pixels only add noise."""
+
+OUTLIER_CHI = 20.0
+"""Variance of a pixel's residuals, over that of noise, that counts as an outlier. With one degree
+of freedom, noise exceeds it in 8 of a million pixels."""
+
+EDGE_SHARE = 0.015
+"""Share of outliers above which a part of the scene has errors of its own, such as motion.
+
+Edges of a scene alone hold up to one in a hundred pixels. Empirical.
+"""
 
 RIPPLE_PASSES = 2
 """Passes of taking a ripple out. One leaves the square of a ripple in radians, the second nothing
@@ -80,6 +90,8 @@ class Refined:
     """Variance of the noise in the phases over that of the camera's noise; ≥ 1."""
     ratio: float = 1.0
     """Median χ² of the sets over its expectation for noise alone."""
+    uneven: bool = False
+    """Whether errors differ over the scene by more than noise does."""
 
 
 def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
@@ -107,9 +119,8 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
         sets.append(floored)
         findings += found
     decoding = replace(decoding, sets=tuple(sets))
-    finest = min(range(len(sets)), key=lambda k: sets[k].period_px)
-    factor = 1.0 if ripples[finest] is None else ripples[finest].excess
-    factor = factor if factor > NOISE_ALONE else 1.0
+    finest = ripples[min(range(len(sets)), key=lambda k: sets[k].period_px)]
+    factor = 1.0 if finest is None or finest.excess <= NOISE_ALONE else finest.excess
     if factor > 1.0:
         findings.append(words.correlated_noise(factor, decoding.axis))
         known = replace(known, noise=scaled(known.noise, factor))
@@ -120,7 +131,26 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
             findings.append(words.disagreement(errors, decoding.axis))
     if decoding.gray is not None:
         decoding = _with_reach(decoding, decoding.gray, planes, known.noise, known.limits)
-    return Refined(decoding, tuple(findings), factor * errors.noise_factor, errors.ratio)
+    uneven = factor > 1.0 or not errors.by_noise or _uneven_residuals(decoding, planes, known)
+    return Refined(decoding, tuple(findings), factor * errors.noise_factor, errors.ratio, uneven)
+
+
+def _uneven_residuals(decoding: Decoding, planes: list[NDArray[Any]], known: Known) -> bool:
+    """Whether more residuals of the fits are outliers than noise and edges explain."""
+    first = 0
+    for phases in decoding.sets:
+        steps = len(phases.frames)
+        values = np.stack([plane[0] for plane in planes[first : first + steps]])
+        first += steps
+        if steps < 4:
+            continue
+        usable = np.isfinite(values).all(axis=0) & (values < known.limits.saturation).all(axis=0)
+        fitted, square = solve(values[:, usable].astype(np.float64), phases.rows)
+        variance = known.noise.read_counts**2 + known.noise.gain * np.maximum(fitted[0], 0.0)
+        outliers = square > OUTLIER_CHI * (steps - 3) * variance
+        if usable.any() and np.mean(outliers) > EDGE_SHARE:
+            return True
+    return False
 
 
 def scaled(noise: CameraNoise, factor: float) -> CameraNoise:
@@ -214,7 +244,7 @@ def _without_ripple(phases: PhaseFrames, ripple: Ripple) -> tuple[tuple[float, f
 
 
 def _with_harmonics(
-    phases: PhaseFrames, ripple: Ripple | None, axis: words.Axis, removed: bool
+    phases: PhaseFrames, ripple: Ripple | None, axis: Axis, removed: bool
 ) -> tuple[PhaseFrames, list[Finding]]:
     """The set with the remaining ripple in its floor, and what was found."""
     if ripple is None:
@@ -233,10 +263,11 @@ def _with_agreeing_sets(
 ) -> tuple[Decoding, PhaseErrors]:
     """The decoding with the errors that the disagreement of its sets shows, and these errors."""
     residuals, variances, maps = _residuals(decoding, planes, known)
-    if residuals.shape[1] < MIN_JUDGED_PIXELS or decoding.chain is None:
+    chain = decoding.chain
+    if residuals.shape[1] < MIN_JUDGED_PIXELS or chain is None:
         return decoding, PhaseErrors()
     offsets = set_offsets(residuals, variances)
-    shifted = np.abs(decoding.chain.amplification @ offsets).max(initial=0.0)
+    shifted = float(np.abs(chain.amplification @ offsets).max(initial=0.0))
     if known.estimate_steps and 0.0 < shifted < MAX_OFFSET_TURNS:
         sets = [_turned(s, o) for s, o in zip(decoding.sets, offsets, strict=True)]
         decoding = replace(decoding, sets=tuple(sets))
@@ -245,11 +276,11 @@ def _with_agreeing_sets(
     errors = two_parts(square, variances.mean(axis=0) * TURN**2, len(decoding.sets) - 1)
     if shifted >= MAX_OFFSET_TURNS or (shifted >= DOUBTFUL_OFFSET_TURNS and not errors.by_noise):
         # The offsets may be larger by a whole turn of a rounding: no fringe order is certain.
-        unknown = (1.0,) * len(decoding.chain.tolerance)
+        unknown = (1.0,) * len(chain.tolerance)
         return replace(decoding, order_errors=unknown), replace(errors, offset_turns=shifted)
     if errors.by_noise:
         return decoding, errors
-    bounds = order_errors(decoding.chain.amplification, residuals, errors.noise_factor * variances)
+    bounds = order_errors(chain.amplification, residuals, errors.noise_factor * variances)
     return replace(with_floor(decoding, errors.floor_rad), order_errors=bounds), errors
 
 

@@ -57,9 +57,9 @@ def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> Finding |
         advice = "keep the scene at rest or take the frames faster"
         return Finding("motion", seen, causes, advice, axis, named, figures)
     if np.radians(np.abs(off).max()) > np.abs(light).max():
-        causes = ("wrong steps of the projector", "vibration", "a response that is not linear")
+        sources = ("wrong steps of the projector", "vibration", "a response that is not linear")
         advice = "check the patterns that are really shown and the mounts of the devices"
-        return Finding("steps", seen, causes, advice, axis, named, figures)
+        return Finding("steps", seen, sources, advice, axis, named, figures)
     steady = abs(np.corrcoef(number, light)[0, 1]) > STEADY
     causes = ("flicker of the projector against the exposure", "a change of the light in the room")
     causes = causes[::-1] if steady else causes

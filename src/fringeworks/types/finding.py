@@ -17,7 +17,7 @@ FindingKind = Literal[
     "disagreement",
     "correlated noise",
     "blending",
-    "lossy files",
+    "files",
 ]
 """What a finding is about."""
 

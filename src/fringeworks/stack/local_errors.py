@@ -1,0 +1,106 @@
+"""Errors of single regions of a scene, from residuals and disagreements around every pixel.
+
+Noise is the same all over a scene. Motion of a part of it, compression, vibration at printed edges
+and light between surfaces make errors in some regions only. Where the sample shows such errors, the
+variances of every pixel are raised to what its neighbourhood shows.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from fringeworks.stack.frames import Planes
+from fringeworks.stack.kernel_settings import Decoding, Limits
+from fringeworks.types import BoolMap, CameraNoise, FloatMap, Reason
+
+NEIGHBOURHOOD = 5
+"""Side of the neighbourhood that errors are averaged in, px.
+
+25 pixels with one degree of freedom determine a variance to 28 %. A larger one would spread errors
+of edges farther. An empirical choice.
+"""
+
+SIGNIFICANT = 3.0
+"""Excess of a neighbourhood's mean χ² from which on it is raised, in standard deviations."""
+
+MOST = 100.0
+"""Largest χ² of a pixel, in units of its degrees of freedom, that counts in its neighbourhood.
+
+Single pixels with huge errors, such as edges, would otherwise spoil all their neighbours.
+"""
+
+ROWS = 64
+"""Rows of the frames that residuals are computed for at once, to save memory."""
+
+
+def inflation(
+    planes: Planes,
+    decoding: Decoding,
+    maps: dict[str, Any],
+    noise: CameraNoise,
+    limits: Limits,
+) -> FloatMap:
+    """Factors on the variances of every pixel, from the errors in its neighbourhood.
+
+    Parameters
+    ----------
+    planes : (h, w) arrays in the decoding's order, counts
+    decoding : Decoding
+    maps : the kernel's maps, with the disagreement of the sets
+    noise : CameraNoise
+    limits : Limits
+
+    Returns
+    -------
+    (h, w) float32 array, ≥ 1
+    """
+    lit = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
+    square = np.zeros(lit.shape, np.float32)
+    freedom = np.zeros(lit.shape, np.float32)
+    sets = len(decoding.sets)
+    if sets > 1:
+        known = lit & np.isfinite(maps["disagreement"])
+        square[known] += np.minimum(maps["disagreement"][known], MOST * (sets - 1))
+        freedom[known] += sets - 1
+    for top in range(0, len(lit), ROWS):
+        part = slice(top, top + ROWS)
+        _add_residuals(planes, decoding, part, (noise, limits), (square, freedom, lit))
+    count = NEIGHBOURHOOD**2 * ndimage.uniform_filter(freedom, NEIGHBOURHOOD)
+    total = NEIGHBOURHOOD**2 * ndimage.uniform_filter(square, NEIGHBOURHOOD)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = total / count
+        raised = mean > 1.0 + SIGNIFICANT * np.sqrt(2.0 / count)
+    return np.where(raised, mean, 1.0).astype(np.float32)
+
+
+def _add_residuals(
+    planes: Planes,
+    decoding: Decoding,
+    part: slice,
+    known: tuple[CameraNoise, Limits],
+    sums: tuple[FloatMap, FloatMap, BoolMap],
+) -> None:
+    """Add the χ² of the residuals of sets with four or more steps, and its degrees of freedom."""
+    noise, limits = known
+    square, freedom, lit = sums
+    for phases in decoding.sets:
+        steps = len(phases.frames)
+        if steps < 4:
+            continue
+        places = [decoding.frames.index(k) for k in phases.frames]
+        values = np.stack([planes[k][part] for k in places]).astype(np.float32)
+        design = np.array(phases.rows, np.float32)
+        values[~np.isfinite(values)] = np.nan
+        fitted = np.tensordot(np.linalg.pinv(design), values, axes=1)
+        residual = values - np.tensordot(design, fitted, axes=1)
+        variance = noise.read_counts**2 + noise.gain * np.maximum(fitted[0], 0.0)
+        # The floor is a phase error: it moves the samples by its share of the modulation.
+        variance += 0.5 * phases.floor_rad**2 * (fitted[1] ** 2 + fitted[2] ** 2)
+        with np.errstate(invalid="ignore"):
+            chi = np.sum(residual**2, axis=0) / variance
+        usable = lit[part] & (values < limits.saturation).all(axis=0) & np.isfinite(chi)
+        square[part] += np.where(usable, np.minimum(chi, MOST * (steps - 3)), 0.0)
+        freedom[part] += np.where(usable, steps - 3, 0)

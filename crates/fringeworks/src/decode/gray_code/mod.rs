@@ -123,7 +123,7 @@ impl GrayCode {
 pub struct GrayCells {
     /// Coordinate that the phases start from, projector px: the middle of the cell or, where a bit
     /// is in doubt, the border that this bit marks; NaN where the bits do not tell. Without phases
-    /// always the middle of a cell.
+    /// always the middle of a cell. Infinite where a sample is not finite.
     pub coordinate: Line,
     /// Largest distance of the true coordinate from it, projector px.
     pub half_width: Line,
@@ -131,8 +131,6 @@ pub struct GrayCells {
     pub threshold: Line,
     /// Half their difference, counts: the modulation of the Gray code.
     pub contrast: Line,
-    /// Not finite where a sample of the Gray code is not.
-    pub sum: Line,
     /// Squared distance from its threshold below which a bit is in doubt, counts².
     doubt_below: Line,
 }
@@ -145,7 +143,6 @@ impl GrayCells {
             half_width: zero,
             threshold: zero,
             contrast: zero,
-            sum: zero,
             doubt_below: zero,
         }
     }
@@ -164,14 +161,14 @@ pub fn read_gray_code<S: Source>(
     let line = |frame: usize| &source.plane(frame)[at..at + n];
     thresholds(code, line, n, (mean, modulation), out);
     limits_of_doubt(code, plan, n, out);
-    if S::Sample::MAY_BE_INFINITE {
-        sum_samples(code, line, n, out);
-    }
     let phases = !plan.sets.is_empty();
     if code.levels == 2 {
         read_bits(code, line, n, phases, out);
     } else {
         read_digits(code, line, n, phases, out);
+    }
+    if S::Sample::MAY_BE_INFINITE {
+        mark_not_finite(code, line, n, out);
     }
 }
 
@@ -203,9 +200,9 @@ fn limits_of_doubt(code: &GrayCode, plan: &Plan, n: usize, out: &mut GrayCells) 
     }
 }
 
-/// Sum all samples of the code: NaN and infinity stay in the sum.
+/// Make the coordinate infinite where a sample of the code is not finite.
 #[inline(always)]
-fn sum_samples<'a, T: Sample>(
+fn mark_not_finite<'a, T: Sample>(
     code: &GrayCode,
     line: impl Fn(usize) -> &'a [T],
     n: usize,
@@ -220,11 +217,17 @@ fn sum_samples<'a, T: Sample>(
         }
         Against::Mean => &[],
     };
-    out.sum = [0.0; BLOCK_PIXELS];
+    // NaN and infinity stay in a sum.
+    let mut sum = [0.0; BLOCK_PIXELS];
     for &frame in code.bits.iter().chain(others) {
         let samples = line(frame);
         for i in 0..n {
-            out.sum[i] += samples[i].value();
+            sum[i] += samples[i].value();
+        }
+    }
+    for i in 0..n {
+        if !sum[i].is_finite() {
+            out.coordinate[i] = f32::INFINITY;
         }
     }
 }

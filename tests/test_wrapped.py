@@ -131,7 +131,9 @@ def test_the_lens_is_measured_without_a_plan(real_data):
 def test_the_response_of_a_stack_takes_the_options_of_decoding():
     blocks = (PhaseSteps("x", 32.0, equal_steps(4)), GrayCode("x", 4.0, 960))
     plan = fw.PatternPlan(960, 80, (*blocks, fw.Uniform("white"), fw.Uniform("black")))
-    stack = fw.Stack(take(plan, a=120.0, b=100.0, noise=1.0), plan, camera="a", projector="b")
+    y, x = np.mgrid[:80, :900] * 1.0
+    frames = take(plan, a=120.0, b=100.0, noise=1.0, at=(y, 10.0 + x + 0.1 * y))
+    stack = fw.Stack(frames, plan, camera="a", projector="b")
     assert fw.response_from_stack(stack).gamma == pytest.approx(1.0, abs=0.05)
     # Without the samples above the limit no pixel has a bright phase; with the limits of
     # modulation and noise no pixel is left.

@@ -4,7 +4,7 @@ mod words;
 
 use super::{Line, Plan, Sample, Source, BLOCK_PIXELS};
 use crate::{check_value, Error};
-use words::{read_bits, read_digits, Words};
+use words::{read_bits, read_digits};
 
 /// Distance of a bit's brightness from its threshold below which the bit is in doubt, in standard
 /// deviations of the noise.
@@ -123,7 +123,7 @@ impl GrayCode {
 pub struct GrayCells {
     /// Coordinate that the phases start from, projector px: the middle of the cell or, where a bit
     /// is in doubt, the border that this bit marks; NaN where the bits do not tell. Without phases
-    /// always the middle of a cell.
+    /// always the middle of a cell. Infinite where a sample is not finite.
     pub coordinate: Line,
     /// Largest distance of the true coordinate from it, projector px.
     pub half_width: Line,
@@ -131,8 +131,6 @@ pub struct GrayCells {
     pub threshold: Line,
     /// Half their difference, counts: the modulation of the Gray code.
     pub contrast: Line,
-    /// Not finite where a sample of the Gray code is not.
-    pub sum: Line,
     /// Squared distance from its threshold below which a bit is in doubt, counts².
     doubt_below: Line,
 }
@@ -145,7 +143,6 @@ impl GrayCells {
             half_width: zero,
             threshold: zero,
             contrast: zero,
-            sum: zero,
             doubt_below: zero,
         }
     }
@@ -164,15 +161,15 @@ pub fn read_gray_code<S: Source>(
     let line = |frame: usize| &source.plane(frame)[at..at + n];
     thresholds(code, line, n, (mean, modulation), out);
     limits_of_doubt(code, plan, n, out);
-    if S::Sample::MAY_BE_INFINITE {
-        sum_samples(code, line, n, out);
-    }
-    let words = if code.levels == 2 {
-        read_bits(code, line, n, out)
+    let phases = !plan.sets.is_empty();
+    if code.levels == 2 {
+        read_bits(code, line, n, phases, out);
     } else {
-        read_digits(code, line, n, out)
-    };
-    cells(code, n, &words, !plan.sets.is_empty(), out);
+        read_digits(code, line, n, phases, out);
+    }
+    if S::Sample::MAY_BE_INFINITE {
+        mark_not_finite(code, line, n, out);
+    }
 }
 
 /// Distance from the threshold below which a bit is in doubt, and how far from the border between
@@ -180,26 +177,32 @@ pub fn read_gray_code<S: Source>(
 #[inline(always)]
 fn limits_of_doubt(code: &GrayCode, plan: &Plan, n: usize, out: &mut GrayCells) {
     let per_frame = code.variance_of_bits();
+    let of_contrast = per_frame + HALF_DIFFERENCE;
     let per_level = 1.0 / (code.levels - 1) as f32;
+    let (share, confidence) = (code.doubt_share * per_level, code.confidence);
+    // A bit of full contrast is further from the limit of doubt than noise can bridge if its
+    // contrast exceeds both terms, one for each part of that limit. If so, a bit in doubt means that
+    // the pixel lies on a blurred border.
+    let by_noise = DOUBT_SIGMAS * per_frame.sqrt() + confidence * of_contrast.sqrt();
+    let by_share = confidence * of_contrast.sqrt() / (1.0 - code.doubt_share);
+    let clear = (by_noise.max(by_share) / per_level).powi(2);
+    let (border, any) = (BORDER_HALF_WIDTH * code.step, code.step);
     for i in 0..n {
-        let variance = per_frame * plan.noise.variance(out.threshold[i]);
-        let contrast = out.contrast[i] * per_level;
-        let share = code.doubt_share * contrast;
-        let limit = (DOUBT_SIGMAS * DOUBT_SIGMAS * variance).max(share * share);
-        // What separates a bit of full contrast from a bit in doubt, both with their noise. If noise
-        // cannot bridge it, the bit is in doubt because the pixel lies on the blurred border.
-        let rest = contrast - limit.sqrt();
-        let rest_variance = variance + HALF_DIFFERENCE * plan.noise.variance(out.threshold[i]);
-        let on_border =
-            rest > 0.0 && rest * rest >= code.confidence * code.confidence * rest_variance;
-        out.doubt_below[i] = limit;
-        out.half_width[i] = if on_border { BORDER_HALF_WIDTH } else { 1.0 } * code.step;
+        let variance = plan.noise.variance(out.threshold[i]);
+        let contrast = out.contrast[i].max(0.0);
+        let weak = share * contrast;
+        out.doubt_below[i] = (DOUBT_SIGMAS * DOUBT_SIGMAS * per_frame * variance).max(weak * weak);
+        out.half_width[i] = if contrast * contrast >= clear * variance {
+            border
+        } else {
+            any
+        };
     }
 }
 
-/// Sum all samples of the code: NaN and infinity stay in the sum.
+/// Make the coordinate infinite where a sample of the code is not finite.
 #[inline(always)]
-fn sum_samples<'a, T: Sample>(
+fn mark_not_finite<'a, T: Sample>(
     code: &GrayCode,
     line: impl Fn(usize) -> &'a [T],
     n: usize,
@@ -214,38 +217,18 @@ fn sum_samples<'a, T: Sample>(
         }
         Against::Mean => &[],
     };
-    out.sum = [0.0; BLOCK_PIXELS];
+    // NaN and infinity stay in a sum.
+    let mut sum = [0.0; BLOCK_PIXELS];
     for &frame in code.bits.iter().chain(others) {
         let samples = line(frame);
         for i in 0..n {
-            out.sum[i] += samples[i].value();
+            sum[i] += samples[i].value();
         }
     }
-}
-
-/// Where `n` pixels lie by their words: in the middle of a cell or, where `phases` follow, on the
-/// border of two cells.
-#[inline(always)]
-fn cells(code: &GrayCode, n: usize, words: &Words, phases: bool, out: &mut GrayCells) {
-    let first = code.offset - 0.5;
     for i in 0..n {
-        let (cell, other) = (words.cell[i], words.other[i]);
-        let sure = words.doubts[i] == 0 && cell < code.cells;
-        // Neighbouring cells differ in one bit. On their border that bit may be in doubt, because
-        // either cell is right there; any other bit may not.
-        let border =
-            words.doubts[i] == 1 && cell.abs_diff(other) == 1 && cell.min(other) < code.cells;
-        let middle = (cell as f32 + 0.5) * code.step + first;
-        let between = cell.max(other) as f32 * code.step + first;
-        // Without phases, the bit in doubt is a better guess than none.
-        let guess = if phases { between } else { middle };
-        let uncertain = if border { guess } else { f32::NAN };
-        out.coordinate[i] = if sure { middle } else { uncertain };
-        out.half_width[i] = if sure {
-            0.5 * code.step
-        } else {
-            out.half_width[i]
-        };
+        if !sum[i].is_finite() {
+            out.coordinate[i] = f32::INFINITY;
+        }
     }
 }
 

@@ -3,34 +3,47 @@
 use super::{Against, GrayCells, GrayCode};
 use crate::decode::{Sample, BLOCK_PIXELS};
 
-/// Words of the pixels of a block, and the second word of those with a bit in doubt.
-pub struct Words {
+/// What the bits of a pixel say.
+struct Word {
     /// Number of the cell.
-    pub cell: [u32; BLOCK_PIXELS],
+    cell: u32,
     /// Number of the cell if the bits in doubt are wrong.
-    pub other: [u32; BLOCK_PIXELS],
-    /// Number of bits in doubt; more than one count as two.
-    pub doubts: [u32; BLOCK_PIXELS],
+    other: u32,
+    /// Whether no bit is in doubt.
+    sure: bool,
+    /// Whether one bit is in doubt.
+    one_doubt: bool,
 }
 
-impl Words {
-    fn new() -> Self {
-        Self {
-            cell: [0; BLOCK_PIXELS],
-            other: [0; BLOCK_PIXELS],
-            doubts: [0; BLOCK_PIXELS],
-        }
-    }
+/// Store where pixel `i` lies: in the middle of a cell or, where `phases` follow, on the border of
+/// two cells.
+#[inline(always)]
+fn place(code: &GrayCode, word: &Word, phases: bool, i: usize, out: &mut GrayCells) {
+    let first = code.offset - 0.5;
+    let (cell, other) = (word.cell, word.other);
+    let sure = word.sure && cell < code.cells;
+    // Neighbouring cells differ in one bit. On their border that bit may be in doubt, because
+    // either cell is right there; any other bit may not.
+    let border = word.one_doubt && cell.abs_diff(other) == 1 && cell.min(other) < code.cells;
+    let middle = (cell as f32 + 0.5) * code.step + first;
+    let between = cell.max(other) as f32 * code.step + first;
+    // Without phases, the bit in doubt is a better guess than none.
+    let guess = if phases { between } else { middle };
+    let uncertain = if border { guess } else { f32::NAN };
+    out.coordinate[i] = if sure { middle } else { uncertain };
+    let half_width = out.half_width[i];
+    out.half_width[i] = if sure { 0.5 * code.step } else { half_width };
 }
 
-/// The words of a code of two levels.
+/// Read a code of two levels.
 #[inline(always)]
 pub fn read_bits<'a, T: Sample>(
     code: &GrayCode,
     line: impl Fn(usize) -> &'a [T],
     n: usize,
-    out: &GrayCells,
-) -> Words {
+    phases: bool,
+    out: &mut GrayCells,
+) {
     let (mut gray, mut doubt) = ([0u32; BLOCK_PIXELS], [0u32; BLOCK_PIXELS]);
     for (b, &frame) in code.bits.iter().enumerate() {
         let place = (code.bits.len() - 1 - b) as u32;
@@ -53,17 +66,18 @@ pub fn read_bits<'a, T: Sample>(
             }
         }
     }
-    let mut words = Words::new();
     for i in 0..n {
-        words.cell[i] = binary(gray[i]);
-        words.other[i] = binary(gray[i] ^ doubt[i]);
-        let several = doubt[i] & doubt[i].wrapping_sub(1) != 0;
-        words.doubts[i] = u32::from(doubt[i] != 0) + u32::from(several);
+        let word = Word {
+            cell: binary(gray[i]),
+            other: binary(gray[i] ^ doubt[i]),
+            sure: doubt[i] == 0,
+            one_doubt: doubt[i].is_power_of_two(),
+        };
+        place(code, &word, phases, i, out);
     }
-    words
 }
 
-/// The words of a reflected code of more than two levels.
+/// Read a reflected code of more than two levels.
 ///
 /// A digit rises with the number where the digits before it form an even number, and falls where
 /// they form an odd one.
@@ -72,9 +86,11 @@ pub fn read_digits<'a, T: Sample>(
     code: &GrayCode,
     line: impl Fn(usize) -> &'a [T],
     n: usize,
-    out: &GrayCells,
-) -> Words {
-    let mut words = Words::new();
+    phases: bool,
+    out: &mut GrayCells,
+) {
+    let zero = [0u32; BLOCK_PIXELS];
+    let (mut cells, mut others, mut doubts) = (zero, zero, zero);
     let (levels, top) = (code.levels, code.levels - 1);
     let number = |before: u32, digit: u32| {
         before * levels + if before % 2 == 1 { top - digit } else { digit }
@@ -97,12 +113,20 @@ pub fn read_digits<'a, T: Sample>(
             let sure = half_level > 0.0 && to_border * to_border >= out.doubt_below[i];
             let step = if sure { 0.0 } else { outside * away.signum() };
             let next = (digit + step).clamp(0.0, top as f32);
-            words.cell[i] = number(words.cell[i], digit as u32);
-            words.other[i] = number(words.other[i], next as u32);
-            words.doubts[i] += u32::from(!sure);
+            cells[i] = number(cells[i], digit as u32);
+            others[i] = number(others[i], next as u32);
+            doubts[i] += u32::from(!sure);
         }
     }
-    words
+    for i in 0..n {
+        let word = Word {
+            cell: cells[i],
+            other: others[i],
+            sure: doubts[i] == 0,
+            one_doubt: doubts[i] == 1,
+        };
+        place(code, &word, phases, i, out);
+    }
 }
 
 /// Binary number of a Gray code word: every bit is the parity of itself and all higher bits.

@@ -21,7 +21,7 @@ pub fn resolve_gray_only(plan: &Plan, scratch: &mut Scratch) {
     for i in 0..BLOCK_PIXELS {
         let contrast = scratch.modulation[i];
         let noise = (HALF_DIFFERENCE * plan.noise.variance(scratch.background[i])).sqrt();
-        scratch.reason[i] = u32::from(if !scratch.gray.sum[i].is_finite() {
+        scratch.reason[i] = u32::from(if scratch.coordinate[i].is_infinite() {
             reason::MASKED
         } else if contrast < snr * noise {
             reason::SHADOW

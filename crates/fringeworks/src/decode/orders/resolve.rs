@@ -34,7 +34,7 @@ fn wrap(v: f32) -> f32 {
 pub fn resolve(plan: &Plan, at: usize, scratch: &mut Scratch) {
     let mut unusable = phase_noise(plan, at, scratch);
     if plan.gray_code.is_some() {
-        mask_gray(part(&scratch.gray.sum, at), &mut unusable);
+        mask_gray(part(&scratch.gray.coordinate, at), &mut unusable);
     }
     let start = if plan.gray_code.is_some() {
         *part(&scratch.gray.coordinate, at)
@@ -73,12 +73,12 @@ pub fn resolve(plan: &Plan, at: usize, scratch: &mut Scratch) {
 
 /// Mask the pixels that have a sample of the Gray code that is not finite.
 #[inline(always)]
-fn mask_gray(sum: &Lanes, reasons: &mut [u32; LANES]) {
+fn mask_gray(start: &Lanes, reasons: &mut [u32; LANES]) {
     for i in 0..LANES {
-        reasons[i] = if sum[i].is_finite() {
-            reasons[i]
-        } else {
+        reasons[i] = if start[i].is_infinite() {
             u32::from(reason::MASKED)
+        } else {
+            reasons[i]
         };
     }
 }

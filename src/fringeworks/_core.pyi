@@ -135,6 +135,7 @@ class DecodeSettings:
         min_snr: float,
         min_modulation: float,
         max_disagreement: float,
+        usual_inflation: float,
         confidence: float,
         order_confidence: float,
     ) -> DecodeSettings: ...

@@ -48,6 +48,8 @@ struct CodeItems {
     #[pyo3(item)]
     doubt_share: f32,
     #[pyo3(item)]
+    alien_share: f32,
+    #[pyo3(item)]
     slack: f32,
     #[pyo3(item)]
     guard: f32,
@@ -85,6 +87,7 @@ fn gray_code(items: CodeItems) -> GrayCode {
         offset: items.offset,
         cells: items.cells,
         doubt_share: items.doubt_share,
+        alien_share: items.alien_share,
         slack: items.slack,
         guard: items.guard,
         confidence: items.confidence,
@@ -97,7 +100,7 @@ impl DecodeSettings {
     #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room,
         remainder, alternative, order_variance, middle, half,
         repeats, circular, read_variance, gain, saturation, min_snr,
-        min_modulation, max_disagreement, confidence, order_confidence))]
+        min_modulation, max_disagreement, usual_inflation, confidence, order_confidence))]
     #[allow(clippy::too_many_arguments)] // All are keywords in Python.
     fn new(
         sets: Vec<SetItems>,
@@ -119,6 +122,7 @@ impl DecodeSettings {
         min_snr: f32,
         min_modulation: f32,
         max_disagreement: f32,
+        usual_inflation: f32,
         confidence: f32,
         order_confidence: f32,
     ) -> PyResult<Self> {
@@ -146,6 +150,7 @@ impl DecodeSettings {
             min_snr,
             min_modulation,
             max_disagreement,
+            usual_inflation,
             confidence,
             order_confidence,
         };

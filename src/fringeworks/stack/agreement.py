@@ -38,6 +38,9 @@ Right codes have 0.9 or more, bits in a wrong order 0 or less. Empirical.
 CONTINUOUS_TURNS = 0.15
 """Change of the phase from pixel to pixel up to which a surface counts as continuous, turns."""
 
+LIT_SPREAD = 0.25
+"""Variance of the samples of a lit pixel, over the 95th percentile: half of its modulation."""
+
 BRIGHT = 0.5
 """Quantile of the modulation above which pixels are asked whether they can be measured."""
 
@@ -172,7 +175,7 @@ def _residual(decoding: Decoding, points: tuple[NDArray[Any], ...]) -> float:
         values = values[:, np.isfinite(values).all(axis=0)]
         fitted, square = solve(values, phases.rows)
         spread = values.var(axis=0)
-        bright = spread >= np.median(spread) if spread.size else np.zeros(0, bool)
+        bright = spread >= LIT_SPREAD * np.percentile(spread, 95) if spread.size else spread > 0
         power = fitted[1] ** 2 + fitted[2] ** 2 + square / len(values)
         if bright.any():
             share = square[bright] / (len(values) - 3) / np.maximum(power[bright], 1e-12)

@@ -152,9 +152,10 @@ def decode(
             results["disagreement"] = np.empty(planes[0].shape, np.float32)
         in_bands(axis_planes, results, partial(_run, kernel))
         if findings.uneven[axis]:
-            results["inflation"] = inflation(
+            results["inflation"], usual = inflation(
                 axis_planes, decoding, results, findings.noise, findings.limits
             )
+            kernel = decoding.kernel(findings.noise, findings.limits, usual)
             in_bands(axis_planes, results, partial(_run, kernel))
         maps[axis] = _coordinate_map(decoding, results, keep_phases, remove_isolated)
     decoded = _decoded(maps, findings)

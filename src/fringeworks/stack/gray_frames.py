@@ -37,6 +37,19 @@ error of the threshold, and below the contrast that indirect light leaves to nar
 a pixel counts as border within 0.7 standard deviations of a Gaussian blur. An empirical choice.
 """
 
+ALIEN_SHARE = 1.75
+"""Largest distance of a bit from its threshold, in contrasts of white and black frames or of a bit
+and its inverse, besides noise. Beyond it, light was added or taken away between the frames.
+
+Light between surfaces makes up to 1.3. An empirical choice.
+"""
+
+ALIEN_SHARE_OF_FRINGES = 3.0
+"""The same in modulations of the fringes, which blur makes smaller than those of the code.
+
+An empirical choice: with blur that halves the modulation, 1.5 times the code's contrast.
+"""
+
 NARROW_CONTRAST = 0.35
 """The same for narrower cells, where it protects against thresholds that are wrong.
 
@@ -87,6 +100,11 @@ class GrayFrames:
     levels: int = 2
     """Number of levels of brightness."""
 
+    def _alien_share(self) -> float:
+        if self.inverse or self.white_black is not None:
+            return ALIEN_SHARE
+        return ALIEN_SHARE_OF_FRINGES
+
     def kernel(
         self, place: dict[int, int], period_px: float, reach_px: float | None
     ) -> dict[str, Any]:
@@ -105,6 +123,9 @@ class GrayFrames:
         usual = GRAY_REACH * self.step_px
         reach = usual if reach_px is None else reach_px
         wide = self.step_px > WIDE_CELL_TURNS * period_px
+        share = BORDER_CONTRAST if wide or self.levels > 2 else NARROW_CONTRAST
+        if not np.isfinite(period_px):
+            share = 0.0  # without phases a doubtful bit is better than none
         white_black = self.white_black
         return {
             "bits": [place[k] for k in self.bits],
@@ -114,7 +135,8 @@ class GrayFrames:
             "step": self.step_px,
             "offset": self.offset_px,
             "cells": self.cells,
-            "doubt_share": BORDER_CONTRAST if wide or self.levels > 2 else NARROW_CONTRAST,
+            "doubt_share": share,
+            "alien_share": self._alien_share(),
             "slack": reach - 0.5 * self.step_px,
             # Without a limit of the reach, any coordinate is accepted.
             "guard": GRAY_GUARD * self.step_px if np.isfinite(reach) else -reach,

@@ -151,8 +151,10 @@ class Decoding:
             return []
         return [*self.gray.bits, *self.gray.inverse, *(self.gray.white_black or ())]
 
-    def kernel(self, noise: CameraNoise, limits: Limits) -> _core.DecodeSettings:
-        """Settings for the kernel."""
+    def kernel(
+        self, noise: CameraNoise, limits: Limits, usual_inflation: float = 1.0
+    ) -> _core.DecodeSettings:
+        """Settings for the kernel; ``usual_inflation`` is that of ``local_errors.inflation``."""
         place = {frame: k for k, frame in enumerate(self.frames)}
         sets = [
             (
@@ -181,6 +183,7 @@ class Decoding:
             min_snr=MIN_SNR,
             min_modulation=limits.min_modulation,
             max_disagreement=largest,
+            usual_inflation=usual_inflation,
             confidence=SEAM_SIGMAS,
             order_confidence=ALTERNATIVE_SIGMAS,
             **self._range(),

@@ -42,7 +42,7 @@ def inflation(
     maps: dict[str, Any],
     noise: CameraNoise,
     limits: Limits,
-) -> FloatMap:
+) -> tuple[FloatMap, float]:
     """Factors on the variances of every pixel, from the errors in its neighbourhood.
 
     Parameters
@@ -55,7 +55,10 @@ def inflation(
 
     Returns
     -------
-    (h, w) float32 array, ≥ 1
+    factors : (h, w) float32 array, ≥ 1
+    usual : float ≥ 1
+        Median factor of the lit pixels. The judgement knows it already; fringe orders are in danger
+        only where a region exceeds it.
     """
     lit = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
     square = np.zeros(lit.shape, np.float32)
@@ -73,7 +76,8 @@ def inflation(
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / count
         raised = mean > 1.0 + SIGNIFICANT * np.sqrt(2.0 / count)
-    return np.where(raised, mean, 1.0).astype(np.float32)
+    factors = np.where(raised, mean, 1.0).astype(np.float32)
+    return factors, float(np.median(factors[lit])) if lit.any() else 1.0
 
 
 def _add_residuals(

@@ -67,6 +67,9 @@ pub struct GrayCode {
     /// Share of a bit's contrast below which the bit is in doubt, besides the doubt by noise. Above
     /// 0, the blurred border of a cell is recognised even where there is hardly any noise.
     pub doubt_share: f32,
+    /// Largest distance of a bit's brightness from its threshold, in contrasts, besides noise; beyond
+    /// it, the light is not that of the projector alone.
+    pub alien_share: f32,
     /// Distance beyond the half width around the start at which a coordinate is still accepted, px.
     pub slack: f32,
     /// Distance that a coordinate one period away must keep from that half width, px.
@@ -133,6 +136,8 @@ pub struct GrayCells {
     pub contrast: Line,
     /// Squared distance from its threshold below which a bit is in doubt, counts².
     doubt_below: Line,
+    /// Squared distance from its threshold above which no bit of the pixel is used, counts².
+    alien_above: Line,
 }
 
 impl GrayCells {
@@ -144,6 +149,7 @@ impl GrayCells {
             threshold: zero,
             contrast: zero,
             doubt_below: zero,
+            alien_above: zero,
         }
     }
 }

@@ -44,7 +44,8 @@ pub fn read_bits<'a, T: Sample>(
     phases: bool,
     out: &mut GrayCells,
 ) {
-    let (mut gray, mut doubt) = ([0u32; BLOCK_PIXELS], [0u32; BLOCK_PIXELS]);
+    let zero = [0u32; BLOCK_PIXELS];
+    let (mut gray, mut doubt, mut alien) = (zero, zero, zero);
     for (b, &frame) in code.bits.iter().enumerate() {
         let place = (code.bits.len() - 1 - b) as u32;
         let bits = line(frame);
@@ -55,6 +56,7 @@ pub fn read_bits<'a, T: Sample>(
                     let off = 0.5 * (bits[i].value() - other[i].value());
                     gray[i] |= u32::from(off > 0.0) << place;
                     doubt[i] |= u32::from(off * off < out.doubt_below[i]) << place;
+                    alien[i] |= u32::from(off * off > out.alien_above[i]);
                 }
             }
             Against::WhiteBlack { .. } | Against::Mean => {
@@ -62,6 +64,7 @@ pub fn read_bits<'a, T: Sample>(
                     let off = bits[i].value() - out.threshold[i];
                     gray[i] |= u32::from(off > 0.0) << place;
                     doubt[i] |= u32::from(off * off < out.doubt_below[i]) << place;
+                    alien[i] |= u32::from(off * off > out.alien_above[i]);
                 }
             }
         }
@@ -70,8 +73,8 @@ pub fn read_bits<'a, T: Sample>(
         let word = Word {
             cell: binary(gray[i]),
             other: binary(gray[i] ^ doubt[i]),
-            sure: doubt[i] == 0,
-            one_doubt: doubt[i].is_power_of_two(),
+            sure: doubt[i] == 0 && alien[i] == 0,
+            one_doubt: doubt[i].is_power_of_two() && alien[i] == 0,
         };
         place(code, &word, phases, i, out);
     }

@@ -24,8 +24,10 @@ pub fn phase_noise(plan: &Plan, start: usize, scratch: &mut Scratch) -> [u32; LA
         saturated: [0; LANES],
     };
     for (fitted, set) in scratch.sets.iter_mut().zip(&plan.sets) {
-        if let Some(inflation) = &scratch.inflation {
-            inflate(part(inflation, start), start, fitted);
+        let factor = scratch.inflation.as_ref().map(|line| *part(line, start));
+        let usual = plan.limits.usual_inflation;
+        if let Some(factor) = factor {
+            divide_precision(&factor.map(|f| (f / usual).max(1.0)), start, fitted);
         }
         if plan.noise.gain > 0.0 {
             set_noise::<true>(plan, start, fitted, &mut unusable);
@@ -33,8 +35,10 @@ pub fn phase_noise(plan: &Plan, start: usize, scratch: &mut Scratch) -> [u32; LA
             set_noise::<false>(plan, start, fitted, &mut unusable);
         }
         if set.floor > 0.0 {
-            let factor = scratch.inflation.as_ref().map(|line| *part(line, start));
-            add_floor(set.floor, factor, start, fitted);
+            add_floor(set.floor, start, fitted);
+        }
+        if let Some(factor) = factor {
+            divide_precision(&factor.map(|f| f.min(usual)), start, fitted);
         }
     }
     let background = part(&scratch.background, start);
@@ -76,9 +80,12 @@ fn set_noise<const SHOT: bool>(
     }
 }
 
-/// Divide the precision of a group by the factor on its variances.
+/// Divide the precision of a group by a factor on its variances.
+///
+/// Before the noise is computed, the factor counts for the roundings, too. What is usual in a scene
+/// counts for the coordinate only: the caller lowers the margins of the roundings by it.
 #[inline(always)]
-fn inflate(factor: &Lanes, start: usize, fitted: &mut Fitted) {
+fn divide_precision(factor: &Lanes, start: usize, fitted: &mut Fitted) {
     let precision = part_mut(&mut fitted.precision, start);
     for i in 0..LANES {
         let known = precision[i] > 0.0;
@@ -91,13 +98,11 @@ fn inflate(factor: &Lanes, start: usize, fitted: &mut Fitted) {
 /// The roundings do not use it: it is no noise, and the caller lowers their margins by the errors
 /// that the sets show.
 #[inline(always)]
-fn add_floor(floor: f32, factor: Option<Lanes>, start: usize, fitted: &mut Fitted) {
-    let turns = factor
-        .unwrap_or([1.0; LANES])
-        .map(|factor| factor * floor * (1.0 / (TAU * TAU)));
+fn add_floor(floor: f32, start: usize, fitted: &mut Fitted) {
+    let turns = floor * (1.0 / (TAU * TAU));
     let precision = part_mut(&mut fitted.precision, start);
     for i in 0..LANES {
-        precision[i] /= 1.0 + turns[i] * precision[i];
+        precision[i] /= 1.0 + turns * precision[i];
     }
 }
 

@@ -81,6 +81,8 @@ pub struct Limits {
     pub min_modulation: f32,
     /// Largest χ² of the sets' disagreement.
     pub max_disagreement: f32,
+    /// Factor on the variances that is usual in the scene, see `Outputs::inflation`; ≥ 1.
+    pub usual_inflation: f32,
     /// Standard deviations that decisions must be safe by.
     pub confidence: f32,
     /// Standard deviations that the noise must stay away from another coordinate in the range.

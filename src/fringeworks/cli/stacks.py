@@ -43,7 +43,15 @@ Saturation = Annotated[
 ]
 MinModulation = Annotated[float, typer.Option(help="Least modulation, counts.")]
 EstimateSteps = Annotated[
-    bool, typer.Option("--estimate-steps", help="Estimate the real phase steps from the frames.")
+    bool,
+    typer.Option(
+        "--estimate-steps/--planned-steps",
+        help="Estimate the real phase steps and gains from the frames, or take those of the plan.",
+    ),
+]
+EstimateResponse = Annotated[
+    bool,
+    typer.Option("--estimate-response", help="Measure the response from the stack itself."),
 ]
 
 
@@ -64,6 +72,7 @@ def _options(
     saturation: float | None,
     min_modulation: float,
     estimate_steps: bool,
+    estimate_response: bool,
     response: Path | None,
 ) -> fw.DecodeOptions:
     """The options of decoding, as the library takes them."""
@@ -72,8 +81,10 @@ def _options(
     options: fw.DecodeOptions = {}
     if min_modulation:
         options["min_modulation"] = min_modulation
-    if estimate_steps:
-        options["estimate_steps"] = True
+    if not estimate_steps:
+        options["estimate_steps"] = False
+    if estimate_response:
+        options["estimate_response"] = True
     if noise is not None:
         options["noise"] = fw.CameraNoise(noise, gain or 0.0)
     if saturation is not None:
@@ -108,7 +119,7 @@ def response(
     from fringeworks.files.response import check_response_target
 
     output.check(out, check_response_target)
-    options = _options(noise, gain, saturation, min_modulation, False, None)
+    options = _options(noise, gain, saturation, min_modulation, True, False, None)
     loaded = _stack(stack, plan, camera, projector)
     found = fw.response_from_stack(loaded, number=number, **options)
     with output.target(out, ".toml") as place:
@@ -132,7 +143,8 @@ def decode(
     gain: Gain = None,
     saturation: Saturation = None,
     min_modulation: MinModulation = 0.0,
-    estimate_steps: EstimateSteps = False,
+    estimate_steps: EstimateSteps = True,
+    estimate_response: EstimateResponse = False,
     response: ResponseFile = None,
     camera: Camera = None,
     projector: Projector = None,
@@ -164,7 +176,9 @@ def decode(
 
     output.check(out, check_coordinate_target)
     output.check(figure, check_figure_target)
-    options = _options(noise, gain, saturation, min_modulation, estimate_steps, response)
+    options = _options(
+        noise, gain, saturation, min_modulation, estimate_steps, estimate_response, response
+    )
     if steps:
         if plan is not None or relative or phases:
             raise fw.InputError(
@@ -255,7 +269,8 @@ def calibrate(
     gain: Gain = None,
     saturation: Saturation = None,
     min_modulation: MinModulation = 0.0,
-    estimate_steps: EstimateSteps = False,
+    estimate_steps: EstimateSteps = True,
+    estimate_response: EstimateResponse = False,
     response: ResponseFile = None,
     camera: Camera = None,
     projector: Projector = None,
@@ -268,7 +283,9 @@ def calibrate(
 
     output.check(out, check_rig_target)
     known = fw.parse_board(board)
-    options = _options(noise, gain, saturation, min_modulation, estimate_steps, response)
+    options = _options(
+        noise, gain, saturation, min_modulation, estimate_steps, estimate_response, response
+    )
     with output.progress(len(pose_paths(folder)) + 1) as progress:
         poses = (
             (name, _named(stack, camera, projector)) for name, stack in fw.read_poses(folder, plan)
@@ -321,7 +338,8 @@ def measure(
     gain: Gain = None,
     saturation: Saturation = None,
     min_modulation: MinModulation = 0.0,
-    estimate_steps: EstimateSteps = False,
+    estimate_steps: EstimateSteps = True,
+    estimate_response: EstimateResponse = False,
     response: ResponseFile = None,
     camera: Camera = None,
     projector: Projector = None,
@@ -339,7 +357,9 @@ def measure(
 
     output.check(out, check_points_target)
     output.check(figure, check_figure_target)
-    options = _options(noise, gain, saturation, min_modulation, estimate_steps, response)
+    options = _options(
+        noise, gain, saturation, min_modulation, estimate_steps, estimate_response, response
+    )
     with output.progress() as progress:
         progress("reading …")
         loaded, calibrated = _stack(stack, plan, camera, projector), fw.read_rig(rig_file)

@@ -55,6 +55,7 @@ def decode(
     absolute: bool = True,
     response: Response | None = None,
     estimate_steps: bool = True,
+    estimate_response: bool = False,
     keep_phases: bool = False,
     remove_isolated: bool = True,
     out: Decoded | None = None,
@@ -86,7 +87,12 @@ def decode(
         Response that the wrapped phases are corrected for. The plan must have equal steps, as many
         as the response.
     estimate_steps : bool
-        Whether to estimate the real phase shifts from the frames (``estimate_shifts``).
+        Whether to estimate the real phase steps and gains of the frames. They are used where the
+        frames determine them and they differ significantly from the plan.
+    estimate_response : bool
+        Whether to measure the ripple that a response which is not linear makes, from the fringes
+        themselves, and subtract it. Lines across the image must cross several fringes of a smooth
+        surface.
     keep_phases : bool
         Whether to return wrapped phase and modulation of every set.
     remove_isolated : bool
@@ -127,6 +133,8 @@ def decode(
     >>> round(float(decoded.x.coordinate_px[10, 20]), 1)
     20.0
     """
+    if estimate_response and response is not None:
+        raise InputError("estimate_response: expected no response beside it, got one")
     planes = check_frames(frames, plan)
     if out is not None:
         check_reusable_result(out, plan.axes, planes[0].shape, keep_phases)
@@ -141,6 +149,7 @@ def decode(
         noise=noise,
         count_step=_positive(count_step),
         estimate_steps=estimate_steps,
+        estimate_response=estimate_response,
     )
     maps = {}
     for axis, decoding in findings.decodings.items():

@@ -30,6 +30,7 @@ from fringeworks.stack.noise import (
     usable,
 )
 from fringeworks.stack.order_faults import refuse_order_faults
+from fringeworks.stack.own_response import with_own_response
 from fringeworks.stack.real_frames import RealFrames, design_rows, real_frames
 from fringeworks.stack.refine import Known, refined, scaled
 from fringeworks.stack.sample import Sample
@@ -88,6 +89,7 @@ def examine(
     noise: CameraNoise | None,
     count_step: float | None,
     estimate_steps: bool,
+    estimate_response: bool,
 ) -> Judgement:
     """Judge a stack by a sample of its pixels.
 
@@ -103,6 +105,8 @@ def examine(
         Smallest difference between two counts of the camera; found from the sample where not given.
     estimate_steps : bool
         Whether to estimate the real steps and gains of the frames.
+    estimate_response : bool
+        Whether to measure the response of projector and camera from the stack itself.
 
     Returns
     -------
@@ -114,8 +118,13 @@ def examine(
         If the frames contradict the plan, for example because two of them are swapped.
     """
     rough = _with_floor(noise or spatial_noise(sample.patch), sample.points, count_step)
-    _check_order(plan, sample, decodings, limits, rough)
     findings: list[Finding] = []
+    if estimate_response:
+        for axis, decoding in decodings.items():
+            known = Known(rough, limits, estimate_steps)
+            decodings[axis], seen = with_own_response(decoding, sample, known)
+            findings += seen
+    _check_order(plan, sample, decodings, limits, rough)
     values = {axis: phase_samples(sample.points, d) for axis, d in decodings.items()}
     if estimate_steps:
         decodings = _with_real_frames(decodings, values, limits)

@@ -18,5 +18,6 @@ class DecodeOptions(TypedDict, total=False):
     absolute: bool
     response: Response | None
     estimate_steps: bool
+    estimate_response: bool
     keep_phases: bool
     remove_isolated: bool

@@ -169,7 +169,7 @@ def _without_ripples(
     ripples: list[Ripple | None] = []
     for _ in range(RIPPLE_PASSES):
         maps = decode_sample(decoding, lines, known.noise, known.open_limits)
-        ripples = [_line_ripple(p, maps, k, known) for k, p in enumerate(decoding.sets)]
+        ripples = [line_ripple(p, maps, k, known) for k, p in enumerate(decoding.sets)]
         if None in ripples and len(decoding.sets) > 1:
             ripples = _with_set_ripples(decoding, planes, known, ripples)
         if not known.estimate_steps or not any(_removable(r) for r in ripples):
@@ -192,7 +192,7 @@ def _orders(phases: PhaseFrames) -> tuple[int, ...]:
     return tuple(sorted({1, 2, 3, 4, steps, min(2 * steps, MAX_ORDER)}))
 
 
-def _line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
+def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
     """Ripple of a set along lines; None where they hold too few fringes."""
     lit = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
     modulation = maps["modulations"][k]

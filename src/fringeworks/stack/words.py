@@ -90,6 +90,15 @@ def ripple(
     return Finding("ripple", seen, causes, advice, axis, (), figures)
 
 
+def own_response(phases: PhaseFrames, rms_rad: float, axis: Axis) -> Finding:
+    """A response that was measured from the stack itself and subtracted."""
+    seen = (
+        f"response: ripple of {rms_rad:.3f} rad rms in the phases of {phases.period_px:g} px along "
+        f"{axis}, measured from the stack itself and subtracted"
+    )
+    return Finding("ripple", seen, axis=axis, figures={"rms_rad": rms_rad})
+
+
 def disagreement(errors: PhaseErrors, axis: Axis) -> Finding:
     """Sets that disagree by more than the noise."""
     seen = f"phases along {axis} disagree by {errors.ratio**0.5:.1f} times their noise"

@@ -197,7 +197,11 @@ fn limits_of_doubt(code: &GrayCode, plan: &Plan, n: usize, out: &mut GrayCells) 
         let variance = plan.noise.variance(out.threshold[i]);
         let contrast = out.contrast[i].max(0.0);
         let weak = share * contrast;
-        out.doubt_below[i] = (DOUBT_SIGMAS * DOUBT_SIGMAS * per_frame * variance).max(weak * weak);
+        let noise = DOUBT_SIGMAS * DOUBT_SIGMAS * per_frame * variance;
+        out.doubt_below[i] = noise.max(weak * weak);
+        // The noise is far below the share where it matters, so the sum of squares will do.
+        let alien = code.alien_share * contrast;
+        out.alien_above[i] = alien * alien + noise;
         out.half_width[i] = if contrast * contrast >= clear * variance {
             border
         } else {

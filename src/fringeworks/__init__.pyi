@@ -11,6 +11,8 @@ from .types import (
     Decoded as Decoded,
     DisplacementMap as DisplacementMap,
     FileProblem as FileProblem,
+    FrameFinding as FrameFinding,
+    FrameFindingKind as FrameFindingKind,
     FramesContradictPlan as FramesContradictPlan,
     HeightMap as HeightMap,
     InputError as InputError,

@@ -18,7 +18,7 @@ from fringeworks.types import (
     CoordinateMap,
     Decoded,
     FileProblem,
-    Finding,
+    FrameFinding,
     sealed,
 )
 
@@ -83,11 +83,13 @@ def read_coordinates(path: StrPath) -> Decoded:
     return Decoded(x, y, CameraNoise(read_counts, gain), findings, provenance=origin)
 
 
-def _findings(text: str) -> tuple[Finding, ...]:
+def _findings(text: str) -> tuple[FrameFinding, ...]:
     """Findings as they were written."""
     items: list[dict[str, Any]] = json.loads(text)
     listed = ("causes", "frames")
-    return tuple(Finding(**item | {name: tuple(item[name]) for name in listed}) for item in items)
+    return tuple(
+        FrameFinding(**item | {name: tuple(item[name]) for name in listed}) for item in items
+    )
 
 
 def _axis(arrays: dict[str, Any], axis: Axis) -> CoordinateMap | None:

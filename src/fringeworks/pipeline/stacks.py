@@ -30,8 +30,8 @@ from fringeworks.types import (
     Axis,
     CameraNoise,
     Decoded,
-    Finding,
     FloatMap,
+    FrameFinding,
     Frozen,
     InputError,
     PointCloud,
@@ -285,12 +285,12 @@ def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
     return replace(found, findings=(*_of_files(stack), *found.findings))
 
 
-def _of_files(stack: Stack) -> tuple[Finding, ...]:
+def _of_files(stack: Stack) -> tuple[FrameFinding, ...]:
     """What reading the files found."""
-    findings = [Finding("files", note) for note in stack.notes]
+    findings = [FrameFinding("files", note) for note in stack.notes]
     if stack.lossy:
         findings.append(
-            Finding(
+            FrameFinding(
                 "files",
                 "the frames were compressed with loss (JPEG)",
                 advice="store them without loss: the compression makes errors that no average "

@@ -21,7 +21,6 @@ from fringeworks.stack.gray_frames import refuse_unequal_levels
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import (
     bit_sums,
-    exceeds,
     measure_noise,
     phase_samples,
     set_parts,
@@ -32,9 +31,10 @@ from fringeworks.stack.noise import (
 from fringeworks.stack.order_faults import refuse_order_faults
 from fringeworks.stack.own_response import with_own_response
 from fringeworks.stack.real_frames import RealFrames, design_rows, real_frames
-from fringeworks.stack.refine import Known, refined, scaled
+from fringeworks.stack.refine import Known, Refined, refined, scaled
 from fringeworks.stack.sample import Sample
-from fringeworks.types import Axis, CameraNoise, Finding, FloatMap
+from fringeworks.stack.saturation import exceeds
+from fringeworks.types import Axis, CameraNoise, FloatMap, FrameFinding
 
 RELATED = 2.5
 """Disagreement of the sets above which it is compared with that of unrelated phases.
@@ -72,7 +72,7 @@ class Judgement:
     """The limits; the saturation is infinite if samples only touch the sensor's limit."""
     decodings: dict[Axis, Decoding]
     """Decoding of each axis, with its real frames and the floor of its phase errors."""
-    findings: tuple[Finding, ...]
+    findings: tuple[FrameFinding, ...]
     """What was measured or decided, for the user."""
     uneven: dict[Axis, bool]
     """Whether errors differ over the scene, so that every pixel is judged by its neighbourhood."""
@@ -117,8 +117,8 @@ def examine(
     InputError
         If the frames contradict the plan, for example because two of them are swapped.
     """
+    findings: list[FrameFinding] = []
     rough = _with_floor(noise or spatial_noise(sample.patch), sample.points, count_step)
-    findings: list[Finding] = []
     if estimate_response:
         for axis, decoding in decodings.items():
             known = Known(rough, limits, estimate_steps)
@@ -133,35 +133,48 @@ def examine(
         noise, source = measure_noise(decodings, values, bits, limits, sample.patch)
         findings.append(words.noise(noise, source))
     noise = _with_floor(noise, sample.points, count_step)
-    if not limits.given and np.isfinite(limits.saturation):
-        exceeded = [exceeds(d, values[axis], limits, noise) for axis, d in decodings.items()]
-        if not any(exceeded):
-            limits = replace(limits, saturation=float("inf"))
+    limits = _trusted(decodings, values, limits, noise)
     for decoding in decodings.values():
         if decoding.gray is not None:
             refuse_unequal_levels(decoding.gray, sample.points, noise)
-    judged: dict[Axis, Decoding] = {}
-    details: dict[str, Any] = {}
-    uneven: dict[Axis, bool] = {}
-    factor = 1.0
-    for axis, decoding in decodings.items():
-        found = refined(decoding, sample, Known(noise, limits, estimate_steps))
-        judged[axis] = found.decoding
-        findings += [
-            finding
-            for phases in found.decoding.sets
-            if (finding := words.real_frames(phases, axis, plan.labels())) is not None
-        ]
-        findings += found.findings
-        factor = max(factor, found.noise_factor)
-        uneven[axis] = found.uneven
-        details[axis] = {
-            "disagreement": found.ratio**0.5,
-            "shifts_deg": [_degrees(s) for s in judged[axis].sets],
-        }
-    if factor > 1.0:
-        noise = scaled(noise, factor)
-    return Judgement(noise, limits, judged, tuple(findings), uneven, details)
+    known = Known(noise, limits, estimate_steps)
+    found = {axis: refined(decoding, sample, known) for axis, decoding in decodings.items()}
+    for axis_found in found.values():
+        findings += _of_steps(axis_found.decoding, plan)
+        findings += axis_found.findings
+    return Judgement(
+        scaled(noise, max(axis_found.noise_factor for axis_found in found.values())),
+        limits,
+        {axis: axis_found.decoding for axis, axis_found in found.items()},
+        tuple(findings),
+        {axis: axis_found.uneven for axis, axis_found in found.items()},
+        {axis: _details(axis_found) for axis, axis_found in found.items()},
+    )
+
+
+def _trusted(
+    decodings: dict[Axis, Decoding],
+    values: dict[Axis, FloatMap],
+    limits: Limits,
+    noise: CameraNoise,
+) -> Limits:
+    """The limits, without saturation where samples only touch the sensor's limit."""
+    if limits.given or not np.isfinite(limits.saturation):
+        return limits
+    exceeded = [exceeds(d, values[axis], limits, noise) for axis, d in decodings.items()]
+    return limits if any(exceeded) else replace(limits, saturation=float("inf"))
+
+
+def _of_steps(decoding: Decoding, plan: PatternPlan) -> list[FrameFinding]:
+    """Findings about steps and gains that differ from the plan."""
+    found = [words.real_frames(s, decoding.axis, plan.labels()) for s in decoding.sets]
+    return [finding for finding in found if finding is not None]
+
+
+def _details(found: Refined) -> dict[str, Any]:
+    """Figures of an axis: the disagreement of its sets, and its real steps."""
+    shifts = [_degrees(phases) for phases in found.decoding.sets]
+    return {"disagreement": found.ratio**0.5, "shifts_deg": shifts}
 
 
 def _degrees(phases: PhaseFrames) -> list[float]:

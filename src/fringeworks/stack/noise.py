@@ -22,10 +22,8 @@ without a measured noise.
 """
 
 MAX_RESIDUALS = 16_000
-"""Approximate largest number of residuals from which the noise is measured.
-
-They determine a standard deviation to about 0.6 %; more only take time.
-"""
+"""Approximate largest number of residuals from which the noise is measured: a standard deviation to
+about 0.6 %. More only take time."""
 
 BACKGROUND_EXCESS = 4.0
 """Variance of the backgrounds over the spatial noise up to which it counts as noise of the camera.
@@ -36,18 +34,6 @@ differ by more than twice as much have another cause, such as changing light. An
 
 QUANTISATION_VARIANCE = 1.0 / 12.0
 """Variance that rounding to whole counts adds, counts²."""
-
-RARE = 0.01
-"""Share of samples at the sensor's limit that may exceed it in a stack without saturation.
-
-It allows for chance and for a small highlight. An empirical choice.
-"""
-
-EXCEEDED_SIGMAS = 4.0
-"""Excess over the sensor's limit from which on a sample counts as cut off, standard deviations.
-
-Noise alone reaches it in 0.003 % of the samples, far below ``RARE``.
-"""
 
 DIM = 0.1
 """Smallest mean brightness of a pixel for measuring the noise.
@@ -140,7 +126,7 @@ def fit_matrices(
     return design, np.linalg.pinv(design) if determined else None
 
 
-def _times(matrix: FloatMap, values: FloatMap) -> FloatMap:
+def times(matrix: FloatMap, values: FloatMap) -> FloatMap:
     """Return matrix @ values without BLAS, whose idle threads would slow the kernel down."""
     return np.asarray(np.einsum("ij,jn->in", matrix, values))
 
@@ -163,8 +149,8 @@ def solve(values: FloatMap, rows: DesignRows) -> tuple[FloatMap, FloatMap]:
     if solver is None:
         degrees = ", ".join(f"{np.degrees(np.arctan2(q, k)):g}" for _, k, q in rows)
         raise InputError(f"shifts: expected at least three that differ modulo 360°, got {degrees}°")
-    fitted = _times(solver, values)
-    residual = values - _times(design, fitted)
+    fitted = times(solver, values)
+    residual = values - times(design, fitted)
     return fitted, np.einsum("ns,ns->s", residual, residual)
 
 
@@ -318,7 +304,7 @@ def _without_harmonics(values: FloatMap, phases: PhaseFrames, fitted: FloatMap) 
     """
     design, solver = fit_matrices(phases.rows)
     assert solver is not None
-    residual = values - _times(design, fitted)
+    residual = values - times(design, fitted)
     _, c, s = fitted
     modulation = np.hypot(c, s)
     waves = np.exp(1j * (np.arctan2(s, c) - np.asarray(phases.shifts_rad)[:, None]))
@@ -327,8 +313,8 @@ def _without_harmonics(values: FloatMap, phases: PhaseFrames, fitted: FloatMap) 
         wave = modulation * waves**order
         wave = (
             wave
-            - _times(design, _times(solver, wave.real))
-            - 1j * _times(design, _times(solver, wave.imag))
+            - times(design, times(solver, wave.real))
+            - 1j * times(design, times(solver, wave.imag))
         )
         power = float(np.sum(np.abs(wave) ** 2))
         if power > SMALL_POWER * float(np.sum(modulation**2)):
@@ -336,7 +322,7 @@ def _without_harmonics(values: FloatMap, phases: PhaseFrames, fitted: FloatMap) 
             shares = np.linalg.lstsq(parts @ parts.T, parts @ residual.ravel(), rcond=None)[0]
             residual = residual - shares[0] * wave.real - shares[1] * wave.imag
     if np.sum(residual**2) > EXPLAINED_BY_HARMONICS * total:
-        return np.asarray(np.sum((values - _times(design, fitted)) ** 2, axis=0))
+        return np.asarray(np.sum((values - times(design, fitted)) ** 2, axis=0))
     return np.asarray(np.sum(residual**2, axis=0))
 
 
@@ -352,7 +338,7 @@ def _inside(
         values.min() > 0 and values.max() < limits.saturation
     ):
         return np.ones(values.shape, bool)
-    brightness = _times(fit_matrices(rows)[0], fitted)
+    brightness = times(fit_matrices(rows)[0], fitted)
     return np.asarray((brightness > margin) & (brightness < limits.saturation - margin))
 
 
@@ -377,7 +363,7 @@ def _solve_partly(
             continue
         pixels = np.flatnonzero(group == k)
         data = values[np.ix_(kept, pixels)]
-        square[pixels] = np.sum((data - _times(design, _times(solver, data))) ** 2, axis=0)
+        square[pixels] = np.sum((data - times(design, times(solver, data))) ** 2, axis=0)
     return square, count
 
 
@@ -411,67 +397,3 @@ def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> C
             break
         chosen = clear
     return noise
-
-
-def exceeds(decoding: Decoding, values: FloatMap, limits: Limits, noise: CameraNoise) -> bool:
-    """Decide whether light exceeds the sensor's limit or samples only touch it.
-
-    A sample at the limit is compared with its prediction. The prediction is the fit of its set
-    without it; for three steps, it follows from the background of the other sets. Without any
-    prediction the answer is True.
-    """
-    at_limit = values >= limits.saturation
-    if not at_limit.any():
-        return False
-    parts = set_parts(decoding)
-    clear = np.stack([~at_limit[part].any(axis=0) for part in parts])
-    means = np.stack([values[part].mean(axis=0) for part in parts])
-    excesses: list[FloatMap] = []
-    for part, phases in zip(parts, decoding.sets, strict=True):
-        data, at = values[part], at_limit[part]
-        if np.mean(at.sum(axis=0) > max(1, len(data) // 4)) > RARE:
-            return True  # too many samples of a set at the limit: it cannot be a mere touch
-        if len(data) == 3:
-            excesses.append(_excess_of_three(data, at, clear, means, limits.saturation))
-        else:
-            excesses += _excess_of_more(data, at, phases.rows, limits.saturation)
-    tested = np.concatenate(excesses) if excesses else np.empty(0)
-    if tested.size == 0:
-        return True
-    sigma = np.sqrt(noise.read_counts**2 + noise.gain * limits.saturation)
-    return bool(np.mean(tested > EXCEEDED_SIGMAS * sigma) > RARE)
-
-
-def _excess_of_three(
-    data: FloatMap, at: BoolMap, clear: BoolMap, means: FloatMap, saturation: float
-) -> FloatMap:
-    """Predicted excess of single samples at the limit, counts, scaled to the noise of a sample.
-
-    The mean of three equal steps is the background, which the sets that are ``clear`` of the limit
-    give by their ``means``.
-    """
-    others = clear.sum(axis=0)
-    known = (at.sum(axis=0) == 1) & (others > 0)
-    background = np.sum(np.where(clear, means, 0.0), axis=0)[known] / others[known]
-    predicted = 3.0 * background - np.sum(np.where(at, 0.0, data), axis=0)[known]
-    return np.asarray((predicted - saturation) / np.sqrt(2.0 + 3.0 / others[known]))
-
-
-def _excess_of_more(
-    data: FloatMap, at: BoolMap, rows: DesignRows, saturation: float
-) -> list[FloatMap]:
-    """Predicted excess of single samples at the limit by the other samples of their set, counts,
-    scaled to the noise of a sample; one array per step."""
-    single = at.sum(axis=0) == 1
-    design, _ = fit_matrices(rows)
-    excesses = []
-    for step in range(len(data)):
-        others = np.arange(len(data)) != step
-        pixels = np.flatnonzero(single & at[step])
-        _, solver = fit_matrices(rows, tuple(others.tolist()))
-        if solver is None or pixels.size == 0:
-            continue
-        weights = design[step] @ solver
-        predicted = _times(weights[None], data[np.ix_(others, pixels)])[0]
-        excesses.append(np.asarray((predicted - saturation) / np.linalg.norm(weights)))
-    return excesses

@@ -15,7 +15,7 @@ from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.refine import Known, line_ripple
 from fringeworks.stack.ripple import Ripple
 from fringeworks.stack.sample import Sample
-from fringeworks.types import Finding, InputError
+from fringeworks.types import FrameFinding, InputError
 
 PASSES = 3
 """Passes of measuring and subtracting the ripple. Its size is known to a tenth after the first one,
@@ -27,7 +27,7 @@ FIRST_ORDER = 3
 
 def with_own_response(
     decoding: Decoding, sample: Sample, known: Known
-) -> tuple[Decoding, list[Finding]]:
+) -> tuple[Decoding, list[FrameFinding]]:
     """The decoding with tables that subtract the ripple of a response that is not linear.
 
     Parameters
@@ -39,7 +39,7 @@ def with_own_response(
     Returns
     -------
     decoding : Decoding
-    findings : list of Finding
+    findings : list of FrameFinding
 
     Raises
     ------

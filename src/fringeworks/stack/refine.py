@@ -19,7 +19,7 @@ from fringeworks.stack.phase_errors import PhaseErrors, order_errors, set_offset
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import NOISE_ALONE, Ripple, measure_ripple, ripple_of_residuals
 from fringeworks.stack.sample import Sample
-from fringeworks.types import Axis, CameraNoise, Finding, FloatMap, Reason
+from fringeworks.types import Axis, CameraNoise, FloatMap, FrameFinding, Reason
 
 MAX_OFFSET_TURNS = 0.15
 """Largest error of a rounding that constant offsets between the sets may make, turns.
@@ -85,7 +85,7 @@ class Refined:
     """The decoding of an axis with the errors of its phases, and what was found."""
 
     decoding: Decoding
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[FrameFinding, ...] = ()
     noise_factor: float = 1.0
     """Variance of the noise in the phases over that of the camera's noise; ≥ 1."""
     ratio: float = 1.0
@@ -112,7 +112,7 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
     planes = [sample.points[k] for k in decoding.frames]
     decoding, ripples = _without_ripples(decoding, lines, planes, known)
-    findings: list[Finding] = []
+    findings: list[FrameFinding] = []
     sets = []
     for phases, ripple in zip(decoding.sets, ripples, strict=True):
         floored, found = _with_harmonics(phases, ripple, decoding.axis, known.estimate_steps)
@@ -245,7 +245,7 @@ def _without_ripple(phases: PhaseFrames, ripple: Ripple) -> tuple[tuple[float, f
 
 def _with_harmonics(
     phases: PhaseFrames, ripple: Ripple | None, axis: Axis, removed: bool
-) -> tuple[PhaseFrames, list[Finding]]:
+) -> tuple[PhaseFrames, list[FrameFinding]]:
     """The set with the remaining ripple in its floor, and what was found."""
     if ripple is None:
         return phases, []

@@ -23,7 +23,7 @@ from fringeworks.types.errors import (
     UnknownMethod,
     check_fields,
 )
-from fringeworks.types.finding import Finding, FindingKind
+from fringeworks.types.finding import FrameFinding, FrameFindingKind
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
 from fringeworks.types.noise import MAD_TO_SIGMA, CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
@@ -43,9 +43,9 @@ __all__ = [
     "Decoded",
     "DisplacementMap",
     "FileProblem",
-    "Finding",
-    "FindingKind",
     "FloatMap",
+    "FrameFinding",
+    "FrameFindingKind",
     "FramesContradictPlan",
     "Frozen",
     "HeightMap",

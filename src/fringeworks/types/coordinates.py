@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.types.arrays import Axis, ByteMap, FloatMap, Reason
-from fringeworks.types.finding import Finding
+from fringeworks.types.finding import FrameFinding
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.noise import CameraNoise
 from fringeworks.types.provenance import Provenance
@@ -55,7 +55,7 @@ class Decoded(Frozen):
     """Along projector rows."""
     noise: CameraNoise
     """Noise of the camera, from which the standard deviations come."""
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[FrameFinding, ...] = ()
     """What was found in the frames, with its likely causes, and what was decided because of it."""
     details: dict[str, Any] = field(default_factory=dict)
     """Figures per axis: disagreement of the sets, estimated shifts."""

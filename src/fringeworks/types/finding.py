@@ -8,7 +8,7 @@ from typing import Literal
 from fringeworks.types.arrays import Axis
 from fringeworks.types.frozen import Frozen
 
-FindingKind = Literal[
+FrameFindingKind = Literal[
     "noise",
     "steps",
     "flicker",
@@ -23,10 +23,10 @@ FindingKind = Literal[
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Finding(Frozen):
+class FrameFinding(Frozen):
     """Something that was seen in the frames: its likely causes, and what to do about it."""
 
-    kind: FindingKind
+    kind: FrameFindingKind
     seen: str
     """What was seen, with its figures, and what was decided because of it."""
     causes: tuple[str, ...] = ()

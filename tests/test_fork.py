@@ -59,7 +59,7 @@ from tests.stacks import multi, take
 plan = multi((1, 8), 4, (300, 40))
 frames = take(plan)
 scene = standard_scene("parabola", size=64, fringes=6, noise=1, seed=1)
-rig = standard_rig(scale=0.1)
+rig = standard_rig(scale=0.2)
 phase = np.angle(np.exp(1j * np.add.outer(np.arange(40), np.arange(50)) / 4))
 
 def results():

@@ -88,7 +88,13 @@ def test_orders_are_right_or_missing(name, blur, b):
     """Sharp images, defocus that takes most of the modulation, and hardly any light."""
     plan, _ = PLANS[name]
     frames, x = seen(plan, blur, b=b, rows=60)
-    found = decode(frames, plan, noise=CameraNoise(NOISE)).x
+    try:
+        found = decode(frames, plan, noise=CameraNoise(NOISE)).x
+    except InputError as error:
+        if "expected pixels that can be measured, got none" not in str(error):
+            raise
+        assert b < 100.0
+        return
     assert not (np.abs(found.coordinate_px - x) > 4.0).any()
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.signal.noise import chi_square_quantile
-from fringeworks.stack.gray_frames import GrayFrames
+from fringeworks.stack.gray_frames import WIDE_CELL_TURNS, GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS, solve
 from fringeworks.stack.sample import Lines
@@ -34,6 +34,9 @@ WRONG_BORDERS = 0.3
 
 Right codes have 0.9 or more, bits in a wrong order 0 or less. Empirical.
 """
+
+JITTER = 0.02
+"""Smallest change of the coordinate over a border that has a direction, in cells."""
 
 CONTINUOUS_TURNS = 0.15
 """Change of the phase from pixel to pixel up to which a surface counts as continuous, turns."""
@@ -137,7 +140,7 @@ def agreement(
     maps = decode_sample(decoding, planes, noise, open_limits)
     lit = _lit(maps)
     parts: dict[str, float] = {
-        "residual": _residual(decoding, points),
+        "residual": _residual(decoding, points, noise),
         "lit": float(np.mean(lit)),
     }
     if len(decoding.sets) > 1:
@@ -151,7 +154,7 @@ def agreement(
     if bright.sum() >= MIN_JUDGED_PIXELS:
         parts["unmeasured"] = float(np.mean(maps["reason"][bright] != Reason.OK))
     if decoding.gray is not None:
-        if decoding.sets:
+        if decoding.sets and decoding.gray.step_px < WIDE_CELL_TURNS * decoding.longest_px:
             parts["astray"] = _astray(decoding, planes, bright, maps, (noise, open_limits))
         line_planes = [lines[k] for k in decoding.frames]
         along = decode_sample(decoding, line_planes, noise, open_limits)
@@ -165,8 +168,9 @@ def _lit(maps: dict[str, Any]) -> BoolMap:
     return np.asarray((reason == Reason.OK) | (reason == Reason.ORDER_AMBIGUOUS))
 
 
-def _residual(decoding: Decoding, points: tuple[NDArray[Any], ...]) -> float:
-    """Variance of the residuals over B², of the brighter pixels, relative to unrelated frames."""
+def _residual(decoding: Decoding, points: tuple[NDArray[Any], ...], noise: CameraNoise) -> float:
+    """Variance of the residuals beyond noise over B², of the lit pixels, relative to unrelated
+    frames."""
     worst = 0.0
     for phases in decoding.sets:
         if len(phases.frames) < 4:
@@ -178,7 +182,9 @@ def _residual(decoding: Decoding, points: tuple[NDArray[Any], ...]) -> float:
         bright = spread >= LIT_SPREAD * np.percentile(spread, 95) if spread.size else spread > 0
         power = fitted[1] ** 2 + fitted[2] ** 2 + square / len(values)
         if bright.any():
-            share = square[bright] / (len(values) - 3) / np.maximum(power[bright], 1e-12)
+            by_noise = noise.read_counts**2 + noise.gain * np.maximum(fitted[0][bright], 0.0)
+            excess = square[bright] / (len(values) - 3) - by_noise
+            share = excess / np.maximum(power[bright], 1e-12)
             worst = max(worst, float(np.median(share)))
     return worst / UNRELATED_RESIDUAL
 
@@ -227,12 +233,18 @@ def wrong_borders(coordinate: FloatMap, turns: FloatMap | None, gray: GrayFrames
     cells = np.maximum(np.floor(place / gray.step_px), 0.0).astype(np.int64)
     pair = known[:, 1:] & known[:, :-1]
     if turns is not None:
-        slope = np.diff(turns, axis=1)
-        pair &= np.abs(slope - np.rint(slope)) < CONTINUOUS_TURNS
+        slope = np.diff(np.where(known, turns, 0.0), axis=1)
+        slope = np.abs(slope - np.rint(slope))
+        if not pair.any() or np.median(slope[pair]) > CONTINUOUS_TURNS:
+            return 0.0  # neighbouring pixels see different fringes: nothing is known of borders
+        pair &= slope < CONTINUOUS_TURNS
     change = np.diff(cells, axis=1)
     words = cells ^ (cells >> 1)
     flipped = words[:, 1:] ^ words[:, :-1]
     single = pair & (flipped > 0) & ((flipped & (flipped - 1)) == 0)
+    # Noise on a border makes steps back and forth that are small.
+    apart = np.abs(np.diff(np.where(known, coordinate, 0.0), axis=1)) >= JITTER * gray.step_px
+    single &= apart | (np.abs(change) > 1) | (turns is None)
     flipped, change = flipped[single], change[single]
     direction = np.sign(np.sum(np.sign(change[np.abs(change) == 1]))) or 1
     bit = np.log2(flipped).astype(np.intp)

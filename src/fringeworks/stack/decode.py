@@ -198,6 +198,7 @@ def _run(kernel: _core.DecodeSettings, planes: Planes, maps: dict[str, Any]) -> 
 def check_options(plan: PatternPlan, options: DecodeOptions) -> None:
     """Refuse options that ``decode`` would refuse, before there are frames."""
     _decodings(plan, options.get("absolute", True), options.get("response"))
+    _positive(options.get("count_step"))
     _not_negative(options.get("min_modulation", 0.0))
 
 

@@ -31,10 +31,10 @@ from fringeworks.stack.noise import (
 from fringeworks.stack.order_faults import refuse_order_faults
 from fringeworks.stack.own_response import with_own_response
 from fringeworks.stack.real_frames import RealFrames, design_rows, real_frames
-from fringeworks.stack.refine import Known, Refined, refined, scaled
+from fringeworks.stack.refine import Known, Refined, refined
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import exceeds
-from fringeworks.types import Axis, CameraNoise, FloatMap, FrameFinding
+from fringeworks.types import Axis, CameraNoise, FloatMap, FrameFinding, FramesContradictPlan
 
 RELATED = 2.5
 """Disagreement of the sets above which it is compared with that of unrelated phases.
@@ -53,6 +53,13 @@ any camera.
 
 MIN_NOISE = 1e-30
 """Smallest standard deviation of a count, so that weights stay finite even for black frames."""
+
+MOST_STEP_ERROR_RAD = 1.0
+"""Largest error of a phase step that is taken into account, rad; beyond, it is another pattern."""
+
+MOST_LIGHT_CHANGE = 0.6
+"""Largest change of the light of a frame that is taken into account, as a share of the mean. A lamp
+that warms up changes it by less; a frame without light by 1."""
 
 LIT_POWER = 0.25
 """Smallest squared modulation of a pixel that real frames and ripple are estimated from.
@@ -124,6 +131,9 @@ def examine(
             known = Known(rough, limits, estimate_steps)
             decodings[axis], seen = with_own_response(decoding, sample, known)
             findings += seen
+    for decoding in decodings.values():
+        if decoding.gray is not None:
+            refuse_unequal_levels(decoding.gray, sample.points, rough)
     _check_order(plan, sample, decodings, limits, rough)
     values = {axis: phase_samples(sample.points, d) for axis, d in decodings.items()}
     if estimate_steps:
@@ -134,16 +144,14 @@ def examine(
         findings.append(words.noise(noise, source))
     noise = _with_floor(noise, sample.points, count_step)
     limits = _trusted(decodings, values, limits, noise)
-    for decoding in decodings.values():
-        if decoding.gray is not None:
-            refuse_unequal_levels(decoding.gray, sample.points, noise)
     known = Known(noise, limits, estimate_steps)
     found = {axis: refined(decoding, sample, known) for axis, decoding in decodings.items()}
     for axis_found in found.values():
+        _refuse_unlike(axis_found.decoding, plan)
         findings += _of_steps(axis_found.decoding, plan)
         findings += axis_found.findings
     return Judgement(
-        scaled(noise, max(axis_found.noise_factor for axis_found in found.values())),
+        noise,
         limits,
         {axis: axis_found.decoding for axis, axis_found in found.items()},
         tuple(findings),
@@ -163,6 +171,24 @@ def _trusted(
         return limits
     exceeded = [exceeds(d, values[axis], limits, noise) for axis, d in decodings.items()]
     return limits if any(exceeded) else replace(limits, saturation=float("inf"))
+
+
+def _refuse_unlike(decoding: Decoding, plan: PatternPlan) -> None:
+    """Refuse sets whose frames are so different from the plan that they must be others."""
+    labels = plan.labels()
+    for phases in decoding.sets:
+        found = RealFrames(np.array(phases.rows))
+        off = np.angle(np.exp(1j * (found.shifts_rad - np.asarray(phases.shifts_rad))))
+        off = np.angle(np.exp(1j * off) * np.conj(np.mean(np.exp(1j * off))))
+        light = found.light_gains - 1.0
+        unlike = (np.abs(off) > MOST_STEP_ERROR_RAD) | (np.abs(light) > MOST_LIGHT_CHANGE)
+        if unlike.any():
+            named = ", ".join(labels[phases.frames[k]] for k in np.flatnonzero(unlike))
+            raise FramesContradictPlan(
+                f"frame {named}: its phase step or its light is not that of the plan, by up to "
+                f"{np.degrees(np.abs(off).max()):.0f}° and {100 * np.abs(light).max():.0f} %; "
+                "expected the steps of the plan, under the same light"
+            )
 
 
 def _of_steps(decoding: Decoding, plan: PatternPlan) -> list[FrameFinding]:
@@ -243,11 +269,10 @@ def _with_real_frames(
         sets = []
         for part, phases in zip(set_parts(decoding), decoding.sets, strict=True):
             data = values[axis][part]
+            data = data[:, usable(data, limits)]
             (_, c, s), _ = solve(data, phases.rows)
             power = c**2 + s**2
-            lit = usable(data, limits) & np.isfinite(power)
-            if lit.any():
-                lit &= power > LIT_POWER * np.percentile(power[lit], 95)
+            lit = power > LIT_POWER * np.percentile(power, 95) if power.size else power > 0
             found = real_frames(data[:, lit], np.array(phases.rows))
             sets.append(phases if found is None else replace(phases, design=design_rows(found)))
         real[axis] = replace(decoding, sets=tuple(sets))

@@ -121,6 +121,8 @@ class Decoding:
     """Length of the range of coordinates, projector px."""
     absolute: bool = True
     """False for coordinates modulo ``length_px``."""
+    noise_factor: float = 1.0
+    """Variance of the noise along the axis over that of the camera, ≥ 1."""
     order_errors: tuple[float, ...] = ()
     """Errors of every rounding of the chain that are no noise, turns; none where empty."""
     reach_px: float | None = None
@@ -177,8 +179,8 @@ class Decoding:
             code=None
             if self.gray is None
             else self.gray.kernel(place, self.longest_px, self.reach_px),
-            read_variance=noise.read_counts**2,
-            gain=noise.gain,
+            read_variance=noise.read_counts**2 * self.noise_factor,
+            gain=noise.gain * self.noise_factor,
             saturation=limits.threshold,
             min_snr=MIN_SNR,
             min_modulation=limits.min_modulation,

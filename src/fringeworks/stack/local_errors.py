@@ -100,7 +100,8 @@ def _add_residuals(
         values[~np.isfinite(values)] = np.nan
         fitted = np.tensordot(np.linalg.pinv(design), values, axes=1)
         residual = values - np.tensordot(design, fitted, axes=1)
-        variance = noise.read_counts**2 + noise.gain * np.maximum(fitted[0], 0.0)
+        light = np.maximum(fitted[0], 0.0)
+        variance = decoding.noise_factor * (noise.read_counts**2 + noise.gain * light)
         # The floor is a phase error: it moves the samples by its share of the modulation.
         variance += 0.5 * phases.floor_rad**2 * (fitted[1] ** 2 + fitted[2] ** 2)
         with np.errstate(invalid="ignore"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -82,6 +82,12 @@ REPEATED = 0.15
 """Difference between two phase frames, over that between other frames of their set, below which one
 repeats the other. Noise of a tenth of the modulation makes 0.15. Empirical."""
 
+
+MIN_MISFITS = 3
+"""Smallest number of frames with other borders than expected for a statement that all are shifted.
+
+Numbers of few borders scatter, and a shift changes those of several frames. Empirical.
+"""
 
 LEAST_LIT = 0.5
 """Smallest number of lit pixels of an order that is tried, over the largest of all orders.
@@ -171,6 +177,9 @@ def refuse_order_faults(
         return _Trial(sum(f.total for f in found), min(f.lit for f in found))
 
     _refuse_other_order(plan, labels, before, total)
+    evident = replace(SUSPICIOUS, unmeasured=float("inf"))
+    if not any(exceeded(found, evident) for found in agreements.values()):
+        return  # dim scenes have pixels that cannot be measured, too
     signatures = [_signature(plan, sample, axis) for axis in plan.axes]
     _refuse_shifted(signatures, labels)
     _refuse_no_pattern(signatures, labels)
@@ -244,6 +253,8 @@ def _borders_per_px(block: PhaseSteps | GrayCode, frame: int) -> float:
     """Borders between bright and dark per projector px of a frame."""
     if isinstance(block, PhaseSteps):
         return 2.0 / block.period_px
+    if block.levels > 2:
+        return float("nan")  # its frames have borders between more than two levels
     bit = frame // 2 if block.inverse else frame
     return float(2.0 ** (bit - block.bits) / block.step_px)
 
@@ -336,9 +347,8 @@ def _refuse_shifted(signatures: list[_Signature], labels: list[str]) -> None:
     options = [(explained(places), kind, k) for kind, k, places in _alignments(count)]
     best = max(options, key=lambda option: option[0])
     known = sum(int(np.isfinite(found.per_px).sum()) for found in signatures)
-    if best[0] <= present or known - best[0] > EXPLAINED * (known - present) + abs(best[2]) * (
-        best[1] == "late"
-    ):
+    missing = abs(best[2]) if best[1] == "late" else 1
+    if known - present < MIN_MISFITS or known - best[0] > missing:
         return
     equal = [k for fits, kind, k in options if kind == "lost" and fits == best[0]]
     if not equal:

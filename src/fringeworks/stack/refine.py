@@ -86,8 +86,6 @@ class Refined:
 
     decoding: Decoding
     findings: tuple[FrameFinding, ...] = ()
-    noise_factor: float = 1.0
-    """Variance of the noise in the phases over that of the camera's noise; ≥ 1."""
     ratio: float = 1.0
     """Median χ² of the sets over its expectation for noise alone."""
     uneven: bool = False
@@ -119,8 +117,11 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
         sets.append(floored)
         findings += found
     decoding = replace(decoding, sets=tuple(sets))
+    agree = len(sets) > 1 and _with_agreeing_sets(decoding, planes, known)[1].by_noise
     finest = ripples[min(range(len(sets)), key=lambda k: sets[k].period_px)]
-    factor = 1.0 if finest is None or finest.excess <= NOISE_ALONE else finest.excess
+    # Where the sets agree within their noise, it is the surface that is rough.
+    smooth = finest is None or agree or finest.excess <= NOISE_ALONE
+    factor = 1.0 if finest is None or smooth else finest.excess
     if factor > 1.0:
         findings.append(words.correlated_noise(factor, decoding.axis))
         known = replace(known, noise=scaled(known.noise, factor))
@@ -132,7 +133,8 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     if decoding.gray is not None:
         decoding = _with_reach(decoding, decoding.gray, planes, known.noise, known.limits)
     uneven = factor > 1.0 or not errors.by_noise or _uneven_residuals(decoding, planes, known)
-    return Refined(decoding, tuple(findings), factor * errors.noise_factor, errors.ratio, uneven)
+    decoding = replace(decoding, noise_factor=factor * errors.noise_factor)
+    return Refined(decoding, tuple(findings), errors.ratio, uneven)
 
 
 def _uneven_residuals(decoding: Decoding, planes: list[NDArray[Any]], known: Known) -> bool:

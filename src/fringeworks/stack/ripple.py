@@ -45,6 +45,10 @@ NOISE_ALONE = 1.4
 camera is not its only cause. It scatters by 5 % in simulations; the rest of the margin allows for
 surfaces that are rough everywhere. Empirical."""
 
+MAX_RESIDUAL_RAD = 0.5
+"""Largest standard deviation of residuals that a ripple is measured from, rad. Residuals are known
+modulo a turn; beyond, too many of them are a turn off. Empirical."""
+
 MAX_CONDITION = 1e3
 """Largest condition number of the normal equations of a ripple: phases must cover most of a
 fringe."""
@@ -165,6 +169,8 @@ def ripple_of_residuals(
     -------
     Ripple; None where the phases do not cover a fringe.
     """
+    if np.std(residual_rad) > MAX_RESIDUAL_RAD:
+        return None
     waves = [np.ones_like(phase_rad)]
     for order in orders:
         waves += [np.cos(order * phase_rad), np.sin(order * phase_rad)]
@@ -191,7 +197,8 @@ def _windows(turns: FloatMap, usable: BoolMap, sigma: FloatMap) -> tuple[FloatMa
     good = usable[:, 1:] & usable[:, :-1]
     if good.sum() < MIN_WINDOW * MIN_WINDOWS:
         return None
-    per_pixel = float(np.median(np.abs(slope[good])))
+    # Signed: noise would make up for a slope that is hardly there.
+    per_pixel = abs(float(np.median(slope[good])))
     lines, length = turns.shape
     if per_pixel * length < WINDOW_FRINGES:
         return None

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.stack.decode import check_options, decode
-from fringeworks.stack.frames import check_frame, readable, refuse_constant
+from fringeworks.stack.frames import check_frame, refuse_constant
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import Decoded, FramesContradictPlan
 
@@ -80,8 +80,8 @@ class StreamingDecoder:
         if isinstance(block, PhaseSteps | GrayCode):
             refuse_constant(frame, self._labels[index], frame[:1])
         self._first = shape, kind
-        counts = readable(frame)
-        self._frames.append(counts.copy() if np.may_share_memory(counts, frame) else counts)
+        # A copy: the caller may use the memory again, as cameras do.
+        self._frames.append(np.array(frame, frame.dtype.newbyteorder("="), order="C"))
 
     def result(self) -> Decoded:
         """Decode the frames that have arrived.

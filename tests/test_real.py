@@ -315,7 +315,7 @@ def test_stack_of_a_microscope(real_data):
     for three in frames[::10]:
         with pytest.raises(InputError, match="repeat after 16 px"):
             decode(three, plan)
-        found = decode(three, plan, absolute=False, keep_phases=True)
+        found = decode(three, plan, absolute=False, keep_phases=True, estimate_steps=False)
         assert found.x.failed_fraction < 0.01
         phase, modulation = phase_of_steps(three)
         off = np.angle(np.exp(1j * (found.x.phase_rad[0] - phase)))

@@ -121,7 +121,7 @@ def test_every_command_that_decodes_has_the_options_of_decoding(command):
 def test_the_lens_is_measured_without_a_plan(real_data):
     folder = real_data / "lens_4step"
     frames = [fw.read_frame(folder / f"lens_crop_{a:03d}.jpg")[0] for a in (0, 90, 180, 270)]
-    found = wrapped_phase(frames, equal_steps(4))
+    found = wrapped_phase(frames, equal_steps(4), estimate_steps=False)
     c, s = (np.asarray(a, float) - b for a, b in ((frames[0], frames[2]), (frames[1], frames[3])))
     ok = found.reason == Reason.OK
     assert ok[np.hypot(c, s) > 20.0].mean() > 0.99

@@ -19,6 +19,7 @@ __all__ = [
     "decompose_rows",
     "invert_rows",
     "invert_windowed",
+    "mark_isolated",
     "optimised",
     "row_envelopes",
     "row_extrema",

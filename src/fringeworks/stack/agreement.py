@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.stack.gray_frames import WIDE_CELL_TURNS, GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps
@@ -34,6 +35,9 @@ WRONG_BORDERS = 0.3
 
 Right codes have 0.9 or more, bits in a wrong order 0 or less. Empirical.
 """
+
+ACROSS_BORDERS = 8
+"""Distance of the pixels that are compared across the borders of wide cells, px. Empirical."""
 
 JITTER = 0.02
 """Smallest change of the coordinate over a border that has a direction, in cells."""
@@ -159,7 +163,11 @@ def agreement(
         line_planes = [lines[k] for k in decoding.frames]
         along = decode_sample(decoding, line_planes, noise, open_limits)
         turns = along["phases"][0] / (2.0 * np.pi) if decoding.sets else None
-        parts["borders"] = wrong_borders(along["coordinate"], turns, decoding.gray)
+        coordinate = along["coordinate"]
+        if decoding.gray.step_px >= WIDE_CELL_TURNS * decoding.longest_px:
+            # Pixels next to the borders of wide cells are ambiguous: steps reach across them.
+            coordinate, turns = coordinate[:, ::ACROSS_BORDERS], None
+        parts["borders"] = wrong_borders(coordinate, turns, decoding.gray)
     return Agreement(**parts)
 
 
@@ -202,6 +210,11 @@ def _astray(
     open_ = bright & (free["reason"] == Reason.OK)
     if open_.sum() < MIN_JUDGED_PIXELS:
         return 0.0
+    assert decoding.gray is not None
+    quarter = 0.25 * decoding.longest_px
+    if quarter > GRAY_REACH * decoding.gray.step_px:
+        # Cells are so narrow that errors of the phase leave them: a quarter of a period counts.
+        maps = decode_sample(replace(decoding, reach_px=quarter), planes, noise, limits)
     return float(np.mean(maps["reason"][open_] != Reason.OK)) / UNRELATED_ASTRAY
 
 

@@ -88,7 +88,8 @@ def decode(
         as the response.
     estimate_steps : bool
         Whether to estimate the real phase steps and gains of the frames. They are used where the
-        frames determine them and they differ significantly from the plan.
+        frames determine them and they differ significantly from the plan; not with a ``response``,
+        which contains the errors that they make.
     estimate_response : bool
         Whether to measure the ripple that a response which is not linear makes, from the fringes
         themselves, and subtract it. Lines across the image must cross several fringes of a smooth
@@ -127,7 +128,7 @@ def decode(
     Examples
     --------
     >>> from fringeworks.patterns.encode import encode
-    >>> from fringeworks.patterns.plan import equal_steps
+    >>> from fringeworks.patterns.plan import PhaseSteps, equal_steps
     >>> plan = PatternPlan(64, 40, (PhaseSteps("x", 64.0, equal_steps(4)),))
     >>> decoded = decode(list(encode(plan)), plan)
     >>> round(float(decoded.x.coordinate_px[10, 20]), 1)

@@ -125,6 +125,8 @@ def examine(
         If the frames contradict the plan, for example because two of them are swapped.
     """
     findings: list[FrameFinding] = []
+    # A response was measured with the real steps: it contains the ripple that they make.
+    estimate_steps &= not any(s.table_turns for d in decodings.values() for s in d.sets)
     rough = _with_floor(noise or spatial_noise(sample.patch), sample.points, count_step)
     if estimate_response:
         for axis, decoding in decodings.items():

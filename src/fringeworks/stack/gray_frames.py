@@ -50,6 +50,9 @@ ALIEN_SHARE_OF_FRINGES = 3.0
 An empirical choice: with blur that halves the modulation, 1.5 times the code's contrast.
 """
 
+NARROW_CELL_TURNS = 0.25
+"""Width of Gray-code cells, in periods, below which their bits may have any contrast. Empirical."""
+
 NARROW_CONTRAST = 0.35
 """The same for narrower cells, where it protects against thresholds that are wrong.
 
@@ -124,8 +127,10 @@ class GrayFrames:
         reach = usual if reach_px is None else reach_px
         wide = self.step_px > WIDE_CELL_TURNS * period_px
         share = BORDER_CONTRAST if wide or self.levels > 2 else NARROW_CONTRAST
-        if not np.isfinite(period_px):
-            share = 0.0  # without phases a doubtful bit is better than none
+        if self.step_px < NARROW_CELL_TURNS * period_px:
+            # Blur takes the contrast of fine bits everywhere, and without phases (an infinite
+            # period) a doubtful bit is better than none.
+            share = 0.0
         white_black = self.white_black
         return {
             "bits": [place[k] for k in self.bits],

@@ -84,10 +84,8 @@ repeats the other. Noise of a tenth of the modulation makes 0.15. Empirical."""
 
 
 MIN_MISFITS = 3
-"""Smallest number of frames with other borders than expected for a statement that all are shifted.
-
-Numbers of few borders scatter, and a shift changes those of several frames. Empirical.
-"""
+"""Smallest number of frames with other borders than expected for a statement that all are shifted;
+more than half of the frames must have them, too. Numbers of few borders scatter. Empirical."""
 
 LEAST_LIT = 0.5
 """Smallest number of lit pixels of an order that is tried, over the largest of all orders.
@@ -348,7 +346,7 @@ def _refuse_shifted(signatures: list[_Signature], labels: list[str]) -> None:
     best = max(options, key=lambda option: option[0])
     known = sum(int(np.isfinite(found.per_px).sum()) for found in signatures)
     missing = abs(best[2]) if best[1] == "late" else 1
-    if known - present < MIN_MISFITS or known - best[0] > missing:
+    if known - present < max(MIN_MISFITS, known // 2 + 1) or known - best[0] > missing:
         return
     equal = [k for fits, kind, k in options if kind == "lost" and fits == best[0]]
     if not equal:

@@ -122,6 +122,11 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     # Where the sets agree within their noise, it is the surface that is rough.
     smooth = finest is None or agree or finest.excess <= NOISE_ALONE
     factor = 1.0 if finest is None or smooth else finest.excess
+    if factor > 1.0 and finest is not None and any(phases.floor_rad > 0.0 for phases in sets):
+        # A response that is not linear has harmonics beyond those of the ripple. They do not shrink
+        # with the modulation.
+        decoding = with_floor(decoding, finest.noise_rad * (factor - 1.0) ** 0.5)
+        factor = 1.0
     if factor > 1.0:
         findings.append(words.correlated_noise(factor, decoding.axis))
         known = replace(known, noise=scaled(known.noise, factor))

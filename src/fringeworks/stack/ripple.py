@@ -80,6 +80,8 @@ class Ripple:
     excess: float
     """Variance of the phase about a smooth surface, without the ripple and in the smoother windows,
     over that by noise of the camera."""
+    noise_rad: float = 0.0
+    """Standard deviation of the phase by noise of the camera, rms over the windows, rad."""
     background_ratio: float = 1.0
     """Background over modulation of the pixels, median."""
 
@@ -149,6 +151,7 @@ def measure_ripple(
         pairs[:, 0] + 1j * pairs[:, 1],
         np.sqrt(np.diag(covariance).reshape(-1, 2).max(axis=1)),
         excess,
+        float(np.sqrt(expected.mean())),
     )
 
 

@@ -302,10 +302,13 @@ def test_coordinate_of_the_board_against_its_gray_code(real_data, g, first):
     def rms(found):
         off = (found.coordinate_px - gray)[lit]
         assert np.isfinite(off).mean() > 0.96
-        return float(np.sqrt(np.nanmean(off**2)))
+        # Over 96.5 % of the pixels, whatever the share that is measured: the Gray code itself is
+        # wrong at some.
+        kept = np.sort(np.abs(off[np.isfinite(off)]))[: int(0.965 * off.size)]
+        return float(np.sqrt(np.mean(kept**2)))
 
     assert rms(decode(frames, plan).x) > 2.5
-    assert rms(decode(frames, plan, response=response).x) <= 0.76
+    assert rms(decode(frames, plan, response=response).x) <= 0.75
 
 
 def test_stack_of_a_microscope(real_data):

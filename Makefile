@@ -1,4 +1,4 @@
-# demo · test · check · bench · docs: the only entry points. Each makes its own .venv and needs
+# demo · test · faults · check · bench · docs: the only entry points. Each makes its own .venv and needs
 # nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
@@ -11,14 +11,19 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo test check bench docs clean
+.PHONY: demo test faults check bench docs clean
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
 
 test: $(VENV)/.built
 	cargo test --quiet
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/test_faults.py
+
+# The simulators of faults do what they say, and the table of faults for ten plans.
+faults: $(VENV)/.built
+	$(BIN)/python -m pytest -n 2 tests/test_faults.py
+	$(BIN)/python -m benchmarks.fault_table --out benchmarks/faults.json
 
 check: $(VENV)/.built
 	cargo fmt --check

@@ -12,7 +12,7 @@ from fringeworks import _core
 from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.stack.gray_frames import WIDE_CELL_TURNS, GrayFrames
-from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps
+from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps, lit_pixels
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS, solve
 from fringeworks.stack.sample import Lines
 from fringeworks.types import BoolMap, CameraNoise, FloatMap, Reason
@@ -90,9 +90,9 @@ def disagreement(
     noise : CameraNoise
     limits : Limits
     """
-    limits = replace(limits, max_disagreement=float("inf"))
-    maps = decode_sample(replace(decoding, reach_px=float("inf")), planes, noise, limits)
-    square = maps["disagreement"][_lit(maps) & np.isfinite(maps["disagreement"])]
+    limits = limits.open
+    maps = decode_sample(decoding.free, planes, noise, limits)
+    square = maps["disagreement"][lit_pixels(maps) & np.isfinite(maps["disagreement"])]
     if square.size < MIN_JUDGED_PIXELS:
         return None
     return float(np.median(square)) / chi_square_quantile(0.5, len(decoding.sets) - 1)
@@ -140,9 +140,9 @@ def agreement(
         Disagreement of the sets for unrelated phases.
     """
     planes = [points[k] for k in decoding.frames]
-    open_limits = replace(limits, max_disagreement=float("inf"))
+    open_limits = limits.open
     maps = decode_sample(decoding, planes, noise, open_limits)
-    lit = _lit(maps)
+    lit = lit_pixels(maps)
     parts: dict[str, float] = {
         "residual": _residual(decoding, points, noise),
         "lit": float(np.mean(lit)),
@@ -171,11 +171,6 @@ def agreement(
     return Agreement(**parts)
 
 
-def _lit(maps: dict[str, Any]) -> BoolMap:
-    reason = maps["reason"]
-    return np.asarray((reason == Reason.OK) | (reason == Reason.ORDER_AMBIGUOUS))
-
-
 def _residual(decoding: Decoding, points: tuple[NDArray[Any], ...], noise: CameraNoise) -> float:
     """Variance of the residuals beyond noise over B², of the lit pixels, relative to unrelated
     frames."""
@@ -190,8 +185,7 @@ def _residual(decoding: Decoding, points: tuple[NDArray[Any], ...], noise: Camer
         bright = spread >= LIT_SPREAD * np.percentile(spread, 95) if spread.size else spread > 0
         power = fitted[1] ** 2 + fitted[2] ** 2 + square / len(values)
         if bright.any():
-            by_noise = noise.read_counts**2 + noise.gain * np.maximum(fitted[0][bright], 0.0)
-            excess = square[bright] / (len(values) - 3) - by_noise
+            excess = square[bright] / (len(values) - 3) - noise.variance(fitted[0][bright])
             share = excess / np.maximum(power[bright], 1e-12)
             worst = max(worst, float(np.median(share)))
     return worst / UNRELATED_RESIDUAL
@@ -206,7 +200,7 @@ def _astray(
 ) -> float:
     """Share of bright pixels that only the reach of the Gray-code cells rejects."""
     noise, limits = known
-    free = decode_sample(replace(decoding, reach_px=float("inf")), planes, noise, limits)
+    free = decode_sample(decoding.free, planes, noise, limits)
     open_ = bright & (free["reason"] == Reason.OK)
     if open_.sum() < MIN_JUDGED_PIXELS:
         return 0.0

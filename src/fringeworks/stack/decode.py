@@ -120,10 +120,12 @@ def decode(
     13, 1974; Greivenkamp, Optical Engineering 23, 1984). The plan's chain of roundings resolves the
     fringe orders (``patterns.order_chain``). The coordinate is the inverse-variance mean of all
     sets. Its σ follows from the camera's noise and the modulation, σ_φ² = (2/N) σ²/B² for equal
-    steps (theory §5, §9). If the sets disagree by more than their noise, σ is raised by that
-    factor. A pixel is NaN with ``ORDER_AMBIGUOUS`` where a rounding has a margin of less than five
-    standard deviations or its sets disagree. It is NaN with ``ISOLATED`` where fewer than three of
-    its eight neighbours share its surface, as in pixels that see two depths.
+    steps (theory §5, §9). Errors that are no noise, such as ripple and disagreement of the sets,
+    are measured in a sample of the pixels and added.
+
+    A pixel is NaN with ``ORDER_AMBIGUOUS`` where a rounding has a margin of less than five standard
+    deviations or its sets disagree. It is NaN with ``ISOLATED`` where fewer than three of its eight
+    neighbours share its surface, as in pixels that see two depths.
 
     Examples
     --------
@@ -158,7 +160,7 @@ def decode(
         sets = len(decoding.sets) if keep_phases else 0
         results = empty_maps(planes[0].shape, sets=sets) if out is None else reused_maps(out, axis)
         axis_planes = [planes[k] for k in decoding.frames]
-        if findings.uneven[axis] and results["disagreement"] is None:
+        if findings.uneven[axis]:
             results["disagreement"] = np.empty(planes[0].shape, np.float32)
         in_bands(axis_planes, results, partial(_run, kernel))
         if findings.uneven[axis]:

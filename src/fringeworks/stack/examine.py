@@ -34,6 +34,7 @@ from fringeworks.stack.real_frames import RealFrames, design_rows, real_frames
 from fringeworks.stack.refine import Known, Refined, refined
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import exceeds
+from fringeworks.stack.shifts import step_errors
 from fringeworks.types import Axis, CameraNoise, FloatMap, FrameFinding, FramesContradictPlan
 
 RELATED = 2.5
@@ -129,10 +130,10 @@ def examine(
     estimate_steps &= not any(s.table_turns for d in decodings.values() for s in d.sets)
     rough = _with_floor(noise or spatial_noise(sample.patch), sample.points, count_step)
     if estimate_response:
-        for axis, decoding in decodings.items():
-            known = Known(rough, limits, estimate_steps)
-            decodings[axis], seen = with_own_response(decoding, sample, known)
-            findings += seen
+        known = Known(rough, limits, estimate_steps)
+        own = {axis: with_own_response(d, sample, known) for axis, d in decodings.items()}
+        decodings = {axis: decoding for axis, (decoding, _) in own.items()}
+        findings += [finding for _, seen in own.values() for finding in seen]
     for decoding in decodings.values():
         if decoding.gray is not None:
             refuse_unequal_levels(decoding.gray, sample.points, rough)
@@ -180,8 +181,7 @@ def _refuse_unlike(decoding: Decoding, plan: PatternPlan) -> None:
     labels = plan.labels()
     for phases in decoding.sets:
         found = RealFrames(np.array(phases.rows))
-        off = np.angle(np.exp(1j * (found.shifts_rad - np.asarray(phases.shifts_rad))))
-        off = np.angle(np.exp(1j * off) * np.conj(np.mean(np.exp(1j * off))))
+        off = step_errors(found.shifts_rad, phases.shifts_rad)
         light = found.light_gains - 1.0
         unlike = (np.abs(off) > MOST_STEP_ERROR_RAD) | (np.abs(light) > MOST_LIGHT_CHANGE)
         if unlike.any():
@@ -207,9 +207,8 @@ def _details(found: Refined) -> dict[str, Any]:
 
 def _degrees(phases: PhaseFrames) -> list[float]:
     real = RealFrames(np.array(phases.rows)).shifts_rad
-    planned = np.asarray(phases.shifts_rad)
-    off = np.angle(np.exp(1j * (real - planned)))
-    return [float(d) for d in np.degrees(planned + off - off.mean()).round(3)]
+    errors = step_errors(real, phases.shifts_rad)
+    return [float(d) for d in np.degrees(np.asarray(phases.shifts_rad) + errors).round(3)]
 
 
 def _check_order(

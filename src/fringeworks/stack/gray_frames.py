@@ -189,8 +189,7 @@ def refuse_unequal_levels(
     frames = [sample[k].astype(np.float64) for k in gray.white_black]
     white, black = (np.where(np.isfinite(frame), frame, np.nan) for frame in frames)
     spacing = (white - black) / (gray.levels - 1)
-    variance = noise.read_counts**2 + noise.gain * np.maximum(white, 0.0)
-    lit = np.isfinite(spacing) & (spacing > CLEAR_LEVELS * np.sqrt(variance))
+    lit = np.isfinite(spacing) & (spacing > CLEAR_LEVELS * np.sqrt(noise.variance(white)))
     if lit.sum() < MIN_LEVEL_PIXELS:
         return
     digits = [sample[k].astype(np.float64)[lit] for k in gray.bits]

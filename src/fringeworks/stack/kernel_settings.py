@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -16,7 +16,16 @@ from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.signal.response import Response
 from fringeworks.stack.gray_frames import GrayFrames, gray_frames
-from fringeworks.types import Axis, CameraNoise, Decoded, InputError, check_reusable, unsealed
+from fringeworks.types import (
+    Axis,
+    BoolMap,
+    CameraNoise,
+    Decoded,
+    InputError,
+    Reason,
+    check_reusable,
+    unsealed,
+)
 
 MIN_SNR = 4.0
 """Smallest modulation of a fringe, in standard deviations of the modulation.
@@ -66,6 +75,11 @@ class Limits:
     """Largest χ² of the sets' disagreement; None for the quantile that ``LOST_SHARE`` sets."""
     given: bool = True
     """Whether the caller gave the saturation. Otherwise it applies only if light exceeds it."""
+
+    @property
+    def open(self) -> Limits:
+        """The limits without that of the sets' disagreement."""
+        return replace(self, max_disagreement=float("inf"))
 
     @property
     def threshold(self) -> float:
@@ -135,6 +149,11 @@ class Decoding:
     def longest_px(self) -> float:
         """Range over which the phases alone determine the coordinate, projector px."""
         return float("inf") if self.chain is None else 1.0 / float(self.chain.frequencies[0])
+
+    @property
+    def free(self) -> Decoding:
+        """The decoding with coordinates at any distance from their Gray-code cell."""
+        return replace(self, reach_px=float("inf"))
 
     @property
     def frames(self) -> list[int]:
@@ -288,6 +307,13 @@ def _table(
         table[:, below % TABLE_BINS] * (1.0 - share) + table[:, (below + 1) % TABLE_BINS] * share
     )
     return tuple(float(v) for v in rolled.ravel() / TURN)
+
+
+def lit_pixels(maps: dict[str, Any]) -> BoolMap:
+    """Mark pixels with fringes in all sets in the kernel's maps, whether or not their fringe orders
+    are known."""
+    reason = maps["reason"]
+    return np.asarray((reason == Reason.OK) | (reason == Reason.ORDER_AMBIGUOUS))
 
 
 def empty_maps(

@@ -13,8 +13,8 @@ import numpy as np
 from scipy import ndimage
 
 from fringeworks.stack.frames import Planes
-from fringeworks.stack.kernel_settings import Decoding, Limits
-from fringeworks.types import BoolMap, CameraNoise, FloatMap, Reason
+from fringeworks.stack.kernel_settings import Decoding, Limits, lit_pixels
+from fringeworks.types import BoolMap, CameraNoise, FloatMap
 
 NEIGHBOURHOOD = 5
 """Side of the neighbourhood that errors are averaged in, px.
@@ -23,7 +23,7 @@ NEIGHBOURHOOD = 5
 of edges farther. An empirical choice.
 """
 
-SIGNIFICANT = 3.0
+SIGNIFICANT_EXCESS = 3.0
 """Excess of a neighbourhood's mean χ² from which on it is raised, in standard deviations."""
 
 MOST = 100.0
@@ -60,7 +60,7 @@ def inflation(
         Median factor of the lit pixels. The judgement knows it already; fringe orders are in danger
         only where a region exceeds it.
     """
-    lit = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
+    lit = lit_pixels(maps)
     square = np.zeros(lit.shape, np.float32)
     freedom = np.zeros(lit.shape, np.float32)
     sets = len(decoding.sets)
@@ -75,7 +75,7 @@ def inflation(
     total = NEIGHBOURHOOD**2 * ndimage.uniform_filter(square, NEIGHBOURHOOD)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / count
-        raised = mean > 1.0 + SIGNIFICANT * np.sqrt(2.0 / count)
+        raised = mean > 1.0 + SIGNIFICANT_EXCESS * np.sqrt(2.0 / count)
     factors = np.where(raised, mean, 1.0).astype(np.float32)
     return factors, float(np.median(factors[lit])) if lit.any() else 1.0
 
@@ -100,8 +100,7 @@ def _add_residuals(
         values[~np.isfinite(values)] = np.nan
         fitted = np.tensordot(np.linalg.pinv(design), values, axes=1)
         residual = values - np.tensordot(design, fitted, axes=1)
-        light = np.maximum(fitted[0], 0.0)
-        variance = decoding.noise_factor * (noise.read_counts**2 + noise.gain * light)
+        variance = decoding.noise_factor * noise.variance(fitted[0])
         # The floor is a phase error: it moves the samples by its share of the modulation.
         variance += 0.5 * phases.floor_rad**2 * (fitted[1] ** 2 + fitted[2] ** 2)
         with np.errstate(invalid="ignore"):

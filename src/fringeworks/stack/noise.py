@@ -194,8 +194,7 @@ def measure_noise(
         noise = _background_noise(decoding, values[axis], limits)
         if noise is None:
             continue
-        brightness = max(float(np.mean(values[axis])), 0.0)
-        variance = noise.read_counts**2 + noise.gain * brightness
+        variance = noise.variance(float(np.mean(values[axis])))
         largest = BACKGROUND_EXCESS * max(spatial.read_counts**2, QUANTISATION_VARIANCE)
         if patch and variance > largest:
             return spatial, (

@@ -19,8 +19,8 @@ SUSPICIOUS = Agreement(residual=0.02, sets=0.3, astray=0.25, borders=0.15, unmea
 """Agreement from which on the order of the frames is examined, part by part.
 
 In simulations of captures in order, with noise, steps that are wrong by 5°, motion of 0.2 rad per
-frame or γ = 2.2, parts stay below, or the search costs 0.3 s and finds nothing. Swapped or late
-frames exceed at least one part by far. Empirical.
+frame or γ = 2.2, parts stay below, or the search takes a second or more and finds nothing.
+Swapped or late frames exceed at least one part by far. Empirical.
 """
 
 CONTRADICTION = Agreement(residual=0.4, sets=0.9, astray=0.5, borders=0.25, unmeasured=2.0)
@@ -53,7 +53,7 @@ Two, because equal steps often have a second swap that leaves the same residuals
 
 MAX_SWAP_FRAMES = 30
 """Largest number of frames for which swaps are searched. The time grows with the square of it: 30
-frames have 435 pairs and take half a second. Empirical."""
+frames have 435 pairs and take several seconds. Empirical."""
 
 LAGS = (1, -1, 2, -2, 3, -3)
 """Numbers of frames by which a whole stack may be late or early, the likeliest first."""
@@ -170,11 +170,11 @@ def refuse_order_faults(
     labels = plan.labels()
     before = sum(found.total for found in agreements.values())
 
-    def total(order: tuple[int, ...]) -> _Trial:
+    def trial(order: tuple[int, ...]) -> _Trial:
         found = agreements_of(sample.reordered(order)).values()
         return _Trial(sum(f.total for f in found), min(f.lit for f in found))
 
-    _refuse_other_order(plan, labels, before, total)
+    _refuse_other_order(plan, labels, before, trial)
     evident = replace(SUSPICIOUS, unmeasured=float("inf"))
     if not any(exceeded(found, evident) for found in agreements.values()):
         return  # dim scenes have pixels that cannot be measured, too

@@ -11,13 +11,13 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
-from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
+from fringeworks.stack.kernel_settings import Decoding
 from fringeworks.stack.refine import Known, line_ripple
 from fringeworks.stack.ripple import Ripple
 from fringeworks.stack.sample import Sample
 from fringeworks.types import FrameFinding, InputError
 
-PASSES = 3
+RESPONSE_PASSES = 3
 """Passes of measuring and subtracting the ripple. Its size is known to a tenth after the first one,
 because errors of 0.3 rad bend the phases that it is measured over. Empirical."""
 
@@ -53,8 +53,8 @@ def with_own_response(
     """
     lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
     tables = [np.zeros(TABLE_BINS) for _ in decoding.sets]
-    for _ in range(PASSES):
-        maps = decode_sample(decoding, lines, known.noise, known.open_limits)
+    for _ in range(RESPONSE_PASSES):
+        maps = decode_sample(decoding, lines, known.noise, known.limits.open)
         ripples = [line_ripple(p, maps, k, known) for k, p in enumerate(decoding.sets)]
         if not any(ripples):
             raise InputError(
@@ -73,14 +73,11 @@ def with_own_response(
             turns = tuple(float(v) for v in tables[k] / TURN)
             sets.append(replace(phases, table_turns=turns, brightness=(0.0,)))
         decoding = replace(decoding, sets=tuple(sets))
-    found = [words.own_response(p, _rms(t), decoding.axis) for p, t in _pairs(decoding, tables)]
+    found = [
+        words.own_response(phases, _rms(table), decoding.axis)
+        for phases, table in zip(decoding.sets, tables, strict=True)
+    ]
     return decoding, found
-
-
-def _pairs(
-    decoding: Decoding, tables: list[NDArray[np.float64]]
-) -> list[tuple[PhaseFrames, NDArray[np.float64]]]:
-    return list(zip(decoding.sets, tables, strict=True))
 
 
 def _rms(table: NDArray[np.float64]) -> float:

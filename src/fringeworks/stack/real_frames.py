@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fringeworks.types import FloatMap
 
-SIGNIFICANT = 6.0
+SIGNIFICANT_DECREASE = 6.0
 """Decrease of the residuals that counts as significant, in standard deviations of its value under
 noise alone. Noise alone reaches six in far less than one stack of a million."""
 
@@ -41,7 +41,7 @@ OUTLIERS = 16.0
 """Squared residual of a pixel over the median, above which it is left out, for example at edges
 that move. Empirical; noise alone exceeds it in fewer than 0.3 % of the pixels."""
 
-PASSES = 2
+SPACE_PASSES = 2
 """Passes of the estimate: one with all pixels, one without outliers."""
 
 
@@ -108,7 +108,7 @@ def real_frames(samples: FloatMap, planned: NDArray[np.float64]) -> NDArray[np.f
         return None
     kept = np.ones(samples.shape[1], bool)
     residual = np.eye(steps) - planned @ np.linalg.pinv(planned)
-    for _ in range(PASSES):
+    for _ in range(SPACE_PASSES):
         data = samples[:, kept]
         moments = np.einsum("in,jn->ij", data, data)
         powers, vectors = np.linalg.eigh(moments)
@@ -125,7 +125,7 @@ def real_frames(samples: FloatMap, planned: NDArray[np.float64]) -> NDArray[np.f
     freedom = 3.0 * (steps - 3)
     significance = ((before - after) / variance - freedom) / np.sqrt(2.0 * freedom)
     explained = 1.0 - after / before
-    if significance < SIGNIFICANT or explained < USEFUL:
+    if significance < SIGNIFICANT_DECREASE or explained < USEFUL:
         return None
     design = space @ (space.T @ planned)
     _, c, s = np.einsum("kn,ns->ks", np.linalg.pinv(design), data)

@@ -13,13 +13,13 @@ from fringeworks.signal.noise import NORMAL_MEDIAN
 from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
 from fringeworks.stack.gray_frames import GrayFrames
-from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
+from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS, solve
 from fringeworks.stack.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
 from fringeworks.stack.real_frames import design_rows
-from fringeworks.stack.ripple import NOISE_ALONE, Ripple, measure_ripple, ripple_of_residuals
+from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple, measure_ripple, ripple_of_residuals
 from fringeworks.stack.sample import Sample
-from fringeworks.types import Axis, CameraNoise, FloatMap, FrameFinding, Reason
+from fringeworks.types import Axis, CameraNoise, FloatMap, FrameFinding
 
 MAX_OFFSET_TURNS = 0.15
 """Largest error of a rounding that constant offsets between the sets may make, turns.
@@ -74,11 +74,6 @@ class Known:
     estimate_steps: bool
     """Whether errors of steps and gains may be taken out."""
 
-    @property
-    def open_limits(self) -> Limits:
-        """The limits without that of the sets' disagreement."""
-        return replace(self.limits, max_disagreement=float("inf"))
-
 
 @dataclass(frozen=True)
 class Refined:
@@ -117,26 +112,27 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
         sets.append(floored)
         findings += found
     decoding = replace(decoding, sets=tuple(sets))
-    agree = len(sets) > 1 and _with_agreeing_sets(decoding, planes, known)[1].by_noise
+    agreeing, errors = _with_agreeing_sets(decoding, planes, known)
+    agree = len(sets) > 1 and errors.by_noise
     finest = ripples[min(range(len(sets)), key=lambda k: sets[k].period_px)]
     # Where the sets agree within their noise, it is the surface that is rough.
-    smooth = finest is None or agree or finest.excess <= NOISE_ALONE
+    smooth = finest is None or agree or finest.excess <= LINES_NOISE_ALONE
     factor = 1.0 if finest is None or smooth else finest.excess
-    if factor > 1.0 and finest is not None and any(phases.floor_rad > 0.0 for phases in sets):
-        # A response that is not linear has harmonics beyond those of the ripple. They do not shrink
-        # with the modulation.
-        decoding = with_floor(decoding, finest.noise_rad * (factor - 1.0) ** 0.5)
-        factor = 1.0
-    if factor > 1.0:
-        findings.append(words.correlated_noise(factor, decoding.axis))
-        known = replace(known, noise=scaled(known.noise, factor))
-    errors = PhaseErrors()
-    if len(sets) > 1:
-        decoding, errors = _with_agreeing_sets(decoding, planes, known)
-        if not errors.by_noise or errors.offset_turns > 0:
-            findings.append(words.disagreement(errors, decoding.axis))
+    if factor > 1.0 and finest is not None:
+        if any(phases.floor_rad > 0.0 for phases in sets):
+            # A response that is not linear has harmonics beyond those of the ripple. They do not
+            # shrink with the modulation.
+            decoding = with_floor(decoding, finest.noise_rad * (factor - 1.0) ** 0.5)
+            factor = 1.0
+        else:
+            findings.append(words.correlated_noise(factor, decoding.axis))
+            known = replace(known, noise=scaled(known.noise, factor))
+        agreeing, errors = _with_agreeing_sets(decoding, planes, known)
+    decoding = agreeing
+    if not errors.by_noise or errors.offset_turns > 0:
+        findings.append(words.disagreement(errors, decoding.axis))
     if decoding.gray is not None:
-        decoding = _with_reach(decoding, decoding.gray, planes, known.noise, known.limits)
+        decoding = _with_reach(decoding, decoding.gray, planes, known)
     uneven = factor > 1.0 or not errors.by_noise or _uneven_residuals(decoding, planes, known)
     decoding = replace(decoding, noise_factor=factor * errors.noise_factor)
     return Refined(decoding, tuple(findings), errors.ratio, uneven)
@@ -153,8 +149,7 @@ def _uneven_residuals(decoding: Decoding, planes: list[NDArray[Any]], known: Kno
             continue
         usable = np.isfinite(values).all(axis=0) & (values < known.limits.saturation).all(axis=0)
         fitted, square = solve(values[:, usable].astype(np.float64), phases.rows)
-        variance = known.noise.read_counts**2 + known.noise.gain * np.maximum(fitted[0], 0.0)
-        outliers = square > OUTLIER_CHI * (steps - 3) * variance
+        outliers = square > OUTLIER_CHI * (steps - 3) * known.noise.variance(fitted[0])
         if usable.any() and np.mean(outliers) > EDGE_SHARE:
             return True
     return False
@@ -175,7 +170,7 @@ def _without_ripples(
     """
     ripples: list[Ripple | None] = []
     for _ in range(RIPPLE_PASSES):
-        maps = decode_sample(decoding, lines, known.noise, known.open_limits)
+        maps = decode_sample(decoding, lines, known.noise, known.limits.open)
         ripples = [line_ripple(p, maps, k, known) for k, p in enumerate(decoding.sets)]
         if None in ripples and len(decoding.sets) > 1:
             ripples = _with_set_ripples(decoding, planes, known, ripples)
@@ -201,7 +196,7 @@ def _orders(phases: PhaseFrames) -> tuple[int, ...]:
 
 def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
     """Ripple of a set along lines; None where they hold too few fringes."""
-    lit = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
+    lit = lit_pixels(maps)
     modulation = maps["modulations"][k]
     with np.errstate(invalid="ignore"):  # pixels that are not finite
         sigma = np.sqrt(phase_variance(phases, modulation, maps["background"], known.noise))
@@ -261,14 +256,15 @@ def _with_harmonics(
     if rms == 0:
         return phases, []
     floor = float(np.hypot(phases.floor_rad, RIPPLE_FACTOR * rms))
-    finding = words.ripple(harmonics, phases, axis, float(rms))
-    return replace(phases, floor_rad=floor), [] if finding is None else [finding]
+    return replace(phases, floor_rad=floor), [words.ripple(harmonics, phases, axis, float(rms))]
 
 
 def _with_agreeing_sets(
     decoding: Decoding, planes: list[NDArray[Any]], known: Known
 ) -> tuple[Decoding, PhaseErrors]:
     """The decoding with the errors that the disagreement of its sets shows, and these errors."""
+    if len(decoding.sets) < 2:
+        return decoding, PhaseErrors()
     residuals, variances, maps = _residuals(decoding, planes, known)
     chain = decoding.chain
     if residuals.shape[1] < MIN_JUDGED_PIXELS or chain is None:
@@ -296,9 +292,8 @@ def _residuals(
 ) -> tuple[FloatMap, FloatMap, dict[str, Any]]:
     """Residuals of the phases of a sample and their variances by noise, (M, n), turns and turns²,
     and the kernel's maps with the pixels that were used."""
-    free = replace(decoding, reach_px=float("inf"))
-    maps = decode_sample(free, planes, known.noise, known.open_limits)
-    used = (maps["reason"] == Reason.OK) | (maps["reason"] == Reason.ORDER_AMBIGUOUS)
+    maps = decode_sample(decoding.free, planes, known.noise, known.limits.open)
+    used = lit_pixels(maps)
     # A coordinate that is not written is that of the phases nearest to it: the residuals are those
     # of the nearest fringe orders.
     used &= np.isfinite(maps["disagreement"]) & np.isfinite(maps["coordinate"])
@@ -326,8 +321,7 @@ def phase_variance(
     phases: PhaseFrames, modulation: FloatMap, background: FloatMap, noise: CameraNoise
 ) -> FloatMap:
     """Variance of the phase by camera noise, rad²: that of equal steps."""
-    light = np.where(np.isfinite(background), np.maximum(background, 0.0), 0.0)
-    variance = noise.read_counts**2 + noise.gain * light
+    variance = noise.variance(np.where(np.isfinite(background), background, 0.0))
     return np.asarray(2.0 / len(phases.frames) * variance / np.maximum(modulation, 1e-6) ** 2)
 
 
@@ -339,14 +333,10 @@ def with_floor(decoding: Decoding, floor_rad: float) -> Decoding:
 
 
 def _with_reach(
-    decoding: Decoding,
-    gray: GrayFrames,
-    planes: list[NDArray[Any]],
-    noise: CameraNoise,
-    limits: Limits,
+    decoding: Decoding, gray: GrayFrames, planes: list[NDArray[Any]], known: Known
 ) -> Decoding:
     """The decoding with the reach that its Gray code needs where its borders are shifted."""
-    off, sigma = _distance_from_gray(decoding, gray, planes, noise, limits)
+    off, sigma = _distance_from_gray(decoding, gray, planes, known)
     # Distances that are uniform up to half a cell have a median of a quarter.
     expected = float(np.hypot(gray.step_px / 4.0, sigma))
     if off <= SHIFTED_REACH * expected:
@@ -357,21 +347,16 @@ def _with_reach(
 
 
 def _distance_from_gray(
-    decoding: Decoding,
-    gray: GrayFrames,
-    planes: list[NDArray[Any]],
-    noise: CameraNoise,
-    limits: Limits,
+    decoding: Decoding, gray: GrayFrames, planes: list[NDArray[Any]], known: Known
 ) -> tuple[float, float]:
     """Median distance of coordinates from the middles of their Gray-code cells, and that of their
     noise alone; projector px. Both are 0 where the Gray code cannot be decoded alone."""
     if not gray.inverse and gray.white_black is None:
         return 0.0, 0.0  # its bits are compared with the phases' background
-    free = replace(decoding, reach_px=float("inf"))
-    by_phases = decode_sample(free, planes, noise, limits)
+    by_phases = decode_sample(decoding.free, planes, known.noise, known.limits)
     alone = replace(decoding, sets=(), chain=None)
     gray_planes = [planes[decoding.frames.index(k)] for k in alone.frames]
-    by_gray = decode_sample(alone, gray_planes, noise, limits)
+    by_gray = decode_sample(alone, gray_planes, known.noise, known.limits)
     both = np.isfinite(by_phases["coordinate"]) & np.isfinite(by_gray["coordinate"])
     if both.sum() < MIN_JUDGED_PIXELS:
         return 0.0, 0.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import BoolMap, FloatMap
+from fringeworks.types import MAD_TO_SIGMA, BoolMap, FloatMap
 
 WINDOW_FRINGES = 3.0
 """Length of a window along a line, fringes.
@@ -40,7 +40,7 @@ JUMP_TURNS = 0.2
 SMOOTH_SHARE = 0.7
 """Share of the windows that is used: the smoothest ones. The rest may hold edges or relief."""
 
-NOISE_ALONE = 1.4
+LINES_NOISE_ALONE = 1.4
 """Variance of the phase along smooth lines, over that of the noise, from which on noise of the
 camera is not its only cause. It scatters by 5 % in simulations; the rest of the margin allows for
 surfaces that are rough everywhere. Empirical."""
@@ -63,7 +63,7 @@ compression or vibration differ from place to place; most pixels must be covered
 LOWEST_THIRD = 1.06
 """Mean of the lowest 35 % of a normal distribution below its mean, in standard deviations."""
 
-SIGNIFICANT = 5.0
+SIGNIFICANT_AMPLITUDE = 5.0
 """Amplitude of a ripple in standard errors from which on it counts as seen."""
 
 
@@ -91,7 +91,7 @@ class Ripple:
             return 0.0
         k = self.orders.index(order)
         z = complex(self.phasors_rad[k])
-        return z if abs(z) > SIGNIFICANT * self.errors_rad[k] else 0.0
+        return z if abs(z) > SIGNIFICANT_AMPLITUDE * self.errors_rad[k] else 0.0
 
 
 def measure_ripple(
@@ -142,7 +142,7 @@ def measure_ripple(
     # The smoothest windows are so by chance, too: their mean is that of the lower part of χ².
     by_chance = 1.0 - LOWEST_THIRD * np.sqrt(2.0 / freedom)
     excess = float(smooth.mean() * length / freedom / by_chance)
-    if excess > NOISE_ALONE:
+    if excess > LINES_NOISE_ALONE:
         # Errors that vary over the scene count with their usual size, not with their smallest.
         excess = float(np.quantile(residual, USUAL_WINDOW) * length / freedom)
     pairs = coefficients.reshape(-1, 2)
@@ -184,7 +184,7 @@ def ripple_of_residuals(
     inverse = np.linalg.inv(normal)
     coefficients = inverse @ (design.T @ residual_rad)
     left = residual_rad - design @ coefficients
-    kept = np.abs(left) <= OUTLIER_SIGMAS * 1.4826 * np.median(np.abs(left))
+    kept = np.abs(left) <= OUTLIER_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(left))
     inverse = np.linalg.inv(design[kept].T @ design[kept])
     coefficients = inverse @ (design[kept].T @ residual_rad[kept])
     variance = float(np.var(residual_rad[kept] - design[kept] @ coefficients))

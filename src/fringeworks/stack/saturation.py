@@ -46,7 +46,7 @@ def exceeds(decoding: Decoding, values: FloatMap, limits: Limits, noise: CameraN
     tested = np.concatenate(excesses) if excesses else np.empty(0)
     if tested.size == 0:
         return True
-    sigma = np.sqrt(noise.read_counts**2 + noise.gain * limits.saturation)
+    sigma = np.sqrt(noise.variance(limits.saturation))
     return bool(np.mean(tested > EXCEEDED_SIGMAS * sigma) > RARE)
 
 

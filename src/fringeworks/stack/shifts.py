@@ -98,14 +98,20 @@ def _misfit(values: FloatMap, shifts: NDArray[np.float64]) -> float:
     return float(np.mean(residual**2))
 
 
+def step_errors(
+    shifts_rad: NDArray[np.float64], nominal_rad: Sequence[float] | NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Differences of shifts from the nominal ones, rad; their mean is zero, because a common shift
+    cannot be seen in the frames."""
+    off = np.exp(1j * (shifts_rad - np.asarray(nominal_rad)))
+    errors = np.angle(off * np.conj(np.mean(off)))
+    return np.asarray(errors - errors.mean())
+
+
 def _aligned(shifts: NDArray[np.float64], nominal: NDArray[np.float64]) -> NDArray[np.float64]:
     """Shifts with zero mean difference from the nominal ones, mirrored if that is closer."""
 
-    def turned(s: NDArray[np.float64]) -> NDArray[np.float64]:
-        off = np.angle(np.exp(1j * (s - nominal)) * np.conj(np.mean(np.exp(1j * (s - nominal)))))
-        return np.asarray(nominal + off - off.mean())
-
-    candidates = (turned(shifts), turned(-shifts))
+    candidates = (nominal + step_errors(shifts, nominal), nominal + step_errors(-shifts, nominal))
     return min(candidates, key=lambda s: float(np.abs(s - nominal).max()))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from fringeworks.stack.kernel_settings import PhaseFrames
 from fringeworks.stack.phase_errors import PhaseErrors
 from fringeworks.stack.real_frames import RealFrames
+from fringeworks.stack.shifts import step_errors
 from fringeworks.types import Axis, CameraNoise, FrameFinding
 
 STEADY = 0.8
@@ -33,8 +34,7 @@ def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> FrameFind
         return None
     found = RealFrames(np.array(phases.design))
     planned = np.asarray(phases.shifts_rad)
-    off = np.angle(np.exp(1j * (found.shifts_rad - planned)))
-    off = np.degrees(off - off.mean())
+    off = np.degrees(step_errors(found.shifts_rad, planned))
     light, fringe = found.light_gains - 1.0, found.fringe_gains - 1.0
     if np.abs(off).max() < NOTABLE_DEG and np.abs(light).max() < NOTABLE_GAIN:
         return None
@@ -69,12 +69,10 @@ def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> FrameFind
 
 def ripple(
     harmonics: dict[int, complex], phases: PhaseFrames, axis: Axis, rms_rad: float
-) -> FrameFinding | None:
-    """Ripple of the phase that stays in the result."""
+) -> FrameFinding:
+    """Ripple of the phase that stays in the result; one of the harmonics at least is not zero."""
     steps = len(phases.frames)
     largest = max(harmonics, key=lambda k: abs(harmonics[k]))
-    if abs(harmonics[largest]) == 0:
-        return None
     pixels = rms_rad * phases.period_px / (2.0 * np.pi)
     seen = (
         f"ripple of {rms_rad:.3f} rad rms ({pixels:.2g} px), {largest} per fringe, in the phases "

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fringeworks.types.arrays import FloatMap
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 
@@ -28,3 +29,7 @@ class CameraNoise(Frozen):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InputError(f"noise: expected {name} >= 0, got {value}")
+
+    def variance(self, brightness: FloatMap | float) -> FloatMap:
+        """Variance of a count at some brightness (counts), counts²; below zero that of the dark."""
+        return np.asarray(self.read_counts**2 + self.gain * np.maximum(brightness, 0.0))

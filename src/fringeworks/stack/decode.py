@@ -31,7 +31,9 @@ from fringeworks.stack.kernel_settings import (
 )
 from fringeworks.stack.local_errors import inflation
 from fringeworks.stack.options import DecodeOptions
+from fringeworks.stack.refine import Refined
 from fringeworks.stack.sample import take_sample
+from fringeworks.stack.surface_scatter import cover_scatter
 from fringeworks.types import (
     Axis,
     CameraNoise,
@@ -155,21 +157,13 @@ def decode(
         estimate_response=estimate_response,
     )
     maps = {}
-    for axis, decoding in findings.decodings.items():
-        kernel = decoding.kernel(findings.noise, findings.limits)
-        sets = len(decoding.sets) if keep_phases else 0
+    for axis, found in findings.axes.items():
+        sets = len(found.decoding.sets) if keep_phases else 0
         results = empty_maps(planes[0].shape, sets=sets) if out is None else reused_maps(out, axis)
-        axis_planes = [planes[k] for k in decoding.frames]
-        if findings.uneven[axis]:
-            results["disagreement"] = np.empty(planes[0].shape, np.float32)
-        in_bands(axis_planes, results, partial(_run, kernel))
-        if findings.uneven[axis]:
-            results["inflation"], usual = inflation(
-                axis_planes, decoding, results, findings.noise, findings.limits
-            )
-            kernel = decoding.kernel(findings.noise, findings.limits, usual)
-            in_bands(axis_planes, results, partial(_run, kernel))
-        maps[axis] = _coordinate_map(decoding, results, keep_phases, remove_isolated)
+        axis_planes = [planes[k] for k in found.decoding.frames]
+        _measure(axis_planes, found, findings, results)
+        _compare_neighbours(found, results, remove_isolated)
+        maps[axis] = _coordinate_map(found.decoding, results, keep_phases)
     decoded = _decoded(maps, findings)
     refuse_nothing_measured(decoded)
     return decoded
@@ -191,6 +185,30 @@ def refuse_nothing_measured(decoded: Decoded) -> None:
             f"frames along {axis}: expected pixels that can be measured, got none: {reasons}"
             + (f". Found: {seen}" if seen else "")
         )
+
+
+def _measure(planes: Planes, found: Refined, findings: Judgement, results: dict[str, Any]) -> None:
+    """Run the kernel; a second time where errors differ over the scene."""
+    decoding, noise, limits = found.decoding, findings.noise, findings.limits
+    if found.uneven:
+        results["disagreement"] = np.empty(planes[0].shape, np.float32)
+    in_bands(planes, results, partial(_run, decoding.kernel(noise, limits)))
+    if found.uneven:
+        results["inflation"], usual = inflation(planes, decoding, results, noise, limits)
+        in_bands(planes, results, partial(_run, decoding.kernel(noise, limits, usual)))
+
+
+def _compare_neighbours(found: Refined, results: dict[str, Any], remove_isolated: bool) -> None:
+    """Remove isolated pixels, and let σ cover the scatter of the others."""
+    decoding = found.decoding
+    if remove_isolated:
+        _core.mark_isolated(
+            *(results[name] for name in ("coordinate", "sigma", "reason")),
+            repeats=np.inf if decoding.absolute else decoding.length_px,
+        )
+    if found.scatters:
+        seen = [results[name] for name in ("coordinate", "sigma", "background")]
+        cover_scatter(seen[0], seen[1], seen[2], decoding.most_scatter_px)
 
 
 def _run(kernel: _core.DecodeSettings, planes: Planes, maps: dict[str, Any]) -> None:
@@ -232,15 +250,9 @@ def _positive(count_step: float | None) -> float | None:
 
 
 def _coordinate_map(
-    decoding: Decoding, results: dict[str, Any], keep_phases: bool, remove_isolated: bool
+    decoding: Decoding, results: dict[str, Any], keep_phases: bool
 ) -> CoordinateMap:
-    """The kernel's results for one axis as a ``CoordinateMap``, without isolated pixels."""
-    repeats_px = None if decoding.absolute else decoding.length_px
-    if remove_isolated:
-        _core.mark_isolated(
-            *(results[name] for name in ("coordinate", "sigma", "reason")),
-            repeats=np.inf if repeats_px is None else repeats_px,
-        )
+    """The kernel's results for one axis as a ``CoordinateMap``."""
 
     def stacked(name: str) -> FloatMap | None:
         if not (keep_phases and decoding.sets):
@@ -253,7 +265,7 @@ def _coordinate_map(
         periods_px=tuple(phases.period_px for phases in decoding.sets),
         phase_rad=stacked("phases"),
         modulations=stacked("modulations"),
-        repeats_px=repeats_px,
+        repeats_px=None if decoding.absolute else decoding.length_px,
     )
 
 

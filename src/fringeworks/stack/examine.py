@@ -78,14 +78,15 @@ class Judgement:
     """Noise of the camera, given or measured, not below that of the arithmetic."""
     limits: Limits
     """The limits; the saturation is infinite if samples only touch the sensor's limit."""
-    decodings: dict[Axis, Decoding]
+    axes: dict[Axis, Refined]
     """Decoding of each axis, with its real frames and the floor of its phase errors."""
     findings: tuple[FrameFinding, ...]
     """What was measured or decided, for the user."""
-    uneven: dict[Axis, bool]
-    """Whether errors differ over the scene, so that every pixel is judged by its neighbourhood."""
-    details: dict[str, Any]
-    """Per axis: ``disagreement``, in standard deviations of the noise, and ``shifts_deg``."""
+
+    @property
+    def details(self) -> dict[str, Any]:
+        """Per axis: ``disagreement``, in standard deviations of the noise, and ``shifts_deg``."""
+        return {axis: _details(found) for axis, found in self.axes.items()}
 
 
 def examine(
@@ -153,14 +154,7 @@ def examine(
         _refuse_unlike(axis_found.decoding, plan)
         findings += _of_steps(axis_found.decoding, plan)
         findings += axis_found.findings
-    return Judgement(
-        noise,
-        limits,
-        {axis: axis_found.decoding for axis, axis_found in found.items()},
-        tuple(findings),
-        {axis: axis_found.uneven for axis, axis_found in found.items()},
-        {axis: _details(axis_found) for axis, axis_found in found.items()},
-    )
+    return Judgement(noise, limits, found, tuple(findings))
 
 
 def _trusted(

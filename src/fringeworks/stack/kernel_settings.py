@@ -151,6 +151,12 @@ class Decoding:
         return float("inf") if self.chain is None else 1.0 / float(self.chain.frequencies[0])
 
     @property
+    def most_scatter_px(self) -> float:
+        """Half the shortest period, projector px: neighbours that differ by more are at different
+        depths, because errors of a phase stay below."""
+        return 0.5 * min((phases.period_px for phases in self.sets), default=0.0)
+
+    @property
     def free(self) -> Decoding:
         """The decoding with coordinates at any distance from their Gray-code cell."""
         return replace(self, reach_px=float("inf"))

@@ -19,6 +19,7 @@ from fringeworks.stack.phase_errors import PhaseErrors, order_errors, set_offset
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple, measure_ripple, ripple_of_residuals
 from fringeworks.stack.sample import Sample
+from fringeworks.stack.surface_scatter import scatters
 from fringeworks.types import Axis, CameraNoise, FloatMap, FrameFinding
 
 MAX_OFFSET_TURNS = 0.15
@@ -85,6 +86,8 @@ class Refined:
     """Median χ² of the sets over its expectation for noise alone."""
     uneven: bool = False
     """Whether errors differ over the scene by more than noise does."""
+    scatters: bool = False
+    """Whether neighbouring coordinates may differ by more than their standard deviations."""
 
 
 def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
@@ -113,29 +116,38 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
         findings += found
     decoding = replace(decoding, sets=tuple(sets))
     agreeing, errors = _with_agreeing_sets(decoding, planes, known)
-    agree = len(sets) > 1 and errors.by_noise
-    finest = ripples[min(range(len(sets)), key=lambda k: sets[k].period_px)]
     # Where the sets agree within their noise, it is the surface that is rough.
-    smooth = finest is None or agree or finest.excess <= LINES_NOISE_ALONE
-    factor = 1.0 if finest is None or smooth else finest.excess
-    if factor > 1.0 and finest is not None:
-        if any(phases.floor_rad > 0.0 for phases in sets):
-            # A response that is not linear has harmonics beyond those of the ripple. They do not
-            # shrink with the modulation.
-            decoding = with_floor(decoding, finest.noise_rad * (factor - 1.0) ** 0.5)
-            factor = 1.0
-        else:
-            findings.append(words.correlated_noise(factor, decoding.axis))
-            known = replace(known, noise=scaled(known.noise, factor))
-        agreeing, errors = _with_agreeing_sets(decoding, planes, known)
-    decoding = agreeing
+    agree = len(sets) > 1 and errors.by_noise
+    decoding, factor = (agreeing, 1.0) if agree else _with_line_scatter(decoding, ripples)
+    raised = replace(known, noise=scaled(known.noise, factor))
+    if factor > 1.0:
+        findings.append(words.correlated_noise(factor, decoding.axis))
+    if not agree:
+        decoding, errors = _with_agreeing_sets(decoding, planes, raised)
     if not errors.by_noise or errors.offset_turns > 0:
         findings.append(words.disagreement(errors, decoding.axis))
     if decoding.gray is not None:
-        decoding = _with_reach(decoding, decoding.gray, planes, known)
-    uneven = factor > 1.0 or not errors.by_noise or _uneven_residuals(decoding, planes, known)
+        decoding = _with_reach(decoding, decoding.gray, planes, raised)
+    uneven = factor > 1.0 or not errors.by_noise or _uneven_residuals(decoding, planes, raised)
     decoding = replace(decoding, noise_factor=factor * errors.noise_factor)
-    return Refined(decoding, tuple(findings), errors.ratio, uneven)
+    maps = decode_sample(decoding, lines, known.noise, known.limits)
+    rough = scatters(maps["coordinate"], maps["sigma"], decoding.most_scatter_px)
+    if rough:
+        findings.append(words.scatter(decoding.axis))
+    return Refined(decoding, tuple(findings), errors.ratio, uneven, uneven or rough)
+
+
+def _with_line_scatter(decoding: Decoding, ripples: list[Ripple | None]) -> tuple[Decoding, float]:
+    """The scatter of the phases along smooth lines: in the decoding's floor where there is one,
+    otherwise as a factor on the variance of the noise."""
+    finest = ripples[min(range(len(ripples)), key=lambda k: decoding.sets[k].period_px)]
+    if finest is None or finest.excess <= LINES_NOISE_ALONE:
+        return decoding, 1.0
+    if any(phases.floor_rad > 0.0 for phases in decoding.sets):
+        # A response that is not linear has harmonics beyond those of the ripple. They do not
+        # shrink with the modulation.
+        return with_floor(decoding, finest.noise_rad * (finest.excess - 1.0) ** 0.5), 1.0
+    return decoding, finest.excess
 
 
 def _uneven_residuals(decoding: Decoding, planes: list[NDArray[Any]], known: Known) -> bool:

@@ -133,3 +133,19 @@ def correlated_noise(factor: float, axis: Axis) -> FrameFinding:
     )
     advice = "store frames without loss and leave the projector time to change"
     return FrameFinding("correlated noise", seen, causes, advice, axis, (), {"factor": factor})
+
+
+def scatter(axis: Axis) -> FrameFinding:
+    """Coordinates that differ from their neighbours by more than their standard deviations."""
+    seen = (
+        f"coordinates along {axis} differ from their neighbours by more than their standard "
+        "deviations, in places at least; standard deviations there are raised to cover it"
+    )
+    causes = (
+        "lossy compression",
+        "light that the lens mixes at printed edges",
+        "vibration",
+        "a surface that is rough from pixel to pixel",
+    )
+    advice = "store frames without loss, focus the camera, and keep everything at rest"
+    return FrameFinding("scatter", seen, causes, advice, axis)

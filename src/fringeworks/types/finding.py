@@ -16,6 +16,7 @@ FrameFindingKind = Literal[
     "ripple",
     "disagreement",
     "correlated noise",
+    "scatter",
     "blending",
     "files",
 ]

@@ -1,0 +1,203 @@
+"""Scatter of the coordinates about smooth surfaces, beyond their standard deviations.
+
+Compression, vibration, and light that a lens mixes at printed edges, shift all sets of a pixel
+alike. Neither the residuals of the fits nor the agreement of the sets shows it, but neighbouring
+pixels do: along a smooth surface, the third difference of the coordinate is noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy import ndimage
+
+from fringeworks.signal.noise import chi_square_quantile
+from fringeworks.types import BoolMap, FloatMap
+
+SCALES = ((1, 3), (2, 5))
+"""Distance of the pixels of a difference, and side of the square that differences are averaged in,
+both in px.
+
+Printed edges make errors of one or two pixels, the blocks of a compression longer ones. On the
+faults of the tests these two cover more than either alone, or a third. Empirical.
+"""
+
+THIRD = (-1.0, 3.0, -3.0, 1.0)
+"""Weights of a third difference: what a parabola through its neighbours does not explain."""
+
+SIGNIFICANT_EXCESS = 3.0
+"""Excess of a mean χ² from which on σ is raised, in standard deviations."""
+
+TYPICAL = 1.4
+"""Median χ² of the differences of neighbours, over its expectation, from which on every pixel is
+examined. Noise alone scatters by a tenth in a sample; the rest is for relief. Empirical."""
+
+OUTLIER_CHI = 20.0
+"""χ² of a difference that counts as an outlier; noise exceeds it in 8 of a million."""
+
+OUTLIER_SHARE = 5e-4
+"""Share of outliers from which on every pixel is examined. Simulated scenes with noise alone have
+less than a tenth of it, sharp printed edges before a lens five times as much. Empirical."""
+
+MIN_DIFFERENCES = 2000
+"""Smallest number of differences for a statement: one outlier in them is the share above."""
+
+SAMPLED = 300_000
+"""Approximate number of pixels per direction that errors at edges are measured from."""
+
+STRONG_EDGES = (0.97, 0.99, 0.995)
+"""Quantiles of the differences from which on edges of brightness count as strong.
+
+The largest of the three results is used, because few scenes have many edges, and at the strongest
+ones the error saturates. Empirical.
+"""
+
+MOST = 100.0
+"""Largest χ² of a difference that counts, so that single ones do not decide."""
+
+BAND = 256
+"""Rows that are examined at once, to save memory."""
+
+
+def scatters(coordinate: FloatMap, sigma: FloatMap, most_px: float) -> bool:
+    """Whether coordinates along lines scatter by more than their standard deviations.
+
+    Parameters
+    ----------
+    coordinate, sigma : (r, l) float arrays, projector px
+        NaN where a coordinate is unknown.
+    most_px : float > 0
+        Largest third difference on one surface, projector px; larger ones are depth steps.
+    """
+    chi, known = _chi_squares(coordinate, sigma**2, 1, most_px)
+    values = chi[known]
+    if values.size < MIN_DIFFERENCES:
+        return False
+    typical = float(np.median(values)) / chi_square_quantile(0.5, 1)
+    return bool(typical > TYPICAL or np.mean(values > OUTLIER_CHI) > OUTLIER_SHARE)
+
+
+def cover_scatter(
+    coordinate: FloatMap, sigma: FloatMap, background: FloatMap, most_px: float
+) -> None:
+    """Raise standard deviations, in place, so that they cover what neighbouring pixels show.
+
+    Parameters
+    ----------
+    coordinate, sigma : (h, w) float32 arrays, projector px
+        NaN where a coordinate is unknown.
+    background : (h, w) float32 array, counts
+    most_px : float > 0
+        Largest third difference on one surface, projector px; larger ones are depth steps.
+
+    Notes
+    -----
+    First the errors at edges of brightness are added, in proportion to the relative change of the
+    background: light of neighbours reaches a pixel by vibration, the lens or compression, and
+    counts by its share. Then σ is raised where the differences around a pixel are still larger.
+    """
+    change = _squared_change(background)
+    per_change = _error_per_change(coordinate, sigma**2, change, most_px)
+    np.sqrt(sigma**2 + per_change * change, out=sigma)
+    factors = np.ones(coordinate.shape, np.float32)
+    for step, side in SCALES:
+        margin = 3 * step + side // 2
+        for rows, wide, inner in _bands(len(coordinate), margin):
+            mean = _mean_chi(coordinate[wide], sigma[wide], (step, side), most_px)
+            np.maximum(factors[rows], mean[inner], out=factors[rows])
+    sigma *= np.sqrt(factors)
+
+
+def _squared_change(background: FloatMap) -> FloatMap:
+    """Square of the largest change of the background among a pixel and its neighbours, relative to
+    that of the pixel."""
+    most, least = (f(background, 3) for f in (ndimage.maximum_filter, ndimage.minimum_filter))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change = (most - least) / background
+    return np.where(np.isfinite(change), change**2, 0.0).astype(np.float32)
+
+
+def _error_per_change(
+    coordinate: FloatMap, variance: FloatMap, change: FloatMap, most_px: float
+) -> float:
+    """Squared error of the coordinate per squared relative change of the background, px²."""
+    stride = -(-coordinate.size // SAMPLED)
+    excesses, leverages = [], []
+    for x, v, g in ((coordinate, variance, change), (coordinate.T, variance.T, change.T)):
+        x, v, g = x[::stride], v[::stride], g[::stride]
+        chi, known = _chi_squares(x, v, 1, most_px)
+        excesses.append(np.minimum(chi[known], MOST) - 1.0)
+        leverages.append((_weighted(g, 1) / _weighted(v, 1))[known])
+    excess, leverage = np.concatenate(excesses), np.concatenate(leverages)
+    if excess.size < MIN_DIFFERENCES:
+        return 0.0
+    found = 0.0
+    for quantile in STRONG_EDGES:
+        strong = leverage >= max(np.quantile(leverage, quantile), 1e-12)
+        if strong.any():
+            found = max(found, float(excess[strong].mean() / leverage[strong].mean()))
+    return found
+
+
+def _bands(rows: int, margin: int) -> Iterator[tuple[slice, slice, slice]]:
+    """Bands of rows, the rows with a margin, and the band's rows among these."""
+    for top in range(0, rows, BAND):
+        bottom = min(rows, top + BAND)
+        first = max(0, top - margin)
+        yield (
+            slice(top, bottom),
+            slice(first, bottom + margin),
+            slice(top - first, bottom - first),
+        )
+
+
+def _mean_chi(
+    coordinate: FloatMap, sigma: FloatMap, scale: tuple[int, int], most_px: float
+) -> FloatMap:
+    """Mean χ² of the differences around every pixel where it is significant, otherwise 1."""
+    step, side = scale
+    square = np.zeros(coordinate.shape, np.float32)
+    count = np.zeros(coordinate.shape, np.float32)
+    for x, variance, total, number in (
+        (coordinate, sigma**2, square, count),
+        (coordinate.T, (sigma**2).T, square.T, count.T),
+    ):
+        chi, known = _chi_squares(x, variance, step, most_px)
+        length = chi.shape[1]
+        for place in (step, 2 * step):  # the two middle pixels, which weigh most
+            total[:, place : place + length] += chi
+            number[:, place : place + length] += known
+    area = side**2
+    square = area * ndimage.uniform_filter(square, side)
+    count = area * ndimage.uniform_filter(count, side)
+    # Every difference counts at two pixels.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        mean = square / count
+        significant = mean > 1.0 + SIGNIFICANT_EXCESS * np.sqrt(4.0 / count)
+    return np.where((count > 0.5) & significant, mean, 1.0).astype(np.float32)
+
+
+def _chi_squares(
+    coordinate: FloatMap, variance: FloatMap, step: int, most_px: float
+) -> tuple[FloatMap, BoolMap]:
+    """χ² of the third differences along rows, 0 where unknown, and where they are known."""
+    parts = _shifted(coordinate, step)
+    difference = sum(w * part for w, part in zip(THIRD, parts, strict=True))
+    expected = _weighted(variance, step)
+    known = np.isfinite(difference) & (np.abs(difference) < most_px)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        chi = np.where(known, difference**2 / expected, 0.0)
+    return np.asarray(chi), np.asarray(known)
+
+
+def _weighted(variance: FloatMap, step: int) -> FloatMap:
+    """Variance of the third differences along rows."""
+    parts = zip(THIRD, _shifted(variance, step), strict=True)
+    return np.asarray(sum(w**2 * part for w, part in parts))
+
+
+def _shifted(values: FloatMap, step: int) -> list[FloatMap]:
+    """The four pixels of every third difference along rows."""
+    length = max(0, values.shape[1] - 3 * step)
+    return [values[:, k * step : k * step + length] for k in range(4)]

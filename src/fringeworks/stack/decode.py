@@ -45,6 +45,10 @@ from fringeworks.types import (
     sealed,
 )
 
+MIN_MEASURED = 0.02
+"""Share of the pixels with fringes that must be measured, at least. The few that pass every test
+where nearly all others fail may have passed by chance. An empirical choice."""
+
 
 def decode(
     frames: NDArray[Any] | Sequence[NDArray[Any]],
@@ -170,10 +174,14 @@ def decode(
 
 
 def refuse_nothing_measured(decoded: Decoded) -> None:
-    """Refuse a stack of which no pixel can be measured, with the reasons and what was found."""
+    """Refuse a stack of which hardly a pixel that shows fringes can be measured.
+
+    The message tells the reasons and what was found.
+    """
     for axis, found in decoded.maps.items():
         counts = count_reasons(found.reason)
-        if counts.get("ok"):
+        measured = counts.get("ok", 0)
+        if measured > MIN_MEASURED * (measured + counts.get("order_ambiguous", 0)):
             continue
         reasons = ", ".join(
             f"{100.0 * count / found.reason.size:.0f} % {name}"
@@ -182,7 +190,8 @@ def refuse_nothing_measured(decoded: Decoded) -> None:
         )
         seen = "; ".join(f.text for f in decoded.findings if f.kind != "noise")
         raise InputError(
-            f"frames along {axis}: expected pixels that can be measured, got none: {reasons}"
+            f"frames along {axis}: expected pixels that can be measured, "
+            f"got {'hardly any' if measured else 'none'}: {reasons}"
             + (f". Found: {seen}" if seen else "")
         )
 

@@ -17,7 +17,6 @@ FrameFindingKind = Literal[
     "disagreement",
     "correlated noise",
     "scatter",
-    "blending",
     "files",
 ]
 """What a finding is about."""

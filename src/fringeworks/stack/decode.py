@@ -41,6 +41,7 @@ from fringeworks.types import (
     Decoded,
     FloatMap,
     InputError,
+    Reason,
     count_reasons,
     sealed,
 )
@@ -179,14 +180,13 @@ def refuse_nothing_measured(decoded: Decoded) -> None:
     The message tells the reasons and what was found.
     """
     for axis, found in decoded.maps.items():
-        counts = count_reasons(found.reason)
-        measured = counts.get("ok", 0)
-        if measured > MIN_MEASURED * (measured + counts.get("order_ambiguous", 0)):
+        measured = np.count_nonzero(found.reason == Reason.OK)
+        ambiguous = np.count_nonzero(found.reason == Reason.ORDER_AMBIGUOUS)
+        if measured > MIN_MEASURED * (measured + ambiguous):
             continue
         reasons = ", ".join(
             f"{100.0 * count / found.reason.size:.0f} % {name}"
-            for name, count in counts.items()
-            if count
+            for name, count in count_reasons(found.reason).items()
         )
         seen = "; ".join(f.text for f in decoded.findings if f.kind != "noise")
         raise InputError(

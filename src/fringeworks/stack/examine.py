@@ -62,6 +62,10 @@ MOST_LIGHT_CHANGE = 0.6
 """Largest change of the light of a frame that is taken into account, as a share of the mean. A lamp
 that warms up changes it by less; a frame without light by 1."""
 
+MAX_PIXELS = 8000
+"""Largest number of pixels that real frames are estimated from. Steps are found to a hundredth of
+the noise of a pixel; more only take time."""
+
 LIT_POWER = 0.25
 """Smallest squared modulation of a pixel that real frames and ripple are estimated from.
 
@@ -129,7 +133,8 @@ def examine(
     findings: list[FrameFinding] = []
     # A response was measured with the real steps: it contains the ripple that they make.
     estimate_steps &= not any(s.table_turns for d in decodings.values() for s in d.sets)
-    rough = _with_floor(noise or spatial_noise(sample.patch), sample.points, count_step)
+    start = noise or spatial_noise(sample.patch)
+    rough = _with_floor(start, sample.points, count_step)
     if estimate_response:
         known = Known(rough, limits, estimate_steps)
         own = {axis: with_own_response(d, sample, known) for axis, d in decodings.items()}
@@ -144,7 +149,7 @@ def examine(
         decodings = _with_real_frames(decodings, values, limits)
     if noise is None:
         bits = {axis: bit_sums(sample.points, d) for axis, d in decodings.items()}
-        noise, source = measure_noise(decodings, values, bits, limits, sample.patch)
+        noise, source = measure_noise(decodings, values, bits, limits, start)
         findings.append(words.noise(noise, source))
     noise = _with_floor(noise, sample.points, count_step)
     limits = _trusted(decodings, values, limits, noise)
@@ -268,7 +273,9 @@ def _with_real_frames(
             (_, c, s), _ = solve(data, phases.rows)
             power = c**2 + s**2
             lit = power > LIT_POWER * np.percentile(power, 95) if power.size else power > 0
-            found = real_frames(data[:, lit], np.array(phases.rows))
+            data = data[:, lit]
+            data = data[:, :: -(-data.shape[1] // MAX_PIXELS) or 1]
+            found = real_frames(data, np.array(phases.rows))
             sets.append(phases if found is None else replace(phases, design=design_rows(found)))
         real[axis] = replace(decoding, sets=tuple(sets))
     return real

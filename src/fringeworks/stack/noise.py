@@ -48,6 +48,10 @@ CLIPPED_SIGMAS = 3.0
 Beyond three, 0.1 % of Gaussian noise is cut off, which lowers its variance by 0.3 %.
 """
 
+MORE_THAN_NOISE = 1.1
+"""Residuals over those of spatial noise from which on harmonics of the fringe are looked for. Noise
+alone makes 1 ± 0.03; smaller harmonics hardly matter beside it."""
+
 HARMONICS = (2, 3, 4)
 """Harmonics of the fringe that are looked for in the residuals; higher ones are weak."""
 
@@ -159,7 +163,7 @@ def measure_noise(
     values: dict[Axis, FloatMap],
     bits: dict[Axis, FloatMap],
     limits: Limits,
-    patch: Sequence[FloatMap],
+    spatial: CameraNoise,
 ) -> tuple[CameraNoise, str]:
     """Measure the noise of the camera, and name the source of the result.
 
@@ -169,8 +173,8 @@ def measure_noise(
     values : ``phase_samples`` of each axis
     bits : ``bit_sums`` of each axis
     limits : Limits
-    patch : (h, w) float arrays
-        Connected pixels of some frames, counts.
+    spatial : CameraNoise
+        Noise from the differences of neighbouring pixels.
 
     Returns
     -------
@@ -180,7 +184,6 @@ def measure_noise(
         the sets", from the differences of their backgrounds. Otherwise spatial noise, "the
         differences of neighbouring pixels".
     """
-    spatial = spatial_noise(patch)
     margin = CLIPPED_SIGMAS * max(spatial.read_counts, QUANTISATION_VARIANCE**0.5)
     for axis, decoding in decodings.items():
         noise = _residual_noise(decoding, values[axis], limits, margin)
@@ -196,7 +199,7 @@ def measure_noise(
             continue
         variance = noise.variance(float(np.mean(values[axis])))
         largest = BACKGROUND_EXCESS * max(spatial.read_counts**2, QUANTISATION_VARIANCE)
-        if patch and variance > largest:
+        if variance > largest:
             return spatial, (
                 "the differences of neighbouring pixels, because the backgrounds of the sets "
                 "differ by more"
@@ -287,7 +290,7 @@ def _clear_fit(
     whole = inside.all(axis=0)
     if not whole.all():
         square, count = _solve_partly(values, phases.rows, inside)
-    if whole.sum() >= MIN_JUDGED_PIXELS and CLIPPED_SIGMAS * rough > most:
+    if whole.sum() >= MIN_JUDGED_PIXELS and CLIPPED_SIGMAS * rough > MORE_THAN_NOISE * most:
         # More than noise: harmonics of the fringe are known causes, and most of them do not
         # disturb the phase.
         square[whole] = _without_harmonics(values[:, whole], phases, fitted[:, whole])

@@ -27,7 +27,7 @@ MIN_WINDOW = 16
 MAX_WINDOW = 64
 """Largest number of pixels in a window; wider windows take every second or a later pixel."""
 
-MAX_WINDOWS = 240
+MAX_WINDOWS = 120
 """Largest number of windows; more only take time."""
 
 MIN_WINDOWS = 12

@@ -91,7 +91,7 @@ def test_orders_are_right_or_missing(name, blur, b):
     try:
         found = decode(frames, plan, noise=CameraNoise(NOISE)).x
     except InputError as error:
-        if "expected pixels that can be measured, got none" not in str(error):
+        if "expected pixels that can be measured" not in str(error):
             raise
         assert b < 100.0
         return

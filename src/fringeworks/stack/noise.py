@@ -49,8 +49,7 @@ Beyond three, 0.1 % of Gaussian noise is cut off, which lowers its variance by 0
 """
 
 MORE_THAN_NOISE = 1.1
-"""Residuals over those of spatial noise from which on harmonics of the fringe are looked for. Noise
-alone makes 1 ± 0.03; smaller harmonics hardly matter beside it."""
+"""Residuals over spatial noise from which on harmonics of the fringe are looked for. Empirical."""
 
 HARMONICS = (2, 3, 4)
 """Harmonics of the fringe that are looked for in the residuals; higher ones are weak."""

@@ -61,6 +61,9 @@ RIPPLE_PASSES = 2
 """Passes of taking a ripple out. One leaves the square of a ripple in radians, the second nothing
 that matters."""
 
+NOTABLE_RATIO = 1.2
+"""χ² of the sets over its expectation from which on their disagreement is reported. Empirical."""
+
 SHIFTED_REACH = 1.15
 """Median distance of coordinates from the middles of their Gray-code cells, over its expectation,
 up to which borders of cells count as where they should be. Empirical."""
@@ -124,7 +127,8 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
         findings.append(words.correlated_noise(factor, decoding.axis))
     if not agree:
         decoding, errors = _with_agreeing_sets(decoding, planes, raised)
-    if not errors.by_noise or errors.offset_turns > 0:
+    notable = not errors.by_noise and errors.ratio > NOTABLE_RATIO
+    if notable or errors.offset_turns > 0:
         findings.append(words.disagreement(errors, decoding.axis))
     if decoding.gray is not None:
         decoding = _with_reach(decoding, decoding.gray, planes, raised)

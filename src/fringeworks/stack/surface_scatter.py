@@ -15,19 +15,25 @@ from scipy import ndimage
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.types import BoolMap, FloatMap
 
-SCALES = ((1, 3), (2, 5))
+SCALES = ((1, 3), (2, 5), (2, 13))
 """Distance of the pixels of a difference, and side of the square that differences are averaged in,
 both in px.
 
-Printed edges make errors of one or two pixels, the blocks of a compression longer ones. On the
-faults of the tests these two cover more than either alone, or a third. Empirical.
+Printed edges make errors of one or two pixels, the blocks of a compression longer ones. A wide
+square shows small excesses that hold all over a region, without making single pixels of plain noise
+stand out. On the faults of the tests the three cover more than any one alone. Empirical.
 """
 
 THIRD = (-1.0, 3.0, -3.0, 1.0)
 """Weights of a third difference: what a parabola through its neighbours does not explain."""
 
-SIGNIFICANT_EXCESS = 3.0
-"""Excess of a mean χ² from which on σ is raised, in standard deviations."""
+SIGNIFICANT_EXCESS = 4.0
+"""Excess of a mean χ² from which on σ is raised, in standard deviations. At 3, single pixels of
+plain noise stand out of maps of σ."""
+
+SHARED = 4.6
+"""Differences that share what one independent one says: each counts at two pixels, and the squares
+of overlapping third differences have a summed correlation of 2.3."""
 
 TYPICAL = 1.4
 """Median χ² of the differences of neighbours, over its expectation, from which on every pixel is
@@ -171,10 +177,9 @@ def _mean_chi(
     area = side**2
     square = area * ndimage.uniform_filter(square, side)
     count = area * ndimage.uniform_filter(count, side)
-    # Every difference counts at two pixels.
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = square / count
-        significant = mean > 1.0 + SIGNIFICANT_EXCESS * np.sqrt(4.0 / count)
+        significant = mean > 1.0 + SIGNIFICANT_EXCESS * np.sqrt(2.0 * SHARED / count)
     return np.where((count > 0.5) & significant, mean, 1.0).astype(np.float32)
 
 

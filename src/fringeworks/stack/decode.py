@@ -180,7 +180,9 @@ def refuse_nothing_measured(decoded: Decoded) -> None:
     The message tells the reasons and what was found.
     """
     for axis, found in decoded.maps.items():
-        measured = np.count_nonzero(found.reason == Reason.OK)
+        measured = found.reason.size - np.count_nonzero(found.reason)
+        if measured > MIN_MEASURED * found.reason.size:
+            continue  # counting the rest takes time
         ambiguous = np.count_nonzero(found.reason == Reason.ORDER_AMBIGUOUS)
         if measured > MIN_MEASURED * (measured + ambiguous):
             continue

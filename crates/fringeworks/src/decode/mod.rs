@@ -15,6 +15,7 @@ mod outputs;
 use crate::{check_length, check_value, Error};
 use rayon::prelude::*;
 
+use fit::Frames;
 pub use fit::{PhaseSet, Table, TABLE_BINS};
 pub use gray_code::{Against, GrayCode};
 pub use orders::{Chain, Limits, Noise};
@@ -48,13 +49,13 @@ pub trait Sample: Copy + Default + Send + Sync + PartialOrd + 'static {
     fn value(self) -> f32;
     fn larger(self, other: Self) -> Self;
     #[doc(hidden)]
-    fn frames(task: Task<'_, fit::Frames<'_, Self>>);
+    fn run(task: Task<'_, Self>);
 }
 
 /// A run of pixels to decode.
 #[doc(hidden)]
-pub struct Task<'a, S> {
-    source: &'a S,
+pub struct Task<'a, T> {
+    frames: &'a Frames<'a, T>,
     plan: &'a Plan,
     start: usize,
     out: Outputs<'a>,
@@ -62,12 +63,12 @@ pub struct Task<'a, S> {
 }
 
 macro_rules! sample {
-    ($type:ident, $frames:ident, $infinite:expr) => {
+    ($type:ident, $run:ident, $infinite:expr) => {
         #[multiversion::multiversion(targets(
             "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
             "x86_64+avx2+fma"
         ))]
-        fn $frames(task: Task<'_, fit::Frames<'_, $type>>) {
+        fn $run(task: Task<'_, $type>) {
             decode_task(task);
         }
 
@@ -81,15 +82,15 @@ macro_rules! sample {
             fn larger(self, other: Self) -> Self {
                 self.max(other)
             }
-            fn frames(task: Task<'_, fit::Frames<'_, Self>>) {
-                $frames(task);
+            fn run(task: Task<'_, Self>) {
+                $run(task);
             }
         }
     };
 }
-sample!(u8, frames_u8, false);
-sample!(u16, frames_u16, false);
-sample!(f32, frames_f32, true);
+sample!(u8, run_u8, false);
+sample!(u16, run_u16, false);
+sample!(f32, run_f32, true);
 
 /// What is decoded along one axis of the projector.
 pub struct Plan {
@@ -129,27 +130,6 @@ impl Plan {
     }
 }
 
-/// Where the sums of a set come from: the frames, or a stream that has received them.
-pub(crate) trait Source: Sync + Sized {
-    type Sample: Sample;
-    /// Decode a run of pixels, compiled for this source.
-    fn run(task: Task<'_, Self>);
-    /// Sums of a set over a group of pixels; true where a sample is at the sensor's limit.
-    fn sums(&self, index: usize, set: &PhaseSet, at: usize, limit: f32) -> (fit::Sums, bool);
-    /// The same sums without the samples at the limit, and the sums of those samples' phasors.
-    fn sums_below(
-        &self,
-        index: usize,
-        set: &PhaseSet,
-        at: usize,
-        limit: f32,
-    ) -> (fit::Sums, fit::Saturated);
-    /// Which frames of the set are below the limit at a pixel (one bit each), and their sums.
-    fn kept(&self, index: usize, set: &PhaseSet, pixel: usize, limit: f32) -> (u64, [f32; 3]);
-    /// A frame of the Gray code.
-    fn plane(&self, frame: usize) -> &[Self::Sample];
-}
-
 /// Decode frames.
 ///
 /// `frames` are the planes of one axis; `plan` refers to them by index. All planes have the length
@@ -160,12 +140,8 @@ pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(
         check_length("frame", frame.len(), pixels)?;
     }
     plan.check(frames.len())?;
-    run(&fit::Frames { planes: frames }, plan, out)
-}
-
-pub(crate) fn run<S: Source>(source: &S, plan: &Plan, out: Outputs) -> Result<(), Error> {
-    let pixels = out.coordinate.len();
     out.check(pixels, plan.sets.len())?;
+    let frames = &Frames { planes: frames };
     let mut tasks = Vec::with_capacity(pixels / TASK_PIXELS + 1);
     let (mut rest, mut start) = (out, 0);
     while start < pixels {
@@ -178,8 +154,8 @@ pub(crate) fn run<S: Source>(source: &S, plan: &Plan, out: Outputs) -> Result<()
     tasks.into_par_iter().for_each_init(
         || orders::Scratch::new(plan.sets.len(), plan.chain.frequencies.len()),
         |scratch, (start, out)| {
-            S::run(Task {
-                source,
+            T::run(Task {
+                frames,
                 plan,
                 start,
                 out,
@@ -192,13 +168,13 @@ pub(crate) fn run<S: Source>(source: &S, plan: &Plan, out: Outputs) -> Result<()
 
 /// Decode the blocks of one task.
 #[inline(always)]
-fn decode_task<S: Source>(task: Task<'_, S>) {
+fn decode_task<T: Sample>(task: Task<'_, T>) {
     let n = task.out.coordinate.len();
     let (mut rest, mut done) = (task.out, 0);
     while done < n {
         let (block, after) = rest.split(BLOCK_PIXELS.min(n - done));
         orders::decode_block(
-            task.source,
+            task.frames,
             task.plan,
             task.start + done,
             block,

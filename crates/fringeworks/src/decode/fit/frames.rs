@@ -2,22 +2,17 @@
 
 use super::set::PhaseSet;
 use super::sums::{lanes, Saturated, Sums};
-use crate::decode::{Sample, Source, Task, LANES};
+use crate::decode::{Sample, LANES};
 
 /// The planes of a stack, along one axis.
 pub struct Frames<'a, T> {
     pub planes: &'a [&'a [T]],
 }
 
-impl<T: Sample> Source for Frames<'_, T> {
-    type Sample = T;
-
-    fn run(task: Task<'_, Self>) {
-        T::frames(task);
-    }
-
+impl<T: Sample> Frames<'_, T> {
+    /// Sums of a set over a group of pixels; true where a sample is at the sensor's limit.
     #[inline(always)]
-    fn sums(&self, _: usize, set: &PhaseSet, at: usize, limit: f32) -> (Sums, bool) {
+    pub fn sums(&self, set: &PhaseSet, at: usize, limit: f32) -> (Sums, bool) {
         let mut out = Sums::zero();
         let mut brightest = [T::default(); LANES];
         for (k, &frame) in set.frames.iter().enumerate() {
@@ -40,8 +35,9 @@ impl<T: Sample> Source for Frames<'_, T> {
         (out, above > 0)
     }
 
+    /// The same sums without the samples at the limit, and the sums of those samples' phasors.
     #[inline(always)]
-    fn sums_below(&self, _: usize, set: &PhaseSet, at: usize, limit: f32) -> (Sums, Saturated) {
+    pub fn sums_below(&self, set: &PhaseSet, at: usize, limit: f32) -> (Sums, Saturated) {
         let (mut out, mut saturated) = (Sums::zero(), Saturated::none());
         for (k, &frame) in set.frames.iter().enumerate() {
             let (c, s) = set.phasor(k);
@@ -67,8 +63,9 @@ impl<T: Sample> Source for Frames<'_, T> {
         (out, saturated)
     }
 
+    /// Which frames of the set are below the limit at a pixel (one bit each), and their sums.
     #[inline(always)]
-    fn kept(&self, _: usize, set: &PhaseSet, pixel: usize, limit: f32) -> (u64, [f32; 3]) {
+    pub fn kept(&self, set: &PhaseSet, pixel: usize, limit: f32) -> (u64, [f32; 3]) {
         let (mut kept, mut sums) = (0, [0.0f32; 3]);
         for (k, &frame) in set.frames.iter().enumerate() {
             let value = self.planes[frame][pixel].value();
@@ -80,9 +77,5 @@ impl<T: Sample> Source for Frames<'_, T> {
             }
         }
         (kept, sums)
-    }
-
-    fn plane(&self, frame: usize) -> &[T] {
-        self.planes[frame]
     }
 }

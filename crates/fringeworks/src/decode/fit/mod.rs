@@ -8,7 +8,7 @@ mod solver;
 mod sums;
 mod table;
 
-use super::{Lanes, Line, Plan, Source, BLOCK_PIXELS, LANES};
+use super::{Lanes, Line, Plan, Sample, BLOCK_PIXELS, LANES};
 use std::ops::Range;
 
 use angle::angle;
@@ -16,7 +16,7 @@ pub use frames::Frames;
 use saturation::{fit_unsaturated, refit};
 pub use set::PhaseSet;
 use solver::{precision, solve};
-pub use sums::{Saturated, Sums};
+use sums::Sums;
 pub use table::{Table, TABLE_BINS};
 
 /// Precision of a phase that the unsaturated samples do not determine; true ones are not negative.
@@ -52,7 +52,13 @@ impl Fitted {
 
 /// Fit one set at the pixels `at`. Samples at the sensor's limit are left out.
 #[inline(always)]
-pub fn fit<S: Source>(source: &S, plan: &Plan, index: usize, at: Range<usize>, out: &mut Fitted) {
+pub fn fit<T: Sample>(
+    frames: &Frames<'_, T>,
+    plan: &Plan,
+    index: usize,
+    at: Range<usize>,
+    out: &mut Fitted,
+) {
     let (set, limit) = (&plan.sets[index], plan.limits.saturation);
     // Saturation clusters: after a saturated group, try the saturated path first.
     let (mut needs_refit, mut expect_saturated) = (false, false);
@@ -60,21 +66,21 @@ pub fn fit<S: Source>(source: &S, plan: &Plan, index: usize, at: Range<usize>, o
         let sums = if expect_saturated {
             None
         } else {
-            Some(source.sums(index, set, start, limit))
+            Some(frames.sums(set, start, limit))
         };
         if let Some((sums, false)) = sums {
             let amplitudes = solve(set, &sums);
             let precision = precision(set, &amplitudes);
             store(set, &amplitudes, &precision, k * LANES, out);
         } else {
-            let (sums, saturated) = source.sums_below(index, set, start, limit);
+            let (sums, saturated) = frames.sums_below(set, start, limit);
             let saturation = fit_unsaturated(set, sums, &saturated, k * LANES, out);
             expect_saturated = saturation.any;
             needs_refit = needs_refit || saturation.needs_refit;
         }
     }
     if needs_refit {
-        refit(source, plan, index, at, out);
+        refit(frames, plan, index, at, out);
     }
     if !set.table.brightness.is_empty() {
         table::correct(&set.table, out);

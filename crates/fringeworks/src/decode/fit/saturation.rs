@@ -5,7 +5,7 @@ use super::set::PhaseSet;
 use super::solver::{precision, solution, solve, Solution};
 use super::sums::{Saturated, Sums};
 use super::{store, Fitted, NO_PRECISION};
-use crate::decode::{Plan, Source, LANES};
+use crate::decode::{Frames, Plan, Sample, LANES};
 use std::ops::Range;
 
 /// What the fit of a group found out about saturation.
@@ -67,11 +67,17 @@ pub fn fit_unsaturated(
 
 /// Fit pixels with several saturated samples one by one.
 #[cold]
-pub fn refit<S: Source>(source: &S, plan: &Plan, index: usize, at: Range<usize>, out: &mut Fitted) {
+pub fn refit<T: Sample>(
+    frames: &Frames<'_, T>,
+    plan: &Plan,
+    index: usize,
+    at: Range<usize>,
+    out: &mut Fitted,
+) {
     let (set, limit) = (&plan.sets[index], plan.limits.saturation);
     let all = set.all_steps();
     for (i, pixel) in at.enumerate() {
-        let (kept, sums) = source.kept(index, set, pixel, limit);
+        let (kept, sums) = frames.kept(set, pixel, limit);
         let updated = can_update(set) && (all ^ kept).count_ones() <= 1;
         if kept == all || updated {
             continue;

@@ -2,7 +2,7 @@
 
 mod words;
 
-use super::{Line, Plan, Sample, Source, BLOCK_PIXELS};
+use super::{Frames, Line, Plan, Sample, BLOCK_PIXELS};
 use crate::{check_value, Error};
 use words::{read_bits, read_digits};
 
@@ -156,15 +156,15 @@ impl GrayCells {
 
 /// Read the Gray code of `n` pixels from `at` on. `mean` and `modulation` are of the phase frames.
 #[inline(always)]
-pub fn read_gray_code<S: Source>(
-    source: &S,
+pub fn read_gray_code<T: Sample>(
+    frames: &Frames<'_, T>,
     plan: &Plan,
     code: &GrayCode,
     (at, n): (usize, usize),
     (mean, modulation): (&Line, &Line),
     out: &mut GrayCells,
 ) {
-    let line = |frame: usize| &source.plane(frame)[at..at + n];
+    let line = |frame: usize| &frames.planes[frame][at..at + n];
     thresholds(code, line, n, (mean, modulation), out);
     limits_of_doubt(code, plan, n, out);
     let phases = !plan.sets.is_empty();
@@ -173,7 +173,7 @@ pub fn read_gray_code<S: Source>(
     } else {
         read_digits(code, line, n, phases, out);
     }
-    if S::Sample::MAY_BE_INFINITE {
+    if T::MAY_BE_INFINITE {
         mark_not_finite(code, line, n, out);
     }
 }

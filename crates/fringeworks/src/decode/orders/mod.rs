@@ -8,7 +8,7 @@ mod settings;
 
 use super::fit::{fit, Fitted};
 use super::gray_code::{read_gray_code, GrayCells};
-use super::{Lanes, Line, Outputs, Plan, Source, BLOCK_PIXELS, LANES};
+use super::{Frames, Lanes, Line, Outputs, Plan, Sample, BLOCK_PIXELS, LANES};
 use crate::reason;
 use std::f32::consts::TAU;
 
@@ -55,8 +55,8 @@ impl Scratch {
 
 /// Decode up to [`BLOCK_PIXELS`] pixels from `at` on.
 #[inline(always)]
-pub fn decode_block<S: Source>(
-    source: &S,
+pub fn decode_block<T: Sample>(
+    frames: &Frames<'_, T>,
     plan: &Plan,
     at: usize,
     out: Outputs,
@@ -68,10 +68,10 @@ pub fn decode_block<S: Source>(
         line[..n].copy_from_slice(out.inflation);
         line
     });
-    fit_sets(source, plan, at, n, scratch);
+    fit_sets(frames, plan, at, n, scratch);
     if let Some(code) = &plan.gray_code {
         let phases = (&scratch.background, &scratch.modulation);
-        read_gray_code(source, plan, code, (at, n), phases, &mut scratch.gray);
+        read_gray_code(frames, plan, code, (at, n), phases, &mut scratch.gray);
     }
     if plan.sets.is_empty() {
         resolve_gray_only(plan, scratch);
@@ -85,11 +85,17 @@ pub fn decode_block<S: Source>(
 
 /// Fit every set; background as the mean over all frames, modulation of the finest set.
 #[inline(always)]
-fn fit_sets<S: Source>(source: &S, plan: &Plan, at: usize, n: usize, scratch: &mut Scratch) {
+fn fit_sets<T: Sample>(
+    frames: &Frames<'_, T>,
+    plan: &Plan,
+    at: usize,
+    n: usize,
+    scratch: &mut Scratch,
+) {
     let total: usize = plan.sets.iter().map(|set| set.steps()).sum();
     for k in 0..plan.sets.len() {
         let fitted = &mut scratch.sets[k];
-        fit(source, plan, k, at..at + n, fitted);
+        fit(frames, plan, k, at..at + n, fitted);
         let share = plan.sets[k].steps() as f32 / total as f32;
         for i in 0..BLOCK_PIXELS {
             let before = if k == 0 { 0.0 } else { scratch.background[i] };

@@ -169,7 +169,9 @@ def _mark(pair: PreparedPair, solution: Solution) -> Solution:
         reason[missing & (reason == Reason.OK)] = Reason.UNDETERMINED
         if pair.saturated.any():
             reason[pair.saturated & missing] = Reason.SATURATED
-    unwanted = _lands_on_gap(pair, u) | ~pair.wanted
+    empty = pair.object_empty | _lands_on(pair.reference_empty, u)
+    reason[empty] = Reason.LOW_MODULATION
+    unwanted = _lands_on(pair.gap, u) | ~pair.wanted
     if unwanted.any():
         reason[unwanted] = Reason.MASKED
     failed = reason != Reason.OK
@@ -189,13 +191,13 @@ def _mark(pair: PreparedPair, solution: Solution) -> Solution:
     )
 
 
-def _lands_on_gap(pair: PreparedPair, u: FloatMap) -> BoolMap:
-    """True where the matching point of the reference was not measured."""
-    if not pair.gap.any():
+def _lands_on(places: BoolMap, u: FloatMap) -> BoolMap:
+    """True where the matching point of the reference lies on one of the marked places."""
+    if not places.any():
         return np.zeros(u.shape, bool)
     width = u.shape[1]
     with np.errstate(invalid="ignore"):
         column = np.arange(width) - np.where(np.isfinite(u), u, 0.0)
     column = np.clip(np.rint(column), 0, width - 1).astype(np.intp)
-    hit: BoolMap = np.take_along_axis(pair.gap, column, axis=1)
+    hit: BoolMap = np.take_along_axis(places, column, axis=1)
     return hit & np.isfinite(u)

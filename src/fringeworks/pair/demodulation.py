@@ -75,6 +75,8 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     weak = (half_object < MIN_MODULATION_RATIO * 0.5 * prepared.modulation) | (
         half_object < MIN_AMPLITUDE_SIGMAS * np.sqrt(noise[1])
     )
+    # The filter carries fringes from the surroundings into holes, so its amplitude is not enough.
+    weak |= prepared.object_empty
     reason: ByteMap = np.where(weak, Reason.LOW_MODULATION, Reason.OK).astype(np.uint8)
     usable = ~weak & prepared.wanted
     if not usable.any():

@@ -274,8 +274,8 @@ def windowed(
     displacement, sigma, modulation_ratio, scale, correlation = _core.invert_windowed(
         spline_coefficients((smooth - pair.mean_brightness) / pair.modulation),
         ((pair.object - pair.mean_brightness) / pair.modulation).astype(np.float32),
-        pair.reference_ok.astype(np.uint8),
-        pair.object_ok.astype(np.uint8),
+        (pair.reference_ok & ~pair.reference_empty).astype(np.uint8),
+        (pair.object_ok & ~pair.object_empty).astype(np.uint8),
         start_field(pair, 0.5 * widths[0]).astype(np.float32),
         scales=widths,
         iterations=iterations,

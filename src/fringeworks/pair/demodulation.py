@@ -44,6 +44,8 @@ class Demodulated:
     """Modulation of the object after the filter, (h, w), counts."""
     noise_share: float
     """Complex variance of an analytic signal B/2 · exp(iφ), per variance of the frame's noise."""
+    noise_length_px: tuple[float, float] = (0.0, 0.0)
+    """Width σ of the filter's Gaussian kernel along y and x, px; 0 for none."""
     details: dict[str, Any] = field(default_factory=dict)
     """Further results of the method, for reports."""
 
@@ -98,6 +100,8 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
         sigma_px=np.sqrt(variance) * to_px,
         modulation_ratio=modulation_ratio,
         reason=reason,
+        noise_length_px=demodulated.noise_length_px,
+        is_filter=True,
         details={
             **demodulated.details,
             "regions": int(unwrapped.region.max()),

@@ -95,12 +95,12 @@ class PreparedPair(Frozen):
     @cached_property
     def object_empty(self) -> BoolMap:
         """True where the object frame shows no fringes although its surroundings do, (h, w)."""
-        return without_fringes(self.object, self.period, self.noise[1])
+        return without_fringes(self.object, self.object_ok, self.period, self.noise[1])
 
     @cached_property
     def reference_empty(self) -> BoolMap:
         """True where the reference shows no fringes although its surroundings do, (h, w)."""
-        return without_fringes(self.reference, self.period, self.noise[0])
+        return without_fringes(self.reference, self.reference_ok, self.period, self.noise[0])
 
     def to_capture(self, values: np.ndarray) -> np.ndarray:
         """Turn a map, (h, w), back to the orientation of the pair as captured."""

@@ -46,13 +46,18 @@ MIN_SHARE = 1e-6
 """Smallest sum of weights in a local mean; it keeps the quotient finite."""
 
 
-def without_fringes(frame: FloatMap, period_px: float, noise_variance: float) -> BoolMap:
+def without_fringes(
+    frame: FloatMap, ok: BoolMap, period_px: float, noise_variance: float
+) -> BoolMap:
     """Find the places of a frame that show no fringes although the surface around them does.
 
     Parameters
     ----------
     frame : (h, w) float array
         Finite counts; the fringes vary along x.
+    ok : (h, w) bool array
+        False for pixels whose counts are no measurement (saturated, filled); boxes with such
+        pixels are not judged.
     period_px : float > 0
         Mean period of the fringes.
     noise_variance : float ≥ 0
@@ -82,6 +87,8 @@ def without_fringes(frame: FloatMap, period_px: float, noise_variance: float) ->
     clear = (usual > MIN_VARIANCE_RATIO * noise_variance) | (in_frame > 0.0)
     limit = np.where(clear, noise_variance + least, -1.0)
     flat = contrast <= limit
+    if not ok.all():
+        flat &= ~ndimage.maximum_filter(~ok, _odd(wide))
     if not flat.any():
         return np.asarray(flat)
     core = ndimage.maximum_filter(flat, _odd(wide))

@@ -118,6 +118,17 @@ MIN_EXPLAINED = 0.3
 
 A window that explains less does not show the reference's fringes. An empirical choice.
 """
+KERNEL_SHARE = 0.75
+"""Width of the kernel that correlates a window's errors, in widths of the window.
+
+The affine model makes it narrower than the window. Measured on planes with white noise.
+"""
+MAX_KERNEL_PERIODS = 0.6
+"""Largest width of that kernel, periods.
+
+Differences over one and a half periods show so little of the errors of larger windows that shape
+would be taken for noise. An empirical choice.
+"""
 OUTSIDE_PX = 1.0
 """Distance beyond the reference frame up to which a matching point is still accepted, px.
 
@@ -335,6 +346,7 @@ def windowed(
         sigma_px=sigma,
         modulation_ratio=modulation_ratio,
         reason=_reasons(pair, displacement),
+        noise_length_px=_noise_length(scale, widths, pair.period),
         iterations=np.minimum(steps, np.iinfo(np.uint8).max).astype(np.uint8),
         details={
             "scales_px": widths,
@@ -376,6 +388,14 @@ def _default_scales(prepared: PreparedPair) -> list[float]:
     widest = min(prepared.reference.shape[1] * MAX_SCALE_SHARE, MAX_SCALE_PERIODS * prepared.period)
     widest = max(widest, wide_enough[-1])
     return [s for s in wide_enough if s <= widest]
+
+
+def _noise_length(scale: ByteMap, widths: list[float], period_px: float) -> tuple[float, float]:
+    """Width of the kernel that correlates the errors of most pixels, along y and x, px."""
+    kept = scale[scale < len(widths)]
+    width = widths[int(np.median(kept))] if kept.size else 0.0
+    length = min(KERNEL_SHARE * width, MAX_KERNEL_PERIODS * period_px)
+    return length, length
 
 
 def _reasons(prepared: PreparedPair, displacement_px: FloatMap) -> ByteMap:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from benchmarks.pair_coverage import coverage, scene
 from fringeworks import Pair, Reason, analyse, read_pair
 from fringeworks.pair.presence import without_fringes
 from fringeworks.simulate import STANDARD_GEOMETRY, PairSettings, capture_pair
@@ -103,3 +104,28 @@ def test_photographed_fine_fringes(real_data):
     assert ok.mean() >= 0.95
     off = np.abs(found.displacement_px - band) > 0.5 * found.period_px
     assert not (off & ok).any()
+
+
+@pytest.mark.parametrize("shape", ["plane", "curved"])
+@pytest.mark.parametrize("fault", ["clean", "JPEG 50", "pixel grid", "flicker"])
+def test_sigma_covers_the_errors(shape, fault):
+    pair, truth = scene(shape, fault)
+    for method in ("fourier", "wavelet", "windowed_fourier", "windowed"):
+        found = coverage(pair, truth, method)
+        assert found.within_1 >= 0.55, method
+        assert found.within_2 >= 0.87, method
+
+
+@pytest.mark.parametrize("name", ["fourier", "wavelet", "windowed_fourier", "windowed"])
+def test_sigma_covers_a_photographed_plane(real_data, name):
+    folder = real_data / "pair_cone"
+    found = analyse(read_pair(folder / "reference.jpg", folder / "object.jpg"), name)
+    y, x = np.mgrid[:500, :500]
+    flat = np.hypot(x - 252, y - 241) > 120
+    design = np.stack([np.ones(flat.sum()), x[flat], y[flat]], axis=-1)
+    values = found.displacement_px[flat]
+    ok = np.abs(values - np.median(values)) < 1.0
+    plane = design @ np.linalg.lstsq(design[ok], values[ok], rcond=None)[0]
+    ratio = np.abs(values - plane) / found.sigma_px[flat]
+    assert np.mean(ratio < 1) >= 0.6
+    assert np.mean(ratio < 2) >= 0.85

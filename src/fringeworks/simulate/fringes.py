@@ -75,7 +75,7 @@ class PairSettings:
     seed: int = 0
     """Seed of the noise; equal seeds give equal frames."""
     grid_px: float = 4.0
-    """Pitch of the projector's pixels in the camera's frame, px; it counts where they are visible."""
+    """Pitch of the projector's pixels in the camera's frame, px; ≥ 2."""
     grid_depth: float = 0.0
     """How dark the gaps between the projector's pixels are, 0…1; 0 for no visible grid."""
     flicker: float = 0.0

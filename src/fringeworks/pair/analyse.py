@@ -12,6 +12,7 @@ from fringeworks.pair import registry
 from fringeworks.pair.plugins import load_installed
 from fringeworks.pair.prepared import PreparedPair, prepare
 from fringeworks.pair.registry import Method, MethodOption, Solution
+from fringeworks.pair.scatter import LONG_RANGE, noise_factor, smoothed_away
 from fringeworks.types import (
     BoolMap,
     DisplacementMap,
@@ -21,6 +22,12 @@ from fringeworks.types import (
     Reason,
     UnknownMethod,
 )
+
+MIN_NOISE_FACTOR = 0.25
+"""Smallest factor by which the scatter of a filter's result lowers its σ.
+
+A visible pixel grid is taken for noise of about three times the true one. An empirical choice.
+"""
 
 
 def methods() -> dict[str, Method]:
@@ -87,7 +94,7 @@ def analyse(
     prepared = pair if isinstance(pair, PreparedPair) else prepare(pair)
     returned = _run(chosen, prepared, options)
     _check_solution(chosen, returned, prepared.object.shape)
-    solution = _mark(prepared, returned)
+    solution = _with_measured_sigma(prepared, _mark(prepared, returned))
     turn = prepared.to_capture
     return DisplacementMap(
         displacement_px=turn(solution.displacement_px),
@@ -169,7 +176,9 @@ def _mark(pair: PreparedPair, solution: Solution) -> Solution:
         reason[missing & (reason == Reason.OK)] = Reason.UNDETERMINED
         if pair.saturated.any():
             reason[pair.saturated & missing] = Reason.SATURATED
-    unwanted = _lands_on_gap(pair, u) | ~pair.wanted
+    empty = pair.object_empty | _lands_on(pair.reference_empty, u)
+    reason[empty] = Reason.LOW_MODULATION
+    unwanted = _lands_on(pair.gap, u) | ~pair.wanted
     if unwanted.any():
         reason[unwanted] = Reason.MASKED
     failed = reason != Reason.OK
@@ -189,13 +198,32 @@ def _mark(pair: PreparedPair, solution: Solution) -> Solution:
     )
 
 
-def _lands_on_gap(pair: PreparedPair, u: FloatMap) -> BoolMap:
-    """True where the matching point of the reference was not measured."""
-    if not pair.gap.any():
+def _with_measured_sigma(pair: PreparedPair, solution: Solution) -> Solution:
+    """Raise σ to the scatter of the result, and add what a filter has smoothed away."""
+    u, sigma = solution.displacement_px, solution.sigma_px
+    factor = noise_factor(u, sigma, pair.period, solution.noise_length_px)
+    if factor is None:
+        factor = 1.0
+    else:
+        factor *= LONG_RANGE if solution.noise_length_px[0] > 0 else 1.0
+        factor = max(factor, MIN_NOISE_FACTOR if solution.is_filter else 1.0)
+    sigma = sigma * factor
+    if solution.is_filter:
+        sigma = np.sqrt(sigma**2 + smoothed_away(u, sigma, pair.period))
+    return replace(
+        solution,
+        sigma_px=sigma.astype(solution.sigma_px.dtype, copy=False),
+        details={**solution.details, "noise_factor": factor},
+    )
+
+
+def _lands_on(places: BoolMap, u: FloatMap) -> BoolMap:
+    """True where the matching point of the reference lies on one of the marked places."""
+    if not places.any():
         return np.zeros(u.shape, bool)
     width = u.shape[1]
     with np.errstate(invalid="ignore"):
         column = np.arange(width) - np.where(np.isfinite(u), u, 0.0)
     column = np.clip(np.rint(column), 0, width - 1).astype(np.intp)
-    hit: BoolMap = np.take_along_axis(pair.gap, column, axis=1)
+    hit: BoolMap = np.take_along_axis(places, column, axis=1)
     return hit & np.isfinite(u)

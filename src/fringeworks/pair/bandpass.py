@@ -54,6 +54,19 @@ def band_response(distance: FloatMap, shape: Shape) -> FloatMap:
     return np.where(inside, response, 0.0)
 
 
+def band_kernel(
+    frequency: tuple[float, float], width: float, dimensions: int
+) -> tuple[float, float]:
+    """Width σ of the Gaussian kernel that is as wide as the band's, along y and x, px.
+
+    The Hann band cos²(πf/2R) of half-width R is close to exp(−(πf/2R)²), which belongs to a kernel
+    of σ = 1/(2√2 R). The other shapes are taken for it.
+    """
+    radius = width * (frequency[0] if dimensions == 1 else float(np.hypot(*frequency)))
+    sigma = 1.0 / (2.0 * np.sqrt(2.0) * radius)
+    return (0.0 if dimensions == 1 else sigma), sigma
+
+
 def check_band(dimensions: int, width: float, shape: str) -> None:
     """Raise ``InputError`` for options that do not describe a pass band."""
     if dimensions not in (1, 2):

@@ -118,6 +118,7 @@ def invert_rows(
     degree: int = DEGREE,
     n_resample: int = RESAMPLES_PER_PX,
     guide_px: FloatMap | None = None,
+    straighten: bool = True,
 ) -> Solution:
     """Match the extrema of both frames row by row and invert the reference between them.
 
@@ -135,6 +136,8 @@ def invert_rows(
     guide_px : (h, w) float array, optional
         Expected displacement, px, NaN where unknown. It affects the fringe orders only, not the
         values.
+    straighten : bool
+        Whether the response of ideal frames is linearised first (see ``details``).
 
     Returns
     -------
@@ -158,7 +161,10 @@ def invert_rows(
     if not limit > 0:
         raise InputError(f"max_displacement_px: expected > 0, got {max_displacement_px}")
     noise = float(np.sqrt(sum(prepared.noise)))
-    reference, object_, gamma = _linearised(prepared)
+    if straighten:
+        reference, object_, gamma = _linearised(prepared)
+    else:
+        reference, object_, gamma = prepared.reference, prepared.object, 1.0
     displacement, sigma, modulation_ratio, reason = _core.invert_rows(
         reference,
         object_,

@@ -44,6 +44,8 @@ class Demodulated:
     """Modulation of the object after the filter, (h, w), counts."""
     noise_share: float
     """Complex variance of an analytic signal B/2 · exp(iφ), per variance of the frame's noise."""
+    noise_length_px: tuple[float, float] = (0.0, 0.0)
+    """Width σ of the filter's Gaussian kernel along y and x, px; 0 for none."""
     details: dict[str, Any] = field(default_factory=dict)
     """Further results of the method, for reports."""
 
@@ -75,6 +77,8 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     weak = (half_object < MIN_MODULATION_RATIO * 0.5 * prepared.modulation) | (
         half_object < MIN_AMPLITUDE_SIGMAS * np.sqrt(noise[1])
     )
+    # The filter carries fringes from the surroundings into holes, so its amplitude is not enough.
+    weak |= prepared.object_empty
     reason: ByteMap = np.where(weak, Reason.LOW_MODULATION, Reason.OK).astype(np.uint8)
     usable = ~weak & prepared.wanted
     if not usable.any():
@@ -96,6 +100,8 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
         sigma_px=np.sqrt(variance) * to_px,
         modulation_ratio=modulation_ratio,
         reason=reason,
+        noise_length_px=demodulated.noise_length_px,
+        is_filter=True,
         details={
             **demodulated.details,
             "regions": int(unwrapped.region.max()),

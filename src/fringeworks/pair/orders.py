@@ -128,6 +128,46 @@ def guided_count(
     return replace(guided, displacement_px=displacement, reason=reason)
 
 
+def continues(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:
+    """Find where a counted displacement fills gaps of the band-pass and continues its surroundings.
+
+    Parameters
+    ----------
+    counted, band : (h, w) float arrays
+        Two estimates of the displacement, px; NaN where unknown.
+    period_px : float > 0
+
+    Returns
+    -------
+    (h, w) bool array
+        True in the connected regions without jumps that the band-pass has no value for, and on most
+        of whose border the two differ by less than half a period.
+    """
+    known = np.isfinite(band)
+    with np.errstate(invalid="ignore"):
+        smooth = np.isfinite(counted) & ~known
+        for axis in (0, 1):
+            jump = np.abs(np.diff(counted, axis=axis)) > 0.5 * period_px
+            ahead = [(0, 0), (0, 0)]
+            ahead[axis] = (1, 0)
+            behind = [(0, 0), (0, 0)]
+            behind[axis] = (0, 1)
+            smooth &= ~(np.pad(jump, ahead) | np.pad(jump, behind))
+    label, count = ndimage.label(smooth)
+    if not count:
+        return np.asarray(smooth)
+    distance, nearest = ndimage.distance_transform_edt(label == 0, return_indices=True)
+    border = known & (distance <= BORDER_PX)
+    beside = tuple(axis[border] for axis in nearest)
+    agrees = np.abs(counted[beside] - band[border]) < 0.5 * period_px
+    of_region = label[beside]
+    total = np.bincount(of_region, minlength=count + 1)
+    share = np.bincount(of_region, agrees, minlength=count + 1) / np.maximum(total, 1)
+    right = share > MAJORITY
+    right[0] = False
+    return np.asarray(right[label])
+
+
 def compare_orders(first: FloatMap, second: FloatMap, period_px: float) -> tuple[FloatMap, BoolMap]:
     """Find the whole periods to add where ``second`` continues the surroundings better.
 

@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.plain_reference import plain_reference
+from fringeworks.pair.presence import without_fringes
 from fringeworks.signal.noise import noise_variance
 from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, Pair
 
@@ -90,6 +91,16 @@ class PreparedPair(Frozen):
             max(noise_variance(self.reference, self.reference_ok), floor),
             max(noise_variance(self.object, self.object_ok), floor),
         )
+
+    @cached_property
+    def object_empty(self) -> BoolMap:
+        """True where the object frame shows no fringes although its surroundings do, (h, w)."""
+        return without_fringes(self.object, self.object_ok, self.period, self.noise[1])
+
+    @cached_property
+    def reference_empty(self) -> BoolMap:
+        """True where the reference shows no fringes although its surroundings do, (h, w)."""
+        return without_fringes(self.reference, self.reference_ok, self.period, self.noise[0])
 
     def to_capture(self, values: np.ndarray) -> np.ndarray:
         """Turn a map, (h, w), back to the orientation of the pair as captured."""

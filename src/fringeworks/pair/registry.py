@@ -29,6 +29,11 @@ class Solution(Frozen):
     """Refinement steps of each pixel, (h, w), where the method iterates."""
     details: dict[str, Any] = field(default_factory=dict)
     """Figures for reports."""
+    noise_length_px: tuple[float, float] = (0.0, 0.0)
+    """Width σ of the Gaussian kernel along y and x that correlates the errors, px; 0 for none."""
+    is_filter: bool = False
+    """Whether the method is a linear filter: its σ is then that of white noise in the frames, which
+    is replaced by the scatter of the result, and what it smooths away is added."""
 
 
 Analysis = Callable[..., Solution]

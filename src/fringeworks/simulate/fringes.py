@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from io import BytesIO
 from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from fringeworks.pair.reference_plane import displacement_from_height
 from fringeworks.types import (
@@ -21,6 +23,8 @@ from fringeworks.types import (
 
 BIT_DEPTHS = (0, 8, 10, 12, 16)
 """Depths of simulated frames, bit; 0 for floating point. Industrial cameras deliver the others."""
+FLICKER_BANDS = 3.0
+"""Number of bands that a flickering lamp leaves in a frame: 100 Hz at 1/30 s of read-out."""
 FULL_RANGE = 255.0
 """Brightness of full light, counts of 8 bit, in which noise and amplitudes are given."""
 
@@ -37,6 +41,10 @@ class PairOptions(TypedDict, total=False):
     contrast: float
     axis: Axis
     seed: int
+    grid_px: float
+    grid_depth: float
+    flicker: float
+    jpeg: int
 
 
 @dataclass(frozen=True)
@@ -66,6 +74,14 @@ class PairSettings:
     """Direction in which the fringes vary."""
     seed: int = 0
     """Seed of the noise; equal seeds give equal frames."""
+    grid_px: float = 4.0
+    """Pitch of the projector's pixels in the camera's frame, px; ≥ 2."""
+    grid_depth: float = 0.0
+    """How dark the gaps between the projector's pixels are, 0…1; 0 for no visible grid."""
+    flicker: float = 0.0
+    """Amplitude of the lamp's flicker, which a rolling shutter turns into bands, share of light."""
+    jpeg: int = 0
+    """Quality of JPEG compression, 1…100, of frames of 8 bit; 0 for none."""
 
     def __post_init__(self) -> None:
         check_fields(
@@ -77,8 +93,14 @@ class PairSettings:
             bits=(self.bits in BIT_DEPTHS, f"one of {BIT_DEPTHS}"),
             ambient=(0 <= self.ambient < 1, "0 to 1"),
             contrast=(0 < self.contrast <= 1, "0 to 1"),
+            grid_px=(self.grid_px >= 2, ">= 2"),
+            grid_depth=(0 <= self.grid_depth < 1, "0 to 1"),
+            flicker=(0 <= self.flicker < 1, "0 to 1"),
+            jpeg=(0 <= self.jpeg <= 100, "0 to 100"),
             axis=(self.axis in ("x", "y"), "x or y"),
         )
+        if self.jpeg and self.bits != 8:
+            raise InputError(f"jpeg: expected frames of 8 bit, got bits = {self.bits}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -102,9 +124,37 @@ def _waveform(cycles: FloatMap, settings: PairSettings) -> FloatMap:
     return light
 
 
+def _grid(position: FloatMap, across: FloatMap, settings: PairSettings) -> FloatMap:
+    """Brightness of the projector's pixel grid, 0…1, at projected positions, px.
+
+    The gaps between the projector's pixels move with the fringes; ``across`` is the position along
+    the fringes, which does not move.
+    """
+    along, beside = (
+        0.5 - 0.5 * np.cos(2.0 * np.pi * at / settings.grid_px) for at in (position, across)
+    )
+    grid: FloatMap = 1.0 - settings.grid_depth * (1.0 - along * beside)
+    return grid
+
+
+def _bands(rows: int, settings: PairSettings, rng: np.random.Generator) -> FloatMap:
+    """Brightness of every row under a flickering lamp, (rows, 1); its phase differs by frame."""
+    phase = 2.0 * np.pi * (FLICKER_BANDS * np.arange(rows) / rows + rng.random())
+    return np.asarray(1.0 + settings.flicker * np.sin(phase))[:, None]
+
+
+def _compressed(frame: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    """Frame after JPEG compression and decompression."""
+    buffer = BytesIO()
+    Image.fromarray(frame).save(buffer, "JPEG", quality=quality)
+    return np.asarray(Image.open(buffer))
+
+
 def _camera(light: FloatMap, settings: PairSettings, rng: np.random.Generator) -> NDArray[Any]:
-    """Counts of a frame: noise, then clipping at the sensor's limits and rounding."""
+    """Counts of a frame: flicker, noise, clipping at the sensor's limits, rounding, compression."""
     counts = FULL_RANGE * light
+    if settings.flicker:
+        counts = counts * _bands(counts.shape[0], settings, rng)
     variance = settings.noise**2 + settings.gain * np.maximum(counts, 0.0)
     if settings.noise or settings.gain:
         counts = counts + np.sqrt(variance) * rng.standard_normal(counts.shape)
@@ -114,7 +164,7 @@ def _camera(light: FloatMap, settings: PairSettings, rng: np.random.Generator) -
     # Clipping simulates the sensor, whose counts end at both limits.
     clipped = np.clip(np.rint(counts * (largest / FULL_RANGE)), 0, largest)
     quantised: NDArray[Any] = clipped.astype(np.uint8 if settings.bits == 8 else np.uint16)
-    return quantised
+    return _compressed(quantised, settings.jpeg) if settings.jpeg else quantised
 
 
 def capture_pair(
@@ -123,6 +173,7 @@ def capture_pair(
     settings: PairSettings | None = None,
     *,
     albedo: FloatMap | float = 1.0,
+    reference_albedo: FloatMap | float = 1.0,
 ) -> Pair:
     """Simulate the reference frame and the object frame of a height map.
 
@@ -133,7 +184,9 @@ def capture_pair(
     geometry : ReferencePlaneGeometry
     settings : PairSettings, optional
     albedo : (h, w) array or float, 0…1
-        Reflectance of the object's surface; the reference plane has 1.
+        Reflectance of the object's surface; 0 in a hole.
+    reference_albedo : (h, w) array or float, 0…1
+        Reflectance of the reference plane.
 
     Returns
     -------
@@ -159,6 +212,30 @@ def capture_pair(
     height = np.asarray(height_mm, np.float64)
     if height.ndim != 2:
         raise InputError(f"height: expected shape (h, w), got {height.shape}")
+    reflectance = _reflectance(albedo, height)
+    background = _reflectance(reference_albedo, height)
+    u = displacement_from_height(height, geometry)
+    rows, columns = height.shape
+    y, x = np.mgrid[:rows, :columns].astype(np.float64)
+    position, across, length = (x, y, columns) if settings.axis == "x" else (y, x, rows)
+    per_px = settings.fringes / length
+
+    def light(at: FloatMap) -> FloatMap:
+        wave = _waveform(at * per_px, settings)
+        return wave * _grid(at, across, settings) if settings.grid_depth else wave
+
+    rng = np.random.default_rng(settings.seed)
+    return Pair(
+        reference=_camera(background * light(position), settings, rng),
+        object=_camera(reflectance * light(position - u), settings, rng),
+        axis=settings.axis,
+        geometry=geometry,
+        truth_mm=height,
+    )
+
+
+def _reflectance(albedo: FloatMap | float, height: FloatMap) -> FloatMap:
+    """Albedo as an array; ``InputError`` for another shape or values outside 0…1."""
     reflectance = np.asarray(albedo, np.float64)
     if reflectance.ndim and reflectance.shape != height.shape:
         raise InputError(f"albedo: expected shape {height.shape}, got {reflectance.shape}")
@@ -167,23 +244,7 @@ def capture_pair(
             f"albedo: expected values 0 to 1, got {np.min(reflectance):g} to "
             f"{np.max(reflectance):g}"
         )
-    u = displacement_from_height(height, geometry)
-    rows, columns = height.shape
-    if settings.axis == "x":
-        position, length = np.arange(columns, dtype=np.float64)[None, :], columns
-    else:
-        position, length = np.arange(rows, dtype=np.float64)[:, None], rows
-    per_px = settings.fringes / length
-    reference = np.broadcast_to(_waveform(position * per_px, settings), height.shape)
-    deformed = reflectance * _waveform((position - u) * per_px, settings)
-    rng = np.random.default_rng(settings.seed)
-    return Pair(
-        reference=_camera(reference.copy(), settings, rng),
-        object=_camera(deformed, settings, rng),
-        axis=settings.axis,
-        geometry=geometry,
-        truth_mm=height,
-    )
+    return reflectance
 
 
 def deformed_row(

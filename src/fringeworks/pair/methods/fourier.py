@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from fringeworks.pair.bandpass import HALF_WIDTH, Shape, band_pass, check_band
+from fringeworks.pair.bandpass import HALF_WIDTH, Shape, band_kernel, band_pass, check_band
 from fringeworks.pair.demodulation import Demodulated, to_displacement
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
@@ -59,5 +59,6 @@ def fourier(
             reference_amplitude=2.0 * np.abs(reference),
             object_amplitude=2.0 * np.abs(object_),
             noise_share=share,
+            noise_length_px=band_kernel(pair.frequency, width, dimensions),
         ),
     )

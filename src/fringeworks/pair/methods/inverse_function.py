@@ -85,6 +85,7 @@ def _invert(
     *,
     degree: int = DEGREE,
     n_resample: int = RESAMPLES_PER_PX,
+    straighten: bool = True,
 ) -> Solution:
     """Count fringes and invert; where counting slipped, with the band-pass as a guide."""
     return guided_count(
@@ -94,12 +95,17 @@ def _invert(
         max_displacement_px=max_displacement_px,
         degree=degree,
         n_resample=n_resample,
+        straighten=straighten,
     )
 
 
 @method("ifa")
 def ifa(
-    pair: PreparedPair, *, degree: int = DEGREE, max_displacement_px: float | None = None
+    pair: PreparedPair,
+    *,
+    degree: int = DEGREE,
+    max_displacement_px: float | None = None,
+    straighten: bool = True,
 ) -> Solution:
     """Inverts each monotone part of a row with a polynomial x = P(I).
 
@@ -111,6 +117,8 @@ def ifa(
         score RSS/(n − degree − 1)².
     max_displacement_px : float > 0, optional
         Largest |u| considered in matching the fringe orders, px; six periods by default.
+    straighten : bool
+        Whether the response γ of frames without noise is removed first. The dissertation does not.
 
     Returns
     -------
@@ -128,11 +136,13 @@ def ifa(
     """
     if not 1 <= degree <= MAX_DEGREE:
         raise InputError(f"degree: expected 1 to {MAX_DEGREE}, got {degree}")
-    return _invert(pair, "ifa", max_displacement_px, degree=degree)
+    return _invert(pair, "ifa", max_displacement_px, degree=degree, straighten=straighten)
 
 
 @method("sifa")
-def sifa(pair: PreparedPair, *, max_displacement_px: float | None = None) -> Solution:
+def sifa(
+    pair: PreparedPair, *, max_displacement_px: float | None = None, straighten: bool = True
+) -> Solution:
     """Inverts each monotone part of a row with a cubic spline x = S(I) through its samples.
 
     Parameters
@@ -140,6 +150,8 @@ def sifa(pair: PreparedPair, *, max_displacement_px: float | None = None) -> Sol
     pair : PreparedPair
     max_displacement_px : float > 0, optional
         Largest |u| considered in matching the fringe orders, px; six periods by default.
+    straighten : bool
+        Whether the response γ of frames without noise is removed first. The dissertation does not.
 
     Returns
     -------
@@ -156,7 +168,7 @@ def sifa(pair: PreparedPair, *, max_displacement_px: float | None = None) -> Sol
     through the samples of the part and its two extrema, with slope 0 at the ends. Samples that are
     not monotone (noise, quantisation) are pooled, and such parts are interpolated linearly.
     """
-    return _invert(pair, "sifa", max_displacement_px)
+    return _invert(pair, "sifa", max_displacement_px, straighten=straighten)
 
 
 @method("gsifa")
@@ -165,6 +177,7 @@ def gsifa(
     *,
     n_resample: int = RESAMPLES_PER_PX,
     max_displacement_px: float | None = None,
+    straighten: bool = True,
 ) -> Solution:
     """Re-samples the spline through each row densely and inverts its monotone parts with splines.
 
@@ -175,6 +188,8 @@ def gsifa(
         Samples of the row's spline per pixel.
     max_displacement_px : float > 0, optional
         Largest |u| considered in matching the fringe orders, px; six periods by default.
+    straighten : bool
+        Whether the response γ of frames without noise is removed first. The dissertation does not.
 
     Returns
     -------
@@ -192,7 +207,9 @@ def gsifa(
     """
     if not 1 <= n_resample <= MAX_RESAMPLES_PER_PX:
         raise InputError(f"n_resample: expected 1 to {MAX_RESAMPLES_PER_PX}, got {n_resample}")
-    return _invert(pair, "gsifa", max_displacement_px, n_resample=n_resample)
+    return _invert(
+        pair, "gsifa", max_displacement_px, n_resample=n_resample, straighten=straighten
+    )
 
 
 @method("exact")

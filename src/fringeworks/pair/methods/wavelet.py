@@ -335,6 +335,7 @@ def wavelet(
             reference_amplitude=np.abs(reference),
             object_amplitude=np.abs(object_),
             noise_share=share,
+            noise_length_px=(envelope if dimensions == 2 else 0.0, envelope),
             details={"envelope_px": envelope},
         ),
     )

@@ -10,8 +10,8 @@ from scipy import fft, ndimage
 
 from fringeworks import _core
 from fringeworks.pair.methods.fourier import fourier
-from fringeworks.pair.orders import guided_count
-from fringeworks.pair.prepared import PreparedPair, fill_nearest
+from fringeworks.pair.orders import continues, guided_count
+from fringeworks.pair.prepared import QUANTISATION_VARIANCE, PreparedPair, fill_nearest
 from fringeworks.pair.registry import Solution, method
 from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason
 
@@ -27,6 +27,14 @@ MIN_SCALE_PERIODS = 1.0 / 16.0
 A narrower window cannot distinguish displacement from modulation ratio and offset. An empirical
 choice.
 """
+MAX_SCALE_PERIODS = 2.2
+"""Widest default window, periods; the widest of ``SCALES_PX`` is for periods of 15 px and more.
+
+An object's shape is drawn with its fringes: wider windows than these flatten it. An empirical
+choice.
+"""
+START_PERIODS = 1.0
+"""Largest width of the smoothing of the start, periods; it then follows what the fringes show."""
 MAX_SCALE_SHARE = 1.0 / 8.0
 """Widest default window, as a share of the frame's width.
 
@@ -109,6 +117,17 @@ MIN_EXPLAINED = 0.3
 """Smallest share of the local contrast that the warped reference must explain, 0…1.
 
 A window that explains less does not show the reference's fringes. An empirical choice.
+"""
+KERNEL_SHARE = 0.75
+"""Width of the kernel that correlates a window's errors, in widths of the window.
+
+The affine model makes it narrower than the window. Measured on planes with white noise.
+"""
+MAX_KERNEL_PERIODS = 0.6
+"""Largest width of that kernel, periods.
+
+Differences over one and a half periods show so little of the errors of larger windows that shape
+would be taken for noise. An empirical choice.
 """
 OUTSIDE_PX = 1.0
 """Distance beyond the reference frame up to which a matching point is still accepted, px.
@@ -207,19 +226,52 @@ def start_field(prepared: PreparedPair, width_px: float) -> FloatMap:
     if known.all() and np.abs(np.diff(band, axis=1)).max() <= MAX_BAND_SLOPE:
         return _gaussian(band, width_px)
     counted = guided_count(prepared, lambda: np.where(known, band, np.nan)).displacement_px
+    # Whole periods fit everywhere, so in gaps of the band-pass counting must continue its rim.
     with np.errstate(invalid="ignore"):
-        usable = np.isfinite(counted) & (~known | (np.abs(counted - band) < half_period))
+        usable = np.abs(counted - band) < half_period
+    usable &= np.isfinite(counted)
+    usable |= continues(counted, np.where(known, band, np.nan), period)
     difference = np.where(usable, counted - band, 0.0)
     share = _gaussian(usable.astype(float), half_period)
     mean = _gaussian(difference, half_period) / np.maximum(share, MIN_SHARE_COUNTED)
     trust = _ramp(mean, COUNT_THRESHOLD * period)
     trust[~known] = 1.0
     start = band + trust * np.where(usable, difference, mean)
+    # Counting can slip. Near the band-pass it is kept where it explains the object better.
+    fine = min(width_px, COUNT_SMOOTHING * period)
+    better = _explained(prepared, _gaussian(start, fine)) > _explained(prepared, band)
+    if not known.all():
+        # Slipped counts fit the noise of single pixels, but not when they are smoothed.
+        coarse = _gaussian(start, half_period)
+        better &= known | (_explained(prepared, coarse, 1.0) > MIN_EXPLAINED)
+    start = np.where(better, start, band)
     # The first window cannot correct what varies faster than itself, so only folds that exceed the
     # start's own ripple are kept sharp.
     wide = _gaussian(start, width_px)
-    sharp = _gaussian(start, min(width_px, COUNT_SMOOTHING * period))
+    sharp = _gaussian(start, fine)
     return wide + _ramp(sharp - wide, FOLD_THRESHOLD * period) * (sharp - wide)
+
+
+def _explained(
+    prepared: PreparedPair, displacement_px: FloatMap, window_periods: float = 0.5
+) -> FloatMap:
+    """Share of the object's local contrast that the reference, moved by a displacement, explains.
+
+    The object is compared with offset and modulation ratio times the moved reference over a
+    Gaussian window of ``window_periods``; 0…1. A negative ratio explains nothing.
+    """
+    rows, columns = np.indices(displacement_px.shape, dtype=np.float64)
+    moved = ndimage.map_coordinates(
+        prepared.reference, (rows, columns - displacement_px), order=1, mode="nearest"
+    )
+    d, s = prepared.object - prepared.mean_brightness, moved - prepared.mean_brightness
+    width = window_periods * prepared.period
+    mean_d, mean_s = _gaussian(d, width), _gaussian(s, width)
+    covariance = np.maximum(_gaussian(d * s, width) - mean_d * mean_s, 0.0)
+    variance_s = np.maximum(_gaussian(s * s, width) - mean_s**2, QUANTISATION_VARIANCE)
+    variance_d = np.maximum(_gaussian(d * d, width) - mean_d**2, QUANTISATION_VARIANCE)
+    share: FloatMap = covariance**2 / (variance_s * variance_d)
+    return share
 
 
 def _ramp(values: FloatMap, threshold: float) -> FloatMap:
@@ -274,9 +326,9 @@ def windowed(
     displacement, sigma, modulation_ratio, scale, correlation = _core.invert_windowed(
         spline_coefficients((smooth - pair.mean_brightness) / pair.modulation),
         ((pair.object - pair.mean_brightness) / pair.modulation).astype(np.float32),
-        pair.reference_ok.astype(np.uint8),
-        pair.object_ok.astype(np.uint8),
-        start_field(pair, 0.5 * widths[0]).astype(np.float32),
+        (pair.reference_ok & ~pair.reference_empty).astype(np.uint8),
+        (pair.object_ok & ~pair.object_empty).astype(np.uint8),
+        start_field(pair, min(0.5 * widths[0], START_PERIODS * pair.period)).astype(np.float32),
         scales=widths,
         iterations=iterations,
         period=pair.period,
@@ -294,6 +346,7 @@ def windowed(
         sigma_px=sigma,
         modulation_ratio=modulation_ratio,
         reason=_reasons(pair, displacement),
+        noise_length_px=_noise_length(scale, widths, pair.period),
         iterations=np.minimum(steps, np.iinfo(np.uint8).max).astype(np.uint8),
         details={
             "scales_px": widths,
@@ -332,8 +385,17 @@ def _default_scales(prepared: PreparedPair) -> list[float]:
     """Default widths that suit the period and the frame, px; at least one."""
     narrowest = min(MIN_SCALE_PERIODS * prepared.period, SCALES_PX[0])
     wide_enough = [s for s in SCALES_PX if s >= narrowest]
-    widest = max(prepared.reference.shape[1] * MAX_SCALE_SHARE, wide_enough[-1])
+    widest = min(prepared.reference.shape[1] * MAX_SCALE_SHARE, MAX_SCALE_PERIODS * prepared.period)
+    widest = max(widest, wide_enough[-1])
     return [s for s in wide_enough if s <= widest]
+
+
+def _noise_length(scale: ByteMap, widths: list[float], period_px: float) -> tuple[float, float]:
+    """Width of the kernel that correlates the errors of most pixels, along y and x, px."""
+    kept = scale[scale < len(widths)]
+    width = widths[int(np.median(kept))] if kept.size else 0.0
+    length = min(KERNEL_SHARE * width, MAX_KERNEL_PERIODS * period_px)
+    return length, length
 
 
 def _reasons(prepared: PreparedPair, displacement_px: FloatMap) -> ByteMap:

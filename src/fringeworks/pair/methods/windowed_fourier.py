@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.pair.bandpass import HALF_WIDTH, Analytic, band_pass
+from fringeworks.pair.bandpass import HALF_WIDTH, Analytic, band_kernel, band_pass
 from fringeworks.pair.demodulation import Demodulated, to_displacement
 from fringeworks.pair.lattice import Lattice, shift_wave
 from fringeworks.pair.prepared import PreparedPair
@@ -335,6 +335,7 @@ def windowed_fourier(
     (reference, share), (object_, _) = (
         band_pass(frame, pair.frequency) for frame in (pair.reference, pair.object)
     )
+    length = float(np.hypot(band_kernel(pair.frequency, HALF_WIDTH, 2)[1], sigma_px))
     amplitude = np.abs(reference)
     smallest = np.float32(MIN_REFERENCE_SHARE * pair.modulation)
     field = reference * np.conj(object_) / np.maximum(amplitude, smallest)
@@ -355,6 +356,7 @@ def windowed_fourier(
             reference_amplitude=2.0 * amplitude,
             object_amplitude=2.0 * np.abs(phasor),
             noise_share=min(share, 1.0 / (4.0 * np.pi * sigma_px**2)),
+            noise_length_px=(length, length),
             details={"sigma_px": sigma_px, "algorithm": algorithm},
         ),
     )

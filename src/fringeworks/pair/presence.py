@@ -1,0 +1,140 @@
+"""Where a frame shows no fringes at all: holes, gaps and shadows within a lit surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from fringeworks.types import BoolMap, FloatMap
+
+MIN_LOCAL_SHARE = 0.1
+"""Smallest modulation that counts as fringes, as a share of the median modulation around it.
+
+Dark paint reflects a tenth of the light or more; what shines through a hole is weaker. An empirical
+choice.
+"""
+MIN_FRAME_SHARE = 0.05
+"""Smallest modulation that counts as fringes, as a share of the frame's median modulation.
+
+It decides in shadows that are wider than the surroundings of ``SURROUNDINGS_PERIODS``. An empirical
+choice.
+"""
+MIN_VARIANCE_RATIO = 4.0
+"""Smallest variance of the fringes around a place, over that of the noise, at which a place without
+fringes can be recognised.
+
+Fringes that are weaker do not stand out in a box of one period; only methods that average over
+larger windows can judge them. An empirical choice.
+"""
+BOX_PERIODS = 0.25
+"""Height of the box in which the contrast is measured, periods; its width is one period.
+
+A box of one period holds a maximum and a minimum; a low one comes close to the rim of a hole.
+"""
+SURROUNDINGS_PERIODS = 3.0
+"""Side of the square over which the median contrast is taken, periods.
+
+A hole of two periods covers less than half of it. An empirical choice.
+"""
+REACH_PERIODS = 1.5
+"""Distance over which a place without fringes is extended to its rim, periods.
+
+The box of one period does not reach the ends of a round hole, nor parts that are lit unevenly. An
+empirical choice.
+"""
+MIN_SHARE = 1e-6
+"""Smallest sum of weights in a local mean; it keeps the quotient finite."""
+
+
+def without_fringes(
+    frame: FloatMap, ok: BoolMap, period_px: float, noise_variance: float
+) -> BoolMap:
+    """Find the places of a frame that show no fringes although the surface around them does.
+
+    Parameters
+    ----------
+    frame : (h, w) float array
+        Finite counts; the fringes vary along x.
+    ok : (h, w) bool array
+        False for pixels whose counts are no measurement (saturated, filled); boxes with such
+        pixels are not judged.
+    period_px : float > 0
+        Mean period of the fringes.
+    noise_variance : float ≥ 0
+        Variance of the frame's noise, counts².
+
+    Returns
+    -------
+    (h, w) bool array, True where there are no fringes.
+
+    Notes
+    -----
+    A band-pass or a large window reports the fringes around a hole inside it, so the contrast is
+    measured in boxes no larger than needed: one period wide, a quarter of a period high. Fringes of
+    amplitude B add B²/2 to the variance of such a box. A box whose variance is not above that of
+    the noise and of fringes of the smallest modulation has none. Its pixels are marked, and so are
+    the pixels between it and the rim.
+    """
+    side = max(3, round(BOX_PERIODS * period_px))
+    wide = (side, max(3, round(period_px)))
+    contrast = _box_variance(frame, wide)
+    usual = np.maximum(_surrounding_median(contrast, period_px) - noise_variance, 0.0)
+    whole = max(float(np.median(contrast)) - noise_variance, 0.0)
+    # In a wide shadow only fringes that would stand out from the noise can be said to be missing.
+    in_frame = MIN_FRAME_SHARE**2 * whole
+    in_frame = in_frame if in_frame > noise_variance else 0.0
+    least = np.maximum(MIN_LOCAL_SHARE**2 * usual, in_frame)
+    clear = (usual > MIN_VARIANCE_RATIO * noise_variance) | (in_frame > 0.0)
+    limit = np.where(clear, noise_variance + least, -1.0)
+    flat = contrast <= limit
+    if not ok.all():
+        flat &= ~ndimage.maximum_filter(~ok, _odd(wide))
+    if not flat.any():
+        return np.asarray(flat)
+    core = ndimage.maximum_filter(flat, _odd(wide))
+    return _grown_to_rim(frame, core, period_px)
+
+
+def _grown_to_rim(frame: FloatMap, core: BoolMap, period_px: float) -> BoolMap:
+    """Extend places without fringes up to their rim, where the brightness changes.
+
+    Pixels within reach are added where they are connected with the place, and closer in brightness
+    to it than to the darkest (or brightest) fringes of the surface around it.
+    """
+    near = ndimage.distance_transform_edt(~core) <= REACH_PERIODS * period_px
+
+    def local_mean(values: FloatMap, where: BoolMap) -> FloatMap:
+        share = ndimage.gaussian_filter(where.astype(np.float32), period_px)
+        total = ndimage.gaussian_filter(np.where(where, values, 0.0).astype(np.float32), period_px)
+        return np.asarray(total / np.maximum(share, MIN_SHARE), dtype=np.float64)
+
+    inside = local_mean(frame, core)
+    surface = local_mean(frame, ~near)
+    centred = frame - surface
+    amplitude = np.sqrt(2.0 * np.maximum(local_mean(centred * centred, ~near), 0.0))
+    dark, bright = surface - amplitude, surface + amplitude
+    alike = (inside < dark) & (frame < 0.5 * (inside + dark))
+    alike |= (inside > bright) & (frame > 0.5 * (inside + bright))
+    return np.asarray(ndimage.binary_propagation(core, mask=core | (near & alike)))
+
+
+def _odd(sides: tuple[int, int]) -> tuple[int, int]:
+    """Sides of the smallest symmetric box that stays within a box of ``sides``, px."""
+    return sides[0] - 1 + sides[0] % 2, sides[1] - 1 + sides[1] % 2
+
+
+def _box_variance(frame: FloatMap, sides: tuple[int, int]) -> FloatMap:
+    """Variance of a frame in boxes of ``sides`` (rows, columns) around every pixel, counts²."""
+    centred = (frame - frame.mean()).astype(np.float32)
+    mean = ndimage.uniform_filter(centred, sides, mode="nearest")
+    square = ndimage.uniform_filter(centred * centred, sides, mode="nearest")
+    return np.asarray(np.maximum(square - mean * mean, 0.0))
+
+
+def _surrounding_median(values: FloatMap, period_px: float) -> FloatMap:
+    """Median of a map over squares of ``SURROUNDINGS_PERIODS``, computed on a coarser lattice."""
+    step = max(1, round(BOX_PERIODS * period_px))
+    side = max(3, round(SURROUNDINGS_PERIODS * period_px / step))
+    coarse = ndimage.median_filter(values[::step, ::step], side, mode="nearest")
+    rows, columns = (np.minimum(np.arange(n) // step, -(-n // step) - 1) for n in values.shape)
+    return np.asarray(coarse[np.ix_(rows, columns)])

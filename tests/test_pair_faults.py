@@ -1,0 +1,131 @@
+"""What photographs of pairs show and ideal frames do not: holes, weak fringes, grids, compression."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from benchmarks.pair_coverage import coverage, scene
+from fringeworks import Pair, Reason, analyse, read_pair
+from fringeworks.pair.presence import without_fringes
+from fringeworks.simulate import STANDARD_GEOMETRY, PairSettings, capture_pair
+
+SIZE = 240
+METHODS = ("fourier", "wavelet", "windowed_fourier", "windowed", "exact")
+
+
+def plate(radius=26, **settings):
+    """A plate with four holes, which also show in the reference; and where the holes are."""
+    y, x = np.mgrid[:SIZE, :SIZE]
+    holes = np.zeros((SIZE, SIZE), bool)
+    for cy, cx in ((60, 60), (60, 170), (170, 75), (180, 185)):
+        holes |= np.hypot(y - cy, x - cx) < radius
+    albedo = ndimage.gaussian_filter(np.where(holes, 0.0, 1.0), 0.7)
+    chosen = {"fringes": 10, "bits": 8, "noise": 1.0, "ambient": 0.1, "contrast": 0.6, **settings}
+    pair = capture_pair(
+        np.full(holes.shape, 4.0),
+        STANDARD_GEOMETRY,
+        PairSettings(**chosen),
+        albedo=albedo,
+        reference_albedo=albedo,
+    )
+    return pair, holes
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_holes_are_not_measured(name):
+    pair, holes = plate()
+    found = analyse(pair, name)
+    inner = ndimage.binary_erosion(holes, iterations=1)
+    assert np.mean(found.reason[inner] == Reason.LOW_MODULATION) >= 0.98
+    surface = ~ndimage.binary_dilation(holes, iterations=3)
+    assert np.mean(found.reason[surface] == Reason.LOW_MODULATION) <= 0.001
+
+
+@pytest.mark.parametrize("fringes", [5, 10, 30])
+@pytest.mark.parametrize("noise", [0.0, 2.0, 6.0])
+def test_surfaces_have_fringes_everywhere(fringes, noise):
+    """Neither dark paint nor noise nor a steep face is taken for a hole."""
+    y, x = np.mgrid[:SIZE, :SIZE]
+    albedo = np.where((x // 40 + y // 40) % 2, 1.0, 0.25)
+    height = 15.0 * np.clip(1.0 - np.abs(x - 120) / 40, 0.0, 1.0)
+    settings = PairSettings(fringes=fringes, bits=8, noise=noise, gamma=2.2, seed=2)
+    pair = capture_pair(height, STANDARD_GEOMETRY, settings, albedo=albedo)
+    frame = pair.object.astype(float)
+    assert not without_fringes(
+        frame, np.ones(frame.shape, bool), SIZE / fringes, noise**2 + 1 / 12
+    ).any()
+
+
+def test_holes_of_a_photographed_plate(real_data):
+    folder = real_data / "pair_holes"
+    pair = read_pair(folder / "reference.jpg", folder / "object.jpg")
+    dark = ndimage.gaussian_filter(np.asarray(pair.object, float), 1) < 35
+    holes = ndimage.binary_opening(dark, iterations=5)
+    found = analyse(pair, "fourier")
+    assert np.mean(found.reason[holes] == Reason.LOW_MODULATION) >= 0.98
+    surface = ~ndimage.binary_dilation(holes, iterations=4)
+    assert np.mean(np.isfinite(found.displacement_px[surface])) >= 0.97
+
+
+def weak_pair():
+    """Fine fringes that fade to less than the noise at one side, with a cone on them."""
+    y, x = np.mgrid[:200, :300]
+    rng = np.random.default_rng(4)
+    period = 7.4
+    amplitude = 20.0 * np.exp(-(((x - 120) / 70.0) ** 2)) + 1.5
+    u = -6.0 * np.clip(1.0 - np.hypot(x - 130, y - 100) / 45, 0.0, 1.0) ** 0.5 + 0.5
+    albedo = np.where(np.hypot(x - 130, y - 100) < 45, 0.55, 1.0)
+    reference = 80 + amplitude * np.cos(2 * np.pi * x / period)
+    object_ = albedo * (80 + amplitude * np.cos(2 * np.pi * (x - u) / period))
+    frames = (
+        np.clip(np.rint(f + 2.5 * rng.standard_normal(f.shape)), 0, 255).astype(np.uint8)
+        for f in (reference, object_)
+    )
+    return Pair(*frames, axis="x"), u, period
+
+
+def test_weak_fine_fringes_are_not_counted_into_garbage():
+    pair, u, period = weak_pair()
+    found = analyse(pair, "windowed").displacement_px
+    ok = np.isfinite(found)
+    rim = np.abs(np.hypot(*(np.indices(u.shape) - np.array([100, 130])[:, None, None])) - 45) < 4
+    assert ok.mean() >= 0.9
+    assert np.mean(np.abs(found - u)[ok & ~rim] > 0.5 * period) == 0.0
+
+
+def test_photographed_fine_fringes(real_data):
+    folder = real_data / "pair_fine"
+    pair = read_pair(folder / "reference.jpg", folder / "object.jpg")
+    found = analyse(pair, "windowed")
+    band = analyse(pair, "windowed_fourier").displacement_px
+    ok = np.isfinite(found.displacement_px)
+    assert ok.mean() >= 0.95
+    off = np.abs(found.displacement_px - band) > 0.5 * found.period_px
+    assert not (off & ok).any()
+
+
+@pytest.mark.parametrize("shape", ["plane", "curved"])
+@pytest.mark.parametrize("fault", ["clean", "JPEG 50", "pixel grid", "flicker"])
+def test_sigma_covers_the_errors(shape, fault):
+    pair, truth = scene(shape, fault)
+    for method in ("fourier", "wavelet", "windowed_fourier", "windowed"):
+        found = coverage(pair, truth, method)
+        assert found.within_1 >= 0.55, method
+        assert found.within_2 >= 0.87, method
+
+
+@pytest.mark.parametrize("name", ["fourier", "wavelet", "windowed_fourier", "windowed"])
+def test_sigma_covers_a_photographed_plane(real_data, name):
+    folder = real_data / "pair_cone"
+    found = analyse(read_pair(folder / "reference.jpg", folder / "object.jpg"), name)
+    y, x = np.mgrid[:500, :500]
+    flat = np.hypot(x - 252, y - 241) > 120
+    design = np.stack([np.ones(flat.sum()), x[flat], y[flat]], axis=-1)
+    values = found.displacement_px[flat]
+    ok = np.abs(values - np.median(values)) < 1.0
+    plane = design @ np.linalg.lstsq(design[ok], values[ok], rcond=None)[0]
+    ratio = np.abs(values - plane) / found.sigma_px[flat]
+    assert np.mean(ratio < 1) >= 0.6
+    assert np.mean(ratio < 2) >= 0.85

@@ -31,6 +31,8 @@ FLOAT_BYTES = 8
 """Bytes of a pixel of a frame that is analysed, in double precision."""
 TOLD_LETTERS = 200
 """Letters of a foreign text that a message repeats: enough to recognise it."""
+MESSAGE_LETTERS = 1000
+"""Letters of a message: room for the labels of some tens of missing frames."""
 
 for _name in ("tifffile", "trimesh", "PIL"):
     # Without a handler, Python prints the warnings of these packages to stderr. A program that
@@ -184,10 +186,10 @@ def inside(folder: Path, name: str) -> Path:
     return path
 
 
-def told(value: object) -> str:
+def told(value: object, letters: int = TOLD_LETTERS) -> str:
     """A foreign text for a message: on one line, and short."""
     text = " ".join(str(value).split())
-    return text if len(text) <= TOLD_LETTERS else f"{text[: TOLD_LETTERS - 1]}…"
+    return text if len(text) <= letters else f"{text[: letters - 1]}…"
 
 
 @contextmanager
@@ -210,9 +212,12 @@ def parsing(path: Path, expected: str) -> Iterator[None]:
             warnings.simplefilter("ignore")
             yield
     except InputError as error:
-        if str(path) in str(error) or type(error) not in (InputError, FileProblem):
+        text = told(error, MESSAGE_LETTERS)
+        if str(path) not in text and type(error) in (InputError, FileProblem):
+            raise FileProblem(f"{told(path)}: {text}") from error
+        if text == str(error):
             raise
-        raise FileProblem(f"{told(path)}: {error}") from error
+        raise type(error)(text) from error
     except Exception as error:  # parsers raise whatever their libraries raise
         why = told(error).replace(str(path), "").strip(" '\":") or type(error).__name__
         raise FileProblem(f"{told(path)}: expected {expected}, got: {why}") from error

@@ -20,6 +20,11 @@ LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){{{MAX_KEY_PARTS}}
 """A dotted key with more parts than that."""
 
 
+MAX_DIGITS = 400
+"""Number of digits from which on a number is refused: floats end below 310, and Python cannot print
+integers of some thousands. Words of the letters a to f count as well; hashes have 64."""
+LONG_NUMBER = re.compile(rf"[0-9a-fA-F_]{{{MAX_DIGITS}}}")
+"""A number with as many digits."""
 MAX_LENGTH_PX = 1 << 16
 """Largest number of columns or rows of a camera or projector: more than any has, and few enough for
 tables of one entry per column."""
@@ -65,6 +70,8 @@ def _load(path: Path) -> dict[str, Any]:
         text = content.decode("utf-8")
         if LONG_KEY.search(text):
             raise FileProblem(f"expected keys of at most {MAX_KEY_PARTS} parts, got more")
+        if LONG_NUMBER.search(text):
+            raise FileProblem(f"expected numbers of fewer than {MAX_DIGITS} digits, got more")
         return tomllib.loads(text)
 
 

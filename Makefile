@@ -1,4 +1,4 @@
-# demo · test · faults · check · bench · docs: the only entry points. Each makes its own .venv and needs
+# demo · test · faults · fuzz · check · bench · docs: the only entry points. Each makes its own .venv and needs
 # nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
@@ -11,7 +11,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo test faults check bench docs clean
+.PHONY: demo test faults fuzz check bench docs clean
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -24,6 +24,10 @@ test: $(VENV)/.built
 faults: $(VENV)/.built
 	$(BIN)/python -m pytest -n 2 tests/test_faults.py
 	$(BIN)/python -m benchmarks.fault_table --out benchmarks/faults.json
+
+# The readers on damaged files, more of them than in the tests.
+fuzz: $(VENV)/.built
+	FRINGEWORKS_MUTATIONS=$(or $(MUTATIONS),60000) $(BIN)/python -m pytest --timeout 3600 tests/test_hostile_files.py
 
 check: $(VENV)/.built
 	cargo fmt --check

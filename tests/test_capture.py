@@ -178,7 +178,7 @@ def test_npz(tmp_path):
     np.testing.assert_array_equal(found.object, original.object)
     np.testing.assert_array_equal(found.truth_mm, original.truth_mm)
     np.savez(path, reference=original.reference)
-    with pytest.raises(InputError, match="expected a variable object, got reference"):
+    with pytest.raises(InputError, match="an array named object, got reference"):
         read_capture(path)
     path.write_bytes(b"PK nonsense")
     with pytest.raises(InputError, match="expected a pair of frames"):

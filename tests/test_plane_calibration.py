@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -11,8 +12,11 @@ from fringeworks import (
     InputError,
     ReferencePlaneGeometry,
     displacement_from_height,
+    errors,
     read_pair,
+    read_surface,
     reconstruct,
+    write_surface,
 )
 from fringeworks.files.images import write_frame
 from fringeworks.files.reference_plane import (
@@ -95,6 +99,31 @@ def test_files_are_read_back(tmp_path):
             read_reference_plane(tmp_path / name)
     with pytest.raises(InputError, match=".npz"):
         write_reference_plane(tmp_path / "p.txt", found)
+
+
+@pytest.mark.parametrize("pitch", [None, 0.4])
+def test_heights_do_not_make_up_a_pitch(tmp_path, pitch):
+    truth = ReferencePlaneGeometry(800.0, 300.0, 0.4)
+    law = calibrate_pixels(planes(truth), HEIGHTS, pitch_mm_per_px=pitch)
+    law = read_reference_plane(write_reference_plane(tmp_path / "p.npz", law))
+    u = displacement_from_height(np.full((80, 100), 20.0), truth)
+    reason = np.zeros(u.shape, np.uint8)
+    surface = height_by_pixel(DisplacementMap(u, 0 * u + 0.1, u, reason, 20.0, "x", "test"), law)
+    assert surface.pitch == pitch
+    for name in ("s.tif", "s.npz"):
+        write_surface(tmp_path / name, surface)
+        assert read_surface(tmp_path / name).pitch == pitch
+    for name in ("s.ply", "s.x3p", "s.gsf"):
+        if pitch is None:
+            with pytest.raises(InputError, match="expected heights with a known pitch"):
+                write_surface(tmp_path / name, surface)
+            assert not (tmp_path / name).exists()
+        else:
+            write_surface(tmp_path / name, surface)
+    if pitch is not None:
+        with zipfile.ZipFile(tmp_path / "s.x3p") as archive:
+            assert b"Date" not in archive.read("main.xml")  # unknown here, so not today's
+    assert np.isfinite(errors(surface, np.full(u.shape, 20.0)).mean_abs_error_mm)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fringeworks import InputError, analyse
+from fringeworks import InputError, analyse, prepare, reconstruct
 from fringeworks.files.response import read_response, write_response
 from fringeworks.signal.gamma import gamma_of_frames, harmonic_distortion
 from fringeworks.signal.phase_table import phase_table
@@ -94,6 +94,24 @@ def test_applied_to_a_capture():
     ):
         with pytest.raises(InputError, match=words):
             apply_response(dataclasses.replace(bent, **changes), response)
+
+
+def test_saturated_pixels_stay_saturated_when_frames_are_linearised():
+    bent = scene("parabola", size=128, fringes=8, bits=8, gamma=1.8, noise=1, seed=2)
+    glare = bent.object.copy()
+    glare[40:60, 30:70] = 255
+    names = {"camera": "left", "projector": "bench"}
+    pair = dataclasses.replace(bent, object=glare, **names)
+    response = measured(1.8)
+    found = reconstruct(pair, "fourier", response=response)
+    block = found.surface.reason[42:58, 32:68]
+    same = reconstruct(dataclasses.replace(bent, object=glare), "fourier").surface.reason
+    assert (block == same[42:58, 32:68]).all()
+    prepared = prepare(pair, response=response)
+    assert prepared.saturated[42:58, 32:68].all()
+    assert not prepared.object_ok[42:58, 32:68].any()
+    assert np.isnan(apply_response(pair, response).object[42:58, 32:68]).all()
+    assert any("γ = 1.8" in note for note in found.notes)
 
 
 def test_file_keeps_everything(tmp_path):

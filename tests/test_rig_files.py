@@ -63,6 +63,76 @@ def test_files_of_other_programs_are_read(tmp_path):
     assert found.camera.distortion == (-0.1, 0.2, 0.0, 0.0, 0.0)
 
 
+K = np.array([[2195.0, 0, 843.5], [0, 2195, 675.5], [0, 0, 1]])
+TURN = cv2.Rodrigues(np.array([0.1, 0.2, -0.1]))[0]
+PROGRAMS = {
+    # Names as the programs' sources write them; sizes; residuals of camera and projector.
+    "SLStudio": (
+        "Kc kc Kp kp Rp Tp",
+        {"frameWidth": 1688, "frameHeight": 1352, "screenResX": 1824, "screenResY": 1140, "cam_error": 0.28, "proj_error": 0.46, "stereo_error": 0.42},
+        (0.42, 0.42),
+    ),
+    "SLMaster": ("M1 D1 M4 D4 Rlp Tlp", {"S": np.array([[1688.0], [1352.0]]), "K1": np.eye(3)}, None),
+    "sltk": (
+        "cam_K cam_kc pro_K pro_kc R T",
+        {"cam_size": np.array([[1688], [1352]]), "pro_size": np.array([[1824], [1140]]), "cam_rms": -1.0, "pro_rms": 0.3, "stereo_rms": 0.5},
+        (0.5, 0.5),
+    ),
+    "scan3d-capture": ("cam_K cam_kc proj_K proj_kc R T", {"cam_error": 0.2, "proj_error": 0.3}, (0.2, 0.3)),
+    "OpenCV": ("M1 D1 M2 D2 R T", {}, None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", [".xml", ".yml"])
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_programs_are_read_by_their_names(tmp_path, program, suffix):
+    names, more, residual = PROGRAMS[program]
+    path = tmp_path / f"rig{suffix}"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    values = (K, np.full((5, 1), 0.01), 1.2 * K + np.diag([0, 0, -0.2]), np.full((1, 5), 0.02))
+    values += (TURN.astype(np.float32), np.array([[-145.0], [-36], [68]], np.float32))
+    for name, value in zip(names.split(), values, strict=True):
+        storage.write(name, value)
+    for name, value in more.items():
+        storage.write(name, value)
+    storage.release()
+    sizes = {"camera_size": (1688, 1352), "projector_size": (1824, 1140)}
+    found = read_rig(path, **sizes)
+    assert (found.camera.width_px, found.projector.height_px) == (1688, 1140)
+    assert found.projector.focal_px == pytest.approx((2634.0, 2634.0))
+    assert found.camera.distortion == (0.01,) * 5
+    np.testing.assert_allclose(found.T_projector_camera[:3, :3], TURN, atol=1e-6)
+    assert found.baseline_mm == pytest.approx(np.linalg.norm([145, 36, 68]))
+    if residual is not None:
+        assert found.residual_px == residual
+    with pytest.raises(InputError, match="missing projector_size|camera_size: expected 1688"):
+        read_rig(path, camera_size=(99, 99))
+
+
+def test_matrices_that_are_no_such_thing_are_refused(tmp_path):
+    for name, value, words in (
+        ("camera_matrix", K + np.array([[0, 5.0, 0], [0, 0, 0], [0, 0, 0]]), "fx 0 cx"),
+        ("rotation", 1.1 * TURN, "expected a rotation matrix"),
+        ("translation", np.zeros((2, 1)), "expected 3 values, got 2"),
+        ("projector_distortion", np.full((1, 14), 0.1), "five coefficients"),
+    ):
+        path = write_rig(tmp_path / "rig.xml", rig())
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+        good = {
+            "camera_size": np.array([[1688, 1352]]),
+            "projector_size": np.array([[1824, 1140]]),
+            **dict.fromkeys(("camera_matrix", "projector_matrix"), K),
+            **dict.fromkeys(("camera_distortion", "projector_distortion"), np.zeros((1, 5))),
+            "rotation": TURN,
+            "translation": np.array([[100.0], [0], [0]]),
+        }
+        for key, matrix in (good | {name: value}).items():
+            storage.write(key, matrix)
+        storage.release()
+        with pytest.raises(InputError, match=words):
+            read_rig(path)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -74,6 +74,9 @@ from .files.images import (
     read_frame as read_frame,
     write_frame as write_frame,
 )
+from .files.limits import (
+    file_limits as file_limits,
+)
 from .files.folder import (
     FolderInUse as FolderInUse,
 )

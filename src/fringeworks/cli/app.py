@@ -49,6 +49,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def all_commands(
+    context: typer.Context,
     version: Annotated[  # noqa: ARG001, answered by its callback
         bool,
         typer.Option("--version", callback=_version, is_eager=True, help="Show the version."),
@@ -63,8 +64,19 @@ def all_commands(
         list[Path] | None,
         typer.Option("--plugin", help="Python file that registers methods; repeatable."),
     ] = None,
+    max_gb: Annotated[
+        float | None,
+        typer.Option("--max-gb", help="Memory that the content of one file may take, GB."),
+    ] = None,
+    outside: Annotated[
+        bool,
+        typer.Option("--outside", help="Let a capture.toml name files outside its folder."),
+    ] = False,
 ) -> None:
     """Options of all commands stand before the command."""
     output.configure(quiet=quiet, log=log)
+    if max_gb is not None or outside:
+        limit = {} if max_gb is None else {"max_gb": max_gb}
+        context.with_resource(fw.file_limits(**limit, outside=outside))
     for path in plugin or []:
         fw.load_plugin(path)

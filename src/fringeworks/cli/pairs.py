@@ -212,7 +212,7 @@ def calibrate_plane(
     ],
     pitch_mm_per_px: Annotated[
         float | None,
-        typer.Option(help="Camera pixel on the reference plane, mm; a geometry needs it."),
+        typer.Option(help="Camera pixel on the reference plane, mm; .toml needs it."),
     ] = None,
     method: Annotated[str, typer.Option(help="Method, see `fringeworks methods`.")] = "windowed",
     json_file: JsonFile = None,
@@ -223,9 +223,8 @@ def calibrate_plane(
 
     output.check(out, check_reference_plane_target)
     by_pixel = out.suffix.lower() == PIXELS_SUFFIX
-    if by_pixel == (pitch_mm_per_px is not None):
-        expected = "no --pitch-mm-per-px for .npz" if by_pixel else "--pitch-mm-per-px for .toml"
-        raise fw.InputError(f"--out {out}: expected {expected}")
+    if not by_pixel and pitch_mm_per_px is None:
+        raise fw.InputError(f"--out {out}: expected --pitch-mm-per-px for .toml")
     heights, pairs = [], []
     for text in plane:
         height, separator, name = text.partition("=")
@@ -238,7 +237,9 @@ def calibrate_plane(
         pairs.append(fw.read_pair(reference, name))
     with output.progress() as progress:
         progress(f"{method} …")
-        found = fw.calibrate_plane(pairs, heights, pitch_mm_per_px=pitch_mm_per_px, method=method)
+        found = fw.calibrate_plane(
+            pairs, heights, pitch_mm_per_px=pitch_mm_per_px, by_pixel=by_pixel, method=method
+        )
     with output.target(out, ".toml") as place:
         fw.write_reference_plane(place, found)
     figures = fw.summarise(found)

@@ -312,14 +312,21 @@ def rig(
         str | None,
         typer.Option(help="Columns x rows, as 1024x768, where a file of OpenCV has none."),
     ] = None,
+    camera_size: Annotated[
+        str | None, typer.Option(help="The same for the camera, as 1280x1024.")
+    ] = None,
 ) -> None:
     """Convert a rig file, to and from OpenCV's XML and YAML."""
     from fringeworks.files.rig import check_rig_target
 
     output.check(out, check_rig_target)
-    size = None if projector_size is None else size_of(projector_size, "projector-size")
+    sizes = [
+        None if given is None else size_of(given, name)
+        for name, given in (("camera-size", camera_size), ("projector-size", projector_size))
+    ]
     with output.target(out, ".toml") as place:
-        fw.write_rig(place, fw.read_rig(source, projector_size=size))
+        found = fw.read_rig(source, camera_size=sizes[0], projector_size=sizes[1])
+        fw.write_rig(place, found)
     output.Output(out).wrote(out)
 
 

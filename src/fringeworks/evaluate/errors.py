@@ -67,12 +67,13 @@ def errors(surface: HeightMap, truth_mm: FloatMap) -> Errors:
     valid = np.isfinite(difference)
     if not valid.any():
         raise InputError("errors: expected at least one measured pixel, got none")
-    band = edge_band(truth_mm, surface.pitch)
+    # Without a pitch, slopes are unknown, and so are the cliffs.
+    band = None if surface.pitch is None else edge_band(truth_mm, surface.pitch)
     e = difference[valid]
     ratio = np.abs(e) / surface.sigma[valid]
 
-    def mean_abs(where: BoolMap) -> float:
-        chosen = difference[valid & where]
+    def mean_abs(*, edge: bool) -> float:
+        chosen = difference[valid & (band == edge)] if band is not None else difference[:0]
         return float(np.abs(chosen).mean()) if chosen.size else float("nan")
 
     return Errors(
@@ -81,8 +82,8 @@ def errors(surface: HeightMap, truth_mm: FloatMap) -> Errors:
         std_error_mm=float(e.std()),
         max_abs_error_mm=float(np.abs(e).max()),
         failed_fraction=float(np.mean(~valid[surface.reason != Reason.MASKED])),
-        edge_mean_abs_error_mm=mean_abs(band),
-        inner_mean_abs_error_mm=mean_abs(~band),
+        edge_mean_abs_error_mm=mean_abs(edge=True),
+        inner_mean_abs_error_mm=mean_abs(edge=False),
         within_1_sigma=float(np.mean(ratio <= 1.0)),
         within_2_sigma=float(np.mean(ratio <= 2.0)),
     )

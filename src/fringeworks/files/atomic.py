@@ -38,10 +38,25 @@ def replacing(path: StrPath) -> Iterator[Path]:
         with temporary.open("rb") as file:
             os.fsync(file.fileno())
         temporary.replace(target)
+        _keep(target.parent)
     except OSError as error:
         raise FileProblem(f"{target}: could not be written: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _keep(folder: Path) -> None:
+    """Write a folder's list of names to the disk, where the system can do that."""
+    try:
+        place = os.open(folder, os.O_RDONLY)
+    except OSError:  # Windows opens no folders
+        return
+    try:
+        os.fsync(place)
+    except OSError:  # some network file systems refuse; the file itself is on the disk
+        pass
+    finally:
+        os.close(place)
 
 
 def write_text(path: StrPath, text: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.limits import is_file, is_folder, parsing, told
 from fringeworks.files.pair import (
     CAPTURE_FILE,
     CaptureFile,
@@ -41,18 +42,20 @@ def read_capture(path: StrPath) -> Pair | Stack:
     FileProblem for anything missing, unreadable or unknown, naming the file and the field.
     """
     path = Path(path)
-    if path.is_dir():
+    if is_folder(path):
         description = path / CAPTURE_FILE
-        if not description.is_file():
+        if not is_file(description):
             if (path / PLAN_FILE).is_file():
                 return read_stack(path)
             raise missing_description(path, f"{CAPTURE_FILE} or {PLAN_FILE}")
         if kind_of(description) == "stack":
             return read_stack(path)
-        return read_pair_folder(path, read_toml(description, CaptureFile))
-    if not path.is_file():
+        content = read_toml(description, CaptureFile)
+        with parsing(path, "a pair of frames"):
+            return read_pair_folder(path, content)
+    if not is_file(path):
         raise FileProblem(
-            f"{path}: expected a capture folder or one of {_suffixes()}, got nothing there"
+            f"{told(path)}: expected a capture folder or one of {_suffixes()}, got nothing there"
         )
     suffix = path.suffix.lower()
     if suffix in STACK_SUFFIXES and (suffix != ".npz" or (path.parent / PLAN_FILE).is_file()):

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from fringeworks.files.atomic import StrPath, check_target
-from fringeworks.files.npz import read_npz, write_npz
+from fringeworks.files.limits import parsing
+from fringeworks.files.npz import TEXT, read_npz, write_npz
 from fringeworks.files.provenance import KEY, from_json, json_line
 from fringeworks.types import (
     Axis,
@@ -19,6 +20,7 @@ from fringeworks.types import (
     Decoded,
     FileProblem,
     FrameFinding,
+    FrameFindingKind,
     sealed,
 )
 
@@ -26,6 +28,19 @@ MAPS = ("coordinate_px", "sigma_px", "modulation", "background", "reason")
 """Maps that every axis has."""
 OPTIONAL = ("phase_rad", "modulations", "repeats_px")
 """What an axis may have besides."""
+LAYOUT = {"noise": "f 2", "findings": TEXT, KEY: f"?{TEXT}"} | {
+    f"{axis}_{name}": layout
+    for axis, sets in (("x", "m"), ("y", "n"))
+    for name, layout in {
+        **dict.fromkeys(MAPS, "?f hw"),
+        "reason": "?u hw",
+        "periods_px": f"?f {sets}",
+        "phase_rad": f"?f {sets}hw",
+        "modulations": f"?f {sets}hw",
+        "repeats_px": "?f",
+    }.items()
+}
+"""Layout of a file."""
 
 
 def check_coordinate_target(path: StrPath) -> None:
@@ -68,28 +83,30 @@ def read_coordinates(path: StrPath) -> Decoded:
     ------
     FileProblem where there is no such file, or it holds no coordinates.
     """
-    arrays = read_npz(path, "coordinates")
-    try:
+    path = Path(path)
+    arrays = read_npz(path, "coordinates", LAYOUT)
+    with parsing(path, "coordinates"):
         read_counts, gain = (float(v) for v in arrays["noise"])
         findings = _findings(str(arrays["findings"]))
         x, y = _axis(arrays, "x"), _axis(arrays, "y")
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileProblem(
-            f"{path}: expected coordinates, got an archive without {error}"
-        ) from error
-    if x is None and y is None:
-        raise FileProblem(f"{path}: expected coordinates along x or y, got neither")
-    origin = from_json(str(arrays[KEY])) if KEY in arrays else None
-    return Decoded(x, y, CameraNoise(read_counts, gain), findings, provenance=origin)
+        if x is None and y is None:
+            raise FileProblem("expected coordinates along x or y, got neither")
+        origin = from_json(str(arrays[KEY])) if KEY in arrays else None
+        return Decoded(x, y, CameraNoise(read_counts, gain), findings, provenance=origin)
 
 
 def _findings(text: str) -> tuple[FrameFinding, ...]:
     """Findings as they were written."""
     items: list[dict[str, Any]] = json.loads(text)
     listed = ("causes", "frames")
-    return tuple(
-        FrameFinding(**item | {name: tuple(item[name]) for name in listed}) for item in items
-    )
+    found = [
+        FrameFinding(**item | {name: tuple(map(str, item[name])) for name in listed})
+        for item in items
+    ]
+    kinds = get_args(FrameFindingKind)
+    if not all(f.kind in kinds and isinstance(f.seen, str) for f in found):
+        raise ValueError("findings of another kind")
+    return tuple(found)
 
 
 def _axis(arrays: dict[str, Any], axis: Axis) -> CoordinateMap | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fringeworks.files.atomic import StrPath, replacing
+from fringeworks.files.limits import check_frame_size, existing_file, parsing, read_content
+from fringeworks.files.tiff import read_tiff
 from fringeworks.types import BoolMap, FileProblem, FramesContradictPlan, Frozen, InputError, sealed
 
 LUMINANCE = (0.299, 0.587, 0.114)
@@ -21,10 +24,15 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 """Images that Pillow reads."""
 TIFF_SUFFIXES = (".tif", ".tiff")
 """Images and stacks that tifffile reads."""
-LOSSY_FORMATS = ("JPEG", "MPO")
-"""Pillow's names of lossily compressed images. MPO is the JPEG of some phones and cameras."""
-LOSSY_TIFF = (6, 7, 34892)
-"""TIFF codes of lossy compression: JPEG of TIFF 6.0, JPEG, and lossy JPEG of digital negatives."""
+MAGIC = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG", b"BM": "BMP"}
+"""Pillow's names of the kinds that are read, by their first bytes."""
+SCAN = b"\xff\xda"
+"""Mark before each scan of a JPEG; it occurs nowhere else in compressed data."""
+MAX_SCANS = 200
+"""Largest number of scans of a JPEG. Progressive ones have about ten; a few bytes of a further one
+cost as much time as the whole image."""
+MAX_SIDE_PX = 1 << 16
+"""Largest number of columns or rows of an image: that of JPEG, and more than any sensor has."""
 
 
 class _Image(NamedTuple):
@@ -144,13 +152,12 @@ def _as_luminance(image: _Image, *, mark_clipped: bool) -> _Image:
 
 
 def _read(path: Path) -> _Image:
-    if not path.is_file():
-        raise FileProblem(f"{path}: expected an image file, got no such file")
+    path = existing_file(path, "an image file")
     if path.stat().st_size == 0:
         raise FileProblem(f"{path}: expected an image, got an empty file")
     suffix = path.suffix.lower()
     if suffix in TIFF_SUFFIXES:
-        array, lossy = read_tiff(path), is_lossy_tiff(path)
+        array, lossy = read_tiff(path)
     elif suffix in IMAGE_SUFFIXES:
         array, lossy = _read_image(path)
     else:
@@ -158,69 +165,48 @@ def _read(path: Path) -> _Image:
         raise FileProblem(f"{path}: expected an image ({known}), got {suffix or 'no suffix'}")
     if array.dtype == bool:
         array = array.astype(np.uint8) * np.uint8(255)
-    return _to_grey(path, array.astype(array.dtype.newbyteorder("="), copy=False), lossy)
-
-
-def read_tiff(path: StrPath, *, on_disk: bool = False) -> NDArray[Any]:
-    """The first series of a TIFF file as an array.
-
-    Parameters
-    ----------
-    path : path
-    on_disk : bool
-        Map the file into memory instead of reading it, where it is neither compressed nor in
-        pieces.
-
-    Raises
-    ------
-    FileProblem for a file that cannot be read or holds no image.
-    """
-    try:
-        if on_disk:
-            try:
-                return np.asarray(tifffile.memmap(path, mode="r"))
-            except ValueError:  # compressed, or pages apart from each other
-                pass
-        array = np.asarray(tifffile.imread(path))
-    except Exception as error:  # tifffile raises whatever its codecs raise
-        raise FileProblem(f"{path}: expected a readable TIFF, got: {error}") from error
-    if array.size == 0:
-        raise FileProblem(f"{path}: expected a readable TIFF, got one without an image")
-    return array
-
-
-def is_lossy_tiff(path: StrPath) -> bool:
-    """Whether the first page of a readable TIFF file is compressed as JPEG."""
-    with tifffile.TiffFile(path) as file:
-        return int(file.pages.first.compression) in LOSSY_TIFF
+    with parsing(path, "an image"):
+        if array.dtype.kind not in "uif":
+            raise FileProblem(f"expected counts, got {array.dtype}")
+        return _to_grey(path, array.astype(array.dtype.newbyteorder("="), copy=False), lossy)
 
 
 def _read_image(path: Path) -> tuple[NDArray[Any], bool]:
     """The counts of an image, and whether it is lossily compressed."""
-    with path.open("rb") as file:
-        header = file.read(26)
-    if header.startswith(b"\x89PNG") and len(header) == 26 and header[24] == 16 and header[25] & 2:
+    content = read_content(path, "an image")
+    with parsing(path, "a readable image"):
+        array, lossy = _decoded(content)
+        if array.dtype == np.int32:
+            # Pillow returns 16-bit grey PNGs of some writers as 32-bit integers.
+            if array.min() < 0 or array.max() > 65535:
+                raise FileProblem("expected at most 16 bits per pixel, got 32")
+            array = array.astype(np.uint16)
+        return array, lossy
+
+
+def _decoded(content: bytes) -> tuple[NDArray[Any], bool]:
+    """Decode an image of a known kind; its size is known before its pixels are unpacked."""
+    kind = next((name for magic, name in MAGIC.items() if content.startswith(magic)), None)
+    if kind is None:
+        raise FileProblem("expected a readable image (PNG, JPEG or BMP), got something else")
+    if kind == "PNG" and content[24:25] == b"\x10" and content[25] & 2:
         raise FileProblem(
-            f"{path}: expected 8 bits per colour or a grey PNG, got 16-bit colour "
-            "(its lower bits would be lost); save it as TIFF"
+            "expected 8 bits per colour or a grey PNG, got 16-bit colour (its lower bits would be "
+            "lost); save it as TIFF"
         )
-    try:
-        with Image.open(path) as image:
-            lossy = image.format in LOSSY_FORMATS
-            if image.mode in ("P", "CMYK", "YCbCr", "LAB", "HSV"):
-                return np.asarray(image.convert("RGB")), lossy
-            if image.mode == "1":
-                return np.asarray(image.convert("L")), lossy
-            array = np.asarray(image)
-    except (OSError, SyntaxError, ValueError) as error:
-        reason = str(error).replace(str(path), "").strip(" '\"") or type(error).__name__
-        raise FileProblem(f"{path}: expected a readable image, got: {reason}") from error
-    if array.dtype == np.int32:
-        # Pillow returns 16-bit grey PNGs of some writers as 32-bit integers.
-        if array.min() < 0 or array.max() > 65535:
-            raise FileProblem(f"{path}: expected at most 16 bits per pixel, got 32")
-        array = array.astype(np.uint16)
-    return array, lossy
+    if kind == "JPEG" and content.count(SCAN) > MAX_SCANS:
+        raise FileProblem(f"expected a JPEG of at most {MAX_SCANS} scans, got more")
+    # The class of this kind itself: Image.open would try all of some forty kinds.
+    Image.preinit()
+    with Image.OPEN[kind][0](BytesIO(content), "") as image:
+        check_frame_size(*image.size)
+        if max(image.size) > MAX_SIDE_PX:
+            raise FileProblem(f"expected at most {MAX_SIDE_PX} px along a side, got more")
+        if image.mode in ("P", "CMYK", "YCbCr", "LAB", "HSV"):
+            return np.asarray(image.convert("RGB")), kind == "JPEG"
+        if image.mode == "1":
+            return np.asarray(image.convert("L")), kind == "JPEG"
+        return np.asarray(image), kind == "JPEG"
 
 
 def _to_grey(path: Path, array: NDArray[Any], lossy: bool) -> _Image:

@@ -1,14 +1,26 @@
-"""NPZ archives: written whole, read without pickles."""
+"""NPZ archives: written whole, read without pickles, with their layout checked."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+import zipfile
+from collections.abc import Mapping
+from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, replacing
+from fringeworks.files.limits import check_bytes, existing_file, parsing, told
 from fringeworks.types import FileProblem
+
+SUFFIX = ".npy"
+"""Suffix of the members of an archive."""
+TEXT = "US"
+"""Kinds of arrays that hold text."""
+NUMBERS = "fiu"
+"""Kinds of arrays that hold real numbers."""
+MAX_HEADER = 10_000
+"""Bytes of the header of an array; those that NumPy writes have 128."""
 
 
 def write_npz(path: StrPath, arrays: dict[str, Any], *, compressed: bool = True) -> None:
@@ -18,24 +30,96 @@ def write_npz(path: StrPath, arrays: dict[str, Any], *, compressed: bool = True)
         save(file, allow_pickle=False, **arrays)
 
 
-def read_npz(path: StrPath, kind: str) -> dict[str, Any]:
-    """All arrays of an ``.npz`` archive.
+def read_npz(path: StrPath, kind: str, layout: Mapping[str, str]) -> dict[str, NDArray[Any]]:
+    """The named arrays of an ``.npz`` archive.
 
     Parameters
     ----------
     path : path
     kind : str
         What the archive should hold, for messages.
+    layout : mapping of names to layouts
+        A layout has the kinds of the array's type (NumPy's letters) and, after a space, its axes: a
+        letter for a length, the same letter for the same length in all arrays, a digit for a fixed
+        length. ``"f hw"`` is a map of floats, ``"f"`` a single one, ``"f hw|hw3"`` either of two.
+        With a question mark before it, the array may be missing.
+
+    Returns
+    -------
+    The arrays by name. Others in the archive are not read.
 
     Raises
     ------
-    FileProblem for a missing or damaged archive.
+    FileProblem for a missing or damaged archive, and for arrays of other types or shapes.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileProblem(f"{path}: expected {kind} (.npz), got no such file")
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except Exception as error:  # zipfile and numpy raise many kinds for a damaged archive
-        raise FileProblem(f"{path}: expected {kind} (.npz), got: {error}") from error
+    path = existing_file(path, f"{kind} (.npz)")
+    lengths: dict[str, int] = {}
+    with parsing(path, f"{kind} (.npz)"), zipfile.ZipFile(path) as archive:
+        members = {info.filename.removesuffix(SUFFIX): info for info in archive.infolist()}
+        missing = [n for n, form in layout.items() if n not in members and form[:1] != "?"]
+        if missing:
+            got = told(", ".join(members)) or "nothing"
+            raise FileProblem(f"expected {kind} with an array named {missing[0]}, got {got}")
+        needed = sum(members[name].file_size for name in layout if name in members)
+        check_bytes(needed, kind)
+        return {
+            name: _member(archive, members[name], name, form.lstrip("?"), lengths)
+            for name, form in layout.items()
+            if name in members
+        }
+
+
+def _member(
+    archive: zipfile.ZipFile,
+    info: zipfile.ZipInfo,
+    name: str,
+    form: str,
+    lengths: dict[str, int],
+) -> NDArray[Any]:
+    """One array, after its header was compared with its layout and its size."""
+    with archive.open(info) as file:
+        shape, fortran, dtype = _header(file)
+        kinds, _, axes = form.partition(" ")
+        fits = any(_fits(shape, option, lengths) for option in axes.split("|"))
+        if dtype.kind not in kinds or not fits:
+            raise FileProblem(f"expected {name} as {_said(kinds, axes)}, got {dtype} {shape}")
+        size = dtype.itemsize * int(np.prod(shape, dtype=object))
+        if size > info.file_size:
+            raise FileProblem(f"expected {name} of {size} bytes, got {info.file_size}")
+        content = file.read(size)
+    if len(content) != size:
+        raise FileProblem(f"expected {name} of {size} bytes, got {len(content)}")
+    return np.ndarray(shape, dtype, content, order="F" if fortran else "C")
+
+
+def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, order and type of an array."""
+    version = np.lib.format.read_magic(file)
+    read = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
+    shape, fortran, dtype = read(file, max_header_size=MAX_HEADER)
+    if dtype.hasobject or any(length < 0 for length in shape):
+        raise FileProblem(f"expected plain arrays, got {dtype} {shape}")
+    return shape, fortran, dtype
+
+
+def _fits(shape: tuple[int, ...], axes: str, lengths: dict[str, int]) -> bool:
+    """Whether a shape follows a layout; its letters are then known."""
+    if len(shape) != len(axes):
+        return False
+    found = dict(lengths)
+    for length, axis in zip(shape, axes, strict=True):
+        if length != (int(axis) if axis.isdigit() else found.setdefault(axis, length)):
+            return False
+    lengths |= found
+    return True
+
+
+def _said(kinds: str, axes: str) -> str:
+    """A layout in words."""
+    words = {"f": "floats", "u": "unsigned integers", "b": "true or false", TEXT: "text"}
+    options = " or ".join(f"({', '.join(option)})" for option in axes.split("|"))
+    return f"{words.get(kinds, 'numbers')} of shape {options}"

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from fringeworks.files.atomic import StrPath, write_text
 from fringeworks.files.folder import incomplete, replacing_folder
 from fringeworks.files.images import holds_counts, read_frame, read_frames, write_frame
-from fringeworks.files.npz import read_npz
+from fringeworks.files.limits import inside, is_file, parsing
+from fringeworks.files.mat import read_mat
+from fringeworks.files.npz import NUMBERS, read_npz
 from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import Section
 from fringeworks.types import (
@@ -21,13 +23,17 @@ from fringeworks.types import (
     InputError,
     Pair,
     ReferencePlaneGeometry,
-    Source,
 )
 
 CAPTURE_FILE = "capture.toml"
 """Description of a capture in its folder. A folder without one is no complete capture."""
 MATLAB_REFERENCE, MATLAB_OBJECT = "S", "D"
 """Variables of the dissertation's MATLAB files."""
+LAYOUT = dict.fromkeys(("reference", "object"), f"{NUMBERS} hw") | {
+    "mask": f"?b{NUMBERS} hw",
+    "truth_mm": f"?{NUMBERS} hw",
+}
+"""Layout of a pair in one ``.npz`` file."""
 
 
 class FramesSection(Section):
@@ -45,6 +51,10 @@ class GeometrySection(Section):
     baseline_mm: float
     pitch_mm_per_px: float
     sign: Literal[1, -1] = 1
+
+    def as_geometry(self) -> ReferencePlaneGeometry:
+        """The frozen type."""
+        return ReferencePlaneGeometry(**self.model_dump())
 
 
 class DevicesSection(Section):
@@ -95,11 +105,10 @@ def read_pair(
     # Two images are converted to grey as one: to luminance if either is coloured.
     read = read_frames([p for p in paths if not _is_mat(p)], stack=False)
     images = iter(read.frames)
+    names = [MATLAB_REFERENCE, MATLAB_OBJECT][-len(paths) :]
     frames = [
-        _real_array(p, _load_mat(p), MATLAB_OBJECT if p is paths[-1] else MATLAB_REFERENCE)
-        if _is_mat(p)
-        else next(images)
-        for p in paths
+        read_mat(p, (name,))[name] if _is_mat(p) else next(images)
+        for p, name in zip(paths, names, strict=True)
     ]
     if len({frame.shape for frame in frames}) > 1:
         first, second = frames
@@ -130,14 +139,17 @@ def read_pair_file(path: StrPath) -> Pair:
     """
     path = Path(path)
     if path.suffix.lower() == ".npz":
-        arrays, names = read_npz(path, "a pair of frames"), ("reference", "object")
+        names = ("reference", "object")
+        arrays = read_npz(path, "a pair of frames", LAYOUT)
     else:
-        arrays, names = _load_mat(path), (MATLAB_REFERENCE, MATLAB_OBJECT)
-    return _from_arrays(path, arrays, *names)
+        names = (MATLAB_REFERENCE, MATLAB_OBJECT)
+        arrays = read_mat(path, names)
+    with parsing(path, "a pair of frames"):
+        return _from_arrays(path, arrays, *names)
 
 
 def _is_mat(path: Path) -> bool:
-    return path.suffix.lower() == ".mat" and path.is_file()
+    return path.suffix.lower() == ".mat" and is_file(path)
 
 
 def _size(frame: NDArray[Any]) -> str:
@@ -147,31 +159,29 @@ def _size(frame: NDArray[Any]) -> str:
 def read_pair_folder(folder: Path, content: CaptureFile) -> Pair:
     """Read a pair as the ``capture.toml`` in its folder describes it."""
     named = content.frames.reference
-    pair = read_pair(None if named is None else folder / named, folder / content.frames.object)
-    geometry = content.geometry
-    mask, background = (
-        None if name is None else read_frame(folder / name)[0] != 0
-        for name in (content.mask, content.background)
+    pair = read_pair(
+        None if named is None else inside(folder, named), inside(folder, content.frames.object)
     )
-    truth = None if content.truth is None else read_frame(folder / content.truth)[0]
-    more = [content.mask, content.background, content.truth, CAPTURE_FILE]
+    geometry = content.geometry
+    others = (content.mask, content.background, content.truth)
+    paths = [None if name is None else inside(folder, name) for name in others]
+    mask, background, truth = (None if path is None else read_frame(path)[0] for path in paths)
+    given = [path for path in (*paths, folder / CAPTURE_FILE) if path is not None]
     return Pair(
         reference=pair.reference,
         object=pair.object,
-        mask=_fitting("mask", mask, pair.object),
-        background=_fitting("background", background, pair.object),
+        mask=_fitting("mask", None if mask is None else mask != 0, pair.object),
+        background=_fitting(
+            "background", None if background is None else background != 0, pair.object
+        ),
         axis=content.axis,
-        geometry=None if geometry is None else ReferencePlaneGeometry(**geometry.model_dump()),
+        geometry=None if geometry is None else geometry.as_geometry(),
         camera=content.devices.camera,
         projector=content.devices.projector,
         truth_mm=_fitting("truth", truth, pair.object),
         notes=pair.notes,
-        sources=(*pair.sources, *_sources(folder, more)),
+        sources=(*pair.sources, *(source_of(path) for path in given)),
     )
-
-
-def _sources(folder: Path, names: list[str | None]) -> tuple[Source, ...]:
-    return tuple(source_of(folder / name) for name in names if name is not None)
 
 
 def _fitting(name: str, values: Any, frame: NDArray[Any]) -> Any:
@@ -180,38 +190,8 @@ def _fitting(name: str, values: Any, frame: NDArray[Any]) -> Any:
     return values
 
 
-def _load_mat(path: Path) -> dict[str, Any]:
-    # Slow to import, and needed for these files only.
-    import h5py
-    import scipy.io
-
-    try:
-        if h5py.is_hdf5(path):
-            with h5py.File(path) as file:
-                # HDF5 keeps MATLAB's column order: the axes come out swapped.
-                return {
-                    name: np.asarray(item).T
-                    for name, item in file.items()
-                    if isinstance(item, h5py.Dataset)
-                }
-        return dict(scipy.io.loadmat(path))
-    except Exception as error:  # scipy.io and h5py raise many kinds for a damaged file
-        raise FileProblem(f"{path}: expected a readable .mat, got: {error}") from error
-
-
-def _real_array(path: Path, arrays: dict[str, Any], name: str) -> NDArray[Any]:
-    if name not in arrays:
-        there = ", ".join(key for key in arrays if not key.startswith("__")) or "nothing"
-        raise FileProblem(f"{path}: expected a variable {name}, got {there}")
-    frame = arrays[name]
-    if not isinstance(frame, np.ndarray) or frame.ndim != 2 or frame.dtype.kind not in "uif":
-        kind = f"{getattr(frame, 'dtype', type(frame))} {getattr(frame, 'shape', '')}"
-        raise FileProblem(f"{path}: expected {name} as a real (h, w) array, got {kind}")
-    return frame
-
-
 def _from_arrays(path: Path, arrays: dict[str, Any], reference: str, object: str) -> Pair:
-    first, second = (_real_array(path, arrays, name) for name in (reference, object))
+    first, second = arrays[reference], arrays[object]
     if first.shape != second.shape:
         raise InputError(
             f"{path}: expected equal sizes, got {_size(first)} in {reference} and "

@@ -15,7 +15,8 @@ from pydantic import Field
 from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.folder import replacing_folder
 from fringeworks.files.images import write_frame
-from fringeworks.files.toml import Section, read_toml
+from fringeworks.files.limits import existing_file, parsing, told
+from fringeworks.files.toml import Section, Size, read_toml
 from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import (
     Block,
@@ -25,12 +26,14 @@ from fringeworks.patterns.plan import (
     Uniform,
     equal_steps,
 )
-from fringeworks.types import Axis, FileProblem, InputError
+from fringeworks.types import Axis, InputError
 
 PLAN_FILE = "plan.toml"
 """Plan in the folder of its pictures or frames."""
 PATTERNS_FILE = "patterns.tif"
 """Pictures of a plan as one stack."""
+MAX_BLOCKS = 1000
+"""Largest number of entries of a sequence. Plans have 3 to 20."""
 
 
 class PhaseEntry(Section):
@@ -73,12 +76,12 @@ class PlanFile(Section):
     """The whole of a plan file; unknown keys are refused."""
 
     kind: Literal["plan"]
-    projector: tuple[int, int]
+    projector: Size
     """Columns and rows."""
     bits: int = 8
     gamma: float = 1.0
     dither: bool = False
-    sequence: list[Entry] = Field(min_length=1)
+    sequence: list[Entry] = Field(min_length=1, max_length=MAX_BLOCKS)
 
 
 def read_plan(path: StrPath) -> PatternPlan:
@@ -88,23 +91,19 @@ def read_plan(path: StrPath) -> PatternPlan:
     ------
     InputError where there is no such file, or it is no plan; the file and the entry are named.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileProblem(f"{path}: expected a plan file (TOML), got no such file")
+    path = existing_file(path, "a plan file (TOML)")
     content = read_toml(path, PlanFile)
     width, height = content.projector
     blocks = []
-    for number, entry in enumerate(content.sequence, 1):
-        try:
-            blocks.append(_block(entry, width, height))
-        except InputError as error:
-            raise InputError(f"{path}: entry {number} of the sequence: {error}") from error
-    try:
+    with parsing(path, "a plan"):
+        for number, entry in enumerate(content.sequence, 1):
+            try:
+                blocks.append(_block(entry, width, height))
+            except InputError as error:
+                raise InputError(f"entry {number} of the sequence: {told(error)}") from error
         return PatternPlan(
             width, height, tuple(blocks), content.bits, content.gamma, content.dither
         )
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def _block(entry: PhaseEntry | GrayEntry | UniformEntry, width: int, height: int) -> Block:

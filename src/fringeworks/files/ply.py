@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.files.limits import parsing, read_content, told
 from fringeworks.types import FileProblem
 
 PLY_TYPES = {
@@ -82,30 +83,36 @@ def read_ply(path: Path) -> tuple[NDArray[Any], list[str]]:
     ------
     FileProblem for a damaged file, and for one that does not begin with vertices.
     """
-    content = path.read_bytes()
+    content = read_content(path, "a PLY file")
+    with parsing(path, "a whole PLY file"):
+        return _vertices(content)
+
+
+def _vertices(content: bytes) -> tuple[NDArray[Any], list[str]]:
+    """Vertices and comments, after the header was compared with the size of the file."""
     end = content.find(b"end_header", 0, HEADER_LIMIT)
     start = content.find(b"\n", end) + 1
     if not content.startswith(b"ply") or end < 0 or start == 0:
-        raise FileProblem(f"{path}: expected a PLY file, got something else")
+        raise FileProblem("expected a PLY file, got something else")
     text = content[:end].decode("ascii", "replace").splitlines()
     lines = [line.split() for line in text]
     form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
     elements = [k for k, line in enumerate(lines) if line[:1] == ["element"]]
     if form not in ORDERS or not elements or lines[elements[0]][1:2] != ["vertex"]:
-        raise FileProblem(f"{path}: expected a PLY file with vertices first, got another")
-    try:
-        count = int(lines[elements[0]][2])
-        last = elements[1] if len(elements) > 1 else len(lines)
-        properties = [x for x in lines[elements[0] + 1 : last] if x[:1] == ["property"]]
-        fields = [(name, (ORDERS[form] or "<") + PLY_TYPES[kind]) for _, kind, name in properties]
-        if form == "ascii":
-            rows = content[start:].decode("ascii").split("\n")[:count]
-            table = np.array([tuple(row.split()[: len(fields)]) for row in rows], dtype=fields)
-        else:
-            table = np.frombuffer(content, np.dtype(fields), count, start)
-    except (ValueError, KeyError, IndexError) as error:
-        raise FileProblem(f"{path}: expected a whole PLY file, got: {error}") from error
-    names = table.dtype.names or ()
-    if len(table) != count or not {"x", "y", "z"} <= set(names):
-        raise FileProblem(f"{path}: expected {count} vertices with x, y, z, got {', '.join(names)}")
+        raise FileProblem("expected a PLY file with vertices first, got another")
+    count = int(lines[elements[0]][2])
+    last = elements[1] if len(elements) > 1 else len(lines)
+    properties = [x for x in lines[elements[0] + 1 : last] if x[:1] == ["property"]]
+    fields = [(name, (ORDERS[form] or "<") + PLY_TYPES[kind]) for _, kind, name in properties]
+    # A vertex takes one byte or more, in text two.
+    if not 0 <= count <= len(content) or not {"x", "y", "z"} <= {name for name, _ in fields}:
+        got = told(", ".join(name for name, _ in fields))
+        raise FileProblem(f"expected {told(count)} vertices with x, y, z, got {got}")
+    if form == "ascii":
+        rows = content[start:].decode("ascii").split("\n")[:count]
+        table = np.array([tuple(row.split()[: len(fields)]) for row in rows], dtype=fields)
+    else:
+        table = np.frombuffer(content, np.dtype(fields), count, start)
+    if len(table) != count:
+        raise FileProblem(f"expected {count} vertices, got {len(table)}")
     return table, [line[8:] for line in text if line.startswith("comment ")]

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
-from fringeworks.files.npz import read_npz
+from fringeworks.files.limits import existing_file, parsing, read_content
+from fringeworks.files.npz import NUMBERS, TEXT, read_npz
 from fringeworks.files.ply import read_ply, write_ply
 from fringeworks.files.provenance import (
     KEY,
@@ -36,6 +37,16 @@ Kind = Literal["points", "mesh"]
 WHITE_PERCENTILE = 99.5
 """Brightness that becomes white in 8 bits, percent of the points below it: highlights beyond it do
 not darken the rest."""
+LAYOUT = {
+    "xyz_mm": "f hw3",
+    "sigma_mm": "f hw",
+    "noise_mm": "f hw",
+    "reason": "u hw",
+    "residual_px": "?f hw",
+    "colour": f"?{NUMBERS} hw|hw3",
+    KEY: f"?{TEXT}",
+}
+"""Layout of a cloud that is organised as the frame."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -145,13 +156,11 @@ def read_cloud(path: StrPath) -> PointCloud:
     ------
     FileProblem for a missing or damaged file, and for one that holds something else.
     """
-    arrays = read_npz(path, "a point cloud")
-    names = [n for n in PointCloud.__dataclass_fields__ if n in arrays and n != KEY]
-    origin = from_json(str(arrays[KEY])) if KEY in arrays else None
-    try:
-        return PointCloud(**{name: arrays[name] for name in names}, provenance=origin)
-    except TypeError as error:
-        raise FileProblem(f"{path}: expected a point cloud, got one without: {error}") from error
+    path = Path(path)
+    arrays: dict[str, Any] = read_npz(path, "a point cloud", LAYOUT)
+    line = arrays.pop(KEY, None)
+    with parsing(path, "a point cloud"):
+        return PointCloud(**arrays, provenance=None if line is None else from_json(str(line)))
 
 
 def read_points(path: StrPath) -> Points:
@@ -171,9 +180,7 @@ def read_points(path: StrPath) -> Points:
     ------
     FileProblem for a missing or damaged file, naming it.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileProblem(f"{path}: expected a file of points, got no such file")
+    path = existing_file(path, "a file of points")
     suffix = path.suffix.lower()
     if suffix == ".npz":
         cloud = read_cloud(path)
@@ -181,9 +188,10 @@ def read_points(path: StrPath) -> Points:
         return _finite(path, cloud.xyz_mm[ok], cloud.sigma_mm[ok], cloud.provenance)
     if suffix == ".ply":
         table, comments = read_ply(path)
-        xyz = np.column_stack([table[name] for name in "xyz"])
-        sigma = table["sigma"] if "sigma" in (table.dtype.names or ()) else None
-        return _finite(path, xyz, sigma, from_comments(comments))
+        with parsing(path, "points"):
+            xyz = np.column_stack([table[name] for name in "xyz"])
+            sigma = table["sigma"] if "sigma" in (table.dtype.names or ()) else None
+            return _finite(path, xyz, sigma, from_comments(comments))
     if suffix == ".xyz":
         return _read_xyz(path)
     raise FileProblem(f"{path}: expected .ply, .xyz or .npz, got {suffix or 'no suffix'}")
@@ -194,16 +202,15 @@ def _is_comment(line: str) -> bool:
 
 
 def _read_xyz(path: Path) -> Points:
-    try:
-        table = np.loadtxt(path, ndmin=2)
-        with path.open(encoding="utf-8") as file:
-            comments = [line[1:].strip() for line in takewhile(_is_comment, file)]
-    except (ValueError, UnicodeDecodeError) as error:
-        raise FileProblem(f"{path}: expected columns of numbers, got: {error}") from error
-    if table.shape[1] < 3:
-        raise FileProblem(f"{path}: expected three columns or more, got {table.shape[1]}")
-    sigma = table[:, 3] if table.shape[1] == 4 else None
-    return _finite(path, table[:, :3], sigma, from_comments(comments))
+    content = read_content(path, "points")
+    with parsing(path, "columns of numbers"):
+        lines = content.decode("utf-8").splitlines()
+        table = np.loadtxt(lines, ndmin=2)
+        comments = [line[1:].strip() for line in takewhile(_is_comment, lines)]
+        if table.shape[1] < 3:
+            raise FileProblem(f"expected three columns or more, got {table.shape[1]}")
+        sigma = table[:, 3] if table.shape[1] == 4 else None
+        return _finite(path, table[:, :3], sigma, from_comments(comments))
 
 
 def _finite(path: Path, xyz: Any, sigma: Any, origin: Provenance | None) -> Points:

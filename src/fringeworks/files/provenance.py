@@ -11,8 +11,9 @@ from typing import Any
 from pydantic import Field
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.limits import told
 from fringeworks.files.toml import Section
-from fringeworks.types import FileProblem, InputError, Provenance, Source, provenance_from
+from fringeworks.types import FileProblem, Provenance, Source, provenance_from
 
 KEY = "provenance"
 """Name of the entry that holds it, in JSON, TOML, NPZ, TIFF and comments."""
@@ -78,8 +79,8 @@ def from_json(text: str | None) -> Provenance | None:
     if not text:
         return None
     try:
-        return provenance_from(json.loads(text))
-    except (json.JSONDecodeError, InputError, TypeError):
+        return ProvenanceSection.model_validate(json.loads(text)).as_provenance()
+    except (ValueError, RecursionError):  # no JSON, numbers too long, or of other fields
         return None
 
 
@@ -89,7 +90,8 @@ def source_of(path: StrPath) -> Source:
     try:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise FileProblem(f"{path}: could not be read: {error.strerror}") from error
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise FileProblem(f"{told(path)}: could not be read: {why}") from error
     folder = path.resolve().parent.name
     return Source(f"{folder}/{path.name}" if folder else path.name, digest)

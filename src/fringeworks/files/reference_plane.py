@@ -9,15 +9,24 @@ import numpy as np
 import tomli_w
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
-from fringeworks.files.npz import read_npz, write_npz
+from fringeworks.files.limits import existing_file, parsing
+from fringeworks.files.npz import TEXT, read_npz, write_npz
 from fringeworks.files.pair import GeometrySection, geometry_section
 from fringeworks.files.provenance import KEY, ProvenanceSection, from_json, json_line, toml_section
 from fringeworks.files.toml import Section, read_toml
 from fringeworks.pair.plane_calibration import PixelCalibration, PlaneCalibration
-from fringeworks.types import FileProblem, ReferencePlaneGeometry
+from fringeworks.types import ReferencePlaneGeometry
 
 GEOMETRY_SUFFIX, PIXELS_SUFFIX = ".toml", ".npz"
 """Suffixes of a geometry, and of a calibration of every pixel."""
+LAYOUT = {
+    "slope": "f hw",
+    "bend": "f hw",
+    "heights_mm": "f 2",
+    "pitch_mm_per_px": "?f",
+    KEY: f"?{TEXT}",
+}
+"""Layout of a calibration of every pixel."""
 
 
 class PlaneFile(Section):
@@ -65,6 +74,8 @@ def write_reference_plane(
         "bend": calibration.bend,
         "heights_mm": np.array(calibration.heights_mm),
     }
+    if calibration.pitch_mm_per_px is not None:
+        arrays["pitch_mm_per_px"] = np.array(float(calibration.pitch_mm_per_px))
     line = json_line(calibration.provenance)
     write_npz(path, arrays if line is None else arrays | {KEY: np.array(line)})
     return path
@@ -77,17 +88,13 @@ def read_reference_plane(path: StrPath) -> ReferencePlaneGeometry | PixelCalibra
     ------
     FileProblem that names the file and its fault.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileProblem(f"{path}: expected a calibration (.toml or .npz), got no such file")
+    path = existing_file(path, "a calibration (.toml or .npz)")
     if path.suffix.lower() != PIXELS_SUFFIX:
-        return ReferencePlaneGeometry(**read_toml(path, PlaneFile).geometry.model_dump())
-    arrays = read_npz(path, "a calibration of every pixel")
-    try:
+        with parsing(path, "a geometry"):
+            return read_toml(path, PlaneFile).geometry.as_geometry()
+    arrays = read_npz(path, "a calibration of every pixel", LAYOUT)
+    with parsing(path, "a calibration of every pixel"):
         low, high = (float(v) for v in arrays["heights_mm"])
+        pitch = float(arrays["pitch_mm_per_px"]) if "pitch_mm_per_px" in arrays else None
         origin = from_json(str(arrays[KEY])) if KEY in arrays else None
-        return PixelCalibration(arrays["slope"], arrays["bend"], (low, high), origin)
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileProblem(
-            f"{path}: expected a calibration of every pixel, got an archive without {error}"
-        ) from error
+        return PixelCalibration(arrays["slope"], arrays["bend"], (low, high), origin, pitch)

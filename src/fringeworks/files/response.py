@@ -10,8 +10,10 @@ import tomli_w
 from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.limits import existing_file, told
 from fringeworks.files.provenance import ProvenanceSection, toml_section
 from fringeworks.files.toml import Section, read_toml
+from fringeworks.patterns.plan import MAX_STEPS
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.signal.response import Response
 from fringeworks.types import FileProblem
@@ -24,7 +26,7 @@ class ResponseFile(Section):
     camera: str = Field(min_length=1)
     projector: str = Field(min_length=1)
     gamma: float = Field(gt=0)
-    steps: int = Field(ge=3)
+    steps: int = Field(ge=3, le=MAX_STEPS)
     pattern_exponent: float = Field(gt=0)
     residual_rad: float = Field(ge=0)
     offset_rad: float = 0.0
@@ -71,17 +73,13 @@ def read_response(path: StrPath) -> Response:
     ------
     FileProblem where there is no such file, or it is no response.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileProblem(f"{path}: expected a response file, got no such file")
+    path = existing_file(path, "a response file")
     content = read_toml(path, ResponseFile)
-    if not np.isfinite(content.table_rad).all() or not np.isfinite(content.gamma):
-        raise FileProblem(f"{path}: expected finite values, got NaN or infinity")
     rising = np.all(np.diff(content.brightness) > 0)
     if len(content.brightness) != len(content.table_rad) or not rising:
         raise FileProblem(
             f"{path}: expected a rising brightness for each of {len(content.table_rad)} tables, "
-            f"got {content.brightness}"
+            f"got {told(content.brightness)}"
         )
     origin = content.provenance
     return Response(

@@ -6,21 +6,16 @@ import re
 from pathlib import Path
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 import tomli_w
 from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
-from fringeworks.files.provenance import (
-    KEY,
-    ProvenanceSection,
-    comment_lines,
-    from_comments,
-    toml_section,
-)
-from fringeworks.files.toml import Section, read_toml
-from fringeworks.types import RIG_PARAMETERS, FileProblem, FloatMap, InputError, Pinhole, Rig
+from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, existing_file, parsing, read_content
+from fringeworks.files.opencv_rig import format_opencv, parse_opencv
+from fringeworks.files.provenance import ProvenanceSection, toml_section
+from fringeworks.files.toml import Section, Size, read_toml
+from fringeworks.types import RIG_PARAMETERS, InputError, Pinhole, Rig
 
 OPENCV_SUFFIXES = (".xml", ".yml", ".yaml")
 """Files of OpenCV's FileStorage."""
@@ -34,21 +29,12 @@ HEADER = """\
 # their axes) and mm, and their correlation matrix.
 """
 """Comment at the top of a rig file."""
-NAMES = {
-    "camera_matrix": ("camera_matrix", "cam_int", "cam_K", "K1", "M1", "cameraMatrix1"),
-    "camera_distortion": ("camera_distortion", "cam_dist", "cam_kc", "D1", "distCoeffs1"),
-    "projector_matrix": ("projector_matrix", "proj_int", "proj_K", "K2", "M2", "cameraMatrix2"),
-    "projector_distortion": ("projector_distortion", "proj_dist", "proj_kc", "D2", "distCoeffs2"),
-    "rotation": ("rotation", "R", "roration"),
-    "translation": ("translation", "T"),
-}
-"""Names of OpenCV files: ours first, then those of other programs and of OpenCV's samples."""
 
 
 class DeviceSection(Section):
     """``[camera]`` and ``[projector]``."""
 
-    size_px: tuple[int, int]
+    size_px: Size
     """Columns and rows."""
     focal_px: tuple[float, float]
     principal_px: tuple[float, float]
@@ -96,7 +82,8 @@ def write_rig(path: StrPath, rig: Rig) -> Path:
     """
     path = Path(path)
     check_rig_target(path)
-    write_text(path, format_rig(rig) if path.suffix.lower() == TOML_SUFFIX else _opencv(path, rig))
+    toml = path.suffix.lower() == TOML_SUFFIX
+    write_text(path, format_rig(rig) if toml else format_opencv(rig, path.suffix.lower()))
     return path
 
 
@@ -105,38 +92,43 @@ def check_rig_target(path: StrPath) -> None:
     check_target(path, (TOML_SUFFIX, *OPENCV_SUFFIXES))
 
 
-def read_rig(path: StrPath, *, projector_size: tuple[int, int] | None = None) -> Rig:
-    """Read a rig that ``write_rig`` or OpenCV wrote.
+def read_rig(
+    path: StrPath,
+    *,
+    camera_size: tuple[int, int] | None = None,
+    projector_size: tuple[int, int] | None = None,
+) -> Rig:
+    """Read a rig that ``write_rig``, OpenCV or a program with OpenCV wrote.
 
     Parameters
     ----------
     path : Path
-        ``.toml``, or ``.xml``, ``.yml``, ``.yaml`` of OpenCV.
-    projector_size : (columns, rows), optional
-        For files of OpenCV that do not say it.
+        ``.toml``, or ``.xml``, ``.yml``, ``.yaml`` of OpenCV, with the names of fringeworks,
+        SLStudio, SLMaster, sltk, scan3d-capture, procam-calibration or OpenCV's samples.
+    camera_size, projector_size : (columns, rows), optional
+        For files of OpenCV that do not say them.
 
     Raises
     ------
     FileProblem for a missing or damaged file, naming the fault.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileProblem(f"{path}: expected a rig file, got no such file")
-    try:
+    path = existing_file(path, "a rig file")
+    with parsing(path, "a rig file"):
         if path.suffix.lower() in OPENCV_SUFFIXES:
-            rig = _from_opencv(path, projector_size)
+            content = read_content(path, "a rig file", MAX_DESCRIPTION_BYTES)
+            rig = parse_opencv(content, camera_size=camera_size, projector_size=projector_size)
         else:
             rig = _from_toml(read_toml(path, RigFile))
-        size = (rig.projector.width_px, rig.projector.height_px)
-        if projector_size not in (None, size):
-            raise InputError(
-                f"projector_size: expected {size[0]} × {size[1]} as the file says, got "
-                f"{' × '.join(map(str, projector_size or ()))}"
-            )
+        for name, device, given in (
+            ("camera", rig.camera, camera_size),
+            ("projector", rig.projector, projector_size),
+        ):
+            if given not in (None, (device.width_px, device.height_px)):
+                raise InputError(
+                    f"{name}_size: expected {device.width_px} × {device.height_px} as the file "
+                    f"says, got {' × '.join(map(str, given or ()))}"
+                )
         return rig
-    except InputError as error:
-        text = str(error)
-        raise FileProblem(text if str(path) in text else f"{path}: {text}") from error
 
 
 def format_rig(rig: Rig) -> str:
@@ -205,97 +197,3 @@ def _from_toml(content: RigFile) -> Rig:
     residual = (content.camera.residual_px, content.projector.residual_px)
     origin = None if content.provenance is None else content.provenance.as_provenance()
     return Rig(devices[0], devices[1], T, covariance, residual, origin)
-
-
-def _opencv(path: Path, rig: Rig) -> str:
-    kind = (
-        cv2.FILE_STORAGE_FORMAT_XML
-        if path.suffix.lower() == ".xml"
-        else (cv2.FILE_STORAGE_FORMAT_YAML)
-    )
-    storage = cv2.FileStorage("", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | kind)
-    for name, device in (("camera", rig.camera), ("projector", rig.projector)):
-        storage.write(f"{name}_size", np.array([[device.width_px, device.height_px]], np.int32))
-        storage.write(f"{name}_matrix", _matrix(device))
-        storage.write(f"{name}_distortion", np.array([device.distortion]))
-    storage.write("rotation", rig.T_projector_camera[:3, :3].copy())
-    storage.write("translation", rig.T_projector_camera[:3, 3:].copy())
-    # OpenCV limits the length of a string.
-    storage.startWriteStruct(KEY, cv2.FileNode_SEQ)
-    for line in comment_lines(rig.provenance):
-        storage.write("", line)
-    storage.endWriteStruct()
-    return str(storage.releaseAndGetString())
-
-
-def _matrix(device: Pinhole) -> FloatMap:
-    K = np.eye(3)
-    K[[0, 1], [0, 1]] = device.focal_px
-    K[:2, 2] = device.principal_px
-    return K
-
-
-def _from_opencv(path: Path, projector_size: tuple[int, int] | None) -> Rig:
-    try:
-        storage = cv2.FileStorage(
-            path.read_text("utf-8"), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
-        )
-    except (cv2.error, SystemError, UnicodeDecodeError) as error:
-        raise InputError("expected XML or YAML of OpenCV's FileStorage, got none") from error
-    found = _matrices(storage)
-    devices = []
-    for name in ("camera", "projector"):
-        size = _size_of(storage, name) or (projector_size if name == "projector" else None)
-        if size is None:
-            raise InputError(f"missing {name}_size: columns and rows of the {name}")
-        devices.append(_pinhole(name, found, size))
-    T = np.eye(4)
-    # The nearest rotation: files hold a few digits only.
-    u, _, v = np.linalg.svd(found["rotation"].reshape(3, 3))
-    T[:3, :3], T[:3, 3] = u @ v, found["translation"].ravel()
-    node = storage.getNode(KEY)
-    origin = from_comments(node.at(k).string() for k in range(node.size()))
-    return Rig(devices[0], devices[1], T, provenance=origin)
-
-
-def _matrices(storage: Any) -> dict[str, FloatMap]:
-    """The matrices of a file by our names."""
-    found: dict[str, FloatMap] = {}
-    for name, known in NAMES.items():
-        nodes = [storage.getNode(k) for k in known]
-        values = [n.mat() for n in nodes if not n.empty() and n.isMap()]
-        if not values or values[0] is None:
-            raise InputError(f"missing matrix {name} (or {', '.join(known[1:])})")
-        found[name] = np.asarray(values[0], np.float64)
-    shapes = {"camera_matrix": 9, "projector_matrix": 9, "rotation": 9, "translation": 3}
-    for name, size in shapes.items():
-        if found[name].size != size:
-            raise InputError(f"{name}: expected {size} values, got {found[name].size}")
-    return found
-
-
-def _pinhole(name: str, found: dict[str, FloatMap], size: tuple[int, int]) -> Pinhole:
-    K, d = found[f"{name}_matrix"].reshape(3, 3), found[f"{name}_distortion"].ravel()
-    if d.size > 5 and np.any(d[5:]):
-        raise InputError(f"{name}_distortion: expected five coefficients or fewer, got {d.size}")
-    k = np.zeros(5)
-    k[: min(5, d.size)] = d[:5]
-    return Pinhole(
-        *size,
-        (float(K[0, 0]), float(K[1, 1])),
-        (float(K[0, 2]), float(K[1, 2])),
-        (float(k[0]), float(k[1]), float(k[2]), float(k[3]), float(k[4])),
-    )
-
-
-def _size_of(storage: Any, name: str) -> tuple[int, int] | None:
-    """Columns and rows; files of other programs have rows and columns of the camera at most."""
-    node = storage.getNode(f"{name}_size")
-    if not node.empty():
-        columns, rows = (int(n) for n in node.mat().ravel()[:2])
-        return columns, rows
-    node = storage.getNode("img_shape")
-    if name == "camera" and not node.empty():
-        height, width = (int(n) for n in node.mat().ravel()[:2])
-        return width, height
-    return None

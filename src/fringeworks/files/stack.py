@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 import tomli_w
 from numpy.typing import NDArray
+from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.folder import replacing_folder
@@ -17,15 +18,22 @@ from fringeworks.files.images import (
     IMAGE_SUFFIXES,
     TIFF_SUFFIXES,
     holds_counts,
-    is_lossy_tiff,
     read_frames,
-    read_tiff,
     write_frame,
 )
-from fringeworks.files.npz import read_npz
+from fringeworks.files.limits import (
+    existing_file,
+    inside,
+    is_file,
+    is_folder,
+    parsing,
+    told,
+)
+from fringeworks.files.npz import NUMBERS, read_npz
 from fringeworks.files.pair import CAPTURE_FILE, DevicesSection, missing_description
 from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names, read_plan
 from fringeworks.files.provenance import source_of
+from fringeworks.files.tiff import read_tiff
 from fringeworks.files.toml import Section, kind_of, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Stack, step_of
@@ -48,7 +56,7 @@ class StackFile(Section):
     frames: list[str] | str | None = None
     """Images in the order of the plan, or one TIFF stack; where left out, all images, by the labels
     in their names or by name."""
-    saturation: float | None = None
+    saturation: float | None = Field(default=None, gt=0)
     """Counts from which on a sample is not trusted."""
     devices: DevicesSection = DevicesSection()
 
@@ -81,10 +89,13 @@ def read_stack(path: StrPath, plan: StrPath | PatternPlan | None = None) -> Stac
     ``write_patterns`` write them, where every name carries a label of the plan; otherwise by name.
     """
     path = Path(path)
-    if path.is_dir():
-        return _read_folder(path, plan)
-    if not path.is_file():
-        raise FileProblem(f"{path}: expected a folder or a stack of frames, got nothing there")
+    if is_folder(path):
+        with parsing(path, "a stack of frames"):
+            return _read_folder(path, plan)
+    if not is_file(path):
+        raise FileProblem(
+            f"{told(path)}: expected a folder or a stack of frames, got nothing there"
+        )
     if plan is None:
         plan = path.parent / PLAN_FILE
         if not plan.is_file():
@@ -219,18 +230,18 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
         raise FileProblem(f"{folder}: expected a stack of frames, got a pair: reconstruct it")
     content = read_toml(description, StackFile) if described else StackFile(kind="stack")
     if plan is None:
-        plan = folder / content.plan
-        if not plan.is_file():
-            raise missing_description(folder, content.plan)
+        plan = inside(folder, content.plan)
+        if not is_file(plan):
+            raise missing_description(folder, told(content.plan))
     layout, saturation = _plan_of(plan), content.saturation
     if isinstance(content.frames, str):
-        paths = [folder / content.frames]
+        paths = [existing_file(inside(folder, content.frames), "a stack of frames")]
         notes: list[str] = []
         frames, lossy = _read_file(paths[0])
         step = step_of(frames[0].dtype) if frames else None
     else:
         listed = content.frames is not None
-        given = [folder / name for name in content.frames or ()] if listed else _images(folder)
+        given = [inside(folder, n) for n in content.frames or ()] if listed else _images(folder)
         paths, notes = in_plan_order(given, layout, folder, listed=listed)
         read = read_frames(paths, stack=True)
         frames, step, lossy = read.frames, read.count_step, read.lossy
@@ -274,22 +285,16 @@ def _read_file(path: Path) -> tuple[Sequence[NDArray[Any]], bool]:
     """The frames of a file, and whether they are lossily compressed."""
     suffix, lossy = path.suffix.lower(), False
     if suffix in TIFF_SUFFIXES:
-        stack, lossy = read_tiff(path, on_disk=True), is_lossy_tiff(path)
+        stack, lossy = read_tiff(path, on_disk=True)
     elif suffix == ".npy":
-        try:
+        with parsing(path, "a readable stack"):
             stack = np.load(path, mmap_mode="r", allow_pickle=False)
-        except Exception as error:  # numpy raises many kinds for a damaged file
-            raise FileProblem(f"{path}: expected a readable stack, got: {error}") from error
     elif suffix == ".npz":
-        arrays = read_npz(path, "a stack of frames")
-        if "frames" not in arrays:
-            got = ", ".join(arrays) or "nothing"
-            raise FileProblem(f"{path}: expected an array named frames, got {got}")
-        stack = arrays["frames"]
+        stack = read_npz(path, "a stack of frames", {"frames": f"{NUMBERS} nhw"})["frames"]
     else:
         raise FileProblem(
             f"{path}: expected one of {', '.join(STACK_SUFFIXES)}, got {suffix or path.name}"
         )
-    if stack.ndim != 3:
+    if stack.ndim != 3 or stack.size == 0:
         raise FileProblem(f"{path}: expected frames of shape (n, h, w), got {stack.shape}")
     return list(sealed(stack)), lossy

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
@@ -11,16 +12,34 @@ import numpy as np
 import tifffile
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
-from fringeworks.files.npz import read_npz
+from fringeworks.files.limits import (
+    MAX_DESCRIPTION_BYTES,
+    check_frame_size,
+    existing_file,
+    parsing,
+    read_content,
+    told,
+)
+from fringeworks.files.npz import NUMBERS, TEXT, read_npz
 from fringeworks.files.ply import write_ply
 from fringeworks.files.provenance import KEY, comment_lines, from_json, json_line
+from fringeworks.files.tiff import opened_tiff
 from fringeworks.files.x3p import read_x3p, write_x3p
-from fringeworks.surface.height_map import height_map_points, height_map_triangles
+from fringeworks.surface.height_map import height_map_points, height_map_triangles, known_pitch
 from fringeworks.types import FileProblem, HeightMap, Provenance, Reason
 
 PlyKind = Literal["points", "mesh"]
 GSF_MAGIC = "Gwyddion Simple Field 1.0"
 """First line of a GSF file."""
+LAYOUT = {
+    "values": "f hw",
+    "sigma": "f hw",
+    "reason": "u hw",
+    **dict.fromkeys(("quantity", "unit", "method"), TEXT),
+    "pitch": NUMBERS,
+    KEY: f"?{TEXT}",
+}
+"""Layout of a height map."""
 
 
 def write_surface(path: StrPath, surface: HeightMap, *, ply: PlyKind = "points") -> None:
@@ -38,7 +57,8 @@ def write_surface(path: StrPath, surface: HeightMap, *, ply: PlyKind = "points")
     Raises
     ------
     FileProblem for an unknown suffix and a folder that cannot be written to; InputError for X3P
-    without a geometry, since that format holds lengths only.
+    without a geometry, since that format holds lengths only, and for ``.ply``, ``.x3p`` and
+    ``.gsf`` where the pitch is unknown.
     """
     check_surface_target(path)
     with replacing(path) as temporary:
@@ -67,9 +87,7 @@ def read_surface(path: StrPath) -> HeightMap:
     ------
     FileProblem for a missing or damaged file, and for one that holds no height map.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileProblem(f"{path}: expected a height map, got no such file")
+    path = existing_file(path, "a height map")
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         known = ", ".join(READERS)
@@ -81,7 +99,7 @@ def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
     description: dict[str, Any] = {
         "quantity": surface.quantity,
         "unit": surface.unit,
-        "pitch": float(surface.pitch),
+        "pitch": surface.pitch,
         "method": surface.method,
     }
     origin = surface.provenance
@@ -95,51 +113,58 @@ def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
 
 
 def _read_tiff(path: Path) -> HeightMap:
-    try:
-        with tifffile.TiffFile(path) as file:
-            content = json.loads(file.pages[0].description)  # type: ignore[union-attr]
-            values, sigma, reason = (file.pages[k].asarray() for k in range(3))
+    with parsing(path, "a height map as TIFF that fringeworks wrote"), opened_tiff(path) as file:
+        content = json.loads(file.pages[0].description)  # type: ignore[union-attr]
+        values, sigma, reason = (file.pages[k].asarray() for k in range(3))
+        kinds = tuple(array.dtype.kind for array in (values, sigma, reason))
+        if kinds != ("f", "f", "u"):
+            raise FileProblem(f"expected pages of values, σ and reasons, got {', '.join(kinds)}")
         origin = from_json(json.dumps(content[KEY])) if KEY in content else None
-        return _surface(
-            path, content | {"values": values, "sigma": sigma, "reason": reason}, origin
-        )
-    except (KeyError, IndexError, TypeError, ValueError, OSError, tifffile.TiffFileError) as error:
-        raise FileProblem(
-            f"{path}: expected a height map as TIFF that fringeworks wrote, got: {error}"
-        ) from error
+        return _surface(content | {"values": values, "sigma": sigma, "reason": reason}, origin)
 
 
 def _write_npz(path: Path, surface: HeightMap, _: PlyKind) -> None:
     arrays = {name: getattr(surface, name) for name in HeightMap.__dataclass_fields__}
+    arrays["pitch"] = math.nan if surface.pitch is None else float(surface.pitch)
     origin = json_line(arrays.pop(KEY))
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays | ({} if origin is None else {KEY: origin}))
 
 
 def _read_npz(path: Path) -> HeightMap:
-    content = read_npz(path, "a height map")
-    origin = from_json(str(content[KEY])) if KEY in content else None
-    try:
-        return _surface(path, content, origin)
-    except (KeyError, ValueError, TypeError) as error:
-        raise FileProblem(f"{path}: expected a height map, got: {error}") from error
+    content = read_npz(path, "a height map", LAYOUT)
+    with parsing(path, "a height map"):
+        origin = from_json(str(content[KEY])) if KEY in content else None
+        return _surface(content, origin)
 
 
-def _surface(path: Path, content: dict[str, Any], origin: Provenance | None) -> HeightMap:
+def _surface(content: dict[str, Any], origin: Provenance | None) -> HeightMap:
     quantity, unit = str(content["quantity"]), str(content["unit"])
     if quantity not in ("height", "displacement") or unit not in ("mm", "px"):
-        raise FileProblem(f"{path}: expected heights or displacements, got {quantity} in {unit}")
+        raise FileProblem(
+            f"expected heights or displacements, got {told(quantity)} in {told(unit)}"
+        )
     maps = {name: np.asarray(content[name]) for name in ("values", "sigma", "reason")}
     if len({m.shape for m in maps.values()}) != 1 or maps["values"].ndim != 2:
-        raise FileProblem(f"{path}: expected three maps of one shape (h, w), got others")
+        raise FileProblem("expected three maps of one shape (h, w), got others")
     return HeightMap(
         **maps,
         quantity="height" if quantity == "height" else "displacement",
         unit="mm" if unit == "mm" else "px",
-        pitch=float(content["pitch"]),
+        pitch=_known_pitch(content["pitch"]),
         method=str(content["method"]),
         provenance=origin,
     )
+
+
+def _known_pitch(value: Any) -> float | None:
+    """A pitch as it was written; NaN and null stand for an unknown one."""
+    pitch = float("nan") if value is None else float(value)
+    if math.isnan(pitch):
+        return None
+    if not (math.isfinite(pitch) and pitch > 0):
+        raise FileProblem(f"expected a pitch > 0, got {pitch}")
+    return pitch
 
 
 def _write_ply(path: Path, surface: HeightMap, kind: PlyKind) -> None:
@@ -157,7 +182,7 @@ def _write_ply(path: Path, surface: HeightMap, kind: PlyKind) -> None:
 def _write_gsf(path: Path, surface: HeightMap, _: PlyKind) -> None:
     rows, columns = surface.shape
     in_mm = surface.unit == "mm"
-    lateral = surface.pitch * (1e-3 if in_mm else 1.0)
+    lateral = known_pitch(surface, "GSF") * (1e-3 if in_mm else 1.0)
     fields = {
         "XRes": columns,
         "YRes": rows,
@@ -179,35 +204,39 @@ def _write_gsf(path: Path, surface: HeightMap, _: PlyKind) -> None:
 
 
 def _read_gsf(path: Path) -> HeightMap:
-    content = path.read_bytes()
+    content = read_content(path, "a Gwyddion simple field")
     end = content.find(b"\0")
-    try:
-        magic, *lines = content[:end].decode("utf-8").splitlines()
+    with parsing(path, "a Gwyddion simple field"):
+        magic, *lines = content[: min(end, MAX_DESCRIPTION_BYTES)].decode("utf-8").splitlines()
         fields = {k.strip(): v.strip() for k, _, v in (line.partition("=") for line in lines)}
         if magic != GSF_MAGIC or end < 0:
-            raise ValueError("another kind of file")
+            raise FileProblem("expected a Gwyddion simple field, got another kind of file")
         rows, columns = int(fields["YRes"]), int(fields["XRes"])
+        check_frame_size(columns, rows)
         start = end + 4 - end % 4
         raw = np.frombuffer(content, "<f4", rows * columns, start).reshape(rows, columns)
         in_mm = fields.get("ZUnits", "") == "m"
         scale = 1e3 if in_mm else 1.0
-        pitch = float(fields["XReal"]) / columns * scale
-    except (KeyError, ValueError, ZeroDivisionError) as error:
-        raise FileProblem(f"{path}: expected a Gwyddion simple field, got: {error}") from error
-    values = raw.astype(np.float64) * scale
-    method = fields.get("Title", "").partition(" ")[0]
-    return _without_sigma(
-        values, in_mm=in_mm, pitch=pitch, method=method, origin=from_json(fields.get("Comment"))
-    )
+        # A field without its real width has a width of 1 by the format's definition: unknown.
+        width = float(fields["XReal"]) if "XReal" in fields else math.nan
+        return _without_sigma(
+            raw.astype(np.float64) * scale,
+            in_mm=in_mm,
+            pitch=_known_pitch(width / columns * scale),
+            method=fields.get("Title", "").partition(" ")[0],
+            origin=from_json(fields.get("Comment")),
+        )
 
 
 def _read_x3p(path: Path) -> HeightMap:
-    values, pitch, method, origin = read_x3p(path)
+    values, increment, method, origin = read_x3p(path)
+    with parsing(path, "a surface as X3P"):
+        pitch = _known_pitch(increment)
     return _without_sigma(values, in_mm=True, pitch=pitch, method=method, origin=origin)
 
 
 def _without_sigma(
-    values: Any, *, in_mm: bool, pitch: float, method: str, origin: Provenance | None
+    values: Any, *, in_mm: bool, pitch: float | None, method: str, origin: Provenance | None
 ) -> HeightMap:
     reason = np.where(np.isfinite(values), Reason.OK, Reason.UNDETERMINED).astype(np.uint8)
     return HeightMap(

@@ -2,22 +2,43 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, parsing, read_content, told
 from fringeworks.types import FileProblem
+
+MAX_KEY_PARTS = 32
+"""Largest number of parts of a dotted key. Ours have three; the parser's time grows with the square
+of their number."""
+LONG_KEY = re.compile(rf"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){{{MAX_KEY_PARTS}}}""")
+"""A dotted key with more parts than that."""
+
+
+MAX_DIGITS = 400
+"""Number of digits from which on a number is refused: floats end below 310, and Python cannot print
+integers of some thousands. Words of the letters a to f count as well; hashes have 64."""
+LONG_NUMBER = re.compile(rf"[0-9a-fA-F_]{{{MAX_DIGITS}}}")
+"""A number with as many digits."""
+MAX_LENGTH_PX = 1 << 16
+"""Largest number of columns or rows of a camera or projector: more than any has, and few enough for
+tables of one entry per column."""
 
 
 class Section(BaseModel):
-    """A table of a TOML file; unknown keys are refused."""
+    """A table of a TOML file; unknown keys and numbers that are not finite are refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+Length = Annotated[int, Field(ge=2, le=MAX_LENGTH_PX)]
+Size = tuple[Length, Length]
+"""Columns and rows of a device, px."""
 Content = TypeVar("Content", bound=BaseModel)
 
 
@@ -35,30 +56,39 @@ def read_toml(path: StrPath, kind: type[Content]) -> Content:
     FileProblem that names the file and its first fault.
     """
     path = Path(path)
-    try:
-        return kind.model_validate(tomllib.loads(path.read_text("utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FileProblem(f"{path}: expected TOML, got: {error}") from error
-    except OSError as error:
-        raise FileProblem(f"{path}: could not be read: {error.strerror}") from error
-    except ValidationError as error:
-        raise FileProblem(f"{path}: {_first_fault(error)}") from error
+    with parsing(path, "TOML"):
+        content = _load(path)
+        try:
+            return kind.model_validate(content)
+        except ValidationError as error:
+            raise FileProblem(f"{told(path)}: {_first_fault(error)}") from error
+
+
+def _load(path: Path) -> dict[str, Any]:
+    content = read_content(path, "TOML", MAX_DESCRIPTION_BYTES)
+    with parsing(path, "TOML"):
+        text = content.decode("utf-8")
+        if LONG_KEY.search(text):
+            raise FileProblem(f"expected keys of at most {MAX_KEY_PARTS} parts, got more")
+        if LONG_NUMBER.search(text):
+            raise FileProblem(f"expected numbers of fewer than {MAX_DIGITS} digits, got more")
+        return tomllib.loads(text)
 
 
 def _first_fault(error: ValidationError) -> str:
     fault = error.errors()[0]
-    where = ".".join(str(part) for part in fault["loc"])
+    where = told(".".join(str(part) for part in fault["loc"]))
     if fault["type"] == "extra_forbidden":
         return f"unknown key {where}"
     if fault["type"] == "missing":
         return f"missing key {where}"
-    return f"{where}: {fault['msg']}, got {fault['input']!r}"
+    return f"{where}: {fault['msg']}, got {told(repr(fault['input']))}"
 
 
 def kind_of(description: Path) -> str | None:
     """The kind that a description names; what is wrong in it is found when it is read."""
     try:
-        kind = tomllib.loads(description.read_text("utf-8")).get("kind")
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        kind = _load(description).get("kind")
+    except FileProblem:
         return None
     return kind if isinstance(kind, str) else None

@@ -8,14 +8,23 @@ from typing import Any
 import numpy as np
 
 from fringeworks.files.atomic import StrPath, check_target
-from fringeworks.files.npz import read_npz, write_npz
+from fringeworks.files.limits import parsing
+from fringeworks.files.npz import TEXT, read_npz, write_npz
 from fringeworks.files.provenance import KEY, from_json, json_line
 from fringeworks.pair.unwrap import Unwrapped
 from fringeworks.stack.wrapped import WrappedPhase
-from fringeworks.types import CameraNoise, FileProblem, sealed
+from fringeworks.types import CameraNoise, sealed
 
 MAPS = ("phase_rad", "sigma_rad", "modulation", "background", "reason")
 """Maps of a wrapped phase."""
+LAYOUT = dict.fromkeys(MAPS, "f hw") | {
+    "reason": "u hw",
+    "shifts_rad": "f n",
+    "noise": "f 2",
+    "notes": f"{TEXT} k",
+    KEY: f"?{TEXT}",
+}
+"""Layout of a file."""
 
 
 def write_phase(path: StrPath, wrapped: WrappedPhase, unwrapped: Unwrapped | None = None) -> Path:
@@ -49,8 +58,9 @@ def read_phase(path: StrPath) -> WrappedPhase:
     ------
     FileProblem where there is no such file, or it holds no wrapped phase.
     """
-    arrays = read_npz(path, "a wrapped phase")
-    try:
+    path = Path(path)
+    arrays = read_npz(path, "a wrapped phase", LAYOUT)
+    with parsing(path, "a wrapped phase"):
         read_counts, gain = (float(v) for v in arrays["noise"])
         return WrappedPhase(
             **{name: sealed(arrays[name]) for name in MAPS},
@@ -59,7 +69,3 @@ def read_phase(path: StrPath) -> WrappedPhase:
             notes=tuple(str(note) for note in arrays["notes"]),
             provenance=from_json(str(arrays[KEY])) if KEY in arrays else None,
         )
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileProblem(
-            f"{path}: expected a wrapped phase, got an archive without {error}"
-        ) from error

@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, check_frame_size, parsing
 from fringeworks.files.provenance import from_json, json_line
-from fringeworks.types import FileProblem, FloatMap, HeightMap, InputError, Provenance, today
+from fringeworks.surface.height_map import known_pitch
+from fringeworks.types import FileProblem, FloatMap, HeightMap, InputError, Provenance
 
 NAMESPACE = "http://www.opengps.eu/2008/ISO5436_2"
 """Name space of the description, as the standard gives it."""
@@ -28,7 +30,8 @@ def write_x3p(path: Path, surface: HeightMap) -> None:
 
     Raises
     ------
-    InputError for displacements in px, since the format holds lengths only.
+    InputError for displacements in px and for an unknown pitch, since the format holds lengths
+    only.
     """
     if surface.unit != "mm":
         raise InputError(
@@ -55,27 +58,38 @@ def read_x3p(path: Path) -> tuple[FloatMap, float, str, Provenance | None]:
     ------
     FileProblem for a damaged file, and for one that holds no regular grid.
     """
-    try:
-        with zipfile.ZipFile(path) as archive:
-            root = ET.fromstring(archive.read(DESCRIPTION))
-            axes = {name: root.find(f".//{name}") for name in ("CX", "CY", "CZ")}
-            columns, rows, layers = (
-                int(root.findtext(f".//Size{name}") or 0) for name in ("X", "Y", "Z")
-            )
-            pitch = float(_text(axes["CX"], "Increment"))
-            kind = DATA_TYPES[_text(axes["CZ"], "DataType")]
-            scale = float(_text(axes["CZ"], "Increment") or 1.0) if kind[1] == "i" else 1.0
-            name = root.findtext(".//PointDataLink") or DATA
-            values = np.frombuffer(archive.read(name), kind)
-    except (zipfile.BadZipFile, KeyError, ValueError, OSError, ET.ParseError) as error:
-        raise FileProblem(f"{path}: expected a surface as X3P, got: {error}") from error
-    if layers != 1 or values.size != rows * columns or values.size == 0:
-        raise FileProblem(
-            f"{path}: expected {rows} × {columns} heights of one layer, got {values.size}"
+    with parsing(path, "a surface as X3P"), zipfile.ZipFile(path) as archive:
+        root = _root(archive)
+        axes = {name: root.find(f".//{name}") for name in ("CX", "CY", "CZ")}
+        columns, rows, layers = (
+            int(root.findtext(f".//Size{name}") or 0) for name in ("X", "Y", "Z")
         )
-    heights = values.reshape(rows, columns).astype(np.float64) * scale * 1e3
-    origin = from_json(root.findtext(".//Comment"))
-    return heights, pitch * 1e3, root.findtext(".//ProbingSystem/Identification") or "", origin
+        check_frame_size(columns, rows)
+        pitch = float(_text(axes["CX"], "Increment"))
+        kind = DATA_TYPES[_text(axes["CZ"], "DataType")]
+        scale = float(_text(axes["CZ"], "Increment") or 1.0) if kind[1] == "i" else 1.0
+        member = archive.getinfo(root.findtext(".//PointDataLink") or DATA)
+        held = member.file_size // np.dtype(kind).itemsize
+        if layers != 1 or held != rows * columns:
+            raise FileProblem(f"expected {rows} × {columns} heights of one layer, got {held}")
+        values = np.frombuffer(archive.read(member), kind)
+        heights = values.reshape(rows, columns).astype(np.float64) * scale * 1e3
+        origin = from_json(root.findtext(".//Comment"))
+        return heights, pitch * 1e3, root.findtext(".//ProbingSystem/Identification") or "", origin
+
+
+def _root(archive: zipfile.ZipFile) -> ET.Element:
+    """The description, if it is short and defines no entities, which could grow without limit."""
+    member = archive.getinfo(DESCRIPTION)
+    if member.file_size > MAX_DESCRIPTION_BYTES:
+        raise FileProblem(
+            f"expected a description of at most {MAX_DESCRIPTION_BYTES >> 20} MB, got "
+            f"{member.file_size >> 20}"
+        )
+    text = archive.read(member)
+    if b"<!ENTITY" in text or b"<!DOCTYPE" in text:
+        raise FileProblem("expected a description without entities, got some")
+    return ET.fromstring(text)
 
 
 def _text(parent: ET.Element | None, tag: str) -> str:
@@ -99,16 +113,17 @@ def _description(surface: HeightMap, checksum: str) -> bytes:
     ET.register_namespace("p", NAMESPACE)
     root = ET.Element(f"{{{NAMESPACE}}}ISO5436_2")
     rows, columns = surface.shape
-    pitch = float(surface.pitch) * 1e-3
+    pitch = known_pitch(surface, "X3P") * 1e-3
     origin = surface.provenance
-    date = origin.date if origin is not None and origin.date else today()
+    # A date that is unknown is left out.
+    date = {"Date": origin.date} if origin is not None and origin.date else {}
     axes = {"CX": _axis("I", pitch), "CY": _axis("I", pitch), "CZ": _axis("A", 1.0)}
     _tree(
         root,
         {
             "Record1": {"Revision": "ISO5436 - 2000", "FeatureType": "SUR", "Axes": axes},
             "Record2": {
-                "Date": date,
+                **date,
                 "Creator": "fringeworks",
                 "Instrument": {
                     "Manufacturer": "fringeworks",
@@ -116,7 +131,6 @@ def _description(surface: HeightMap, checksum: str) -> bytes:
                     "Serial": "not available",
                     "Version": "not available" if origin is None else origin.version,
                 },
-                "CalibrationDate": date,
                 "ProbingSystem": {"Type": "NonContacting", "Identification": surface.method},
                 "Comment": json_line(origin) or "heights above the reference plane",
             },

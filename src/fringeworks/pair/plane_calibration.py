@@ -63,6 +63,15 @@ class PixelCalibration(Frozen):
     """Lowest and highest plane, mm; heights beyond are extrapolated."""
     provenance: Provenance | None = None
     """How it was made; None where the caller built it."""
+    pitch_mm_per_px: float | None = None
+    """Size of a camera pixel on the reference plane, mm/px; None where unknown. Heights do not need
+    it, only the distances between pixels."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        pitch = self.pitch_mm_per_px
+        if pitch is not None and not (np.isfinite(pitch) and pitch > 0):
+            raise InputError(f"calibration: expected a pitch > 0, got {pitch}")
 
 
 def _checked(
@@ -209,7 +218,10 @@ def _fit_law(u: FloatMap, heights: FloatMap) -> tuple[FloatMap, FloatMap]:
 
 
 def calibrate_pixels(
-    displacements_px: Sequence[FloatMap], heights_mm: Sequence[float]
+    displacements_px: Sequence[FloatMap],
+    heights_mm: Sequence[float],
+    *,
+    pitch_mm_per_px: float | None = None,
 ) -> PixelCalibration:
     """Determine the law of height and displacement at every pixel from three or more known heights.
 
@@ -220,6 +232,8 @@ def calibrate_pixels(
         where not measured.
     heights_mm : sequence of float
         Heights over the reference plane, positive towards the camera, not 0, mm.
+    pitch_mm_per_px : float > 0, optional
+        Size of a camera pixel on the reference plane, where it is known.
 
     Returns
     -------
@@ -251,6 +265,7 @@ def calibrate_pixels(
         slope=np.where(good, slope, np.nan).reshape(shape),
         bend=np.where(good, bend, np.nan).reshape(shape),
         heights_mm=(float(heights.min()), float(heights.max())),
+        pitch_mm_per_px=pitch_mm_per_px,
     )
 
 
@@ -298,6 +313,6 @@ def height_by_pixel(displacement: DisplacementMap, calibration: PixelCalibration
         reason=reason,
         quantity="height",
         unit="mm",
-        pitch=1.0,
+        pitch=calibration.pitch_mm_per_px,
         method=displacement.method,
     )

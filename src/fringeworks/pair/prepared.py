@@ -14,6 +14,8 @@ from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.plain_reference import plain_reference
 from fringeworks.pair.presence import without_fringes
 from fringeworks.signal.noise import noise_variance
+from fringeworks.signal.response import Response, check_devices, linearise
+from fringeworks.signal.saturated import saturated_squares
 from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, Pair
 
 MIN_SIZE = 16
@@ -29,12 +31,6 @@ FLOAT_NOISE = 1e-7
 
 About the resolution of single precision (6e-8). It keeps σ above 0 on frames without noise.
 """
-SATURATED_PX = 3
-"""Side of the smallest square of samples at the sensor's limit that counts as saturated, px.
-
-Smaller groups are usually peaks of the noise, whose neighbours still carry the fringe. An
-empirical choice.
-"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,9 +41,10 @@ class PreparedPair(Frozen):
     """
 
     reference: NDArray[np.float64]
-    """Counts as captured; for a single frame, the plain fringes that fit its background."""
+    """Counts as captured, or linearised; for a single frame, the plain fringes that fit its
+    background."""
     object: NDArray[np.float64]
-    """Counts as captured."""
+    """Counts as captured, or linearised."""
     reference_ok: BoolMap
     """False where the reference is not finite or saturated: these pixels are not fitted."""
     object_ok: BoolMap
@@ -125,8 +122,8 @@ class _Frame(NamedTuple):
     integer: bool
 
 
-def _checked_frame(name: str, frame: NDArray[Any]) -> _Frame:
-    """Check a captured frame, fill its gaps and mark its saturated pixels."""
+def _checked_frame(name: str, frame: NDArray[Any], response: Response | None) -> _Frame:
+    """Check a captured frame, mark its saturated pixels, fill its gaps and linearise it."""
     array = np.asarray(frame)
     if array.ndim != 2:
         raise InputError(f"{name} frame: expected shape (h, w), got {array.shape}")
@@ -136,14 +133,13 @@ def _checked_frame(name: str, frame: NDArray[Any]) -> _Frame:
     finite = np.isfinite(values)
     if not finite.any():
         raise InputError(f"{name} frame: expected finite values, got none")
-    if array.dtype.kind == "u":
-        at_limit = array == np.iinfo(array.dtype).max
-        saturated = ndimage.binary_opening(at_limit, np.ones((SATURATED_PX, SATURATED_PX)))
-    else:
-        saturated = np.zeros(values.shape, bool)
     values = fill_nearest(values, finite)
     if not values.any():
         raise InputError(f"{name} frame: expected fringes, got an all-black frame")
+    # Saturation is only seen in the counts as captured.
+    saturated = saturated_squares(array)
+    if response is not None:
+        values = linearise(values, response)
     return _Frame(values, finite, saturated, array.dtype.kind in "ui")
 
 
@@ -159,13 +155,13 @@ def _pixels_to_measure(mask: BoolMap | None, finite: BoolMap) -> BoolMap:
     return wanted
 
 
-def _reference_of(pair: Pair, object_: _Frame) -> tuple[Carrier, _Frame]:
+def _reference_of(pair: Pair, object_: _Frame, response: Response | None) -> tuple[Carrier, _Frame]:
     """Carrier, and the captured reference or the plain fringes that replace a missing one."""
     if pair.reference is None:
         carrier, values = plain_reference(object_.values, object_.finite, pair)
         everywhere = np.ones(values.shape, bool)
         return carrier, _Frame(values, everywhere, ~everywhere, object_.integer)
-    reference = _checked_frame("reference", pair.reference)
+    reference = _checked_frame("reference", pair.reference, response)
     if reference.values.shape != object_.values.shape:
         raise InputError(
             f"frames: expected equal shapes, got reference {reference.values.shape} and "
@@ -174,13 +170,16 @@ def _reference_of(pair: Pair, object_: _Frame) -> tuple[Carrier, _Frame]:
     return find_carrier(reference.values, pair.axis), reference
 
 
-def prepare(pair: Pair) -> PreparedPair:
+def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
     """Check a pair and bring it into the form that the methods work on.
 
     Parameters
     ----------
     pair : Pair
         Two frames of equal shape (h, w), or the object frame alone; not mutated.
+    response : Response, optional
+        Both frames are linearised by it after their saturated pixels were marked. The pair must
+        name the devices of the response.
 
     Returns
     -------
@@ -192,7 +191,8 @@ def prepare(pair: Pair) -> PreparedPair:
     InputError
         If the frames differ in shape, are not 2-D, or are too small; if a frame is black, constant
         or has no finite value; if the reference has no fringes; if the mask has another shape or
-        leaves no pixel; for a single frame, if it has no plane background.
+        leaves no pixel; for a single frame, if it has no plane background; if the response is of
+        other devices.
 
     Notes
     -----
@@ -211,14 +211,16 @@ def prepare(pair: Pair) -> PreparedPair:
         raise InputError(
             f"pair: expected a Pair, got {type(pair).__name__}; read_capture and read_pair read one"
         )
-    object_ = _checked_frame("object", pair.object)
+    if response is not None:
+        check_devices(response, pair.camera, pair.projector)
+    object_ = _checked_frame("object", pair.object, response)
     wanted = _pixels_to_measure(pair.mask, object_.finite)
     shape = object_.values.shape
     if max(shape) < MIN_SIZE:
         raise InputError(
             f"frames: expected at least {MIN_SIZE} px on the longer side, got shape {shape}"
         )
-    carrier, reference = _reference_of(pair, object_)
+    carrier, reference = _reference_of(pair, object_, response)
     if float(np.ptp(object_.values)) == 0.0:
         constant = object_.values.flat[0]
         raise InputError(f"object frame: expected fringes, got the constant {constant:g}")

@@ -22,14 +22,12 @@ from fringeworks.pair.registry import MethodOption
 from fringeworks.pipeline.inputs import pair_of, sources_of
 from fringeworks.signal.denoise import Denoiser
 from fringeworks.signal.denoise import denoise as denoise_frame
-from fringeworks.signal.response import (
-    Response,
-    apply_response,
-)
+from fringeworks.signal.response import Response, response_note
 from fringeworks.types import (
     DisplacementMap,
     Frozen,
     HeightMap,
+    InputError,
     Pair,
     ReferencePlaneGeometry,
     made_by,
@@ -70,7 +68,7 @@ def reconstruct(
     geometry : ReferencePlaneGeometry or PixelCalibration, optional
         Takes the place of the pair's own.
     response : Response, optional
-        Both frames are linearised by it first.
+        Both frames are linearised by it, after their saturated pixels were marked.
     denoise : "emd", "emd2d" or "bemd", optional
         Remove the modes of both frames that are no stronger than noise.
     **options
@@ -97,10 +95,10 @@ def reconstruct(
     if isinstance(geometry, ReferencePlaneGeometry):
         pair = replace(pair, geometry=geometry)
     sources = pair.sources or sources_of(reference=pair.reference, object=pair.object)
-    if response is not None:
-        pair = apply_response(pair, response)
     started = time.perf_counter()
-    prepared = prepare(pair)
+    prepared = prepare(pair, response=response)
+    if response is not None:
+        pair = replace(pair, notes=(*pair.notes, response_note(response)))
     if denoise is not None:
         plain = pair.reference is None  # a computed reference has no noise
         reference = prepared.reference if plain else denoise_frame(prepared.reference, denoise)
@@ -110,7 +108,7 @@ def reconstruct(
     displacement = analyse(prepared, method, **options)
     if isinstance(geometry, PixelCalibration):
         surface = height_by_pixel(displacement, geometry)
-        if pair.geometry is not None:
+        if surface.pitch is None and pair.geometry is not None:
             surface = replace(surface, pitch=pair.geometry.pitch_mm_per_px)
     else:
         surface = to_surface(displacement, pair.geometry)
@@ -131,6 +129,7 @@ def calibrate_plane(
     heights_mm: Sequence[float],
     *,
     pitch_mm_per_px: float | None = None,
+    by_pixel: bool | None = None,
     method: str = "windowed",
 ) -> PlaneCalibration | PixelCalibration:
     """Calibrate the two-frame path from a plane at known heights.
@@ -142,14 +141,17 @@ def calibrate_plane(
     heights_mm : sequence of float
         Height of each plane above the reference plane, towards the camera, mm; not 0.
     pitch_mm_per_px : float > 0, optional
-        Size of a camera pixel on the reference plane. With it a geometry is computed from two
-        heights or more; without it a law for every pixel, from three or more.
+        Size of a camera pixel on the reference plane.
+    by_pixel : bool, optional
+        Whether to find a law for every pixel, from three heights or more, or a geometry, from two
+        or more, which needs the pitch. By default a geometry where the pitch is given. A law keeps
+        the pitch for the distances between pixels; without it they stay unknown.
     method : str
         A name from ``fringeworks.methods()``.
 
     Returns
     -------
-    PlaneCalibration, or PixelCalibration without a pitch; both with their provenance.
+    PlaneCalibration or PixelCalibration, with its provenance.
 
     Raises
     ------
@@ -168,8 +170,12 @@ def calibrate_plane(
         },
         inputs=tuple(sources.values()),
     )
+    by_pixel = pitch_mm_per_px is None if by_pixel is None else by_pixel
+    if by_pixel:
+        law = calibrate_pixels(maps, heights_mm, pitch_mm_per_px=pitch_mm_per_px)
+        return replace(law, provenance=origin)
     if pitch_mm_per_px is None:
-        return replace(calibrate_pixels(maps, heights_mm), provenance=origin)
+        raise InputError("pitch_mm_per_px: expected for a geometry, got none")
     found = calibrate_reference_plane(maps, heights_mm, pitch_mm_per_px=pitch_mm_per_px)
     return replace(found, provenance=origin)
 

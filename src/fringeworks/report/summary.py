@@ -190,6 +190,7 @@ def _(calibration: PixelCalibration) -> dict[str, Any]:
     return {
         "median_mm_per_px": float(np.nanmedian(calibration.slope)),
         "calibrated_fraction": float(np.mean(np.isfinite(calibration.slope))),
+        "pitch_mm_per_px": calibration.pitch_mm_per_px,
         **_origin(calibration.provenance),
     }
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from fringeworks.patterns.plan import SINGULAR_CONDITION, step_design
 from fringeworks.signal.gamma import gamma_of_frames, shifts_or_equal
 from fringeworks.signal.phase_table import TABLE_BINS, table_position, tables_by_brightness
+from fringeworks.signal.saturated import saturated_squares
 from fringeworks.types import FloatMap, Frozen, InputError, Pair, Provenance
 
 DARK_PERCENT = 0.1
@@ -297,7 +299,9 @@ def apply_response(pair: Pair, response: Response) -> Pair:
 
     Returns
     -------
-    Pair with frames that a projector with γ = 1 would have produced
+    Pair with frames that a projector with γ = 1 would have produced; NaN where the frame is
+    saturated. ``reconstruct`` and ``prepare`` take a response themselves, and give saturated pixels
+    their reason.
 
     Raises
     ------
@@ -305,10 +309,19 @@ def apply_response(pair: Pair, response: Response) -> Pair:
         If the pair is of other devices or does not name them.
     """
     check_devices(response, pair.camera, pair.projector)
-    note = f"frames corrected for a response with γ = {response.gamma:.3f}"
+
+    def straight(frame: NDArray[Any]) -> FloatMap:
+        # Floats have no limit of counts: later steps would no longer see the saturation.
+        return np.where(saturated_squares(frame), np.nan, linearise(frame, response))
+
     return replace(
         pair,
-        reference=None if pair.reference is None else linearise(pair.reference, response),
-        object=linearise(pair.object, response),
-        notes=(*pair.notes, note),
+        reference=None if pair.reference is None else straight(pair.reference),
+        object=straight(pair.object),
+        notes=(*pair.notes, response_note(response)),
     )
+
+
+def response_note(response: Response) -> str:
+    """What was done to the frames, in one sentence."""
+    return f"frames corrected for a response with γ = {response.gamma:.3f}"

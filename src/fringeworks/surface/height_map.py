@@ -5,11 +5,26 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import FloatMap, HeightMap
+from fringeworks.types import FloatMap, HeightMap, InputError
 
 MAX_TRIANGLE_SLOPE = 10.0
 """Largest slope of a triangle, rise over lateral pitch. A steeper one (84°) is taken to bridge a
 step in height, where no surface was seen. Empirical."""
+
+
+def known_pitch(surface: HeightMap, kind: str) -> float:
+    """The lateral pitch of a height map, for a kind of file or calculation that needs one.
+
+    Raises
+    ------
+    InputError where it is unknown.
+    """
+    if surface.pitch is None:
+        raise InputError(
+            f"{kind}: expected heights with a known pitch in mm/px, got an unknown one; give the "
+            "pitch to the calibration, or write .tif or .npz"
+        )
+    return float(surface.pitch)
 
 
 def height_map_points(surface: HeightMap) -> tuple[FloatMap, FloatMap, NDArray[np.int32]]:
@@ -31,7 +46,8 @@ def height_map_points(surface: HeightMap) -> tuple[FloatMap, FloatMap, NDArray[n
     """
     valid = np.isfinite(surface.values)
     y, x = np.nonzero(valid)
-    xyz = np.column_stack((x * surface.pitch, -y * surface.pitch, surface.values[valid]))
+    pitch = known_pitch(surface, "points")
+    xyz = np.column_stack((x * pitch, -y * pitch, surface.values[valid]))
     index = np.full(valid.shape, -1, np.int32)
     index[valid] = np.arange(len(xyz), dtype=np.int32)
     return xyz.astype(np.float64), surface.sigma[valid].astype(np.float64), index
@@ -53,6 +69,7 @@ def height_map_triangles(surface: HeightMap, index: NDArray[np.int32]) -> NDArra
     a, b = index[:-1, :-1], index[:-1, 1:]
     c, d = index[1:, :-1], index[1:, 1:]
     z = surface.values
+    steepest = MAX_TRIANGLE_SLOPE * known_pitch(surface, "triangles")
     za, zb, zc, zd = z[:-1, :-1], z[:-1, 1:], z[1:, :-1], z[1:, 1:]
 
     def keep(
@@ -60,7 +77,7 @@ def height_map_triangles(surface: HeightMap, index: NDArray[np.int32]) -> NDArra
     ) -> NDArray[np.int32]:
         rise = np.maximum.reduce(heights) - np.minimum.reduce(heights)
         # NaN compares false: a triangle with an unmeasured corner is left out.
-        good = rise <= MAX_TRIANGLE_SLOPE * surface.pitch
+        good = rise <= steepest
         return np.column_stack([corner[good] for corner in corners])
 
     return np.vstack((keep((a, c, b), (za, zc, zb)), keep((b, c, d), (zb, zc, zd))))

@@ -24,8 +24,9 @@ class HeightMap(Frozen):
     """``Reason`` per pixel, (h, w)."""
     quantity: Literal["height", "displacement"]
     unit: Literal["mm", "px"]
-    pitch: float
-    """Lateral distance of neighbouring pixels, mm/px, or 1 where unknown."""
+    pitch: float | None
+    """Lateral distance of neighbouring pixels, mm/px; 1 for displacements, whose lateral unit is
+    px; None where unknown."""
     method: str = ""
     provenance: Provenance | None = None
     """How it was made; None where the caller built it."""

@@ -1,0 +1,281 @@
+"""Damaged files for every reader: what is mutated, and how."""
+
+from __future__ import annotations
+
+import io
+import struct
+import warnings
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import h5py
+import numpy as np
+import scipy.io
+import tifffile
+from PIL import Image
+
+import fringeworks as fw
+
+FOLDER = "capture"
+TOML_WORDS = (
+    b"nan",
+    b"inf",
+    b"-1",
+    b"0",
+    b"9" * 5000,
+    b"1e400",
+    b'""',
+    b"[" * 5000,
+    b"'" + b"a" * 5000 + b"'",
+    b"true",
+    b"{}",
+    b"a." * 200 + b"b=1",
+    b'"../../../etc/passwd"',
+    b'"a\\u0000b"',
+    b"0x" + b"f" * 6000,
+    b"\xff",
+    b"1979-05-27",
+)
+TEXT_WORDS = (
+    b"nan", b"inf", b".Inf", b"-1", b"0", b"1e400", b"9" * 400, b"1" + b"0" * 30, b"<a>" * 500, b"</data>",
+    b"&lt;", b"<!DOCTYPE a [<!ENTITY b 'c'>]>", b"\0", b"\xff\xfe", b"property list uchar int z", b"[", b"{", b"\n",
+)  # fmt: skip
+BYTE_WORDS = (
+    b"\0\0\0\0", b"\xff\xff\xff\xff", b"\x7f\xff\xff\xff", b"\xff\xff\xff\x7f", b"\x80", b"\0\0\0\x80", b"\x01\0",
+)  # fmt: skip
+
+
+class Target(NamedTuple):
+    """A reader, and a good file for it."""
+
+    name: str
+    content: bytes
+    read: Callable[[Path], Any]
+    words: tuple[bytes, ...]
+    beside: dict[str, bytes] = {}  # noqa: RUF012
+    slow: bool = False
+
+
+def mutations(target: Target, count: int, seed: int) -> Iterator[bytes]:
+    """Damaged versions of a good file: bytes, words, pieces, and the file's end."""
+    rng = np.random.default_rng([seed, *target.name.encode()])
+    for _ in range(count):
+        data = bytearray(target.content)
+        for _ in range(int(rng.integers(1, 4))):
+            # Headers decide on sizes: half of the damage is at the beginning.
+            reach = len(data) if rng.random() < 0.5 else min(len(data), 400)
+            at = int(rng.integers(0, max(reach, 1)))
+            match int(rng.integers(0, 6)):
+                case 0:
+                    data[at : at + 1] = bytes([int(rng.integers(0, 256))])
+                case 1:
+                    word = target.words[int(rng.integers(0, len(target.words)))]
+                    data[at : at + len(word) if rng.random() < 0.5 else at] = word
+                case 2:
+                    del data[at : at + int(rng.integers(1, 40))]
+                case 3:
+                    data[at:at] = data[at : at + int(rng.integers(1, 40))]
+                case 4:
+                    del data[at:]
+                case 5:
+                    # A whole value of a text.
+                    end = next((k for k in range(at, len(data)) if data[k] in b" \n,<]"), len(data))
+                    data[at:end] = target.words[int(rng.integers(0, len(target.words)))]
+        yield bytes(data)
+
+
+def _written(folder: Path, name: str, write: Callable[[Path], Any]) -> bytes:
+    write(folder / name)
+    return (folder / name).read_bytes()
+
+
+def _image(kind: str, array: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(array).save(buffer, kind)
+    return buffer.getvalue()
+
+
+def _surface() -> fw.HeightMap:
+    rng = np.random.default_rng(0)
+    values = rng.random((9, 12))
+    reason = np.zeros((9, 12), np.uint8)
+    origin = fw.made_by("reconstruct", options={"method": "fourier"})
+    return fw.HeightMap(values, values, reason, "height", "mm", 0.5, "fourier", origin)
+
+
+def _cloud() -> fw.PointCloud:
+    xyz = np.random.default_rng(0).random((6, 7, 3))
+    return fw.PointCloud(
+        xyz, xyz[..., 0], xyz[..., 1], np.zeros((6, 7), np.uint8), colour=xyz[..., 2]
+    )
+
+
+def _opencv(names: str, suffix: str, **more: Any) -> bytes:
+    kind = cv2.FILE_STORAGE_FORMAT_XML if suffix == ".xml" else cv2.FILE_STORAGE_FORMAT_YAML
+    storage = cv2.FileStorage("", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | kind)
+    K = np.array([[2000.0, 0, 640], [0, 2000, 512], [0, 0, 1]])
+    values = (
+        K,
+        np.full((1, 5), 0.01),
+        K,
+        np.full((1, 5), 0.02),
+        np.eye(3),
+        np.array([[100.0], [1], [2]]),
+    )
+    for name, value in zip(names.split(), values, strict=True):
+        storage.write(name, value)
+    for name, value in more.items():
+        storage.write(name, value)
+    return storage.releaseAndGetString().encode()
+
+
+def _mat(arrays: dict[str, np.ndarray], compressed: bool) -> bytes:
+    buffer = io.BytesIO()
+    scipy.io.savemat(buffer, arrays, do_compression=compressed)
+    return buffer.getvalue()
+
+
+def _hdf5(arrays: dict[str, np.ndarray]) -> bytes:
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        for name, array in arrays.items():
+            file[name] = array.T
+    return buffer.getvalue()
+
+
+def _npz(**arrays: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _tiff(array: np.ndarray, **options: Any) -> bytes:
+    buffer = io.BytesIO()
+    tifffile.imwrite(buffer, array, **options)
+    return buffer.getvalue()
+
+
+PLAN = b"""kind = "plan"
+projector = [64, 48]
+[[sequence]]
+kind = "phase"
+axis = "x"
+period_px = 16.0
+steps = 3
+[[sequence]]
+kind = "gray"
+axis = "x"
+step_px = 16.0
+[[sequence]]
+kind = "white"
+"""
+PLY = b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+PLY += b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 2\n3 0 1 2\n"
+
+
+def targets(folder: Path) -> list[Target]:
+    """Every reader with a good file."""
+    rng = np.random.default_rng(1)
+    grey = rng.integers(0, 255, (24, 32), dtype=np.uint8)
+    frames = rng.integers(0, 255, (6, 24, 32), dtype=np.uint8)
+    pair = {"S": grey, "D": grey.astype(np.float64)}
+    capture = (
+        b'kind = "pair"\naxis = "x"\nmask = "a.png"\ntruth = "t.tif"\n[frames]\nreference = "a.png"\n'
+        b'object = "a.png"\n[geometry]\ndistance_mm = 500.0\nbaseline_mm = 200.0\npitch_mm_per_px = 1.0\n'
+        b'[devices]\ncamera = "left"\n'
+    )
+    stack = b'kind = "stack"\nplan = "plan.toml"\nframes = "s.tif"\nsaturation = 255\n'
+    rig = fw.Rig(
+        *(fw.Pinhole(640, 480, (900.0, 900.0), (320.0, 240.0)) for _ in range(2)),
+        np.array([[1.0, 0, 0, 100], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
+        np.eye(24),
+        (0.1, 0.2),
+        fw.made_by("calibrate", options={}),
+    )
+    response = fw.Response("left", "bench", 2.2, 3, 1.0, np.zeros((2, 256)), (10.0, 200.0), 0.01)
+    from fringeworks.types import CameraNoise
+
+    flat = np.zeros((5, 6), np.float32)
+    codes = fw.CoordinateMap(
+        flat, flat, flat, flat, flat.astype(np.uint8), "x", (16.0, 90.0), np.stack([flat] * 2)
+    )
+    decoded = fw.Decoded(codes, None, CameraNoise(1.0), (fw.FrameFinding("noise", "seen"),))
+    wrapped = fw.WrappedPhase(
+        flat, flat, flat, flat, flat.astype(np.uint8), (0.0, 1.0, 2.0), CameraNoise(1.0), ("a",)
+    )
+    law = fw.PixelCalibration(flat + 1, flat, (1.0, 9.0), pitch_mm_per_px=0.5)
+    surface, cloud = _surface(), _cloud()
+    png, tif = _image("PNG", grey), _tiff(grey.astype(np.float64))
+    planned = {"plan.toml": PLAN}
+
+    def npz(name: str, write: Callable[[Path], Any], read: Callable[[Path], Any]) -> Target:
+        return Target(name, _written(folder, name, write), read, BYTE_WORDS)
+
+    def on_surface(path: Path) -> fw.HeightMap:
+        found = fw.read_surface(path)
+        assert found.values.ndim == 2
+        return found
+
+    return [
+        Target("a.png", png, fw.read_frame, BYTE_WORDS),
+        Target("a.jpg", _image("JPEG", grey), fw.read_frame, BYTE_WORDS),
+        Target("a.bmp", _image("BMP", grey), fw.read_frame, BYTE_WORDS),
+        Target("a.tif", _tiff(grey), fw.read_frame, BYTE_WORDS),
+        Target("z.tif", _tiff(grey, compression="zlib"), fw.read_frame, BYTE_WORDS),
+        Target("s.tif", _tiff(frames, photometric="minisblack"), fw.read_stack, BYTE_WORDS, planned),
+        Target("s.npy", _npy(frames), fw.read_stack, BYTE_WORDS, planned),
+        Target("s.npz", _npz(frames=frames), fw.read_stack, BYTE_WORDS, planned),
+        Target("p.mat", _mat(pair, False), fw.read_capture, BYTE_WORDS),
+        Target("c.mat", _mat(pair, True), fw.read_capture, BYTE_WORDS),
+        Target("h.mat", _hdf5(pair), fw.read_capture, BYTE_WORDS, slow=True),
+        Target("p.npz", _npz(reference=grey, object=grey, mask=grey > 3), fw.read_capture, BYTE_WORDS),
+        Target("pair/capture.toml", capture, _parent(fw.read_capture), TOML_WORDS, {"pair/a.png": png, "pair/t.tif": tif}),
+        Target("stack/capture.toml", stack, _parent(fw.read_capture), TOML_WORDS, {"stack/plan.toml": PLAN, "stack/s.tif": _tiff(frames, photometric="minisblack")}),
+        Target("plan.toml", PLAN, fw.read_plan, TOML_WORDS),
+        Target("rig.toml", _written(folder, "rig.toml", lambda p: fw.write_rig(p, rig)), fw.read_rig, TOML_WORDS),
+        Target("rig.xml", _written(folder, "rig.xml", lambda p: fw.write_rig(p, rig)), fw.read_rig, TEXT_WORDS),
+        Target("other.xml", _opencv("Kc kc Kp kp Rp Tp", ".xml", frameWidth=640, frameHeight=480, screenResX=64, screenResY=48), fw.read_rig, TEXT_WORDS),
+        Target("other.yml", _opencv("cam_K cam_kc pro_K pro_kc R T", ".yml", cam_size=np.array([[64], [48]]), pro_size=np.array([[64], [48]]), stereo_rms=0.3), fw.read_rig, TEXT_WORDS),
+        Target("response.toml", _written(folder, "r.toml", lambda p: fw.write_response(p, response)), fw.read_response, TOML_WORDS),
+        Target("geometry.toml", _written(folder, "g.toml", lambda p: fw.write_reference_plane(p, fw.ReferencePlaneGeometry(500.0, 200.0))), fw.read_reference_plane, TOML_WORDS),
+        npz("law.npz", lambda p: fw.write_reference_plane(p, law), fw.read_reference_plane),
+        npz("map.npz", lambda p: fw.write_surface(p, surface), on_surface),
+        npz("map.tif", lambda p: fw.write_surface(p, surface), on_surface),
+        npz("map.x3p", lambda p: fw.write_surface(p, surface), on_surface),
+        npz("map.gsf", lambda p: fw.write_surface(p, surface), on_surface),
+        npz("cloud.npz", lambda p: fw.write_points(p, cloud), fw.read_points),
+        npz("cloud.ply", lambda p: fw.write_points(p, cloud), fw.read_points),
+        npz("cloud.xyz", lambda p: fw.write_points(p, cloud), fw.read_points)._replace(words=TEXT_WORDS),
+        Target("text.ply", PLY, fw.read_points, TEXT_WORDS),
+        npz("x.npz", lambda p: fw.write_coordinates(p, decoded), fw.read_coordinates),
+        npz("phase.npz", lambda p: fw.write_phase(p, wrapped), fw.read_phase),
+        Target("mesh.ply", PLY, fw.read_mesh, TEXT_WORDS),
+        Target("mesh.obj", b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", fw.read_mesh, TEXT_WORDS),
+        Target("mesh.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", fw.read_mesh, TEXT_WORDS),
+        Target("mesh.stl", bytes(80) + struct.pack("<I12fH", 1, *range(12), 0), fw.read_mesh, BYTE_WORDS),
+    ]  # fmt: skip
+
+
+def _npy(array: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+def _parent(read: Callable[[Path], Any]) -> Callable[[Path], Any]:
+    return lambda path: read(path.parent)
+
+
+def repacked(content: bytes, name: str, change: Callable[[bytes], bytes]) -> bytes:
+    """A ZIP archive with one member changed, whole otherwise."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(out, "w") as new:
+        for info in old.infolist():
+            data = old.read(info)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                new.writestr(info.filename, change(data) if info.filename == name else data)
+    return out.getvalue()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from fringeworks import InputError, unwrap
 from tests.oracles.unwrap import unwrap_reliability, wrap
@@ -126,6 +127,101 @@ def test_masked_cliffs_and_shear(case, noise):
         assert wrong_share(unwrapped, truth) == 0.0
     else:
         assert wrong_share(unwrapped, truth) < 5e-4
+
+
+def terrain(n, steepness, seed):
+    """Rough terrain; differences of neighbours have an s.d. of ``steepness`` rad."""
+    rng = np.random.default_rng(seed)
+    f = np.hypot(np.fft.fftfreq(n)[:, None], np.fft.fftfreq(n)[None, :])
+    f[0, 0] = 1.0
+    z = np.fft.ifft2(np.fft.fft2(rng.standard_normal((n, n))) * f**-1.8).real
+    return z * steepness / np.diff(z, axis=0).std()
+
+
+def scenes(n=192):
+    """Steep, masked and sheared terrain and cliffs."""
+    y, x = np.mgrid[:n, :n].astype(float)
+    everywhere = np.ones((n, n), bool)
+    for steepness in (0.6, 1.0, 1.3):
+        rough = terrain(n, steepness, int(10 * steepness))
+        slope = np.maximum(*np.abs(np.gradient(rough)))
+        yield f"terrain {steepness}", rough, everywhere
+        yield f"terrain {steepness} masked", rough, ndimage.binary_opening(slope < 2.2)
+    shear = np.where(x < n / 2, 0.1 * y, 0.6 * y) + 0.05 * x
+    yield "shear", shear, np.abs(x - n / 2) >= 2
+    peak = 80.0 * np.exp(-((x - 0.5 * n) ** 2 + (y - 0.5 * n) ** 2) / (0.045 * n**2))
+    yield "peak", 1.5 * peak, everywhere
+    radius = np.hypot(x - 0.5 * n, y - 0.5 * n)
+    yield "cliff", 0.3 * x + 0.1 * y + 2.8 * (radius < 0.25 * n), everywhere
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3, 0.6, 0.8, 1.0])
+@pytest.mark.parametrize("case", list(scenes()), ids=lambda case: case[0])
+def test_auto_is_never_worse_than_reliability(case, noise):
+    _, truth, mask = case
+    truth = truth + noise * np.random.default_rng(5).standard_normal(truth.shape)
+    plain = unwrap(wrap(truth), mask, algorithm="reliability")
+    found = unwrap(wrap(truth), mask)
+    assert wrong_share(found, truth) <= wrong_share(plain, truth) + 1e-3
+
+
+def test_steep_terrain_needs_no_guide():
+    """A few residues on steep terrain are not noise."""
+    truth = terrain(256, 1.3, 0)
+    found = unwrap(wrap(truth))
+    assert found.residues / truth.size > 0.01
+    assert wrong_share(found, truth) < 0.05
+
+
+def test_steep_terrain_with_noise_needs_a_narrow_guide():
+    truth = terrain(256, 1.0, 1)
+    truth += 0.7 * np.random.default_rng(0).standard_normal(truth.shape)
+    assert wrong_share(unwrap(wrap(truth)), truth) < 0.02
+    assert wrong_share(unwrap(wrap(truth), algorithm="reliability"), truth) > 0.05
+
+
+def test_longs_peak(real_data):
+    """Steep terrain of Ghiglia and Pritt; scikit-image leaves 3.5 % wrong orders."""
+    if not (real_data / "unwrap_longs").is_dir():
+        pytest.skip("no unwrap_longs among the real captures")
+    stem, shape = real_data / "unwrap_longs" / "longs.152x458", (458, 152)
+    phase, mask, correlation = (
+        np.fromfile(f"{stem}.{kind}", np.uint8).reshape(shape) for kind in ("phase", "mask", "corr")
+    )
+    truth = np.fromfile(f"{stem}.surf", ">f4").reshape(shape)
+    wrapped = phase * (2 * np.pi / 256)
+    assert wrong_share(unwrap(wrapped, mask > 0), truth) < 0.04
+    assert wrong_share(unwrap(wrapped, mask > 0, quality=correlation / 255), truth) < 0.032
+
+
+@pytest.mark.parametrize("seed", range(2, 6))
+def test_quality_helps(seed):
+    """Noise that differs from place to place, and a quality that says so."""
+    rng = np.random.default_rng(seed)
+    clean = noisy_hill(192, 0.0)
+    quality = np.where(terrain(192, 1.0, seed) > 0, 1.0, 0.25)
+    truth = clean + 0.3 / quality * rng.standard_normal(clean.shape)
+    orders = {}
+    for name, weight in (("none", None), ("given", quality)):
+        found = unwrap(wrap(truth), quality=weight, algorithm="reliability")
+        order = np.round((found.phase - truth)[quality == 1.0] / (2 * np.pi))
+        orders[name] = np.mean(order != np.median(order))
+    assert orders["given"] < 0.5 * orders["none"]
+    assert orders["given"] < 0.01
+
+
+@pytest.mark.parametrize("algorithm", ["auto", "reliability", "guided", "least_squares"])
+def test_transposed_arrays_are_taken(algorithm):
+    truth = noisy_hill(96, 0.8)[:, :70]
+    phase, mask = wrap(truth), truth < 20.0
+    quality = 0.5 + np.random.default_rng(0).random(truth.shape)
+    expected = unwrap(phase, mask, quality=quality, algorithm=algorithm)
+    by_columns = (np.asfortranarray(a) for a in (phase, mask, quality))
+    phase_f, mask_f, quality_f = by_columns
+    found = unwrap(phase_f, mask_f, quality=quality_f, algorithm=algorithm)
+    np.testing.assert_array_equal(found.phase, expected.phase)
+    turned = unwrap(phase.T, mask.T, quality=quality.T, algorithm=algorithm)
+    assert turned.phase.shape == (70, 96)
 
 
 def test_least_squares():

@@ -18,22 +18,24 @@ ALGORITHMS = ("auto", "reliability", "guided", "least_squares")
 PhaseField = NDArray[np.float32]
 Regions = NDArray[np.uint32]
 
-MAX_RESIDUE_SHARE = 1e-4
-"""Largest number of residues per valid pixel at which "auto" takes "reliability".
+GUIDES_PX = ((1.0, 3), (1.5, 4), (3.0, 7))
+"""Windows of the guide, px: the width σ of the Gaussian over which it averages the phasor, and half
+the side of the box in which it measures the local frequency.
 
-More residues mean noise, where "reliability" leaves wrong orders and "guided" does not. An
-empirical choice.
+Over a window the frequency must be nearly constant. A wide one suppresses more noise, a narrow one
+follows steep terrain; which one leaves the fewest jumps is seen afterwards. On 700 simulated
+terrains the mean share of wrong orders was 17 % with the widest alone, 4 % with all three.
 """
-GUIDE_SIGMA_PX = 3.0
-"""Width σ of the Gaussian window over which the guide averages the phasor, px.
+FEWER_JUMPS = 0.9
+"""Largest ratio of jumps, guided to reliability, at which "auto" takes "guided".
 
-A wider window reduces noise further but smooths over steep phase. An empirical choice.
+Noise that calls for a guide gives ratios of 0.3 to 0.9. On steep terrain without noise, a guide can
+also have a few per cent fewer jumps with more wrong orders. An empirical choice.
 """
-GUIDE_REACH_PX = 7
-"""Half the side of the box in which the guide measures the local frequency, px (15 × 15 px).
-
-A larger box reduces noise; over it the frequency must be nearly constant. An empirical choice.
-"""
+MAX_ROUGHNESS = 1e30
+"""Roughness of a pixel at the border or beside a masked one, where it cannot be measured, rad²."""
+TINY_ROUGHNESS = 1e-12
+"""Smallest scale of the expected roughness, rad²: without noise, the quality still decides ties."""
 MAX_PHASE_RAD = 1e6
 """Largest absolute phase, rad; single precision resolves 0.06 rad there."""
 MAX_CG_STEPS = 300
@@ -83,16 +85,17 @@ def unwrap(
         True where the phase is valid.
     quality : (h, w) float array, ≥ 0, optional
         Reliability of each pixel, for instance its modulation; pixels with 0 or NaN are masked.
-        "reliability" sorts the pixels by it, the other algorithms use it as a weight.
+        Taken as proportional to 1/σ of the phase: "reliability" adds the noise that follows from it
+        to the roughness that it sees, the other algorithms use it as a weight.
     algorithm : str
         "reliability": joins pixels along the most reliable edges first; exact where there are no
         residues.
         "guided": averages the phasor along the local frequency, unwraps the average, and gives its
-        fringe order to the input; for noise.
+        fringe order to the input; for noise. Of three windows, the one with the fewest jumps.
         "least_squares": fits the phase to the wrapped differences by cosine transforms, and gives
         its fringe order to the input.
-        "auto": "guided" if there is more than one residue per 10 000 valid pixels, else
-        "reliability".
+        "auto": "reliability" where there are no residues; else both run, and "guided" is kept where
+        it has clearly fewer jumps.
 
     Returns
     -------
@@ -113,6 +116,11 @@ def unwrap(
     1988, doi:10.1029/RS023i004p00713. "guided" still makes errors where the noise of a pixel
     exceeds π.
 
+    A jump is a pair of neighbours that differ by more than π after unwrapping, weighted by the
+    square of the lower quality. True surfaces have few of them, wrong orders cause them. Their sum
+    is the cost of minimum-jump unwrapping: Flynn, JOSA A 14(10):2692, 1997,
+    doi:10.1364/JOSAA.14.002692.
+
     Examples
     --------
     >>> ramp = np.tile(np.linspace(0, 20, 50), (40, 1))
@@ -125,18 +133,24 @@ def unwrap(
     if algorithm not in ALGORITHMS:
         raise InputError(f"algorithm: expected one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
     phase, valid, weight = _checked(phase_rad, mask, quality)
-    usable = valid.astype(np.uint8)
-    residues = _core.count_residues(phase, usable)
-    if algorithm == "auto":
-        algorithm = "guided" if residues > MAX_RESIDUE_SHARE * valid.sum() else "reliability"
-    if algorithm == "reliability":
-        roughness = None if weight is None else weight.max() - weight
-        unwrapped, region = _core.unwrap_reliability(phase, usable, roughness)
-        return Unwrapped(unwrapped, region, algorithm, residues)
+    residues = _core.count_residues(phase, valid.astype(np.uint8))
+    if algorithm == "auto" and residues == 0:
+        algorithm = "reliability"
     weights = valid.astype(np.float32) if weight is None else weight
-    solve = _guided if algorithm == "guided" else _least_squares
-    smooth, region = solve(phase, valid, weights)
-    return Unwrapped(_congruent(smooth, phase), region, algorithm, residues)
+    candidates: list[tuple[str, PhaseField, Regions]] = []
+    if algorithm in ("auto", "reliability"):
+        candidates.append(("reliability", *_by_reliability(phase, valid, weight)))
+    if algorithm in ("auto", "guided"):
+        candidates += [("guided", *_guided(phase, valid, weights, w)) for w in GUIDES_PX]
+    if algorithm == "least_squares":
+        candidates.append(("least_squares", *_least_squares(phase, valid, weights)))
+    name, best, region = min(candidates, key=lambda found: _cost(found[0], found[1], weights))
+    return Unwrapped(best, region, name, residues)
+
+
+def _cost(name: str, unwrapped: PhaseField, weight: PhaseField) -> float:
+    """Weighted number of jumps; "reliability" is preferred, for it assumes less than a guide."""
+    return _jumps(unwrapped, weight) * (FEWER_JUMPS if name == "reliability" else 1.0)
 
 
 def _checked(
@@ -177,10 +191,54 @@ def _congruent(smooth: PhaseField, phase: PhaseField) -> PhaseField:
     return np.asarray(phase + period * np.round((smooth - phase) / period), dtype=np.float32)
 
 
-def _guided(phase: PhaseField, valid: BoolMap, weight: PhaseField) -> tuple[PhaseField, Regions]:
-    """Unwrapped phase of the locally averaged phasor, and its regions."""
-    mean = _core.average_phasor(phase, weight, sigma=GUIDE_SIGMA_PX, reach=GUIDE_REACH_PX)
-    return _core.unwrap_reliability(np.angle(mean), valid.astype(np.uint8), None)
+def _jumps(unwrapped: PhaseField, weight: PhaseField) -> float:
+    """Weighted number of neighbours that differ by more than π."""
+    total = 0.0
+    for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        # NaN compares false: links to masked pixels do not count.
+        jump = np.abs(unwrapped[here] - unwrapped[there]) > np.pi
+        total += float(np.sum(np.minimum(weight[here], weight[there])[jump] ** 2))
+    return total
+
+
+def _by_reliability(
+    phase: PhaseField, valid: BoolMap, weight: PhaseField | None
+) -> tuple[PhaseField, Regions]:
+    """Unwrapped phase by sorting by reliability, and its regions."""
+    rough = None if weight is None else _roughness(phase, valid, weight)
+    return _core.unwrap_reliability(phase, valid.astype(np.uint8), rough)
+
+
+def _roughness(phase: PhaseField, valid: BoolMap, weight: PhaseField) -> PhaseField:
+    """Second differences of the phase plus those expected from its noise, rad².
+
+    The differences of one pixel are a single sample of its noise; the quality says how much is
+    expected there, k/q². The scale k is the median of q² times the differences.
+    """
+    whole = ndimage.binary_erosion(valid, np.ones((3, 3)))
+    second = np.zeros(phase.shape, np.float32)
+    padded = np.pad(phase, 1)
+    rows, columns = phase.shape
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        before, after = (
+            padded[1 + s * dy : 1 + s * dy + rows, 1 + s * dx : 1 + s * dx + columns]
+            for s in (-1, 1)
+        )
+        second += (_wrap(before - phase) - _wrap(phase - after)) ** 2
+    square = np.where(valid, weight, 1.0) ** 2
+    scale = float(np.median((second * square)[whole])) if whole.any() else 1.0
+    rough = np.where(whole, second, MAX_ROUGHNESS) + max(scale, TINY_ROUGHNESS) / square
+    return np.ascontiguousarray(np.minimum(rough, MAX_ROUGHNESS), dtype=np.float32)
+
+
+def _guided(
+    phase: PhaseField, valid: BoolMap, weight: PhaseField, window: tuple[float, int]
+) -> tuple[PhaseField, Regions]:
+    """Phase with the orders of the locally averaged phasor, and its regions."""
+    sigma, reach = window
+    mean = _core.average_phasor(phase, weight, sigma=sigma, reach=reach)
+    smooth, region = _core.unwrap_reliability(np.angle(mean), valid.astype(np.uint8), None)
+    return _congruent(smooth, phase), region
 
 
 def _wrap(values: FloatMap) -> FloatMap:
@@ -215,7 +273,7 @@ def _poisson(shape: tuple[int, int]) -> Callable[[FloatMap], FloatMap]:
 def _least_squares(
     phase: PhaseField, valid: BoolMap, weight: PhaseField
 ) -> tuple[PhaseField, Regions]:
-    """Phase whose differences fit the wrapped ones best, and its regions."""
+    """Phase with the orders of the field whose differences fit best, and its regions."""
     raw = phase.astype(np.float64)
     link_x = np.minimum(weight[:, 1:], weight[:, :-1]).astype(np.float64) ** 2
     link_y = np.minimum(weight[1:], weight[:-1]).astype(np.float64) ** 2
@@ -234,7 +292,7 @@ def _least_squares(
     real, imaginary = (ndimage.sum_labels(p, region, labels) for p in (phasor.real, phasor.imag))
     offset[1:] = np.arctan2(imaginary, real)
     smooth = np.where(valid, fitted + offset[region], np.nan)
-    return smooth.astype(np.float32), region
+    return _congruent(smooth.astype(np.float32), phase), region
 
 
 def _conjugate_gradients(source: FloatMap, link_x: FloatMap, link_y: FloatMap) -> FloatMap:

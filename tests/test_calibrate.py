@@ -135,11 +135,18 @@ def test_other_boards_calibrate_as_well(text):
     assert np.mean(np.abs(scores) < 4) > 0.9
 
 
-def test_fewer_coefficients_can_be_asked_for():
-    found = calibrate(observations(), board(), distortion=2).rig
-    assert found.camera.distortion[2:] == (0.0, 0.0, 0.0)
-    assert found.camera.distortion[0] != 0.0
-    assert (np.diag(found.covariance)[[6, 7, 8]] == 0).all()
+@pytest.mark.parametrize("distortion", [0, 2, 4, 5])
+def test_coefficients_that_are_not_estimated_are_zero(distortion):
+    found = calibrate(observations(), board(), distortion=distortion).rig
+    sigma = np.sqrt(np.diag(found.covariance))
+    for first, device in ((4, found.camera), (13, found.projector)):
+        assert all(k == 0.0 for k in device.distortion[distortion:])
+        assert (sigma[first + distortion : first + 5] == 0.0).all()
+        assert all(k != 0.0 for k in device.distortion[:distortion])
+        assert (sigma[first : first + distortion] > 0.0).all()
+
+
+def test_other_numbers_of_coefficients_are_refused():
     with pytest.raises(InputError, match="0, 2, 4 or 5"):
         calibrate(observations(), board(), distortion=3)
 

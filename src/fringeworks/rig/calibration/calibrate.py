@@ -156,7 +156,7 @@ def calibrate(
         Names of poses that could not be observed, with the reason: for errors and reports.
     distortion : 0, 2, 4 or 5
         Number of distortion coefficients to estimate for each device. 2: k₁ and k₂; 4: p₁ and p₂
-        as well; 5: k₃ as well. 0: none, and k₁ and k₂ keep the values of the start.
+        as well; 5: k₃ as well. Coefficients that are not estimated are 0.
 
     Returns
     -------
@@ -181,7 +181,9 @@ def calibrate(
     free = _free(distortion)
     sightings = [_sighting(o, board) for o in observations]
     first = observations[0]
-    rig, poses = start(sightings, first.camera_size, first.projector_size)
+    rig, poses = start(
+        sightings, first.camera_size, first.projector_size, distortion=distortion > 0
+    )
     adjusted = adjust(sightings, rig, poses, free=free)
     observations = [
         _refined(o, board, adjusted.rig.camera, T)

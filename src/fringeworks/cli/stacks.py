@@ -263,8 +263,11 @@ def calibrate(
     out: Annotated[Path, typer.Option("--out", help="Rig file: .toml, or .xml, .yml (OpenCV).")],
     plan: PlanFile = None,
     distortion: Annotated[
-        int, typer.Option(help="Distortion coefficients per lens: 0, 2, 4 or 5.")
-    ] = 5,
+        int | None,
+        typer.Option(
+            help="Distortion coefficients per lens: 0, 2, 4 or 5; by default those that are useful."
+        ),
+    ] = None,
     noise: Noise = None,
     gain: Gain = None,
     saturation: Saturation = None,

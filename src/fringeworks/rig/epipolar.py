@@ -1,4 +1,4 @@
-"""How far the rays of a calibrated rig may pass each other: the epipolar error's own uncertainty."""
+"""Standard deviation of the epipolar error that a rig causes."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def calibration_share(rig: Rig, maps: dict[Axis, CoordinateMap]) -> float:
     scatter of the epipolar error in this capture, at most ``MAX_UNKNOWN_PX``.
     """
     residual = 0.0 if rig.residual_px is None else float(np.hypot(*rig.residual_px))
-    known = rig.covariance is not None and rig.covariance.any()
-    if not known and rig.residual_px is not None:
+    covariance = rig.covariance if rig.covariance is not None and rig.covariance.any() else None
+    if covariance is None and rig.residual_px is not None:
         return residual
     h, w = rig.camera.shape
     step = max(1, round(np.sqrt(h * w / SAMPLES)))
@@ -56,9 +56,9 @@ def calibration_share(rig: Rig, maps: dict[Axis, CoordinateMap]) -> float:
     good = np.isfinite(across).all(axis=1)
     if good.sum() < MIN_SAMPLES:
         return residual
-    if not known:
+    if covariance is None:
         error = np.einsum("ni,ni->n", goal - seen, across)[good]
         return min(MAD_TO_SIGMA * float(np.median(np.abs(error))), MAX_UNKNOWN_PX)
     by_error = np.einsum("nij,ni->nj", by, across)[good]
-    variance = np.einsum("ni,ij,nj->n", by_error, rig.covariance, by_error)
+    variance = np.einsum("ni,ij,nj->n", by_error, covariance, by_error)
     return float(np.sqrt(residual**2 + max(np.quantile(variance, COVERED), 0.0)))

@@ -10,6 +10,7 @@ import numpy as np
 from fringeworks import decode
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.calibrate import observe
+from fringeworks.rig.calibration.leave_out import parameter_change
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.pinhole import pose, project_with_derivatives, transform
 from fringeworks.simulate import (
@@ -86,26 +87,17 @@ def calibrated():
 
 def rig_errors(found: Rig, truth: Rig) -> np.ndarray:
     """Estimated minus true parameters, (24,), in the order of RIG_PARAMETERS."""
-    turn = found.T_projector_camera[:3, :3] @ truth.T_projector_camera[:3, :3].T
-    small = 0.5 * np.array(
-        [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
-    )
-    return np.concatenate(
-        (
-            found.camera.parameters - truth.camera.parameters,
-            found.projector.parameters - truth.projector.parameters,
-            small,
-            found.T_projector_camera[:3, 3] - truth.T_projector_camera[:3, 3],
-        )
-    )
+    return parameter_change(found, truth)
 
 
-def sighting(truth: Rig, target: Board, T, rng, *, corner=0.01, phase=0.004) -> Sighting:
-    """Corners as they would be measured.
+def sighting(
+    truth: Rig, target: Board, T, rng, *, corner=0.01, phase=0.004, real_mm=None
+) -> Sighting:
+    """Corners as they would be measured; ``real_mm`` is where the board's points really are.
 
     The corner is off by noise, and the projector coordinate is read where the corner was seen.
     """
-    points = transform(T, target.points_mm)
+    points = transform(T, target.points_mm if real_mm is None else real_mm)
     R = truth.T_projector_camera[:3, :3]
     c, c_by, _ = project_with_derivatives(truth.camera, points)
     q, q_by, _ = project_with_derivatives(
@@ -114,7 +106,8 @@ def sighting(truth: Rig, target: Board, T, rng, *, corner=0.01, phase=0.004) -> 
     by_pixel = (q_by @ R @ T[:3, :2]) @ np.linalg.inv(c_by @ T[:3, :2])
     error = rng.normal(0, corner, c.shape)
     read = q + np.einsum("nij,nj->ni", by_pixel, error) + rng.normal(0, phase, q.shape)
-    return Sighting(target.points_mm, c + error, read, by_pixel)
+    index = np.arange(len(target.points_mm))
+    return Sighting(target.points_mm, c + error, read, by_pixel, index)
 
 
 def ahead(body, x=0.0, y=0.0, z=500.0, turn=None, albedo=0.8) -> Body:

@@ -146,3 +146,44 @@ def test_points_of_boards():
     target = parse_board("charuco:8x6:30:22")
     theirs = target.aruco.getChessboardCorners()
     np.testing.assert_allclose(target.points_mm, theirs, atol=1e-4)
+
+
+def test_false_corners_beyond_a_board_are_dropped():
+    """A cross of edges where the next column would be: a clip on the sheet, or the light's edge."""
+    image, truth = picture(FORMS[0])
+    corners = truth.reshape(8, 11, 2)
+    x, y = (2.0 * corners[3, -1] - corners[3, -2]).astype(int)
+    dark, bright = np.percentile(image, (5, 95))
+    along = corners[3, -1] - corners[3, -2]
+    down = corners[4, -1] - corners[3, -1]
+    v, u = np.mgrid[-14:15, -14:15]
+    first = u * along[1] - v * along[0] > 0
+    second = u * down[1] - v * down[0] > 0
+    for sign in (False, True):
+        spoiled = image.copy()
+        spoiled[y - 14 : y + 15, x - 14 : x + 15] = np.where((first ^ second) == sign, dark, bright)
+        view = find_board(spoiled, board())
+        assert len(view.index) == 88
+        assert rms(view, truth) < 0.1
+
+
+def test_edge_of_the_light_beside_the_board():
+    image, truth = picture(FORMS[0])
+    corners = truth.reshape(8, 11, 2)
+    step = (corners[:, -1] - corners[:, -2]).mean(axis=0)
+    v, u = np.mgrid[: image.shape[0], : image.shape[1]]
+    for squares in (0.6, 1.0, 1.4):
+        x, y = corners[:, -1].mean(axis=0) + squares * step
+        lit = (u - x) * step[0] + (v - y) * step[1] < 0
+        view = find_board(image * np.where(lit, 1.0, 0.06), board())
+        assert len(view.index) >= 84
+        assert rms(view, truth) < 0.03
+
+
+@pytest.mark.parametrize("text", ["circles:9x7:15", "asymmetric-circles:4x11:9"])
+def test_white_circles_on_black_are_found(text):
+    image, truth = picture(text)
+    bright = np.percentile(image, 95)
+    view = find_board(np.maximum(1.1 * bright - image, 0.0), board(text))
+    assert len(view.index) == len(truth)
+    assert rms(view, truth) < 0.15

@@ -36,6 +36,14 @@ def test_toml_keeps_everything(tmp_path):
     assert read_rig(write_rig(tmp_path / "bare.toml", bare)).covariance is None
 
 
+def test_unknown_residuals_stay_unknown(tmp_path):
+    unknown = replace(calibrated().rig, residual_px=None)
+    for name in ("rig.toml", "rig.xml"):
+        assert read_rig(write_rig(tmp_path / name, unknown)).residual_px is None
+    known = read_rig(write_rig(tmp_path / "known.toml", calibrated().rig))
+    assert known.residual_px == calibrated().rig.residual_px
+
+
 @pytest.mark.parametrize("name", ["rig.xml", "rig.yml", "rig.yaml"])
 def test_opencv_files_go_both_ways(tmp_path, name):
     path = write_rig(tmp_path / name, rig())

@@ -147,6 +147,48 @@ def test_axes_that_disagree_are_taken_out():
     assert np.abs(cloud.xyz_mm - points)[rest].max() < 2.0
 
 
+def turned(r, angle_rad):
+    """The rig with its projector turned about the baseline's direction as seen by the camera."""
+    T = r.T_projector_camera
+    return replace(
+        r, T_projector_camera=pose(rotation([angle_rad, 0.0, 0.0]) @ T[:3, :3], T[:3, 3])
+    )
+
+
+def test_a_rig_whose_residuals_are_unknown_is_not_perfect():
+    """An epipolar error of 0.3 px, as rigs of other programs have, is no reason to refuse them."""
+    r = lens(True)
+    _, decoded = made_up(r, wave(r.camera.shape), sigma=(0.003, 0.005), noise=1.0)
+    off = turned(r, 0.3 / r.projector.focal_px[1])
+    unknown = replace(off, covariance=None, residual_px=None)
+    cloud = triangulate(decoded, unknown)
+    assert 0.2 < np.nanmedian(np.abs(cloud.residual_px)) < 0.4
+    assert (cloud.reason == Reason.OK).mean() > 0.999
+    # A rig that states a perfect calibration is taken at its word, or at the caller's.
+    perfect = replace(unknown, residual_px=(0.0, 0.0))
+    with pytest.raises(InputError, match="pass each other"):
+        triangulate(decoded, perfect)
+    assert (triangulate(decoded, perfect, epipolar_px=0.3).reason == Reason.OK).mean() > 0.999
+    with pytest.raises(InputError, match="pass each other"):
+        triangulate(decoded, unknown, epipolar_px=0.01)
+    with pytest.raises(InputError, match="epipolar_px: expected >= 0"):
+        triangulate(decoded, unknown, epipolar_px=float("nan"))
+    # A rig that does not fit is still refused: its rays pass each other by many px.
+    with pytest.raises(InputError, match="pass each other"):
+        triangulate(decoded, turned(unknown, 40.0 / r.projector.focal_px[1]))
+
+
+def test_covariance_enters_the_epipolar_error():
+    r = replace(lens(True), residual_px=(0.0, 0.0))
+    _, decoded = made_up(r, wave(r.camera.shape), sigma=(0.003, 0.005), noise=1.0)
+    uncertain = r.covariance.copy()
+    uncertain[18:21, 18:21] = np.eye(3) * (0.3 / r.projector.focal_px[1]) ** 2
+    off = turned(replace(r, covariance=uncertain), 0.6 / r.projector.focal_px[1])
+    assert (triangulate(decoded, off).reason == Reason.OK).mean() > 0.999
+    with pytest.raises(InputError, match="pass each other"):
+        triangulate(decoded, replace(off, covariance=None))
+
+
 def test_reasons_are_handed_on():
     r = lens(False)
     _, decoded = made_up(r, wave(r.camera.shape))

@@ -263,8 +263,11 @@ def calibrate(
     out: Annotated[Path, typer.Option("--out", help="Rig file: .toml, or .xml, .yml (OpenCV).")],
     plan: PlanFile = None,
     distortion: Annotated[
-        int, typer.Option(help="Distortion coefficients per lens: 0, 2, 4 or 5.")
-    ] = 5,
+        int | None,
+        typer.Option(
+            help="Distortion coefficients per lens: 0, 2, 4 or 5; by default those that are useful."
+        ),
+    ] = None,
     noise: Noise = None,
     gain: Gain = None,
     saturation: Saturation = None,
@@ -341,6 +344,13 @@ def measure(
     axis: Annotated[
         AxisName | None, typer.Option(help="Use this axis of the projector only, x or y.")
     ] = None,
+    epipolar_px: Annotated[
+        float | None,
+        typer.Option(
+            help="Standard deviation of the epipolar error that the rig causes, px; by default "
+            "from the rig."
+        ),
+    ] = None,
     noise: Noise = None,
     gain: Gain = None,
     saturation: Saturation = None,
@@ -371,7 +381,13 @@ def measure(
         progress("reading …")
         loaded, calibrated = _stack(stack, plan, camera, projector), fw.read_rig(rig_file)
         progress("measuring …")
-        found = fw.measure(loaded, calibrated, axis=None if axis is None else axis.value, **options)
+        found = fw.measure(
+            loaded,
+            calibrated,
+            axis=None if axis is None else axis.value,
+            epipolar_px=epipolar_px,
+            **options,
+        )
     if out is not None:
         with output.target(out, ".ply") as place:
             fw.write_points(place, found.points, kind=ply.value)

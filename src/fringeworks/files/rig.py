@@ -39,8 +39,8 @@ class DeviceSection(Section):
     focal_px: tuple[float, float]
     principal_px: tuple[float, float]
     distortion: tuple[float, float, float, float, float]
-    residual_px: float = Field(default=0.0, ge=0)
-    """Root mean square reprojection residual of the calibration."""
+    residual_px: float | None = Field(default=None, ge=0)
+    """Root mean square reprojection residual of the calibration; left out where unknown."""
 
 
 class PoseSection(Section):
@@ -134,17 +134,15 @@ def read_rig(
 def format_rig(rig: Rig) -> str:
     """A rig as TOML."""
     content: dict[str, Any] = {"kind": "rig"}
-    for name, device, residual in (
-        ("camera", rig.camera, rig.residual_px[0]),
-        ("projector", rig.projector, rig.residual_px[1]),
-    ):
+    for k, (name, device) in enumerate((("camera", rig.camera), ("projector", rig.projector))):
         content[name] = {
             "size_px": [device.width_px, device.height_px],
             "focal_px": _floats(device.focal_px),
             "principal_px": _floats(device.principal_px),
             "distortion": _floats(device.distortion),
-            "residual_px": float(residual),
         }
+        if rig.residual_px is not None:
+            content[name]["residual_px"] = float(rig.residual_px[k])
     T = rig.T_projector_camera
     content["T_projector_camera"] = {
         "rotation": [_floats(row) for row in T[:3, :3]],
@@ -194,6 +192,8 @@ def _from_toml(content: RigFile) -> Rig:
         if not (np.isfinite(sigma).all() and (sigma >= 0).all()):
             raise InputError("uncertainty.sigma: expected values >= 0")
         covariance = np.array(u.correlation) * np.outer(sigma, sigma)
-    residual = (content.camera.residual_px, content.projector.residual_px)
+    camera_px, projector_px = content.camera.residual_px, content.projector.residual_px
+    # One of the two alone does not say how well rays meet.
+    residual = None if camera_px is None or projector_px is None else (camera_px, projector_px)
     origin = None if content.provenance is None else content.provenance.as_provenance()
     return Rig(devices[0], devices[1], T, covariance, residual, origin)

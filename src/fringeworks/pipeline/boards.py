@@ -31,7 +31,7 @@ def calibrate_stacks(
     board: Board | str,
     *,
     plan: PatternPlan | StrPath | None = None,
-    distortion: int = 5,
+    distortion: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
     **options: Unpack[DecodeOptions],
 ) -> Calibration:
@@ -47,8 +47,8 @@ def calibrate_stacks(
         A board, or its short form, as for ``parse_board``.
     plan : PatternPlan or path, optional
         Plan of a folder's stacks, where none lies there.
-    distortion : 0, 2, 4 or 5
-        Coefficients of lens distortion for each device.
+    distortion : 0, 2, 4 or 5, optional
+        Coefficients of lens distortion for each device; by default those that are useful.
     progress : callable
         Called with the name of each pose.
     **options

@@ -90,6 +90,7 @@ def measure(
     rig: Rig | Triangulator | StrPath,
     *,
     axis: Axis | None = None,
+    epipolar_px: float | None = None,
     **options: Unpack[DecodeOptions],
 ) -> Measurement:
     """Measure the points of a stack of frames with a calibrated rig.
@@ -102,6 +103,8 @@ def measure(
         A ``Triangulator`` saves its preparation when many stacks are measured.
     axis : "x" or "y", optional
         Use this axis of the projector only.
+    epipolar_px : float >= 0, optional
+        Standard deviation of the epipolar error that the rig causes, px; see ``triangulate``.
     **options
         Of ``decode``.
 
@@ -123,11 +126,11 @@ def measure(
         colour: FloatMap | None = sealed(texture(stack.frames, stack.plan))
     except InputError:
         colour = None  # the plan shows the scene under fringes only
-    points = rig.triangulate(found, axis=axis, colour=colour)
+    points = rig.triangulate(found, axis=axis, epipolar_px=epipolar_px, colour=colour)
     seconds = time.perf_counter() - started
     origin = made_by(
         "measure",
-        options={"axis": axis, **_given(stack, options)},
+        options={"axis": axis, "epipolar_px": epipolar_px, **_given(stack, options)},
         inputs=inputs_of(stack),
         plan=stack.plan,
         rig=rig.rig,

@@ -121,6 +121,7 @@ def _(wrapped: WrappedPhase) -> dict[str, Any]:
 def _(calibration: Calibration) -> dict[str, Any]:
     rig = calibration.rig
     assert rig.covariance is not None
+    assert rig.residual_px is not None
     sigma = np.sqrt(np.diag(rig.covariance))
     offset = rig.T_projector_camera[:3, 3]
     values = [*rig.camera.parameters, *rig.projector.parameters]

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.polynomial import polynomial
-from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks import _core
-from fringeworks.rig.pinhole import project_with_derivatives, rays, skew
+from fringeworks.rig.epipolar import calibration_share
 from fringeworks.rig.point_arrays import empty_arrays, input_arrays, reused_arrays
+from fringeworks.rig.ray_depth import axis_length, calibration_spread, main_axis
 from fringeworks.types import (
     Axis,
     ByteMap,
@@ -27,22 +25,6 @@ from fringeworks.types import (
 RESIDUAL_SIGMAS = 5.0
 """Largest epipolar error that is accepted, in its standard deviations. Normal errors exceed five
 in one of two million pixels."""
-NODES = (20, 26)
-"""Rows and columns of nodes over the camera's frame at which the calibration's variance is
-computed. The variance is smooth; between the nodes it is interpolated to better than 1 % away from
-the corners of the frame (tests/test_triangulate.py)."""
-DEPTHS = 7
-"""Places along each node's ray that a polynomial is fitted to; two more than its coefficients."""
-POWERS = 5
-"""Coefficients of that polynomial. A quartic follows the logarithm of the variance to 1 %."""
-NEWTON_STEPS = 8
-"""Newton steps that find where a ray meets a projector column. Convergence is quadratic; eight
-steps reach double precision for every lens that calibrations have given."""
-CONVERGED_PX = 1e-6
-"""Largest distance from the wanted projector coordinate after the last step, px; a larger one means
-that the ray leaves what the lens model covers."""
-NO_VARIANCE = -126.0
-"""Binary logarithm that stands for a variance of zero: the least exponent of single precision."""
 CHECKED_ROWS = 16
 """Rows of a frame, about, that are looked at to see whether a rig belongs to it."""
 MAX_BEYOND = 0.01
@@ -85,6 +67,7 @@ class Triangulator:
         *,
         axis: Axis | None = None,
         residual_sigmas: float = RESIDUAL_SIGMAS,
+        epipolar_px: float | None = None,
         colour: FloatMap | None = None,
         out: PointCloud | None = None,
     ) -> PointCloud:
@@ -93,17 +76,21 @@ class Triangulator:
         maps = _chosen(decoded, rig, axis)
         if not residual_sigmas > 0:
             raise InputError(f"residual_sigmas: expected > 0, got {residual_sigmas}")
+        if epipolar_px is not None and not 0 <= epipolar_px < np.inf:
+            raise InputError(f"epipolar_px: expected >= 0 px, got {epipolar_px}")
         shape = rig.camera.shape
         if colour is not None and np.shape(colour)[:2] != shape:
             raise InputError(f"colour: expected shape {shape}, got {np.shape(colour)}")
         both = len(maps) == 2
+        if epipolar_px is None:
+            epipolar_px = calibration_share(rig, maps) if both else 0.0
         results = empty_arrays(shape, both) if out is None else reused_arrays(out, shape, both)
         self._kernel(None if both else next(iter(maps))).run(
             input_arrays(maps.get("x")),
             input_arrays(maps.get("y")),
             **results,
             residual_sigmas=residual_sigmas,
-            residual_px=float(np.hypot(*rig.residual_px)),
+            residual_px=epipolar_px,
         )
         _refuse_nothing(results["reason"], maps)
         return PointCloud(
@@ -127,7 +114,7 @@ class Triangulator:
                 translation=[float(v) for v in rig.T_projector_camera[:3, 3]],
                 spread=calibration_spread(rig, axis, along),
                 spread_along_x=along == "x",
-                spread_length=float(_length(rig, along)),
+                spread_length=float(axis_length(rig, along)),
                 camera_shape=rig.camera.shape,
                 projector_size=(rig.projector.width_px, rig.projector.height_px),
             )
@@ -140,6 +127,7 @@ def triangulate(
     *,
     axis: Axis | None = None,
     residual_sigmas: float = RESIDUAL_SIGMAS,
+    epipolar_px: float | None = None,
     colour: FloatMap | None = None,
     out: PointCloud | None = None,
 ) -> PointCloud:
@@ -155,6 +143,11 @@ def triangulate(
     residual_sigmas : float > 0
         With both axes: epipolar error, in standard deviations of pixel noise and calibration,
         beyond which a pixel is NaN (``RAYS_APART``).
+    epipolar_px : float >= 0, optional
+        With both axes: standard deviation of the epipolar error that the rig causes, px. By
+        default it comes from the rig's residuals and covariance. Where the rig states neither, as
+        rigs of other programs, it is the scatter of the epipolar error in these coordinates, at
+        most 1 px.
     colour : (h, w) or (h, w, 3) array, optional
         Kept with the points.
     out : PointCloud, optional
@@ -181,7 +174,12 @@ def triangulate(
     and by the rig's 24 parameters with their covariance (theory §8, §9).
     """
     return Triangulator(rig).triangulate(
-        decoded, axis=axis, residual_sigmas=residual_sigmas, colour=colour, out=out
+        decoded,
+        axis=axis,
+        residual_sigmas=residual_sigmas,
+        epipolar_px=epipolar_px,
+        colour=colour,
+        out=out,
     )
 
 
@@ -236,126 +234,3 @@ def _refuse_nothing(all_reasons: ByteMap, maps: dict[Axis, CoordinateMap]) -> No
             f"rig: rays of camera and projector pass each other in {apart / decoded:.0%} of the "
             "pixels: it does not belong to this capture, or a device was moved since"
         )
-
-
-def _length(rig: Rig, axis: Axis) -> int:
-    return rig.projector.width_px if axis == "x" else rig.projector.height_px
-
-
-def main_axis(rig: Rig) -> Axis:
-    """The axis of the projector along which a point moves the more when its depth changes."""
-    centre = np.array([[0.5 * rig.camera.width_px, 0.5 * rig.camera.height_px]])
-    ray = rays(rig.camera, centre)
-    _, by_point, _ = project_with_derivatives(rig.projector, ray @ rig.T_projector_camera[:3, :3].T)
-    moved = by_point[0] @ rig.T_projector_camera[:3, 3]
-    return "x" if abs(moved[0]) >= abs(moved[1]) else "y"
-
-
-def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.float32]:
-    """Variance of 1/z that the calibration leaves, over the camera's frame.
-
-    Parameters
-    ----------
-    axis : "x", "y", or None for both
-        What is triangulated from.
-    along : "x" or "y"
-        Axis whose coordinate tells where on a ray a point is.
-
-    Returns
-    -------
-    (rows, columns, 5) float32 coefficients of polynomials in that coordinate, −1…1 over the
-    projector's frame, for the binary logarithm of the variance in 1/mm²: over a frame that a
-    calibration has not covered the variance itself changes by orders of magnitude.
-    """
-    spread = np.zeros((*NODES, POWERS), np.float32)
-    spread[..., 0] = NO_VARIANCE
-    if rig.covariance is None or not rig.covariance.any():
-        return spread
-    place = np.cos(np.pi * (np.arange(DEPTHS) + 0.5) / DEPTHS)
-    goal = (0.5 * place + 0.5) * _length(rig, along) - 0.5
-    v, u, q = np.meshgrid(
-        np.linspace(0, rig.camera.height_px - 1, NODES[0]),
-        np.linspace(0, rig.camera.width_px - 1, NODES[1]),
-        goal,
-        indexing="ij",
-    )
-    pixels = np.stack((u, v), axis=-1).reshape(-1, 2)
-    w = inverse_depth(rig, pixels, q.ravel(), along)
-    by = inverse_depth_by_parameters(rig, pixels, w, axis)
-    variance = np.einsum("ni,ij,nj->n", by, rig.covariance, by).reshape(-1, DEPTHS)
-    good = (variance > 0) & np.isfinite(variance)
-    fitted = good.sum(axis=1) >= POWERS
-    powers = polynomial.polyvander(place, POWERS - 1)
-    logarithm = np.log2(np.where(good, variance, 1.0))
-    for k in np.flatnonzero(fitted):
-        node = np.unravel_index(k, NODES)
-        spread[node] = np.linalg.lstsq(powers[good[k]], logarithm[k, good[k]], rcond=None)[0]
-    known = fitted.reshape(NODES)
-    if known.any() and not known.all():
-        # These nodes yield no points; copy the nearest valid value to keep the table finite.
-        nearest = ndimage.distance_transform_edt(~known, return_indices=True)[1]
-        spread = spread[tuple(nearest)]
-    return np.ascontiguousarray(spread)
-
-
-def inverse_depth(rig: Rig, pixels: FloatMap, goal_px: FloatMap, axis: Axis) -> FloatMap:
-    """1/z where rays of camera pixels (n, 2) meet a column or row of the projector, (n,), 1/mm.
-
-    NaN where the way to it leaves what the lens models cover; 0 and below for no point in front.
-    """
-    k = 0 if axis == "x" else 1
-    R, t = rig.T_projector_camera[:3, :3], rig.T_projector_camera[:3, 3]
-    turned = rays(rig.camera, pixels) @ R.T
-    ideal = (goal_px - rig.projector.principal_px[k]) / rig.projector.focal_px[k]
-    with np.errstate(all="ignore"):
-        w = (ideal * turned[:, 2] - turned[:, k]) / (t[k] - ideal * t[2])
-        for _ in range(NEWTON_STEPS):
-            # A point times w: free of infinity where rays meet far away.
-            seen = turned + w[:, None] * t
-            seen = np.where(seen[:, 2:] > 0, seen, np.nan)
-            pixel, by_point, _ = project_with_derivatives(rig.projector, seen)
-            w = w + (goal_px - pixel[:, k]) / (by_point[:, k] @ t)
-    return np.asarray(np.where(np.abs(goal_px - pixel[:, k]) < CONVERGED_PX, w, np.nan))
-
-
-def inverse_depth_by_parameters(
-    rig: Rig, pixels: FloatMap, w: FloatMap, axis: Axis | None
-) -> FloatMap:
-    """Derivative of the inverse distance by the rig's 24 parameters at fixed coordinates.
-
-    Parameters
-    ----------
-    pixels : (n, 2) camera px
-    w : (n,) 1/mm
-    axis : "x" or "y", or None for both, weighted alike
-
-    Returns
-    -------
-    (n, 24) array, of |r| over the point's distance, which is w where the ray stays; NaN for points
-    that are not in front of the projector.
-
-    Notes
-    -----
-    The projector's pixel of the point, π(R r + w t), stays what was decoded:
-    ∂w/∂θ = −∂π/∂θ / ∂π/∂w, along one axis or by least squares over both.
-    """
-    R, t = rig.T_projector_camera[:3, :3], rig.T_projector_camera[:3, 3]
-    ray = rays(rig.camera, pixels)
-    seen = ray @ R.T + w[:, None] * t
-    with np.errstate(all="ignore"):
-        seen = np.where(seen[:, 2:] > 0, seen, np.nan)
-        _, by_point, by_projector = project_with_derivatives(rig.projector, seen)
-        _, c_by_ray, c_by_camera = project_with_derivatives(rig.camera, ray)
-        # The camera's pixel stays: its ray turns when the camera's parameters change.
-        turned = -np.linalg.solve(c_by_ray[:, :, :2], c_by_camera)
-        by_camera = by_point @ R[:, :2] @ turned
-        by_turn = by_point @ -skew(ray @ R.T)
-        by = np.concatenate((by_camera, by_projector, by_turn, by_point * w[:, None, None]), axis=2)
-        by_w = by_point @ t
-        weight = np.ones(2) if axis is None else np.array([axis == "x", axis == "y"], float)
-        top = np.einsum("ni,nij->nj", by_w * weight, by)
-        found = -top / np.sum(by_w**2 * weight, axis=1)[:, None]
-        # A ray that turns also changes its length where z = 1, and with it the distance.
-        longer = np.einsum("ni,nij->nj", ray[:, :2], turned) / np.sum(ray**2, axis=1)[:, None]
-        found[:, : longer.shape[1]] -= w[:, None] * longer
-        return np.asarray(found)

@@ -1,5 +1,6 @@
 """Simulation: artificial objects and bodies, and the frames that a camera would deliver of them."""
 
+from fringeworks.simulate.boards import BoardErrors, real_points
 from fringeworks.simulate.bodies import (
     Body,
     Box,
@@ -26,6 +27,7 @@ from fringeworks.simulate.virtual_rig import Optics, View, look, photograph
 __all__ = [
     "OBJECTS",
     "STANDARD_GEOMETRY",
+    "BoardErrors",
     "Body",
     "Box",
     "Cylinder",
@@ -49,6 +51,7 @@ __all__ = [
     "paint",
     "parabola_1d",
     "photograph",
+    "real_points",
     "standard_rig",
     "standard_scene",
     "truth_distance",

@@ -74,8 +74,9 @@ class Rig(Frozen):
     """(4, 4) float64, maps points in camera coordinates to projector coordinates; mm."""
     covariance: FloatMap | None = None
     """(24, 24) covariance of ``RIG_PARAMETERS``; None where unknown."""
-    residual_px: tuple[float, float] = (0.0, 0.0)
-    """Root mean square reprojection residual of the calibration, camera and projector, px."""
+    residual_px: tuple[float, float] | None = None
+    """Root mean square reprojection residual of the calibration, camera and projector, px; None
+    where unknown."""
     provenance: Provenance | None = None
     """How it was made; None where the caller built it."""
 

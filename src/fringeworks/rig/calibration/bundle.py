@@ -1,4 +1,4 @@
-"""Bundle adjustment of a camera, a projector, their relative pose, and all poses of a board."""
+"""Bundle adjustment of a camera, a projector, their relative pose, and a board in several poses."""
 
 from __future__ import annotations
 
@@ -6,16 +6,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg
 
+from fringeworks.rig.calibration.board_shape import (
+    BOW_SIZE,
+    OFFSET_SIZE,
+    BoardPrior,
+    BoardShape,
+    estimated_prior,
+    first_prior,
+)
 from fringeworks.rig.calibration.parameters import POSE_SIZE, RIG_SIZE, State
-from fringeworks.rig.calibration.residuals import Sighting, residuals_of, rows_of
-from fringeworks.rig.calibration.robust import root_weights, scatter_of, weights_of
+from fringeworks.rig.calibration.residuals import (
+    Corners,
+    Sighting,
+    board_places,
+    corners_of,
+    residuals_of,
+)
+from fringeworks.rig.calibration.robust import first_scatter, root_weights, scatter_of, weights_of
 from fringeworks.types import BoolMap, FloatMap, InputError, Rig
 
-MAX_ROUNDS = 8
-"""Largest number of rounds. Every round minimises with fixed weights, then estimates scatter and
-weights anew; three or four rounds are usual."""
-SETTLED = 1e-3
+MAX_ROUNDS = 20
+"""Largest number of rounds. Every round minimises with fixed weights, then estimates scatter,
+weights and the board's prior anew; five to eight rounds are usual."""
+SETTLED = 0.01
 """Relative change of the scatter between two rounds below which it has settled. The weights, and
 with them the result, then change by far less than a standard deviation."""
 MAX_LM_STEPS = 40
@@ -40,6 +55,33 @@ by about 0.001 of their standard deviations."""
 MAX_CONDITION = 1e14
 """Largest condition number of the scaled normal matrix. Beyond, its inverse has hardly a
 correct digit in double precision: the poses do not determine the parameters."""
+PRIOR_SETTLED = 0.05
+"""Relative change of the board's prior between two rounds below which it has settled: standard
+deviations from some hundred offsets are known to 5 % at best."""
+NEGLIGIBLE_PRIOR = 1e-5
+"""Change of the board's prior, over the bow's prior, that does not matter: 0.2 µm on a board of
+120 mm, below what corners show."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weighting:
+    """How the residuals and the board's deviations count in the least-squares sum."""
+
+    scatter: FloatMap
+    """Standard deviation per coordinate of every corner's residuals, (n, 2), px."""
+    weights: FloatMap | None
+    """Huber's weights, (n, 2), 0 for outliers; None for 1."""
+    prior: BoardPrior
+
+    @property
+    def root(self) -> FloatMap:
+        """Factor of every residual, (n, 4), 1/px."""
+        return root_weights(self.scatter, self.weights)
+
+    def of_rows(self, kept: BoolMap) -> Weighting:
+        """The same for some of the corners."""
+        weights = None if self.weights is None else self.weights[kept]
+        return Weighting(self.scatter[kept], weights, self.prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,18 +92,36 @@ class Adjusted:
     """With the covariance of its 24 parameters and the root mean square residuals."""
     poses: tuple[FloatMap, ...]
     """T_camera_board of every sighting, (4, 4), mm."""
+    shape: BoardShape
+    """By how much the board deviates from its description."""
+    prior: BoardPrior
+    """The standard deviations of these deviations, as estimated."""
     covariance: FloatMap
-    """Covariance of the rig's 24 parameters and then of every pose's 6, square; 0 for parameters
-    that were held fixed."""
+    """Covariance of the rig's 24 parameters, then of every pose's 6, the 3 bow coefficients and
+    every point's 3 offsets, square; 0 for parameters that were held fixed."""
     camera_residual_px: tuple[FloatMap, ...]
     """Measured minus predicted camera pixels, (m, 2) per sighting, px."""
     projector_residual_px: tuple[FloatMap, ...]
     """Measured minus predicted projector pixels, (m, 2) per sighting, px."""
     used: tuple[BoolMap, ...]
     """False for corners that were left out as outliers, (m,) per sighting."""
-    scatter_px: tuple[tuple[float, float], ...]
-    """Per sighting: standard deviation of a corner in the camera, and of the projector coordinate
-    read at the predicted camera pixel, per coordinate, px."""
+    weighting: Weighting
+    """Scatter and weights of all corners."""
+    converged: bool
+    """False where scatter and weights still changed in the last round."""
+
+    @property
+    def bow_sigma_mm(self) -> FloatMap:
+        """Standard deviations of the bow coefficients, (3,), mm."""
+        first = RIG_SIZE + POSE_SIZE * len(self.poses)
+        return np.sqrt(np.diag(self.covariance)[first : first + BOW_SIZE])
+
+    @property
+    def scatter_px(self) -> tuple[tuple[float, float], ...]:
+        """Per sighting: standard deviation of a corner in the camera, and of the projector
+        coordinate read at the predicted camera pixel, per coordinate, px."""
+        firsts = np.cumsum([0, *(len(u) for u in self.used[:-1])])
+        return tuple((float(a), float(b)) for a, b in self.weighting.scatter[firsts])
 
 
 def adjust(
@@ -71,7 +131,7 @@ def adjust(
     *,
     free: BoolMap | None = None,
 ) -> Adjusted:
-    """Fit the rig and all poses to all corners by robust least squares.
+    """Fit the rig, all poses and the board's shape to all corners by robust least squares.
 
     Parameters
     ----------
@@ -97,73 +157,148 @@ def adjust(
     1883, 2000), each divided by its scatter, with Huber's weights. The scatter is estimated from
     the residuals, for each device and pose. The projector's is usually far smaller than the
     camera's, because its coordinate is averaged over a window while a corner is a point.
+
+    A printed board is off at the same points in every pose, and bowed. Its points are estimated
+    as well (object-releasing calibration: Strobl and Hirzinger, ICCV Workshops 2011,
+    doi:10.1109/ICCVW.2011.6130369), with a prior for print, flatness and bow. The standard
+    deviations of print and flatness are estimated from the offsets (``estimated_prior``).
+    Otherwise these errors would be taken as independent in every pose, and the covariance would be
+    too small.
     """
-    problem = _Problem(sightings, np.ones(RIG_SIZE, bool) if free is None else free)
-    state = State(rig, tuple(poses))
-    scatter = problem.scatter(state, refined=False)
-    weights: FloatMap | None = None
+    corners = corners_of(sightings)
+    shape = BoardShape(np.zeros(BOW_SIZE), np.zeros((corners.board_points, OFFSET_SIZE)))
+    state = State(rig, tuple(poses), shape)
+    problem = _Problem(corners, np.ones(RIG_SIZE, bool) if free is None else free, state)
+    first = residuals_of(corners, state).independent
+    scatter = first_scatter(first, corners.rows, problem.of_rig_and_poses)
+    weighting = Weighting(scatter, None, first_prior(corners.points_mm))
+    converged = False
     for _ in range(MAX_ROUNDS):
-        state = problem.minimise(state, scatter, weights)
-        before, scatter = scatter, problem.scatter(state, refined=weights is not None)
-        weights = weights_of(residuals_of(sightings, state).independent, scatter)
-        if np.allclose(scatter, before, rtol=SETTLED):
+        state = problem.minimise(state, weighting)
+        before, weighting = weighting, problem.reweighted(state, weighting)
+        if _settled(before, weighting):
+            converged = True
             break
-    state = problem.minimise(state, scatter, weights)
-    return problem.result(state, scatter, weights)
+    state = problem.minimise(state, weighting)
+    return problem.result(state, weighting, converged)
+
+
+def without(
+    sightings: Sequence[Sighting], adjusted: Adjusted, k: int, *, free: BoolMap
+) -> tuple[Rig, FloatMap]:
+    """Fit again without the k-th sighting, with the same scatter, weights and prior.
+
+    Returns
+    -------
+    The rig with its covariance, and the board's places at the corners of the k-th sighting, (m, 3).
+
+    Raises
+    ------
+    InputError where the others do not determine the parameters.
+    """
+    others = [s for n, s in enumerate(sightings) if n != k]
+    kept = corners_of(sightings).pose != k
+    poses = tuple(T for n, T in enumerate(adjusted.poses) if n != k)
+    state = State(adjusted.rig, poses, adjusted.shape)
+    problem = _Problem(corners_of(others), free, state)
+    weighting = adjusted.weighting.of_rows(kept)
+    state = problem.minimise(state, weighting)
+    covariance = problem.covariance(state, weighting)[:RIG_SIZE, :RIG_SIZE]
+    rig = Rig(state.rig.camera, state.rig.projector, state.rig.T_projector_camera, covariance)
+    left_out = corners_of(sightings)
+    return rig, board_places(left_out, state.shape)[left_out.pose == k]
+
+
+def _settled(before: Weighting, after: Weighting) -> bool:
+    """Whether scatter and prior hardly changed; far below the corners' scatter, a prior that still
+    shrinks changes nothing."""
+    priors = [np.array([w.prior.print_mm, w.prior.flat_mm]) for w in (before, after)]
+    small = NEGLIGIBLE_PRIOR * after.prior.bow_mm
+    return bool(
+        np.allclose(after.scatter, before.scatter, rtol=SETTLED)
+        and np.allclose(priors[1], priors[0], rtol=PRIOR_SETTLED, atol=small)
+    )
 
 
 class _Problem:
-    """The sightings to fit, and which of all parameters are free."""
+    """The corners to fit, and which of all parameters are free."""
 
-    def __init__(self, sightings: Sequence[Sighting], free_of_rig: BoolMap) -> None:
-        self.sightings = sightings
-        self.free = free_parameters(len(sightings), free_of_rig)
-        self.rows = rows_of(sightings)
-        corners = sum(len(s.points_mm) for s in sightings)
-        unknowns = int(self.free.sum())
-        if 4 * corners <= unknowns:
+    def __init__(self, corners: Corners, free_of_rig: BoolMap, state: State) -> None:
+        self.corners = corners
+        self.points = len(state.shape.offset_mm)
+        self.of_rig_and_poses = int(free_of_rig.sum()) + POSE_SIZE * corners.poses
+        of_board = BOW_SIZE + OFFSET_SIZE * self.points
+        always = np.ones(POSE_SIZE * corners.poses + of_board, bool)
+        self.free = np.concatenate((free_of_rig, always))
+        self.board = slice(self.free.size - of_board, self.free.size)
+        count, unknowns = len(corners.pose), self.of_rig_and_poses
+        if 4 * count <= unknowns:
             raise InputError(
                 f"calibration: expected more than {unknowns // 4} corners to determine {unknowns} "
-                f"parameters, got {corners}"
+                f"parameters, got {count}"
             )
+        c = corners.columns
+        self.entries = (c[:, :, None] * self.free.size + c[:, None, :]).ravel()
 
-    def scatter(self, state: State, *, refined: bool) -> FloatMap:
-        """Standard deviation of every corner's residuals, (n, 2), px; see ``scatter_of``."""
-        independent = residuals_of(self.sightings, state).independent
-        return scatter_of(independent, self.rows, int(self.free.sum()), refined=refined)
+    def reweighted(self, state: State, before: Weighting) -> Weighting:
+        """Estimate scatter, weights and prior anew at a minimum."""
+        residuals = residuals_of(self.corners, state, derivatives=True)
+        covariance = self.covariance(state, before)
+        c = self.corners.columns
+        of_corner = covariance[c[:, :, None], c[:, None, :]]
+        J = residuals.jacobian * before.root[:, :, None]
+        leverage = np.einsum("nri,nij,nrj->nr", J, of_corner, J, optimize=True)
+        determined = 2.0 - leverage.reshape(-1, 2, 2).sum(axis=2)
+        scatter = scatter_of(residuals.independent, self.corners.rows, determined)
+        variance = np.diag(covariance)[self.board][BOW_SIZE:].reshape(-1, OFFSET_SIZE)
+        prior = estimated_prior(
+            before.prior, state.shape.offset_mm, variance, self.corners.points_mm
+        )
+        return Weighting(scatter, weights_of(residuals.independent, scatter), prior)
 
     def normal_equations(
-        self, state: State, scatter: FloatMap, weights: FloatMap | None
+        self, state: State, weighting: Weighting
     ) -> tuple[FloatMap, FloatMap, float]:
         """Normal matrix, right-hand side and cost of the free parameters."""
-        residuals = residuals_of(self.sightings, state, derivatives=True)
-        root = root_weights(scatter, weights)
-        J = (residuals.jacobian[:, :, self.free] * root[:, :, None]).reshape(
-            -1, int(self.free.sum())
-        )
-        r = (residuals.independent * root).ravel()
-        return J.T @ J, J.T @ r, float(r @ r)
+        residuals = residuals_of(self.corners, state, derivatives=True)
+        J = residuals.jacobian * weighting.root[:, :, None]
+        r = residuals.independent * weighting.root
+        size = self.free.size
+        blocks = J.transpose(0, 2, 1) @ J
+        summed = np.bincount(self.entries, blocks.ravel(), size * size)
+        A: FloatMap = np.asarray(summed, np.float64).reshape(size, size)
+        right = np.einsum("nri,nr->ni", J, r).ravel()
+        b: FloatMap = np.asarray(np.bincount(self.corners.columns.ravel(), right, size))
+        precision, off = weighting.prior.precision(self.points), self._board_values(state)
+        A[np.arange(self.board.start, size), np.arange(self.board.start, size)] += precision
+        b[self.board] -= precision * off
+        cost = float(np.sum(r * r) + np.sum(precision * off**2))
+        return A[np.ix_(self.free, self.free)], b[self.free], cost
 
-    def cost(self, state: State, scatter: FloatMap, weights: FloatMap | None) -> float:
-        """Weighted sum of squared residuals; ∞ where a point is behind a device."""
-        independent = residuals_of(self.sightings, state).independent
-        r = (independent * root_weights(scatter, weights)).ravel()
-        total = float(r @ r)
+    def cost(self, state: State, weighting: Weighting) -> float:
+        """Weighted sum of squared residuals and deviations; ∞ where a point is behind a device."""
+        r = residuals_of(self.corners, state).independent * weighting.root
+        off = self._board_values(state)
+        total = float(np.sum(r * r) + np.sum(weighting.prior.precision(self.points) * off**2))
         return total if np.isfinite(total) else np.inf
 
-    def minimise(self, state: State, scatter: FloatMap, weights: FloatMap | None) -> State:
+    def _board_values(self, state: State) -> FloatMap:
+        return np.concatenate((state.shape.bow_mm, state.shape.offset_mm.ravel()))
+
+    def minimise(self, state: State, weighting: Weighting) -> State:
         """Lower the cost by Levenberg–Marquardt steps with fixed scatter and weights."""
         damping = FIRST_DAMPING
         for _ in range(MAX_LM_STEPS):
-            A, b, cost = self.normal_equations(state, scatter, weights)
+            A, b, cost = self.normal_equations(state, weighting)
             scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
             A, b = A / np.outer(scale, scale), b / scale
             for _ in range(MAX_TRIALS):
                 step = np.zeros(self.free.size)
-                step[self.free] = np.linalg.solve(A + damping * np.eye(len(b)), b) / scale
+                damped = A + damping * np.eye(len(b))
+                step[self.free] = linalg.solve(damped, b, assume_a="sym") / scale
                 trial = state.moved(step)
-                new_cost = np.inf if trial is None else self.cost(trial, scatter, weights)
-                if new_cost <= cost:
+                new_cost = np.inf if trial is None else self.cost(trial, weighting)
+                if new_cost < cost:
                     break
                 damping = max(damping * MORE_DAMPING, MIN_RAISED_DAMPING)
             else:
@@ -174,26 +309,37 @@ class _Problem:
                 break
         return state
 
-    def covariance(self, state: State, scatter: FloatMap, weights: FloatMap | None) -> FloatMap:
+    def covariance(self, state: State, weighting: Weighting) -> FloatMap:
         """Covariance of all parameters: the inverse of the normal matrix; 0 where not free."""
-        A, _, _ = self.normal_equations(state, scatter, weights)
+        A, _, _ = self.normal_equations(state, weighting)
         scale = np.sqrt(np.diag(A))
-        if not (scale > 0).all() or np.linalg.cond(A / np.outer(scale, scale)) > MAX_CONDITION:
-            raise InputError(
-                "calibration: expected poses that determine all parameters, got too few poses or "
-                "poses that are too similar; turn the board further, and move it nearer and further"
-            )
-        of_free = np.linalg.inv(A / np.outer(scale, scale)) / np.outer(scale, scale)
+        undetermined = InputError(
+            "calibration: expected poses that determine all parameters, got too few poses or "
+            "poses that are too similar; turn the board further, and move it nearer and further"
+        )
+        if not (scale > 0).all():
+            raise undetermined
+        try:
+            of_free = np.linalg.inv(A / np.outer(scale, scale)) / np.outer(scale, scale)
+        except np.linalg.LinAlgError as error:
+            raise undetermined from error
+        # The prior determines the board; the rig and the poses must be determined by the corners.
+        n = self.of_rig_and_poses
+        sigma = np.sqrt(np.maximum(np.diag(of_free)[:n], 0.0))
+        if not (sigma > 0).all() or (
+            np.linalg.cond(of_free[:n, :n] / np.outer(sigma, sigma)) > MAX_CONDITION
+        ):
+            raise undetermined
         covariance = np.zeros((self.free.size, self.free.size))
         covariance[np.ix_(self.free, self.free)] = of_free
         return covariance
 
-    def result(self, state: State, scatter: FloatMap, weights: FloatMap | None) -> Adjusted:
+    def result(self, state: State, weighting: Weighting, converged: bool) -> Adjusted:
         """Collect the result at the minimum."""
-        covariance = self.covariance(state, scatter, weights)
-        residuals = residuals_of(self.sightings, state)
+        covariance = self.covariance(state, weighting)
+        residuals = residuals_of(self.corners, state)
         camera, projector = residuals.independent[:, :2], residuals.projector_seen
-        kept = np.ones(camera.shape) if weights is None else weights
+        kept = np.ones(camera.shape) if weighting.weights is None else weighting.weights
         used = np.asarray((kept > 0).all(axis=1))
         rig = Rig(
             state.rig.camera,
@@ -202,22 +348,19 @@ class _Problem:
             covariance[:RIG_SIZE, :RIG_SIZE],
             (_rms_length(camera[used]), _rms_length(projector[used])),
         )
+        rows = self.corners.rows
         return Adjusted(
             rig=rig,
             poses=state.poses,
+            shape=state.shape,
+            prior=weighting.prior,
             covariance=covariance,
-            camera_residual_px=tuple(camera[rows] for rows in self.rows),
-            projector_residual_px=tuple(projector[rows] for rows in self.rows),
-            used=tuple(used[rows] for rows in self.rows),
-            scatter_px=tuple(
-                (float(scatter[rows.start, 0]), float(scatter[rows.start, 1])) for rows in self.rows
-            ),
+            camera_residual_px=tuple(camera[r] for r in rows),
+            projector_residual_px=tuple(projector[r] for r in rows),
+            used=tuple(used[r] for r in rows),
+            weighting=weighting,
+            converged=converged,
         )
-
-
-def free_parameters(poses: int, free_of_rig: BoolMap) -> BoolMap:
-    """Return which of all parameters are estimated: those of the rig as given, and every pose."""
-    return np.concatenate((free_of_rig, np.ones(POSE_SIZE * poses, bool)))
 
 
 def _rms_length(residual: FloatMap) -> float:

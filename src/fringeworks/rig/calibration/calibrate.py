@@ -12,23 +12,21 @@ from numpy.typing import NDArray
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView
 from fringeworks.rig.calibration.bundle import Adjusted, adjust
+from fringeworks.rig.calibration.coefficients import free_parameters, without_useless
 from fringeworks.rig.calibration.corners import find_board
 from fringeworks.rig.calibration.correspondence import Correspondence, projector_at, spacing
-from fringeworks.rig.calibration.flatness import board_bow
-from fringeworks.rig.calibration.parameters import DEVICE_SIZE, RIG_SIZE
-from fringeworks.rig.calibration.poses import fit_pose
+from fringeworks.rig.calibration.leave_out import leave_poses_out
 from fringeworks.rig.calibration.refine import refined_view
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.calibration.start import start
-from fringeworks.rig.pinhole import project, transform
 from fringeworks.types import (
     BoardNotFound,
-    BoolMap,
     Decoded,
     FloatMap,
     Frozen,
     InputError,
     Pinhole,
+    Reason,
     Rig,
 )
 
@@ -83,6 +81,9 @@ class Calibration(Frozen):
     predicted_px: tuple[float, ...]
     """Per pose: root mean square error of its projector coordinates, predicted from its camera
     corners by a calibration without this pose, px; empty for three poses or fewer."""
+    inflation: float = 1.0
+    """Factor ≥ 1 by which the standard deviations were raised, because leaving out poses changes
+    the rig by more than independent errors of corners explain."""
 
 
 def observe(
@@ -131,11 +132,31 @@ def observe(
     if lit.sum() < MIN_CORNERS:
         raise BoardNotFound(
             f"{name}: expected {MIN_CORNERS} or more corners with projector coordinates, got "
-            f"{lit.sum()} of the {len(lit)} that the camera sees: the projector does not light the "
-            "board"
+            f"{lit.sum()} of the {len(lit)} that the camera sees: {_why_unread(decoded, view)}"
         )
     height, width = photograph.shape
     return Observation(name, photograph, view, correspondence, (width, height), projector_size)
+
+
+def _why_unread(decoded: Decoded, view: BoardView) -> str:
+    """Why most corners of a board have no projector coordinates, by the pixels next to them."""
+    column, row = np.rint(view.pixels).astype(int).T
+    reasons: list[Reason] = []
+    for found in decoded.maps.values():
+        h, w = found.reason.shape
+        at_corners = found.reason[np.clip(row, 0, h - 1), np.clip(column, 0, w - 1)]
+        finite = np.isfinite(found.coordinate_px).mean() > 0.0
+        reasons += [Reason(int(r)) for r in at_corners if r != Reason.OK or not finite]
+    if 2 * len(reasons) < len(view.index) * len(decoded.maps):
+        return (
+            "the coordinates around the corners scatter or jump; more light, or a plan with more "
+            "frames, makes them steadier"
+        )
+    most = max(set(reasons), key=reasons.count)
+    if most in (Reason.OK, Reason.SHADOW, Reason.LOW_MODULATION, Reason.OUTSIDE):
+        return "the projector does not light the board"
+    name = most.name.lower().replace("_", " ")
+    return f"most pixels there are not decoded ({name}), although the projector may light the board"
 
 
 def calibrate(
@@ -143,7 +164,7 @@ def calibrate(
     board: Board,
     *,
     skipped: dict[str, str] | None = None,
-    distortion: int = 5,
+    distortion: int | None = None,
 ) -> Calibration:
     """Calibrate both devices and their relative pose, with the covariance of every parameter.
 
@@ -154,9 +175,10 @@ def calibrate(
     board : Board
     skipped : dict, optional
         Names of poses that could not be observed, with the reason: for errors and reports.
-    distortion : 0, 2, 4 or 5
+    distortion : 0, 2, 4 or 5, optional
         Number of distortion coefficients to estimate for each device. 2: k₁ and k₂; 4: p₁ and p₂
-        as well; 5: k₃ as well. 0: none, and k₁ and k₂ keep the values of the start.
+        as well; 5: k₃ as well. By default five are estimated, and those that the poses do not
+        determine are left out. Coefficients that are not estimated are 0.
 
     Returns
     -------
@@ -173,15 +195,20 @@ def calibrate(
     and Huang, Optical Engineering 45, 2006, doi:10.1117/1.2336196). Each device alone gives a start
     (Zhang, IEEE PAMI 22, 2000, doi:10.1109/34.888718), bundle adjustment over all poses the result.
     Then the corners are measured again with the devices and poses known, and adjusted once more.
+    The board's print errors and bow are estimated as well (``adjust``). Every pose is left out in
+    turn; where the rig then changes by more than its covariance says, the covariance is raised
+    (``leave_poses_out``).
     No homographies of patches are used.
     """
     skipped = dict(skipped or {})
     _check_poses(observations, board, skipped)
     _check_orientation(observations)
-    free = _free(distortion)
+    free = free_parameters(distortion)
     sightings = [_sighting(o, board) for o in observations]
     first = observations[0]
-    rig, poses = start(sightings, first.camera_size, first.projector_size)
+    rig, poses = start(
+        sightings, first.camera_size, first.projector_size, distortion=distortion != 0
+    )
     adjusted = adjust(sightings, rig, poses, free=free)
     observations = [
         _refined(o, board, adjusted.rig.camera, T)
@@ -189,29 +216,26 @@ def calibrate(
     ]
     sightings = [_sighting(o, board) for o in observations]
     adjusted = adjust(sightings, adjusted.rig, adjusted.poses, free=free)
-    bow, bow_covariance = board_bow(sightings, adjusted, free=free)
+    if distortion is None:
+        adjusted, left_out, free = without_useless(sightings, adjusted, free)
+    else:
+        left_out = leave_poses_out(sightings, adjusted, free=free)
     return Calibration(
-        rig=adjusted.rig,
+        rig=_inflated(adjusted.rig, left_out.inflation),
         board=board,
         observations=tuple(observations),
         skipped=skipped,
         adjusted=adjusted,
-        bow_mm=bow,
-        bow_sigma_mm=np.sqrt(np.diag(bow_covariance)),
-        predicted_px=_predictions(sightings, adjusted, free),
+        bow_mm=adjusted.shape.bow_mm,
+        bow_sigma_mm=adjusted.bow_sigma_mm * left_out.inflation,
+        predicted_px=left_out.predicted_px,
+        inflation=left_out.inflation,
     )
 
 
-def _free(distortion: int) -> BoolMap:
-    """Which of the rig's parameters are estimated, (24,)."""
-    if distortion not in (0, 2, 4, 5):
-        raise InputError(f"distortion: expected 0, 2, 4 or 5 coefficients, got {distortion}")
-    free = np.ones(RIG_SIZE, bool)
-    for device in (0, 1):
-        # The distortion coefficients are the last five of a device's parameters.
-        end = DEVICE_SIZE * (device + 1)
-        free[end - 5 + distortion : end] = False
-    return free
+def _inflated(rig: Rig, factor: float) -> Rig:
+    assert rig.covariance is not None
+    return replace(rig, covariance=rig.covariance * factor**2)
 
 
 def _check_poses(
@@ -285,6 +309,7 @@ def _sighting(o: Observation, board: Board) -> Sighting:
         o.view.pixels[lit],
         o.found.projector_px[lit],
         o.found.by_pixel[lit],
+        o.view.index[lit],
     )
 
 
@@ -294,33 +319,3 @@ def _refined(o: Observation, board: Board, camera: Pinhole, T: FloatMap) -> Obse
     # Corners move by less than a pixel, over which the projector coordinate is linear.
     shift = np.einsum("nij,nj->ni", o.found.by_pixel, view.pixels - o.view.pixels)
     return replace(o, view=view, found=replace(o.found, projector_px=o.found.projector_px + shift))
-
-
-def _predictions(
-    sightings: Sequence[Sighting], adjusted: Adjusted, free: BoolMap
-) -> tuple[float, ...]:
-    """Prediction error of every pose by a calibration without it; see ``Calibration``."""
-    if len(sightings) <= MIN_POSES:
-        return ()
-    return tuple(_prediction(k, sightings, adjusted, free) for k in range(len(sightings)))
-
-
-def _prediction(k: int, sightings: Sequence[Sighting], adjusted: Adjusted, free: BoolMap) -> float:
-    """Prediction error of the k-th pose, px; NaN where it cannot be computed."""
-    others = [s for n, s in enumerate(sightings) if n != k]
-    poses = [T for n, T in enumerate(adjusted.poses) if n != k]
-    try:
-        rig = adjust(others, adjusted.rig, poses, free=free).rig
-    except InputError:
-        return float("nan")
-    used = adjusted.used[k]
-    left_out = Sighting(*(getattr(sightings[k], f)[used] for f in Sighting.__dataclass_fields__))
-    if len(left_out.points_mm) < MIN_CORNERS:
-        return float("nan")
-    T = fit_pose(left_out, rig, adjusted.poses[k])
-    predicted = project(
-        rig.projector,
-        transform(rig.T_projector_camera, transform(T, left_out.points_mm)),
-    )
-    error = left_out.projector_px - predicted
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

@@ -23,6 +23,11 @@ virtual rig corners have 3 %, and three quarters of all other places more than 4
 RETRY_PX = 1.0
 """How far a new guess of a corner must lie from the one that failed for another trial, px. The fit
 converges from a quarter of a square, so a nearer guess would fail again."""
+MIN_LINE_CORNERS = 3
+"""Smallest number of corners of an outermost column or row of a lattice: no board has fewer."""
+FULL_LINE = 0.5
+"""Share of a line's places beyond a complete board from which on the line belongs to a larger
+board. False corners are single ones; a larger board shows most of its next line."""
 
 Place = tuple[int, int]
 """Column and row of a corner in the lattice, counted from the part that was found first."""
@@ -48,6 +53,7 @@ def chessboard_view(image: NDArray[Any], board: Board) -> BoardView:
         part = np.asarray(corners, np.float64).reshape(*meta.shape, 2)
         lattice = _Lattice(grey.astype(np.float64), part)
         lattice.grow()
+        lattice.trim(board)
         # A hidden corner can distort the first part; the largest lattice comes from a good one.
         if best is None or len(lattice.corners) > len(best.corners):
             best = lattice
@@ -86,6 +92,58 @@ class _Lattice:
                     new.append(place)
             if not new or not self._fit(new):
                 return
+
+    def trim(self, board: Board) -> None:
+        """Drop false corners beyond the board: short outer lines, and what surrounds the board.
+
+        The edge of the sheet, the edge of the projector's light, and things beside the board cross
+        the lattice's lines now and then. A board that is larger than asked for is kept, because
+        its outer lines are full.
+        """
+        while self._drop_outer_lines(MIN_LINE_CORNERS):
+            pass
+        across, down = board.grid
+        for size in {(across, down), (down, across)}:
+            window = self._complete_window(size)
+            if window is not None:
+                self.corners = {p: c for p, c in self.corners.items() if p in window}
+                return
+
+    def _drop_outer_lines(self, least: int) -> bool:
+        """Drop outermost columns and rows with fewer corners; return whether there were any."""
+        places = np.array(list(self.corners)).reshape(-1, 2)
+        if not len(places):
+            return False
+        short = np.zeros(len(places), bool)
+        for axis in (0, 1):
+            for end in (places[:, axis].min(), places[:, axis].max()):
+                line = places[:, axis] == end
+                if line.sum() < least:
+                    short |= line
+        self.corners = {(int(i), int(j)): self.corners[i, j] for i, j in places[~short]}
+        return bool(short.any())
+
+    def _complete_window(self, size: Place) -> set[Place] | None:
+        """Places of a complete board of a size; None where none or a larger board is there."""
+        columns, rows = self._size()
+        first = np.array(list(self.corners)).reshape(-1, 2).min(axis=0, initial=0)
+        for di in range(columns - size[0] + 1):
+            for dj in range(rows - size[1] + 1):
+                i0, j0 = int(first[0]) + di, int(first[1]) + dj
+                window = {(i0 + i, j0 + j) for i in range(size[0]) for j in range(size[1])}
+                if window <= self.corners.keys() and not self._continues(window, size):
+                    return window
+        return None
+
+    def _continues(self, window: set[Place], size: Place) -> bool:
+        """Whether the lattice beyond a window has lines as full as those of a larger board."""
+        outside = [p for p in self.corners if p not in window]
+        for axis, length in ((0, size[1]), (1, size[0])):
+            inside = {p[axis] for p in window}
+            beyond = [p[axis] for p in outside if p[axis] not in inside]
+            if any(beyond.count(k) > FULL_LINE * length for k in set(beyond)):
+                return True
+        return False
 
     def _empty_neighbours(self) -> list[Place]:
         """Empty places that continue a line of two corners, and those one place further on."""

@@ -32,6 +32,9 @@ BRIGHT_PERCENT = 95
 INK_PERCENT = 97
 """Percentile of the darkness in a disc that is taken for full ink: darker than the blurred rim, and
 not the noise of single pixels. Only the measured area of the circle depends on it."""
+RANGE_PERCENT = (1.0, 99.0)
+"""Percentiles of a photograph that become white and black in its negative: glare and dead pixels
+must not take the contrast."""
 MIN_PAPER_PIXELS = 20
 """Smallest number of paper pixels from which the light is fitted: a plane has three parameters."""
 PAPER_NOISE = 0.5
@@ -57,18 +60,29 @@ def circles_view(image: NDArray[Any], board: Board) -> BoardView:
     parameters.minArea = MIN_CIRCLE_PX2
     detector = cv2.SimpleBlobDetector.create(parameters)
     grey = flattened(image)
-    for method in (0, cv2.CALIB_CB_CLUSTERING):
-        found, centres = cv2.findCirclesGrid(
-            grey, board.grid, flags=grid | method, blobDetector=detector
-        )
-        if found:
-            break
-    else:
-        raise BoardNotFound(f"expected {board.columns} × {board.rows} circles, found no such grid")
-    return _centroids(image.astype(np.float64), np.asarray(centres, np.float64).reshape(-1, 2))
+    # Black circles on white are usual; white ones on black are found in the negative.
+    for white in (False, True):
+        for method in (0, cv2.CALIB_CB_CLUSTERING):
+            found, centres = cv2.findCirclesGrid(
+                _negative(image) if white else grey,
+                board.grid,
+                flags=grid | method,
+                blobDetector=detector,
+            )
+            if found:
+                start = np.asarray(centres, np.float64).reshape(-1, 2)
+                return _centroids(image.astype(np.float64), start, white)
+    raise BoardNotFound(f"expected {board.columns} × {board.rows} circles, found no such grid")
 
 
-def _centroids(image: FloatMap, start: FloatMap) -> BoardView:
+def _negative(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """The negative of a photograph in 8 bit, from its darkest to its brightest counts."""
+    low, high = (float(v) for v in np.nanpercentile(image, RANGE_PERCENT))
+    level = np.clip((np.nan_to_num(image) - low) / max(high - low, 1e-6), 0.0, 1.0)
+    return np.asarray(np.rint(255.0 * (1.0 - level)), np.uint8)
+
+
+def _centroids(image: FloatMap, start: FloatMap, white: bool) -> BoardView:
     """Measure circles by the centres of gravity of their ink, which blur does not move."""
     distance = np.linalg.norm(start[:, None] - start[None], axis=2)
     distance[np.diag_indices(len(start))] = np.inf
@@ -79,7 +93,9 @@ def _centroids(image: FloatMap, start: FloatMap) -> BoardView:
     for k, centre in enumerate(np.rint(start).astype(int)):
         top, left = centre[1] - half, centre[0] - half
         part = image[max(top, 0) : top + 2 * half + 1, max(left, 0) : left + 2 * half + 1]
-        darkness = _darkness(part, disc, dx, dy) if part.shape == disc.shape else None
+        # The brightness of white circles over the black around them is linear as well.
+        measure = _brightness if white else _darkness
+        darkness = measure(part, disc, dx, dy) if part.shape == disc.shape else None
         if darkness is None:
             continue
         full, dark = darkness
@@ -113,3 +129,23 @@ def _darkness(
     full = float(np.percentile(darkness[disc], INK_PERCENT))
     darkness[paper & (np.abs(darkness) < PAPER_NOISE)] = 0.0
     return full, darkness
+
+
+def _brightness(
+    part: FloatMap, disc: BoolMap, dx: NDArray[np.int_], dy: NDArray[np.int_]
+) -> tuple[float, FloatMap] | None:
+    """Brightness of a full white circle, and of every pixel in a disc, in counts over the black.
+
+    A plane is fitted to the black around the circle. None where there is too little of it.
+    """
+    dark, bright = (np.percentile(part, p) for p in (DARK_PERCENT, BRIGHT_PERCENT))
+    black = disc & (part < 0.5 * (dark + bright))
+    black = ndimage.binary_erosion(black, iterations=1, border_value=1) & disc
+    if black.sum() < MIN_PAPER_PIXELS:
+        return None
+    design = np.stack((np.ones_like(dx), dx, dy), axis=-1).astype(np.float64)
+    ground = design @ np.linalg.lstsq(design[black], part[black], rcond=None)[0]
+    brightness = np.where(disc, part - ground, 0.0)
+    full = float(np.percentile(brightness[disc], INK_PERCENT))
+    brightness[black & (np.abs(brightness) < PAPER_NOISE * full)] = 0.0
+    return full, brightness

@@ -1,4 +1,4 @@
-"""The unknowns of a calibration: both devices, their relative pose, and every pose of the board."""
+"""The unknowns of a calibration: devices, their relative pose, the board's poses and its shape."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fringeworks.rig.calibration.board_shape import BOW_SIZE, OFFSET_SIZE, BoardShape
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.types import RIG_PARAMETERS, FloatMap, Pinhole, Rig
 
@@ -24,9 +25,11 @@ class State:
     rig: Rig
     poses: tuple[FloatMap, ...]
     """T_camera_board of every sighting, (4, 4), mm."""
+    shape: BoardShape
+    """How the board deviates from its description."""
 
     def moved(self, step: FloatMap) -> State | None:
-        """Return the state after a step of all parameters, (24 + 6 poses,).
+        """Return the state after a step of all parameters, (24 + 6 poses + 3 + 3 points,).
 
         None where a focal length would not be positive or a device's parameter not finite.
         """
@@ -39,7 +42,12 @@ class State:
         relative_step = step[2 * DEVICE_SIZE : RIG_SIZE]
         rig = Rig(devices[0], devices[1], moved_pose(self.rig.T_projector_camera, relative_step))
         poses = tuple(moved_pose(T, step[pose_slice(k)]) for k, T in enumerate(self.poses))
-        return State(rig, poses)
+        of_board = step[RIG_SIZE + POSE_SIZE * len(self.poses) :]
+        shape = BoardShape(
+            self.shape.bow_mm + of_board[:BOW_SIZE],
+            self.shape.offset_mm + of_board[BOW_SIZE:].reshape(-1, OFFSET_SIZE),
+        )
+        return State(rig, poses, shape)
 
 
 def pose_slice(k: int) -> slice:

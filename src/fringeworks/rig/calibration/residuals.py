@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fringeworks.rig.calibration.parameters import (
-    DEVICE_SIZE,
-    POSE_SIZE,
-    RIG_SIZE,
-    State,
-    pose_slice,
+from fringeworks.rig.calibration.board_shape import (
+    BOW_SIZE,
+    OFFSET_SIZE,
+    BoardShape,
+    heights_of,
 )
+from fringeworks.rig.calibration.parameters import DEVICE_SIZE, POSE_SIZE, RIG_SIZE, State
 from fringeworks.rig.pinhole import project_with_derivatives, skew, transform
-from fringeworks.types import FloatMap, Frozen, Rig
+from fringeworks.types import FloatMap, Frozen
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,6 +36,71 @@ class Sighting(Frozen):
     """Projector coordinates read at those camera pixels, (m, 2), px."""
     by_pixel: FloatMap
     """Derivative of the projector coordinate with respect to the camera pixel, (m, 2, 2)."""
+    index: NDArray[np.intp]
+    """Numbers of the corners on the board, (m,)."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Corners(Frozen):
+    """All n corners of all sightings, one after the other."""
+
+    pose: NDArray[np.intp]
+    """Number of the sighting, (n,)."""
+    index: NDArray[np.intp]
+    """Number of the board's point, (n,)."""
+    points_mm: FloatMap
+    """Nominal places on the board, (n, 3), mm."""
+    height: FloatMap
+    """x², x y, y² of these places, (n, 3); see ``heights_of``."""
+    camera_px: FloatMap
+    """(n, 2), px."""
+    projector_px: FloatMap
+    """(n, 2), px."""
+    by_pixel: FloatMap
+    """(n, 2, 2)."""
+    poses: int
+    """Number of sightings."""
+
+    @property
+    def board_points(self) -> int:
+        """Number of points of the board, as far as their numbers go."""
+        return int(self.index.max()) + 1
+
+    @property
+    def rows(self) -> list[slice]:
+        """Which corners belong to each sighting."""
+        ends = np.cumsum(np.bincount(self.pose, minlength=self.poses))
+        return [slice(int(a), int(b)) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
+
+    @cached_property
+    def columns(self) -> NDArray[np.intp]:
+        """Numbers of the parameters that a corner's residuals depend on, (n, 36)."""
+        n = len(self.pose)
+        board = RIG_SIZE + POSE_SIZE * self.poses
+        return np.concatenate(
+            (
+                np.broadcast_to(np.arange(RIG_SIZE), (n, RIG_SIZE)),
+                (RIG_SIZE + POSE_SIZE * self.pose)[:, None] + np.arange(POSE_SIZE),
+                np.broadcast_to(board + np.arange(BOW_SIZE), (n, BOW_SIZE)),
+                (board + BOW_SIZE + OFFSET_SIZE * self.index)[:, None] + np.arange(OFFSET_SIZE),
+            ),
+            axis=1,
+        )
+
+
+def corners_of(sightings: Sequence[Sighting]) -> Corners:
+    """Put the corners of all sightings into single arrays."""
+    sizes = [len(s.points_mm) for s in sightings]
+    joined = {
+        name: np.concatenate([getattr(s, name) for s in sightings])
+        for name in ("index", "points_mm", "camera_px", "projector_px", "by_pixel")
+    }
+    return Corners(
+        pose=np.repeat(np.arange(len(sightings)), sizes),
+        height=heights_of(joined["points_mm"], joined["points_mm"]),
+        poses=len(sightings),
+        **joined,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,26 +113,23 @@ class Residuals:
     projector_seen: FloatMap
     """(n, 2): the projector's at the camera pixel where the corner was seen."""
     jacobian: FloatMap
-    """Derivative of the model behind ``independent`` with respect to all parameters,
-    (n, 4, 24 + 6 poses); empty where it was not asked for."""
+    """Derivative of the model behind ``independent`` with respect to the parameters that
+    ``Corners.columns`` numbers, (n, 4, 36); empty where it was not asked for."""
 
 
-def rows_of(sightings: Sequence[Sighting]) -> list[slice]:
-    """Return which rows of arrays over all corners belong to each sighting."""
-    ends = np.cumsum([len(s.points_mm) for s in sightings])
-    return [
-        slice(int(end) - len(s.points_mm), int(end)) for end, s in zip(ends, sightings, strict=True)
-    ]
+def board_places(corners: Corners, shape: BoardShape) -> FloatMap:
+    """Return where the corners are on the real board, (n, 3), mm."""
+    places = corners.points_mm + shape.offset_mm[corners.index]
+    places[:, 2] += corners.height @ shape.bow_mm
+    return np.asarray(places)
 
 
-def residuals_of(
-    sightings: Sequence[Sighting], state: State, *, derivatives: bool = False
-) -> Residuals:
+def residuals_of(corners: Corners, state: State, *, derivatives: bool = False) -> Residuals:
     """Compute measured minus predicted pixels of all corners.
 
     Parameters
     ----------
-    sightings : sequence of Sighting
+    corners : Corners
     state : State
     derivatives : bool
         Whether to compute the Jacobian as well.
@@ -76,58 +140,30 @@ def residuals_of(
     coordinate is read at the corner as it was seen. A corner that is off by δ is read off by Q δ,
     and taking Q r_c away makes the two residuals independent.
     """
-    rows = rows_of(sightings)
-    corners = rows[-1].stop if rows else 0
-    independent = np.empty((corners, 4))
-    projector_seen = np.empty((corners, 2))
-    size = RIG_SIZE + POSE_SIZE * len(sightings)
-    jacobian = np.zeros((corners if derivatives else 0, 4, size))
-    for k, (sighting, T) in enumerate(zip(sightings, state.poses, strict=True)):
-        turned = sighting.points_mm @ T[:3, :3].T
-        in_camera = turned + T[:3, 3]
-        in_projector = transform(state.rig.T_projector_camera, in_camera)
-        camera = project_with_derivatives(state.rig.camera, in_camera)
-        projector = project_with_derivatives(state.rig.projector, in_projector)
-        of_pose = independent[rows[k]]
-        of_pose[:, :2] = sighting.camera_px - camera[0]
-        projector_seen[rows[k]] = sighting.projector_px - projector[0]
-        of_pose[:, 2:] = projector_seen[rows[k]] - np.einsum(
-            "nij,nj->ni", sighting.by_pixel, of_pose[:, :2]
-        )
-        if derivatives:
-            _fill_jacobian(
-                jacobian[rows[k]],
-                pose_slice(k),
-                (turned, in_camera, state.rig),
-                camera[1:],
-                projector[1:],
-            )
-            jacobian[rows[k], 2:] -= sighting.by_pixel @ jacobian[rows[k], :2]
-    return Residuals(independent, projector_seen, jacobian)
-
-
-def _fill_jacobian(
-    jacobian: FloatMap,
-    pose_columns: slice,
-    geometry: tuple[FloatMap, FloatMap, Rig],
-    camera: tuple[FloatMap, FloatMap],
-    projector: tuple[FloatMap, FloatMap],
-) -> None:
-    """Write the derivatives of one sighting's predicted pixels.
-
-    ``geometry``: the board's points turned as in the camera, the same in camera coordinates, and
-    the rig. ``camera`` and ``projector``: derivatives of their pixels with respect to the point
-    and to the device.
-    """
-    turned, in_camera, rig = geometry
-    R = rig.T_projector_camera[:3, :3]
-    by_pose = point_by_pose(turned)
-    by_relative_pose = point_by_pose(in_camera @ R.T)
-    jacobian[:, :2, :DEVICE_SIZE] = camera[1]
-    jacobian[:, :2, pose_columns] = camera[0] @ by_pose
-    jacobian[:, 2:, DEVICE_SIZE : 2 * DEVICE_SIZE] = projector[1]
-    jacobian[:, 2:, 2 * DEVICE_SIZE : RIG_SIZE] = projector[0] @ by_relative_pose
-    jacobian[:, 2:, pose_columns] = projector[0] @ R @ by_pose
+    T = np.stack(state.poses)[corners.pose]
+    turned = np.einsum("nij,nj->ni", T[:, :3, :3], board_places(corners, state.shape))
+    in_camera = turned + T[:, :3, 3]
+    in_projector = transform(state.rig.T_projector_camera, in_camera)
+    camera = project_with_derivatives(state.rig.camera, in_camera)
+    projector = project_with_derivatives(state.rig.projector, in_projector)
+    of_camera = corners.camera_px - camera[0]
+    seen = corners.projector_px - projector[0]
+    of_projector = seen - np.einsum("nij,nj->ni", corners.by_pixel, of_camera)
+    independent = np.concatenate((of_camera, of_projector), axis=1)
+    if not derivatives:
+        return Residuals(independent, seen, np.empty((0, 4, 0)))
+    n, R = len(turned), state.rig.T_projector_camera[:3, :3]
+    by_relative_pose = point_by_pose(in_projector - state.rig.T_projector_camera[:3, 3])
+    normal = T[:, :3, 2, None] * corners.height[:, None, :]
+    by_place = np.concatenate((point_by_pose(turned), normal, T[:, :3, :3]), axis=2)
+    jacobian = np.zeros((n, 4, corners.columns.shape[1]))
+    jacobian[:, :2, :DEVICE_SIZE] = camera[2]
+    jacobian[:, :2, RIG_SIZE:] = camera[1] @ by_place
+    jacobian[:, 2:, DEVICE_SIZE : 2 * DEVICE_SIZE] = projector[2]
+    jacobian[:, 2:, 2 * DEVICE_SIZE : RIG_SIZE] = projector[1] @ by_relative_pose
+    jacobian[:, 2:, RIG_SIZE:] = (projector[1] @ R) @ by_place
+    jacobian[:, 2:] -= corners.by_pixel @ jacobian[:, :2]
+    return Residuals(independent, seen, jacobian)
 
 
 def point_by_pose(turned: FloatMap) -> FloatMap:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from fringeworks.types import FloatMap
@@ -27,10 +29,8 @@ MEDIAN_LENGTH = 1.1774
 """Median length of two independent standard normal coordinates: √(2 ln 2)."""
 
 
-def scatter_of(
-    independent: FloatMap, rows: list[slice], parameters: int, *, refined: bool
-) -> FloatMap:
-    """Estimate the standard deviation of every corner's residuals, pose by pose.
+def first_scatter(independent: FloatMap, rows: list[slice], parameters: int) -> FloatMap:
+    """Estimate the standard deviation of every corner's residuals by medians, to start from.
 
     Parameters
     ----------
@@ -40,9 +40,6 @@ def scatter_of(
         Which corners belong to each pose.
     parameters : int
         Number of estimated parameters: they reduce the residuals.
-    refined : bool
-        False for the first estimate, by medians alone; True to use the mean square of all but the
-        outliers.
 
     Returns
     -------
@@ -50,25 +47,63 @@ def scatter_of(
     px; the same for all corners of a pose.
     """
     corners = len(independent)
-    redundancy = max(1.0 - 0.5 * parameters / (2.0 * corners), MIN_REDUNDANCY)
-    scatter = np.empty((corners, 2))
+    share = max(1.0 - 0.5 * parameters / (2.0 * corners), MIN_REDUNDANCY)
+
+    def rough(length: FloatMap, _: FloatMap) -> float:
+        return float(np.median(length) / MEDIAN_LENGTH / np.sqrt(share))
+
+    return _by_pose(independent, rows, np.full((corners, 2), 2.0 * share), rough)
+
+
+def scatter_of(independent: FloatMap, rows: list[slice], determined: FloatMap) -> FloatMap:
+    """Estimate the standard deviation of every corner's residuals, pose by pose.
+
+    Parameters
+    ----------
+    independent : (n, 4) array
+        Residuals of camera and projector, px.
+    rows : list of slice
+        Which corners belong to each pose.
+    determined : (n, 2) array
+        Degrees of freedom of each corner's two coordinates in camera and projector, 0…2: 2 less
+        the leverage that the estimated parameters take.
+
+    Returns
+    -------
+    As ``first_scatter``.
+
+    Notes
+    -----
+    σ² = Σ r² / Σ (1 − leverage) over all but the outliers: Helmert's and Förstner's estimate of
+    variance components (Förstner, Allgemeine Vermessungs-Nachrichten 86, 1979).
+    """
+    return _by_pose(independent, rows, determined, _deviation)
+
+
+def _by_pose(
+    independent: FloatMap,
+    rows: list[slice],
+    determined: FloatMap,
+    deviation: Callable[[FloatMap, FloatMap], float],
+) -> FloatMap:
+    """Scatter of every pose, drawn towards that of all poses."""
+    scatter = np.empty((len(independent), 2))
     for device in (0, 1):
         length = np.hypot(*independent[:, 2 * device : 2 * device + 2].T)
-        pooled = _deviation(length, refined=refined)
+        pooled = deviation(length, determined[:, device])
         for pose_rows in rows:
             n = pose_rows.stop - pose_rows.start
-            of_pose = _deviation(length[pose_rows], refined=refined)
+            of_pose = deviation(length[pose_rows], determined[pose_rows, device])
             variance = (n * of_pose**2 + POOLED_CORNERS * pooled**2) / (n + POOLED_CORNERS)
-            scatter[pose_rows, device] = max(np.sqrt(variance / redundancy), MIN_SCATTER_PX)
+            scatter[pose_rows, device] = max(np.sqrt(variance), MIN_SCATTER_PX)
     return scatter
 
 
-def _deviation(length: FloatMap, *, refined: bool) -> float:
+def _deviation(length: FloatMap, determined: FloatMap) -> float:
     """Standard deviation per coordinate of residuals with these lengths, outliers left out."""
-    rough = float(np.median(length)) / MEDIAN_LENGTH
-    if not refined:
-        return rough
-    return float(np.sqrt(0.5 * np.mean(length[length <= OUTLIER_SIGMAS * rough] ** 2)))
+    near = length <= OUTLIER_SIGMAS * float(np.median(length)) / MEDIAN_LENGTH
+    freedom = max(float(determined[near].sum()), 2.0 * MIN_REDUNDANCY * int(near.sum()))
+    return float(np.sqrt(np.sum(length[near] ** 2) / freedom))
 
 
 def weights_of(independent: FloatMap, scatter: FloatMap) -> FloatMap:

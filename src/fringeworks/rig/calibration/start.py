@@ -21,7 +21,11 @@ of 0.01 px, 5° leaves the camera's focal length uncertain by 0.3 %, 20° by 0.0
 
 
 def start(
-    sightings: Sequence[Sighting], camera_size: tuple[int, int], projector_size: tuple[int, int]
+    sightings: Sequence[Sighting],
+    camera_size: tuple[int, int],
+    projector_size: tuple[int, int],
+    *,
+    distortion: bool = True,
 ) -> tuple[Rig, list[FloatMap]]:
     """Estimate a rig and the board's poses to start bundle adjustment from.
 
@@ -29,6 +33,8 @@ def start(
     ----------
     sightings : sequence of Sighting
     camera_size, projector_size : (columns, rows)
+    distortion : bool
+        Whether k₁ and k₂ are estimated; all coefficients are 0 otherwise.
 
     Returns
     -------
@@ -38,20 +44,27 @@ def start(
     ------
     InputError where a device cannot be calibrated alone, and where all boards are parallel.
     """
-    camera, T_camera_board = _calibrated_alone("camera", sightings, camera_size)
-    projector, T_projector_board = _calibrated_alone("projector", sightings, projector_size)
+    camera, T_camera_board = _calibrated_alone("camera", sightings, camera_size, distortion)
+    projector, T_projector_board = _calibrated_alone(
+        "projector", sightings, projector_size, distortion
+    )
     _check_tilts(T_camera_board)
     return Rig(camera, projector, relative_pose(T_camera_board, T_projector_board)), T_camera_board
 
 
 def _calibrated_alone(
-    device: Literal["camera", "projector"], sightings: Sequence[Sighting], size: tuple[int, int]
+    device: Literal["camera", "projector"],
+    sightings: Sequence[Sighting],
+    size: tuple[int, int],
+    distorted: bool,
 ) -> tuple[Pinhole, list[FloatMap]]:
     """Calibrate one device with OpenCV; also return the board's poses before it."""
     pixels = [s.camera_px if device == "camera" else s.projector_px for s in sightings]
     points = [s.points_mm.astype(np.float32) for s in sightings]
     images = [p.astype(np.float32) for p in pixels]
     flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+    if not distorted:
+        flags |= cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2
     failed = f"calibration: the {device} could not be calibrated alone, as the start needs"
     try:
         _, K, d, turns, shifts = cv2.calibrateCamera(points, images, size, None, None, flags=flags)

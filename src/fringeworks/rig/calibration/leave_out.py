@@ -1,0 +1,121 @@
+"""Poses left out: how far the rig moves without each, against what its covariance says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fringeworks.rig.calibration.board_view import MIN_CORNERS
+from fringeworks.rig.calibration.bundle import Adjusted, without
+from fringeworks.rig.calibration.poses import fit_pose
+from fringeworks.rig.calibration.residuals import Sighting
+from fringeworks.rig.pinhole import project, transform
+from fringeworks.types import BoolMap, FloatMap, InputError, Rig
+
+MIN_PREDICTING = 3
+"""Smallest number of remaining poses for a prediction: fewer do not make a usable calibration."""
+MIN_GAIN = 0.02
+"""Smallest relative gain of variance that a direction of the parameters must get from the left-out
+pose to count. With less, rounding and the curvature of the model decide."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What leaving out each pose in turn shows."""
+
+    inflation: float
+    """Factor ≥ 1 on all standard deviations that makes them agree with the changes; 1 where the
+    poses agree within them."""
+    predicted_px: tuple[float, ...]
+    """Per pose: root mean square error of its projector coordinates, predicted from its camera
+    corners by a calibration without this pose, px; NaN where it cannot be computed; empty where
+    too few poses are left."""
+
+
+def leave_poses_out(sightings: Sequence[Sighting], adjusted: Adjusted, *, free: BoolMap) -> LeftOut:
+    """Leave out every pose in turn, and compare the rig's changes with its covariance.
+
+    Parameters
+    ----------
+    sightings : sequence of Sighting
+    adjusted : Adjusted
+        Their adjustment.
+    free : (24,) bool array
+        Which of the rig's parameters are estimated.
+
+    Notes
+    -----
+    If errors were independent from corner to corner, the change Δ of the parameters without a pose
+    would have the covariance C₋ − C, with C₋ the covariance without the pose. The mean of
+    Δᵀ (C₋ − C)⁻¹ Δ per degree of freedom is then 1. Errors that corners of one pose share (phase
+    errors, blur, lenses that Brown's model does not describe) make it larger, and its root is the
+    factor by which the stated standard deviations are too small. It is a jackknife over poses
+    (Efron, Annals of Statistics 7, 1979, doi:10.1214/aos/1176344552) that also works with three
+    poses, where a covariance from the jackknife alone would have rank two.
+    """
+    squares, directions = 0.0, 0
+    predicted = []
+    for k in range(len(sightings)):
+        try:
+            rig, places = without(sightings, adjusted, k, free=free)
+        except InputError:
+            predicted.append(float("nan"))
+            continue
+        chi = _normalised_change(rig, adjusted.rig, free)
+        squares, directions = squares + float(np.sum(chi**2)), directions + len(chi)
+        predicted.append(_prediction(k, sightings, adjusted, rig, places))
+    inflation = max(1.0, float(np.sqrt(squares / directions))) if directions else 1.0
+    enough = len(sightings) > MIN_PREDICTING
+    return LeftOut(inflation, tuple(predicted) if enough else ())
+
+
+def parameter_change(found: Rig, reference: Rig) -> FloatMap:
+    """Return the difference of two rigs, (24,), in the order of ``RIG_PARAMETERS``."""
+    turn = found.T_projector_camera[:3, :3] @ reference.T_projector_camera[:3, :3].T
+    small = 0.5 * np.array(
+        [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+    )
+    return np.concatenate(
+        (
+            found.camera.parameters - reference.camera.parameters,
+            found.projector.parameters - reference.projector.parameters,
+            small,
+            found.T_projector_camera[:3, 3] - reference.T_projector_camera[:3, 3],
+        )
+    )
+
+
+def _normalised_change(without_pose: Rig, whole: Rig, free: BoolMap) -> FloatMap:
+    """Change of the rig in independent directions, over its expected standard deviation."""
+    assert without_pose.covariance is not None
+    assert whole.covariance is not None
+    C = whole.covariance[np.ix_(free, free)]
+    scale = np.sqrt(np.diag(C))
+    L = np.linalg.cholesky(C / np.outer(scale, scale))
+    gain = (without_pose.covariance - whole.covariance)[np.ix_(free, free)]
+    half = np.linalg.solve(L, gain / np.outer(scale, scale))
+    relative = np.linalg.solve(L, half.T)
+    values, vectors = np.linalg.eigh(0.5 * (relative + relative.T))
+    change = np.linalg.solve(L, parameter_change(without_pose, whole)[free] / scale)
+    counted = values > MIN_GAIN
+    return np.asarray((vectors.T @ change)[counted] / np.sqrt(values[counted]))
+
+
+def _prediction(
+    k: int, sightings: Sequence[Sighting], adjusted: Adjusted, rig: Rig, places: FloatMap
+) -> float:
+    """Prediction error of the k-th pose, px; NaN where it cannot be computed."""
+    used = adjusted.used[k]
+    left_out = Sighting(*(getattr(sightings[k], f)[used] for f in Sighting.__dataclass_fields__))
+    left_out = replace(left_out, points_mm=places[used])
+    if len(left_out.points_mm) < MIN_CORNERS:
+        return float("nan")
+    T = fit_pose(left_out, rig, adjusted.poses[k])
+    predicted = project(
+        rig.projector,
+        transform(rig.T_projector_camera, transform(T, left_out.points_mm)),
+    )
+    error = left_out.projector_px - predicted
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

@@ -209,7 +209,7 @@ def test_a_bent_board_is_named():
 def scores_of(found, truth):
     """Errors of the estimated parameters over their standard deviations."""
     free = np.diag(found.covariance) > 0
-    return (rig_errors(found, truth) / np.sqrt(np.diag(found.covariance)))[free]
+    return rig_errors(found, truth)[free] / np.sqrt(np.diag(found.covariance)[free])
 
 
 def test_errors_of_the_board_are_in_the_covariance():

@@ -27,9 +27,11 @@ from fringeworks import (
 from fringeworks.files.images import read_frame
 from fringeworks.pair.bandpass import band_pass
 from fringeworks.pair.prepared import prepare
+from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.diagnosis import diagnose, pose_figures
+from fringeworks.rig.calibration.leave_out import parameter_change
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.signal.gamma import gamma_of_frames
 from fringeworks.signal.response import correct_phase, measure_response, phase_of_steps
@@ -364,6 +366,28 @@ def test_board_calibrates_better_than_published(procam):
     assert found.rig.camera.focal_px[0] == pytest.approx(3452, rel=0.02)
     assert found.rig.camera.focal_px[1] == pytest.approx(found.rig.camera.focal_px[0], rel=2e-3)
     assert {"poses", "corners"} <= {f.cause for f in diagnose(found)}
+
+
+def test_rigs_from_other_poses_agree_within_their_errors(procam):
+    """Every three of five poses against three others, of which they share one or two."""
+    seen, target, _ = procam
+    scores = []
+    for first, second in (((0, 1, 2), (2, 3, 4)), ((0, 3, 4), (0, 1, 2)), ((0, 1, 4), (1, 2, 3))):
+        one, other = (
+            calibrate([seen[k] for k in part], target, distortion=2).rig for part in (first, second)
+        )
+        variance = np.diag(one.covariance) + np.diag(other.covariance)
+        free = variance > 0
+        scores.append(parameter_change(one, other)[free] / np.sqrt(variance[free]))
+    assert np.sqrt(np.mean(np.square(scores))) < 1.3
+
+
+def test_all_poses_of_a_board_are_found(real_data):
+    """A false corner beyond the board, and a print that is off at the same corners everywhere."""
+    found = calibrate_stacks(real_data / "board_slstudio", "chessboard:13x9:10")
+    assert not found.skipped
+    assert [len(o.view.index) for o in found.observations] == [117] * 3
+    assert found.adjusted.converged
 
 
 def test_board_says_when_its_axes_are_swapped(procam):

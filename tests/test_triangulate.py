@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import CameraNoise, InputError, Reason, decode
+from fringeworks import CameraNoise, GrayCode, InputError, PatternPlan, Reason, Stack, decode
+from fringeworks.pipeline.stacks import check_projector
 from fringeworks.rig.pinhole import look_at, pose, project, rays, rotation, transform
+from fringeworks.rig.point_findings import part_notes, point_notes
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.simulate import Box, Optics, Plane, Sphere, look, truth_distance
 from fringeworks.surface.cloud import cloud_triangles, height_over_plane, normals
@@ -187,6 +189,35 @@ def test_covariance_enters_the_epipolar_error():
     assert (triangulate(decoded, off).reason == Reason.OK).mean() > 0.999
     with pytest.raises(InputError, match="pass each other"):
         triangulate(decoded, replace(off, covariance=None))
+
+
+def test_a_large_share_of_rays_apart_is_a_finding():
+    r = lens(False)
+    _, decoded = made_up(r, wave(r.camera.shape), sigma=(0.03, 0.03), noise=1.0)
+    assert point_notes(triangulate(decoded, r)) == ()
+    rows = decoded.y.coordinate_px.copy()
+    rows[: rows.shape[0] // 3] += 8.0
+    spoiled = replace(decoded, y=replace(decoded.y, coordinate_px=rows))
+    (note,) = point_notes(triangulate(spoiled, r))
+    assert "rays apart" in note
+    assert "likely" in note
+
+
+def test_a_plan_may_light_a_part_of_the_projector():
+    r = rig()
+    w, h = r.projector.width_px, r.projector.height_px
+
+    def check(width, height):
+        plan = PatternPlan(width, height, (GrayCode("x", 8.0, width),))
+        check_projector(r, Stack(np.zeros((plan.frames, 4, 4), np.uint8), plan))
+
+    check(w, h)
+    check(w, h - 40)
+    assert "taken as its upper part" in part_notes(r, h - 40)[0]
+    assert part_notes(r, h) == ()
+    for size in ((w // 2, h // 2), (w + 8, h), (w - 8, h), (w, h + 8)):
+        with pytest.raises(InputError, match="for a projector of"):
+            check(*size)
 
 
 def test_reasons_are_handed_on():

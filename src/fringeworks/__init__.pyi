@@ -204,6 +204,10 @@ from .rig.calibration.diagnosis import (
     Finding as Finding,
     diagnose as diagnose,
 )
+from .rig.calibration.verdict import (
+    Verdict as Verdict,
+    verdict as verdict,
+)
 from .rig.triangulate import (
     Triangulator as Triangulator,
     triangulate as triangulate,

@@ -105,6 +105,7 @@ def say_calibration(words: Output, figures: dict[str, Any]) -> None:
     )
     for found in figures["findings"]:
         words.say(f"{found['cause']}: {found['message']}")
+    words.say(f"verdict: {figures['verdict']['text']} (one standard deviation, calibration alone)")
 
 
 def say_forms(words: Output, figures: dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ from fringeworks.files.rig import read_rig
 from fringeworks.files.stack import read_stack
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
 from fringeworks.pipeline.inputs import inputs_of, stack_of
+from fringeworks.rig.point_findings import part_notes, point_notes
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.signal.response import (
     Response,
@@ -136,7 +137,9 @@ def measure(
         rig=rig.rig,
     )
     found = replace(found, provenance=origin)
-    return Measurement(replace(points, provenance=origin), found, seconds, found.notes)
+    part = part_notes(rig.rig, stack.plan.height_px)
+    notes = (*found.notes, *part, *point_notes(points))
+    return Measurement(replace(points, provenance=origin), found, seconds, notes)
 
 
 def response_from_stack(
@@ -255,9 +258,12 @@ def phase_from_stack(
 
 
 def check_projector(rig: Rig, stack: Stack) -> None:
-    """Refuse a stack whose plan is for another projector than the rig's."""
+    """Refuse a stack whose plan is for another projector than the rig's.
+
+    A plan may light fewer rows of the same columns, such as 1280 × 720 of a chip of 1280 × 800 px.
+    """
     plan, projector = stack.plan, rig.projector
-    if (plan.width_px, plan.height_px) != (projector.width_px, projector.height_px):
+    if plan.width_px != projector.width_px or plan.height_px > projector.height_px:
         raise RigMismatch(
             f"rig: it is for a projector of {projector.width_px} × {projector.height_px} px, got "
             f"a plan for {plan.width_px} × {plan.height_px}"

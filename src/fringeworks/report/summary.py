@@ -13,6 +13,7 @@ from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import coverage, diagnose, pose_figures
+from fringeworks.rig.calibration.verdict import verdict
 from fringeworks.signal.response import Response
 from fringeworks.stack.wrapped import WrappedPhase
 from fringeworks.types import (
@@ -127,6 +128,7 @@ def _(calibration: Calibration) -> dict[str, Any]:
     values = [*rig.camera.parameters, *rig.projector.parameters]
     gradient = np.concatenate((np.zeros(21), offset / rig.baseline_mm))
     camera, projector = coverage(calibration)
+    judged = verdict(calibration)
     return {
         "parameters": {
             name: {"value": float(value), "sigma": float(s)}
@@ -142,6 +144,14 @@ def _(calibration: Calibration) -> dict[str, Any]:
         "findings": [
             {"cause": found.cause, "message": found.message} for found in diagnose(calibration)
         ],
+        "print_error_mm": calibration.adjusted.prior.print_mm,
+        "sigma_inflation": calibration.inflation,
+        "converged": calibration.adjusted.converged,
+        "verdict": {
+            "sigma_mm": judged.sigma_mm,
+            "distance_mm": judged.distance_mm,
+            "text": judged.text,
+        },
         **_origin(rig.provenance),
     }
 

@@ -24,7 +24,7 @@ MIN_SHARE = 1e-6
 rounding."""
 MIN_DETERMINED = 1e-3
 """Share of the offsets that the data determine below which no offsets are seen: the standard
-deviation then is at its lower bound."""
+deviation then falls towards its lower bound."""
 MAX_LOG_STEP = 1.5
 """Largest change of a standard deviation's logarithm in one round, a factor of 4.5, so that a first
 estimate far from the minimum does not throw it away."""
@@ -93,7 +93,7 @@ def estimated_prior(
         x2 = float(np.sum(offset_mm[:, columns] ** 2))
         share = float(np.mean(1.0 - variance[:, columns] / was**2))
         if share < MIN_DETERMINED or x2 == 0.0:
-            return least
+            return max(was * float(np.exp(-MAX_LOG_STEP)), least)
         ratio = x2 / (share * variance[:, columns].size * was**2)
         step = 0.5 * np.log(ratio) / share
         return max(was * float(np.exp(np.clip(step, -MAX_LOG_STEP, MAX_LOG_STEP))), least)

@@ -30,7 +30,7 @@ from fringeworks.types import BoolMap, FloatMap, InputError, Rig
 MAX_ROUNDS = 20
 """Largest number of rounds. Every round minimises with fixed weights, then estimates scatter,
 weights and the board's prior anew; five to eight rounds are usual."""
-SETTLED = 0.01
+SETTLED = 1e-3
 """Relative change of the scatter between two rounds below which it has settled. The weights, and
 with them the result, then change by far less than a standard deviation."""
 MAX_LM_STEPS = 40
@@ -55,9 +55,9 @@ by about 0.001 of their standard deviations."""
 MAX_CONDITION = 1e14
 """Largest condition number of the scaled normal matrix. Beyond, its inverse has hardly a
 correct digit in double precision: the poses do not determine the parameters."""
-PRIOR_SETTLED = 0.05
-"""Relative change of the board's prior between two rounds below which it has settled: standard
-deviations from some hundred offsets are known to 5 % at best."""
+PRIOR_SETTLED = 2e-3
+"""Relative change of the board's prior between two rounds below which it has settled. The
+result then changes by far less than a standard deviation."""
 NEGLIGIBLE_PRIOR = 1e-5
 """Change of the board's prior, over the bow's prior, that does not matter: 0.2 µm on a board of
 120 mm, below what corners show."""
@@ -251,9 +251,11 @@ class _Problem:
         determined = 2.0 - leverage.reshape(-1, 2, 2).sum(axis=2)
         scatter = scatter_of(residuals.independent, self.corners.rows, determined)
         variance = np.diag(covariance)[self.board][BOW_SIZE:].reshape(-1, OFFSET_SIZE)
-        prior = estimated_prior(
-            before.prior, state.shape.offset_mm, variance, self.corners.points_mm
-        )
+        prior = before.prior
+        # The first scatter comes from a rough start and says little about the board.
+        if before.weights is not None:
+            places = self.corners.points_mm
+            prior = estimated_prior(prior, state.shape.offset_mm, variance, places)
         return Weighting(scatter, weights_of(residuals.independent, scatter), prior)
 
     def normal_equations(

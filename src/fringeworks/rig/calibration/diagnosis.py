@@ -39,6 +39,9 @@ board of 200 mm, flatter than printed boards are."""
 WEAK_FOCAL = 0.003
 """Relative standard deviation of a focal length above which it is reported as badly known:
 distances of 500 mm are then uncertain by about 1.5 mm. Tilts of 20° or more give 0.0003 or less."""
+LARGE_INFLATION = 2.0
+"""Factor on the standard deviations from which on disagreeing poses are reported. Independent
+errors of corners give 0.9 to 1.3 with three to eight poses."""
 LISTED_CORNERS = 8
 """Largest number of corners that one finding lists by column and row; a line holds no more."""
 
@@ -48,7 +51,8 @@ class Finding:
     """One thing that makes a calibration worse than it could be."""
 
     cause: str
-    """Short name: pose, corners, coverage, ripple, board, poses, tilt, weak or skipped."""
+    """Short name: pose, corners, coverage, ripple, board, poses, tilt, weak, disagreement,
+    convergence or skipped."""
     message: str
     """What was seen, the likely cause, and what to do."""
 
@@ -129,6 +133,7 @@ def diagnose(calibration: Calibration) -> list[Finding]:
         *_few_poses(calibration),
         *_low_coverage(calibration),
         *_weak_focal_lengths(calibration),
+        *_poses_that_disagree(calibration),
         *_outlying_corners(calibration),
         *_skipped(calibration),
     ]
@@ -239,6 +244,25 @@ def _weak_focal_lengths(calibration: Calibration) -> list[Finding]:
                 "probably too similar: add poses that are nearer, further away and tilted more"
             )
             findings.append(Finding("weak", message))
+    return findings
+
+
+def _poses_that_disagree(calibration: Calibration) -> list[Finding]:
+    findings = []
+    if calibration.inflation > LARGE_INFLATION:
+        message = (
+            f"leaving out a pose changes the rig by {calibration.inflation:.1f} times what the "
+            "scatter of corners explains, so all standard deviations were raised by this factor; "
+            "corners of one pose share errors, probably from uncorrected response, blur, or lenses "
+            "that the model does not describe: correct the response, or add poses"
+        )
+        findings.append(Finding("disagreement", message))
+    if not calibration.adjusted.converged:
+        message = (
+            "the adjustment did not settle, so weights and standard deviations are not final; "
+            "look for a pose that stands out, and leave it out"
+        )
+        findings.append(Finding("convergence", message))
     return findings
 
 

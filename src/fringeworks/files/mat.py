@@ -165,7 +165,7 @@ def _element(data: bytes, place: int, order: str) -> _Element:
 
 def _from_hdf5(path: Path, name: str) -> NDArray[Any]:
     """A variable of version 7.3, read by a process that may crash."""
-    call = [sys.executable, "-I", str(Path(__file__).with_name("hdf5_process.py")), str(path)]
+    call = [sys.executable, "-P", str(Path(__file__).with_name("hdf5_process.py")), str(path)]
     try:
         done = subprocess.run(
             [*call, name, str(max_bytes())],

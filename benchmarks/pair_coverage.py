@@ -1,4 +1,4 @@
-"""``python -m benchmarks.pair_coverage``: share of errors within 1 and 2 σ, for all pair methods."""
+"""``python -m benchmarks.pair_coverage``: share of errors within 1 and 2 σ, all pair methods."""
 
 from __future__ import annotations
 

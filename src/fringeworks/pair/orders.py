@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -83,7 +84,7 @@ def guided_count(
     name: RowMethod = "sifa",
     *,
     max_displacement_px: float | None = None,
-    **options: int,
+    **options: Any,
 ) -> Solution:
     """Measure the displacement by counting, guided by the band-pass where counting slipped.
 

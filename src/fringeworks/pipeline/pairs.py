@@ -20,6 +20,7 @@ from fringeworks.pair.prepared import prepare
 from fringeworks.pair.reference_plane import to_surface
 from fringeworks.pair.registry import MethodOption
 from fringeworks.pipeline.inputs import pair_of, sources_of
+from fringeworks.pipeline.pair_findings import pair_findings
 from fringeworks.signal.denoise import Denoiser
 from fringeworks.signal.denoise import denoise as denoise_frame
 from fringeworks.signal.response import Response, response_note
@@ -194,6 +195,7 @@ def _notes(pair: Pair, found: DisplacementMap, unit: str) -> tuple[str, ...]:
             "phase unwrapped by {unwrapping}: {residues} residues, {regions} connected regions, "
             "{pixels_moved_by_counting} pixels moved by counting".format(**found.details)
         )
+    notes += pair_findings(pair, found)
     if unit == "px":
         notes.append("geometry unknown: the result is a displacement in px, not a height")
     return tuple(notes)

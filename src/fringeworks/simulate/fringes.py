@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from io import BytesIO
 from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from fringeworks.pair.reference_plane import displacement_from_height
+from fringeworks.simulate.jpeg import jpeg_compressed
 from fringeworks.types import (
     Axis,
     FloatMap,
@@ -143,13 +142,6 @@ def _bands(rows: int, settings: PairSettings, rng: np.random.Generator) -> Float
     return np.asarray(1.0 + settings.flicker * np.sin(phase))[:, None]
 
 
-def _compressed(frame: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
-    """Frame after JPEG compression and decompression."""
-    buffer = BytesIO()
-    Image.fromarray(frame).save(buffer, "JPEG", quality=quality)
-    return np.asarray(Image.open(buffer))
-
-
 def _camera(light: FloatMap, settings: PairSettings, rng: np.random.Generator) -> NDArray[Any]:
     """Counts of a frame: flicker, noise, clipping at the sensor's limits, rounding, compression."""
     counts = FULL_RANGE * light
@@ -164,7 +156,7 @@ def _camera(light: FloatMap, settings: PairSettings, rng: np.random.Generator) -
     # Clipping simulates the sensor, whose counts end at both limits.
     clipped = np.clip(np.rint(counts * (largest / FULL_RANGE)), 0, largest)
     quantised: NDArray[Any] = clipped.astype(np.uint8 if settings.bits == 8 else np.uint16)
-    return _compressed(quantised, settings.jpeg) if settings.jpeg else quantised
+    return jpeg_compressed(quantised, settings.jpeg) if settings.jpeg else quantised
 
 
 def capture_pair(

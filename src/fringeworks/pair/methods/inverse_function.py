@@ -207,9 +207,7 @@ def gsifa(
     """
     if not 1 <= n_resample <= MAX_RESAMPLES_PER_PX:
         raise InputError(f"n_resample: expected 1 to {MAX_RESAMPLES_PER_PX}, got {n_resample}")
-    return _invert(
-        pair, "gsifa", max_displacement_px, n_resample=n_resample, straighten=straighten
-    )
+    return _invert(pair, "gsifa", max_displacement_px, n_resample=n_resample, straighten=straighten)
 
 
 @method("exact")

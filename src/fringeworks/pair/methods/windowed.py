@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from scipy import fft, ndimage
 
 from fringeworks import _core
-from fringeworks.pair.methods.fourier import fourier
-from fringeworks.pair.orders import continues, guided_count
-from fringeworks.pair.prepared import QUANTISATION_VARIANCE, PreparedPair, fill_nearest
+from fringeworks.pair.methods.windowed_start import start_field
+from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
 from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason
 
@@ -74,32 +73,6 @@ DRIFT = 0.01
 
 It loosens the prior that a scale gets from the coarser one. An empirical choice.
 """
-MAX_BAND_SLOPE = 0.3
-"""Largest slope of the displacement along x up to which the band-pass alone is the start, px/px.
-
-A steeper surface stretches fringes out of the pass band. An empirical choice.
-"""
-COUNT_THRESHOLD = 0.03
-"""Mean difference between counting and band-pass from which counting is used, periods.
-
-At twice that value it replaces the band-pass in full. Below it the difference is mostly scatter of
-the counting. An empirical choice.
-"""
-COUNT_SMOOTHING = 0.25
-"""Width of the Gaussian that smooths a counted start, periods.
-
-It reduces the scatter of single pixels and keeps folds. An empirical choice.
-"""
-FOLD_THRESHOLD = 0.125
-"""Difference between a wide and a narrow smoothing of the start that is kept as a fold, periods.
-
-At twice that value the narrow one replaces the wide one in full. Below it the difference is ripple
-(theory §4, "Start"). An empirical choice.
-"""
-TRUNCATION = 3.0
-"""Distance at which the Gaussians of the start are cut off, σ."""
-MIN_SHARE_COUNTED = 1e-6
-"""Smallest sum of weights in the local mean of counted pixels; it keeps the quotient finite."""
 MIN_ROWS = 8
 """Smallest number of rows; fewer do not determine the slope of the displacement across them."""
 MAX_GAP = 0.25
@@ -188,95 +161,6 @@ def spline_coefficients(rows: FloatMap) -> NDArray[np.float32]:
     coefficients = ndimage.spline_filter1d(rows, 3, axis=1, mode="mirror")
     padded = np.pad(coefficients, ((0, 0), (1, 2)), mode="reflect")
     return np.ascontiguousarray(padded, dtype=np.float32)
-
-
-def _gaussian(values: FloatMap, width_px: float) -> FloatMap:
-    """Smooth a map with a Gaussian of σ = ``width_px``."""
-    return np.asarray(
-        ndimage.gaussian_filter(values, width_px, mode="nearest", truncate=TRUNCATION)
-    )
-
-
-def start_field(prepared: PreparedPair, width_px: float) -> FloatMap:
-    """Estimate the displacement that the windowed inversion starts from.
-
-    Parameters
-    ----------
-    prepared : PreparedPair
-    width_px : float > 0
-        Width σ of the smoothing, px.
-
-    Returns
-    -------
-    (h, w) float array
-        px; finite everywhere.
-
-    Notes
-    -----
-    Theory §4, "Start". The band-pass alone is used where it has no gaps and no steep slopes.
-    Otherwise it may have rounded off or lost what fringe counting still measures. Counting then
-    replaces it where the two differ on average over a period.
-    """
-    period, half_period = prepared.period, 0.5 * prepared.period
-    band = fourier(prepared).displacement_px
-    known = np.isfinite(band)
-    if not known.any():
-        return np.zeros(band.shape)
-    band = fill_nearest(band, known)
-    if known.all() and np.abs(np.diff(band, axis=1)).max() <= MAX_BAND_SLOPE:
-        return _gaussian(band, width_px)
-    counted = guided_count(prepared, lambda: np.where(known, band, np.nan)).displacement_px
-    # Whole periods fit everywhere, so in gaps of the band-pass counting must continue its rim.
-    with np.errstate(invalid="ignore"):
-        usable = np.abs(counted - band) < half_period
-    usable &= np.isfinite(counted)
-    usable |= continues(counted, np.where(known, band, np.nan), period)
-    difference = np.where(usable, counted - band, 0.0)
-    share = _gaussian(usable.astype(float), half_period)
-    mean = _gaussian(difference, half_period) / np.maximum(share, MIN_SHARE_COUNTED)
-    trust = _ramp(mean, COUNT_THRESHOLD * period)
-    trust[~known] = 1.0
-    start = band + trust * np.where(usable, difference, mean)
-    # Counting can slip. Near the band-pass it is kept where it explains the object better.
-    fine = min(width_px, COUNT_SMOOTHING * period)
-    better = _explained(prepared, _gaussian(start, fine)) > _explained(prepared, band)
-    if not known.all():
-        # Slipped counts fit the noise of single pixels, but not when they are smoothed.
-        coarse = _gaussian(start, half_period)
-        better &= known | (_explained(prepared, coarse, 1.0) > MIN_EXPLAINED)
-    start = np.where(better, start, band)
-    # The first window cannot correct what varies faster than itself, so only folds that exceed the
-    # start's own ripple are kept sharp.
-    wide = _gaussian(start, width_px)
-    sharp = _gaussian(start, fine)
-    return wide + _ramp(sharp - wide, FOLD_THRESHOLD * period) * (sharp - wide)
-
-
-def _explained(
-    prepared: PreparedPair, displacement_px: FloatMap, window_periods: float = 0.5
-) -> FloatMap:
-    """Share of the object's local contrast that the reference, moved by a displacement, explains.
-
-    The object is compared with offset and modulation ratio times the moved reference over a
-    Gaussian window of ``window_periods``; 0…1. A negative ratio explains nothing.
-    """
-    rows, columns = np.indices(displacement_px.shape, dtype=np.float64)
-    moved = ndimage.map_coordinates(
-        prepared.reference, (rows, columns - displacement_px), order=1, mode="nearest"
-    )
-    d, s = prepared.object - prepared.mean_brightness, moved - prepared.mean_brightness
-    width = window_periods * prepared.period
-    mean_d, mean_s = _gaussian(d, width), _gaussian(s, width)
-    covariance = np.maximum(_gaussian(d * s, width) - mean_d * mean_s, 0.0)
-    variance_s = np.maximum(_gaussian(s * s, width) - mean_s**2, QUANTISATION_VARIANCE)
-    variance_d = np.maximum(_gaussian(d * d, width) - mean_d**2, QUANTISATION_VARIANCE)
-    share: FloatMap = covariance**2 / (variance_s * variance_d)
-    return share
-
-
-def _ramp(values: FloatMap, threshold: float) -> FloatMap:
-    """Weight that rises from 0 at |value| = threshold to 1 at twice the threshold."""
-    return np.clip(np.abs(values) / threshold - 1.0, 0.0, 1.0)
 
 
 @method("windowed")

@@ -177,8 +177,8 @@ def calibrate(
         Names of poses that could not be observed, with the reason: for errors and reports.
     distortion : 0, 2, 4 or 5, optional
         Number of distortion coefficients to estimate for each device. 2: k₁ and k₂; 4: p₁ and p₂
-        as well; 5: k₃ as well. By default five are estimated, and those that the poses do not
-        determine are left out. Coefficients that are not estimated are 0.
+        as well; 5: k₃ as well. By default five are estimated, and k₃ is left out where the
+        poses do not determine it. Coefficients that are not estimated are 0.
 
     Returns
     -------

@@ -84,6 +84,8 @@ def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
         "pitch": float(surface.pitch),
         "method": surface.method,
     }
+    if surface.pupil is not None:
+        description["pupil"] = list(surface.pupil)
     origin = surface.provenance
     if origin is not None:
         description[KEY] = origin.as_dict()
@@ -111,6 +113,8 @@ def _read_tiff(path: Path) -> HeightMap:
 
 def _write_npz(path: Path, surface: HeightMap, _: PlyKind) -> None:
     arrays = {name: getattr(surface, name) for name in HeightMap.__dataclass_fields__}
+    if surface.pupil is None:
+        del arrays["pupil"]
     origin = json_line(arrays.pop(KEY))
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays | ({} if origin is None else {KEY: origin}))
@@ -139,7 +143,17 @@ def _surface(path: Path, content: dict[str, Any], origin: Provenance | None) -> 
         pitch=float(content["pitch"]),
         method=str(content["method"]),
         provenance=origin,
+        pupil=_pupil(path, content.get("pupil")),
     )
+
+
+def _pupil(path: Path, given: Any) -> tuple[float, float, float] | None:
+    if given is None:
+        return None
+    x, y, distance = (float(v) for v in np.asarray(given, np.float64))
+    if not (np.isfinite([x, y]).all() and np.isfinite(distance) and distance > 0):
+        raise FileProblem(f"{path}: expected a pupil at a distance > 0, got {given}")
+    return x, y, distance
 
 
 def _write_ply(path: Path, surface: HeightMap, kind: PlyKind) -> None:

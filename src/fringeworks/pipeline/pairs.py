@@ -26,6 +26,7 @@ from fringeworks.signal.response import (
     Response,
     apply_response,
 )
+from fringeworks.surface.height_map import lateral_notes
 from fringeworks.types import (
     DisplacementMap,
     Frozen,
@@ -123,7 +124,7 @@ def reconstruct(
     said |= {"response": response, "denoise": denoise, **options}
     origin = made_by("reconstruct", options=said, inputs=sources)
     surface = replace(surface, provenance=origin)
-    return Reconstruction(surface, displacement, seconds, _notes(pair, displacement, surface.unit))
+    return Reconstruction(surface, displacement, seconds, _notes(pair, displacement, surface))
 
 
 def calibrate_plane(
@@ -174,7 +175,7 @@ def calibrate_plane(
     return replace(found, provenance=origin)
 
 
-def _notes(pair: Pair, found: DisplacementMap, unit: str) -> tuple[str, ...]:
+def _notes(pair: Pair, found: DisplacementMap, surface: HeightMap) -> tuple[str, ...]:
     notes = list(pair.notes)
     if pair.axis is None:
         notes.append(
@@ -188,6 +189,6 @@ def _notes(pair: Pair, found: DisplacementMap, unit: str) -> tuple[str, ...]:
             "phase unwrapped by {unwrapping}: {residues} residues, {regions} connected regions, "
             "{pixels_moved_by_counting} pixels moved by counting".format(**found.details)
         )
-    if unit == "px":
+    if surface.unit == "px":
         notes.append("geometry unknown: the result is a displacement in px, not a height")
-    return tuple(notes)
+    return (*notes, *lateral_notes(surface))

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from fringeworks import InputError
-from fringeworks.surface.form import find_spheres, fit_form, report
+from fringeworks import (
+    HeightMap,
+    InputError,
+    ReferencePlaneGeometry,
+    evaluate_form,
+    reconstruct,
+    standard_scene,
+    write_surface,
+)
+from fringeworks.surface.form import fit_form, fit_region
+from fringeworks.surface.form_report import find_spheres, report
 
 RNG = np.random.default_rng(0)
 
@@ -109,6 +120,134 @@ def test_report_in_the_terms_of_vdi_2634():
         report(fit_form(sheet(), "plane"), diameter_mm=5.0)
     with pytest.raises(InputError, match="diameter"):
         report(fit_form(ball([0, 0, 500], 25.0), "sphere"), diameter_mm=-5.0)
+
+
+def test_a_dent_shows_in_the_flatness():
+    points = sheet(noise=0.02)
+    flat = report(fit_region(points, "plane"))
+    dent = np.hypot(*(points[:, :2] - 20.0).T) < 15.6  # 3 % of the plate
+    points[dent, 2] += 10.0
+    form = fit_region(points, "plane")
+    found = report(form)
+    assert flat["flatness_error_F_mm"] < 0.2
+    assert found["flatness_error_F_mm"] > 9.5
+    assert found["discarded_share"] <= 0.003
+    assert found["far_share"] == pytest.approx(dent.mean(), abs=0.002)
+    notes = evaluate_form(points, "plane").figures["notes"]
+    assert any("% of the points lie up to 9." in note for note in notes)
+
+
+def test_a_few_wrong_points_are_discarded_and_stated():
+    points = sheet()
+    points[:40, 2] += 5.0  # 0.2 %
+    found = report(fit_region(points, "plane"))
+    assert found["flatness_error_F_mm"] < 0.1
+    assert 0 < found["discarded_share"] <= 0.003
+    assert found["far_share"] == pytest.approx(0.002)
+
+
+def test_a_region_that_shows_more_than_the_body_is_refused():
+    points = np.concatenate((ball([0, 0, 500], 25.0), sheet(5000)))
+    with pytest.raises(InputError, match=r"of one sphere alone, got .* give the region"):
+        evaluate_form(points, "sphere")
+    figures = evaluate_form(points, "sphere", within=(0, 0, 500, 26)).figures
+    assert figures["bodies"][0]["probing_error_form_PF_mm"] < 0.1
+
+
+@pytest.mark.parametrize("body", ["sphere", "cylinder"])
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_a_wall_is_neither_a_sphere_nor_a_cylinder(body, noise):
+    with pytest.raises(InputError, match="determine a|expected a "):
+        fit_form(sheet(2000, noise), body)
+
+
+def test_a_small_cap_does_not_determine_a_sphere():
+    points = ball([0, 0, 500], 25.0, 400_000)
+    near = points[np.hypot(points[:, 0], points[:, 1]) < 1.0]
+    with pytest.raises(InputError, match="determine a sphere"):
+        fit_form(near, "sphere")
+
+
+def test_points_on_a_line_determine_no_plane():
+    x = RNG.uniform(-80, 80, 2000)
+    line = np.column_stack((x, x, 500 + 0 * x)) + 0.01 * RNG.normal(size=(2000, 3))
+    with pytest.raises(InputError, match="determine a plane"):
+        fit_form(line, "plane")
+
+
+def test_common_errors_do_not_average():
+    """A smooth error of 0.1 mm moves the radius by far more than noise of 0.1 mm would."""
+    off = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        points = ball([0, 0, 500], 25.0, 3000, noise=0.002, rng=rng)
+        u, v = points[:, 0] / 25.0, points[:, 1] / 25.0
+        smooth = np.stack((u * u, u * v, v * v, u, v, np.ones_like(u)))
+        bend = rng.normal(size=6) @ smooth
+        points[:, 2] += 0.1 * bend / np.std(bend)
+        form = fit_region(points, "sphere", common_mm=0.1)
+        off.append((form.parameters["radius_mm"] - 25.0) / form.sigma_mm)
+    assert 0.3 < np.sqrt(np.mean(np.square(off))) < 2.0
+
+
+def test_points_in_px_are_not_called_mm(tmp_path):
+    values = np.tile(np.linspace(0.0, 5.0, 40), (30, 1))
+    reason = np.zeros(values.shape, np.uint8)
+    sigma = np.full(values.shape, 0.1)
+    in_px = HeightMap(values, sigma, reason, "displacement", "px", 1.0)
+    in_mm = HeightMap(values, sigma, reason, "height", "mm", 0.5)
+    for suffix in (".ply", ".tif", ".npz", ".gsf"):
+        path = write_read(tmp_path / f"px{suffix}", in_px)
+        with pytest.raises(InputError, match="expected points in mm, got displacements in px"):
+            evaluate_form(path, "plane")
+    with pytest.raises(InputError, match="expected points in mm, got displacements in px"):
+        evaluate_form(in_px, "plane")
+    for suffix in (".ply", ".tif", ".npz", ".gsf", ".x3p"):
+        path = write_read(tmp_path / f"mm{suffix}", in_mm)
+        figures = evaluate_form(path, "plane").figures
+        assert figures["bodies"][0]["points"] == values.size
+        assert figures["bodies"][0]["flatness_error_F_mm"] < 1e-5
+
+
+def write_read(path, surface):
+    write_surface(path, surface)
+    return path
+
+
+def test_points_lie_on_the_rays_of_the_camera(tmp_path):
+    """A sphere of 25 mm beside the axis, seen by a camera 500 mm above the plane."""
+    pitch, distance, (rows, columns) = 1.0, 500.0, (240, 320)
+    y, x = np.mgrid[:rows, :columns].astype(float)
+    pupil = (0.5 * (columns - 1), 0.5 * (rows - 1), distance)
+    eye = np.array([pupil[0] * pitch, -pupil[1] * pitch, distance])
+    ray = np.stack((x * pitch, -y * pitch, 0 * x), axis=-1) - eye
+    ray /= np.linalg.norm(ray, axis=-1, keepdims=True)
+    to_centre = np.array([60.0, -60.0, 5.0]) - eye
+    along = ray @ to_centre
+    room = 25.0**2 - (to_centre @ to_centre - along**2)
+    depth = along - np.sqrt(np.where(room > 0, room, np.nan))
+    values = eye[2] + depth * ray[..., 2]
+    reason = np.where(np.isfinite(values), 0, 1).astype(np.uint8)
+    sigma = np.where(np.isfinite(values), 0.01, np.nan)
+    straight = HeightMap(values, sigma, reason, "height", "mm", pitch)
+    seen = replace(straight, pupil=pupil)
+    body = evaluate_form(seen, "sphere", diameter_mm=50.0).figures["bodies"][0]
+    assert abs(body["probing_error_size_PS_mm"]) < 1e-6
+    np.testing.assert_allclose(body["centre_mm"], [60, -60, 5], atol=1e-6)
+    wrong = evaluate_form(straight, "sphere").figures
+    assert wrong["bodies"][0]["probing_error_form_PF_mm"] > 0.5
+    assert "straight above their pixels" in wrong["notes"][0]
+    for suffix in (".tif", ".npz", ".ply"):
+        write_surface(tmp_path / f"s{suffix}", seen)
+        body = evaluate_form(tmp_path / f"s{suffix}", "sphere").figures["bodies"][0]
+        assert body["radius_mm"] == pytest.approx(25.0, abs=1e-4)
+
+
+def test_heights_of_a_pair_know_the_camera():
+    geometry = ReferencePlaneGeometry(500.0, 200.0, 0.5)
+    result = reconstruct(standard_scene("parabola", size=200, fringes=8), geometry=geometry)
+    assert result.surface.pupil == (99.5, 99.5, 500.0)
+    assert any("rays through a camera above pixel (99.5, 99.5)" in note for note in result.notes)
 
 
 def test_weights_count():

@@ -227,8 +227,11 @@ from .surface.form_geometry import (
 )
 from .surface.form import (
     Form as Form,
-    find_spheres as find_spheres,
     fit_form as fit_form,
+    fit_region as fit_region,
+)
+from .surface.form_report import (
+    find_spheres as find_spheres,
 )
 from .files.surfaces import (
     read_surface as read_surface,

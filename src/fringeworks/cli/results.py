@@ -31,7 +31,12 @@ class BodyName(StrEnum):
     epilog="Example: fringeworks evaluate ball.ply --fit sphere --diameter-mm 50",
 )
 def evaluate(
-    points: Annotated[Path, typer.Argument(help="Points: .ply, .xyz or .npz.")],
+    points: Annotated[
+        Path,
+        typer.Argument(
+            help="Points (.ply, .xyz, .npz), or heights in mm (.tif, .npz, .x3p, .gsf)."
+        ),
+    ],
     fit: Annotated[BodyName, typer.Option(help="Body that is fitted.")],
     diameter_mm: Annotated[
         float | None, typer.Option(help="Calibrated diameter, mm: probing error size PS.")
@@ -41,7 +46,8 @@ def evaluate(
         float | None, typer.Option(help="Calibrated distance of two spheres, mm: error SD.")
     ] = None,
     within: Annotated[
-        str | None, typer.Option(help="Use points in a ball only: x,y,z,radius in mm.")
+        str | None,
+        typer.Option(help="Region: points in a ball, x,y,z,radius in mm; all by default."),
     ] = None,
     json_file: JsonFile = None,
 ) -> None:

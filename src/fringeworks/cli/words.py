@@ -110,6 +110,7 @@ def say_calibration(words: Output, figures: dict[str, Any]) -> None:
 
 def say_forms(words: Output, figures: dict[str, Any]) -> None:
     """Fitted bodies and their errors."""
+    say_notes(words, figures)
     for body in figures["bodies"]:
         for name, value in body.items():
             if isinstance(value, list):

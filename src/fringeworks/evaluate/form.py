@@ -9,15 +9,19 @@ from typing import Any
 import numpy as np
 
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.points import Points, read_points
+from fringeworks.files.points import Points, cloud_points, read_points, surface_points
 from fringeworks.files.provenance import source_of
-from fringeworks.surface.form import Form, find_spheres, fit_form
-from fringeworks.surface.form import report as form_report
+from fringeworks.surface.form import DISCARDED, Form, fit_region
 from fringeworks.surface.form_geometry import BodyKind
+from fringeworks.surface.form_report import find_spheres
+from fringeworks.surface.form_report import report as form_report
 from fringeworks.types import (
+    BoolMap,
     FloatMap,
     Frozen,
+    HeightMap,
     InputError,
+    PointCloud,
     Provenance,
     Source,
     fingerprint,
@@ -35,13 +39,14 @@ class FormEvaluation(Frozen):
     forms: tuple[Form, ...]
     """The fits, with the distance of every point."""
     figures: dict[str, Any]
-    """Figures of each fit under ``bodies``; for two spheres their spacing and its error."""
+    """Figures of each fit under ``bodies``; for two spheres their spacing and its error; ``notes``
+    on the points."""
     provenance: Provenance | None = None
     """How it was made."""
 
 
 def evaluate_form(
-    points: Points | FloatMap | StrPath,
+    points: Points | PointCloud | HeightMap | FloatMap | StrPath,
     fit: BodyKind,
     *,
     diameter_mm: float | None = None,
@@ -53,16 +58,20 @@ def evaluate_form(
 
     Parameters
     ----------
-    points : Points, (n, 3) array in mm, or path
+    points : Points, PointCloud, HeightMap in mm, (n, 3) array in mm, or path
+        A file of points or a height map. Their common error, such as that of the calibration, is
+        part of the radius's σ where they carry it.
     fit : "plane", "sphere" or "cylinder"
     diameter_mm : float > 0, optional
         Calibrated diameter: the probing error size PS is measured against it.
     count : int
-        Spheres to find; two for their spacing.
+        Spheres to find; two for their spacing. The region of each is the ball of 1.1 radii around
+        its centre.
     spacing_mm : float, optional
         Calibrated distance of two spheres: the error SD is measured against it.
     within : (x, y, z, radius), optional
-        Use the points in this ball only, mm.
+        Region: the points in this ball, mm; all points by default. The form is evaluated over all
+        points of the region but 0.3 %, as VDI/VDE 2634 asks.
 
     Returns
     -------
@@ -70,18 +79,26 @@ def evaluate_form(
 
     Raises
     ------
-    InputError for options that do not fit together, too few points, and a body that is not found.
+    InputError for options that do not fit together, too few points, points in px, a body that is
+    not found or that the points do not determine, and a region in which more than a tenth of the
+    points lie off the body.
     """
     if count < 1 or (count > 1 and fit != "sphere"):
         raise InputError(f"count: expected 1, or more for spheres, got {count}")
     if spacing_mm is not None and count != 2:
         raise InputError(f"spacing: expected with two spheres, got it with {count}")
-    xyz, sources = _points_of(points)
+    found, sources = _points_of(points)
+    xyz, common = found.xyz_mm, _common_error(found)
     if within is not None:
-        xyz = _cut(xyz, within)
-    forms = [fit_form(xyz, fit)] if count == 1 else find_spheres(xyz, count)
+        inside = _cut(xyz, within)
+        xyz, common = xyz[inside], None if common is None else common[inside]
+    rms = 0.0 if common is None else float(np.sqrt(np.mean(common**2)))
+    if count == 1:
+        forms = [fit_region(xyz, fit, common_mm=rms)]
+    else:
+        forms = find_spheres(xyz, count, common_mm=rms)
     bodies = [form_report(form, diameter_mm=diameter_mm) for form in forms]
-    figures: dict[str, Any] = {"bodies": bodies}
+    figures: dict[str, Any] = {"bodies": bodies, "notes": _notes(found, common, forms)}
     if count == 2:
         centres = [np.asarray(form.parameters["centre_mm"]) for form in forms]
         figures["sphere_spacing_mm"] = float(np.linalg.norm(centres[0] - centres[1]))
@@ -94,20 +111,53 @@ def evaluate_form(
 
 
 def _points_of(
-    points: Points | FloatMap | StrPath,
-) -> tuple[FloatMap, tuple[Source, ...]]:
+    points: Points | PointCloud | HeightMap | FloatMap | StrPath,
+) -> tuple[Points, tuple[Source, ...]]:
     if isinstance(points, (str, os.PathLike)):
-        return read_points(points).xyz_mm, (source_of(points),)
-    xyz = points.xyz_mm if isinstance(points, Points) else np.asarray(points)
-    if xyz.ndim != 2 or xyz.shape[1] != 3:
-        raise InputError(f"points: expected shape (n, 3), got {xyz.shape}")
-    return xyz, (Source("points", fingerprint(xyz)),)
+        return read_points(points), (source_of(points),)
+    if isinstance(points, HeightMap):
+        points = surface_points(points)
+    elif isinstance(points, PointCloud):
+        points = cloud_points(points)
+    elif not isinstance(points, Points):
+        xyz = np.asarray(points)
+        if xyz.ndim != 2 or xyz.shape[1] != 3:
+            raise InputError(f"points: expected shape (n, 3), got {xyz.shape}")
+        points = Points(xyz, None)
+    return points, (Source("points", fingerprint(points.xyz_mm)),)
 
 
-def _cut(xyz: FloatMap, within: tuple[float, float, float, float]) -> FloatMap:
+def _common_error(points: Points) -> FloatMap | None:
+    """σ of the error that neighbours have in common, (n,), mm; None where unknown."""
+    if points.sigma_mm is None or points.noise_mm is None:
+        return None
+    common = np.sqrt(np.maximum(points.sigma_mm**2 - points.noise_mm**2, 0.0))
+    return common if bool(np.isfinite(common).all()) else None
+
+
+def _notes(points: Points, common: FloatMap | None, forms: list[Form]) -> list[str]:
+    """What a reader of the figures must know about the points."""
+    notes = list(points.notes)
+    for form in forms:
+        share = float(form.far.sum() / form.region.sum())
+        if share > DISCARDED:
+            most = float(np.abs(form.distance_mm[form.far]).max())
+            notes.append(
+                f"{share:.1%} of the points lie up to {most:.4g} mm off the {form.body} that the "
+                "others lie on: dents, bumps or points of something else; they count"
+            )
+    if common is None and any(form.sigma_mm is not None for form in forms):
+        notes.append(
+            "the points carry no calibration error: the radius's σ is that of their scatter alone"
+        )
+    return notes
+
+
+def _cut(xyz: FloatMap, within: tuple[float, float, float, float]) -> BoolMap:
+    """Which points lie in the ball."""
     if len(within) != 4 or not within[3] > 0:
         raise InputError(f"within: expected x, y, z and a radius > 0, got {within}")
-    inside: FloatMap = xyz[np.linalg.norm(xyz - np.asarray(within[:3]), axis=1) <= within[3]]
-    if len(inside) < MIN_POINTS:
-        raise InputError(f"within: expected {MIN_POINTS} points or more there, got {len(inside)}")
+    inside: BoolMap = np.linalg.norm(xyz - np.asarray(within[:3]), axis=1) <= within[3]
+    if inside.sum() < MIN_POINTS:
+        raise InputError(f"within: expected {MIN_POINTS} points or more there, got {inside.sum()}")
     return inside

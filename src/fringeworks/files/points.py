@@ -22,11 +22,15 @@ from fringeworks.files.provenance import (
     from_json,
     json_line,
 )
+from fringeworks.files.surfaces import READERS as SURFACE_READERS
+from fringeworks.files.surfaces import read_surface
 from fringeworks.surface.cloud import cloud_triangles, normals
+from fringeworks.surface.height_map import height_map_points, lateral_notes
 from fringeworks.types import (
     FileProblem,
     FloatMap,
     Frozen,
+    HeightMap,
     InputError,
     PointCloud,
     Provenance,
@@ -48,6 +52,9 @@ LAYOUT = {
 }
 """Layout of a cloud that is organised as the frame."""
 
+IN_PX = "expected points in mm, got displacements in px; give the geometry to compute heights"
+"""What is said about displacements."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Points(Frozen):
@@ -57,6 +64,10 @@ class Points(Frozen):
     """(n, 3), mm."""
     sigma_mm: FloatMap | None
     """(n,), mm; None where the file has none."""
+    noise_mm: FloatMap | None = None
+    """The part of σ that is independent from point to point, (n,), mm; None where unknown."""
+    notes: tuple[str, ...] = ()
+    """What to know about the points."""
     provenance: Provenance | None = None
     """How they were made, where the file says so."""
 
@@ -67,7 +78,7 @@ def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> 
     Parameters
     ----------
     path : path
-        ``.ply`` points or mesh with normals, σ and brightness; ``.xyz`` text, x y z σ in mm;
+        ``.ply`` points or mesh with normals, σ, noise and brightness; ``.xyz`` text, x y z σ in mm;
         ``.npz`` everything, organised as the frame is.
     cloud : PointCloud
     kind : "points" or "mesh"
@@ -92,7 +103,7 @@ def check_points_target(path: StrPath) -> None:
 
 def _write_ply(path: Path, cloud: PointCloud, kind: Kind) -> None:
     ok = cloud.reason == Reason.OK
-    names = ["x", "y", "z", "nx", "ny", "nz", "sigma"]
+    names = ["x", "y", "z", "nx", "ny", "nz", "sigma", "noise"]
     fields: list[tuple[str, str]] = [(name, "<f4") for name in names]
     colours = _colours(cloud)
     if colours is not None:
@@ -101,7 +112,7 @@ def _write_ply(path: Path, cloud: PointCloud, kind: Kind) -> None:
     vertices["x"], vertices["y"], vertices["z"] = cloud.xyz_mm[ok].T
     # Readers expect numbers: a point with too few neighbours for a normal gets 0, 0, 0.
     vertices["nx"], vertices["ny"], vertices["nz"] = np.nan_to_num(normals(cloud)[ok]).T
-    vertices["sigma"] = cloud.sigma_mm[ok]
+    vertices["sigma"], vertices["noise"] = cloud.sigma_mm[ok], cloud.noise_mm[ok]
     if colours is not None:
         vertices["red"], vertices["green"], vertices["blue"] = colours[ok].T
     faces = None
@@ -169,8 +180,8 @@ def read_points(path: StrPath) -> Points:
     Parameters
     ----------
     path : path
-        ``.ply`` (binary or text), ``.xyz`` (columns x y z and, in four columns, σ), or the ``.npz``
-        of ``write_points``.
+        ``.ply`` (binary or text), ``.xyz`` (columns x y z and, in four columns, σ), the ``.npz``
+        of ``write_points``, or a height map in mm that ``read_surface`` reads.
 
     Returns
     -------
@@ -178,23 +189,55 @@ def read_points(path: StrPath) -> Points:
 
     Raises
     ------
-    FileProblem for a missing or damaged file, naming it.
+    FileProblem for a missing or damaged file, naming it; InputError for displacements in px.
     """
     path = existing_file(path, "a file of points")
     suffix = path.suffix.lower()
-    if suffix == ".npz":
-        cloud = read_cloud(path)
-        ok = cloud.reason == Reason.OK
-        return _finite(path, cloud.xyz_mm[ok], cloud.sigma_mm[ok], cloud.provenance)
+    if suffix == ".npz" and "unit" not in read_npz(path, "points", {"unit": f"?{TEXT}"}):
+        cloud = cloud_points(read_cloud(path))
+        return _finite(path, cloud.xyz_mm, cloud.sigma_mm, cloud.provenance, cloud.noise_mm)
+    if suffix in SURFACE_READERS:
+        return surface_points(read_surface(path), str(path))
     if suffix == ".ply":
         table, comments = read_ply(path)
+        if any(line.startswith("fringeworks") and line.endswith("unit px") for line in comments):
+            raise InputError(f"{path}: {IN_PX}")
         with parsing(path, "points"):
             xyz = np.column_stack([table[name] for name in "xyz"])
-            sigma = table["sigma"] if "sigma" in (table.dtype.names or ()) else None
-            return _finite(path, xyz, sigma, from_comments(comments))
+            known = table.dtype.names or ()
+            sigma, noise = (table[n] if n in known else None for n in ("sigma", "noise"))
+            return _finite(path, xyz, sigma, from_comments(comments), noise)
     if suffix == ".xyz":
         return _read_xyz(path)
-    raise FileProblem(f"{path}: expected .ply, .xyz or .npz, got {suffix or 'no suffix'}")
+    expected = ", ".join([".ply", ".xyz", *SURFACE_READERS])
+    raise FileProblem(f"{path}: expected one of {expected}, got {suffix or 'no suffix'}")
+
+
+def cloud_points(cloud: PointCloud) -> Points:
+    """The measured points of a cloud."""
+    ok = cloud.reason == Reason.OK
+    return Points(
+        np.asarray(cloud.xyz_mm[ok], np.float64),
+        np.asarray(cloud.sigma_mm[ok], np.float64),
+        np.asarray(cloud.noise_mm[ok], np.float64),
+        provenance=cloud.provenance,
+    )
+
+
+def surface_points(surface: HeightMap, name: str = "height map") -> Points:
+    """The measured pixels of a height map in mm, as ``height_map_points`` places them.
+
+    Raises
+    ------
+    InputError for displacements in px, and for a map without a measured pixel.
+    """
+    if surface.unit != "mm":
+        raise InputError(f"{name}: {IN_PX}")
+    xyz, sigma, _ = height_map_points(surface)
+    if not len(xyz):
+        raise InputError(f"{name}: expected measured pixels, got none")
+    known = sigma if bool(np.isfinite(sigma).all()) else None
+    return Points(xyz, known, notes=lateral_notes(surface), provenance=surface.provenance)
 
 
 def _is_comment(line: str) -> bool:
@@ -213,10 +256,14 @@ def _read_xyz(path: Path) -> Points:
         return _finite(path, table[:, :3], sigma, from_comments(comments))
 
 
-def _finite(path: Path, xyz: Any, sigma: Any, origin: Provenance | None) -> Points:
+def _finite(
+    path: Path, xyz: Any, sigma: Any, origin: Provenance | None, noise: Any = None
+) -> Points:
     xyz = np.asarray(xyz, np.float64)
     good = np.isfinite(xyz).all(axis=1)
     if not good.any():
         raise FileProblem(f"{path}: expected points, got none")
-    known = None if sigma is None else np.asarray(sigma, np.float64)[good]
-    return Points(xyz[good], known, origin)
+    known, alone = (
+        None if part is None else np.asarray(part, np.float64)[good] for part in (sigma, noise)
+    )
+    return Points(xyz[good], known, alone, provenance=origin)

@@ -38,6 +38,7 @@ LAYOUT = {
     **dict.fromkeys(("quantity", "unit", "method"), TEXT),
     "pitch": NUMBERS,
     KEY: f"?{TEXT}",
+    "pupil": "?f 3",
 }
 """Layout of a height map."""
 
@@ -102,6 +103,8 @@ def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
         "pitch": surface.pitch,
         "method": surface.method,
     }
+    if surface.pupil is not None:
+        description["pupil"] = list(surface.pupil)
     origin = surface.provenance
     if origin is not None:
         description[KEY] = origin.as_dict()
@@ -126,6 +129,8 @@ def _read_tiff(path: Path) -> HeightMap:
 def _write_npz(path: Path, surface: HeightMap, _: PlyKind) -> None:
     arrays = {name: getattr(surface, name) for name in HeightMap.__dataclass_fields__}
     arrays["pitch"] = math.nan if surface.pitch is None else float(surface.pitch)
+    if surface.pupil is None:
+        del arrays["pupil"]
     origin = json_line(arrays.pop(KEY))
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays | ({} if origin is None else {KEY: origin}))
@@ -154,6 +159,7 @@ def _surface(content: dict[str, Any], origin: Provenance | None) -> HeightMap:
         pitch=_known_pitch(content["pitch"]),
         method=str(content["method"]),
         provenance=origin,
+        pupil=_pupil(content.get("pupil")),
     )
 
 
@@ -165,6 +171,15 @@ def _known_pitch(value: Any) -> float | None:
     if not (math.isfinite(pitch) and pitch > 0):
         raise FileProblem(f"expected a pitch > 0, got {pitch}")
     return pitch
+
+
+def _pupil(given: Any) -> tuple[float, float, float] | None:
+    if given is None:
+        return None
+    x, y, distance = (float(v) for v in np.asarray(given, np.float64))
+    if not (np.isfinite([x, y, distance]).all() and distance > 0):
+        raise FileProblem(f"expected a pupil at a distance > 0, got {given}")
+    return x, y, distance
 
 
 def _write_ply(path: Path, surface: HeightMap, kind: PlyKind) -> None:

@@ -132,4 +132,12 @@ def to_surface(displacement: DisplacementMap, geometry: ReferencePlaneGeometry |
         unit="mm",
         pitch=geometry.pitch_mm_per_px,
         method=displacement.method,
+        pupil=_pupil(height.shape, geometry),
     )
+
+
+def _pupil(shape: tuple[int, ...], geometry: ReferencePlaneGeometry) -> tuple[float, float, float]:
+    """The camera's pupil. One pitch for the whole plane means that the sensor is parallel to it:
+    the foot is then the lens's principal point, near the middle of a frame that is not cropped."""
+    rows, columns = shape
+    return (0.5 * (columns - 1), 0.5 * (rows - 1), geometry.distance_mm)

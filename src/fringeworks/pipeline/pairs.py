@@ -24,6 +24,7 @@ from fringeworks.pipeline.pair_findings import pair_findings
 from fringeworks.signal.denoise import Denoiser
 from fringeworks.signal.denoise import denoise as denoise_frame
 from fringeworks.signal.response import Response, response_note
+from fringeworks.surface.height_map import lateral_notes
 from fringeworks.types import (
     DisplacementMap,
     Frozen,
@@ -122,7 +123,7 @@ def reconstruct(
     said |= {"response": response, "denoise": denoise, **options}
     origin = made_by("reconstruct", options=said, inputs=sources)
     surface = replace(surface, provenance=origin)
-    return Reconstruction(surface, displacement, seconds, _notes(pair, displacement, surface.unit))
+    return Reconstruction(surface, displacement, seconds, _notes(pair, displacement, surface))
 
 
 def calibrate_plane(
@@ -181,7 +182,7 @@ def calibrate_plane(
     return replace(found, provenance=origin)
 
 
-def _notes(pair: Pair, found: DisplacementMap, unit: str) -> tuple[str, ...]:
+def _notes(pair: Pair, found: DisplacementMap, surface: HeightMap) -> tuple[str, ...]:
     notes = list(pair.notes)
     if pair.axis is None:
         notes.append(
@@ -196,6 +197,6 @@ def _notes(pair: Pair, found: DisplacementMap, unit: str) -> tuple[str, ...]:
             "{pixels_moved_by_counting} pixels moved by counting".format(**found.details)
         )
     notes += pair_findings(pair, found)
-    if unit == "px":
+    if surface.unit == "px":
         notes.append("geometry unknown: the result is a displacement in px, not a height")
-    return tuple(notes)
+    return (*notes, *lateral_notes(surface))

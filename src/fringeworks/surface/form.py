@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from scipy import optimize
@@ -36,6 +36,23 @@ the body does not describe the points. Empirical."""
 FAR_SIGMAS = 6.0
 """Distance in robust standard deviations beyond which a point does not belong to the body; of
 normally distributed distances one in 10⁹ is larger."""
+PATCHES = 9
+"""Number of independent patches into which an error that is alike in neighbours divides a body.
+Errors of form and of calibration are smooth: about a third of the body in each direction."""
+MAX_RELATIVE_SIGMA = 0.1
+"""Largest standard deviation of a radius relative to it, or of a direction in rad, at which a body
+counts as determined. A wall has a curvature of 0 ± something: its radius has no bound."""
+TINY_SINGULAR = 1e-12
+"""Smallest singular value that is divided by."""
+ROUNDING = 1e-6
+"""Smallest standard deviation of points in sizes of the cloud: single precision of files, for a
+cloud at a distance of ten sizes."""
+MAX_FAR_SHARE = 0.1
+"""Largest share of a region's points that may lie off the body that the others lie on. With more,
+least squares over all of them describes neither. Empirical."""
+MAX_STEPS = 40
+"""Largest number of steps of a fit. A determined body takes about ten; a radius that runs to
+infinity never ends."""
 FIT_ROUNDS = 6
 """Largest number of fits; the points that belong to the body are chosen anew after each. Usually
 they no longer change after the second or third."""
@@ -52,24 +69,35 @@ class Form(Frozen):
     distance_mm: FloatMap
     """Signed distance of every point, (n,), mm: out of the sphere or cylinder, along the normal."""
     used: BoolMap
-    """Which points belong to the body, (n,)."""
+    """Which points the body was fitted to, (n,)."""
     sigma_mm: float | None
-    """Standard deviation of the radius from the scatter of the points, mm; None for a plane."""
+    """Standard deviation of the radius, mm; None for a plane. From the scatter of the points and,
+    where given, from their common error."""
+    region: BoolMap
+    """Which points the form is evaluated over, (n,)."""
+    far: BoolMap
+    """Points of the region that lie more than six robust standard deviations off the body that
+    the others lie on, (n,): dents, bumps, or points of something else."""
 
     @property
     def deviation_mm(self) -> float:
-        """Standard deviation of the distances of the body's points, mm."""
+        """Standard deviation of the distances of the fitted points, mm."""
         return float(np.std(self.distance_mm[self.used]))
 
     def spread_mm(self, share: float = 1.0 - DISCARDED) -> float:
-        """Return the narrowest range of distances that holds a share of the body's points, mm."""
-        ordered = np.sort(self.distance_mm[self.used])
+        """Return the narrowest range of distances that holds a share of the region's points, mm."""
+        ordered = np.sort(self.distance_mm[self.region])
         kept = max(int(np.ceil(share * ordered.size)), 1)
         return float(np.min(ordered[kept - 1 :] - ordered[: ordered.size - kept + 1]))
 
 
 def fit_form(
-    points_mm: FloatMap, body: BodyKind, *, sigma_mm: FloatMap | None = None, seed: int = 0
+    points_mm: FloatMap,
+    body: BodyKind,
+    *,
+    sigma_mm: FloatMap | None = None,
+    common_mm: float = 0.0,
+    seed: int = 0,
 ) -> Form:
     """Fit a plane, sphere or cylinder to the points that lie on it, by least squares.
 
@@ -81,24 +109,28 @@ def fit_form(
     sigma_mm : (n,) array, optional
         Standard deviations of the points along the body's normal, mm, > 0; points are weighted by
         1/σ². By default all count alike.
+    common_mm : float
+        Standard deviation of the error that neighbouring points have in common, such as that of
+        the calibration, mm.
     seed : int
         Seed of the random choice of points for the start.
 
     Returns
     -------
-    Form
+    Form, whose region are the points that lie on the body.
 
     Raises
     ------
     InputError for too few points or points that are not finite, and where no such body is found:
-    at least a tenth of the points must lie on it.
+    at least a tenth of the points must lie on it, and they must determine it.
 
     Notes
     -----
     The start is, of many bodies through a few random points, the one that a tenth of all points
     lie nearest to (after RANSAC: Fischler and Bolles, CACM 24, 1981, doi:10.1145/358669.358692).
     Then the orthogonal distances are minimised; points beyond six robust standard deviations do
-    not count.
+    not count. A body is determined where its radius is known to 10 % and its direction to 0.1 rad,
+    also if the deviations are alike over patches of a ninth of the body.
 
     Examples
     --------
@@ -108,6 +140,34 @@ def fit_form(
     >>> [round(v, 6) + 0.0 for v in form.parameters["normal"]], round(form.deviation_mm, 6)
     ([0.0, 0.0, -1.0], 0.0)
     """
+    found = _find(points_mm, body, sigma_mm, seed)
+    none_far = np.zeros(len(found.used), bool)
+    return _form(body, found, common_mm, region=found.used, far=none_far)
+
+
+class _Found(NamedTuple):
+    """A fit in scaled coordinates."""
+
+    scaled: FloatMap
+    """Points, (n, 3), in sizes of the cloud from its mean."""
+    mean: FloatMap
+    """Mean of the points, mm."""
+    scale: float
+    """Size of the cloud, mm."""
+    values: FloatMap
+    """Values of the body."""
+    unit: FloatMap
+    """Covariance of the values where points err by 1, independently."""
+    distance: FloatMap
+    """Distances of all points, (n,)."""
+    used: BoolMap
+    """Points that were fitted, (n,)."""
+    weight: FloatMap
+    """Factors of the distances, (n,)."""
+
+
+def _find(points_mm: FloatMap, body: BodyKind, sigma_mm: FloatMap | None, seed: int) -> _Found:
+    """The body that is found among the points, whatever else is there."""
     points, geometry = _checked(points_mm, body)
     weight = _weights(sigma_mm, len(points))
     rng = np.random.default_rng(seed)
@@ -119,19 +179,105 @@ def fit_form(
     if not scale > 0:
         raise InputError("fit: expected points that determine a body, got one point many times")
     start, spread = _start((sample - mean) / scale, geometry, rng)
-    fitted = _fit((points - mean) / scale, weight, start, spread, geometry)
+    scaled = (points - mean) / scale
+    fitted = _fit(scaled, weight, start, spread, geometry)
     if fitted is None:
         raise InputError(f"fit: expected {MIN_POINTS} or more points on a {body}, found fewer")
-    values, covariance, distance, used = fitted
+    values, unit, distance, used = fitted
     if np.std(distance[used]) > MAX_SPREAD:
         raise InputError(
             f"fit: expected a {body}, found none that a tenth of the points lie on; fit a part of "
             "the cloud that shows the body alone"
         )
-    parameters = geometry.parameters(values, mean, scale)
-    # The radius is the last value of a sphere and of a cylinder.
-    radius_sigma = float(np.sqrt(max(covariance[-1, -1], 0.0))) * scale
-    return Form(body, parameters, distance * scale, used, None if body == "plane" else radius_sigma)
+    return _Found(scaled, mean, scale, values, unit, distance, used, weight)
+
+
+def _form(
+    body: BodyKind, found: _Found, common_mm: float, *, region: BoolMap, far: BoolMap
+) -> Form:
+    """A fit in mm. Raises InputError where the points do not determine the body."""
+    on_body = (found.distance * found.weight)[found.used]
+    sigma = _radius_sigma(found.values, found.unit, on_body, common_mm / found.scale, body)
+    return Form(
+        body,
+        GEOMETRIES[body].parameters(found.values, found.mean, found.scale),
+        found.distance * found.scale,
+        found.used,
+        None if sigma is None else sigma * found.scale,
+        region,
+        far,
+    )
+
+
+def fit_region(points_mm: FloatMap, body: BodyKind, *, common_mm: float = 0.0) -> Form:
+    """Fit a body to all points of a region, as VDI/VDE 2634 part 2 asks.
+
+    Parameters
+    ----------
+    points_mm : (n, 3) array
+        Points that show the body alone, mm.
+    body : "plane", "sphere" or "cylinder"
+    common_mm : float
+        As for ``fit_form``.
+
+    Returns
+    -------
+    Form, whose region are all points. The farthest 0.3 % are left out of the fit.
+
+    Raises
+    ------
+    InputError as ``fit_form`` does, and where more than a tenth of the points lie off the body
+    that the others lie on.
+    """
+    found = _find(points_mm, body, None, 0)
+    far = ~found.used
+    if far.mean() > MAX_FAR_SHARE:
+        farthest = found.scale * np.abs(found.distance[far]).max()
+        raise InputError(
+            f"fit: expected points of one {body} alone, got {far.mean():.1%} of them up to "
+            f"{farthest:.4g} mm off the {body} that the others lie on; give the region that shows "
+            f"the {body} (within)"
+        )
+    values, unit, used = found.values, found.unit, found.used
+    kept = far.size - int(DISCARDED * far.size)
+    for _ in range(FIT_ROUNDS):
+        size = np.abs(GEOMETRIES[body].distance(values, found.scaled))
+        before, used = used, np.zeros(far.size, bool)
+        used[np.argsort(size, kind="stable")[:kept]] = True
+        if np.array_equal(before, used):
+            break
+        values, unit = _refine(values, found.scaled[used], np.ones(kept), GEOMETRIES[body])
+    distance = GEOMETRIES[body].distance(values, found.scaled)
+    found = found._replace(values=values, unit=unit, distance=distance, used=used)
+    return _form(body, found, common_mm, region=np.ones(far.size, bool), far=far)
+
+
+def _radius_sigma(
+    values: FloatMap, unit: FloatMap, distance: FloatMap, common: float, body: str
+) -> float | None:
+    """Standard deviation of the radius in sizes of the cloud; None for a plane.
+
+    ``unit`` is the covariance of the values where points err by 1, independently. Raises
+    InputError where the points do not determine the body.
+    """
+    geometry = GEOMETRIES[body]
+    n = len(distance)
+    scatter = max(float(np.std(distance)), ROUNDING)
+    alike = unit * max(scatter, common) ** 2 * n / PATCHES
+    loose = []
+    if geometry.has_radius:
+        loose.append(np.sqrt(alike[-1, -1]) / abs(values[-1]))
+    if geometry.direction is not None:
+        part = geometry.direction
+        loose.append(np.sqrt(np.trace(alike[part, part])) / np.linalg.norm(values[part]))
+    if not max(loose) <= MAX_RELATIVE_SIGMA:
+        raise InputError(
+            f"fit: expected points that determine a {body}, got points that fit one of another "
+            f"radius or direction as well; show more of the {body}, or fit another body"
+        )
+    if not geometry.has_radius:
+        return None
+    return float(np.sqrt(unit[-1, -1] * (scatter**2 + common**2 * n / PATCHES)))
 
 
 def _checked(points_mm: FloatMap, body: str) -> tuple[FloatMap, FormGeometry]:
@@ -185,123 +331,44 @@ def _start(
 def _fit(
     scaled: FloatMap, weight: FloatMap, start: FloatMap, spread: float, geometry: FormGeometry
 ) -> tuple[FloatMap, FloatMap, FloatMap, BoolMap] | None:
-    """Values of the body, covariance, distances of all points, and which of them belong to it.
+    """Values of the body, covariance for points that err by 1, distances of all points, and which
+    of them belong to it.
 
     None where fewer than ten points belong to it.
     """
     values = start
-    covariance: FloatMap = np.zeros((len(start), len(start)))
+    unit: FloatMap = np.zeros((len(start), len(start)))
     used = np.zeros(len(scaled), bool)
     distance = geometry.distance(values, scaled)
     for _ in range(FIT_ROUNDS):
-        before, used = used, np.abs(distance) * weight <= FAR_SIGMAS * max(spread, 1e-12)
+        before, used = used, np.abs(distance) * weight <= FAR_SIGMAS * max(spread, ROUNDING)
         if used.sum() < MIN_POINTS:
             return None
-        values, covariance = _refine(values, scaled[used], weight[used], geometry)
+        values, unit = _refine(values, scaled[used], weight[used], geometry)
         distance = geometry.distance(values, scaled)
         spread = MAD_TO_SIGMA * float(np.median(np.abs(distance * weight)[used]))
         if np.array_equal(before, used):
             break
-    return values, covariance, distance, used
+    return values, unit, distance, used
 
 
 def _refine(
     start: FloatMap, points: FloatMap, weight: FloatMap, geometry: FormGeometry
 ) -> tuple[FloatMap, FloatMap]:
-    """Least squares of the weighted distances: the body's values and their covariance."""
+    """Least squares of the weighted distances: the body's values, and their covariance where
+    points err by 1, independently."""
     every = max(1, len(points) // REFINED_POINTS)
     part, part_weight = points[::every], weight[::every]
     solved = optimize.least_squares(
-        lambda p: geometry.distance(p, part) * part_weight, start, x_scale="jac", method="trf"
+        lambda p: geometry.distance(p, part) * part_weight,
+        start,
+        x_scale="jac",
+        method="trf",
+        max_nfev=MAX_STEPS,
     )
-    jacobian = solved.jac
-    variance = 2.0 * solved.cost / max(len(part) - start.size, 1) / every
-    return solved.x, np.linalg.pinv(jacobian.T @ jacobian) * variance
-
-
-def find_spheres(
-    points_mm: FloatMap, count: int, *, sigma_mm: FloatMap | None = None, seed: int = 0
-) -> list[Form]:
-    """Fit several spheres to one cloud, one after the other.
-
-    Parameters
-    ----------
-    points_mm : (n, 3) array, mm
-    count : int
-        Number of spheres.
-    sigma_mm, seed
-        As for ``fit_form``.
-
-    Returns
-    -------
-    list of Form, each with the distances of all points.
-
-    Raises
-    ------
-    InputError where fewer spheres are found.
-    """
-    points = np.asarray(points_mm, np.float64)
-    remaining = np.ones(len(points), bool)
-    forms = []
-    for k in range(count):
-        if remaining.sum() < MIN_POINTS:
-            raise InputError(f"fit: expected {count} spheres, found {k}")
-        sigma = None if sigma_mm is None else sigma_mm[remaining]
-        form = fit_form(points[remaining], "sphere", sigma_mm=sigma, seed=seed)
-        used = np.zeros(len(points), bool)
-        used[remaining] = form.used
-        centre = np.asarray(form.parameters["centre_mm"])
-        distance = np.linalg.norm(points - centre, axis=1) - float(form.parameters["radius_mm"])  # type: ignore[arg-type]
-        forms.append(Form("sphere", form.parameters, distance, used, form.sigma_mm))
-        remaining &= ~used
-    return forms
-
-
-def report(form: Form, *, diameter_mm: float | None = None) -> dict[str, Any]:
-    """Return the numerical results of a fit in the terms of VDI/VDE 2634 part 2, ready for JSON.
-
-    Parameters
-    ----------
-    form : Form
-    diameter_mm : float > 0, optional
-        Calibrated diameter of the sphere or cylinder, mm, for the probing error of size.
-
-    Returns
-    -------
-    dict, lengths in mm. ``probing_error_form_PF_mm``: range of the radial distances.
-    ``probing_error_size_PS_mm``: measured minus calibrated diameter. ``flatness_error_F_mm``: range
-    of the distances from the plane. Up to 0.3 % of the points are discarded from the ranges.
-
-    Raises
-    ------
-    InputError for a diameter of a plane, or one that is not above 0.
-
-    Notes
-    -----
-    The guideline asks for many positions of calibrated artefacts. This is one position.
-    """
-    content: dict[str, Any] = {
-        "fit": form.body,
-        "points": int(form.used.sum()),
-        "left_out": int((~form.used).sum()),
-        **form.parameters,
-        "standard_deviation_mm": form.deviation_mm,
-        "range_mm": form.spread_mm(),
-        "range_95_mm": form.spread_mm(0.95),
-    }
-    if form.body == "plane":
-        if diameter_mm is not None:
-            raise InputError(
-                f"diameter_mm: expected none for a plane, got {diameter_mm}; only spheres and "
-                "cylinders have one"
-            )
-        content["flatness_error_F_mm"] = content["range_mm"]
-        return content
-    content["radius_sigma_mm"] = form.sigma_mm
-    content["probing_error_form_PF_mm"] = content["range_mm"]
-    if diameter_mm is not None:
-        if not diameter_mm > 0:
-            raise InputError(f"diameter_mm: expected > 0 mm, got {diameter_mm}")
-        measured = 2.0 * float(form.parameters["radius_mm"])  # type: ignore[arg-type]
-        content["probing_error_size_PS_mm"] = measured - diameter_mm
-    return content
+    _, singular, rows = np.linalg.svd(solved.jac, full_matrices=False)
+    # Directions that do not change the body have singular values of 0, to rounding. All others
+    # count, however small they are: they are what the points hardly determine.
+    count = start.size - geometry.free
+    basis = rows[:count] / np.maximum(singular[:count], TINY_SINGULAR)[:, None]
+    return solved.x, basis.T @ basis / every

@@ -49,6 +49,13 @@ class FormGeometry:
     normal of a plane."""
     parameters: Callable[[FloatMap, FloatMap, float], dict[str, Any]]
     """A body's parameters in mm, from the mean and the size of the cloud."""
+    free: int
+    """Number of its values that do not change the body: lengths of directions, a place along an
+    axis."""
+    direction: slice | None
+    """Where the direction of the normal or axis is among the values."""
+    has_radius: bool
+    """Whether the last value is a radius."""
 
 
 def _plane_through(p: FloatMap) -> FloatMap | None:
@@ -139,8 +146,14 @@ def _cylinder_parameters(q: FloatMap, mean: FloatMap, scale: float) -> dict[str,
 
 
 GEOMETRIES: dict[str, FormGeometry] = {
-    "plane": FormGeometry(3, 300, _plane_through, _plane_distance, _plane_parameters),
-    "sphere": FormGeometry(4, 1000, _sphere_through, _sphere_distance, _sphere_parameters),
-    "cylinder": FormGeometry(6, 200, _cylinder_through, _cylinder_distance, _cylinder_parameters),
+    "plane": FormGeometry(
+        3, 300, _plane_through, _plane_distance, _plane_parameters, 1, slice(0, 3), False
+    ),
+    "sphere": FormGeometry(
+        4, 1000, _sphere_through, _sphere_distance, _sphere_parameters, 0, None, True
+    ),
+    "cylinder": FormGeometry(
+        6, 200, _cylinder_through, _cylinder_distance, _cylinder_parameters, 2, slice(3, 6), True
+    ),
 }
 """The kinds of bodies that can be fitted, by name."""

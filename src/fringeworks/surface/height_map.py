@@ -38,19 +38,45 @@ def height_map_points(surface: HeightMap) -> tuple[FloatMap, FloatMap, NDArray[n
     -------
     xyz : (n, 3) float64
         x to the right in the image, y up, z towards the camera: right-handed. Lateral unit as the
-        pitch's: mm, or px without a geometry.
+        pitch's: mm, or px without a geometry. With the camera's pupil, points lie on its rays;
+        else straight above their pixels.
     sigma : (n,) float64
         Standard deviation of z, in the unit of the heights.
     index : (h, w) int32
         Row of each pixel's point; −1 where it has none.
+
+    Notes
+    -----
+    A ray from the pupil at distance l above the foot X₀ meets the plane at X, and the height h at
+    X₀ + (X − X₀)(1 − h/l).
     """
     valid = np.isfinite(surface.values)
-    y, x = np.nonzero(valid)
+    y, x = (place.astype(np.float64) for place in np.nonzero(valid))
     pitch = known_pitch(surface, "points")
+    if surface.pupil is not None:
+        foot_x, foot_y, distance = surface.pupil
+        nearer = 1.0 - surface.values[valid] / distance
+        x, y = foot_x + (x - foot_x) * nearer, foot_y + (y - foot_y) * nearer
     xyz = np.column_stack((x * pitch, -y * pitch, surface.values[valid]))
     index = np.full(valid.shape, -1, np.int32)
     index[valid] = np.arange(len(xyz), dtype=np.int32)
     return xyz.astype(np.float64), surface.sigma[valid].astype(np.float64), index
+
+
+def lateral_notes(surface: HeightMap) -> tuple[str, ...]:
+    """What to know about the lateral places of ``height_map_points``."""
+    if surface.quantity != "height":
+        return ()
+    if surface.pupil is None:
+        return (
+            "points stand straight above their pixels: the place of the camera is not known; where "
+            "one took them, perspective shifts a point by its height over the camera's distance, "
+            "times its distance from the camera's axis",
+        )
+    return (
+        "points lie on rays through a camera above pixel ({:.1f}, {:.1f}), the middle of the "
+        "frame: right for frames that were not cropped".format(*surface.pupil[:2]),
+    )
 
 
 def height_map_triangles(surface: HeightMap, index: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -30,6 +30,10 @@ class HeightMap(Frozen):
     method: str = ""
     provenance: Provenance | None = None
     """How it was made; None where the caller built it."""
+    pupil: tuple[float, float, float] | None = None
+    """The camera's pupil: pixel (x, y) of its foot on the reference plane, and its distance from
+    that plane in mm. Rays run through it. None for heights that stand straight on their pixels, and
+    where it is unknown."""
 
     @property
     def shape(self) -> tuple[int, int]:

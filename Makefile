@@ -1,4 +1,4 @@
-# demo · test · faults · fuzz · check · bench · docs: the only entry points. Each makes its own .venv and needs
+# demo · test · long · faults · fuzz · check · bench · docs: the only entry points. Each makes its own .venv and needs
 # nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
@@ -11,14 +11,18 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo test faults fuzz check bench docs clean
+.PHONY: demo test long faults fuzz check bench docs clean
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
 
 test: $(VENV)/.built
 	cargo test --quiet
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/test_faults.py
+	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/test_faults.py -m "not long"
+
+# Statistics over many captures, which take minutes.
+long: $(VENV)/.built
+	$(BIN)/python -m pytest -n 2 --ignore tests/test_faults.py -m long
 
 # The simulators of faults do what they say, and the table of faults for ten plans.
 faults: $(VENV)/.built

@@ -50,6 +50,7 @@ def test_accuracy_with_noise_and_eight_bits():
     assert max(calibrated().predicted_px) < 0.05
 
 
+@pytest.mark.long
 def test_true_parameters_lie_within_three_sigma():
     scores, ratios = [], []
     for seed in range(24):
@@ -212,10 +213,11 @@ def scores_of(found, truth):
     return rig_errors(found, truth)[free] / np.sqrt(np.diag(found.covariance)[free])
 
 
-def test_errors_of_the_board_are_in_the_covariance():
+@pytest.mark.parametrize("seeds", [2, pytest.param(5, marks=pytest.mark.long)])
+def test_errors_of_the_board_are_in_the_covariance(seeds):
     """A print that is off by 0.1 mm and a bow of 1 mm, the same in every pose: as on paper."""
     to_truth, of_halves = [], []
-    for seed in range(5):
+    for seed in range(seeds):
         rng = np.random.default_rng(seed)
         errors = BoardErrors(print_mm=0.1, bow_mm=1.0, direction_deg=40.0 * seed, seed=seed)
         real = real_points(board(), errors)
@@ -234,10 +236,11 @@ def test_errors_of_the_board_are_in_the_covariance():
     assert np.sqrt(np.mean(np.square(of_halves))) < 1.3
 
 
-def test_errors_that_a_pose_s_corners_share_are_in_the_covariance():
+@pytest.mark.parametrize("seeds", [2, pytest.param(4, marks=pytest.mark.long)])
+def test_errors_that_a_pose_s_corners_share_are_in_the_covariance(seeds):
     """Phase errors that bend the projector's coordinates of a whole pose, each in its own way."""
     scores, stated = [], []
-    for seed in range(4):
+    for seed in range(seeds):
         rng = np.random.default_rng(seed)
         places = board_poses(board(), 8, seed=seed)
         seen = []

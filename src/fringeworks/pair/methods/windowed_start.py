@@ -10,7 +10,7 @@ from fringeworks.pair.orders import continues, guided_count
 from fringeworks.pair.prepared import QUANTISATION_VARIANCE, PreparedPair, fill_nearest
 from fringeworks.types import BoolMap, FloatMap
 
-MIN_START_EXPLAINED = 0.3
+MIN_START_EXPLAINED = 0.15
 """Smallest share of the local contrast that a counted start must explain in gaps of the band-pass.
 
 Counts of noise explain a few per cent of windows of a period. An empirical choice.

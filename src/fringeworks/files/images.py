@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fringeworks.files.atomic import StrPath, replacing
-from fringeworks.files.limits import check_frame_size, existing_file, parsing, read_content
+from fringeworks.files.limits import (
+    MAX_LENGTH_PX,
+    check_frame_size,
+    existing_file,
+    parsing,
+    read_content,
+)
 from fringeworks.files.tiff import read_tiff
 from fringeworks.types import BoolMap, FileProblem, FramesContradictPlan, Frozen, InputError, sealed
 
@@ -31,8 +37,6 @@ SCAN = b"\xff\xda"
 MAX_SCANS = 200
 """Largest number of scans of a JPEG. Progressive ones have about ten; a few bytes of a further one
 cost as much time as the whole image."""
-MAX_SIDE_PX = 1 << 16
-"""Largest number of columns or rows of an image: that of JPEG, and more than any sensor has."""
 
 
 class _Image(NamedTuple):
@@ -200,8 +204,8 @@ def _decoded(content: bytes) -> tuple[NDArray[Any], bool]:
     Image.preinit()
     with Image.OPEN[kind][0](BytesIO(content), "") as image:
         check_frame_size(*image.size)
-        if max(image.size) > MAX_SIDE_PX:
-            raise FileProblem(f"expected at most {MAX_SIDE_PX} px along a side, got more")
+        if max(image.size) > MAX_LENGTH_PX:
+            raise FileProblem(f"expected at most {MAX_LENGTH_PX} px along a side, got more")
         if image.mode in ("P", "CMYK", "YCbCr", "LAB", "HSV"):
             return np.asarray(image.convert("RGB")), kind == "JPEG"
         if image.mode == "1":

@@ -27,6 +27,9 @@ bits has 1.2 GB. Uncompressed stacks stay on disk and do not count."""
 MAX_DESCRIPTION_BYTES = 1 << 20
 """Size of a description (TOML, XML, YAML), bytes. Real ones have 1 to 100 kB, the largest those of
 responses. Parsers in Python take about a second for this size."""
+MAX_LENGTH_PX = 1 << 16
+"""Largest number of columns or rows of an image, a camera or a projector: that of JPEG, more than
+any has, and few enough for tables of one entry per column."""
 FLOAT_BYTES = 8
 """Bytes of a pixel of a frame that is analysed, in double precision."""
 TOLD_LETTERS = 200

@@ -9,9 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from fringeworks.files.limits import told
+from fringeworks.files.limits import MAX_LENGTH_PX, told
 from fringeworks.files.provenance import KEY, comment_lines, from_comments
-from fringeworks.files.toml import MAX_LENGTH_PX
 from fringeworks.types import FloatMap, InputError, Pinhole, Rig
 
 MAX_VALUES = 64

@@ -10,7 +10,13 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, parsing, read_content, told
+from fringeworks.files.limits import (
+    MAX_DESCRIPTION_BYTES,
+    MAX_LENGTH_PX,
+    parsing,
+    read_content,
+    told,
+)
 from fringeworks.types import FileProblem
 
 MAX_KEY_PARTS = 32
@@ -25,9 +31,6 @@ MAX_DIGITS = 400
 integers of some thousands. Words of the letters a to f count as well; hashes have 64."""
 LONG_NUMBER = re.compile(rf"[0-9a-fA-F_]{{{MAX_DIGITS}}}")
 """A number with as many digits."""
-MAX_LENGTH_PX = 1 << 16
-"""Largest number of columns or rows of a camera or projector: more than any has, and few enough for
-tables of one entry per column."""
 
 
 class Section(BaseModel):

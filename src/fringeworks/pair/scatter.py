@@ -11,6 +11,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage, special
 
+from fringeworks.signal.third_difference import (
+    REACH,
+    third_difference,
+    third_difference_variance,
+)
 from fringeworks.types import FloatMap
 
 LAGS_PERIODS = (1.5, 2.0)
@@ -24,9 +29,6 @@ MAX_GROWTH = 2.0
 
 The third differences of a shape grow by (2/1.5)⁶ = 5.6. An empirical choice.
 """
-DIFFERENCE = (1.0, -3.0, 3.0, -1.0)
-"""Third difference. Taken along x and along y, it vanishes on surfaces that are quadratic in
-either."""
 QUANTILE = 0.5
 """Quantile of the differences that the scatter is taken from; edges may disturb the others."""
 PIXEL_QUANTILE = 0.68
@@ -84,7 +86,7 @@ def noise_factor(
     quantile = QUANTILE if any(length_px) else PIXEL_QUANTILE
     for periods in LAGS_PERIODS:
         lag = max(1, round(periods * period_px))
-        if min(displacement_px.shape) <= (len(DIFFERENCE) - 1) * lag:
+        if min(displacement_px.shape) <= REACH * lag:
             break
         scatter = _scatter(displacement_px, sigma_px, lag, quantile)
         if scatter is None:
@@ -136,8 +138,11 @@ def _seen(lag: int, width_px: float) -> float:
 
 def _scatter(u: FloatMap, sigma: FloatMap, lag: int, quantile: float) -> float | None:
     """Quantile of |third difference| over its stated standard deviation, for normal errors 1."""
-    difference = _differences(u, lag, DIFFERENCE)
-    variance = _differences(np.square(sigma, dtype=np.float64), lag, [w * w for w in DIFFERENCE])
+    difference, variance = u, np.square(sigma, dtype=np.float64)
+    # Along y and then along x: surfaces that are quadratic in either leave nothing.
+    for axis in (0, 1):
+        difference = third_difference(difference, lag, axis)
+        variance = third_difference_variance(variance, lag, axis)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.abs(difference) / np.sqrt(variance)
     ratio = ratio[np.isfinite(ratio)]
@@ -145,15 +150,3 @@ def _scatter(u: FloatMap, sigma: FloatMap, lag: int, quantile: float) -> float |
         return None
     normal = float(special.ndtri(0.5 + 0.5 * quantile))
     return float(np.quantile(ratio, quantile)) / normal
-
-
-def _differences(values: FloatMap, lag: int, weights: tuple[float, ...] | list[float]) -> FloatMap:
-    """Weighted sums of a map at four positions ``lag`` apart, along y and then along x."""
-    for axis in (0, 1):
-        length = values.shape[axis] - (len(weights) - 1) * lag
-        parts = (
-            w * np.take(values, range(k * lag, k * lag + length), axis)
-            for k, w in enumerate(weights)
-        )
-        values = np.asarray(sum(parts))
-    return values

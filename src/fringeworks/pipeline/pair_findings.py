@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 
 from fringeworks.pair.carrier import find_carrier
+from fringeworks.pair.counting import RowMethod
 from fringeworks.types import DisplacementMap, InputError, Pair
 
-ROW_METHODS = ("ifa", "sifa", "gsifa", "exact")
-"""Methods that use single pixels of single rows."""
 FINITE_SIGMAS = 5.0
 """Smallest displacement that counts as the object's, in its standard deviations."""
 MIN_OBJECT_PERIODS = 0.05
@@ -36,7 +37,7 @@ def pair_findings(pair: Pair, found: DisplacementMap) -> list[str]:
     -------
     list of str; empty where nothing was found.
     """
-    seen = (_turned(pair, found), _swapped(pair, found), _rows(found), _unconverged(found))
+    seen = (_turned(pair, found), _swapped(pair, found), _rows(found), _mostly_lost(found))
     return [text for text in seen if text]
 
 
@@ -80,7 +81,7 @@ def _swapped(pair: Pair, found: DisplacementMap) -> str:
 def _rows(found: DisplacementMap) -> str:
     """A method of single pixels on frames with noise."""
     ok = np.isfinite(found.sigma_px)
-    if found.method not in ROW_METHODS or not ok.any():
+    if found.method not in get_args(RowMethod) or not ok.any():
         return ""
     sigma = float(np.median(found.sigma_px[ok]))
     if sigma < NOISY_ROWS * found.period_px:
@@ -91,7 +92,7 @@ def _rows(found: DisplacementMap) -> str:
     )
 
 
-def _unconverged(found: DisplacementMap) -> str:
+def _mostly_lost(found: DisplacementMap) -> str:
     """A result that most pixels do not have."""
     measured = float(np.isfinite(found.displacement_px).mean())
     if measured >= FEW_MEASURED:

@@ -48,7 +48,7 @@ CONTINUOUS_TURNS = 0.15
 LIT_SPREAD = 0.25
 """Variance of the samples of a lit pixel, over the 95th percentile: half of its modulation."""
 
-MAX_PIXELS = 4000
+RESIDUAL_PIXELS = 4000
 """Approximate largest number of pixels whose residuals are compared with those of unrelated frames;
 the median of more only takes time."""
 
@@ -182,7 +182,7 @@ def _residual(decoding: Decoding, points: tuple[NDArray[Any], ...], noise: Camer
     for phases in decoding.sets:
         if len(phases.frames) < 4:
             continue
-        stride = max(1, points[0].size // MAX_PIXELS)
+        stride = max(1, points[0].size // RESIDUAL_PIXELS)
         values = np.stack([points[k][0, ::stride] for k in phases.frames]).astype(np.float64)
         values = values[:, np.isfinite(values).all(axis=0)]
         fitted, square = solve(values, phases.rows)

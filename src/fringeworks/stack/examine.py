@@ -62,7 +62,7 @@ MOST_LIGHT_CHANGE = 0.6
 """Largest change of the light of a frame that is taken into account, as a share of the mean. A lamp
 that warms up changes it by less; a frame without light by 1."""
 
-MAX_PIXELS = 8000
+REAL_FRAME_PIXELS = 8000
 """Largest number of pixels that real frames are estimated from. Steps are found to a hundredth of
 the noise of a pixel; more only take time."""
 
@@ -274,7 +274,7 @@ def _with_real_frames(
             power = c**2 + s**2
             lit = power > LIT_POWER * np.percentile(power, 95) if power.size else power > 0
             data = data[:, lit]
-            data = data[:, :: -(-data.shape[1] // MAX_PIXELS) or 1]
+            data = data[:, :: max(1, -(-data.shape[1] // REAL_FRAME_PIXELS))]
             found = real_frames(data, np.array(phases.rows))
             sets.append(phases if found is None else replace(phases, design=design_rows(found)))
         real[axis] = replace(decoding, sets=tuple(sets))

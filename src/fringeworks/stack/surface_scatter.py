@@ -13,6 +13,7 @@ import numpy as np
 from scipy import ndimage
 
 from fringeworks.signal.noise import chi_square_quantile
+from fringeworks.signal.third_difference import third_difference, third_difference_variance
 from fringeworks.types import BoolMap, FloatMap
 
 SCALES = ((1, 3), (2, 5), (2, 13))
@@ -23,9 +24,6 @@ Printed edges make errors of one or two pixels, the blocks of a compression long
 square shows small excesses that hold all over a region, without making single pixels of plain noise
 stand out. On the faults of the tests the three cover more than any one alone. Empirical.
 """
-
-THIRD = (-1.0, 3.0, -3.0, 1.0)
-"""Weights of a third difference: what a parabola through its neighbours does not explain."""
 
 SIGNIFICANT_EXCESS = 4.0
 """Excess of a mean χ² from which on σ is raised, in standard deviations. At 3, single pixels of
@@ -134,7 +132,7 @@ def _error_per_change(
         x, v, g = x[::stride], v[::stride], g[::stride]
         chi, known = _chi_squares(x, v, 1, most_px)
         excesses.append(np.minimum(chi[known], MOST) - 1.0)
-        leverages.append((_weighted(g, 1) / _weighted(v, 1))[known])
+        leverages.append((third_difference_variance(g, 1) / third_difference_variance(v, 1))[known])
     excess, leverage = np.concatenate(excesses), np.concatenate(leverages)
     if excess.size < MIN_DIFFERENCES:
         return 0.0
@@ -187,22 +185,9 @@ def _chi_squares(
     coordinate: FloatMap, variance: FloatMap, step: int, most_px: float
 ) -> tuple[FloatMap, BoolMap]:
     """χ² of the third differences along rows, 0 where unknown, and where they are known."""
-    parts = _shifted(coordinate, step)
-    difference = sum(w * part for w, part in zip(THIRD, parts, strict=True))
-    expected = _weighted(variance, step)
+    difference = third_difference(coordinate, step)
+    expected = third_difference_variance(variance, step)
     known = np.isfinite(difference) & (np.abs(difference) < most_px)
     with np.errstate(divide="ignore", invalid="ignore"):
         chi = np.where(known, difference**2 / expected, 0.0)
     return np.asarray(chi), np.asarray(known)
-
-
-def _weighted(variance: FloatMap, step: int) -> FloatMap:
-    """Variance of the third differences along rows."""
-    parts = zip(THIRD, _shifted(variance, step), strict=True)
-    return np.asarray(sum(w**2 * part for w, part in parts))
-
-
-def _shifted(values: FloatMap, step: int) -> list[FloatMap]:
-    """The four pixels of every third difference along rows."""
-    length = max(0, values.shape[1] - 3 * step)
-    return [values[:, k * step : k * step + length] for k in range(4)]

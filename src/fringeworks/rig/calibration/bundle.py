@@ -197,16 +197,16 @@ def without(
     InputError where the others do not determine the parameters.
     """
     others = [s for n, s in enumerate(sightings) if n != k]
-    kept = corners_of(sightings).pose != k
+    every = corners_of(sightings)
+    left_out = every.pose == k
     poses = tuple(T for n, T in enumerate(adjusted.poses) if n != k)
     state = State(adjusted.rig, poses, adjusted.shape)
     problem = _Problem(corners_of(others), free, state)
-    weighting = adjusted.weighting.of_rows(kept)
+    weighting = adjusted.weighting.of_rows(~left_out)
     state = problem.minimise(state, weighting)
     covariance = problem.covariance(state, weighting)[:RIG_SIZE, :RIG_SIZE]
     rig = Rig(state.rig.camera, state.rig.projector, state.rig.T_projector_camera, covariance)
-    left_out = corners_of(sightings)
-    return rig, board_places(left_out, state.shape)[left_out.pose == k]
+    return rig, board_places(every, state.shape)[left_out]
 
 
 def _settled(before: Weighting, after: Weighting) -> bool:

@@ -145,8 +145,8 @@ def _why_unread(decoded: Decoded, view: BoardView) -> str:
     for found in decoded.maps.values():
         h, w = found.reason.shape
         at_corners = found.reason[np.clip(row, 0, h - 1), np.clip(column, 0, w - 1)]
-        finite = np.isfinite(found.coordinate_px).mean() > 0.0
-        reasons += [Reason(int(r)) for r in at_corners if r != Reason.OK or not finite]
+        decoded_anywhere = bool(np.isfinite(found.coordinate_px).any())
+        reasons += [Reason(int(r)) for r in at_corners if r != Reason.OK or not decoded_anywhere]
     if 2 * len(reasons) < len(view.index) * len(decoded.maps):
         return (
             "the coordinates around the corners scatter or jump; more light, or a plan with more "

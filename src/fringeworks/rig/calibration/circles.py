@@ -110,21 +110,34 @@ def _centroids(image: FloatMap, start: FloatMap, white: bool) -> BoardView:
     return BoardView(np.flatnonzero(good), pixels[good], ink_px=ink[good])
 
 
+def _ground(
+    part: FloatMap, disc: BoolMap, dx: NDArray[np.int_], dy: NDArray[np.int_], *, black: bool
+) -> tuple[BoolMap, FloatMap] | None:
+    """The paper around a circle and its counts, which may be uneven: a plane is fitted to it.
+
+    None where there is too little paper.
+    """
+    dark, bright = (np.percentile(part, p) for p in (DARK_PERCENT, BRIGHT_PERCENT))
+    middle = 0.5 * (dark + bright)
+    paper = disc & ((part < middle) if black else (part > middle))
+    paper = ndimage.binary_erosion(paper, iterations=1, border_value=1) & disc
+    if paper.sum() < MIN_PAPER_PIXELS:
+        return None
+    design = np.stack((np.ones_like(dx), dx, dy), axis=-1).astype(np.float64)
+    return paper, design @ np.linalg.lstsq(design[paper], part[paper], rcond=None)[0]
+
+
 def _darkness(
     part: FloatMap, disc: BoolMap, dx: NDArray[np.int_], dy: NDArray[np.int_]
 ) -> tuple[float, FloatMap] | None:
     """Darkness of full ink, and of every pixel in a disc: 0 for paper, 1 for no light.
 
-    The light on the paper may be uneven: a plane is fitted to it. None where there is too little
-    paper.
+    None where there is too little paper.
     """
-    dark, bright = (np.percentile(part, p) for p in (DARK_PERCENT, BRIGHT_PERCENT))
-    paper = disc & (part > 0.5 * (dark + bright))
-    paper = ndimage.binary_erosion(paper, iterations=1, border_value=1) & disc
-    if paper.sum() < MIN_PAPER_PIXELS:
+    ground = _ground(part, disc, dx, dy, black=False)
+    if ground is None:
         return None
-    design = np.stack((np.ones_like(dx), dx, dy), axis=-1).astype(np.float64)
-    light = design @ np.linalg.lstsq(design[paper], part[paper], rcond=None)[0]
+    paper, light = ground
     darkness = np.where(disc, 1.0 - part / np.maximum(light, 1e-6), 0.0)
     full = float(np.percentile(darkness[disc], INK_PERCENT))
     darkness[paper & (np.abs(darkness) < PAPER_NOISE)] = 0.0
@@ -136,16 +149,13 @@ def _brightness(
 ) -> tuple[float, FloatMap] | None:
     """Brightness of a full white circle, and of every pixel in a disc, in counts over the black.
 
-    A plane is fitted to the black around the circle. None where there is too little of it.
+    None where there is too little black around the circle.
     """
-    dark, bright = (np.percentile(part, p) for p in (DARK_PERCENT, BRIGHT_PERCENT))
-    black = disc & (part < 0.5 * (dark + bright))
-    black = ndimage.binary_erosion(black, iterations=1, border_value=1) & disc
-    if black.sum() < MIN_PAPER_PIXELS:
+    ground = _ground(part, disc, dx, dy, black=True)
+    if ground is None:
         return None
-    design = np.stack((np.ones_like(dx), dx, dy), axis=-1).astype(np.float64)
-    ground = design @ np.linalg.lstsq(design[black], part[black], rcond=None)[0]
-    brightness = np.where(disc, part - ground, 0.0)
+    paper, light = ground
+    brightness = np.where(disc, part - light, 0.0)
     full = float(np.percentile(brightness[disc], INK_PERCENT))
-    brightness[black & (np.abs(brightness) < PAPER_NOISE * full)] = 0.0
+    brightness[paper & (np.abs(brightness) < PAPER_NOISE * full)] = 0.0
     return full, brightness

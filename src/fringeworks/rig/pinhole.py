@@ -19,9 +19,6 @@ focal length of 10 000 px that is 1e-7 px: far below any measurement, far above 
 INVERTED = 1e-9
 """Largest remaining error of an undistorted point, in normalised image coordinates. A point with a
 larger one has no inverse. Looser than ``CONVERGED``, so that rounding never removes a point."""
-SMALL_ANGLE_RAD = 1e-8
-"""Rotation angle below which the series to second order is used, because Rodrigues' formula
-divides by the angle. The omitted third order is 1e-24, below rounding."""
 MIN_SIGHT_SINE = 1e-9
 """Smallest sine of the angle between the direction of sight and ``down``. Below it, rounding would
 determine the direction of the rows."""
@@ -220,17 +217,16 @@ def rays(device: Pinhole, pixels: FloatMap) -> FloatMap:
 
 
 def rotation(vector: FloatMap) -> FloatMap:
-    """Return the rotation matrix of a rotation vector, (3, 3), by Rodrigues' formula.
+    """Return the rotation matrices of rotation vectors (..., 3), (..., 3, 3): Rodrigues' formula.
 
     The rotation is by |vector| rad about the direction of the vector: exp([ω]×).
     """
     vector = np.asarray(vector, np.float64)
-    angle = float(np.linalg.norm(vector))
+    turns = np.linalg.norm(vector, axis=-1)[..., None, None] / (2.0 * np.pi)
     cross = skew(vector)
-    if angle < SMALL_ANGLE_RAD:
-        return np.asarray(np.eye(3) + cross + 0.5 * cross @ cross)
-    half = np.sin(0.5 * angle) / angle
-    return np.asarray(np.eye(3) + np.sin(angle) / angle * cross + 2.0 * half**2 * cross @ cross)
+    # NumPy's sinc(x) is sin(πx)/(πx), and 1 at 0.
+    along, across = np.sinc(2.0 * turns), 0.5 * np.sinc(turns) ** 2
+    return np.asarray(np.eye(3) + along * cross + across * (cross @ cross))
 
 
 def skew(vector: FloatMap) -> FloatMap:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 
 from fringeworks.rig.calibration.board_shape import (
     BOW_SIZE,
@@ -16,9 +15,11 @@ from fringeworks.rig.calibration.board_shape import (
     estimated_prior,
     first_prior,
 )
+from fringeworks.rig.calibration.normal_equations import Covariance, NormalEquations
 from fringeworks.rig.calibration.parameters import POSE_SIZE, RIG_SIZE, State
 from fringeworks.rig.calibration.residuals import (
     Corners,
+    Residuals,
     Sighting,
     board_places,
     corners_of,
@@ -97,8 +98,8 @@ class Adjusted:
     prior: BoardPrior
     """The standard deviations of these deviations, as estimated."""
     covariance: FloatMap
-    """Covariance of the rig's 24 parameters, then of every pose's 6, the 3 bow coefficients and
-    every point's 3 offsets, square; 0 for parameters that were held fixed."""
+    """Covariance of the rig's 24 parameters, then of every pose's 6 and the 3 bow coefficients,
+    square; 0 for parameters that were held fixed."""
     camera_residual_px: tuple[FloatMap, ...]
     """Measured minus predicted camera pixels, (m, 2) per sighting, px."""
     projector_residual_px: tuple[FloatMap, ...]
@@ -113,8 +114,7 @@ class Adjusted:
     @property
     def bow_sigma_mm(self) -> FloatMap:
         """Standard deviations of the bow coefficients, (3,), mm."""
-        first = RIG_SIZE + POSE_SIZE * len(self.poses)
-        return np.sqrt(np.diag(self.covariance)[first : first + BOW_SIZE])
+        return np.sqrt(np.diag(self.covariance)[-BOW_SIZE:])
 
     @property
     def scatter_px(self) -> tuple[tuple[float, float], ...]:
@@ -174,13 +174,13 @@ def adjust(
     weighting = Weighting(scatter, None, first_prior(corners.points_mm))
     converged = False
     for _ in range(MAX_ROUNDS):
-        state = problem.minimise(state, weighting)
-        before, weighting = weighting, problem.reweighted(state, weighting)
+        at = problem.minimise(state, weighting)
+        state = at.state
+        before, weighting = weighting, problem.reweighted(at, weighting)
         if _settled(before, weighting):
             converged = True
             break
-    state = problem.minimise(state, weighting)
-    return problem.result(state, weighting, converged)
+    return problem.result(problem.minimise(state, weighting), weighting, converged)
 
 
 def without(
@@ -203,8 +203,9 @@ def without(
     state = State(adjusted.rig, poses, adjusted.shape)
     problem = _Problem(corners_of(others), free, state)
     weighting = adjusted.weighting.of_rows(~left_out)
-    state = problem.minimise(state, weighting)
-    covariance = problem.covariance(state, weighting)[:RIG_SIZE, :RIG_SIZE]
+    at = problem.minimise(state, weighting)
+    state = at.state
+    covariance = problem.covariance(at, weighting).shared[:RIG_SIZE, :RIG_SIZE]
     rig = Rig(state.rig.camera, state.rig.projector, state.rig.T_projector_camera, covariance)
     return rig, board_places(every, state.shape)[left_out]
 
@@ -220,6 +221,16 @@ def _settled(before: Weighting, after: Weighting) -> bool:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Evaluated:
+    """A state, with the residuals and the cost there."""
+
+    state: State
+    residuals: Residuals
+    cost: float
+    """Weighted sum of squared residuals and deviations; ∞ where a point is behind a device."""
+
+
 class _Problem:
     """The corners to fit, and which of all parameters are free."""
 
@@ -227,120 +238,104 @@ class _Problem:
         self.corners = corners
         self.points = len(state.shape.offset_mm)
         self.of_rig_and_poses = int(free_of_rig.sum()) + POSE_SIZE * corners.poses
-        of_board = BOW_SIZE + OFFSET_SIZE * self.points
-        always = np.ones(POSE_SIZE * corners.poses + of_board, bool)
+        always = np.ones(POSE_SIZE * corners.poses + BOW_SIZE, bool)
         self.free = np.concatenate((free_of_rig, always))
-        self.board = slice(self.free.size - of_board, self.free.size)
         count, unknowns = len(corners.pose), self.of_rig_and_poses
         if 4 * count <= unknowns:
             raise InputError(
                 f"calibration: expected more than {unknowns // 4} corners to determine {unknowns} "
                 f"parameters, got {count}"
             )
-        c = corners.columns
-        self.entries = (c[:, :, None] * self.free.size + c[:, None, :]).ravel()
 
-    def reweighted(self, state: State, before: Weighting) -> Weighting:
+    def reweighted(self, at: _Evaluated, before: Weighting) -> Weighting:
         """Estimate scatter, weights and prior anew at a minimum."""
-        residuals = residuals_of(self.corners, state, derivatives=True)
-        covariance = self.covariance(state, before)
-        c = self.corners.columns
-        of_corner = covariance[c[:, :, None], c[:, None, :]]
-        J = residuals.jacobian * before.root[:, :, None]
-        leverage = np.einsum("nri,nij,nrj->nr", J, of_corner, J, optimize=True)
+        covariance = self.covariance(at, before)
+        J = at.residuals.jacobian * before.root[:, :, None]
+        leverage = covariance.of_residuals(self.corners, J)
         determined = 2.0 - leverage.reshape(-1, 2, 2).sum(axis=2)
-        scatter = scatter_of(residuals.independent, self.corners.rows, determined)
-        variance = np.diag(covariance)[self.board][BOW_SIZE:].reshape(-1, OFFSET_SIZE)
+        independent = at.residuals.independent
+        scatter = scatter_of(independent, self.corners.rows, determined)
         prior = before.prior
         # The first scatter comes from a rough start and says little about the board.
         if before.weights is not None:
-            places = self.corners.points_mm
-            prior = estimated_prior(prior, state.shape.offset_mm, variance, places)
-        return Weighting(scatter, weights_of(residuals.independent, scatter), prior)
+            variance = np.diagonal(covariance.points, axis1=1, axis2=2)
+            offset_mm, places = at.state.shape.offset_mm, self.corners.points_mm
+            prior = estimated_prior(prior, offset_mm, variance, places)
+        return Weighting(scatter, weights_of(independent, scatter), prior)
 
-    def normal_equations(
-        self, state: State, weighting: Weighting
-    ) -> tuple[FloatMap, FloatMap, float]:
-        """Normal matrix, right-hand side and cost of the free parameters."""
+    def evaluate(self, state: State, weighting: Weighting) -> _Evaluated:
+        """Compute the residuals at a state, with their derivatives, and the cost."""
         residuals = residuals_of(self.corners, state, derivatives=True)
-        J = residuals.jacobian * weighting.root[:, :, None]
-        r = residuals.independent * weighting.root
-        size = self.free.size
-        blocks = J.transpose(0, 2, 1) @ J
-        summed = np.bincount(self.entries, blocks.ravel(), size * size)
-        A: FloatMap = np.asarray(summed, np.float64).reshape(size, size)
-        right = np.einsum("nri,nr->ni", J, r).ravel()
-        b: FloatMap = np.asarray(np.bincount(self.corners.columns.ravel(), right, size))
-        precision, off = weighting.prior.precision(self.points), self._board_values(state)
-        A[np.arange(self.board.start, size), np.arange(self.board.start, size)] += precision
-        b[self.board] -= precision * off
-        cost = float(np.sum(r * r) + np.sum(precision * off**2))
-        return A[np.ix_(self.free, self.free)], b[self.free], cost
+        precision, off = self._prior(state, weighting)
+        weighted = residuals.independent * weighting.root
+        cost = float(np.sum(weighted**2) + np.sum(precision * off**2))
+        return _Evaluated(state, residuals, cost if np.isfinite(cost) else np.inf)
 
-    def cost(self, state: State, weighting: Weighting) -> float:
-        """Weighted sum of squared residuals and deviations; ∞ where a point is behind a device."""
-        r = residuals_of(self.corners, state).independent * weighting.root
-        off = self._board_values(state)
-        total = float(np.sum(r * r) + np.sum(weighting.prior.precision(self.points) * off**2))
-        return total if np.isfinite(total) else np.inf
+    def normal_equations(self, at: _Evaluated, weighting: Weighting) -> NormalEquations:
+        """Normal equations of the free parameters."""
+        root = weighting.root
+        J, r = at.residuals.jacobian * root[:, :, None], at.residuals.independent * root
+        return NormalEquations.of(self.corners, J, r, self._prior(at.state, weighting), self.free)
 
-    def _board_values(self, state: State) -> FloatMap:
-        return np.concatenate((state.shape.bow_mm, state.shape.offset_mm.ravel()))
+    def _prior(self, state: State, weighting: Weighting) -> tuple[FloatMap, FloatMap]:
+        values = np.concatenate((state.shape.bow_mm, state.shape.offset_mm.ravel()))
+        return weighting.prior.precision(self.points), values
 
-    def minimise(self, state: State, weighting: Weighting) -> State:
+    def minimise(self, state: State, weighting: Weighting) -> _Evaluated:
         """Lower the cost by Levenberg–Marquardt steps with fixed scatter and weights."""
         damping = FIRST_DAMPING
+        at = self.evaluate(state, weighting)
         for _ in range(MAX_LM_STEPS):
-            A, b, cost = self.normal_equations(state, weighting)
-            scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
-            A, b = A / np.outer(scale, scale), b / scale
+            equations = self.normal_equations(at, weighting)
             for _ in range(MAX_TRIALS):
-                step = np.zeros(self.free.size)
-                damped = A + damping * np.eye(len(b))
-                step[self.free] = linalg.solve(damped, b, assume_a="sym") / scale
-                trial = state.moved(step)
-                new_cost = np.inf if trial is None else self.cost(trial, weighting)
-                if new_cost < cost:
+                trial = self.stepped(at, equations, damping, weighting)
+                if trial is not None and trial.cost < at.cost:
                     break
                 damping = max(damping * MORE_DAMPING, MIN_RAISED_DAMPING)
             else:
-                return state
-            assert trial is not None
-            state, damping = trial, damping * LESS_DAMPING
-            if cost - new_cost <= COST_SETTLED * cost:
+                return at
+            before, at, damping = at.cost, trial, damping * LESS_DAMPING
+            if before - at.cost <= COST_SETTLED * before:
                 break
-        return state
+        return at
 
-    def covariance(self, state: State, weighting: Weighting) -> FloatMap:
-        """Covariance of all parameters: the inverse of the normal matrix; 0 where not free."""
-        A, _, _ = self.normal_equations(state, weighting)
-        scale = np.sqrt(np.diag(A))
+    def stepped(
+        self, at: _Evaluated, equations: NormalEquations, damping: float, weighting: Weighting
+    ) -> _Evaluated | None:
+        """Take a damped step; None where no devices have such parameters."""
+        of_shared, of_points = equations.step(damping)
+        step = np.zeros(self.free.size + of_points.size)
+        step[: self.free.size][self.free] = of_shared
+        step[self.free.size :] = of_points.ravel()
+        state = at.state.moved(step)
+        if state is None:
+            return None
+        with np.errstate(all="ignore"):
+            return self.evaluate(state, weighting)
+
+    def covariance(self, at: _Evaluated, weighting: Weighting) -> Covariance:
+        """Covariance of all parameters; 0 where not free."""
         undetermined = InputError(
             "calibration: expected poses that determine all parameters, got too few poses or "
             "poses that are too similar; turn the board further, and move it nearer and further"
         )
-        if not (scale > 0).all():
-            raise undetermined
         try:
-            of_free = np.linalg.inv(A / np.outer(scale, scale)) / np.outer(scale, scale)
+            of_free = self.normal_equations(at, weighting).covariance()
         except np.linalg.LinAlgError as error:
             raise undetermined from error
         # The prior determines the board; the rig and the poses must be determined by the corners.
         n = self.of_rig_and_poses
-        sigma = np.sqrt(np.maximum(np.diag(of_free)[:n], 0.0))
+        sigma = np.sqrt(np.maximum(np.diag(of_free.shared)[:n], 0.0))
         if not (sigma > 0).all() or (
-            np.linalg.cond(of_free[:n, :n] / np.outer(sigma, sigma)) > MAX_CONDITION
+            np.linalg.cond(of_free.shared[:n, :n] / np.outer(sigma, sigma)) > MAX_CONDITION
         ):
             raise undetermined
-        covariance = np.zeros((self.free.size, self.free.size))
-        covariance[np.ix_(self.free, self.free)] = of_free
-        return covariance
+        return of_free.with_fixed(self.free)
 
-    def result(self, state: State, weighting: Weighting, converged: bool) -> Adjusted:
+    def result(self, at: _Evaluated, weighting: Weighting, converged: bool) -> Adjusted:
         """Collect the result at the minimum."""
-        covariance = self.covariance(state, weighting)
-        residuals = residuals_of(self.corners, state)
-        camera, projector = residuals.independent[:, :2], residuals.projector_seen
+        covariance, state = self.covariance(at, weighting).shared, at.state
+        camera, projector = at.residuals.independent[:, :2], at.residuals.projector_seen
         kept = np.ones(camera.shape) if weighting.weights is None else weighting.weights
         used = np.asarray((kept > 0).all(axis=1))
         rig = Rig(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.rig.calibration.board_shape import BOW_SIZE, OFFSET_SIZE, BoardShape
-from fringeworks.rig.pinhole import pose, rotation
+from fringeworks.rig.pinhole import rotation
 from fringeworks.types import RIG_PARAMETERS, FloatMap, Pinhole, Rig
 
 DEVICE_SIZE = 9
@@ -41,8 +41,9 @@ class State:
             devices.append(pinhole_of(values, device))
         relative_step = step[2 * DEVICE_SIZE : RIG_SIZE]
         rig = Rig(devices[0], devices[1], moved_pose(self.rig.T_projector_camera, relative_step))
-        poses = tuple(moved_pose(T, step[pose_slice(k)]) for k, T in enumerate(self.poses))
         of_board = step[RIG_SIZE + POSE_SIZE * len(self.poses) :]
+        of_poses = step[RIG_SIZE : step.size - of_board.size].reshape(-1, POSE_SIZE)
+        poses = tuple(moved_pose(np.stack(self.poses), of_poses))
         shape = BoardShape(
             self.shape.bow_mm + of_board[:BOW_SIZE],
             self.shape.offset_mm + of_board[BOW_SIZE:].reshape(-1, OFFSET_SIZE),
@@ -72,11 +73,14 @@ def pinhole_of(values: FloatMap, like: Pinhole) -> Pinhole:
 
 
 def moved_pose(T: FloatMap, step: FloatMap) -> FloatMap:
-    """Change a pose by a small rotation vector (rad) and a translation (mm), (6,) together.
+    """Change poses (..., 4, 4) by small rotation vectors (rad) and translations (mm), (..., 6).
 
     The rotation ω turns R into exp(ω) R.
     """
-    turned = rotation(step[:3]) @ T[:3, :3]
+    turned = rotation(step[..., :3]) @ T[..., :3, :3]
     # Rounding errors add up over many steps, so the nearest exact rotation is taken.
     u, _, v = np.linalg.svd(turned)
-    return pose(u @ v, T[:3, 3] + step[3:])
+    moved = np.array(T)
+    moved[..., :3, :3] = u @ v
+    moved[..., :3, 3] += step[..., 3:]
+    return moved

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.rig.calibration.board_shape import (
-    BOW_SIZE,
-    OFFSET_SIZE,
     BoardShape,
     heights_of,
 )
-from fringeworks.rig.calibration.parameters import DEVICE_SIZE, POSE_SIZE, RIG_SIZE, State
+from fringeworks.rig.calibration.parameters import DEVICE_SIZE, RIG_SIZE, State
 from fringeworks.rig.pinhole import project_with_derivatives, skew, transform
 from fringeworks.types import FloatMap, Frozen
 
@@ -72,21 +69,6 @@ class Corners(Frozen):
         ends = np.cumsum(np.bincount(self.pose, minlength=self.poses))
         return [slice(int(a), int(b)) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
 
-    @cached_property
-    def columns(self) -> NDArray[np.intp]:
-        """Numbers of the parameters that a corner's residuals depend on, (n, 36)."""
-        n = len(self.pose)
-        board = RIG_SIZE + POSE_SIZE * self.poses
-        return np.concatenate(
-            (
-                np.broadcast_to(np.arange(RIG_SIZE), (n, RIG_SIZE)),
-                (RIG_SIZE + POSE_SIZE * self.pose)[:, None] + np.arange(POSE_SIZE),
-                np.broadcast_to(board + np.arange(BOW_SIZE), (n, BOW_SIZE)),
-                (board + BOW_SIZE + OFFSET_SIZE * self.index)[:, None] + np.arange(OFFSET_SIZE),
-            ),
-            axis=1,
-        )
-
 
 def corners_of(sightings: Sequence[Sighting]) -> Corners:
     """Put the corners of all sightings into single arrays."""
@@ -113,8 +95,9 @@ class Residuals:
     projector_seen: FloatMap
     """(n, 2): the projector's at the camera pixel where the corner was seen."""
     jacobian: FloatMap
-    """Derivative of the model behind ``independent`` with respect to the parameters that
-    ``Corners.columns`` numbers, (n, 4, 36); empty where it was not asked for."""
+    """Derivative of the model behind ``independent`` with respect to the rig's 24 parameters, the
+    6 of the corner's pose, the 3 bow coefficients and the 3 offsets of its point, (n, 4, 36);
+    empty where it was not asked for."""
 
 
 def board_places(corners: Corners, shape: BoardShape) -> FloatMap:
@@ -156,7 +139,7 @@ def residuals_of(corners: Corners, state: State, *, derivatives: bool = False) -
     by_relative_pose = point_by_pose(in_projector - state.rig.T_projector_camera[:3, 3])
     normal = T[:, :3, 2, None] * corners.height[:, None, :]
     by_place = np.concatenate((point_by_pose(turned), normal, T[:, :3, :3]), axis=2)
-    jacobian = np.zeros((n, 4, corners.columns.shape[1]))
+    jacobian = np.zeros((n, 4, RIG_SIZE + by_place.shape[2]))
     jacobian[:, :2, :DEVICE_SIZE] = camera[2]
     jacobian[:, :2, RIG_SIZE:] = camera[1] @ by_place
     jacobian[:, 2:, DEVICE_SIZE : 2 * DEVICE_SIZE] = projector[2]

@@ -15,6 +15,7 @@ from fringeworks.types.arrays import (
 from fringeworks.types.coordinates import CoordinateMap, Decoded
 from fringeworks.types.errors import (
     BoardNotFound,
+    DeviceProblem,
     FileProblem,
     FramesContradictPlan,
     InputError,
@@ -41,6 +42,7 @@ __all__ = [
     "CameraNoise",
     "CoordinateMap",
     "Decoded",
+    "DeviceProblem",
     "DisplacementMap",
     "FileProblem",
     "FloatMap",

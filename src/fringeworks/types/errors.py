@@ -23,6 +23,10 @@ class RigMismatch(InputError):
     """A rig does not belong to the frames: other sizes, or rays that do not meet."""
 
 
+class DeviceProblem(InputError):
+    """A projector or camera is missing, in use, gone, or does not do what it was told."""
+
+
 class UnknownMethod(InputError):
     """No method of that name is registered, or it does not have that option."""
 

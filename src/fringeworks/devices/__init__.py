@@ -1,0 +1,1 @@
+"""Devices: projectors that show pictures and cameras that grab frames, real and virtual."""

@@ -1,0 +1,265 @@
+"""What a projector and a camera must be able to do; any class with these methods is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, Self, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.types import Frozen, InputError, check_fields
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of a camera's sensor.
+
+    Raises
+    ------
+    InputError for an empty region or one that begins before the sensor.
+    """
+
+    x_px: int
+    """First column; ≥ 0."""
+    y_px: int
+    """First row; ≥ 0."""
+    width_px: int
+    """Number of columns; ≥ 1."""
+    height_px: int
+    """Number of rows; ≥ 1."""
+
+    def __post_init__(self) -> None:
+        check_fields(
+            self,
+            x_px=(self.x_px >= 0, ">= 0"),
+            y_px=(self.y_px >= 0, ">= 0"),
+            width_px=(self.width_px >= 1, ">= 1"),
+            height_px=(self.height_px >= 1, ">= 1"),
+        )
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """Settings of a camera.
+
+    In a request, None leaves a setting as it is. In what a camera reports, None means that the
+    camera does not tell.
+
+    Raises
+    ------
+    InputError for a value out of its range.
+    """
+
+    exposure_ms: float | None = None
+    """Time over which a frame collects light, ms; > 0."""
+    gain_db: float | None = None
+    """Amplification of the signal, dB."""
+    region: Region | None = None
+    """Part of the sensor that is read out."""
+    pixel_format: str | None = None
+    """Name of the pixel format in the terms of GenICam, such as Mono8, Mono12p or BayerRG8."""
+    triggered: bool | None = None
+    """True: a frame is exposed for every ``trigger``; False: frames come by themselves."""
+
+    def __post_init__(self) -> None:
+        exposure, gain = self.exposure_ms, self.gain_db
+        check_fields(
+            self,
+            exposure_ms=(exposure is None or (np.isfinite(exposure) and exposure > 0), "> 0"),
+            gain_db=(gain is None or np.isfinite(gain), "a finite value"),
+        )
+
+
+@dataclass(frozen=True)
+class CameraLimits:
+    """What a camera can be set to, as far as it tells; None where it does not."""
+
+    width_px: int
+    """Columns of the sensor."""
+    height_px: int
+    """Rows of the sensor."""
+    exposure_ms: tuple[float, float] | None = None
+    """Shortest and longest exposure, ms."""
+    gain_db: tuple[float, float] | None = None
+    """Lowest and highest gain, dB."""
+    pixel_formats: tuple[str, ...] = ()
+    """Names of the pixel formats; empty where the camera does not tell."""
+    frame_s: float | None = None
+    """Time from one frame to the next at the current settings, s."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Grab(Frozen):
+    """One frame as it came from a camera."""
+
+    pixels: NDArray[Any]
+    """(h, w), counts: uint8 or uint16."""
+    host_s: float
+    """Time at which the frame arrived, on the clock of ``time.monotonic``, s."""
+    device_s: float | None = None
+    """Time of the frame on the camera's own clock, s; None where the camera has none."""
+    number: int | None = None
+    """Number of the frame as the camera or its driver counts; None where nobody counts."""
+    complete: bool = True
+    """False where a part of the pixels did not arrive."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.pixels.ndim != 2 or self.pixels.dtype not in (np.uint8, np.uint16):
+            raise InputError(
+                "camera: expected frames of shape (h, w) and type uint8 or uint16, got "
+                f"{self.pixels.shape} and {self.pixels.dtype}"
+            )
+
+
+@runtime_checkable
+class Projector(Protocol):
+    """A device that shows pictures."""
+
+    @property
+    def name(self) -> str:
+        """Name of the device, as setups and captures store it."""
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Columns and rows."""
+
+    @property
+    def bits(self) -> int:
+        """Depth of the pictures: counts go from 0 to 2^bits − 1."""
+
+    @property
+    def refresh_s(self) -> float | None:
+        """Time from one picture to the next, s; None where it is unknown."""
+
+    def show(self, picture: NDArray[Any]) -> float:
+        """Show a picture until the next one is shown.
+
+        Parameters
+        ----------
+        picture : (rows, columns) array of counts, uint8 or uint16
+
+        Returns
+        -------
+        Time at which the picture was handed to the screen, on the clock of ``time.monotonic``, s.
+        Light comes later, by a delay that the projector does not tell.
+
+        Raises
+        ------
+        InputError for a picture of another shape or type; DeviceProblem where the projector is
+        gone.
+        """
+
+    def close(self) -> None:
+        """Release the device; again without effect."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *error: object) -> None: ...
+
+
+@runtime_checkable
+class Camera(Protocol):
+    """A device that grabs frames."""
+
+    @property
+    def name(self) -> str:
+        """Name of the device, as setups and captures store it."""
+
+    def limits(self) -> CameraLimits:
+        """What the camera can be set to."""
+
+    def configure(self, settings: CameraSettings) -> CameraSettings:
+        """Change settings, and return all settings as read back from the camera.
+
+        The caller compares: a camera may round a value, or ignore it.
+
+        Raises
+        ------
+        InputError for a setting out of the camera's limits; DeviceProblem where the camera is gone.
+        """
+
+    def grab(self, timeout_s: float = 5.0) -> Grab:
+        """Return the oldest frame that was not returned yet, or wait for one.
+
+        The camera or its driver keeps the last frames until they are grabbed. A frame that is
+        incomplete is returned as well, marked as such.
+
+        Raises
+        ------
+        DeviceProblem where no frame arrives in time, or the camera is gone.
+        """
+
+    def waiting(self) -> int:
+        """Number of frames that have arrived and were not returned yet."""
+
+    def discard(self) -> None:
+        """Throw away all frames that have arrived."""
+
+    def close(self) -> None:
+        """Release the device; again without effect."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *error: object) -> None: ...
+
+
+@runtime_checkable
+class TriggeredCamera(Camera, Protocol):
+    """A camera that exposes a frame when it is told to."""
+
+    def trigger(self) -> float:
+        """Expose a frame, which ``grab`` returns later.
+
+        Only where ``configure`` was told ``triggered=True``.
+
+        Returns
+        -------
+        Time at which the trigger was sent, on the clock of ``time.monotonic``, s.
+
+        Raises
+        ------
+        DeviceProblem where the camera is gone or is not set to wait for triggers.
+        """
+
+
+class Closing:
+    """Mix-in of devices: a context manager that calls ``close``."""
+
+    def close(self) -> None:
+        """Release the device; again without effect."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def checked_picture(picture: NDArray[Any], size_px: tuple[int, int], bits: int) -> NDArray[Any]:
+    """Return a picture as a contiguous array, if a projector of this size and depth can show it.
+
+    Parameters
+    ----------
+    picture : (rows, columns) array of counts, uint8 or uint16
+    size_px : (columns, rows)
+    bits : int
+
+    Raises
+    ------
+    InputError for another shape, type or counts beyond the depth.
+    """
+    shape, kind = size_px[::-1], np.dtype(np.uint8 if bits == 8 else np.uint16)
+    picture = np.asarray(picture)
+    if picture.shape != shape or picture.dtype != kind:
+        raise InputError(
+            f"picture: expected {size_px[0]} × {size_px[1]} px of {kind}, got "
+            f"{' × '.join(str(n) for n in picture.shape[::-1])} px of {picture.dtype}"
+        )
+    if picture.size and int(picture.max()) >= 2**bits:
+        raise InputError(
+            f"picture: expected counts below {2**bits} (a projector of {bits} bits), got "
+            f"{int(picture.max())}"
+        )
+    return np.ascontiguousarray(picture)

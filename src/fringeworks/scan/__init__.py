@@ -1,0 +1,1 @@
+"""Scans: showing patterns and grabbing frames, with the right timing and exposure."""

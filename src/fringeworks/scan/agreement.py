@@ -1,0 +1,187 @@
+"""The safe way to take a frame: wait until it has changed and two in a row agree."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.devices.protocols import Camera, Grab, Projector
+from fringeworks.scan.differences import (
+    ROUNDING_VARIANCE,
+    agree,
+    block_differences,
+    changed,
+    compared,
+    noise_between,
+)
+from fringeworks.scan.uniform import black_picture, white_picture
+from fringeworks.types import CameraNoise, DeviceProblem
+
+TIMEOUT_S = 5.0
+"""Longest wait for a picture to appear, s. Slow webcams with long exposures need one second."""
+BLACK_FRAMES = 3
+"""Frames of black that are grabbed before white is shown, so that black was on the screen for two
+whole frames."""
+STEADY_FRAMES = 4
+"""Frames in a row of nearly the same mean brightness that count as white."""
+STEADY_SHARE = 0.02
+"""Largest difference of their means, relative to the rise from black. The light of a lamp on mains
+flickers more where it flickers at all; later frames are compared pixel by pixel."""
+MIN_RISE_COUNTS = 1.0
+"""Smallest rise of the mean brightness from black to white, counts. Noise moves a mean over a frame
+by less than 0.1 counts."""
+MAX_INCOMPLETE = 20
+"""Incomplete frames in a row after which a camera's connection is unusable."""
+
+
+class Agreement:
+    """Takes frames without an assumption about the delay between projector and camera.
+
+    A frame counts when it differs from the frame of the picture before, and agrees with the frame
+    before it within the camera's noise. The second of two frames that agree is used: if the first
+    was exposed while the picture changed, the second was not.
+
+    Parameters
+    ----------
+    projector : Projector
+    camera : Camera
+    timeout_s : float
+        Longest wait for a picture, s.
+
+    Notes
+    -----
+    The first frame has no frame before it to differ from. ``start`` therefore shows black and then
+    white, and waits for the brightness to rise from the darkest frame so far. Black is the darkest
+    picture, so what was on the screen before cannot be mistaken for it.
+    """
+
+    def __init__(
+        self, projector: Projector, camera: Camera, *, timeout_s: float = TIMEOUT_S
+    ) -> None:
+        self._projector = projector
+        self._camera = camera
+        self._timeout_s = timeout_s
+        self._picture: NDArray[Any] | None = None
+        self._frame: NDArray[np.float32] = np.empty((0, 0), np.float32)
+        self._exact = False
+        self.noise = CameraNoise(float(np.sqrt(ROUNDING_VARIANCE)))
+        """The camera's noise, measured by ``start``."""
+
+    def start(self) -> tuple[Grab, Grab]:
+        """Show black and white, and measure the camera's noise.
+
+        Returns
+        -------
+        The frames of black and of white.
+
+        Raises
+        ------
+        DeviceProblem where white is not brighter than black, or frames never agree.
+        """
+        black = black_picture(self._projector)
+        self._show(black)
+        darkest = min(_mean(self._complete()) for _ in range(BLACK_FRAMES))
+        of_white = self._steady(darkest, self._show(white_picture(self._projector)), rising=True)
+        of_black = self._steady(_mean(of_white[-1]), self._show(black), rising=False)
+        # Frames of a real camera differ by noise; equal ones are one frame delivered twice.
+        self._exact = np.array_equal(of_white[0].pixels, of_white[-1].pixels)
+        self.noise = noise_between([(f[-2].pixels, f[-1].pixels) for f in (of_black, of_white)])
+        self._picture, self._frame = black, compared(of_black[-1].pixels)
+        return of_black[-1], of_white[-1]
+
+    def take(self, picture: NDArray[Any], label: str = "the picture") -> Grab:
+        """Show a picture, and return a frame that shows nothing else.
+
+        Parameters
+        ----------
+        picture : (rows, columns) array of counts
+        label : str
+            Name of the picture in messages.
+
+        Raises
+        ------
+        DeviceProblem where the camera sees no change, or no two frames agree, in time.
+        """
+        if self._picture is None:
+            self.start()
+        new = not np.array_equal(picture, self._picture)  # type: ignore[arg-type]
+        before, last = self._frame, None
+        shown_s = self._show(picture)
+        seen = False
+        while True:
+            grab = self._complete()
+            frame = compared(grab.pixels)
+            if frame.shape != before.shape:
+                raise DeviceProblem(
+                    f"{self._camera.name}: expected frames of one size, got another one for {label}"
+                )
+            differs = changed(block_differences(before, frame, self.noise))
+            seen |= differs
+            if (differs or not new) and last is not None and self._agrees(last, frame):
+                self._picture, self._frame = np.array(picture), frame
+                return grab
+            if grab.host_s - shown_s > self._timeout_s:
+                raise DeviceProblem(self._why_not(label, seen))
+            last = frame
+
+    def _agrees(self, one: NDArray[np.float32], other: NDArray[np.float32]) -> bool:
+        if not self._exact and np.array_equal(one, other):
+            return False
+        return agree(block_differences(one, other, self.noise))
+
+    def _show(self, picture: NDArray[Any]) -> float:
+        shown_s = self._projector.show(picture)
+        self._camera.discard()
+        return shown_s
+
+    def _complete(self) -> Grab:
+        """The next frame of which all pixels arrived."""
+        for _ in range(MAX_INCOMPLETE):
+            grab = self._camera.grab(self._timeout_s)
+            if grab.complete:
+                return grab
+        raise DeviceProblem(
+            f"{self._camera.name}: expected complete frames, got {MAX_INCOMPLETE} incomplete ones "
+            "in a row: lower the frame rate, or send smaller frames"
+        )
+
+    def _steady(self, limit: float, shown_s: float, *, rising: bool) -> list[Grab]:
+        """Frames in a row that are steady and brighter (or darker) than any before."""
+        frames: list[Grab] = []
+        sign = 1.0 if rising else -1.0
+        while True:
+            frames = [*frames[1 - STEADY_FRAMES :], self._complete()]
+            means = [_mean(grab) for grab in frames]
+            limit = sign * min(sign * mean for mean in (limit, *means))
+            change = sign * (means[-1] - limit)
+            if (
+                len(frames) == STEADY_FRAMES
+                and change >= MIN_RISE_COUNTS
+                and np.ptp(means) <= max(STEADY_SHARE * change, 0.5 * MIN_RISE_COUNTS)
+            ):
+                return frames
+            if frames[-1].host_s - shown_s > self._timeout_s:
+                raise DeviceProblem(
+                    f"{self._camera.name}: expected white to be brighter than black and steady, "
+                    f"got mean brightnesses of {min(limit, *means):.1f} to {max(limit, *means):.1f}"
+                    " counts: point the camera at the projected picture, open the lens, or check "
+                    "that the picture is on the right screen"
+                )
+
+    def _why_not(self, label: str, seen: bool) -> str:
+        name, wait = self._camera.name, f"within {self._timeout_s:g} s"
+        if not seen:
+            return (
+                f"{name}: expected a change after {label} was shown, got none {wait}: the camera "
+                "may repeat one frame, or something covers the screen or the lens"
+            )
+        return (
+            f"{name}: expected two frames in a row that agree after {label} was shown, got none "
+            f"{wait}: something moves, the light flickers, or an automatic exposure is on"
+        )
+
+
+def _mean(grab: Grab) -> float:
+    return float(grab.pixels.mean())

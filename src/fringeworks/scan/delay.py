@@ -1,0 +1,292 @@
+"""How long light and frames take: measured by filming a counter."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, optimize
+
+from fringeworks.devices.clock import Clock, SystemClock
+from fringeworks.devices.protocols import (
+    Camera,
+    CameraSettings,
+    Grab,
+    Projector,
+    TriggeredCamera,
+)
+from fringeworks.scan.agreement import Agreement
+from fringeworks.scan.differences import compared
+from fringeworks.scan.uniform import block_pictures
+from fringeworks.types import DeviceProblem, FloatMap, Frozen
+
+COUNTERS = 16
+"""Different pictures of the counter. Shown for 42 ms each on average, they repeat after 0.6 s at
+the earliest, longer than usual webcams are late."""
+BLOCK_SHARE = 24
+"""Blocks of the counter's pictures along the projector's longer side: blocks are large enough for a
+camera that is out of focus, and small enough that every camera sees many."""
+SHOWS = 150
+"""Pictures that are filmed, in about six seconds. The shortest delay is only seen if an exposure
+ends just after it; with less, one measurement in some hundred missed it where delays jitter."""
+MAX_SHOWS = 6 * SHOWS
+"""Pictures that are filmed at most, where a slow camera gives few frames."""
+LONGEST_HOLD = 4
+"""Pictures are held for one to this many refresh periods, at random, so that exposures begin at all
+moments."""
+BANDS = 8
+"""Bands of rows in which a frame is read, because a rolling shutter exposes them at different
+times."""
+VISIBLE_SHARE = 0.05
+"""Share of an exposure from which on a picture counts as visible. Less changes a fringe by less
+than 5 % of its modulation and is hidden in the noise of small contrasts."""
+MARGIN_SHARE = 0.25
+"""Margin on both sides of the measured delays, refresh periods: 4 ms at 60 Hz, more than the
+scheduler of a computer that is not overloaded needs."""
+SAME_MOMENT_S = 1e-3
+"""Differences of time that are ignored, s: where camera and projector keep step, all frames come at
+the same few moments, exact to the scheduler's jitter."""
+USUAL_REFRESH_S = 1.0 / 60.0
+"""Refresh period where the projector does not tell its own, s."""
+MAX_RESIDUAL = 0.2
+"""Largest residual of a frame that is a mixture of the counter's last pictures, relative to their
+contrast. A frame that shows another picture leaves 0.7."""
+MIN_READ_SHARE = 0.8
+"""Smallest share of the frames that must be mixtures of the counter's last pictures. The first
+frames show what was there before."""
+USUAL_GAP = 0.95
+"""Share of the times between frames that a picture is held long enough for. Pictures that find no
+frame are shown again, which is quicker than holding every picture for the longest time."""
+MIN_READINGS = 120
+"""Smallest number of frames that show a counter, for a delay to be known."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Delay(Frozen):
+    """When frames show a picture, relative to the time at which it was shown.
+
+    The moment of a frame is the time at which it arrived.
+    """
+
+    appears_s: FloatMap
+    """Moments of frames, after the showing of the newest picture that is visible in each, s."""
+    absent_s: FloatMap
+    """Moments of frames, after the showing of the first picture that is not yet visible, s."""
+    alone_s: FloatMap
+    """Moments of frames, after the showing of the oldest picture that is visible in each, s."""
+    left_s: FloatMap
+    """Moments of frames, after the showing of the picture that replaces the oldest one visible in
+    each, s."""
+    refresh_s: float
+    """Refresh period of the projector, s."""
+    frame_s: float
+    """Time between frames that 95 % of them keep, s."""
+    transit_s: tuple[float, float] | None = None
+    """Shortest and longest time from a trigger to the arrival of its frame, s; None without
+    triggers."""
+
+    @property
+    def margin_s(self) -> float:
+        """Margin that is kept on both sides, s."""
+        return MARGIN_SHARE * self.refresh_s
+
+    @property
+    def first_s(self) -> float:
+        """Moment from which on a frame shows a picture and not the one before, s after showing.
+
+        No moment at which no frame was seen is trusted: camera and projector may keep step while
+        the delay is measured, and not later.
+        """
+        gone_s = float(self.left_s.max()) + self.margin_s
+        later = self.alone_s[self.alone_s >= gone_s]
+        return float(later.min()) - SAME_MOMENT_S if later.size else gone_s + self.frame_s
+
+    @property
+    def last_s(self) -> float:
+        """Moment until which a frame does not show the picture after, s after showing that."""
+        begins_s = float(self.appears_s.min()) - self.margin_s
+        earlier = self.absent_s[self.absent_s <= begins_s]
+        return float(earlier.max()) + SAME_MOMENT_S if earlier.size else begins_s - self.frame_s
+
+    @property
+    def hold_s(self) -> float:
+        """Time for which a picture must be shown so that a frame shows only it, s.
+
+        A whole number of refresh periods. A camera without triggers must find time for a frame
+        that begins at any moment.
+        """
+        shortest_s, longest_s = self.transit_s or (0.0, self.frame_s)
+        needed = self.first_s - self.last_s + longest_s - shortest_s
+        return float(max(1.0, np.ceil(needed / self.refresh_s)) * self.refresh_s)
+
+    def __str__(self) -> str:
+        appears, gone = 1e3 * self.appears_s.min(), 1e3 * self.left_s.max()
+        return f"appears after {appears:.0f} ms, complete after {gone:.0f} ms"
+
+
+def measure_delay(
+    projector: Projector,
+    camera: Camera,
+    *,
+    clock: Clock | None = None,
+    triggered: bool = False,
+    seed: int = 0,
+) -> Delay:
+    """Film pictures that change fast, and read from every frame which of them it shows.
+
+    Parameters
+    ----------
+    projector : Projector
+    camera : Camera
+        Configured as it will be for the scan.
+    clock : Clock, optional
+        The machine's by default.
+    triggered : bool
+        Whether frames are triggered.
+    seed : int
+        Of the pictures and of the times for which they are held.
+
+    Returns
+    -------
+    Delay
+
+    Raises
+    ------
+    DeviceProblem where the camera does not see the pictures.
+
+    Notes
+    -----
+    Pictures of random blocks are taken one by one first (``Agreement``). A frame taken in fast
+    sequence is a mixture of them; the shares are found by least squares with no negative share.
+    This needs no knowledge of where the camera looks.
+    """
+    clock = clock or SystemClock()
+    refresh_s = projector.refresh_s or USUAL_REFRESH_S
+    side_px = max(4, max(projector.size_px) // BLOCK_SHARE)
+    pictures = block_pictures(projector, COUNTERS, side_px=side_px, seed=seed)
+    agreement = Agreement(projector, camera)
+    single = [compared(agreement.take(picture, "a counter").pixels) for picture in pictures]
+    film = _Film(camera, clock, _Reader(np.stack(single)), triggered)
+    film.shown.append((COUNTERS - 1, -np.inf))
+    camera.configure(CameraSettings(triggered=triggered))
+    camera.discard()
+    rng = np.random.default_rng(seed)
+    for n in range(MAX_SHOWS):
+        if n >= SHOWS and film.readings >= MIN_READINGS:
+            break
+        others = [n for n in range(COUNTERS) if n not in dict(film.shown)]
+        which = int(rng.choice(others))
+        film.shown.append((which, projector.show(pictures[which])))
+        refreshes = rng.integers(1, LONGEST_HOLD + 1) - 0.5
+        film.watch(film.shown[-1][1] + refreshes * refresh_s, 0.1 * refresh_s)
+        film.trigger_after(rng.random() * refresh_s)
+    return film.delay(refresh_s)
+
+
+class _Film:
+    """What was shown, and what the frames meanwhile showed."""
+
+    def __init__(self, camera: Camera, clock: Clock, reader: _Reader, triggered: bool) -> None:
+        self._camera = camera
+        self._clock = clock
+        self._reader = reader
+        self._triggered_s: float | None = None
+        self._next_s = clock.now_s()
+        self._triggered = triggered
+        self.shown: deque[tuple[int, float]] = deque(maxlen=COUNTERS - 1)
+        """Numbers and times of the last pictures."""
+        self._appears: list[float] = []
+        self._absent: list[float] = []
+        self._alone: list[float] = []
+        self._left: list[float] = []
+        self._moments: list[float] = []
+        self._transits: list[float] = []
+
+    @property
+    def readings(self) -> int:
+        """Number of frames that bound the delay."""
+        return min(len(self._left), len(self._absent))
+
+    def watch(self, until_s: float, pause_s: float) -> None:
+        """Read the frames that arrive until then."""
+        while self._clock.now_s() < until_s:
+            due = self._clock.now_s() >= self._next_s
+            if self._triggered and self._triggered_s is None and due:
+                assert isinstance(self._camera, TriggeredCamera)
+                self._triggered_s = self._camera.trigger()
+            if self._camera.waiting():
+                self._read(self._camera.grab())
+            else:
+                self._clock.wait_until(min(until_s, self._clock.now_s() + pause_s))
+
+    def trigger_after(self, pause_s: float) -> None:
+        """Send no trigger for a while, so that triggers do not keep step with the projector."""
+        self._next_s = self._clock.now_s() + pause_s
+
+    def _read(self, grab: Grab) -> None:
+        self._moments.append(grab.host_s)
+        if self._triggered_s is not None:
+            self._transits.append(grab.host_s - self._triggered_s)
+            self._triggered_s = None
+        visible = self._reader.visible(compared(grab.pixels), [n for n, _ in self.shown])
+        if not grab.complete or visible is None:
+            return
+        oldest, newest = visible
+        times_s = [grab.host_s - shown_s for _, shown_s in self.shown]
+        self._appears.append(times_s[newest])
+        self._alone.append(times_s[oldest])
+        self._left += times_s[oldest + 1 : oldest + 2]
+        self._absent += times_s[newest + 1 : newest + 2]
+
+    def delay(self, refresh_s: float) -> Delay:
+        """The delays that the frames have shown."""
+        frames = len(self._moments)
+        if self.readings < MIN_READINGS or len(self._appears) < MIN_READ_SHARE * frames:
+            raise DeviceProblem(
+                f"{self._camera.name}: expected frames that show one of the last {COUNTERS - 1} "
+                f"pictures, got {self.readings} such frames of {frames}: the delay is longer than "
+                "half a second or changes, so frames cannot be taken in fast sequence"
+            )
+        times = self._transits
+        transit_s = (min(times), max(times)) if times else None
+        frame_s = float(np.quantile(np.diff(self._moments), USUAL_GAP))
+        lists = (self._appears, self._absent, self._alone, self._left)
+        known = [np.array([s for s in times_s if np.isfinite(s)]) for times_s in lists]
+        return Delay(known[0], known[1], known[2], known[3], refresh_s, frame_s, transit_s)
+
+
+class _Reader:
+    """Reads which pictures a frame shows, by least squares against frames of single pictures."""
+
+    def __init__(self, single: NDArray[np.float32]) -> None:
+        """``single`` is (pictures, h, w), counts."""
+        self._edges = np.linspace(0, single.shape[1], BANDS + 1).astype(int)
+        self._bands = [
+            single[:, a:b].reshape(len(single), -1).astype(np.float64)
+            for a, b in zip(self._edges[:-1], self._edges[1:], strict=True)
+            if b > a
+        ]
+
+    def visible(self, frame: NDArray[Any], candidates: list[int]) -> tuple[int, int] | None:
+        """Places of the oldest and the newest visible picture among the candidates.
+
+        ``candidates`` are numbers of pictures in the order of showing. None for a frame that shows
+        something else.
+        """
+        places: list[int] = []
+        residual = contrast = 0.0
+        parts = np.split(frame, self._edges[1:-1], axis=0)
+        for part, single in zip((p for p in parts if p.size), self._bands, strict=True):
+            chosen, values = single[candidates], part.ravel().astype(np.float64)
+            # Least squares on the triangular factor: the same minimum, with fewer rows.
+            L = np.linalg.cholesky(chosen @ chosen.T)
+            shares, _ = optimize.nnls(L.T, linalg.solve_triangular(L, chosen @ values, lower=True))
+            places += np.flatnonzero(shares > VISIBLE_SHARE).tolist()
+            residual += float(np.sum((values - shares @ chosen) ** 2))
+            contrast += float(np.sum((chosen - chosen.mean(axis=0)) ** 2)) / len(chosen)
+        if not places or residual > MAX_RESIDUAL**2 * contrast:
+            return None
+        return min(places), max(places)

@@ -1,0 +1,37 @@
+"""Black, white and blocks: the pictures that scans show beside those of a plan."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.devices.protocols import Projector
+
+
+def black_picture(projector: Projector) -> NDArray[Any]:
+    """Return the projector's black, (rows, columns), counts."""
+    return np.zeros(projector.size_px[::-1], picture_type(projector))
+
+
+def white_picture(projector: Projector) -> NDArray[Any]:
+    """Return the projector's white, (rows, columns), counts."""
+    return np.full(projector.size_px[::-1], 2**projector.bits - 1, picture_type(projector))
+
+
+def block_pictures(projector: Projector, count: int, *, side_px: int, seed: int) -> NDArray[Any]:
+    """Return pictures of random black and white blocks, (count, rows, columns), counts.
+
+    Half of the blocks differ between any two of them, wherever a camera looks.
+    """
+    columns, rows = projector.size_px
+    rng = np.random.default_rng(seed)
+    cells = rng.integers(0, 2, (count, -(-rows // side_px), -(-columns // side_px)))
+    large = cells.repeat(side_px, axis=1).repeat(side_px, axis=2)[:, :rows, :columns]
+    return np.asarray(large * (2**projector.bits - 1)).astype(picture_type(projector))
+
+
+def picture_type(projector: Projector) -> type[np.unsignedinteger[Any]]:
+    """Return the type of the projector's pictures."""
+    return np.uint8 if projector.bits == 8 else np.uint16

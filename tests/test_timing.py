@@ -1,0 +1,161 @@
+"""Timing of scans on virtual devices: no frame of the wrong picture, whatever the delay."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from fringeworks import encode
+from fringeworks.scan.agreement import Agreement
+from fringeworks.scan.delay import measure_delay
+from fringeworks.scan.differences import noise_between
+from fringeworks.scan.fast import FastTaker
+from fringeworks.types import DeviceProblem
+from tests.virtual_devices import bench, plan
+
+DEVICES = [
+    (
+        {"delay_s": delay / 2, "jitter_refreshes": jitter},
+        {
+            "fps": fps,
+            "shutter": shutter,
+            "delay_s": delay / 2,
+            "jitter_frames": jitter,
+            "readout_s": 0.014,
+        },
+    )
+    for delay, jitter, fps, shutter in itertools.product(
+        (0.0, 0.03, 0.2), (0, 2), (30, 60), ("global", "rolling")
+    )
+]
+
+
+def wrong_by_agreement(seed, devices, frames):
+    b = bench(*devices, seed=seed)
+    taker = Agreement(b.projector, b.camera)
+    taker.start()
+    pictures = itertools.islice(itertools.cycle(list(encode(plan()))), frames)
+    return sum(not b.shows_only(taker.take(picture), picture) for picture in pictures)
+
+
+def wrong_in_fast_mode(seed, devices, frames, triggered=False):
+    projector, camera = devices
+    if triggered:
+        camera = camera | {"jitter_frames": 0}
+    b = bench(projector, camera, seed=seed)
+    delay = measure_delay(b.projector, b.camera, clock=b.clock, triggered=triggered, seed=seed)
+    taker = FastTaker(b.projector, b.camera, delay, clock=b.clock)
+    pictures = list(itertools.islice(itertools.cycle(list(encode(plan()))), frames))
+    grabs = taker.take(pictures)
+    return sum(not b.shows_only(g, p) for g, p in zip(grabs, pictures, strict=True))
+
+
+def test_agreement_takes_no_wrong_frame():
+    assert sum(wrong_by_agreement(k, devices, 24) for k, devices in enumerate(DEVICES)) == 0
+
+
+@pytest.mark.parametrize("triggered", [False, True])
+def test_fast_mode_takes_no_wrong_frame(triggered):
+    assert (
+        sum(wrong_in_fast_mode(k, devices, 24, triggered) for k, devices in enumerate(DEVICES[::3]))
+        == 0
+    )
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+def test_ten_thousand_frames():
+    assert sum(wrong_by_agreement(k, devices, 420) for k, devices in enumerate(DEVICES)) == 0
+    assert (
+        sum(
+            wrong_in_fast_mode(k, devices, 210, triggered)
+            for triggered in (False, True)
+            for k, devices in enumerate(DEVICES)
+        )
+        == 0
+    )
+
+
+def test_time_of_a_scan():
+    devices = {"delay_s": 1 / 60}, {"fps": 60, "delay_s": 1 / 60}
+    pictures = list(encode(plan()))
+    b = bench(*devices)
+    taker = Agreement(b.projector, b.camera)
+    start = b.clock.now_s()
+    taker.start()
+    for picture in pictures:
+        taker.take(picture)
+    assert b.clock.now_s() - start <= 1.5
+    b = bench(*devices)
+    delay = measure_delay(b.projector, b.camera, clock=b.clock, triggered=True)
+    start = b.clock.now_s()
+    FastTaker(b.projector, b.camera, delay, clock=b.clock).take(pictures)
+    assert b.clock.now_s() - start <= 0.6
+
+
+@pytest.mark.parametrize("shutter", ["global", "rolling"])
+@pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.2])
+def test_measured_delay_is_right_within_a_frame(delay_s, shutter):
+    """A picture begins to appear after the delays, and is complete one exposure and one readout later."""
+    b = bench(
+        {"delay_s": delay_s}, {"fps": 59.0, "delay_s": 0.02, "readout_s": 0.01, "shutter": shutter}
+    )
+    delay = measure_delay(b.projector, b.camera, clock=b.clock)
+    exposure_s, frame_s = 16.667e-3, 1 / 59
+    begins_s = delay_s + 0.02 + (0.01 if shutter == "global" else 0.0)
+    assert abs(delay.appears_s.min() - begins_s) <= frame_s
+    assert abs(delay.left_s.max() - (delay_s + 0.03 + exposure_s)) <= frame_s
+
+
+def test_a_camera_that_repeats_frames_is_waited_for():
+    b = bench({}, {"frozen": 0.4, "torn": 0.2, "loss": 0.1}, seed=3)
+    taker = Agreement(b.projector, b.camera)
+    pictures = list(encode(plan()))
+    grabs = [taker.take(picture) for picture in pictures]
+    clean = bench(seed=3)
+    expected = [Agreement(clean.projector, clean.camera).take(p) for p in pictures]
+    for grab, reference in zip(grabs, expected, strict=True):
+        assert grab.complete
+        assert np.abs(grab.pixels.astype(float) - reference.pixels).mean() < 4
+
+
+@pytest.mark.parametrize(
+    ("camera", "said"),
+    [
+        ({"flicker": 0.2, "fps": 37.0, "reference_ms": 3.0}, "flickers|steady"),
+        ({"frozen": 0.999}, "white to be brighter|expected a change"),
+        ({"torn": 0.99}, "incomplete"),
+        ({"loss": 0.999}, "no frame arrived"),
+    ],
+)
+def test_what_cannot_be_taken_is_said(camera, said):
+    from tests.virtual_devices import Screen
+
+    b = bench({}, camera, scene=Screen(ambient=0.2), seed=1)
+    taker = Agreement(b.projector, b.camera)
+    with pytest.raises(DeviceProblem, match=said):
+        for picture in encode(plan()):
+            taker.take(picture)
+
+
+def test_a_covered_projector_is_said():
+    from tests.virtual_devices import Screen
+
+    b = bench(scene=Screen(white=0.0))
+    with pytest.raises(DeviceProblem, match="white to be brighter than black"):
+        Agreement(b.projector, b.camera).start()
+
+
+def test_noise_is_measured():
+    rng = np.random.default_rng(0)
+    light = np.linspace(5, 220, 64 * 80).reshape(64, 80)
+
+    def frame():
+        return np.rint(light + np.sqrt(1.5**2 + 0.05 * light) * rng.standard_normal(light.shape))
+
+    found = [noise_between([(frame(), frame()), (frame(), frame())]) for _ in range(20)]
+    read = np.mean([n.read_counts**2 for n in found])
+    assert read == pytest.approx(1.5**2 + 1 / 12, rel=0.15)
+    assert np.mean([n.gain for n in found]) == pytest.approx(0.05, rel=0.1)

@@ -73,7 +73,7 @@ def test_another_capture_leaves_nothing_behind(tmp_path):
 def test_a_failed_write_is_no_result(tmp_path):
     with pytest.raises(fw.FramesContradictPlan, match="the plan has 8, got 7"):
         fw.write_stack(tmp_path / "c", take(PLANS[0])[:7], PLANS[0])
-    with pytest.raises(fw.FileProblem, match="an interrupted write left it incomplete"):
+    with pytest.raises(fw.FileProblem, match="a complete capture, got one that was interrupted"):
         fw.read_capture(tmp_path / "c")
     fw.write_stack(tmp_path / "c", take(PLANS[0]), PLANS[0])
     assert fw.read_capture(tmp_path / "c").plan == PLANS[0]

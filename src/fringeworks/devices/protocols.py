@@ -8,67 +8,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import Frozen, InputError, check_fields
-
-
-@dataclass(frozen=True)
-class Region:
-    """A part of a camera's sensor.
-
-    Raises
-    ------
-    InputError for an empty region or one that begins before the sensor.
-    """
-
-    x_px: int
-    """First column; ≥ 0."""
-    y_px: int
-    """First row; ≥ 0."""
-    width_px: int
-    """Number of columns; ≥ 1."""
-    height_px: int
-    """Number of rows; ≥ 1."""
-
-    def __post_init__(self) -> None:
-        check_fields(
-            self,
-            x_px=(self.x_px >= 0, ">= 0"),
-            y_px=(self.y_px >= 0, ">= 0"),
-            width_px=(self.width_px >= 1, ">= 1"),
-            height_px=(self.height_px >= 1, ">= 1"),
-        )
-
-
-@dataclass(frozen=True)
-class CameraSettings:
-    """Settings of a camera.
-
-    In a request, None leaves a setting as it is. In what a camera reports, None means that the
-    camera does not tell.
-
-    Raises
-    ------
-    InputError for a value out of its range.
-    """
-
-    exposure_ms: float | None = None
-    """Time over which a frame collects light, ms; > 0."""
-    gain_db: float | None = None
-    """Amplification of the signal, dB."""
-    region: Region | None = None
-    """Part of the sensor that is read out."""
-    pixel_format: str | None = None
-    """Name of the pixel format in the terms of GenICam, such as Mono8, Mono12p or BayerRG8."""
-    triggered: bool | None = None
-    """True: a frame is exposed for every ``trigger``; False: frames come by themselves."""
-
-    def __post_init__(self) -> None:
-        exposure, gain = self.exposure_ms, self.gain_db
-        check_fields(
-            self,
-            exposure_ms=(exposure is None or (np.isfinite(exposure) and exposure > 0), "> 0"),
-            gain_db=(gain is None or np.isfinite(gain), "a finite value"),
-        )
+from fringeworks.types import CameraSettings, Frozen, InputError
 
 
 @dataclass(frozen=True)

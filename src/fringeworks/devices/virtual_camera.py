@@ -11,13 +11,18 @@ from numpy.typing import NDArray
 
 from fringeworks.devices.protocols import (
     CameraLimits,
-    CameraSettings,
     Closing,
     Grab,
-    Region,
 )
 from fringeworks.devices.virtual_projector import Shown, VirtualProjector
-from fringeworks.types import DeviceProblem, FloatMap, InputError, check_fields
+from fringeworks.types import (
+    CameraSettings,
+    DeviceProblem,
+    FloatMap,
+    InputError,
+    Region,
+    check_fields,
+)
 
 AUTO_TARGET = 0.45
 """Mean brightness that an automatic exposure aims at, share of full scale: between the 0.4 and 0.5

@@ -34,11 +34,12 @@ class FolderInUse(FileProblem):
 class FolderWriter:
     """Hands out the names of a folder's files; see ``replacing_folder``."""
 
-    def __init__(self, folder: Path, kind: str, before: Sequence[str]) -> None:
+    def __init__(self, folder: Path, kind: str, before: Sequence[str], kept: Sequence[str]) -> None:
         self.folder = folder
         self._kind = kind
-        self._before = before
-        self._written: list[str] = []
+        self._before = [name for name in before if name not in kept]
+        self._kept = kept
+        self._written: list[str] = list(kept)
         self._started = False
 
     def file(self, name: str) -> Path:
@@ -51,10 +52,20 @@ class FolderWriter:
             manifest.write(f"{UNFINISHED} {name}\n")
         return self.folder / name
 
+    def keeps(self, name: str) -> bool:
+        """Whether a file of the earlier result stays as it is."""
+        return name in self._kept
+
+    def remove(self, name: str) -> None:
+        """Delete a file that was written."""
+        self._written.remove(name)
+        (self.folder / name).unlink(missing_ok=True)
+
     def _start(self) -> None:
         """Delete the earlier result."""
         self._started = True
-        _write_manifest(self.folder, self._kind, dict.fromkeys(self._before, UNFINISHED))
+        listed = dict.fromkeys([*self._before, *self._kept], UNFINISHED)
+        _write_manifest(self.folder, self._kind, listed)
         # Descriptions go first, so that nothing reads half of the folder.
         for name in sorted(self._before, key=lambda name: not name.endswith(".toml")):
             earlier = self.folder / name
@@ -73,7 +84,12 @@ class FolderWriter:
 
 @contextmanager
 def replacing_folder(
-    path: StrPath, kind: str, *, index: Sequence[str] = (), force: bool = False
+    path: StrPath,
+    kind: str,
+    *,
+    index: Sequence[str] = (),
+    force: bool = False,
+    kept: Sequence[str] = (),
 ) -> Iterator[FolderWriter]:
     """Write a folder as a whole.
 
@@ -91,6 +107,8 @@ def replacing_folder(
     force : bool
         Write into a folder with other things in it, too. Files of the same names are replaced, all
         others stay.
+    kept : names
+        Files of the earlier result that stay as they are and belong to the new one.
 
     Raises
     ------
@@ -103,8 +121,9 @@ def replacing_folder(
     foreign = foreign_names(folder)
     if not force:
         _refuse(folder, foreign, own, "" if before == kind else before)
-    kept = [name for name in own if name not in foreign]
-    writer = FolderWriter(folder, kind, kept + [name for name in index if name in foreign])
+    before_names = [name for name in own if name not in foreign]
+    before_names += [name for name in index if name in foreign]
+    writer = FolderWriter(folder, kind, before_names, kept)
     try:
         yield writer
         writer.finish()

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-import tomli_w
 from numpy.typing import NDArray
-from pydantic import Field
 
-from fringeworks.files.atomic import StrPath, replacing, write_text
-from fringeworks.files.folder import replacing_folder
+from fringeworks.files.atomic import StrPath
+from fringeworks.files.capture_writer import StackFile, refuse_unfinished, writing_capture
 from fringeworks.files.frame_order import by_name, in_plan_order
 from fringeworks.files.images import (
     IMAGE_SUFFIXES,
     TIFF_SUFFIXES,
-    holds_counts,
     read_frames,
-    write_frame,
 )
 from fringeworks.files.limits import (
     existing_file,
@@ -30,35 +26,19 @@ from fringeworks.files.limits import (
     told,
 )
 from fringeworks.files.npz import NUMBERS, read_npz
-from fringeworks.files.pair import CAPTURE_FILE, DevicesSection, missing_description
-from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names, read_plan
+from fringeworks.files.pair import CAPTURE_FILE, missing_description
+from fringeworks.files.plan import PLAN_FILE, read_plan
 from fringeworks.files.provenance import source_of
 from fringeworks.files.tiff import read_tiff
-from fringeworks.files.toml import Section, kind_of, read_toml
+from fringeworks.files.toml import kind_of, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Stack, step_of
-from fringeworks.types import FileProblem, FramesContradictPlan, sealed
+from fringeworks.types import FileProblem, sealed
 
-TRUTH_FILE = "truth.npz"
-"""What is known about a simulated scene, in the folder of its frames."""
 STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz")
 """Single files that hold a stack."""
 MAX_NOTES = 1
 """Notes about single frames that are kept in full; the others are counted."""
-
-
-class StackFile(Section):
-    """``capture.toml`` of a stack; unknown keys are refused."""
-
-    kind: Literal["stack"]
-    plan: str = PLAN_FILE
-    """Plan file, relative to the folder."""
-    frames: list[str] | str | None = None
-    """Images in the order of the plan, or one TIFF stack; where left out, all images, by the labels
-    in their names or by name."""
-    saturation: float | None = Field(default=None, gt=0)
-    """Counts from which on a sample is not trusted."""
-    devices: DevicesSection = DevicesSection()
 
 
 def read_stack(path: StrPath, plan: StrPath | PatternPlan | None = None) -> Stack:
@@ -192,31 +172,14 @@ def write_stack(
     FramesContradictPlan where the number of frames is not the plan's; FileProblem where the folder
     holds other things or cannot be written to.
     """
-    labels, stems, names = plan.labels(), frame_names(plan, ""), []
-    index = (CAPTURE_FILE, PLAN_FILE)
-    with replacing_folder(folder, "capture", index=index, force=force) as writer:
-        for count, frame in enumerate(frames):
-            if count >= len(labels):
-                raise FramesContradictPlan(f"frames: the plan has {len(labels)}, got more")
-            progress(labels[count])
-            suffix = ".png" if holds_counts(frame) else ".tif"
-            names.append(stems[count] + suffix)
-            write_frame(writer.file(names[-1]), frame)
-        if len(names) != len(labels):
-            raise FramesContradictPlan(
-                f"frames: the plan has {len(labels)}, got {len(names)}; "
-                f"missing: {', '.join(labels[len(names) :])}"
-            )
-        if truth is not None:
-            with replacing(writer.file(TRUTH_FILE)) as temporary, temporary.open("wb") as file:
-                np.savez_compressed(file, allow_pickle=False, **truth)
-        write_text(writer.file(PLAN_FILE), format_plan(plan))
-        devices = {"camera": camera, "projector": projector}
-        named = {name: value for name, value in devices.items() if value is not None}
-        content: dict[str, Any] = {"kind": "stack", "plan": PLAN_FILE, "frames": names}
-        text = tomli_w.dumps(content | ({"devices": named} if named else {}))
-        write_text(writer.file(CAPTURE_FILE), text)
-        return writer.folder
+    labels = plan.labels()
+    with writing_capture(folder, plan, camera=camera, projector=projector, force=force) as writer:
+        for number, frame in enumerate(frames):
+            progress(labels[min(number, len(labels) - 1)])
+            writer.add(number, frame)
+        if truth is not None and not writer.missing:
+            writer.add_truth(truth)
+    return Path(folder)
 
 
 def _plan_of(plan: StrPath | PatternPlan) -> PatternPlan:
@@ -224,6 +187,7 @@ def _plan_of(plan: StrPath | PatternPlan) -> PatternPlan:
 
 
 def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
+    refuse_unfinished(folder)
     description = folder / CAPTURE_FILE
     described = description.is_file()
     if described and kind_of(description) == "pair":

@@ -13,7 +13,6 @@ from scipy import linalg, optimize
 from fringeworks.devices.clock import Clock, SystemClock
 from fringeworks.devices.protocols import (
     Camera,
-    CameraSettings,
     Grab,
     Projector,
     TriggeredCamera,
@@ -21,7 +20,7 @@ from fringeworks.devices.protocols import (
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.differences import compared
 from fringeworks.scan.uniform import block_pictures
-from fringeworks.types import DeviceProblem, FloatMap, Frozen
+from fringeworks.types import CameraSettings, DeviceProblem, FloatMap, Frozen
 
 COUNTERS = 16
 """Different pictures of the counter. Shown for 42 ms each on average, they repeat after 0.6 s at

@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from fringeworks.devices.clock import Clock, SystemClock
 from fringeworks.devices.protocols import (
     Camera,
-    CameraSettings,
     Grab,
     Projector,
     TriggeredCamera,
 )
 from fringeworks.scan.delay import Delay
-from fringeworks.types import DeviceProblem
+from fringeworks.types import CameraSettings, DeviceProblem
 
 MAX_ROUNDS = 6
 """Times that pictures are shown until each has its frame. Frames that a camera loses at 5 % are all

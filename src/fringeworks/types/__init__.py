@@ -12,6 +12,7 @@ from fringeworks.types.arrays import (
     Reason,
     count_reasons,
 )
+from fringeworks.types.camera import CameraSettings, Region
 from fringeworks.types.coordinates import CoordinateMap, Decoded
 from fringeworks.types.errors import (
     BoardNotFound,
@@ -40,6 +41,7 @@ __all__ = [
     "BoolMap",
     "ByteMap",
     "CameraNoise",
+    "CameraSettings",
     "CoordinateMap",
     "Decoded",
     "DeviceProblem",
@@ -59,6 +61,7 @@ __all__ = [
     "Provenance",
     "Reason",
     "ReferencePlaneGeometry",
+    "Region",
     "Rig",
     "RigMismatch",
     "Source",

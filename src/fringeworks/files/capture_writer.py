@@ -1,0 +1,244 @@
+"""Captures that are written frame by frame, and finished later if they were interrupted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+from pydantic import Field
+
+from fringeworks.files.atomic import StrPath, replacing, write_text
+from fringeworks.files.folder import FolderWriter, foreign_names, replacing_folder
+from fringeworks.files.images import holds_counts, write_frame
+from fringeworks.files.pair import CAPTURE_FILE, DevicesSection
+from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names
+from fringeworks.files.toml import Section, read_toml
+from fringeworks.patterns.plan import PatternPlan
+from fringeworks.types import CameraSettings, FileProblem, FramesContradictPlan, InputError, Region
+
+UNFINISHED_FILE = "unfinished.toml"
+"""In a folder whose frames are not all taken yet: what the capture will be."""
+TRUTH_FILE = "truth.npz"
+"""What is known about a simulated scene, in the folder of its frames."""
+SUFFIXES = (".png", ".tif")
+"""Of frames with whole counts and with others."""
+
+
+class SettingsSection(Section):
+    """``[settings]``: how the frames were taken."""
+
+    exposure_ms: float | None = Field(default=None, gt=0)
+    gain_db: float | None = None
+    pixel_format: str | None = None
+    region: tuple[int, int, int, int] | None = None
+    """First column and row, columns, rows."""
+    averaged: int = Field(default=1, ge=1)
+    """Number of frames that each frame is the mean of."""
+
+
+class UnfinishedFile(Section):
+    """``unfinished.toml``: how the frames of a capture are taken; unknown keys are refused."""
+
+    saturation: float | None = Field(default=None, gt=0)
+    """Counts from which on a sample is not trusted."""
+    devices: DevicesSection = DevicesSection()
+    settings: SettingsSection = SettingsSection()
+
+
+class StackFile(UnfinishedFile):
+    """``capture.toml`` of a stack; unknown keys are refused."""
+
+    kind: Literal["stack"]
+    plan: str = PLAN_FILE
+    """Plan file, relative to the folder."""
+    frames: list[str] | str | None = None
+    """Images in the order of the plan, or one TIFF stack; where left out, all images, by the labels
+    in their names or by name."""
+
+
+class CaptureWriter:
+    """Writes the frames of one capture; see ``writing_capture``."""
+
+    def __init__(self, writer: FolderWriter, plan: PatternPlan, stems: list[str]) -> None:
+        self._writer = writer
+        self._plan = plan
+        self._stems = stems
+        self._names = {n: name for n, stem in enumerate(stems) if (name := self._there(stem))}
+
+    def _there(self, stem: str) -> str | None:
+        found = [stem + suffix for suffix in SUFFIXES if self._writer.keeps(stem + suffix)]
+        return found[0] if found else None
+
+    @property
+    def missing(self) -> list[int]:
+        """Numbers of the frames that are not written yet."""
+        return [n for n in range(len(self._stems)) if n not in self._names]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the written frames, in the order of the plan."""
+        return [self._names[n] for n in sorted(self._names)]
+
+    def add(self, number: int, frame: NDArray[Any]) -> None:
+        """Write the frame of a picture of the plan: whole counts as PNG, floats as TIFF.
+
+        Raises
+        ------
+        FramesContradictPlan for a number that the plan does not have.
+        """
+        if not 0 <= number < len(self._stems):
+            raise FramesContradictPlan(f"frames: the plan has {len(self._stems)}, got more")
+        name = self._stems[number] + SUFFIXES[0 if holds_counts(frame) else 1]
+        write_frame(self._writer.file(name), frame)
+        self._names[number] = name
+
+    def add_truth(self, truth: Mapping[str, NDArray[Any]]) -> None:
+        """Write what is known about a simulated scene."""
+        with replacing(self._writer.file(TRUTH_FILE)) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **truth)
+
+
+@contextmanager
+def writing_capture(
+    folder: StrPath,
+    plan: PatternPlan,
+    *,
+    camera: str | None = None,
+    projector: str | None = None,
+    settings: CameraSettings | None = None,
+    averaged: int = 1,
+    saturation: float | None = None,
+    resume: bool = False,
+    force: bool = False,
+) -> Iterator[CaptureWriter]:
+    """Write a capture frame by frame.
+
+    Every frame is on the disk when ``CaptureWriter.add`` returns. ``capture.toml``, which makes
+    the folder a capture, is written at the end, when all frames are there. Until then the folder
+    holds ``unfinished.toml``, and reading it says that frames are missing.
+
+    Parameters
+    ----------
+    folder : path
+        New, empty, or an earlier result, which is replaced as a whole.
+    plan : PatternPlan
+    camera, projector : str, optional
+        Names of the devices.
+    settings : CameraSettings, optional
+        How the frames are taken.
+    averaged : int
+        Number of frames that each frame is the mean of.
+    saturation : float, optional
+        Counts from which on a sample is not trusted.
+    resume : bool
+        Keep the frames of a capture that was interrupted. Its plan, devices and settings must be
+        the same.
+    force : bool
+        Write into a folder with other things in it, too; see ``replacing_folder``.
+
+    Raises
+    ------
+    FramesContradictPlan at the end, where frames are missing; FileProblem where the folder cannot
+    be written to, or there is nothing to resume.
+    """
+    stems = frame_names(plan, "")
+    content = _description(camera, projector, settings, averaged, saturation)
+    kept = _kept(Path(folder), content, plan, stems) if resume else ()
+    index = (CAPTURE_FILE, PLAN_FILE)
+    with replacing_folder(folder, "capture", index=index, force=force, kept=kept) as writer:
+        if not kept:
+            write_text(writer.file(UNFINISHED_FILE), tomli_w.dumps(content))
+            write_text(writer.file(PLAN_FILE), format_plan(plan))
+        capture = CaptureWriter(writer, plan, stems)
+        yield capture
+        if capture.missing:
+            labels = plan.labels()
+            raise FramesContradictPlan(
+                f"frames: the plan has {len(labels)}, got {len(capture.names)}; "
+                f"missing: {', '.join(labels[n] for n in capture.missing)}"
+            )
+        described = {"kind": "stack", "plan": PLAN_FILE, "frames": capture.names} | content
+        write_text(writer.file(CAPTURE_FILE), tomli_w.dumps(described))
+        writer.remove(UNFINISHED_FILE)
+
+
+def refuse_unfinished(folder: Path) -> None:
+    """Refuse to read a capture whose frames are not all taken."""
+    if (folder / UNFINISHED_FILE).is_file() and not (folder / CAPTURE_FILE).is_file():
+        raise FileProblem(
+            f"{folder}: expected a complete capture, got one that was interrupted: finish it with "
+            "resume, or capture it anew"
+        )
+
+
+def settings_of(section: SettingsSection) -> CameraSettings:
+    """The settings in a file."""
+    region = None if section.region is None else Region(*section.region)
+    return CameraSettings(section.exposure_ms, section.gain_db, region, section.pixel_format)
+
+
+def _description(
+    camera: str | None,
+    projector: str | None,
+    settings: CameraSettings | None,
+    averaged: int,
+    saturation: float | None,
+) -> dict[str, Any]:
+    """What ``capture.toml`` says beside the names of plan and frames."""
+    devices = _known(camera=camera, projector=projector)
+    given = settings or CameraSettings()
+    region = given.region
+    how = _known(
+        exposure_ms=given.exposure_ms,
+        gain_db=given.gain_db,
+        pixel_format=given.pixel_format,
+        region=None
+        if region is None
+        else [region.x_px, region.y_px, region.width_px, region.height_px],
+        averaged=averaged if averaged != 1 else None,
+    )
+    return _known(saturation=saturation, devices=devices or None, settings=how or None)
+
+
+def _known(**values: Any) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _kept(
+    folder: Path, content: dict[str, Any], plan: PatternPlan, stems: list[str]
+) -> tuple[str, ...]:
+    """Names of the files of an interrupted capture that are kept."""
+    if (folder / CAPTURE_FILE).is_file():
+        raise FileProblem(f"{folder}: expected an interrupted capture, got a complete one")
+    described = folder / UNFINISHED_FILE
+    if not described.is_file():
+        raise FileProblem(f"{folder}: expected an interrupted capture to resume, got none")
+    before = read_toml(described, UnfinishedFile).model_dump(exclude_unset=True, exclude_none=True)
+    wanted = UnfinishedFile.model_validate(content).model_dump(
+        exclude_unset=True, exclude_none=True
+    )
+    if before != wanted:
+        raise InputError(
+            f"{folder}: expected the settings of the interrupted capture ({_told(before)}), got "
+            f"others ({_told(wanted)})"
+        )
+    if (folder / PLAN_FILE).read_text("utf-8") != format_plan(plan):
+        raise InputError(f"{folder}: expected the plan of the interrupted capture, got another")
+    foreign = set(foreign_names(folder))
+    names = [stem + suffix for stem in stems for suffix in SUFFIXES]
+    there = [n for n in names if (folder / n).is_file() and n not in foreign]
+    return (UNFINISHED_FILE, PLAN_FILE, *there)
+
+
+def _told(values: dict[str, Any]) -> str:
+    parts = [
+        f"{name} = {value}"
+        for section in values.values()
+        for name, value in (section.items() if isinstance(section, dict) else [("", section)])
+    ]
+    return ", ".join(parts) or "none"

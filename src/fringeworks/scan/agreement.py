@@ -91,6 +91,32 @@ class Agreement:
         self._picture, self._frame = black, compared(of_black[-1].pixels)
         return of_black[-1], of_white[-1]
 
+    def more(self, count: int) -> list[Grab]:
+        """Return further frames of the picture that ``take`` has taken last.
+
+        Raises
+        ------
+        DeviceProblem where the frames do not agree with it.
+        """
+        found: list[Grab] = []
+        last: NDArray[np.float32] | None = None
+        tries = 0
+        while len(found) < count:
+            tries += 1
+            if tries > count * MAX_INCOMPLETE:
+                raise DeviceProblem(
+                    f"{self._camera.name}: expected {count} more frames that agree, got "
+                    f"{len(found)}: something moves, the light flickers, or an automatic exposure "
+                    "is on"
+                )
+            grab = self._complete()
+            frame = compared(grab.pixels)
+            repeated = last is not None and not self._exact and np.array_equal(frame, last)
+            if not repeated and agree(block_differences(self._frame, frame, self.noise)):
+                found.append(grab)
+            last = frame
+        return found
+
     def take(self, picture: NDArray[Any], label: str = "the picture") -> Grab:
         """Show a picture, and return a frame that shows nothing else.
 

@@ -1,0 +1,142 @@
+"""Pixel formats of cameras (GenICam's Pixel Format Naming Convention): bytes to grey frames."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.types import InputError
+
+Channel = Literal["luminance", "red", "green", "blue"]
+"""What is made of a frame of a colour camera. Luminance has the weights of ITU-R BT.601."""
+NAME = re.compile(r"(Mono|Bayer(?:RG|GR|GB|BG))(8|10|12|14|16)(p|Packed)?")
+"""Formats that are read: kind, bits, and how samples are packed."""
+PACKED = {("10", "p"), ("12", "p"), ("10", "Packed"), ("12", "Packed")}
+"""Bits and packing of the formats whose samples do not fill whole bytes."""
+
+
+def full_scale(name: str) -> int:
+    """Return the largest count of a pixel format, such as 4095 for Mono12p.
+
+    Raises
+    ------
+    InputError for a format that is not read.
+    """
+    return int(2 ** int(_parsed(name)[1]) - 1)
+
+
+def unpacked(content: NDArray[np.uint8], shape: tuple[int, int], name: str) -> NDArray[Any]:
+    """Return the samples of a frame as they came from a camera.
+
+    Parameters
+    ----------
+    content : (n,) uint8 array
+        Bytes of the frame; more than needed are ignored.
+    shape : (rows, columns)
+    name : str
+        Pixel format.
+
+    Returns
+    -------
+    (rows, columns) array, uint8 for 8 bits and uint16 for more; colour filters are not removed.
+
+    Raises
+    ------
+    InputError for a format that is not read, and for too few bytes.
+
+    Notes
+    -----
+    ``p``: samples follow each other without gaps, the lowest bit first. ``Packed`` (GigE Vision):
+    two samples in three bytes, the middle byte holding the low bits of both.
+    """
+    _, bits, packing = _parsed(name)
+    rows, columns = shape
+    samples = rows * columns
+    needed = samples if bits == "8" else 2 * samples
+    if packing == "p":
+        needed = -(-samples * int(bits) // 8)
+    elif packing == "Packed":
+        needed = -(-samples // 2) * 3
+    if content.size < needed:
+        raise InputError(
+            f"{name}: expected {needed} bytes for {columns} × {rows} px, got {content.size}"
+        )
+    content = content[:needed]
+    if bits == "8":
+        return content.reshape(shape).copy()
+    if not packing:
+        return content.view("<u2").reshape(shape).astype(np.uint16)
+    flat = _without_gaps(content, int(bits)) if packing == "p" else _of_triples(content, int(bits))
+    return flat[:samples].reshape(shape)
+
+
+def to_grey(raw: NDArray[Any], name: str, channel: Channel = "luminance") -> NDArray[Any]:
+    """Return a grey frame from the samples of a camera.
+
+    Parameters
+    ----------
+    raw : (h, w) array
+        From ``unpacked``.
+    name : str
+        Pixel format. Frames of Mono formats are returned as they are.
+    channel : str
+        What is made of a colour frame: luminance, red, green or blue.
+
+    Returns
+    -------
+    (h, w) array of the type of ``raw``; missing colours are interpolated from the neighbours.
+
+    Raises
+    ------
+    InputError for an unknown channel or format.
+    """
+    kind, _, _ = _parsed(name)
+    if channel not in get_args(Channel):
+        raise InputError(f"channel: expected one of {get_args(Channel)}, got {channel!r}")
+    if kind == "Mono":
+        return raw
+    import cv2
+
+    # OpenCV names a pattern by the second and third pixel of the second row.
+    code = {"RG": "BG", "GR": "GB", "GB": "GR", "BG": "RG"}[kind[-2:]]
+    if channel == "luminance":
+        return np.asarray(cv2.cvtColor(raw, getattr(cv2, f"COLOR_Bayer{code}2GRAY")))
+    colours = cv2.cvtColor(raw, getattr(cv2, f"COLOR_Bayer{code}2BGR"))
+    return np.ascontiguousarray(colours[..., ("blue", "green", "red").index(channel)])
+
+
+def _parsed(name: str) -> tuple[str, str, str]:
+    """Kind, bits and packing of a format."""
+    match = NAME.fullmatch(name)
+    if match is None or (match[3] and (match[2], match[3]) not in PACKED):
+        raise InputError(
+            "pixel format: expected Mono or Bayer with 8, 10, 12, 14 or 16 bits, such as Mono8, "
+            f"Mono12p or BayerRG8; got {name}"
+        )
+    return match[1], match[2], match[3] or ""
+
+
+def _without_gaps(content: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
+    """Samples that follow each other bit by bit, the lowest first."""
+    # Five bytes hold four samples of 10 bits, three bytes two samples of 12.
+    size, count = (5, 4) if bits == 10 else (3, 2)
+    padded = np.zeros(-(-content.size // size) * size, np.uint8)
+    padded[: content.size] = content
+    group = padded.reshape(-1, size).astype(np.uint64)
+    whole = sum(group[:, k] << np.uint64(8 * k) for k in range(size))
+    mask = np.uint64(2**bits - 1)
+    parts = [(whole >> np.uint64(bits * k)) & mask for k in range(count)]
+    return np.stack(parts, axis=1).ravel().astype(np.uint16)
+
+
+def _of_triples(content: NDArray[np.uint8], bits: int) -> NDArray[np.uint16]:
+    """Two samples in three bytes, with their low bits in the middle one."""
+    group = content.reshape(-1, 3).astype(np.uint16)
+    low = bits - 8
+    mask = np.uint16(2**low - 1)
+    first = (group[:, 0] << low) | (group[:, 1] & mask)
+    second = (group[:, 2] << low) | ((group[:, 1] >> 4) & mask)
+    return np.stack((first, second), axis=1).ravel()

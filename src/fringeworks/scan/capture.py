@@ -1,0 +1,102 @@
+"""Captures: the frames of a plan in a folder, each on the disk as soon as it is taken."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fringeworks.devices.clock import Clock
+from fringeworks.devices.pixel_formats import full_scale
+from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.files.atomic import StrPath
+from fringeworks.files.capture_writer import writing_capture
+from fringeworks.patterns.plan import PatternPlan
+from fringeworks.scan.delay import Delay
+from fringeworks.scan.frames import Progress, check_plan, take_frames
+from fringeworks.types import CameraSettings
+
+AVERAGED_SATURATION = 0.98
+"""Share of the camera's full scale from which on a mean of several frames is not trusted: some of
+its samples may have been clipped."""
+
+
+def capture(
+    projector: Projector,
+    camera: Camera,
+    plan: PatternPlan,
+    folder: StrPath,
+    *,
+    settings: CameraSettings | None = None,
+    delay: Delay | None = None,
+    average: int = 1,
+    resume: bool = False,
+    force: bool = False,
+    progress: Progress = lambda _: None,
+    clock: Clock | None = None,
+) -> Path:
+    """Show the pictures of a plan, take a frame of each, and write them as a capture.
+
+    Parameters
+    ----------
+    projector : Projector
+    camera : Camera
+    plan : PatternPlan
+    folder : path
+        New, empty, or an earlier result, which is replaced as a whole.
+    settings : CameraSettings, optional
+        Asked for before the first frame. What the camera then reports is stored with the capture.
+    delay : Delay, optional
+        For the fast way of taking frames; see ``take_frames``.
+    average : int
+        Number of frames that are averaged for each picture.
+    resume : bool
+        Keep the frames of a capture that was interrupted, and take the others.
+    force : bool
+        Write into a folder with other things in it, too.
+    progress : callable
+        Called with the label of every frame that was taken.
+    clock : Clock, optional
+        The machine's by default.
+
+    Returns
+    -------
+    The folder. An interruption leaves all frames that were taken; ``resume`` goes on from there.
+
+    Raises
+    ------
+    InputError for a plan that the projector cannot show, or other settings than those of the
+    interrupted capture; DeviceProblem where frames do not come; FileProblem where the folder cannot
+    be written to.
+    """
+    check_plan(projector, plan)
+    used = camera.configure(settings or CameraSettings())
+    with writing_capture(
+        folder,
+        plan,
+        camera=camera.name,
+        projector=projector.name,
+        settings=used,
+        averaged=average,
+        saturation=_saturation(used, average),
+        resume=resume,
+        force=force,
+    ) as writer:
+        for number, frame in take_frames(
+            projector,
+            camera,
+            plan,
+            delay=delay,
+            average=average,
+            only=writer.missing,
+            progress=progress,
+            clock=clock,
+        ):
+            writer.add(number, frame)
+    return Path(folder)
+
+
+def _saturation(settings: CameraSettings, average: int) -> float | None:
+    """Counts from which on samples are not trusted, where the type of the frames does not tell."""
+    if settings.pixel_format is None:
+        return None
+    top = float(full_scale(settings.pixel_format))
+    return top if average == 1 else AVERAGED_SATURATION * top

@@ -17,7 +17,7 @@ from fringeworks.scan.differences import (
     noise_between,
 )
 from fringeworks.scan.uniform import black_picture, white_picture
-from fringeworks.types import CameraNoise, DeviceProblem
+from fringeworks.types import CameraNoise, CameraSettings, DeviceProblem
 
 TIMEOUT_S = 5.0
 """Longest wait for a picture to appear, s. Slow webcams with long exposures need one second."""
@@ -80,6 +80,7 @@ class Agreement:
         ------
         DeviceProblem where white is not brighter than black, or frames never agree.
         """
+        self._camera.configure(CameraSettings(triggered=False))
         black = black_picture(self._projector)
         self._show(black)
         darkest = min(_mean(self._complete()) for _ in range(BLACK_FRAMES))

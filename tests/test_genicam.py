@@ -1,0 +1,203 @@
+"""A real GigE Vision peer: Aravis' fake camera on loopback, with frames of our own."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fringeworks import (
+    InputError,
+    MissingPackage,
+    PatternPlan,
+    PhaseSteps,
+    encode,
+    equal_steps,
+    read_stack,
+)
+from fringeworks.devices.protocols import Camera, Closing, TriggeredCamera
+from fringeworks.scan.capture import capture
+from fringeworks.scan.delay import measure_delay
+from fringeworks.types import CameraSettings, DeviceProblem, Region
+
+try:
+    from fringeworks.devices.genicam import GenicamCamera, genicam_cameras
+
+    genicam_cameras()
+except MissingPackage as error:
+    pytest.skip(f"{error}", allow_module_level=True)
+
+from tests.fake_gige import counts
+
+SIZE = 128
+"""Rows and columns of the pictures and of the camera's region: packets on loopback are cheap."""
+
+
+class SharedProjector(Closing):
+    """A projector whose picture another process reads from a file."""
+
+    name, bits, refresh_s, size_px = "shared", 8, 1 / 60, (SIZE, SIZE)
+
+    def __init__(self, path):
+        self._picture = np.lib.format.open_memmap(
+            path, mode="w+", dtype=np.uint8, shape=(SIZE, SIZE)
+        )
+
+    def show(self, picture):
+        self._picture[:] = picture
+        return time.monotonic()
+
+
+class Peer:
+    """The fake camera in a process of its own, and the projector that it looks at."""
+
+    def __init__(self, folder: Path, serial: str, lost: int = 0):
+        y, x = np.mgrid[:SIZE, :SIZE]
+        white = 120 + 60 * np.sin(x / 30) * np.cos(y / 25)
+        self.scene = np.stack((white, 0.04 * white + 2))
+        np.save(folder / "scene.npy", self.scene)
+        self.projector = SharedProjector(folder / "picture.npy")
+        self.identifier = f"Aravis-Fake-{serial}"
+        self._command = [sys.executable, "-m", "tests.fake_gige", str(folder), serial]
+        self._command += [str(lost)] if lost else []
+        self.start()
+
+    def start(self):
+        root = Path(__file__).parent.parent
+        self.process = subprocess.Popen(
+            self._command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            cwd=root,
+        )
+        assert self.process.stdout.readline() == b"ready\n"
+
+    def stop(self):
+        self.process.communicate(timeout=10)
+
+    def kill(self):
+        os.kill(self.process.pid, signal.SIGKILL)
+        self.stop()
+
+    def expected(self, picture, exposure_ms=10.0, gain_db=0.0):
+        return counts(self.scene, picture, 1e3 * exposure_ms, gain_db)
+
+
+@contextlib.contextmanager
+def peer(folder, serial, **options):
+    made = Peer(folder, serial, **options)
+    try:
+        yield made
+    finally:
+        if made.process.returncode is None:
+            made.stop()
+
+
+def opened(made) -> GenicamCamera:
+    camera = GenicamCamera(made.identifier)
+    camera.configure(CameraSettings(exposure_ms=10.0, gain_db=0.0, region=Region(0, 0, SIZE, SIZE)))
+    return camera
+
+
+def plan():
+    return PatternPlan(
+        SIZE, SIZE, tuple(PhaseSteps("x", p, equal_steps(4)) for p in (16.0, 18.0, 20.0))
+    )
+
+
+def test_discovery_settings_and_triggers(tmp_path):
+    with peer(tmp_path, "FW1") as made:
+        assert [c.serial for c in genicam_cameras() if c.identifier == made.identifier] == ["FW1"]
+        with opened(made) as camera:
+            assert isinstance(camera, TriggeredCamera)
+            assert isinstance(camera, Camera)
+            assert camera.name == "Aravis Fake FW1"
+            limits = camera.limits()
+            assert "Mono8" in limits.pixel_formats
+            assert limits.exposure_ms == pytest.approx((0.01, 10_000))
+            used = camera.configure(
+                CameraSettings(
+                    exposure_ms=7.0, gain_db=3.0, region=Region(0, 0, 64, 48), triggered=True
+                )
+            )
+            assert used == CameraSettings(7.0, 3.0, Region(0, 0, 64, 48), "Mono8", True)
+            picture = next(iter(encode(plan())))
+            made.projector.show(picture)
+            sent = [camera.trigger()]
+            first = camera.grab()
+            sent.append(camera.trigger())
+            second = camera.grab()
+            assert first.complete
+            np.testing.assert_array_equal(first.pixels, made.expected(picture, 7.0, 3.0)[:48, :64])
+            assert second.number > first.number
+            assert second.device_s > first.device_s
+            for grab, at in zip((first, second), sent, strict=True):
+                assert 0 <= grab.host_s - at < 1.0
+            with pytest.raises(DeviceProblem, match="expected a frame, got none"):
+                camera.grab(0.2)
+            with pytest.raises(InputError, match="exposure_ms: expected 0.01 to 10000, got 20000"):
+                camera.configure(CameraSettings(exposure_ms=20_000.0))
+            with pytest.raises(InputError, match="pixel format"):
+                camera.configure(CameraSettings(pixel_format="Mono12p"))
+            with pytest.raises(DeviceProblem, match="not in use"):
+                GenicamCamera(made.identifier)
+        with pytest.raises(DeviceProblem, match="got a closed one"):
+            camera.grab()
+
+
+def test_sixteen_bit_frames(tmp_path):
+    with peer(tmp_path, "FW2") as made, opened(made) as camera:
+        used = camera.configure(CameraSettings(pixel_format="Mono16"))
+        assert used.pixel_format == "Mono16"
+        assert camera.grab().pixels.dtype == np.uint16
+
+
+@pytest.mark.parametrize("fast", [False, True])
+def test_a_capture_over_the_wire_is_exact(tmp_path, fast):
+    with peer(tmp_path, "FW3") as made, opened(made) as camera:
+        delay = measure_delay(made.projector, camera, triggered=True) if fast else None
+        folder = capture(made.projector, camera, plan(), tmp_path / "c", delay=delay)
+        stack = read_stack(folder)
+        assert stack.camera == "Aravis Fake FW3"
+        for frame, picture in zip(stack.frames, encode(plan()), strict=True):
+            np.testing.assert_array_equal(frame, made.expected(picture))
+
+
+def test_lost_packets_do_not_change_the_frames(tmp_path):
+    with peer(tmp_path, "FW4", lost=50) as made, opened(made) as camera:
+        stack = read_stack(capture(made.projector, camera, plan(), tmp_path / "c"))
+        for frame, picture in zip(stack.frames, encode(plan()), strict=True):
+            np.testing.assert_array_equal(frame, made.expected(picture))
+
+
+def test_a_killed_camera_leaves_what_was_taken(tmp_path):
+    with peer(tmp_path, "FW5") as made:
+        taken = []
+
+        def kill_at_five(label):
+            taken.append(label)
+            if len(taken) == 5:
+                made.kill()
+
+        with opened(made) as camera, pytest.raises(DeviceProblem):
+            capture(made.projector, camera, plan(), tmp_path / "c", progress=kill_at_five)
+        assert 5 <= len(list((tmp_path / "c").glob("*.png"))) < 12
+        made.start()
+        with opened(made) as camera:
+            folder = capture(made.projector, camera, plan(), tmp_path / "c", resume=True)
+            whole = capture(made.projector, camera, plan(), tmp_path / "d")
+        for frame, other in zip(read_stack(folder).frames, read_stack(whole).frames, strict=True):
+            np.testing.assert_array_equal(frame, other)
+
+
+def test_an_unknown_camera_names_those_there(tmp_path):
+    with peer(tmp_path, "FW6"), pytest.raises(DeviceProblem, match="Aravis-Fake-FW6: Aravis Fake"):
+        GenicamCamera("Basler-123")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, special
 
+from fringeworks.simulate.lens import blur_levels, level_weights
 from fringeworks.types import FloatMap
 
 SAMPLES_PER_PIXEL = 16
@@ -30,14 +33,20 @@ class ProjectedLight:
         Column and row on the projector where each camera pixel looks, px.
     lit : (h, w) bool array
         Pixels that the projector reaches; the others get no light.
-    defocus_px : float ≥ 0
+    defocus_px : float or (h, w) array ≥ 0
         Standard deviation of the projector's blur, projector px.
     """
 
-    def __init__(self, projector_px: FloatMap, lit: NDArray[np.bool_], defocus_px: float) -> None:
+    def __init__(
+        self, projector_px: FloatMap, lit: NDArray[np.bool_], defocus_px: FloatMap | float
+    ) -> None:
         self.shape = lit.shape
         self.lit = np.flatnonzero(lit)
-        self.defocus_px = defocus_px
+        here = np.broadcast_to(defocus_px, lit.shape).reshape(-1)[self.lit]
+        self.levels = blur_levels(here) if here.size else np.zeros(1)
+        """Blurs that the light is computed for, px."""
+        self.weights = level_weights(here, self.levels**2)
+        """Shares of these blurs at the lit pixels."""
         self.coordinates = [projector_px[..., k].reshape(-1)[self.lit] for k in (0, 1)]
         """Columns and rows of the lit pixels, px."""
         self._samples: dict[int, tuple[NDArray[np.int32], NDArray[np.float32]]] = {}
@@ -55,21 +64,36 @@ class ProjectedLight:
 
     def _of_profile(self, axis: int, values: FloatMap) -> FloatMap:
         """Light of a picture that varies along one axis only, as most patterns do."""
-        profile = blurred_profile(values, self.defocus_px)
         if axis not in self._samples:
             place = (self.coordinates[axis] + 0.5) * SAMPLES_PER_PIXEL
-            whole = np.clip(place.astype(np.int32), 0, profile.size - 2)
+            whole = np.clip(place.astype(np.int32), 0, values.size * SAMPLES_PER_PIXEL - 1)
             self._samples[axis] = whole, (place - whole).astype(np.float32)
         index, fraction = self._samples[axis]
-        return np.asarray(profile[index] + fraction * np.diff(profile)[index])
+
+        def light(defocus_px: float) -> FloatMap:
+            profile = blurred_profile(values, defocus_px)
+            return np.asarray(profile[index] + fraction * np.diff(profile)[index])
+
+        return self._mixed(light)
 
     def _of_picture(self, picture: FloatMap) -> FloatMap:
         """Light of any picture: blurred at the centres of projector pixels, linear between them."""
-        sigma = np.sqrt(max(self.defocus_px**2 - EXCESS_VARIANCE, 0.0))
-        blurred = ndimage.gaussian_filter(picture, sigma, mode="nearest")
-        return np.asarray(
-            ndimage.map_coordinates(blurred, self.coordinates[::-1], order=1, mode="nearest")
-        )
+
+        def light(defocus_px: float) -> FloatMap:
+            sigma = np.sqrt(max(defocus_px**2 - EXCESS_VARIANCE, 0.0))
+            blurred = ndimage.gaussian_filter(picture, sigma, mode="nearest")
+            return np.asarray(
+                ndimage.map_coordinates(blurred, self.coordinates[::-1], order=1, mode="nearest")
+            )
+
+        return self._mixed(light)
+
+    def _mixed(self, light: Callable[[float], FloatMap]) -> FloatMap:
+        """Light of the lit pixels, each between the two blurs next to its own."""
+        if len(self.levels) == 1:
+            return light(float(self.levels[0]))
+        parts = zip(self.weights, self.levels, strict=True)
+        return sum((w * light(float(level)) for w, level in parts), np.zeros(self.lit.size))
 
 
 def blurred_profile(values: FloatMap, defocus_px: float) -> FloatMap:

@@ -36,6 +36,7 @@ from fringeworks.simulate.standard_rig import (
     fringe_plan,
     standard_rig,
     truth_distance,
+    widened_frame,
 )
 from fringeworks.simulate.subsurface import subsurface
 from fringeworks.simulate.virtual_rig import View, look
@@ -87,4 +88,5 @@ __all__ = [
     "standard_scene",
     "subsurface",
     "truth_distance",
+    "widened_frame",
 ]

@@ -13,16 +13,21 @@ from fringeworks.rig.pinhole import inverse, transform
 from fringeworks.simulate.bodies import Body
 from fringeworks.simulate.exposure import Transport
 from fringeworks.simulate.virtual_rig import View
-from fringeworks.types import BoolMap, FloatMap, Frozen, InputError
+from fringeworks.types import FloatMap, Frozen, InputError
 
-PATCH_PX = 16
-"""Side of a patch, camera px: on a frame of 640 × 512 px there are 1,280, and their 1.6 million
-form factors take about a second."""
+PATCH_PX = 8
+"""Side of a patch, camera px: half a fine fringe. Patches as long as a fringe alias with it, and
+near a crease their light has steps that a decoder sees. 640 × 512 px have 5,120 patches."""
 LEAST_FACTOR = 1e-7
 """Form factors below this are not tested for shadow: a thousand of them are 1e-4 of the light."""
 AT_THE_FAR_END = 1e-3
 """A body that a line of sight hits within this share of its length before its end is the surface at
 the end: patches are not exactly on their bodies."""
+NEAR_SIDES = 8.0
+"""Distance up to which a patch is a rectangle and not a point, in its sides. At this distance the
+two differ by less than 1 % of the form factor."""
+IN_PLANE_MM = 1e-6
+"""Height over a patch's plane up to which a point is in the plane, mm: rounding of coordinates."""
 ROWS_AT_A_TIME = 128
 """Number of receivers whose form factors are computed together, which bounds the memory."""
 MOMENT_OF_SIDE = 12.0
@@ -61,31 +66,44 @@ def form_factors(receivers: tuple[FloatMap, FloatMap], patches: Patches) -> Floa
     F = |Σ β_k n · Γ_k| / 2π over the edges of a rectangle, with the angle β_k under which an edge
     is seen and the unit normal Γ_k of the plane through it (Lambert 1760; Baum, Rushmeier and
     Winget 1989, doi:10.1145/74334.74367). It is exact for a rectangle above the receiver's horizon.
-    A patch whose middle is below the horizon, or that faces away, counts as 0.
+    For patches that are far away for their size, cos θ₁ cos θ₂ A / (π r²) serves. A patch whose
+    middle is below the horizon, or that faces away, counts as 0.
     """
-    points, normals = (part[:, None] for part in receivers)
     parts = []
-    for k in range(0, len(points), ROWS_AT_A_TIME):
-        rows = slice(k, k + ROWS_AT_A_TIME)
-        parts.append(_factors(points[rows], normals[rows], patches))
+    for k in range(0, len(receivers[0]), ROWS_AT_A_TIME):
+        points, normals = (part[k : k + ROWS_AT_A_TIME] for part in receivers)
+        parts.append(_factors(points, normals, patches))
     return np.concatenate(parts)
 
 
 def _factors(points: FloatMap, normals: FloatMap, patches: Patches) -> FloatMap:
-    """Form factors of receivers (m, 1, 3), (m, n)."""
-    total = np.zeros((len(points), len(patches.area_mm2)))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        for k in range(4):
-            a, b = (patches.corners_mm[:, j] - points for j in (k, (k + 1) % 4))
-            across = np.cross(a, b)
-            length = np.linalg.norm(across, axis=-1)
-            angle = np.arctan2(length, np.sum(a * b, axis=-1))
-            share = angle * np.sum(across * normals, axis=-1) / length
-            # A receiver in line with an edge sees no angle of it.
-            total += np.where(length > 0, share, 0.0)
-    way = patches.middle_mm - points
-    facing = (np.sum(way * normals, axis=-1) > 0) & (np.sum(way * patches.normal, axis=-1) < 0)
-    return np.where(facing, np.abs(total) / (2.0 * np.pi), 0.0)
+    """Form factors of receivers (m, 3), (m, n)."""
+    middle, area = patches.middle_mm, patches.area_mm2
+    # Heights over the receiver's plane and over the patch's: cos θ times the distance.
+    here = normals @ middle.T - np.sum(normals * points, axis=1)[:, None]
+    there = points @ patches.normal.T - np.sum(patches.normal * middle, axis=1)
+    square = np.sum((middle - points[:, None]) ** 2, axis=-1)
+    facing = (here > IN_PLANE_MM) & (there > IN_PLANE_MM)
+    factors = np.zeros(square.shape)
+    factors[facing] = (here * there * area)[facing] / (np.pi * square[facing] ** 2)
+    to, source = np.nonzero(facing & (square < NEAR_SIDES**2 * area))
+    corners = patches.corners_mm[source] - points[to, None]
+    factors[to, source] = _of_rectangles(corners, normals[to])
+    return factors
+
+
+def _of_rectangles(corners: FloatMap, normals: FloatMap) -> FloatMap:
+    """Form factors of rectangles (k, 4, 3), seen from the origin along normals (k, 3)."""
+    total = np.zeros(len(corners))
+    for j in range(4):
+        a, b = corners[:, j], corners[:, (j + 1) % 4]
+        across = np.cross(a, b)
+        length = np.linalg.norm(across, axis=1)
+        angle = np.arctan2(length, np.sum(a * b, axis=1))
+        share = angle * np.sum(across * normals, axis=1)
+        # A receiver in line with an edge sees no angle of it.
+        total += np.divide(share, length, out=np.zeros_like(share), where=length > 0)
+    return np.asarray(np.abs(total) / (2.0 * np.pi))
 
 
 def interreflection(
@@ -120,7 +138,8 @@ def interreflection(
 
     Notes
     -----
-    Surfaces that the camera does not see throw no light. The light within a patch is uniform: near
+    Surfaces that the camera does not see throw no light. Time and memory grow with the square of
+    the number of patches: 8 bytes for each pair. The light within a patch is uniform: near
     a crease, where patches are as large as their distance, fringes within a patch are averaged.
     """
     if patch_px < 2:
@@ -202,12 +221,15 @@ def _nearest_pixels(number: NDArray[np.intp], points: FloatMap, middle: FloatMap
 
 def _remove_hidden(factors: FloatMap, bodies: Sequence[Body], world: FloatMap) -> None:
     """Set form factors to 0 where a body is between two patches at points (n, 3), mm."""
-    to, source = np.nonzero(factors > LEAST_FACTOR)
-    free: BoolMap = np.ones(to.size, bool)
-    for body in bodies:
-        way = world[source[free]] - world[to[free]]
-        free[free] = body.hit(world[to[free]], way) > 1.0 - AT_THE_FAR_END
-    factors[to[~free], source[~free]] = 0.0
+    for k in range(0, len(world), ROWS_AT_A_TIME):
+        rows = factors[k : k + ROWS_AT_A_TIME]
+        to, source = np.nonzero(rows > LEAST_FACTOR)
+        start = world[k + to]
+        way = world[source] - start
+        free = np.ones(to.size, bool)
+        for body in bodies:
+            free &= body.hit(start, way) > 1.0 - AT_THE_FAR_END
+        rows[to[~free], source[~free]] = 0.0
 
 
 def _interpolation(view: View, blocks: NDArray[np.intp], patch_px: int) -> sparse.csr_array:

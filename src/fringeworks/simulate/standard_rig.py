@@ -109,6 +109,36 @@ def cropped_field(
     return Rig(rig.camera, smaller, rig.T_projector_camera)
 
 
+def widened_frame(rig: Rig, margin_px: int) -> Rig:
+    """Make the camera's frame larger on all sides, for blurs that reach over its border.
+
+    Parameters
+    ----------
+    rig : Rig
+    margin_px : int ≥ 0
+        By how much; even, so that a mosaic of filters stays where it is.
+
+    Returns
+    -------
+    Rig without a covariance. A blur takes the border's pixels to go on outside of the frame. With a
+    margin that is cut off the frames afterwards, it gets the light that is really there.
+
+    Examples
+    --------
+    >>> rig = standard_rig(scale=0.1)
+    >>> widened_frame(rig, 8).camera.shape, rig.camera.shape
+    ((118, 144), (102, 128))
+    """
+    old = rig.camera
+    wider = replace(
+        old,
+        width_px=old.width_px + 2 * margin_px,
+        height_px=old.height_px + 2 * margin_px,
+        principal_px=(old.principal_px[0] + margin_px, old.principal_px[1] + margin_px),
+    )
+    return Rig(wider, rig.projector, rig.T_projector_camera)
+
+
 def fringe_plan(rig: Rig, *, both: bool = True, steps: int = 4) -> PatternPlan:
     """Plan three sets of fringes along x, and along y as well.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from functools import lru_cache
 
@@ -10,6 +11,7 @@ import pytest
 from scipy import ndimage
 
 from fringeworks import (
+    BoardNotFound,
     CoordinateMap,
     GrayCode,
     InputError,
@@ -17,6 +19,7 @@ from fringeworks import (
     PatternPlan,
     PhaseSteps,
     Reason,
+    Rig,
     Uniform,
     analyse,
     decode,
@@ -149,8 +152,8 @@ def test_a_response_that_is_no_power_is_named(response):
 
 @lru_cache
 def bounce(scene: str):
-    """One diffuse bounce in a scene."""
-    return interreflection(view(scene)[1], SCENES[scene])
+    """One diffuse bounce in a scene; the groove's crease needs small patches."""
+    return interreflection(view(scene)[1], SCENES[scene], patch_px=8 if scene == "groove" else 16)
 
 
 @pytest.mark.parametrize("scene", ["groove", "bust"])
@@ -184,7 +187,7 @@ def test_the_edge_of_the_field_on_a_sheet_is_no_measurement(axis):
 @pytest.mark.xfail(
     strict=True,
     reason="Light that spreads by σ in a material shifts coordinates by σ² times the slope of ln E, "
-    "in all periods alike: 10,100 (sets) and 570 (gray) pixels per million are beyond 5 σ.",
+    "in all periods alike: 9,600 (sets) and 580 (gray) pixels per million are beyond 5 σ.",
 )
 @pytest.mark.parametrize("name", ["sets", "gray"])
 def test_light_within_a_round_body_does_no_harm(name):
@@ -285,8 +288,8 @@ def test_pairs_of_a_material_that_light_enters_are_right():
 
 @pytest.mark.xfail(
     strict=True,
-    reason="On a clean bump of 10 mm under a near projector, 21,000 pixels per million of the "
-    "wavelet are beyond 5 σ (up to 0.7 px, at its flanks): it reads the local period too coarsely.",
+    reason="On a clean bump of 10 mm under a near projector, 23,000 pixels per million of the "
+    "wavelet are beyond 5 σ, by up to 0.7 px.",
 )
 def test_the_wavelet_is_right_on_a_bump():
     pair, truth = pair_under(Optics())
@@ -306,6 +309,30 @@ def test_a_pair_of_raw_frames_is_named():
 # Boards.
 
 
+def board_plan(of: Rig) -> PatternPlan:
+    """Three sets of four steps along either axis, with periods of 16 px and more."""
+    w, h = of.projector.width_px, of.projector.height_px
+    along_x = [PhaseSteps("x", w / n, equal_steps(4)) for n in (14, 15, 17)]
+    along_y = [PhaseSteps("y", h / n, equal_steps(4)) for n in (21, 22, 24)]
+    return PatternPlan(w, h, (*along_x, *along_y))
+
+
+def calibration_scores(of: Rig, optics: Optics, count: int, transport=None) -> np.ndarray:
+    """Errors of a calibrated rig's parameters over their standard deviations."""
+    plan, seen = board_plan(of), []
+    for k, T in enumerate(poses(8)[:count]):
+        of_board = look(of, [board_body(board(), T)])
+        steps = () if transport is None else (transport(of_board),)
+        frames = list(photograph(of_board, plan, replace(optics, seed=k), transport=steps))
+        size, image = (plan.width_px, plan.height_px), texture(frames, plan)
+        with contextlib.suppress(BoardNotFound):
+            found = decode(frames, plan)
+            seen.append(observe(image, found, board(), projector_size=size, name=f"pose{k}"))
+    found = calibrate(seen, board()).rig
+    free = np.diag(found.covariance) > 0
+    return rig_errors(found, of)[free] / np.sqrt(np.diag(found.covariance)[free])
+
+
 def test_a_calibration_under_real_optics_is_right_within_its_deviations():
     """Colour filters, liquid crystals, two lenses out of focus and paper that light enters."""
     optics = Optics(
@@ -314,18 +341,16 @@ def test_a_calibration_under_real_optics_is_right_within_its_deviations():
         projector_lens=ThinLens(500.0, 6.0),
         camera_lens=ThinLens(500.0, 4.0),
     )
-    plan, seen = fringe_plan(rig()), []
-    for k, T in enumerate(poses(4)[:3]):
-        of_board = look(rig(), [board_body(board(), T)])
-        within = subsurface(of_board, spread_mm=0.2, share=0.7)
-        frames = list(photograph(of_board, plan, replace(optics, seed=k), transport=(within,)))
-        size = (plan.width_px, plan.height_px)
-        image = texture(frames, plan)
-        seen.append(
-            observe(image, decode(frames, plan), board(), projector_size=size, name=f"pose{k}")
-        )
-    found = calibrate(seen, board()).rig
-    free = np.diag(found.covariance) > 0
-    score = rig_errors(found, rig())[free] / np.sqrt(np.diag(found.covariance)[free])
+    score = calibration_scores(
+        SMALL, optics, 3, lambda seen: subsurface(seen, spread_mm=0.2, share=0.7)
+    )
+    assert np.sqrt(np.mean(score**2)) < 1.5
+    assert np.abs(score).max() < 5.0
+
+
+def test_a_calibration_with_the_field_s_edge_on_the_board_is_right():
+    """The projector lights a part of the board; the room lights all of it."""
+    smaller = cropped_field(SMALL, columns=(210, 490))
+    score = calibration_scores(smaller, Optics(ambient=0.25, exposure=0.8), 5)
     assert np.sqrt(np.mean(score**2)) < 1.5
     assert np.abs(score).max() < 5.0

@@ -111,16 +111,18 @@ def blurred_profile(values: FloatMap, defocus_px: float) -> FloatMap:
     (16 n + 1,) array, the light at −½, −½ + 1/16, … n − ½ px.
     """
     n = values.size
-    place = np.arange(n * SAMPLES_PER_PIXEL + 1) / SAMPLES_PER_PIXEL - 0.5
-    nearest = np.clip(np.floor(place + 0.5).astype(int), 0, n - 1)
+    index = np.arange(n * SAMPLES_PER_PIXEL + 1)
+    nearest = np.minimum(index // SAMPLES_PER_PIXEL, n - 1)
     if defocus_px == 0:
         return np.asarray(values[nearest])
     reach = int(np.ceil(REACH_SIGMAS * defocus_px)) + 1
-    light = np.zeros(place.size)
+    # Places repeat from pixel to pixel: the last entry is the far end of the last pixel.
+    phase = index - nearest * SAMPLES_PER_PIXEL
+    place = np.arange(SAMPLES_PER_PIXEL + 1) / SAMPLES_PER_PIXEL - 0.5
+    padded = np.pad(values, reach)
+    light = np.zeros(index.size)
     for k in range(-reach, reach + 1):
-        pixel = nearest + k
-        edges = (pixel + 0.5 - place, pixel - 0.5 - place)
+        edges = (k + 0.5 - place, k - 0.5 - place)
         share = special.ndtr(edges[0] / defocus_px) - special.ndtr(edges[1] / defocus_px)
-        inside = (pixel >= 0) & (pixel < n)
-        light += np.where(inside, share * values[np.clip(pixel, 0, n - 1)], 0.0)
+        light += share[phase] * padded[nearest + reach + k]
     return light

@@ -1,7 +1,7 @@
 """Simulation: artificial objects and bodies, and the frames that a camera would deliver of them."""
 
 from fringeworks.simulate.bayer import Bayer, demosaiced, mosaic
-from fringeworks.simulate.boards import BoardErrors, real_points
+from fringeworks.simulate.boards import BoardErrors, real_board_body, real_points
 from fringeworks.simulate.bodies import (
     Body,
     Box,
@@ -83,6 +83,7 @@ __all__ = [
     "parabola_1d",
     "photograph",
     "photograph_pair",
+    "real_board_body",
     "real_points",
     "standard_rig",
     "standard_scene",

@@ -34,6 +34,7 @@ from fringeworks.simulate import (
 )
 from fringeworks.simulate.bayer import LUMINANCE_SHARES, OF_GREEN, OF_RED_AND_BLUE
 from fringeworks.simulate.lens import blurred_by_map
+from fringeworks.simulate.projected_light import blurred_profile
 from tests.rigs import ahead
 from tests.test_virtual_rig import head_on
 
@@ -114,6 +115,37 @@ def test_the_camera_s_lens_blurs_what_is_near():
     # Variances add: that of the lens, to that of a sharp edge.
     expected = lens.blur_px(np.array(450.0), 1000.0) ** 2
     assert widths[1] - widths[0] == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize(("fill", "defocus"), [(0.8, 0.0), (0.8, 0.2), (0.5, 0.3)])
+def test_the_pixel_grid_has_the_contrast_of_its_squares(fill, defocus):
+    profile = blurred_profile(np.ones(40), defocus, fill)[16 * 10 : 16 * 30]
+    assert profile.mean() == pytest.approx(1.0, abs=0.05 if defocus == 0 else 1e-6)
+    wave = np.exp(2j * np.pi * np.arange(profile.size) / 16)
+    contrast = 2 * np.abs(np.mean(profile * wave))
+    expected = 2 * np.sinc(fill) * np.exp(-2 * (np.pi * defocus) ** 2)
+    # Without blur the edges of squares fall between the samples.
+    assert contrast == pytest.approx(expected, abs=0.1 if defocus == 0 else 1e-6)
+
+
+def test_a_pixel_grid_is_dark_along_both_axes():
+    coarse = standard_rig(scale=0.04)
+    seen_by = replace(RIG, projector=coarse.projector)
+    plan = PatternPlan(77, 48, (PhaseSteps("x", 12.0, equal_steps(4)), Uniform("white")), bits=16)
+    view = look(seen_by, [ahead(Plane())])
+    optics = replace(QUIET, fill=0.7, defocus_px=0.05, exposure=0.4)
+    white = list(photograph(view, plan, optics))[-1].astype(float)
+    plain = list(photograph(view, plan, replace(optics, fill=1.0)))[-1].astype(float)
+    off = np.abs(view.projector_px - np.rint(view.projector_px))
+    inner = view.lit & (view.projector_px > 3).all(-1) & (view.projector_px < [73, 44]).all(-1)
+    for k in (0, 1):
+        gap = inner & (off[..., k] > 0.48)
+        assert (white[gap] / plain[gap]).max() < 0.15
+    in_square = inner & (off < 0.15).all(-1)
+    np.testing.assert_allclose(white[in_square] / plain[in_square], 1 / 0.7**2, rtol=0.06)
+    assert white[inner].mean() == pytest.approx(plain[inner].mean(), rel=0.03)
+    with pytest.raises(InputError, match="fill: expected 1 for pictures"):
+        next(photograph(view, replace(plan, dither=True, bits=8), optics))
 
 
 # The response.

@@ -148,6 +148,27 @@ def test_coordinates_under_real_optics_are_right_or_refused(fault, name):
     right_or_refused("bust", name, OPTICS[fault])
 
 
+STAIRS = pytest.mark.xfail(
+    strict=True,
+    reason="Within a sharp projector pixel the light is constant, so that coordinates rise in steps: "
+    "3,700 pixels per million are beyond 5 σ, by up to 0.4 px; only 30 % are within 1 σ.",
+)
+
+
+@pytest.mark.parametrize("defocus", [0.15, pytest.param(0.25, marks=STAIRS), 0.4])
+def test_a_visible_pixel_grid_does_no_harm(defocus):
+    """A projector of 192 × 120 px, each pixel of which is five camera pixels wide."""
+    coarse = Rig(rig().camera, standard_rig(scale=0.1).projector, rig().T_projector_camera)
+    seen = look(coarse, SCENES["plane"])
+    w, h = coarse.projector.width_px, coarse.projector.height_px
+    plan = PatternPlan(w, h, tuple(PhaseSteps("x", w / n, equal_steps(4)) for n in (1, 4, 16)))
+    found = decode(
+        list(photograph(seen, plan, Optics(fill=0.85, defocus_px=defocus, exposure=0.8))), plan
+    ).x
+    assert np.mean(found.reason[seen.lit] == Reason.OK) > 0.9
+    assert beyond_5(found, seen) <= BEYOND_5
+
+
 @pytest.mark.parametrize("response", [LCD, DLP_BRIGHT], ids=["liquid crystals", "bright mode"])
 def test_a_response_that_is_no_power_is_named(response):
     found = decoded("plane", plans()["gray"], Optics(response=response))

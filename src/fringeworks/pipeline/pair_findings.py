@@ -25,7 +25,7 @@ FEW_MEASURED = 0.5
 MOSAIC_STEP = 0.1
 """Difference in mean brightness between pixels of even and odd rows and columns, over the mean,
 from which a frame is a mosaic of colour filters. Raw frames under white light have 0.4 or more,
-other frames less than 0.01."""
+other frames less than 0.02."""
 
 
 def pair_findings(pair: Pair, found: DisplacementMap) -> list[str]:
@@ -54,6 +54,8 @@ def pair_findings(pair: Pair, found: DisplacementMap) -> list[str]:
 def _mosaic(pair: Pair) -> str:
     """Frames of a colour camera before the channels are separated."""
     frame = np.nan_to_num(np.asarray(pair.object, dtype=np.float64), posinf=0.0, neginf=0.0)
+    if min(frame.shape) < 2:
+        return ""
     means = np.array([frame[v::2, u::2].mean() for v in (0, 1) for u in (0, 1)])
     step = float(np.ptp(means) / max(means.mean(), np.finfo(float).tiny))
     if not np.isfinite(step) or step < MOSAIC_STEP:

@@ -61,7 +61,7 @@ def photograph(
     rng = np.random.default_rng(optics.seed)
     blur = _blur(optics.projector_lens, view.projector_depth_mm, view.rig.projector.focal_px)
     defocus = optics.defocus_px if blur is None else np.hypot(optics.defocus_px, blur)
-    projected = ProjectedLight(view.projector_px, view.lit, defocus)
+    projected = ProjectedLight(view.projector_px, view.lit, defocus, optics.fill)
     _check_size(projected, plan)
     reflected = optics.exposure * (2**optics.bits - 1) * view.albedo
     camera_blur = _blur(optics.camera_lens, view.points_mm[..., 2], view.rig.camera.focal_px)

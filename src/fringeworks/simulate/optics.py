@@ -25,6 +25,10 @@ class Optics:
     """Exponent of the projector's response; > 0."""
     response: ResponseCurve | None = None
     """Response of the projector where it is no power; ``gamma`` then stays 1."""
+    fill: float = 1.0
+    """Lit side of the projector's pixels over their pitch, 0…1; below 1 dark gaps make a grid. The
+    mean light stays the same. The camera must resolve the grid: it samples points, and where its
+    pixels are larger than half the projector's, the gaps alias. For patterns along one axis."""
     defocus_px: float = 0.6
     """Standard deviation of the projector's blur in focus, projector px; ≥ 0."""
     projector_lens: ThinLens | None = None
@@ -59,6 +63,7 @@ class Optics:
         check_fields(
             self,
             gamma=(self.gamma > 0, "> 0"),
+            fill=(0 < self.fill <= 1, "above 0, up to 1"),
             defocus_px=(self.defocus_px >= 0, ">= 0"),
             blur_px=(self.blur_px >= 0, ">= 0"),
             exposure=(self.exposure > 0, "> 0"),

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage, special
 
 from fringeworks.simulate.lens import blur_levels, level_weights
-from fringeworks.types import FloatMap
+from fringeworks.types import FloatMap, InputError
 
 SAMPLES_PER_PIXEL = 16
 """Samples of a pattern's profile per projector pixel, with linear interpolation between them: with
@@ -35,11 +35,18 @@ class ProjectedLight:
         Pixels that the projector reaches; the others get no light.
     defocus_px : float or (h, w) array ≥ 0
         Standard deviation of the projector's blur, projector px.
+    fill : float, 0…1
+        Lit side of a projector pixel over its pitch. The mean light does not depend on it.
     """
 
     def __init__(
-        self, projector_px: FloatMap, lit: NDArray[np.bool_], defocus_px: FloatMap | float
+        self,
+        projector_px: FloatMap,
+        lit: NDArray[np.bool_],
+        defocus_px: FloatMap | float,
+        fill: float = 1.0,
     ) -> None:
+        self.fill = fill
         self.shape = lit.shape
         self.lit = np.flatnonzero(lit)
         here = np.broadcast_to(defocus_px, lit.shape).reshape(-1)[self.lit]
@@ -54,6 +61,7 @@ class ProjectedLight:
     def __call__(self, picture: FloatMap) -> FloatMap:
         """Return the light of a picture (rows, columns) of the projector at all pixels, (h, w)."""
         light = np.zeros(self.shape)
+        self.pixels = picture.shape[::-1]
         if (picture == picture[:1]).all():
             light.reshape(-1)[self.lit] = self._of_profile(0, picture[0])
         elif (picture == picture[:, :1]).all():
@@ -64,20 +72,33 @@ class ProjectedLight:
 
     def _of_profile(self, axis: int, values: FloatMap) -> FloatMap:
         """Light of a picture that varies along one axis only, as most patterns do."""
+
+        def light(defocus_px: float) -> FloatMap:
+            along = self._at(axis, values, defocus_px)
+            if self.fill == 1.0:
+                return along
+            # The gaps across the profile are those of a uniform picture.
+            across = self.pixels[1 - axis]
+            return along * self._at(1 - axis, np.ones(across), defocus_px)
+
+        return self._mixed(light)
+
+    def _at(self, axis: int, values: FloatMap, defocus_px: float) -> FloatMap:
+        """Light of a line of projector pixels at the lit pixels' columns or rows."""
         if axis not in self._samples:
             place = (self.coordinates[axis] + 0.5) * SAMPLES_PER_PIXEL
             whole = np.clip(place.astype(np.int32), 0, values.size * SAMPLES_PER_PIXEL - 1)
             self._samples[axis] = whole, (place - whole).astype(np.float32)
         index, fraction = self._samples[axis]
-
-        def light(defocus_px: float) -> FloatMap:
-            profile = blurred_profile(values, defocus_px)
-            return np.asarray(profile[index] + fraction * np.diff(profile)[index])
-
-        return self._mixed(light)
+        profile = blurred_profile(values, defocus_px, self.fill)
+        return np.asarray(profile[index] + fraction * np.diff(profile)[index])
 
     def _of_picture(self, picture: FloatMap) -> FloatMap:
         """Light of any picture: blurred at the centres of projector pixels, linear between them."""
+        if self.fill != 1.0:
+            raise InputError(
+                f"fill: expected 1 for pictures that vary along both axes, got {self.fill}"
+            )
 
         def light(defocus_px: float) -> FloatMap:
             sigma = np.sqrt(max(defocus_px**2 - EXCESS_VARIANCE, 0.0))
@@ -96,7 +117,7 @@ class ProjectedLight:
         return sum((w * light(float(level)) for w, level in parts), np.zeros(self.lit.size))
 
 
-def blurred_profile(values: FloatMap, defocus_px: float) -> FloatMap:
+def blurred_profile(values: FloatMap, defocus_px: float, fill: float = 1.0) -> FloatMap:
     """Return the light of a line of square pixels, each blurred by a Gaussian.
 
     Parameters
@@ -105,6 +126,8 @@ def blurred_profile(values: FloatMap, defocus_px: float) -> FloatMap:
         Light of the pixels.
     defocus_px : float ≥ 0
         Standard deviation of the blur, px.
+    fill : float, 0…1
+        Lit width of a pixel over its pitch. The light of the lit part is raised by 1/fill.
 
     Returns
     -------
@@ -113,16 +136,17 @@ def blurred_profile(values: FloatMap, defocus_px: float) -> FloatMap:
     n = values.size
     index = np.arange(n * SAMPLES_PER_PIXEL + 1)
     nearest = np.minimum(index // SAMPLES_PER_PIXEL, n - 1)
-    if defocus_px == 0:
-        return np.asarray(values[nearest])
-    reach = int(np.ceil(REACH_SIGMAS * defocus_px)) + 1
     # Places repeat from pixel to pixel: the last entry is the far end of the last pixel.
     phase = index - nearest * SAMPLES_PER_PIXEL
     place = np.arange(SAMPLES_PER_PIXEL + 1) / SAMPLES_PER_PIXEL - 0.5
+    half = 0.5 * fill
+    if defocus_px == 0:
+        return np.asarray(values[nearest] * (np.abs(place) <= half)[phase] / fill)
+    reach = int(np.ceil(REACH_SIGMAS * defocus_px)) + 1
     padded = np.pad(values, reach)
     light = np.zeros(index.size)
     for k in range(-reach, reach + 1):
-        edges = (k + 0.5 - place, k - 0.5 - place)
+        edges = (k + half - place, k - half - place)
         share = special.ndtr(edges[0] / defocus_px) - special.ndtr(edges[1] / defocus_px)
         light += share[phase] * padded[nearest + reach + k]
-    return light
+    return light / fill

@@ -22,6 +22,10 @@ NOISY_ROWS = 0.005
 """Median standard deviation from which row methods are advised against, periods."""
 FEW_MEASURED = 0.5
 """Share of measured pixels below which a large loss is reported."""
+MOSAIC_STEP = 0.1
+"""Difference in mean brightness between pixels of even and odd rows and columns, over the mean,
+from which a frame is a mosaic of colour filters. Raw frames under white light have 0.4 or more,
+other frames less than 0.02."""
 
 
 def pair_findings(pair: Pair, found: DisplacementMap) -> list[str]:
@@ -37,8 +41,30 @@ def pair_findings(pair: Pair, found: DisplacementMap) -> list[str]:
     -------
     list of str; empty where nothing was found.
     """
-    seen = (_turned(pair, found), _swapped(pair, found), _rows(found), _mostly_lost(found))
+    seen = (
+        _mosaic(pair),
+        _turned(pair, found),
+        _swapped(pair, found),
+        _rows(found),
+        _mostly_lost(found),
+    )
     return [text for text in seen if text]
+
+
+def _mosaic(pair: Pair) -> str:
+    """Frames of a colour camera before the channels are separated."""
+    frame = np.nan_to_num(np.asarray(pair.object, dtype=np.float64), posinf=0.0, neginf=0.0)
+    if min(frame.shape) < 2:
+        return ""
+    means = np.array([frame[v::2, u::2].mean() for v in (0, 1) for u in (0, 1)])
+    step = float(np.ptp(means) / max(means.mean(), np.finfo(float).tiny))
+    if not np.isfinite(step) or step < MOSAIC_STEP:
+        return ""
+    return (
+        f"pixels of even and odd rows and columns differ in brightness by {100 * step:.0f} %: the "
+        "object frame is probably a raw frame of a colour camera; places without fringes cannot be "
+        "recognised in it; convert it to grey first"
+    )
 
 
 def _turned(pair: Pair, found: DisplacementMap) -> str:

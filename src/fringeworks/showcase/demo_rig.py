@@ -22,6 +22,8 @@ from fringeworks.report.tables import format_table
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate.bodies import Body, Plane, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard_rig import (
     board_body,
     board_poses,
@@ -30,7 +32,7 @@ from fringeworks.simulate.standard_rig import (
     standard_rig,
     truth_distance,
 )
-from fringeworks.simulate.virtual_rig import Optics, look, photograph
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.stack.frames import Stack
 from fringeworks.surface.form import fit_form
 from fringeworks.types import FloatMap, PointCloud, Reason, Rig

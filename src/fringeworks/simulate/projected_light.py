@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, special
 
-from fringeworks.types import FloatMap
+from fringeworks.simulate.lens import blur_levels, level_weights
+from fringeworks.types import FloatMap, InputError
 
 SAMPLES_PER_PIXEL = 16
 """Samples of a pattern's profile per projector pixel, with linear interpolation between them: with
@@ -30,14 +33,27 @@ class ProjectedLight:
         Column and row on the projector where each camera pixel looks, px.
     lit : (h, w) bool array
         Pixels that the projector reaches; the others get no light.
-    defocus_px : float ≥ 0
+    defocus_px : float or (h, w) array ≥ 0
         Standard deviation of the projector's blur, projector px.
+    fill : float, 0…1
+        Lit side of a projector pixel over its pitch. The mean light does not depend on it.
     """
 
-    def __init__(self, projector_px: FloatMap, lit: NDArray[np.bool_], defocus_px: float) -> None:
+    def __init__(
+        self,
+        projector_px: FloatMap,
+        lit: NDArray[np.bool_],
+        defocus_px: FloatMap | float,
+        fill: float = 1.0,
+    ) -> None:
+        self.fill = fill
         self.shape = lit.shape
         self.lit = np.flatnonzero(lit)
-        self.defocus_px = defocus_px
+        here = np.broadcast_to(defocus_px, lit.shape).reshape(-1)[self.lit]
+        self.levels = blur_levels(here) if here.size else np.zeros(1)
+        """Blurs that the light is computed for, px."""
+        self.weights = level_weights(here, self.levels**2)
+        """Shares of these blurs at the lit pixels."""
         self.coordinates = [projector_px[..., k].reshape(-1)[self.lit] for k in (0, 1)]
         """Columns and rows of the lit pixels, px."""
         self._samples: dict[int, tuple[NDArray[np.int32], NDArray[np.float32]]] = {}
@@ -45,6 +61,7 @@ class ProjectedLight:
     def __call__(self, picture: FloatMap) -> FloatMap:
         """Return the light of a picture (rows, columns) of the projector at all pixels, (h, w)."""
         light = np.zeros(self.shape)
+        self.pixels = picture.shape[::-1]
         if (picture == picture[:1]).all():
             light.reshape(-1)[self.lit] = self._of_profile(0, picture[0])
         elif (picture == picture[:, :1]).all():
@@ -55,24 +72,52 @@ class ProjectedLight:
 
     def _of_profile(self, axis: int, values: FloatMap) -> FloatMap:
         """Light of a picture that varies along one axis only, as most patterns do."""
-        profile = blurred_profile(values, self.defocus_px)
+
+        def light(defocus_px: float) -> FloatMap:
+            along = self._at(axis, values, defocus_px)
+            if self.fill == 1.0:
+                return along
+            # The gaps across the profile are those of a uniform picture.
+            across = self.pixels[1 - axis]
+            return along * self._at(1 - axis, np.ones(across), defocus_px)
+
+        return self._mixed(light)
+
+    def _at(self, axis: int, values: FloatMap, defocus_px: float) -> FloatMap:
+        """Light of a line of projector pixels at the lit pixels' columns or rows."""
         if axis not in self._samples:
             place = (self.coordinates[axis] + 0.5) * SAMPLES_PER_PIXEL
-            whole = np.clip(place.astype(np.int32), 0, profile.size - 2)
+            whole = np.clip(place.astype(np.int32), 0, values.size * SAMPLES_PER_PIXEL - 1)
             self._samples[axis] = whole, (place - whole).astype(np.float32)
         index, fraction = self._samples[axis]
+        profile = blurred_profile(values, defocus_px, self.fill)
         return np.asarray(profile[index] + fraction * np.diff(profile)[index])
 
     def _of_picture(self, picture: FloatMap) -> FloatMap:
         """Light of any picture: blurred at the centres of projector pixels, linear between them."""
-        sigma = np.sqrt(max(self.defocus_px**2 - EXCESS_VARIANCE, 0.0))
-        blurred = ndimage.gaussian_filter(picture, sigma, mode="nearest")
-        return np.asarray(
-            ndimage.map_coordinates(blurred, self.coordinates[::-1], order=1, mode="nearest")
-        )
+        if self.fill != 1.0:
+            raise InputError(
+                f"fill: expected 1 for pictures that vary along both axes, got {self.fill}"
+            )
+
+        def light(defocus_px: float) -> FloatMap:
+            sigma = np.sqrt(max(defocus_px**2 - EXCESS_VARIANCE, 0.0))
+            blurred = ndimage.gaussian_filter(picture, sigma, mode="nearest")
+            return np.asarray(
+                ndimage.map_coordinates(blurred, self.coordinates[::-1], order=1, mode="nearest")
+            )
+
+        return self._mixed(light)
+
+    def _mixed(self, light: Callable[[float], FloatMap]) -> FloatMap:
+        """Light of the lit pixels, each between the two blurs next to its own."""
+        if len(self.levels) == 1:
+            return light(float(self.levels[0]))
+        parts = zip(self.weights, self.levels, strict=True)
+        return sum((w * light(float(level)) for w, level in parts), np.zeros(self.lit.size))
 
 
-def blurred_profile(values: FloatMap, defocus_px: float) -> FloatMap:
+def blurred_profile(values: FloatMap, defocus_px: float, fill: float = 1.0) -> FloatMap:
     """Return the light of a line of square pixels, each blurred by a Gaussian.
 
     Parameters
@@ -81,22 +126,27 @@ def blurred_profile(values: FloatMap, defocus_px: float) -> FloatMap:
         Light of the pixels.
     defocus_px : float ≥ 0
         Standard deviation of the blur, px.
+    fill : float, 0…1
+        Lit width of a pixel over its pitch. The light of the lit part is raised by 1/fill.
 
     Returns
     -------
     (16 n + 1,) array, the light at −½, −½ + 1/16, … n − ½ px.
     """
     n = values.size
-    place = np.arange(n * SAMPLES_PER_PIXEL + 1) / SAMPLES_PER_PIXEL - 0.5
-    nearest = np.clip(np.floor(place + 0.5).astype(int), 0, n - 1)
+    index = np.arange(n * SAMPLES_PER_PIXEL + 1)
+    nearest = np.minimum(index // SAMPLES_PER_PIXEL, n - 1)
+    # Places repeat from pixel to pixel: the last entry is the far end of the last pixel.
+    phase = index - nearest * SAMPLES_PER_PIXEL
+    place = np.arange(SAMPLES_PER_PIXEL + 1) / SAMPLES_PER_PIXEL - 0.5
+    half = 0.5 * fill
     if defocus_px == 0:
-        return np.asarray(values[nearest])
+        return np.asarray(values[nearest] * (np.abs(place) <= half)[phase] / fill)
     reach = int(np.ceil(REACH_SIGMAS * defocus_px)) + 1
-    light = np.zeros(place.size)
+    padded = np.pad(values, reach)
+    light = np.zeros(index.size)
     for k in range(-reach, reach + 1):
-        pixel = nearest + k
-        edges = (pixel + 0.5 - place, pixel - 0.5 - place)
+        edges = (k + half - place, k - half - place)
         share = special.ndtr(edges[0] / defocus_px) - special.ndtr(edges[1] / defocus_px)
-        inside = (pixel >= 0) & (pixel < n)
-        light += np.where(inside, share * values[np.clip(pixel, 0, n - 1)], 0.0)
-    return light
+        light += share[phase] * padded[nearest + reach + k]
+    return light / fill

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fringeworks.patterns.plan import PatternPlan, PhaseSteps, equal_steps
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.pinhole import look_at, pose, rotation
 from fringeworks.simulate.bodies import Body, Box, Cylinder, Paraboloid, Plane, Sphere
-from fringeworks.types import FloatMap, Pinhole, Rig
+from fringeworks.types import FloatMap, InputError, Pinhole, Rig
 
 DISTANCE_MM = 500.0
 """Distance from the camera to the middle of the field, mm: usual for a field of 200 mm."""
@@ -62,6 +64,79 @@ def standard_rig(*, scale: float = 1.0, baseline_mm: float = 280.0) -> Rig:
     )
     middle = np.array([0.0, 0.0, DISTANCE_MM])
     return Rig(camera, projector, look_at(np.array([baseline_mm, 8.0, 0.0]), middle))
+
+
+def cropped_field(
+    rig: Rig, columns: tuple[int, int] | None = None, rows: tuple[int, int] | None = None
+) -> Rig:
+    """Make the projector's field smaller, so that its edge falls on a board or an object.
+
+    Parameters
+    ----------
+    rig : Rig
+    columns, rows : (int, int), optional
+        First pixel that remains and the one after the last; all by default.
+
+    Returns
+    -------
+    Rig with a smaller projector, whose pixels shine where they did before; without a covariance.
+
+    Raises
+    ------
+    InputError for pixels that the projector does not have.
+
+    Examples
+    --------
+    >>> rig = standard_rig(scale=0.5)
+    >>> cropped_field(rig, columns=(0, 600)).projector.width_px
+    600
+    """
+    old = rig.projector
+    (left, right), (top, bottom) = columns or (0, old.width_px), rows or (0, old.height_px)
+    for name, first, stop, size in (
+        ("columns", left, right, old.width_px),
+        ("rows", top, bottom, old.height_px),
+    ):
+        if not 0 <= first < stop <= size:
+            raise InputError(f"{name}: expected 0 <= first < stop <= {size}, got {first}, {stop}")
+    x, y = old.principal_px
+    smaller = replace(
+        old,
+        width_px=right - left,
+        height_px=bottom - top,
+        principal_px=(x - left, y - top),
+    )
+    return Rig(rig.camera, smaller, rig.T_projector_camera)
+
+
+def widened_frame(rig: Rig, margin_px: int) -> Rig:
+    """Make the camera's frame larger on all sides, for blurs that reach over its border.
+
+    Parameters
+    ----------
+    rig : Rig
+    margin_px : int ≥ 0
+        By how much; even, so that a mosaic of filters stays where it is.
+
+    Returns
+    -------
+    Rig without a covariance. A blur takes the border's pixels to go on outside of the frame. With a
+    margin that is cut off the frames afterwards, it gets the light that is really there.
+
+    Examples
+    --------
+    >>> rig = standard_rig(scale=0.1)
+    >>> widened_frame(rig, 8).camera.shape, rig.camera.shape
+    ((118, 144), (102, 128))
+    """
+    old = rig.camera
+    wider = replace(
+        old,
+        width_px=old.width_px + 2 * margin_px,
+        height_px=old.height_px + 2 * margin_px,
+        principal_px=(old.principal_px[0] + margin_px, old.principal_px[1] + margin_px),
+    )
+    return Rig(wider, rig.projector, rig.T_projector_camera)
 
 
 def fringe_plan(rig: Rig, *, both: bool = True, steps: int = 4) -> PatternPlan:

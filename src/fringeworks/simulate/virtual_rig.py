@@ -1,72 +1,22 @@
-"""The virtual rig: what a camera sees of bodies that a projector lights, with the truth."""
+"""The virtual rig: what a camera's pixels look at, and where a projector lights it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from fringeworks.patterns.encode import encode
-from fringeworks.patterns.plan import DEPTHS, PatternPlan
 from fringeworks.rig.pinhole import inverse, project, rays, transform
 from fringeworks.simulate.bodies import Body
 from fringeworks.simulate.pixel_albedo import pixel_albedo
-from fringeworks.simulate.projected_light import ProjectedLight
-from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, Rig, check_fields
+from fringeworks.types import BoolMap, FloatMap, Frozen, Rig
 
 SHADOW_SHARE = 1e-4
 """A surface does not shade a point if it is nearer to the point than this, over the distance from
 the projector: 0.05 mm at 500 mm. Rounding would otherwise let a surface shade itself."""
-
-
-@dataclass(frozen=True)
-class Optics:
-    """How the virtual devices form light and images.
-
-    Raises
-    ------
-    InputError for a value out of its range.
-    """
-
-    gamma: float = 1.0
-    """Exponent of the projector's response; > 0."""
-    defocus_px: float = 0.6
-    """Standard deviation of the projector's blur, projector px; ≥ 0."""
-    blur_px: float = 0.5
-    """Standard deviation of the camera's blur, camera px; ≥ 0."""
-    exposure: float = 1.0
-    """Brightness of a white surface under full light, as a share of the camera's range; > 0. The
-    surface is at the median distance of what is lit, and faces the projector."""
-    ambient: float = 0.02
-    """Light that does not come from the projector, relative to its full light; ≥ 0."""
-    black: float = 0.01
-    """Light of the projector's black, relative to its full light; 0…1."""
-    noise: float = 2.0
-    """Standard deviation of the read noise, counts of 8 bit; ≥ 0."""
-    gain: float = 0.0
-    """Shot noise: variance per count, counts of 8 bit; ≥ 0."""
-    bits: int = 8
-    """Depth of the frames: 8, 10, 12 or 16."""
-    seed: int = 0
-    """Seed of the noise; equal seeds give equal frames."""
-
-    def __post_init__(self) -> None:
-        check_fields(
-            self,
-            gamma=(self.gamma > 0, "> 0"),
-            defocus_px=(self.defocus_px >= 0, ">= 0"),
-            blur_px=(self.blur_px >= 0, ">= 0"),
-            exposure=(self.exposure > 0, "> 0"),
-            ambient=(self.ambient >= 0, ">= 0"),
-            black=(0 <= self.black < 1, "0 to 1"),
-            noise=(self.noise >= 0, ">= 0"),
-            gain=(self.gain >= 0, ">= 0"),
-            bits=(self.bits in DEPTHS, f"one of {DEPTHS}"),
-        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,6 +37,8 @@ class View(Frozen):
     """The projector's light on the surface: cosine of incidence over the squared distance, 1 for
     head-on incidence at the median distance; 0 in shadow, outside the projector's frame, and where
     the surface faces away."""
+    rig: Rig
+    """Camera and projector."""
 
     @property
     def truth(self) -> dict[str, NDArray[Any]]:
@@ -98,6 +50,26 @@ class View(Frozen):
             "lit": self.lit,
             "albedo": self.albedo,
         }
+
+    @property
+    def projector_depth_mm(self) -> FloatMap:
+        """Depth of the points along the projector's axis, (h, w), mm; NaN where no body is hit."""
+        return np.asarray(transform(self.rig.T_projector_camera, self.points_mm)[..., 2])
+
+    @property
+    def area_mm2(self) -> FloatMap:
+        """Area of the surface that each pixel sees, (h, w), mm²; 0 where no body is hit.
+
+        A pixel whose ray (a, b, 1) covers da db sees z² da db / |n · (a, b, 1)|.
+        """
+        h, w = self.body.shape
+        v, u = np.mgrid[:h, :w].astype(np.float64)
+        ray = rays(self.rig.camera, np.stack((u, v), axis=-1))
+        down, across = (np.asarray(np.gradient(ray[..., :2], axis=k)) for k in (0, 1))
+        solid = np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
+        facing = np.abs(np.sum(self.normals * ray, axis=-1))
+        area = self.points_mm[..., 2] ** 2 * solid / facing
+        return np.asarray(np.nan_to_num(area, nan=0.0))
 
     @property
     def lit(self) -> BoolMap:
@@ -159,6 +131,7 @@ def look(rig: Rig, bodies: Sequence[Body], *, T_camera_world: FloatMap | None = 
         body=body_map,
         albedo=pixel_albedo(bodies, as_map(world, np.nan), body_map),
         shading=as_map(shading, 0.0),
+        rig=rig,
     )
 
 
@@ -217,55 +190,3 @@ def _shading(
         light[lit[item.hit(pupil, from_pupil) < 1.0 - SHADOW_SHARE]] = 0.0
     median_length = np.median(length[light > 0]) if (light > 0).any() else 1.0
     return np.asarray(light * (median_length / length) ** 2)
-
-
-def photograph(
-    view: View, plan: PatternPlan, optics: Optics | None = None
-) -> Iterator[NDArray[np.unsignedinteger]]:
-    """Take the frames that the camera sees while the patterns of a plan are projected.
-
-    Parameters
-    ----------
-    view : View
-        From ``look``; the projector of its rig must have the plan's size.
-    plan : PatternPlan
-    optics : Optics, optional
-
-    Yields
-    ------
-    (h, w) arrays, counts: uint8, or uint16 for more than 8 bits.
-
-    Raises
-    ------
-    InputError for a plan that is smaller than the projector.
-
-    Notes
-    -----
-    A projector pixel is a square of constant light v^γ, blurred by a Gaussian. The camera blurs
-    the reflected light by a Gaussian; noise of variance noise² + gain · I, clipping and rounding
-    follow.
-    """
-    optics = optics or Optics()
-    rng = np.random.default_rng(optics.seed)
-    largest = 2**optics.bits - 1
-    per_count_of_8_bit = largest / 255.0
-    reflected = optics.exposure * largest * view.albedo
-    projected = ProjectedLight(view.projector_px, view.lit, optics.defocus_px)
-    for lit, size in zip(projected.coordinates, (plan.width_px, plan.height_px), strict=True):
-        if lit.size and lit.max() > size:
-            raise InputError(
-                f"plan: expected one for the view's projector, got {plan.width_px} × "
-                f"{plan.height_px} px, but the view is lit from coordinate {lit.max():.0f} px"
-            )
-    for picture in encode(plan):
-        sent = (picture / (2**plan.bits - 1)) ** optics.gamma
-        light = optics.black + (1.0 - optics.black) * projected(sent)
-        counts = reflected * (view.shading * light + optics.ambient)
-        if optics.blur_px:
-            counts = ndimage.gaussian_filter(counts, optics.blur_px, mode="nearest")
-        variance = (optics.noise * per_count_of_8_bit) ** 2
-        sigma = np.sqrt(variance + optics.gain * per_count_of_8_bit * counts)
-        counts += sigma * rng.standard_normal(counts.shape, np.float32)
-        # Clipping simulates the sensor, whose counts end at both limits.
-        np.clip(np.rint(counts, out=counts), 0, largest, out=counts)
-        yield counts.astype(np.uint8 if optics.bits == 8 else np.uint16)

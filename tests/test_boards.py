@@ -7,7 +7,8 @@ import pytest
 
 from fringeworks import BoardNotFound
 from fringeworks.rig.calibration.board import parse_board
-from fringeworks.rig.calibration.circles import numbered
+from fringeworks.rig.calibration.board_view import BoardView
+from fringeworks.rig.calibration.circles import _without_wrong, numbered
 from fringeworks.rig.calibration.corners import find_board
 from fringeworks.rig.calibration.outliers import mapped, off_board
 from tests.board_photos import opencv_finds, orders, photo
@@ -97,3 +98,31 @@ def test_a_displaced_corner_is_left_out(text):
     view = find_board(image, taken.board)
     assert len(view.index) >= len(taken.truth) - 3
     assert errors(view, taken).max() < WRONG_PX
+
+
+def test_a_board_whose_last_row_is_dark_is_found():
+    """OpenCV sees the whole board, and one row of it is too dark to be measured."""
+    taken = photo(1, "chessboard:9x6:10", things=False)
+    last = taken.truth.reshape(6, 9, 2)[-2:]
+    along, between = last[0, -1] - last[0, 0], last.mean(axis=(0, 1))
+    v, u = np.mgrid[: taken.image.shape[0], : taken.image.shape[1]]
+    side = along[0] * (v - between[1]) - along[1] * (u - between[0])
+    image = np.where(side < 0, taken.image, 0.07 * taken.image)
+    image += np.random.default_rng(0).normal(0, 3.0, image.shape)
+    image = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    view = find_board(image, taken.board)
+    assert len(view.index) == 45
+    assert errors(view, taken).max() < WRONG_PX
+
+
+def test_half_lit_circles_are_told_by_their_areas():
+    """The edge of the light moves an outer row as a whole, which a smooth map may follow."""
+    board = parse_board("asymmetric-circles:3x8:10")
+    H = np.array([[4.0, 0.3, 60.0], [-0.3, 3.8, 40.0], [4e-4, -3e-4, 1.0]])
+    pixels = mapped(H, board.points_mm[:, :2])
+    ink = 300.0 / (1.0 + board.points_mm[:, :2] @ H[2, :2]) ** 3
+    view = BoardView(np.arange(24), pixels, ink_px=ink)
+    assert len(_without_wrong(view, board).index) == 24
+    ink[[21, 22, 23]] *= (1.15, 0.7, 1.4)
+    view = BoardView(np.arange(24), pixels, ink_px=ink)
+    assert _without_wrong(view, board).index.tolist() == list(range(21))

@@ -35,9 +35,10 @@ converges from a quarter of a square, so a nearer guess would fail again."""
 MIN_LINE_CORNERS = 3
 """Smallest number of corners of an outermost column or row of a lattice, unless the lattice has the
 board's size: no board has fewer. A single corner is never a line."""
-FULL_LINE = 0.5
+FULL_LINE = 0.75
 """Share of a line's places beyond a complete board from which on the line belongs to a larger
-board. False corners are single ones; a larger board shows most of its next line."""
+board. The outer squares' own corners, on coarse photographs with JPEG, fill up to half of a line;
+a larger board shows nearly all of its next line. Empirical."""
 
 Place = tuple[int, int]
 """Column and row of a corner in the lattice, counted from the part that was found first."""
@@ -96,6 +97,8 @@ class _Lattice:
             zip(places, corners.reshape(-1, 2).astype(np.float64), strict=True)
         )
         self.usual_contrast = 0.0
+        self.part: Place = (columns, rows)
+        self.whole = False
         self._fit(places)
 
     def extend(self, board: Board) -> None:
@@ -148,6 +151,13 @@ class _Lattice:
         its outer lines are full.
         """
         across, down = board.grid
+        if self.part in ((across, down), (down, across)):
+            # OpenCV saw the whole board: a line of it that is too dark to be measured is missing.
+            seen = {(i, j) for i in range(self.part[0]) for j in range(self.part[1])}
+            if not self._continues(seen, self.part):
+                self.corners = {p: c for p, c in self.corners.items() if p in seen}
+                self.whole = True
+                return
         # Where the size is right, a line of two corners is the rest of a hidden one.
         while self._drop_outer_lines(MIN_LINE_CORNERS - self._has_size_of(board)):
             pass
@@ -265,7 +275,9 @@ class _Lattice:
         return self._size() in ((across, down), (down, across))
 
     def _size(self) -> tuple[int, int]:
-        """Columns and rows that the lattice spans."""
+        """Columns and rows of the whole board, or else those that the lattice spans."""
+        if self.whole:
+            return self.part
         places = np.array(list(self.corners)).reshape(-1, 2)
         columns, rows = np.ptp(places, axis=0) + 1 if len(places) else (0, 0)
         return int(columns), int(rows)
@@ -288,7 +300,8 @@ class _Lattice:
         saddles = fit_saddles(image, start, edges)
         pixels = np.where(saddles.good[:, None], saddles.pixels, start)
         from_zero = np.array(places)
-        from_zero -= from_zero.min(axis=0)
+        if not self.whole:
+            from_zero -= from_zero.min(axis=0)
         numbered = _as_on_board(from_zero, size, pixels, saddles.contrast, board)
         index = numbered[:, 1] * across + numbered[:, 0]
         order = np.argsort(index)

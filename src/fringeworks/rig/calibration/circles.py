@@ -55,6 +55,12 @@ lens distortion reaches a tenth, and a wrong row is a whole distance away."""
 MAX_WRONG_SHARE = 0.1
 """Largest share of circles that may lie farther away: OpenCV takes something else for a hidden
 circle now and then."""
+MAX_INK_ERROR = 0.12
+"""Largest deviation of a circle's area from that of the others, relative, after perspective: noise
+makes up to 0.1, and the edge of the projector's light across a circle 0.15 or more. Empirical."""
+AREA_STEP = 0.05
+"""Step of the finite differences of areas, in pitches: far above rounding, and small enough for
+perspective to be linear."""
 MAX_CENTRE_SHIFT = 0.2
 """Largest distance of a centre of gravity from OpenCV's centre, over the disc's radius. A circle
 that is partly hidden moves further."""
@@ -166,10 +172,27 @@ def _uprightness(centres: FloatMap, board: Board) -> float | None:
 
 
 def _without_wrong(view: BoardView, board: Board) -> BoardView:
-    """The view without circles that do not lie where the others say: partly hidden ones."""
-    good = ~off_board(board.points_mm[view.index, :2] / board.pitch_mm, view.pixels)
+    """The view without circles that are not whole: others say another place or another size."""
     assert view.ink_px is not None
+    places = board.points_mm[view.index, :2] / board.pitch_mm
+    good = ~off_board(places, view.pixels)
+    homography = None
+    if good.sum() >= MIN_CORNERS:
+        homography, _ = cv2.findHomography(places[good], view.pixels[good], cv2.LMEDS)
+    if homography is not None:
+        ink = view.ink_px / _areas(np.asarray(homography, np.float64), places)
+        good &= np.abs(ink / np.median(ink[good]) - 1.0) < MAX_INK_ERROR
     return BoardView(view.index[good], view.pixels[good], ink_px=view.ink_px[good])
+
+
+def _areas(homography: FloatMap, places: FloatMap) -> FloatMap:
+    """Area of a square with the side of one pitch around each place, (n,), px²."""
+    right, left, down, up = (
+        mapped(homography, places + step)
+        for step in ((AREA_STEP, 0), (-AREA_STEP, 0), (0, AREA_STEP), (0, -AREA_STEP))
+    )
+    (ax, ay), (bx, by) = (right - left).T, (down - up).T
+    return np.asarray(np.abs(ax * by - ay * bx) / (2.0 * AREA_STEP) ** 2)
 
 
 def _negative(image: NDArray[Any]) -> NDArray[np.uint8]:

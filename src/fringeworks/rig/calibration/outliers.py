@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from fringeworks.types import MAD_TO_SIGMA, BoolMap, FloatMap
+from fringeworks.types import BoolMap, FloatMap
 
 MIN_POINTS = 8
 """Smallest number of corners that are compared with each other: a homography has eight unknowns,
@@ -21,9 +21,10 @@ ROUNDS = 20
 FIRST_SCALE = 1e-3
 """Smallest deviation that the weights of least absolute deviations count, in distances of
 neighbouring corners: a corner that lies on the map must not get an infinite weight."""
-OFF_SIGMAS = 6.0
-"""Distance from the smooth map, in robust standard deviations, from which a corner is wrong: of
-normally distributed ones, one in 10⁸ lies farther."""
+OFF_MEDIANS = 6.0
+"""Distance from the smooth map, in median distances, from which a corner is wrong: seven standard
+deviations per coordinate, which one in 10¹⁰ exceeds. Blur differs over a photograph, so real
+scatter has longer tails."""
 OFF_PX = 0.5
 """Smallest distance from the smooth map at which a corner is wrong, px. Correct corners lie within
 0.1 px; print errors and the bend of a real sheet come to 0.2 px. Empirical."""
@@ -64,8 +65,8 @@ def off_board(places: FloatMap, pixels: FloatMap) -> BoolMap:
     deviation = pixels - mapped(np.asarray(homography, np.float64), places)
     pitch = _pitch_px(np.asarray(homography, np.float64), places)
     distance = _distance_from_polynomial(places, deviation, FIRST_SCALE * pitch)
-    scatter = MAD_TO_SIGMA * float(np.median(distance))
-    return np.asarray(distance > max(OFF_SIGMAS * scatter, OFF_PX, OFF_SHARE * pitch))
+    limit = max(OFF_MEDIANS * float(np.median(distance)), OFF_PX, OFF_SHARE * pitch)
+    return np.asarray(distance > limit)
 
 
 def mapped(homography: FloatMap, points: FloatMap) -> FloatMap:

@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import GrayCode, InputError, PatternPlan, PhaseSteps, Uniform, decode, encode
+from fringeworks import (
+    GrayCode,
+    InputError,
+    PatternPlan,
+    PhaseSteps,
+    Reason,
+    Uniform,
+    decode,
+    encode,
+)
 from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.diagnosis import diagnose
@@ -318,6 +327,23 @@ def test_mixed_sizes_are_named():
     o[1] = replace(o[1], projector_size=(800, 600))
     with pytest.raises(InputError, match="one projector size, got 800 × 600, 960 × 600"):
         calibrate(o, board())
+
+
+def test_weak_fringes_on_a_lit_board_are_named():
+    """Where coarse fringes are seen and fine ones are not, the projector lights the board."""
+    _, plan, frames = shoot([board_body(board(), poses()[0])], Optics())
+    found = decode(frames, plan)
+    weak = {
+        axis: replace(
+            m,
+            coordinate_px=np.full_like(m.coordinate_px, np.nan),
+            reason=np.full_like(m.reason, Reason.LOW_MODULATION),
+        )
+        for axis, m in found.maps.items()
+    }
+    size = (plan.width_px, plan.height_px)
+    with pytest.raises(InputError, match="the fringes there are too weak"):
+        observe(texture(frames, plan), replace(found, **weak), board(), projector_size=size)
 
 
 def test_a_board_that_only_the_camera_sees_is_named():

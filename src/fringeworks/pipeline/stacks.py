@@ -26,6 +26,7 @@ from fringeworks.stack.decode import decode
 from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
 from fringeworks.stack.options import DecodeOptions
+from fringeworks.stack.unmeasured import unmeasured
 from fringeworks.stack.wrapped import WrappedPhase, steps_plan, wrapped_phase
 from fringeworks.types import (
     Axis,
@@ -291,7 +292,8 @@ def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
     if response is not None:
         check_devices(response, stack.camera, stack.projector)
     found = decode(stack.frames, stack.plan, **_given(stack, options))
-    return replace(found, findings=(*_of_files(stack), *found.findings))
+    findings = (*_of_files(stack), *found.findings, *unmeasured(found))
+    return replace(found, findings=findings)
 
 
 def _of_files(stack: Stack) -> tuple[FrameFinding, ...]:

@@ -14,7 +14,7 @@ from fringeworks.files.rig import read_rig
 from fringeworks.files.stack import read_stack
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
 from fringeworks.pipeline.inputs import inputs_of, stack_of
-from fringeworks.rig.point_findings import part_notes, point_notes
+from fringeworks.rig.point_findings import part_notes, point_notes, unit_notes
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.signal.response import (
     Response,
@@ -138,7 +138,7 @@ def measure(
         rig=rig.rig,
     )
     found = replace(found, provenance=origin)
-    part = part_notes(rig.rig, stack.plan.height_px)
+    part = (*unit_notes(rig.rig), *part_notes(rig.rig, stack.plan.height_px))
     notes = (*found.notes, *part, *point_notes(points))
     return Measurement(replace(points, provenance=origin), found, seconds, notes)
 

@@ -9,6 +9,9 @@ from fringeworks.types import PointCloud, Reason, Rig
 LARGE_SHARE = 0.05
 """Share of the decoded pixels without a point from which on this is reported. Noise beyond 5 σ and
 edges of shadows take less than 1 %."""
+SHORT_BASELINE_MM = 5.0
+"""Baseline below which a unit other than mm is likely, mm: two lenses side by side are farther
+apart, and in metres a baseline is below 2."""
 LARGE_EPIPOLAR_PX = 1.0
 """Median epipolar error of the points from which on it is reported, projector px. Calibrations by
 other programs leave 0.3 to 0.9 px. Empirical."""
@@ -58,6 +61,16 @@ def _epipolar_note(points: PointCloud) -> tuple[str, ...]:
         "projector disagree by that much; likely a device was moved or refocused since the "
         "calibration or during the capture, or the rig is for another set-up; measure a known "
         "plane, or calibrate again",
+    )
+
+
+def unit_notes(rig: Rig) -> tuple[str, ...]:
+    """Return a note for a rig whose baseline is too short to be in mm."""
+    if rig.baseline_mm >= SHORT_BASELINE_MM:
+        return ()
+    return (
+        f"camera and projector are {rig.baseline_mm:.3g} mm apart: if the rig's file was in "
+        "metres, all lengths are 1000 times too small; read it with unit_mm = 1000",
     )
 
 

@@ -8,6 +8,7 @@ import pytest
 from fringeworks import BoardNotFound
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.calibration.board_view import BoardView
+from fringeworks.rig.calibration.chessboard import _Lattice
 from fringeworks.rig.calibration.circles import _without_wrong, numbered
 from fringeworks.rig.calibration.corners import find_board
 from fringeworks.rig.calibration.outliers import mapped, off_board
@@ -126,3 +127,16 @@ def test_half_lit_circles_are_told_by_their_areas():
     ink[[21, 22, 23]] *= (1.15, 0.7, 1.4)
     view = BoardView(np.arange(24), pixels, ink_px=ink)
     assert _without_wrong(view, board).index.tolist() == list(range(21))
+
+
+def test_a_smaller_board_that_grew_does_not_end_the_search():
+    """False corners around a board of 5 × 4 corners once made it 27 corners of 5 × 6."""
+    board = parse_board("chessboard:5x6:10")
+    lattice = object.__new__(_Lattice)
+    lattice.corners = {(i, j): np.zeros(2) for i in range(5) for j in range(6) if i + j < 8}
+    lattice.part, lattice.whole = (5, 4), False
+    assert len(lattice.corners) == 27
+    assert lattice.rank(board) == (True, 27)
+    assert not lattice.is_nearly_complete(board)
+    lattice.part, lattice.whole = (5, 6), True
+    assert lattice.is_nearly_complete(board)

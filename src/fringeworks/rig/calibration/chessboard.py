@@ -26,7 +26,8 @@ FAINT_CONTRAST = 0.1
 """Smallest contrast of corners that are missing on a board, relative to the usual contrast: the
 light of a room is a tenth of the projector's. Empirical."""
 NEARLY_ALL = 0.9
-"""Share of a board's corners that is enough to search no further: the others are hidden."""
+"""Share of a board's corners that is enough to search no further where OpenCV saw the whole board:
+the others are hidden."""
 OLD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
 """Options of OpenCV's older detector: its defaults, and a quick end where nothing is seen."""
 RETRY_PX = 1.0
@@ -265,9 +266,13 @@ class _Lattice:
         return int(good.sum())
 
     def is_nearly_complete(self, board: Board) -> bool:
-        """Whether the lattice has the board's size, and most of its corners."""
+        """Whether the lattice has all corners of the board, or most of a board that was seen whole.
+
+        A smaller board beside other things can grow to nearly the same size, so no more is enough.
+        """
         has_its_size, count = self.rank(board)
-        return has_its_size and count >= NEARLY_ALL * len(board.points_mm)
+        enough = NEARLY_ALL if self.whole else 1.0
+        return has_its_size and count >= enough * len(board.points_mm)
 
     def _has_size_of(self, board: Board) -> bool:
         """Whether the lattice has as many columns and rows as the board, either way round."""

@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import InputError, PatternPlan, PhaseSteps, decode
+from fringeworks import (
+    GrayCode,
+    InputError,
+    PatternPlan,
+    PhaseSteps,
+    Reason,
+    Uniform,
+    decode,
+    encode,
+)
 from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.diagnosis import diagnose
@@ -320,6 +329,23 @@ def test_mixed_sizes_are_named():
         calibrate(o, board())
 
 
+def test_weak_fringes_on_a_lit_board_are_named():
+    """Where coarse fringes are seen and fine ones are not, the projector lights the board."""
+    _, plan, frames = shoot([board_body(board(), poses()[0])], Optics())
+    found = decode(frames, plan)
+    weak = {
+        axis: replace(
+            m,
+            coordinate_px=np.full_like(m.coordinate_px, np.nan),
+            reason=np.full_like(m.reason, Reason.LOW_MODULATION),
+        )
+        for axis, m in found.maps.items()
+    }
+    size = (plan.width_px, plan.height_px)
+    with pytest.raises(InputError, match="the fringes there are too weak"):
+        observe(texture(frames, plan), replace(found, **weak), board(), projector_size=size)
+
+
 def test_a_board_that_only_the_camera_sees_is_named():
     _, plan, frames = shoot([board_body(board(), poses()[0])], Optics())
     found = decode(frames, plan)
@@ -357,6 +383,31 @@ def test_texture_is_even_light():
     assert np.abs(even - first).max() < 1.5
     with pytest.raises(InputError, match="the plan has 24, got 3"):
         texture(frames[:3], plan)
-    odd = PatternPlan(64, 64, (PhaseSteps("x", 64.0, (0.0, 1.0, 2.5)),))
+    four = PatternPlan(64, 64, (GrayCode("x", 1.0, 64, levels=4),))
     with pytest.raises(InputError, match="white frame"):
-        texture(np.zeros((3, 4, 4), np.uint8), odd)
+        texture(np.zeros((3, 4, 4), np.uint8), four)
+
+
+def test_texture_of_unequal_steps_has_no_fringes():
+    plan = PatternPlan(64, 64, (PhaseSteps("x", 16.0, (0.0, 1.0, 2.5)),))
+    frames = [40.0 + 100.0 * frame / 255.0 for frame in encode(plan)]
+    np.testing.assert_allclose(texture(frames, plan), 90.0, atol=0.5)
+
+
+GRAY_ALONE = PatternPlan(960, 600, (GrayCode("x", 2.0, 960), GrayCode("y", 2.0, 600)))
+"""Gray code along both axes, without inverse, white or black frames."""
+
+
+def test_gray_code_alone_lights_a_board():
+    """The brightest and the darkest bit of a pixel stand for the white and the black frame."""
+    lit = replace(GRAY_ALONE, blocks=(*GRAY_ALONE.blocks, Uniform("white"), Uniform("black")))
+    _, _, frames = shoot([board_body(board(), poses()[0])], Optics(seed=1), plan=lit)
+    alone = see(poses()[0], "pose0", optics=Optics(seed=1), plan=GRAY_ALONE)
+    with_light = see(poses()[0], "pose0", optics=Optics(seed=1), plan=lit)
+    assert len(alone.view.index) == len(with_light.view.index) == 88
+    assert np.abs(alone.view.pixels - with_light.view.pixels).max() < 0.1
+    off = alone.found.projector_px - with_light.found.projector_px
+    assert np.nanmax(np.abs(off)) < 0.3
+    even = texture(frames[:-2], GRAY_ALONE)
+    share = even[frames[-2] > 60] / frames[-2][frames[-2] > 60]
+    assert 0.85 < np.percentile(share, 1) < np.percentile(share, 99) < 1.15

@@ -12,12 +12,18 @@ from fringeworks import (
     InputError,
     ReferencePlaneGeometry,
     evaluate_form,
+    read_capture,
+    read_reference_plane,
     reconstruct,
     standard_scene,
+    write_pair,
+    write_reference_plane,
     write_surface,
 )
+from fringeworks.simulate import PairSettings, capture_pair, make_object
 from fringeworks.surface.form import fit_form, fit_region
 from fringeworks.surface.form_report import find_spheres, report
+from fringeworks.surface.height_map import height_map_points
 
 RNG = np.random.default_rng(0)
 
@@ -248,6 +254,56 @@ def test_heights_of_a_pair_know_the_camera():
     result = reconstruct(standard_scene("parabola", size=200, fringes=8), geometry=geometry)
     assert result.surface.pupil == (99.5, 99.5, 500.0)
     assert any("rays through a camera above pixel (99.5, 99.5)" in note for note in result.notes)
+
+
+def test_cropped_frames_keep_their_points(tmp_path):
+    """Points of a cropped pair are those of the whole pair, where the principal point is stated."""
+    whole = standard_scene("parabola", size=200, fringes=16)
+    geometry = replace(whole.geometry, distance_mm=400.0, baseline_mm=200.0)
+    part = (slice(20, 180), slice(60, 200))
+    values = make_object("parabola", (200, 200), height_mm=100.0, radius_px=70.0)
+    pair = capture_pair(values, geometry, PairSettings(fringes=16))
+    cut = replace(
+        pair, reference=pair.reference[part], object=pair.object[part], truth_mm=None, geometry=None
+    )
+    known = replace(geometry, principal_px=(99.5 - 60, 99.5 - 20))
+    cropped = reconstruct(cut, "fourier", geometry=known)
+    assert cropped.surface.pupil == (39.5, 79.5, 400.0)
+    assert not any("not cropped" in note for note in cropped.notes)
+    uncut = replace(cropped.surface, pupil=None)
+    shift = height_map_points(cropped.surface)[0] - height_map_points(uncut)[0]
+    x, y, height = height_map_points(uncut)[0].T
+    pitch = geometry.pitch_mm_per_px
+    np.testing.assert_allclose(shift[:, 0], (39.5 * pitch - x) * height / 400.0, atol=1e-9)
+    np.testing.assert_allclose(shift[:, 1], (-79.5 * pitch - y) * height / 400.0, atol=1e-9)
+    write_reference_plane(tmp_path / "g.toml", known)
+    assert read_reference_plane(tmp_path / "g.toml") == known
+    write_pair(tmp_path / "pair", replace(pair, geometry=known))
+    assert read_capture(tmp_path / "pair").geometry == known
+    with pytest.raises(InputError, match="principal_px"):
+        replace(known, principal_px=(np.nan, 0.0))
+
+
+def test_a_small_deep_dent_is_noted_even_if_it_is_discarded():
+    """VDI/VDE 2634 lets 0.3 % of the points go, but a dent of 10 mm must not go unsaid."""
+    rng = np.random.default_rng(0)
+    points = np.column_stack((rng.uniform(-80, 80, (40_000, 2)), 0.02 * rng.normal(size=40_000)))
+    assert evaluate_form(points, "plane").figures["notes"] == []
+    dent = np.hypot(points[:, 0] - 20, points[:, 1]) < 4.0
+    points[dent, 2] += 10.0
+    assert 0 < dent.mean() < 0.003
+    (note,) = evaluate_form(points, "plane").figures["notes"]
+    assert "up to 10" in note
+    assert "discarded" in note
+
+
+def test_lengths_that_are_no_numbers_are_refused():
+    points = np.concatenate((ball([-50, 0, 500], 25.0), ball([50, 5, 510], 25.0)))
+    for length in (np.nan, np.inf, 0.0, -1.0):
+        with pytest.raises(InputError, match="spacing: expected > 0 mm"):
+            evaluate_form(points, "sphere", count=2, spacing_mm=length)
+        with pytest.raises(InputError, match="diameter_mm: expected > 0 mm"):
+            evaluate_form(points, "sphere", count=2, diameter_mm=length)
 
 
 def test_weights_count():

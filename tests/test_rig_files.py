@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError, Reason
+from fringeworks.cli.commands import run
 from fringeworks.files.points import read_cloud, read_points, write_points
 from fringeworks.files.rig import format_rig, read_rig, write_rig
+from fringeworks.rig.point_findings import unit_notes
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.surface.cloud import cloud_triangles
 from tests.rigs import calibrated, rig, scene
@@ -115,6 +117,28 @@ def test_programs_are_read_by_their_names(tmp_path, program, suffix):
         assert found.residual_px == residual
     with pytest.raises(InputError, match="missing projector_size|camera_size: expected 1688"):
         read_rig(path, camera_size=(99, 99))
+
+
+def test_a_rig_in_metres_is_noted_and_converted(tmp_path):
+    r = rig()
+    T = r.T_projector_camera.copy()
+    T[:3, 3] /= 1000.0
+    path = write_rig(tmp_path / "metres.xml", replace(r, T_projector_camera=T, covariance=None))
+    assert unit_notes(r) == ()
+    (note,) = unit_notes(read_rig(path))
+    assert "1000 times too small" in note
+    found = read_rig(path, unit_mm=1000.0)
+    assert found.baseline_mm == pytest.approx(r.baseline_mm)
+    assert unit_notes(found) == ()
+    for unit in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(InputError, match="unit_mm: expected > 0"):
+            read_rig(path, unit_mm=unit)
+    ours = write_rig(tmp_path / "rig.toml", r)
+    with pytest.raises(InputError, match="unit_mm: expected with a file of OpenCV"):
+        read_rig(ours, unit_mm=1.0)
+    out = tmp_path / "out.toml"
+    assert run(["rig", str(path), "--out", str(out), "--unit-mm", "1000"]) == 0
+    assert read_rig(out).baseline_mm == pytest.approx(r.baseline_mm)
 
 
 def test_matrices_that_are_no_such_thing_are_refused(tmp_path):

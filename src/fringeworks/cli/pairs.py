@@ -22,6 +22,7 @@ from fringeworks.cli.options import (
     PlyOption,
     Projector,
     ResponseFile,
+    items,
 )
 from fringeworks.cli.words import say_surface
 
@@ -54,6 +55,10 @@ def reconstruct(
         float | None, typer.Option(help="Camera pixel on the reference plane, mm.")
     ] = None,
     sign: Annotated[int | None, typer.Option(help="Side of the projector, 1 or -1.")] = None,
+    principal_px: Annotated[
+        str | None,
+        typer.Option(help="x,y of the pixel below the camera's pupil, for cropped frames."),
+    ] = None,
     axis: Annotated[
         AxisName | None, typer.Option(help="Direction of the fringes, x or y; found by default.")
     ] = None,
@@ -88,12 +93,15 @@ def reconstruct(
         camera=camera,
         projector=projector,
     )
+    known = _geometry(geometry, distance_mm, baseline_mm, pitch_mm_per_px, sign)
+    if principal_px is not None:
+        known = _with_principal(known or pair.geometry, principal_px)
     with output.progress() as progress:
         progress(f"{method} …")
         result = fw.reconstruct(
             pair,
             method,
-            geometry=_geometry(geometry, distance_mm, baseline_mm, pitch_mm_per_px, sign),
+            geometry=known,
             response=None if response is None else fw.read_response(response),
             denoise=None if denoise is None else denoise.value,
             **_method_options(method, option or []),
@@ -162,6 +170,21 @@ def _geometry(
         )
     side: Any = 1 if sign is None else sign
     return fw.ReferencePlaneGeometry(distance_mm, baseline_mm, pitch_mm_per_px, side)
+
+
+def _with_principal(
+    geometry: fw.ReferencePlaneGeometry | fw.PixelCalibration | None, text: str
+) -> fw.ReferencePlaneGeometry:
+    """The geometry with another principal point."""
+    if not isinstance(geometry, fw.ReferencePlaneGeometry):
+        raise fw.InputError(
+            "--principal-px: expected a geometry (--distance-mm, --baseline-mm and "
+            "--pitch-mm-per-px, a .toml or that of the capture), got none"
+        )
+    place = items(float, text, "principal-px")
+    if len(place) != 2:
+        raise fw.InputError(f"--principal-px: expected x,y in px, got {text!r}")
+    return replace(geometry, principal_px=(place[0], place[1]))
 
 
 def _method_options(method: str, settings: list[str]) -> dict[str, fw.MethodOption]:

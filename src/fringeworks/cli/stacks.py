@@ -1,4 +1,4 @@
-"""``fringeworks response | decode | calibrate | rig | measure``: stacks of frames to points."""
+"""``fringeworks response | decode | calibrate | measure``: stacks of frames to points."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from fringeworks.cli.options import (
     Projector,
     ResponseFile,
     items,
-    size_of,
 )
 from fringeworks.cli.words import say_calibration, say_coordinates, say_phase, say_points
 
@@ -302,35 +301,6 @@ def calibrate(
     output.write_json(json_file, figures)
     say_calibration(words, figures)
     words.wrote(out)
-
-
-@app.command(
-    rich_help_panel=SECTION,
-    epilog="Example: fringeworks rig rig.xml --projector-size 1024x768 --out rig.toml",
-)
-def rig(
-    source: Annotated[Path, typer.Argument(help="Rig file: .toml, or .xml, .yml (OpenCV).")],
-    out: Annotated[Path, typer.Option("--out", help="Rig file of another kind.")],
-    projector_size: Annotated[
-        str | None,
-        typer.Option(help="Columns x rows, as 1024x768, where a file of OpenCV has none."),
-    ] = None,
-    camera_size: Annotated[
-        str | None, typer.Option(help="The same for the camera, as 1280x1024.")
-    ] = None,
-) -> None:
-    """Convert a rig file, to and from OpenCV's XML and YAML."""
-    from fringeworks.files.rig import check_rig_target
-
-    output.check(out, check_rig_target)
-    sizes = [
-        None if given is None else size_of(given, name)
-        for name, given in (("camera-size", camera_size), ("projector-size", projector_size))
-    ]
-    with output.target(out, ".toml") as place:
-        found = fw.read_rig(source, camera_size=sizes[0], projector_size=sizes[1])
-        fw.write_rig(place, found)
-    output.Output(out).wrote(out)
 
 
 @app.command(

@@ -87,6 +87,8 @@ def evaluate_form(
         raise InputError(f"count: expected 1, or more for spheres, got {count}")
     if spacing_mm is not None and count != 2:
         raise InputError(f"spacing: expected with two spheres, got it with {count}")
+    if spacing_mm is not None and not 0 < spacing_mm < np.inf:
+        raise InputError(f"spacing: expected > 0 mm, got {spacing_mm}")
     found, sources = _points_of(points)
     xyz, common = found.xyz_mm, _common_error(found)
     if within is not None:
@@ -139,13 +141,16 @@ def _notes(points: Points, common: FloatMap | None, forms: list[Form]) -> list[s
     """What a reader of the figures must know about the points."""
     notes = list(points.notes)
     for form in forms:
+        if not form.far.any():
+            continue
         share = float(form.far.sum() / form.region.sum())
-        if share > DISCARDED:
-            most = float(np.abs(form.distance_mm[form.far]).max())
-            notes.append(
-                f"{share:.1%} of the points lie up to {most:.4g} mm off the {form.body} that the "
-                "others lie on: dents, bumps or points of something else; they count"
-            )
+        most = float(np.abs(form.distance_mm[form.far]).max())
+        counted = share > DISCARDED
+        notes.append(
+            f"{share:.2%} of the points lie up to {most:.4g} mm off the {form.body} that the "
+            "others lie on: dents, bumps or points of something else; "
+            + ("they count" if counted else "they are among the discarded 0.3 %: look at them")
+        )
     if common is None and any(form.sigma_mm is not None for form in forms):
         notes.append(
             "the points carry no calibration error: the radius's σ is that of their scatter alone"

@@ -51,6 +51,8 @@ class GeometrySection(Section):
     baseline_mm: float
     pitch_mm_per_px: float
     sign: Literal[1, -1] = 1
+    principal_px: tuple[float, float] | None = None
+    """Pixel above which the camera's pupil stands; left out for the middle of the frame."""
 
     def as_geometry(self) -> ReferencePlaneGeometry:
         """The frozen type."""
@@ -255,12 +257,15 @@ def write_pair(folder: StrPath, pair: Pair, *, force: bool = False) -> Path:
 
 def geometry_section(geometry: ReferencePlaneGeometry) -> dict[str, Any]:
     """``[geometry]`` of a TOML file."""
-    return {
+    section: dict[str, Any] = {
         "distance_mm": float(geometry.distance_mm),
         "baseline_mm": float(geometry.baseline_mm),
         "pitch_mm_per_px": float(geometry.pitch_mm_per_px),
         "sign": int(geometry.sign),
     }
+    if geometry.principal_px is not None:
+        section["principal_px"] = [float(v) for v in geometry.principal_px]
+    return section
 
 
 def missing_description(folder: Path, expected: str) -> FileProblem:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -97,6 +98,7 @@ def read_rig(
     *,
     camera_size: tuple[int, int] | None = None,
     projector_size: tuple[int, int] | None = None,
+    unit_mm: float | None = None,
 ) -> Rig:
     """Read a rig that ``write_rig``, OpenCV or a program with OpenCV wrote.
 
@@ -107,6 +109,8 @@ def read_rig(
         SLStudio, SLMaster, sltk, scan3d-capture, procam-calibration or OpenCV's samples.
     camera_size, projector_size : (columns, rows), optional
         For files of OpenCV that do not say them.
+    unit_mm : float > 0, optional
+        Unit of length of a file of OpenCV, mm: 1000 for metres. By default 1.
 
     Raises
     ------
@@ -117,6 +121,9 @@ def read_rig(
         if path.suffix.lower() in OPENCV_SUFFIXES:
             content = read_content(path, "a rig file", MAX_DESCRIPTION_BYTES)
             rig = parse_opencv(content, camera_size=camera_size, projector_size=projector_size)
+            rig = _in_mm(rig, 1.0 if unit_mm is None else unit_mm)
+        elif unit_mm is not None:
+            raise InputError("unit_mm: expected with a file of OpenCV, got it with one in mm")
         else:
             rig = _from_toml(read_toml(path, RigFile))
         for name, device, given in (
@@ -129,6 +136,15 @@ def read_rig(
                     f"says, got {' × '.join(map(str, given or ()))}"
                 )
         return rig
+
+
+def _in_mm(rig: Rig, unit_mm: float) -> Rig:
+    """The rig with its translation in mm."""
+    if not 0 < unit_mm < np.inf:
+        raise InputError(f"unit_mm: expected > 0, got {unit_mm}")
+    T = rig.T_projector_camera.copy()
+    T[:3, 3] *= unit_mm
+    return replace(rig, T_projector_camera=T)
 
 
 def format_rig(rig: Rig) -> str:

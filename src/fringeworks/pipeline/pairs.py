@@ -113,7 +113,7 @@ def reconstruct(
         if surface.pitch is None and pair.geometry is not None:
             surface = replace(surface, pitch=pair.geometry.pitch_mm_per_px)
     else:
-        surface = to_surface(displacement, pair.geometry)
+        surface = _on_rays(to_surface(displacement, pair.geometry), pair.geometry)
     seconds = time.perf_counter() - started
     said: dict[str, Any] = {
         "method": method,
@@ -124,6 +124,13 @@ def reconstruct(
     origin = made_by("reconstruct", options=said, inputs=sources)
     surface = replace(surface, provenance=origin)
     return Reconstruction(surface, displacement, seconds, _notes(pair, displacement, surface))
+
+
+def _on_rays(surface: HeightMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:
+    """The surface with the camera's pupil above the geometry's principal point."""
+    if geometry is None or geometry.principal_px is None:
+        return surface
+    return replace(surface, pupil=(*geometry.principal_px, geometry.distance_mm))
 
 
 def calibrate_plane(

@@ -14,7 +14,7 @@ from fringeworks.files.rig import read_rig
 from fringeworks.files.stack import read_stack
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
 from fringeworks.pipeline.inputs import inputs_of, stack_of
-from fringeworks.rig.point_findings import part_notes, point_notes
+from fringeworks.rig.point_findings import part_notes, point_notes, unit_notes
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.signal.response import (
     Response,
@@ -26,6 +26,7 @@ from fringeworks.stack.decode import decode
 from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
 from fringeworks.stack.options import DecodeOptions
+from fringeworks.stack.unmeasured import unmeasured
 from fringeworks.stack.wrapped import WrappedPhase, steps_plan, wrapped_phase
 from fringeworks.types import (
     Axis,
@@ -137,7 +138,7 @@ def measure(
         rig=rig.rig,
     )
     found = replace(found, provenance=origin)
-    part = part_notes(rig.rig, stack.plan.height_px)
+    part = (*unit_notes(rig.rig), *part_notes(rig.rig, stack.plan.height_px))
     notes = (*found.notes, *part, *point_notes(points))
     return Measurement(replace(points, provenance=origin), found, seconds, notes)
 
@@ -291,7 +292,8 @@ def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
     if response is not None:
         check_devices(response, stack.camera, stack.projector)
     found = decode(stack.frames, stack.plan, **_given(stack, options))
-    return replace(found, findings=(*_of_files(stack), *found.findings))
+    findings = (*_of_files(stack), *found.findings, *unmeasured(found))
+    return replace(found, findings=findings)
 
 
 def _of_files(stack: Stack) -> tuple[FrameFinding, ...]:

@@ -20,6 +20,7 @@ from fringeworks.stack.frames import (
     in_bands,
     saturation_of,
 )
+from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.kernel_settings import (
     RESULTS,
     Decoding,
@@ -145,7 +146,7 @@ def decode(
     """
     if estimate_response and response is not None:
         raise InputError("estimate_response: expected no response beside it, got one")
-    planes = check_frames(frames, plan)
+    planes, plan = with_light(check_frames(frames, plan), plan)
     if out is not None:
         check_reusable_result(out, plan.axes, planes[0].shape, keep_phases)
     sample = take_sample(planes, plan)
@@ -229,6 +230,7 @@ def _run(kernel: _core.DecodeSettings, planes: Planes, maps: dict[str, Any]) -> 
 
 def check_options(plan: PatternPlan, options: DecodeOptions) -> None:
     """Refuse options that ``decode`` would refuse, before there are frames."""
+    plan = plan_with_light(plan)
     _decodings(plan, options.get("absolute", True), options.get("response"))
     _positive(options.get("count_step"))
     _not_negative(options.get("min_modulation", 0.0))

@@ -1,4 +1,4 @@
-"""The texture image of a scene, from frames whose light adds up to even light."""
+"""The texture image of a scene: how it looks under even light."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, step_design
 from fringeworks.stack.frames import check_frames
+from fringeworks.stack.gray_light import light_of_bits
 from fringeworks.types import FloatMap, InputError
 
 EVEN = 1e-6
@@ -34,24 +35,47 @@ def texture(
     -------
     (h, w) float32 array, counts
         The mean of all white frames, sets of equal steps, and Gray codes with their inverse.
+        Without any of them, the mean of the backgrounds of unequal steps. Without fringes, the mean
+        of the fully lit bits of Gray codes; places that no bit lights stay dark.
 
     Raises
     ------
     InputError
         If the number of frames is not the plan's, a frame differs in size or type, or the plan has
-        no such frames.
+        a Gray code with several levels of brightness only.
     """
     planes = check_frames(frames, plan)
-    chosen = [k for first, block in plan.placed for k in _even(first, block)]
-    if not chosen:
-        raise InputError(
-            "plan: expected a white frame, equal phase steps or a Gray code with its inverse to "
-            "compute the texture image, got none of them"
-        )
+    weights = {k: 1.0 for first, block in plan.placed for k in _even(first, block)}
+    if not weights:
+        weights = _background_weights(plan)
+    if not weights:
+        lit = light_of_bits(planes, plan)
+        if lit is None:
+            raise InputError(
+                "plan: expected a white frame, phase steps, or a Gray code with two levels of "
+                "brightness to compute the texture image, got none of them"
+            )
+        return np.asarray(lit, np.float32)
     total: FloatMap = np.zeros(planes[0].shape, np.float32)
-    for k in chosen:
-        total += planes[k]
-    return np.asarray(total / len(chosen), np.float32)
+    for k, weight in weights.items():
+        total += np.float32(weight) * planes[k]
+    return np.asarray(total / sum(weights.values()), np.float32)
+
+
+def _background_weights(plan: PatternPlan) -> dict[int, float]:
+    """Weights of the frames of unequal steps whose sum is the background, without fringes.
+
+    The least-squares fit of I_n = A + c cos δ_n + s sin δ_n gives A as a weighted sum of the
+    frames, for steps of any size.
+    """
+    weights: dict[int, float] = {}
+    for first, block in plan.placed:
+        if isinstance(block, PhaseSteps):
+            background = np.linalg.pinv(step_design(block.shifts_rad))[0]
+            # A set counts by the inverse variance of its background.
+            share = 1.0 / float(background @ background)
+            weights |= {first + n: share * float(w) for n, w in enumerate(background)}
+    return weights
 
 
 def _even(first: int, block: PhaseSteps | GrayCode | Uniform) -> range:

@@ -111,7 +111,7 @@ def report(form: Form, *, diameter_mm: float | None = None) -> dict[str, Any]:
     content["radius_sigma_mm"] = form.sigma_mm
     content["probing_error_form_PF_mm"] = content["range_mm"]
     if diameter_mm is not None:
-        if not diameter_mm > 0:
+        if not 0 < diameter_mm < np.inf:
             raise InputError(f"diameter_mm: expected > 0 mm, got {diameter_mm}")
         measured = 2.0 * float(form.parameters["radius_mm"])  # type: ignore[arg-type]
         content["probing_error_size_PS_mm"] = measured - diameter_mm

@@ -73,9 +73,14 @@ def lateral_notes(surface: HeightMap) -> tuple[str, ...]:
             "one took them, perspective shifts a point by its height over the camera's distance, "
             "times its distance from the camera's axis",
         )
+    rows, columns = surface.shape
+    x, y = surface.pupil[:2]
+    where = f"points lie on rays through a camera above pixel ({x:.1f}, {y:.1f})"
+    if (x, y) != (0.5 * (columns - 1), 0.5 * (rows - 1)):
+        return (where,)
     return (
-        "points lie on rays through a camera above pixel ({:.1f}, {:.1f}), the middle of the "
-        "frame: right for frames that were not cropped".format(*surface.pupil[:2]),
+        f"{where}, the middle of the frame: right for frames that were not cropped; the "
+        "geometry's principal_px states another place",
     )
 
 

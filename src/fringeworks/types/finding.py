@@ -18,6 +18,7 @@ FrameFindingKind = Literal[
     "correlated noise",
     "scatter",
     "files",
+    "unmeasured",
 ]
 """What a finding is about."""
 

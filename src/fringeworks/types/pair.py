@@ -27,6 +27,10 @@ class ReferencePlaneGeometry(Frozen):
     sign: Literal[1, -1] = 1
     """Side of the projector: +1 where a raised surface moves the fringes towards larger x (or y),
     −1 where towards smaller."""
+    principal_px: tuple[float, float] | None = None
+    """Pixel (x, y) above which the camera's pupil stands, px: the principal point. It may lie
+    outside a cropped frame. None for the middle of the frame, which is right for most frames that
+    were not cropped."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -34,6 +38,12 @@ class ReferencePlaneGeometry(Frozen):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InputError(f"geometry: expected {name} > 0, got {value}")
+        if self.principal_px is not None and not (
+            len(self.principal_px) == 2 and np.isfinite(self.principal_px).all()
+        ):
+            raise InputError(
+                f"geometry: expected principal_px as x and y, finite, got {self.principal_px}"
+            )
         if self.sign not in (1, -1):
             raise InputError(f"geometry: expected sign +1 or -1, got {self.sign}")
 

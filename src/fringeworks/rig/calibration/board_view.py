@@ -68,3 +68,10 @@ def flattened(image: NDArray[Any]) -> NDArray[np.uint8]:
     paper = cv2.resize(paper, values.shape[::-1], interpolation=cv2.INTER_LINEAR)
     least = MIN_PAPER_SHARE * float(paper.max()) + 1e-6
     return np.minimum(values / np.maximum(paper, least) * PAPER_COUNTS, 255.0).astype(np.uint8)
+
+
+def eight_bit(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """The photograph in 8 bit as it is; brighter ones are scaled to 255 counts."""
+    values = np.nan_to_num(image.astype(np.float64))
+    scaled = values * min(1.0, 255.0 / max(float(values.max()), 1.0))
+    return np.asarray(np.clip(scaled, 0.0, 255.0), np.uint8)

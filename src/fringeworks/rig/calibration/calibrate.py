@@ -153,8 +153,13 @@ def _why_unread(decoded: Decoded, view: BoardView) -> str:
             "frames, makes them steadier"
         )
     most = max(set(reasons), key=reasons.count)
-    if most in (Reason.OK, Reason.SHADOW, Reason.LOW_MODULATION, Reason.OUTSIDE):
+    if most in (Reason.OK, Reason.SHADOW, Reason.OUTSIDE):
         return "the projector does not light the board"
+    if most == Reason.LOW_MODULATION:
+        return (
+            "the projector lights the board, but the fringes there are too weak; a longer "
+            "exposure, less room light, a sharper projector or wider fringes make them stronger"
+        )
     name = most.name.lower().replace("_", " ")
     return f"most pixels there are not decoded ({name}), although the projector may light the board"
 

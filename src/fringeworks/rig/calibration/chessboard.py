@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import cv2
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView, flattened
+from fringeworks.rig.calibration.outliers import off_board
 from fringeworks.rig.calibration.saddle import MIN_CONTRAST, fit_saddles
 from fringeworks.types import BoardNotFound, FloatMap
 
@@ -20,14 +22,24 @@ corners."""
 MAX_FIT_RESIDUAL = 0.25
 """Largest root mean square residual of a fitted corner, relative to its amplitude. On the
 virtual rig corners have 3 %, and three quarters of all other places more than 45 %. Empirical."""
+FAINT_CONTRAST = 0.1
+"""Smallest contrast of corners that are missing on a board, relative to the usual contrast: the
+light of a room is a tenth of the projector's. Empirical."""
+NEARLY_ALL = 0.9
+"""Share of a board's corners that is enough to search no further where OpenCV saw the whole board:
+the others are hidden."""
+OLD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+"""Options of OpenCV's older detector: its defaults, and a quick end where nothing is seen."""
 RETRY_PX = 1.0
 """How far a new guess of a corner must lie from the one that failed for another trial, px. The fit
 converges from a quarter of a square, so a nearer guess would fail again."""
 MIN_LINE_CORNERS = 3
-"""Smallest number of corners of an outermost column or row of a lattice: no board has fewer."""
-FULL_LINE = 0.5
+"""Smallest number of corners of an outermost column or row of a lattice, unless the lattice has the
+board's size: no board has fewer. A single corner is never a line."""
+FULL_LINE = 0.75
 """Share of a line's places beyond a complete board from which on the line belongs to a larger
-board. False corners are single ones; a larger board shows most of its next line."""
+board. The outer squares' own corners, on coarse photographs with JPEG, fill up to half of a line;
+a larger board shows nearly all of its next line. Empirical."""
 
 Place = tuple[int, int]
 """Column and row of a corner in the lattice, counted from the part that was found first."""
@@ -44,26 +56,35 @@ def chessboard_view(image: NDArray[Any], board: Board) -> BoardView:
     InputError where no chessboard is found, or one of another size.
     """
     grey = flattened(image)
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE
     best: _Lattice | None = None
-    for size in PART_SIZES:
-        found, corners, meta = cv2.findChessboardCornersSBWithMeta(grey, size, flags)
-        if not found:
-            continue
-        part = np.asarray(corners, np.float64).reshape(*meta.shape, 2)
+    for part in _parts(grey, board):
         lattice = _Lattice(grey.astype(np.float64), part)
-        lattice.grow()
-        lattice.trim(board)
-        # A hidden corner can distort the first part; the largest lattice comes from a good one.
-        if best is None or len(lattice.corners) > len(best.corners):
+        lattice.extend(board)
+        # Something else in the photograph may look like a part of a chessboard, and a hidden corner
+        # can distort a part; the largest lattice of the board's size comes from a good one.
+        if best is None or lattice.rank(board) > best.rank(board):
             best = lattice
-        if best.is_complete(board):
+        if best.is_nearly_complete(board):
             break
     if best is None:
         raise BoardNotFound(
             f"expected a chessboard of {board.columns} × {board.rows} inner corners, found none"
         )
     return best.as_view(image.astype(np.float64), board)
+
+
+def _parts(grey: NDArray[np.uint8], board: Board) -> Iterator[FloatMap]:
+    """Boards and parts of boards that OpenCV finds, (rows, columns, 2), px, the likeliest first."""
+    exact = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
+    for size in (board.grid, *PART_SIZES):
+        flags = exact if size == board.grid else exact | cv2.CALIB_CB_LARGER
+        found, corners, meta = cv2.findChessboardCornersSBWithMeta(grey, size, flags)
+        if found:
+            yield np.asarray(corners, np.float64).reshape(*meta.shape, 2)
+    # The older detector finds complete boards in clutter, where parts may lie beside the board.
+    found, corners = cv2.findChessboardCorners(grey, board.grid, flags=OLD_FLAGS)
+    if found:
+        yield np.asarray(corners, np.float64).reshape(*board.grid[::-1], 2)
 
 
 class _Lattice:
@@ -77,9 +98,23 @@ class _Lattice:
             zip(places, corners.reshape(-1, 2).astype(np.float64), strict=True)
         )
         self.usual_contrast = 0.0
+        self.part: Place = (columns, rows)
+        self.whole = False
         self._fit(places)
 
-    def grow(self) -> None:
+    def extend(self, board: Board) -> None:
+        """Grow to all visible corners of the board, without wrong ones and its surroundings."""
+        self.grow()
+        if self.drop_wrong():
+            self.grow()
+            self.drop_wrong()
+        if len(self.corners) < len(board.points_mm):
+            # Beyond the edge of the projector's light, the rest of the board is faint.
+            self.grow(FAINT_CONTRAST)
+            self.drop_wrong()
+        self.trim(board)
+
+    def grow(self, least_contrast: float = MIN_CONTRAST) -> None:
         """Add corners next to the known ones until no more are found."""
         tried: dict[Place, FloatMap] = {}
         while True:
@@ -90,8 +125,24 @@ class _Lattice:
                 if before is None or np.hypot(*(guess - before)) > RETRY_PX:
                     tried[place] = self.corners[place] = guess
                     new.append(place)
-            if not new or not self._fit(new):
+            if not new or not self._fit(new, least_contrast):
                 return
+
+    def drop_wrong(self) -> int:
+        """Drop corners that do not lie where the others say. Returns how many they are."""
+        places = list(self.corners)
+        if not places:
+            return 0
+        pixels = np.stack([self.corners[place] for place in places])
+        wrong = off_board(np.array(places, np.float64), pixels)
+        for place, is_wrong in zip(places, wrong, strict=True):
+            if is_wrong:
+                del self.corners[place]
+        return int(wrong.sum())
+
+    def rank(self, board: Board) -> tuple[bool, int]:
+        """Whether the lattice has the size of the board, and how many corners: larger is better."""
+        return self._has_size_of(board), len(self.corners)
 
     def trim(self, board: Board) -> None:
         """Drop false corners beyond the board: short outer lines, and what surrounds the board.
@@ -100,9 +151,17 @@ class _Lattice:
         the lattice's lines now and then. A board that is larger than asked for is kept, because
         its outer lines are full.
         """
-        while self._drop_outer_lines(MIN_LINE_CORNERS):
-            pass
         across, down = board.grid
+        if self.part in ((across, down), (down, across)):
+            # OpenCV saw the whole board: a line of it that is too dark to be measured is missing.
+            seen = {(i, j) for i in range(self.part[0]) for j in range(self.part[1])}
+            if not self._continues(seen, self.part):
+                self.corners = {p: c for p, c in self.corners.items() if p in seen}
+                self.whole = True
+                return
+        # Where the size is right, a line of two corners is the rest of a hidden one.
+        while self._drop_outer_lines(MIN_LINE_CORNERS - self._has_size_of(board)):
+            pass
         for size in {(across, down), (down, across)}:
             window = self._complete_window(size)
             if window is not None:
@@ -187,7 +246,7 @@ class _Lattice:
             edges.append(np.full(2, np.nan) if nearest is None else nearest[1])
         return np.stack(edges)
 
-    def _fit(self, places: list[Place]) -> int:
+    def _fit(self, places: list[Place], least_contrast: float = MIN_CONTRAST) -> int:
         """Fit the corners at these places and remove failed ones. Returns how many remain."""
         edges = np.stack([self._edges(place) for place in places])
         guesses = np.stack([self.corners[place] for place in places])
@@ -197,7 +256,7 @@ class _Lattice:
         if not self.usual_contrast:
             self.usual_contrast = float(np.median(saddles.contrast * signs))
         relative = saddles.contrast * signs / self.usual_contrast
-        good = saddles.good & (relative > MIN_CONTRAST)
+        good = saddles.good & (relative > least_contrast)
         good &= saddles.residual < np.abs(saddles.contrast) * MAX_FIT_RESIDUAL
         for place, pixel, is_corner in zip(places, saddles.pixels, good, strict=True):
             if is_corner:
@@ -206,14 +265,24 @@ class _Lattice:
                 del self.corners[place]
         return int(good.sum())
 
-    def is_complete(self, board: Board) -> bool:
-        """Whether exactly the board's corners have been found."""
+    def is_nearly_complete(self, board: Board) -> bool:
+        """Whether the lattice has all corners of the board, or most of a board that was seen whole.
+
+        A smaller board beside other things can grow to nearly the same size, so no more is enough.
+        """
+        has_its_size, count = self.rank(board)
+        enough = NEARLY_ALL if self.whole else 1.0
+        return has_its_size and count >= enough * len(board.points_mm)
+
+    def _has_size_of(self, board: Board) -> bool:
+        """Whether the lattice has as many columns and rows as the board, either way round."""
         across, down = board.grid
-        complete = len(self.corners) == across * down
-        return complete and self._size() in ((across, down), (down, across))
+        return self._size() in ((across, down), (down, across))
 
     def _size(self) -> tuple[int, int]:
-        """Columns and rows that the lattice spans."""
+        """Columns and rows of the whole board, or else those that the lattice spans."""
+        if self.whole:
+            return self.part
         places = np.array(list(self.corners)).reshape(-1, 2)
         columns, rows = np.ptp(places, axis=0) + 1 if len(places) else (0, 0)
         return int(columns), int(rows)
@@ -226,7 +295,7 @@ class _Lattice:
             )
         across, down = board.grid
         size = self._size()
-        if size not in ((across, down), (down, across)):
+        if not self._has_size_of(board):
             raise BoardNotFound(
                 f"expected {across} × {down} inner corners, found {size[0]} × {size[1]}"
             )
@@ -236,7 +305,8 @@ class _Lattice:
         saddles = fit_saddles(image, start, edges)
         pixels = np.where(saddles.good[:, None], saddles.pixels, start)
         from_zero = np.array(places)
-        from_zero -= from_zero.min(axis=0)
+        if not self.whole:
+            from_zero -= from_zero.min(axis=0)
         numbered = _as_on_board(from_zero, size, pixels, saddles.contrast, board)
         index = numbered[:, 1] * across + numbered[:, 0]
         order = np.argsort(index)

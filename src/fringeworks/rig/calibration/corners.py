@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.rig.calibration.board import Board
-from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView, flattened
+from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView, eight_bit, flattened
 from fringeworks.rig.calibration.chessboard import chessboard_view
 from fringeworks.rig.calibration.circles import circles_view
+from fringeworks.rig.calibration.outliers import mapped, off_board
 from fringeworks.rig.calibration.saddle import CORNER_WINDOW, MIN_CONTRAST, fit_saddles
 from fringeworks.types import BoardNotFound, FloatMap, InputError
 
@@ -92,7 +93,9 @@ def _window(board: Board) -> float:
 def _charuco(image: NDArray[Any], board: Board) -> BoardView:
     """Find the corners of a ChArUco board between its markers, and fit them."""
     detector = cv2.aruco.CharucoDetector(board.aruco)
-    corners, index, _, markers = detector.detectBoard(flattened(image))
+    # Markers are lost now and then where the light is made even, and elsewhere where it is not.
+    found = [detector.detectBoard(grey) for grey in (flattened(image), eight_bit(image))]
+    corners, index, _, markers = max(found, key=lambda f: 0 if f[1] is None else len(f[1]))
     if index is None or len(index) < MIN_CORNERS:
         corner_count = 0 if index is None else len(index)
         marker_count = 0 if markers is None else len(markers)
@@ -107,7 +110,8 @@ def _charuco(image: NDArray[Any], board: Board) -> BoardView:
     good = saddles.good & (contrast > MIN_CONTRAST * np.median(contrast))
     if good.sum() < MIN_CORNERS:
         raise BoardNotFound(f"expected {MIN_CORNERS} sharp corners or more, found {good.sum()}")
-    return BoardView(index[good], saddles.pixels[good])
+    wrong = off_board(board.points_mm[index[good], :2] / board.pitch_mm, saddles.pixels[good])
+    return BoardView(index[good][~wrong], saddles.pixels[good][~wrong])
 
 
 def _edges_on_board(points_mm: FloatMap, pixels: FloatMap, pitch_mm: float) -> FloatMap:
@@ -122,11 +126,6 @@ def _edges_on_board(points_mm: FloatMap, pixels: FloatMap, pitch_mm: float) -> F
         )
     H = np.asarray(homography, np.float64)
     return np.stack(
-        [_mapped(H, points_mm + step) - _mapped(H, points_mm) for step in pitch_mm * np.eye(2)],
+        [mapped(H, points_mm + step) - mapped(H, points_mm) for step in pitch_mm * np.eye(2)],
         axis=1,
     )
-
-
-def _mapped(homography: FloatMap, points: FloatMap) -> FloatMap:
-    mapped = np.column_stack((points, np.ones(len(points)))) @ homography.T
-    return np.asarray(mapped[:, :2] / mapped[:, 2:])

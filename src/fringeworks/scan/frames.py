@@ -64,24 +64,49 @@ def take_frames(
     check_plan(projector, plan)
     if not 1 <= average <= 255:
         raise InputError(f"average: expected 1 to 255 frames, got {average}")
-    labels = plan.labels()
-    wanted = set(range(plan.frames) if only is None else only)
-    chosen = [
-        (n, on_screen(picture, projector)) for n, picture in enumerate(encode(plan)) if n in wanted
-    ]
     if delay is None:
         taker = Agreement(projector, camera)
-        for n, picture in chosen:
-            first = taker.take(picture, labels[n])
-            grabs = [first, *taker.more(average - 1)]
-            progress(labels[n])
-            yield n, _mean([grab.pixels for grab in grabs])
+        yield from taken_by_agreement(
+            projector, taker, plan, average=average, only=only, progress=progress
+        )
         return
     fast = FastTaker(projector, camera, delay, clock=clock)
+    chosen = list(_pictures(projector, plan, only))
     rounds = [fast.take([picture for _, picture in chosen]) for _ in range(average)]
+    labels = plan.labels()
     for k, (n, _) in enumerate(chosen):
         progress(labels[n])
         yield n, _mean([grabs[k].pixels for grabs in rounds])
+
+
+def taken_by_agreement(
+    projector: Projector,
+    agreement: Agreement,
+    plan: PatternPlan,
+    *,
+    average: int = 1,
+    only: Iterable[int] | None = None,
+    progress: Progress = lambda _: None,
+) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Take the frames of a plan in the safe way, with an ``Agreement`` that may have begun already.
+
+    Parameters and yields as ``take_frames``.
+    """
+    labels = plan.labels()
+    for n, picture in _pictures(projector, plan, only):
+        grabs = [agreement.take(picture, labels[n]), *agreement.more(average - 1)]
+        progress(labels[n])
+        yield n, _mean([grab.pixels for grab in grabs])
+
+
+def _pictures(
+    projector: Projector, plan: PatternPlan, only: Iterable[int] | None
+) -> Iterator[tuple[int, NDArray[Any]]]:
+    """Numbers and pictures of a plan, in the projector's size."""
+    wanted = set(range(plan.frames) if only is None else only)
+    for n, picture in enumerate(encode(plan)):
+        if n in wanted:
+            yield n, on_screen(picture, projector)
 
 
 def check_plan(projector: Projector, plan: PatternPlan) -> None:

@@ -35,3 +35,9 @@ def block_pictures(projector: Projector, count: int, *, side_px: int, seed: int)
 def picture_type(projector: Projector) -> type[np.unsignedinteger[Any]]:
     """Return the type of the projector's pictures."""
     return np.uint8 if projector.bits == 8 else np.uint16
+
+
+def uniform_picture(projector: Projector, level: float) -> NDArray[Any]:
+    """Return a picture of one grey level (0…1 of full scale), (rows, columns), counts."""
+    count = round(level * (2**projector.bits - 1))
+    return np.full(projector.size_px[::-1], count, picture_type(projector))

@@ -1,0 +1,152 @@
+"""The light of every grey level: response, black level, and what is cut off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from fringeworks.devices.pixel_formats import full_scale
+from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.scan.agreement import Agreement
+from fringeworks.scan.checks.finding import SetupFinding
+from fringeworks.scan.uniform import uniform_picture
+from fringeworks.types import BoolMap, CameraSettings, DeviceProblem, FloatMap, Frozen
+
+LEVELS = (0.5, 0.03, 0.6, 0.06, 0.7, 0.1, 0.8, 0.15, 0.87, 0.2, 0.92, 0.3, 0.96, 0.4, 1.0, 0.0)
+"""Grey levels in the order of showing, share of full scale. They are denser at both ends, where
+video of limited range is cut off: at 0.063 and 0.92. Each differs much from the one before, so that
+the camera sees it change."""
+LIT_SIGMAS = 20.0
+"""Difference of white and black from which on a pixel counts as lit, standard deviations."""
+MIN_LIT_SHARE = 0.02
+"""Smallest share of lit pixels with which a camera sees enough of the projector's picture."""
+MAX_SATURATED_SHARE = 0.05
+"""Share of lit pixels at the camera's limit from which on the exposure is too long."""
+CLIPPED_SHARE = 0.25
+"""Rise of the light over the brightest levels, relative to the slope below, under which they count
+as cut off. A response of any usual exponent keeps rising."""
+TOP = 0.92
+"""Level from which on video of limited range is cut off, share of full scale."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Levels(Frozen):
+    """What the camera sees of grey levels."""
+
+    level: FloatMap
+    """Shown levels, (n,), share of full scale."""
+    light: FloatMap
+    """Mean light over the lit pixels, (n,), relative to white, black taken away."""
+    lit: BoolMap
+    """Pixels that the projector lights and that are not at the camera's limit, (h, w)."""
+    white: NDArray[np.float32]
+    """White less black, (h, w), counts."""
+    gamma: float
+    """Exponent of the response: light ≈ level^γ."""
+    contrast: float
+    """Light of white over that of black, with the light of the room, at the median lit pixel."""
+    saturated_share: float
+    """Share of the lit pixels that are at the camera's limit under white."""
+    findings: tuple[SetupFinding, ...]
+
+
+def check_levels(
+    projector: Projector, camera: Camera, agreement: Agreement, settings: CameraSettings
+) -> Levels:
+    """Show grey levels from black to white and measure their light.
+
+    Parameters
+    ----------
+    projector : Projector
+    camera : Camera
+    agreement : Agreement
+        Of both.
+    settings : CameraSettings
+        As the camera reported them; for its limit.
+
+    Returns
+    -------
+    Levels
+
+    Raises
+    ------
+    DeviceProblem where the camera sees hardly anything of the projector's picture.
+    """
+    black, white = (grab.pixels.astype(np.float32) for grab in agreement.start())
+    noise = np.sqrt(agreement.noise.variance(black) + agreement.noise.variance(white))
+    difference = white - black
+    seen = difference > LIT_SIGMAS * noise
+    if seen.mean() < MIN_LIT_SHARE:
+        raise DeviceProblem(
+            f"{camera.name}: expected white to light {MIN_LIT_SHARE:.0%} of the frame or more, got "
+            f"{seen.mean():.1%}: point the camera at the projected picture, and use a longer "
+            "exposure or less light in the room"
+        )
+    top = 255.0 if settings.pixel_format is None else float(full_scale(settings.pixel_format))
+    lit = seen & (white < top)
+    if not lit.any():
+        lit = seen
+    light = {}
+    for level in LEVELS:
+        pixels = agreement.take(uniform_picture(projector, level), f"level {level:g}").pixels
+        light[level] = float(np.mean((pixels.astype(np.float32) - black)[lit]))
+    levels = np.array(sorted(light))
+    relative = np.array([light[level] for level in levels]) / light[1.0]
+    saturated = float(np.mean(white[seen] >= top))
+    return Levels(
+        levels,
+        relative,
+        lit,
+        difference,
+        _exponent(levels, relative),
+        float(np.median(white[lit])) / max(float(np.median(black[lit])), 0.5),
+        saturated,
+        tuple(_findings(levels, relative, saturated)),
+    )
+
+
+def _exponent(level: FloatMap, light: FloatMap) -> float:
+    """Exponent of the response that fits best, from 0.2 to 5."""
+    found = optimize.minimize_scalar(
+        lambda gamma: float(np.sum((level**gamma - light) ** 2)),
+        bounds=(0.2, 5.0),
+        method="bounded",
+    )
+    return float(found.x)
+
+
+def _findings(level: FloatMap, light: FloatMap, saturated: float) -> list[SetupFinding]:
+    found = []
+    top = level >= TOP
+    below = (level >= 0.6) & (level <= TOP)
+    slope = np.polyfit(level[below], light[below], 1)[0]
+    rise = (light[top][-1] - light[top][0]) / (level[top][-1] - level[top][0])
+    if rise < CLIPPED_SHARE * slope:
+        found.append(
+            SetupFinding(
+                "range",
+                f"levels above {TOP:.0%} are no brighter than {TOP:.0%}",
+                (
+                    "a video output or projector set to limited range (16 to 235)",
+                    "a picture mode of the projector that clips white",
+                ),
+                "set the output of the graphics card to full range (0 to 255) and the projector's "
+                "picture mode to one for films or computers, with brightness and contrast in the "
+                "middle",
+                {"rise_share": float(rise / slope)},
+            )
+        )
+    if saturated > MAX_SATURATED_SHARE:
+        found.append(
+            SetupFinding(
+                "saturated",
+                f"{saturated:.0%} of the lit pixels are at the camera's limit under white",
+                ("an exposure or gain that is too high", "a shiny object"),
+                "let the exposure be chosen automatically, or take several exposures",
+                {"saturated_share": saturated},
+            )
+        )
+    return found

@@ -1,0 +1,167 @@
+"""Stripes of several widths: what the optics resolve, and whether pictures are resized."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.devices.protocols import Projector
+from fringeworks.patterns.encode import encode
+from fringeworks.patterns.plan import PatternPlan, PhaseSteps, equal_steps
+from fringeworks.scan.agreement import Agreement
+from fringeworks.scan.checks.finding import SetupFinding
+from fringeworks.types import Axis, BoolMap, FloatMap, Frozen
+
+PERIODS_PX = (3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
+"""Periods that are shown, projector px, the coarsest last. Two pixels are shown as well by 4 px:
+their contrast tells how sharp an edge between two pixels is."""
+STEPS = 4
+"""Phase steps of each period."""
+MIN_CONTRAST = 0.2
+"""Smallest contrast of usable stripes, relative to the coarsest. Below, the fringes are so weak
+that a longer period gives a smaller error."""
+BEAT_SHARE = 0.03
+"""Amplitude of a periodic change of the contrast over the picture, relative to its mean, from which
+on pictures are resized. Linear interpolation between pixels gives 0.15 at a period of 4 px."""
+BEAT_POWER = 25.0
+"""Power of the strongest frequency of the contrast's profile, over the mean of the others, from
+which on the change is periodic. Noise exceeds it in one profile of 10⁹."""
+MIN_COLUMNS = 32
+"""Smallest number of projector columns that must be seen to look for a periodic change."""
+SLOW_CYCLES = 3
+"""Changes of the contrast with fewer cycles over the picture are shape and focus, not resizing."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Stripes(Frozen):
+    """Contrast of stripes."""
+
+    axis: Axis
+    period_px: FloatMap
+    """Shown periods, (n,), projector px."""
+    contrast: FloatMap
+    """Median modulation over the lit pixels, (n,), relative to that of the coarsest period."""
+    min_period_px: float
+    """Period with the smallest phase error per pixel: contrast over period is largest."""
+    findings: tuple[SetupFinding, ...]
+
+
+def check_stripes(
+    projector: Projector,
+    agreement: Agreement,
+    lit: BoolMap,
+    coordinate_px: FloatMap,
+    *,
+    axis: Axis = "x",
+) -> Stripes:
+    """Show stripes of several widths and measure their contrast.
+
+    Parameters
+    ----------
+    projector : Projector
+    agreement : Agreement
+        Of projector and camera.
+    lit : (h, w) bool array
+        Pixels that the projector lights.
+    coordinate_px : (h, w) array
+        Projector coordinate along the axis, px; NaN where it is unknown.
+    axis : "x" or "y"
+
+    Returns
+    -------
+    Stripes, with a finding where pictures are resized on their way.
+
+    Notes
+    -----
+    The modulation of a pixel does not depend on the stripes' phase, so it is smooth over the
+    picture. If a picture is resized, new pixels lie now on and now between the old ones, and the
+    contrast of fine stripes is high and low in turn.
+    """
+    modulation = [_modulation(projector, agreement, axis, period) for period in PERIODS_PX]
+    usable = lit & (modulation[-1] > 0)
+    relative = [
+        np.where(usable, b, np.nan) / np.where(usable, modulation[-1], 1.0) for b in modulation
+    ]
+    contrast = np.array([float(np.nanmedian(r)) for r in relative])
+    periods = np.array(PERIODS_PX)
+    resolved = contrast >= MIN_CONTRAST
+    best = int(np.argmax(np.where(resolved, contrast / periods, 0.0)))
+    found: list[SetupFinding] = []
+    if not resolved[:-1].any():
+        found.append(_unresolved(axis))
+    for k in np.flatnonzero(resolved & (periods <= 8.0)):
+        beat = _beat(relative[k], coordinate_px)
+        if beat is not None:
+            found.append(_resized(axis, PERIODS_PX[k], *beat))
+            break
+    return Stripes(axis, periods, contrast, float(periods[best]), tuple(found))
+
+
+def _modulation(
+    projector: Projector, agreement: Agreement, axis: Axis, period_px: float
+) -> NDArray[Any]:
+    """Modulation of stripes, (h, w), counts."""
+    columns, rows = projector.size_px
+    block = PhaseSteps(axis, period_px, equal_steps(STEPS))
+    plan = PatternPlan(columns, rows, (block,), bits=projector.bits)
+    label = f"stripes of {period_px:g} px"
+    frames = [agreement.take(p, label).pixels.astype(np.float32) for p in encode(plan)]
+    return np.asarray(0.5 * np.hypot(frames[0] - frames[2], frames[1] - frames[3]))
+
+
+def _beat(contrast: FloatMap, coordinate_px: FloatMap) -> tuple[float, float] | None:
+    """Amplitude and period of a periodic change of the contrast; None where there is none."""
+    known = np.isfinite(contrast) & np.isfinite(coordinate_px)
+    if not known.any():
+        return None
+    place = np.rint(coordinate_px[known]).astype(int)
+    place -= place.min()
+    count = np.bincount(place)
+    enough = count >= max(4, 0.2 * np.median(count[count > 0]))
+    if enough.sum() < MIN_COLUMNS:
+        return None
+    x = np.flatnonzero(enough)
+    profile = np.bincount(place, contrast[known])[enough] / count[enough]
+    mean = float(profile.mean())
+    scaled = np.linspace(-1.0, 1.0, len(x))
+    profile = profile - np.polyval(np.polyfit(scaled, profile, 4), scaled)
+    whole = np.zeros(x[-1] - x[0] + 1)
+    whole[x - x[0]] = profile * np.hanning(len(x) + 2)[1:-1]
+    power = np.abs(np.fft.rfft(whole)) ** 2
+    power[: SLOW_CYCLES + 1] = 0.0
+    peak = int(np.argmax(power))
+    others = np.delete(power, range(max(0, peak - 2), peak + 3))[SLOW_CYCLES + 1 :]
+    # A Hann window halves the amplitude.
+    amplitude = 4.0 * float(np.sqrt(power[peak])) / len(x) / mean
+    if amplitude < BEAT_SHARE or power[peak] < BEAT_POWER * max(float(others.mean()), 1e-12):
+        return None
+    return amplitude, len(whole) / peak
+
+
+def _unresolved(axis: Axis) -> SetupFinding:
+    return SetupFinding(
+        "contrast",
+        f"stripes along {axis} of {PERIODS_PX[-2]:g} px or less have less than "
+        f"{MIN_CONTRAST:.0%} of the contrast of {PERIODS_PX[-1]:g} px",
+        ("a projector or camera that is out of focus", "a camera with too few pixels"),
+        "focus the projector, then the camera, on the object",
+    )
+
+
+def _resized(axis: Axis, period_px: float, amplitude: float, beat_px: float) -> SetupFinding:
+    return SetupFinding(
+        "scale",
+        f"the contrast of stripes of {period_px:g} px along {axis} changes by "
+        f"{amplitude:.0%} every {beat_px:.3g} px",
+        (
+            "a video mode that is not the projector's own",
+            "keystone correction, zoom or overscan of the projector",
+            "scaling by the operating system",
+        ),
+        "set the output to the projector's own resolution, and switch off keystone correction, "
+        "digital zoom and overscan",
+        {"amplitude_share": amplitude, "beat_px": beat_px},
+    )

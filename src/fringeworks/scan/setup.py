@@ -1,0 +1,166 @@
+"""The set-up: what a projector and a camera can do together, and which plan suits them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fringeworks.devices.clock import Clock
+from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.patterns.propose import Proposal, propose
+from fringeworks.scan.agreement import Agreement
+from fringeworks.scan.checks.finding import SetupFinding
+from fringeworks.scan.checks.flicker import Flicker, check_flicker
+from fringeworks.scan.checks.levels import Levels, check_levels
+from fringeworks.scan.checks.orientation import Orientation, check_orientation
+from fringeworks.scan.checks.stripes import Stripes, check_stripes
+from fringeworks.scan.delay import Delay, measure_delay
+from fringeworks.types import (
+    Axis,
+    CameraNoise,
+    CameraSettings,
+    DeviceProblem,
+    FloatMap,
+    Frozen,
+)
+
+DARK_QUANTILE = 0.1
+"""Quantile of the modulation over the lit pixels that a plan is proposed for: nine of ten pixels
+are brighter."""
+DELAY_ADVICE = (
+    "scans take frames by agreement, which needs no delay; use a camera with a steady frame rate"
+)
+"""What to do where the delay cannot be measured."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Setup(Frozen):
+    """What was measured of a projector and a camera."""
+
+    projector: str
+    """Name of the projector."""
+    camera: str
+    """Name of the camera."""
+    size_px: tuple[int, int]
+    """Columns and rows of the projector."""
+    settings: CameraSettings
+    """Settings of the camera, as it reported them."""
+    noise: CameraNoise
+    """Noise of the camera at these settings."""
+    levels: Levels
+    flicker: Flicker
+    orientation: Orientation
+    stripes: tuple[Stripes, ...]
+    """Along x, then along y."""
+    delay: Delay | None
+    """None where it could not be measured."""
+    proposal: Proposal
+    """The plan that is proposed for these devices, with its predicted error."""
+    findings: tuple[SetupFinding, ...]
+    """What makes measurements worse, the most important first; empty where all is well."""
+
+
+def set_up(
+    projector: Projector,
+    camera: Camera,
+    *,
+    settings: CameraSettings | None = None,
+    frames: int = 12,
+    axes: tuple[Axis, ...] = ("x",),
+    progress: Callable[[str], None] = lambda _: None,
+    clock: Clock | None = None,
+) -> Setup:
+    """Measure what a projector and a camera can do together.
+
+    Parameters
+    ----------
+    projector : Projector
+    camera : Camera
+        Both look at a bright surface, such as a white wall or the object.
+    settings : CameraSettings, optional
+        Asked for before the first frame.
+    frames : int
+        Number of frames of the plan that is proposed.
+    axes : tuple of "x", "y"
+        Axes of that plan.
+    progress : callable
+        Called with the name of every check before it begins.
+    clock : Clock, optional
+        The machine's by default.
+
+    Returns
+    -------
+    Setup
+
+    Raises
+    ------
+    DeviceProblem where the camera does not see the projector's pictures; InputError where no plan
+    suits the devices.
+    """
+    used = camera.configure(settings or CameraSettings())
+    agreement = Agreement(projector, camera)
+    progress("flicker")
+    flicker = check_flicker(projector, camera)
+    findings = list(flicker.findings)
+    try:
+        progress("grey levels")
+        levels = check_levels(projector, camera, agreement, used)
+        progress("orientation")
+        orientation = check_orientation(projector, camera, agreement)
+        findings = [*orientation.findings, *levels.findings, *findings]
+        stripes = []
+        places: tuple[tuple[Axis, FloatMap], ...] = (
+            ("x", orientation.x_px),
+            ("y", orientation.y_px),
+        )
+        for axis, place in places:
+            progress(f"stripes along {axis}")
+            stripes.append(check_stripes(projector, agreement, levels.lit, place, axis=axis))
+            findings += stripes[-1].findings
+    except DeviceProblem as error:
+        raise _explained(error, findings) from error
+    progress("delay")
+    delay, late = _delay(projector, camera, clock)
+    modulation = 0.5 * float(np.quantile(levels.white[levels.lit], DARK_QUANTILE))
+    noise = float(np.sqrt(agreement.noise.variance(modulation)))
+    finest = max(s.min_period_px for s in stripes if s.axis in axes)
+    proposal = propose(
+        *projector.size_px,
+        frames,
+        axes=axes,
+        noise=noise,
+        modulation=modulation,
+        min_period_px=finest,
+    )[0]
+    return Setup(
+        projector.name,
+        camera.name,
+        projector.size_px,
+        used,
+        agreement.noise,
+        levels,
+        flicker,
+        orientation,
+        tuple(stripes),
+        delay,
+        proposal,
+        (*findings, *late),
+    )
+
+
+def _explained(error: DeviceProblem, findings: list[SetupFinding]) -> DeviceProblem:
+    """The error of a check, with what the checks before have found."""
+    return DeviceProblem("; ".join([str(error), *(finding.text for finding in findings)]))
+
+
+def _delay(
+    projector: Projector, camera: Camera, clock: Clock | None
+) -> tuple[Delay | None, list[SetupFinding]]:
+    """The delay, or the finding that it cannot be measured."""
+    try:
+        return measure_delay(projector, camera, clock=clock), []
+    except DeviceProblem as error:
+        causes = ("frames that arrive irregularly", "a delay that changes")
+        return None, [SetupFinding("delay", str(error), causes, DELAY_ADVICE)]

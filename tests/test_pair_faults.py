@@ -14,8 +14,14 @@ from fringeworks.simulate import STANDARD_GEOMETRY, PairSettings, capture_pair
 SIZE = 240
 METHODS = ("fourier", "wavelet", "windowed_fourier", "windowed", "exact")
 SIGMA_METHODS = ("fourier", "wavelet", "windowed_fourier", "windowed", "ifa", "exact")
-WINDOWED_BARS = (0.55, 0.82)
-"""Reached by windows on curved surfaces, where the shape hides the scatter."""
+LOWER_BARS = {
+    ("wavelet", "curved", "JPEG 50"): (0.60, 0.89),
+    ("windowed", "curved", "clean"): (0.60, 0.88),
+    ("windowed", "curved", "JPEG 50"): (0.55, 0.83),
+    ("windowed", "curved", "pixel grid"): (0.57, 0.88),
+    ("windowed", "curved", "flicker"): (0.55, 0.88),
+}
+"""Cells that do not reach 0.60 and 0.90 at this period: the shape hides the scatter of windows."""
 
 
 def plate(radius=26, **settings):
@@ -114,10 +120,8 @@ def test_photographed_fine_fringes(real_data):
 def test_sigma_covers_the_errors(shape, fault):
     """Mean over seeds with different noise, γ and surfaces; the benchmark prints all periods."""
     found = mean_coverage(shape, fault, (14.0,), (1, 2, 3), SIGMA_METHODS)
-    least_1, least_2 = WINDOWED_BARS if shape == "curved" else (0.60, 0.90)
     for name, share in found.items():
-        # Single cells of the wavelet reach 89.8 %.
-        bars = (least_1, least_2) if name == "windowed" else (0.60, 0.89)
+        bars = LOWER_BARS.get((name, shape, fault), (0.60, 0.90))
         assert share.within_1 >= bars[0], name
         assert share.within_2 >= bars[1], name
         if shape == "plane" and name in ("fourier", "wavelet"):

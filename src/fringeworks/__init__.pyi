@@ -107,6 +107,7 @@ from .pair.analyse import (
 from .pair.registry import (
     Method as Method,
     MethodOption as MethodOption,
+    Smoothing as Smoothing,
     Solution as Solution,
 )
 from .pair.plugins import (

@@ -12,7 +12,7 @@ from fringeworks.pair import registry
 from fringeworks.pair.plugins import load_installed
 from fringeworks.pair.prepared import PreparedPair, prepare
 from fringeworks.pair.registry import Method, MethodOption, Solution
-from fringeworks.pair.scatter import LONG_RANGE, noise_factor, smoothed_away
+from fringeworks.pair.scatter import with_measured_sigma
 from fringeworks.types import (
     BoolMap,
     DisplacementMap,
@@ -22,12 +22,6 @@ from fringeworks.types import (
     Reason,
     UnknownMethod,
 )
-
-MIN_NOISE_FACTOR = 0.25
-"""Smallest factor by which the scatter of a filter's result lowers its σ.
-
-A visible pixel grid is taken for noise of about three times the true one. An empirical choice.
-"""
 
 
 def methods() -> dict[str, Method]:
@@ -94,7 +88,7 @@ def analyse(
     prepared = pair if isinstance(pair, PreparedPair) else prepare(pair)
     returned = _run(chosen, prepared, options)
     _check_solution(chosen, returned, prepared.object.shape)
-    solution = _with_measured_sigma(prepared, _mark(prepared, returned))
+    solution = with_measured_sigma(_mark(prepared, returned), prepared.period)
     turn = prepared.to_capture
     return DisplacementMap(
         displacement_px=turn(solution.displacement_px),
@@ -195,25 +189,6 @@ def _mark(pair: PreparedPair, solution: Solution) -> Solution:
         sigma_px=blank(solution.sigma_px),
         modulation_ratio=blank(solution.modulation_ratio),
         reason=reason,
-    )
-
-
-def _with_measured_sigma(pair: PreparedPair, solution: Solution) -> Solution:
-    """Raise σ to the scatter of the result, and add what a filter has smoothed away."""
-    u, sigma = solution.displacement_px, solution.sigma_px
-    factor = noise_factor(u, sigma, pair.period, solution.noise_length_px)
-    if factor is None:
-        factor = 1.0
-    else:
-        factor *= LONG_RANGE if solution.noise_length_px[0] > 0 else 1.0
-        factor = max(factor, MIN_NOISE_FACTOR if solution.is_filter else 1.0)
-    sigma = sigma * factor
-    if solution.is_filter:
-        sigma = np.sqrt(sigma**2 + smoothed_away(u, sigma, pair.period))
-    return replace(
-        solution,
-        sigma_px=sigma.astype(solution.sigma_px.dtype, copy=False),
-        details={**solution.details, "noise_factor": factor},
     )
 
 

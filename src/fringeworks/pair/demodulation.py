@@ -10,7 +10,7 @@ import numpy as np
 from fringeworks.pair.bandpass import Analytic
 from fringeworks.pair.orders import settle_orders
 from fringeworks.pair.prepared import PreparedPair
-from fringeworks.pair.registry import Solution
+from fringeworks.pair.registry import Smoothing, Solution
 from fringeworks.pair.unwrap import unwrap
 from fringeworks.types import BoolMap, ByteMap, FloatMap, Reason
 
@@ -45,7 +45,9 @@ class Demodulated:
     noise_share: float
     """Complex variance of an analytic signal B/2 · exp(iφ), per variance of the frame's noise."""
     noise_length_px: tuple[float, float] = (0.0, 0.0)
-    """Width σ of the filter's Gaussian kernel along y and x, px; 0 for none."""
+    """Width σ of the Gaussian kernel that correlates the noise along y and x, px; 0 for none."""
+    smoothing: tuple[Smoothing, ...] = ()
+    """Kernels that the phase has passed, see ``Solution.smoothing``."""
     details: dict[str, Any] = field(default_factory=dict)
     """Further results of the method, for reports."""
 
@@ -101,6 +103,7 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
         modulation_ratio=modulation_ratio,
         reason=reason,
         noise_length_px=demodulated.noise_length_px,
+        smoothing=demodulated.smoothing,
         is_filter=True,
         details={
             **demodulated.details,

@@ -13,6 +13,19 @@ MethodOption = str | float | int | bool | Sequence[float] | None
 """Value of a method's keyword option."""
 
 
+@dataclass(frozen=True)
+class Smoothing:
+    """A Gaussian kernel that a method smooths a displacement with."""
+
+    width_px: tuple[float, float]
+    """Width σ along y and x, px; 0 for none."""
+    corrected_over_px: tuple[float, float] | None = None
+    """Width σ along y and x of the mean of the curvature, px, where the method corrects for the
+    curvature that it has measured; None where it does not."""
+    share: float = 1.0
+    """Share of what the kernel removes that is missing in the result, 0…1."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(Frozen):
     """The result of a method, in the orientation of the ``PreparedPair`` that it was given."""
@@ -31,9 +44,12 @@ class Solution(Frozen):
     """Figures for reports."""
     noise_length_px: tuple[float, float] = (0.0, 0.0)
     """Width σ of the Gaussian kernel along y and x that correlates the errors, px; 0 for none."""
+    smoothing: tuple[Smoothing, ...] = ()
+    """Kernels that smooth the displacement; σ is enlarged by what they remove from the surface. The
+    reference's modulation has passed the first one only."""
     is_filter: bool = False
     """Whether the method is a linear filter: its σ is then that of white noise in the frames, which
-    is replaced by the scatter of the result, and what it smooths away is added."""
+    the scatter of the result replaces, and its modulation ratio shows the same noise."""
 
 
 Analysis = Callable[..., Solution]

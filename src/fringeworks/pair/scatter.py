@@ -1,4 +1,4 @@
-"""Standard deviation of a displacement, scaled to the scatter that the displacement shows.
+"""Standard deviation of a displacement as its own scatter shows it; all methods pass here.
 
 The noise of photographs is not white. JPEG removes the frequencies from which noise is usually
 estimated and leaves errors at those of the fringes, and a projector's pixel grid looks like noise
@@ -8,9 +8,14 @@ surface.
 
 from __future__ import annotations
 
-import numpy as np
-from scipy import ndimage, special
+from dataclasses import replace
 
+import numpy as np
+
+from fringeworks.pair.pixel_scatter import pixel_factor
+from fringeworks.pair.registry import Solution
+from fringeworks.pair.smooth import smooth_known
+from fringeworks.pair.smoothed_away import smoothed_away
 from fringeworks.signal.third_difference import (
     REACH,
     third_difference,
@@ -18,59 +23,109 @@ from fringeworks.signal.third_difference import (
 )
 from fringeworks.types import FloatMap
 
-LAGS_PERIODS = (1.5, 2.0)
-"""Distances at which displacements are compared, periods.
+LAG_PERIODS = 1.5
+"""Smallest distance at which displacements are compared, periods.
 
-Errors of filters are nearly independent at these distances, and most surfaces are smooth over them.
-An empirical choice.
+Errors of filters are nearly independent at this distance, and most surfaces are smooth over it. An
+empirical choice.
 """
-MAX_GROWTH = 2.0
+LAG_LENGTHS = 2.0
+"""The same in widths of the kernel that correlates the errors.
+
+A third of their variance is shared at this distance, which ``_seen`` accounts for.
+"""
+LONGER = 1.5
+"""Ratio of the second distance, at which shape is told from noise, to the first."""
+MAX_GROWTH = 1.7
 """Largest ratio of the scatters at the two distances; more is the object's shape.
 
-The third differences of a shape grow by (2/1.5)⁶ = 5.6. An empirical choice.
+The third differences of a shape grow by 1.5³ = 3.4 for every axis, those of noise do not. An
+empirical choice.
 """
-QUANTILE = 0.5
-"""Quantile of the differences that the scatter is taken from; edges may disturb the others."""
-PIXEL_QUANTILE = 0.68
-"""The same for methods that use single pixels.
+DIRECTIONS = ((0, 1), (0,), (1,))
+"""Axes along which differences are taken: along both, and along one.
 
-Their errors are not normal: many are small and some are large. The standard deviation is meant to
-cover 68 %.
+Differences along both remove most of the shape, but also errors that are constant along one axis:
+those of compressed fringes that run along the blocks, and those of a lamp that flickers.
+"""
+MAX_AXIS_RATIO = 4.0
+"""Largest ratio of the scatter along one axis to that along both.
+
+It is up to 2 in simulated frames of JPEG quality 50 and 3.1 on a photographed plane. Waves of the
+surface, whose differences stop growing at half their length, reach 20 and more.
 """
 MIN_DIFFERENCES = 2000
 """Smallest number of differences that determine the scatter. An empirical choice."""
-LONG_RANGE = 1.3
-"""Ratio of the full error of a filter to that part which differences show.
+SAMPLES_PER_LAG = 8
+"""Samples per distance; errors of filters are smooth, so that more hold the same information."""
+NORMAL_MEDIAN = 0.6745
+"""Median of |z| for a standard normal variable z."""
+MIN_FILTER_FACTOR = 0.05
+"""Smallest factor of a filter's σ; a visible pixel grid is taken for noise of 10 times the true."""
+MIN_WINDOW_FACTOR = 0.5
+"""Smallest factor of a window's σ, which comes from the residuals of its own fit.
 
-Errors that extend over several periods cancel in the differences. Measured on simulated JPEG and on
-photographed planes.
+The bands of a flickering lamp enlarge these residuals two to three times. An empirical choice.
 """
-SMOOTHING_PERIODS = 0.45
-"""Width of the Gaussian whose effect on a displacement equals that of the filters, periods.
+UNKNOWN_WINDOW_FACTOR = 1.2
+"""Largest factor of a window's σ where the shape hides its scatter.
 
-Measured on simulated curved surfaces: 0.40 to 0.45.
+On planes, it is 0.9 to 1.6 for white noise, because one step leaves noise of the start.
 """
-SPREAD_PERIODS = 0.5
-"""Width of the Gaussian over which the smoothed-away part is averaged, periods."""
-FLAT_QUANTILE = 0.5
-"""Share of the frame that is taken to be so flat that filters smooth only noise away there."""
+WINDOW_TAIL = 1.2
+"""Ratio of the full error of a window to that of a Gaussian kernel with the same differences.
+
+Scales of several widths are mixed in a frame. Measured on simulated planes: 1.05 to 1.3.
+"""
+MIN_RATIO = 1e-3
+"""Smallest modulation ratio whose logarithm is taken; it keeps that finite."""
 
 
-def noise_factor(
-    displacement_px: FloatMap,
-    sigma_px: FloatMap,
-    period_px: float,
-    length_px: tuple[float, float],
-) -> float | None:
-    """Ratio of the scatter of a displacement to its stated standard deviation.
+def with_measured_sigma(solution: Solution, period_px: float) -> Solution:
+    """Bring σ of a solution to the scatter that it shows, and add what is smoothed away.
 
     Parameters
     ----------
-    displacement_px, sigma_px : (h, w) float arrays
-        px; NaN where unknown.
+    solution : Solution
     period_px : float > 0
-    length_px : (float, float)
-        Width σ of the Gaussian kernel along y and x that correlates the errors, px; 0 for none.
+
+    Returns
+    -------
+    Solution
+        ``details["noise_factor"]`` is the median ratio of the measured σ of the noise to the stated
+        one; 1 where there are too few pixels to measure it.
+    """
+    u, stated = solution.displacement_px, solution.sigma_px
+    if any(solution.noise_length_px):
+        factor: float | FloatMap | None = noise_factor(solution, period_px)
+    else:
+        factor = pixel_factor(u, stated, period_px)
+    if factor is None:
+        factor = 1.0
+    sigma = stated * factor
+    if solution.smoothing:
+        lost = smoothed_away(u, sigma, period_px, solution.smoothing, solution.noise_length_px)
+        sigma = np.sqrt(sigma**2 + lost)
+    return replace(
+        solution,
+        sigma_px=sigma.astype(stated.dtype, copy=False),
+        details={**solution.details, "noise_factor": _median(factor)},
+    )
+
+
+def _median(factor: float | FloatMap) -> float:
+    known = np.asarray(factor)[np.isfinite(factor)]
+    return float(np.median(known)) if known.size else 1.0
+
+
+def noise_factor(solution: Solution, period_px: float) -> float | None:
+    """Ratio of the scatter of a displacement with correlated errors to its stated σ.
+
+    Parameters
+    ----------
+    solution : Solution
+        With a ``noise_length_px`` above 0.
+    period_px : float > 0
 
     Returns
     -------
@@ -79,53 +134,72 @@ def noise_factor(
 
     Notes
     -----
+    The scatter along every direction is taken at two distances. Where it grows from one to the
+    other, the surface is not smooth over the distance, and the scatter is only an upper limit. The
+    noise of a filter is then taken from the modulation, whose relative error is that of the phase:
+    the surface's shape hardly affects it.
+    """
+    lengths = solution.noise_length_px
+    lag = max(LAG_PERIODS * period_px, LAG_LENGTHS * max(lengths))
+    # Filters have larger errors near the frame's border.
+    margin = [min(int(period_px), side // 8) for side in solution.sigma_px.shape]
+    inner = tuple(slice(m, -m if m else None) for m in margin)
+    u, sigma = solution.displacement_px[inner], solution.sigma_px[inner]
+    found: list[float] = []
+    for axes in DIRECTIONS:
+        near = _scatter(u, sigma, lag, lengths, axes)
+        if near is None:
+            continue
+        far = _scatter(u, sigma, LONGER * lag, lengths, axes)
+        if far is None or far <= MAX_GROWTH * near:
+            found.append(min([near, *(MAX_AXIS_RATIO * f for f in found[:1])]))
+        elif len(axes) > 1:
+            limit = UNKNOWN_WINDOW_FACTOR
+            if solution.is_filter:
+                modulation = _modulation(solution, period_px)[inner]
+                limit = _scatter(modulation, sigma, lag, lengths, axes) or near
+            found.append(min(near, limit))
+    if not found:
+        return None
+    if solution.is_filter:
+        return max(*found, MIN_FILTER_FACTOR)
+    return max(WINDOW_TAIL * max(found), MIN_WINDOW_FACTOR)
+
+
+def _modulation(solution: Solution, period_px: float) -> FloatMap:
+    """Logarithm of the modulation ratio, scaled so that its noise is that of the displacement."""
+    ratio = np.log(np.maximum(solution.modulation_ratio, MIN_RATIO))
+    for kernel in solution.smoothing[1:]:
+        known = np.isfinite(ratio)
+        # The reference's modulation has not passed this kernel yet.
+        ratio = np.where(known, smooth_known(ratio, known, kernel.width_px), np.nan)
+    return np.asarray(ratio * period_px / (2.0 * np.pi))
+
+
+def _scatter(
+    u: FloatMap, sigma: FloatMap, lag_px: float, lengths: tuple[float, float], axes: tuple[int, ...]
+) -> float | None:
+    """Median of |third difference| over its stated standard deviation, for normal errors 1.
+
     The variance of a third difference of noise of variance 1 and correlation ρ is
     20 − 30 ρ(L) + 12 ρ(2L) − 2 ρ(3L), with ρ(d) = exp(−d²/4σ²) for a Gaussian kernel of width σ.
     """
-    found: list[float] = []
-    quantile = QUANTILE if any(length_px) else PIXEL_QUANTILE
-    for periods in LAGS_PERIODS:
-        lag = max(1, round(periods * period_px))
-        if min(displacement_px.shape) <= REACH * lag:
-            break
-        scatter = _scatter(displacement_px, sigma_px, lag, quantile)
-        if scatter is None:
-            break
-        found.append(scatter / float(np.sqrt(np.prod([_seen(lag, s) for s in length_px]))))
-    if not found:
+    step = max(1, int(lag_px / SAMPLES_PER_LAG))
+    lag = max(1, round(lag_px / step))
+    if any(u.shape[axis] <= REACH * lag * step for axis in axes):
         return None
-    if len(found) > 1 and found[1] > MAX_GROWTH * found[0]:
-        return found[0]
-    return max(found)
-
-
-def smoothed_away(displacement_px: FloatMap, sigma_px: FloatMap, period_px: float) -> FloatMap:
-    """Variance of what a filter smooths away of a curved surface, (h, w), px².
-
-    Notes
-    -----
-    A filter of width κp reduces the displacement's curvature twice as it would once: what a second
-    smoothing removes is about what the first has removed. Noise is removed as well; its share is
-    taken from the flatter half of the frame, is at most σ², and is subtracted.
-    """
-    known = np.isfinite(displacement_px) & np.isfinite(sigma_px)
-    if not known.any():
-        return np.zeros(displacement_px.shape)
-    weight = known.astype(np.float64)
-    width = SMOOTHING_PERIODS * period_px
-    u = np.where(known, displacement_px, 0.0)
-    smooth = _smooth(u, width) / np.maximum(_smooth(weight, width), np.finfo(float).tiny)
-    removed = np.where(known, u - smooth, 0.0) ** 2
-    spread = SPREAD_PERIODS * period_px
-    share = np.maximum(_smooth(weight, spread), np.finfo(float).tiny)
-    square = _smooth(removed, spread) / share
-    variance = np.where(known, sigma_px, 1.0) ** 2
-    noise = float(np.quantile((square / variance)[known], FLAT_QUANTILE))
-    return np.asarray(np.maximum(square - min(noise, 1.0) * variance, 0.0))
-
-
-def _smooth(values: FloatMap, width_px: float) -> FloatMap:
-    return np.asarray(ndimage.gaussian_filter(values, width_px, mode="nearest"))
+    difference: FloatMap = u[::step, ::step]
+    variance: FloatMap = sigma[::step, ::step].astype(np.float64) ** 2
+    for axis in axes:
+        difference = third_difference(difference, lag, axis)
+        variance = third_difference_variance(variance, lag, axis)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = np.abs(difference) / np.sqrt(variance)
+    ratio = ratio[np.isfinite(ratio)]
+    if ratio.size * step**2 < MIN_DIFFERENCES:
+        return None
+    seen = float(np.prod([_seen(lag * step, lengths[axis]) for axis in axes]))
+    return float(np.median(ratio)) / NORMAL_MEDIAN / float(np.sqrt(seen))
 
 
 def _seen(lag: int, width_px: float) -> float:
@@ -134,19 +208,3 @@ def _seen(lag: int, width_px: float) -> float:
         return 1.0
     first, second, third = (np.exp(-((k * lag / (2.0 * width_px)) ** 2)) for k in (1, 2, 3))
     return max(float(1.0 - 1.5 * first + 0.6 * second - 0.1 * third), 0.1)
-
-
-def _scatter(u: FloatMap, sigma: FloatMap, lag: int, quantile: float) -> float | None:
-    """Quantile of |third difference| over its stated standard deviation, for normal errors 1."""
-    difference, variance = u, np.square(sigma, dtype=np.float64)
-    # Along y and then along x: surfaces that are quadratic in either leave nothing.
-    for axis in (0, 1):
-        difference = third_difference(difference, lag, axis)
-        variance = third_difference_variance(variance, lag, axis)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.abs(difference) / np.sqrt(variance)
-    ratio = ratio[np.isfinite(ratio)]
-    if ratio.size < MIN_DIFFERENCES:
-        return None
-    normal = float(special.ndtri(0.5 + 0.5 * quantile))
-    return float(np.quantile(ratio, quantile)) / normal

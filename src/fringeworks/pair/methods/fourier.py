@@ -9,7 +9,7 @@ import numpy as np
 from fringeworks.pair.bandpass import HALF_WIDTH, Shape, band_kernel, band_pass, check_band
 from fringeworks.pair.demodulation import Demodulated, to_displacement
 from fringeworks.pair.prepared import PreparedPair
-from fringeworks.pair.registry import Solution, method
+from fringeworks.pair.registry import Smoothing, Solution, method
 
 
 @method("fourier")
@@ -52,6 +52,7 @@ def fourier(
         band_pass(frame, pair.frequency, width=width, dimensions=dimensions, window=window)
         for frame in (pair.reference, pair.object)
     )
+    kernel = band_kernel(pair.frequency, width, dimensions)
     return to_displacement(
         pair,
         Demodulated(
@@ -59,6 +60,7 @@ def fourier(
             reference_amplitude=2.0 * np.abs(reference),
             object_amplitude=2.0 * np.abs(object_),
             noise_share=share,
-            noise_length_px=band_kernel(pair.frequency, width, dimensions),
+            noise_length_px=kernel,
+            smoothing=(Smoothing(kernel),),
         ),
     )

@@ -13,8 +13,8 @@ from fringeworks.pair.bandpass import Analytic
 from fringeworks.pair.demodulation import Demodulated, to_displacement
 from fringeworks.pair.lattice import lattice_samples, samples_inside, shift_wave
 from fringeworks.pair.prepared import PreparedPair
-from fringeworks.pair.registry import Solution, method
-from fringeworks.pair.ridge import blend, curvature, strongest, window_factor
+from fringeworks.pair.registry import Smoothing, Solution, method
+from fringeworks.pair.ridge import CURVATURE_SMOOTHING, blend, curvature, strongest, window_factor
 from fringeworks.types import FloatMap, InputError
 
 OMEGA = 6.0
@@ -28,6 +28,13 @@ OMEGA_LIMITS = (4.0, 60.0)
 
 Below 4 the wavelet's mean is above 3e-4 and the background disturbs the phase; above 60 its
 envelope is about ten periods wide and resolves little. Empirical choices.
+"""
+ROW_CURVATURE_SMOOTHING = 2.0
+"""Width of the Gaussian that is as wide as the mean of a row's curvature, envelopes.
+
+The ridge measures the frequency over an envelope and averages the curvature over two to either
+side. Measured: the remaining errors on simulated curved surfaces are 0.9 to 1.2 of those that this
+width predicts.
 """
 ROW_SCALES = 32
 """Number of scales of the wavelets along rows.
@@ -328,6 +335,8 @@ def wavelet(
             for frame in (pair.reference, pair.object)
         )
         share = 1.0 / (4.0 * np.pi * envelope**2)
+    length = (envelope if dimensions == 2 else 0.0, envelope)
+    mean = ROW_CURVATURE_SMOOTHING if dimensions == 1 else CURVATURE_SMOOTHING
     return to_displacement(
         pair,
         Demodulated(
@@ -335,7 +344,8 @@ def wavelet(
             reference_amplitude=np.abs(reference),
             object_amplitude=np.abs(object_),
             noise_share=share,
-            noise_length_px=(envelope if dimensions == 2 else 0.0, envelope),
+            noise_length_px=length,
+            smoothing=(Smoothing(length, (mean * length[0], mean * length[1])),),
             details={"envelope_px": envelope},
         ),
     )

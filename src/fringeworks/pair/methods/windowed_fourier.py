@@ -12,13 +12,26 @@ from fringeworks.pair.bandpass import HALF_WIDTH, Analytic, band_kernel, band_pa
 from fringeworks.pair.demodulation import Demodulated, to_displacement
 from fringeworks.pair.lattice import Lattice, shift_wave
 from fringeworks.pair.prepared import PreparedPair
-from fringeworks.pair.registry import Solution, method
-from fringeworks.pair.ridge import Hessian, MapsYX, blend, curvature, strongest, window_factor
+from fringeworks.pair.registry import Smoothing, Solution, method
+from fringeworks.pair.ridge import (
+    CURVATURE_SMOOTHING,
+    Hessian,
+    MapsYX,
+    blend,
+    curvature,
+    strongest,
+    window_factor,
+)
 from fringeworks.signal.noise import noise_variance
 from fringeworks.types import InputError
 
 SIGMA_PX = 10.0
 """Default width σ of the Gaussian window, px; a usual value (Qian Kemao 2007)."""
+NOISE_LENGTH = 0.95
+"""Width of the kernel that correlates the noise, widths of the window.
+
+The correction for the curvature makes it narrower than the window. Measured on planes.
+"""
 SIGMA_LIMITS_PX = (1.0, 1e3)
 """Smallest and largest width of the window, px.
 
@@ -335,7 +348,6 @@ def windowed_fourier(
     (reference, share), (object_, _) = (
         band_pass(frame, pair.frequency) for frame in (pair.reference, pair.object)
     )
-    length = float(np.hypot(band_kernel(pair.frequency, HALF_WIDTH, 2)[1], sigma_px))
     amplitude = np.abs(reference)
     smallest = np.float32(MIN_REFERENCE_SHARE * pair.modulation)
     field = reference * np.conj(object_) / np.maximum(amplitude, smallest)
@@ -349,6 +361,10 @@ def windowed_fourier(
         phasor = windowed_fourier_filter(
             field, sigma_px=sigma_px, limit=limit, step=step, threshold=noise
         )
+    smoothing = [Smoothing(band_kernel(pair.frequency, HALF_WIDTH, 2))]
+    if algorithm == "ridge":
+        mean = CURVATURE_SMOOTHING * sigma_px
+        smoothing.append(Smoothing((sigma_px, sigma_px), (mean, mean)))
     return to_displacement(
         pair,
         Demodulated(
@@ -356,7 +372,8 @@ def windowed_fourier(
             reference_amplitude=2.0 * amplitude,
             object_amplitude=2.0 * np.abs(phasor),
             noise_share=min(share, 1.0 / (4.0 * np.pi * sigma_px**2)),
-            noise_length_px=(length, length),
+            noise_length_px=(NOISE_LENGTH * sigma_px, NOISE_LENGTH * sigma_px),
+            smoothing=tuple(smoothing),
             details={"sigma_px": sigma_px, "algorithm": algorithm},
         ),
     )

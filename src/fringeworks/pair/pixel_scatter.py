@@ -1,0 +1,91 @@
+"""Standard deviation of methods that measure every pixel by itself, from the scatter they show."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fringeworks.pair.smooth import smooth
+from fringeworks.types import FloatMap
+
+SMOOTHING_PERIODS = 0.5
+"""Width of the Gaussian that the surface is estimated with, periods.
+
+It removes errors that repeat with the fringes (0.7 % remain) and keeps the surface.
+"""
+CLASSES = 12
+"""Number of classes of stated σ, of equal numbers of pixels.
+
+The stated σ follows the slope of the fringe. Errors of compression, of flicker and of the fits near
+the extrema do not, so each class has a factor of its own.
+"""
+QUANTILES = (0.66, 0.92)
+"""Shares of a class's errors that are to lie within 1 σ and 2 σ, at least.
+
+A normal distribution has 0.68 and 0.95. These errors have longer tails, so that both cannot be met;
+the larger of the two factors is taken.
+"""
+SAMPLES = 60_000
+"""Number of pixels that determine the factors; each quantile of a class then errs by about 1 %."""
+ROWS_PER_WIDTH = 4.0
+"""Smallest number of rows per width of that Gaussian; more rows cost time and add little."""
+MIN_ROWS = 16
+"""Smallest number of rows that are left; with fewer every row is used."""
+MIN_PIXELS = 2000
+"""Smallest number of pixels from which the factors are determined. An empirical choice."""
+
+
+def pixel_factor(
+    displacement_px: FloatMap, sigma_px: FloatMap, period_px: float
+) -> FloatMap | None:
+    """Ratio of the scatter of single pixels to their stated standard deviation, (h, w).
+
+    Parameters
+    ----------
+    displacement_px, sigma_px : (h, w) float arrays
+        px; NaN where unknown.
+    period_px : float > 0
+
+    Returns
+    -------
+    (h, w) float array ≥ 1, or None where there are too few pixels.
+    """
+    width = SMOOTHING_PERIODS * period_px
+    # An odd step meets all rows of the blocks of 8 px that JPEG has.
+    step = int(width / ROWS_PER_WIDTH / 2.0) * 2 + 1 if width > ROWS_PER_WIDTH else 1
+    step = step if displacement_px.shape[0] > MIN_ROWS * step else 1
+    u, sigma = displacement_px[::step], sigma_px[::step]
+    error = np.abs(_about_surface(u, sigma, (width / step, width)))
+    at = np.flatnonzero(np.isfinite(error) & (sigma > 0))
+    if at.size * step < MIN_PIXELS:
+        return None
+    if at.size > SAMPLES:
+        at = at[np.random.default_rng(0).integers(at.size, size=SAMPLES)]
+    centres, factors = _factors(sigma.flat[at], error.flat[at])
+    return np.interp(sigma_px, centres, factors)
+
+
+def _factors(stated: FloatMap, error: FloatMap) -> tuple[list[float], list[float]]:
+    """Median stated σ and factor of every class, in rising order of σ."""
+    edges = np.unique(np.quantile(stated, np.linspace(0.0, 1.0, CLASSES + 1)[1:-1]))
+    member = np.searchsorted(edges, stated)
+    centres, factors = [], []
+    for k in range(edges.size + 1):
+        of_class = member == k
+        if of_class.any():
+            one, two = np.quantile(error[of_class] / stated[of_class], QUANTILES)
+            centres.append(float(np.median(stated[of_class])))
+            factors.append(float(max(one, 0.5 * two, 1.0)))
+    return centres, factors
+
+
+def _about_surface(u: FloatMap, sigma: FloatMap, width: tuple[float, float]) -> FloatMap:
+    """Difference from a smooth surface, to which precise pixels contribute most, px."""
+    known = np.isfinite(u) & (sigma > 0)
+    weight = np.where(known, 1.0 / np.where(known, sigma, 1.0) ** 2, 0.0)
+    weight /= max(float(weight.max(initial=0.0)), np.finfo(float).tiny)
+    total = np.maximum(smooth(weight, width), np.finfo(float).tiny)
+    values = np.where(known, u, 0.0)
+    once = smooth(weight * values, width) / total
+    # The second pass gives back what the first one removes from a curved surface.
+    removed = smooth(weight * (values - once), width) / total
+    return np.asarray(u - once - removed)

@@ -101,6 +101,7 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
         modulation_ratio=modulation_ratio,
         reason=reason,
         noise_length_px=demodulated.noise_length_px,
+        converged=unwrapped.converged,
         is_filter=True,
         details={
             **demodulated.details,

@@ -31,6 +31,8 @@ class Solution(Frozen):
     """Figures for reports."""
     noise_length_px: tuple[float, float] = (0.0, 0.0)
     """Width σ of the Gaussian kernel along y and x that correlates the errors, px; 0 for none."""
+    converged: bool = True
+    """False where an iteration of the method reached its largest number of steps."""
     is_filter: bool = False
     """Whether the method is a linear filter: its σ is then that of white noise in the frames, which
     is replaced by the scatter of the result, and what it smooths away is added."""

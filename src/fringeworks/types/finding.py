@@ -1,4 +1,4 @@
-"""What was found in the frames of a stack, as data and as text."""
+"""What was found in the frames of a stack or a pair, as data and as text."""
 
 from __future__ import annotations
 
@@ -18,6 +18,11 @@ FrameFindingKind = Literal[
     "correlated noise",
     "scatter",
     "files",
+    "turned frame",
+    "swapped frames",
+    "row method",
+    "lost pixels",
+    "convergence",
 ]
 """What a finding is about."""
 

@@ -143,31 +143,6 @@ def test_sigma_covers_a_photographed_plane(real_data, name):
     assert np.mean(ratio < 2) >= 0.85
 
 
-def small_scene(**settings):
-    return standard_scene("parabola", size=200, height_mm=50, fringes=8, bits=8, **settings)
-
-
-def test_a_good_pair_has_no_findings():
-    notes = reconstruct(small_scene(noise=1), "windowed").notes
-    assert not any("swapped" in n or "turned" in n or "single pixels" in n for n in notes)
-
-
-def test_swapped_frames_are_reported():
-    pair = small_scene(noise=1)
-    swapped = Pair(pair.object, pair.reference, axis="x", geometry=pair.geometry)
-    assert any("swapped" in note for note in reconstruct(swapped, "windowed").notes)
-
-
-def test_a_turned_frame_is_reported():
-    pair = small_scene(noise=1)
-    turned = Pair(pair.reference, np.rot90(pair.object).copy())
-    assert any("turned by 90°" in note for note in reconstruct(turned, "fourier").notes)
-
-
-def test_row_methods_on_noisy_frames_are_advised_against():
-    assert any("single pixels" in n for n in reconstruct(small_scene(noise=3), "gsifa").notes)
-
-
 def test_straightening_can_be_switched_off():
     pair = standard_scene("parabola", size=200, gamma=2.2)
     error = {

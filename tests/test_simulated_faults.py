@@ -311,11 +311,6 @@ def test_pairs_of_a_material_that_light_enters_are_right():
         assert pair_beyond_5(pair, truth, method) <= BEYOND_5, method
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="On a clean bump of 10 mm under a near projector, 23,000 pixels per million of the "
-    "wavelet are beyond 5 σ, by up to 0.7 px.",
-)
 def test_the_wavelet_is_right_on_a_bump():
     pair, truth = pair_under(Optics())
     assert pair_beyond_5(pair, truth, "wavelet") <= BEYOND_5

@@ -18,32 +18,66 @@ def row_spline(row: np.ndarray) -> CubicSpline:
     return CubicSpline(np.arange(row.size), row, bc_type=((1, ends[0]), (1, ends[1])))
 
 
-def extrema(row: np.ndarray, period: float, prominence: float = 0.3) -> list[tuple[float, float]]:
-    """Alternating extrema (position, value) by hysteresis, for rows without plateaus."""
-    spline = row_spline(row)
-    roots = spline.derivative().roots(extrapolate=False)
+def smoothed(row: np.ndarray, period: float) -> tuple[np.ndarray, int]:
+    """The row in the band of the carrier, and the number of its pixels per sample."""
+    step = max(1, int(period / 24))
+    samples = np.array([row[i : i + step].mean() for i in range(0, row.size, step)])
+    sigma = 0.1 * period / step
+    reach = int(np.ceil(3 * sigma))
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    continued = np.pad(samples, reach, mode="reflect", reflect_type="odd")
+    return np.convolve(continued, weights / weights.sum(), mode="valid"), step
+
+
+def prominent(y: np.ndarray, period: float, prominence: float) -> list[tuple[int, int]]:
+    """Samples of alternating extrema by hysteresis, with 1 for maxima and −1 for minima."""
     half = int(np.ceil(0.75 * period))
+    block = -(-half // 8)
+    ranges = []
+    for i in range(0, y.size, block):
+        ranges.append(np.ptp(y[max(0, i - 8 * block) : i + 9 * block]))
     samples, direction = [], 0
     high = low = 0
-    for i, value in enumerate(row):
-        window = row[max(0, i - half) : i + half + 1]
-        threshold = prominence * np.ptp(window)
-        if value > row[high]:
+    for i, value in enumerate(y):
+        threshold = prominence * ranges[i // block]
+        if value > y[high]:
             high = i
-        if value < row[low]:
+        if value < y[low]:
             low = i
-        if direction >= 0 and row[high] - value > threshold:
-            samples.append(high)
+        if direction >= 0 and y[high] - value > threshold:
+            samples.append((high, 1))
             direction, high, low = -1, i, i
-        elif direction <= 0 and value - row[low] > threshold:
-            samples.append(low)
+        elif direction <= 0 and value - y[low] > threshold:
+            samples.append((low, -1))
             direction, high, low = 1, i, i
         if direction < 0:
             high = i
         elif direction > 0:
             low = i
-    positions = [float(roots[np.argmin(np.abs(roots - i))]) for i in samples if i > 0]
-    return [(p, float(spline(p))) for p in positions]
+    return [(i, sign) for i, sign in samples if i > 0]
+
+
+def extrema(row: np.ndarray, period: float, prominence: float = 0.3) -> list[tuple[float, float]]:
+    """Alternating extrema (position, value) of the fringes, for rows without plateaus."""
+    spline = row_spline(row)
+    roots = spline.derivative().roots(extrapolate=False)
+    smooth, step = smoothed(row, period)
+    chosen = prominent(smooth, period / step, prominence)
+    middles = [(2 * i * step + step - 1) // 2 for i, _ in chosen]
+    reach = int(np.ceil(0.25 * period))
+    found = []
+    for k, (i, sign) in enumerate(chosen):
+        start = max(i * step - reach, 0)
+        stop = min(i * step + step - 1 + reach, row.size - 1)
+        if k > 0:
+            start = max(start, -(-(middles[k - 1] + middles[k]) // 2))
+        if k + 1 < len(chosen):
+            stop = min(stop, (middles[k] + middles[k + 1]) // 2)
+        sample = start + int(np.argmax(sign * row[start : stop + 1]))
+        if 0 < sample < row.size - 1:
+            position = float(roots[np.argmin(np.abs(roots - sample))])
+            found.append((position, float(spline(position))))
+    return found
 
 
 def invert_row(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from fringeworks.files.atomic import StrPath, check_target
+from fringeworks.files.findings import findings_as_dicts, findings_from_json
 from fringeworks.files.limits import parsing
 from fringeworks.files.npz import TEXT, read_npz, write_npz
 from fringeworks.files.provenance import KEY, from_json, json_line
@@ -19,8 +19,6 @@ from fringeworks.types import (
     CoordinateMap,
     Decoded,
     FileProblem,
-    FrameFinding,
-    FrameFindingKind,
     sealed,
 )
 
@@ -60,7 +58,7 @@ def write_coordinates(path: StrPath, decoded: Decoded) -> Path:
     arrays: dict[str, Any] = {
         "noise": np.array([noise.read_counts, noise.gain]),
         "notes": np.array(decoded.notes, dtype=np.str_),
-        "findings": np.array(json.dumps([asdict(finding) for finding in decoded.findings])),
+        "findings": np.array(json.dumps(findings_as_dicts(decoded.findings))),
     }
     for axis, found in decoded.maps.items():
         arrays[f"{axis}_periods_px"] = np.array(found.periods_px)
@@ -87,26 +85,12 @@ def read_coordinates(path: StrPath) -> Decoded:
     arrays = read_npz(path, "coordinates", LAYOUT)
     with parsing(path, "coordinates"):
         read_counts, gain = (float(v) for v in arrays["noise"])
-        findings = _findings(str(arrays["findings"]))
+        findings = findings_from_json(str(arrays["findings"]))
         x, y = _axis(arrays, "x"), _axis(arrays, "y")
         if x is None and y is None:
             raise FileProblem("expected coordinates along x or y, got neither")
         origin = from_json(str(arrays[KEY])) if KEY in arrays else None
         return Decoded(x, y, CameraNoise(read_counts, gain), findings, provenance=origin)
-
-
-def _findings(text: str) -> tuple[FrameFinding, ...]:
-    """Findings as they were written."""
-    items: list[dict[str, Any]] = json.loads(text)
-    listed = ("causes", "frames")
-    found = [
-        FrameFinding(**item | {name: tuple(map(str, item[name])) for name in listed})
-        for item in items
-    ]
-    kinds = get_args(FrameFindingKind)
-    if not all(f.kind in kinds and isinstance(f.seen, str) for f in found):
-        raise ValueError("findings of another kind")
-    return tuple(found)
 
 
 def _axis(arrays: dict[str, Any], axis: Axis) -> CoordinateMap | None:

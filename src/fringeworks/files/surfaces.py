@@ -12,6 +12,7 @@ import numpy as np
 import tifffile
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
+from fringeworks.files.findings import findings_as_dicts, findings_from_json
 from fringeworks.files.limits import (
     MAX_DESCRIPTION_BYTES,
     check_frame_size,
@@ -39,6 +40,8 @@ LAYOUT = {
     "pitch": NUMBERS,
     KEY: f"?{TEXT}",
     "pupil": "?f 3",
+    "converged": "?b",
+    "findings": f"?{TEXT}",
 }
 """Layout of a height map."""
 
@@ -105,6 +108,10 @@ def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
     }
     if surface.pupil is not None:
         description["pupil"] = list(surface.pupil)
+    if surface.converged is not None:
+        description["converged"] = surface.converged
+    if surface.findings:
+        description["findings"] = json.dumps(findings_as_dicts(surface.findings))
     origin = surface.provenance
     if origin is not None:
         description[KEY] = origin.as_dict()
@@ -129,8 +136,10 @@ def _read_tiff(path: Path) -> HeightMap:
 def _write_npz(path: Path, surface: HeightMap, _: PlyKind) -> None:
     arrays = {name: getattr(surface, name) for name in HeightMap.__dataclass_fields__}
     arrays["pitch"] = math.nan if surface.pitch is None else float(surface.pitch)
-    if surface.pupil is None:
-        del arrays["pupil"]
+    for name in ("pupil", "converged"):
+        if arrays[name] is None:
+            del arrays[name]
+    arrays["findings"] = json.dumps(findings_as_dicts(surface.findings))
     origin = json_line(arrays.pop(KEY))
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays | ({} if origin is None else {KEY: origin}))
@@ -160,6 +169,8 @@ def _surface(content: dict[str, Any], origin: Provenance | None) -> HeightMap:
         method=str(content["method"]),
         provenance=origin,
         pupil=_pupil(content.get("pupil")),
+        converged=None if content.get("converged") is None else bool(content["converged"]),
+        findings=findings_from_json(str(content.get("findings", "[]"))),
     )
 
 

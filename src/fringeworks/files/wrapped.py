@@ -31,8 +31,8 @@ def write_phase(path: StrPath, wrapped: WrappedPhase, unwrapped: Unwrapped | Non
     """Write a wrapped phase as ``.npz``, whole or not at all.
 
     Arrays ``phase_rad``, ``sigma_rad``, ``modulation``, ``background``, ``reason``, ``shifts_rad``,
-    ``noise`` (read, gain) and ``notes``; with an unwrapped phase also ``unwrapped_rad`` and
-    ``region``.
+    ``noise`` (read, gain) and ``notes``; with an unwrapped phase also ``unwrapped_rad``, ``region``
+    and ``converged``.
     """
     check_target(path, (".npz",))
     noise = wrapped.noise
@@ -43,7 +43,11 @@ def write_phase(path: StrPath, wrapped: WrappedPhase, unwrapped: Unwrapped | Non
         "notes": np.array(wrapped.notes, dtype=np.str_),
     }
     if unwrapped is not None:
-        arrays |= {"unwrapped_rad": unwrapped.phase, "region": unwrapped.region}
+        arrays |= {
+            "unwrapped_rad": unwrapped.phase,
+            "region": unwrapped.region,
+            "converged": np.array(unwrapped.converged),
+        }
     origin = json_line(wrapped.provenance)
     if origin is not None:
         arrays[KEY] = origin

@@ -100,6 +100,7 @@ def analyse(
         tilt_deg=prepared.carrier.tilt_deg,
         method=method,
         iterations=None if solution.iterations is None else turn(solution.iterations),
+        converged=solution.converged and prepared.converged,
         details=solution.details,
     )
 

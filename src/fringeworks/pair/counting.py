@@ -28,13 +28,14 @@ RESAMPLES_PER_PX = 5
 More samples cost time and bring the result closer to that of ``exact``. An empirical choice.
 """
 PROMINENCE = 0.3
-"""Smallest swing of an extremum, as a share of the range of its row within 0.75 periods.
+"""Smallest swing of an extremum, as a share of the range of the smoothed row within 0.75 periods.
 
-It must be above the ripples of noise and below 1, so that weak fringes beside strong ones still
-count. An empirical choice.
+It must be above what the smoothing leaves of a pixel grid (0.14 for a pitch of a third of the
+period that takes half the light) and of the ripple at a cliff, and below 1, so that weak fringes
+beside strong ones still count. An empirical choice.
 """
 MIN_SWING_SIGMAS = 5.0
-"""Smallest swing of an extremum, in standard deviations of the noise (theory §4).
+"""Smallest swing of an extremum, in standard deviations of the smoothed noise (theory §4).
 
 Swings of the noise within a period of some tens of pixels rarely exceed it. An empirical choice.
 """

@@ -51,6 +51,12 @@ class Demodulated:
     details: dict[str, Any] = field(default_factory=dict)
     """Further results of the method, for reports."""
 
+    @property
+    def modulation_ratio(self) -> FloatMap:
+        """Modulation of the object over that of the reference, (h, w)."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.object_amplitude / self.reference_amplitude
+
 
 def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solution:
     """Unwrap the phase against the reference and convert it to a displacement.
@@ -96,14 +102,14 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     reason[undecided] = Reason.ORDER_AMBIGUOUS
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = 0.5 * noise[0] / half_reference**2 + 0.5 * noise[1] / half_object**2
-        modulation_ratio = demodulated.object_amplitude / demodulated.reference_amplitude
     return Solution(
         displacement_px=displacement,
         sigma_px=np.sqrt(variance) * to_px,
-        modulation_ratio=modulation_ratio,
+        modulation_ratio=demodulated.modulation_ratio,
         reason=reason,
         noise_length_px=demodulated.noise_length_px,
         smoothing=demodulated.smoothing,
+        converged=unwrapped.converged,
         is_filter=True,
         details={
             **demodulated.details,

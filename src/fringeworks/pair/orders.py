@@ -41,6 +41,24 @@ MAJORITY = 0.6
 
 Between 1 − MAJORITY and MAJORITY the order is undecided. An empirical choice.
 """
+MIN_WITNESS = 1.0
+"""Smallest region where counting may contradict the band-pass, square periods.
+
+Rows that slip and noise make smaller regions. A band-pass loses fringes over about a period on
+either side. An empirical choice.
+"""
+MIN_JUMPING_WITNESS = 4.0
+"""The same for regions that jumps of the counted displacement surround, square periods.
+
+A surface that only the counting follows is smooth; a slipped order begins and ends with a jump. An
+empirical choice.
+"""
+JUMPING = 0.05
+"""Smallest share of a region's pixels beside a jump from which it counts as surrounded by jumps.
+
+The border of a round region of four square periods is about a tenth of its pixels. An empirical
+choice.
+"""
 BORDER_PX = 2
 """Margin around a region's bounding box that holds the pixels beyond its border, px; at least 1."""
 
@@ -112,7 +130,7 @@ def guided_count(
     band = band_pass()
     orders, undecided = compare_orders(unguided.displacement_px, band, period)
     if not (orders.any() or undecided.any()):
-        return unguided
+        return _without(unguided, _stray(unguided.displacement_px, band, period))
     guide = unguided.displacement_px + orders * period
     with np.errstate(invalid="ignore"):
         guide[undecided | (np.abs(band - guide) > 0.5 * period)] = np.nan
@@ -123,10 +141,33 @@ def guided_count(
     guided = count(limit_px, guide)
     with np.errstate(invalid="ignore"):
         still_open = undecided | (np.abs(guided.displacement_px - guide) > 0.5 * period)
-    displacement, reason = guided.displacement_px.copy(), guided.reason.copy()
-    displacement[still_open] = np.nan
-    reason[still_open & (reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
-    return replace(guided, displacement_px=displacement, reason=reason)
+    return _without(guided, still_open | _stray(guided.displacement_px, band, period))
+
+
+def _stray(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:
+    """Find the small regions where counting strays from the band-pass."""
+    limit = WHOLE_TOLERANCE * period_px
+    with np.errstate(invalid="ignore"):
+        label, count = ndimage.label(np.abs(counted - band) > limit)
+        beside = np.zeros(counted.shape, bool)
+        for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+            jump = np.abs(counted[here] - counted[there]) > limit
+            beside[here] |= jump
+            beside[there] |= jump
+    sizes = np.bincount(label.ravel(), minlength=count + 1)
+    jumps = np.bincount(label.ravel(), beside.ravel(), minlength=count + 1)
+    surrounded = jumps >= JUMPING * sizes
+    small = sizes < np.where(surrounded, MIN_JUMPING_WITNESS, MIN_WITNESS) * period_px**2
+    small[0] = False
+    return np.asarray(small[label])
+
+
+def _without(solution: Solution, ambiguous: BoolMap) -> Solution:
+    """The solution without the pixels whose fringe order is ambiguous."""
+    displacement, reason = solution.displacement_px.copy(), solution.reason.copy()
+    displacement[ambiguous] = np.nan
+    reason[ambiguous & (reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
+    return replace(solution, displacement_px=displacement, reason=reason)
 
 
 def continues(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:

@@ -65,7 +65,7 @@ Perspective terms that a small background does not determine then stay near 0.
 """
 
 
-def plain_reference(frame: FloatMap, finite: BoolMap, pair: Pair) -> tuple[Carrier, FloatMap]:
+def plain_reference(frame: FloatMap, finite: BoolMap, pair: Pair) -> tuple[Carrier, FloatMap, bool]:
     """Compute the fringes of a frame's plane background over the whole frame.
 
     Parameters
@@ -84,6 +84,9 @@ def plain_reference(frame: FloatMap, finite: BoolMap, pair: Pair) -> tuple[Carri
         Its period and cross frequency are the medians over the plane.
     reference : (h, w) float64 array
         A + B cos(phase of the plane), counts.
+    converged : bool
+        False where the background still changed, or had shrunk below its least size, when the
+        search ended.
 
     Raises
     ------
@@ -103,7 +106,7 @@ def plain_reference(frame: FloatMap, finite: BoolMap, pair: Pair) -> tuple[Carri
     x, y = np.arange(w)[None, :], np.arange(h)[:, None]
     carrier_phase: FloatMap = 2.0 * np.pi * (x / carrier.period_px + y * carrier.cross_frequency)
     slow = unwrap(np.angle(analytic * np.exp(-1j * carrier_phase)), usable)
-    plane, background = _fit_plane_phase(
+    plane, background, converged = _fit_plane_phase(
         slow.phase, slow.region == 1, carrier_phase, search=pair.background is None
     )
     if not (np.diff(plane, axis=1) > 0).mean() > MIN_RISING:
@@ -114,7 +117,8 @@ def plain_reference(frame: FloatMap, finite: BoolMap, pair: Pair) -> tuple[Carri
     fx = float(np.median(np.diff(plane, axis=1))) / (2.0 * np.pi)
     fy = float(np.median(np.diff(plane, axis=0))) / (2.0 * np.pi) if h > 1 else 0.0
     fitted = Carrier(carrier.axis, 1.0 / fx, carrier.share, fy)
-    return fitted, np.ascontiguousarray(reference if carrier.axis == "x" else reference.T)
+    turned_back = reference if carrier.axis == "x" else reference.T
+    return fitted, np.ascontiguousarray(turned_back), converged
 
 
 def _usable_background(
@@ -140,8 +144,9 @@ def _usable_background(
 
 def _fit_plane_phase(
     slow: FloatMap, inside: BoolMap, carrier_phase: FloatMap, *, search: bool
-) -> tuple[FloatMap, BoolMap]:
-    """Fit the phase of a plane; return it over the whole frame, and the background's pixels.
+) -> tuple[FloatMap, BoolMap, bool]:
+    """Fit the phase of a plane; return it over the whole frame, the background's pixels, and
+    whether their search converged.
 
     Parameters
     ----------
@@ -175,6 +180,7 @@ def _fit_plane_phase(
         member = rim if rim.mean() > MIN_BACKGROUND else member
     a = np.zeros(5)
     terms = 5 if min(h, w) >= MIN_PERSPECTIVE_SIDE else 3
+    converged = not search
     for _ in range(MAX_FIT_STEPS):
         solved = np.linalg.lstsq(design[member, :terms], value[member], rcond=RANK_TOLERANCE)[0]
         a[:terms] = solved
@@ -182,13 +188,14 @@ def _fit_plane_phase(
         residual = np.abs(value - (a[0] + a[1] * u + a[2] * v) / bottom) * scale
         limit = max(OFF_PLANE_RAD, OFF_PLANE_MEDIANS * float(np.median(residual[member])))
         agrees = residual < limit
-        if not search or agrees.mean() < MIN_BACKGROUND or (agrees == member).all():
+        converged = converged or bool((agrees == member).all())
+        if converged or agrees.mean() < MIN_BACKGROUND:
             break
         member = agrees
     plane = centre + _projective(a, scale, (h, w))
     background = np.zeros(slow.shape, bool)
     background[y[member], x[member]] = True
-    return plane, background
+    return plane, background, converged
 
 
 def _projective(a: FloatMap, scale: float, shape: tuple[int, int]) -> FloatMap:

@@ -315,4 +315,5 @@ def height_by_pixel(displacement: DisplacementMap, calibration: PixelCalibration
         unit="mm",
         pitch=calibration.pitch_mm_per_px,
         method=displacement.method,
+        converged=displacement.converged,
     )

@@ -59,6 +59,8 @@ class PreparedPair(Frozen):
     """Carrier of the reference. Its ``axis`` is that of the pair as captured, before turning."""
     integer: bool
     """Whether all captured frames hold integers."""
+    converged: bool = True
+    """False for a single frame whose background was still changing when its search ended."""
 
     @property
     def period(self) -> float:
@@ -155,19 +157,22 @@ def _pixels_to_measure(mask: BoolMap | None, finite: BoolMap) -> BoolMap:
     return wanted
 
 
-def _reference_of(pair: Pair, object_: _Frame, response: Response | None) -> tuple[Carrier, _Frame]:
-    """Carrier, and the captured reference or the plain fringes that replace a missing one."""
+def _reference_of(
+    pair: Pair, object_: _Frame, response: Response | None
+) -> tuple[Carrier, _Frame, bool]:
+    """Carrier, the captured reference or the plain fringes that replace a missing one, and whether
+    the search for the latter converged."""
     if pair.reference is None:
-        carrier, values = plain_reference(object_.values, object_.finite, pair)
+        carrier, values, converged = plain_reference(object_.values, object_.finite, pair)
         everywhere = np.ones(values.shape, bool)
-        return carrier, _Frame(values, everywhere, ~everywhere, object_.integer)
+        return carrier, _Frame(values, everywhere, ~everywhere, object_.integer), converged
     reference = _checked_frame("reference", pair.reference, response)
     if reference.values.shape != object_.values.shape:
         raise InputError(
             f"frames: expected equal shapes, got reference {reference.values.shape} and "
             f"object {object_.values.shape}"
         )
-    return find_carrier(reference.values, pair.axis), reference
+    return find_carrier(reference.values, pair.axis), reference, True
 
 
 def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
@@ -220,7 +225,7 @@ def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
         raise InputError(
             f"frames: expected at least {MIN_SIZE} px on the longer side, got shape {shape}"
         )
-    carrier, reference = _reference_of(pair, object_, response)
+    carrier, reference, converged = _reference_of(pair, object_, response)
     if float(np.ptp(object_.values)) == 0.0:
         constant = object_.values.flat[0]
         raise InputError(f"object frame: expected fringes, got the constant {constant:g}")
@@ -238,4 +243,5 @@ def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
         saturated=turn(object_.saturated),
         carrier=carrier,
         integer=reference.integer and object_.integer,
+        converged=converged,
     )

@@ -115,6 +115,7 @@ def to_surface(displacement: DisplacementMap, geometry: ReferencePlaneGeometry |
             unit="px",
             pitch=1.0,
             method=displacement.method,
+            converged=displacement.converged,
         )
     height = height_from_displacement(displacement.displacement_px, geometry)
     u_mm = geometry.sign * displacement.displacement_px * geometry.pitch_mm_per_px
@@ -132,6 +133,7 @@ def to_surface(displacement: DisplacementMap, geometry: ReferencePlaneGeometry |
         unit="mm",
         pitch=geometry.pitch_mm_per_px,
         method=displacement.method,
+        converged=displacement.converged,
         pupil=_pupil(height.shape, geometry),
     )
 

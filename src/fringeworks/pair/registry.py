@@ -47,6 +47,8 @@ class Solution(Frozen):
     smoothing: tuple[Smoothing, ...] = ()
     """Kernels that smooth the displacement; σ is enlarged by what they remove from the surface. The
     reference's modulation has passed the first one only."""
+    converged: bool = True
+    """False where an iteration of the method reached its largest number of steps."""
     is_filter: bool = False
     """Whether the method is a linear filter: its σ is then that of white noise in the frames, which
     the scatter of the result replaces, and its modulation ratio shows the same noise."""

@@ -66,6 +66,9 @@ class Unwrapped(NamedTuple):
     residues: int
     """Number of loops of 2 × 2 pixels whose wrapped differences do not add up to 0. With none, the
     result does not depend on the path."""
+    converged: bool = True
+    """False where "least_squares" ended at its largest number of steps: its orders may be wrong.
+    The other algorithms do not iterate."""
 
 
 def unwrap(
@@ -100,7 +103,7 @@ def unwrap(
     Returns
     -------
     Unwrapped
-        Named tuple (phase, region, algorithm, residues).
+        Named tuple (phase, region, algorithm, residues, converged).
 
     Raises
     ------
@@ -137,13 +140,14 @@ def unwrap(
     if algorithm == "auto" and residues == 0:
         algorithm = "reliability"
     weights = valid.astype(np.float32) if weight is None else weight
+    if algorithm == "least_squares":
+        fitted, region, converged = _least_squares(phase, valid, weights)
+        return Unwrapped(fitted, region, algorithm, residues, converged)
     candidates: list[tuple[str, PhaseField, Regions]] = []
     if algorithm in ("auto", "reliability"):
         candidates.append(("reliability", *_by_reliability(phase, valid, weight)))
     if algorithm in ("auto", "guided"):
         candidates += [("guided", *_guided(phase, valid, weights, w)) for w in GUIDES_PX]
-    if algorithm == "least_squares":
-        candidates.append(("least_squares", *_least_squares(phase, valid, weights)))
     name, best, region = min(candidates, key=lambda found: _cost(found[0], found[1], weights))
     return Unwrapped(best, region, name, residues)
 
@@ -272,8 +276,9 @@ def _poisson(shape: tuple[int, int]) -> Callable[[FloatMap], FloatMap]:
 
 def _least_squares(
     phase: PhaseField, valid: BoolMap, weight: PhaseField
-) -> tuple[PhaseField, Regions]:
-    """Phase with the orders of the field whose differences fit best, and its regions."""
+) -> tuple[PhaseField, Regions, bool]:
+    """Phase with the orders of the field whose differences fit best, its regions, and whether the
+    solution converged."""
     raw = phase.astype(np.float64)
     link_x = np.minimum(weight[:, 1:], weight[:, :-1]).astype(np.float64) ** 2
     link_y = np.minimum(weight[1:], weight[:-1]).astype(np.float64) ** 2
@@ -281,9 +286,9 @@ def _least_squares(
         link_x * _wrap(np.diff(raw, axis=1)), link_y * _wrap(np.diff(raw, axis=0)), raw.shape
     )
     if bool((weight == weight.flat[0]).all()):
-        fitted = _poisson(raw.shape)(source / float(weight.flat[0]) ** 2)
+        fitted, converged = _poisson(raw.shape)(source / float(weight.flat[0]) ** 2), True
     else:
-        fitted = _conjugate_gradients(source, link_x, link_y)
+        fitted, converged = _conjugate_gradients(source, link_x, link_y)
     region = _regions(valid)
     # The constant of each region is free: take the mean difference from the wrapped phase.
     offset = np.zeros(int(region.max()) + 1)
@@ -292,11 +297,14 @@ def _least_squares(
     real, imaginary = (ndimage.sum_labels(p, region, labels) for p in (phasor.real, phasor.imag))
     offset[1:] = np.arctan2(imaginary, real)
     smooth = np.where(valid, fitted + offset[region], np.nan)
-    return _congruent(smooth.astype(np.float32), phase), region
+    return _congruent(smooth.astype(np.float32), phase), region, converged
 
 
-def _conjugate_gradients(source: FloatMap, link_x: FloatMap, link_y: FloatMap) -> FloatMap:
-    """Solve the weighted Poisson equation, preconditioned by the unweighted solver.
+def _conjugate_gradients(
+    source: FloatMap, link_x: FloatMap, link_y: FloatMap
+) -> tuple[FloatMap, bool]:
+    """Solve the weighted Poisson equation, preconditioned by the unweighted solver; return the
+    solution, and whether its residual fell below the tolerance.
 
     ``link_x`` and ``link_y`` are the weights of the links between neighbouring pixels.
     """
@@ -306,7 +314,7 @@ def _conjugate_gradients(source: FloatMap, link_x: FloatMap, link_y: FloatMap) -
     target = CG_TOLERANCE * float(np.linalg.norm(source))
     for _ in range(MAX_CG_STEPS):
         if float(np.linalg.norm(residual)) <= target:
-            break
+            return solution, True
         step = poisson(residual)
         rho = float(np.vdot(residual, step))
         direction = step if previous_rho == 0.0 else step + (rho / previous_rho) * direction
@@ -317,7 +325,7 @@ def _conjugate_gradients(source: FloatMap, link_x: FloatMap, link_y: FloatMap) -
         alpha = rho / float(np.vdot(direction, product))
         solution = solution + alpha * direction
         residual = residual - alpha * product
-    return solution
+    return solution, float(np.linalg.norm(residual)) <= target
 
 
 def _regions(valid: BoolMap) -> Regions:

@@ -8,8 +8,22 @@ import numpy as np
 
 from fringeworks.pair.carrier import find_carrier
 from fringeworks.pair.counting import RowMethod
-from fringeworks.types import DisplacementMap, InputError, Pair
+from fringeworks.types import (
+    Axis,
+    DisplacementMap,
+    FrameFinding,
+    InputError,
+    Pair,
+    Reason,
+    count_reasons,
+)
 
+TURNED_DEG = 60.0
+"""Smallest angle between the fringes of the two frames that is reported, degrees.
+
+A frame turned by 90° shows 90°. Steep objects bend fringes locally, but the strongest line of the
+object's spectrum by far less than 45°. An empirical choice.
+"""
 FINITE_SIGMAS = 5.0
 """Smallest displacement that counts as the object's, in its standard deviations."""
 MIN_OBJECT_PERIODS = 0.05
@@ -20,6 +34,12 @@ MIN_OBJECT_SHARE = 0.01
 """Smallest share of the frame that shows an object."""
 NOISY_ROWS = 0.005
 """Median standard deviation from which row methods are advised against, periods."""
+MIN_NOISE = 1e-3
+"""Smallest noise of both frames that counts as such, as a share of the object frame's contrast.
+
+On frames without noise, row methods have errors of sampling only, and no other method is better.
+Rounding to 8 bit is 3e-3 of the largest contrast. An empirical choice.
+"""
 FEW_MEASURED = 0.5
 """Share of measured pixels below which a large loss is reported."""
 MOSAIC_STEP = 0.1
@@ -28,8 +48,8 @@ from which a frame is a mosaic of colour filters. Raw frames under white light h
 other frames less than 0.02."""
 
 
-def pair_findings(pair: Pair, found: DisplacementMap) -> list[str]:
-    """Describe likely faults of a capture, one sentence each: what was seen, and what to do.
+def pair_findings(pair: Pair, found: DisplacementMap) -> tuple[FrameFinding, ...]:
+    """Find likely faults of a capture: what was seen, and what to do about it.
 
     Parameters
     ----------
@@ -39,91 +59,137 @@ def pair_findings(pair: Pair, found: DisplacementMap) -> list[str]:
 
     Returns
     -------
-    list of str; empty where nothing was found.
+    tuple of FrameFinding; empty where nothing was found.
     """
     seen = (
         _mosaic(pair),
         _turned(pair, found),
         _swapped(pair, found),
-        _rows(found),
-        _mostly_lost(found),
+        _row_method(pair, found),
+        _lost_pixels(found),
+        _not_converged(found),
     )
-    return [text for text in seen if text]
+    return tuple(finding for finding in seen if finding is not None)
 
 
-def _mosaic(pair: Pair) -> str:
+def _mosaic(pair: Pair) -> FrameFinding | None:
     """Frames of a colour camera before the channels are separated."""
     frame = np.nan_to_num(np.asarray(pair.object, dtype=np.float64), posinf=0.0, neginf=0.0)
     if min(frame.shape) < 2:
-        return ""
+        return None
     means = np.array([frame[v::2, u::2].mean() for v in (0, 1) for u in (0, 1)])
     step = float(np.ptp(means) / max(means.mean(), np.finfo(float).tiny))
     if not np.isfinite(step) or step < MOSAIC_STEP:
-        return ""
-    return (
-        f"pixels of even and odd rows and columns differ in brightness by {100 * step:.0f} %: the "
-        "object frame is probably a raw frame of a colour camera; places without fringes cannot be "
-        "recognised in it; convert it to grey first"
+        return None
+    return FrameFinding(
+        "raw colours",
+        f"pixels of even and odd rows and columns differ in brightness by {100 * step:.0f} %",
+        causes=("the object frame is a raw frame of a colour camera",),
+        advice="convert it to grey first; places without fringes cannot be recognised in it",
+        figures={"step_share": step},
     )
 
 
-def _turned(pair: Pair, found: DisplacementMap) -> str:
-    """Fringes of the two frames that do not run the same way, or differ in their period."""
+def _turned(pair: Pair, found: DisplacementMap) -> FrameFinding | None:
+    """Fringes of the two frames that run in different directions."""
     if pair.reference is None:
-        return ""
+        return None
     frame = np.nan_to_num(np.asarray(pair.object, dtype=np.float64), posinf=0.0, neginf=0.0)
     try:
-        axis = find_carrier(frame, name="object").axis
+        carrier = find_carrier(frame, name="object")
     except InputError:
-        return ""
-    if axis == found.axis:
-        return ""
-    return (
-        f"the reference's fringes vary along {found.axis}, those of the object frame mainly along "
-        f"{axis}: one frame may be turned by 90° or belong to another capture; check the frames"
+        return None
+    turn = _direction(carrier.axis, carrier.tilt_deg) - _direction(found.axis, found.tilt_deg)
+    angle = abs((turn + 90.0) % 180.0 - 90.0)
+    if angle < TURNED_DEG:
+        return None
+    return FrameFinding(
+        "turned frame",
+        f"the fringes of the object frame are turned by {angle:.0f}° against those of the "
+        f"reference, which vary along {found.axis}",
+        causes=("one frame is turned by 90°", "the frames belong to different captures"),
+        advice="turn one frame, or use frames of the same capture; these results are wrong",
+        figures={"angle_deg": angle},
     )
 
 
-def _swapped(pair: Pair, found: DisplacementMap) -> str:
+def _direction(axis: Axis, tilt_deg: float) -> float:
+    """Direction in which fringes vary, from x towards y, degrees."""
+    return tilt_deg if axis == "x" else 90.0 - tilt_deg
+
+
+def _swapped(pair: Pair, found: DisplacementMap) -> FrameFinding | None:
     """An object that lies behind the reference plane nearly everywhere."""
     if pair.geometry is None:
-        return ""
+        return None
     u = found.displacement_px * pair.geometry.sign
     with np.errstate(invalid="ignore"):
         clear = np.abs(u) > np.maximum(
             FINITE_SIGMAS * found.sigma_px, MIN_OBJECT_PERIODS * found.period_px
         )
     if clear.mean() < MIN_OBJECT_SHARE:
-        return ""
+        return None
     behind = float(np.mean(u[clear] < 0))
     if behind < ONE_SIDED:
-        return ""
-    return (
-        f"{100 * behind:.0f} % of the object lies behind the reference plane: the two frames may "
-        "be swapped, or the projector is on the other side (sign); check both"
+        return None
+    return FrameFinding(
+        "swapped frames",
+        f"{100 * behind:.0f} % of the object lies behind the reference plane",
+        causes=("the two frames are swapped", "the projector is on the other side (sign)"),
+        advice="check both; nothing is to be done for a real hollow",
+        figures={"share_behind": behind},
     )
 
 
-def _rows(found: DisplacementMap) -> str:
+def _row_method(pair: Pair, found: DisplacementMap) -> FrameFinding | None:
     """A method of single pixels on frames with noise."""
     ok = np.isfinite(found.sigma_px)
     if found.method not in get_args(RowMethod) or not ok.any():
-        return ""
+        return None
+    counts = np.asarray(pair.object, dtype=np.float64)
+    contrast = float(counts[np.isfinite(counts)].std())
+    if found.details["noise_counts"] < MIN_NOISE * contrast:
+        return None
     sigma = float(np.median(found.sigma_px[ok]))
     if sigma < NOISY_ROWS * found.period_px:
-        return ""
-    return (
-        f"{found.method} uses single pixels and averages no noise: the standard deviation is "
-        f"{sigma:.2f} px; windowed or fourier reach a fraction of that on photographs"
+        return None
+    return FrameFinding(
+        "row method",
+        f"{found.method} uses single pixels and averages no noise: the median standard deviation "
+        f"is {sigma:.2f} px",
+        advice="use windowed or fourier, which reach a fraction of that on photographs",
+        figures={"sigma_px": sigma},
     )
 
 
-def _mostly_lost(found: DisplacementMap) -> str:
-    """A result that most pixels do not have."""
-    measured = float(np.isfinite(found.displacement_px).mean())
+def _lost_pixels(found: DisplacementMap) -> FrameFinding | None:
+    """A result that most of the wanted pixels do not have."""
+    wanted = found.reason != Reason.MASKED
+    if not wanted.any():
+        return None
+    measured = float(np.isfinite(found.displacement_px[wanted]).mean())
     if measured >= FEW_MEASURED:
-        return ""
-    return (
-        f"only {100 * measured:.0f} % of the pixels are measured: check that both frames show the "
-        "same fringes, sharp and not saturated; the reasons are in the map of reasons"
+        return None
+    reasons = count_reasons(found.reason[wanted])
+    main = max((name for name in reasons if name != "ok"), key=lambda name: reasons[name])
+    return FrameFinding(
+        "lost pixels",
+        f"only {100 * measured:.0f} % of the pixels are measured; the most frequent reason is "
+        f"{main.replace('_', ' ')}",
+        advice="check that both frames show the same fringes, sharp and not saturated; the "
+        "reason of every pixel is in the map of reasons",
+        figures={"measured_share": measured},
+    )
+
+
+def _not_converged(found: DisplacementMap) -> FrameFinding | None:
+    """An iteration that ended at its largest number of steps."""
+    if found.converged:
+        return None
+    return FrameFinding(
+        "convergence",
+        "an iteration of the analysis ended before its result was steady",
+        causes=("the frame shows too little plane background", "the fringes are too noisy"),
+        advice="do not trust the result: give a reference frame or mark the background "
+        "(background), or use another method",
     )

@@ -27,6 +27,7 @@ from fringeworks.signal.response import Response, response_note
 from fringeworks.surface.height_map import lateral_notes
 from fringeworks.types import (
     DisplacementMap,
+    FrameFinding,
     Frozen,
     HeightMap,
     InputError,
@@ -47,7 +48,17 @@ class Reconstruction(Frozen):
     seconds: float
     """Time that the analysis took."""
     notes: tuple[str, ...] = ()
-    """What was found in the frames, and what was decided because of it."""
+    """What was found in the frames, and what was decided because of it; with the findings' text."""
+
+    @property
+    def findings(self) -> tuple[FrameFinding, ...]:
+        """Likely faults of the capture: what was seen, and what to do about it."""
+        return self.surface.findings
+
+    @property
+    def converged(self) -> bool:
+        """Whether all iterations of the analysis converged."""
+        return self.displacement.converged
 
 
 def reconstruct(
@@ -122,7 +133,8 @@ def reconstruct(
     }
     said |= {"response": response, "denoise": denoise, **options}
     origin = made_by("reconstruct", options=said, inputs=sources)
-    surface = replace(surface, provenance=origin)
+    found = pair_findings(pair, displacement)
+    surface = replace(surface, provenance=origin, findings=found)
     return Reconstruction(surface, displacement, seconds, _notes(pair, displacement, surface))
 
 
@@ -203,7 +215,7 @@ def _notes(pair: Pair, found: DisplacementMap, surface: HeightMap) -> tuple[str,
             "phase unwrapped by {unwrapping}: {residues} residues, {regions} connected regions, "
             "{pixels_moved_by_counting} pixels moved by counting".format(**found.details)
         )
-    notes += pair_findings(pair, found)
+    notes += [finding.text for finding in surface.findings]
     if surface.unit == "px":
         notes.append("geometry unknown: the result is a displacement in px, not a height")
     return (*notes, *lateral_notes(surface))

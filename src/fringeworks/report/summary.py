@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.evaluate.form import FormEvaluation
+from fringeworks.files.findings import findings_as_dicts
 from fringeworks.pair.plane_calibration import PixelCalibration, PlaneCalibration
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
@@ -70,6 +71,8 @@ def _(result: Reconstruction) -> dict[str, Any]:
         "maximum": float(values.max()) if values.size else None,
         "median": float(np.median(values)) if values.size else None,
         "median_sigma": float(np.median(sigma)) if sigma.size else None,
+        "converged": result.converged,
+        "findings": findings_as_dicts(result.findings),
         "notes": list(result.notes),
         **_origin(surface.provenance),
     }

@@ -1,4 +1,4 @@
-"""What was found in the frames of a stack, as data and as text."""
+"""What was found in the frames of a stack or a pair, as data and as text."""
 
 from __future__ import annotations
 
@@ -19,6 +19,12 @@ FrameFindingKind = Literal[
     "scatter",
     "files",
     "unmeasured",
+    "turned frame",
+    "swapped frames",
+    "row method",
+    "lost pixels",
+    "convergence",
+    "raw colours",
 ]
 """What a finding is about."""
 

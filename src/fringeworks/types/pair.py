@@ -100,6 +100,9 @@ class DisplacementMap(Frozen):
     """Angle between the direction in which the fringes change and that axis, degrees."""
     iterations: ByteMap | None = None
     """Refinement steps of each pixel, (h, w), where the method iterates."""
+    converged: bool = True
+    """False where an iteration of the analysis reached its largest number of steps: the search for
+    the background of a single frame, or the unwrapping by least squares."""
     details: dict[str, Any] = field(default_factory=dict)
     """Figures that the method found on its way (carrier, noise, regions), for reports."""
 

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from fringeworks.types.arrays import ByteMap, FloatMap, Reason
+from fringeworks.types.finding import FrameFinding
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.provenance import Provenance
 
@@ -34,6 +35,10 @@ class HeightMap(Frozen):
     """The camera's pupil: pixel (x, y) of its foot on the reference plane, and its distance from
     that plane in mm. Rays run through it. None for heights that stand straight on their pixels, and
     where it is unknown."""
+    converged: bool | None = None
+    """Whether all iterations of the analysis converged; None where unknown."""
+    findings: tuple[FrameFinding, ...] = ()
+    """Likely faults of the capture: what was seen, and what to do about it."""
 
     @property
     def shape(self) -> tuple[int, int]:

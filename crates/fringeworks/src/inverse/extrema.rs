@@ -1,5 +1,6 @@
-//! Extrema of a fringe row, alternating, chosen by prominence against the local modulation.
+//! Extrema of a fringe row, alternating, chosen in the band of the carrier by their prominence.
 
+use super::band::Band;
 use crate::spline::RowSpline;
 
 /// A maximum or minimum of a fringe row.
@@ -28,6 +29,10 @@ const RANGE_BLOCKS: usize = 8;
 ///
 /// The window of one and a half periods holds a maximum and a minimum wherever it lies.
 const RANGE_PERIODS: f64 = 0.75;
+
+/// How far from an extremum of the smoothed row that of the row itself may lie, periods: half a
+/// fringe's rise.
+const SEARCH_PERIODS: f64 = 0.25;
 
 /// The length of a block of samples, and for each block the range (largest minus smallest sample)
 /// within about `half` samples of it.
@@ -102,20 +107,20 @@ fn refine(row: &RowSpline, candidate: Candidate, is_maximum: bool) -> Extremum {
     }
 }
 
-/// Extrema whose swing to either neighbour exceeds `prominence` × the local range, and `floor`.
+/// Extrema of samples whose swing to either neighbour exceeds `prominence` × the local range, and
+/// `floor`; the flag is true for maxima.
 ///
-/// The row is followed with hysteresis: an extremum counts once the row has moved away from it by
+/// The samples are followed with hysteresis: an extremum counts once they have moved away from it by
 /// the threshold. Maxima and minima alternate by construction, and ripples below the threshold are
 /// ignored.
-pub fn find(row: &RowSpline, period: f64, prominence: f64, floor: f64) -> Vec<Extremum> {
-    let y = row.y;
+fn prominent(y: &[f64], period: f64, prominence: f64, floor: f64) -> Vec<(Candidate, bool)> {
     let (block, range) = local_range(y, (RANGE_PERIODS * period).ceil() as usize);
     let mut extrema = Vec::new();
     // An extremum at the first sample is the edge of the frame, not an extremum of the fringe. The
     // last sample never counts, because the row does not move away from it.
     let mut keep = |candidate: Candidate, is_maximum: bool| {
         if candidate.first > 0 {
-            extrema.push(refine(row, candidate, is_maximum));
+            extrema.push((candidate, is_maximum));
         }
     };
     let mut high = Candidate::new(y[0], 0);
@@ -146,6 +151,84 @@ pub fn find(row: &RowSpline, period: f64, prominence: f64, floor: f64) -> Vec<Ex
     extrema
 }
 
+/// The row's own extremum near each one of the smoothed row.
+///
+/// It is searched within a quarter period, and no further than half way to the neighbours.
+fn on_row(row: &RowSpline, smoothed: &[(Candidate, bool)], period: f64) -> Vec<Extremum> {
+    let last = row.y.len() - 1;
+    let reach = (SEARCH_PERIODS * period).ceil() as usize;
+    let middle = |k: usize| (smoothed[k].0.first + smoothed[k].0.last) / 2;
+    let mut extrema: Vec<Extremum> = Vec::with_capacity(smoothed.len());
+    for (k, (candidate, is_maximum)) in smoothed.iter().enumerate() {
+        let mut from = candidate.first.saturating_sub(reach);
+        let mut to = (candidate.last + reach).min(last);
+        if k > 0 {
+            from = from.max((middle(k - 1) + middle(k)).div_ceil(2));
+        }
+        if k + 1 < smoothed.len() {
+            to = to.min((middle(k) + middle(k + 1)) / 2);
+        }
+        let sign = if *is_maximum { 1.0 } else { -1.0 };
+        let mut found = Candidate::new(row.y[from], from);
+        for (i, value) in row.y.iter().enumerate().take(to + 1).skip(from + 1) {
+            found.update(*value, i, sign);
+        }
+        // The row goes on beyond its end: the extremum lies outside.
+        if found.first == 0 || found.last == last {
+            continue;
+        }
+        let extremum = refine(row, found, *is_maximum);
+        // Without a swing between them, both are noise; without both, maxima and minima alternate.
+        match extrema.last() {
+            Some(before) if sign * (extremum.value - before.value) <= 0.0 => {
+                extrema.pop();
+            }
+            _ => extrema.push(extremum),
+        }
+    }
+    extrema
+}
+
+/// Finds the extrema of the fringes of rows.
+///
+/// They are chosen on the smoothed row (see [`Band`]), so that ripples finer than fringes do not
+/// count however prominent they are, and then placed on the row itself.
+pub struct Finder {
+    band: Band,
+    period: f64,
+    prominence: f64,
+    floor: f64,
+}
+
+impl Finder {
+    /// `floor` is the least swing in a row that is not smoothed, counts.
+    pub fn new(period: f64, prominence: f64, floor: f64) -> Self {
+        let band = Band::new(period);
+        Self {
+            period,
+            prominence,
+            floor: floor * band.noise_share(),
+            band,
+        }
+    }
+
+    pub fn find(&mut self, row: &RowSpline) -> Vec<Extremum> {
+        let step = self.band.step;
+        let smoothed = self.band.smooth(row.y);
+        let mut chosen = prominent(
+            smoothed,
+            self.period / step as f64,
+            self.prominence,
+            self.floor,
+        );
+        for (candidate, _) in &mut chosen {
+            candidate.first *= step;
+            candidate.last = candidate.last * step + step - 1;
+        }
+        on_row(row, &chosen, self.period)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -154,7 +237,7 @@ mod tests {
     fn extrema_of(y: &[f64], period: f64) -> Vec<Extremum> {
         let mut slopes = vec![0.0; y.len()];
         uniform_slopes(y, &mut slopes, &uniform_pivots(y.len()));
-        find(&RowSpline { y, slopes: &slopes }, period, 0.3, 0.0)
+        Finder::new(period, 0.3, 0.0).find(&RowSpline { y, slopes: &slopes })
     }
 
     #[test]

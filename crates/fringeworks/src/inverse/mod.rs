@@ -4,6 +4,7 @@
 //! between two matched extrema of the object are inverted through the matching monotone part of the
 //! reference.
 
+mod band;
 mod extrema;
 mod matched;
 mod matching;
@@ -15,6 +16,7 @@ mod row;
 use crate::spline::{uniform_pivots, uniform_slopes, RowSpline};
 use crate::{check_length, check_value, reason, Error, MIN_PERIOD, MIN_WIDTH};
 pub use extrema::Extremum;
+use extrema::Finder;
 use rayon::prelude::*;
 use row::{RowIn, RowOut, Scratch};
 
@@ -40,9 +42,10 @@ pub struct Options {
     pub n_resample: usize,
     /// Fringe period of the reference, px.
     pub period: f64,
-    /// Least swing of an extremum, as a share of the local range of the row.
+    /// Least swing of an extremum, as a share of the local range of the smoothed row.
     pub prominence: f64,
-    /// Least swing of an extremum, counts; set from the noise.
+    /// Least swing of an extremum, counts, in a row that is not smoothed; set from the noise. It is
+    /// lowered as white noise is by the smoothing.
     pub floor: f64,
     /// Standard deviation of object and reference noise together, counts.
     pub noise: f64,
@@ -122,7 +125,7 @@ pub fn invert(
         .zip(field.reason.par_chunks_mut(width))
         .enumerate()
         .for_each_init(
-            || Scratch::new(width),
+            || Scratch::new(width, options),
             |scratch, (y, (((displacement, sigma), modulation_ratio), reason))| {
                 let row = y * width..(y + 1) * width;
                 let frames = RowIn {
@@ -164,5 +167,5 @@ pub fn row_extrema(
         y: row,
         slopes: &slopes,
     };
-    Ok(extrema::find(&spline, period, prominence, floor))
+    Ok(Finder::new(period, prominence, floor).find(&spline))
 }

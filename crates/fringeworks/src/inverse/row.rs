@@ -1,6 +1,6 @@
 //! Inversion of one row.
 
-use super::extrema;
+use super::extrema::Finder;
 use super::matched::{matched_parts, MatchedPart};
 use super::matching::match_orders;
 use super::part::{spans, Inverse, Span};
@@ -27,43 +27,52 @@ pub struct RowOut<'a> {
     pub reason: &'a mut [u8],
 }
 
-/// Arrays that are used again from row to row.
+/// Arrays that are used again from row to row, and what all rows share.
 pub struct Scratch {
-    reference_slopes: Vec<f64>,
-    object_slopes: Vec<f64>,
+    slopes: Slopes,
+    finder: Finder,
+}
+
+/// Slopes of the splines of both rows.
+struct Slopes {
+    reference: Vec<f64>,
+    object: Vec<f64>,
     pivots: Vec<f64>,
 }
 
-impl Scratch {
-    pub fn new(width: usize) -> Self {
-        Self {
-            reference_slopes: vec![0.0; width],
-            object_slopes: vec![0.0; width],
-            pivots: uniform_pivots(width),
-        }
-    }
-
+impl Slopes {
     /// Splines of the reference row and of the object row.
     fn splines<'a>(&'a mut self, frames: &RowIn<'a>) -> (RowSpline<'a>, RowSpline<'a>) {
-        uniform_slopes(frames.reference, &mut self.reference_slopes, &self.pivots);
-        uniform_slopes(frames.object, &mut self.object_slopes, &self.pivots);
+        uniform_slopes(frames.reference, &mut self.reference, &self.pivots);
+        uniform_slopes(frames.object, &mut self.object, &self.pivots);
         let reference = RowSpline {
             y: frames.reference,
-            slopes: &self.reference_slopes,
+            slopes: &self.reference,
         };
         let object = RowSpline {
             y: frames.object,
-            slopes: &self.object_slopes,
+            slopes: &self.object,
         };
         (reference, object)
+    }
+}
+
+impl Scratch {
+    pub fn new(width: usize, options: &Options) -> Self {
+        Self {
+            slopes: Slopes {
+                reference: vec![0.0; width],
+                object: vec![0.0; width],
+                pivots: uniform_pivots(width),
+            },
+            finder: Finder::new(options.period, options.prominence, options.floor),
+        }
     }
 
     /// Invert one row; `s` and `d` are the splines of reference and object, as in theory §2.
     pub fn invert_row(&mut self, frames: &RowIn, options: &Options, out: &mut RowOut) {
-        let (s, d) = self.splines(frames);
-        let find =
-            |row: &RowSpline| extrema::find(row, options.period, options.prominence, options.floor);
-        let (s_extrema, d_extrema) = (find(&s), find(&d));
+        let (s, d) = self.slopes.splines(frames);
+        let (s_extrema, d_extrema) = (self.finder.find(&s), self.finder.find(&d));
         let orders = match_orders(
             &s_extrema,
             &d_extrema,

@@ -44,7 +44,7 @@ class Extrema(Frozen):
 
 
 def find_extrema(row: FloatMap, period_px: float, *, noise: float = 0.0) -> Extrema:
-    """Find the extrema of a fringe row by their prominence against its local modulation.
+    """Find the extrema of the fringes of a row, in the band of the carrier.
 
     Parameters
     ----------
@@ -53,7 +53,8 @@ def find_extrema(row: FloatMap, period_px: float, *, noise: float = 0.0) -> Extr
     period_px : float ≥ 2
         Mean fringe period, px.
     noise : float ≥ 0
-        Standard deviation of the row's noise, counts; extrema need a swing above five times this.
+        Standard deviation of the row's white noise, counts; extrema of the smoothed row need a
+        swing above five times what remains of it.
 
     Returns
     -------
@@ -63,7 +64,9 @@ def find_extrema(row: FloatMap, period_px: float, *, noise: float = 0.0) -> Extr
 
     Notes
     -----
-    Theory §4.
+    Extrema are chosen on the row smoothed over 0.1 periods, by their prominence against the local
+    range, and then placed on the row itself. Ripples finer than a third of the period, such as the
+    projector's pixel grid, do not count. Theory §4.
 
     Examples
     --------

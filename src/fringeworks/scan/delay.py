@@ -198,7 +198,8 @@ class _Film:
         self.shown: deque[tuple[int, float]] = deque(maxlen=COUNTERS - 1)
         """Numbers and times of the last pictures."""
         self._appears: list[float] = []
-        self._absent: list[float] = []
+        # A picture is not visible before it is shown.
+        self._absent: list[float] = [0.0]
         self._alone: list[float] = []
         self._left: list[float] = []
         self._moments: list[float] = []
@@ -207,7 +208,7 @@ class _Film:
     @property
     def readings(self) -> int:
         """Number of frames that bound the delay."""
-        return min(len(self._left), len(self._absent))
+        return len(self._left)
 
     def watch(self, until_s: float, pause_s: float) -> None:
         """Read the frames that arrive until then."""

@@ -103,37 +103,20 @@ def set_up(
     agreement = Agreement(projector, camera)
     progress("flicker")
     flicker = check_flicker(projector, camera)
-    findings = list(flicker.findings)
+    found = list(flicker.findings)
     try:
         progress("grey levels")
         levels = check_levels(projector, camera, agreement, used)
         progress("orientation")
         orientation = check_orientation(projector, camera, agreement)
-        findings = [*orientation.findings, *levels.findings, *findings]
-        stripes = []
-        places: tuple[tuple[Axis, FloatMap], ...] = (
-            ("x", orientation.x_px),
-            ("y", orientation.y_px),
-        )
-        for axis, place in places:
-            progress(f"stripes along {axis}")
-            stripes.append(check_stripes(projector, agreement, levels.lit, place, axis=axis))
-            findings += stripes[-1].findings
+        progress("stripes")
+        stripes = _stripes(projector, agreement, levels, orientation)
     except DeviceProblem as error:
-        raise _explained(error, findings) from error
+        raise _explained(error, found) from error
+    # Light that flickers changes the contrast of stripes from picture to picture.
+    resized = [] if found else [finding for s in stripes for finding in s.findings]
     progress("delay")
     delay, late = _delay(projector, camera, clock)
-    modulation = 0.5 * float(np.quantile(levels.white[levels.lit], DARK_QUANTILE))
-    noise = float(np.sqrt(agreement.noise.variance(modulation)))
-    finest = max(s.min_period_px for s in stripes if s.axis in axes)
-    proposal = propose(
-        *projector.size_px,
-        frames,
-        axes=axes,
-        noise=noise,
-        modulation=modulation,
-        min_period_px=finest,
-    )[0]
     return Setup(
         projector.name,
         camera.name,
@@ -143,11 +126,41 @@ def set_up(
         levels,
         flicker,
         orientation,
-        tuple(stripes),
+        stripes,
         delay,
-        proposal,
-        (*findings, *late),
+        _proposed(projector.size_px, frames, axes, agreement.noise, levels, stripes),
+        (*orientation.findings, *levels.findings, *resized, *found, *late),
     )
+
+
+def _stripes(
+    projector: Projector, agreement: Agreement, levels: Levels, orientation: Orientation
+) -> tuple[Stripes, ...]:
+    """Stripes along x and along y."""
+    places: tuple[tuple[Axis, FloatMap], ...] = (("x", orientation.x_px), ("y", orientation.y_px))
+    return tuple(
+        check_stripes(projector, agreement, levels.lit, place, axis=axis) for axis, place in places
+    )
+
+
+def _proposed(
+    size_px: tuple[int, int],
+    frames: int,
+    axes: tuple[Axis, ...],
+    noise: CameraNoise,
+    levels: Levels,
+    stripes: tuple[Stripes, ...],
+) -> Proposal:
+    """The plan with the smallest predicted error for the darkest tenth of the lit pixels."""
+    modulation = 0.5 * float(np.quantile(levels.white[levels.lit], DARK_QUANTILE))
+    return propose(
+        *size_px,
+        frames,
+        axes=axes,
+        noise=float(np.sqrt(noise.variance(modulation))),
+        modulation=modulation,
+        min_period_px=max(s.min_period_px for s in stripes if s.axis in axes),
+    )[0]
 
 
 def _explained(error: DeviceProblem, findings: list[SetupFinding]) -> DeviceProblem:

@@ -9,17 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.protocols import Projector
-from fringeworks.patterns.encode import encode
-from fringeworks.patterns.plan import PatternPlan, PhaseSteps, equal_steps
+from fringeworks.patterns.plan import equal_steps
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.checks.finding import SetupFinding
+from fringeworks.scan.uniform import black_picture, picture_type
 from fringeworks.types import Axis, BoolMap, FloatMap, Frozen
 
 PERIODS_PX = (3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
-"""Periods that are shown, projector px, the coarsest last. Two pixels are shown as well by 4 px:
-their contrast tells how sharp an edge between two pixels is."""
-STEPS = 4
-"""Phase steps of each period."""
+"""Periods that are shown, projector px, the coarsest last."""
+STEPS = 6
+"""Phase steps of each period. The modulation is then free of the harmonics up to the fourth, which
+a response that is not straight would turn into a change over the picture."""
+SWING = 0.3
+"""Amplitude of the stripes about half of full scale, so that video of limited range does not cut
+them off."""
 MIN_CONTRAST = 0.2
 """Smallest contrast of usable stripes, relative to the coarsest. Below, the fringes are so weak
 that a longer period gives a smaller error."""
@@ -82,9 +85,8 @@ def check_stripes(
     """
     modulation = [_modulation(projector, agreement, axis, period) for period in PERIODS_PX]
     usable = lit & (modulation[-1] > 0)
-    relative = [
-        np.where(usable, b, np.nan) / np.where(usable, modulation[-1], 1.0) for b in modulation
-    ]
+    coarse = np.where(usable, modulation[-1], np.nan)
+    relative = [b / coarse for b in modulation]
     contrast = np.array([float(np.nanmedian(r)) for r in relative])
     periods = np.array(PERIODS_PX)
     resolved = contrast >= MIN_CONTRAST
@@ -104,12 +106,20 @@ def _modulation(
     projector: Projector, agreement: Agreement, axis: Axis, period_px: float
 ) -> NDArray[Any]:
     """Modulation of stripes, (h, w), counts."""
-    columns, rows = projector.size_px
-    block = PhaseSteps(axis, period_px, equal_steps(STEPS))
-    plan = PatternPlan(columns, rows, (block,), bits=projector.bits)
     label = f"stripes of {period_px:g} px"
-    frames = [agreement.take(p, label).pixels.astype(np.float32) for p in encode(plan)]
-    return np.asarray(0.5 * np.hypot(frames[0] - frames[2], frames[1] - frames[3]))
+    columns, rows = projector.size_px
+    position = np.arange(columns)[None, :] if axis == "x" else np.arange(rows)[:, None]
+    top = 2**projector.bits - 1
+    frames = []
+    for shift in equal_steps(STEPS):
+        level = 0.5 + SWING * np.cos(2.0 * np.pi * position / period_px - shift)
+        picture = np.broadcast_to(np.rint(top * level), (rows, columns))
+        # Stripes that the optics do not resolve all look alike; black between them does not.
+        agreement.take(black_picture(projector), "black")
+        shown = picture.astype(picture_type(projector))
+        frames.append(agreement.take(shown, label).pixels.astype(np.float32))
+    phasor = np.tensordot(np.exp(1j * np.array(equal_steps(STEPS))), np.stack(frames), axes=1)
+    return np.asarray(2.0 / STEPS * np.abs(phasor))
 
 
 def _beat(contrast: FloatMap, coordinate_px: FloatMap) -> tuple[float, float] | None:

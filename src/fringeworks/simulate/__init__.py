@@ -14,6 +14,7 @@ from fringeworks.simulate.bodies import (
 )
 from fringeworks.simulate.exposure import Transport, photograph
 from fringeworks.simulate.fringes import PairSettings, Row, capture_pair, deformed_row
+from fringeworks.simulate.highlight import highlight
 from fringeworks.simulate.interreflection import interreflection
 from fringeworks.simulate.jpeg import jpeg_compressed
 from fringeworks.simulate.lens import ThinLens
@@ -73,6 +74,7 @@ __all__ = [
     "demosaiced",
     "fringe_plan",
     "height_field",
+    "highlight",
     "interreflection",
     "jpeg_compressed",
     "look",

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.simulate.bayer import demosaiced, mosaic
+from fringeworks.simulate.imaging import Imaging
 from fringeworks.simulate.jpeg import jpeg_compressed
-from fringeworks.simulate.lens import ThinLens, blurred_by_map
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.projected_light import ProjectedLight
 from fringeworks.simulate.virtual_rig import View
@@ -59,34 +58,16 @@ def photograph(
     """
     optics = optics or Optics()
     rng = np.random.default_rng(optics.seed)
-    blur = _blur(optics.projector_lens, view.projector_depth_mm, view.rig.projector.focal_px)
-    defocus = optics.defocus_px if blur is None else np.hypot(optics.defocus_px, blur)
-    projected = ProjectedLight(view.projector_px, view.lit, defocus, optics.fill)
-    _check_size(projected, plan)
-    reflected = optics.exposure * (2**optics.bits - 1) * view.albedo
-    camera_blur = _blur(optics.camera_lens, view.points_mm[..., 2], view.rig.camera.focal_px)
+    imaging = Imaging(view, optics, full=float(2**optics.bits - 1))
+    _check_size(imaging.projected, plan)
     for picture in encode(plan):
         sent = picture / (2**plan.bits - 1)
         sent = sent**optics.gamma if optics.response is None else optics.response(sent)
-        light = optics.black + (1.0 - optics.black) * projected(sent)
+        light = optics.black + (1.0 - optics.black) * imaging.projected(sent)
         arriving = view.shading * light
         for step in transport:
             arriving = step(arriving)
-        counts = reflected * (arriving + optics.ambient)
-        if camera_blur is not None:
-            counts = blurred_by_map(counts, np.hypot(optics.blur_px, camera_blur))
-        elif optics.blur_px:
-            counts = ndimage.gaussian_filter(counts, optics.blur_px, mode="nearest")
-        yield _stored(counts, optics, rng)
-
-
-def _blur(
-    lens: ThinLens | None, depth_mm: FloatMap, focal_px: tuple[float, float]
-) -> FloatMap | None:
-    """Blur by depth, px; 0 where the camera sees no surface."""
-    if lens is None:
-        return None
-    return np.nan_to_num(lens.blur_px(depth_mm, float(np.mean(focal_px))), nan=0.0)
+        yield _stored(imaging.seen(arriving + optics.ambient), optics, rng)
 
 
 def _check_size(projected: ProjectedLight, plan: PatternPlan) -> None:

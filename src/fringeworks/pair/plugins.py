@@ -1,4 +1,4 @@
-"""Methods from outside the package: installed plug-ins, and single Python files."""
+"""What comes from outside the package: installed plug-ins, and single Python files."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import hashlib
 import importlib.util
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import metadata
+from typing import Any
 
 from fringeworks.pair import registry
 from fringeworks.pair.registry import REGISTERED, Analysis
@@ -17,7 +18,7 @@ from fringeworks.types import FileProblem, InputError
 ENTRY_POINTS = "fringeworks.methods"
 """Group of entry points. Each names a module, or a function in one, that registers methods."""
 _LOADED: dict[str, list[str]] = {}
-"""Methods of the files that were loaded already, by the name of their module."""
+"""What the files registered that were loaded already, by the name of their module."""
 
 
 def method(name: str) -> Callable[[Analysis], Analysis]:
@@ -64,7 +65,22 @@ def load_installed() -> None:
     ------
     InputError that names the plug-in that cannot be loaded.
     """
-    for entry in metadata.entry_points(group=ENTRY_POINTS):
+    load_entry_points(ENTRY_POINTS)
+
+
+def load_entry_points(group: str) -> None:
+    """Load what installed plug-ins register.
+
+    Parameters
+    ----------
+    group : str
+        Name of the group of entry points.
+
+    Raises
+    ------
+    InputError that names the plug-in that cannot be loaded.
+    """
+    for entry in metadata.entry_points(group=group):
         try:
             entry.load()
         except InputError:
@@ -91,6 +107,31 @@ def load_plugin(path: str | os.PathLike[str]) -> list[str]:
     ------
     InputError where there is no such file, it fails, it registers nothing, or a name is taken.
     """
+    _load_own()
+    return run_plugin(path, [REGISTERED], "fringeworks.method")
+
+
+def run_plugin(
+    path: str | os.PathLike[str], registries: Sequence[dict[str, Any]], decorators: str
+) -> list[str]:
+    """Run a Python file that registers something, once.
+
+    Parameters
+    ----------
+    path : path of a ``.py`` file
+    registries : dicts
+        To which it may add, by name. What it added is removed if it fails.
+    decorators : str
+        What adds to them, for the message where nothing was added.
+
+    Returns
+    -------
+    Names that were added.
+
+    Raises
+    ------
+    InputError as ``load_plugin``.
+    """
     path = os.fspath(path)
     if not os.path.isfile(path):
         raise FileProblem(f"{path}: expected a Python file, got no such file")
@@ -98,8 +139,7 @@ def load_plugin(path: str | os.PathLike[str]) -> list[str]:
     name = f"fringeworks_plugin_{digest}"
     if name in _LOADED:
         return _LOADED[name]
-    _load_own()
-    before = set(REGISTERED)
+    before = [set(registry) for registry in registries]
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise FileProblem(f"{path}: expected a Python file (.py), got {os.path.basename(path)}")
@@ -109,15 +149,18 @@ def load_plugin(path: str | os.PathLike[str]) -> list[str]:
         spec.loader.exec_module(module)
     except Exception as error:  # a plug-in may raise anything
         del sys.modules[name]
-        for half_done in set(REGISTERED) - before:
-            del REGISTERED[half_done]
+        for registry, had in zip(registries, before, strict=True):
+            for half_done in set(registry) - had:
+                del registry[half_done]
         raise InputError(f"{path}: could not be loaded: {_told(error)}") from error
-    added = sorted(set(REGISTERED) - before)
+    added = sorted(
+        name
+        for registry, had in zip(registries, before, strict=True)
+        for name in set(registry) - had
+    )
     if not added:
         del sys.modules[name]
-        raise InputError(
-            f"{path}: expected a function with the decorator fringeworks.method, got none"
-        )
+        raise InputError(f"{path}: expected a function with the decorator {decorators}, got none")
     _LOADED[name] = added
     return added
 

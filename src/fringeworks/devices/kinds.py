@@ -1,0 +1,106 @@
+"""The package's own kinds of devices, by the words that open them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from fringeworks.devices.protocols import Camera, CameraLimits, Projector
+from fringeworks.devices.registry import (
+    CAMERA_KINDS,
+    PROJECTOR_KINDS,
+    ListedDevice,
+    registering,
+)
+from fringeworks.types import DeviceProblem
+
+
+def _screens() -> Iterator[ListedDevice]:
+    from fringeworks.devices.window import monitors
+
+    found = monitors()
+    names = [monitor.name for monitor in found]
+    for monitor in found:
+        which = monitor.name if names.count(monitor.name) == 1 else str(monitor.index)
+        yield ListedDevice(f"screen:{which}", str(monitor))
+
+
+@registering(PROJECTOR_KINDS, "projector", "screen", _screens)
+def open_screen(which: str) -> Projector:
+    """``screen``, ``screen:NAME`` or ``screen:NUMBER``: a screen of this computer."""
+    from fringeworks.devices.window import WindowProjector
+
+    return WindowProjector(which or None)
+
+
+@registering(PROJECTOR_KINDS, "projector", "memory", None)
+def open_memory(folder: str) -> Projector:
+    """``memory:FOLDER``: a projector that holds the pictures exported to a folder."""
+    from fringeworks.devices.memory_projector import MemoryProjector
+
+    return MemoryProjector(_needed("memory", "FOLDER", folder))
+
+
+def _webcams() -> Iterator[ListedDevice]:
+    from fringeworks.devices.webcam import webcams
+
+    for found in webcams():
+        if isinstance(found, DeviceProblem):
+            yield ListedDevice("webcam", str(found), usable=False)
+        else:
+            model = f"{found.model}, " if found.model else ""
+            yield ListedDevice(f"webcam:{found.number}", model + described(found.limits))
+
+
+@registering(CAMERA_KINDS, "camera", "webcam", _webcams)
+def open_webcam(which: str) -> Camera:
+    """``webcam``, ``webcam:NUMBER`` or ``webcam:PATH``: a webcam, by default number 0."""
+    from fringeworks.devices.webcam import WebcamCamera
+
+    return WebcamCamera(int(which or "0") if not which or which.isdecimal() else which)
+
+
+def _genicams() -> Iterator[ListedDevice]:
+    from fringeworks.devices.genicam import GenicamCamera, genicam_cameras
+
+    for found in genicam_cameras():
+        words = f"genicam:{found.identifier}"
+        try:
+            with GenicamCamera(found.identifier) as camera:
+                yield ListedDevice(words, f"{camera.name}, {described(camera.limits())}")
+        except DeviceProblem as problem:
+            yield ListedDevice(words, str(problem), usable=False)
+
+
+@registering(CAMERA_KINDS, "camera", "genicam", _genicams)
+def open_genicam(identifier: str) -> Camera:
+    """``genicam`` or ``genicam:IDENTIFIER``: a camera with GigE Vision or USB3 Vision."""
+    from fringeworks.devices.genicam import GenicamCamera
+
+    return GenicamCamera(identifier or None)
+
+
+@registering(CAMERA_KINDS, "camera", "folder", None)
+def open_folder(folder: str) -> Camera:
+    """``folder:PATH``: any camera whose program writes images into a folder."""
+    from fringeworks.devices.folder_camera import FolderCamera
+
+    return FolderCamera(_needed("folder", "PATH", folder))
+
+
+def described(limits: CameraLimits) -> str:
+    """Return the limits of a camera in one line."""
+    words = [f"{limits.width_px} × {limits.height_px} px"]
+    if limits.exposure_ms is not None:
+        words.append("exposure {:g} to {:g} ms".format(*limits.exposure_ms))
+    if limits.gain_db is not None:
+        words.append("gain {:g} to {:g} dB".format(*limits.gain_db))
+    words += limits.pixel_formats
+    if limits.frame_s:
+        words.append(f"{1 / limits.frame_s:.3g} frames per second")
+    return ", ".join(words)
+
+
+def _needed(kind: str, what: str, given: str) -> str:
+    if not given:
+        raise DeviceProblem(f"{kind}: expected {kind}:{what}, got {kind} alone")
+    return given

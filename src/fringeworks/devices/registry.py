@@ -1,0 +1,84 @@
+"""The kinds of devices by name. A new kind is one function with a decorator on it."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.types import InputError
+
+Device = TypeVar("Device", bound=Camera | Projector)
+NAME = re.compile(r"[a-z][a-z0-9_-]*")
+"""Names of kinds: words of a command line, without the colon that ends them."""
+
+
+@dataclass(frozen=True)
+class ListedDevice:
+    """A device that was found, or one line that says why none was."""
+
+    words: str
+    """What ``open_camera`` or ``open_projector`` takes, such as ``webcam:0``; the kind alone where
+    none was found."""
+    description: str
+    """Its name and limits, or what is missing."""
+    usable: bool = True
+    """Whether it can be opened."""
+
+    def __str__(self) -> str:
+        return f"{self.words}: {self.description}"
+
+
+Finder = Callable[[], Iterable[ListedDevice]]
+"""Finds the devices of a kind. Where that needs something that is missing, it raises an
+InputError."""
+
+
+@dataclass(frozen=True)
+class Kind(Generic[Device]):
+    """A kind of camera or projector."""
+
+    name: str
+    summary: str
+    """First line of the function's docstring."""
+    open: Callable[[str], Device]
+    """Opens a device from the words after the colon; empty where there are none."""
+    find: Finder | None = None
+    """Finds the devices of this kind; None where they cannot be listed."""
+
+
+CAMERA_KINDS: dict[str, Kind[Camera]] = {}
+"""The kinds of cameras that were registered so far."""
+PROJECTOR_KINDS: dict[str, Kind[Projector]] = {}
+"""The kinds of projectors that were registered so far."""
+
+
+def registering(
+    kinds: dict[str, Kind[Device]], role: str, name: str, find: Finder | None
+) -> Callable[[Callable[[str], Device]], Callable[[str], Device]]:
+    """Return a decorator that registers a kind; see ``camera_kind``."""
+
+    def register(function: Callable[[str], Device]) -> Callable[[str], Device]:
+        if not NAME.fullmatch(name):
+            raise InputError(
+                f"{role} kind {name!r}: expected small letters, digits, - and _, a letter first"
+            )
+        taken = kinds.get(name)
+        if taken is not None and _place(taken.open) != _place(function):
+            raise InputError(
+                f"{role} kind {name!r}: expected a name that is free, got that of "
+                f"{taken.open.__module__}.{taken.open.__qualname__}"
+            )
+        summary = (inspect.getdoc(function) or "").split("\n", 1)[0]
+        kinds[name] = Kind(name, summary, function, find)
+        return function
+
+    return register
+
+
+def _place(function: Callable[..., object]) -> tuple[str, str, str | None]:
+    """Where a function is defined: equal where its file was loaded twice."""
+    return function.__module__, function.__qualname__, inspect.getsourcefile(function)

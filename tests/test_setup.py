@@ -18,6 +18,7 @@ FAULTS = {
     "colour wheel": ({"duty": 0.6}, {"fps": 31.0, "reference_ms": 15.0}, "flicker"),
     "mirrored": ({"mirrored": True}, {}, "mirrored"),
     "lamp on mains": ({}, {"flicker": 0.4}, "flicker"),
+    "exposure ignored": ({}, {"obeys_exposure": False}, "exposure"),
     "lamp and rolling shutter": (
         {},
         {"flicker": 0.4, "shutter": "rolling", "readout_s": 0.02},
@@ -74,7 +75,7 @@ def test_a_hundred_clean_benches():
 
 
 def test_what_stops_a_setup_is_explained():
-    with pytest.raises(DeviceProblem, match=r"two frames in a row that agree.*brightness under"):
+    with pytest.raises(DeviceProblem, match=r"automatic exposure is on"):
         measured({}, {"auto_exposure": True}, 1)
     with pytest.raises(DeviceProblem, match="point the camera at the projected picture"):
         measured({}, {}, 1, white=0.0)

@@ -7,8 +7,10 @@ from .types import (
     Axis as Axis,
     BoardNotFound as BoardNotFound,
     CameraNoise as CameraNoise,
+    CameraSettings as CameraSettings,
     CoordinateMap as CoordinateMap,
     Decoded as Decoded,
+    DeviceProblem as DeviceProblem,
     DisplacementMap as DisplacementMap,
     FileProblem as FileProblem,
     FrameFinding as FrameFinding,
@@ -23,6 +25,7 @@ from .types import (
     Provenance as Provenance,
     Reason as Reason,
     ReferencePlaneGeometry as ReferencePlaneGeometry,
+    Region as Region,
     Rig as Rig,
     RigMismatch as RigMismatch,
     Source as Source,
@@ -81,6 +84,46 @@ from .files.folder import (
     FolderInUse as FolderInUse,
 )
 
+# Devices: projectors that show pictures and cameras that grab frames.
+from .devices.protocols import (
+    Camera as Camera,
+    CameraLimits as CameraLimits,
+    Grab as Grab,
+    Projector as Projector,
+    TriggeredCamera as TriggeredCamera,
+)
+from .devices.opening import (
+    camera_kind as camera_kind,
+    open_camera as open_camera,
+    open_devices as open_devices,
+    open_projector as open_projector,
+    projector_kind as projector_kind,
+)
+from .devices.listing import (
+    list_devices as list_devices,
+)
+
+# Scans: showing, grabbing, and what the devices can do.
+from .scan.setup import (
+    Setup as Setup,
+    set_up as set_up,
+)
+from .scan.setup_file import (
+    StoredSetup as StoredSetup,
+    read_setup as read_setup,
+    write_setup as write_setup,
+)
+from .scan.delay import (
+    Delay as Delay,
+    measure_delay as measure_delay,
+)
+from .scan.frames import (
+    take_frames as take_frames,
+)
+from .scan.capture import (
+    capture as capture,
+)
+
 # Signal: what is in a frame before analysis.
 from .signal.response import (
     Response as Response,
@@ -111,8 +154,10 @@ from .pair.registry import (
     Solution as Solution,
 )
 from .pair.plugins import (
-    load_plugin as load_plugin,
     method as method,
+)
+from .devices.plugins import (
+    load_plugin as load_plugin,
 )
 from .pair.prepared import (
     PreparedPair as PreparedPair,

@@ -11,7 +11,7 @@ from typer.core import TyperGroup
 import fringeworks as fw
 from fringeworks.cli import output
 
-SECTIONS = ("Patterns", "Two frames", "Stacks and rigs", "Results", "Simulation")
+SECTIONS = ("Patterns", "Devices", "Two frames", "Stacks and rigs", "Results", "Simulation")
 """Groups of commands, in the order of the light."""
 
 

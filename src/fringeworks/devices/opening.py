@@ -17,6 +17,9 @@ from fringeworks.devices.registry import (
 )
 from fringeworks.types import DeviceProblem
 
+VIRTUAL = "virtual"
+"""Kind of the devices that exist in memory only; a projector and a camera go together."""
+
 
 def camera_kind(
     name: str, *, find: Finder | None = None
@@ -100,3 +103,34 @@ def _opened(kinds: dict[str, Kind[Device]], role: str, words: str) -> Device:
             f"colon and which one, got {name!r}"
         )
     return kinds[name].open(which)
+
+
+def open_devices(projector: str, camera: str) -> tuple[Projector, Camera]:
+    """Open a projector and a camera.
+
+    Parameters
+    ----------
+    projector, camera : str
+        As for ``open_projector`` and ``open_camera``. ``virtual`` or ``virtual:SCENE`` for both
+        opens devices that exist in memory only, before a scene of ``SCENES``.
+
+    Raises
+    ------
+    As ``open_camera``, and DeviceProblem where only one of them is virtual.
+    """
+    kinds = [words.partition(":")[0] for words in (projector, camera)]
+    if VIRTUAL in kinds:
+        if kinds[0] != kinds[1]:
+            raise DeviceProblem(
+                "virtual devices: expected projector and camera to be virtual, got "
+                f"{projector} and {camera}"
+            )
+        from fringeworks.devices.virtual_bench import virtual_bench
+
+        return virtual_bench(camera.partition(":")[2] or projector.partition(":")[2])
+    opened = open_projector(projector)
+    try:
+        return opened, open_camera(camera)
+    except BaseException:
+        opened.close()
+        raise

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from fringeworks.devices.clock import Clock, SystemClock
 from fringeworks.devices.protocols import Closing, checked_picture
-from fringeworks.types import DeviceProblem, FloatMap, check_fields
+from fringeworks.types import DeviceProblem, FloatMap, InputError, check_fields
 
 KEPT_PICTURES = 64
 """Pictures that are remembered, so that a camera with a long exposure finds all that it saw."""
@@ -72,6 +72,11 @@ class ProjectorModel:
             duty=(0 < self.duty <= 1, "above 0, at most 1"),
             scale=(self.scale > 0, "> 0"),
         )
+        if self.settling_s and self.duty < 1.0:
+            raise InputError(
+                "settling_s: expected a projector without a colour wheel (duty = 1), got duty = "
+                f"{self.duty:g}"
+            )
 
 
 @dataclass(frozen=True, eq=False)

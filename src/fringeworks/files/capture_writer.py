@@ -182,6 +182,20 @@ def settings_of(section: SettingsSection) -> CameraSettings:
     return CameraSettings(section.exposure_ms, section.gain_db, region, section.pixel_format)
 
 
+def settings_table(settings: CameraSettings, averaged: int = 1) -> dict[str, Any]:
+    """The content of ``[settings]``; the inverse of ``settings_of``."""
+    region = settings.region
+    return _known(
+        exposure_ms=settings.exposure_ms,
+        gain_db=settings.gain_db,
+        pixel_format=settings.pixel_format,
+        region=None
+        if region is None
+        else [region.x_px, region.y_px, region.width_px, region.height_px],
+        averaged=averaged if averaged != 1 else None,
+    )
+
+
 def _description(
     camera: str | None,
     projector: str | None,
@@ -191,17 +205,7 @@ def _description(
 ) -> dict[str, Any]:
     """What ``capture.toml`` says beside the names of plan and frames."""
     devices = _known(camera=camera, projector=projector)
-    given = settings or CameraSettings()
-    region = given.region
-    how = _known(
-        exposure_ms=given.exposure_ms,
-        gain_db=given.gain_db,
-        pixel_format=given.pixel_format,
-        region=None
-        if region is None
-        else [region.x_px, region.y_px, region.width_px, region.height_px],
-        averaged=averaged if averaged != 1 else None,
-    )
+    how = settings_table(settings or CameraSettings(), averaged)
     return _known(saturation=saturation, devices=devices or None, settings=how or None)
 
 

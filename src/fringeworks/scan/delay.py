@@ -93,22 +93,32 @@ class Delay(Frozen):
         return MARGIN_SHARE * self.refresh_s
 
     @property
-    def first_s(self) -> float:
-        """Moment from which on a frame shows a picture and not the one before, s after showing.
+    def alone_from_s(self) -> float:
+        """Earliest moment, after the last trace of the picture before, at which a frame was seen.
 
         No moment at which no frame was seen is trusted: camera and projector may keep step while
         the delay is measured, and not later.
         """
         gone_s = float(self.left_s.max()) + self.margin_s
         later = self.alone_s[self.alone_s >= gone_s]
-        return float(later.min()) - SAME_MOMENT_S if later.size else gone_s + self.frame_s
+        return float(later.min()) if later.size else gone_s + self.frame_s
+
+    @property
+    def absent_until_s(self) -> float:
+        """Latest moment, before the first trace of a picture, at which a frame was seen."""
+        begins_s = float(self.appears_s.min()) - self.margin_s
+        earlier = self.absent_s[self.absent_s <= begins_s]
+        return float(earlier.max()) if earlier.size else begins_s - self.frame_s
+
+    @property
+    def first_s(self) -> float:
+        """Moment from which on a frame shows a picture and not the one before, s after showing."""
+        return self.alone_from_s - SAME_MOMENT_S
 
     @property
     def last_s(self) -> float:
         """Moment until which a frame does not show the picture after, s after showing that."""
-        begins_s = float(self.appears_s.min()) - self.margin_s
-        earlier = self.absent_s[self.absent_s <= begins_s]
-        return float(earlier.max()) + SAME_MOMENT_S if earlier.size else begins_s - self.frame_s
+        return self.absent_until_s + SAME_MOMENT_S
 
     @property
     def hold_s(self) -> float:

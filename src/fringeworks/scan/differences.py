@@ -34,6 +34,9 @@ COUNTED = 0.99
 changes in the scene."""
 COUNTED_VARIANCE = 0.923
 """Mean of the smallest 99 % of the squares of normal values, over the mean of all."""
+CLIPPED_SHARE = 0.02
+"""Share of a group's pixels at the smallest or largest count of a frame from which on its noise is
+cut off. Noise that is not reaches the ends once in thousands of pixels."""
 ROUNDING_VARIANCE = 1.0 / 12.0
 """Variance of rounding to whole counts: no frame has less noise."""
 
@@ -95,7 +98,11 @@ def noise_between(pairs: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> CameraN
     for one, other in pairs:
         a, b = compared(one).ravel(), compared(other).ravel()
         order = np.argsort(a + b, kind="stable")
-        for part in np.array_split(order, BRIGHTNESS_BINS):
+        parts = np.array_split(order, BRIGHTNESS_BINS)
+        ends = float(min(a.min(), b.min())), float(max(a.max(), b.max()))
+        # Noise is cut off at the ends of the range, where a third or less of it is left.
+        whole = [part for part in parts if np.mean(np.isin(a[part], ends)) < CLIPPED_SHARE]
+        for part in whole or parts:
             squares = np.sort(0.5 * (a[part] - b[part]) ** 2)
             kept = squares[: max(1, int(COUNTED * squares.size))]
             brightness.append(0.5 * float(np.mean(a[part] + b[part])))

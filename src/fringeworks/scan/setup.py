@@ -17,6 +17,7 @@ from fringeworks.scan.checks.levels import Levels, check_levels
 from fringeworks.scan.checks.orientation import Orientation, check_orientation
 from fringeworks.scan.checks.stripes import Stripes, check_stripes
 from fringeworks.scan.delay import Delay, measure_delay
+from fringeworks.scan.exposure_proof import ExposureProof, exposure_obeys
 from fringeworks.types import (
     Axis,
     CameraNoise,
@@ -101,9 +102,11 @@ def set_up(
     """
     used = camera.configure(settings or CameraSettings())
     agreement = Agreement(projector, camera)
+    progress("exposure")
+    proof = exposure_obeys(projector, camera)
     progress("flicker")
     flicker = check_flicker(projector, camera)
-    found = list(flicker.findings)
+    found = [*_exposure_finding(proof), *flicker.findings]
     try:
         progress("grey levels")
         levels = check_levels(projector, camera, agreement, used)
@@ -114,7 +117,7 @@ def set_up(
     except DeviceProblem as error:
         raise _explained(error, found) from error
     # Light that flickers changes the contrast of stripes from picture to picture.
-    resized = [] if found else [finding for s in stripes for finding in s.findings]
+    resized = [] if flicker.findings else [finding for s in stripes for finding in s.findings]
     progress("delay")
     delay, late = _delay(projector, camera, clock)
     return Setup(
@@ -131,6 +134,26 @@ def set_up(
         _proposed(projector.size_px, frames, axes, agreement.noise, levels, stripes),
         (*orientation.findings, *levels.findings, *resized, *found, *late),
     )
+
+
+def _exposure_finding(proof: ExposureProof) -> list[SetupFinding]:
+    """The finding of a camera whose exposure does not obey."""
+    if proof.obeyed:
+        return []
+    causes = {
+        "ignored": ("a driver that accepts an exposure and keeps its own",),
+        "automatic": ("an automatic exposure or gain that is on",),
+        "another ratio": ("a driver that rounds exposures", "a response with a gamma"),
+    }[proof.verdict]
+    return [
+        SetupFinding(
+            "exposure",
+            str(proof).partition(":")[0],
+            causes,
+            "set the exposure with the camera's own program, or use another driver or camera",
+            {"expected_ratio": proof.expected_ratio, "ratio": proof.ratio, "drift": proof.drift},
+        )
+    ]
 
 
 def _stripes(

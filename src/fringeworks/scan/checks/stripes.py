@@ -143,7 +143,7 @@ def _beat(contrast: FloatMap, coordinate_px: FloatMap) -> tuple[float, float] | 
     power = np.abs(np.fft.rfft(whole)) ** 2
     power[: SLOW_CYCLES + 1] = 0.0
     peak = int(np.argmax(power))
-    others = np.delete(power, range(max(0, peak - 2), peak + 3))[SLOW_CYCLES + 1 :]
+    others = np.delete(power, slice(max(0, peak - 2), peak + 3))[SLOW_CYCLES + 1 :]
     # A Hann window halves the amplitude.
     amplitude = 4.0 * float(np.sqrt(power[peak])) / len(x) / mean
     if amplitude < BEAT_SHARE or power[peak] < BEAT_POWER * max(float(others.mean()), 1e-12):

@@ -1,0 +1,236 @@
+"""``fringeworks devices | setup | capture | scan``: projectors and cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import fringeworks as fw
+from fringeworks.cli import output
+from fringeworks.cli.app import app
+from fringeworks.cli.options import Folder, Force, JsonFile, Ply, PlyOption
+from fringeworks.cli.words import say_points
+
+SECTION = "Devices"
+
+ProjectorWords = Annotated[
+    str | None,
+    typer.Option("--projector", help="screen, screen:NAME, memory:FOLDER or virtual[:SCENE]."),
+]
+CameraWords = Annotated[
+    str | None,
+    typer.Option("--camera", help="webcam:NUMBER, genicam[:NAME], folder:PATH or virtual[:SCENE]."),
+]
+SetupFile = Annotated[
+    Path | None, typer.Option("--setup", help="Set-up file: devices, settings, delay and plan.")
+]
+Exposure = Annotated[float | None, typer.Option("--exposure-ms", help="Exposure, ms.")]
+GainDb = Annotated[float | None, typer.Option("--gain-db", help="Gain, dB.")]
+Format = Annotated[
+    str | None, typer.Option("--pixel-format", help="Such as Mono8, Mono12p or BayerRG8.")
+]
+Average = Annotated[int, typer.Option("--average", help="Frames averaged for each picture.")]
+Fast = Annotated[
+    bool, typer.Option("--fast", help="Rely on the delay that the set-up has measured.")
+]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Keep the frames of an interrupted capture.")
+]
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """Open devices, and what the set-up knows of them."""
+
+    projector: Any
+    camera: Any
+    settings: fw.CameraSettings
+    setup: Any
+    """StoredSetup, or None."""
+
+
+@contextmanager
+def _opened(
+    projector: str | None,
+    camera: str | None,
+    setup: Path | None,
+    settings: fw.CameraSettings,
+) -> Iterator[_Bench]:
+    """The devices that options or a set-up name; options hold before the set-up."""
+    stored = None if setup is None else fw.read_setup(setup)
+    projector = projector or (stored.projector if stored else None)
+    camera = camera or (stored.camera if stored else None)
+    if projector is None or camera is None:
+        raise fw.InputError("devices: expected --projector and --camera, or --setup")
+    if stored is not None:
+        given = {name: value for name, value in vars(settings).items() if value is not None}
+        settings = fw.CameraSettings(**(vars(stored.settings) | given))
+    shows, films = fw.open_devices(projector, camera)
+    with shows, films:
+        yield _Bench(shows, films, settings, stored)
+
+
+@app.command(rich_help_panel=SECTION, epilog="Example: fringeworks devices")
+def devices() -> None:
+    """List the projectors and cameras that are there, with their limits."""
+    words = output.Output()
+    for role, found in zip(("projectors", "cameras"), fw.list_devices(), strict=True):
+        words.say(f"{role}:")
+        for device in found:
+            words.say(f"  {device}")
+    words.say("without hardware: --projector virtual --camera virtual")
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks setup --projector screen:1 --camera webcam:0 --out setup.toml",
+)
+def setup(
+    out: Annotated[Path, typer.Option("--out", help="Set-up file to write (TOML).")],
+    projector: ProjectorWords = None,
+    camera: CameraWords = None,
+    exposure_ms: Exposure = None,
+    gain_db: GainDb = None,
+    pixel_format: Format = None,
+    frames: Annotated[int, typer.Option(help="Frames of the plan that is proposed.")] = 12,
+) -> None:
+    """Find out what a projector and a camera can do together, and propose a plan."""
+    words = output.Output(out)
+    settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
+    with _opened(projector, camera, None, settings) as bench, output.progress() as step:
+        found = fw.set_up(
+            bench.projector, bench.camera, settings=bench.settings, frames=frames, progress=step
+        )
+    assert projector is not None
+    assert camera is not None
+    written = fw.write_setup(out, found, projector=projector, camera=camera)
+    words.say(f"projector {found.projector}: {found.size_px[0]} × {found.size_px[1]} px")
+    exposure = found.settings.exposure_ms
+    words.say(
+        f"camera {found.camera}: exposure "
+        + ("unknown" if exposure is None else f"{exposure:.3g} ms")
+        + f", noise {found.noise.read_counts:.2g} counts, gain {found.noise.gain:.2g}"
+    )
+    words.say(
+        f"response: light ≈ level^{found.levels.gamma:.2f}, white {found.levels.contrast:.0f} "
+        "times as bright as black"
+    )
+    words.say(f"delay: {found.delay or 'unknown'}")
+    words.say(
+        f"proposed plan: {found.proposal.summary}; predicted σ {found.proposal.sigma_px:.2g} px"
+    )
+    for finding in found.findings:
+        words.say(f"finding: {finding.text}")
+    if not found.findings:
+        words.say("nothing was found that makes measurements worse")
+    words.wrote(*written)
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks capture plan.toml --setup setup.toml --out part/",
+)
+def capture(
+    out: Folder,
+    plan: Annotated[
+        Path | None, typer.Argument(help="Plan file; by default the plan of the set-up.")
+    ] = None,
+    setup: SetupFile = None,
+    projector: ProjectorWords = None,
+    camera: CameraWords = None,
+    exposure_ms: Exposure = None,
+    gain_db: GainDb = None,
+    pixel_format: Format = None,
+    average: Average = 1,
+    fast: Fast = False,
+    resume: Resume = False,
+    force: Force = False,
+) -> None:
+    """Show the pictures of a plan and take a frame of each."""
+    output.check_folder(out)
+    words = output.Output()
+    settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
+    with _opened(projector, camera, setup, settings) as bench:
+        _capture(bench, plan, out, average=average, fast=fast, resume=resume, force=force)
+    words.wrote(out)
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks scan --setup setup.toml --rig rig.toml --out part.ply",
+)
+def scan(
+    rig: Annotated[Path, typer.Option("--rig", help="Rig file.")],
+    out: Annotated[Path, typer.Option("--out", help="Points: .ply, .xyz or .npz.")],
+    folder: Annotated[
+        Path, typer.Option("--capture", help="Folder to write the frames to.", show_default=False)
+    ],
+    plan: Annotated[
+        Path | None, typer.Argument(help="Plan file; by default the plan of the set-up.")
+    ] = None,
+    setup: SetupFile = None,
+    projector: ProjectorWords = None,
+    camera: CameraWords = None,
+    exposure_ms: Exposure = None,
+    gain_db: GainDb = None,
+    pixel_format: Format = None,
+    average: Average = 1,
+    fast: Fast = False,
+    resume: Resume = False,
+    force: Force = False,
+    ply: PlyOption = Ply.points,
+    json_file: JsonFile = None,
+) -> None:
+    """Take the frames of a plan and measure the points of the object."""
+    output.check_folder(folder)
+    words = output.Output(out, json_file)
+    known = fw.read_rig(rig)
+    settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
+    with _opened(projector, camera, setup, settings) as bench:
+        _capture(bench, plan, folder, average=average, fast=fast, resume=resume, force=force)
+    found = fw.measure(folder, known)
+    with output.target(out, ".ply") as place:
+        fw.write_points(place, found.points, kind=ply.value)
+    figures = fw.summarise(found)
+    output.write_json(json_file, figures)
+    say_points(words, figures)
+    words.wrote(folder, out, json_file)
+
+
+def _capture(
+    bench: _Bench,
+    plan: Path | None,
+    folder: Path,
+    *,
+    average: int,
+    fast: bool,
+    resume: bool,
+    force: bool,
+) -> None:
+    """Take the frames of a plan into a folder."""
+    if plan is None and bench.setup is None:
+        raise fw.InputError("plan: expected a plan file, or --setup with its plan; got neither")
+    chosen = bench.setup.plan if plan is None else fw.read_plan(plan)
+    delay = None
+    if fast:
+        delay = None if bench.setup is None else bench.setup.delay
+        if delay is None:
+            raise fw.InputError("--fast: expected a set-up with a measured delay, got none")
+    with output.progress(chosen.frames) as step:
+        fw.capture(
+            bench.projector,
+            bench.camera,
+            chosen,
+            folder,
+            settings=bench.settings,
+            delay=delay,
+            average=average,
+            resume=resume,
+            force=force,
+            progress=step,
+        )

@@ -1,0 +1,86 @@
+"""A virtual projector and a virtual camera before a scene, by name: for trials without hardware."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fringeworks.devices.clock import Clock
+from fringeworks.devices.virtual_camera import CameraModel, VirtualCamera
+from fringeworks.devices.virtual_projector import ProjectorModel, VirtualProjector
+from fringeworks.devices.virtual_scene import RigScene
+from fringeworks.rig.calibration.board import parse_board
+from fringeworks.rig.pinhole import pose
+from fringeworks.simulate.bodies import Body, Plane, Sphere
+from fringeworks.simulate.standard_rig import board_body, board_poses, bust, standard_rig
+from fringeworks.simulate.virtual_rig import look
+from fringeworks.types import DeviceProblem, FloatMap
+
+SCALE = 0.3
+"""Frame sizes over those of the standard rig: 576 × 360 px are shown and 384 × 307 px seen, so that
+a scan takes seconds."""
+MODEL = CameraModel(fps=60.0, readout_s=0.004)
+"""A camera that keeps step with a projector of 60 Hz."""
+BOARD = "chessboard:11x8:12"
+"""The board of the scenes ``board-0``, ``board-1`` and so on."""
+POSES = 10
+"""Number of poses of the board."""
+DISTANCE_MM = 500.0
+"""Distance of the objects, mm."""
+RADIUS_MM = 40.0
+"""Radius of the sphere, mm."""
+
+
+def _middle() -> FloatMap:
+    return pose(np.eye(3), np.array([0.0, 0.0, DISTANCE_MM]))
+
+
+SCENES: dict[str, Callable[[], list[Body]]] = {
+    "bust": bust,
+    "plane": lambda: [Body(Plane(), _middle(), albedo=0.7)],
+    "sphere": lambda: [Body(Sphere(RADIUS_MM), _middle(), albedo=0.7)],
+}
+"""Scenes by name; ``board-0`` to ``board-9`` are poses of a calibration board."""
+
+
+def virtual_bench(
+    scene: str = "", *, clock: Clock | None = None, seed: int = 0
+) -> tuple[VirtualProjector, VirtualCamera]:
+    """Return a virtual projector and a virtual camera that look at a scene.
+
+    Parameters
+    ----------
+    scene : str
+        A name from ``SCENES`` or ``board-0`` to ``board-9``; the bust by default.
+    clock : Clock, optional
+        The machine's by default, so that frames take real time.
+    seed : int
+        Of the camera's noise.
+
+    Raises
+    ------
+    DeviceProblem for an unknown scene.
+
+    Examples
+    --------
+    >>> projector, camera = virtual_bench("sphere")
+    >>> projector.size_px, camera.limits().width_px
+    ((576, 360), 384)
+    """
+    rig = standard_rig(scale=SCALE)
+    view = look(rig, _bodies(scene or "bust"))
+    model = ProjectorModel(rig.projector.width_px, rig.projector.height_px)
+    projector = VirtualProjector(model, clock=clock, seed=seed)
+    return projector, VirtualCamera(RigScene(view), projector, MODEL, seed=seed)
+
+
+def _bodies(scene: str) -> list[Body]:
+    name, _, number = scene.partition("-")
+    if name == "board" and number.isdecimal() and int(number) < POSES:
+        board = parse_board(BOARD)
+        return [board_body(board, board_poses(board, POSES)[int(number)])]
+    if scene not in SCENES:
+        names = ", ".join([*SCENES, "board-0", f"… board-{POSES - 1}"])
+        raise DeviceProblem(f"virtual scene {scene!r}: expected one of {names}")
+    return SCENES[scene]()

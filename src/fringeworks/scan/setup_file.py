@@ -1,0 +1,167 @@
+"""Set-ups on disk: which devices, their settings, and what was measured of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from pydantic import Field
+
+from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.files.capture_writer import SettingsSection, settings_of, settings_table
+from fringeworks.files.plan import read_plan, write_plan
+from fringeworks.files.toml import Section, Size, read_toml
+from fringeworks.patterns.plan import PatternPlan
+from fringeworks.scan.delay import Delay
+from fringeworks.scan.setup import Setup
+from fringeworks.types import CameraNoise, CameraSettings, Frozen
+
+PLAN_SUFFIX = ".plan.toml"
+"""Suffix of the plan's file beside the set-up's."""
+
+
+class _Device(Section):
+    """``[projector]`` and ``[camera]``: what opens the device, and its name."""
+
+    open: str
+    name: str
+
+
+class _Projector(_Device):
+    size_px: Size
+    gamma: float = Field(gt=0)
+    contrast: float = Field(gt=0)
+    min_period_px: float = Field(gt=0)
+
+
+class _Noise(Section):
+    read_counts: float = Field(ge=0)
+    gain: float = Field(ge=0)
+
+
+class _Delay(Section):
+    """``[delay]``: as ``Delay``, reduced to the figures that decide."""
+
+    appears_s: float
+    absent_s: float
+    alone_s: float
+    left_s: float
+    refresh_s: float = Field(gt=0)
+    frame_s: float = Field(gt=0)
+    transit_s: tuple[float, float] | None = None
+
+
+class SetupFile(Section):
+    """The whole of a set-up file; unknown keys are refused."""
+
+    projector: _Projector
+    camera: _Device
+    settings: SettingsSection = SettingsSection()
+    noise: _Noise
+    delay: _Delay | None = None
+    plan: str
+    """File of the proposed plan, relative to this one."""
+    predicted_sigma_px: float = Field(gt=0)
+    findings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredSetup(Frozen):
+    """A set-up that was read from a file."""
+
+    projector: str
+    """Words that open the projector."""
+    camera: str
+    """Words that open the camera."""
+    settings: CameraSettings
+    noise: CameraNoise
+    delay: Delay | None
+    plan: PatternPlan
+    findings: tuple[str, ...]
+
+
+def write_setup(path: StrPath, setup: Setup, *, projector: str, camera: str) -> list[Path]:
+    """Write a set-up as TOML, and its plan beside it.
+
+    Parameters
+    ----------
+    path : path
+    setup : Setup
+    projector, camera : str
+        Words that open the devices; see ``open_devices``.
+
+    Returns
+    -------
+    Both files.
+    """
+    path = Path(path)
+    plan = path.with_name(path.stem + PLAN_SUFFIX)
+    content: dict[str, Any] = {
+        "plan": plan.name,
+        "predicted_sigma_px": setup.proposal.sigma_px,
+        "findings": [finding.text for finding in setup.findings],
+        "projector": {
+            "open": projector,
+            "name": setup.projector,
+            "size_px": list(setup.size_px),
+            "gamma": setup.levels.gamma,
+            "contrast": setup.levels.contrast,
+            "min_period_px": max(s.min_period_px for s in setup.stripes),
+        },
+        "camera": {"open": camera, "name": setup.camera},
+        "settings": settings_table(setup.settings),
+        "noise": {"read_counts": setup.noise.read_counts, "gain": setup.noise.gain},
+    }
+    if setup.delay is not None:
+        content["delay"] = _delay_table(setup.delay)
+    write_plan(plan, setup.proposal.plan)
+    write_text(path, tomli_w.dumps(content))
+    return [path, plan]
+
+
+def read_setup(path: StrPath) -> StoredSetup:
+    """Read a set-up and its plan.
+
+    Raises
+    ------
+    FileProblem for anything missing or unknown, naming the file.
+    """
+    path = Path(path)
+    content = read_toml(path, SetupFile)
+    delay = None
+    if content.delay is not None:
+        d = content.delay
+        delay = Delay(
+            np.array([d.appears_s]),
+            np.array([d.absent_s]),
+            np.array([d.alone_s]),
+            np.array([d.left_s]),
+            d.refresh_s,
+            d.frame_s,
+            d.transit_s,
+        )
+    return StoredSetup(
+        content.projector.open,
+        content.camera.open,
+        settings_of(content.settings),
+        CameraNoise(content.noise.read_counts, content.noise.gain),
+        delay,
+        read_plan(path.with_name(content.plan)),
+        content.findings,
+    )
+
+
+def _delay_table(delay: Delay) -> dict[str, Any]:
+    """The moments of a delay that decide when frames count."""
+    table: dict[str, Any] = {
+        "appears_s": float(delay.appears_s.min()),
+        "absent_s": delay.absent_until_s,
+        "alone_s": delay.alone_from_s,
+        "left_s": float(delay.left_s.max()),
+        "refresh_s": delay.refresh_s,
+        "frame_s": delay.frame_s,
+    }
+    return table if delay.transit_s is None else table | {"transit_s": list(delay.transit_s)}

@@ -174,10 +174,10 @@ def test_colours_become_grey_as_in_files(tmp_path, channel):
 
 
 def test_frames_are_never_stale(driver):
-    driver.period_s = 0.02
+    driver.period_s = 0.05
     with WebcamCamera(0) as camera:
         made = Driver.made
-        time.sleep(0.3)
+        time.sleep(0.5)
         for _ in range(5):
             camera.discard()
             at, number = time.monotonic(), made.newest()
@@ -185,9 +185,9 @@ def test_frames_are_never_stale(driver):
             assert grab.host_s >= at
             # The frame of that moment or a later one, though the driver queues three.
             assert grab.pixels[0, 0] >= number
-            time.sleep(0.07)
+            time.sleep(0.17)
         assert camera.waiting() <= 4
-        assert camera.limits().frame_s == pytest.approx(0.02, rel=0.3)
+        assert camera.limits().frame_s == pytest.approx(0.05, rel=0.3)
         assert len(made.threads) == 1
         assert threading.current_thread() not in made.threads
     assert made.released
@@ -200,7 +200,27 @@ def test_frames_that_nobody_grabs_are_counted():
         time.sleep(0.2)
         later = [camera.grab().number for _ in range(3)]
         assert later[0] > first + 4
-        assert later == list(range(later[0], later[0] + 3))
+        assert later == sorted(set(later))
+
+
+@pytest.mark.usefixtures("driver")
+def test_a_frame_in_decoding_is_discarded_too():
+    decoding = threading.Event()
+    with WebcamCamera(0) as camera:
+        real = Driver.made.retrieve
+
+        def slow():
+            decoding.set()
+            time.sleep(0.05)
+            return real()
+
+        Driver.made.retrieve = slow
+        for _ in range(3):
+            decoding.clear()
+            assert decoding.wait(2)
+            at = time.monotonic()
+            camera.discard()
+            assert camera.grab().host_s >= at
 
 
 @pytest.mark.usefixtures("driver")
@@ -278,14 +298,21 @@ def test_a_frame_that_cannot_be_decoded_is_incomplete(driver):
 
 
 def test_a_webcam_without_frames(driver, monkeypatch):
+    monkeypatch.setattr(webcam, "_usual_cause", lambda _: "another program uses it")
     driver.gone_after = -1
-    with pytest.raises(DeviceProblem, match="expected a frame, got none from the driver"):
+    with pytest.raises(DeviceProblem, match="first frame, got none; another program uses it"):
         WebcamCamera(0)
     assert Driver.made.released
     driver.gone_after, driver.late_s = None, 0.2
     monkeypatch.setattr(webcam, "FIRST_FRAME_S", 0.01)
-    with pytest.raises(DeviceProblem, match="got none within 0.01 s"):
+    with pytest.raises(DeviceProblem, match="first frame, got none; another program uses it"):
         WebcamCamera(0)
+    monkeypatch.undo()
+    monkeypatch.setattr(cv2, "VideoCapture", driver)
+    driver.broken = range(10)
+    with pytest.raises(DeviceProblem, match="expected a frame that can be decoded"):
+        WebcamCamera(0)
+    assert Driver.made.released
 
 
 def test_a_driver_that_hangs(driver, monkeypatch):

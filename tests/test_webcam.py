@@ -11,11 +11,20 @@ import cv2
 import numpy as np
 import pytest
 
-from fringeworks import InputError
+from fringeworks import (
+    InputError,
+    PatternPlan,
+    PhaseSteps,
+    Uniform,
+    encode,
+    equal_steps,
+    read_stack,
+)
 from fringeworks.devices import frame_reader, webcam
-from fringeworks.devices.protocols import Camera, TriggeredCamera
+from fringeworks.devices.protocols import Camera, Closing, TriggeredCamera
 from fringeworks.devices.webcam import WebcamCamera, grey_of, linux_webcams, webcams
 from fringeworks.files.images import read_frame, read_frames
+from fringeworks.scan.capture import capture
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 
 
@@ -383,3 +392,44 @@ def test_a_frame_as_read_from_its_file(tmp_path):
     frame = images(1)[0]
     with WebcamCamera(sequence(tmp_path, [frame])) as camera:
         np.testing.assert_array_equal(camera.grab().pixels, read_frame(tmp_path / "f-00.png")[0])
+
+
+class Shown(Closing):
+    """A projector that remembers what it showed when."""
+
+    name, bits, refresh_s, size_px = "shown", 8, 1 / 60, (64, 48)
+
+    def __init__(self):
+        self.pictures = [(0.0, np.zeros((48, 64), np.uint8))]
+
+    def show(self, picture):
+        self.pictures.append((time.monotonic(), picture))
+        return self.pictures[-1][0]
+
+    def at(self, time_s):
+        return next(p for s, p in reversed(self.pictures) if s <= time_s)
+
+
+def test_a_capture_with_a_webcam(driver, tmp_path):
+    """Frames of colour that are exposed while pictures change, behind the driver's queue."""
+    shown, rng = Shown(), np.random.default_rng(3)
+    tint = np.array((0.5, 0.7, 0.6))
+
+    def retrieve(self):
+        end_s = self.start_s + self.grabbed * self.period_s
+        # Exposed over one period: a change of the picture in it mixes two.
+        both = [shown.at(end_s - part * self.period_s) for part in (0.1, 0.5, 0.9)]
+        light = np.mean(both, axis=0)[..., None] * tint + 8
+        return True, np.clip(np.rint(light + rng.normal(0, 1, light.shape)), 0, 255).astype(
+            np.uint8
+        )
+
+    driver.retrieve = retrieve
+    plan = PatternPlan(64, 48, (PhaseSteps("x", 16.0, equal_steps(4)), Uniform("white")))
+    with WebcamCamera(0) as camera:
+        folder = capture(shown, camera, plan, tmp_path / "c")
+    stack = read_stack(folder)
+    assert (stack.camera, stack.saturation) == ("webcam 0", 255)
+    weight = float(tint @ np.array((0.114, 0.587, 0.299)))
+    for frame, picture in zip(stack.frames, encode(plan), strict=True):
+        assert np.abs(frame - (weight * picture + 8)).mean() < 1

@@ -22,9 +22,12 @@ from fringeworks import (
     equal_steps,
     read_stack,
 )
+from fringeworks.devices.listing import list_devices
+from fringeworks.devices.opening import open_camera
 from fringeworks.devices.protocols import Camera, Closing, TriggeredCamera
 from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import measure_delay
+from fringeworks.scan.exposure_proof import exposure_obeys
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 
 try:
@@ -201,3 +204,24 @@ def test_a_killed_camera_leaves_what_was_taken(tmp_path):
 def test_an_unknown_camera_names_those_there(tmp_path):
     with peer(tmp_path, "FW6"), pytest.raises(DeviceProblem, match="Aravis-Fake-FW6: Aravis Fake"):
         GenicamCamera("Basler-123")
+
+
+def test_the_camera_is_listed_and_opened_by_words(tmp_path):
+    with peer(tmp_path, "FW7") as made:
+        words = f"genicam:{made.identifier}"
+        listed = {line.words: line for line in list_devices()[1]}
+        assert "exposure 0.01 to 10000 ms" in listed[words].description
+        assert "Mono8" in str(listed[words])
+        with open_camera(words) as camera:
+            assert camera.name == "Aravis Fake FW7"
+            busy = {line.words: line for line in list_devices()[1]}[words]
+            assert not busy.usable
+            assert "in use" in busy.description
+
+
+@pytest.mark.long
+def test_the_exposure_obeys_over_the_wire(tmp_path):
+    with peer(tmp_path, "FW8") as made, opened(made) as camera:
+        found = exposure_obeys(made.projector, camera)
+        assert found.obeyed
+        assert found.ratio == pytest.approx(2.0, abs=0.05)

@@ -11,11 +11,20 @@ import cv2
 import numpy as np
 import pytest
 
-from fringeworks import InputError
+from fringeworks import (
+    InputError,
+    PatternPlan,
+    PhaseSteps,
+    Uniform,
+    encode,
+    equal_steps,
+    read_stack,
+)
 from fringeworks.devices import frame_reader, webcam
-from fringeworks.devices.protocols import Camera, TriggeredCamera
+from fringeworks.devices.protocols import Camera, Closing, TriggeredCamera
 from fringeworks.devices.webcam import WebcamCamera, grey_of, linux_webcams, webcams
 from fringeworks.files.images import read_frame, read_frames
+from fringeworks.scan.capture import capture
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 
 
@@ -174,10 +183,10 @@ def test_colours_become_grey_as_in_files(tmp_path, channel):
 
 
 def test_frames_are_never_stale(driver):
-    driver.period_s = 0.02
+    driver.period_s = 0.05
     with WebcamCamera(0) as camera:
         made = Driver.made
-        time.sleep(0.3)
+        time.sleep(0.5)
         for _ in range(5):
             camera.discard()
             at, number = time.monotonic(), made.newest()
@@ -185,9 +194,9 @@ def test_frames_are_never_stale(driver):
             assert grab.host_s >= at
             # The frame of that moment or a later one, though the driver queues three.
             assert grab.pixels[0, 0] >= number
-            time.sleep(0.07)
+            time.sleep(0.17)
         assert camera.waiting() <= 4
-        assert camera.limits().frame_s == pytest.approx(0.02, rel=0.3)
+        assert camera.limits().frame_s == pytest.approx(0.05, rel=0.3)
         assert len(made.threads) == 1
         assert threading.current_thread() not in made.threads
     assert made.released
@@ -200,7 +209,27 @@ def test_frames_that_nobody_grabs_are_counted():
         time.sleep(0.2)
         later = [camera.grab().number for _ in range(3)]
         assert later[0] > first + 4
-        assert later == list(range(later[0], later[0] + 3))
+        assert later == sorted(set(later))
+
+
+@pytest.mark.usefixtures("driver")
+def test_a_frame_in_decoding_is_discarded_too():
+    decoding = threading.Event()
+    with WebcamCamera(0) as camera:
+        real = Driver.made.retrieve
+
+        def slow():
+            decoding.set()
+            time.sleep(0.05)
+            return real()
+
+        Driver.made.retrieve = slow
+        for _ in range(3):
+            decoding.clear()
+            assert decoding.wait(2)
+            at = time.monotonic()
+            camera.discard()
+            assert camera.grab().host_s >= at
 
 
 @pytest.mark.usefixtures("driver")
@@ -278,14 +307,21 @@ def test_a_frame_that_cannot_be_decoded_is_incomplete(driver):
 
 
 def test_a_webcam_without_frames(driver, monkeypatch):
+    monkeypatch.setattr(webcam, "_usual_cause", lambda _: "another program uses it")
     driver.gone_after = -1
-    with pytest.raises(DeviceProblem, match="expected a frame, got none from the driver"):
+    with pytest.raises(DeviceProblem, match="first frame, got none; another program uses it"):
         WebcamCamera(0)
     assert Driver.made.released
     driver.gone_after, driver.late_s = None, 0.2
     monkeypatch.setattr(webcam, "FIRST_FRAME_S", 0.01)
-    with pytest.raises(DeviceProblem, match="got none within 0.01 s"):
+    with pytest.raises(DeviceProblem, match="first frame, got none; another program uses it"):
         WebcamCamera(0)
+    monkeypatch.undo()
+    monkeypatch.setattr(cv2, "VideoCapture", driver)
+    driver.broken = range(10)
+    with pytest.raises(DeviceProblem, match="expected a frame that can be decoded"):
+        WebcamCamera(0)
+    assert Driver.made.released
 
 
 def test_a_driver_that_hangs(driver, monkeypatch):
@@ -356,3 +392,44 @@ def test_a_frame_as_read_from_its_file(tmp_path):
     frame = images(1)[0]
     with WebcamCamera(sequence(tmp_path, [frame])) as camera:
         np.testing.assert_array_equal(camera.grab().pixels, read_frame(tmp_path / "f-00.png")[0])
+
+
+class Shown(Closing):
+    """A projector that remembers what it showed when."""
+
+    name, bits, refresh_s, size_px = "shown", 8, 1 / 60, (64, 48)
+
+    def __init__(self):
+        self.pictures = [(0.0, np.zeros((48, 64), np.uint8))]
+
+    def show(self, picture):
+        self.pictures.append((time.monotonic(), picture))
+        return self.pictures[-1][0]
+
+    def at(self, time_s):
+        return next(p for s, p in reversed(self.pictures) if s <= time_s)
+
+
+def test_a_capture_with_a_webcam(driver, tmp_path):
+    """Frames of colour that are exposed while pictures change, behind the driver's queue."""
+    shown, rng = Shown(), np.random.default_rng(3)
+    tint = np.array((0.5, 0.7, 0.6))
+
+    def retrieve(self):
+        end_s = self.start_s + self.grabbed * self.period_s
+        # Exposed over one period: a change of the picture in it mixes two.
+        both = [shown.at(end_s - part * self.period_s) for part in (0.1, 0.5, 0.9)]
+        light = np.mean(both, axis=0)[..., None] * tint + 8
+        return True, np.clip(np.rint(light + rng.normal(0, 1, light.shape)), 0, 255).astype(
+            np.uint8
+        )
+
+    driver.retrieve = retrieve
+    plan = PatternPlan(64, 48, (PhaseSteps("x", 16.0, equal_steps(4)), Uniform("white")))
+    with WebcamCamera(0) as camera:
+        folder = capture(shown, camera, plan, tmp_path / "c")
+    stack = read_stack(folder)
+    assert (stack.camera, stack.saturation) == ("webcam 0", 255)
+    weight = float(tint @ np.array((0.114, 0.587, 0.299)))
+    for frame, picture in zip(stack.frames, encode(plan), strict=True):
+        assert np.abs(frame - (weight * picture + 8)).mean() < 1

@@ -83,6 +83,7 @@ class FrameReader:
         self._frames: deque[Read] = deque(maxlen=KEPT_FRAMES)
         self._arrivals_s: deque[float] = deque(maxlen=RATED_FRAMES)
         self._count = 0
+        self._discarded_s = -np.inf
         self._stop = threading.Event()
         self._problem: str | None = None
         opened: Future[None] = Future()
@@ -158,9 +159,10 @@ class FrameReader:
             return len(self._frames)
 
     def discard(self) -> None:
-        """Throw away the kept frames."""
+        """Throw away all frames that have arrived, also one that is just being decoded."""
         with self._changed:
             self._frames.clear()
+            self._discarded_s = time.monotonic()
 
     def close(self) -> None:
         """End the thread and release the source; again without effect.
@@ -237,7 +239,8 @@ class FrameReader:
 
     def _keep(self, image: NDArray[Any] | None, arrived_s: float) -> None:
         with self._changed:
-            self._frames.append(Read(image, arrived_s, self._count))
+            if arrived_s >= self._discarded_s:
+                self._frames.append(Read(image, arrived_s, self._count))
             self._arrivals_s.append(arrived_s)
             self._count += 1
             self._changed.notify_all()

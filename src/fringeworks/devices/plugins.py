@@ -6,7 +6,6 @@ import os
 from functools import cache
 
 from fringeworks.devices.registry import CAMERA_KINDS, PROJECTOR_KINDS
-from fringeworks.pair import methods as own_methods  # noqa: F401, registers first
 from fringeworks.pair.plugins import load_entry_points, run_plugin
 from fringeworks.pair.registry import REGISTERED
 
@@ -41,7 +40,9 @@ def load_plugin(path: str | os.PathLike[str]) -> list[str]:
     ------
     InputError where there is no such file, it fails, it registers nothing, or a name is taken.
     """
-    import fringeworks.devices.kinds  # noqa: F401, registers first
+    # The package's own register first, so that nobody takes their names.
+    import fringeworks.devices.kinds
+    import fringeworks.pair.methods  # noqa: F401
 
     return run_plugin(
         path,

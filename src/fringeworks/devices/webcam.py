@@ -104,13 +104,15 @@ class WebcamCamera(Closing):
         self._reader = FrameReader(open_source, self._name, live=live)
         try:
             image = self._reader.first(FIRST_FRAME_S).image
-            if image is None:
-                raise DeviceProblem(f"{self._name}: expected a frame that can be decoded, got none")
         except DeviceProblem as error:
             self._reader.close()
+            cause = _usual_cause(source) if live else "it may hold no pictures"
             raise DeviceProblem(
-                f"{error}; {_usual_cause(source)}" if live else str(error)
-            ) from None
+                f"{self._name}: expected a first frame, got none; {cause}"
+            ) from error
+        if image is None:
+            self._reader.close()
+            raise DeviceProblem(f"{self._name}: expected a frame that can be decoded, got another")
         self._size_px = image.shape[1], image.shape[0]
 
     @property

@@ -311,6 +311,10 @@ from .report.figures import (
     save_figure as save_figure,
     surface_sheet as surface_sheet,
 )
+from .report.board_sheet import (
+    board_sheet as board_sheet,
+    write_board as write_board,
+)
 
 # Showcase.
 from .showcase.demo import (

@@ -295,6 +295,12 @@ from .evaluate.form import (
     evaluate_form as evaluate_form,
 )
 
+# Scans: showing patterns and grabbing frames.
+from .scan.poses import (
+    PoseJudgement as PoseJudgement,
+    judge_poses as judge_poses,
+)
+
 # Reports.
 from .report.summary import (
     summarise as summarise,

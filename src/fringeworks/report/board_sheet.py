@@ -115,7 +115,7 @@ def board_sheet(
     Examples
     --------
     >>> sheet = board_sheet("charuco:11x8:15:11", "A4")
-    >>> [round(25.4 * side, 3) for side in sheet.get_size_inches()]
+    >>> [round(float(25.4 * side), 3) for side in sheet.get_size_inches()]
     [297.0, 210.0]
     """
     board = parse_board(board) if isinstance(board, str) else board

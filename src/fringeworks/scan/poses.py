@@ -146,7 +146,7 @@ def judge_poses(observations: Sequence[Observation], board: Board) -> PoseJudgem
     poses = [_rough_pose(o, board, focal) for o in observations]
     normals = np.stack([T[:, 2] for T in poses])
     tilts = _tilts_deg(normals)
-    tilted = int(np.sum(np.degrees(np.arccos(normals[:, 2])) >= TILTED_DEG))
+    tilted = int(np.sum(normals[:, 2] <= np.cos(np.radians(TILTED_DEG))))
     distances = _distances_mm(poses, board)
     count = len(observations)
     missing = (

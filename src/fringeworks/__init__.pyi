@@ -341,6 +341,12 @@ from .evaluate.form import (
     evaluate_form as evaluate_form,
 )
 
+# Scans: showing patterns and grabbing frames.
+from .scan.poses import (
+    PoseJudgement as PoseJudgement,
+    judge_poses as judge_poses,
+)
+
 # Reports.
 from .report.summary import (
     summarise as summarise,
@@ -356,6 +362,10 @@ from .report.figures import (
     points_sheet as points_sheet,
     save_figure as save_figure,
     surface_sheet as surface_sheet,
+)
+from .report.board_sheet import (
+    board_sheet as board_sheet,
+    write_board as write_board,
 )
 
 # Showcase.

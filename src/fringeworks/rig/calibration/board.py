@@ -50,7 +50,7 @@ class Board:
     Raises
     ------
     InputError for too few columns or rows, lengths that are not above 0, markers that do not fit
-    into their squares, and an unknown dictionary.
+    into their squares, an unknown dictionary, and one with too few markers.
     """
 
     kind: BoardKind
@@ -87,6 +87,29 @@ class Board:
                     "board: expected the name of an ArUco dictionary such as "
                     f"{DICTIONARY}, got {self.dictionary!r}"
                 )
+            self._check_markers()
+
+    def _check_markers(self) -> None:
+        """Refuse a ChArUco board that needs more markers than its dictionary has."""
+        needed = self.columns * self.rows // 2
+        number = getattr(cv2.aruco, f"DICT_{self.dictionary}")
+        known = len(cv2.aruco.getPredefinedDictionary(number).bytesList)
+        if needed > known:
+            raise InputError(
+                f"board: expected at most {known} markers, as many as the dictionary "
+                f"{self.dictionary} has, got {self.columns} × {self.rows} squares with {needed}"
+            )
+
+    @property
+    def name(self) -> str:
+        """The board's description as ``parse_board`` and ``calibrate --board`` read it."""
+        text = f"{self.kind}:{self.columns}x{self.rows}:{_shortest(self.pitch_mm)}"
+        if self.kind != "charuco":
+            return text
+        text += f":{_shortest(self.marker_mm or 0.0)}"
+        if self.dictionary != DICTIONARY:
+            text += f":{self.dictionary}"
+        return f"{text}:legacy" if self.legacy else text
 
     @cached_property
     def aruco(self) -> Any:
@@ -123,9 +146,13 @@ class Board:
     @cached_property
     def extent_mm(self) -> tuple[float, float, float, float]:
         """Left, top, right and bottom edge of the sheet in the board's coordinates, mm."""
-        low, high = self.points_mm[:, :2].min(axis=0), self.points_mm[:, :2].max(axis=0)
-        margin = SHEET_MARGIN * self.pitch_mm
-        return low[0] - margin, low[1] - margin, high[0] + margin, high[1] + margin
+        across, down = self.grid
+        first = 1.0 if self.kind == "charuco" else 0.0
+        # Every other row of an asymmetric grid is shifted by one pitch.
+        wide = 2 * (across - 1) + 1 if self.kind == "asymmetric-circles" else across - 1
+        low, p = (first - SHEET_MARGIN) * self.pitch_mm, self.pitch_mm
+        right = (first + wide + SHEET_MARGIN) * p
+        return low, low, right, (first + down - 1 + SHEET_MARGIN) * p
 
     def albedo(self, x_mm: FloatMap, y_mm: FloatMap) -> FloatMap:
         """Return the reflectance at points of the board, 0…1.
@@ -174,6 +201,11 @@ class Board:
         """Ink of a ChArUco board as an image, 0…1."""
         size = (self.columns * PRINT_PX_PER_SQUARE, self.rows * PRINT_PX_PER_SQUARE)
         return np.asarray(1.0 - self.aruco.generateImage(size) / 255.0)
+
+
+def _shortest(length_mm: float) -> str:
+    """The shortest text that reads back as exactly this length."""
+    return repr(float(length_mm)).removesuffix(".0")
 
 
 def parse_board(text: str) -> Board:

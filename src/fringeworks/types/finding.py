@@ -19,6 +19,7 @@ FrameFindingKind = Literal[
     "scatter",
     "files",
     "unmeasured",
+    "exposures",
 ]
 """What a finding is about."""
 

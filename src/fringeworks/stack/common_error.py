@@ -53,6 +53,7 @@ def common_variance(x: FloatMap, variance: FloatMap) -> FloatMap:
     Medians are insensitive to wrong orders.
     """
     best = np.min(np.where(np.isfinite(variance), variance, np.inf), axis=0)
+    best[np.isinf(best)] = 0.0
     parts = []
     for one, other in combinations(range(len(x)), 2):
         both = np.isfinite(x[one]) & np.isfinite(x[other])
@@ -66,7 +67,7 @@ def common_variance(x: FloatMap, variance: FloatMap) -> FloatMap:
         return np.zeros(best.shape)
     with np.errstate(divide="ignore"):
         share = np.interp(np.log(best), places, shares)
-    return np.where(np.isfinite(best), best * share, 0.0)
+    return np.asarray(best * share)
 
 
 def _shares(smaller: FloatMap, total: FloatMap, square: FloatMap) -> tuple[FloatMap, FloatMap]:

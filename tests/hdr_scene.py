@@ -24,9 +24,9 @@ def glossy_view(seed):
     view = look(RIG, [ball])
     rng = np.random.default_rng(seed)
     v, u = np.mgrid[: view.albedo.shape[0], : view.albedo.shape[1]]
-    bend = np.sin(u / 19.0 + rng.uniform(0, 6))
+    bend = np.sin(u / 40.0 + rng.uniform(0, 6))
     # A sine of a phase that grows: most of the paint is nearly black or nearly white.
-    return replace(view, albedo=0.02 ** (0.5 + 0.5 * np.sin(v / 14.0 + bend + rng.uniform(0, 6))))
+    return replace(view, albedo=0.02 ** (0.5 + 0.5 * np.sin(v / 16.0 + bend + rng.uniform(0, 6))))
 
 
 def hdr_bench(view, *, seed, exposure=0.2, strength=4.0, camera=None):

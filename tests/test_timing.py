@@ -159,3 +159,20 @@ def test_noise_is_measured():
     read = np.mean([n.read_counts**2 for n in found])
     assert read == pytest.approx(1.5**2 + 1 / 12, rel=0.15)
     assert np.mean([n.gain for n in found]) == pytest.approx(0.05, rel=0.1)
+
+
+def test_noise_is_measured_where_black_is_clipped():
+    """Most samples of a dark scene are 0, and a highlight is at the limit."""
+    rng = np.random.default_rng(1)
+    light = np.geomspace(0.5, 300, 64 * 80).reshape(64, 80)
+
+    def frame(share):
+        shown = light * share
+        noisy = shown + np.sqrt(1.5**2 + 0.05 * shown) * rng.standard_normal(light.shape)
+        return np.clip(np.rint(noisy), 0, 255)
+
+    found = [
+        noise_between([(frame(0.01), frame(0.01)), (frame(1.0), frame(1.0))]) for _ in range(20)
+    ]
+    assert np.mean([n.read_counts**2 for n in found]) == pytest.approx(1.5**2 + 1 / 12, rel=0.2)
+    assert np.mean([n.gain for n in found]) == pytest.approx(0.05, rel=0.15)

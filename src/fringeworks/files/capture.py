@@ -48,8 +48,8 @@ def read_capture(path: StrPath) -> Pair | Stack:
             if (path / PLAN_FILE).is_file():
                 return read_stack(path)
             raise missing_description(path, f"{CAPTURE_FILE} or {PLAN_FILE}")
-        if kind_of(description) == "stack":
-            return read_stack(path)
+        if kind_of(description) in ("stack", "exposures"):
+            return read_stack(path)  # which says how several exposures are read
         content = read_toml(description, CaptureFile)
         with parsing(path, "a pair of frames"):
             return read_pair_folder(path, content)

@@ -192,6 +192,11 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
     described = description.is_file()
     if described and kind_of(description) == "pair":
         raise FileProblem(f"{folder}: expected a stack of frames, got a pair: reconstruct it")
+    if described and kind_of(description) == "exposures":
+        raise FileProblem(
+            f"{folder}: expected a stack of frames, got several exposures of a scene: decode or "
+            "measure the folder, which fuses them, or read one of its folders 0, 1, …"
+        )
     content = read_toml(description, StackFile) if described else StackFile(kind="stack")
     if plan is None:
         plan = inside(folder, content.plan)

@@ -10,8 +10,8 @@ from typing import Unpack
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.stack import read_poses
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.pipeline.decoding import decoded
 from fringeworks.pipeline.inputs import inputs_of
-from fringeworks.pipeline.stacks import decoded
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.calibrate import Calibration, Observation, calibrate, observe
 from fringeworks.stack.even_light import texture

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.capture import read_capture
+from fringeworks.files.exposures import is_exposures, read_exposures
 from fringeworks.files.stack import read_stack
 from fringeworks.stack.frames import Stack
 from fringeworks.types import (
@@ -41,9 +42,35 @@ def stack_of(stack: Stack | StrPath) -> Stack:
     return stack
 
 
-def inputs_of(stack: Stack) -> tuple[Source, ...]:
-    """The files of a stack as inputs; its arrays where it was not read."""
-    return stack.sources or sources_of(**dict(zip(stack.plan.labels(), stack.frames, strict=False)))
+def stacks_of(source: Stack | Sequence[Stack] | StrPath) -> tuple[Stack, ...]:
+    """The stacks of all exposures of a scene; a single one where there is one exposure.
+
+    Raises
+    ------
+    InputError for no stacks, something else, and stacks of different plans.
+    """
+    if isinstance(source, (str, os.PathLike)):
+        return read_exposures(source) if is_exposures(source) else (read_stack(source),)
+    if not isinstance(source, Sequence):
+        return (stack_of(source),)
+    stacks = tuple(stack_of(one) for one in source)
+    if not stacks:
+        raise InputError("stack: expected at least one, got none")
+    for number, stack in enumerate(stacks[1:], 2):
+        if stack.plan != stacks[0].plan:
+            raise InputError(f"exposure {number}: expected the plan of the first, got another")
+    return stacks
+
+
+def inputs_of(*stacks: Stack) -> tuple[Source, ...]:
+    """The files of stacks as inputs; their arrays where they were not read."""
+    found: list[Source] = []
+    for number, stack in enumerate(stacks, 1):
+        before = f"exposure {number}: " if len(stacks) > 1 else ""
+        named = zip(stack.plan.labels(), stack.frames, strict=False)
+        arrays = {before + label: frame for label, frame in named} if not stack.sources else {}
+        found += [*stack.sources, *sources_of(**arrays)]
+    return tuple(found)
 
 
 def sources_of(**arrays: Any) -> tuple[Source, ...]:

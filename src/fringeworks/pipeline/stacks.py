@@ -13,7 +13,8 @@ from fringeworks.files.atomic import StrPath
 from fringeworks.files.rig import read_rig
 from fringeworks.files.stack import read_stack
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
-from fringeworks.pipeline.inputs import inputs_of, stack_of
+from fringeworks.pipeline.decoding import decoded_exposures, given_options
+from fringeworks.pipeline.inputs import inputs_of, stack_of, stacks_of
 from fringeworks.rig.point_findings import part_notes, point_notes, unit_notes
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.signal.response import (
@@ -26,14 +27,12 @@ from fringeworks.stack.decode import decode
 from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.stack.unmeasured import unmeasured
 from fringeworks.stack.wrapped import WrappedPhase, steps_plan, wrapped_phase
 from fringeworks.types import (
     Axis,
     CameraNoise,
     Decoded,
     FloatMap,
-    FrameFinding,
     Frozen,
     InputError,
     PointCloud,
@@ -58,13 +57,17 @@ class Measurement(Frozen):
     """What was found in the frames, and what was decided because of it."""
 
 
-def decode_stack(stack: Stack | StrPath, **options: Unpack[DecodeOptions]) -> Decoded:
+def decode_stack(
+    stack: Stack | Sequence[Stack] | StrPath, **options: Unpack[DecodeOptions]
+) -> Decoded:
     """Decode a stack of frames to projector coordinates; ``decode`` does it for arrays.
 
     Parameters
     ----------
-    stack : Stack or path
-        Frames and their plan; or a capture to read.
+    stack : Stack, sequence of Stack, or path
+        Frames and their plan; or a capture to read. Several exposures of one scene, from
+        ``read_exposures`` or a folder that ``capture_hdr`` has written, are decoded each by itself
+        and fused (``fuse``).
     **options
         Of ``decode``; the stack's own saturation and count step hold where none is given.
 
@@ -76,19 +79,19 @@ def decode_stack(stack: Stack | StrPath, **options: Unpack[DecodeOptions]) -> De
     ------
     InputError as ``decode``, and for a response of other devices than the stack's.
     """
-    stack = stack_of(stack)
-    found = decoded(stack, options)
+    stacks = stacks_of(stack)
+    found = decoded_exposures(stacks, options)
     origin = made_by(
         "decode_stack",
-        options=_given(stack, options),
-        inputs=inputs_of(stack),
-        plan=stack.plan,
+        options=given_options(stacks[0], options),
+        inputs=inputs_of(*stacks),
+        plan=stacks[0].plan,
     )
     return replace(found, provenance=origin)
 
 
 def measure(
-    stack: Stack | StrPath,
+    stack: Stack | Sequence[Stack] | StrPath,
     rig: Rig | Triangulator | StrPath,
     *,
     axis: Axis | None = None,
@@ -99,8 +102,9 @@ def measure(
 
     Parameters
     ----------
-    stack : Stack or path
-        Frames and their plan; or a capture to read.
+    stack : Stack, sequence of Stack, or path
+        Frames and their plan, or a capture to read; also several exposures, as for
+        ``decode_stack``.
     rig : Rig, Triangulator or path
         A ``Triangulator`` saves its preparation when many stacks are measured.
     axis : "x" or "y", optional
@@ -112,35 +116,45 @@ def measure(
 
     Returns
     -------
-    Measurement, its points with the scene's brightness where the plan shows it.
+    Measurement, its points with the scene's brightness where the plan shows it. For several
+    exposures the brightness is the background in counts of the first.
 
     Raises
     ------
     RigMismatch where rig and stack do not belong together, and as ``decode``.
     """
-    stack = stack_of(stack)
+    stacks = stacks_of(stack)
+    plan = stacks[0].plan
     if not isinstance(rig, Triangulator):
         rig = Triangulator(rig if isinstance(rig, Rig) else read_rig(rig))
-    check_projector(rig.rig, stack)
+    check_projector(rig.rig, stacks[0])
     started = time.perf_counter()
-    found = decoded(stack, options)
-    try:
-        colour: FloatMap | None = sealed(texture(stack.frames, stack.plan))
-    except InputError:
-        colour = None  # the plan shows the scene under fringes only
-    points = rig.triangulate(found, axis=axis, epipolar_px=epipolar_px, colour=colour)
+    found = decoded_exposures(stacks, options)
+    points = rig.triangulate(
+        found, axis=axis, epipolar_px=epipolar_px, colour=_colour(stacks, found)
+    )
     seconds = time.perf_counter() - started
     origin = made_by(
         "measure",
-        options={"axis": axis, "epipolar_px": epipolar_px, **_given(stack, options)},
-        inputs=inputs_of(stack),
-        plan=stack.plan,
+        options={"axis": axis, "epipolar_px": epipolar_px, **given_options(stacks[0], options)},
+        inputs=inputs_of(*stacks),
+        plan=plan,
         rig=rig.rig,
     )
     found = replace(found, provenance=origin)
-    part = (*unit_notes(rig.rig), *part_notes(rig.rig, stack.plan.height_px))
+    part = (*unit_notes(rig.rig), *part_notes(rig.rig, plan.height_px))
     notes = (*found.notes, *part, *point_notes(points))
     return Measurement(replace(points, provenance=origin), found, seconds, notes)
+
+
+def _colour(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None:
+    """Brightness of the scene, (h, w), counts; None where the plan does not show it."""
+    if len(stacks) > 1:
+        return next(iter(found.maps.values())).background
+    try:
+        return sealed(texture(stacks[0].frames, stacks[0].plan))
+    except InputError:
+        return None  # the plan shows the scene under fringes only
 
 
 def response_from_stack(
@@ -182,7 +196,7 @@ def response_from_stack(
     if not 1 <= number <= len(sets):
         raise InputError(f"number: expected 1 to {len(sets)} sets of steps, got {number}")
     first, steps = sets[number - 1]
-    given = _given(stack, options)
+    given = given_options(stack, options)
     coordinate = _gray_coordinate(stack, steps.axis, given)
     frames = np.stack(stack.frames[first : first + steps.frames])
     limit = given["saturation"]
@@ -284,36 +298,3 @@ def _gray_coordinate(stack: Stack, axis: Axis, options: DecodeOptions) -> FloatM
     frames = [stack.frames[k] for first, block in kept for k in range(first, first + block.frames)]
     alone = PatternPlan(plan.width_px, plan.height_px, tuple(block for _, block in kept))
     return decode(frames, alone, **options).maps[axis].coordinate_px.astype(np.float64)
-
-
-def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
-    """Decode the frames of a stack; a response must be that of its devices."""
-    response = options.get("response")
-    if response is not None:
-        check_devices(response, stack.camera, stack.projector)
-    found = decode(stack.frames, stack.plan, **_given(stack, options))
-    findings = (*_of_files(stack), *found.findings, *unmeasured(found))
-    return replace(found, findings=findings)
-
-
-def _of_files(stack: Stack) -> tuple[FrameFinding, ...]:
-    """What reading the files found."""
-    findings = [FrameFinding("files", note) for note in stack.notes]
-    if stack.lossy:
-        findings.append(
-            FrameFinding(
-                "files",
-                "the frames were compressed with loss (JPEG)",
-                advice="store them without loss: the compression makes errors that no average "
-                "removes",
-            )
-        )
-    return tuple(findings)
-
-
-def _given(stack: Stack, options: DecodeOptions) -> DecodeOptions:
-    """The options that are not None; without them, the stack's own saturation and count step."""
-    known: Any = {name: value for name, value in options.items() if value is not None}
-    merged: DecodeOptions = {"saturation": stack.saturation, "count_step": stack.count_step}
-    merged.update(known)
-    return merged

@@ -34,9 +34,9 @@ COUNTED = 0.99
 changes in the scene."""
 COUNTED_VARIANCE = 0.923
 """Mean of the smallest 99 % of the squares of normal values, over the mean of all."""
-CLIPPED_SHARE = 0.02
-"""Share of a group's pixels at the smallest or largest count of a frame from which on its noise is
-cut off. Noise that is not reaches the ends once in thousands of pixels."""
+MAX_CLIPPED = 0.03
+"""Largest share of samples at the darkest or brightest count in a group whose noise is used. Where
+black is count 0, or a highlight saturates, clipping hides noise: at this share, 3 % of σ."""
 ROUNDING_VARIANCE = 1.0 / 12.0
 """Variance of rounding to whole counts: no frame has less noise."""
 
@@ -94,20 +94,21 @@ def noise_between(pairs: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> CameraN
     -------
     CameraNoise: the variance of half the difference, fitted over brightness (theory §9).
     """
-    brightness, variance = [], []
-    for one, other in pairs:
-        a, b = compared(one).ravel(), compared(other).ravel()
+    grids = [(compared(one).ravel(), compared(other).ravel()) for one, other in pairs]
+    lowest, highest = (float(f([f(g) for g in grids])) for f in (np.min, np.max))
+    brightness, variance, clipped = [], [], []
+    for a, b in grids:
         order = np.argsort(a + b, kind="stable")
-        parts = np.array_split(order, BRIGHTNESS_BINS)
-        ends = float(min(a.min(), b.min())), float(max(a.max(), b.max()))
-        # Noise is cut off at the ends of the range, where a third or less of it is left.
-        whole = [part for part in parts if np.mean(np.isin(a[part], ends)) < CLIPPED_SHARE]
-        for part in whole or parts:
+        for part in np.array_split(order, BRIGHTNESS_BINS):
             squares = np.sort(0.5 * (a[part] - b[part]) ** 2)
             kept = squares[: max(1, int(COUNTED * squares.size))]
+            both = np.concatenate((a[part], b[part]))
             brightness.append(0.5 * float(np.mean(a[part] + b[part])))
             variance.append(float(np.mean(kept)) / COUNTED_VARIANCE)
-    I, v = np.array(brightness), np.maximum(variance, ROUNDING_VARIANCE)  # noqa: E741
+            clipped.append(float(np.mean((both <= lowest) | (both >= highest))))
+    usable = np.array(clipped) <= MAX_CLIPPED
+    usable |= not usable.any()
+    I, v = np.array(brightness)[usable], np.maximum(variance, ROUNDING_VARIANCE)[usable]  # noqa: E741
     # A variance scatters in proportion to itself, so relative errors are made small.
     design = np.column_stack((np.ones_like(I), I)) / v[:, None]
     read, gain = np.linalg.lstsq(design, np.ones_like(v), rcond=None)[0]

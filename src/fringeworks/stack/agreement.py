@@ -148,7 +148,7 @@ def agreement(
     maps = decode_sample(decoding, planes, noise, open_limits)
     lit = lit_pixels(maps)
     parts: dict[str, float] = {
-        "residual": _residual(decoding, points, noise),
+        "residual": _residual(decoding, points, noise, limits),
         "lit": float(np.mean(lit)),
     }
     if len(decoding.sets) > 1:
@@ -175,7 +175,9 @@ def agreement(
     return Agreement(**parts)
 
 
-def _residual(decoding: Decoding, points: tuple[NDArray[Any], ...], noise: CameraNoise) -> float:
+def _residual(
+    decoding: Decoding, points: tuple[NDArray[Any], ...], noise: CameraNoise, limits: Limits
+) -> float:
     """Variance of the residuals beyond noise over B², of the lit pixels, relative to unrelated
     frames."""
     worst = 0.0
@@ -185,6 +187,10 @@ def _residual(decoding: Decoding, points: tuple[NDArray[Any], ...], noise: Camer
         stride = max(1, points[0].size // RESIDUAL_PIXELS)
         values = np.stack([points[k][0, ::stride] for k in phases.frames]).astype(np.float64)
         values = values[:, np.isfinite(values).all(axis=0)]
+        # Samples that are cut off fit no fringe, whatever the order of the frames.
+        clear = (values < limits.saturation).all(axis=0)
+        if limits.given or clear.sum() >= MIN_JUDGED_PIXELS:
+            values = values[:, clear]
         fitted, square = solve(values, phases.rows)
         spread = values.var(axis=0)
         bright = spread >= LIT_SPREAD * np.percentile(spread, 95) if spread.size else spread > 0

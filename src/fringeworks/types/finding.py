@@ -25,6 +25,7 @@ FrameFindingKind = Literal[
     "lost pixels",
     "convergence",
     "raw colours",
+    "exposures",
 ]
 """What a finding is about."""
 

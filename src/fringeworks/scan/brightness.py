@@ -1,0 +1,110 @@
+"""Brightness of the scene under black and white, at known settings of the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fringeworks.devices.pixel_formats import full_scale
+from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.scan.agreement import Agreement
+from fringeworks.types import BoolMap, CameraSettings, FloatMap, Frozen
+
+LIT_SIGMAS = 5.0
+"""Rise from black to white from which on a pixel counts as lit, in standard deviations of its
+noise: noise alone reaches it in one pixel of three million."""
+CLIPPED_SHARE = 0.985
+"""Share of full scale from which on a sample counts as saturated. Pixels of a sensor clip at
+slightly different counts, and noise hides clipping just below full scale."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Brightness(Frozen):
+    """What the camera sees under black and white."""
+
+    settings: CameraSettings
+    """Settings of the camera."""
+    black: FloatMap
+    """Frame under black, (h, w), shares of full scale."""
+    white: FloatMap
+    """Frame under white, (h, w), shares of full scale."""
+    lit: BoolMap
+    """True where white is brighter than black by more than noise, (h, w)."""
+    full: float
+    """Largest count of the camera."""
+
+    @property
+    def saturated(self) -> BoolMap:
+        """True where white reaches the sensor's limit, (h, w)."""
+        return np.asarray(self.white >= CLIPPED_SHARE)
+
+    @property
+    def amount(self) -> float:
+        """Exposure times gain, ms; brightness is proportional to it."""
+        return amount_of(self.settings)
+
+
+def amount_of(settings: CameraSettings) -> float:
+    """Return exposure times gain, ms; an unknown exposure counts as 1 ms, no gain as 0 dB."""
+    return float((settings.exposure_ms or 1.0) * 10.0 ** ((settings.gain_db or 0.0) / 20.0))
+
+
+def measure_brightness(
+    projector: Projector, camera: Camera, settings: CameraSettings
+) -> Brightness:
+    """Show black and white, and grab a frame of each.
+
+    Parameters
+    ----------
+    projector : Projector
+    camera : Camera
+    settings : CameraSettings
+        The camera's present settings, for the result.
+
+    Raises
+    ------
+    DeviceProblem where white is not brighter than black, or frames do not come.
+    """
+    agreement = Agreement(projector, camera)
+    grabs = agreement.start()
+    black, white = (grab.pixels.astype(np.float64) for grab in grabs)
+    noise = agreement.noise.variance(black) + agreement.noise.variance(white)
+    full = largest_count(settings, grabs[0].pixels.dtype)
+    lit = white - black > LIT_SIGMAS * np.sqrt(noise)
+    return Brightness(settings, black / full, white / full, lit, full)
+
+
+def light_per_ms(seen: Sequence[Brightness]) -> tuple[FloatMap, BoolMap]:
+    """Combine the brightness at several settings into that of every lit pixel.
+
+    Parameters
+    ----------
+    seen : sequence of Brightness
+
+    Returns
+    -------
+    light : (k,) array
+        Share of full scale per ms under white at 0 dB of all lit pixels; of saturated ones a lower
+        bound.
+    bounded : (k,) bool array
+        True where a pixel is saturated in all of them.
+    """
+    lit = np.any([b.lit for b in seen], axis=0)
+    light = np.full(lit.shape, np.nan)
+    bounded = np.ones(lit.shape, bool)
+    for one in sorted(seen, key=lambda b: b.amount):
+        usable = ~one.saturated
+        # Longer exposures have less noise, and replace shorter ones while they are not saturated.
+        light = np.where(usable | np.isnan(light), one.white / one.amount, light)
+        bounded &= ~usable
+    return light[lit], bounded[lit]
+
+
+def largest_count(settings: CameraSettings, kind: np.dtype[Any]) -> float:
+    """Return the largest count, by the pixel format or the type of the frames."""
+    if settings.pixel_format is not None:
+        return float(full_scale(settings.pixel_format))
+    return float(np.iinfo(kind).max)

@@ -92,6 +92,24 @@ from .devices.protocols import (
     Projector as Projector,
     TriggeredCamera as TriggeredCamera,
 )
+from .devices.window import (
+    WindowProjector as WindowProjector,
+)
+from .devices.memory_projector import (
+    MemoryProjector as MemoryProjector,
+)
+from .devices.webcam import (
+    WebcamCamera as WebcamCamera,
+)
+from .devices.genicam import (
+    GenicamCamera as GenicamCamera,
+)
+from .devices.folder_camera import (
+    FolderCamera as FolderCamera,
+)
+from .devices.virtual_bench import (
+    virtual_bench as virtual_bench,
+)
 from .devices.opening import (
     camera_kind as camera_kind,
     open_camera as open_camera,
@@ -101,6 +119,12 @@ from .devices.opening import (
 )
 from .devices.listing import (
     list_devices as list_devices,
+)
+from .devices.registry import (
+    ListedDevice as ListedDevice,
+)
+from .devices.clock import (
+    Clock as Clock,
 )
 
 # Scans: showing, grabbing, and what the devices can do.
@@ -122,6 +146,16 @@ from .scan.frames import (
 )
 from .scan.capture import (
     capture as capture,
+)
+from .scan.exposure import (
+    auto_exposure as auto_exposure,
+    exposure_series as exposure_series,
+)
+from .scan.hdr import (
+    capture_hdr as capture_hdr,
+)
+from .scan.sequence import (
+    capture_sequence as capture_sequence,
 )
 
 # Signal: what is in a frame before analysis.
@@ -208,6 +242,9 @@ from .stack.decode import (
 )
 from .stack.stream import (
     StreamingDecoder as StreamingDecoder,
+)
+from .stack.fuse import (
+    fuse as fuse,
 )
 from .stack.shifts import (
     estimate_shifts as estimate_shifts,

@@ -35,6 +35,12 @@ Format = Annotated[
     str | None, typer.Option("--pixel-format", help="Such as Mono8, Mono12p or BayerRG8.")
 ]
 Average = Annotated[int, typer.Option("--average", help="Frames averaged for each picture.")]
+AutoExposure = Annotated[
+    bool, typer.Option("--auto-exposure", help="Choose exposure and gain for fringes first.")
+]
+Hdr = Annotated[
+    int, typer.Option("--hdr", help="Number of exposures, decoded one by one and then fused.")
+]
 Fast = Annotated[
     bool, typer.Option("--fast", help="Rely on the delay that the set-up has measured.")
 ]
@@ -146,6 +152,8 @@ def capture(
     exposure_ms: Exposure = None,
     gain_db: GainDb = None,
     pixel_format: Format = None,
+    auto_exposure: AutoExposure = False,
+    hdr: Hdr = 1,
     average: Average = 1,
     fast: Fast = False,
     resume: Resume = False,
@@ -156,7 +164,8 @@ def capture(
     words = output.Output()
     settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
     with _opened(projector, camera, setup, settings) as bench:
-        _capture(bench, plan, out, average=average, fast=fast, resume=resume, force=force)
+        how = _How(average, fast, auto_exposure, hdr, resume, force)
+        _capture(bench, plan, out, how)
     words.wrote(out)
 
 
@@ -179,6 +188,8 @@ def scan(
     exposure_ms: Exposure = None,
     gain_db: GainDb = None,
     pixel_format: Format = None,
+    auto_exposure: AutoExposure = False,
+    hdr: Hdr = 1,
     average: Average = 1,
     fast: Fast = False,
     resume: Resume = False,
@@ -192,7 +203,8 @@ def scan(
     known = fw.read_rig(rig)
     settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
     with _opened(projector, camera, setup, settings) as bench:
-        _capture(bench, plan, folder, average=average, fast=fast, resume=resume, force=force)
+        how = _How(average, fast, auto_exposure, hdr, resume, force)
+        _capture(bench, plan, folder, how)
     found = fw.measure(folder, known)
     with output.target(out, ".ply") as place:
         fw.write_points(place, found.points, kind=ply.value)
@@ -202,35 +214,68 @@ def scan(
     words.wrote(folder, out, json_file)
 
 
-def _capture(
-    bench: _Bench,
-    plan: Path | None,
-    folder: Path,
-    *,
-    average: int,
-    fast: bool,
-    resume: bool,
-    force: bool,
-) -> None:
+@dataclass(frozen=True)
+class _How:
+    """How the frames of a plan are taken."""
+
+    average: int
+    fast: bool
+    auto_exposure: bool
+    hdr: int
+    resume: bool
+    force: bool
+
+
+def _delay(bench: _Bench, how: _How) -> Any:
+    """The delay of the set-up, where the fast way is asked for."""
+    if not how.fast:
+        return None
+    if bench.setup is None or bench.setup.delay is None:
+        raise fw.InputError("--fast: expected a set-up with a measured delay, got none")
+    if how.hdr > 1 or how.auto_exposure:
+        raise fw.InputError(
+            "--fast cannot be combined with --hdr or --auto-exposure: the delay depends on the "
+            "exposure"
+        )
+    return bench.setup.delay
+
+
+def _capture(bench: _Bench, plan: Path | None, folder: Path, how: _How) -> None:
     """Take the frames of a plan into a folder."""
     if plan is None and bench.setup is None:
         raise fw.InputError("plan: expected a plan file, or --setup with its plan; got neither")
     chosen = bench.setup.plan if plan is None else fw.read_plan(plan)
-    delay = None
-    if fast:
-        delay = None if bench.setup is None else bench.setup.delay
-        if delay is None:
-            raise fw.InputError("--fast: expected a set-up with a measured delay, got none")
+    delay = _delay(bench, how)
+    settings = bench.settings
+    if how.auto_exposure and how.hdr == 1:
+        bench.camera.configure(settings)
+        settings = fw.auto_exposure(bench.projector, bench.camera)
+    if how.hdr > 1:
+        bench.camera.configure(settings)
+        series = fw.exposure_series(bench.projector, bench.camera, how.hdr)
+        with output.progress(chosen.frames * len(series)) as step:
+            fw.capture_hdr(
+                bench.projector,
+                bench.camera,
+                chosen,
+                folder,
+                series,
+                average=how.average,
+                resume=how.resume,
+                force=how.force,
+                progress=step,
+            )
+        return
     with output.progress(chosen.frames) as step:
         fw.capture(
             bench.projector,
             bench.camera,
             chosen,
             folder,
-            settings=bench.settings,
+            settings=settings,
             delay=delay,
-            average=average,
-            resume=resume,
-            force=force,
+            average=how.average,
+            resume=how.resume,
+            force=how.force,
             progress=step,
         )

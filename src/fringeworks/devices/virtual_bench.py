@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fringeworks.devices.clock import Clock
+from fringeworks.devices.protocols import Projector, TriggeredCamera
 from fringeworks.devices.virtual_camera import CameraModel, VirtualCamera
 from fringeworks.devices.virtual_projector import ProjectorModel, VirtualProjector
 from fringeworks.devices.virtual_scene import RigScene
@@ -46,7 +47,7 @@ SCENES: dict[str, Callable[[], list[Body]]] = {
 
 def virtual_bench(
     scene: str = "", *, clock: Clock | None = None, seed: int = 0
-) -> tuple[VirtualProjector, VirtualCamera]:
+) -> tuple[Projector, TriggeredCamera]:
     """Return a virtual projector and a virtual camera that look at a scene.
 
     Parameters

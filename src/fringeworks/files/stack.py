@@ -187,17 +187,9 @@ def _plan_of(plan: StrPath | PatternPlan) -> PatternPlan:
 
 
 def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
-    refuse_unfinished(folder)
     description = folder / CAPTURE_FILE
     described = description.is_file()
-    if described and kind_of(description) == "pair":
-        raise FileProblem(f"{folder}: expected a stack of frames, got a pair: reconstruct it")
-    if described and kind_of(description) == "exposures":
-        raise FileProblem(
-            f"{folder}: expected a stack of frames, got several exposures of a scene: decode or "
-            "measure the folder, which fuses them, or read one of its folders 0, 1, …"
-        )
-    content = read_toml(description, StackFile) if described else StackFile(kind="stack")
+    content = _described(folder)
     if plan is None:
         plan = inside(folder, content.plan)
         if not is_file(plan):
@@ -232,6 +224,23 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
         step,
         lossy,
     )
+
+
+def _described(folder: Path) -> StackFile:
+    """The description of a folder that holds a complete stack; an empty one where it has none."""
+    refuse_unfinished(folder)
+    description = folder / CAPTURE_FILE
+    if not description.is_file():
+        return StackFile(kind="stack")
+    kind = kind_of(description)
+    if kind == "pair":
+        raise FileProblem(f"{folder}: expected a stack of frames, got a pair: reconstruct it")
+    if kind == "exposures":
+        raise FileProblem(
+            f"{folder}: expected a stack of frames, got several exposures of a scene: decode or "
+            "measure the folder, which fuses them, or read one of its folders 0, 1, …"
+        )
+    return read_toml(description, StackFile)
 
 
 def _images(folder: Path) -> list[Path]:

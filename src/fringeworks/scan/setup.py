@@ -30,6 +30,8 @@ from fringeworks.types import (
 DARK_QUANTILE = 0.1
 """Quantile of the modulation over the lit pixels that a plan is proposed for: nine of ten pixels
 are brighter."""
+STEADY_KINDS = ("range", "scale")
+"""Findings that compare the light of several pictures, and mean nothing where the light flickers."""
 DELAY_ADVICE = (
     "scans take frames by agreement, which needs no delay; use a camera with a steady frame rate"
 )
@@ -116,8 +118,10 @@ def set_up(
         stripes = _stripes(projector, agreement, levels, orientation)
     except DeviceProblem as error:
         raise _explained(error, found) from error
-    # Light that flickers changes the contrast of stripes from picture to picture.
-    resized = [] if flicker.findings else [finding for s in stripes for finding in s.findings]
+    of_light = [*levels.findings, *(finding for s in stripes for finding in s.findings)]
+    if flicker.findings:
+        # Light that flickers changes levels and contrast from picture to picture.
+        of_light = [finding for finding in of_light if finding.kind not in STEADY_KINDS]
     progress("delay")
     delay, late = _delay(projector, camera, clock)
     return Setup(
@@ -132,7 +136,7 @@ def set_up(
         stripes,
         delay,
         _proposed(projector.size_px, frames, axes, agreement.noise, levels, stripes),
-        (*orientation.findings, *levels.findings, *resized, *found, *late),
+        (*orientation.findings, *of_light, *found, *late),
     )
 
 

@@ -31,7 +31,7 @@ DARK_QUANTILE = 0.1
 """Quantile of the modulation over the lit pixels that a plan is proposed for: nine of ten pixels
 are brighter."""
 STEADY_KINDS = ("range", "scale")
-"""Findings that compare the light of several pictures, and mean nothing where the light flickers."""
+"""Findings that compare the light of several pictures: they mean nothing where it flickers."""
 DELAY_ADVICE = (
     "scans take frames by agreement, which needs no delay; use a camera with a steady frame rate"
 )

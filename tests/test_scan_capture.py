@@ -33,10 +33,8 @@ def test_a_capture_is_what_was_shown(tmp_path):
 
 def test_fast_and_averaged(tmp_path):
     b = bench({"delay_s": 0.03}, {"fps": 60})
-    delay = measure_delay(b.projector, b.camera, clock=b.clock, triggered=True)
-    folder = capture(
-        b.projector, b.camera, plan(), tmp_path / "c", delay=delay, average=9, clock=b.clock
-    )
+    delay = measure_delay(b.projector, b.camera, triggered=True)
+    folder = capture(b.projector, b.camera, plan(), tmp_path / "c", delay=delay, average=9)
     stack = read_stack(folder)
     slow = capture(
         b.projector,

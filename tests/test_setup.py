@@ -41,7 +41,7 @@ def measured(projector, camera, seed, **scene):
         scene=Screen(ROWS, COLUMNS, **scene),
         seed=seed,
     )
-    return set_up(b.projector, b.camera, clock=b.clock)
+    return set_up(b.projector, b.camera)
 
 
 @pytest.mark.parametrize("name", FAULTS)
@@ -90,7 +90,7 @@ def test_contrast_and_period_follow_the_optics():
             return ndimage.gaussian_filter(super().projected(light), 1.2)
 
     b = bench({"width_px": COLUMNS, "height_px": ROWS}, scene=Soft(ROWS, COLUMNS))
-    found = set_up(b.projector, b.camera, clock=b.clock)
+    found = set_up(b.projector, b.camera)
     assert found.findings == ()
     stripes = found.stripes[0]
     # The camera sees every second pixel, so its blur is 2.4 projector px.

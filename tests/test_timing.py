@@ -45,8 +45,8 @@ def wrong_in_fast_mode(seed, devices, frames, triggered=False):
     if triggered:
         camera = camera | {"jitter_frames": 0}
     b = bench(projector, camera, seed=seed)
-    delay = measure_delay(b.projector, b.camera, clock=b.clock, triggered=triggered, seed=seed)
-    taker = FastTaker(b.projector, b.camera, delay, clock=b.clock)
+    delay = measure_delay(b.projector, b.camera, triggered=triggered, seed=seed)
+    taker = FastTaker(b.projector, b.camera, delay)
     pictures = list(itertools.islice(itertools.cycle(list(encode(plan()))), frames))
     grabs = taker.take(pictures)
     return sum(not b.shows_only(g, p) for g, p in zip(grabs, pictures, strict=True))
@@ -89,9 +89,9 @@ def test_time_of_a_scan():
         taker.take(picture)
     assert b.clock.now_s() - start <= 1.5
     b = bench(*devices)
-    delay = measure_delay(b.projector, b.camera, clock=b.clock, triggered=True)
+    delay = measure_delay(b.projector, b.camera, triggered=True)
     start = b.clock.now_s()
-    FastTaker(b.projector, b.camera, delay, clock=b.clock).take(pictures)
+    FastTaker(b.projector, b.camera, delay).take(pictures)
     assert b.clock.now_s() - start <= 0.6
 
 
@@ -102,7 +102,7 @@ def test_measured_delay_is_right_within_a_frame(delay_s, shutter):
     b = bench(
         {"delay_s": delay_s}, {"fps": 59.0, "delay_s": 0.02, "readout_s": 0.01, "shutter": shutter}
     )
-    delay = measure_delay(b.projector, b.camera, clock=b.clock)
+    delay = measure_delay(b.projector, b.camera)
     exposure_s, frame_s = 16.667e-3, 1 / 59
     begins_s = delay_s + 0.02 + (0.01 if shutter == "global" else 0.0)
     assert abs(delay.appears_s.min() - begins_s) <= frame_s

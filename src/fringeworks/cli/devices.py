@@ -13,7 +13,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
-from fringeworks.cli.options import Folder, Force, JsonFile, Ply, PlyOption
+from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Ply, PlyOption, items
 from fringeworks.cli.words import say_points
 
 SECTION = "Devices"
@@ -104,13 +104,21 @@ def setup(
     gain_db: GainDb = None,
     pixel_format: Format = None,
     frames: Annotated[int, typer.Option(help="Frames of the plan that is proposed.")] = 12,
+    axes: Annotated[
+        str, typer.Option(help="Axes of that plan: x, y or x,y; a calibration needs both.")
+    ] = "x",
 ) -> None:
     """Find out what a projector and a camera can do together, and propose a plan."""
     words = output.Output(out)
     settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
     with _opened(projector, camera, None, settings) as bench, output.progress() as step:
         found = fw.set_up(
-            bench.projector, bench.camera, settings=bench.settings, frames=frames, progress=step
+            bench.projector,
+            bench.camera,
+            settings=bench.settings,
+            frames=frames,
+            axes=tuple(items(AxisName, axes, "axes")),
+            progress=step,
         )
     assert projector is not None
     assert camera is not None

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 
+@runtime_checkable
 class Clock(Protocol):
     """Time of virtual devices, s."""
 
@@ -26,6 +27,12 @@ class SystemClock:
     def wait_until(self, time_s: float) -> None:
         """Sleep until then."""
         time.sleep(max(0.0, time_s - time.monotonic()))
+
+
+def clock_of(device: object) -> Clock:
+    """Return the clock that a device lives on: a virtual device's own, else the machine's."""
+    clock = getattr(device, "clock", None)
+    return clock if isinstance(clock, Clock) else SystemClock()
 
 
 class SimulatedClock:

@@ -125,9 +125,13 @@ def open_devices(projector: str, camera: str) -> tuple[Projector, Camera]:
                 "virtual devices: expected projector and camera to be virtual, got "
                 f"{projector} and {camera}"
             )
+        from fringeworks.devices.clock import SimulatedClock
         from fringeworks.devices.virtual_bench import virtual_bench
 
-        return virtual_bench(camera.partition(":")[2] or projector.partition(":")[2])
+        # Virtual devices make nobody wait.
+        return virtual_bench(
+            camera.partition(":")[2] or projector.partition(":")[2], clock=SimulatedClock()
+        )
     opened = open_projector(projector)
     try:
         return opened, open_camera(camera)

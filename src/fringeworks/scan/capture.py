@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fringeworks.devices.clock import Clock
 from fringeworks.devices.pixel_formats import full_scale
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.files.atomic import StrPath
@@ -31,7 +30,6 @@ def capture(
     resume: bool = False,
     force: bool = False,
     progress: Progress = lambda _: None,
-    clock: Clock | None = None,
 ) -> Path:
     """Show the pictures of a plan, take a frame of each, and write them as a capture.
 
@@ -54,8 +52,6 @@ def capture(
         Write into a folder with other things in it, too.
     progress : callable
         Called with the label of every frame that was taken.
-    clock : Clock, optional
-        The machine's by default.
 
     Returns
     -------
@@ -88,7 +84,6 @@ def capture(
             average=average,
             only=writer.missing,
             progress=progress,
-            clock=clock,
         ):
             writer.add(number, frame)
     return Path(folder)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, optimize
 
-from fringeworks.devices.clock import Clock, SystemClock
+from fringeworks.devices.clock import Clock, clock_of
 from fringeworks.devices.protocols import (
     Camera,
     Grab,
@@ -140,7 +140,6 @@ def measure_delay(
     projector: Projector,
     camera: Camera,
     *,
-    clock: Clock | None = None,
     triggered: bool = False,
     seed: int = 0,
 ) -> Delay:
@@ -151,8 +150,6 @@ def measure_delay(
     projector : Projector
     camera : Camera
         Configured as it will be for the scan.
-    clock : Clock, optional
-        The machine's by default.
     triggered : bool
         Whether frames are triggered.
     seed : int
@@ -172,7 +169,7 @@ def measure_delay(
     sequence is a mixture of them; the shares are found by least squares with no negative share.
     This needs no knowledge of where the camera looks.
     """
-    clock = clock or SystemClock()
+    clock = clock_of(projector)
     refresh_s = projector.refresh_s or USUAL_REFRESH_S
     side_px = max(4, max(projector.size_px) // BLOCK_SHARE)
     pictures = block_pictures(projector, COUNTERS, side_px=side_px, seed=seed)

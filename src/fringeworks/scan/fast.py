@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from fringeworks.devices.clock import Clock, SystemClock
+from fringeworks.devices.clock import clock_of
 from fringeworks.devices.protocols import (
     Camera,
     Grab,
@@ -36,8 +36,6 @@ class FastTaker:
         Configured as when the delay was measured.
     delay : Delay
         From ``measure_delay``.
-    clock : Clock, optional
-        The machine's by default.
 
     Notes
     -----
@@ -46,13 +44,11 @@ class FastTaker:
     and pictures without a frame are shown again.
     """
 
-    def __init__(
-        self, projector: Projector, camera: Camera, delay: Delay, *, clock: Clock | None = None
-    ) -> None:
+    def __init__(self, projector: Projector, camera: Camera, delay: Delay) -> None:
         self._projector = projector
         self._camera = camera
         self._delay = delay
-        self._clock = clock or SystemClock()
+        self._clock = clock_of(projector)
         self._triggers_s: list[float] = []
 
     def take(self, pictures: Sequence[NDArray[Any]]) -> list[Grab]:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.devices.clock import Clock
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import PatternPlan
@@ -30,7 +29,6 @@ def take_frames(
     average: int = 1,
     only: Iterable[int] | None = None,
     progress: Progress = lambda _: None,
-    clock: Clock | None = None,
 ) -> Iterator[tuple[int, NDArray[Any]]]:
     """Show the pictures of a plan and take a frame of each.
 
@@ -49,8 +47,6 @@ def take_frames(
     only : numbers of pictures, optional
         All by default.
     progress : callable
-    clock : Clock, optional
-        The machine's by default.
 
     Yields
     ------
@@ -70,7 +66,7 @@ def take_frames(
             projector, taker, plan, average=average, only=only, progress=progress
         )
         return
-    fast = FastTaker(projector, camera, delay, clock=clock)
+    fast = FastTaker(projector, camera, delay)
     chosen = list(_pictures(projector, plan, only))
     rounds = [fast.take([picture for _, picture in chosen]) for _ in range(average)]
     labels = plan.labels()

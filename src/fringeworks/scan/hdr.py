@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from fringeworks.devices.clock import Clock
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.exposures import writing_exposures
@@ -30,7 +29,6 @@ def capture_hdr(
     resume: bool = False,
     force: bool = False,
     progress: Progress = lambda _: None,
-    clock: Clock | None = None,
 ) -> Path:
     """Capture a scene with several exposures, each as a capture of its own.
 
@@ -46,7 +44,7 @@ def capture_hdr(
         From ``exposure_series``: one for each exposure.
     delays : sequence of Delay, optional
         One for each exposure, for the fast way of taking frames: a delay depends on the exposure.
-    average, force, progress, clock
+    average, force, progress
         As for ``capture``. The labels that ``progress`` gets begin with the exposure, as in
         ``exposure 2 of 3: x0_00``.
     resume : bool
@@ -82,7 +80,6 @@ def capture_hdr(
                 resume=begun,
                 force=force,
                 progress=_numbered(progress, number, len(settings)),
-                clock=clock,
             )
     return Path(folder)
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fringeworks.devices.clock import Clock
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.propose import Proposal, propose
 from fringeworks.scan.agreement import Agreement
@@ -73,7 +72,6 @@ def set_up(
     frames: int = 12,
     axes: tuple[Axis, ...] = ("x",),
     progress: Callable[[str], None] = lambda _: None,
-    clock: Clock | None = None,
 ) -> Setup:
     """Measure what a projector and a camera can do together.
 
@@ -90,8 +88,6 @@ def set_up(
         Axes of that plan.
     progress : callable
         Called with the name of every check before it begins.
-    clock : Clock, optional
-        The machine's by default.
 
     Returns
     -------
@@ -123,7 +119,7 @@ def set_up(
         # Light that flickers changes levels and contrast from picture to picture.
         of_light = [finding for finding in of_light if finding.kind not in STEADY_KINDS]
     progress("delay")
-    delay, late = _delay(projector, camera, clock)
+    delay, late = _delay(projector, camera)
     return Setup(
         projector.name,
         camera.name,
@@ -195,12 +191,10 @@ def _explained(error: DeviceProblem, findings: list[SetupFinding]) -> DeviceProb
     return DeviceProblem("; ".join([str(error), *(finding.text for finding in findings)]))
 
 
-def _delay(
-    projector: Projector, camera: Camera, clock: Clock | None
-) -> tuple[Delay | None, list[SetupFinding]]:
+def _delay(projector: Projector, camera: Camera) -> tuple[Delay | None, list[SetupFinding]]:
     """The delay, or the finding that it cannot be measured."""
     try:
-        return measure_delay(projector, camera, clock=clock), []
+        return measure_delay(projector, camera), []
     except DeviceProblem as error:
         causes = ("frames that arrive irregularly", "a delay that changes")
         return None, [SetupFinding("delay", str(error), causes, DELAY_ADVICE)]

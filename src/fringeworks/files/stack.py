@@ -190,13 +190,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
     refuse_unfinished(folder)
     description = folder / CAPTURE_FILE
     described = description.is_file()
-    if described and kind_of(description) == "pair":
-        raise FileProblem(f"{folder}: expected a stack of frames, got a pair: reconstruct it")
-    if described and kind_of(description) == "exposures":
-        raise FileProblem(
-            f"{folder}: expected a stack of frames, got several exposures of a scene: decode or "
-            "measure the folder, which fuses them, or read one of its folders 0, 1, …"
-        )
+    _refuse_other_kinds(folder, description)
     content = read_toml(description, StackFile) if described else StackFile(kind="stack")
     if plan is None:
         plan = inside(folder, content.plan)
@@ -232,6 +226,18 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
         step,
         lossy,
     )
+
+
+def _refuse_other_kinds(folder: Path, description: Path) -> None:
+    """Refuse a capture that is a pair, or several exposures of a scene."""
+    kind = kind_of(description) if description.is_file() else None
+    if kind == "pair":
+        raise FileProblem(f"{folder}: expected a stack of frames, got a pair: reconstruct it")
+    if kind == "exposures":
+        raise FileProblem(
+            f"{folder}: expected a stack of frames, got several exposures of a scene: decode or "
+            "measure the folder, which fuses them, or read one of its folders 0, 1, …"
+        )
 
 
 def _images(folder: Path) -> list[Path]:

@@ -7,14 +7,14 @@ import shutil
 import numpy as np
 import pytest
 
-from fringeworks import FileProblem, InputError, read_stack
+from fringeworks import FileProblem, FramesContradictPlan, InputError, decode, read_stack
 from fringeworks.files.capture import read_capture
 from fringeworks.files.exposures import is_exposures, read_exposures
 from fringeworks.pipeline.stacks import decode_stack, measure
 from fringeworks.scan.capture import capture
 from fringeworks.scan.exposure import auto_exposure, exposure_series
 from fringeworks.scan.hdr import capture_hdr
-from fringeworks.simulate import truth_distance
+from fringeworks.simulate import Optics, photograph, truth_distance
 from fringeworks.types import CameraSettings, DeviceProblem, Reason
 from tests.hdr_scene import RIG, glossy_view, hdr_bench, hdr_plan
 from tests.test_scan_capture import Interrupting
@@ -153,3 +153,15 @@ def test_an_exposure_that_shows_nothing_is_left_out(exposures):
     assert "exposure 1 of 2 is not used" in found.findings[0].text
     with pytest.raises(InputError):
         decode_stack([black, black])
+
+
+@pytest.mark.parametrize("exposure", [8.0, 20.0])
+def test_a_long_exposure_of_a_series_is_decoded(exposure):
+    """Most of the bright pixels are saturated, and contradict no order of the frames."""
+    optics = Optics(exposure=exposure, noise=1.0, gain=0.02)
+    frames = list(photograph(glossy_view(0), hdr_plan(), optics))
+    found = decode(frames, hdr_plan(), saturation=255.0)
+    assert 0.3 < np.mean(found.x.reason == Reason.OK) < 0.7
+    frames[1], frames[2] = frames[2], frames[1]
+    with pytest.raises(FramesContradictPlan):
+        decode(frames, hdr_plan(), saturation=255.0)

@@ -73,6 +73,10 @@ from .files.stack import (
     read_stack as read_stack,
     write_stack as write_stack,
 )
+from .files.exposures import (
+    is_exposures as is_exposures,
+    read_exposures as read_exposures,
+)
 from .files.images import (
     read_frame as read_frame,
     write_frame as write_frame,

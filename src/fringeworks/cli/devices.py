@@ -117,7 +117,7 @@ def setup(
             bench.camera,
             settings=bench.settings,
             frames=frames,
-            axes=tuple(items(AxisName, axes, "axes")),
+            axes=tuple(axis.value for axis in items(AxisName, axes, "axes")),
             progress=step,
         )
     assert projector is not None

@@ -60,6 +60,15 @@ def _stack(
     return _named(fw.read_stack(path, plan), camera, projector)
 
 
+def _captured(
+    path: Path, plan: Path | None, camera: str | None, projector: str | None
+) -> fw.Stack | tuple[fw.Stack, ...]:
+    """A stack, or the stacks of several exposures of a scene."""
+    if plan is None and fw.is_exposures(path):
+        return tuple(_named(stack, camera, projector) for stack in fw.read_exposures(path))
+    return _stack(path, plan, camera, projector)
+
+
 def _named(stack: fw.Stack, camera: str | None, projector: str | None) -> fw.Stack:
     """The stack with the names of its devices, where they are given."""
     return replace(stack, camera=camera or stack.camera, projector=projector or stack.projector)
@@ -192,7 +201,7 @@ def decode(
         raise fw.InputError("--unwrap: expected together with --steps")
     with output.progress() as progress:
         progress("reading …")
-        loaded = _stack(stack, plan, camera, projector)
+        loaded = _captured(stack, plan, camera, projector)
         progress("decoding …")
         if relative:
             options["absolute"] = False
@@ -349,7 +358,7 @@ def measure(
     )
     with output.progress() as progress:
         progress("reading …")
-        loaded, calibrated = _stack(stack, plan, camera, projector), fw.read_rig(rig_file)
+        loaded, calibrated = _captured(stack, plan, camera, projector), fw.read_rig(rig_file)
         progress("measuring …")
         found = fw.measure(
             loaded,

@@ -187,13 +187,13 @@ def _residual(
         stride = max(1, points[0].size // RESIDUAL_PIXELS)
         values = np.stack([points[k][0, ::stride] for k in phases.frames]).astype(np.float64)
         values = values[:, np.isfinite(values).all(axis=0)]
-        # Samples that are cut off fit no fringe, whatever the order of the frames.
-        clear = (values < limits.saturation).all(axis=0)
-        if limits.given or clear.sum() >= MIN_JUDGED_PIXELS:
-            values = values[:, clear]
         fitted, square = solve(values, phases.rows)
         spread = values.var(axis=0)
         bright = spread >= LIT_SPREAD * np.percentile(spread, 95) if spread.size else spread > 0
+        # Samples that are cut off fit no fringe, whatever the order of the frames.
+        clear = bright & (values < limits.saturation).all(axis=0)
+        if limits.given or clear.sum() >= MIN_JUDGED_PIXELS:
+            bright = clear
         power = fitted[1] ** 2 + fitted[2] ** 2 + square / len(values)
         if bright.any():
             excess = square[bright] / (len(values) - 3) - noise.variance(fitted[0][bright])

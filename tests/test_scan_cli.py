@@ -6,7 +6,6 @@ import json
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import fringeworks as fw
@@ -33,10 +32,8 @@ def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
             continue
         assert run(words) == 0, (words, capsys.readouterr())
     assert json.loads(Path("part.json").read_text())["points"] > 3000
-    cloud = fw.read_cloud("part.ply")
-    xyz = cloud.xyz_mm[np.isfinite(cloud.xyz_mm).all(axis=-1)]
-    found = fw.fit_region(xyz, "sphere")
-    assert found.radius_mm == pytest.approx(RADIUS_MM, abs=0.1)
+    found = fw.fit_region(fw.read_points("part.ply").xyz_mm, "sphere")
+    assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.1)
 
 
 @pytest.mark.parametrize(

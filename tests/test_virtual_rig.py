@@ -297,7 +297,7 @@ def test_a_virtual_capture_is_like_a_real_one(tmp_path):
         assert np.nanmedian(np.abs(off[truth["lit"]])) < 0.05
     with pytest.raises(InputError, match="the plan has 12, got 3"):
         write_stack(tmp_path / "short", frames[:3], plan)
-    assert not (tmp_path / "short" / "plan.toml").exists()
+    assert not (tmp_path / "short" / "capture.toml").exists()
 
 
 def test_rays_of_neighbours_are_apart():

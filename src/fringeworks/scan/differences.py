@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from fringeworks.types import CameraNoise, FloatMap
 
@@ -111,8 +112,5 @@ def noise_between(pairs: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> CameraN
     I, v = np.array(brightness)[usable], np.maximum(variance, ROUNDING_VARIANCE)[usable]  # noqa: E741
     # A variance scatters in proportion to itself, so relative errors are made small.
     design = np.column_stack((np.ones_like(I), I)) / v[:, None]
-    read, gain = np.linalg.lstsq(design, np.ones_like(v), rcond=None)[0]
-    if gain < 0 or read < ROUNDING_VARIANCE:
-        gain = max(0.0, float(np.median((v - ROUNDING_VARIANCE) / np.maximum(I, 1.0))))
-        read = max(ROUNDING_VARIANCE, float(np.median(v - gain * I)))
-    return CameraNoise(float(np.sqrt(read)), float(gain))
+    (read, gain), _ = optimize.nnls(design, np.ones_like(v))
+    return CameraNoise(float(np.sqrt(max(read, ROUNDING_VARIANCE))), float(gain))

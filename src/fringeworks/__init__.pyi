@@ -151,6 +151,10 @@ from .scan.frames import (
 from .scan.capture import (
     capture as capture,
 )
+from .scan.live import (
+    LiveCloud as LiveCloud,
+    live as live,
+)
 from .scan.exposure import (
     auto_exposure as auto_exposure,
     exposure_series as exposure_series,

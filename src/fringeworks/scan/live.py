@@ -1,0 +1,111 @@
+"""Live measurement: points again and again, in memory that is kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Unpack
+
+import numpy as np
+
+from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.patterns.encode import encode
+from fringeworks.patterns.plan import PatternPlan
+from fringeworks.rig.triangulate import Triangulator
+from fringeworks.scan.agreement import Agreement
+from fringeworks.scan.delay import Delay
+from fringeworks.scan.fast import FastTaker
+from fringeworks.scan.frames import check_plan, on_screen, taken_by_agreement
+from fringeworks.stack.decode import decode
+from fringeworks.stack.options import DecodeOptions
+from fringeworks.types import Decoded, Frozen, PointCloud, Reason, Rig
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LiveCloud(Frozen):
+    """One measurement of a live sequence."""
+
+    points: PointCloud
+    """Valid until the next measurement, which is written to the same memory."""
+    decoded: Decoded
+    """Projector coordinates that the points come from; valid until the next measurement."""
+    taking_s: float
+    """Time that taking the frames took, s."""
+    computing_s: float
+    """Time that decoding and triangulation took, s."""
+
+    @property
+    def points_per_s(self) -> float:
+        """Measured points over the time of the whole measurement, 1/s."""
+        count = int(np.sum(self.points.reason == Reason.OK))
+        return count / max(self.taking_s + self.computing_s, 1e-9)
+
+    def __str__(self) -> str:
+        count = int(np.sum(self.points.reason == Reason.OK))
+        return (
+            f"{count} points, frames {1e3 * self.taking_s:.0f} ms, computing "
+            f"{1e3 * self.computing_s:.0f} ms, {1e-6 * self.points_per_s:.2f} million points/s"
+        )
+
+
+def live(
+    projector: Projector,
+    camera: Camera,
+    plan: PatternPlan,
+    rig: Rig | Triangulator,
+    *,
+    delay: Delay | None = None,
+    **options: Unpack[DecodeOptions],
+) -> Iterator[LiveCloud]:
+    """Measure points again and again, until the caller stops.
+
+    Parameters
+    ----------
+    projector : Projector
+    camera : Camera
+    plan : PatternPlan
+    rig : Rig or Triangulator
+    delay : Delay, optional
+        From ``measure_delay``, for the fast way of taking frames.
+    **options
+        Of ``decode``.
+
+    Yields
+    ------
+    LiveCloud. Its arrays are those of the measurement before, written to again: copy what is kept.
+
+    Raises
+    ------
+    InputError as ``take_frames``, ``decode`` and ``triangulate``.
+
+    Examples
+    --------
+    >>> from fringeworks.devices.clock import SimulatedClock
+    >>> from fringeworks.devices.virtual_bench import SCALE, virtual_bench
+    >>> from fringeworks.simulate import fringe_plan, standard_rig
+    >>> rig = standard_rig(scale=SCALE)
+    >>> projector, camera = virtual_bench("sphere", clock=SimulatedClock())
+    >>> cloud = next(live(projector, camera, fringe_plan(rig, both=False), rig))
+    >>> bool((cloud.points.reason == 0).sum() > 3000)
+    True
+    """
+    check_plan(projector, plan)
+    triangulator = rig if isinstance(rig, Triangulator) else Triangulator(rig)
+    pictures = [on_screen(picture, projector) for picture in encode(plan)]
+    agreement = None if delay is not None else Agreement(projector, camera)
+    fast = None if delay is None else FastTaker(projector, camera, delay)
+    decoded: Decoded | None = None
+    points: PointCloud | None = None
+    while True:
+        started = time.perf_counter()
+        if fast is not None:
+            frames = [grab.pixels for grab in fast.take(pictures)]
+        else:
+            assert agreement is not None
+            frames = [frame for _, frame in taken_by_agreement(projector, agreement, plan)]
+        taken = time.perf_counter()
+        decoded = decode(frames, plan, out=decoded, **options)
+        points = triangulator.triangulate(decoded, out=points)
+        computed = time.perf_counter()
+        yield LiveCloud(points, decoded, taken - started, computed - taken)

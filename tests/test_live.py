@@ -1,0 +1,39 @@
+"""Live measurement on virtual devices, and the example."""
+
+from __future__ import annotations
+
+import runpy
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fringeworks as fw
+from fringeworks.devices.clock import SimulatedClock
+from fringeworks.devices.virtual_bench import RADIUS_MM, SCALE, virtual_bench
+from fringeworks.simulate import fringe_plan, standard_rig
+
+RIG = standard_rig(scale=SCALE)
+PLAN = fringe_plan(RIG, both=False)
+
+
+@pytest.mark.parametrize("fast", [False, True])
+def test_every_cloud_is_the_sphere_in_the_same_memory(fast):
+    projector, camera = virtual_bench("sphere", clock=SimulatedClock())
+    delay = fw.measure_delay(projector, camera, triggered=True) if fast else None
+    memory = set()
+    for cloud in islice(fw.live(projector, camera, PLAN, RIG, delay=delay), 3):
+        xyz = cloud.points.xyz_mm[cloud.points.reason == 0]
+        found = fw.fit_region(np.array(xyz, float), "sphere")
+        assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.05)
+        assert cloud.points_per_s > 0
+        memory.add(cloud.points.xyz_mm.__array_interface__["data"][0])
+    assert len(memory) == 1
+
+
+def test_the_example(capsys):
+    runpy.run_path(str(Path(__file__).parent.parent / "examples" / "live.py"))
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 5
+    assert all("million points/s" in line for line in lines)

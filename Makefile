@@ -18,7 +18,7 @@ demo: $(VENV)/.built
 
 test: $(VENV)/.built
 	cargo test --quiet
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/test_faults.py -m "not long"
+	$(BIN)/python -m pytest -n 2 --dist worksteal --ignore tests/test_faults.py -m "not long"
 
 # Statistics over many captures, which take minutes.
 long: $(VENV)/.built

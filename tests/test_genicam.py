@@ -163,7 +163,7 @@ def test_sixteen_bit_frames(tmp_path):
         assert camera.grab().pixels.dtype == np.uint16
 
 
-@pytest.mark.parametrize("fast", [False, True])
+@pytest.mark.parametrize("fast", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_capture_over_the_wire_is_exact(tmp_path, fast):
     with peer(tmp_path, "FW3") as made, opened(made) as camera:
         delay = measure_delay(made.projector, camera, triggered=True) if fast else None

@@ -212,6 +212,7 @@ def test_a_hand_that_follows_the_words_gets_a_good_calibration(seed):
     check_accuracy(adjust([s for _, s in taken], rig(), places).rig, rig())
 
 
+@pytest.mark.long
 def test_photographed_poses_that_are_enough_calibrate_the_rig():
     observations = [
         see(placed(*p), name, optics=Optics(seed=k)) for k, (name, p) in enumerate(GOOD.items())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from pathlib import Path
@@ -31,6 +32,14 @@ def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
                 ), pose
             continue
         assert run(words) == 0, (words, capsys.readouterr())
+    # The poses that lie there count; the user ends the taking of more.
+    monkeypatch.setattr("sys.stdin", io.StringIO("q\n"))
+    capsys.readouterr()
+    live = "calibrate board/ --live --setup setup.toml --board chessboard:11x8:12 --out live.toml"
+    assert run(live.split()) == 0
+    assert f"{POSES} poses" in capsys.readouterr().out
+    focal = [fw.read_rig(name).camera.focal_px for name in ("live.toml", "rig.toml")]
+    assert focal[0] == pytest.approx(focal[1], rel=1e-9)
     assert json.loads(Path("part.json").read_text())["points"] > 3000
     found = fw.fit_region(fw.read_points("part.ply").xyz_mm, "sphere")
     assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.1)

@@ -155,6 +155,11 @@ from .scan.live import (
     LiveCloud as LiveCloud,
     live as live,
 )
+from .scan.live_calibration import (
+    TakenPose as TakenPose,
+    calibrate_live as calibrate_live,
+    take_poses as take_poses,
+)
 from .scan.exposure import (
     auto_exposure as auto_exposure,
     exposure_series as exposure_series,
@@ -353,6 +358,7 @@ from .pipeline.stacks import (
 )
 from .pipeline.boards import (
     calibrate_stacks as calibrate_stacks,
+    observe_stack as observe_stack,
 )
 
 # Simulation.

@@ -61,7 +61,7 @@ class _Bench:
 
 
 @contextmanager
-def _opened(
+def opened(
     projector: str | None,
     camera: str | None,
     setup: Path | None,
@@ -111,7 +111,7 @@ def setup(
     """Find out what a projector and a camera can do together, and propose a plan."""
     words = output.Output(out)
     settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
-    with _opened(projector, camera, None, settings) as bench, output.progress() as step:
+    with opened(projector, camera, None, settings) as bench, output.progress() as step:
         found = fw.set_up(
             bench.projector,
             bench.camera,
@@ -171,7 +171,7 @@ def capture(
     output.check_folder(out)
     words = output.Output()
     settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
-    with _opened(projector, camera, setup, settings) as bench:
+    with opened(projector, camera, setup, settings) as bench:
         how = _How(average, fast, auto_exposure, hdr, resume, force)
         _capture(bench, plan, out, how)
     words.wrote(out)
@@ -210,7 +210,7 @@ def scan(
     words = output.Output(out, json_file)
     known = fw.read_rig(rig)
     settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
-    with _opened(projector, camera, setup, settings) as bench:
+    with opened(projector, camera, setup, settings) as bench:
         how = _How(average, fast, auto_exposure, hdr, resume, force)
         _capture(bench, plan, folder, how)
     found = fw.measure(folder, known)
@@ -220,6 +220,30 @@ def scan(
     output.write_json(json_file, figures)
     say_points(words, figures)
     words.wrote(folder, out, json_file)
+
+
+def take_poses(setup: Path, plan: Path | None, board: fw.Board, folder: Path) -> None:
+    """Take poses of a board until they are enough; the user presses Enter for each."""
+
+    def ready(judgement: fw.PoseJudgement) -> bool:
+        typer.echo(f"{judgement}")
+        answer = typer.prompt(
+            "Enter takes the pose, q ends", default="", show_default=False, err=True
+        )
+        return not str(answer).strip().lower().startswith("q")
+
+    with opened(None, None, setup, fw.CameraSettings()) as bench:
+        chosen = bench.setup.plan if plan is None else fw.read_plan(plan)
+        fw.take_poses(
+            bench.projector,
+            bench.camera,
+            chosen,
+            board,
+            folder,
+            ready=ready,
+            taken=lambda pose: typer.echo(f"{pose}"),
+            settings=bench.settings,
+        )
 
 
 @dataclass(frozen=True)

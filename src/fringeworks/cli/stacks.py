@@ -12,6 +12,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
+from fringeworks.cli.devices import take_poses
 from fringeworks.cli.options import (
     AxisName,
     Camera,
@@ -285,6 +286,12 @@ def calibrate(
     response: ResponseFile = None,
     camera: Camera = None,
     projector: Projector = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Take the poses first, each judged at once; see --setup.")
+    ] = False,
+    setup: Annotated[
+        Path | None, typer.Option("--setup", help="Set-up file of the devices, with --live.")
+    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Calibrate a camera and projector with a board in several poses."""
@@ -294,6 +301,10 @@ def calibrate(
 
     output.check(out, check_rig_target)
     known = fw.parse_board(board)
+    if live:
+        if setup is None:
+            raise fw.InputError("--live: expected together with --setup")
+        take_poses(setup, plan, known, folder)
     options = _options(
         noise, gain, saturation, min_modulation, estimate_steps, estimate_response, response
     )

@@ -74,7 +74,7 @@ def calibrate_stacks(
         inputs.append(Source(name, fingerprint(tuple(s.sha256 for s in inputs_of(stack)))))
         plans[stack.plan] = None
         try:
-            observations.append(_observed(name, stack, board, options))
+            observations.append(observe_stack(stack, board, name=name, **options))
         except (BoardNotFound, FramesContradictPlan) as error:
             skipped[name] = str(error) if name in str(error) else f"{name}: {error}"
     progress("adjusting …")
@@ -88,8 +88,25 @@ def calibrate_stacks(
     return replace(found, rig=replace(found.rig, provenance=origin))
 
 
-def _observed(name: str, stack: Stack, board: Board, options: DecodeOptions) -> Observation:
-    """The board in one pose."""
+def observe_stack(
+    stack: Stack, board: Board, *, name: str = "pose", **options: Unpack[DecodeOptions]
+) -> Observation:
+    """Find a board in the frames of one pose, and read the projector coordinates of its corners.
+
+    Parameters
+    ----------
+    stack : Stack
+        Both axes of the projector.
+    board : Board
+    name : str
+        Name of the pose in errors and reports.
+    **options
+        Of ``decode``.
+
+    Raises
+    ------
+    BoardNotFound where the board is not found; InputError as ``decode``.
+    """
     size = (stack.plan.width_px, stack.plan.height_px)
     image = texture(stack.frames, stack.plan)
     return observe(image, decoded(stack, options), board, projector_size=size, name=name)

@@ -1,0 +1,172 @@
+"""Calibration while the board is moved: every pose is judged as soon as it is taken."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Unpack
+
+from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.files.atomic import StrPath
+from fringeworks.files.stack import pose_paths, read_stack
+from fringeworks.patterns.plan import PatternPlan
+from fringeworks.pipeline.boards import calibrate_stacks, observe_stack
+from fringeworks.rig.calibration.board import Board, parse_board
+from fringeworks.rig.calibration.calibrate import Calibration, Observation
+from fringeworks.scan.capture import capture
+from fringeworks.scan.delay import Delay
+from fringeworks.scan.poses import PoseJudgement, judge_poses
+from fringeworks.stack.options import DecodeOptions
+from fringeworks.types import (
+    BoardNotFound,
+    CameraSettings,
+    FramesContradictPlan,
+    Frozen,
+    InputError,
+)
+
+MOST_POSES = 40
+"""Largest number of poses that are taken. Twelve to twenty are enough for someone who follows the
+words."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TakenPose(Frozen):
+    """A pose of the board that was taken, and what it is good for."""
+
+    name: str
+    """Name of the pose, and of its folder."""
+    corners: int
+    """Number of corners that both devices see; 0 where the board was not found."""
+    problem: str
+    """Why the pose cannot be used; empty where it can."""
+    judgement: PoseJudgement
+    """Of all poses so far, with what is still missing."""
+
+    def __str__(self) -> str:
+        seen = self.problem or f"{self.name}: {self.corners} corners"
+        return f"{seen}; {self.judgement}"
+
+
+def calibrate_live(
+    projector: Projector,
+    camera: Camera,
+    plan: PatternPlan,
+    board: Board | str,
+    folder: StrPath,
+    *,
+    ready: Callable[[PoseJudgement], bool],
+    taken: Callable[[TakenPose], None] = lambda _: None,
+    settings: CameraSettings | None = None,
+    delay: Delay | None = None,
+    distortion: int | None = None,
+    **options: Unpack[DecodeOptions],
+) -> Calibration:
+    """Take poses of a board one after another until they are enough, and calibrate.
+
+    Parameters and errors as ``take_poses``; ``distortion`` as for ``calibrate``.
+
+    Returns
+    -------
+    Calibration from all poses in the folder.
+    """
+    board = parse_board(board) if isinstance(board, str) else board
+    take_poses(
+        projector,
+        camera,
+        plan,
+        board,
+        folder,
+        ready=ready,
+        taken=taken,
+        settings=settings,
+        delay=delay,
+        **options,
+    )
+    return calibrate_stacks(folder, board, distortion=distortion, **options)
+
+
+def take_poses(
+    projector: Projector,
+    camera: Camera,
+    plan: PatternPlan,
+    board: Board | str,
+    folder: StrPath,
+    *,
+    ready: Callable[[PoseJudgement], bool],
+    taken: Callable[[TakenPose], None] = lambda _: None,
+    settings: CameraSettings | None = None,
+    delay: Delay | None = None,
+    **options: Unpack[DecodeOptions],
+) -> PoseJudgement:
+    """Take poses of a board one after another until they are enough.
+
+    Parameters
+    ----------
+    projector : Projector
+    camera : Camera
+    plan : PatternPlan
+        With both axes.
+    board : Board or str
+    folder : path
+        A folder with a capture for each pose. Poses that lie there already count: an interrupted
+        calibration goes on.
+    ready : callable
+        Called with the judgement so far before each pose; returns when the board rests in its next
+        place. False ends the taking of poses.
+    taken : callable
+        Called after each pose.
+    settings, delay
+        As for ``capture``.
+    **options
+        Of ``decode``.
+
+    Returns
+    -------
+    PoseJudgement of all poses in the folder.
+
+    Raises
+    ------
+    InputError for a plan with one axis; DeviceProblem where frames do not come.
+    """
+    board = parse_board(board) if isinstance(board, str) else board
+    if plan.axes != ("x", "y"):
+        raise InputError(
+            f"plan: expected fringes or Gray code along x and y, got {', '.join(plan.axes)} only"
+        )
+    folder = Path(folder)
+    found = _before(folder, board, options)
+    judgement = judge_poses(list(found.values()), board)
+    while not judgement.enough and len(found) < MOST_POSES and ready(judgement):
+        name = _next_name(folder, found)
+        capture(projector, camera, plan, folder / name, settings=settings, delay=delay, force=True)
+        problem = ""
+        try:
+            found[name] = observe_stack(read_stack(folder / name), board, name=name, **options)
+        except (BoardNotFound, FramesContradictPlan) as error:
+            problem = str(error)
+        judgement = judge_poses(list(found.values()), board)
+        corners = 0 if problem else len(found[name].view.index)
+        taken(TakenPose(name, corners, problem, judgement))
+    return judgement
+
+
+def _before(folder: Path, board: Board, options: DecodeOptions) -> dict[str, Observation]:
+    """The poses that lie in the folder already and can be used."""
+    found: dict[str, Observation] = {}
+    if not folder.is_dir() or not any(path.is_dir() for path in folder.iterdir()):
+        return found
+    for path in pose_paths(folder):
+        try:
+            found[path.name] = observe_stack(read_stack(path), board, name=path.name, **options)
+        except InputError:
+            # It is taken again under its name.
+            continue
+    return found
+
+
+def _next_name(folder: Path, found: dict[str, Observation]) -> str:
+    """The first name that no usable pose has."""
+    names = (f"pose-{n:02d}" for n in range(1, 2 * MOST_POSES))
+    return next(name for name in names if name not in found and not (folder / name).is_file())

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -29,6 +30,8 @@ from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.exposure_proof import exposure_obeys
 from fringeworks.types import CameraSettings, DeviceProblem, Region
+
+fcntl = pytest.importorskip("fcntl")
 
 try:
     from fringeworks.devices.genicam import GenicamCamera, genicam_cameras
@@ -96,12 +99,15 @@ class Peer:
 
 @contextlib.contextmanager
 def peer(folder, serial, **options):
-    made = Peer(folder, serial, **options)
-    try:
-        yield made
-    finally:
-        if made.process.returncode is None:
-            made.stop()
+    # One fake camera at a time: its port is that of the protocol.
+    with (Path(tempfile.gettempdir()) / "fringeworks-gige.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        made = Peer(folder, serial, **options)
+        try:
+            yield made
+        finally:
+            if made.process.returncode is None:
+                made.stop()
 
 
 def opened(made) -> GenicamCamera:

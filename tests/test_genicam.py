@@ -31,8 +31,6 @@ from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.exposure_proof import exposure_obeys
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 
-fcntl = pytest.importorskip("fcntl")
-
 try:
     from fringeworks.devices.genicam import GenicamCamera, genicam_cameras
 
@@ -99,6 +97,8 @@ class Peer:
 
 @contextlib.contextmanager
 def peer(folder, serial, **options):
+    import fcntl
+
     # One fake camera at a time: its port is that of the protocol.
     with (Path(tempfile.gettempdir()) / "fringeworks-gige.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

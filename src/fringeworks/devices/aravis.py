@@ -27,7 +27,6 @@ class Aravis:
     def __init__(self, library: Any, objects: Any) -> None:
         self._library = library
         self._objects = objects
-        self._errors = objects
 
     def plain(self, name: str, result: Any, *arguments: tuple[Any, Any]) -> Any:
         """Call a function; every argument is a C type and a value."""

@@ -252,8 +252,7 @@ class GenicamCamera(Closing):
         return str((text or b"").decode(errors="replace"))
 
     def _bounds(self, what: str) -> tuple[float, float] | None:
-        short = "exposure_time" if what == "exposure_time" else what
-        if not self._call(f"is_{short}_available", c.c_int):
+        if not self._call(f"is_{what}_available", c.c_int):
             return None
         low, high = c.c_double(), c.c_double()
         pointer = c.POINTER(c.c_double)

@@ -12,7 +12,7 @@ from importlib import metadata
 from typing import Any
 
 from fringeworks.pair import registry
-from fringeworks.pair.registry import REGISTERED, Analysis
+from fringeworks.pair.registry import Analysis
 from fringeworks.types import FileProblem, InputError
 
 ENTRY_POINTS = "fringeworks.methods"
@@ -91,26 +91,6 @@ def load_entry_points(group: str) -> None:
             ) from error
 
 
-def load_plugin(path: str | os.PathLike[str]) -> list[str]:
-    """Run a Python file that registers methods.
-
-    Parameters
-    ----------
-    path : path of a ``.py`` file
-        It runs with all rights of the caller: load only files that you trust.
-
-    Returns
-    -------
-    Names of the methods that it registered.
-
-    Raises
-    ------
-    InputError where there is no such file, it fails, it registers nothing, or a name is taken.
-    """
-    _load_own()
-    return run_plugin(path, [REGISTERED], "fringeworks.method")
-
-
 def run_plugin(
     path: str | os.PathLike[str], registries: Sequence[dict[str, Any]], decorators: str
 ) -> list[str]:
@@ -130,7 +110,7 @@ def run_plugin(
 
     Raises
     ------
-    InputError as ``load_plugin``.
+    InputError where there is no such file, it fails, it registers nothing, or a name is taken.
     """
     path = os.fspath(path)
     if not os.path.isfile(path):

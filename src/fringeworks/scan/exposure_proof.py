@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fringeworks.devices.pixel_formats import full_scale
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.agreement import MAX_INCOMPLETE
+from fringeworks.scan.delay import USUAL_REFRESH_S
 from fringeworks.scan.differences import ROUNDING_VARIANCE, compared
 from fringeworks.scan.uniform import black_picture, white_picture
 from fringeworks.types import BoolMap, CameraSettings, DeviceProblem, FloatMap
@@ -54,8 +55,6 @@ MIN_CONTRAST_COUNTS = 4.0
 by less than 0.1 count in the mean, 3 % of this."""
 MAX_TRIES = 6
 """Pairs of exposures that are tried, each twice or half as long or as bright as the last."""
-USUAL_REFRESH_S = 1.0 / 60.0
-"""Refresh period where the projector does not tell its own, s."""
 USUAL_EXPOSURE_MS = 33.3
 """Exposure to start with where the camera does not tell its own, ms: that of webcams indoors."""
 RATIO = 2.0

@@ -12,12 +12,12 @@ from fringeworks.devices.protocols import Projector
 
 def black_picture(projector: Projector) -> NDArray[Any]:
     """Return the projector's black, (rows, columns), counts."""
-    return np.zeros(projector.size_px[::-1], picture_type(projector))
+    return uniform_picture(projector, 0.0)
 
 
 def white_picture(projector: Projector) -> NDArray[Any]:
     """Return the projector's white, (rows, columns), counts."""
-    return np.full(projector.size_px[::-1], 2**projector.bits - 1, picture_type(projector))
+    return uniform_picture(projector, 1.0)
 
 
 def block_pictures(projector: Projector, count: int, *, side_px: int, seed: int) -> NDArray[Any]:

@@ -62,7 +62,7 @@ def all_commands(
     ] = None,
     plugin: Annotated[
         list[Path] | None,
-        typer.Option("--plugin", help="Python file that registers methods; repeatable."),
+        typer.Option("--plugin", help="Python file that registers methods or devices; repeatable."),
     ] = None,
     max_gb: Annotated[
         float | None,

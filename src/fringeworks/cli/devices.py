@@ -208,6 +208,9 @@ def scan(
     """Take the frames of a plan and measure the points of the object."""
     output.check_folder(folder)
     words = output.Output(out, json_file)
+    from fringeworks.files.points import check_points_target
+
+    output.check(out, check_points_target)
     known = fw.read_rig(rig)
     settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
     with opened(projector, camera, setup, settings) as bench:

@@ -18,6 +18,8 @@ from fringeworks.devices.aravis import HANDLE, aravis
 REFERENCE_US = 10_000.0
 """Exposure at which white has the counts of the scene."""
 FILL = c.CFUNCTYPE(None, c.c_void_p, c.c_void_p, c.c_uint32, c.c_uint32, c.c_uint32)
+WIDTH, HEIGHT, SENSOR_WIDTH, SENSOR_HEIGHT, PERIOD = 0x100, 0x104, 0x11C, 0x118, 0x138
+"""Addresses of the fake camera's registers: region, size of the sensor, frame period in µs."""
 
 
 def counts(scene, picture, exposure_us, gain_db):
@@ -30,35 +32,82 @@ def counts(scene, picture, exposure_us, gain_db):
     ).astype(np.uint8)
 
 
+class FakeCamera:
+    """Aravis' fake camera with frames of our own.
+
+    ``pixels(exposure_us, gain)`` returns a frame of 8 bit, of which the camera sends its region.
+    ``shape`` is the size of the sensor, and of the region until another one is asked for.
+    """
+
+    def __init__(self, serial, pixels, *, lost=0, shape=None):
+        self._library, self._pixels = aravis(), pixels
+        self._camera = self._library.plain(
+            "arv_gv_fake_camera_new",
+            HANDLE,
+            (c.c_char_p, b"127.0.0.1"),
+            (c.c_char_p, serial.encode()),
+        )
+        self._library.set_number(self._camera, b"gvsp-lost-ratio", lost / 1000)
+        assert self._library.plain(
+            "arv_gv_fake_camera_is_running", c.c_int, (HANDLE, self._camera)
+        )
+        self._fake = self._library.plain(
+            "arv_gv_fake_camera_get_fake_camera", HANDLE, (HANDLE, self._camera)
+        )
+        if shape is not None:
+            for address, value in zip(
+                (HEIGHT, WIDTH, SENSOR_HEIGHT, SENSOR_WIDTH), (*shape, *shape), strict=True
+            ):
+                self._write(address, value)
+        self._keep = FILL(self._fill)
+        self._library.plain(
+            "arv_fake_camera_set_fill_pattern",
+            None,
+            (HANDLE, self._fake),
+            (FILL, self._keep),
+            (c.c_void_p, None),
+        )
+
+    def set_period(self, period_s):
+        """Set the time from one frame to the next, s."""
+        self._write(PERIOD, round(1e6 * period_s))
+
+    def run(self):
+        """Say that the camera is ready, and wait until standard input closes."""
+        print("ready", flush=True)
+        sys.stdin.read()
+
+    def _write(self, address, value):
+        assert self._library.plain(
+            "arv_fake_camera_write_register",
+            c.c_int,
+            (HANDLE, self._fake),
+            (c.c_uint32, address),
+            (c.c_uint32, value),
+        )
+
+    def _fill(self, buffer, _, exposure_us, gain, __):
+        def ask(what, kind, *arguments):
+            return self._library.plain(
+                f"arv_buffer_get_{what}", kind, (HANDLE, buffer), *arguments
+            )
+
+        size = c.c_size_t()
+        data = ask("data", HANDLE, (c.POINTER(c.c_size_t), c.byref(size)))
+        h, w = ask("image_height", c.c_int), ask("image_width", c.c_int)
+        sent = np.ctypeslib.as_array((c.c_uint8 * (w * h)).from_address(data)).reshape(h, w)
+        sent[:] = self._pixels(exposure_us, gain)[:h, :w]
+
+
 def main():
     folder, serial = Path(sys.argv[1]), sys.argv[2]
-    library = aravis()
-    camera = library.plain(
-        "arv_gv_fake_camera_new", HANDLE, (c.c_char_p, b"127.0.0.1"), (c.c_char_p, serial.encode())
-    )
-    if len(sys.argv) > 3:
-        library.set_number(camera, b"gvsp-lost-ratio", int(sys.argv[3]) / 1000)
-    assert library.plain("arv_gv_fake_camera_is_running", c.c_int, (HANDLE, camera))
     scene = np.load(folder / "scene.npy")
     picture = np.lib.format.open_memmap(folder / "picture.npy", mode="r")
 
-    def fill(buffer, _, exposure_us, gain, __):
-        size = c.c_size_t()
-        data = library.plain(
-            "arv_buffer_get_data", HANDLE, (HANDLE, buffer), (c.POINTER(c.c_size_t), c.byref(size))
-        )
-        h = library.plain("arv_buffer_get_image_height", c.c_int, (HANDLE, buffer))
-        w = library.plain("arv_buffer_get_image_width", c.c_int, (HANDLE, buffer))
-        pixels = np.ctypeslib.as_array((c.c_uint8 * (w * h)).from_address(data)).reshape(h, w)
-        pixels[:] = counts(scene, np.array(picture), exposure_us, gain)[:h, :w]
+    def pixels(exposure_us, gain):
+        return counts(scene, np.array(picture), exposure_us, gain)
 
-    keep = FILL(fill)
-    fake = library.plain("arv_gv_fake_camera_get_fake_camera", HANDLE, (HANDLE, camera))
-    library.plain(
-        "arv_fake_camera_set_fill_pattern", None, (HANDLE, fake), (FILL, keep), (c.c_void_p, None)
-    )
-    print("ready", flush=True)
-    sys.stdin.read()
+    FakeCamera(serial, pixels, lost=int(sys.argv[3]) if len(sys.argv) > 3 else 0).run()
 
 
 if __name__ == "__main__":

@@ -23,6 +23,9 @@ AUTO_OFF = 0
 """Automatic exposure and gain off (ArvAuto)."""
 EXPOSURE_STEP_MS = 1e-3
 """Resolution in which exposures are compared, ms: GenICam's are whole or fractional µs."""
+EXPOSURE_DIGITS = 4
+"""Decimal places of exposures in µs that a camera is asked for: 0.1 ns is finer than any camera's
+step, and far coarser than the rounding of ms to µs in double precision."""
 SOFTWARE = b"Software"
 """Trigger source of GenICam for a trigger that the computer sends."""
 
@@ -159,7 +162,9 @@ class GenicamCamera(Closing):
             values = (region.x_px, region.y_px, region.width_px, region.height_px)
             self._call("set_region", None, *((c.c_int, value) for value in values))
         if settings.exposure_ms is not None:
-            self._call("set_exposure_time", None, (c.c_double, 1e3 * settings.exposure_ms))
+            # Cameras that count whole µs drop the rest: 1e3 * 4.007 is a hair below 4007.
+            exposure_us = round(1e3 * settings.exposure_ms, EXPOSURE_DIGITS)
+            self._call("set_exposure_time", None, (c.c_double, exposure_us))
         if settings.gain_db is not None:
             self._call("set_gain", None, (c.c_double, settings.gain_db))
         if settings.triggered is not None and settings.triggered != self._triggered:

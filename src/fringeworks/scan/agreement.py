@@ -86,8 +86,9 @@ class Agreement:
         darkest = min(_mean(self._complete()) for _ in range(BLACK_FRAMES))
         of_white = self._steady(darkest, self._show(white_picture(self._projector)), rising=True)
         of_black = self._steady(_mean(of_white[-1]), self._show(black), rising=False)
-        # Frames of a real camera differ by noise; equal ones are one frame delivered twice.
-        self._exact = np.array_equal(of_white[0].pixels, of_white[-1].pixels)
+        # Frames of a real camera differ by noise; equal ones are one frame delivered twice. The
+        # first of the steady frames may still show a trace of black.
+        self._exact = np.array_equal(of_white[1].pixels, of_white[-1].pixels)
         self.noise = noise_between([(f[-2].pixels, f[-1].pixels) for f in (of_black, of_white)])
         self._picture, self._frame = black, compared(of_black[-1].pixels)
         return of_black[-1], of_white[-1]

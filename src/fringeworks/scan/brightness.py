@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from fringeworks.devices.pixel_formats import full_scale
 from fringeworks.devices.protocols import Camera, Projector
@@ -19,6 +20,16 @@ noise: noise alone reaches it in one pixel of three million."""
 CLIPPED_SHARE = 0.985
 """Share of full scale from which on a sample counts as saturated. Pixels of a sensor clip at
 slightly different counts, and noise hides clipping just below full scale."""
+
+BORDER_SHARE = 0.01
+"""Width of the borders of lit regions that do not decide about exposures, share of the frame's
+rows. There surfaces turn away from the light and blur mixes in the dark background: the rim of a
+ball would ask for ten times the light of its middle."""
+INSIDE_SHARE = 0.9
+"""Share of lit pixels around a pixel, within the width of a border, from which on it lies inside:
+single dark pixels do not make a border."""
+LEAST_INSIDE = 100
+"""Smallest number of pixels inside. Where there are fewer, all lit pixels decide."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,7 +89,7 @@ def measure_brightness(
 
 
 def light_per_ms(seen: Sequence[Brightness]) -> tuple[FloatMap, BoolMap]:
-    """Combine the brightness at several settings into that of every lit pixel.
+    """Combine the brightness at several settings into that of every lit pixel, without borders.
 
     Parameters
     ----------
@@ -87,8 +98,8 @@ def light_per_ms(seen: Sequence[Brightness]) -> tuple[FloatMap, BoolMap]:
     Returns
     -------
     light : (k,) array
-        Share of full scale per ms under white at 0 dB of all lit pixels; of saturated ones a lower
-        bound.
+        Share of full scale per ms under white at 0 dB of the lit pixels inside their borders; of
+        saturated ones a lower bound.
     bounded : (k,) bool array
         True where a pixel is saturated in all of them.
     """
@@ -100,7 +111,16 @@ def light_per_ms(seen: Sequence[Brightness]) -> tuple[FloatMap, BoolMap]:
         # Longer exposures have less noise, and replace shorter ones while they are not saturated.
         light = np.where(usable | np.isnan(light), one.white / one.amount, light)
         bounded &= ~usable
-    return light[lit], bounded[lit]
+    inside = _inside(lit)
+    return light[inside], bounded[inside]
+
+
+def _inside(lit: BoolMap) -> BoolMap:
+    """Lit pixels that are surrounded by lit pixels; all of them where those are too few."""
+    side = 1 + 2 * int(np.ceil(BORDER_SHARE * lit.shape[0]))
+    share = ndimage.uniform_filter(lit.astype(np.float64), side, mode="nearest")
+    inside = lit & (share >= INSIDE_SHARE)
+    return np.asarray(inside if np.count_nonzero(inside) >= LEAST_INSIDE else lit)
 
 
 def largest_count(settings: CameraSettings, kind: np.dtype[Any]) -> float:

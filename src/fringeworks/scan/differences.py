@@ -113,4 +113,8 @@ def noise_between(pairs: Sequence[tuple[NDArray[Any], NDArray[Any]]]) -> CameraN
     # A variance scatters in proportion to itself, so relative errors are made small.
     design = np.column_stack((np.ones_like(I), I)) / v[:, None]
     (read, gain), _ = optimize.nnls(design, np.ones_like(v))
+    # Clipped groups show less than their noise, so they bound it from below. Without them, noise of
+    # bright pixels alone would pass for shot noise, and leave none for a black background.
+    bounds = np.array(variance) - gain * np.array(brightness)
+    read = max(read, float(bounds[~usable].max(initial=0.0)))
     return CameraNoise(float(np.sqrt(max(read, ROUNDING_VARIANCE))), float(gain))

@@ -94,22 +94,29 @@ def auto_exposure(
         raise InputError(f"saturated: expected 0 to 1, got {saturated}")
     allowed = exposure_range(projector, camera, longest_ms=longest_ms, whole_periods=whole_periods)
     amount, good, bright = allowed.least, 0.0, np.inf
-    last: Brightness | None = None
+    tried: list[Brightness] = []
+    best: Brightness | None = None
     for _ in range(TRIALS):
         seen = _trial(projector, camera, allowed, amount)
-        _check_obeys(camera, last, seen)
-        last, amount = seen, seen.amount
-        level = _level(seen, saturated)
+        _check_obeys(camera, tried[-1] if tried else None, seen)
+        # Cameras round their gain: there may be no setting nearer to what is wanted.
+        repeated = any(one.settings == seen.settings for one in tried)
+        tried.append(seen)
+        amount, level = seen.amount, _level(seen, saturated)
         if level >= CLIPPED_SHARE:
             if amount <= allowed.least * SETTLED:
                 raise _too_bright(camera, seen, allowed)
+            if repeated and best is not None:
+                _check_dark(camera, best, saturated)
+                return configured(camera, best.settings)
             bright = min(bright, amount)
             amount = max(amount / STEP, np.sqrt(good * bright), allowed.least)
             continue
+        best = seen if amount >= good else best
         good = max(good, amount)
         wanted = amount * min(TARGET / level, MOST_RISE)
         chosen = amount_of(allowed.settings(wanted if wanted < bright else np.sqrt(good * bright)))
-        if max(chosen / amount, amount / chosen) <= SETTLED:
+        if repeated or max(chosen / amount, amount / chosen) <= SETTLED:
             _check_dark(camera, seen, saturated)
             return seen.settings
         amount = chosen

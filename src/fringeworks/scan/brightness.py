@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from fringeworks.devices.pixel_formats import full_scale
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.agreement import Agreement
+from fringeworks.scan.saturation import CLIPPED_SHARE, largest_count
 from fringeworks.types import BoolMap, CameraSettings, FloatMap, Frozen
 
 LIT_SIGMAS = 5.0
 """Rise from black to white from which on a pixel counts as lit, in standard deviations of its
 noise: noise alone reaches it in one pixel of three million."""
-CLIPPED_SHARE = 0.985
-"""Share of full scale from which on a sample counts as saturated. Pixels of a sensor clip at
-slightly different counts, and noise hides clipping just below full scale."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,10 +97,3 @@ def light_per_ms(seen: Sequence[Brightness]) -> tuple[FloatMap, BoolMap]:
         light = np.where(usable | np.isnan(light), one.white / one.amount, light)
         bounded &= ~usable
     return light[lit], bounded[lit]
-
-
-def largest_count(settings: CameraSettings, kind: np.dtype[Any]) -> float:
-    """Return the largest count, by the pixel format or the type of the frames."""
-    if settings.pixel_format is not None:
-        return float(full_scale(settings.pixel_format))
-    return float(np.iinfo(kind).max)

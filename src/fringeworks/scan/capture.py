@@ -11,6 +11,7 @@ from fringeworks.files.capture_writer import writing_capture
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.delay import Delay
 from fringeworks.scan.frames import Progress, check_plan, take_frames
+from fringeworks.scan.saturation import MOST_SATURATED
 from fringeworks.types import CameraSettings
 
 AVERAGED_SATURATION = 0.98
@@ -27,6 +28,7 @@ def capture(
     settings: CameraSettings | None = None,
     delay: Delay | None = None,
     average: int = 1,
+    most_saturated: float = MOST_SATURATED,
     resume: bool = False,
     force: bool = False,
     progress: Progress = lambda _: None,
@@ -46,6 +48,8 @@ def capture(
         For the fast way of taking frames; see ``take_frames``.
     average : int
         Number of frames that are averaged for each picture.
+    most_saturated : float
+        Largest share of the lit pixels that may be saturated, 0…1; see ``take_frames``.
     resume : bool
         Keep the frames of a capture that was interrupted, and take the others.
     force : bool
@@ -60,8 +64,8 @@ def capture(
     Raises
     ------
     InputError for a plan that the projector cannot show, or other settings than those of the
-    interrupted capture; DeviceProblem where frames do not come; FileProblem where the folder cannot
-    be written to.
+    interrupted capture; DeviceProblem where frames do not come or too many pixels are saturated;
+    FileProblem where the folder cannot be written to.
     """
     check_plan(projector, plan)
     used = camera.configure(settings or CameraSettings())
@@ -83,6 +87,7 @@ def capture(
             delay=delay,
             average=average,
             only=writer.missing,
+            most_saturated=most_saturated,
             progress=progress,
         ):
             writer.add(number, frame)

@@ -77,6 +77,8 @@ def capture_hdr(
                 settings=wanted,
                 delay=None if delays is None else delays[number],
                 average=average,
+                # The longest exposure saturates whatever the shorter ones are for.
+                most_saturated=1.0,
                 resume=begun,
                 force=force,
                 progress=_numbered(progress, number, len(settings)),

@@ -82,7 +82,7 @@ def test_an_interrupted_capture_is_resumed(tmp_path, error):
     assert 0 < len(taken) < plan().frames
     with pytest.raises(FileProblem, match="interrupted"):
         read_stack(folder)
-    with pytest.raises(InputError, match="the settings of the interrupted capture"):
+    with pytest.raises(InputError, match="the settings of the capture that is there"):
         capture(
             b.projector,
             b.camera,
@@ -92,7 +92,7 @@ def test_an_interrupted_capture_is_resumed(tmp_path, error):
             resume=True,
         )
     b.camera.configure(CameraSettings(exposure_ms=16.667))
-    with pytest.raises(InputError, match="the plan of the interrupted capture"):
+    with pytest.raises(InputError, match="the plan of the capture that is there"):
         capture(b.projector, b.camera, plan(2), folder, resume=True)
     steps = []
     capture(b.projector, b.camera, plan(), folder, resume=True, progress=steps.append)
@@ -101,8 +101,14 @@ def test_an_interrupted_capture_is_resumed(tmp_path, error):
         assert (folder / name).read_bytes() == content
     for frame, picture in zip(read_stack(folder).frames, encode(plan()), strict=True):
         assert np.abs(frame - expected(picture)).mean() < 2
-    with pytest.raises(FileProblem, match="got a complete one"):
-        capture(b.projector, b.camera, plan(), folder, resume=True)
+    # A complete capture has nothing to resume.
+    before = {p: p.read_bytes() for p in folder.glob("[!.]*")}
+    none = Interrupting(b.camera, 0, AssertionError("no frame is needed"))
+    capture(b.projector, none, plan(), folder, resume=True)
+    capture(b.projector, none, plan(), folder, resume=True, exposure="auto")
+    assert {p: p.read_bytes() for p in folder.glob("[!.]*")} == before
+    with pytest.raises(InputError, match="the settings of the capture that is there"):
+        capture(b.projector, none, plan(), folder, resume=True, average=2)
 
 
 def test_nothing_to_resume(tmp_path):

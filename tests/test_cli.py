@@ -493,7 +493,8 @@ def test_long_work_off_a_terminal_says_so_now_and_then(monkeypatch, capsys):
     with output.progress(4) as progress:
         for step in ("one", "two", "three", "four"):
             progress(step)
-    assert capsys.readouterr().err.splitlines() == ["2/4 two (21 s)", "4/4 four (45 s)"]
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["2/4 two (21 s, 21 s left)", "4/4 four (45 s, 0 s left)"]
 
 
 def test_paths_are_read_where_captures_are_wanted(capture, tmp_path):

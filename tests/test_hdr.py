@@ -77,9 +77,9 @@ def test_an_interrupted_scan_is_resumed(tmp_path, after):
     assert is_exposures(folder)
     with pytest.raises(FileProblem, match="interrupted"):
         decode_stack(folder)
-    with pytest.raises(InputError, match="the settings of the interrupted capture"):
+    with pytest.raises(InputError, match="the settings of the captures that are there"):
         capture_hdr(b.projector, b.camera, plan(), folder, TWO[::-1], resume=True)
-    with pytest.raises(InputError, match="the plan of the interrupted capture"):
+    with pytest.raises(InputError, match="the plan of the capture that is there"):
         capture_hdr(b.projector, b.camera, plan(2), folder, TWO, resume=True)
     steps = []
     capture_hdr(b.projector, b.camera, plan(), folder, TWO, resume=True, progress=steps.append)
@@ -88,12 +88,20 @@ def test_an_interrupted_scan_is_resumed(tmp_path, after):
     assert all(path.read_bytes() == content for path, content in taken.items())
     dark, bright = (np.mean(stack.frames) for stack in read_exposures(folder))
     assert bright / dark == pytest.approx(2.0, abs=0.1)
-    with pytest.raises(FileProblem, match="got a complete one"):
-        capture_hdr(b.projector, b.camera, plan(), folder, TWO, resume=True)
+    # A complete scan has nothing to resume, and stays as it is, with its settings as well.
+    before = {p: p.read_bytes() for p in folder.glob("**/[!.]*.*")}
+    for settings in (TWO, 2):
+        capture_hdr(b.projector, no_frames(b.camera), plan(), folder, settings, resume=True)
+        assert {p: p.read_bytes() for p in folder.glob("**/[!.]*.*")} == before
     # A new scan replaces the whole folder, as it does for a single capture.
     capture_hdr(b.projector, b.camera, plan(2), folder, TWO[:1])
     assert [stack.plan for stack in read_exposures(folder)] == [plan(2)]
     assert not (folder / "1").exists()
+
+
+def no_frames(camera):
+    """A camera that can be configured and gives no frames."""
+    return Interrupting(camera, 0, AssertionError("no frame is needed"))
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.frames import take_frames
 from fringeworks.types import CameraSettings, DeviceProblem
-from tests.virtual_devices import bench, plan
+from tests.virtual_devices import Screen, bench, plan
 
 
 def expected(picture):
@@ -80,7 +82,7 @@ def test_an_interrupted_capture_is_resumed(tmp_path, error):
     assert 0 < len(taken) < plan().frames
     with pytest.raises(FileProblem, match="interrupted"):
         read_stack(folder)
-    with pytest.raises(InputError, match="the settings of the interrupted capture"):
+    with pytest.raises(InputError, match="the settings of the capture that is there"):
         capture(
             b.projector,
             b.camera,
@@ -90,7 +92,7 @@ def test_an_interrupted_capture_is_resumed(tmp_path, error):
             resume=True,
         )
     b.camera.configure(CameraSettings(exposure_ms=16.667))
-    with pytest.raises(InputError, match="the plan of the interrupted capture"):
+    with pytest.raises(InputError, match="the plan of the capture that is there"):
         capture(b.projector, b.camera, plan(2), folder, resume=True)
     steps = []
     capture(b.projector, b.camera, plan(), folder, resume=True, progress=steps.append)
@@ -99,8 +101,14 @@ def test_an_interrupted_capture_is_resumed(tmp_path, error):
         assert (folder / name).read_bytes() == content
     for frame, picture in zip(read_stack(folder).frames, encode(plan()), strict=True):
         assert np.abs(frame - expected(picture)).mean() < 2
-    with pytest.raises(FileProblem, match="got a complete one"):
-        capture(b.projector, b.camera, plan(), folder, resume=True)
+    # A complete capture has nothing to resume.
+    before = {p: p.read_bytes() for p in folder.glob("[!.]*")}
+    none = Interrupting(b.camera, 0, AssertionError("no frame is needed"))
+    capture(b.projector, none, plan(), folder, resume=True)
+    capture(b.projector, none, plan(), folder, resume=True, exposure="auto")
+    assert {p: p.read_bytes() for p in folder.glob("[!.]*")} == before
+    with pytest.raises(InputError, match="the settings of the capture that is there"):
+        capture(b.projector, none, plan(), folder, resume=True, average=2)
 
 
 def test_nothing_to_resume(tmp_path):
@@ -147,3 +155,49 @@ def test_a_smaller_plan_is_shown_in_the_corner():
     for n, picture in enumerate(encode(small)):
         assert np.abs(frames[n][:24, :32] - expected(picture)).mean() < 2
         assert frames[n][26:].max() < 25
+
+
+@pytest.mark.parametrize("fast", [False, True])
+def test_saturated_frames_are_refused_with_the_share(tmp_path, fast):
+    """White reaches 1.6 times full scale: bright phases of every fringe are cut off."""
+    b = bench(scene=Screen(white=1.6))
+    b.camera.configure(CameraSettings(exposure_ms=16.667, triggered=False))
+    delay = None
+    if fast:
+        dim = bench()
+        delay = measure_delay(dim.projector, dim.camera)
+    with pytest.raises(
+        DeviceProblem, match=r"50% of the lit pixels to be saturated, got (100|9\d)%"
+    ):
+        capture(b.projector, b.camera, plan(), tmp_path / "c", delay=delay)
+    assert not list(tmp_path.glob("c/*.png"))
+    b = bench(scene=Screen(white=1.6))
+    frames = take_frames(b.projector, b.camera, plan(), delay=delay, most_saturated=1.0)
+    assert len(list(frames)) == plan().frames
+    with pytest.raises(InputError, match="most_saturated: expected 0 to 1, got 2"):
+        list(take_frames(b.projector, b.camera, plan(), most_saturated=2))
+
+
+def test_a_highlight_is_not_refused():
+    """A tenth of the pixels is saturated; so is a lamp that the projector does not light."""
+    white = np.full((48, 64), 0.6)
+    white[:10, :10] = 3.0
+    scene = Screen(white=white)
+    scene.ambient[20:, :] = 1.5
+    b = bench(scene=scene)
+    frames = list(take_frames(b.projector, b.camera, plan()))
+    assert np.mean(frames[0][1] == 255) > 0.5
+
+
+def test_the_fast_way_says_why_frames_were_not_used():
+    b = bench(None, {"fps": 60})
+    delay = measure_delay(b.projector, b.camera)
+    late = bench({"delay_s": 0.3}, {"fps": 60})
+    late.camera.grab = incomplete(late.camera.grab)
+    with pytest.raises(DeviceProblem, match=r"could not be used: \d+ incomplete"):
+        list(take_frames(late.projector, late.camera, plan(), delay=delay))
+
+
+def incomplete(grab):
+    """A grab of which a part of the pixels is missing."""
+    return lambda timeout_s=5.0: replace(grab(timeout_s), complete=False)

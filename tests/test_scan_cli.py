@@ -39,7 +39,8 @@ def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
     assert run(live.split()) == 0
     assert f"{POSES} poses" in capsys.readouterr().out
     focal = [fw.read_rig(name).camera.focal_px for name in ("live.toml", "rig.toml")]
-    assert focal[0] == pytest.approx(focal[1], rel=1e-9)
+    # The set-up's noise weighs the frames a little differently from their own.
+    assert focal[0] == pytest.approx(focal[1], rel=1e-5)
     assert json.loads(Path("part.json").read_text())["points"] > 3000
     found = fw.fit_region(fw.read_points("part.ply").xyz_mm, "sphere")
     assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.1)
@@ -51,7 +52,7 @@ def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
         (["capture", "--out", "c"], "expected --projector and --camera, or --setup"),
         (
             ["capture", "--out", "c", "--projector", "virtual", "--camera", "webcam:0"],
-            "expected projector and camera to be virtual",
+            "expected virtual for both of them",
         ),
         (
             ["capture", "--out", "c", "--projector", "virtual", "--camera", "virtual:moon"],

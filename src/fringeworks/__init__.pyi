@@ -120,6 +120,7 @@ from .devices.opening import (
     open_devices as open_devices,
     open_projector as open_projector,
     projector_kind as projector_kind,
+    scanner_kind as scanner_kind,
 )
 from .devices.listing import (
     list_devices as list_devices,
@@ -166,9 +167,6 @@ from .scan.exposure import (
 )
 from .scan.hdr import (
     capture_hdr as capture_hdr,
-)
-from .scan.sequence import (
-    capture_sequence as capture_sequence,
 )
 
 # Signal: what is in a frame before analysis.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,6 +13,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
+from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Ply, PlyOption, items
 from fringeworks.cli.words import say_points
 
@@ -26,27 +27,61 @@ CameraWords = Annotated[
     str | None,
     typer.Option("--camera", help="webcam:NUMBER, genicam[:NAME], folder:PATH or virtual[:SCENE]."),
 ]
-SetupFile = Annotated[
-    Path | None, typer.Option("--setup", help="Set-up file: devices, settings, delay and plan.")
+PlanOfSetup = Annotated[
+    Path | None, typer.Argument(help="Plan file; by default the plan of the set-up.")
 ]
-Exposure = Annotated[float | None, typer.Option("--exposure-ms", help="Exposure, ms.")]
-GainDb = Annotated[float | None, typer.Option("--gain-db", help="Gain, dB.")]
-Format = Annotated[
-    str | None, typer.Option("--pixel-format", help="Such as Mono8, Mono12p or BayerRG8.")
-]
-Average = Annotated[int, typer.Option("--average", help="Frames averaged for each picture.")]
-AutoExposure = Annotated[
-    bool, typer.Option("--auto-exposure", help="Choose exposure and gain for fringes first.")
-]
-Hdr = Annotated[
-    int, typer.Option("--hdr", help="Number of exposures, decoded one by one and then fused.")
-]
-Fast = Annotated[
-    bool, typer.Option("--fast", help="Rely on the delay that the set-up has measured.")
-]
-Resume = Annotated[
-    bool, typer.Option("--resume", help="Keep the frames of an interrupted capture.")
-]
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """Settings of a camera, as options."""
+
+    exposure_ms: Annotated[float | None, typer.Option(help="Exposure, ms.")] = None
+    gain_db: Annotated[float | None, typer.Option(help="Gain, dB.")] = None
+    pixel_format: Annotated[
+        str | None, typer.Option(help="Such as Mono8, Mono12p or BayerRG8.")
+    ] = None
+
+    @property
+    def settings(self) -> fw.CameraSettings:
+        """As the library takes them."""
+        return fw.CameraSettings(
+            exposure_ms=self.exposure_ms, gain_db=self.gain_db, pixel_format=self.pixel_format
+        )
+
+
+@dataclass(frozen=True)
+class DeviceOptions(CameraOptions):
+    """Which devices take the frames, and how the camera is set."""
+
+    setup: Annotated[
+        Path | None, typer.Option(help="Set-up file: devices, settings, delay and plan.")
+    ] = None
+    projector: ProjectorWords = None
+    camera: CameraWords = None
+
+
+@dataclass(frozen=True)
+class TakingOptions:
+    """How the frames of a plan are taken."""
+
+    auto_exposure: Annotated[
+        bool, typer.Option("--auto-exposure", help="Choose exposure and gain for fringes first.")
+    ] = False
+    hdr: Annotated[
+        int, typer.Option(help="Number of exposures, decoded one by one and then fused.")
+    ] = 1
+    average: Annotated[int, typer.Option(help="Frames averaged for each picture.")] = 1
+    fast: Annotated[
+        bool, typer.Option("--fast", help="Rely on the delay that the set-up has measured.")
+    ] = False
+    most_saturated: Annotated[
+        float, typer.Option(help="Share of the lit pixels that may be saturated, 0 to 1.")
+    ] = 0.5
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Keep the frames of an interrupted capture.")
+    ] = False
+    force: Force = False
 
 
 @dataclass(frozen=True)
@@ -61,21 +96,17 @@ class _Bench:
 
 
 @contextmanager
-def opened(
-    projector: str | None,
-    camera: str | None,
-    setup: Path | None,
-    settings: fw.CameraSettings,
-) -> Iterator[_Bench]:
+def opened(devices: DeviceOptions) -> Iterator[_Bench]:
     """The devices that options or a set-up name; options hold before the set-up."""
-    stored = None if setup is None else fw.read_setup(setup)
-    projector = projector or (stored.projector if stored else None)
-    camera = camera or (stored.camera if stored else None)
+    stored = None if devices.setup is None else fw.read_setup(devices.setup)
+    projector = devices.projector or (stored.projector if stored else None)
+    camera = devices.camera or (stored.camera if stored else None)
     if projector is None or camera is None:
         raise fw.InputError("devices: expected --projector and --camera, or --setup")
+    settings = devices.settings
     if stored is not None:
         given = {name: value for name, value in vars(settings).items() if value is not None}
-        settings = fw.CameraSettings(**(vars(stored.settings) | given))
+        settings = replace(stored.settings, **given)
     shows, films = fw.open_devices(projector, camera)
     with shows, films:
         yield _Bench(shows, films, settings, stored)
@@ -96,13 +127,12 @@ def devices() -> None:
     rich_help_panel=SECTION,
     epilog="Example: fringeworks setup --projector screen:1 --camera webcam:0 --out setup.toml",
 )
+@grouped
 def setup(
     out: Annotated[Path, typer.Option("--out", help="Set-up file to write (TOML).")],
     projector: ProjectorWords = None,
     camera: CameraWords = None,
-    exposure_ms: Exposure = None,
-    gain_db: GainDb = None,
-    pixel_format: Format = None,
+    settings: CameraOptions = CameraOptions(),
     frames: Annotated[int, typer.Option(help="Frames of the plan that is proposed.")] = 12,
     axes: Annotated[
         str, typer.Option(help="Axes of that plan: x, y or x,y; a calibration needs both.")
@@ -110,8 +140,8 @@ def setup(
 ) -> None:
     """Find out what a projector and a camera can do together, and propose a plan."""
     words = output.Output(out)
-    settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
-    with opened(projector, camera, None, settings) as bench, output.progress() as step:
+    devices = DeviceOptions(**vars(settings), projector=projector, camera=camera)
+    with opened(devices) as bench, output.progress() as step:
         found = fw.set_up(
             bench.projector,
             bench.camera,
@@ -149,59 +179,33 @@ def setup(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks capture plan.toml --setup setup.toml --out part/",
 )
+@grouped
 def capture(
-    out: Folder,
-    plan: Annotated[
-        Path | None, typer.Argument(help="Plan file; by default the plan of the set-up.")
-    ] = None,
-    setup: SetupFile = None,
-    projector: ProjectorWords = None,
-    camera: CameraWords = None,
-    exposure_ms: Exposure = None,
-    gain_db: GainDb = None,
-    pixel_format: Format = None,
-    auto_exposure: AutoExposure = False,
-    hdr: Hdr = 1,
-    average: Average = 1,
-    fast: Fast = False,
-    resume: Resume = False,
-    force: Force = False,
+    out: Folder, devices: DeviceOptions, taking: TakingOptions, plan: PlanOfSetup = None
 ) -> None:
     """Show the pictures of a plan and take a frame of each."""
     output.check_folder(out)
     words = output.Output()
-    settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
-    with opened(projector, camera, setup, settings) as bench:
-        how = _How(average, fast, auto_exposure, hdr, resume, force)
-        _capture(bench, plan, out, how)
+    with opened(devices) as bench:
+        _capture(bench, plan, out, taking)
     words.wrote(out)
 
 
 @app.command(
     rich_help_panel=SECTION,
-    epilog="Example: fringeworks scan --setup setup.toml --rig rig.toml --out part.ply",
+    epilog="Example: fringeworks scan --setup setup.toml --rig rig.toml --capture part/ "
+    "--out part.ply",
 )
+@grouped
 def scan(
     rig: Annotated[Path, typer.Option("--rig", help="Rig file.")],
     out: Annotated[Path, typer.Option("--out", help="Points: .ply, .xyz or .npz.")],
     folder: Annotated[
         Path, typer.Option("--capture", help="Folder to write the frames to.", show_default=False)
     ],
-    plan: Annotated[
-        Path | None, typer.Argument(help="Plan file; by default the plan of the set-up.")
-    ] = None,
-    setup: SetupFile = None,
-    projector: ProjectorWords = None,
-    camera: CameraWords = None,
-    exposure_ms: Exposure = None,
-    gain_db: GainDb = None,
-    pixel_format: Format = None,
-    auto_exposure: AutoExposure = False,
-    hdr: Hdr = 1,
-    average: Average = 1,
-    fast: Fast = False,
-    resume: Resume = False,
-    force: Force = False,
+    devices: DeviceOptions,
+    taking: TakingOptions,
+    plan: PlanOfSetup = None,
     ply: PlyOption = Ply.points,
     json_file: JsonFile = None,
 ) -> None:
@@ -212,10 +216,8 @@ def scan(
 
     output.check(out, check_points_target)
     known = fw.read_rig(rig)
-    settings = fw.CameraSettings(exposure_ms, gain_db, None, pixel_format)
-    with opened(projector, camera, setup, settings) as bench:
-        how = _How(average, fast, auto_exposure, hdr, resume, force)
-        _capture(bench, plan, folder, how)
+    with opened(devices) as bench:
+        _capture(bench, plan, folder, taking)
     found = fw.measure(folder, known)
     with output.target(out, ".ply") as place:
         fw.write_points(place, found.points, kind=ply.value)
@@ -235,12 +237,11 @@ def take_poses(setup: Path, plan: Path | None, board: fw.Board, folder: Path) ->
         )
         return not str(answer).strip().lower().startswith("q")
 
-    with opened(None, None, setup, fw.CameraSettings()) as bench:
-        chosen = bench.setup.plan if plan is None else fw.read_plan(plan)
+    with opened(DeviceOptions(setup=setup)) as bench:
         fw.take_poses(
             bench.projector,
             bench.camera,
-            chosen,
+            _plan(bench, plan),
             board,
             folder,
             ready=ready,
@@ -249,19 +250,20 @@ def take_poses(setup: Path, plan: Path | None, board: fw.Board, folder: Path) ->
         )
 
 
-@dataclass(frozen=True)
-class _How:
-    """How the frames of a plan are taken."""
+def _plan(bench: _Bench, plan: Path | None) -> fw.PatternPlan:
+    """The plan of a file, of a projector that plays one from its memory, or of the set-up."""
+    if plan is not None:
+        return fw.read_plan(plan)
+    if isinstance(bench.projector, fw.MemoryProjector):
+        held: fw.PatternPlan = bench.projector.plan
+        return held
+    if bench.setup is None:
+        raise fw.InputError("plan: expected a plan file, or --setup with its plan; got neither")
+    proposed: fw.PatternPlan = bench.setup.plan
+    return proposed
 
-    average: int
-    fast: bool
-    auto_exposure: bool
-    hdr: int
-    resume: bool
-    force: bool
 
-
-def _delay(bench: _Bench, how: _How) -> Any:
+def _delay(bench: _Bench, how: TakingOptions) -> Any:
     """The delay of the set-up, where the fast way is asked for."""
     if not how.fast:
         return None
@@ -275,42 +277,22 @@ def _delay(bench: _Bench, how: _How) -> Any:
     return bench.setup.delay
 
 
-def _capture(bench: _Bench, plan: Path | None, folder: Path, how: _How) -> None:
+def _capture(bench: _Bench, plan: Path | None, folder: Path, how: TakingOptions) -> None:
     """Take the frames of a plan into a folder."""
-    if plan is None and bench.setup is None:
-        raise fw.InputError("plan: expected a plan file, or --setup with its plan; got neither")
-    chosen = bench.setup.plan if plan is None else fw.read_plan(plan)
-    delay = _delay(bench, how)
-    settings = bench.settings
-    if how.auto_exposure and how.hdr == 1:
-        bench.camera.configure(settings)
-        settings = fw.auto_exposure(bench.projector, bench.camera)
-    if how.hdr > 1:
-        bench.camera.configure(settings)
-        series = fw.exposure_series(bench.projector, bench.camera, how.hdr)
-        with output.progress(chosen.frames * len(series)) as step:
-            fw.capture_hdr(
-                bench.projector,
-                bench.camera,
-                chosen,
-                folder,
-                series,
-                average=how.average,
-                resume=how.resume,
-                force=how.force,
-                progress=step,
-            )
-        return
-    with output.progress(chosen.frames) as step:
+    chosen, delay = _plan(bench, plan), _delay(bench, how)
+    common: dict[str, Any] = {"average": how.average, "resume": how.resume, "force": how.force}
+    where = (bench.projector, bench.camera, chosen, folder)
+    with output.progress(chosen.frames * how.hdr) as step:
+        if how.hdr > 1:
+            bench.camera.configure(bench.settings)
+            fw.capture_hdr(*where, how.hdr, progress=step, **common)
+            return
         fw.capture(
-            bench.projector,
-            bench.camera,
-            chosen,
-            folder,
-            settings=settings,
+            *where,
+            settings=bench.settings,
+            exposure="auto" if how.auto_exposure else "given",
             delay=delay,
-            average=how.average,
-            resume=how.resume,
-            force=how.force,
+            most_saturated=how.most_saturated,
             progress=step,
+            **common,
         )

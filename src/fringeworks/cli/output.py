@@ -146,14 +146,30 @@ def draw(figure: Any, path: Path, provenance: fw.Provenance | None) -> None:
 
 @contextmanager
 def progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
-    """Show how work gets on: a moving line on a terminal, else a line now and then, on stderr."""
+    """Show how work gets on, with the time left where the number of steps is known.
+
+    A moving line on a terminal, else a line now and then; both on stderr.
+    """
     if _settings.quiet or not sys.stderr.isatty():
         yield _lines(total)
         return
     from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        ProgressColumn,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    columns: list[ProgressColumn] = [SpinnerColumn(), TextColumn("{task.description}")]
+    if total:
+        columns += [BarColumn(), TextColumn("{task.completed}/{task.total}")]
+        columns += [TimeRemainingColumn(), TextColumn("left")]
+    else:
+        columns.append(TimeElapsedColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total)
         yield lambda text: bar.update(task, description=text, advance=1)
@@ -172,7 +188,9 @@ def _lines(total: int | None) -> Callable[[str], None]:
             return
         last = now
         of = f"{count}/{total} " if total else ""
-        line = f"{of}{text} ({now - started:.0f} s)"
+        passed = now - started
+        left = f", {passed / count * (total - count):.0f} s left" if total else ""
+        line = f"{of}{text} ({passed:.0f} s{left})"
         _write_log(line)
         if not _settings.quiet:
             sys.stderr.write(f"{line}\n")

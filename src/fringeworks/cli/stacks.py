@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,17 +11,15 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
+from fringeworks.cli.decoding import DecodingOptions, StackOptions
 from fringeworks.cli.devices import take_poses
+from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import (
     AxisName,
-    Camera,
     Figure,
     JsonFile,
-    PlanFile,
     Ply,
     PlyOption,
-    Projector,
-    ResponseFile,
     items,
 )
 from fringeworks.cli.words import say_calibration, say_coordinates, say_phase, say_points
@@ -33,74 +30,6 @@ StackArgument = Annotated[
     Path,
     typer.Argument(help="Folder of images with its plan, or a TIFF, .npy or .npz stack."),
 ]
-Noise = Annotated[
-    float | None,
-    typer.Option(help="Standard deviation of the camera's noise, counts; measured by default."),
-]
-Gain = Annotated[float | None, typer.Option(help="Shot noise, variance per count; with --noise.")]
-Saturation = Annotated[
-    float | None, typer.Option(help="Counts from which on a sample is not trusted.")
-]
-MinModulation = Annotated[float, typer.Option(help="Least modulation, counts.")]
-EstimateSteps = Annotated[
-    bool,
-    typer.Option(
-        "--estimate-steps/--planned-steps",
-        help="Estimate the real phase steps and gains from the frames, or take those of the plan.",
-    ),
-]
-EstimateResponse = Annotated[
-    bool,
-    typer.Option("--estimate-response", help="Measure the response from the stack itself."),
-]
-
-
-def _stack(
-    path: Path, plan: Path | None, camera: str | None = None, projector: str | None = None
-) -> fw.Stack:
-    return _named(fw.read_stack(path, plan), camera, projector)
-
-
-def _captured(
-    path: Path, plan: Path | None, camera: str | None, projector: str | None
-) -> fw.Stack | tuple[fw.Stack, ...]:
-    """A stack, or the stacks of several exposures of a scene."""
-    if plan is None and fw.is_exposures(path):
-        return tuple(_named(stack, camera, projector) for stack in fw.read_exposures(path))
-    return _stack(path, plan, camera, projector)
-
-
-def _named(stack: fw.Stack, camera: str | None, projector: str | None) -> fw.Stack:
-    """The stack with the names of its devices, where they are given."""
-    return replace(stack, camera=camera or stack.camera, projector=projector or stack.projector)
-
-
-def _options(
-    noise: float | None,
-    gain: float | None,
-    saturation: float | None,
-    min_modulation: float,
-    estimate_steps: bool,
-    estimate_response: bool,
-    response: Path | None,
-) -> fw.DecodeOptions:
-    """The options of decoding, as the library takes them."""
-    if noise is None and gain is not None:
-        raise fw.InputError("--gain: expected together with --noise")
-    options: fw.DecodeOptions = {}
-    if min_modulation:
-        options["min_modulation"] = min_modulation
-    if not estimate_steps:
-        options["estimate_steps"] = False
-    if estimate_response:
-        options["estimate_response"] = True
-    if noise is not None:
-        options["noise"] = fw.CameraNoise(noise, gain or 0.0)
-    if saturation is not None:
-        options["saturation"] = saturation
-    if response is not None:
-        options["response"] = fw.read_response(response)
-    return options
 
 
 @app.command(
@@ -108,19 +37,14 @@ def _options(
     epilog="Example: fringeworks response plane/ --camera left --projector bench "
     "--out response.toml",
 )
+@grouped
 def response(
     stack: StackArgument,
     out: Annotated[Path, typer.Option("--out", help="Response file to write (TOML).")],
-    plan: PlanFile = None,
+    how: StackOptions,
     number: Annotated[
         int, typer.Option("--set", help="Which set of steps of the plan, from 1.")
     ] = 1,
-    camera: Camera = None,
-    projector: Projector = None,
-    noise: Noise = None,
-    gain: Gain = None,
-    saturation: Saturation = None,
-    min_modulation: MinModulation = 0.0,
     json_file: JsonFile = None,
 ) -> None:
     """Measure the response of camera and projector on a white plane."""
@@ -128,9 +52,7 @@ def response(
     from fringeworks.files.response import check_response_target
 
     output.check(out, check_response_target)
-    options = _options(noise, gain, saturation, min_modulation, True, False, None)
-    loaded = _stack(stack, plan, camera, projector)
-    found = fw.response_from_stack(loaded, number=number, **options)
+    found = fw.response_from_stack(how.read(stack), number=number, **how.options)
     with output.target(out, ".toml") as place:
         fw.write_response(place, found)
     output.write_json(json_file, fw.summarise(found))
@@ -145,18 +67,10 @@ def response(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks decode shots/ --out coordinates.npz --figure x.png",
 )
+@grouped
 def decode(
     stack: StackArgument,
-    plan: PlanFile = None,
-    noise: Noise = None,
-    gain: Gain = None,
-    saturation: Saturation = None,
-    min_modulation: MinModulation = 0.0,
-    estimate_steps: EstimateSteps = True,
-    estimate_response: EstimateResponse = False,
-    response: ResponseFile = None,
-    camera: Camera = None,
-    projector: Projector = None,
+    how: DecodingOptions,
     relative: Annotated[
         bool,
         typer.Option("--relative", help="Coordinates modulo the plan's unambiguous range."),
@@ -185,16 +99,14 @@ def decode(
 
     output.check(out, check_coordinate_target)
     output.check(figure, check_figure_target)
-    options = _options(
-        noise, gain, saturation, min_modulation, estimate_steps, estimate_response, response
-    )
+    options = how.options
     if steps:
-        if plan is not None or relative or phases:
+        if how.plan is not None or relative or phases:
             raise fw.InputError(
                 "--steps: it takes the place of a plan and gives a phase; expected none of "
                 "--plan, --relative, --phases beside it"
             )
-        given: dict[str, Any] = {"camera": camera, "projector": projector, **options}
+        given: dict[str, Any] = {"camera": how.camera, "projector": how.projector, **options}
         phase = fw.phase_from_stack(stack, _shifts(steps), **given)
         _show_phase(words, stack.name, phase, unwrap, out, figure, json_file)
         return
@@ -202,7 +114,7 @@ def decode(
         raise fw.InputError("--unwrap: expected together with --steps")
     with output.progress() as progress:
         progress("reading …")
-        loaded = _captured(stack, plan, camera, projector)
+        loaded = how.read_captured(stack)
         progress("decoding …")
         if relative:
             options["absolute"] = False
@@ -260,6 +172,7 @@ def _show_phase(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks calibrate board/ --board chessboard:11x8:12 --out rig.toml",
 )
+@grouped
 def calibrate(
     folder: Annotated[Path, typer.Argument(help="Folder with one stack per pose of the board.")],
     board: Annotated[
@@ -270,28 +183,17 @@ def calibrate(
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Rig file: .toml, or .xml, .yml (OpenCV).")],
-    plan: PlanFile = None,
+    how: DecodingOptions,
     distortion: Annotated[
         int | None,
         typer.Option(
             help="Distortion coefficients per lens: 0, 2, 4 or 5; by default those that are useful."
         ),
     ] = None,
-    noise: Noise = None,
-    gain: Gain = None,
-    saturation: Saturation = None,
-    min_modulation: MinModulation = 0.0,
-    estimate_steps: EstimateSteps = True,
-    estimate_response: EstimateResponse = False,
-    response: ResponseFile = None,
-    camera: Camera = None,
-    projector: Projector = None,
     live: Annotated[
-        bool, typer.Option("--live", help="Take the poses first, each judged at once; see --setup.")
+        bool,
+        typer.Option("--live", help="Take the poses first, each judged at once; with --setup."),
     ] = False,
-    setup: Annotated[
-        Path | None, typer.Option("--setup", help="Set-up file of the devices, with --live.")
-    ] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Calibrate a camera and projector with a board in several poses."""
@@ -302,16 +204,12 @@ def calibrate(
     output.check(out, check_rig_target)
     known = fw.parse_board(board)
     if live:
-        if setup is None:
+        if how.setup is None:
             raise fw.InputError("--live: expected together with --setup")
-        take_poses(setup, plan, known, folder)
-    options = _options(
-        noise, gain, saturation, min_modulation, estimate_steps, estimate_response, response
-    )
+        take_poses(how.setup, how.plan, known, folder)
+    options = how.options
     with output.progress(len(pose_paths(folder)) + 1) as progress:
-        poses = (
-            (name, _named(stack, camera, projector)) for name, stack in fw.read_poses(folder, plan)
-        )
+        poses = ((name, how.named(stack)) for name, stack in fw.read_poses(folder, how.plan))
         found = fw.calibrate_stacks(
             poses, known, distortion=distortion, progress=progress, **options
         )
@@ -327,10 +225,11 @@ def calibrate(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks measure part/ --rig rig.toml --out part.ply",
 )
+@grouped
 def measure(
     stack: StackArgument,
     rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
-    plan: PlanFile = None,
+    how: DecodingOptions,
     axis: Annotated[
         AxisName | None, typer.Option(help="Use this axis of the projector only, x or y.")
     ] = None,
@@ -341,15 +240,6 @@ def measure(
             "from the rig."
         ),
     ] = None,
-    noise: Noise = None,
-    gain: Gain = None,
-    saturation: Saturation = None,
-    min_modulation: MinModulation = 0.0,
-    estimate_steps: EstimateSteps = True,
-    estimate_response: EstimateResponse = False,
-    response: ResponseFile = None,
-    camera: Camera = None,
-    projector: Projector = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Points: .ply, .xyz or .npz; '-' is PLY.")
     ] = None,
@@ -364,12 +254,10 @@ def measure(
 
     output.check(out, check_points_target)
     output.check(figure, check_figure_target)
-    options = _options(
-        noise, gain, saturation, min_modulation, estimate_steps, estimate_response, response
-    )
+    options = how.options
     with output.progress() as progress:
         progress("reading …")
-        loaded, calibrated = _captured(stack, plan, camera, projector), fw.read_rig(rig_file)
+        loaded, calibrated = how.read_captured(stack), fw.read_rig(rig_file)
         progress("measuring …")
         found = fw.measure(
             loaded,

@@ -152,6 +152,9 @@ class GenicamCamera(Closing):
 
     def configure(self, settings: CameraSettings) -> CameraSettings:
         """Change settings; see ``Camera.configure``."""
+        if settings == CameraSettings():
+            # Nothing changes, so frames may go on.
+            return self._read_back()
         self._check_limits(settings)
         self._stop()
         region = settings.region

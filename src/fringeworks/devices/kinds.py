@@ -6,8 +6,10 @@ from collections.abc import Iterator
 
 from fringeworks.devices.protocols import Camera, CameraLimits, Projector
 from fringeworks.devices.registry import (
+    BOTH_KINDS,
     CAMERA_KINDS,
     PROJECTOR_KINDS,
+    Both,
     ListedDevice,
     registering,
 )
@@ -85,6 +87,15 @@ def open_folder(folder: str) -> Camera:
     from fringeworks.devices.folder_camera import FolderCamera
 
     return FolderCamera(_needed("folder", "PATH", folder))
+
+
+@registering(BOTH_KINDS, "scanner", "virtual", None)
+def open_virtual(scene: str) -> Both:
+    """``virtual`` or ``virtual:SCENE``: devices in memory, on a clock that nobody waits for."""
+    from fringeworks.devices.clock import SimulatedClock
+    from fringeworks.devices.virtual_bench import virtual_bench
+
+    return virtual_bench(scene, clock=SimulatedClock())
 
 
 def described(limits: CameraLimits) -> str:

@@ -48,7 +48,7 @@ class MemoryProjector(Closing):
     3. Connect the camera's trigger output (exposure active) to that input. Set the time of a
        picture to the exposure or shorter, so that the exposure ends after the picture.
     4. Start the sequence, so that the next trigger shows the first picture.
-    5. ``capture_sequence(MemoryProjector("patterns"), camera, "capture")``.
+    5. ``capture(MemoryProjector("patterns"), camera, read_plan("patterns/plan.toml"), "capture")``.
 
     The computer cannot see what the projector shows. ``show`` checks that the picture that is asked
     for is the next one of the sequence; a lost trigger is only found in the frames, by the check of
@@ -115,7 +115,7 @@ class MemoryProjector(Closing):
             raise DeviceProblem(
                 f"memory projector: expected picture {self._position + 1} of {self.plan.frames} "
                 f"({self.plan.labels()[self._position]}), got another one: the projector plays its "
-                "sequence in order"
+                "sequence in order and shows no test pictures, so its exposure is set by hand"
             )
         if self._advance is not None:
             self._advance()

@@ -8,17 +8,16 @@ import fringeworks.devices.kinds  # noqa: F401, registers first, so that nobody 
 from fringeworks.devices.plugins import load_installed
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.devices.registry import (
+    BOTH_KINDS,
     CAMERA_KINDS,
     PROJECTOR_KINDS,
+    Both,
     Device,
     Finder,
     Kind,
     registering,
 )
 from fringeworks.types import DeviceProblem
-
-VIRTUAL = "virtual"
-"""Kind of the devices that exist in memory only; a projector and a camera go together."""
 
 
 def camera_kind(
@@ -48,6 +47,15 @@ def projector_kind(
 ) -> Callable[[Callable[[str], Projector]], Callable[[str], Projector]]:
     """Register a function that opens projectors of a kind; see ``camera_kind``."""
     return registering(PROJECTOR_KINDS, "projector", name, find)
+
+
+def scanner_kind(name: str) -> Callable[[Callable[[str], Both]], Callable[[str], Both]]:
+    """Register a function that opens a projector and a camera that belong together.
+
+    Such as a scan head with one plug, or ``virtual``. The name must be free among projectors and
+    cameras as well. See ``camera_kind``.
+    """
+    return registering(BOTH_KINDS, "scanner", name, None)
 
 
 def camera_kinds() -> dict[str, Kind[Camera]]:
@@ -97,6 +105,11 @@ def open_projector(words: str) -> Projector:
 
 def _opened(kinds: dict[str, Kind[Device]], role: str, words: str) -> Device:
     name, _, which = words.partition(":")
+    if name in BOTH_KINDS:
+        raise DeviceProblem(
+            f"{role} {words!r}: {name} opens a projector and a camera together; expected "
+            "it for both"
+        )
     if name not in kinds:
         raise DeviceProblem(
             f"{role} {words!r}: expected a kind of {', '.join(sorted(kinds))}, alone or with a "
@@ -111,27 +124,24 @@ def open_devices(projector: str, camera: str) -> tuple[Projector, Camera]:
     Parameters
     ----------
     projector, camera : str
-        As for ``open_projector`` and ``open_camera``. ``virtual`` or ``virtual:SCENE`` for both
-        opens devices that exist in memory only, before a scene of ``SCENES``.
+        As for ``open_projector`` and ``open_camera``, or a kind of ``scanner_kind`` for both, with
+        which one at either. ``virtual`` opens devices that exist in memory only, before the bust;
+        ``virtual:SCENE`` before a scene of ``SCENES``.
 
     Raises
     ------
-    As ``open_camera``, and DeviceProblem where only one of them is virtual.
+    As ``open_camera``, and DeviceProblem where two devices that belong together are not named both.
     """
-    kinds = [words.partition(":")[0] for words in (projector, camera)]
-    if VIRTUAL in kinds:
-        if kinds[0] != kinds[1]:
+    load_installed()
+    (shows, _, one), (films, _, other) = (w.partition(":") for w in (projector, camera))
+    both = BOTH_KINDS.get(films) or BOTH_KINDS.get(shows)
+    if both is not None:
+        if shows != films or (one and other and one != other):
             raise DeviceProblem(
-                "virtual devices: expected projector and camera to be virtual, got "
-                f"{projector} and {camera}"
+                f"{both.name}: opens a projector and a camera together; expected {both.name} for "
+                f"both of them, got {projector} and {camera}"
             )
-        from fringeworks.devices.clock import SimulatedClock
-        from fringeworks.devices.virtual_bench import virtual_bench
-
-        # Virtual devices make nobody wait.
-        return virtual_bench(
-            camera.partition(":")[2] or projector.partition(":")[2], clock=SimulatedClock()
-        )
+        return both.open(other or one)
     opened = open_projector(projector)
     try:
         return opened, open_camera(camera)

@@ -11,7 +11,9 @@ from typing import Generic, TypeVar
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.types import InputError
 
-Device = TypeVar("Device", bound=Camera | Projector)
+Both = tuple[Projector, Camera]
+"""A projector and a camera that belong together."""
+Device = TypeVar("Device", bound=Camera | Projector | Both)
 NAME = re.compile(r"[a-z][a-z0-9_-]*")
 """Names of kinds: words of a command line, without the colon that ends them."""
 
@@ -39,7 +41,7 @@ InputError."""
 
 @dataclass(frozen=True)
 class Kind(Generic[Device]):
-    """A kind of camera or projector."""
+    """A kind of camera, of projector, or of both together."""
 
     name: str
     summary: str
@@ -54,6 +56,8 @@ CAMERA_KINDS: dict[str, Kind[Camera]] = {}
 """The kinds of cameras that were registered so far."""
 PROJECTOR_KINDS: dict[str, Kind[Projector]] = {}
 """The kinds of projectors that were registered so far."""
+BOTH_KINDS: dict[str, Kind[Both]] = {}
+"""The kinds of projector and camera in one device that were registered so far."""
 
 
 def registering(
@@ -66,7 +70,9 @@ def registering(
             raise InputError(
                 f"{role} kind {name!r}: expected small letters, digits, - and _, a letter first"
             )
-        taken = kinds.get(name)
+        # A scanner is named in the place of a projector and of a camera.
+        tables = (CAMERA_KINDS, PROJECTOR_KINDS) if role == "scanner" else (BOTH_KINDS,)
+        taken = next((table[name] for table in (kinds, *tables) if name in table), None)
         if taken is not None and _place(taken.open) != _place(function):
             raise InputError(
                 f"{role} kind {name!r}: expected a name that is free, got that of "

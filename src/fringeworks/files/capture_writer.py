@@ -137,7 +137,7 @@ def writing_capture(
         Counts from which on a sample is not trusted.
     resume : bool
         Keep the frames of a capture that was interrupted. Its plan, devices and settings must be
-        the same.
+        the same. A complete capture is left as it is.
     force : bool
         Write into a folder with other things in it, too; see ``replacing_folder``.
 
@@ -156,6 +156,8 @@ def writing_capture(
             write_text(writer.file(PLAN_FILE), format_plan(plan))
         capture = CaptureWriter(writer, plan, stems)
         yield capture
+        if CAPTURE_FILE in kept:
+            return
         if capture.missing:
             labels = plan.labels()
             raise FramesContradictPlan(
@@ -165,6 +167,16 @@ def writing_capture(
         described = {"kind": "stack", "plan": PLAN_FILE, "frames": capture.names} | content
         write_text(writer.file(CAPTURE_FILE), tomli_w.dumps(described))
         writer.remove(UNFINISHED_FILE)
+
+
+def settings_to_resume(folder: StrPath) -> CameraSettings:
+    """Return the camera's settings of a capture that was begun in a folder.
+
+    Raises
+    ------
+    FileProblem where there is none.
+    """
+    return settings_of(_begun(Path(folder)).settings)
 
 
 def refuse_unfinished(folder: Path) -> None:
@@ -216,27 +228,33 @@ def _known(**values: Any) -> dict[str, Any]:
 def _kept(
     folder: Path, content: dict[str, Any], plan: PatternPlan, stems: list[str]
 ) -> tuple[str, ...]:
-    """Names of the files of an interrupted capture that are kept."""
-    if (folder / CAPTURE_FILE).is_file():
-        raise FileProblem(f"{folder}: expected an interrupted capture, got a complete one")
-    described = folder / UNFINISHED_FILE
-    if not described.is_file():
-        raise FileProblem(f"{folder}: expected an interrupted capture to resume, got none")
-    before = read_toml(described, UnfinishedFile).model_dump(exclude_unset=True, exclude_none=True)
+    """Names of the files of an earlier capture that are kept."""
+    before = _begun(folder).model_dump(
+        exclude_unset=True, exclude_none=True, exclude={"kind", "plan", "frames"}
+    )
     wanted = UnfinishedFile.model_validate(content).model_dump(
         exclude_unset=True, exclude_none=True
     )
     if before != wanted:
         raise InputError(
-            f"{folder}: expected the settings of the interrupted capture ({_told(before)}), got "
+            f"{folder}: expected the settings of the capture that is there ({_told(before)}), got "
             f"others ({_told(wanted)})"
         )
     if (folder / PLAN_FILE).read_text("utf-8") != format_plan(plan):
-        raise InputError(f"{folder}: expected the plan of the interrupted capture, got another")
+        raise InputError(f"{folder}: expected the plan of the capture that is there, got another")
     foreign = set(foreign_names(folder))
     names = [stem + suffix for stem in stems for suffix in SUFFIXES]
     there = [n for n in names if (folder / n).is_file() and n not in foreign]
-    return (UNFINISHED_FILE, PLAN_FILE, *there)
+    described = [name for name in (CAPTURE_FILE, UNFINISHED_FILE) if (folder / name).is_file()]
+    return (*described, PLAN_FILE, *there)
+
+
+def _begun(folder: Path) -> UnfinishedFile:
+    """The description of a capture that was begun, complete or not."""
+    for name, kind in ((CAPTURE_FILE, StackFile), (UNFINISHED_FILE, UnfinishedFile)):
+        if (folder / name).is_file():
+            return read_toml(folder / name, kind)
+    raise FileProblem(f"{folder}: expected an interrupted capture to resume, got none")
 
 
 def _told(values: dict[str, Any]) -> str:

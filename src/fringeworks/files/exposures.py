@@ -56,15 +56,12 @@ class ExposuresWriter:
             return self._writer.folder / name
         return self._writer.file(name)
 
-    def is_complete(self, number: int) -> bool:
-        """Whether the capture of an exposure was complete when an interrupted scan was resumed."""
-        name = self._names[number]
-        return self._writer.keeps(name) and is_file(self._writer.folder / name / CAPTURE_FILE)
-
     def is_begun(self, number: int) -> bool:
-        """Whether frames of an exposure were taken before the scan was interrupted."""
+        """Whether frames of an exposure were taken before an interrupted scan was resumed."""
         name = self._names[number]
-        return self._writer.keeps(name) and is_file(self._writer.folder / name / UNFINISHED_FILE)
+        folder = self._writer.folder / name
+        begun = any(is_file(folder / file) for file in (UNFINISHED_FILE, CAPTURE_FILE))
+        return self._writer.keeps(name) and begun
 
 
 @contextmanager
@@ -87,7 +84,8 @@ def writing_exposures(
     settings : sequence of CameraSettings
         One for each exposure.
     resume : bool
-        Keep what an interrupted scan with the same settings has written.
+        Keep what an interrupted scan with the same settings has written. A complete one is left as
+        it is.
     force : bool
         Write into a folder with other things in it, too; see ``replacing_folder``.
 
@@ -105,8 +103,23 @@ def writing_exposures(
         if not kept:
             write_text(writer.file(UNFINISHED_FILE), tomli_w.dumps(content))
         yield ExposuresWriter(writer, sections)
+        if CAPTURE_FILE in kept:
+            return
         write_text(writer.file(CAPTURE_FILE), tomli_w.dumps(content))
         writer.remove(UNFINISHED_FILE)
+
+
+def series_to_resume(folder: StrPath) -> list[CameraSettings]:
+    """Return the settings of a scan with several exposures that was begun in a folder.
+
+    Raises
+    ------
+    FileProblem where there is none.
+    """
+    return [
+        CameraSettings(exposure_ms=one.exposure_ms, gain_db=one.gain_db)
+        for one in _begun(Path(folder)).exposures
+    ]
 
 
 def is_exposures(path: StrPath) -> bool:
@@ -156,19 +169,23 @@ def _section(number: int, settings: CameraSettings) -> dict[str, Any]:
 
 def _kept(folder: Path, content: dict[str, Any]) -> tuple[str, ...]:
     """Names in the folder of an interrupted scan that are kept."""
-    if (folder / CAPTURE_FILE).is_file():
-        raise FileProblem(f"{folder}: expected an interrupted capture, got a complete one")
-    described = folder / UNFINISHED_FILE
-    if not described.is_file():
-        raise FileProblem(f"{folder}: expected an interrupted capture to resume, got none")
-    before = read_toml(described, ExposuresFile)
+    before = _begun(folder)
     if before != ExposuresFile.model_validate(content):
         raise InputError(
-            f"{folder}: expected the settings of the interrupted capture "
+            f"{folder}: expected the settings of the captures that are there "
             f"({_told(before.exposures)}), got {_told(content['exposures'])}"
         )
     names = [one.folder for one in before.exposures]
-    return (UNFINISHED_FILE, *(name for name in names if (folder / name).is_dir()))
+    described = [name for name in (CAPTURE_FILE, UNFINISHED_FILE) if (folder / name).is_file()]
+    return (*described, *(name for name in names if (folder / name).is_dir()))
+
+
+def _begun(folder: Path) -> ExposuresFile:
+    """The description of a scan that was begun, complete or not."""
+    for name in (CAPTURE_FILE, UNFINISHED_FILE):
+        if (folder / name).is_file():
+            return read_toml(folder / name, ExposuresFile)
+    raise FileProblem(f"{folder}: expected an interrupted capture to resume, got none")
 
 
 def _told(exposures: Sequence[ExposureSection] | Sequence[dict[str, Any]]) -> str:

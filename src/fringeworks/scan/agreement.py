@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from fringeworks.scan.differences import (
     compared,
     noise_between,
 )
+from fringeworks.scan.saturation import SaturationGuard
+from fringeworks.scan.taking import Picture
 from fringeworks.scan.uniform import black_picture, white_picture
 from fringeworks.types import CameraNoise, CameraSettings, DeviceProblem
 
@@ -68,6 +71,17 @@ class Agreement:
         self._exact = False
         self.noise = CameraNoise(float(np.sqrt(ROUNDING_VARIANCE)))
         """The camera's noise, measured by ``start``."""
+
+    def frames(
+        self, pictures: Iterable[Picture], average: int = 1, guard: SaturationGuard | None = None
+    ) -> Iterator[tuple[int, list[Grab]]]:
+        """Show pictures and take frames of each; see ``Taker``."""
+        if self._picture is None:
+            uniform = self.start()
+            if guard is not None:
+                guard.check(grab.pixels for grab in uniform)
+        for number, label, counts in pictures:
+            yield number, [self.take(counts, label), *self.more(average - 1)]
 
     def start(self) -> tuple[Grab, Grab]:
         """Show black and white, and measure the camera's noise.

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
-from fringeworks.devices.pixel_formats import full_scale
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.agreement import Agreement
+from fringeworks.scan.saturation import CLIPPED_SHARE, largest_count
 from fringeworks.types import BoolMap, CameraSettings, FloatMap, Frozen
 
 LIT_SIGMAS = 5.0
 """Rise from black to white from which on a pixel counts as lit, in standard deviations of its
 noise: noise alone reaches it in one pixel of three million."""
-CLIPPED_SHARE = 0.985
-"""Share of full scale from which on a sample counts as saturated. Pixels of a sensor clip at
-slightly different counts, and noise hides clipping just below full scale."""
-
 BORDER_SHARE = 0.01
 """Width of the borders of lit regions that do not decide about exposures, share of the frame's
 rows. There surfaces turn away from the light and blur mixes in the dark background: the rim of a
@@ -121,10 +116,3 @@ def _inside(lit: BoolMap) -> BoolMap:
     share = ndimage.uniform_filter(lit.astype(np.float64), side, mode="nearest")
     inside = lit & (share >= INSIDE_SHARE)
     return np.asarray(inside if np.count_nonzero(inside) >= LEAST_INSIDE else lit)
-
-
-def largest_count(settings: CameraSettings, kind: np.dtype[Any]) -> float:
-    """Return the largest count, by the pixel format or the type of the frames."""
-    if settings.pixel_format is not None:
-        return float(full_scale(settings.pixel_format))
-    return float(np.iinfo(kind).max)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from fringeworks.devices.pixel_formats import full_scale
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.capture_writer import writing_capture
+from fringeworks.files.capture_writer import settings_to_resume, writing_capture
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.delay import Delay
+from fringeworks.scan.exposure import auto_exposure
 from fringeworks.scan.frames import Progress, check_plan, take_frames
+from fringeworks.scan.saturation import MOST_SATURATED
 from fringeworks.types import CameraSettings
 
 AVERAGED_SATURATION = 0.98
@@ -25,8 +28,10 @@ def capture(
     folder: StrPath,
     *,
     settings: CameraSettings | None = None,
+    exposure: Literal["given", "auto"] = "given",
     delay: Delay | None = None,
     average: int = 1,
+    most_saturated: float = MOST_SATURATED,
     resume: bool = False,
     force: bool = False,
     progress: Progress = lambda _: None,
@@ -42,12 +47,18 @@ def capture(
         New, empty, or an earlier result, which is replaced as a whole.
     settings : CameraSettings, optional
         Asked for before the first frame. What the camera then reports is stored with the capture.
+    exposure : "given" or "auto"
+        "auto" lets ``auto_exposure`` choose exposure and gain; with ``resume``, those of the
+        interrupted capture are taken.
     delay : Delay, optional
         For the fast way of taking frames; see ``take_frames``.
     average : int
         Number of frames that are averaged for each picture.
+    most_saturated : float
+        Largest share of the lit pixels that may be saturated, 0…1; see ``take_frames``.
     resume : bool
-        Keep the frames of a capture that was interrupted, and take the others.
+        Keep the frames of a capture that was interrupted, and take the others. A complete capture
+        with the same plan and settings is left as it is.
     force : bool
         Write into a folder with other things in it, too.
     progress : callable
@@ -60,11 +71,14 @@ def capture(
     Raises
     ------
     InputError for a plan that the projector cannot show, or other settings than those of the
-    interrupted capture; DeviceProblem where frames do not come; FileProblem where the folder cannot
-    be written to.
+    interrupted capture; DeviceProblem where frames do not come or too many pixels are saturated;
+    FileProblem where the folder cannot be written to.
     """
     check_plan(projector, plan)
     used = camera.configure(settings or CameraSettings())
+    if exposure == "auto":
+        known = settings_to_resume(folder) if resume else auto_exposure(projector, camera)
+        used = camera.configure(known)
     with writing_capture(
         folder,
         plan,
@@ -76,16 +90,19 @@ def capture(
         resume=resume,
         force=force,
     ) as writer:
-        for number, frame in take_frames(
-            projector,
-            camera,
-            plan,
-            delay=delay,
-            average=average,
-            only=writer.missing,
-            progress=progress,
-        ):
-            writer.add(number, frame)
+        if writer.missing:
+            frames = take_frames(
+                projector,
+                camera,
+                plan,
+                delay=delay,
+                average=average,
+                only=writer.missing,
+                most_saturated=most_saturated,
+                progress=progress,
+            )
+            for number, frame in frames:
+                writer.add(number, frame)
     return Path(folder)
 
 

@@ -7,20 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from fringeworks.devices.protocols import Camera, Projector
-from fringeworks.scan.brightness import (
-    CLIPPED_SHARE,
-    Brightness,
-    amount_of,
-    largest_count,
-    light_per_ms,
-    measure_brightness,
-)
+from fringeworks.scan.brightness import Brightness, amount_of, light_per_ms, measure_brightness
 from fringeworks.scan.exposure_range import (
     LONGEST_MS,
     ExposureRange,
     configured,
     exposure_range,
 )
+from fringeworks.scan.saturation import CLIPPED_SHARE, largest_count
 from fringeworks.types import CameraSettings, DeviceProblem, InputError
 
 TARGET = 0.9

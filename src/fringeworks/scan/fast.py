@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from fringeworks.devices.protocols import (
     TriggeredCamera,
 )
 from fringeworks.scan.delay import Delay
+from fringeworks.scan.saturation import SaturationGuard
+from fringeworks.scan.taking import Picture
 from fringeworks.types import CameraSettings, DeviceProblem
 
 MAX_ROUNDS = 6
@@ -50,6 +53,19 @@ class FastTaker:
         self._delay = delay
         self._clock = clock_of(projector)
         self._triggers_s: list[float] = []
+        self._unused: Counter[str] = Counter()
+        """Reasons why frames were not used, with their numbers."""
+
+    def frames(
+        self, pictures: Iterable[Picture], average: int = 1, guard: SaturationGuard | None = None
+    ) -> Iterator[tuple[int, list[Grab]]]:
+        """Show pictures and take frames of each; see ``Taker``."""
+        shown = list(pictures)
+        rounds = [self.take([picture.counts for picture in shown]) for _ in range(average)]
+        if guard is not None:
+            guard.check(grab.pixels for grab in rounds[0])
+        for k, picture in enumerate(shown):
+            yield picture.number, [grabs[k] for grabs in rounds]
 
     def take(self, pictures: Sequence[NDArray[Any]]) -> list[Grab]:
         """Show pictures and return a frame of each, in their order.
@@ -60,15 +76,18 @@ class FastTaker:
         """
         self._camera.configure(CameraSettings(triggered=self._delay.transit_s is not None))
         frames: dict[int, Grab] = {}
+        self._unused.clear()
         for _ in range(MAX_ROUNDS):
             frames |= self._round({n: p for n, p in enumerate(pictures) if n not in frames})
             if len(frames) == len(pictures):
                 return [frames[n] for n in range(len(pictures))]
         lost = len(pictures) - len(frames)
+        unused = ", ".join(f"{count} {why}" for why, count in self._unused.items())
         raise DeviceProblem(
             f"{self._camera.name}: expected a frame of every picture in {MAX_ROUNDS} rounds, got "
-            f"none of {lost} of {len(pictures)}: the delay has changed or frames are lost; measure "
-            "it again, or scan without --fast"
+            f"none of {lost} of {len(pictures)} (frames that could not be used: "
+            f"{unused or 'none, so frames were dropped'}): the delay has changed or frames are "
+            "lost; measure the delay again, or take frames by agreement"
         )
 
     def _round(self, pictures: dict[int, NDArray[Any]]) -> dict[int, Grab]:
@@ -106,12 +125,18 @@ class FastTaker:
 
     def _assigned(self, shown: list[tuple[int, float]], grabs: list[Grab]) -> dict[int, Grab]:
         frames: dict[int, Grab] = {}
+        used: set[int] = set()
         ends = [s for _, s in shown[1:]] + [float("inf")]
         for (n, from_s), end_s in zip(shown, ends, strict=True):
-            for grab in grabs:
-                early = grab.host_s < from_s + self._delay.first_s
-                late = grab.host_s > end_s + self._delay.last_s
-                if grab.complete and not early and not late:
+            for k, grab in enumerate(grabs):
+                in_time = from_s + self._delay.first_s <= grab.host_s <= end_s + self._delay.last_s
+                if grab.complete and in_time:
                     frames[n] = grab
+                    used.add(k)
                     break
+        self._unused.update(
+            "in transition between pictures" if grab.complete else "incomplete"
+            for k, grab in enumerate(grabs)
+            if k not in used
+        )
         return frames

@@ -8,16 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.devices.memory_projector import MemoryProjector
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.delay import Delay
 from fringeworks.scan.fast import FastTaker
+from fringeworks.scan.saturation import MOST_SATURATED, SaturationGuard
+from fringeworks.scan.sequence import SequenceTaker
+from fringeworks.scan.taking import Picture, Taker
 from fringeworks.types import InputError
 
 Progress = Callable[[str], None]
 """Called with the label of a frame when it was taken."""
+MOST_AVERAGED = 255
+"""Largest number of frames that are averaged for a picture: a sixteenth of the noise of one frame.
+More would average the drift of the lamp."""
 
 
 def take_frames(
@@ -28,6 +35,7 @@ def take_frames(
     delay: Delay | None = None,
     average: int = 1,
     only: Iterable[int] | None = None,
+    most_saturated: float = MOST_SATURATED,
     progress: Progress = lambda _: None,
 ) -> Iterator[tuple[int, NDArray[Any]]]:
     """Show the pictures of a plan and take a frame of each.
@@ -36,7 +44,7 @@ def take_frames(
     ----------
     projector : Projector
         Of the size of the plan, or larger: the plan's pictures are shown in the upper left corner
-        then, black around them.
+        then, black around them. A ``MemoryProjector`` plays its own plan, which must be this one.
     camera : Camera
     plan : PatternPlan
     delay : Delay, optional
@@ -46,6 +54,9 @@ def take_frames(
         Number of frames that are averaged for each picture; 1 to 255.
     only : numbers of pictures, optional
         All by default.
+    most_saturated : float
+        Largest share of the lit pixels that may be saturated, 0…1. With more, the frames are
+        refused: a shorter exposure is needed.
     progress : callable
 
     Yields
@@ -55,54 +66,48 @@ def take_frames(
 
     Raises
     ------
-    InputError for a plan that the projector cannot show; DeviceProblem where frames do not come.
+    InputError for a plan that the projector cannot show; DeviceProblem where frames do not come, or
+    too many pixels are saturated.
     """
     check_plan(projector, plan)
-    if not 1 <= average <= 255:
-        raise InputError(f"average: expected 1 to 255 frames, got {average}")
-    if delay is None:
-        taker = Agreement(projector, camera)
-        yield from taken_by_agreement(
-            projector, taker, plan, average=average, only=only, progress=progress
-        )
-        return
-    fast = FastTaker(projector, camera, delay)
-    chosen = list(_pictures(projector, plan, only))
-    rounds = [fast.take([picture for _, picture in chosen]) for _ in range(average)]
-    labels = plan.labels()
-    for k, (n, _) in enumerate(chosen):
-        progress(labels[n])
-        yield n, _mean([grabs[k].pixels for grabs in rounds])
+    if not 1 <= average <= MOST_AVERAGED:
+        raise InputError(f"average: expected 1 to {MOST_AVERAGED} frames, got {average}")
+    taker = taker_of(projector, camera, delay)
+    guard = SaturationGuard(camera, most_saturated)
+    for number, grabs in taker.frames(pictures_of(projector, plan, only), average, guard):
+        progress(plan.labels()[number])
+        yield number, _mean([grab.pixels for grab in grabs])
 
 
-def taken_by_agreement(
-    projector: Projector,
-    agreement: Agreement,
-    plan: PatternPlan,
-    *,
-    average: int = 1,
-    only: Iterable[int] | None = None,
-    progress: Progress = lambda _: None,
-) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Take the frames of a plan in the safe way, with an ``Agreement`` that may have begun already.
+def taker_of(projector: Projector, camera: Camera, delay: Delay | None = None) -> Taker:
+    """Return the way to take frames: by agreement, at a pace, or in a projector's own sequence.
 
-    Parameters and yields as ``take_frames``.
+    Raises
+    ------
+    InputError for a delay together with a ``MemoryProjector``, whose frames are triggered one by
+    one, and for such a projector with a camera without trigger.
     """
-    labels = plan.labels()
-    for n, picture in _pictures(projector, plan, only):
-        grabs = [agreement.take(picture, labels[n]), *agreement.more(average - 1)]
-        progress(labels[n])
-        yield n, _mean([grab.pixels for grab in grabs])
+    if isinstance(projector, MemoryProjector):
+        if delay is not None:
+            raise InputError(
+                "delay: expected none for a projector that plays from its memory: every frame is "
+                "triggered"
+            )
+        return SequenceTaker(projector, camera)
+    if delay is not None:
+        return FastTaker(projector, camera, delay)
+    return Agreement(projector, camera)
 
 
-def _pictures(
-    projector: Projector, plan: PatternPlan, only: Iterable[int] | None
-) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Numbers and pictures of a plan, in the projector's size."""
+def pictures_of(
+    projector: Projector, plan: PatternPlan, only: Iterable[int] | None = None
+) -> Iterator[Picture]:
+    """Draw the pictures of a plan in the projector's size, those of some numbers or all."""
     wanted = set(range(plan.frames) if only is None else only)
-    for n, picture in enumerate(encode(plan)):
+    labels = plan.labels()
+    for n, counts in enumerate(encode(plan)):
         if n in wanted:
-            yield n, on_screen(picture, projector)
+            yield Picture(n, labels[n], on_screen(counts, projector))
 
 
 def check_plan(projector: Projector, plan: PatternPlan) -> None:
@@ -110,7 +115,8 @@ def check_plan(projector: Projector, plan: PatternPlan) -> None:
 
     Raises
     ------
-    InputError for a plan that is larger than the projector, or of another depth.
+    InputError for a plan that is larger than the projector, of another depth, or another one than
+    that in a ``MemoryProjector``.
     """
     columns, rows = projector.size_px
     if plan.width_px > columns or plan.height_px > rows:
@@ -122,6 +128,11 @@ def check_plan(projector: Projector, plan: PatternPlan) -> None:
         raise InputError(
             f"plan: expected pictures of {projector.bits} bit, as the projector {projector.name} "
             f"shows them, got {plan.bits} bit"
+        )
+    if isinstance(projector, MemoryProjector) and plan != projector.plan:
+        raise InputError(
+            f"plan: expected the plan whose pictures the projector {projector.name} holds, got "
+            "another one"
         )
 
 

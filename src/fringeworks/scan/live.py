@@ -10,13 +10,10 @@ from typing import Unpack
 import numpy as np
 
 from fringeworks.devices.protocols import Camera, Projector
-from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.rig.triangulate import Triangulator
-from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.delay import Delay
-from fringeworks.scan.fast import FastTaker
-from fringeworks.scan.frames import check_plan, on_screen, taken_by_agreement
+from fringeworks.scan.frames import check_plan, pictures_of, taker_of
 from fringeworks.stack.decode import decode
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import Decoded, Frozen, PointCloud, Reason, Rig
@@ -36,16 +33,22 @@ class LiveCloud(Frozen):
     """Time that decoding and triangulation took, s."""
 
     @property
+    def clouds_per_s(self) -> float:
+        """Measurements per second, 1/s."""
+        return 1.0 / max(self.taking_s + self.computing_s, 1e-9)
+
+    @property
     def points_per_s(self) -> float:
         """Measured points over the time of the whole measurement, 1/s."""
         count = int(np.sum(self.points.reason == Reason.OK))
-        return count / max(self.taking_s + self.computing_s, 1e-9)
+        return count * self.clouds_per_s
 
     def __str__(self) -> str:
         count = int(np.sum(self.points.reason == Reason.OK))
         return (
             f"{count} points, frames {1e3 * self.taking_s:.0f} ms, computing "
-            f"{1e3 * self.computing_s:.0f} ms, {1e-6 * self.points_per_s:.2f} million points/s"
+            f"{1e3 * self.computing_s:.0f} ms: {self.clouds_per_s:.1f} clouds/s, "
+            f"{1e-6 * self.points_per_s:.2f} million points/s"
         )
 
 
@@ -92,18 +95,13 @@ def live(
     """
     check_plan(projector, plan)
     triangulator = rig if isinstance(rig, Triangulator) else Triangulator(rig)
-    pictures = [on_screen(picture, projector) for picture in encode(plan)]
-    agreement = None if delay is not None else Agreement(projector, camera)
-    fast = None if delay is None else FastTaker(projector, camera, delay)
+    pictures = list(pictures_of(projector, plan))
+    taker = taker_of(projector, camera, delay)
     decoded: Decoded | None = None
     points: PointCloud | None = None
     while True:
         started = time.perf_counter()
-        if fast is not None:
-            frames = [grab.pixels for grab in fast.take(pictures)]
-        else:
-            assert agreement is not None
-            frames = [frame for _, frame in taken_by_agreement(projector, agreement, plan)]
+        frames = [grab.pixels for _, (grab,) in taker.frames(pictures)]
         taken = time.perf_counter()
         decoded = decode(frames, plan, out=decoded, **options)
         points = triangulator.triangulate(decoded, out=points)

@@ -1,99 +1,83 @@
-"""Captures in which the projector plays pictures from its memory and the camera is triggered."""
+"""Frames while a projector plays pictures from its memory, each triggered."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
+from collections.abc import Iterable, Iterator
 
 from fringeworks.devices.memory_projector import MemoryProjector
-from fringeworks.devices.pixel_formats import full_scale
-from fringeworks.devices.protocols import TriggeredCamera
-from fringeworks.files.atomic import StrPath
-from fringeworks.files.capture_writer import writing_capture
+from fringeworks.devices.protocols import Camera, Grab, TriggeredCamera
 from fringeworks.patterns.encode import encode
-from fringeworks.scan.frames import Progress
-from fringeworks.types import CameraSettings, DeviceProblem
+from fringeworks.scan.saturation import SaturationGuard
+from fringeworks.scan.taking import Picture
+from fringeworks.types import CameraSettings, DeviceProblem, InputError
 
 
-def capture_sequence(
-    projector: MemoryProjector,
-    camera: TriggeredCamera,
-    folder: StrPath,
-    *,
-    settings: CameraSettings | None = None,
-    force: bool = False,
-    progress: Progress = lambda _: None,
-) -> Path:
-    """Take one frame of every picture that a projector plays from its memory, and write a capture.
-
-    The camera is triggered once for every picture of the projector's plan.
+class SequenceTaker:
+    """Takes one frame of every picture that a projector plays from its memory.
 
     Parameters
     ----------
     projector : MemoryProjector
         At the first picture of its sequence.
     camera : TriggeredCamera
-    folder : path
-        New, empty, or an earlier result, which is replaced as a whole.
-    settings : CameraSettings, optional
-        Asked for before the first frame. What the camera then reports is stored with the capture.
-    force : bool
-        Write into a folder with other things in it, too.
-    progress : callable
-        Called with the label of every frame that was taken.
-
-    Returns
-    -------
-    The folder. A sequence cannot be continued in its middle: after an error, start the projector's
-    sequence again, call ``projector.restart``, and capture again with ``force``.
+        Triggered once for every picture of the projector's plan.
 
     Raises
     ------
-    DeviceProblem where the projector is in the middle of its sequence, or a frame is missing or
-    incomplete; FileProblem where the folder cannot be written to.
+    InputError for a camera without trigger.
+
+    Notes
+    -----
+    A sequence cannot be continued in its middle. After an error, start the projector's sequence
+    again, and call ``projector.restart``.
     """
-    if projector.position != 0:
-        raise DeviceProblem(
-            "memory projector: expected the first picture of the sequence to come next, got "
-            f"picture {projector.position + 1}: start the projector's sequence again and call "
-            "restart"
-        )
-    if settings is not None:
-        camera.configure(settings)
-    used = camera.configure(CameraSettings(triggered=True))
-    top = None if used.pixel_format is None else float(full_scale(used.pixel_format))
-    with writing_capture(
-        folder,
-        projector.plan,
-        camera=camera.name,
-        projector=projector.name,
-        settings=used,
-        saturation=top,
-        force=force,
-    ) as writer:
-        for number, frame in _triggered_frames(projector, camera):
-            writer.add(number, frame)
-            progress(projector.plan.labels()[number])
-    return Path(folder)
 
-
-def _triggered_frames(
-    projector: MemoryProjector, camera: TriggeredCamera
-) -> Iterator[tuple[int, NDArray[Any]]]:
-    camera.discard()
-    labels = projector.plan.labels()
-    for number, picture in enumerate(encode(projector.plan)):
-        projector.show(picture)
-        camera.trigger()
-        grab = camera.grab()
-        if not grab.complete or camera.waiting():
-            what = "an incomplete one" if not grab.complete else "more than one"
-            raise DeviceProblem(
-                f"{camera.name}: expected one complete frame of picture {number + 1} of "
-                f"{len(labels)} ({labels[number]}), got {what}: start the projector's sequence "
-                "again"
+    def __init__(self, projector: MemoryProjector, camera: Camera) -> None:
+        if not isinstance(camera, TriggeredCamera):
+            raise InputError(
+                f"{camera.name}: expected a camera with a trigger for a projector that plays from "
+                "its memory, got one without"
             )
-        yield number, grab.pixels
+        self._projector = projector
+        self._camera: TriggeredCamera = camera
+
+    def frames(
+        self, pictures: Iterable[Picture], average: int = 1, guard: SaturationGuard | None = None
+    ) -> Iterator[tuple[int, list[Grab]]]:
+        """Play the sequence and take frames of each picture; see ``Taker``.
+
+        The whole sequence is played, whichever pictures are wanted.
+        """
+        wanted = {picture.number for picture in pictures}
+        rounds = [self._play() for _ in range(average)]
+        if guard is not None:
+            guard.check(grab.pixels for grab in rounds[0])
+        for number in sorted(wanted):
+            yield number, [grabs[number] for grabs in rounds]
+
+    def _play(self) -> list[Grab]:
+        """One frame of every picture of the sequence."""
+        projector, camera = self._projector, self._camera
+        if projector.position != 0:
+            raise DeviceProblem(
+                "memory projector: expected the first picture of the sequence to come next, got "
+                f"picture {projector.position + 1}: start the projector's sequence again and call "
+                "restart"
+            )
+        camera.configure(CameraSettings(triggered=True))
+        camera.discard()
+        labels = projector.plan.labels()
+        grabs: list[Grab] = []
+        for number, picture in enumerate(encode(projector.plan)):
+            projector.show(picture)
+            camera.trigger()
+            grab = camera.grab()
+            if not grab.complete or camera.waiting():
+                what = "an incomplete one" if not grab.complete else "more than one"
+                raise DeviceProblem(
+                    f"{camera.name}: expected one complete frame of picture {number + 1} of "
+                    f"{len(labels)} ({labels[number]}), got {what}: start the projector's sequence "
+                    "again"
+                )
+            grabs.append(grab)
+        return grabs

@@ -10,7 +10,7 @@ from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.plan import Block, GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.checks.finding import SetupFinding
-from fringeworks.scan.frames import taken_by_agreement
+from fringeworks.scan.frames import pictures_of
 from fringeworks.stack.decode import decode
 from fringeworks.types import Axis, DeviceProblem, FloatMap, Frozen, InputError
 
@@ -67,7 +67,7 @@ def check_orientation(projector: Projector, camera: Camera, agreement: Agreement
         blocks.append(PhaseSteps(axis, PERIOD_PX, equal_steps(STEPS)))
         blocks.append(GrayCode(axis, 0.5 * PERIOD_PX, length))
     plan = PatternPlan(columns, rows, tuple(blocks), bits=projector.bits)
-    frames = [frame for _, frame in taken_by_agreement(projector, agreement, plan)]
+    frames = [grab.pixels for _, (grab,) in agreement.frames(pictures_of(projector, plan))]
     try:
         decoded = decode(frames, plan, estimate_steps=False)
     except InputError as error:

@@ -1,0 +1,106 @@
+"""Options of the commands that read stacks and decode them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import fringeworks as fw
+from fringeworks.cli.options import Camera, PlanFile, Projector, ResponseFile
+
+
+@dataclass(frozen=True)
+class StackOptions:
+    """How a stack is read, and what is known of its frames."""
+
+    plan: PlanFile = None
+    setup: Annotated[
+        Path | None,
+        typer.Option(help="Set-up file; its noise is used and not measured in the frames."),
+    ] = None
+    noise: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of the camera's noise, counts; measured by default."),
+    ] = None
+    gain: Annotated[
+        float | None, typer.Option(help="Shot noise, variance per count; with --noise.")
+    ] = None
+    saturation: Annotated[
+        float | None, typer.Option(help="Counts from which on a sample is not trusted.")
+    ] = None
+    min_modulation: Annotated[float, typer.Option(help="Least modulation, counts.")] = 0.0
+    camera: Camera = None
+    projector: Projector = None
+
+    @property
+    def options(self) -> fw.DecodeOptions:
+        """As the library takes them."""
+        if self.noise is None and self.gain is not None:
+            raise fw.InputError("--gain: expected together with --noise")
+        found: fw.DecodeOptions = {}
+        if self.min_modulation:
+            found["min_modulation"] = self.min_modulation
+        if self.noise is not None:
+            found["noise"] = fw.CameraNoise(self.noise, self.gain or 0.0)
+        elif self.setup is not None:
+            found["noise"] = fw.read_setup(self.setup).noise
+        if self.saturation is not None:
+            found["saturation"] = self.saturation
+        return found
+
+    def read(self, path: Path) -> fw.Stack:
+        """Read a stack."""
+        return self.named(fw.read_stack(path, self.plan))
+
+    def read_captured(self, path: Path) -> fw.Stack | tuple[fw.Stack, ...]:
+        """Read a stack, or the stacks of several exposures of a scene."""
+        if self.plan is not None or not fw.is_exposures(path):
+            return self.read(path)
+        if self.setup is not None:
+            raise fw.InputError(
+                "--setup: expected frames of one exposure, the set-up's; got several exposures, "
+                "whose noise differs"
+            )
+        return tuple(self.named(stack) for stack in fw.read_exposures(path))
+
+    def named(self, stack: fw.Stack) -> fw.Stack:
+        """Return the stack with the names of its devices, where they are given."""
+        return replace(
+            stack,
+            camera=self.camera or stack.camera,
+            projector=self.projector or stack.projector,
+        )
+
+
+@dataclass(frozen=True)
+class DecodingOptions(StackOptions):
+    """How a stack is decoded."""
+
+    estimate_steps: Annotated[
+        bool,
+        typer.Option(
+            "--estimate-steps/--planned-steps",
+            help="Estimate the real phase steps and gains from the frames, or take those of the "
+            "plan.",
+        ),
+    ] = True
+    estimate_response: Annotated[
+        bool,
+        typer.Option("--estimate-response", help="Measure the response from the stack itself."),
+    ] = False
+    response: ResponseFile = None
+
+    @property
+    def options(self) -> fw.DecodeOptions:
+        """As the library takes them."""
+        found = super().options
+        if not self.estimate_steps:
+            found["estimate_steps"] = False
+        if self.estimate_response:
+            found["estimate_response"] = True
+        if self.response is not None:
+            found["response"] = fw.read_response(self.response)
+        return found

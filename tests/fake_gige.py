@@ -7,8 +7,13 @@ is the number of lost packets per thousand. Ends when standard input closes.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes as c
+import os
+import signal
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +102,46 @@ class FakeCamera:
         h, w = ask("image_height", c.c_int), ask("image_width", c.c_int)
         sent = np.ctypeslib.as_array((c.c_uint8 * (w * h)).from_address(data)).reshape(h, w)
         sent[:] = self._pixels(exposure_us, gain)[:h, :w]
+
+
+class CameraProcess:
+    """A fake camera in a process of its own: a module of the tests, and its arguments."""
+
+    def __init__(self, serial, module, *arguments):
+        self.identifier = f"Aravis-Fake-{serial}"
+        self._command = [sys.executable, "-m", module, *map(str, arguments)]
+        self.start()
+
+    def start(self):
+        """Start the camera, and wait until it is ready."""
+        self.process = subprocess.Popen(
+            self._command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            cwd=Path(__file__).parent.parent,
+        )
+        assert self.process.stdout.readline() == b"ready\n"
+
+    def stop(self):
+        """End the camera, if it runs."""
+        if self.process.returncode is None:
+            self.process.communicate(timeout=10)
+
+    def kill(self):
+        """End the camera without a word to those who use it."""
+        os.kill(self.process.pid, signal.SIGKILL)
+        self.stop()
+
+
+@contextlib.contextmanager
+def the_only_camera():
+    """Wait until no other test has a fake camera: its port is that of the protocol."""
+    import fcntl
+
+    with (Path(tempfile.gettempdir()) / "fringeworks-gige.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def main():

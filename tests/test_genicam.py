@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import signal
-import subprocess
-import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -38,7 +33,7 @@ try:
 except MissingPackage as error:
     pytest.skip(f"{error}", allow_module_level=True)
 
-from tests.fake_gige import counts
+from tests.fake_gige import CameraProcess, counts, the_only_camera
 
 SIZE = 128
 """Rows and columns of the pictures and of the camera's region: packets on loopback are cheap."""
@@ -59,7 +54,7 @@ class SharedProjector(Closing):
         return time.monotonic()
 
 
-class Peer:
+class Peer(CameraProcess):
     """The fake camera in a process of its own, and the projector that it looks at."""
 
     def __init__(self, folder: Path, serial: str, lost: int = 0):
@@ -68,28 +63,7 @@ class Peer:
         self.scene = np.stack((white, 0.04 * white + 2))
         np.save(folder / "scene.npy", self.scene)
         self.projector = SharedProjector(folder / "picture.npy")
-        self.identifier = f"Aravis-Fake-{serial}"
-        self._command = [sys.executable, "-m", "tests.fake_gige", str(folder), serial]
-        self._command += [str(lost)] if lost else []
-        self.start()
-
-    def start(self):
-        root = Path(__file__).parent.parent
-        self.process = subprocess.Popen(
-            self._command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            cwd=root,
-        )
-        assert self.process.stdout.readline() == b"ready\n"
-
-    def stop(self):
-        self.process.communicate(timeout=10)
-
-    def kill(self):
-        os.kill(self.process.pid, signal.SIGKILL)
-        self.stop()
+        super().__init__(serial, "tests.fake_gige", folder, serial, lost)
 
     def expected(self, picture, exposure_ms=10.0, gain_db=0.0):
         return counts(self.scene, picture, 1e3 * exposure_ms, gain_db)
@@ -97,17 +71,12 @@ class Peer:
 
 @contextlib.contextmanager
 def peer(folder, serial, **options):
-    import fcntl
-
-    # One fake camera at a time: its port is that of the protocol.
-    with (Path(tempfile.gettempdir()) / "fringeworks-gige.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with the_only_camera():
         made = Peer(folder, serial, **options)
         try:
             yield made
         finally:
-            if made.process.returncode is None:
-                made.stop()
+            made.stop()
 
 
 def opened(made) -> GenicamCamera:

@@ -2,8 +2,7 @@
 
 ``python -m tests.wire_rig FOLDER SCENE SERIAL LOST`` is the camera; ``Screen`` is the projector.
 Pictures and the times from which they are lit go through files in FOLDER. A frame integrates the
-light over its exposure, so that it mixes two pictures where they change in it. This file is also a
-plug-in: ``--plugin tests/wire_rig.py --projector wire:FOLDER``.
+light over its exposure, so that it mixes two pictures where they change in it.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fringeworks.devices.opening import projector_kind
 from fringeworks.devices.protocols import checked_picture
 from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.simulate import Body, Optics, Sphere, highlight, look, standard_rig
@@ -47,7 +45,7 @@ def scene_named(name: str) -> RigScene:
         return RigScene(view, Optics(exposure=0.2), highlight=lobe)
     middle = np.eye(4)
     middle[2, 3] = 500.0
-    return RigScene(look(RIG, [Body(Sphere(SPHERE_MM), middle, albedo=0.7)]), Optics(exposure=0.6))
+    return RigScene(look(RIG, [Body(Sphere(SPHERE_MM), middle, albedo=0.7)]), Optics(exposure=1.0))
 
 
 def frame_of(scene, parts, exposure_ms, gain_db):
@@ -133,12 +131,6 @@ class Screen:
 
     def __exit__(self, *error):
         self.close()
-
-
-@projector_kind("wire")
-def open_wire(folder):
-    """``wire:FOLDER``: a projector whose pictures reach a fake camera through files."""
-    return Screen(folder)
 
 
 def main():

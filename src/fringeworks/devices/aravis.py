@@ -15,6 +15,16 @@ HANDLE = c.c_void_p
 """A camera, a stream, a buffer."""
 
 
+DEVICE_ERRORS = b"arv-device-error-quark"
+"""Domain of the library's errors of devices."""
+TIMEOUT = 5
+"""Code in that domain for a camera that does not answer (ArvDeviceError)."""
+
+
+class Unanswered(DeviceProblem):
+    """A camera does not answer."""
+
+
 class _Error(c.Structure):
     """GLib's GError."""
 
@@ -40,15 +50,19 @@ class Aravis:
 
         Raises
         ------
-        DeviceProblem with the library's message.
+        Unanswered where the camera does not answer; DeviceProblem for all else that the library
+        reports, with its message.
         """
         error = c.POINTER(_Error)()
         pointer = (c.POINTER(c.POINTER(_Error)), c.byref(error))
         value = self.plain(name, result, *arguments, pointer)
         if error:
             message = error.contents.message.decode(errors="replace")
+            self._objects.g_quark_to_string.restype = c.c_char_p
+            domain = self._objects.g_quark_to_string(c.c_uint32(error.contents.domain))
+            silent = domain == DEVICE_ERRORS and error.contents.code == TIMEOUT
             self._objects.g_error_free(error)
-            raise DeviceProblem(f"camera: {message}")
+            raise (Unanswered if silent else DeviceProblem)(message)
         return value
 
     def release(self, handle: Any) -> None:

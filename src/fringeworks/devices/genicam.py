@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.devices.aravis import HANDLE, aravis
+from fringeworks.devices.aravis import HANDLE, Unanswered, aravis
 from fringeworks.devices.pixel_formats import Channel, full_scale, to_grey, unpacked
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
@@ -26,6 +26,9 @@ EXPOSURE_STEP_MS = 1e-3
 EXPOSURE_DIGITS = 4
 """Decimal places of exposures in µs that a camera is asked for: 0.1 ns is finer than any camera's
 step, and far coarser than the rounding of ms to µs in double precision."""
+SILENT_S = 1.0
+"""Time without a frame after which a camera is asked whether it is still there, s: long enough for
+usual exposures, and short beside the 3 s that it takes to learn that nobody answers."""
 SOFTWARE = b"Software"
 """Trigger source of GenICam for a trigger that the computer sends."""
 
@@ -65,6 +68,11 @@ def genicam_cameras() -> list[Found]:
     ]
 
 
+def _reason(error: DeviceProblem) -> str:
+    """The library's message without the path of features, ``[PayloadSize] [PixelFormat] ``."""
+    return str(error).rpartition("] ")[2]
+
+
 class GenicamCamera(Closing):
     """A camera with GigE Vision or USB3 Vision.
 
@@ -88,6 +96,8 @@ class GenicamCamera(Closing):
         self._aravis = aravis()
         self._stream: Any = None
         self._camera: Any = None
+        self._name = f"camera {identifier}" if identifier else "camera"
+        self._gone = False
         self._channel = channel
         self._triggered = False
         self._ahead: Grab | None = None
@@ -96,8 +106,8 @@ class GenicamCamera(Closing):
         if not self._is_ours():
             self.close()
             raise DeviceProblem(
-                f"camera {identifier or ''}: expected one that is not in use, got one that another "
-                "program controls"
+                f"{self._name}: expected one that is not in use, got one that another program "
+                "controls"
             )
         self._name = self._word("vendor_name") + " " + self._word("model_name")
         serial = self._word("device_serial_number")
@@ -116,9 +126,8 @@ class GenicamCamera(Closing):
             camera = self._aravis.checked("arv_camera_new", HANDLE, (c.c_char_p, identifier))
         except DeviceProblem as error:
             listed = "; ".join(str(found) for found in genicam_cameras()) or "none"
-            name = "" if identifier is None else f" {identifier.decode()}"
             raise DeviceProblem(
-                f"camera{name}: expected one that is connected and not in use ({error}); "
+                f"{self._name}: expected one that is connected and not in use ({error}); "
                 f"cameras found: {listed}"
             ) from error
         if not camera:
@@ -181,16 +190,7 @@ class GenicamCamera(Closing):
     def grab(self, timeout_s: float = 5.0) -> Grab:
         """Return the oldest frame that was not returned yet; see ``Camera.grab``."""
         self._start()
-        buffer = self._aravis.plain(
-            "arv_stream_timeout_pop_buffer",
-            HANDLE,
-            (HANDLE, self._stream),
-            (c.c_uint64, int(1e6 * timeout_s)),
-        )
-        if not buffer:
-            # A camera that is gone answers no question; this raises the library's reason.
-            self._call("get_payload", c.c_uint)
-            raise DeviceProblem(f"{self.name}: expected a frame, got none within {timeout_s:g} s")
+        buffer = self._popped(timeout_s)
         try:
             return self._grabbed(buffer)
         finally:
@@ -233,7 +233,6 @@ class GenicamCamera(Closing):
         try:
             self._stop()
         except DeviceProblem:
-            # A camera that is gone cannot be told to stop.
             self._stream = None
         self._aravis.release(self._camera)
         self._camera = None
@@ -241,9 +240,17 @@ class GenicamCamera(Closing):
     def _call(self, name: str, result: Any, *arguments: tuple[Any, Any]) -> Any:
         if self._camera is None:
             raise DeviceProblem(f"{self._name}: expected an open camera, got a closed one")
-        return self._aravis.checked(
-            f"arv_camera_{name}", result, (HANDLE, self._camera), *arguments
-        )
+        camera = HANDLE, self._camera
+        try:
+            return self._aravis.checked(f"arv_camera_{name}", result, camera, *arguments)
+        except Unanswered as error:
+            self._gone = True
+            raise DeviceProblem(
+                f"{self._name}: expected a camera that answers, got none ({_reason(error)}): it "
+                "was unplugged or switched off, or the network is down; connect it and resume"
+            ) from error
+        except DeviceProblem as error:
+            raise DeviceProblem(f"{self._name}: {_reason(error)}") from error
 
     def _is_ours(self) -> bool:
         """Whether a network camera takes orders from us; others cannot be opened twice."""
@@ -322,9 +329,31 @@ class GenicamCamera(Closing):
             return
         stream, self._stream = self._stream, None
         try:
-            self._call("stop_acquisition", None)
+            # A camera that is gone cannot be told to stop, and asking takes seconds.
+            if not self._gone:
+                self._call("stop_acquisition", None)
         finally:
             self._aravis.release(stream)
+
+    def _popped(self, timeout_s: float) -> Any:
+        """Wait for the next buffer with a frame."""
+        end_s = time.monotonic() + timeout_s
+        while True:
+            wait_s = min(max(end_s - time.monotonic(), 0.0), SILENT_S)
+            buffer = self._aravis.plain(
+                "arv_stream_timeout_pop_buffer",
+                HANDLE,
+                (HANDLE, self._stream),
+                (c.c_uint64, int(1e6 * wait_s)),
+            )
+            if buffer:
+                return buffer
+            # A camera that is gone answers no question, and this raises.
+            self._call("get_payload", c.c_uint)
+            if time.monotonic() >= end_s:
+                raise DeviceProblem(
+                    f"{self.name}: expected a frame, got none within {timeout_s:g} s"
+                )
 
     def _push(self, buffer: Any) -> None:
         self._aravis.plain("arv_stream_push_buffer", None, (HANDLE, self._stream), (HANDLE, buffer))

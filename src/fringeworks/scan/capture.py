@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from fringeworks.devices.pixel_formats import full_scale
 from fringeworks.devices.protocols import Camera, Projector
@@ -47,6 +48,7 @@ def capture(
         New, empty, or an earlier result, which is replaced as a whole.
     settings : CameraSettings, optional
         Asked for before the first frame. What the camera then reports is stored with the capture.
+        With ``resume``, settings that are not given are those of the interrupted capture.
     exposure : "given" or "auto"
         "auto" lets ``auto_exposure`` choose exposure and gain; with ``resume``, those of the
         interrupted capture are taken.
@@ -75,10 +77,13 @@ def capture(
     FileProblem where the folder cannot be written to.
     """
     check_plan(projector, plan)
-    used = camera.configure(settings or CameraSettings())
-    if exposure == "auto":
-        known = settings_to_resume(folder) if resume else auto_exposure(projector, camera)
-        used = camera.configure(known)
+    settings = settings or CameraSettings()
+    if resume:
+        given = {} if exposure == "auto" else _given(settings)
+        settings = replace(settings_to_resume(folder), **given)
+    used = camera.configure(settings)
+    if exposure == "auto" and not resume:
+        used = camera.configure(auto_exposure(projector, camera))
     with writing_capture(
         folder,
         plan,
@@ -104,6 +109,11 @@ def capture(
             for number, frame in frames:
                 writer.add(number, frame)
     return Path(folder)
+
+
+def _given(settings: CameraSettings) -> dict[str, Any]:
+    """The settings that are not left to the camera."""
+    return {name: value for name, value in vars(settings).items() if value is not None}
 
 
 def _saturation(settings: CameraSettings, average: int) -> float | None:

@@ -1,4 +1,4 @@
-"""From a set-up to points on the command line, on virtual devices: the commands of docs/devices.md."""
+"""From a set-up to points on the command line, on virtual devices: the commands of docs/start.md."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fringeworks.cli.commands import run
 from fringeworks.devices.virtual_bench import POSES, RADIUS_MM, SCALE
 from fringeworks.simulate import fringe_plan, standard_rig
 
-PAGE = Path(__file__).parent.parent / "docs" / "devices.md"
+PAGE = Path(__file__).parent.parent / "docs" / "start.md"
 
 
 def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):

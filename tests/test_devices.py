@@ -21,9 +21,11 @@ from fringeworks.devices.opening import (
     camera_kind,
     camera_kinds,
     open_camera,
+    open_devices,
     open_projector,
     projector_kind,
     projector_kinds,
+    scanner_kind,
 )
 from fringeworks.devices.plugins import load_plugin
 from fringeworks.devices.protocols import Camera, CameraLimits
@@ -38,7 +40,7 @@ EXAMPLE = Path(__file__).parent.parent / "examples" / "vendor_camera.py"
 @pytest.fixture(autouse=True)
 def kinds_are_put_back():
     """Kinds that a test registers are gone after it."""
-    registries = (registry.CAMERA_KINDS, registry.PROJECTOR_KINDS)
+    registries = (registry.CAMERA_KINDS, registry.PROJECTOR_KINDS, registry.BOTH_KINDS)
     before = [dict(kinds) for kinds in registries]
     yield
     for kinds_now, had in zip(registries, before, strict=True):
@@ -116,6 +118,12 @@ def test_a_taken_or_odd_name_is_refused():
     for decorator, name in ((camera_kind, "webcam"), (projector_kind, "screen")):
         with pytest.raises(InputError, match=f"'{name}': expected a name that is free"):
             decorator(name)(lambda words: words)
+    # A scanner stands in the place of both.
+    for name in ("webcam", "screen", "virtual"):
+        with pytest.raises(InputError, match=f"'{name}': expected a name that is free"):
+            scanner_kind(name)(lambda words: words)
+    with pytest.raises(InputError, match="'virtual': expected a name that is free"):
+        camera_kind("virtual")(lambda words: words)
     with pytest.raises(InputError, match="expected small letters"):
         camera_kind("Acme:1")(lambda words: words)
     # The same function again is no mistake: its file may be loaded twice.
@@ -158,8 +166,26 @@ def test_a_plugin_file_brings_kinds(tmp_path):
         assert "other" not in camera_kinds()
         assert name[:-3] not in projector_kinds()
     (tmp_path / "empty.py").write_text("")
-    with pytest.raises(InputError, match="camera_kind or projector_kind, got none"):
+    with pytest.raises(InputError, match="projector_kind or scanner_kind, got none"):
         load_plugin(tmp_path / "empty.py")
+
+
+def test_a_projector_and_a_camera_in_one_device():
+    """One name opens both, with which one at either; half of it is refused."""
+
+    @scanner_kind("head")
+    def open_head(which):
+        return None, which
+
+    for projector, camera, which in (("head", "head", ""), ("head:1", "head", "1")):
+        assert open_devices(projector, camera) == (None, which)
+    assert open_devices("head", "head:2")[1] == open_devices("head:2", "head:2")[1] == "2"
+    for projector, camera in (("head", "webcam:0"), ("screen", "head"), ("head:1", "head:2")):
+        with pytest.raises(DeviceProblem, match="head: opens a projector and a camera together"):
+            open_devices(projector, camera)
+    for opens in (open_camera, open_projector):
+        with pytest.raises(DeviceProblem, match="expected it for both"):
+            opens("head")
 
 
 def test_a_plugin_file_may_bring_a_method_too(tmp_path):

@@ -1,4 +1,4 @@
-"""From a set-up to points on the command line, on virtual devices: the commands of docs/devices.md."""
+"""From a set-up to points on the command line, on virtual devices: the commands of docs/start.md."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
-from fringeworks.devices.virtual_bench import POSES, RADIUS_MM
+from fringeworks.devices.virtual_bench import POSES, RADIUS_MM, SCALE
+from fringeworks.simulate import fringe_plan, standard_rig
 
-PAGE = Path(__file__).parent.parent / "docs" / "devices.md"
+PAGE = Path(__file__).parent.parent / "docs" / "start.md"
 
 
 def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
@@ -89,3 +90,75 @@ def test_bad_input_is_one_sentence(tmp_path, monkeypatch, capsys, arguments, sai
     assert said in error
     assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+HARDWARE = """
+from pathlib import Path
+import fringeworks as fw
+from fringeworks.devices.clock import SimulatedClock
+
+@fw.camera_kind("wired")
+def open_wired(folder):
+    "A camera whose trigger output advances a projector that plays from its memory."
+    plan = fw.read_plan(Path(folder) / "plan.toml")
+    projector, camera = fw.virtual_bench("sphere", clock=SimulatedClock())
+    pictures, trigger, count = list(fw.encode(plan)), camera.trigger, [0]
+
+    def advanced():
+        projector.show(pictures[count[0] % len(pictures)])
+        count[0] += 1
+        return trigger()
+
+    camera.trigger = advanced
+    return camera
+"""
+"""A plug-in with a camera that is wired to a projector's memory."""
+
+
+def test_a_scan_from_a_projectors_memory(tmp_path, monkeypatch, capsys):
+    """Pictures are exported, the projector plays them, and the plan need not be named again."""
+    monkeypatch.chdir(tmp_path)
+    Path("hardware.py").write_text(HARDWARE)
+    rig = standard_rig(scale=SCALE)
+    fw.write_rig("rig.toml", rig)
+    fw.write_plan("plan.toml", fringe_plan(rig, both=False))
+    assert run(["patterns", "plan.toml", "--out", "pictures"]) == 0
+    devices = ["--projector", "memory:pictures", "--camera", "wired:pictures"]
+    plugin = ["--plugin", "hardware.py"]
+    scan = ["scan", "--rig", "rig.toml", "--capture", "part", "--out", "part.ply", *devices]
+    assert run([*plugin, *scan]) == 0, capsys.readouterr()
+    found = fw.fit_region(fw.read_points("part.ply").xyz_mm, "sphere")
+    assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.1)
+    fw.write_plan("other.toml", fringe_plan(rig))
+    capsys.readouterr()
+    assert run([*plugin, "capture", "other.toml", "--out", "other", *devices]) == 2
+    assert "expected the plan whose pictures the projector memory holds" in capsys.readouterr().err
+    assert not Path("other").exists()
+
+
+def test_an_interrupted_scan_goes_on_with_its_own_exposures(tmp_path, monkeypatch, capsys):
+    """Exposures measured anew would differ; those of the interrupted scan are taken."""
+    from fringeworks.devices.virtual_camera import VirtualCamera
+
+    monkeypatch.chdir(tmp_path)
+    rig = standard_rig(scale=SCALE)
+    fw.write_plan("plan.toml", fringe_plan(rig, both=False))
+    devices = ["--projector", "virtual", "--camera", "virtual:sphere"]
+    command = ["capture", "plan.toml", "--out", "part", "--hdr", "2", *devices]
+    whole = VirtualCamera.grab
+    left = [150]
+
+    def failing(self, timeout_s=5.0):
+        left[0] -= 1
+        if left[0] == 0:
+            raise fw.DeviceProblem("camera: gone")
+        return whole(self, timeout_s)
+
+    monkeypatch.setattr(VirtualCamera, "grab", failing)
+    assert run(command) == 2
+    assert "camera: gone" in capsys.readouterr().err
+    taken = {path: path.read_bytes() for path in Path("part").glob("*/*.png")}
+    assert taken
+    assert run([*command, "--resume"]) == 0, capsys.readouterr()
+    assert all(path.read_bytes() == content for path, content in taken.items())
+    assert len(fw.read_exposures("part")) == 2

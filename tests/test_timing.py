@@ -176,3 +176,20 @@ def test_noise_is_measured_where_black_is_clipped():
     ]
     assert np.mean([n.read_counts**2 for n in found]) == pytest.approx(1.5**2 + 1 / 12, rel=0.2)
     assert np.mean([n.gain for n in found]) == pytest.approx(0.05, rel=0.15)
+
+
+@pytest.mark.parametrize("read", [0.7, 1.5, 4.0])
+def test_noise_is_measured_where_every_sample_is_clipped_or_dark(read):
+    """A dark background at count 0, and an object that saturates: no group is free of clipping."""
+    rng = np.random.default_rng(2)
+    light = np.zeros((64, 80))
+    light[20:40, 20:50] = 400.0
+
+    def frame(share):
+        noisy = light * share + read * rng.standard_normal(light.shape)
+        return np.clip(np.rint(noisy), 0, 255)
+
+    found = [noise_between([(frame(0), frame(0)), (frame(1), frame(1))]) for _ in range(20)]
+    measured = np.sqrt(np.mean([n.read_counts**2 for n in found]))
+    # Noise of less than a count is overestimated, because rounding hides how it is spread.
+    assert 0.9 * read < measured < 1.6 * read

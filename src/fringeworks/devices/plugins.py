@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from functools import cache
 
-from fringeworks.devices.registry import CAMERA_KINDS, PROJECTOR_KINDS
+from fringeworks.devices.registry import BOTH_KINDS, CAMERA_KINDS, PROJECTOR_KINDS
 from fringeworks.pair.plugins import load_entry_points, run_plugin
 from fringeworks.pair.registry import REGISTERED
 
@@ -46,6 +46,6 @@ def load_plugin(path: str | os.PathLike[str]) -> list[str]:
 
     return run_plugin(
         path,
-        [REGISTERED, CAMERA_KINDS, PROJECTOR_KINDS],
-        "fringeworks.method, camera_kind or projector_kind",
+        [REGISTERED, CAMERA_KINDS, PROJECTOR_KINDS, BOTH_KINDS],
+        "fringeworks.method, camera_kind, projector_kind or scanner_kind",
     )

@@ -53,9 +53,7 @@ class FakeCamera:
             (c.c_char_p, serial.encode()),
         )
         self._library.set_number(self._camera, b"gvsp-lost-ratio", lost / 1000)
-        assert self._library.plain(
-            "arv_gv_fake_camera_is_running", c.c_int, (HANDLE, self._camera)
-        )
+        assert self._library.plain("arv_gv_fake_camera_is_running", c.c_int, (HANDLE, self._camera))
         self._fake = self._library.plain(
             "arv_gv_fake_camera_get_fake_camera", HANDLE, (HANDLE, self._camera)
         )
@@ -93,9 +91,7 @@ class FakeCamera:
 
     def _fill(self, buffer, _, exposure_us, gain, __):
         def ask(what, kind, *arguments):
-            return self._library.plain(
-                f"arv_buffer_get_{what}", kind, (HANDLE, buffer), *arguments
-            )
+            return self._library.plain(f"arv_buffer_get_{what}", kind, (HANDLE, buffer), *arguments)
 
         size = c.c_size_t()
         data = ask("data", HANDLE, (c.POINTER(c.c_size_t), c.byref(size)))

@@ -158,3 +158,29 @@ def test_a_series_says_what_is_wrong(scene, said):
     assert isinstance(b.camera, VirtualCamera)
     with pytest.raises(DeviceProblem, match=said):
         exposure_series(b.projector, b.camera, 3)
+
+
+class Rounding:
+    """A camera whose gain has steps of 1 dB."""
+
+    def __init__(self, camera, rounded):
+        self._camera, self._rounded = camera, rounded
+
+    def __getattr__(self, name):
+        return getattr(self._camera, name)
+
+    def configure(self, settings):
+        if settings.gain_db is not None:
+            settings = replace(settings, gain_db=float(self._rounded(settings.gain_db)))
+        return self._camera.configure(settings)
+
+
+@pytest.mark.parametrize("rounded", [np.floor, np.rint, np.ceil])
+@pytest.mark.parametrize("white", [0.35, 0.5, 0.55, 0.6, 0.65, 0.7, 0.8])
+def test_gains_in_whole_decibels_settle(rounded, white):
+    b = bench(scene=Screen(white=white, ambient=0.02), seed=1)
+    settings = auto_exposure(b.projector, Rounding(b.camera, rounded))
+    assert settings == b.camera.configure(CameraSettings())
+    assert settings.gain_db == round(settings.gain_db)
+    # A step of 1 dB is 12 % of the brightness.
+    assert 0.75 <= np.quantile(white_of(b), 0.99) < 1.0

@@ -17,6 +17,7 @@ import pytest
 import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.files.exposures import read_exposures
+from fringeworks.files.plan import frame_names
 from fringeworks.types import CameraSettings, DeviceProblem, FileProblem, MissingPackage
 
 try:
@@ -33,8 +34,6 @@ ROOT = Path(__file__).parent.parent
 PLAN = fw.PatternPlan(
     384, 240, tuple(fw.PhaseSteps("x", 384 / n, fw.equal_steps(4)) for n in (27, 5.2, 1))
 )
-STARTS = 3
-"""Pictures that are shown before those of a plan: black, white and black."""
 FIXED = CameraSettings(exposure_ms=16.666, gain_db=0.0)
 
 
@@ -73,9 +72,10 @@ class Wire(CameraProcess):
         assert running.returncode == 0, said
         return (place / "part.ply").read_bytes()
 
-    def killed_at(self, picture, place, *options):
-        """What a scan says whose camera is killed before it shows a picture, from 1 on."""
-        (self.folder / "hold").write_text(f"{picture}")
+    def killed_after(self, frames, folder, place, *options):
+        """What a scan says whose camera is killed after some frames of a folder are written."""
+        last = frame_names(PLAN, ".png")[frames - 1]
+        (self.folder / "hold").write_text(str(place / folder / last))
         running = self.begin(place, *options)
         held = self.folder / "held"
         while not held.exists():
@@ -87,11 +87,6 @@ class Wire(CameraProcess):
         _, said = running.communicate(timeout=60)
         assert running.returncode == 2
         return said
-
-    @property
-    def shown(self):
-        """Number of pictures that were shown so far."""
-        return int(Board(self.folder).times_s[-1]) - 1
 
     def check_exact(self, stack, settings):
         """Every frame shows the picture of the plan and nothing else, to the bit."""
@@ -151,10 +146,7 @@ def test_a_scan_with_a_killed_camera_equals_an_undisturbed_one(tmp_path):
         made.check_exact(stack, settings)
         found = fw.fit_region(fw.read_points(tmp_path / "a" / "part.ply").xyz_mm, "sphere")
         assert found.parameters["radius_mm"] == pytest.approx(SPHERE_MM, abs=0.1)
-        # Auto exposure has shown black, white and black a few times already.
-        before = made.shown - PLAN.frames
-        said = made.killed_at(before + 5, tmp_path / "b", "--auto-exposure")
-        check_killed(said)
+        check_killed(made.killed_after(5, "part", tmp_path / "b", "--auto-exposure"))
         kept = frames_in(tmp_path / "b" / "part")
         assert len(kept) == 5
         assert not (tmp_path / "b" / "part.ply").exists()
@@ -214,7 +206,6 @@ def test_several_exposures_and_a_killed_camera(tmp_path):
     """Paint of 0.02 to 1 and a highlight: three exposures measure what one cannot."""
     with wire(tmp_path / "wire", "glossy") as made:
         made.scanned(tmp_path / "one", "--auto-exposure")
-        before = made.shown
         whole = made.scanned(tmp_path / "a", "--hdr", "3")
         folder = tmp_path / "a" / "part"
         exposures = described(folder)["exposures"]
@@ -225,9 +216,7 @@ def test_several_exposures_and_a_killed_camera(tmp_path):
         size = RIG.camera.width_px * RIG.camera.height_px
         assert one < 0.8 * size
         assert three >= 0.97 * size
-        # The second exposure has five frames when the camera goes.
-        last = made.shown - before - 2 * (STARTS + PLAN.frames) + STARTS + 5
-        check_killed(made.killed_at(last, tmp_path / "b", "--hdr", "3"))
+        check_killed(made.killed_after(5, "part/1", tmp_path / "b", "--hdr", "3"))
         part = tmp_path / "b" / "part"
         kept = [frames_in(part / name) for name in "01"]
         assert [len(frames) for frames in kept] == [PLAN.frames, 5]

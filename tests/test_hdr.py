@@ -7,7 +7,18 @@ import shutil
 import numpy as np
 import pytest
 
-from fringeworks import FileProblem, FramesContradictPlan, InputError, decode, read_stack
+from fringeworks import (
+    FileProblem,
+    FramesContradictPlan,
+    InputError,
+    PatternPlan,
+    PhaseSteps,
+    decode,
+    equal_steps,
+    read_stack,
+)
+from fringeworks.devices.clock import SimulatedClock
+from fringeworks.devices.virtual_bench import virtual_bench
 from fringeworks.files.capture import read_capture
 from fringeworks.files.exposures import is_exposures, read_exposures
 from fringeworks.pipeline.stacks import decode_stack, measure
@@ -173,3 +184,19 @@ def test_a_long_exposure_of_a_series_is_decoded(exposure):
     frames[1], frames[2] = frames[2], frames[1]
     with pytest.raises(FramesContradictPlan):
         decode(frames, hdr_plan(), saturation=255.0)
+
+
+@pytest.mark.parametrize("scene", ["sphere", "plane"])
+def test_the_rim_of_an_object_does_not_decide(tmp_path, scene):
+    """A ball before black turns away from the light at its rim; a plane saturates as a whole."""
+    projector, camera = virtual_bench(scene, clock=SimulatedClock())
+    columns, rows = projector.size_px
+    shown = PatternPlan(
+        columns, rows, tuple(PhaseSteps("x", columns / n, equal_steps(4)) for n in (27, 5.2, 1))
+    )
+    one = capture(projector, camera, shown, tmp_path / "one", exposure="auto")
+    series = exposure_series(projector, camera, 3)
+    assert series[-1].exposure_ms <= 8 * series[0].exposure_ms
+    many = capture_hdr(projector, camera, shown, tmp_path / "many", series)
+    single, found = (np.mean(decode_stack(f).x.reason == Reason.OK) for f in (one, many))
+    assert found >= 0.99 * single

@@ -201,3 +201,19 @@ def test_the_fast_way_says_why_frames_were_not_used():
 def incomplete(grab):
     """A grab of which a part of the pixels is missing."""
     return lambda timeout_s=5.0: replace(grab(timeout_s), complete=False)
+
+
+def test_resuming_sets_a_camera_that_forgot_its_settings(tmp_path):
+    """A camera that was switched off has another gain; only the exposure is asked for again."""
+    b = bench({}, {"delay_s": 0.02}, seed=3)
+    b.camera.configure(CameraSettings(gain_db=2.0))
+    asked = CameraSettings(exposure_ms=16.0)
+    broken = Interrupting(b.camera, 30, DeviceProblem("camera: gone"))
+    with pytest.raises(DeviceProblem):
+        capture(b.projector, broken, plan(), tmp_path / "c", settings=asked)
+    b.camera.configure(CameraSettings(exposure_ms=20.0, gain_db=0.0))
+    with pytest.raises(InputError, match="the settings of the"):
+        other = CameraSettings(gain_db=1.0)
+        capture(b.projector, b.camera, plan(), tmp_path / "c", settings=other, resume=True)
+    capture(b.projector, b.camera, plan(), tmp_path / "c", settings=asked, resume=True)
+    assert b.camera.configure(CameraSettings()).gain_db == 2.0

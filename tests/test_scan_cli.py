@@ -146,7 +146,7 @@ def test_an_interrupted_scan_goes_on_with_its_own_exposures(tmp_path, monkeypatc
     devices = ["--projector", "virtual", "--camera", "virtual:sphere"]
     command = ["capture", "plan.toml", "--out", "part", "--hdr", "2", *devices]
     whole = VirtualCamera.grab
-    left = [150]
+    left = [110]
 
     def failing(self, timeout_s=5.0):
         left[0] -= 1

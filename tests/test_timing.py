@@ -12,8 +12,8 @@ from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.differences import noise_between
 from fringeworks.scan.fast import FastTaker
-from fringeworks.types import DeviceProblem
-from tests.virtual_devices import bench, plan
+from fringeworks.types import CameraSettings, DeviceProblem
+from tests.virtual_devices import Screen, bench, plan
 
 DEVICES = [
     (
@@ -193,3 +193,34 @@ def test_noise_is_measured_where_every_sample_is_clipped_or_dark(read):
     measured = np.sqrt(np.mean([n.read_counts**2 for n in found]))
     # Noise of less than a count is overestimated, because rounding hides how it is spread.
     assert 0.9 * read < measured < 1.6 * read
+
+
+@pytest.mark.parametrize("exposure_ms", [40.0, 80.0])
+def test_noise_is_measured_where_white_saturates(exposure_ms):
+    """Shot noise is seen between black and saturation only, so a grey is shown as well."""
+    b = bench(scene=Screen(white=0.9))
+    b.camera.configure(CameraSettings(exposure_ms=exposure_ms))
+    agreement = Agreement(b.projector, b.camera)
+    _, white = agreement.start()
+    assert np.all(white.pixels == 255)
+    assert agreement.noise.variance(np.array(128.0)) == pytest.approx(1.083 + 128 * 0.02, rel=0.1)
+    picture = next(iter(encode(plan())))
+    assert b.shows_only(agreement.take(picture), picture)
+
+
+@pytest.mark.parametrize("delay_s", np.arange(0.18, 0.19, 0.001))
+def test_equal_frames_of_a_camera_without_noise_are_no_repeated_ones(delay_s):
+    """White's first steady frame may show a trace of black, and then differs from the others."""
+    camera = {"noise": 0.0, "shot_gain": 0.0, "readout_s": 0.0}
+    b = bench({"delay_s": delay_s}, camera, scene=Screen(white=0.05))
+    b.camera.configure(CameraSettings(exposure_ms=200.0))
+    picture = next(iter(encode(plan())))
+    assert b.shows_only(Agreement(b.projector, b.camera).take(picture), picture)
+
+
+def test_incomplete_frames_are_waited_for():
+    """Seven of eight frames lack a packet."""
+    b = bench(camera={"torn": 0.875, "fps": 50.0})
+    agreement = Agreement(b.projector, b.camera)
+    for picture in encode(plan()):
+        assert b.shows_only(agreement.take(picture), picture)

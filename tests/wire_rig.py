@@ -99,8 +99,8 @@ class Board:
 class Screen:
     """A projector whose pictures reach the camera through files.
 
-    Where FOLDER/hold holds the number of a picture, the projector waits before it until that file
-    is gone, and says so with a file FOLDER/held.
+    FOLDER/hold names a frame: once its file is written, the projector says so with a file FOLDER/held
+    and waits until FOLDER/hold is gone before it shows the next picture.
     """
 
     name, bits, refresh_s = "wire", 8, REFRESH_S
@@ -108,16 +108,14 @@ class Screen:
 
     def __init__(self, folder):
         self._board = Board(Path(folder))
-        self._shown = 0
 
     def show(self, picture):
         picture = checked_picture(picture, self.size_px, self.bits)
         hold = self._board.folder / "hold"
-        if hold.exists() and self._shown == int(hold.read_text()):
+        if hold.exists() and Path(hold.read_text()).exists():
             (self._board.folder / "held").touch()
             while hold.exists():
                 time.sleep(0.01)
-        self._shown += 1
         handed_s = (time.monotonic() // REFRESH_S + 1) * REFRESH_S
         self._board.add(picture, handed_s + DELAY_S)
         time.sleep(max(0.0, handed_s - time.monotonic()))

@@ -17,9 +17,14 @@ from fringeworks.scan.differences import (
     compared,
     noise_between,
 )
-from fringeworks.scan.saturation import SaturationGuard
+from fringeworks.scan.saturation import (
+    MOST_SATURATED,
+    SaturationGuard,
+    largest_count,
+    saturated_share,
+)
 from fringeworks.scan.taking import Picture
-from fringeworks.scan.uniform import black_picture, white_picture
+from fringeworks.scan.uniform import black_picture, uniform_picture, white_picture
 from fringeworks.types import CameraNoise, CameraSettings, DeviceProblem
 
 TIMEOUT_S = 5.0
@@ -35,6 +40,10 @@ flickers more where it flickers at all; later frames are compared pixel by pixel
 MIN_RISE_COUNTS = 1.0
 """Smallest rise of the mean brightness from black to white, counts. Noise moves a mean over a frame
 by less than 0.1 counts."""
+GREYS = (0.5, 0.25, 0.125)
+"""Grey levels that are tried, one after the other, where white saturates: shot noise is seen only
+between black and saturation. With a response of γ = 2.2 the last has a hundredth of white's light.
+"""
 MAX_INCOMPLETE = 20
 """Incomplete frames in a row after which a camera's connection is unusable, if they fill the
 longest wait as well: with 5 % lost packets, frames of 40 packets are complete once in eight."""
@@ -95,7 +104,7 @@ class Agreement:
         ------
         DeviceProblem where white is not brighter than black, or frames never agree.
         """
-        self._camera.configure(CameraSettings(triggered=False))
+        settings = self._camera.configure(CameraSettings(triggered=False))
         black = black_picture(self._projector)
         self._show(black)
         darkest = min(_mean(self._complete()) for _ in range(BLACK_FRAMES))
@@ -104,9 +113,30 @@ class Agreement:
         # Frames of a real camera differ by noise; equal ones are one frame delivered twice. The
         # first of the steady frames may still show a trace of black.
         self._exact = np.array_equal(of_white[1].pixels, of_white[-1].pixels)
-        self.noise = noise_between([(f[-2].pixels, f[-1].pixels) for f in (of_black, of_white)])
         self._picture, self._frame = black, compared(of_black[-1].pixels)
+        of_grey = self._steady_grey(of_black[-1], of_white[-1], settings)
+        self.noise = noise_between(
+            [(f[-2].pixels, f[-1].pixels) for f in (of_black, of_white, of_grey) if f]
+        )
         return of_black[-1], of_white[-1]
+
+    def _steady_grey(self, black: Grab, white: Grab, settings: CameraSettings) -> list[Grab]:
+        """Frames of a grey that most pixels can show, if white saturates them; none elsewhere."""
+        full = largest_count(settings, white.pixels.dtype)
+        frames: list[Grab] = []
+        bright = white
+        for level in GREYS:
+            if saturated_share(black.pixels, bright.pixels, full) <= MOST_SATURATED:
+                break
+            grey = uniform_picture(self._projector, level)
+            try:
+                frames = self._steady(_mean(black), self._show(grey), rising=True)
+            except DeviceProblem:
+                # Too dark to be seen. The noise of black and white must do.
+                break
+            bright = frames[-1]
+            self._picture, self._frame = grey, compared(bright.pixels)
+        return frames
 
     def more(self, count: int) -> list[Grab]:
         """Return further frames of the picture that ``take`` has taken last.

@@ -61,14 +61,26 @@ class SaturationGuard:
         if darkest is None or brightest is None:
             return
         full = largest_count(self._camera.configure(CameraSettings()), brightest.dtype)
-        lit = brightest.astype(np.float32) - darkest > LIT_SHARE * full
-        share = float(np.mean(brightest[lit] >= CLIPPED_SHARE * full)) if lit.any() else 0.0
+        share = saturated_share(darkest, brightest, full)
         if share > self._most:
             raise DeviceProblem(
                 f"{self._camera.name}: expected at most {self._most:.0%} of the lit pixels to be "
                 f"saturated, got {share:.0%}: expose for a shorter time, lower the gain, or take "
                 "several exposures (HDR)"
             )
+
+
+def saturated_share(darkest: NDArray[Any], brightest: NDArray[Any], full: float) -> float:
+    """Return the share of the lit pixels that are saturated in the brighter frame.
+
+    Parameters
+    ----------
+    darkest, brightest : (h, w) arrays of counts
+    full : float
+        Largest count of the camera.
+    """
+    lit = brightest.astype(np.float32) - darkest > LIT_SHARE * full
+    return float(np.mean(brightest[lit] >= CLIPPED_SHARE * full)) if lit.any() else 0.0
 
 
 def largest_count(settings: CameraSettings, kind: np.dtype[Any]) -> float:

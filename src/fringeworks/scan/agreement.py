@@ -79,6 +79,9 @@ class Agreement:
         self._picture: NDArray[Any] | None = None
         self._frame: NDArray[np.float32] = np.empty((0, 0), np.float32)
         self._exact = False
+        self.pair: tuple[NDArray[np.float32], NDArray[np.float32]] = (self._frame, self._frame)
+        """The two frames that agreed last, on the grid of ``compared``, counts: they differ by noise
+        only."""
         self.noise = CameraNoise(float(np.sqrt(ROUNDING_VARIANCE)))
         """The camera's noise, measured by ``start``."""
 
@@ -118,6 +121,7 @@ class Agreement:
         self.noise = noise_between(
             [(f[-2].pixels, f[-1].pixels) for f in (of_black, of_white, of_grey) if f]
         )
+        self.pair = compared(of_black[-2].pixels), compared(of_black[-1].pixels)
         return of_black[-1], of_white[-1]
 
     def _steady_grey(self, black: Grab, white: Grab, settings: CameraSettings) -> list[Grab]:
@@ -194,6 +198,7 @@ class Agreement:
             seen |= differs
             if (differs or not new) and last is not None and self._agrees(last, frame):
                 self._picture, self._frame = np.array(picture), frame
+                self.pair = last, frame
                 return grab
             if grab.host_s - shown_s > self._timeout_s:
                 raise DeviceProblem(self._why_not(label, seen))

@@ -17,6 +17,14 @@ from fringeworks.scan.exposure_range import (
 from fringeworks.scan.saturation import CLIPPED_SHARE, largest_count
 from fringeworks.types import CameraSettings, DeviceProblem, InputError
 
+class TooDark(DeviceProblem):
+    """The scene is too dark at the largest exposure and gain."""
+
+
+class TooBright(DeviceProblem):
+    """The scene is too bright at the smallest exposure and gain."""
+
+
 TARGET = 0.9
 """Brightness of white that exposures aim at, share of full scale: the rest is for noise and for
 lamps that flicker."""
@@ -229,7 +237,7 @@ def _check_dark(camera: Camera, seen: Brightness, share: float) -> None:
     rise = (seen.white - seen.black)[seen.lit]
     level = float(np.quantile(rise, 1.0 - share)) if rise.size else 0.0
     if level < DARK:
-        raise DeviceProblem(
+        raise TooDark(
             f"{camera.name}: expected white to be brighter than black by {DARK:.0%} of full scale, "
             f"got {level:.1%} at {_told(seen.settings)}: too dark; open the aperture, move "
             "the devices closer, use a brighter lamp, allow a longer exposure, or darken the room"
@@ -256,13 +264,13 @@ def _check_obeys(camera: Camera, before: Brightness | None, now: Brightness) -> 
         )
 
 
-def _too_bright(camera: Camera, seen: Brightness | None, allowed: ExposureRange) -> DeviceProblem:
+def _too_bright(camera: Camera, seen: Brightness | None, allowed: ExposureRange) -> TooBright:
     """The error for a scene that is too bright at the least amount of light."""
     what = "all pixels"
     if seen is not None:
         what = f"{float(np.mean(seen.saturated[seen.lit])):.0%} of the lit pixels"
     shorter = ", or allow exposures that are no whole refresh periods" if allowed.period_ms else ""
-    return DeviceProblem(
+    return TooBright(
         f"{camera.name}: expected few saturated pixels at the shortest exposure "
         f"({_told(allowed.settings(0.0))}), got {what}: too bright; close the aperture, dim the "
         f"projector, or move the devices away{shorter}"

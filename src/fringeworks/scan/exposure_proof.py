@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from fringeworks.scan.agreement import MAX_INCOMPLETE
 from fringeworks.scan.delay import USUAL_REFRESH_S
 from fringeworks.scan.differences import ROUNDING_VARIANCE, compared
 from fringeworks.scan.uniform import black_picture, white_picture
-from fringeworks.types import BoolMap, CameraSettings, DeviceProblem, FloatMap
+from fringeworks.types import BoolMap, CameraSettings, DeviceProblem, FloatMap, Frozen
 
 Verdict = Literal["obeyed", "ignored", "automatic", "another ratio"]
 """What a camera does with its exposure."""
@@ -61,8 +61,8 @@ RATIO = 2.0
 """Ratio of the two exposures. Drivers that count in powers of two can set it exactly."""
 
 
-@dataclass(frozen=True)
-class ExposureProof:
+@dataclass(frozen=True, eq=False, repr=False)
+class ExposureProof(Frozen):
     """Whether a camera obeys its exposure, with the figures that prove it."""
 
     verdict: Verdict
@@ -82,6 +82,9 @@ class ExposureProof:
     """Part of a change of brightness that was taken back afterwards; 0 for none."""
     used_share: float
     """Share of the lit pixels that are not saturated; NaN for an automatic exposure."""
+    series: tuple[FloatMap, ...] = ()
+    """Mean brightness of every frame, counts: under black and under white at the shorter, the longer
+    and again the shorter exposure."""
 
     @property
     def obeyed(self) -> bool:
@@ -199,9 +202,10 @@ def _tried(
         filmed.append((black, _watch(projector, camera, white)))
     read_back = told[0].exposure_ms, told[1].exposure_ms
     drift = _drift(filmed)
+    series = tuple(watched.means for both in filmed for watched in both)
     if drift > MAX_DRIFT:
         nan, expected = float("nan"), _expected(asked, read_back)
-        return ExposureProof("automatic", asked, read_back, expected, nan, nan, drift, nan)
+        return ExposureProof("automatic", asked, read_back, expected, nan, nan, drift, nan, series)
     used, share = _used_pixels(filmed, _full_scale(told[0], camera))
     if share < MIN_USED_SHARE:
         reason = (
@@ -224,7 +228,7 @@ def _tried(
             f"{proof.ratio_sigma:.2f} between two exposures: the light flickers or something moves"
         )
         return _Unfit(reason, 1.0)
-    return proof
+    return replace(proof, series=series)
 
 
 def _judged(

@@ -17,6 +17,8 @@ SetupFindingKind = Literal[
     "mirrored",
     "contrast",
     "delay",
+    "vignetting",
+    "ramp",
 ]
 """What a finding is about."""
 

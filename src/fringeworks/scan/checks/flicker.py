@@ -40,8 +40,13 @@ class Flicker(Frozen):
     """Standard deviation of the brightness under black, relative to white, noise taken away."""
     in_white: float
     """The same under white."""
-    bands: FloatMap
-    """Brightness under white of every frame and band, (frames, bands), relative to the mean."""
+    black: FloatMap
+    """Brightness under black of every frame and band of rows, (frames, bands), relative to the
+    light of white."""
+    white: FloatMap
+    """The same under white."""
+    frame_s: float
+    """Time from one frame to the next, s."""
     findings: tuple[SetupFinding, ...]
 
 
@@ -67,26 +72,28 @@ def check_flicker(projector: Projector, camera: Camera) -> Flicker:
         projector.show(uniform_picture(projector, level))
         camera.discard()
         series[name] = _series(camera)
-    rise = float(series["white"][0].mean() - series["black"][0].mean())
-    depth = {name: _changes(*bands) for name, bands in series.items()}
-    relative = {name: value / max(rise, 1.0) for name, (value, _) in depth.items()}
+    rise = max(float(series["white"][0].mean() - series["black"][0].mean()), 1.0)
+    depth = {name: _changes(bands, noise) for name, (bands, noise, _) in series.items()}
+    relative = {name: value / rise for name, (value, _) in depth.items()}
     found = [
         _finding(name, relative[name], depth[name][1])
         for name in ("black", "white")
         if depth[name][1] > FLICKER_SIGMAS and relative[name] > MIN_FLICKER
     ]
-    white = series["white"][0]
+    black, white = (series[name][0] / rise for name in ("black", "white"))
     # Light of the room shows under both; it is one finding.
     return Flicker(
-        relative["black"], relative["white"], white / white.mean(axis=0), tuple(found[:1])
+        relative["black"], relative["white"], black, white, series["white"][2], tuple(found[:1])
     )
 
 
-def _series(camera: Camera) -> tuple[FloatMap, FloatMap]:
+def _series(camera: Camera) -> tuple[FloatMap, FloatMap, float]:
     """Brightness of bands of rows in frames that follow each other, and its variance by noise.
 
-    The noise is that of the differences of pixels between frames, within each band.
+    The noise is that of the differences of pixels between frames, within each band. The last value
+    is the time between frames, s.
     """
+    times: list[float] = []
     rows: list[FloatMap] = []
     noise: list[FloatMap] = []
     last: list[FloatMap] = []
@@ -99,9 +106,13 @@ def _series(camera: Camera) -> tuple[FloatMap, FloatMap]:
             pairs = zip(bands, last, strict=True)
             noise.append(np.array([0.5 * float((a - b).var()) / a.size for a, b in pairs]))
         last = bands
+        times.append(grab.host_s)
         rows.append(np.array([float(band.mean()) for band in bands]))
         if len(rows) == FRAMES + SKIPPED_FRAMES:
-            return np.stack(rows[SKIPPED_FRAMES:]), np.median(noise[SKIPPED_FRAMES:], axis=0)
+            # Frames may arrive in bunches; the mean time between them is still the camera's.
+            period_s = (times[-1] - times[SKIPPED_FRAMES]) / (FRAMES - 1)
+            variance = np.median(noise[SKIPPED_FRAMES:], axis=0)
+            return np.stack(rows[SKIPPED_FRAMES:]), variance, period_s
     raise DeviceProblem(f"{camera.name}: expected complete frames, got too few")
 
 

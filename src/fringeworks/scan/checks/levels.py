@@ -50,6 +50,10 @@ class Levels(Frozen):
     """Light of white over that of black, with the light of the room, at the median lit pixel."""
     saturated_share: float
     """Share of the lit pixels that are at the camera's limit under white."""
+    brightness: FloatMap
+    """Mean brightness of the lit pixels at each level, (n,), counts."""
+    noise: FloatMap
+    """Standard deviation of these pixels between two frames of each level, (n,), counts."""
     findings: tuple[SetupFinding, ...]
 
 
@@ -89,12 +93,14 @@ def check_levels(
     lit = seen & (white < top)
     if not lit.any():
         lit = seen
-    light = {}
+    light, scatter = {}, {}
     for level in LEVELS:
         pixels = agreement.take(uniform_picture(projector, level), f"level {level:g}").pixels
         light[level] = float(np.mean((pixels.astype(np.float32) - black)[lit]))
+        scatter[level] = _scatter(agreement, lit)
     levels = np.array(sorted(light))
     relative = np.array([light[level] for level in levels]) / light[1.0]
+    noise = np.array([scatter[level] for level in levels])
     saturated = float(np.mean(white[seen] >= top))
     return Levels(
         levels,
@@ -104,8 +110,18 @@ def check_levels(
         _exponent(levels, relative),
         float(np.median(white[lit])) / max(float(np.median(black[lit])), 0.5),
         saturated,
+        light[1.0] * relative + float(np.mean(black[lit])),
+        noise,
         tuple(_findings(levels, relative, saturated)),
     )
+
+
+def _scatter(agreement: Agreement, lit: BoolMap) -> float:
+    """Standard deviation of the lit pixels in the frames that agreed last, counts."""
+    one, other = agreement.pair
+    stride = -(-lit.shape[0] // one.shape[0])
+    difference = (one - other)[lit[::stride, ::stride]]
+    return float(np.std(difference) / np.sqrt(2.0)) if difference.size else 0.0
 
 
 def _exponent(level: FloatMap, light: FloatMap) -> float:

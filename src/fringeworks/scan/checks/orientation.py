@@ -86,6 +86,7 @@ def check_orientation(projector: Projector, camera: Camera, agreement: Agreement
             f"got them on {known.mean():.2%}: focus both devices on the object, and use more light"
         )
     mirrored = bool(np.median(determinant[known]) < 0)
+    x, y = (place.astype(np.float32) for place in (x, y))
     return Orientation(x, y, mirrored, (_mirrored(),) if mirrored else ())
 
 

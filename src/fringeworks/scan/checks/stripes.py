@@ -32,6 +32,14 @@ on pictures are resized. Linear interpolation between pixels gives 0.15 at a per
 BEAT_POWER = 25.0
 """Power of the strongest frequency of the contrast's profile, over the mean of the others, from
 which on the change is periodic. Noise exceeds it in one profile of 10⁹."""
+FINE_PX = 8.0
+"""Longest period whose contrast shows that pictures are resized, projector px: linear interpolation
+takes less than 4 % from coarser stripes."""
+MIN_COUNT = 4
+"""Smallest number of camera pixels whose mean is the contrast at a projector coordinate."""
+MIN_COUNT_SHARE = 0.2
+"""The same, relative to the median number of camera pixels at a projector coordinate: coordinates at
+the rim of the lit area scatter more."""
 MIN_COLUMNS = 32
 """Smallest number of projector columns that must be seen to look for a periodic change."""
 SLOW_CYCLES = 3
@@ -49,6 +57,13 @@ class Stripes(Frozen):
     """Median modulation over the lit pixels, (n,), relative to that of the coarsest period."""
     min_period_px: float
     """Period with the smallest phase error per pixel: contrast over period is largest."""
+    profile_period_px: float
+    """Period of the stripes that ``profile`` belongs to, projector px: the one that shows resized
+    pictures, or the finest that is resolved."""
+    place_px: FloatMap
+    """Projector coordinates along the axis, (k,), px."""
+    profile: FloatMap
+    """Mean contrast of these stripes at each projector coordinate, (k,), relative to the mean."""
     findings: tuple[SetupFinding, ...]
 
 
@@ -94,12 +109,26 @@ def check_stripes(
     found: list[SetupFinding] = []
     if not resolved[:-1].any():
         found.append(_unresolved(axis))
-    for k in np.flatnonzero(resolved & (periods <= 8.0)):
-        beat = _beat(relative[k], coordinate_px)
+    judged = [int(k) for k in np.flatnonzero(resolved & (periods <= FINE_PX))]
+    profiles = {k: _profile(relative[k], coordinate_px) for k in judged or [best]}
+    shown = next(iter(profiles))
+    for k in judged:
+        beat = _beat(*profiles[k])
         if beat is not None:
+            shown = k
             found.append(_resized(axis, PERIODS_PX[k], *beat))
             break
-    return Stripes(axis, periods, contrast, float(periods[best]), tuple(found))
+    place, profile = profiles[shown]
+    return Stripes(
+        axis,
+        periods,
+        contrast,
+        float(periods[best]),
+        float(periods[shown]),
+        place.astype(np.float64),
+        profile / (float(profile.mean()) if profile.size else 1.0),
+        tuple(found),
+    )
 
 
 def _modulation(
@@ -122,19 +151,23 @@ def _modulation(
     return np.asarray(2.0 / STEPS * np.abs(phasor))
 
 
-def _beat(contrast: FloatMap, coordinate_px: FloatMap) -> tuple[float, float] | None:
-    """Amplitude and period of a periodic change of the contrast; None where there is none."""
+def _profile(contrast: FloatMap, coordinate_px: FloatMap) -> tuple[NDArray[Any], FloatMap]:
+    """Projector coordinates that enough pixels see, px, and the mean contrast at each."""
     known = np.isfinite(contrast) & np.isfinite(coordinate_px)
     if not known.any():
-        return None
+        return np.empty(0, int), np.empty(0)
     place = np.rint(coordinate_px[known]).astype(int)
-    place -= place.min()
-    count = np.bincount(place)
-    enough = count >= max(4, 0.2 * np.median(count[count > 0]))
-    if enough.sum() < MIN_COLUMNS:
+    first = int(place.min())
+    count = np.bincount(place - first)
+    enough = count >= max(MIN_COUNT, MIN_COUNT_SHARE * np.median(count[count > 0]))
+    mean = np.bincount(place - first, contrast[known])[enough] / count[enough]
+    return np.flatnonzero(enough) + first, mean
+
+
+def _beat(x: NDArray[Any], profile: FloatMap) -> tuple[float, float] | None:
+    """Amplitude and period of a periodic change of the contrast; None where there is none."""
+    if len(x) < MIN_COLUMNS:
         return None
-    x = np.flatnonzero(enough)
-    profile = np.bincount(place, contrast[known])[enough] / count[enough]
     mean = float(profile.mean())
     scaled = np.linspace(-1.0, 1.0, len(x))
     profile = profile - np.polyval(np.polyfit(scaled, profile, 4), scaled)

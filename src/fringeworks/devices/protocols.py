@@ -53,6 +53,39 @@ class Grab(Frozen):
             )
 
 
+@dataclass(frozen=True)
+class VideoMode:
+    """How a screen shows pictures, as far as the system tells; None where it does not."""
+
+    size_px: tuple[int, int]
+    """Columns and rows of the present video mode."""
+    refresh_hz: float | None = None
+    """Pictures per second."""
+    scale: float | None = None
+    """Factor by which the system enlarges windows; 1 for none."""
+    largest_px: tuple[int, int] | None = None
+    """Columns and rows of the largest mode that the screen offers. That is usually its own
+    resolution; some projectors also accept larger modes and resize them."""
+    straight: bool | None = None
+    """Whether the gamma ramp of the graphics card is a straight line."""
+
+    def __str__(self) -> str:
+        parts = [f"{self.size_px[0]} × {self.size_px[1]} px"]
+        parts += [] if self.refresh_hz is None else [f"{self.refresh_hz:g} Hz"]
+        parts += [] if self.scale is None else [f"scale {self.scale:g}"]
+        if self.largest_px == self.size_px:
+            parts.append("the largest mode that the screen offers")
+        elif self.largest_px is not None:
+            parts.append(f"the screen offers up to {self.largest_px[0]} × {self.largest_px[1]} px")
+        return ", ".join(parts)
+
+
+def video_mode_of(projector: object) -> VideoMode | None:
+    """Return how a projector shows pictures, by its attribute ``mode``; None without one."""
+    mode = getattr(projector, "mode", None)
+    return mode if isinstance(mode, VideoMode) else None
+
+
 @runtime_checkable
 class Projector(Protocol):
     """A device that shows pictures."""

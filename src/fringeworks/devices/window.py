@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.devices.protocols import Closing, checked_picture
+from fringeworks.devices.protocols import Closing, VideoMode, checked_picture
 from fringeworks.types import DeviceProblem, MissingPackage
 
 VERTICES = """#version 330
@@ -104,6 +104,7 @@ class WindowProjector(Closing):
         handle = glfw.get_monitors()[self.monitor.index]
         self.straight = _straight_ramp(glfw, handle)
         """Whether the screen's gamma ramp is a straight line; None where it cannot be read."""
+        self._largest_px = _largest_mode(glfw, handle)
         size = self.monitor.width_px, self.monitor.height_px
         for hint, value in (
             (glfw.CONTEXT_VERSION_MAJOR, 3),
@@ -160,6 +161,12 @@ class WindowProjector(Closing):
     def size_px(self) -> tuple[int, int]:
         """Columns and rows of the screen."""
         return self.monitor.width_px, self.monitor.height_px
+
+    @property
+    def mode(self) -> VideoMode:
+        """Video mode and gamma ramp of the screen."""
+        m = self.monitor
+        return VideoMode(self.size_px, m.refresh_hz, m.scale, self._largest_px, self.straight)
 
     @property
     def bits(self) -> int:
@@ -267,6 +274,12 @@ def _described(glfw: ModuleType, index: int, monitor: Any, primary: bool) -> Mon
         float(glfw.get_monitor_content_scale(monitor)[0]),
         primary,
     )
+
+
+def _largest_mode(glfw: ModuleType, monitor: Any) -> tuple[int, int] | None:
+    """Columns and rows of the video mode with most pixels that a screen offers."""
+    sizes = [(int(m.size.width), int(m.size.height)) for m in glfw.get_video_modes(monitor) or []]
+    return max(sizes, key=lambda size: size[0] * size[1], default=None)
 
 
 def _straight_ramp(glfw: ModuleType, monitor: Any) -> bool | None:

@@ -12,9 +12,11 @@ from fringeworks.files.findings import findings_as_dicts
 from fringeworks.pair.plane_calibration import PixelCalibration, PlaneCalibration
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
+from fringeworks.report.setup_summary import setup_figures
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import coverage, diagnose, pose_figures
 from fringeworks.rig.calibration.verdict import verdict
+from fringeworks.scan.setup import SetupTests
 from fringeworks.signal.response import Response
 from fringeworks.stack.wrapped import WrappedPhase
 from fringeworks.types import (
@@ -35,7 +37,7 @@ def summarise(result: object) -> dict[str, Any]:
     Parameters
     ----------
     result : Reconstruction, Measurement, Decoded, WrappedPhase, Calibration, PlaneCalibration,
-        PixelCalibration, Response, FormEvaluation or PointCloud
+        PixelCalibration, Response, FormEvaluation, PointCloud, Setup or SetupTests
 
     Returns
     -------
@@ -212,6 +214,11 @@ def _(calibration: PixelCalibration) -> dict[str, Any]:
 @summarise.register
 def _(evaluation: FormEvaluation) -> dict[str, Any]:
     return evaluation.figures | _origin(evaluation.provenance)
+
+
+@summarise.register
+def _(tests: SetupTests) -> dict[str, Any]:
+    return setup_figures(tests)
 
 
 def _of_cloud(cloud: PointCloud) -> dict[str, Any]:

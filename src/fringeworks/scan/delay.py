@@ -20,7 +20,7 @@ from fringeworks.devices.protocols import (
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.differences import compared
 from fringeworks.scan.uniform import block_pictures
-from fringeworks.types import CameraSettings, DeviceProblem, FloatMap, Frozen
+from fringeworks.types import CameraNoise, CameraSettings, DeviceProblem, FloatMap, Frozen
 
 COUNTERS = 16
 """Different pictures of the counter. Shown for 42 ms each on average, they repeat after 0.6 s at
@@ -36,9 +36,16 @@ MAX_SHOWS = 6 * SHOWS
 LONGEST_HOLD = 4
 """Pictures are held for one to this many refresh periods, at random, so that exposures begin at all
 moments."""
-BANDS = 8
-"""Bands of rows in which a frame is read, because a rolling shutter exposes them at different
-times."""
+BANDS = (8, 4, 2, 1)
+"""Numbers of bands of rows in which a frame is read, the first by choice, because a rolling shutter
+exposes rows at different times. Fewer are used where a band would show too few of the blocks to tell
+the pictures apart, as with a small object before a dark background."""
+READ_PIXELS = 40_000
+"""Pixels of a frame that are read, on a grid: blocks are 16 px wide and more in usual frames, and
+reading then takes 2 ms."""
+SHARE_SIGMAS = 6.0
+"""``VISIBLE_SHARE`` in standard deviations by which noise changes a picture's share in a band. Noise
+alone exceeds it once in 10⁹ shares."""
 VISIBLE_SHARE = 0.05
 """Share of an exposure from which on a picture counts as visible. Less changes a fringe by less
 than 5 % of its modulation and is hidden in the noise of small contrasts."""
@@ -175,7 +182,7 @@ def measure_delay(
     pictures = block_pictures(projector, COUNTERS, side_px=side_px, seed=seed)
     agreement = Agreement(projector, camera)
     single = [compared(agreement.take(picture, "a counter").pixels) for picture in pictures]
-    film = _Film(camera, clock, _Reader(np.stack(single)), triggered)
+    film = _Film(camera, clock, _Reader(np.stack(single), agreement.noise), triggered)
     film.shown.append((COUNTERS - 1, -np.inf))
     camera.configure(CameraSettings(triggered=triggered))
     camera.discard()
@@ -268,14 +275,26 @@ class _Film:
 class _Reader:
     """Reads which pictures a frame shows, by least squares against frames of single pictures."""
 
-    def __init__(self, single: NDArray[np.float32]) -> None:
-        """``single`` is (pictures, h, w), counts."""
-        self._edges = np.linspace(0, single.shape[1], BANDS + 1).astype(int)
-        self._bands = [
-            single[:, a:b].reshape(len(single), -1).astype(np.float64)
-            for a, b in zip(self._edges[:-1], self._edges[1:], strict=True)
-            if b > a
-        ]
+    def __init__(self, single: NDArray[np.float32], noise: CameraNoise) -> None:
+        """``single`` is (pictures, h, w), counts.
+
+        ``DeviceProblem`` where noise hides which picture is which.
+        """
+        self._stride = max(1, round(float(np.sqrt(single[0].size / READ_PIXELS))))
+        single = single[:, :: self._stride, :: self._stride]
+        # Bands hold equal parts of what tells the pictures apart.
+        told = np.cumsum(np.sum(np.var(single, axis=0, dtype=np.float64), axis=1))
+        for count in BANDS:
+            inner = np.searchsorted(told, told[-1] * np.arange(1, count) / count)
+            self._edges = np.unique(inner[(inner > 0) & (inner < single.shape[1])])
+            parts = np.split(single, self._edges, axis=1)
+            self._bands = [part.reshape(len(part), -1).astype(np.float64) for part in parts]
+            if all(_told_apart(band, noise) for band in self._bands):
+                return
+        raise DeviceProblem(
+            "camera: expected to see enough of the projected picture to tell pictures of blocks "
+            "apart, got too few blocks, or too much noise: use a larger or brighter surface"
+        )
 
     def visible(self, frame: NDArray[Any], candidates: list[int]) -> tuple[int, int] | None:
         """Places of the oldest and the newest visible picture among the candidates.
@@ -285,8 +304,8 @@ class _Reader:
         """
         places: list[int] = []
         residual = contrast = 0.0
-        parts = np.split(frame, self._edges[1:-1], axis=0)
-        for part, single in zip((p for p in parts if p.size), self._bands, strict=True):
+        parts = np.split(frame[:: self._stride, :: self._stride], self._edges, axis=0)
+        for part, single in zip(parts, self._bands, strict=True):
             chosen, values = single[candidates], part.ravel().astype(np.float64)
             # Least squares on the triangular factor: the same minimum, with fewer rows.
             L = np.linalg.cholesky(chosen @ chosen.T)
@@ -297,3 +316,14 @@ class _Reader:
         if not places or residual > MAX_RESIDUAL**2 * contrast:
             return None
         return min(places), max(places)
+
+
+def _told_apart(band: FloatMap, noise: CameraNoise) -> bool:
+    """Whether noise changes the shares of the pictures in a band by less than what is visible.
+
+    The covariance of the shares is σ² (A Aᵀ)⁻¹, where A (pictures, pixels) is without noise; noise
+    adds σ² times the number of pixels to the eigenvalues of A Aᵀ.
+    """
+    variance = float(np.mean(noise.variance(band)))
+    least = float(np.linalg.eigvalsh(band @ band.T)[0]) - variance * band.shape[1]
+    return least > variance * (SHARE_SIGMAS / VISIBLE_SHARE) ** 2

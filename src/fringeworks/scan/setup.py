@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
-from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.devices.protocols import Camera, Projector, VideoMode, video_mode_of
 from fringeworks.patterns.propose import Proposal, propose
 from fringeworks.scan.agreement import Agreement
+from fringeworks.scan.checks.exposure import Exposing, check_exposure
 from fringeworks.scan.checks.finding import SetupFinding
 from fringeworks.scan.checks.flicker import Flicker, check_flicker
 from fringeworks.scan.checks.levels import Levels, check_levels
 from fringeworks.scan.checks.orientation import Orientation, check_orientation
 from fringeworks.scan.checks.stripes import Stripes, check_stripes
+from fringeworks.scan.checks.video_mode import check_video_mode
+from fringeworks.scan.checks.vignetting import Vignetting, check_vignetting
 from fringeworks.scan.delay import Delay, measure_delay
-from fringeworks.scan.exposure_proof import ExposureProof, exposure_obeys
 from fringeworks.types import (
     Axis,
     CameraNoise,
@@ -31,15 +34,30 @@ DARK_QUANTILE = 0.1
 are brighter."""
 STEADY_KINDS = ("range", "scale")
 """Findings that compare the light of several pictures: they mean nothing where it flickers."""
+IMPORTANCE = (
+    "mirrored",
+    "saturated",
+    "dark",
+    "range",
+    "scale",
+    "contrast",
+    "exposure",
+    "flicker",
+    "ramp",
+    "vignetting",
+    "delay",
+)
+"""Kinds of findings, the most important first: what makes results wrong, then what adds errors,
+then what costs light or time."""
 DELAY_ADVICE = (
     "scans take frames by agreement, which needs no delay; use a camera with a steady frame rate"
 )
 """What to do where the delay cannot be measured."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Setup(Frozen):
-    """What was measured of a projector and a camera."""
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class SetupTests(Frozen):
+    """What the tests of a set-up have measured; None where a test was not reached."""
 
     projector: str
     """Name of the projector."""
@@ -47,21 +65,55 @@ class Setup(Frozen):
     """Name of the camera."""
     size_px: tuple[int, int]
     """Columns and rows of the projector."""
-    settings: CameraSettings
-    """Settings of the camera, as it reported them."""
-    noise: CameraNoise
-    """Noise of the camera at these settings."""
-    levels: Levels
-    flicker: Flicker
-    orientation: Orientation
-    stripes: tuple[Stripes, ...]
+    mode: VideoMode | None = None
+    """How the projector shows pictures; None where it does not tell."""
+    exposing: Exposing | None = None
+    flicker: Flicker | None = None
+    noise: CameraNoise | None = None
+    """Noise of the camera at the settings of ``exposing``."""
+    levels: Levels | None = None
+    orientation: Orientation | None = None
+    stripes: tuple[Stripes, ...] = ()
     """Along x, then along y."""
-    delay: Delay | None
-    """None where it could not be measured."""
+    vignetting: Vignetting | None = None
+    delay: Delay | None = None
+    """None also where it could not be measured."""
+    findings: tuple[SetupFinding, ...] = ()
+    """What makes measurements worse, the most important first; empty where all is well."""
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Setup(SetupTests):
+    """What was measured of a projector and a camera, and the plan that suits them."""
+
+    exposing: Exposing
+    flicker: Flicker
+    noise: CameraNoise
+    levels: Levels
+    orientation: Orientation
+    vignetting: Vignetting
     proposal: Proposal
     """The plan that is proposed for these devices, with its predicted error."""
-    findings: tuple[SetupFinding, ...]
-    """What makes measurements worse, the most important first; empty where all is well."""
+
+    @property
+    def settings(self) -> CameraSettings:
+        """Settings of the camera, as it reported them."""
+        return self.exposing.settings
+
+
+class SetupStopped(DeviceProblem):
+    """A set-up could not be finished. The message names the causes that were found.
+
+    Parameters
+    ----------
+    message : str
+    tests : SetupTests
+        What was measured until then.
+    """
+
+    def __init__(self, message: str, tests: SetupTests) -> None:
+        super().__init__(message)
+        self.tests = tests
 
 
 def set_up(
@@ -81,7 +133,8 @@ def set_up(
     camera : Camera
         Both look at a bright surface, such as a white wall or the object.
     settings : CameraSettings, optional
-        Asked for before the first frame.
+        Asked for before the first frame. Without an exposure and a gain, both are chosen so that
+        white is bright and not saturated.
     frames : int
         Number of frames of the plan that is proposed.
     axes : tuple of "x", "y"
@@ -95,106 +148,106 @@ def set_up(
 
     Raises
     ------
-    DeviceProblem where the camera does not see the projector's pictures; InputError where no plan
+    SetupStopped (a DeviceProblem) where a test cannot be done, such as where the camera does not
+    see the projector's pictures: it holds what was measured until then. InputError where no plan
     suits the devices.
     """
-    used = camera.configure(settings or CameraSettings())
-    agreement = Agreement(projector, camera)
-    progress("exposure")
-    proof = exposure_obeys(projector, camera)
-    progress("flicker")
-    flicker = check_flicker(projector, camera)
-    found = [*_exposure_finding(proof), *flicker.findings]
+    tests = _Tests(projector, camera)
     try:
-        progress("grey levels")
-        levels = check_levels(projector, camera, agreement, used)
-        progress("orientation")
-        orientation = check_orientation(projector, camera, agreement)
-        progress("stripes")
-        stripes = _stripes(projector, agreement, levels, orientation)
+        tests.run(settings or CameraSettings(), progress)
     except DeviceProblem as error:
-        raise _explained(error, found) from error
-    of_light = [*levels.findings, *(finding for s in stripes for finding in s.findings)]
-    if flicker.findings:
-        # Light that flickers changes levels and contrast from picture to picture.
-        of_light = [finding for finding in of_light if finding.kind not in STEADY_KINDS]
-    progress("delay")
-    delay, late = _delay(projector, camera)
-    return Setup(
-        projector.name,
-        camera.name,
-        projector.size_px,
-        used,
-        agreement.noise,
-        levels,
-        flicker,
-        orientation,
-        stripes,
-        delay,
-        _proposed(projector.size_px, frames, axes, agreement.noise, levels, stripes),
-        (*orientation.findings, *of_light, *found, *late),
-    )
+        raise SetupStopped(_explained(error, tests.done.findings), tests.done) from error
+    done = tests.done
+    return Setup(**{f.name: getattr(done, f.name) for f in fields(done)}, proposal=_proposed(done, frames, axes))
 
 
-def _exposure_finding(proof: ExposureProof) -> list[SetupFinding]:
-    """The finding of a camera whose exposure does not obey."""
-    if proof.obeyed:
-        return []
-    causes = {
-        "ignored": ("a driver that accepts an exposure and keeps its own",),
-        "automatic": ("an automatic exposure or gain that is on",),
-        "another ratio": ("a driver that rounds exposures", "a response with a gamma"),
-    }[proof.verdict]
-    return [
-        SetupFinding(
-            "exposure",
-            str(proof).partition(":")[0],
-            causes,
-            "set the exposure with the camera's own program, or use another driver or camera",
-            {"expected_ratio": proof.expected_ratio, "ratio": proof.ratio, "drift": proof.drift},
+class _Tests:
+    """The tests in their order, and what those that are done have measured."""
+
+    def __init__(self, projector: Projector, camera: Camera) -> None:
+        self._projector = projector
+        self._camera = camera
+        self._agreement = Agreement(projector, camera)
+        mode = video_mode_of(projector)
+        self.done = SetupTests(
+            projector=projector.name,
+            camera=camera.name,
+            size_px=projector.size_px,
+            mode=mode,
+            findings=check_video_mode(mode),
         )
-    ]
+
+    def run(self, wanted: CameraSettings, progress: Callable[[str], None]) -> None:
+        """Do all tests; ``DeviceProblem`` where one cannot be done."""
+        projector, camera, agreement = self._projector, self._camera, self._agreement
+        progress("exposure")
+        exposing = check_exposure(projector, camera, wanted)
+        self._add(exposing.findings, exposing=exposing)
+        progress("flicker")
+        flicker = check_flicker(projector, camera)
+        # An automatic exposure changes the brightness all the time.
+        automatic = exposing.proof is not None and exposing.proof.verdict == "automatic"
+        self._add(() if automatic else flicker.findings, flicker=flicker)
+        progress("grey levels")
+        levels = check_levels(projector, camera, agreement, exposing.settings)
+        self._add(levels.findings, levels=levels, noise=agreement.noise)
+        progress("orientation")
+        seen = check_orientation(projector, camera, agreement)
+        self._add(seen.findings, orientation=seen)
+        places: tuple[tuple[Axis, FloatMap], ...] = (("x", seen.x_px), ("y", seen.y_px))
+        for axis, place in places:
+            progress(f"stripes along {axis}")
+            stripes = check_stripes(projector, agreement, levels.lit, place, axis=axis)
+            self._add(stripes.findings, stripes=(*self.done.stripes, stripes))
+        progress("vignetting")
+        vignetting = check_vignetting(projector.size_px, levels, seen, agreement.noise)
+        self._add(vignetting.findings, vignetting=vignetting)
+        progress("delay")
+        self._measure_delay()
+
+    def _measure_delay(self) -> None:
+        try:
+            self._add((), delay=measure_delay(self._projector, self._camera))
+        except DeviceProblem as error:
+            causes = ("frames that arrive irregularly", "a delay that changes")
+            self._add((SetupFinding("delay", str(error), causes, DELAY_ADVICE),))
+
+    def _add(self, findings: tuple[SetupFinding, ...], **measured: Any) -> None:
+        """Keep what a test has measured, and what it has found."""
+        found = _kept((*self.done.findings, *findings))
+        self.done = replace(self.done, findings=found, **measured)
 
 
-def _stripes(
-    projector: Projector, agreement: Agreement, levels: Levels, orientation: Orientation
-) -> tuple[Stripes, ...]:
-    """Stripes along x and along y."""
-    places: tuple[tuple[Axis, FloatMap], ...] = (("x", orientation.x_px), ("y", orientation.y_px))
-    return tuple(
-        check_stripes(projector, agreement, levels.lit, place, axis=axis) for axis, place in places
-    )
+def _kept(findings: tuple[SetupFinding, ...]) -> tuple[SetupFinding, ...]:
+    """The findings that hold beside the others, by importance."""
+    kinds = {finding.kind for finding in findings}
+    kept: list[SetupFinding] = []
+    for finding in findings:
+        # Light that flickers changes levels and contrast from picture to picture.
+        unsure = finding.kind in STEADY_KINDS and "flicker" in kinds
+        if not unsure and finding not in kept:
+            kept.append(finding)
+    return tuple(sorted(kept, key=lambda finding: IMPORTANCE.index(finding.kind)))
 
 
-def _proposed(
-    size_px: tuple[int, int],
-    frames: int,
-    axes: tuple[Axis, ...],
-    noise: CameraNoise,
-    levels: Levels,
-    stripes: tuple[Stripes, ...],
-) -> Proposal:
+def _proposed(done: SetupTests, frames: int, axes: tuple[Axis, ...]) -> Proposal:
     """The plan with the smallest predicted error for the darkest tenth of the lit pixels."""
-    modulation = 0.5 * float(np.quantile(levels.white[levels.lit], DARK_QUANTILE))
+    assert done.levels is not None
+    assert done.noise is not None
+    modulation = 0.5 * float(np.quantile(done.levels.white[done.levels.lit], DARK_QUANTILE))
     return propose(
-        *size_px,
+        *done.size_px,
         frames,
         axes=axes,
-        noise=float(np.sqrt(noise.variance(modulation))),
+        noise=float(np.sqrt(done.noise.variance(modulation))),
         modulation=modulation,
-        min_period_px=max(s.min_period_px for s in stripes if s.axis in axes),
+        min_period_px=max(s.min_period_px for s in done.stripes if s.axis in axes),
     )[0]
 
 
-def _explained(error: DeviceProblem, findings: list[SetupFinding]) -> DeviceProblem:
-    """The error of a check, with what the checks before have found."""
-    return DeviceProblem("; ".join([str(error), *(finding.text for finding in findings)]))
-
-
-def _delay(projector: Projector, camera: Camera) -> tuple[Delay | None, list[SetupFinding]]:
-    """The delay, or the finding that it cannot be measured."""
-    try:
-        return measure_delay(projector, camera), []
-    except DeviceProblem as error:
-        causes = ("frames that arrive irregularly", "a delay that changes")
-        return None, [SetupFinding("delay", str(error), causes, DELAY_ADVICE)]
+def _explained(error: DeviceProblem, findings: tuple[SetupFinding, ...]) -> str:
+    """The error of a check, after what the checks before have found."""
+    if not findings:
+        return str(error)
+    causes = "; ".join(finding.text for finding in findings)
+    return f"{causes}; this stopped the set-up: {error}"

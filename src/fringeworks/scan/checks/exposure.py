@@ -1,0 +1,131 @@
+"""The exposure of the set-up: chosen where the user has not, and proved to obey."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.scan.checks.finding import SetupFinding
+from fringeworks.scan.exposure import TooBright, TooDark, auto_exposure
+from fringeworks.scan.exposure_proof import ExposureProof, exposure_obeys
+from fringeworks.types import CameraSettings, DeviceProblem, Frozen, InputError
+
+SELF_WILLED = ("ignored", "automatic")
+"""Verdicts of cameras that keep an exposure of their own, so that none can be chosen."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Exposing(Frozen):
+    """The exposure that the tests and all later scans use."""
+
+    settings: CameraSettings
+    """Settings of the camera as it reported them."""
+    chosen: bool
+    """Whether exposure and gain were chosen here; False where they were given, and where the camera
+    does not let them be chosen."""
+    proof: ExposureProof | None
+    """Whether the exposure obeys; None where another program sets it."""
+    findings: tuple[SetupFinding, ...]
+
+
+def check_exposure(projector: Projector, camera: Camera, wanted: CameraSettings) -> Exposing:
+    """Choose exposure and gain where none is given, and find out whether the camera obeys.
+
+    Parameters
+    ----------
+    projector : Projector
+    camera : Camera
+    wanted : CameraSettings
+        What the user asks for. With an exposure or a gain, both stay as they are.
+
+    Returns
+    -------
+    Exposing. The camera is left at its settings.
+
+    Raises
+    ------
+    DeviceProblem where the camera does not see the projector's pictures.
+    """
+    before = camera.configure(wanted)
+    settings, problem = before, None
+    free = wanted.exposure_ms is None and wanted.gain_db is None
+    if free and camera.limits().exposure_ms is not None:
+        try:
+            settings = auto_exposure(
+                projector, camera, whole_periods=projector.refresh_s is not None
+            )
+        except (TooDark, TooBright) as error:
+            # The camera is at the end of its range, where it sees as much as it can.
+            settings, problem = camera.configure(CameraSettings()), error
+        except InputError as error:
+            settings, problem = _put_back(camera, before), error
+    proof = _proof(projector, camera, problem)
+    if proof is not None and proof.verdict in SELF_WILLED:
+        settings = _put_back(camera, before)
+        return Exposing(settings, False, proof, (_disobeys(proof),))
+    found = [] if problem is None else [_not_chosen(problem)]
+    if proof is not None and not proof.obeyed:
+        found.append(_disobeys(proof))
+    settings = camera.configure(settings)
+    return Exposing(settings, settings != before and problem is None, proof, tuple(found))
+
+
+def _proof(
+    projector: Projector, camera: Camera, problem: InputError | None
+) -> ExposureProof | None:
+    """The proof that the exposure obeys; None where it cannot be set or seen."""
+    try:
+        return exposure_obeys(projector, camera)
+    except DeviceProblem as error:
+        # What stopped the choice of an exposure says more than what stopped its proof.
+        raise (problem or error) from error
+    except InputError:
+        return None
+
+
+def _put_back(camera: Camera, before: CameraSettings) -> CameraSettings:
+    """Set exposure and gain to what they were, and return all settings."""
+    return camera.configure(
+        CameraSettings(exposure_ms=before.exposure_ms, gain_db=before.gain_db)
+    )
+
+
+def _disobeys(proof: ExposureProof) -> SetupFinding:
+    """The finding of a camera whose exposure does not obey."""
+    causes = {
+        "ignored": ("a driver that accepts an exposure and keeps its own",),
+        "automatic": ("an automatic exposure or gain that is on",),
+        "another ratio": ("a driver that rounds exposures", "a response with a gamma"),
+    }[proof.verdict]
+    return SetupFinding(
+        "exposure",
+        str(proof).partition(":")[0],
+        causes,
+        "set the exposure with the camera's own program, or use another driver or camera",
+        {"expected_ratio": proof.expected_ratio, "ratio": proof.ratio, "drift": proof.drift},
+    )
+
+
+def _not_chosen(problem: InputError) -> SetupFinding:
+    """The finding that no good exposure exists or could be found."""
+    seen = str(problem)
+    if isinstance(problem, TooDark):
+        return SetupFinding(
+            "dark",
+            seen.partition(": too dark")[0],
+            ("a projector too dim or too far away", "a dark object", "a small aperture"),
+            "open the aperture, move the devices closer, use a brighter lamp, or darken the room",
+        )
+    if isinstance(problem, TooBright):
+        return SetupFinding(
+            "saturated",
+            seen.partition(": too bright")[0],
+            ("a projector too bright or too near", "lamps in the room", "a shiny object"),
+            "close the aperture, dim the projector, or move the devices away",
+        )
+    return SetupFinding(
+        "exposure",
+        f"no exposure could be chosen: {seen}",
+        ("light that flickers", "something that moves", "an automatic exposure or gain"),
+        "switch off lamps and automatic exposure, or set an exposure by hand",
+    )

@@ -135,10 +135,13 @@ from .devices.clock import (
 # Scans: showing, grabbing, and what the devices can do.
 from .scan.setup import (
     Setup as Setup,
+    SetupStopped as SetupStopped,
+    SetupTests as SetupTests,
     set_up as set_up,
 )
 from .scan.setup_file import (
     StoredSetup as StoredSetup,
+    check_setup_target as check_setup_target,
     read_setup as read_setup,
     write_setup as write_setup,
 )
@@ -411,6 +414,9 @@ from .report.figures import (
     points_sheet as points_sheet,
     save_figure as save_figure,
     surface_sheet as surface_sheet,
+)
+from .report.setup_figures import (
+    setup_sheet as setup_sheet,
 )
 from .report.board_sheet import (
     board_sheet as board_sheet,

@@ -15,7 +15,7 @@ from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Ply, PlyOption, items
-from fringeworks.cli.words import say_points
+from fringeworks.cli.words import say_points, say_setup
 
 SECTION = "Devices"
 
@@ -137,42 +137,49 @@ def setup(
     axes: Annotated[
         str, typer.Option(help="Axes of that plan: x, y or x,y; a calibration needs both.")
     ] = "x",
+    json_file: JsonFile = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            "--figure",
+            help="Picture of every test: .png, .pdf or .svg; by default beside the set-up file.",
+        ),
+    ] = None,
 ) -> None:
     """Find out what a projector and a camera can do together, and propose a plan."""
-    words = output.Output(out)
+    figure = figure or out.with_suffix(".png")
+    words = output.Output(json_file, figure)
+    from fringeworks.report.figures import check_figure_target
+
+    fw.check_setup_target(out)
+    output.check(figure, check_figure_target)
     devices = DeviceOptions(**vars(settings), projector=projector, camera=camera)
-    with opened(devices) as bench, output.progress() as step:
-        found = fw.set_up(
-            bench.projector,
-            bench.camera,
-            settings=bench.settings,
-            frames=frames,
-            axes=tuple(axis.value for axis in items(AxisName, axes, "axes")),
-            progress=step,
-        )
+
+    def show(tests: fw.SetupTests) -> None:
+        figures = fw.summarise(tests)
+        output.draw(fw.setup_sheet(tests), figure, None)
+        output.write_json(json_file, figures)
+        say_setup(words, figures)
+
+    try:
+        with opened(devices) as bench, output.progress() as step:
+            found = fw.set_up(
+                bench.projector,
+                bench.camera,
+                settings=bench.settings,
+                frames=frames,
+                axes=tuple(axis.value for axis in items(AxisName, axes, "axes")),
+                progress=step,
+            )
+    except fw.SetupStopped as error:
+        show(error.tests)
+        words.wrote(figure, json_file)
+        raise
+    show(found)
     assert projector is not None
     assert camera is not None
     written = fw.write_setup(out, found, projector=projector, camera=camera)
-    words.say(f"projector {found.projector}: {found.size_px[0]} × {found.size_px[1]} px")
-    exposure = found.settings.exposure_ms
-    words.say(
-        f"camera {found.camera}: exposure "
-        + ("unknown" if exposure is None else f"{exposure:.3g} ms")
-        + f", noise {found.noise.read_counts:.2g} counts, gain {found.noise.gain:.2g}"
-    )
-    words.say(
-        f"response: light ≈ level^{found.levels.gamma:.2f}, white {found.levels.contrast:.0f} "
-        "times as bright as black"
-    )
-    words.say(f"delay: {found.delay or 'unknown'}")
-    words.say(
-        f"proposed plan: {found.proposal.summary}; predicted σ {found.proposal.sigma_px:.2g} px"
-    )
-    for finding in found.findings:
-        words.say(f"finding: {finding.text}")
-    if not found.findings:
-        words.say("nothing was found that makes measurements worse")
-    words.wrote(*written)
+    words.wrote(*written, figure, json_file)
 
 
 @app.command(

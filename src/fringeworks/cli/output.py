@@ -75,14 +75,17 @@ class Output:
             if target is not None and not is_stdout(target):
                 self.say(f"wrote {target}")
 
-    def table(self, columns: list[str], rows: list[list[str]]) -> None:
-        """Print a table."""
+    def table(self, columns: list[str], rows: list[list[str]], *, lines: bool = False) -> None:
+        """Print a table; with lines between the rows where cells are sentences."""
+        from rich import box
         from rich.console import Console
         from rich.table import Table
 
-        table = Table(*columns, box=None, pad_edge=False)
+        style = box.SIMPLE_HEAD if lines else None
+        table = Table(*columns, box=style, pad_edge=False, show_lines=lines)
         for row in rows:
             table.add_row(*row)
+            _write_log("  ".join(row))
         if not _settings.quiet:
             Console(stderr=self._err).print(table)
 

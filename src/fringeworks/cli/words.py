@@ -123,3 +123,53 @@ def say_forms(words: Output, figures: dict[str, Any]) -> None:
     for name in ("sphere_spacing_mm", "sphere_spacing_error_SD_mm"):
         if name in figures:
             words.say(f"{name:28s} {figures[name]:.5f}")
+
+
+def say_setup(words: Output, figures: dict[str, Any]) -> None:
+    """What a projector and a camera can do together, and a table of the findings."""
+    mode, exposure, response = (figures[name] for name in ("video_mode", "exposure", "response"))
+    words.say(
+        f"projector {figures['projector']}: {mode['text'] if mode else _size(figures['size_px'])}"
+    )
+    if exposure is not None:
+        words.say(f"camera {figures['camera']}: {_exposure(exposure)}")
+    if figures["noise"] is not None:
+        noise = figures["noise"]
+        words.say(f"noise: {noise['read_counts']:.2g} counts, gain {noise['gain']:.2g}")
+    if response is not None:
+        words.say(
+            f"response: light ≈ level^{response['gamma']:.2f}, white {response['contrast']:.0f} "
+            "times as bright as black"
+        )
+    for axis, stripes in figures["stripes"].items():
+        words.say(f"stripes along {axis}: best period {stripes['min_period_px']:g} px")
+    for name in ("vignetting", "delay"):
+        if figures[name] is not None:
+            words.say(f"{name}: {figures[name]['text']}")
+    if "plan" in figures:
+        plan = figures["plan"]
+        words.say(
+            f"proposed plan: {plan['summary']}; predicted σ {plan['predicted_sigma_px']:.2g} px"
+        )
+    found = figures["findings"]
+    if not found:
+        if "plan" in figures:
+            words.say("nothing was found that makes measurements worse")
+        return
+    rows = [[f["seen"], "; or ".join(f["causes"]), f["advice"]] for f in found]
+    words.table(["finding", "likely causes", "what to do"], rows, lines=True)
+
+
+def _size(size_px: list[int]) -> str:
+    return f"{size_px[0]} × {size_px[1]} px"
+
+
+def _exposure(exposure: dict[str, Any]) -> str:
+    """Exposure and gain, and where they come from."""
+    parts = []
+    if exposure["exposure_ms"] is not None:
+        parts.append(f"exposure {exposure['exposure_ms']:.3g} ms")
+    if exposure["gain_db"] is not None:
+        parts.append(f"gain {exposure['gain_db']:.1f} dB")
+    chosen = ", chosen for fringes" if exposure["chosen"] else ""
+    return (", ".join(parts) or "exposure unknown") + chosen

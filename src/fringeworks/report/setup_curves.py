@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -15,6 +17,8 @@ RIM_PX = 3
 edge of the lit area as well."""
 BINS = 40
 """Bars of a histogram of moments."""
+UNPROVED_LETTERS = 40
+"""Letters of a line of text in a panel."""
 QUIET_SHARE = 0.005
 """Smallest range of the axis of brightness under one picture, share of the light of white, so that
 noise does not look like flicker."""
@@ -80,7 +84,7 @@ def contrast(axes: Axes, tests: SetupTests) -> str:
 
 
 def profile(axes: Axes, tests: SetupTests) -> str:
-    """Contrast of fine stripes over the projector's picture: it beats where pictures are resized."""
+    """Contrast of fine stripes over the projector's picture; resized pictures make it beat."""
     for stripes, colour in zip(tests.stripes, (BLUE, AMBER), strict=False):
         label = f"{stripes.profile_period_px:g} px along {stripes.axis}"
         inner = slice(RIM_PX, -RIM_PX)
@@ -92,7 +96,9 @@ def profile(axes: Axes, tests: SetupTests) -> str:
     axes.set_ylabel("contrast / share of its mean")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="lower right")
-    scaled = any(finding.kind == "scale" for stripes in tests.stripes for finding in stripes.findings)
+    scaled = any(
+        finding.kind == "scale" for stripes in tests.stripes for finding in stripes.findings
+    )
     return "scaling: " + (
         "the contrast beats, the picture is resized" if scaled else "no beat, pixels are one to one"
     )
@@ -103,22 +109,23 @@ def exposure(axes: Axes, tests: SetupTests) -> str:
     assert tests.exposing is not None
     proof = tests.exposing.proof
     if proof is None:
-        axes.text(0.5, 0.5, "set by another program", ha="center", transform=axes.transAxes)
-        return "exposure: cannot be set through this camera"
+        axes.set_axis_off()
+        reason = "\n".join(textwrap.wrap(tests.exposing.unproved, UNPROVED_LETTERS))
+        axes.text(0.5, 0.5, reason, ha="center", va="center", transform=axes.transAxes)
+        return "exposure: cannot be proved"
     short, long = proof.asked_ms
     start = 0
+    names = iter(("black", "white or grey"))
     for k, means in enumerate(proof.series):
-        white, exposed = bool(k % 2), (short, long, short)[k // 2]
+        exposed, colour = (short, long, short)[k // 2], (BLUE, AMBER)[k % 2]
+        frame = start + np.arange(len(means))
         axes.plot(
-            start + np.arange(len(means)), means, ".-", color=AMBER if white else BLUE,
-            markersize=3, linewidth=0.8, label=("white or grey" if white else "black") if k < 2 else None,
-        )  # fmt: skip
-        if not white:
+            frame, means, ".-", color=colour, markersize=3, linewidth=0.8, label=next(names, None)
+        )
+        if k % 2 == 0:
             axes.axvline(start, color="grey", linewidth=0.7)
-            axes.text(
-                start + 1, 0.99, f"{exposed:.3g} ms", fontsize=8, va="top",
-                transform=axes.get_xaxis_transform(),
-            )  # fmt: skip
+            place = axes.get_xaxis_transform()
+            axes.text(start + 1, 0.99, f"{exposed:.3g} ms", fontsize=8, va="top", transform=place)
         start += len(means)
     axes.set_xlabel("number of the frame")
     axes.set_ylabel("mean brightness / counts")
@@ -191,10 +198,12 @@ def delay(axes: Axes, tests: SetupTests) -> str:
     early = found.absent_s[np.isfinite(found.absent_s)]
     low = 1e3 * min(float(found.appears_s.min()), 0.0) - 20
     high = 1e3 * float(found.alone_from_s) + 60
-    edges = np.linspace(low, high, BINS + 1)
+    edges = np.linspace(low, high, BINS + 1).tolist()
     axes.hist(1e3 * early, edges, color=AMBER, alpha=0.8, label="not yet visible")
     axes.hist(1e3 * found.appears_s, edges, color=BLUE, alpha=0.6, label="newest visible")
-    axes.hist(1e3 * found.left_s, edges, color=GREEN, alpha=0.6, label="the one before still visible")
+    axes.hist(
+        1e3 * found.left_s, edges, color=GREEN, alpha=0.6, label="the one before still visible"
+    )
     complete = 1e3 * float(found.left_s.max())
     margin = 1e3 * found.margin_s
     axes.axvspan(complete, complete + margin, color="grey", alpha=0.4, label="margin")

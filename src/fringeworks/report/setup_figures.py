@@ -63,7 +63,8 @@ def setup_sheet(tests: SetupTests) -> Figure:
     words = [line for text in _texts(tests) for line in textwrap.wrap(text, LINE_LETTERS)]
     below = LINE_IN * (len(words) + 1)
     figure = Figure(figsize=(WIDTH_IN, 3 * PANEL_IN + below + 0.6), layout="constrained")
-    sheet, text = figure.subfigures(2, 1, height_ratios=[3 * PANEL_IN + 0.6, below])
+    parts = figure.subfigures(2, 1, squeeze=False, height_ratios=[3 * PANEL_IN + 0.6, below])
+    sheet, text = parts[0, 0], parts[1, 0]
     sheet.suptitle(_verdict(tests), fontsize=14)
     found = {finding.kind for finding in tests.findings}
     places = sheet.subplots(3, 4, height_ratios=HEIGHTS)
@@ -188,7 +189,7 @@ def _vignetting(axes: Axes, tests: SetupTests) -> str:
 
 
 def _step(values: FloatMap) -> int:
-    return max(1, max(values.shape) // SHOWN_PIXELS)
+    return max(1, int(max(values.shape)) // SHOWN_PIXELS)
 
 
 def _extent(values: FloatMap) -> tuple[float, float, float, float]:
@@ -211,7 +212,7 @@ PANELS: tuple[tuple[Panel, str, tuple[str, ...]], ...] = (
     (_projector_x, "orientation", ("mirrored",)),
     (_projector_y, "orientation", ()),
     (_vignetting, "vignetting", ("vignetting",)),
-    (response, "levels", ("range", "ramp")),
+    (response, "levels", ("range", "ramp", "room")),
     (noise, "levels", ()),
     (contrast, "stripes", ("contrast",)),
     (profile, "stripes", ("scale",)),

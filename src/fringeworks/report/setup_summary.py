@@ -18,7 +18,9 @@ def setup_figures(tests: SetupTests) -> dict[str, Any]:
         "projector": tests.projector,
         "camera": tests.camera,
         "size_px": list(tests.size_px),
-        "video_mode": None if tests.mode is None else asdict(tests.mode),
+        "video_mode": None
+        if tests.mode is None
+        else asdict(tests.mode) | {"text": f"{tests.mode}"},
         "exposure": _exposure(tests),
         "noise": None
         if tests.noise is None
@@ -59,6 +61,7 @@ def _exposure(tests: SetupTests) -> dict[str, Any] | None:
         "gain_db": settings.gain_db,
         "chosen": tests.exposing.chosen,
         "proof": None if proof is None else _proof(proof),
+        "unproved": tests.exposing.unproved or None,
     }
 
 
@@ -88,6 +91,7 @@ def _vignetting(tests: SetupTests) -> dict[str, Any] | None:
         return None
     return {
         "judged": found.judged,
+        "text": f"{found}",
         "covered_share": found.covered_share,
         "reach": found.reach,
         "corner_share": found.corner_share,
@@ -95,8 +99,9 @@ def _vignetting(tests: SetupTests) -> dict[str, Any] | None:
     }
 
 
-def _delay(delay: Delay) -> dict[str, float]:
+def _delay(delay: Delay) -> dict[str, Any]:
     return {
+        "text": f"{delay}",
         "appears_s": float(delay.appears_s.min()),
         "complete_s": float(delay.left_s.max()),
         "first_s": delay.first_s,

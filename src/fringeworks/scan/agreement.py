@@ -80,8 +80,8 @@ class Agreement:
         self._frame: NDArray[np.float32] = np.empty((0, 0), np.float32)
         self._exact = False
         self.pair: tuple[NDArray[np.float32], NDArray[np.float32]] = (self._frame, self._frame)
-        """The two frames that agreed last, on the grid of ``compared``, counts: they differ by noise
-        only."""
+        """The two frames that agreed last, on the grid of ``compared``, counts; they differ by
+        noise."""
         self.noise = CameraNoise(float(np.sqrt(ROUNDING_VARIANCE)))
         """The camera's noise, measured by ``start``."""
 

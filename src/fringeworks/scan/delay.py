@@ -38,14 +38,14 @@ LONGEST_HOLD = 4
 moments."""
 BANDS = (8, 4, 2, 1)
 """Numbers of bands of rows in which a frame is read, the first by choice, because a rolling shutter
-exposes rows at different times. Fewer are used where a band would show too few of the blocks to tell
-the pictures apart, as with a small object before a dark background."""
+exposes rows at different times. Fewer are used where a band would show too few of the blocks to
+tell the pictures apart, as with a small object before a dark background."""
 READ_PIXELS = 40_000
 """Pixels of a frame that are read, on a grid: blocks are 16 px wide and more in usual frames, and
 reading then takes 2 ms."""
 SHARE_SIGMAS = 6.0
-"""``VISIBLE_SHARE`` in standard deviations by which noise changes a picture's share in a band. Noise
-alone exceeds it once in 10⁹ shares."""
+"""``VISIBLE_SHARE`` in standard deviations by which noise changes a picture's share in a band.
+Noise alone exceeds it once in 10⁹ shares."""
 VISIBLE_SHARE = 0.05
 """Share of an exposure from which on a picture counts as visible. Less changes a fringe by less
 than 5 % of its modulation and is hidden in the noise of small contrasts."""
@@ -326,4 +326,4 @@ def _told_apart(band: FloatMap, noise: CameraNoise) -> bool:
     """
     variance = float(np.mean(noise.variance(band)))
     least = float(np.linalg.eigvalsh(band @ band.T)[0]) - variance * band.shape[1]
-    return least > variance * (SHARE_SIGMAS / VISIBLE_SHARE) ** 2
+    return bool(least > variance * (SHARE_SIGMAS / VISIBLE_SHARE) ** 2)

@@ -17,6 +17,7 @@ from fringeworks.scan.exposure_range import (
 from fringeworks.scan.saturation import CLIPPED_SHARE, largest_count
 from fringeworks.types import CameraSettings, DeviceProblem, InputError
 
+
 class TooDark(DeviceProblem):
     """The scene is too dark at the largest exposure and gain."""
 

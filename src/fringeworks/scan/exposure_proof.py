@@ -83,8 +83,8 @@ class ExposureProof(Frozen):
     used_share: float
     """Share of the lit pixels that are not saturated; NaN for an automatic exposure."""
     series: tuple[FloatMap, ...] = ()
-    """Mean brightness of every frame, counts: under black and under white at the shorter, the longer
-    and again the shorter exposure."""
+    """Mean brightness of every frame, counts: under black and under white at the shorter, the
+    longer and again the shorter exposure."""
 
     @property
     def obeyed(self) -> bool:

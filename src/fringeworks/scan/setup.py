@@ -27,6 +27,7 @@ from fringeworks.types import (
     DeviceProblem,
     FloatMap,
     Frozen,
+    InputError,
 )
 
 DARK_QUANTILE = 0.1
@@ -41,6 +42,7 @@ IMPORTANCE = (
     "range",
     "scale",
     "contrast",
+    "room",
     "exposure",
     "flicker",
     "ramp",
@@ -149,8 +151,8 @@ def set_up(
     Raises
     ------
     SetupStopped (a DeviceProblem) where a test cannot be done, such as where the camera does not
-    see the projector's pictures: it holds what was measured until then. InputError where no plan
-    suits the devices.
+    see the projector's pictures, and where no plan suits the devices. It holds what was measured
+    until then.
     """
     tests = _Tests(projector, camera)
     try:
@@ -158,7 +160,14 @@ def set_up(
     except DeviceProblem as error:
         raise SetupStopped(_explained(error, tests.done.findings), tests.done) from error
     done = tests.done
-    return Setup(**{f.name: getattr(done, f.name) for f in fields(done)}, proposal=_proposed(done, frames, axes))
+    try:
+        proposal = _proposed(done, frames, axes)
+    except InputError as error:
+        raise SetupStopped(_explained(error, done.findings), done) from error
+    return Setup(
+        **{f.name: getattr(done, f.name) for f in fields(done)},
+        proposal=proposal,
+    )
 
 
 class _Tests:
@@ -192,7 +201,7 @@ class _Tests:
         levels = check_levels(projector, camera, agreement, exposing.settings)
         self._add(levels.findings, levels=levels, noise=agreement.noise)
         progress("orientation")
-        seen = check_orientation(projector, camera, agreement)
+        seen = check_orientation(projector, camera, agreement, gamma=levels.gamma)
         self._add(seen.findings, orientation=seen)
         places: tuple[tuple[Axis, FloatMap], ...] = (("x", seen.x_px), ("y", seen.y_px))
         for axis, place in places:
@@ -219,15 +228,25 @@ class _Tests:
 
 
 def _kept(findings: tuple[SetupFinding, ...]) -> tuple[SetupFinding, ...]:
-    """The findings that hold beside the others, by importance."""
+    """The findings that hold beside the others, those of one cause in one, by importance."""
     kinds = {finding.kind for finding in findings}
-    kept: list[SetupFinding] = []
-    for finding in findings:
+    kept: dict[tuple[str, str], SetupFinding] = {}
+    for new in findings:
         # Light that flickers changes levels and contrast from picture to picture.
-        unsure = finding.kind in STEADY_KINDS and "flicker" in kinds
-        if not unsure and finding not in kept:
-            kept.append(finding)
-    return tuple(sorted(kept, key=lambda finding: IMPORTANCE.index(finding.kind)))
+        if new.kind in STEADY_KINDS and "flicker" in kinds:
+            continue
+        if new.kind == "saturated" and any(kind == new.kind for kind, _ in kept):
+            # No exposure is short enough; that pixels are saturated follows.
+            continue
+        key = new.kind, new.advice
+        if key in kept:
+            # Stripes along x and along y.
+            old = kept[key]
+            new = replace(
+                old, seen=f"{old.seen}, and {new.seen}", figures=old.figures | new.figures
+            )
+        kept[key] = new
+    return tuple(sorted(kept.values(), key=lambda finding: IMPORTANCE.index(finding.kind)))
 
 
 def _proposed(done: SetupTests, frames: int, axes: tuple[Axis, ...]) -> Proposal:
@@ -245,7 +264,7 @@ def _proposed(done: SetupTests, frames: int, axes: tuple[Axis, ...]) -> Proposal
     )[0]
 
 
-def _explained(error: DeviceProblem, findings: tuple[SetupFinding, ...]) -> str:
+def _explained(error: InputError, findings: tuple[SetupFinding, ...]) -> str:
     """The error of a check, after what the checks before have found."""
     if not findings:
         return str(error)

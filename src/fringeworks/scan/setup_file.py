@@ -10,7 +10,7 @@ import numpy as np
 import tomli_w
 from pydantic import Field
 
-from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.capture_writer import SettingsSection, settings_of, settings_table
 from fringeworks.files.plan import read_plan, write_plan
 from fringeworks.files.toml import Section, Size, read_toml
@@ -81,6 +81,20 @@ class StoredSetup(Frozen):
     delay: Delay | None
     plan: PatternPlan
     findings: tuple[str, ...]
+
+
+def check_setup_target(path: StrPath) -> None:
+    """Refuse a set-up file that cannot be written, before anything is measured for it.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    FileProblem for another suffix than ``.toml``, and where the folder is missing.
+    """
+    check_target(path, (".toml",))
 
 
 def write_setup(path: StrPath, setup: Setup, *, projector: str, camera: str) -> list[Path]:

@@ -24,7 +24,9 @@ class Exposing(Frozen):
     """Whether exposure and gain were chosen here; False where they were given, and where the camera
     does not let them be chosen."""
     proof: ExposureProof | None
-    """Whether the exposure obeys; None where another program sets it."""
+    """Whether the exposure obeys; None where that cannot be seen."""
+    unproved: str
+    """Why it cannot be seen whether the exposure obeys; empty where it can."""
     findings: tuple[SetupFinding, ...]
 
 
@@ -47,7 +49,8 @@ def check_exposure(projector: Projector, camera: Camera, wanted: CameraSettings)
     DeviceProblem where the camera does not see the projector's pictures.
     """
     before = camera.configure(wanted)
-    settings, problem = before, None
+    settings = before
+    problem: InputError | None = None
     free = wanted.exposure_ms is None and wanted.gain_db is None
     if free and camera.limits().exposure_ms is not None:
         try:
@@ -59,47 +62,59 @@ def check_exposure(projector: Projector, camera: Camera, wanted: CameraSettings)
             settings, problem = camera.configure(CameraSettings()), error
         except InputError as error:
             settings, problem = _put_back(camera, before), error
-    proof = _proof(projector, camera, problem)
+    proof, unproved = _proof(projector, camera)
+    if proof is None and problem is not None and not isinstance(problem, TooDark | TooBright):
+        raise problem
     if proof is not None and proof.verdict in SELF_WILLED:
         settings = _put_back(camera, before)
-        return Exposing(settings, False, proof, (_disobeys(proof),))
+        return Exposing(settings, False, proof, "", (_disobeys(proof),))
     found = [] if problem is None else [_not_chosen(problem)]
     if proof is not None and not proof.obeyed:
         found.append(_disobeys(proof))
-    settings = camera.configure(settings)
-    return Exposing(settings, settings != before and problem is None, proof, tuple(found))
+    chosen = settings != before and problem is None
+    return Exposing(camera.configure(settings), chosen, proof, unproved, tuple(found))
 
 
-def _proof(
-    projector: Projector, camera: Camera, problem: InputError | None
-) -> ExposureProof | None:
-    """The proof that the exposure obeys; None where it cannot be set or seen."""
+def _proof(projector: Projector, camera: Camera) -> tuple[ExposureProof | None, str]:
+    """The proof that the exposure obeys, or why there is none."""
     try:
-        return exposure_obeys(projector, camera)
+        return exposure_obeys(projector, camera), ""
     except DeviceProblem as error:
-        # What stopped the choice of an exposure says more than what stopped its proof.
-        raise (problem or error) from error
+        # Where the room is bright, half and double the exposure are too dark or too bright.
+        return None, str(error)
     except InputError:
-        return None
+        return None, "another program sets the exposure"
 
 
 def _put_back(camera: Camera, before: CameraSettings) -> CameraSettings:
     """Set exposure and gain to what they were, and return all settings."""
-    return camera.configure(
-        CameraSettings(exposure_ms=before.exposure_ms, gain_db=before.gain_db)
-    )
+    return camera.configure(CameraSettings(exposure_ms=before.exposure_ms, gain_db=before.gain_db))
 
 
 def _disobeys(proof: ExposureProof) -> SetupFinding:
     """The finding of a camera whose exposure does not obey."""
-    causes = {
-        "ignored": ("a driver that accepts an exposure and keeps its own",),
-        "automatic": ("an automatic exposure or gain that is on",),
-        "another ratio": ("a driver that rounds exposures", "a response with a gamma"),
+    ratio = f"the light changed {proof.ratio:.2f} times instead of {proof.expected_ratio:.2f} times"
+    seen, causes = {
+        "ignored": (
+            f"the camera ignores its exposure: {ratio}",
+            ("a driver that accepts an exposure and keeps its own",),
+        ),
+        "automatic": (
+            f"an automatic exposure is on: {proof.drift:.0%} of every change of brightness is "
+            "taken back",
+            (
+                "automatic exposure or gain in the camera's settings",
+                "a driver that cannot switch it off",
+            ),
+        ),
+        "another ratio": (
+            f"the brightness follows the exposure by another ratio: {ratio}",
+            ("a driver that rounds exposures", "a response with a gamma"),
+        ),
     }[proof.verdict]
     return SetupFinding(
         "exposure",
-        str(proof).partition(":")[0],
+        seen,
         causes,
         "set the exposure with the camera's own program, or use another driver or camera",
         {"expected_ratio": proof.expected_ratio, "ratio": proof.ratio, "drift": proof.drift},

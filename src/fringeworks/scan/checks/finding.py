@@ -19,6 +19,7 @@ SetupFindingKind = Literal[
     "delay",
     "vignetting",
     "ramp",
+    "room",
 ]
 """What a finding is about."""
 

@@ -19,10 +19,14 @@ LEVELS = (0.5, 0.03, 0.6, 0.06, 0.7, 0.1, 0.8, 0.15, 0.87, 0.2, 0.92, 0.3, 0.96,
 """Grey levels in the order of showing, share of full scale. They are denser at both ends, where
 video of limited range is cut off: at 0.063 and 0.92. Each differs much from the one before, so that
 the camera sees it change."""
-LIT_SIGMAS = 20.0
-"""Difference of white and black from which on a pixel counts as lit, standard deviations."""
+LIT_SIGMAS = 8.0
+"""Difference of white and black from which on a pixel counts as lit, standard deviations: noise
+alone never reaches it, and fringes with less do not decode."""
 MIN_LIT_SHARE = 0.02
 """Smallest share of lit pixels with which a camera sees enough of the projector's picture."""
+MIN_CONTRAST = 2.0
+"""Light of white over that of black under which the room is too bright: its light then takes half
+of the camera's range, and its noise exceeds that of the projector's light."""
 MAX_SATURATED_SHARE = 0.05
 """Share of lit pixels at the camera's limit from which on the exposure is too long."""
 CLIPPED_SHARE = 0.25
@@ -102,17 +106,18 @@ def check_levels(
     relative = np.array([light[level] for level in levels]) / light[1.0]
     noise = np.array([scatter[level] for level in levels])
     saturated = float(np.mean(white[seen] >= top))
+    contrast = float(np.median(white[lit])) / max(float(np.median(black[lit])), 0.5)
     return Levels(
         levels,
         relative,
         lit,
         difference,
         _exponent(levels, relative),
-        float(np.median(white[lit])) / max(float(np.median(black[lit])), 0.5),
+        contrast,
         saturated,
         light[1.0] * relative + float(np.mean(black[lit])),
         noise,
-        tuple(_findings(levels, relative, saturated)),
+        tuple(_findings(levels, relative, saturated, contrast)),
     )
 
 
@@ -134,8 +139,20 @@ def _exponent(level: FloatMap, light: FloatMap) -> float:
     return float(found.x)
 
 
-def _findings(level: FloatMap, light: FloatMap, saturated: float) -> list[SetupFinding]:
+def _findings(
+    level: FloatMap, light: FloatMap, saturated: float, contrast: float
+) -> list[SetupFinding]:
     found = []
+    if contrast < MIN_CONTRAST:
+        found.append(
+            SetupFinding(
+                "room",
+                f"white is {contrast:.2g} times as bright as black",
+                ("lamps or daylight in the room", "a projector that is too dim for it"),
+                "darken the room, shade the object, or use a brighter projector",
+                {"contrast": contrast},
+            )
+        )
     top = level >= TOP
     below = (level >= 0.6) & (level <= TOP)
     slope = np.polyfit(level[below], light[below], 1)[0]

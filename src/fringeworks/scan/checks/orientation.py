@@ -36,7 +36,9 @@ class Orientation(Frozen):
     findings: tuple[SetupFinding, ...]
 
 
-def check_orientation(projector: Projector, camera: Camera, agreement: Agreement) -> Orientation:
+def check_orientation(
+    projector: Projector, camera: Camera, agreement: Agreement, *, gamma: float = 1.0
+) -> Orientation:
     """Measure projector coordinates along both axes with coarse fringes and Gray code.
 
     Parameters
@@ -45,6 +47,9 @@ def check_orientation(projector: Projector, camera: Camera, agreement: Agreement
     camera : Camera
     agreement : Agreement
         Of both.
+    gamma : float
+        Exponent of the response, which the pictures make up for: four steps alone would take the
+        harmonics of a strong one for another plan.
 
     Returns
     -------
@@ -66,7 +71,7 @@ def check_orientation(projector: Projector, camera: Camera, agreement: Agreement
     for axis, length in axes:
         blocks.append(PhaseSteps(axis, PERIOD_PX, equal_steps(STEPS)))
         blocks.append(GrayCode(axis, 0.5 * PERIOD_PX, length))
-    plan = PatternPlan(columns, rows, tuple(blocks), bits=projector.bits)
+    plan = PatternPlan(columns, rows, tuple(blocks), bits=projector.bits, gamma=gamma)
     frames = [grab.pixels for _, (grab,) in agreement.frames(pictures_of(projector, plan))]
     try:
         decoded = decode(frames, plan, estimate_steps=False)
@@ -86,8 +91,9 @@ def check_orientation(projector: Projector, camera: Camera, agreement: Agreement
             f"got them on {known.mean():.2%}: focus both devices on the object, and use more light"
         )
     mirrored = bool(np.median(determinant[known]) < 0)
-    x, y = (place.astype(np.float32) for place in (x, y))
-    return Orientation(x, y, mirrored, (_mirrored(),) if mirrored else ())
+    return Orientation(
+        x.astype(np.float32), y.astype(np.float32), mirrored, (_mirrored(),) if mirrored else ()
+    )
 
 
 def _mirrored() -> SetupFinding:

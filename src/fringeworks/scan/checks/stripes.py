@@ -38,8 +38,8 @@ takes less than 4 % from coarser stripes."""
 MIN_COUNT = 4
 """Smallest number of camera pixels whose mean is the contrast at a projector coordinate."""
 MIN_COUNT_SHARE = 0.2
-"""The same, relative to the median number of camera pixels at a projector coordinate: coordinates at
-the rim of the lit area scatter more."""
+"""The same, relative to the median number of camera pixels at a projector coordinate: coordinates
+at the rim of the lit area scatter more."""
 MIN_COLUMNS = 32
 """Smallest number of projector columns that must be seen to look for a periodic change."""
 SLOW_CYCLES = 3
@@ -63,7 +63,7 @@ class Stripes(Frozen):
     place_px: FloatMap
     """Projector coordinates along the axis, (k,), px."""
     profile: FloatMap
-    """Mean contrast of these stripes at each projector coordinate, (k,), relative to the mean."""
+    """Rms contrast of these stripes at each projector coordinate, (k,), relative to the mean."""
     findings: tuple[SetupFinding, ...]
 
 
@@ -98,11 +98,11 @@ def check_stripes(
     picture. If a picture is resized, new pixels lie now on and now between the old ones, and the
     contrast of fine stripes is high and low in turn.
     """
-    modulation = [_modulation(projector, agreement, axis, period) for period in PERIODS_PX]
-    usable = lit & (modulation[-1] > 0)
-    coarse = np.where(usable, modulation[-1], np.nan)
-    relative = [b / coarse for b in modulation]
-    contrast = np.array([float(np.nanmedian(r)) for r in relative])
+    power = [_power(projector, agreement, axis, period) for period in PERIODS_PX]
+    usable = lit & (power[-1] > 0)
+    coarse = np.where(usable, power[-1], np.nan)
+    relative = [p / coarse for p in power]
+    contrast = np.array([_root(float(np.nanmedian(r))) for r in relative])
     periods = np.array(PERIODS_PX)
     resolved = contrast >= MIN_CONTRAST
     best = int(np.argmax(np.where(resolved, contrast / periods, 0.0)))
@@ -131,10 +131,19 @@ def check_stripes(
     )
 
 
-def _modulation(
+def _root(power: Any) -> Any:
+    """Modulation from its power; noise alone may make the power negative."""
+    return np.sqrt(np.maximum(power, 0.0))
+
+
+def _power(
     projector: Projector, agreement: Agreement, axis: Axis, period_px: float
 ) -> NDArray[Any]:
-    """Modulation of stripes, (h, w), counts."""
+    """Squared modulation of stripes, without the part that noise adds, (h, w), counts².
+
+    Noise of variance σ² adds 4 σ² / N to the mean of B². Left in, dark parts of the picture would
+    seem to have more contrast than bright ones.
+    """
     label = f"stripes of {period_px:g} px"
     columns, rows = projector.size_px
     position = np.arange(columns)[None, :] if axis == "x" else np.arange(rows)[:, None]
@@ -148,20 +157,21 @@ def _modulation(
         shown = picture.astype(picture_type(projector))
         frames.append(agreement.take(shown, label).pixels.astype(np.float32))
     phasor = np.tensordot(np.exp(1j * np.array(equal_steps(STEPS))), np.stack(frames), axes=1)
-    return np.asarray(2.0 / STEPS * np.abs(phasor))
+    added = 4.0 / STEPS * agreement.noise.variance(np.mean(frames, axis=0))
+    return np.asarray((2.0 / STEPS * np.abs(phasor)) ** 2 - added)
 
 
-def _profile(contrast: FloatMap, coordinate_px: FloatMap) -> tuple[NDArray[Any], FloatMap]:
-    """Projector coordinates that enough pixels see, px, and the mean contrast at each."""
-    known = np.isfinite(contrast) & np.isfinite(coordinate_px)
+def _profile(power: FloatMap, coordinate_px: FloatMap) -> tuple[NDArray[Any], FloatMap]:
+    """Projector coordinates that enough pixels see, px, and the rms contrast at each."""
+    known = np.isfinite(power) & np.isfinite(coordinate_px)
     if not known.any():
         return np.empty(0, int), np.empty(0)
     place = np.rint(coordinate_px[known]).astype(int)
     first = int(place.min())
     count = np.bincount(place - first)
     enough = count >= max(MIN_COUNT, MIN_COUNT_SHARE * np.median(count[count > 0]))
-    mean = np.bincount(place - first, contrast[known])[enough] / count[enough]
-    return np.flatnonzero(enough) + first, mean
+    mean = np.bincount(place - first, power[known])[enough] / count[enough]
+    return np.flatnonzero(enough) + first, np.asarray(_root(mean))
 
 
 def _beat(x: NDArray[Any], profile: FloatMap) -> tuple[float, float] | None:
@@ -206,5 +216,5 @@ def _resized(axis: Axis, period_px: float, amplitude: float, beat_px: float) -> 
         ),
         "set the output to the projector's own resolution, and switch off keystone correction, "
         "digital zoom and overscan",
-        {"amplitude_share": amplitude, "beat_px": beat_px},
+        {f"amplitude_share_{axis}": amplitude, f"beat_{axis}_px": beat_px},
     )

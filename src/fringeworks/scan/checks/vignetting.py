@@ -14,8 +14,8 @@ from fringeworks.scan.checks.orientation import Orientation
 from fringeworks.types import CameraNoise, FloatMap, Frozen
 
 CELLS = 24
-"""Cells along the projector's longer side. A cell's median over many camera pixels is free of noise,
-and a fall-off is smooth over a cell."""
+"""Cells along the projector's longer side. A cell's median over many camera pixels has little
+noise, and a fall-off is smooth over a cell."""
 MIN_PIXELS = 4
 """Smallest number of camera pixels in a cell that counts."""
 MIN_COVERED_SHARE = 0.4
@@ -75,7 +75,7 @@ class Vignetting(Frozen):
     corner_share: float
     """Light at that distance, relative to the middle; NaN where it cannot be judged."""
     sigma_ratio: float
-    """Predicted σ of the coordinate there, relative to the middle; NaN where it cannot be judged."""
+    """Predicted σ of coordinates there, relative to the middle; NaN where it cannot be judged."""
     uneven: float
     """Scatter of the cells about the fit, natural logarithm of the brightness."""
     bent: float

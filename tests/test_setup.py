@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks.scan.setup import set_up
-from fringeworks.types import DeviceProblem
+from fringeworks.devices.clock import SimulatedClock
+from fringeworks.devices.protocols import VideoMode
+from fringeworks.devices.virtual_bench import virtual_bench
+from fringeworks.scan.delay import measure_delay
+from fringeworks.scan.setup import SetupStopped, set_up
+from fringeworks.scan.setup_file import read_setup, write_setup
+from fringeworks.types import CameraSettings, DeviceProblem
 from tests.virtual_devices import Screen, bench
 
 ROWS, COLUMNS = 120, 192
@@ -34,20 +39,25 @@ CLEAN = {
 }
 
 
-def measured(projector, camera, seed, **scene):
+SHORT = CameraSettings(exposure_ms=15.0)
+"""No whole refresh period of 60 Hz."""
+
+
+def measured(projector, camera, seed, settings=None, **scene):
     b = bench(
         {"width_px": COLUMNS, "height_px": ROWS} | projector,
         camera,
         scene=Screen(ROWS, COLUMNS, **scene),
         seed=seed,
     )
-    return set_up(b.projector, b.camera)
+    return set_up(b.projector, b.camera, settings=settings)
 
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_named(name):
     projector, camera, kind = FAULTS[name]
-    found = measured(projector, camera, 1, ambient=0.12)
+    settings = SHORT if name == "colour wheel" else None
+    found = measured(projector, camera, 1, settings, ambient=0.12)
     assert {f.kind for f in found.findings} == {kind}
     text = found.findings[0].text
     assert "likely" in text
@@ -61,7 +71,11 @@ def test_a_clean_bench_has_no_finding(name):
     assert found.findings == ()
     assert found.levels.gamma == pytest.approx(projector.get("gamma", 1.0), rel=0.05)
     top = 2 ** camera.get("bits", 8) - 1
-    assert found.noise.read_counts == pytest.approx(camera.get("noise", 1.0) * top / 255, rel=0.15)
+    gain = 10 ** (found.settings.gain_db / 20)
+    read = gain * camera.get("noise", 1.0) * top / 255
+    assert found.noise.read_counts == pytest.approx(read, rel=0.15)
+    model = np.sqrt(found.noise.variance(found.levels.brightness))
+    np.testing.assert_allclose(found.levels.noise, model, rtol=0.15)
     assert found.proposal.plan.frames == 12
     assert found.delay is not None
 
@@ -74,11 +88,116 @@ def test_a_hundred_clean_benches():
         assert measured(projector, camera, seed).findings == (), seed
 
 
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("scene", ["plane", "sphere", "bust", "board-0", "board-3", "board-7"])
+def test_objects_are_no_faults(scene):
+    for seed in range(3):
+        found = set_up(*virtual_bench(scene, clock=SimulatedClock(), seed=seed))
+        assert found.findings == (), seed
+
+
+def test_the_exposure_is_chosen_and_stored(tmp_path):
+    b = bench({"width_px": COLUMNS, "height_px": ROWS}, scene=Screen(ROWS, COLUMNS, white=0.1))
+    found = set_up(b.projector, b.camera)
+    assert found.exposing.chosen
+    periods = found.settings.exposure_ms * 60e-3
+    assert periods == pytest.approx(round(periods), abs=0.01)
+    assert periods > 4
+    assert 0.8 < found.levels.brightness.max() / 255 < 0.96
+    write_setup(tmp_path / "s.toml", found, projector="virtual", camera="virtual")
+    assert read_setup(tmp_path / "s.toml").settings.exposure_ms == found.settings.exposure_ms
+
+
+def test_an_exposure_that_is_given_stays():
+    given = CameraSettings(exposure_ms=33.333)
+    found = measured({}, {}, 1, given, white=0.4)
+    assert not found.exposing.chosen
+    assert found.settings.exposure_ms == 33.333
+    with pytest.raises(SetupStopped, match="100% of the lit pixels at it: use a shorter exposure"):
+        measured({}, {}, 1, given, white=0.6)
+    half = np.where(np.arange(COLUMNS // 2) < 20, 0.6, 0.4)
+    found = measured({}, {}, 1, given, white=half)
+    assert [f.kind for f in found.findings] == ["saturated"]
+
+
 def test_what_stops_a_setup_is_explained():
-    with pytest.raises(DeviceProblem, match=r"automatic exposure is on"):
+    with pytest.raises(SetupStopped, match=r"automatic exposure is on") as stopped:
         measured({}, {"auto_exposure": True}, 1)
+    tests = stopped.value.tests
+    assert [f.kind for f in tests.findings] == ["exposure"]
+    assert tests.exposing.proof.verdict == "automatic"
+    assert tests.levels is None
     with pytest.raises(DeviceProblem, match="point the camera at the projected picture"):
         measured({}, {}, 1, white=0.0)
+
+
+@pytest.mark.parametrize(
+    ("scene", "kinds"),
+    [
+        ({"white": 5e-4, "ambient": 5e-4}, ["dark"]),
+        ({"white": 300.0}, ["saturated"]),
+        ({"white": 0.1, "ambient": 0.9}, ["saturated"]),
+    ],
+    ids=["dark", "bright", "bright room"],
+)
+def test_light_that_no_exposure_suits_is_named(scene, kinds):
+    with pytest.raises(SetupStopped) as stopped:
+        measured({}, {}, 1, **scene)
+    assert [f.kind for f in stopped.value.tests.findings] == kinds
+
+
+def test_a_bright_room_is_named_where_the_exposure_cannot_be_proved():
+    """Double the exposure saturates, and half of it is no whole refresh period."""
+    found = measured({}, {}, 1, white=0.3, ambient=0.6)
+    assert [f.kind for f in found.findings] == ["room"]
+    assert found.exposing.proof is None
+    assert "saturated" in found.exposing.unproved
+
+
+@pytest.mark.parametrize(
+    ("projector", "camera"),
+    [
+        ({"gamma": 2.8, "black": 0.002}, {}),
+        (
+            {},
+            {
+                "fps": 15.0,
+                "noise": 5.0,
+                "shot_gain": 0.1,
+                "shutter": "rolling",
+                "readout_s": 0.03,
+                "delay_s": 0.12,
+                "jitter_frames": 1,
+            },
+        ),
+    ],
+    ids=["strong response", "noisy webcam"],
+)
+def test_weak_devices_are_no_faults(projector, camera):
+    found = measured(projector, camera, 1)
+    assert found.findings == ()
+    assert found.levels.gamma == pytest.approx(projector.get("gamma", 1.0), rel=0.05)
+
+
+def test_the_delay_is_right_with_a_small_object():
+    """Rows of dark background show no picture; they were read as pictures of long ago."""
+    y, x = np.mgrid[: ROWS // 2, : COLUMNS // 2]
+    disc = np.hypot(x - COLUMNS / 4, y - ROWS / 4) < 18
+    b = bench(
+        {"width_px": COLUMNS, "height_px": ROWS}, scene=Screen(ROWS, COLUMNS, white=0.7 * disc)
+    )
+    delay = measure_delay(b.projector, b.camera)
+    assert delay.appears_s.min() > 0
+    assert delay.left_s.max() < 0.06
+
+
+def test_a_bent_gamma_ramp_is_named():
+    b = bench({"width_px": COLUMNS, "height_px": ROWS}, scene=Screen(ROWS, COLUMNS))
+    b.projector.mode = VideoMode((COLUMNS, ROWS), 60.0, 1.0, (2 * COLUMNS, ROWS), straight=False)
+    found = set_up(b.projector, b.camera)
+    assert [f.kind for f in found.findings] == ["ramp"]
+    assert f"{found.mode}" == "192 × 120 px, 60 Hz, scale 1, the screen offers up to 384 × 120 px"
 
 
 def test_contrast_and_period_follow_the_optics():

@@ -197,6 +197,11 @@ class _Tests:
         # An automatic exposure changes the brightness all the time.
         automatic = exposing.proof is not None and exposing.proof.verdict == "automatic"
         self._add(() if automatic else flicker.findings, flicker=flicker)
+        if automatic:
+            raise DeviceProblem(
+                f"{camera.name}: expected an exposure that stays, got an automatic one: the other "
+                "tests compare the light of several pictures"
+            )
         progress("grey levels")
         levels = check_levels(projector, camera, agreement, exposing.settings)
         self._add(levels.findings, levels=levels, noise=agreement.noise)

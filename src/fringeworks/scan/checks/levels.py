@@ -29,6 +29,9 @@ MIN_CONTRAST = 2.0
 of the camera's range, and its noise exceeds that of the projector's light."""
 MAX_SATURATED_SHARE = 0.05
 """Share of lit pixels at the camera's limit from which on the exposure is too long."""
+MAX_SATURATED = 0.5
+"""Share of lit pixels at the camera's limit from which on nothing can be measured: the noise of
+bright pixels is hidden, so that frames are not known to agree."""
 CLIPPED_SHARE = 0.25
 """Rise of the light over the brightest levels, relative to the slope below, under which they count
 as cut off. A response of any usual exponent keeps rising."""
@@ -94,9 +97,13 @@ def check_levels(
             "exposure or less light in the room"
         )
     top = 255.0 if settings.pixel_format is None else float(full_scale(settings.pixel_format))
+    saturated = float(np.mean(white[seen] >= top))
+    if saturated > MAX_SATURATED:
+        raise DeviceProblem(
+            f"{camera.name}: expected white below the camera's limit, got {saturated:.0%} of the "
+            "lit pixels at it: use a shorter exposure, close the aperture, or darken the room"
+        )
     lit = seen & (white < top)
-    if not lit.any():
-        lit = seen
     light, scatter = {}, {}
     for level in LEVELS:
         pixels = agreement.take(uniform_picture(projector, level), f"level {level:g}").pixels
@@ -105,7 +112,6 @@ def check_levels(
     levels = np.array(sorted(light))
     relative = np.array([light[level] for level in levels]) / light[1.0]
     noise = np.array([scatter[level] for level in levels])
-    saturated = float(np.mean(white[seen] >= top))
     contrast = float(np.median(white[lit])) / max(float(np.median(black[lit])), 0.5)
     return Levels(
         levels,

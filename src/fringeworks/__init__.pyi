@@ -92,6 +92,7 @@ from .files.folder import (
 from .devices.protocols import (
     Camera as Camera,
     CameraLimits as CameraLimits,
+    VideoMode as VideoMode,
     Grab as Grab,
     Projector as Projector,
     TriggeredCamera as TriggeredCamera,

@@ -138,7 +138,7 @@ def say_setup(words: Output, figures: dict[str, Any]) -> None:
         words.say(f"noise: {noise['read_counts']:.2g} counts, gain {noise['gain']:.2g}")
     if response is not None:
         words.say(
-            f"response: light ≈ level^{response['gamma']:.2f}, white {response['contrast']:.0f} "
+            f"response: light ≈ level^{response['gamma']:.2f}, white {response['contrast']:.3g} "
             "times as bright as black"
         )
     for axis, stripes in figures["stripes"].items():

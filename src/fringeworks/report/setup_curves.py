@@ -37,7 +37,14 @@ def response(axes: Axes, tests: SetupTests) -> str:
     axes.set_ylabel("light / share of white")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
-    return f"response: light ≈ level^{found.gamma:.2f}, white {found.contrast:.0f} × black"
+    return (
+        f"response: light ≈ level^{found.gamma:.2f}, white {contrast_words(found.contrast)} × black"
+    )
+
+
+def contrast_words(contrast: float) -> str:
+    """A contrast with two digits or more."""
+    return f"{contrast:.1f}" if contrast < 10 else f"{contrast:.0f}"
 
 
 def noise(axes: Axes, tests: SetupTests) -> str:
@@ -130,8 +137,9 @@ def exposure(axes: Axes, tests: SetupTests) -> str:
     axes.set_xlabel("number of the frame")
     axes.set_ylabel("mean brightness / counts")
     low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.12 * (high - low))
-    axes.legend(fontsize=8, loc="center right")
+    # Room for the exposures and the legend.
+    axes.set_ylim(low, high + 0.25 * (high - low))
+    axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.94), ncols=2)
     if proof.verdict == "automatic":
         return f"exposure: automatic, {proof.drift:.0%} of a change are taken back"
     return (

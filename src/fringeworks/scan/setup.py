@@ -192,16 +192,14 @@ class _Tests:
         progress("exposure")
         exposing = check_exposure(projector, camera, wanted)
         self._add(exposing.findings, exposing=exposing)
-        progress("flicker")
-        flicker = check_flicker(projector, camera)
-        # An automatic exposure changes the brightness all the time.
-        automatic = exposing.proof is not None and exposing.proof.verdict == "automatic"
-        self._add(() if automatic else flicker.findings, flicker=flicker)
-        if automatic:
+        if exposing.proof is not None and exposing.proof.verdict == "automatic":
             raise DeviceProblem(
                 f"{camera.name}: expected an exposure that stays, got an automatic one: the other "
                 "tests compare the light of several pictures"
             )
+        progress("flicker")
+        flicker = check_flicker(projector, camera)
+        self._add(flicker.findings, flicker=flicker)
         progress("grey levels")
         levels = check_levels(projector, camera, agreement, exposing.settings)
         self._add(levels.findings, levels=levels, noise=agreement.noise)

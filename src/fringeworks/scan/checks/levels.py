@@ -84,26 +84,11 @@ def check_levels(
 
     Raises
     ------
-    DeviceProblem where the camera sees hardly anything of the projector's picture.
+    DeviceProblem where the camera sees hardly anything of the projector's picture, or white is
+    saturated.
     """
     black, white = (grab.pixels.astype(np.float32) for grab in agreement.start())
-    noise = np.sqrt(agreement.noise.variance(black) + agreement.noise.variance(white))
-    difference = white - black
-    seen = difference > LIT_SIGMAS * noise
-    if seen.mean() < MIN_LIT_SHARE:
-        raise DeviceProblem(
-            f"{camera.name}: expected white to light {MIN_LIT_SHARE:.0%} of the frame or more, got "
-            f"{seen.mean():.1%}: point the camera at the projected picture, and use a longer "
-            "exposure or less light in the room"
-        )
-    top = 255.0 if settings.pixel_format is None else float(full_scale(settings.pixel_format))
-    saturated = float(np.mean(white[seen] >= top))
-    if saturated > MAX_SATURATED:
-        raise DeviceProblem(
-            f"{camera.name}: expected white below the camera's limit, got {saturated:.0%} of the "
-            "lit pixels at it: use a shorter exposure, close the aperture, or darken the room"
-        )
-    lit = seen & (white < top)
+    lit, saturated = _lit(camera, agreement, settings, black, white)
     light, scatter = {}, {}
     for level in LEVELS:
         pixels = agreement.take(uniform_picture(projector, level), f"level {level:g}").pixels
@@ -117,7 +102,7 @@ def check_levels(
         levels,
         relative,
         lit,
-        difference,
+        white - black,
         _exponent(levels, relative),
         contrast,
         saturated,
@@ -125,6 +110,35 @@ def check_levels(
         noise,
         tuple(_findings(levels, relative, saturated, contrast)),
     )
+
+
+def _lit(
+    camera: Camera,
+    agreement: Agreement,
+    settings: CameraSettings,
+    black: NDArray[np.float32],
+    white: NDArray[np.float32],
+) -> tuple[BoolMap, float]:
+    """Pixels that the projector lights below the limit, and the share of lit pixels that are at it.
+
+    ``DeviceProblem`` where there are too few of them.
+    """
+    noise = np.sqrt(agreement.noise.variance(black) + agreement.noise.variance(white))
+    seen = white - black > LIT_SIGMAS * noise
+    if seen.mean() < MIN_LIT_SHARE:
+        raise DeviceProblem(
+            f"{camera.name}: expected white to light {MIN_LIT_SHARE:.0%} of the frame or more, got "
+            f"{seen.mean():.1%}: point the camera at the projected picture, and use a longer "
+            "exposure or less light in the room"
+        )
+    top = 255.0 if settings.pixel_format is None else float(full_scale(settings.pixel_format))
+    saturated = float(np.mean(white[seen] >= top))
+    if saturated > MAX_SATURATED:
+        raise DeviceProblem(
+            f"{camera.name}: expected white below the camera's limit, got {saturated:.0%} of the "
+            "lit pixels at it: use a shorter exposure, close the aperture, or darken the room"
+        )
+    return np.asarray(seen & (white < top)), saturated
 
 
 def _scatter(agreement: Agreement, lit: BoolMap) -> float:
@@ -149,43 +163,49 @@ def _findings(
     level: FloatMap, light: FloatMap, saturated: float, contrast: float
 ) -> list[SetupFinding]:
     found = []
-    if contrast < MIN_CONTRAST:
-        found.append(
-            SetupFinding(
-                "room",
-                f"white is {contrast:.2g} times as bright as black",
-                ("lamps or daylight in the room", "a projector that is too dim for it"),
-                "darken the room, shade the object, or use a brighter projector",
-                {"contrast": contrast},
-            )
-        )
     top = level >= TOP
     below = (level >= 0.6) & (level <= TOP)
     slope = np.polyfit(level[below], light[below], 1)[0]
     rise = (light[top][-1] - light[top][0]) / (level[top][-1] - level[top][0])
     if rise < CLIPPED_SHARE * slope:
-        found.append(
-            SetupFinding(
-                "range",
-                f"levels above {TOP:.0%} are no brighter than {TOP:.0%}",
-                (
-                    "a video output or projector set to limited range (16 to 235)",
-                    "a picture mode of the projector that clips white",
-                ),
-                "set the output of the graphics card to full range (0 to 255) and the projector's "
-                "picture mode to one for films or computers, with brightness and contrast in the "
-                "middle",
-                {"rise_share": float(rise / slope)},
-            )
-        )
+        found.append(_limited(float(rise / slope)))
     if saturated > MAX_SATURATED_SHARE:
-        found.append(
-            SetupFinding(
-                "saturated",
-                f"{saturated:.0%} of the lit pixels are at the camera's limit under white",
-                ("an exposure or gain that is too high", "a shiny object"),
-                "let the exposure be chosen automatically, or take several exposures",
-                {"saturated_share": saturated},
-            )
-        )
+        found.append(_saturated(saturated))
+    if contrast < MIN_CONTRAST:
+        found.append(_bright_room(contrast))
     return found
+
+
+def _limited(rise_share: float) -> SetupFinding:
+    return SetupFinding(
+        "range",
+        f"levels above {TOP:.0%} are no brighter than {TOP:.0%}",
+        (
+            "a video output or projector set to limited range (16 to 235)",
+            "a picture mode of the projector that clips white",
+        ),
+        "set the output of the graphics card to full range (0 to 255) and the projector's "
+        "picture mode to one for films or computers, with brightness and contrast in the "
+        "middle",
+        {"rise_share": rise_share},
+    )
+
+
+def _saturated(share: float) -> SetupFinding:
+    return SetupFinding(
+        "saturated",
+        f"{share:.0%} of the lit pixels are at the camera's limit under white",
+        ("an exposure or gain that is too high", "a shiny object"),
+        "let the exposure be chosen automatically, or take several exposures",
+        {"saturated_share": share},
+    )
+
+
+def _bright_room(contrast: float) -> SetupFinding:
+    return SetupFinding(
+        "room",
+        f"white is only {contrast:.2g} times as bright as black",
+        ("lamps or daylight in the room", "a projector that is too dim for it"),
+        "darken the room, shade the object, or use a brighter projector",
+        {"contrast": contrast},
+    )

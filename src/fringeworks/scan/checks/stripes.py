@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from fringeworks.devices.protocols import Projector
 from fringeworks.patterns.plan import equal_steps
@@ -40,6 +41,16 @@ MIN_COUNT = 4
 MIN_COUNT_SHARE = 0.2
 """The same, relative to the median number of camera pixels at a projector coordinate: coordinates
 at the rim of the lit area scatter more."""
+EDGE_PX = 5
+"""Side of the neighbourhood in which edges are looked for, camera px: wider than the blur of usual
+lenses on both sides."""
+EDGE_SHARE = 0.25
+"""Change of the modulation in the neighbourhood, relative to the brightest pixel, from which on a
+pixel lies at an edge. At the edges of a chessboard, the contrast of fine stripes changes by several
+per cent, in step with the squares."""
+EDGE_SIGMAS = 8.0
+"""Change in standard deviations of the noise that an edge must exceed as well: the range of 25
+values of noise is 4 to 6."""
 MIN_COLUMNS = 32
 """Smallest number of projector columns that must be seen to look for a periodic change."""
 SLOW_CYCLES = 3
@@ -110,7 +121,8 @@ def check_stripes(
     if not resolved[:-1].any():
         found.append(_unresolved(axis))
     judged = [int(k) for k in np.flatnonzero(resolved & (periods <= FINE_PX))]
-    profiles = {k: _profile(relative[k], coordinate_px) for k in judged or [best]}
+    inside = np.where(_even(coarse, agreement), coordinate_px, np.nan)
+    profiles = {k: _profile(relative[k], inside) for k in judged or [best]}
     shown = next(iter(profiles))
     for k in judged:
         beat = _beat(*profiles[k])
@@ -159,6 +171,15 @@ def _power(
     phasor = np.tensordot(np.exp(1j * np.array(equal_steps(STEPS))), np.stack(frames), axes=1)
     added = 4.0 / STEPS * agreement.noise.variance(np.mean(frames, axis=0))
     return np.asarray((2.0 / STEPS * np.abs(phasor)) ** 2 - added)
+
+
+def _even(coarse: FloatMap, agreement: Agreement) -> BoolMap:
+    """Pixels whose neighbours are as bright: blur mixes the stripes at edges of another albedo."""
+    modulation = _root(np.nan_to_num(coarse))
+    brightest = ndimage.maximum_filter(modulation, EDGE_PX)
+    step = brightest - ndimage.minimum_filter(modulation, EDGE_PX)
+    noise = np.sqrt(2.0 / STEPS * agreement.noise.variance(brightest / (2.0 * SWING)))
+    return np.asarray(step < EDGE_SHARE * brightest + EDGE_SIGMAS * noise)
 
 
 def _profile(power: FloatMap, coordinate_px: FloatMap) -> tuple[NDArray[Any], FloatMap]:

@@ -45,6 +45,22 @@ def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
     assert json.loads(Path("part.json").read_text())["points"] > 3000
     found = fw.fit_region(fw.read_points("part.ply").xyz_mm, "sphere")
     assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.1)
+    # Plans take the set-up, too: the one of 24 frames is that of the set-up.
+    plan = [
+        "plan",
+        "--setup",
+        "setup.toml",
+        "--frames",
+        "24",
+        "--axes",
+        "xy",
+        "--out",
+        "again.toml",
+    ]
+    assert run(plan) == 0
+    assert fw.read_plan("again.toml") == fw.read_setup("setup.toml").plan
+    assert run(["plan", "--frames", "24"]) == 2
+    assert "--projector-size: expected, or --setup" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,11 @@ AXES: dict[Axes, tuple[fw.Axis, ...]] = {Axes.x: ("x",), Axes.y: ("y",), Axes.xy
 """The axes as the library takes them."""
 
 
+USUAL = {"noise": 2.0, "modulation": 100.0, "min_period_px": 16.0}
+"""Noise and modulation of a usual camera, counts of 8 bit, and the shortest period that usual
+optics resolve, projector px."""
+
+
 class PictureFormat(StrEnum):
     """How pictures are written."""
 
@@ -41,33 +46,42 @@ class PictureFormat(StrEnum):
     epilog="Example: fringeworks plan --projector-size 1920x1080 --frames 12 --out plan.toml",
 )
 def plan(
-    projector_size: Annotated[
-        str, typer.Option("--projector-size", help="Columns x rows, as 1920x1080.")
-    ],
     frames: Annotated[int, typer.Option(help="Frames to spend.")],
+    projector_size: Annotated[
+        str | None, typer.Option("--projector-size", help="Columns x rows, as 1920x1080.")
+    ] = None,
+    setup: Annotated[
+        Path | None,
+        typer.Option(help="Set-up file: projector's size, noise, modulation and shortest period."),
+    ] = None,
     axes: Annotated[Axes, typer.Option(help="Axes to decode.")] = Axes.x,
     noise: Annotated[
-        float, typer.Option(help="Standard deviation of the camera's noise, counts.")
-    ] = 2.0,
+        float | None, typer.Option(help="Standard deviation of the camera's noise, counts; 2.")
+    ] = None,
     modulation: Annotated[
-        float, typer.Option(help="Modulation of the darkest surface that matters, counts.")
-    ] = 100.0,
+        float | None,
+        typer.Option(help="Modulation of the darkest surface that matters, counts; 100."),
+    ] = None,
     min_period: Annotated[
-        float, typer.Option(help="Shortest period that the devices resolve, projector px.")
-    ] = 16.0,
+        float | None,
+        typer.Option(help="Shortest period that the devices resolve, projector px; 16."),
+    ] = None,
     kind: Annotated[str, typer.Option(help="Kind of plan to write; the best by default.")] = "",
     out: Annotated[Path | None, typer.Option("--out", help="Plan file to write (TOML).")] = None,
     json_file: JsonFile = None,
 ) -> None:
     """Propose plans for a projector and a number of frames, the smallest error first."""
     words = output.Output(out, json_file)
-    width, height = size_of(projector_size, "projector-size")
-    options: dict[str, Any] = {
-        "axes": AXES[axes],
-        "noise": noise,
-        "modulation": modulation,
-        "min_period_px": min_period,
-    }
+    known = None if setup is None else fw.read_setup(setup)
+    if projector_size is not None:
+        width, height = size_of(projector_size, "projector-size")
+    elif known is not None:
+        width, height = known.size_px
+    else:
+        raise fw.InputError("--projector-size: expected, or --setup; got neither")
+    given = {"noise": noise, "modulation": modulation, "min_period_px": min_period}
+    options: dict[str, Any] = {"axes": AXES[axes], **(_of_setup(known) if known else USUAL)}
+    options |= {name: value for name, value in given.items() if value is not None}
     found = fw.propose(width, height, frames, **options)
     asked = {"width_px": width, "height_px": height, "frames": frames, **options}
     origin = fw.made_by("propose", options=asked)
@@ -88,6 +102,15 @@ def plan(
     )
     if out is not None and not output.is_stdout(out):
         words.say(f"wrote {out} ({chosen[0].kind})")
+
+
+def _of_setup(setup: fw.StoredSetup) -> dict[str, float]:
+    """What a set-up has measured, as ``propose`` takes it."""
+    return {
+        "noise": setup.noise_counts,
+        "modulation": setup.modulation,
+        "min_period_px": setup.min_period_px,
+    }
 
 
 def _figures(proposal: fw.Proposal) -> dict[str, Any]:

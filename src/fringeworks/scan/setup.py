@@ -252,11 +252,16 @@ def _kept(findings: tuple[SetupFinding, ...]) -> tuple[SetupFinding, ...]:
     return tuple(sorted(kept.values(), key=lambda finding: IMPORTANCE.index(finding.kind)))
 
 
+def dark_modulation(levels: Levels) -> float:
+    """Return the modulation of fringes at the darkest tenth of the lit pixels, counts."""
+    return 0.5 * float(np.quantile(levels.white[levels.lit], DARK_QUANTILE))
+
+
 def _proposed(done: SetupTests, frames: int, axes: tuple[Axis, ...]) -> Proposal:
     """The plan with the smallest predicted error for the darkest tenth of the lit pixels."""
     assert done.levels is not None
     assert done.noise is not None
-    modulation = 0.5 * float(np.quantile(done.levels.white[done.levels.lit], DARK_QUANTILE))
+    modulation = dark_modulation(done.levels)
     return propose(
         *done.size_px,
         frames,

@@ -16,7 +16,7 @@ from fringeworks.files.plan import read_plan, write_plan
 from fringeworks.files.toml import Section, Size, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.delay import Delay
-from fringeworks.scan.setup import Setup
+from fringeworks.scan.setup import Setup, dark_modulation
 from fringeworks.types import CameraNoise, CameraSettings, Frozen
 
 PLAN_SUFFIX = ".plan.toml"
@@ -35,6 +35,11 @@ class _Projector(_Device):
     gamma: float = Field(gt=0)
     contrast: float = Field(gt=0)
     min_period_px: float = Field(gt=0)
+
+
+class _Camera(_Device):
+    modulation: float = Field(gt=0)
+    """Of the darkest tenth of the lit pixels, counts."""
 
 
 class _Noise(Section):
@@ -58,7 +63,7 @@ class SetupFile(Section):
     """The whole of a set-up file; unknown keys are refused."""
 
     projector: _Projector
-    camera: _Device
+    camera: _Camera
     settings: SettingsSection = SettingsSection()
     noise: _Noise
     delay: _Delay | None = None
@@ -81,6 +86,19 @@ class StoredSetup(Frozen):
     delay: Delay | None
     plan: PatternPlan
     findings: tuple[str, ...]
+    size_px: tuple[int, int]
+    """Columns and rows of the projector."""
+    min_period_px: float
+    """Shortest period that the devices resolve, projector px."""
+    modulation: float
+    """Modulation of fringes at the darkest tenth of the lit pixels, counts."""
+    gamma: float
+    """Exponent of the response: light is proportional to the level to this power."""
+
+    @property
+    def noise_counts(self) -> float:
+        """Standard deviation of the noise at these pixels, counts."""
+        return float(np.sqrt(self.noise.variance(self.modulation)))
 
 
 def check_setup_target(path: StrPath) -> None:
@@ -125,7 +143,11 @@ def write_setup(path: StrPath, setup: Setup, *, projector: str, camera: str) -> 
             "contrast": setup.levels.contrast,
             "min_period_px": max(s.min_period_px for s in setup.stripes),
         },
-        "camera": {"open": camera, "name": setup.camera},
+        "camera": {
+            "open": camera,
+            "name": setup.camera,
+            "modulation": dark_modulation(setup.levels),
+        },
         "settings": settings_table(setup.settings),
         "noise": {"read_counts": setup.noise.read_counts, "gain": setup.noise.gain},
     }
@@ -165,6 +187,10 @@ def read_setup(path: StrPath) -> StoredSetup:
         delay,
         read_plan(path.with_name(content.plan)),
         content.findings,
+        content.projector.size_px,
+        content.projector.min_period_px,
+        content.camera.modulation,
+        content.projector.gamma,
     )
 
 

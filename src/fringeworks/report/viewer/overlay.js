@@ -4,16 +4,20 @@ import { scaleColour } from "./scene.js";
 
 const FONT = "12px system-ui, sans-serif";
 const MARGIN = 14;
+const TITLE_PX = 62; // below the readout, which takes one line or two
 const BAR_PX = 8; // height of the colour scale below the histogram
 
 /** A cleared canvas of its size on the page, with a context in CSS pixels. */
-export function fresh(canvas) {
+function fresh(canvas) {
   const { clientWidth: width, clientHeight: height } = canvas;
   const density = globalThis.devicePixelRatio || 1;
-  canvas.width = Math.round(width * density);
-  canvas.height = Math.round(height * density);
+  const size = [Math.round(width * density), Math.round(height * density)];
+  // A new size clears the canvas, but takes long: in most frames it stays.
+  if (canvas.width !== size[0]) [canvas.width] = size;
+  if (canvas.height !== size[1]) [, canvas.height] = size;
   const context = canvas.getContext("2d");
-  context.scale(density, density);
+  context.setTransform(density, 0, 0, density, 0, 0);
+  context.clearRect(0, 0, width, height);
   context.font = FONT;
   return { context, width, height };
 }
@@ -24,7 +28,7 @@ export function ink(canvas, name) {
 }
 
 /** 1, 2 or 5 times a power of ten, at most `limit`. */
-export function roundLength(limit) {
+function roundLength(limit) {
   const power = 10 ** Math.floor(Math.log10(limit));
   return power * ([5, 2].find((k) => k * power <= limit) ?? 1);
 }
@@ -37,9 +41,9 @@ export function drawOver(canvas, { view, active, picks, frame, cross, unit, name
     context.save();
     context.translate(panel * view.width, 0);
     if (panel) stroke(context, ink(canvas, "--line"), [[0, 0], [0, height]]);
-    if (names) plate(context, canvas, names[panel], MARGIN, MARGIN + 12);
+    if (names) plate(context, canvas, names[panel], MARGIN, TITLE_PX);
     drawAxes(context, canvas, view);
-    picks.forEach(({ at }, k) => drawMark(context, canvas, view.project(at), String.fromCharCode(65 + k)));
+    picks.forEach((at, k) => drawMark(context, canvas, view.project(at), "AB"[k]));
     context.restore();
   }
   if (unit) drawScaleBar(context, canvas, view, unit);
@@ -122,8 +126,8 @@ export function drawChart(canvas, samples, unit, digits) {
   const reach = (k, sign) => sign * Math.max(...known.map(({ values }) => sign * values[k]));
   const [left, right, low, high] = [reach(0, -1), reach(0, 1), reach(1, -1), reach(1, 1)];
   const tall = Math.max(high - low, 1e-9);
-  const x = (v) => 8 + ((width - 16) * (v - left)) / (right - left || 1);
-  const y = (v) => height - 22 - ((height - 44) * (v - low)) / tall;
+  const x = (v) => 62 + ((width - 70) * (v - left)) / (right - left || 1);
+  const y = (v) => height - 26 - ((height - 54) * (v - low)) / tall;
   for (const { values: [along, up, sigma] } of known) {
     context.fillStyle = ink(canvas, "--band");
     context.fillRect(x(along) - 1, y(up + sigma), 2, Math.max(1, y(up - sigma) - y(up + sigma)));
@@ -134,8 +138,10 @@ export function drawChart(canvas, samples, unit, digits) {
     else if (run.length) stroke(context, ink(canvas, "--accent"), run);
     if (Number.isNaN(along)) run = [];
   }
-  context.fillStyle = ink(canvas, "--ink");
-  context.fillText(`height over the line A–B: ${low.toFixed(digits)} … ${high.toFixed(digits)} ${unit}`, 8, 13);
-  context.fillText("A", 4, height - 5);
-  context.fillText(`B: ${right.toFixed(digits)} ${unit}`, width - 90, height - 5);
+  const label = (text, across, down) => plate(context, canvas, text, across, down);
+  label(`Height over the line A–B, ${unit}`, 4, 13);
+  label(high.toFixed(digits), 4, 32);
+  label(low.toFixed(digits), 4, height - 22);
+  label("A", 4, height - 4);
+  label(`B, ${right.toFixed(digits)} ${unit}`, width - 96, height - 4);
 }

@@ -10,15 +10,19 @@ import re
 from functools import cache
 from importlib import resources
 
+from fringeworks.report.viewer.content import MAX_PIXELS
 from fringeworks.report.viewer.pack import PackedSurface
 from fringeworks.surface import cloud, form, height_map
 from fringeworks.types import MAD_TO_SIGMA, InputError
 
-MODULES = ("measure", "scene", "overlay", "view", "unpack", "viewer")
+MODULES = (
+    "numbers", "unpack", "mesh", "measure", "fit", "scene", "overlay", "view", "tools", "input", "viewer"
+)
 """The viewer's JavaScript files in an order in which each finds what it imports."""
 MAX_SURFACES = 2
 """Surfaces of one viewer: it shows two side by side or as a difference."""
 LIBRARY = {
+    "maxPixels": MAX_PIXELS,
     "grazingCosine": cloud.GRAZING_COSINE,
     "longSide": cloud.LONG_SIDE,
     "maxSlope": height_map.MAX_TRIANGLE_SLOPE,
@@ -130,7 +134,8 @@ def viewer_fragment(*surfaces: PackedSurface) -> str:
     --------
     >>> from fringeworks.files.points import Points
     >>> import numpy as np
-    >>> from fringeworks.report.viewer.pack import pack_surface
+    >>> from fringeworks.report.viewer.content import MAX_PIXELS
+from fringeworks.report.viewer.pack import pack_surface
     >>> viewer_fragment(pack_surface(Points(np.zeros((1, 3)), None)))[:33]
     '<div class="fringe-viewer-mount">'
     """
@@ -167,7 +172,8 @@ def viewer_page(*surfaces: PackedSurface, title: str = "") -> str:
     --------
     >>> import numpy as np
     >>> from fringeworks.files.points import Points
-    >>> from fringeworks.report.viewer.pack import pack_surface
+    >>> from fringeworks.report.viewer.content import MAX_PIXELS
+from fringeworks.report.viewer.pack import pack_surface
     >>> viewer_page(pack_surface(Points(np.zeros((1, 3)), None), title="a point"))[:15]
     '<!doctype html>'
     """

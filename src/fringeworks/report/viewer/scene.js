@@ -1,11 +1,11 @@
 // Draws surfaces with WebGL2: a coarse raster while the view moves, all points when it rests.
 
-import { edgeRule, fillNormals, triangles, usualDistance } from "./measure.js";
+import { edgeRule, fillNormals, triangles, usualDistance } from "./mesh.js";
 import { FRAGMENT_SHADER, SCALES, VERTEX_SHADER } from "./assets.js";
 
-// Indices of one call: a software renderer draws them in about a tenth of a second.
-const PART = 600_000;
-const SAMPLES = 4;
+// Indices of one call: a software renderer draws them in about a third of a second.
+const PART = 1_500_000;
+const SAMPLES = 4; // of a pixel at rest; a slow renderer takes one
 const rgb = (hex) => [0, 2, 4].map((k) => parseInt(hex.slice(k, k + 2), 16));
 
 /** Red, green and blue, 0…255, at a place 0…1 of a scale. */
@@ -82,7 +82,7 @@ export class Scene {
     if (mesh.levels.has(stride)) return mesh.levels.get(stride);
     const { surface } = mesh;
     const { gl } = this;
-    if (surface.raster && stride !== mesh.normalsOf) {
+    if (surface.raster && mesh.normalsOf !== 1 && mesh.normalsOf !== stride) {
       fillNormals(surface, mesh.rule, stride, mesh.normals);
       mesh.normalsOf = stride;
       gl.bindBuffer(gl.ARRAY_BUFFER, mesh.buffers[1]);
@@ -158,10 +158,10 @@ export class Scene {
   }
 
   /** Draw all pixels in parts beside the screen, smoothly, then show them; `draw` stops it. */
-  refine(meshes, view, look, done) {
+  refine(meshes, view, look, smooth, done) {
     this.stop();
     const { gl, canvas } = this;
-    const target = this.offscreen();
+    const target = this.offscreen(smooth ? SAMPLES : 0);
     const calls = this.calls(meshes, look, 1);
     let fence = null;
     let cleared = false;
@@ -190,9 +190,9 @@ export class Scene {
   }
 
   /** A framebuffer of the canvas's size with several samples per pixel. */
-  offscreen() {
+  offscreen(samples) {
     const { gl, canvas } = this;
-    const size = `${canvas.width} ${canvas.height}`;
+    const size = `${canvas.width} ${canvas.height} ${samples}`;
     if (this.target?.size === size) return this.target.buffer;
     for (const old of this.target?.stores ?? []) gl.deleteRenderbuffer(old);
     if (this.target) gl.deleteFramebuffer(this.target.buffer);
@@ -207,7 +207,7 @@ export class Scene {
       gl.bindRenderbuffer(gl.RENDERBUFFER, store);
       gl.renderbufferStorageMultisample(
         gl.RENDERBUFFER,
-        SAMPLES,
+        samples,
         format,
         canvas.width,
         canvas.height,

@@ -1,9 +1,9 @@
 #version 300 es
 precision highp float;
 in vec3 v_place;
-in vec3 v_normal;
 in float v_value;
 flat in float v_exact;
+in vec2 v_light;
 uniform sampler2D u_colours;
 uniform vec2 u_range;
 uniform vec3 u_low;
@@ -11,11 +11,8 @@ uniform vec3 u_high;
 uniform vec3 u_plain;
 // 0 plain, 1 colour scale, 2 packed red-green-blue, 3 reasons.
 uniform int u_mode;
-uniform bool u_light;
 uniform bool u_hide;
 out vec4 colour;
-
-const vec3 LIGHT = vec3(-0.42, 0.51, 0.75);
 
 vec3 base() {
   if (u_mode == 1 && v_value == v_value) {
@@ -34,14 +31,8 @@ vec3 base() {
 void main() {
   if (any(lessThan(v_place, u_low)) || any(greaterThan(v_place, u_high))) discard;
   vec3 shade = base();
-  float size = length(v_normal);
-  if (u_light && size > 0.1) {
-    vec3 normal = v_normal / size * (gl_FrontFacing ? 1.0 : -1.0);
-    float lit = max(dot(normal, LIGHT), 0.0);
-    float glint = pow(max(dot(normal, normalize(LIGHT + vec3(0.0, 0.0, 1.0))), 0.0), 40.0);
-    shade = shade * (0.32 + 0.78 * lit) + (u_mode == 0 ? 0.10 : 0.04) * glint;
-  }
   // The back of a surface was not seen by the camera: it is shown dull.
-  if (!gl_FrontFacing) shade = mix(shade, vec3(0.45), 0.6);
+  if (gl_FrontFacing) shade = shade * v_light.x + (u_mode == 0 ? 0.10 : 0.04) * v_light.y;
+  else shade = mix(shade, vec3(0.45), 0.6) * 0.75;
   colour = vec4(shade, 1.0);
 }

@@ -1,37 +1,41 @@
 // From the bytes of a packed surface to points, σ, reasons and layers. pack.py writes the format.
 
+import { LIBRARY } from "./assets.js";
+import { filled } from "./numbers.js";
+
 const MAGIC = "FWSURF1\n";
 // Newton's method stops at this error, in normalised image coordinates, as rig/pinhole.py does.
 const CONVERGED = 1e-11;
 const MAX_NEWTON_STEPS = 12;
-// A page must not allocate without bound, whatever a damaged header says.
-const MAX_PIXELS = 8e6;
 
-/** Unpack a surface from base64 text or bytes. Throws an Error with a sentence for the reader. */
+/** Unpack a surface from base64 text or bytes. Throws an Error with a sentence for the reader.
+ * `addMaps` of the surface adds its further layers: the first picture need not wait for them. */
 export async function unpack(payload) {
   const bytes = typeof payload === "string" ? fromBase64(payload) : payload;
   const { header, body } = split(bytes);
   const [width, height] = header.size;
   const count = width * height;
-  if (!(count >= 1 && count <= MAX_PIXELS)) {
-    throw new Error(`The surface has ${count} pixels; a page shows at most ${MAX_PIXELS}.`);
+  // A page must not allocate without bound, whatever a damaged header says.
+  if (!(count >= 1 && count <= LIBRARY.maxPixels)) {
+    throw new Error(`The surface has ${count} pixels; a page shows at most ${LIBRARY.maxPixels}.`);
   }
   const reader = { body, width, height };
   const reason = await inflate(reader, header.reason);
-  const measured = reason.map((code) => (code === 0 ? 1 : 0));
-  const everywhere = new Uint8Array(count).fill(1);
-  const codes = (await decode(reader, header.sigma, measured, () => 1))[0];
-  const low = lowSigma(header.sigma, codes);
-  const sigma = Float32Array.from(low, (v) => v * Math.sqrt(header.sigma.ratio));
-  const surface = { header, width, height, reason, sigma, raster: header.raster };
-  surface.points = await readPoints(reader, header, measured, low);
-  surface.layers = [];
-  for (const layer of header.layers) {
-    const used = layer.name === "deviation" ? measured : everywhere;
-    const values = await readLayer(reader, layer, used, low, header.sigma.first);
-    const packed = layer.blocks.length === 3;
-    surface.layers.push({ name: layer.name, unit: layer.unit, values, packed });
-  }
+  if (reason.length !== count) throw new Error("The reasons do not fit the size of the surface.");
+  const measured = filled(Uint8Array, count, (i) => (reason[i] === 0 ? 1 : 0));
+  const low = await readLogarithms(reader, header.sigma, measured);
+  const half = Math.sqrt(header.sigma.ratio); // to the middle of a code
+  const sigma = filled(Float32Array, count, (i) => low[i] * half);
+  const points = await readPoints(reader, header, measured, low);
+  const surface = { header, width, height, reason, sigma, points, raster: header.raster, layers: [] };
+  surface.addMaps = async () => {
+    for (const layer of header.layers) {
+      const used = layer.name === "deviation" ? measured : measured.map(() => 1);
+      const values = await readLayer(reader, layer, used, low, header.sigma.first);
+      const packed = layer.blocks.length === 3;
+      surface.layers.push({ name: layer.name, unit: layer.unit, values, packed });
+    }
+  };
   return surface;
 }
 
@@ -104,34 +108,27 @@ function undoPrediction({ width, height }, planes, used, stepOf, origin) {
   return values;
 }
 
-function geometric(first, ratio) {
+/** Values of an 8-bit logarithm: the lowest of each code. */
+async function readLogarithms(reader, code, used) {
   const table = new Float64Array(256);
-  table[0] = first;
-  for (let k = 1; k < 256; k++) table[k] = table[k - 1] * ratio;
-  return table;
-}
-
-function lowSigma(code, codes) {
-  const table = geometric(code.first, code.ratio);
-  return Float64Array.from(codes, (k) => (Number.isNaN(k) ? NaN : table[k]));
+  table[0] = code.first;
+  for (let k = 1; k < 256; k++) table[k] = table[k - 1] * code.ratio;
+  const [codes] = await decode(reader, code, used, () => 1);
+  for (let i = 0; i < codes.length; i++) codes[i] = Number.isNaN(codes[i]) ? NaN : table[codes[i]];
+  return codes;
 }
 
 async function readLayer(reader, layer, used, low, finest) {
   if (layer.coding === "logarithm") {
-    const [codes] = await decode(reader, layer, used, () => 1);
-    return Float32Array.from(lowSigma(layer, codes), (v) => v * Math.sqrt(layer.ratio));
+    const lowest = await readLogarithms(reader, layer, used);
+    return filled(Float32Array, lowest.length, (i) => lowest[i] * Math.sqrt(layer.ratio));
   }
-  if (layer.coding === "steps") {
-    const [values] = await decode(reader, layer, used, stepsOf(layer, low, finest));
-    return Float32Array.from(values);
-  }
-  const channels = await decode(reader, layer, used, () => 1);
-  if (channels.length === 1) {
-    return Float32Array.from(channels[0], (v) => layer.first + v * layer.step);
-  }
+  const steps = layer.coding === "steps" ? stepsOf(layer, low, finest) : () => 1;
+  const [one, green, blue] = await decode(reader, layer, used, steps);
+  if (layer.coding === "steps") return new Float32Array(one);
+  if (!green) return filled(Float32Array, one.length, (i) => layer.first + one[i] * layer.step);
   // Three bytes fit a float exactly; the shader takes them apart.
-  const [red, green, blue] = channels;
-  return Float32Array.from(red, (v, i) => v + 256 * green[i] + 65536 * blue[i]);
+  return filled(Float32Array, one.length, (i) => one[i] + 256 * green[i] + 65536 * blue[i]);
 }
 
 /** Step of every pixel: a share of its σ, the finest one where σ is not known. */
@@ -158,7 +155,7 @@ async function readPoints(reader, header, measured, low) {
     else for (let i = 0; i < points.length; i++) points[i] = found[i % 3][(i / 3) | 0];
   }
   if (!header.place) return points;
-  const depth = z ?? Float64Array.from(measured, (_, i) => points[3 * i + 2]);
+  const depth = z ?? filled(Float64Array, measured.length, (i) => points[3 * i + 2]);
   const all = standIns(depth, reader.width);
   const place = header.place.kind === "camera" ? alongRays : overPlane;
   place(header.place, reader, all, points, z ? null : measured);

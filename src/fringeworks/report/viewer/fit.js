@@ -4,6 +4,9 @@
 import { LIBRARY } from "./assets.js";
 import { cross, dot, minus, quantile, times, unit } from "./numbers.js";
 
+// Largest change of a body's values, in sizes of the cloud, after which a fit is done.
+const SETTLED = 1e-13;
+
 /** Sums over the used points of the products of a row of numbers, and of the row with a value. */
 function normalEquations(points, used, row, value) {
   const sums = [];
@@ -42,7 +45,7 @@ function variances(equations) {
 }
 
 /** Bodies: a start, one step of orthogonal least squares, distances, and what is not determined.
- * Points are relative to their mean, in sizes of the cloud, which keeps the equations well scaled. */
+ * Points are relative to their mean, in sizes of the cloud: the equations are well scaled. */
 const BODIES = {
   plane: {
     start: (_, towards) => [...towards, 0],
@@ -81,7 +84,8 @@ function tangents(n) {
 function settle(body, points, start, choose) {
   const found = { q: start, used: null };
   for (let round = 0; round < LIBRARY.fitRounds; round++) {
-    for (let step = 0, change = [1]; step < LIBRARY.maxSteps && Math.hypot(...change) > 1e-13; step++) {
+    let change = [Infinity];
+    for (let k = 0; k < LIBRARY.maxSteps && Math.hypot(...change) > SETTLED; k++) {
       const left = (x, y, z) => -body.distance(found.q, x, y, z);
       found.equations = normalEquations(points, found.used, body.slopes(found.q), left);
       change = solve(found.equations);
@@ -97,44 +101,52 @@ function settle(body, points, start, choose) {
   return found;
 }
 
-/** The twin of fringeworks.fit_region for points (n, 3); throws a sentence where it is no fit. */
+/** The twin of fringeworks.fit_region for points (n, 3); throws a sentence where it is no fit.
+ * `towards` is the side to which a plane's normal points. */
 export function fitRegion(points, name, towards) {
   const n = points.length / 3;
-  if (n < LIBRARY.minPoints) throw new Error(`A fit needs ${LIBRARY.minPoints} points or more, got ${n}.`);
+  if (n < LIBRARY.minPoints) {
+    throw new Error(`A fit needs ${LIBRARY.minPoints} points or more, got ${n}.`);
+  }
   const body = BODIES[name];
   const mean = [0, 1, 2].map((k) => points.reduce((sum, v, i) => sum + (i % 3 === k) * v, 0) / n);
   const centred = points.map((v, i) => v - mean[i % 3]);
   const scale = Math.hypot(...[0, 1, 2].map((k) => deviation(centred, k)));
   const scaled = centred.map((v) => v / scale);
-  const usual = (sizes, used) =>
-    LIBRARY.farSigmas *
-    LIBRARY.madToSigma *
-    quantile(
-      sizes.filter((_, i) => !used || used[i]),
-      0.5,
-    );
+  const usual = (sizes, used) => {
+    const middle = quantile(sizes.filter((_, i) => !used || used[i]), 0.5);
+    return LIBRARY.farSigmas * LIBRARY.madToSigma * middle;
+  };
   const first = settle(body, scaled, body.start(scaled, towards), usual);
   const far = 1 - first.used.reduce((sum, flag) => sum + flag, 0) / n;
   if (!(far <= LIBRARY.maxFarShare)) {
     throw new Error(`${(100 * far).toFixed(0)} % of the region lie off the ${name}: choose less.`);
   }
   const kept = n - Math.floor(LIBRARY.discarded * n);
-  const last = settle(body, scaled, first.q, (sizes) => sizes.sort()[kept - 1]);
-  const { q, distances } = last;
-  const ordered = distances.slice().sort();
-  const variance = deviation(distances.filter((_, i) => last.used[i])) ** 2;
-  const unitVariance = variances(last.equations);
-  if (!(body.loose(q, times(unitVariance, (variance * kept) / LIBRARY.patches)) <= LIBRARY.maxRelativeSigma)) {
+  const found = settle(body, scaled, first.q, (sizes) => sizes.sort()[kept - 1]);
+  return figures(body, name, found, { n, kept, mean, scale, towards });
+}
+
+/** The figures of a fit in the unit of the points. */
+function figures(body, name, { q, used, distances, equations }, { n, kept, mean, scale, towards }) {
+  const variance = deviation(distances.filter((_, i) => used[i])) ** 2;
+  if (!(Math.sqrt(variance) <= LIBRARY.maxSpread)) {
+    throw new Error(`No ${name} fits the region: choose less.`);
+  }
+  const unitVariance = variances(equations);
+  const alike = times(unitVariance, (variance * kept) / LIBRARY.patches);
+  if (!(body.loose(q, alike) <= LIBRARY.maxRelativeSigma)) {
     throw new Error(`The region does not determine a ${name}: show more of it.`);
   }
-  const ranges = distances.subarray(kept - 1).map((_, k) => ordered[k + kept - 1] - ordered[k]);
+  const ordered = distances.slice().sort();
+  const ranges = ordered.subarray(kept - 1).map((v, k) => v - ordered[k]);
   const sign = name === "plane" && dot(q, towards) < 0 ? -1 : 1;
   const result = { name, points: n, deviation: scale * Math.sqrt(variance) };
   result.range = scale * Math.min(...ranges);
   result.distances = distances.map((v) => sign * scale * v);
   if (name === "plane") {
-    const point = mean.map((m, k) => m + scale * q[3] * q[k]);
-    return { ...result, point, normal: times(q.slice(0, 3), sign) };
+    result.point = mean.map((m, k) => m + scale * q[3] * q[k]);
+    return { ...result, normal: times(q.slice(0, 3), sign) };
   }
   const radiusSigma = scale * Math.sqrt(unitVariance[3] * variance);
   const centre = mean.map((m, k) => m + scale * q[k]);

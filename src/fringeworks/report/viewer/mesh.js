@@ -64,14 +64,15 @@ function grazes(p, i, j, k) {
   return seen * seen < LIBRARY.grazingCosine ** 2 * size;
 }
 
-/** Triangles of every k-th pixel, as cloud_triangles and height_map_triangles make them (faces), and
- * those with a corner that has a reason instead of a value (gaps). */
+/** Triangles of every k-th pixel, as cloud_triangles and height_map_triangles make them (faces),
+ * and those with a corner that has a reason instead of a value (gaps). */
 export function triangles(surface, rule, stride) {
   const { points, width, height, reason } = surface;
   const cells = Math.floor((width - 1) / stride) * Math.floor((height - 1) / stride);
   const list = new Uint32Array(6 * Math.max(cells, 0)); // faces from the front, gaps from the back
   let [faces, gaps] = [0, list.length];
-  const joined = (p, q) => !Number.isNaN(points[3 * p] + points[3 * q]) && !rule.apart(p, q, stride);
+  const placed = (p) => !Number.isNaN(points[3 * p]);
+  const joined = (p, q) => placed(p) && placed(q) && !rule.apart(p, q, stride);
   const put = (at, i, j, k) => {
     list[at] = i;
     list[at + 1] = j;

@@ -31,6 +31,7 @@ LIBRARY = {
     "farSigmas": form.FAR_SIGMAS,
     "maxFarShare": form.MAX_FAR_SHARE,
     "madToSigma": MAD_TO_SIGMA,
+    "maxSpread": form.MAX_SPREAD,
     "patches": form.PATCHES,
     "maxRelativeSigma": form.MAX_RELATIVE_SIGMA,
     "fitRounds": form.FIT_ROUNDS,

@@ -68,8 +68,9 @@ export class Tools {
     const known = Number.isNaN(sigma[i]) ? "unknown" : `${sigma[i].toPrecision(2)} ${unit}`;
     const parts = [`${place}: x ${x}, y ${y} ${lateral}, z ${z} ${unit}, σ ${known}`];
     for (const { name, values, packed, unit: own } of layers) {
-      const told = LAYERS[name].told && !packed && !Number.isNaN(values[i]);
-      if (told) parts.push(`${LAYERS[name].label.toLowerCase()} ${values[i].toPrecision(4)} ${own}`);
+      const { told, label } = LAYERS[name];
+      if (!told || packed || Number.isNaN(values[i])) continue;
+      parts.push(`${label.toLowerCase()} ${values[i].toPrecision(4)} ${own}`);
     }
     return parts.join(", ");
   }
@@ -102,7 +103,8 @@ export class Tools {
     this.tell(rows);
     if (!metric || !surface.raster) return;
     this.ui.chart.hidden = false;
-    drawChart(this.ui.chart, profile(surface, i, j), unit, digits);
+    this.samples = profile(surface, i, j);
+    drawChart(this.ui.chart, this.samples, unit, digits);
   }
 
   /** Fit a body to the measured points that are shown in a rectangle of the stage. */

@@ -27,7 +27,8 @@ export async function unpack(payload) {
   const half = Math.sqrt(header.sigma.ratio); // to the middle of a code
   const sigma = filled(Float32Array, count, (i) => low[i] * half);
   const points = await readPoints(reader, header, measured, low);
-  const surface = { header, width, height, reason, sigma, points, raster: header.raster, layers: [] };
+  const { raster } = header;
+  const surface = { header, width, height, reason, sigma, points, raster, layers: [] };
   surface.addMaps = async () => {
     for (const layer of header.layers) {
       const used = layer.name === "deviation" ? measured : measured.map(() => 1);

@@ -70,9 +70,9 @@ export class View {
     const m = this.toScreen;
     const reach = 8 * Math.hypot(...this.half) + Math.hypot(...this.target);
     const factors = [2 / this.width, -2 / this.height, -1 / reach];
-    const offsets = [-1, 1, 0];
-    const rows = factors.map((f, r) => [0, 1, 2, 3].map((k) => f * m[4 * r + k] + (k === 3 ? offsets[r] : 0)));
-    return [0, 1, 2, 3].flatMap((k) => [rows[0][k], rows[1][k], rows[2][k], k === 3 ? 1 : 0]);
+    const [x, y, z] = factors.map((f, r) => m.slice(4 * r, 4 * r + 4).map((v) => f * v));
+    const columns = [0, 1, 2].flatMap((k) => [x[k], y[k], z[k], 0]);
+    return [...columns, x[3] - 1, y[3] + 1, z[3], 1];
   }
 
   pan(dx, dy) {
@@ -90,7 +90,8 @@ export class View {
 
   /** Show the whole surface. */
   fit() {
-    const [across, tall] = this.turn.map((row) => row.reduce((sum, v, k) => sum + Math.abs(v) * this.half[k], 0));
+    const reach = (row) => row.reduce((sum, v, k) => sum + Math.abs(v) * this.half[k], 0);
+    const [across, tall] = this.turn.map(reach);
     this.scale = (FILLED / 2) * Math.min(this.width / across, this.height / tall);
     this.target = [0, 0, 0];
   }

@@ -1,4 +1,4 @@
-// The viewer: controls, mouse, touch and keys around a Scene. The settings are the controls' values.
+// The viewer: its surfaces, its controls and its picture. The settings are the controls' values.
 
 import { LAYERS, SCALES, TEMPLATE, VIEWS } from "./assets.js";
 import { Input } from "./input.js";
@@ -73,7 +73,8 @@ export class FringeViewer {
     const at = (i) => (points[i] - centre[i % 3]) * stretch[i % 3];
     surface.shown = filled(Float32Array, points.length, at);
     const own = { sigma, plain: new Float32Array(reason.length), reason: new Float32Array(reason) };
-    own[header.kind] = filled(Float32Array, reason.length, (i) => (reason[i] ? NaN : points[3 * i + 2]));
+    const z = (i) => (reason[i] ? NaN : points[3 * i + 2]);
+    own[header.kind] = filled(Float32Array, reason.length, z);
     for (const [name, values] of Object.entries(own)) {
       const unit = name === "sigma" || name === header.kind ? header.unit : "";
       surface.layers.push({ name, values, unit });
@@ -116,7 +117,8 @@ export class FringeViewer {
     const { layers } = this.active[0];
     const order = Object.keys(LAYERS);
     layers.sort((a, b) => order.indexOf(a.name) - order.indexOf(b.name));
-    this.ui.layer.replaceChildren(...layers.map(({ name }) => new Option(LAYERS[name].label, name)));
+    const options = layers.map(({ name }) => new Option(LAYERS[name].label, name));
+    this.ui.layer.replaceChildren(...options);
     this.ui.layer.value = layers.some(({ name }) => name === wanted) ? wanted : layers[0].name;
     this.colour();
   }
@@ -127,7 +129,8 @@ export class FringeViewer {
     this.kind = LAYERS[this.layer.name];
     this.mode = this.layer.packed ? 2 : this.kind.mode;
     for (const { layers, mesh } of this.active) {
-      scene.setValues(mesh, (layers.find(({ name }) => name === this.layer.name) ?? layers[0]).values);
+      const own = layers.find(({ name }) => name === this.layer.name) ?? layers[0];
+      scene.setValues(mesh, own.values);
     }
     scene.setScale(this.kind.scale);
     ui.scale.hidden = this.mode !== 1;
@@ -145,9 +148,9 @@ export class FringeViewer {
   }
 
   rangeChanged() {
-    const { ui, kind, layer, spread } = this;
+    const { ui, kind, layer } = this;
     if (Number(ui.low.value) >= Number(ui.high.value)) ui.low.value = Number(ui.high.value) - 1;
-    const digits = decimals((spread.high - spread.low) / 10);
+    const digits = decimals((this.spread.high - this.spread.low) / 10);
     const texts = this.range.map((v) => v.toFixed(digits));
     [ui.lowText.textContent, ui.highText.textContent] = texts;
     ui.unitText.textContent = layer.unit ? `${kind.label}, ${layer.unit}` : kind.label;
@@ -227,20 +230,25 @@ export class FringeViewer {
   /** The view or the look has changed: draw coarsely now, and all points after a while. */
   move() {
     this.tools.map = null;
+    this.rested = false;
+    clearTimeout(this.rest);
     this.frame ??= requestAnimationFrame((time) => {
       this.frame = null;
       this.adapt(time);
       this.draw();
+      // From here on: a slow frame must not stop the picture of all points that has begun.
+      this.rest = setTimeout(() => this.settle(), REST_MS);
     });
-    clearTimeout(this.rest);
-    this.rest = setTimeout(() => this.settle(), REST_MS);
   }
 
   /** Draw all points once the view rests; a pressed button or finger will move it again. */
   settle() {
     if (this.input.holds) return;
     this.last = null;
-    const done = () => performance.mark("fringe-viewer-all");
+    const done = () => {
+      this.rested = true;
+      performance.mark("fringe-viewer-all");
+    };
     this.scene.refine(this.meshes, this.view, this.look, this.stride === 1, done);
   }
 

@@ -38,7 +38,9 @@ class Opened:
 
     def js(self, expression, argument=None):
         """The value of an expression in which V is the viewer."""
-        return self.page.evaluate(f"async (a) => {{ const V = {VIEWER}; return {expression}; }}", argument)
+        return self.page.evaluate(
+            f"async (a) => {{ const V = {VIEWER}; return {expression}; }}", argument
+        )
 
     def ui(self, name):
         return self.page.locator(f"[data-ui={name}]").first
@@ -54,7 +56,9 @@ class Opened:
         """The stage as an (h, w, 3) array, without what is written over it."""
         self.rest()
         box = self.ui("stage").bounding_box()
-        content = self.page.screenshot(clip=box | {"y": box["y"] + 60, "height": box["height"] - 120})
+        content = self.page.screenshot(
+            clip=box | {"y": box["y"] + 60, "height": box["height"] - 120}
+        )
         return np.asarray(Image.open(io.BytesIO(content)).convert("RGB")).astype(int)
 
     def place(self, pixel):

@@ -45,7 +45,9 @@ def random_cloud(seed: int, shape=(23, 31), *, on_rays: bool = True) -> fw.Point
 def height_map(seed: int = 0, *, pupil=True) -> fw.HeightMap:
     rng = np.random.default_rng(seed)
     row, column = np.indices((20, 30)).astype(float)
-    values = 5.0 * np.exp(-((row - 10) ** 2 + (column - 15) ** 2) / 40) + rng.normal(0, 0.01, (20, 30))
+    values = 5.0 * np.exp(-((row - 10) ** 2 + (column - 15) ** 2) / 40) + rng.normal(
+        0, 0.01, (20, 30)
+    )
     reason = np.where(rng.random(values.shape) < 0.1, fw.Reason.LOW_MODULATION, 0).astype(np.uint8)
     values[reason > 0] = np.nan
     sigma = np.where(reason == 0, rng.uniform(0.01, 0.05, values.shape), np.nan)
@@ -60,8 +62,12 @@ def coordinate_map() -> fw.CoordinateMap:
 def worn(cloud: fw.PointCloud, depth_mm: float = 0.2) -> fw.PointCloud:
     """The cloud with everything farther away by a little, and other noise."""
     length = np.linalg.norm(cloud.xyz_mm, axis=-1, keepdims=True)
-    noise = np.random.default_rng(5).normal(0, 1, cloud.shape)[..., None] * cloud.sigma_mm[..., None]
-    return replace(cloud, xyz_mm=(cloud.xyz_mm * (1 + (depth_mm + noise) / length)).astype(np.float32))
+    noise = (
+        np.random.default_rng(5).normal(0, 1, cloud.shape)[..., None] * cloud.sigma_mm[..., None]
+    )
+    return replace(
+        cloud, xyz_mm=(cloud.xyz_mm * (1 + (depth_mm + noise) / length)).astype(np.float32)
+    )
 
 
 def without_values(cloud: fw.PointCloud) -> fw.PointCloud:

@@ -161,7 +161,12 @@ def test_colours_keep_their_channels():
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1)])
 def test_the_smallest_rasters(shape):
     cloud = random_cloud(0, shape)
-    cloud = replace(cloud, reason=np.zeros(shape, np.uint8), xyz_mm=np.ones((*shape, 3), np.float32), sigma_mm=np.full(shape, 0.1, np.float32))
+    cloud = replace(
+        cloud,
+        reason=np.zeros(shape, np.uint8),
+        xyz_mm=np.ones((*shape, 3), np.float32),
+        sigma_mm=np.full(shape, 0.1, np.float32),
+    )
     found = unpacked(fw.pack_surface(cloud).data)
     assert_within(found, organised_points(cloud), cloud.sigma_mm, cloud.reason)
 
@@ -215,7 +220,10 @@ def test_names_and_notes_are_bounded_and_stay_text():
         ({"texture": np.zeros((23, 31, 4))}, "texture: expected numbers of shape"),
         ({"deviation": np.full((23, 31), "a")}, "deviation: expected numbers"),
         ({"every": 0}, "every: expected a whole number of 1 or more"),
-        ({"camera": small_rig()}, r"camera: it is for frames of 320 × 256 px, got a cloud of 31 × 23"),
+        (
+            {"camera": small_rig()},
+            r"camera: it is for frames of 320 × 256 px, got a cloud of 31 × 23",
+        ),
     ],
 )
 def test_refusals(options, message):
@@ -227,6 +235,8 @@ def test_a_camera_that_has_not_seen_the_cloud_is_refused():
     other = replace(small_rig().camera, principal_px=(140.0, 100.0))
     with pytest.raises(fw.RigMismatch, match="rays pass the points at"):
         fw.pack_surface(measured_bust(), camera=other)
+    with pytest.raises(fw.InputError, match="camera: expected none for a HeightMap"):
+        fw.pack_surface(height_map(), camera=small_rig())
     with pytest.raises(fw.InputError, match="got str"):
         fw.pack_surface("bust")
 

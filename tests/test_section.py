@@ -69,9 +69,7 @@ def test_a_profile_refuses(start, stop, message):
 def test_a_line_along_the_heights_has_no_profile():
     values = np.array([[0.0, 5.0]])
     # The pupil straight above: both pixels stand on one ray.
-    surface = fw.HeightMap(
-        values, values + 0.1, np.zeros((1, 2), np.uint8), "height", "mm", 1e-9
-    )
+    surface = fw.HeightMap(values, values + 0.1, np.zeros((1, 2), np.uint8), "height", "mm", 1e-9)
     with pytest.raises(fw.InputError, match="across the direction of heights"):
         fw.profile(surface, (0, 0), (1, 0))
 

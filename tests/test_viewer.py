@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from fringeworks.report.viewer.page import MODULES
 from fringeworks.surface.cloud import cloud_triangles
 from fringeworks.surface.height_map import height_map_points, height_map_triangles
 from fringeworks.surface.section import organised_points
-from tests.browser import chromium, pages  # noqa: F401 (fixtures)
+from tests import browser
 from tests.surfaces import (
     HOSTILE,
     height_map,
@@ -30,6 +31,7 @@ from tests.surfaces import (
     worn,
 )
 
+chromium, pages = browser.chromium, browser.pages  # fixtures
 SOURCE = Path(fw.__file__).parent / "report" / "viewer"
 
 
@@ -75,7 +77,7 @@ def test_points_read_back_within_an_eighth_of_sigma(pages, result, options):
 
 
 def test_a_list_of_points_is_shown_as_it_is(pages):
-    xyz = np.random.default_rng(0).normal(0, 20, (500, 3)) + [0, 0, 400]
+    xyz = np.random.default_rng(0).normal(0, 20, (500, 3)) + np.array([0, 0, 400])
     opened = pages.open(fw.viewer_page(fw.pack_surface(Points(xyz, None))))
     np.testing.assert_array_equal(points_of(opened), xyz)
     assert coloured(opened.picture(), opened) > 0.001
@@ -83,7 +85,9 @@ def test_a_list_of_points_is_shown_as_it_is(pages):
 
 def coloured(picture, opened) -> float:
     """Share of a picture that is not background."""
-    background = np.array([int(v) for v in opened.js("getComputedStyle(V.ui.stage).backgroundColor.match(/\\d+/g)")])
+    background = np.array(
+        [int(v) for v in opened.js("getComputedStyle(V.ui.stage).backgroundColor.match(/\\d+/g)")]
+    )
     return float((np.abs(picture - background).max(axis=-1) > 12).mean())
 
 
@@ -139,7 +143,10 @@ def test_the_value_under_the_cursor_with_sigma_or_the_reason(pages):
     pixel = int(measured_pixels(FOREHEAD)[40])
     opened.page.mouse.move(*opened.place(pixel))
     said = opened.text("readout")
-    place = re.match(r"column (\d+), row (\d+): x (\S+), y (\S+) mm, z (\S+) mm, σ (\S+) mm, modulation (\S+)", said)
+    place = re.match(
+        r"column (\d+), row (\d+): x (\S+), y (\S+) mm, z (\S+) mm, σ (\S+) mm, modulation (\S+)",
+        said,
+    )
     assert place, said
     column, row = int(place[1]), int(place[2])
     # Some pixels fall on one place of the screen: the one in front is told.
@@ -199,7 +206,9 @@ def drag(opened, window):
     return np.array(opened.js("V.tools.chosen.pixels"))
 
 
-@pytest.mark.parametrize(("body", "window"), [("sphere", FOREHEAD), ("plane", (226, 250, 130, 190))])
+@pytest.mark.parametrize(
+    ("body", "window"), [("sphere", FOREHEAD), ("plane", (226, 250, 130, 190))]
+)
 def test_a_region_fits_what_the_library_fits(pages, body, window):
     opened = pages.open(bust_page())
     camera_view(opened)
@@ -216,9 +225,13 @@ def test_a_region_fits_what_the_library_fits(pages, body, window):
     sigma = float(np.median(bust().sigma_mm.ravel()[pixels]))
     for form, tolerance in ((own, 2e-5), (measured, sigma / 8)):
         assert found["deviation"] == pytest.approx(form.deviation_mm, abs=tolerance)
-        assert found["range"] == pytest.approx(form.spread_mm(), abs=2 * tolerance + sigma / 4 * (form is measured))
+        assert found["range"] == pytest.approx(
+            form.spread_mm(), abs=2 * tolerance + sigma / 4 * (form is measured)
+        )
         if body == "sphere":
-            assert found["radius"] == pytest.approx(form.parameters["radius_mm"], abs=10 * tolerance)
+            assert found["radius"] == pytest.approx(
+                form.parameters["radius_mm"], abs=10 * tolerance
+            )
             assert np.allclose(found["centre"], form.parameters["centre_mm"], atol=10 * tolerance)
         else:
             assert np.dot(found["normal"], form.parameters["normal"]) > 1 - 1e-6
@@ -250,7 +263,10 @@ def test_what_cannot_be_fitted_says_why(pages):
 
 def test_two_results_side_by_side_and_as_the_difference_of_the_library(pages):
     other = worn(bust())
-    one, two = (fw.pack_surface(cloud, camera=small_rig(), title=name) for cloud, name in ((bust(), "new"), (other, "worn")))
+    one, two = (
+        fw.pack_surface(cloud, camera=small_rig(), title=name)
+        for cloud, name in ((bust(), "new"), (other, "worn"))
+    )
     opened = pages.open(fw.viewer_page(one, two))
     alone = opened.picture()
     opened.ui("show").select_option("both")
@@ -274,7 +290,9 @@ def test_two_results_side_by_side_and_as_the_difference_of_the_library(pages):
 
 
 def test_a_difference_of_unlike_surfaces_is_refused_in_words(pages):
-    page = fw.viewer_page(fw.pack_surface(bust(), camera=small_rig()), fw.pack_surface(height_map()))
+    page = fw.viewer_page(
+        fw.pack_surface(bust(), camera=small_rig()), fw.pack_surface(height_map())
+    )
     opened = pages.open(page)
     opened.ui("show").select_option("difference")
     assert "two surfaces of one kind, size, pitch and unit" in opened.text("readout")
@@ -301,7 +319,7 @@ def test_layers_light_range_and_clip_planes_change_the_picture(pages):
     for layer in ("sigma", "modulation", "texture", "reason", "plain", "cloud"):
         opened.ui("layer").select_option(layer)
         seen.append(opened.picture())
-    for one, other in zip(seen[:-1], seen[1:], strict=True):
+    for one, other in pairwise(seen):
         assert np.mean(np.abs(one - other).max(axis=-1) > 30) > 0.02
     np.testing.assert_array_equal(seen[0], seen[-1])
     opened.ui("low").fill("600")
@@ -326,7 +344,11 @@ def test_the_keyboard_reaches_everything(pages):
     reached = set()
     opened.ui("picture").focus()
     for _ in range(names + 3):
-        reached.add(opened.page.evaluate("[...document.querySelectorAll('*')].indexOf(document.activeElement)"))
+        reached.add(
+            opened.page.evaluate(
+                "[...document.querySelectorAll('*')].indexOf(document.activeElement)"
+            )
+        )
         opened.page.keyboard.press("Tab")
     assert len(reached) >= names
     camera_view(opened)
@@ -355,7 +377,9 @@ def test_every_control_has_a_name(pages):
 
 
 def luminance(colour):
-    linear = [v / 12.92 if v <= 0.03928 else ((v + 0.055) / 1.055) ** 2.4 for v in np.array(colour) / 255]
+    linear = [
+        v / 12.92 if v <= 0.03928 else ((v + 0.055) / 1.055) ** 2.4 for v in np.array(colour) / 255
+    ]
     return float(np.dot([0.2126, 0.7152, 0.0722], linear))
 
 
@@ -438,7 +462,9 @@ def test_a_page_of_somebody_elses_holds_two_viewers(pages):
     fragments = [fw.viewer_fragment(fw.pack_surface(s)) for s in (height_map(), bust())]
     style = f"<style>{fw.viewer_style()} .fringe-viewer-mount {{ height: 400px }}</style>"
     script = f"<script>{fw.viewer_script()}</script>"
-    opened = pages.open(f"<!doctype html><meta charset=utf-8>{style}{fragments[0]}<p>text{fragments[1]}{script}")
+    opened = pages.open(
+        f"<!doctype html><meta charset=utf-8>{style}{fragments[0]}<p>text{fragments[1]}{script}"
+    )
     counts = opened.page.evaluate(
         "Promise.all([...document.querySelectorAll('.fringe-viewer-mount')].map(async (e) => {"
         "await e.viewer.ready; return e.viewer.surfaces[0].header.count; }))"
@@ -476,7 +502,9 @@ def test_the_script_is_clean():
     program = Path(sys.executable).with_name("oxlint")
     if not program.exists():
         pytest.skip("oxlint is not installed")
-    done = subprocess.run([program, "--deny-warnings", SOURCE], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [program, "--deny-warnings", SOURCE], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout
 
 
@@ -488,12 +516,16 @@ def test_the_modules_hold_what_they_say():
         assert len(lines) <= 400, name
         assert max(map(len, lines)) <= 100, name
         rest = "".join(other for key, other in texts.items() if key != name)
-        for exported in re.findall(r"^export (?:async )?(?:function|class|const) (\w+)", text, re.M):
+        for exported in re.findall(
+            r"^export (?:async )?(?:function|class|const) (\w+)", text, re.M
+        ):
             assert exported == "FringeViewer" or re.search(rf"\b{exported}\b", rest), exported
         # Data never becomes markup; the template is the only exception, and it is a constant.
         assert "insertAdjacentHTML" not in text
         assert set(re.findall(r"innerHTML = (\w+)", text)) <= {"TEMPLATE"}
         # Methods and functions that nobody calls.
-        for function in re.findall(r"^(?:  |)(?:async |get |function )*(\w+)\(.*\) \{$", text, re.M):
+        for function in re.findall(
+            r"^(?:  |)(?:async |get |function )*(\w+)\(.*\) \{$", text, re.M
+        ):
             uses = len(re.findall(rf"\b{function}\b", "".join(texts.values())))
             assert uses >= 2 or function == "constructor", f"{name}.{function}"

@@ -21,9 +21,9 @@ class Profile(Frozen):
     pixels: FloatMap
     """Column and row of every sample, (n, 2), whole numbers."""
     along_mm: FloatMap
-    """Distance of every sample from the first one along the line, (n,), mm; NaN where unmeasured."""
+    """Distance of every sample from the first one along the line, (n,), mm; NaN: unmeasured."""
     height_mm: FloatMap
-    """Height over the line, towards the camera, (n,), mm; 0 at both ends, NaN where unmeasured."""
+    """Height over the line, towards the camera, (n,), mm; 0 at both ends, NaN: unmeasured."""
     sigma_mm: FloatMap
     """Standard deviation of the samples along the camera's ray, (n,), mm; NaN where unmeasured."""
     length_mm: float
@@ -80,7 +80,9 @@ def profile(
     points = organised_points(surface)
     sigma = surface.sigma_mm if isinstance(surface, PointCloud) else surface.sigma
     upward = np.array([0.0, 0.0, -1.0 if isinstance(surface, PointCloud) else 1.0])
-    first, last = (_end(points, name, end) for name, end in (("start", start_px), ("stop", stop_px)))
+    first, last = (
+        _end(points, name, end) for name, end in (("start", start_px), ("stop", stop_px))
+    )
     length = float(np.linalg.norm(last - first))
     if not length > 0:
         raise InputError(f"profile: expected two different points, got {start_px} and {stop_px}")
@@ -91,9 +93,7 @@ def profile(
     up /= np.linalg.norm(up)
     pixels = _line(start_px, stop_px)
     sampled = points[pixels[:, 1], pixels[:, 0]]
-    found = np.where(
-        np.isfinite(sampled[:, 0]), sigma[pixels[:, 1], pixels[:, 0]], np.nan
-    )
+    found = np.where(np.isfinite(sampled[:, 0]), sigma[pixels[:, 1], pixels[:, 0]], np.nan)
     offset = sampled - first
     return Profile(pixels.astype(np.float64), offset @ along, offset @ up, found, length)
 
@@ -156,7 +156,9 @@ def _end(points: FloatMap, name: str, pixel: tuple[int, int]) -> FloatMap:
     return np.asarray(point)
 
 
-def _line(start: tuple[int, int], stop: tuple[int, int]) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
+def _line(
+    start: tuple[int, int], stop: tuple[int, int]
+) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
     """The pixels nearest to a line, (n, 2); halves are rounded up."""
     a, b = np.array(start, np.float64), np.array(stop, np.float64)
     n = int(np.abs(b - a).max())

@@ -1,8 +1,13 @@
 """The viewer of surfaces: a page of plain JavaScript and WebGL2 that needs no server.
 
-``pack`` turns results into compact bytes (``coding`` holds the codes), ``page`` writes them with the
-viewer into HTML. The viewer itself is ``unpack.js`` (bytes to points), ``measure.js`` (triangles,
-normals, picks, fits), ``scene.js`` (WebGL2), ``viewer.js`` (controls) and ``viewer.css``.
+``pack`` turns results into compact bytes: ``content`` brings them into one form, ``placing`` and
+``coding`` hold the codes. ``page`` writes them into HTML, with the viewer. The viewer itself:
+
+- ``unpack.js`` turns the bytes into points, σ, reasons and layers;
+- ``mesh.js``, ``measure.js``, ``fit.js`` compute what the library computes, with its constants;
+- ``scene.js`` with the two shaders draws, ``view.js`` turns, ``overlay.js`` draws what is above;
+- ``viewer.js`` with ``viewer.html`` and ``viewer.css`` holds the controls, ``tools.js`` what is
+  measured at the cursor, ``input.js`` mouse, touch and keys.
 
 For a page that is written elsewhere (the HTML report, a notebook, the studio)::
 

@@ -81,6 +81,10 @@ def content_of(result: object, camera: Rig | Pinhole | None, every: int) -> Cont
     """The content of a result; see ``pack_surface``."""
     if not isinstance(every, int) or every < 1:
         raise InputError(f"every: expected a whole number of 1 or more, got {every!r}")
+    if camera is not None and not isinstance(result, Measurement | PointCloud):
+        raise InputError(
+            f"camera: expected none for a {type(result).__name__}; only point clouds have one"
+        )
     pinhole = camera.camera if isinstance(camera, Rig) else camera
     found = _content(result, pinhole, every)
     if found.points.shape[0] * found.points.shape[1] == 0:
@@ -109,7 +113,7 @@ def check_pixels(pixels: int, every: int) -> None:
 
 
 @singledispatch
-def _content(result: Any, camera: Pinhole | None, every: int) -> Content:
+def _content(result: Any, _camera: Pinhole | None, _every: int) -> Content:
     raise InputError(
         "surface: expected a Measurement, Reconstruction, PointCloud, HeightMap, CoordinateMap or "
         f"Points, got {type(result).__name__}"
@@ -166,7 +170,7 @@ def _check_camera(lattice: Lattice, points: FloatMap, sigma: FloatMap) -> None:
 
 
 @_content.register
-def _(surface: HeightMap, camera: Pinhole | None, every: int) -> Content:
+def _(surface: HeightMap, _camera: Pinhole | None, every: int) -> Content:
     check_pixels(surface.values.size, every)
     values = surface.values[::every, ::every].astype(np.float64)
     lateral = "mm" if surface.unit == "mm" and surface.pitch is not None else "px"
@@ -188,7 +192,7 @@ def _(surface: HeightMap, camera: Pinhole | None, every: int) -> Content:
 
 
 @_content.register
-def _(result: CoordinateMap, camera: Pinhole | None, every: int) -> Content:
+def _(result: CoordinateMap, _camera: Pinhole | None, every: int) -> Content:
     check_pixels(result.reason.size, every)
     part = (slice(None, None, every), slice(None, None, every))
     values = result.coordinate_px[part].astype(np.float64)
@@ -220,7 +224,7 @@ def _over_plane(
 
 
 @_content.register
-def _(cloud: Points, camera: Pinhole | None, every: int) -> Content:
+def _(cloud: Points, _camera: Pinhole | None, every: int) -> Content:
     xyz = np.asarray(cloud.xyz_mm, np.float64)[:: every**2]
     check_pixels(len(xyz), 1)
     unknown = np.full(len(xyz), np.nan)

@@ -201,11 +201,15 @@ def _layer(
         codes, table = logarithms(values.astype(np.float64), bounded=False)
         return {"name": name, "unit": "counts", **_coded_bytes(blocks, codes, everywhere, table)}
     if name == "deviation":
-        return {"name": name, "unit": content.unit, **_deviation(blocks, values, content, low_sigma)}
+        return {
+            "name": name,
+            "unit": content.unit,
+            **_deviation(blocks, values, content, low_sigma),
+        }
     finite = values[np.isfinite(values)]
     white = float(np.percentile(finite, WHITE_PERCENTILE)) if finite.size else 1.0
     first = min(0.0, float(finite.min())) if finite.size else 0.0
-    step = max(white - first, np.finfo(np.float32).tiny) / (CODES - 1)
+    step = max(white - first, float(np.finfo(np.float32).tiny)) / (CODES - 1)
     channels = values[..., None] if values.ndim == 2 else values
     places = []
     for k in range(channels.shape[-1]):

@@ -16,7 +16,17 @@ from fringeworks.surface import cloud, form, height_map
 from fringeworks.types import MAD_TO_SIGMA, InputError
 
 MODULES = (
-    "numbers", "unpack", "mesh", "measure", "fit", "scene", "overlay", "view", "tools", "input", "viewer"
+    "numbers",
+    "unpack",
+    "mesh",
+    "measure",
+    "fit",
+    "scene",
+    "overlay",
+    "view",
+    "tools",
+    "input",
+    "viewer",
 )
 """The viewer's JavaScript files in an order in which each finds what it imports."""
 MAX_SURFACES = 2
@@ -39,13 +49,12 @@ LIBRARY = {
 }
 """Constants that the viewer shares with the functions whose figures it computes as well."""
 SCALES = {
-    "height": "440154 472d7b 3b528b 2c728e 21918c 28ae80 5ec962 addc30 fde725".split(),
-    "spread": "0d0887 46039f 7201a8 9c179e bd3786 d8576b ed7953 fb9f3a fdca26 f0f921".split(),
-    "signed": "2166ac 67a9cf d1e5f0 f7f7f7 fddbc7 ef8a62 b2182b".split(),
-    "grey": ["000000", "ffffff"],
-    "reasons": (
-        "d5d7da 9a9a9a 1f77b4 9467bd ff7f0e d62728 8c564b e377c2 17becf 44577f bcbd22 2ca02c"
-    ).split(),
+    "height": "440154 472d7b 3b528b 2c728e 21918c 28ae80 5ec962 addc30 fde725",
+    "spread": "0d0887 46039f 7201a8 9c179e bd3786 d8576b ed7953 fb9f3a fdca26 f0f921",
+    "signed": "2166ac 67a9cf d1e5f0 f7f7f7 fddbc7 ef8a62 b2182b",
+    "grey": "000000 ffffff",
+    "reasons": "d5d7da 9a9a9a 1f77b4 9467bd ff7f0e d62728 8c564b e377c2 17becf 44577f "
+    "bcbd22 2ca02c",
 }
 """Colours, evenly spaced: viridis and plasma of Matplotlib, blue to red, grey; one per reason."""
 VIEWS = ((0, 0), (90, 0), (-90, 0), (0, 90), (-32, 22))
@@ -101,7 +110,7 @@ def viewer_script() -> str:
     """
     constants: dict[str, object] = {
         "LIBRARY": LIBRARY,
-        "SCALES": SCALES,
+        "SCALES": {name: colours.split() for name, colours in SCALES.items()},
         "LAYERS": LAYERS,
         "VIEWS": VIEWS,
         "TEMPLATE": _asset("viewer.html"),
@@ -125,7 +134,7 @@ def viewer_fragment(*surfaces: PackedSurface) -> str:
     Parameters
     ----------
     *surfaces : PackedSurface
-        One or two. The viewer fills its element: the page gives ``.fringe-viewer-mount`` a height.
+        One or two. The viewer fills the element ``.fringe-viewer-mount``: give it a height.
 
     Raises
     ------
@@ -133,10 +142,9 @@ def viewer_fragment(*surfaces: PackedSurface) -> str:
 
     Examples
     --------
-    >>> from fringeworks.files.points import Points
     >>> import numpy as np
-    >>> from fringeworks.report.viewer.content import MAX_PIXELS
-from fringeworks.report.viewer.pack import pack_surface
+    >>> from fringeworks.files.points import Points
+    >>> from fringeworks.report.viewer.pack import pack_surface
     >>> viewer_fragment(pack_surface(Points(np.zeros((1, 3)), None)))[:33]
     '<div class="fringe-viewer-mount">'
     """
@@ -173,8 +181,7 @@ def viewer_page(*surfaces: PackedSurface, title: str = "") -> str:
     --------
     >>> import numpy as np
     >>> from fringeworks.files.points import Points
-    >>> from fringeworks.report.viewer.content import MAX_PIXELS
-from fringeworks.report.viewer.pack import pack_surface
+    >>> from fringeworks.report.viewer.pack import pack_surface
     >>> viewer_page(pack_surface(Points(np.zeros((1, 3)), None), title="a point"))[:15]
     '<!doctype html>'
     """

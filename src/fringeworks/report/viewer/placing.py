@@ -108,7 +108,11 @@ def fitted_camera(points: FloatMap) -> Pinhole | None:
 
 
 def place_points(
-    blocks: Blocks, points: FloatMap, measured: BoolMap, low_sigma: FloatMap, lattice: Lattice | None
+    blocks: Blocks,
+    points: FloatMap,
+    measured: BoolMap,
+    low_sigma: FloatMap,
+    lattice: Lattice | None,
 ) -> dict[str, Any]:
     """Write the points in the shortest form that keeps them within σ/8.
 

@@ -74,7 +74,7 @@ class Pages:
     def __init__(self, browser, folder):
         self.browser, self.folder, self.opened = browser, folder, []
 
-    def open(self, html, *, width=960, height=600, dark=False, ready=True):
+    def open(self, html, *, width=800, height=500, dark=False, ready=True):
         path = self.folder / f"page{len(self.opened)}.html"
         path.write_text(html, encoding="utf-8")
         page = self.browser.new_page(

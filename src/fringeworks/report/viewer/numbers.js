@@ -3,8 +3,10 @@
 // Values, about, that quantiles and histograms come from.
 const SAMPLED_VALUES = 30_000;
 const BINS = 120;
-// Shares of the values below a range and above it: outliers do not widen the colour scale.
+// Shares of the values below the ends of a range: outliers do not widen the colour scale. Signed
+// values are largest at rims, so that their range leaves out more.
 const ENDS = [0.002, 0.998];
+const SIGNED_ENDS = [0.02, 0.98];
 
 export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 export const minus = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -52,7 +54,7 @@ export function bounds({ points, reason }) {
 /** The range of nearly all values, about 0 for signed ones; and how many lie in each bin of it. */
 export function spread(values, signed) {
   const some = sampled(values.length, (i) => values[i]);
-  let [low, high] = ENDS.map((share) => quantile(some, share));
+  let [low, high] = (signed ? SIGNED_ENDS : ENDS).map((share) => quantile(some, share));
   if (Number.isNaN(low)) [low, high] = [0, 1];
   if (signed) [low, high] = [-1, 1].map((side) => side * Math.max(-low, high));
   if (!(high > low)) [low, high] = [low - 0.5, low + 0.5];

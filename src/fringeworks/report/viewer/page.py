@@ -165,9 +165,9 @@ def viewer_page(*surfaces: PackedSurface, title: str = "") -> str:
     Parameters
     ----------
     *surfaces : PackedSurface
-        One or two.
+    One or two.
     title : str
-        Title of the page, plain text; the first surface's by default.
+    Title of the page, plain text; the first surface's by default.
 
     Returns
     -------

@@ -26,9 +26,9 @@ export class Scene {
     if (!gl) throw new Error("This browser offers no WebGL2, which the picture needs.");
     this.gl = gl;
     this.canvas = canvas;
-    this.program = linked(gl);
-    this.places = {};
-    gl.useProgram(this.program);
+    // The graphics process compiles while the page unpacks: nothing may ask for the result yet.
+    this.program = started(gl);
+    this.places = null;
     gl.enable(gl.DEPTH_TEST);
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
@@ -139,6 +139,17 @@ export class Scene {
     gl.drawElements(call.type, call.count, gl.UNSIGNED_INT, 4 * call.from);
   }
 
+  /** Use the program; it is checked when the first picture is drawn. */
+  use() {
+    const { gl, program } = this;
+    if (this.places) return;
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
+      throw new Error(`The picture cannot be drawn: ${gl.getProgramInfoLog(program)}`);
+    }
+    gl.useProgram(program);
+    this.places = {};
+  }
+
   place(name) {
     this.places[name] ??= this.gl.getUniformLocation(this.program, name);
     return this.places[name];
@@ -152,6 +163,7 @@ export class Scene {
   /** Draw every k-th pixel at once. */
   draw(meshes, view, look, stride) {
     this.stop();
+    this.use();
     this.gl.bindFramebuffer(this.gl.FRAMEBUFFER, null);
     this.clear(look);
     for (const call of this.calls(meshes, look, stride)) this.issue(call, view, look, stride);
@@ -220,7 +232,7 @@ export class Scene {
   }
 }
 
-function linked(gl) {
+function started(gl) {
   const program = gl.createProgram();
   for (const [type, text] of [
     [gl.VERTEX_SHADER, VERTEX_SHADER],
@@ -232,9 +244,6 @@ function linked(gl) {
     gl.attachShader(program, shader);
   }
   gl.linkProgram(program);
-  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) {
-    throw new Error(`The picture cannot be drawn: ${gl.getProgramInfoLog(program)}`);
-  }
   return program;
 }
 

@@ -86,7 +86,8 @@ export class Tools {
 
   pickPoint({ surface, pixel }) {
     if (pixel < 0 || surface.reason[pixel]) return;
-    if (this.picks.length === 2) this.forget();
+    if (this.picks.length === 2 || this.owner !== surface) this.forget();
+    this.owner = surface;
     this.picks.push(pixel);
     if (this.picks.length === 2 && this.picks[0] !== this.picks[1]) this.tellDistance(surface);
   }

@@ -69,20 +69,21 @@ async function inflate(reader, [offset, packed, size]) {
   return out;
 }
 
-/** Numbers of every channel of a code, one per pixel; NaN where there is none. */
-async function decode(reader, code, used, stepOf) {
+/** Numbers of every channel of a code, one per pixel; NaN where there is none. `steps` are those of
+ * the pixels, or null for whole numbers. */
+async function decode(reader, code, used, steps) {
   const channels = [];
   for (const [k, blocks] of code.blocks.entries()) {
     const planes = [];
     for (const block of blocks) planes.push(await inflate(reader, block));
     const origin = code.origins ? code.origins[k] : 0;
-    channels.push(undoPrediction(reader, planes, used, stepOf, origin));
+    channels.push(undoPrediction(reader, planes, used, steps, origin));
   }
   return channels;
 }
 
 /** The twin of coding.predicted: every value from its neighbours to the left and above. */
-function undoPrediction({ width, height }, planes, used, stepOf, origin) {
+function undoPrediction({ width, height }, planes, used, steps, origin) {
   const values = new Float64Array(width * height).fill(NaN);
   const symbolAt = (n) => planes.reduce((sum, plane, k) => sum + plane[n] * 256 ** k, 0);
   const [lowest, second] = planes;
@@ -102,7 +103,7 @@ function undoPrediction({ width, height }, planes, used, stepOf, origin) {
       if (Number.isNaN(guess)) guess = left;
       if (Number.isNaN(guess) && y > 0) guess = values[i - width];
       if (Number.isNaN(guess)) guess = origin;
-      const step = stepOf(i);
+      const step = steps ? steps[i] : 1;
       values[i] = (change + Math.floor(guess / step + 0.5)) * step;
     }
   }
@@ -114,7 +115,7 @@ async function readLogarithms(reader, code, used) {
   const table = new Float64Array(256);
   table[0] = code.first;
   for (let k = 1; k < 256; k++) table[k] = table[k - 1] * code.ratio;
-  const [codes] = await decode(reader, code, used, () => 1);
+  const [codes] = await decode(reader, code, used, null);
   for (let i = 0; i < codes.length; i++) codes[i] = Number.isNaN(codes[i]) ? NaN : table[codes[i]];
   return codes;
 }
@@ -124,7 +125,7 @@ async function readLayer(reader, layer, used, low, finest) {
     const lowest = await readLogarithms(reader, layer, used);
     return filled(Float32Array, lowest.length, (i) => lowest[i] * Math.sqrt(layer.ratio));
   }
-  const steps = layer.coding === "steps" ? stepsOf(layer, low, finest) : () => 1;
+  const steps = layer.coding === "steps" ? stepsOf(layer, low, finest) : null;
   const [one, green, blue] = await decode(reader, layer, used, steps);
   if (layer.coding === "steps") return new Float32Array(one);
   if (!green) return filled(Float32Array, one.length, (i) => layer.first + one[i] * layer.step);
@@ -134,8 +135,8 @@ async function readLayer(reader, layer, used, low, finest) {
 
 /** Step of every pixel: a share of its σ, the finest one where σ is not known. */
 function stepsOf(code, low, finest) {
-  if (code.fixed) return () => code.fixed;
-  return (i) => code.factor * (Number.isNaN(low[i]) ? finest : low[i]);
+  const own = (i) => code.factor * (Number.isNaN(low[i]) ? finest : low[i]);
+  return filled(Float64Array, low.length, code.fixed ? () => code.fixed : own);
 }
 
 /** Coordinates of all pixels, (n, 3); unmeasured ones get a stand-in where the place is known. */

@@ -16,6 +16,7 @@ const SLOW_MS = 90; // a frame that takes longer makes the moving raster coarser
 const FAST_MS = 30; // … a shorter one makes it finer
 const JUDGED_FRAMES = 4;
 const STRIDES = [1, 2, 3, 4, 6, 8, 12, 16];
+const FAR = 1e9; // a clip plane that clips nothing
 const STEPS = 1000; // of range handles and clip planes
 
 /** A viewer in an element. Its payloads are those given, or the scripts in the element. */
@@ -54,6 +55,7 @@ export class FringeViewer {
     this.turnTo(VIEWS.length - 1);
     this.say(header.count ? "Point at the surface to read a value." : "No pixel has a value.");
     if (!header.count) this.list("reason");
+    this.colour();
     this.draw();
     performance.mark("fringe-viewer-picture");
     await new Promise((done) => { setTimeout(done); }); // the picture first
@@ -94,6 +96,7 @@ export class FringeViewer {
     this.active = sets[what];
     this.tell();
     this.list(what === "difference" ? "difference" : this.ui.layer.value);
+    this.colour();
     this.tools.forget();
     this.resize();
   }
@@ -112,7 +115,7 @@ export class FringeViewer {
     ui.notes.replaceChildren(...shown.map((note) => make("li", note)));
   }
 
-  /** Fill the list of layers, choose one and colour by it. */
+  /** Fill the list of layers and choose one. */
   list(wanted) {
     const { layers } = this.active[0];
     const order = Object.keys(LAYERS);
@@ -120,7 +123,6 @@ export class FringeViewer {
     const options = layers.map(({ name }) => new Option(LAYERS[name].label, name));
     this.ui.layer.replaceChildren(...options);
     this.ui.layer.value = layers.some(({ name }) => name === wanted) ? wanted : layers[0].name;
-    this.colour();
   }
 
   colour() {
@@ -187,19 +189,34 @@ export class FringeViewer {
     this.clips = places.map(([axis, k, end]) => {
       const value = end === "to" ? STEPS : 0;
       const input = make("input", "", { type: "range", min: 0, max: STEPS, value });
-      const label = make("label", `${axis} ${end} `);
-      label.append(input);
+      const [label, text] = [make("label", `${axis} ${end} `), make("span")];
+      label.append(text, input);
       this.ui.clips.append(label);
-      return { input, k, end };
+      return { input, text, k, end };
     });
+    this.tellClips();
+  }
+
+  /** Say at which coordinates the clip planes lie. */
+  tellClips() {
+    const { centre } = this.box;
+    for (const end of ["from", "to"]) {
+      const clips = this.clips.filter((clip) => clip.end === end);
+      const places = this.clipEnds(end);
+      for (const [k, { text }] of clips.entries()) {
+        const stretch = k === 2 ? this.surfaces[0].header.stretch : 1;
+        const free = Math.abs(places[k]) > FAR / 2;
+        text.textContent = free ? "–" : (centre[k] + places[k] / stretch).toFixed(2);
+      }
+    }
   }
 
   /** Ends of the clipped box in the screen's coordinates; a handle at its end does not clip. */
   clipEnds(end) {
     const { half } = this.box;
     return this.clips.filter((clip) => clip.end === end).map(({ input, k }) => {
-      if (input.value === (end === "to" ? String(STEPS) : "0")) return end === "to" ? 1e9 : -1e9;
-      const stretch = k === 2 ? this.active[0].header.stretch : 1;
+      if (input.value === (end === "to" ? String(STEPS) : "0")) return end === "to" ? FAR : -FAR;
+      const stretch = k === 2 ? this.surfaces[0].header.stretch : 1;
       return ((2 * input.value) / STEPS - 1) * half[k] * stretch * 1.02;
     });
   }
@@ -311,6 +328,7 @@ export class FringeViewer {
     surface.layers = surface.layers.filter(({ name }) => name !== layer.name);
     surface.layers.push(layer);
     this.list(this.ui.layer.value);
+    if (this.layer.name === layer.name) this.colour();
   }
 
   listen() {
@@ -322,6 +340,9 @@ export class FringeViewer {
     }
     ui.fit.addEventListener("click", () => this.fitView());
     ui.cross.addEventListener("click", () => this.toggleCross());
+    ui.picture.addEventListener("webglcontextlost", () => {
+      this.say("The browser has taken the picture's memory away: load the page again.");
+    });
     new ResizeObserver(() => this.resize()).observe(ui.stage);
     const scheme = matchMedia("(prefers-color-scheme: dark)");
     scheme.addEventListener("change", () => this.resize());
@@ -335,6 +356,7 @@ export class FringeViewer {
     else if (target.name === "tool") tools.changed();
     else if (target === ui.show) this.tryChoose(target);
     else this.move();
+    if (ui.clips.contains(target)) this.tellClips();
   }
 
   tryChoose(select) {

@@ -432,7 +432,8 @@ def test_surfaces_with_hardly_anything(pages, kind):
         assert "No pixel has a value." in opened.text("readout")
         assert "shadow" in opened.text("legend")
     else:
-        assert f"{shape[1]} points, 100.0 %" in opened.text("summary")
+        words = "1 point, 100.0 %" if shape[1] == 1 else "2 points, 100.0 %"
+        assert words in opened.text("summary")
         opened.page.mouse.move(*opened.place(0))
         told = re.findall(r"-?[\d.]+(?= mm|,)", opened.text("readout").partition(": ")[2])
         assert np.allclose(np.array(told, float), [1, 2, 400, 0.1], atol=0.1 / 8 + 0.005)

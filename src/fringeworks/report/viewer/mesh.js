@@ -17,7 +17,7 @@ export function edgeRule(surface) {
 
 function ruleOfHeights({ points, header }) {
   const { pitch } = header.place;
-  const steepest = (LIBRARY.maxSlope * pitch) / header.stretch;
+  const steepest = LIBRARY.maxSlope * pitch;
   const rise = (i, j) => Math.abs(points[3 * i + 2] - points[3 * j + 2]);
   return {
     side: pitch,

@@ -24,6 +24,7 @@ MODULES = (
     "scene",
     "overlay",
     "view",
+    "clips",
     "tools",
     "input",
     "viewer",

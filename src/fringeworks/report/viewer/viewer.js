@@ -1,6 +1,7 @@
 // The viewer: its surfaces, its controls and its picture. The settings are the controls' values.
 
 import { LAYERS, SCALES, TEMPLATE, VIEWS } from "./assets.js";
+import { Clips } from "./clips.js";
 import { Input } from "./input.js";
 import { difference } from "./measure.js";
 import { bounds, decimals, filled, make, spread } from "./numbers.js";
@@ -16,8 +17,8 @@ const SLOW_MS = 90; // a frame that takes longer makes the moving raster coarser
 const FAST_MS = 30; // … a shorter one makes it finer
 const JUDGED_FRAMES = 4;
 const STRIDES = [1, 2, 3, 4, 6, 8, 12, 16];
-const FAR = 1e9; // a clip plane that clips nothing
-const STEPS = 1000; // of range handles and clip planes
+const NARROW_PX = 760; // below this width the controls lie below the picture
+const STEPS = 1000; // of range handles
 
 /** A viewer in an element. Its payloads are those given, or the scripts in the element. */
 export class FringeViewer {
@@ -49,7 +50,7 @@ export class FringeViewer {
     const flipped = header.kind === "cloud" || header.kind === "points";
     this.view = new View(flipped, this.box, header.stretch, this.surfaces[0].mesh.side);
     this.tools = new Tools(this);
-    this.addClips();
+    this.clips = new Clips(this.ui.clips, this.box, header.stretch);
     this.choose("one");
     this.listen();
     this.turnTo(VIEWS.length - 1);
@@ -105,8 +106,12 @@ export class FringeViewer {
   tell() {
     const { ui, active } = this;
     const { notes, note_count: all } = active[0].header;
-    const summary = ({ count, size: [w, h] }) =>
-      `${count.toLocaleString("en")} points, ${percent(count / (w * h))} of ${w} × ${h}`;
+    const summary = ({ count, raster, stretch, size: [w, h] }) => {
+      const parts = [`${count.toLocaleString("en")} ${count === 1 ? "point" : "points"}`];
+      if (raster) parts.push(`${percent(count / (w * h))} of ${w} × ${h}`);
+      if (stretch !== 1) parts.push(`z drawn × ${stretch.toPrecision(2)}`);
+      return parts.join(", ");
+    };
     ui.title.textContent = active.map(({ header }) => header.title || "Surface").join(" | ");
     ui.summary.textContent = active.map(({ header }) => summary(header)).join(" | ");
     const shown = all > notes.length ? [...notes, `… and ${all - notes.length} more notes`] : notes;
@@ -184,43 +189,6 @@ export class FringeViewer {
     this.ui.legend.replaceChildren(...rows.filter((_, code) => counts[code]));
   }
 
-  addClips() {
-    const places = ["x", "y", "z"].flatMap((axis, k) => [[axis, k, "from"], [axis, k, "to"]]);
-    this.clips = places.map(([axis, k, end]) => {
-      const value = end === "to" ? STEPS : 0;
-      const input = make("input", "", { type: "range", min: 0, max: STEPS, value });
-      const [label, text] = [make("label", `${axis} ${end} `), make("span")];
-      label.append(text, input);
-      this.ui.clips.append(label);
-      return { input, text, k, end };
-    });
-    this.tellClips();
-  }
-
-  /** Say at which coordinates the clip planes lie. */
-  tellClips() {
-    const { centre } = this.box;
-    for (const end of ["from", "to"]) {
-      const clips = this.clips.filter((clip) => clip.end === end);
-      const places = this.clipEnds(end);
-      for (const [k, { text }] of clips.entries()) {
-        const stretch = k === 2 ? this.surfaces[0].header.stretch : 1;
-        const free = Math.abs(places[k]) > FAR / 2;
-        text.textContent = free ? "–" : (centre[k] + places[k] / stretch).toFixed(2);
-      }
-    }
-  }
-
-  /** Ends of the clipped box in the screen's coordinates; a handle at its end does not clip. */
-  clipEnds(end) {
-    const { half } = this.box;
-    return this.clips.filter((clip) => clip.end === end).map(({ input, k }) => {
-      if (input.value === (end === "to" ? String(STEPS) : "0")) return end === "to" ? FAR : -FAR;
-      const stretch = k === 2 ? this.surfaces[0].header.stretch : 1;
-      return ((2 * input.value) / STEPS - 1) * half[k] * stretch * 1.02;
-    });
-  }
-
   /** What a picture depends on besides the view. */
   get look() {
     const { ui, kind, mode } = this;
@@ -228,8 +196,8 @@ export class FringeViewer {
     return {
       mode,
       range: kind.flip ? this.range.toReversed() : this.range,
-      low: this.clipEnds("from"),
-      high: this.clipEnds("to"),
+      low: this.clips.ends("from"),
+      high: this.clips.ends("to"),
       light: ui.light.checked,
       points: ui.points.checked,
       gaps: ui.gaps.checked || mode === 3,
@@ -295,6 +263,7 @@ export class FringeViewer {
   }
 
   resize() {
+    this.root.classList.toggle("narrow", this.root.clientWidth < NARROW_PX);
     const { clientWidth, clientHeight } = this.ui.stage;
     this.view.resize(Math.floor(clientWidth / this.active.length), clientHeight);
     this.ui.picture.width = Math.round(clientWidth * this.view.density);
@@ -356,7 +325,7 @@ export class FringeViewer {
     else if (target.name === "tool") tools.changed();
     else if (target === ui.show) this.tryChoose(target);
     else this.move();
-    if (ui.clips.contains(target)) this.tellClips();
+    if (ui.clips.contains(target)) this.clips.tell();
   }
 
   tryChoose(select) {

@@ -18,7 +18,7 @@ For a page that is written elsewhere (the HTML report, a notebook, the studio)::
 The script starts a viewer in every fragment of the page and defines ``FringeViewer``, nothing else.
 ``new FringeViewer(element, [payload])`` mounts one into an element of a page that is open already,
 where ``payload`` is ``PackedSurface.data`` as base64 text or as a ``Uint8Array``. Its ``ready`` is
-a promise. The viewer fills its element, to which the page gives a height; ``page.viewer_page`` shows
-how a content security policy allows the script by its hash. Where the element is narrow, the
+a promise. The viewer fills its element, to which the page gives a height; ``page.viewer_page``
+shows how a content security policy allows the script by its hash. Where the element is narrow, the
 controls lie below the picture. Light and dark colours follow the browser.
 """

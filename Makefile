@@ -38,6 +38,7 @@ check: $(VENV)/.built
 	cargo clippy --quiet --all-targets -- -D warnings
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/oxlint --quiet --deny-warnings src
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest fringeworks._core
 

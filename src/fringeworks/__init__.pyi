@@ -320,6 +320,11 @@ from .surface.cloud import (
     height_over_plane as height_over_plane,
     normals as normals,
 )
+from .surface.section import (
+    Profile as Profile,
+    difference as difference,
+    profile as profile,
+)
 from .surface.form_geometry import (
     BodyKind as BodyKind,
 )
@@ -422,6 +427,17 @@ from .report.setup_figures import (
 from .report.board_sheet import (
     board_sheet as board_sheet,
     write_board as write_board,
+)
+
+from .report.viewer.pack import (
+    PackedSurface as PackedSurface,
+    pack_surface as pack_surface,
+)
+from .report.viewer.page import (
+    viewer_fragment as viewer_fragment,
+    viewer_page as viewer_page,
+    viewer_script as viewer_script,
+    viewer_style as viewer_style,
 )
 
 # Showcase.

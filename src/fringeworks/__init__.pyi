@@ -424,6 +424,17 @@ from .report.figures import (
 from .report.setup_figures import (
     setup_sheet as setup_sheet,
 )
+from .report.page.report import (
+    ReportWritten as ReportWritten,
+    write_report as write_report,
+)
+from .report.page.tolerances import (
+    Tolerance as Tolerance,
+    parse_tolerance as parse_tolerance,
+)
+from .report.page.load import (
+    load_result as load_result,
+)
 from .report.board_sheet import (
     board_sheet as board_sheet,
     write_board as write_board,

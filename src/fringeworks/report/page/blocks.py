@@ -1,0 +1,81 @@
+"""What a report consists of, whether it becomes a page or a PDF."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+from fringeworks.report.viewer.pack import PackedSurface
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names and values, a line each."""
+
+    rows: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; all rows have the length of the columns."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+    bad: tuple[int, ...] = ()
+    """Rows that are marked as failed."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with the text for those who do not see it."""
+
+    figure: Figure
+    caption: str
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A surface to turn, and its maps; two surfaces can be compared."""
+
+    packed: tuple[PackedSurface, ...]
+    caption: str
+    draw: Callable[[], Figure]
+    """Draws what is shown where a surface cannot be turned: in a PDF."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Likely faults: kind, what was seen, causes, what to do."""
+
+    rows: tuple[tuple[str, str, str, str], ...]
+    hidden: int = 0
+    """Number of further findings that are not listed."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Origin:
+    """What is needed to compute a result again: names and values."""
+
+    rows: tuple[tuple[str, str], ...]
+
+
+Block = Facts | Origin | Table | Picture | Surface | Findings | Text
+"""A part of a chapter."""
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A part of a report with a heading."""
+
+    title: str
+    blocks: tuple[Block, ...]

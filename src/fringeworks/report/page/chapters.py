@@ -1,0 +1,304 @@
+"""The chapters of a report, by kind of result. A new kind is one function here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fringeworks.evaluate.form import FormEvaluation
+from fringeworks.files.findings import findings_as_dicts
+from fringeworks.files.points import Points
+from fringeworks.pipeline.pairs import Reconstruction
+from fringeworks.pipeline.stacks import Measurement
+from fringeworks.report import figures
+from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
+from fringeworks.report.page.charts import corner_coverage, histogram, pose_residuals
+from fringeworks.report.page.parts import (
+    dict_table,
+    facts,
+    findings_block,
+    provenance_block,
+    reasons_table,
+    tolerance_block,
+)
+from fringeworks.report.page.tolerances import Tolerance, judge
+from fringeworks.report.summary import summarise
+from fringeworks.report.viewer.pack import pack_surface
+from fringeworks.rig.calibration.calibrate import Calibration
+from fringeworks.rig.calibration.diagnosis import pose_figures
+from fringeworks.types import Decoded, FloatMap, HeightMap, InputError, PointCloud, Rig
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a chapter needs beside its result."""
+
+    name: str
+    """Heading."""
+    tolerances: tuple[Tolerance, ...] = ()
+    rig: Rig | None = None
+    """Of point clouds: their points then travel as depths."""
+    every: int = 1
+    """Every k-th pixel is shown."""
+    judged: list[bool] = field(default_factory=list)
+    """Filled by the chapters: whether each tolerance is kept."""
+
+
+@singledispatch
+def chapter_of(result: object, context: Context) -> Chapter:  # noqa: ARG001, for its kinds
+    """Return the chapter of a result.
+
+    Raises
+    ------
+    InputError for something that is no result.
+    """
+    raise InputError(f"report: expected a result of fringeworks, got {type(result).__name__}")
+
+
+def judged_block(values: dict[str, Any], context: Context) -> tuple[Block, ...]:
+    """Tolerances of a result, judged."""
+    judged = judge(values, context.tolerances)
+    context.judged.extend(one.kept for one in judged)
+    return tolerance_block(judged)
+
+
+def _surface(result: Any, context: Context, caption: str, draw: Callable[[], Figure]) -> Surface:
+    camera = context.rig if isinstance(result, Measurement | PointCloud) else None
+    packed = pack_surface(result, camera=camera, title=context.name, every=context.every)
+    return Surface((packed,), caption, draw)
+
+
+@chapter_of.register
+def _(result: Reconstruction, context: Context) -> Chapter:
+    return _heights(result.surface, result, context, result.notes, result.findings)
+
+
+@chapter_of.register
+def _(result: HeightMap, context: Context) -> Chapter:
+    return _heights(result, result, context, (), result.findings)
+
+
+def _heights(
+    surface: HeightMap,
+    result: Reconstruction | HeightMap,
+    context: Context,
+    notes: Sequence[str],
+    found: Sequence[Any],
+) -> Chapter:
+    values = _height_figures(result)
+    unit = surface.unit
+    rows = [
+        ("method", surface.method or None),
+        ("measured pixels", f"{1 - surface.failed_fraction:.2%}"),
+        (f"{surface.quantity}, smallest", _with_unit(values["minimum"], unit)),
+        (f"{surface.quantity}, largest", _with_unit(values["maximum"], unit)),
+        ("median σ", _with_unit(values["median_sigma"], unit)),
+        ("converged", surface.converged),
+    ]
+    return Chapter(
+        context.name,
+        (
+            facts(rows),
+            *judged_block(values, context),
+            _surface(
+                result,
+                context,
+                f"The {surface.quantity} with its standard deviation and reasons.",
+                lambda: figures.surface_sheet(context.name, surface),
+            ),
+            *findings_block(findings_as_dicts(tuple(found)), notes),
+            *_histograms(surface.values, surface.sigma, f"the {surface.quantity}", unit),
+            reasons_table(surface.reason),
+            *provenance_block(surface.provenance),
+        ),
+    )
+
+
+def _height_figures(result: Reconstruction | HeightMap) -> dict[str, Any]:
+    if isinstance(result, Reconstruction):
+        return summarise(result)
+    finite = result.values[np.isfinite(result.values)]
+    sigma = result.sigma[np.isfinite(result.sigma)]
+    return {
+        "failed_fraction": result.failed_fraction,
+        "minimum": float(finite.min()) if finite.size else None,
+        "maximum": float(finite.max()) if finite.size else None,
+        "median": float(np.median(finite)) if finite.size else None,
+        "median_sigma": float(np.median(sigma)) if sigma.size else None,
+    }
+
+
+def _with_unit(value: float | None, unit: str) -> str | None:
+    return None if value is None else f"{value:.5g} {unit}"
+
+
+def _histograms(values: FloatMap, sigma: FloatMap, quantity: str, unit: str) -> tuple[Block, ...]:
+    return (
+        Picture(histogram(values, f"{quantity.removeprefix('the ')} / {unit}"), f"Distribution of {quantity}."),
+        Picture(histogram(sigma, f"σ / {unit}"), "Distribution of the standard deviation σ."),
+    )
+
+
+@chapter_of.register
+def _(result: Measurement, context: Context) -> Chapter:
+    decoded = result.decoded
+    return _cloud(result.points, result, context, result.notes, decoded.findings)
+
+
+@chapter_of.register
+def _(result: PointCloud, context: Context) -> Chapter:
+    return _cloud(result, result, context, (), ())
+
+
+def _cloud(
+    cloud: PointCloud,
+    result: Measurement | PointCloud,
+    context: Context,
+    notes: Sequence[str],
+    found: Sequence[Any],
+) -> Chapter:
+    values = summarise(result)
+    rows = [
+        ("points", f"{values['points']:,}"),
+        ("measured pixels", f"{1 - cloud.failed_fraction:.2%}"),
+        ("median σ", _with_unit(values["median_sigma_mm"], "mm")),
+        ("median σ of pixel noise", _with_unit(values["median_noise_mm"], "mm")),
+        ("epipolar error (rms)", _with_unit(values["residual_rms_px"], "px")),
+    ]
+    blocks: list[Block] = [
+        facts(rows),
+        *judged_block(values, context),
+        _surface(
+            result,
+            context,
+            "The points with their standard deviations and reasons.",
+            lambda: figures.points_sheet(context.name, cloud),
+        ),
+        *findings_block(findings_as_dicts(tuple(found)), notes),
+        *_histograms(cloud.xyz_mm[..., 2], cloud.sigma_mm, "z", "mm"),
+    ]
+    if cloud.residual_px is not None:
+        chart = histogram(cloud.residual_px, "epipolar error / px")
+        blocks.append(Picture(chart, "Distance of the projector's points from epipolar lines."))
+    blocks += [reasons_table(cloud.reason), *provenance_block(cloud.provenance)]
+    return Chapter(context.name, tuple(blocks))
+
+
+@chapter_of.register
+def _(result: Points, context: Context) -> Chapter:
+    xyz = result.xyz_mm
+    values: dict[str, Any] = {
+        "points": len(xyz),
+        "median_sigma_mm": None if result.sigma_mm is None else float(np.median(result.sigma_mm)),
+    }
+    rows = [
+        ("points", f"{len(xyz):,}"),
+        ("median σ", _with_unit(values["median_sigma_mm"], "mm")),
+    ]
+    chart = histogram(xyz[:, 2], "z / mm", what="points")
+    packed = pack_surface(result, title=context.name, every=context.every)
+    return Chapter(
+        context.name,
+        (
+            facts(rows),
+            *judged_block(values, context),
+            *findings_block((), result.notes),
+            Surface((packed,), "The points.", lambda: chart),
+            Picture(chart, "Distribution of z."),
+            *provenance_block(result.provenance),
+        ),
+    )
+
+
+@chapter_of.register
+def _(result: Decoded, context: Context) -> Chapter:
+    values = summarise(result)
+    blocks: list[Block] = [
+        *judged_block(values, context),
+        *findings_block(findings_as_dicts(result.findings)),
+    ]
+    for axis, found in result.maps.items():
+        one = values["axes"][axis]
+        blocks += [
+            facts(
+                [
+                    ("axis", f"{axis}, of the projector"),
+                    ("periods", ", ".join(f"{p:g}" for p in found.periods_px) + " px"),
+                    ("measured pixels", f"{1 - found.failed_fraction:.2%}"),
+                    ("median σ", _with_unit(one["median_sigma_px"], "px")),
+                    ("median modulation", _with_unit(one["median_modulation"], "counts")),
+                ]
+            ),
+            Surface(
+                (pack_surface(found, title=f"{context.name}, {axis}", every=context.every),),
+                f"Projector coordinate {axis} over the camera's pixels.",
+                lambda: figures.coordinate_sheet(context.name, result),
+            ),
+            Picture(histogram(found.sigma_px, "σ / px"), "Distribution of σ."),
+            reasons_table(found.reason),
+        ]
+    blocks += provenance_block(result.provenance)
+    return Chapter(context.name, tuple(blocks))
+
+
+@chapter_of.register
+def _(result: Calibration, context: Context) -> Chapter:
+    values = summarise(result)
+    rows = pose_figures(result)
+    parameters = [
+        {"parameter": name, "value": entry["value"], "σ": entry["sigma"]}
+        for name, entry in values["parameters"].items()
+    ]
+    return Chapter(
+        context.name,
+        (
+            facts(
+                [
+                    ("verdict", f"{values['verdict']['text']} (one standard deviation)"),
+                    ("reprojection, camera", _with_unit(values["camera_rms_px"], "px")),
+                    ("reprojection, projector", _with_unit(values["projector_rms_px"], "px")),
+                    ("camera's frame covered", f"{values['camera_coverage']:.0%}"),
+                    ("projector's frame covered", f"{values['projector_coverage']:.0%}"),
+                    ("baseline", _with_unit(values["baseline_mm"], "mm")),
+                    ("converged", values["converged"]),
+                ]
+            ),
+            *judged_block(values, context),
+            *findings_block(values["findings"]),
+            Picture(corner_coverage(result), "Where corners were seen in both frames."),
+            Picture(pose_residuals(result, rows), "Residuals of every pose."),
+            dict_table(rows, "Poses"),
+            dict_table(parameters, "Parameters and their standard deviations"),
+            *provenance_block(result.rig.provenance),
+        ),
+    )
+
+
+@chapter_of.register
+def _(result: FormEvaluation, context: Context) -> Chapter:
+    values = summarise(result)
+    rows = [(name, value) for body in values["bodies"] for name, value in body.items()]
+    charts = [
+        Picture(
+            histogram(
+                1e3 * form.distance_mm[form.region], "distance from the body / µm", what="points"
+            ),
+            f"Distances of the points from the {form.body}.",
+        )
+        for form in result.forms
+    ]
+    return Chapter(
+        context.name,
+        (
+            facts(rows),
+            *judged_block(values, context),
+            *findings_block((), values["notes"]),
+            *charts,
+            *provenance_block(result.provenance),
+        ),
+    )

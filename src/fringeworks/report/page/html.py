@@ -1,0 +1,155 @@
+"""Chapters as one HTML file that needs nothing else and asks no network for anything."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import itertools
+import json
+from collections.abc import Iterator, Sequence
+from functools import cache
+from importlib import resources
+from itertools import groupby
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+from matplotlib import rc_context
+
+from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
+from fringeworks.report.viewer.page import (
+    LAYERS,
+    SCALES,
+    viewer_fragment,
+    viewer_script,
+    viewer_style,
+)
+from fringeworks.types import Provenance
+
+MOST_VIEWERS = 12
+"""Surfaces of a page that can be turned: browsers allow 16 WebGL contexts in a page."""
+START_MAPS = """
+for (const element of document.querySelectorAll(".fringe-viewer-mount")) {
+  element.viewer.ready.then(() => {
+    for (const surface of element.viewer.surfaces ?? []) {
+      if (surface.raster) new FringeMaps(element.parentElement, surface, MAP_CONSTANTS);
+    }
+  });
+}
+"""
+"""Draws the maps of every viewer when it has unpacked its surfaces."""
+
+
+def page_html(
+    title: str,
+    chapters: Sequence[Chapter],
+    origin: Provenance,
+    *,
+    notes: Sequence[str] = (),
+    verdict: str = "",
+    kept: bool = True,
+) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    title : str
+        Plain text, as all other texts: markup in them is shown and not obeyed.
+    chapters : sequence of Chapter
+    origin : Provenance
+        Of the report.
+    notes : sequence of str
+        Shown below the title.
+    verdict : str
+        Whether all tolerances are kept, in words; empty where there are none.
+    kept : bool
+        Whether they are.
+    """
+    turned = any(isinstance(block, Surface) for c in chapters for block in c.blocks)
+    style = _asset("report.css") + (viewer_style() if turned else "")
+    script = _script() if turned else ""
+    policy = "; ".join(
+        (
+            "default-src 'none'",
+            "img-src data:",
+            # Colours of legends and bars are set as attributes.
+            "style-src 'unsafe-inline'",
+            f"script-src {_digest(script) if script else chr(39) + 'none' + chr(39)}",
+        )
+    )
+    count = itertools.count()
+    shown = [
+        {"title": chapter.title, "blocks": list(_blocks(chapter, count))} for chapter in chapters
+    ]
+    page: str = _template().render(
+        title=title,
+        chapters=shown,
+        notes=notes,
+        verdict=verdict,
+        verdict_kept=kept,
+        style=style,
+        script=script,
+        policy=policy,
+        version=origin.version,
+        date=origin.date,
+    )
+    return page
+
+
+def _blocks(chapter: Chapter, count: Iterator[int]) -> Iterator[tuple[str, Any]]:
+    """Blocks as the template takes them; pictures that follow each other stand side by side."""
+    blocks = [_turned(block, count) for block in chapter.blocks]
+    for pictures, group in groupby(blocks, lambda block: isinstance(block, Picture)):
+        if pictures:
+            yield "Pictures", [_picture(block) for block in group if isinstance(block, Picture)]
+            continue
+        for block in group:
+            yield type(block).__name__, _plain(block)
+
+
+def _turned(block: Block, count: Iterator[int]) -> Block:
+    """A surface that can be turned, or its picture where the page has too many."""
+    if not isinstance(block, Surface) or next(count) < MOST_VIEWERS:
+        return block
+    more = f"{block.caption} A page turns {MOST_VIEWERS} surfaces at most; this is its picture."
+    return Picture(block.draw(), more)
+
+
+def _plain(block: Block) -> Any:
+    if isinstance(block, Surface):
+        return {"caption": block.caption, "fragment": viewer_fragment(*block.packed)}
+    return block
+
+
+def _picture(picture: Picture) -> dict[str, str]:
+    """A picture as SVG inside the address of an image: nothing in it can run."""
+    file = io.BytesIO()
+    with rc_context({"svg.hashsalt": "fringeworks"}):
+        picture.figure.savefig(file, format="svg", metadata={"Date": None})
+    source = base64.b64encode(file.getvalue()).decode()
+    return {"source": f"data:image/svg+xml;base64,{source}", "caption": picture.caption}
+
+
+@cache
+def _script() -> str:
+    scales = {name: colours.split() for name, colours in SCALES.items()}
+    constants = json.dumps({"LAYERS": LAYERS, "SCALES": scales})
+    maps = f"const MAP_CONSTANTS = {constants};\n(() => {{\n{_asset('maps.js')}\n}})();\n"
+    return viewer_script() + maps.replace("</", "<\\/") + START_MAPS
+
+
+@cache
+def _template() -> Any:
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(_asset("report.html.jinja"))
+
+
+def _digest(text: str) -> str:
+    """A source of a content security policy that allows exactly this text."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _asset(name: str) -> str:
+    return (resources.files(__package__) / name).read_text(encoding="utf-8")

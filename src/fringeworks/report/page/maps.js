@@ -1,0 +1,220 @@
+// The maps of a surface beside each other: value, σ, modulation, reason. All share one zoom and one
+// cursor. They take the numbers that the viewer has unpacked.
+
+const SHOWN = ["cloud", "heights", "displacements", "coordinates", "sigma", "modulation", "texture", "deviation", "reason"];
+const MOST_ZOOM = 64;
+
+/** A colour scale with 256 steps, as bytes. */
+function steps(colours) {
+  const table = new Uint8Array(4 * 256);
+  for (let k = 0; k < 256; k++) {
+    const place = (k / 255) * (colours.length - 1);
+    const low = Math.min(Math.floor(place), colours.length - 2);
+    for (let c = 0; c < 3; c++) {
+      const [a, b] = [0, 1].map((n) => parseInt(colours[low + n].slice(2 * c, 2 * c + 2), 16));
+      table[4 * k + c] = Math.round(a + (b - a) * (place - low));
+    }
+    table[4 * k + 3] = 255;
+  }
+  return table;
+}
+
+/** Values between which most of a map lies; σ and modulation begin at zero. */
+function limits(values, name) {
+  const finite = values.filter(Number.isFinite).sort();
+  if (!finite.length) return [0, 1];
+  const at = (share) => finite[Math.min(Math.floor(share * finite.length), finite.length - 1)];
+  const low = name === "sigma" || name === "modulation" ? 0 : at(0.002);
+  const high = at(name === "sigma" ? 0.98 : 0.998);
+  if (name === "deviation") return [-Math.max(-low, high), Math.max(-low, high)];
+  return high > low ? [low, high] : [low - 0.5, low + 0.5];
+}
+
+globalThis.FringeMaps = class {
+  constructor(element, surface, { LAYERS, SCALES }) {
+    this.surface = surface;
+    this.names = LAYERS;
+    this.scales = SCALES;
+    this.zoom = 1;
+    this.centre = [surface.width / 2, surface.height / 2];
+    this.root = document.createElement("div");
+    this.root.className = "maps";
+    this.told = document.createElement("p");
+    this.told.className = "told";
+    this.told.setAttribute("role", "status");
+    this.told.textContent = "Point at a map to read its values. Wheel or + and − zoom, drag or arrow keys move, 0 shows all.";
+    this.maps = surface.layers
+      .filter(({ name, packed }) => SHOWN.includes(name) && !packed)
+      .sort((a, b) => SHOWN.indexOf(a.name) - SHOWN.indexOf(b.name))
+      .map((layer) => this.add(layer));
+    element.append(this.root, this.told);
+    this.draw();
+  }
+
+  add(layer) {
+    const { label, scale, flip } = this.names[layer.name];
+    const reasons = layer.name === "reason";
+    const range = reasons ? null : limits(layer.values, layer.name);
+    const colours = flip ? [...this.scales[scale]].reverse() : this.scales[scale];
+    const figure = document.createElement("figure");
+    const canvas = Object.assign(document.createElement("canvas"), { tabIndex: 0 });
+    canvas.setAttribute("role", "img");
+    const unit = layer.unit ? ` / ${layer.unit}` : "";
+    canvas.setAttribute("aria-label", `Map: ${label}${unit}`);
+    const caption = document.createElement("figcaption");
+    caption.textContent = `${label}${unit}`;
+    figure.append(canvas, caption, reasons ? this.legend() : this.bar(range, colours));
+    this.root.append(figure);
+    this.listen(canvas);
+    return { layer, canvas, label, picture: this.paint(layer.values, range, colours, reasons) };
+  }
+
+  /** The whole map, a canvas pixel for each pixel. */
+  paint(values, range, colours, reasons) {
+    const { width, height } = this.surface;
+    const picture = new OffscreenCanvas(width, height);
+    const context = picture.getContext("2d");
+    const image = context.createImageData(width, height);
+    const pixels = new Uint32Array(image.data.buffer);
+    const word = (hex) => new Uint32Array(Uint8Array.of(...[0, 2, 4].map((k) => parseInt(hex.slice(k, k + 2), 16)), 255).buffer)[0];
+    const gap = word("b0b0b0");
+    if (reasons) {
+      const table = this.scales.reasons.map(word);
+      for (let i = 0; i < pixels.length; i++) pixels[i] = table[values[i]] ?? gap;
+    } else {
+      const table = new Uint32Array(steps(colours).buffer);
+      const factor = 255 / (range[1] - range[0]);
+      for (let i = 0; i < pixels.length; i++) {
+        const place = (values[i] - range[0]) * factor;
+        pixels[i] = Number.isFinite(place) ? table[Math.min(Math.max(Math.round(place), 0), 255)] : gap;
+      }
+    }
+    context.putImageData(image, 0, 0);
+    return picture;
+  }
+
+  bar([low, high], colours) {
+    const bar = document.createElement("div");
+    bar.className = "bar";
+    bar.style.background = `linear-gradient(to right, ${colours.map((c) => `#${c}`).join(", ")})`;
+    const ends = document.createElement("div");
+    ends.className = "ends";
+    for (const value of [low, (low + high) / 2, high]) {
+      ends.append(Object.assign(document.createElement("span"), { textContent: value.toPrecision(4) }));
+    }
+    const whole = document.createElement("div");
+    whole.append(bar, ends);
+    return whole;
+  }
+
+  /** The reasons that occur. */
+  legend() {
+    const list = document.createElement("ul");
+    const present = new Set(this.surface.reason);
+    for (const [code, { label }] of this.surface.header.reasons.entries()) {
+      if (!present.has(code)) continue;
+      const item = Object.assign(document.createElement("li"), { textContent: label });
+      const swatch = document.createElement("i");
+      swatch.style.background = `#${this.scales.reasons[code]}`;
+      item.prepend(swatch);
+      list.append(item);
+    }
+    return list;
+  }
+
+  draw() {
+    const { width, height } = this.surface;
+    for (const { canvas, picture } of this.maps) {
+      const across = Math.max(canvas.clientWidth, 1);
+      canvas.style.aspectRatio = `${width} / ${height}`;
+      canvas.width = Math.round(across * devicePixelRatio);
+      canvas.height = Math.round((canvas.width * height) / width);
+      const scale = (canvas.width / width) * this.zoom;
+      const context = canvas.getContext("2d");
+      context.imageSmoothingEnabled = scale < 1;
+      context.setTransform(scale, 0, 0, scale, canvas.width / 2 - scale * this.centre[0], canvas.height / 2 - scale * this.centre[1]);
+      context.drawImage(picture, 0, 0);
+      if (this.cursor) {
+        context.strokeStyle = "#ffffff";
+        context.lineWidth = 2 / scale;
+        context.strokeRect(this.cursor[0], this.cursor[1], 1, 1);
+        context.strokeStyle = "#000000";
+        context.lineWidth = 1 / scale;
+        context.strokeRect(this.cursor[0], this.cursor[1], 1, 1);
+      }
+    }
+  }
+
+  /** Column and row at a place of a canvas. */
+  place(canvas, x, y) {
+    const { width } = this.surface;
+    const scale = (canvas.clientWidth / width) * this.zoom;
+    return [
+      Math.floor((x - canvas.clientWidth / 2) / scale + this.centre[0]),
+      Math.floor((y - canvas.clientHeight / 2) / scale + this.centre[1]),
+    ];
+  }
+
+  tell([x, y]) {
+    const { width, height, reason, header } = this.surface;
+    if (x < 0 || y < 0 || x >= width || y >= height) return;
+    this.cursor = [x, y];
+    const i = y * width + x;
+    const values = this.maps
+      .filter(({ layer }) => layer.name !== "reason" && Number.isFinite(layer.values[i]))
+      .map(({ layer, label }) => `${label} ${layer.values[i].toPrecision(5)} ${layer.unit}`);
+    const { label, meaning, advice } = header.reasons[reason[i]];
+    if (reason[i]) values.push(`no value (${label}): ${meaning}. ${advice}`);
+    this.told.textContent = `Column ${x}, row ${y}: ${values.join(", ")}`;
+    this.draw();
+  }
+
+  move(dx, dy) {
+    this.centre = [this.centre[0] + dx, this.centre[1] + dy];
+    this.limit();
+  }
+
+  scale(factor) {
+    this.zoom = Math.min(Math.max(this.zoom * factor, 1), MOST_ZOOM);
+    this.limit();
+  }
+
+  /** Keep the frame filled. */
+  limit() {
+    const { width, height } = this.surface;
+    for (const [k, size] of [width, height].entries()) {
+      const half = size / this.zoom / 2;
+      this.centre[k] = Math.min(Math.max(this.centre[k], half), size - half);
+    }
+    this.draw();
+  }
+
+  listen(canvas) {
+    const pixel = () => canvas.clientWidth / this.surface.width * this.zoom;
+    canvas.addEventListener("pointermove", (event) => {
+      if (event.buttons) this.move(-event.movementX / pixel(), -event.movementY / pixel());
+      else this.tell(this.place(canvas, event.offsetX, event.offsetY));
+    });
+    canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
+    canvas.addEventListener("wheel", (event) => {
+      // A map in a longer page must not catch the wheel of somebody who scrolls past it.
+      if (!this.root.contains(document.activeElement)) return;
+      event.preventDefault();
+      const before = this.place(canvas, event.offsetX, event.offsetY);
+      this.scale(Math.exp(-0.0015 * event.deltaY));
+      const after = this.place(canvas, event.offsetX, event.offsetY);
+      this.move(before[0] - after[0], before[1] - after[1]);
+    }, { passive: false });
+    canvas.addEventListener("keydown", (event) => {
+      const step = 40 / pixel();
+      const moves = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
+      if (moves[event.key]) this.move(...moves[event.key]);
+      else if (event.key === "+" || event.key === "=") this.scale(1.3);
+      else if (event.key === "-") this.scale(1 / 1.3);
+      else if (event.key === "0") this.scale(0);
+      else return;
+      event.preventDefault();
+    });
+    new ResizeObserver(() => this.draw()).observe(canvas);
+  }
+};

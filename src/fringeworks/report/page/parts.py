@@ -1,0 +1,134 @@
+"""Parts that the chapters of several kinds of results share."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from fringeworks.report.page.blocks import Block, Facts, Findings, Origin, Table
+from fringeworks.report.page.tolerances import Judged
+from fringeworks.report.reason_words import REASON_WORDS
+from fringeworks.types import ByteMap, Provenance, Reason
+
+MOST_FINDINGS = 200
+"""Findings that a page lists; nobody reads more, and the number of the others is said."""
+MOST_NAMED = 3
+"""Inputs that a call names one by one; the frames of a stack are named by their folder."""
+DIGITS = 5
+"""Significant digits of figures in tables."""
+
+
+def shown(value: Any) -> str:
+    """Return a figure as a table shows it."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.{DIGITS}g}" if np.isfinite(value) else "–"
+    if isinstance(value, list | tuple):
+        return ", ".join(shown(item) for item in value)
+    return str(value)
+
+
+def facts(rows: Iterable[tuple[str, Any]]) -> Facts:
+    """Names and values, those that are unknown left out."""
+    return Facts(tuple((name, shown(value)) for name, value in rows if value is not None))
+
+
+def reasons_table(reason: ByteMap) -> Table:
+    """How many pixels have no value, why, and what to change; only reasons that occur."""
+    counts = np.bincount(reason.ravel(), minlength=len(Reason))
+    rows = []
+    for kind in Reason:
+        count = int(counts[kind])
+        if count:
+            words = REASON_WORDS[kind]
+            share = f"{count / reason.size:.2%}"
+            rows.append((words.label, f"{count:,}", share, words.meaning, words.advice))
+    columns = ("pixels are", "number", "share", "meaning", "what to change")
+    return Table(columns, tuple(rows), "Measured pixels, and reasons for those that are not")
+
+
+def findings_block(
+    found: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()
+) -> tuple[Block, ...]:
+    """Findings with causes and advice, and further notes; nothing where there are none.
+
+    Parameters
+    ----------
+    found : sequence of mappings
+        Findings of frames, set-ups and calibrations as ``summarise`` gives them.
+    notes : sequence of str
+        Those that repeat a finding's text are left out.
+    """
+    rows = [
+        (
+            str(f.get("kind", f.get("cause", "finding"))),
+            str(f.get("seen", f.get("message", ""))),
+            ", or ".join(map(str, f.get("causes", ()))),
+            str(f.get("advice", "")),
+        )
+        for f in found
+    ]
+    rows += [("note", note, "", "") for note in notes if not any(r[1] in note for r in rows)]
+    if not rows:
+        return ()
+    return (Findings(tuple(rows[:MOST_FINDINGS]), max(0, len(rows) - MOST_FINDINGS)),)
+
+
+def tolerance_block(judged: Sequence[Judged]) -> tuple[Block, ...]:
+    """Tolerances with pass or fail."""
+    if not judged:
+        return ()
+    rows = tuple(
+        (
+            one.tolerance.name,
+            shown(one.value),
+            f"{one.tolerance.sign} {one.tolerance.limit:g}",
+            "pass" if one.kept else "FAIL",
+        )
+        for one in judged
+    )
+    bad = tuple(k for k, one in enumerate(judged) if not one.kept)
+    return (Table(("figure", "value", "tolerance", "verdict"), rows, "Tolerances", bad),)
+
+
+def provenance_block(provenance: Provenance | None) -> tuple[Block, ...]:
+    """What is needed to compute a result again."""
+    if provenance is None:
+        return (Origin((("made by", "unknown: the result carries no provenance"),)),)
+    rows: list[tuple[str, Any]] = [
+        ("made by", f"fringeworks {provenance.version}, {provenance.date}"),
+        ("call", call_text(provenance)),
+        *((f"input {source.name}", f"sha256 {source.sha256}") for source in provenance.inputs),
+        ("plan", _hash(provenance.plan_sha256)),
+        ("rig", _hash(provenance.rig_sha256)),
+    ]
+    return (Origin(facts(rows).rows),)
+
+
+def call_text(provenance: Provenance) -> str:
+    """The call of the library that made a result, as Python."""
+    names = [source.name for source in provenance.inputs]
+    folders = {PurePath(name).parent for name in names}
+    if len(names) > MOST_NAMED and len(folders) == 1:
+        names = [f"{folders.pop()}/"]
+    inputs = [json.dumps(name, ensure_ascii=False) for name in names]
+    options = [f"{name}={value!r}" for name, value in provenance.options.items()]
+    return f"fringeworks.{provenance.call}({', '.join([*inputs, *options])})"
+
+
+def _hash(digest: str | None) -> str | None:
+    return None if digest is None else f"sha256 {digest}"
+
+
+def dict_table(rows: Sequence[Mapping[str, Any]], caption: str) -> Table:
+    """Rows with equal keys as a table."""
+    columns = tuple(rows[0]) if rows else ()
+    cells = tuple(tuple(shown(row.get(name)) for name in columns) for row in rows)
+    return Table(tuple(name.replace("_", " ") for name in columns), cells, caption)

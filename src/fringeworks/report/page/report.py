@@ -1,0 +1,153 @@
+"""Reports: results with their pictures, figures, findings and origin, to hand on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.report.page import others  # noqa: F401, registers its chapters
+from fringeworks.report.page.blocks import Chapter
+from fringeworks.report.page.chapters import Context, chapter_of
+from fringeworks.report.page.html import page_html
+from fringeworks.report.page.load import load_result
+from fringeworks.report.page.pdf import write_pdf
+from fringeworks.report.page.tolerances import Tolerance, parse_tolerance
+from fringeworks.types import InputError, Rig, made_by
+
+SUFFIXES = (".html", ".pdf")
+"""Formats of a report."""
+
+
+@dataclass(frozen=True)
+class ReportWritten:
+    """What was written, and whether the results keep their tolerances."""
+
+    paths: tuple[Path, ...]
+    """The files."""
+    kept: bool
+    """Whether all tolerances are kept; true where there are none."""
+
+
+def write_report(
+    path: StrPath,
+    results: Any,
+    *,
+    title: str = "",
+    notes: Sequence[str] = (),
+    tolerances: Sequence[Tolerance | str] = (),
+    rig: Rig | StrPath | None = None,
+    every: int = 1,
+    pdf: StrPath | None = None,
+) -> ReportWritten:
+    """Write a report of one or several results.
+
+    Parameters
+    ----------
+    path : path
+        ``.html``: one file with everything in it, which opens without a network. ``.pdf``: the
+        figures as vectors and the tables as text.
+    results : result, path, sequence or mapping
+        Results of fringeworks, or files of them: surfaces, points, coordinates, calibrations,
+        forms, set-ups, tables of ``compare``, and JSON files that commands wrote. The names of a
+        mapping are the headings.
+    title : str
+        By default the first result's name.
+    notes : sequence of str
+        Shown below the title.
+    tolerances : sequence of Tolerance or str
+        Limits on figures of every result, such as ``"median_sigma_mm<=0.05"``.
+    rig : Rig or path, optional
+        Of point clouds: the page is then smaller.
+    every : int
+        Show every k-th column and row only, for frames of more than 8 million pixels.
+    pdf : path, optional
+        A PDF beside the page.
+
+    Returns
+    -------
+    ReportWritten
+
+    Raises
+    ------
+    InputError for something that is no result, and tolerances on figures that a result does not
+    have; FileProblem for files that cannot be read or written.
+    """
+    path = Path(path)
+    check_report_target(path)
+    if pdf is not None:
+        check_target(pdf, (".pdf",))
+    named = _named(results)
+    limits = tuple(parse_tolerance(t) if isinstance(t, str) else t for t in tolerances)
+    judged: list[bool] = []
+    chapters = [_chapter(name, result, limits, rig, every, judged) for name, result in named]
+    origin = made_by("write_report", options={"title": title or None, "every": every})
+    heading = title or named[0][0]
+    paths = []
+    if path.suffix.lower() == ".pdf":
+        paths.append(write_pdf(path, heading, chapters, origin, notes))
+    else:
+        verdict = _verdict(judged)
+        page = page_html(heading, chapters, origin, notes=notes, verdict=verdict, kept=all(judged))
+        write_text(path, page)
+        paths.append(path)
+    if pdf is not None:
+        paths.append(write_pdf(Path(pdf), heading, chapters, origin, notes))
+    return ReportWritten(tuple(paths), all(judged))
+
+
+def check_report_target(path: StrPath) -> None:
+    """Refuse a file that ``write_report`` cannot write, before anything is computed for it."""
+    check_target(path, SUFFIXES)
+
+
+def _chapter(
+    name: str,
+    result: Any,
+    tolerances: tuple[Tolerance, ...],
+    rig: Rig | StrPath | None,
+    every: int,
+    judged: list[bool],
+) -> Chapter:
+    camera = rig if isinstance(rig, Rig) or rig is None else load_result(rig)
+    return chapter_of(result, Context(name, tolerances, camera, every, judged))
+
+
+def _named(results: Any) -> list[tuple[str, Any]]:
+    """Results with their headings; files are read."""
+    if isinstance(results, Mapping):
+        pairs = [(str(name), result) for name, result in results.items()]
+    else:
+        several = isinstance(results, list | tuple) and not _is_rows(results)
+        each = list(results) if several else [results]
+        pairs = [(_name(result, k, len(each)), result) for k, result in enumerate(each)]
+    if not pairs:
+        raise InputError("results: expected one or more, got none")
+    return [
+        (name, load_result(result) if isinstance(result, str | Path) else result)
+        for name, result in pairs
+    ]
+
+
+def _is_rows(results: Sequence[Any]) -> bool:
+    """Whether these are the rows of one table."""
+    return bool(results) and all(isinstance(row, dict) for row in results)
+
+
+def _name(result: Any, number: int, count: int) -> str:
+    if isinstance(result, str | Path):
+        return Path(result).name
+    kind = type(result).__name__
+    return kind if count == 1 else f"{kind} {number + 1}"
+
+
+def _verdict(judged: Sequence[bool]) -> str:
+    if not judged:
+        return ""
+    if len(judged) == 1:
+        return "The tolerance is kept." if judged[0] else "The tolerance is not kept."
+    if all(judged):
+        return f"All {len(judged)} tolerances are kept."
+    return f"{judged.count(False)} of {len(judged)} tolerances are not kept."

@@ -1,0 +1,215 @@
+"""Reports: every kind of result becomes a page and a PDF; nothing in them can run or ask a network."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fringeworks as fw
+from fringeworks.cli.commands import run
+from fringeworks.report.page.tolerances import judge, parse_tolerance
+from fringeworks.simulate import (
+    Optics,
+    bust,
+    fringe_plan,
+    look,
+    photograph,
+    standard_rig,
+)
+
+RIG = standard_rig(scale=0.3)
+NAUGHTY = '<script>alert(1)</script> & "quotes" $x$ </style>'
+
+
+@pytest.fixture(scope="module")
+def results():
+    """One result of every kind that a report takes."""
+    plan = fringe_plan(RIG)
+    frames = tuple(photograph(look(RIG, bust()), plan, Optics(seed=1)))
+    stack = fw.Stack(frames, plan)
+    measured = fw.measure(stack, RIG)
+    scene = fw.standard_scene("parabola", size=120, noise=1.0, bits=8)
+    pair = fw.reconstruct(scene, "windowed")
+    rng = np.random.default_rng(0)
+    directions = rng.standard_normal((400, 3))
+    ball = 20 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return {
+        "points": measured,
+        "cloud": measured.points,
+        "coordinates": measured.decoded,
+        "pair": pair,
+        "heights": pair.surface,
+        "form": fw.evaluate_form(ball, "sphere", diameter_mm=40),
+        "rig": RIG,
+        "table": fw.compare(["parabola"], ["windowed", "fourier"], size=80),
+        "figures": fw.summarise(measured),
+    }
+
+
+def test_every_kind_becomes_a_page_and_a_pdf(results, tmp_path):
+    written = fw.write_report(tmp_path / "r.html", results, pdf=tmp_path / "r.pdf", rig=RIG)
+    assert [path.name for path in written.paths] == ["r.html", "r.pdf"]
+    assert written.kept
+    page = (tmp_path / "r.html").read_text()
+    for name in results:
+        assert f">{name}</h2>" in page
+    # Nothing is loaded from elsewhere, and the page's own policy forbids it.
+    assert not re.search(r"""(src|href)=["'](?!data:|#)""", page)
+    assert 'content="default-src &#39;none&#39;;' in page
+    assert (tmp_path / "r.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_equal_runs_write_equal_files(results, tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
+    for name in ("a", "b"):
+        for suffix in ("html", "pdf"):
+            fw.write_report(tmp_path / f"{name}.{suffix}", results["pair"], title="t")
+    for suffix in ("html", "pdf"):
+        one, other = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in "ab")
+        assert one == other
+
+
+def test_markup_in_names_is_shown_and_not_obeyed(results, tmp_path):
+    surface = results["heights"]
+    fw.write_report(
+        tmp_path / "r.html",
+        {NAUGHTY: surface},
+        title=NAUGHTY,
+        notes=[NAUGHTY],
+        pdf=tmp_path / "r.pdf",
+    )
+    page = (tmp_path / "r.html").read_text()
+    assert "alert(1)</script>" not in page
+    assert page.count("&lt;script&gt;alert(1)&lt;/script&gt;") >= 4
+
+
+def test_surfaces_without_values_and_of_one_pixel(results, tmp_path):
+    nothing = np.full((3, 4), np.nan, np.float32)
+    reason = np.full((3, 4), fw.Reason.LOW_MODULATION, np.uint8)
+    empty = fw.HeightMap(nothing, nothing, reason, "height", "mm", 0.1)
+    one = np.ones((1, 1), np.float32)
+    pixel = fw.HeightMap(one, 0.1 * one, np.zeros((1, 1), np.uint8), "displacement", "px", None)
+    finding = fw.FrameFinding("noise", "seen", ("a cause",), "do it")
+    many = replace(results["heights"], findings=(finding,) * 10_000)
+    fw.write_report(
+        tmp_path / "r.html", {"empty": empty, "pixel": pixel, "many": many}, pdf=tmp_path / "r.pdf"
+    )
+    page = (tmp_path / "r.html").read_text()
+    assert "9800 more findings are not listed" in page
+    assert "expose longer" in page
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("median_sigma_mm<=0.05", ("median_sigma_mm", "<=", 0.05)),
+        (" bodies.0.radius_mm > 1e1 ", ("bodies.0.radius_mm", ">", 10.0)),
+    ],
+)
+def test_tolerances_are_read(text, parts):
+    found = parse_tolerance(text)
+    assert (found.name, found.sign, found.limit) == parts
+
+
+@pytest.mark.parametrize("text", ["", "a", "a=3", "a<=", "a<=x", "a<=nan", "<=3", "a b<=3"])
+def test_other_tolerances_are_refused(text):
+    with pytest.raises(fw.InputError, match="tolerance: expected a name"):
+        parse_tolerance(text)
+
+
+def test_tolerances_are_judged(results, tmp_path):
+    figures = {"a": 1.0, "b": None, "c": [{"d": 2}], "e": "text", "f": True}
+    judged = judge(figures, [parse_tolerance(t) for t in ("a<=1", "a<1", "b<=1", "c.0.d>=2")])
+    assert [one.kept for one in judged] == [True, False, False, True]
+    for name in ("e", "f", "g", "c.1.d"):
+        with pytest.raises(fw.InputError, match=f"expected one of a, b, c.0.d; got {name}"):
+            judge(figures, [parse_tolerance(f"{name}<1")])
+    written = fw.write_report(
+        tmp_path / "r.html",
+        results["points"],
+        tolerances=["failed_fraction<=0.9", "median_sigma_mm<=1e-9"],
+    )
+    assert not written.kept
+    page = (tmp_path / "r.html").read_text()
+    assert "1 of 2 tolerances are not kept." in page
+    assert page.count(">FAIL<") == page.count(">pass<") == 1
+
+
+def test_results_are_read_from_files(results, tmp_path):
+    cloud = results["cloud"]
+    fw.write_points(tmp_path / "p.ply", cloud)
+    fw.write_points(tmp_path / "p.npz", cloud)
+    fw.write_surface(tmp_path / "h.npz", results["heights"])
+    fw.write_surface(tmp_path / "h.tif", results["heights"])
+    fw.write_coordinates(tmp_path / "c.npz", results["coordinates"])
+    fw.write_rig(tmp_path / "rig.toml", RIG)
+    (tmp_path / "m.json").write_text(fw.to_json(results["figures"]))
+    names = ["p.ply", "p.npz", "h.npz", "h.tif", "c.npz", "rig.toml", "m.json"]
+    fw.write_report(
+        tmp_path / "r.html", [tmp_path / n for n in names], rig=tmp_path / "rig.toml", every=2
+    )
+    page = (tmp_path / "r.html").read_text()
+    for name in names:
+        assert f">{name}</h2>" in page
+    assert f"{int((cloud.reason == 0).sum()):,}" in page
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("x.ply", None, "x.ply"),
+        ("x.csv", "a", "expected one of .ply"),
+        ("x.json", "[1]", "expected the numerical results"),
+        ("x.json", "{", "x.json"),
+        ("x.toml", "kind = 3", "x.toml"),
+        ("x.npz", "no archive", "x.npz"),
+    ],
+)
+def test_files_that_hold_no_result(tmp_path, name, content, said):
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    with pytest.raises(fw.FileProblem, match=re.escape(said)):
+        fw.write_report(tmp_path / "r.html", tmp_path / name)
+    assert not (tmp_path / "r.html").exists()
+
+
+def test_what_is_no_result(tmp_path):
+    for result in ({}, [], 3, "folder"):
+        if result == "folder":
+            result = tmp_path
+        with pytest.raises(fw.InputError):
+            fw.write_report(tmp_path / "r.html", result)
+    with pytest.raises(fw.FileProblem, match="expected one of .html, .pdf|html"):
+        fw.write_report(tmp_path / "r.doc", RIG)
+    np.savez(tmp_path / "x.npz", a=1)
+    with pytest.raises(fw.FileProblem, match="got arrays named a"):
+        fw.write_report(tmp_path / "r.html", tmp_path / "x.npz")
+
+
+def test_the_command(results, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    fw.write_points("p.npz", results["cloud"])
+    fw.write_rig("rig.toml", RIG)
+    command = ["report", "p.npz", "rig.toml", "--rig", "rig.toml", "--out", "r.html"]
+    assert run([*command, "--title", "Part 7", "--note", "first", "--pdf", "r.pdf"]) == 0
+    assert capsys.readouterr().out.splitlines() == ["wrote r.html", "wrote r.pdf"]
+    assert "<title>Part 7</title>" in (tmp_path / "r.html").read_text()
+    assert run(["report", "p.npz", "--out", "r.html", "--tolerance", "points<=1"]) == 3
+    assert "not all tolerances are kept" in capsys.readouterr().out
+    assert run(["report", "p.npz", "--out", "r.html", "--tolerance", "nonsense<=1"]) == 2
+    assert "tolerance: expected one of shape.0" in capsys.readouterr().err
+
+
+def test_provenance_reproduces_the_result(results, tmp_path):
+    fw.write_report(tmp_path / "r.html", results["pair"])
+    page = (tmp_path / "r.html").read_text()
+    origin = results["pair"].surface.provenance
+    assert f"fringeworks {origin.version}" in page
+    assert "fringeworks.reconstruct(" in page
+    for source in origin.inputs:
+        assert source.sha256 in page
+    assert json.dumps(origin.options["method"]).strip('"') in page

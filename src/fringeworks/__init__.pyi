@@ -22,6 +22,7 @@ from .types import (
     Pair as Pair,
     Pinhole as Pinhole,
     PointCloud as PointCloud,
+    Profile as Profile,
     Provenance as Provenance,
     Reason as Reason,
     ReferencePlaneGeometry as ReferencePlaneGeometry,
@@ -327,6 +328,9 @@ from .surface.form import (
 from .surface.form_report import (
     find_spheres as find_spheres,
 )
+from .surface.section import (
+    difference as difference,
+)
 from .files.surfaces import (
     read_surface as read_surface,
     write_surface as write_surface,
@@ -406,11 +410,7 @@ from .report.tables import (
 )
 from .report.figures import (
     best_map as best_map,
-    coordinate_sheet as coordinate_sheet,
-    phase_sheet as phase_sheet,
-    points_sheet as points_sheet,
     save_figure as save_figure,
-    surface_sheet as surface_sheet,
 )
 from .report.board_sheet import (
     board_sheet as board_sheet,

@@ -54,6 +54,7 @@ def calibration():
     return fw.calibrate_stacks(stacks, board)
 
 
+@cache
 def results():
     pair = fw.reconstruct(fw.standard_scene("parabola", size=100, fringes=8), "fourier")
     rig, frames = stack()

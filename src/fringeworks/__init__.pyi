@@ -379,8 +379,14 @@ from .evaluate.errors import (
     Errors as Errors,
     errors as errors,
 )
+from .evaluate.captures import (
+    CaptureComparison as CaptureComparison,
+    compare_captures as compare_captures,
+    rows_of_captures as rows_of_captures,
+)
 from .evaluate.compare import (
     CompareOptions as CompareOptions,
+    SceneOptions as SceneOptions,
     compare as compare,
     compare_everywhere as compare_everywhere,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from fringeworks.report.maps import Picture, percent, small_print
+from fringeworks.report.maps import SMALL_INCH, Picture, percent, small_print
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import coverage, diagnose, pose_figures
 from fringeworks.rig.calibration.verdict import verdict
@@ -47,7 +47,7 @@ def calibration_picture(title: str, calibration: Calibration) -> Picture:
     """
     small = small_print([found.message for found in diagnose(calibration)], SIZE_INCH[0])
     width, height = SIZE_INCH
-    figure = Picture(figsize=(width, height + 0.18 * small.count("\n")), layout="constrained")
+    figure = Picture(figsize=(width, height + SMALL_INCH * small.count("\n")), layout="constrained")
     poses = len(calibration.observations)
     facts = f"{verdict(calibration).text}   ·   {poses} poses of the {calibration.board.kind}"
     figure.suptitle(f"{title}\n{facts}", fontsize=12)

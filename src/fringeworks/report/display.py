@@ -8,9 +8,11 @@ from functools import singledispatch
 import numpy as np
 from matplotlib.figure import Figure
 
+from fringeworks.evaluate.captures import CaptureComparison
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.calibration_picture import calibration_picture
+from fringeworks.report.comparison_picture import comparison_picture
 from fringeworks.report.maps import UNMEASURED_WORDS, Panel, percent, sheet
 from fringeworks.report.profile_picture import profile_picture
 from fringeworks.rig.calibration.calibrate import Calibration
@@ -44,7 +46,7 @@ def plot(result: object, name: str | None = None) -> Figure:
     Parameters
     ----------
     result : HeightMap, PointCloud, DisplacementMap, CoordinateMap, Decoded, WrappedPhase, Profile,
-        Calibration, Reconstruction or Measurement
+        Calibration, CaptureComparison, Reconstruction or Measurement
     name : str, optional
         Name of the object or capture, put before the title.
 
@@ -203,6 +205,12 @@ def _(profile: Profile, name: str | None = None) -> Figure:
     (x0, y0), (x1, y1) = profile.pixels[0], profile.pixels[-1]
     title = f"{profile.quantity} from pixel ({x0}, {y0}) to pixel ({x1}, {y1})"
     return profile_picture(_titled(name, title[0].upper() + title[1:]), profile)
+
+
+@plot.register
+def _(found: CaptureComparison, name: str | None = None) -> Figure:
+    title = _titled(name, f"Methods compared on {found.name}")
+    return comparison_picture(title, found)
 
 
 @plot.register

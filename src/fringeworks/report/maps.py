@@ -37,6 +37,10 @@ BESIDE_INCH = 1.6
 """Width that labels, colour scale and legend take beside a map, inches."""
 ABOVE_INCH = 0.75
 """Height that title and labels take above and below a map, inches."""
+TITLE_INCH = 0.22
+"""Height of a line above the maps, inches."""
+SMALL_INCH = 0.18
+"""Height of a line of the small print, inches."""
 LETTERS_PER_INCH = 14
 """Letters of the small print on an inch of a sheet's width."""
 SHOWN_FINDINGS = 4
@@ -86,17 +90,24 @@ class Panel:
     """One map of a sheet."""
 
     title: str
-    """Name of the quantity; panels of one name and unit have one scale."""
+    """Name of the quantity; panels of one name and unit have one scale unless they name another."""
     values: FloatMap | NDArray[Any]
     """The map, (h, w); of the kind "reasons", its ``Reason`` per pixel."""
     kind: PanelKind
     unit: str = ""
+    scale: str = ""
+    """Name of the scale, for panels of one quantity with titles of their own."""
+
+    @property
+    def shares(self) -> tuple[str, str, str]:
+        """What panels with one scale have in common."""
+        return self.scale or self.title, self.kind, self.unit
 
 
 def sheet(
     title: str,
     facts: str,
-    panels: Sequence[Panel],
+    panels: Sequence[Panel | None],
     *,
     columns: int,
     findings: Sequence[FrameFinding] = (),
@@ -107,8 +118,8 @@ def sheet(
     ----------
     title, facts : str
         First and second line above the maps.
-    panels : sequence of Panel
-        Of one shape, line by line.
+    panels : sequence of Panel or None
+        Of one shape, line by line; None leaves a place empty.
     columns : int
         Panels on a line.
     findings : sequence of FrameFinding
@@ -120,17 +131,21 @@ def sheet(
     """
     columns = min(columns, len(panels))
     lines = -(-len(panels) // columns)
-    rows_, columns_ = panels[0].values.shape
+    drawn = [panel for panel in panels if panel is not None]
+    rows_, columns_ = drawn[0].values.shape
     side = MAP_SIDE_INCH[min(columns, max(MAP_SIDE_INCH))]
     scale = side / max(rows_, columns_)
     width = columns * (columns_ * scale + BESIDE_INCH)
     small = small_print([finding.seen for finding in findings], width)
-    height = lines * (rows_ * scale + ABOVE_INCH) + 0.7 + 0.18 * (small.count("\n") + bool(small))
-    figure = Picture(figsize=(width, height), layout="constrained")
+    height = lines * (rows_ * scale + ABOVE_INCH) + TITLE_INCH * (2 + facts.count("\n"))
+    height += SMALL_INCH * (small.count("\n") + bool(small))
+    figure = Picture(figsize=(width, height), layout="compressed")
     figure.suptitle(f"{title}\n{facts}" if facts else title, fontsize=12)
     if small:
         figure.supxlabel(small, x=0.01, ha="left", fontsize=9)
     for number, panel in enumerate(panels):
+        if panel is None:
+            continue
         axes = figure.add_subplot(lines, columns, number + 1)
         axes.set_title(panel.title, fontsize=11)
         axes.set_xlabel("x / px")
@@ -138,7 +153,7 @@ def sheet(
         if panel.kind == "reasons":
             draw_reasons(axes, panel.values.astype(np.uint8))
         else:
-            alike = [p.values for p in panels if (p.title, p.unit) == (panel.title, panel.unit)]
+            alike = [p.values for p in drawn if p.shares == panel.shares]
             draw_map(axes, panel.values, panel.kind, limits_of(panel.kind, alike), panel.unit)
     return figure
 
@@ -156,16 +171,18 @@ def limits_of(kind: PanelKind, maps: Sequence[FloatMap]) -> tuple[float, float]:
     """The range of colours that suits all maps of a quantity."""
     if kind == "phase":
         return -np.pi, np.pi
-    finite = np.concatenate([m[np.isfinite(m)].ravel() for m in maps])
-    if not finite.size:
+    all_finite = [m[np.isfinite(m)].ravel() for m in maps if np.isfinite(m).any()]
+    if not all_finite:
         return 0.0, 1.0
+    # The median of the maps' own limits: one method that fails does not flatten the others.
     if kind == "signed":
-        limit = _above(finite=np.abs(finite), percentile=SIGMA_PERCENTILE)
+        limit = float(np.median([_above(np.abs(f), SIGMA_PERCENTILE) for f in all_finite]))
         return -limit, limit
     if kind in ("sigma", "grey"):
+        finite = np.concatenate(all_finite)
         percentile = SIGMA_PERCENTILE if kind == "sigma" else GREY_PERCENTILE
-        return 0.0, _above(finite=finite, percentile=percentile)
-    low, high = np.percentile(finite, MAP_PERCENTILES)
+        return 0.0, _above(finite, percentile)
+    low, high = np.median([np.percentile(f, MAP_PERCENTILES) for f in all_finite], axis=0)
     return (float(low), float(high)) if high > low else (float(low) - 0.5, float(low) + 0.5)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.evaluate.compare import Row
+from fringeworks.evaluate.captures import Row
 from fringeworks.evaluate.errors import error_map, errors
 from fringeworks.files.atomic import StrPath, write_text
 from fringeworks.files.folder import FolderWriter, replacing_folder

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.evaluate.compare import Row
+from fringeworks.evaluate.captures import Row
 from fringeworks.files.atomic import write_text
 from fringeworks.files.folder import FolderWriter
 from fringeworks.files.points import write_points

@@ -137,6 +137,13 @@ def test_a_capture_that_fails_is_named():
         fw.compare_captures({"good": pair, "flat": flat}, ["fourier"])
 
 
+def test_stacks_are_refused(tmp_path):
+    plan = fw.PatternPlan(64, 48, (fw.PhaseSteps("x", 32.0, fw.equal_steps(3)),))
+    fw.write_stack(tmp_path / "shots", list(fw.encode(plan)), plan)
+    with pytest.raises(fw.InputError, match="expected a pair of frames, got a stack"):
+        fw.compare(captures=[tmp_path / "shots"])
+
+
 def test_short_names():
     assert short_names(["x/part", "y/cup.npz"]) == ["part", "cup"]
     assert short_names(["x/a.png", "y/a.png"]) == ["x/a", "y/a"]

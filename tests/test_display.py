@@ -72,6 +72,7 @@ def results():
         "measurement": fw.measure(frames, rig),
         "profile": cloud.profile(((0, 0), (40, 30))),
         "calibration": calibration(),
+        "plan": frames.plan,
     }
 
 
@@ -97,7 +98,7 @@ def test_every_result_draws_itself_with_units():
         for axes in panels(figure):
             x, y = axes.get_xlabel(), axes.get_ylabel()
             assert "/ px" in x or "/ mm" in x or "pose" in axes.get_title(), name
-            assert "/ px" in y or "/ mm" in y or "/ mm, nearer" in y, name
+            assert "/ px" in y or "/ mm" in y or y == "frame", name
         for bar in (a for a in figure.axes if not a.get_title()):
             assert bar.get_ylabel(), name
         image = np.asarray(Image.open(io.BytesIO(figure._repr_png_())))
@@ -183,6 +184,19 @@ def test_a_profile_has_gaps_a_band_and_reasons():
     reach = np.concatenate([path.vertices[:, 0] for path in band.get_paths()])
     assert not ((reach > 18.5) & (reach < 39.5)).any()
     assert axes.get_xlabel() == "distance along the line / mm"
+
+
+def test_a_plan_shows_every_frame_along_its_axis():
+    steps, code = fw.PhaseSteps("x", 32.0, fw.equal_steps(3)), fw.GrayCode("y", 48, 8.0)
+    plan = fw.PatternPlan(64, 48, (steps, code, fw.Uniform("white")))
+    across, down = plan.plot().axes
+    assert [len(axes.get_yticks()) for axes in (across, down)] == [4, code.frames]
+    light = across.images[0].get_array()
+    pictures = list(fw.encode(plan))
+    assert np.abs(light[0] * 255 - pictures[0][0]).max() <= 0.5
+    assert (light[3] == 1.0).all()
+    assert across.get_yticklabels()[3].get_text() == f"{plan.frames}: white"
+    assert np.array_equal(down.images[0].get_array()[0] * 255, pictures[3][:, 0])
 
 
 def test_depth_grows_downwards():

@@ -9,11 +9,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fringeworks.evaluate.captures import CaptureComparison
+from fringeworks.patterns.plan import PatternPlan
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.calibration_picture import calibration_picture
 from fringeworks.report.comparison_picture import comparison_picture
 from fringeworks.report.maps import UNMEASURED_WORDS, Panel, percent, sheet
+from fringeworks.report.plan_picture import plan_picture
 from fringeworks.report.profile_picture import profile_picture
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.stack.wrapped import WrappedPhase
@@ -46,7 +48,7 @@ def plot(result: object, name: str | None = None) -> Figure:
     Parameters
     ----------
     result : HeightMap, PointCloud, DisplacementMap, CoordinateMap, Decoded, WrappedPhase, Profile,
-        Calibration, CaptureComparison, Reconstruction or Measurement
+        PatternPlan, Calibration, CaptureComparison, Reconstruction or Measurement
     name : str, optional
         Name of the object or capture, put before the title.
 
@@ -211,6 +213,11 @@ def _(profile: Profile, name: str | None = None) -> Figure:
 def _(found: CaptureComparison, name: str | None = None) -> Figure:
     title = _titled(name, f"Methods compared on {found.name}")
     return comparison_picture(title, found)
+
+
+@plot.register
+def _(plan: PatternPlan, name: str | None = None) -> Figure:
+    return plan_picture(_titled(name, "The light of every frame, in the order of projection"), plan)
 
 
 @plot.register

@@ -227,3 +227,14 @@ def test_only_results_are_drawn_and_pictures_are_figures():
     assert isinstance(figure, Figure)
     again = pickle.loads(pickle.dumps(figure))
     assert again._repr_png_() == figure._repr_png_()
+
+
+def test_maps_of_an_overview_have_one_scale_per_line():
+    from fringeworks.report.figures import overview
+
+    rng = np.random.default_rng(0)
+    one, other = rng.normal(0, 1, (20, 20)), rng.normal(0, 3, (20, 20))
+    figure = overview("t", [[("a", one, "height"), ("b", other, "height"), ("c", one, "error")]])
+    limits = [axes.images[0].get_clim() for axes in panels(figure)]
+    assert limits[0] == limits[1]
+    assert limits[2][0] == -limits[2][1]

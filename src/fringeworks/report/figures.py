@@ -155,12 +155,18 @@ def error_maps(title: str, maps: Mapping[str, FloatMap], *, absolute: bool = Fal
 def overview(title: str, cells: Sequence[Sequence[tuple[str, FloatMap, str]]]) -> Figure:
     """A sheet of maps, line by line; each cell is (title, values, kind).
 
-    Kinds: "frame" in grey counts, "height" in mm, "error" in mm about zero.
+    Kinds: "frame" in grey counts, "height" in mm, "error" in mm about zero. Heights of a line have
+    one scale, and errors have another one.
     """
     columns = max(len(line) for line in cells)
     figure = Figure(figsize=(3.6 * columns, 3.2 * len(cells) + 0.4), layout="constrained")
     figure.suptitle(title)
+    kinds: dict[str, PanelKind] = {"height": "values", "error": "signed"}
     for r, line in enumerate(cells):
+        limits = {
+            kind: limits_of(drawn, [values for _, values, k in line if k == kind])
+            for kind, drawn in kinds.items()
+        }
         for c, (label, values, kind) in enumerate(line):
             axes = figure.add_subplot(len(cells), columns, r * columns + c + 1)
             axes.set_title(label, fontsize=10)
@@ -169,8 +175,7 @@ def overview(title: str, cells: Sequence[Sequence[tuple[str, FloatMap, str]]]) -
             if kind == "frame":
                 axes.imshow(values, cmap="gray")
             else:
-                drawn: PanelKind = "values" if kind == "height" else "signed"
-                draw_map(axes, values, drawn, limits_of(drawn, [values]), "mm")
+                draw_map(axes, values, kinds[kind], limits[kind], "mm")
     return figure
 
 

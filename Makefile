@@ -1,4 +1,4 @@
-# demo · test · long · faults · fuzz · check · bench · docs: the only entry points. Each makes its own .venv and needs
+# demo · test · long · faults · fuzz · check · bench · docs · gallery: the only entry points. Each makes its own .venv and needs
 # nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
@@ -11,7 +11,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo test long faults fuzz check bench docs clean
+.PHONY: demo test long faults fuzz check bench docs gallery clean
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -48,6 +48,10 @@ bench: $(BENCH_VENV)/.built
 
 docs: $(VENV)/.built
 	$(BIN)/python -m mkdocs build --strict --quiet --site-dir site
+
+# The page and the pictures of the examples.
+gallery: $(VENV)/.built
+	SOURCE_DATE_EPOCH=0 $(BIN)/python docs/make_gallery.py
 
 clean:
 	rm -rf $(VENV) $(BENCH_VENV) target site demo

@@ -12,3 +12,6 @@ projector, camera = fw.open_devices("virtual", "virtual:bust")  # or "screen", "
 with projector, camera:
     for cloud in islice(fw.live(projector, camera, plan, rig), 5):
         print(cloud)
+
+figure = cloud.points.profile(((60, 150), (330, 150))).plot("last cloud")
+fw.save_figure(figure, "live.png")

@@ -32,7 +32,8 @@ def test_every_cloud_is_the_sphere_in_the_same_memory(fast):
     assert len(memory) == 1
 
 
-def test_the_example(capsys):
+def test_the_example(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     runpy.run_path(str(Path(__file__).parent.parent / "examples" / "live.py"))
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 5

@@ -98,7 +98,7 @@ def test_equal_runs_write_equal_files(capture, tmp_path):
         for suffix in (".tif", ".npz", ".ply", ".x3p", ".gsf"):
             fw.write_surface(folder / f"s{suffix}", surface)
         for suffix in (".png", ".pdf", ".svg"):
-            sheet = fw.surface_sheet("fourier", surface)
+            sheet = surface.plot()
             fw.save_figure(sheet, folder / f"s{suffix}", provenance=surface.provenance)
         run("reconstruct", capture, "--method", "fourier", "--json", folder / "s.json")
     for path in (tmp_path / "one").iterdir():

@@ -39,7 +39,10 @@ def calibrated(shots):
         out,
         "--json",
         shots / "calibration.json",
+        "--figure",
+        shots / "calibration.png",
     )
+    assert (shots / "calibration.png").stat().st_size > 10_000
     assert "wrote" in done.stdout
     assert "baseline" in done.stdout
     assert "pose4" in done.stdout

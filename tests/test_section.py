@@ -1,4 +1,4 @@
-"""Profiles between two pixels, and differences of two surfaces."""
+"""Differences of two surfaces."""
 
 from __future__ import annotations
 
@@ -22,56 +22,6 @@ def plane_cloud(shift_mm=0.0, tilt=0.3):
     sigma = np.full((h, w), 0.02, np.float32)
     xyz = (directions * z[..., None]).astype(np.float32)
     return fw.PointCloud(xyz, sigma, sigma, np.zeros((h, w), np.uint8))
-
-
-def test_a_plane_has_a_straight_profile_of_its_true_length():
-    cloud = plane_cloud()
-    found = fw.profile(cloud, (3, 40), (60, 5))
-    ends = cloud.xyz_mm[40, 3].astype(float), cloud.xyz_mm[5, 60].astype(float)
-    assert found.length_mm == pytest.approx(np.linalg.norm(ends[1] - ends[0]), abs=1e-9)
-    assert len(found.along_mm) == 58
-    assert found.along_mm[0] == pytest.approx(0, abs=1e-9)
-    assert found.along_mm[-1] == pytest.approx(found.length_mm, abs=1e-9)
-    # Pixels lie up to half a pixel beside the line; on a plane that moves them along it only.
-    assert np.abs(found.height_mm).max() < 1e-3 + 0.3 * 1.6
-
-
-def test_heights_count_towards_the_camera_and_gaps_stay_gaps():
-    cloud = plane_cloud(tilt=0.0)
-    xyz, reason = cloud.xyz_mm.copy(), cloud.reason.copy()
-    xyz[20, 30] *= 499.0 / 500.0
-    reason[20, 40] = fw.Reason.SHADOW
-    found = fw.profile(replace(cloud, xyz_mm=xyz, reason=reason), (10, 20), (50, 20))
-    assert found.height_mm[20] == pytest.approx(1.0, abs=1e-3)
-    assert np.isnan(found.height_mm[30])
-    assert np.isnan(found.sigma_mm[30])
-    assert np.isfinite(np.delete(found.height_mm, 30)).all()
-    assert found.sigma_mm[0] == np.float32(0.02)
-
-
-@pytest.mark.parametrize(
-    ("start", "stop", "message"),
-    [
-        ((3, 4), (3, 4), "two different points"),
-        ((-1, 4), (3, 4), "start: expected a pixel of 64 × 51"),
-        ((3, 4), (64, 4), "stop: expected a pixel"),
-        ((40, 20), (3, 4), "start: expected a measured pixel"),
-    ],
-)
-def test_a_profile_refuses(start, stop, message):
-    cloud = plane_cloud()
-    reason = cloud.reason.copy()
-    reason[20, 40] = fw.Reason.SHADOW
-    with pytest.raises(fw.InputError, match=message):
-        fw.profile(replace(cloud, reason=reason), start, stop)
-
-
-def test_a_line_along_the_heights_has_no_profile():
-    values = np.array([[0.0, 5.0]])
-    # The pupil straight above: both pixels stand on one ray.
-    surface = fw.HeightMap(values, values + 0.1, np.zeros((1, 2), np.uint8), "height", "mm", 1e-9)
-    with pytest.raises(fw.InputError, match="across the direction of heights"):
-        fw.profile(surface, (0, 0), (1, 0))
 
 
 def test_differences_of_clouds_are_along_the_rays():

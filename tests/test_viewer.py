@@ -180,18 +180,22 @@ def test_two_picks_give_the_distance_and_the_profile_of_the_library(pages):
     i = click(opened, measured_pixels(FOREHEAD)[3])
     j = click(opened, measured_pixels((205, 215, 120, 140))[7])
     ends = [(p % 320, p // 320) for p in (i, j)]
-    expected = fw.profile(bust(), *ends)
+    expected = bust().profile(ends, level=True)
+    length = expected.along_mm[-1]
     sigma = [float(bust().sigma_mm[row, column]) for column, row in ends]
     shown = re.search(r"Distance\s+(\S+) ± (\S+) mm", opened.text("result"))
     # Both ends may be off by σ/8, and the text is rounded.
-    assert float(shown[1]) == pytest.approx(expected.length_mm, abs=sum(sigma) / 8 + 1e-3)
+    assert float(shown[1]) == pytest.approx(length, abs=sum(sigma) / 8 + 1e-3)
     assert 0 < float(shown[2]) <= np.hypot(*sigma) * 1.02 + 1e-3
     samples = opened.js("V.tools.samples.map((s) => s.values)")
     found = np.array([[np.nan if v is None else v for v in row] for row in samples], float)
     np.testing.assert_array_equal(np.isnan(found[:, 0]), np.isnan(expected.along_mm))
-    allowed = (np.nan_to_num(expected.sigma_mm) + sum(sigma)) / 8
+    allowed = (np.nan_to_num(expected.sigma) + sum(sigma)) / 8
     assert (np.abs(np.nan_to_num(found[:, 0] - expected.along_mm)) <= allowed).all()
-    assert (np.abs(np.nan_to_num(found[:, 1] - expected.height_mm)) <= allowed).all()
+    assert (np.abs(np.nan_to_num(found[:, 1] - expected.values)) <= allowed).all()
+    # σ along the ray, in 8 bits, as it counts across the line.
+    ratio = found[:, 2] / expected.sigma
+    assert ((ratio > 0.97) & (ratio < 1.03))[np.isfinite(ratio)].all()
     assert opened.ui("chart").is_visible()
 
 

@@ -22,6 +22,7 @@ from .types import (
     Pair as Pair,
     Pinhole as Pinhole,
     PointCloud as PointCloud,
+    Profile as Profile,
     Provenance as Provenance,
     Reason as Reason,
     ReferencePlaneGeometry as ReferencePlaneGeometry,
@@ -320,11 +321,6 @@ from .surface.cloud import (
     height_over_plane as height_over_plane,
     normals as normals,
 )
-from .surface.section import (
-    Profile as Profile,
-    difference as difference,
-    profile as profile,
-)
 from .surface.form_geometry import (
     BodyKind as BodyKind,
 )
@@ -335,6 +331,9 @@ from .surface.form import (
 )
 from .surface.form_report import (
     find_spheres as find_spheres,
+)
+from .surface.section import (
+    difference as difference,
 )
 from .files.surfaces import (
     read_surface as read_surface,
@@ -384,8 +383,14 @@ from .evaluate.errors import (
     Errors as Errors,
     errors as errors,
 )
+from .evaluate.captures import (
+    CaptureComparison as CaptureComparison,
+    compare_captures as compare_captures,
+    rows_of_captures as rows_of_captures,
+)
 from .evaluate.compare import (
     CompareOptions as CompareOptions,
+    SceneOptions as SceneOptions,
     compare as compare,
     compare_everywhere as compare_everywhere,
 )
@@ -415,11 +420,7 @@ from .report.tables import (
 )
 from .report.figures import (
     best_map as best_map,
-    coordinate_sheet as coordinate_sheet,
-    phase_sheet as phase_sheet,
-    points_sheet as points_sheet,
     save_figure as save_figure,
-    surface_sheet as surface_sheet,
 )
 from .report.setup_figures import (
     setup_sheet as setup_sheet,

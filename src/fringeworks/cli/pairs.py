@@ -110,14 +110,19 @@ def reconstruct(
         with output.target(out, ".tif") as place:
             fw.write_surface(place, result.surface, ply=ply.value)
     if figure is not None:
-        sheet = fw.surface_sheet(method, result.surface)
-        output.draw(sheet, figure, result.surface.provenance)
+        output.draw(result.plot(_name(capture, object)), figure, result.surface.provenance)
     figures = fw.summarise(result)
     if pair.truth_mm is not None and result.surface.unit == "mm":
         figures["errors"] = asdict(fw.errors(result.surface, pair.truth_mm))
     output.write_json(json_file, figures)
     say_surface(words, figures)
     words.wrote(out, figure)
+
+
+def _name(capture: Path | None, object: Path | None) -> str | None:
+    """What to call the capture in a picture."""
+    named = capture or object
+    return None if named is None else named.stem
 
 
 def _read(capture: Path | None, reference: Path | None, object: Path | None) -> fw.Pair:

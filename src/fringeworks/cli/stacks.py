@@ -125,7 +125,7 @@ def decode(
         with output.target(out, ".npz") as place:
             fw.write_coordinates(place, found)
     if figure is not None:
-        output.draw(fw.coordinate_sheet(stack.name, found), figure, found.provenance)
+        output.draw(found.plot(stack.name), figure, found.provenance)
     figures = fw.summarise(found)
     output.write_json(json_file, figures)
     say_coordinates(words, figures)
@@ -156,7 +156,7 @@ def _show_phase(
         with output.target(out, ".npz") as place:
             fw.write_phase(place, phase, unwrapped)
     if figure is not None:
-        output.draw(fw.phase_sheet(name, phase), figure, phase.provenance)
+        output.draw(phase.plot(name), figure, phase.provenance)
     figures = fw.summarise(phase)
     output.write_json(json_file, figures)
     say_phase(words, figures)
@@ -194,14 +194,17 @@ def calibrate(
         bool,
         typer.Option("--live", help="Take the poses first, each judged at once; with --setup."),
     ] = False,
+    figure: Figure = None,
     json_file: JsonFile = None,
 ) -> None:
     """Calibrate a camera and projector with a board in several poses."""
-    words = output.Output(out, json_file)
+    words = output.Output(out, figure, json_file)
     from fringeworks.files.rig import check_rig_target
     from fringeworks.files.stack import pose_paths
+    from fringeworks.report.figures import check_figure_target
 
     output.check(out, check_rig_target)
+    output.check(figure, check_figure_target)
     known = fw.parse_board(board)
     if live:
         if how.setup is None:
@@ -215,10 +218,12 @@ def calibrate(
         )
     with output.target(out, ".toml") as place:
         fw.write_rig(place, found.rig)
+    if figure is not None:
+        output.draw(found.plot(folder.name), figure, found.rig.provenance)
     figures = fw.summarise(found)
     output.write_json(json_file, figures)
     say_calibration(words, figures)
-    words.wrote(out)
+    words.wrote(out, figure)
 
 
 @app.command(
@@ -270,7 +275,7 @@ def measure(
         with output.target(out, ".ply") as place:
             fw.write_points(place, found.points, kind=ply.value)
     if figure is not None:
-        output.draw(fw.points_sheet(stack.name, found.points), figure, found.points.provenance)
+        output.draw(found.plot(stack.name), figure, found.points.provenance)
     figures = fw.summarise(found)
     output.write_json(json_file, figures)
     say_points(words, figures)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.evaluate.compare import Row
+from fringeworks.evaluate.captures import Row
 
 TIE = 1.02
 """Errors within this factor count as equal: that much changes from seed to seed."""

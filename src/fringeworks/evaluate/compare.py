@@ -1,72 +1,152 @@
-"""Methods side by side on standard scenes."""
+"""Methods side by side on standard scenes, or on one's own pairs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from itertools import product
-from typing import Any, TypedDict, Unpack
+from typing import TypedDict, Unpack
 
+from fringeworks.evaluate.captures import Captures, Row, compare_captures, rows_of_captures
 from fringeworks.evaluate.errors import errors
 from fringeworks.pair.analyse import get_method
 from fringeworks.pair.analyse import methods as all_methods
 from fringeworks.pipeline.pairs import Reconstruction, reconstruct
 from fringeworks.signal.denoise import Denoiser
 from fringeworks.simulate.scene import standard_scene
+from fringeworks.types import InputError
 
-Row = dict[str, Any]
-"""A line of a table, by column."""
+
+class SceneOptions(TypedDict, total=False):
+    """The artificial scenes of ``compare``: values to combine, and what all scenes share."""
+
+    gammas: Sequence[float]
+    """Exponents of the response; 1 by default."""
+    noises: Sequence[float]
+    """Standard deviations of the noise, counts of 8 bit; 0 by default."""
+    bits: Sequence[int]
+    """Quantisation, 0 for none, which is the default."""
+    fringes: Sequence[float]
+    """Periods across the frame; 10 by default."""
+    height_mm: float
+    """Largest height, mm; 100 by default."""
+    size: int
+    """Side of the frames, px; 1000 by default."""
+    seed: int
+    """Seed of the noise; 0 by default."""
+
+
+class CompareOptions(SceneOptions, total=False):
+    """Keyword options of ``compare``; each is explained there."""
+
+    objects: Sequence[str]
+    denoise: Denoiser | None
+    timing: bool
+    on_result: Callable[[Row, Reconstruction], None] | None
+
+
+STANDARD: SceneOptions = {
+    "gammas": (1.0,),
+    "noises": (0.0,),
+    "bits": (0,),
+    "fringes": (10.0,),
+    "height_mm": 100.0,
+    "size": 1000,
+    "seed": 0,
+}
+"""Options of scenes that are not given: the undisturbed standard scene of theory §3."""
 
 
 def compare(
-    objects: Sequence[str] = ("parabola",),
+    objects: Sequence[str] | None = None,
     methods: Sequence[str] | None = None,
     *,
-    gammas: Sequence[float] = (1.0,),
-    noises: Sequence[float] = (0.0,),
-    bits: Sequence[int] = (0,),
-    fringes: Sequence[float] = (10.0,),
-    height_mm: float = 100.0,
-    size: int = 1000,
-    seed: int = 0,
+    captures: Captures | None = None,
+    against: str | None = None,
     denoise: Denoiser | None = None,
     timing: bool = False,
     on_result: Callable[[Row, Reconstruction], None] | None = None,
+    **scenes: Unpack[SceneOptions],
 ) -> list[Row]:
-    """Run methods on standard scenes, every combination once.
+    """Run methods on artificial scenes, every combination once, or on one's own pairs of frames.
 
     Parameters
     ----------
-    objects : names of artificial objects
+    objects : names of artificial objects, optional
+        The parabola where left out.
     methods : names of methods, optional
         All where left out.
-    gammas, noises, bits, fringes : values to combine
-        Exponents of the response; noise in counts of 8 bit; quantisation, 0 for none; periods
-        across the frame.
-    height_mm, size, seed : of the standard scene
+    captures : sequence of Pair or path, or dictionary of them by name, optional
+        One's own pairs instead of artificial scenes; ``compare_captures`` gives their maps, too.
+    against : str, optional
+        With captures: the method that the others are compared with; by default, each is compared
+        with the median of the others. Agreement is not accuracy.
     denoise : "emd", "emd2d" or "bemd", optional
         Applied to both frames before every method.
     timing : bool
         Add the column ``seconds``, in which equal runs differ.
     on_result : callable, optional
         Called with each row and its reconstruction, for progress and figures.
+    **scenes
+        ``SceneOptions``: gammas, noises, bits and fringes, of which every combination is run, and
+        height_mm, size and seed.
 
     Returns
     -------
-    List of rows with the keys object, method, gamma, noise, bits, fringes and the fields of
-    ``Errors``.
+    List of rows. For scenes: object, method, gamma, noise, bits, fringes and the fields of
+    ``Errors``. For captures: those of ``CaptureComparison.rows``; where some captures have a truth,
+    the errors of the others are NaN.
 
     Raises
     ------
-    InputError for an unknown object or method.
+    InputError for an unknown object or method, for captures together with scenes, and as
+    ``compare_captures``.
+
+    Examples
+    --------
+    >>> scene = standard_scene("parabola", size=100, fringes=8)
+    >>> rows = compare(captures=[scene], methods=["fourier", "windowed"], against="windowed")
+    >>> [f"{row['method']}: {row['median_abs_difference'] < 2}" for row in rows]
+    ['fourier: True', 'windowed: False']
     """
+    if captures is None:
+        if against is not None:
+            raise InputError("against: expected together with captures; scenes have their truth")
+        chosen: SceneOptions = {**STANDARD, **scenes}
+        return _on_scenes(objects or ("parabola",), methods, chosen, denoise, timing, on_result)
+    given = [*(["objects"] if objects else []), *scenes]
+    if given:
+        raise InputError(f"captures cannot be combined with {given[0]}, an option of scenes")
+    found = compare_captures(captures, methods, against=against, denoise=denoise)
+    rows = rows_of_captures(found, timing=timing)
+    if on_result:
+        for row, result in zip(
+            rows, [r for one in found for r in one.results.values()], strict=True
+        ):
+            on_result(row, result)
+    return rows
+
+
+def _on_scenes(
+    objects: Sequence[str],
+    methods: Sequence[str] | None,
+    scenes: SceneOptions,
+    denoise: Denoiser | None,
+    timing: bool,
+    on_result: Callable[[Row, Reconstruction], None] | None,
+) -> list[Row]:
+    """Rows of every method on every combination."""
     chosen = list(all_methods()) if methods is None else list(methods)
     for name in chosen:
         get_method(name)
+    common = {name: scenes[name] for name in ("size", "height_mm", "seed")}
+    combined = product(
+        objects, scenes["gammas"], scenes["noises"], scenes["bits"], scenes["fringes"]
+    )
     rows: list[Row] = []
-    for name, gamma, noise, depth, count in product(objects, gammas, noises, bits, fringes):
+    for name, gamma, noise, depth, count in combined:
         settings = {"gamma": gamma, "noise": noise, "bits": depth, "fringes": count}
-        scene = standard_scene(name, size=size, height_mm=height_mm, seed=seed, **settings)  # type: ignore[arg-type]
+        scene = standard_scene(name, **common, **settings)  # type: ignore[arg-type]
         assert scene.truth_mm is not None
         for method in chosen:
             result = reconstruct(scene, method, denoise=denoise)
@@ -76,22 +156,6 @@ def compare(
             if on_result:
                 on_result(rows[-1], result)
     return rows
-
-
-class CompareOptions(TypedDict, total=False):
-    """Keyword options of ``compare``; each is explained there."""
-
-    objects: Sequence[str]
-    gammas: Sequence[float]
-    noises: Sequence[float]
-    bits: Sequence[int]
-    fringes: Sequence[float]
-    height_mm: float
-    size: int
-    seed: int
-    denoise: Denoiser | None
-    timing: bool
-    on_result: Callable[[Row, Reconstruction], None] | None
 
 
 SWEEP: CompareOptions = {

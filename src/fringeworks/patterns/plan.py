@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.chain_search import ROUNDING
 from fringeworks.patterns.order_chain import TURN, OrderChain, order_chain, repeat_distance
-from fringeworks.types import Axis, FloatMap, Frozen, InputError
+from fringeworks.types import Axis, FloatMap, Frozen, InputError, Plotted
 
 DEPTHS = (8, 10, 12, 16)
 """Depths of pictures that can be drawn, bits: those of common projectors and displays."""
@@ -266,7 +266,7 @@ def equal_steps(n: int) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PatternPlan(Frozen):
+class PatternPlan(Plotted, Frozen):
     """A sequence of patterns for a projector, in the order of projection and of the frames."""
 
     width_px: int

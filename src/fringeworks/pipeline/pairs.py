@@ -32,13 +32,14 @@ from fringeworks.types import (
     HeightMap,
     InputError,
     Pair,
+    Plotted,
     ReferencePlaneGeometry,
     made_by,
 )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Reconstruction(Frozen):
+class Reconstruction(Plotted, Frozen):
     """The surface of a pair of frames."""
 
     surface: HeightMap

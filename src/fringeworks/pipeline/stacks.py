@@ -35,6 +35,7 @@ from fringeworks.types import (
     FloatMap,
     Frozen,
     InputError,
+    Plotted,
     PointCloud,
     Rig,
     RigMismatch,
@@ -44,7 +45,7 @@ from fringeworks.types import (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Measurement(Frozen):
+class Measurement(Plotted, Frozen):
     """The points of a stack of frames."""
 
     points: PointCloud

@@ -16,22 +16,13 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from fringeworks.files.atomic import StrPath, check_target, replacing
 from fringeworks.files.provenance import json_line
 from fringeworks.pair.methods.inverse_function import Extrema
-from fringeworks.stack.wrapped import WrappedPhase
-from fringeworks.surface.cloud import normals
-from fringeworks.types import ByteMap, Decoded, FloatMap, HeightMap, PointCloud, Provenance, Reason
+from fringeworks.report.maps import DPI, Panel, PanelKind, draw_map, limits_of, sheet
+from fringeworks.types import FloatMap, Provenance
 
-DPI = 110
-"""Dots per inch of a PNG: an overview of six maps is about 2,400 px wide."""
 MAX_SURFACE_POINTS = 160
 """Mesh lines per side in perspective views; more is slow and looks no better."""
-UNMEASURED = "#b0b0b0"
-"""Colour of pixels without a value: a grey that no colour map of values holds."""
 FORMATS = (".png", ".pdf", ".svg")
 """Suffixes of pictures."""
-MAP_PERCENTILES = (0.2, 99.8)
-"""Range of values that a map's colours span, percent: outliers do not flatten the rest."""
-SIGMA_PERCENTILE = 98.0
-"""Percentile of σ at the end of its colour scale; σ has a long tail at rims."""
 
 
 def check_figure_target(path: StrPath) -> None:
@@ -150,162 +141,41 @@ def perspective(title: str, values: FloatMap, *, pitch: float = 1.0, unit: str =
     return figure
 
 
-def _map(
-    axes: Axes, values: FloatMap, *, limits: tuple[float, float], colours: str, label: str
-) -> None:
-    axes.set_facecolor(UNMEASURED)
-    picture = axes.imshow(
-        values, cmap=colours, vmin=limits[0], vmax=limits[1], interpolation="nearest"
-    )
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.figure.colorbar(picture, ax=axes, label=label, shrink=0.85, extend="both")
-
-
-def spread(values: Sequence[FloatMap], share: float = 99.0) -> float:
-    """A range that shows most of all maps: the largest of their absolute percentiles."""
-    found = [np.nanpercentile(np.abs(v), share) for v in values if np.isfinite(v).any()]
-    return max([float(f) for f in found if f > 0], default=1e-6)
-
-
 def error_maps(title: str, maps: Mapping[str, FloatMap], *, absolute: bool = False) -> Figure:
     """Error maps side by side, each with a scale of its own."""
-    columns = min(3, len(maps))
-    lines = int(np.ceil(len(maps) / columns))
-    figure = Figure(figsize=(4.4 * columns, 3.9 * lines + 0.3), layout="constrained")
-    figure.suptitle(title)
-    for k, (label, values) in enumerate(maps.items()):
-        axes = figure.add_subplot(lines, columns, k + 1)
-        axes.set_title(label)
-        limit = spread([values])
-        if absolute:
-            shown, limits, colours = np.abs(values), (0.0, limit), "magma"
-        else:
-            shown, limits, colours = values, (-limit, limit), "coolwarm"
-        _map(axes, shown, limits=limits, colours=colours, label="mm")
-    return figure
-
-
-def surface_sheet(title: str, surface: HeightMap) -> Figure:
-    """Values, error bar and reasons of a surface on one sheet."""
-    figure = Figure(figsize=(15.0, 4.8), layout="constrained")
-    figure.suptitle(title)
-    values_axes = figure.add_subplot(1, 3, 1)
-    values_axes.set_title(surface.quantity)
-    finite = surface.values[np.isfinite(surface.values)]
-    low, high = np.percentile(finite, MAP_PERCENTILES) if finite.size else (0.0, 1.0)
-    _map(values_axes, surface.values, limits=(low, high), colours="viridis", label=surface.unit)
-    sigma_axes = figure.add_subplot(1, 3, 2)
-    sigma_axes.set_title("σ")
-    _map(
-        sigma_axes,
-        surface.sigma,
-        limits=(0.0, spread([surface.sigma], SIGMA_PERCENTILE)),
-        colours="magma",
-        label=surface.unit,
-    )
-    _reasons(figure.add_subplot(1, 3, 3), surface.reason, surface.failed_fraction)
-    return figure
-
-
-def coordinate_sheet(title: str, decoded: Decoded) -> Figure:
-    """Coordinate, error bar, modulation and reasons of every axis on one sheet."""
-    figure = Figure(figsize=(18.0, 4.2 * len(decoded.maps) + 0.4), layout="constrained")
-    figure.suptitle(title)
-    for line, (axis, found) in enumerate(decoded.maps.items()):
-        places = [figure.add_subplot(len(decoded.maps), 4, 4 * line + k) for k in (1, 2, 3, 4)]
-        shown = found.coordinate_px
-        finite = shown[np.isfinite(shown)]
-        low, high = np.percentile(finite, MAP_PERCENTILES) if finite.size else (0.0, 1.0)
-        places[0].set_title(f"projector coordinate {axis}")
-        _map(places[0], shown, limits=(low, high), colours="viridis", label="px")
-        places[1].set_title("σ")
-        top = spread([found.sigma_px], SIGMA_PERCENTILE)
-        _map(places[1], found.sigma_px, limits=(0.0, top), colours="magma", label="px")
-        places[2].set_title("modulation")
-        top = spread([found.modulation], 99.5)
-        _map(places[2], found.modulation, limits=(0.0, top), colours="gray", label="counts")
-        _reasons(places[3], found.reason, found.failed_fraction)
-    return figure
-
-
-def phase_sheet(title: str, wrapped: WrappedPhase) -> Figure:
-    """Wrapped phase, error bar, modulation and reasons on one sheet."""
-    figure = Figure(figsize=(18.0, 4.6), layout="constrained")
-    figure.suptitle(title)
-    places = [figure.add_subplot(1, 4, k) for k in (1, 2, 3, 4)]
-    places[0].set_title("wrapped phase")
-    limits = (-np.pi, np.pi)
-    _map(places[0], wrapped.phase_rad, limits=limits, colours="twilight", label="rad")
-    places[1].set_title("σ")
-    top = spread([wrapped.sigma_rad], SIGMA_PERCENTILE)
-    _map(places[1], wrapped.sigma_rad, limits=(0.0, top), colours="magma", label="rad")
-    places[2].set_title("modulation")
-    top = spread([wrapped.modulation], 99.5)
-    _map(places[2], wrapped.modulation, limits=(0.0, top), colours="gray", label="counts")
-    _reasons(places[3], wrapped.reason, wrapped.failed_fraction)
-    return figure
-
-
-def points_sheet(title: str, cloud: PointCloud) -> Figure:
-    """Depth, slope of light, error bar and reasons of a point cloud on one sheet."""
-    figure = Figure(figsize=(18.0, 4.4), layout="constrained")
-    figure.suptitle(title)
-    places = [figure.add_subplot(1, 4, k) for k in (1, 2, 3, 4)]
-    depth = cloud.xyz_mm[..., 2]
-    finite = depth[np.isfinite(depth)]
-    low, high = np.percentile(finite, MAP_PERCENTILES) if finite.size else (0.0, 1.0)
-    places[0].set_title("z")
-    _map(places[0], depth, limits=(low, high), colours="viridis_r", label="mm")
-    places[1].set_title("shaded by its normals")
-    light = normals(cloud) @ (np.array([-0.5, -0.5, -0.7]) / np.linalg.norm([0.5, 0.5, 0.7]))
-    _map(places[1], light, limits=(0.0, 1.0), colours="gray", label="cosine")
-    places[2].set_title("σ")
-    top = spread([cloud.sigma_mm], SIGMA_PERCENTILE)
-    _map(places[2], cloud.sigma_mm, limits=(0.0, top), colours="magma", label="mm")
-    _reasons(places[3], cloud.reason, cloud.failed_fraction)
-    return figure
-
-
-def _reasons(axes: Axes, reason: ByteMap, failed: float) -> None:
-    names = [reason.name.lower().replace("_", " ") for reason in Reason]
-    colours = ["#f4f4f4", *(f"C{k}" for k in range(len(Reason) - 1))]
-    picture = axes.imshow(
-        reason,
-        cmap=ListedColormap(colours),
-        norm=BoundaryNorm(np.arange(len(Reason) + 1) - 0.5, len(Reason)),
-        interpolation="nearest",
-    )
-    axes.set_title(f"reasons ({failed:.1%} failed)")
-    axes.set_xticks([])
-    axes.set_yticks([])
-    bar = axes.figure.colorbar(picture, ax=axes, ticks=range(len(Reason)), shrink=0.85)
-    bar.ax.set_yticklabels(names)
+    panels = [
+        Panel(
+            label, np.abs(values) if absolute else values, "sigma" if absolute else "signed", "mm"
+        )
+        for label, values in maps.items()
+    ]
+    return sheet(title, "", panels, columns=3)
 
 
 def overview(title: str, cells: Sequence[Sequence[tuple[str, FloatMap, str]]]) -> Figure:
     """A sheet of maps, line by line; each cell is (title, values, kind).
 
-    Kinds: "frame" in grey counts, "height" in mm, "error" in mm about zero.
+    Kinds: "frame" in grey counts, "height" in mm, "error" in mm about zero. Heights of a line have
+    one scale, and errors have another one.
     """
     columns = max(len(line) for line in cells)
     figure = Figure(figsize=(3.6 * columns, 3.2 * len(cells) + 0.4), layout="constrained")
     figure.suptitle(title)
+    kinds: dict[str, PanelKind] = {"height": "values", "error": "signed"}
     for r, line in enumerate(cells):
+        limits = {
+            kind: limits_of(drawn, [values for _, values, k in line if k == kind])
+            for kind, drawn in kinds.items()
+        }
         for c, (label, values, kind) in enumerate(line):
             axes = figure.add_subplot(len(cells), columns, r * columns + c + 1)
             axes.set_title(label, fontsize=10)
+            axes.set_xticks([])
+            axes.set_yticks([])
             if kind == "frame":
                 axes.imshow(values, cmap="gray")
-                axes.set_xticks([])
-                axes.set_yticks([])
-            elif kind == "height":
-                top = spread([values], 99.9)
-                low = min(0.0, float(np.nanpercentile(values, 0.5)))
-                _map(axes, values, limits=(low, top), colours="viridis", label="mm")
             else:
-                limit = spread([values], SIGMA_PERCENTILE)
-                _map(axes, values, limits=(-limit, limit), colours="coolwarm", label="mm")
+                draw_map(axes, values, kinds[kind], limits[kind], "mm")
     return figure
 
 

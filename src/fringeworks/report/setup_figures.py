@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 
-from fringeworks.report.figures import UNMEASURED
+from fringeworks.report.maps import UNMEASURED
 from fringeworks.report.setup_curves import (
     BLUE,
     FAULT,
@@ -149,7 +149,7 @@ def _coordinates(axes: Axes, place: FloatMap, length: int, label: str) -> None:
     """A map of coordinates with contour lines."""
     step = _step(place)
     shown = np.ma.masked_invalid(place[::step, ::step])
-    axes.set_facecolor(UNMEASURED)
+    axes.patch.set(**UNMEASURED)
     picture = axes.imshow(shown, cmap="cividis", vmin=0.0, vmax=length, extent=_extent(place))
     if shown.count() > 100:
         h, w = place.shape
@@ -165,7 +165,7 @@ def _coordinates(axes: Axes, place: FloatMap, length: int, label: str) -> None:
 def _vignetting(axes: Axes, tests: SetupTests) -> str:
     assert tests.vignetting is not None
     found = tests.vignetting
-    axes.set_facecolor(UNMEASURED)
+    axes.patch.set(**UNMEASURED)
     columns, rows = tests.size_px
     extent = (-0.5, columns - 0.5, rows - 0.5, -0.5)
     shown = np.ma.masked_invalid(found.light)

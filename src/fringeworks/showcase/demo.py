@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.evaluate.compare import Row
+from fringeworks.evaluate.captures import Row
 from fringeworks.evaluate.errors import error_map, errors
 from fringeworks.files.atomic import StrPath, write_text
 from fringeworks.files.folder import FolderWriter, replacing_folder
@@ -152,7 +152,7 @@ def _photographed_cone(writer: FolderWriter, progress: Callable[[str], None]) ->
     pictures = []
     for name in ("windowed", "gsifa", "fourier"):
         surfaces[name] = reconstruct(pair, name).surface
-        sheet = figures.surface_sheet(f"photographed cone, {name}", surfaces[name])
+        sheet = surfaces[name].plot("photographed cone")
         pictures.append(
             figures.save_figure(
                 sheet, writer.file(f"cone_{name}.png"), provenance=surfaces[name].provenance

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.evaluate.compare import Row
+from fringeworks.evaluate.captures import Row
 from fringeworks.files.atomic import write_text
 from fringeworks.files.folder import FolderWriter
 from fringeworks.files.points import write_points
@@ -17,6 +17,7 @@ from fringeworks.files.stack import write_stack
 from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.pipeline.stacks import measure
 from fringeworks.report import figures
+from fringeworks.report.maps import Panel, sheet
 from fringeworks.report.summary import summarise
 from fringeworks.report.tables import format_table
 from fringeworks.rig.calibration.board import parse_board
@@ -91,12 +92,17 @@ def rig_demo(
         if name == "bust":
             write_stack(writer.file("bust"), frames, plan, truth=view.truth, force=force)
         write_points(writer.file(f"{name}.ply"), cloud, kind="mesh")
-        sheet = figures.points_sheet(f"{name}, measured by a calibrated virtual rig", cloud)
+        picture = cloud.plot(f"{name}, measured by a calibrated virtual rig")
         pictures.append(
-            figures.save_figure(sheet, writer.file(f"rig_{name}.png"), provenance=cloud.provenance)
+            figures.save_figure(
+                picture, writer.file(f"rig_{name}.png"), provenance=cloud.provenance
+            )
         )
-        maps = {"error along the ray": error, "σ": cloud.sigma_mm}
-        errors = figures.error_maps(f"{name}: measured minus true", maps)
+        maps = [
+            Panel("error along the ray", error, "signed", "mm"),
+            Panel("standard deviation σ", cloud.sigma_mm, "sigma", "mm"),
+        ]
+        errors = sheet(f"{name}: measured minus true, and what σ says", "", maps, columns=2)
         pictures.append(
             figures.save_figure(
                 errors, writer.file(f"rig_{name}_error.png"), provenance=cloud.provenance

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from fringeworks.evaluate.compare import Row, compare
+from fringeworks.evaluate.captures import Row
+from fringeworks.evaluate.compare import compare
 from fringeworks.evaluate.errors import error_map, errors
 from fringeworks.files.atomic import StrPath, write_text
 from fringeworks.files.folder import replacing_folder

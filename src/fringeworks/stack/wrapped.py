@@ -19,6 +19,7 @@ from fringeworks.types import (
     CameraNoise,
     FloatMap,
     Frozen,
+    Plotted,
     Provenance,
     Reason,
     sealed,
@@ -26,7 +27,7 @@ from fringeworks.types import (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WrappedPhase(Frozen):
+class WrappedPhase(Plotted, Frozen):
     """The phase of shifted fringes at every camera pixel, modulo 2π."""
 
     phase_rad: FloatMap

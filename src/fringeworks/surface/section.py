@@ -1,33 +1,225 @@
-"""Profiles between two pixels of a surface, and differences of two surfaces."""
+"""Profiles of maps along a line of pixels, and differences of two surfaces."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.surface.height_map import height_map_points
-from fringeworks.types import FloatMap, Frozen, HeightMap, InputError, PointCloud, Reason
+from fringeworks.types import (
+    CoordinateMap,
+    DisplacementMap,
+    FloatMap,
+    HeightMap,
+    InputError,
+    Line,
+    PointCloud,
+    Profile,
+    Reason,
+)
 
-MIN_UPWARD_SINE = 1e-6
+MIN_LATERAL_SINE = 1e-6
 """Smallest sine of the angle between a profile's line and the direction of heights. Below it,
-rounding would determine the direction in which the profile's heights count."""
+rounding would determine the direction along which distances count."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Profile(Frozen):
-    """Heights of a surface over the straight line between two of its points."""
+@dataclass(frozen=True)
+class _Spatial:
+    """Places of samples in space."""
 
-    pixels: FloatMap
-    """Column and row of every sample, (n, 2), whole numbers."""
-    along_mm: FloatMap
-    """Distance of every sample from the first one along the line, (n,), mm; NaN: unmeasured."""
-    height_mm: FloatMap
-    """Height over the line, towards the camera, (n,), mm; 0 at both ends, NaN: unmeasured."""
-    sigma_mm: FloatMap
-    """Standard deviation of the samples along the camera's ray, (n,), mm; NaN where unmeasured."""
-    length_mm: float
-    """Distance of the two end points, mm."""
+    points: FloatMap
+    """Points, (n, 3), mm; NaN where unmeasured."""
+    by_value: FloatMap
+    """Change of a point with its measured value, (n, 3): the direction of its ray."""
+    sigma: FloatMap
+    """Standard deviation of that value, (n,), mm."""
+    up: FloatMap
+    """Direction in which heights count, (3,)."""
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Values of a map at pixels of a line, (n,)."""
+
+    values: FloatMap
+    sigma: FloatMap
+    quantity: str
+    unit: Literal["mm", "px"]
+    spatial: _Spatial | None = None
+
+
+def profile(
+    surface: HeightMap | PointCloud | DisplacementMap | CoordinateMap,
+    line: Line,
+    *,
+    level: bool = False,
+) -> Profile:
+    """Sample a map along a straight line of its pixels.
+
+    Parameters
+    ----------
+    surface : HeightMap, PointCloud, DisplacementMap or CoordinateMap
+    line : ((x0, y0), (x1, y1))
+        Column and row of the first and the last pixel, whole numbers.
+    level : bool
+        Count heights over the straight line in space from the first to the last measured sample,
+        and distances along it.
+
+    Returns
+    -------
+    Profile. Values are heights, displacements or coordinates as in the map; of points, the depth
+    z. A sample is the pixel nearest to the line, halves rounded up.
+
+    Raises
+    ------
+    InputError for pixels outside the map, one pixel twice, and a line that cannot be levelled.
+
+    Notes
+    -----
+    Bilinear values would mix the two sides of a cliff, and their σ would depend on how neighbouring
+    errors are correlated, which no map states. A point's σ along the ray is projected to the
+    direction of heights. Levelling is a rotation in the plane of the line and that direction.
+
+    Examples
+    --------
+    >>> values = np.array([[0.0, 2.0, 1.0]], np.float32)
+    >>> flat = np.full((1, 3), 0.01, np.float32)
+    >>> surface = HeightMap(values, flat, np.zeros((1, 3), np.uint8), "height", "mm", 2.0)
+    >>> found = profile(surface, ((0, 0), (2, 0)))
+    >>> found.along_mm.tolist(), found.values.tolist()
+    ([0.0, 2.0, 4.0], [0.0, 2.0, 1.0])
+    """
+    if not isinstance(surface, (HeightMap, PointCloud, DisplacementMap, CoordinateMap)):
+        raise InputError(f"profile: expected a map of pixels, got {type(surface).__name__}")
+    pixels = pixels_on_line(line, surface.reason.shape)
+    column, row = pixels.T
+    direction = (pixels[-1] - pixels[0]) / np.linalg.norm(pixels[-1] - pixels[0])
+    known = _samples(surface, row, column)
+    reason = surface.reason[row, column]
+    found: dict[str, Any] = {
+        "values": np.where(reason == Reason.OK, known.values, np.nan).astype(np.float64),
+        "sigma": np.where(reason == Reason.OK, known.sigma, np.nan).astype(np.float64),
+        "along_mm": None,
+        "quantity": known.quantity,
+        "unit": known.unit,
+    }
+    if known.spatial is not None:
+        found |= _in_space(known.spatial, level)
+    elif level:
+        raise InputError(
+            f"level: expected points, or heights in mm with a known pitch, got {known.quantity}"
+        )
+    along_px = (pixels - pixels[0]) @ direction
+    return Profile(pixels=pixels, along_px=along_px, reason=reason, levelled=level, **found)
+
+
+def pixels_on_line(line: Line, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return the pixels nearest to a line, one per column or row, whichever are more.
+
+    Parameters
+    ----------
+    line : ((x0, y0), (x1, y1))
+        Column and row of the first and the last pixel.
+    shape : (rows, columns)
+
+    Returns
+    -------
+    (n, 2) int64 array of columns and rows; halves are rounded up.
+
+    Raises
+    ------
+    InputError for anything but two different pixels of the frame.
+    """
+    ends = np.asarray(line)
+    if ends.shape != (2, 2) or not (ends == np.floor(ends)).all():
+        raise InputError(f"line: expected ((x0, y0), (x1, y1)) in whole pixels, got {line}")
+    rows, columns = shape[:2]
+    for x, y in ends:
+        if not (0 <= x < columns and 0 <= y < rows):
+            raise InputError(
+                f"line: expected pixels of a frame of {columns} × {rows}, got ({x}, {y})"
+            )
+    a, b = ends.astype(np.float64)
+    n = int(np.abs(b - a).max())
+    if n == 0:
+        raise InputError(f"line: expected two different pixels, got {line[0]} twice")
+    place = np.arange(n + 1)[:, None] / n
+    pixels: NDArray[np.int64] = np.floor(a + place * (b - a) + 0.5).astype(np.int64)
+    return pixels
+
+
+def _in_space(spatial: _Spatial, level: bool) -> dict[str, Any]:
+    """Distances in mm and, where levelled, heights over the line and their σ."""
+    points = spatial.points
+    measured = np.flatnonzero(np.isfinite(points[:, 0]))
+    if len(measured) < 2:
+        if level:
+            raise InputError("level: expected two or more measured pixels on the line, got fewer")
+        return {"along_mm": np.where(np.isfinite(points[:, 0]), 0.0, np.nan)}
+    offset = points - points[measured[0]]
+    chord = offset[measured[-1]]
+    lateral = chord - (chord @ spatial.up) * spatial.up
+    length = float(np.linalg.norm(lateral))
+    if not length > MIN_LATERAL_SINE * np.linalg.norm(chord):
+        raise InputError("line: expected ends side by side, got one behind the other")
+    if not level:
+        return {"along_mm": offset @ (lateral / length)}
+    along = chord / np.linalg.norm(chord)
+    up = spatial.up - (spatial.up @ along) * along
+    up /= np.linalg.norm(up)
+    return {
+        "along_mm": offset @ along,
+        "values": offset @ up,
+        "sigma": np.abs(spatial.by_value @ up) * spatial.sigma,
+        "quantity": "height over the line",
+        "unit": "mm",
+    }
+
+
+def _samples(
+    surface: HeightMap | PointCloud | DisplacementMap | CoordinateMap,
+    row: NDArray[np.int64],
+    column: NDArray[np.int64],
+) -> _Samples:
+    """Values, σ and places of pixels."""
+    if isinstance(surface, PointCloud):
+        ok = (surface.reason[row, column] == Reason.OK)[:, None]
+        points = np.where(ok, surface.xyz_mm[row, column].astype(np.float64), np.nan)
+        ray = points / np.linalg.norm(points, axis=1, keepdims=True)
+        along_ray = surface.sigma_mm[row, column].astype(np.float64)
+        spatial = _Spatial(points, ray, along_ray, np.array([0.0, 0.0, -1.0]))
+        return _Samples(points[:, 2], along_ray * np.abs(ray[:, 2]), "depth z", "mm", spatial)
+    if isinstance(surface, HeightMap):
+        heights, sigma = surface.values[row, column], surface.sigma[row, column]
+        places = _of_heights(surface, row, column)
+        return _Samples(heights, sigma, surface.quantity, surface.unit, places)
+    if isinstance(surface, DisplacementMap):
+        values, sigma = surface.displacement_px, surface.sigma_px
+        quantity = f"displacement along {surface.axis}"
+    else:
+        values, sigma = surface.coordinate_px, surface.sigma_px
+        quantity = f"projector coordinate {surface.axis}"
+    return _Samples(values[row, column], sigma[row, column], quantity, "px")
+
+
+def _of_heights(
+    surface: HeightMap, row: NDArray[np.int64], column: NDArray[np.int64]
+) -> _Spatial | None:
+    """Places of pixels of a height map; None where it has no lateral scale in mm."""
+    if surface.unit != "mm" or surface.pitch is None:
+        return None
+    by_height = np.zeros((len(row), 3))
+    by_height[:, 2] = 1.0
+    if surface.pupil is not None:
+        foot_x, foot_y, distance = surface.pupil
+        by_height[:, 0] = -(column - foot_x) * surface.pitch / distance
+        by_height[:, 1] = (row - foot_y) * surface.pitch / distance
+    points = organised_points(surface)[row, column]
+    sigma = surface.sigma[row, column].astype(np.float64)
+    return _Spatial(points, by_height, sigma, np.array([0.0, 0.0, 1.0]))
 
 
 def organised_points(surface: PointCloud | HeightMap) -> FloatMap:
@@ -43,59 +235,6 @@ def organised_points(surface: PointCloud | HeightMap) -> FloatMap:
     found, _, index = height_map_points(surface)
     points[index >= 0] = found
     return points
-
-
-def profile(
-    surface: PointCloud | HeightMap, start_px: tuple[int, int], stop_px: tuple[int, int]
-) -> Profile:
-    """Sample a surface along the straight line between two measured pixels.
-
-    Parameters
-    ----------
-    surface : PointCloud or HeightMap
-        Heights need a known pitch.
-    start_px, stop_px : (int, int)
-        Column and row of the first and the last sample; both measured, and not the same.
-
-    Returns
-    -------
-    Profile with one sample per column or row, whichever are more. A sample is the pixel that is
-    nearest to the line. Heights count perpendicular to the line, in the plane that the line spans
-    with the direction towards the camera (−z of a cloud, z of a height map).
-
-    Raises
-    ------
-    InputError for pixels outside the surface or without a value, for one pixel twice, and for a
-    line along the direction of heights.
-
-    Examples
-    --------
-    >>> values = np.array([[0.0, 1.0, 0.0]], np.float32)
-    >>> flat = np.full((1, 3), 0.01, np.float32)
-    >>> surface = HeightMap(values, flat, np.zeros((1, 3), np.uint8), "height", "mm", 2.0)
-    >>> found = profile(surface, (0, 0), (2, 0))
-    >>> found.along_mm.tolist(), found.height_mm.tolist()
-    ([0.0, 2.0, 4.0], [0.0, 1.0, 0.0])
-    """
-    points = organised_points(surface)
-    sigma = surface.sigma_mm if isinstance(surface, PointCloud) else surface.sigma
-    upward = np.array([0.0, 0.0, -1.0 if isinstance(surface, PointCloud) else 1.0])
-    first, last = (
-        _end(points, name, end) for name, end in (("start", start_px), ("stop", stop_px))
-    )
-    length = float(np.linalg.norm(last - first))
-    if not length > 0:
-        raise InputError(f"profile: expected two different points, got {start_px} and {stop_px}")
-    along = (last - first) / length
-    up = upward - (upward @ along) * along
-    if np.linalg.norm(up) < MIN_UPWARD_SINE:
-        raise InputError("profile: expected a line across the direction of heights, got one along")
-    up /= np.linalg.norm(up)
-    pixels = _line(start_px, stop_px)
-    sampled = points[pixels[:, 1], pixels[:, 0]]
-    found = np.where(np.isfinite(sampled[:, 0]), sigma[pixels[:, 1], pixels[:, 0]], np.nan)
-    offset = sampled - first
-    return Profile(pixels.astype(np.float64), offset @ along, offset @ up, found, length)
 
 
 def difference(
@@ -120,6 +259,16 @@ def difference(
     Raises
     ------
     InputError for surfaces of two kinds, shapes, units or pitches.
+
+    Examples
+    --------
+    >>> flat = np.zeros((1, 2), np.float32)
+    >>> ok = np.zeros((1, 2), np.uint8)
+    >>> one = HeightMap(flat, flat + 3, ok, "height", "mm", 1.0)
+    >>> other = HeightMap(flat + 1, flat + 4, ok, "height", "mm", 1.0)
+    >>> values, sigma = difference(one, other)
+    >>> values.tolist(), sigma.tolist()
+    ([[1.0, 1.0]], [[5.0, 5.0]])
     """
     if isinstance(one, PointCloud) and isinstance(other, PointCloud):
         _check_alike("shape", one.shape, other.shape)
@@ -143,24 +292,3 @@ def difference(
 def _check_alike(name: str, one: object, other: object) -> None:
     if one != other:
         raise InputError(f"difference: expected the same {name} twice, got {one} and {other}")
-
-
-def _end(points: FloatMap, name: str, pixel: tuple[int, int]) -> FloatMap:
-    column, row = pixel
-    rows, columns = points.shape[:2]
-    if not (0 <= column < columns and 0 <= row < rows):
-        raise InputError(f"{name}: expected a pixel of {columns} × {rows}, got {pixel}")
-    point = points[row, column]
-    if not np.isfinite(point).all():
-        raise InputError(f"{name}: expected a measured pixel, got {pixel}, which has no value")
-    return np.asarray(point)
-
-
-def _line(
-    start: tuple[int, int], stop: tuple[int, int]
-) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
-    """The pixels nearest to a line, (n, 2); halves are rounded up."""
-    a, b = np.array(start, np.float64), np.array(stop, np.float64)
-    n = int(np.abs(b - a).max())
-    place = np.arange(n + 1)[:, None] / n
-    return np.floor(a + place * (b - a) + 0.5).astype(np.int64)

@@ -14,6 +14,7 @@ from fringeworks.types.arrays import (
 )
 from fringeworks.types.camera import CameraSettings, Region
 from fringeworks.types.coordinates import CoordinateMap, Decoded
+from fringeworks.types.displayed import Plotted, Sectioned
 from fringeworks.types.errors import (
     BoardNotFound,
     DeviceProblem,
@@ -29,6 +30,7 @@ from fringeworks.types.finding import FrameFinding, FrameFindingKind
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
 from fringeworks.types.noise import MAD_TO_SIGMA, CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
+from fringeworks.types.profile import Line, Profile
 from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
 from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
 from fringeworks.types.surface import HeightMap, PointCloud
@@ -54,16 +56,20 @@ __all__ = [
     "Frozen",
     "HeightMap",
     "InputError",
+    "Line",
     "MissingPackage",
     "Pair",
     "Pinhole",
+    "Plotted",
     "PointCloud",
+    "Profile",
     "Provenance",
     "Reason",
     "ReferencePlaneGeometry",
     "Region",
     "Rig",
     "RigMismatch",
+    "Sectioned",
     "Source",
     "UnknownMethod",
     "check_fields",

@@ -8,14 +8,17 @@ from typing import Any
 import numpy as np
 
 from fringeworks.types.arrays import Axis, ByteMap, FloatMap, Reason
+from fringeworks.types.displayed import Plotted, Sectioned
+from fringeworks.types.errors import InputError
 from fringeworks.types.finding import FrameFinding
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.noise import CameraNoise
+from fringeworks.types.profile import Line, Profile
 from fringeworks.types.provenance import Provenance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CoordinateMap(Frozen):
+class CoordinateMap(Sectioned, Frozen):
     """The projector coordinate that lights every camera pixel, along one axis."""
 
     coordinate_px: FloatMap
@@ -46,7 +49,7 @@ class CoordinateMap(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Decoded(Frozen):
+class Decoded(Plotted, Frozen):
     """Projector coordinates along one axis or both, decoded from a stack of frames."""
 
     x: CoordinateMap | None
@@ -66,6 +69,31 @@ class Decoded(Frozen):
     def notes(self) -> tuple[str, ...]:
         """The text of every finding."""
         return tuple(finding.text for finding in self.findings)
+
+    def profile(self, line: Line, *, axis: Axis | None = None) -> Profile:
+        """Sample the coordinates of one axis along a straight line of camera pixels.
+
+        Parameters
+        ----------
+        line : ((x0, y0), (x1, y1))
+            Column and row of the first and the last camera pixel, whole numbers.
+        axis : "x" or "y", optional
+            The projector's axis; to be given where both were decoded.
+
+        Returns
+        -------
+        Profile, as that of ``CoordinateMap``.
+
+        Raises
+        ------
+        InputError for pixels outside the frame, and for an axis that is missing or not given.
+        """
+        maps = self.maps
+        if axis is None and len(maps) == 1:
+            (axis,) = maps
+        if axis is None or axis not in maps:
+            raise InputError(f"axis: expected {' or '.join(map(repr, maps))}, got {axis!r}")
+        return maps[axis].profile(line)
 
     @property
     def maps(self) -> dict[Axis, CoordinateMap]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.types.arrays import Axis, BoolMap, ByteMap, FloatMap
+from fringeworks.types.displayed import Sectioned
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.provenance import Source
@@ -79,7 +80,7 @@ class Pair(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DisplacementMap(Frozen):
+class DisplacementMap(Sectioned, Frozen):
     """Displacement of the fringes per pixel: d(x) = a + b·s(x − u), theory §2 and §4."""
 
     displacement_px: FloatMap

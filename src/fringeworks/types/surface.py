@@ -8,13 +8,14 @@ from typing import Literal
 import numpy as np
 
 from fringeworks.types.arrays import ByteMap, FloatMap, Reason
+from fringeworks.types.displayed import Sectioned
 from fringeworks.types.finding import FrameFinding
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.provenance import Provenance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HeightMap(Frozen):
+class HeightMap(Sectioned, Frozen):
     """Heights above the reference plane, or displacements where the geometry is unknown."""
 
     values: FloatMap
@@ -54,7 +55,7 @@ class HeightMap(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointCloud(Frozen):
+class PointCloud(Sectioned, Frozen):
     """Points in camera coordinates, one per pixel: x right, y down, z away from the camera."""
 
     xyz_mm: FloatMap

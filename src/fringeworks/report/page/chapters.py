@@ -15,9 +15,9 @@ from fringeworks.files.findings import findings_as_dicts
 from fringeworks.files.points import Points
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
-from fringeworks.report import figures
+from fringeworks.report.display import plot
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
-from fringeworks.report.page.charts import corner_coverage, histogram, pose_residuals
+from fringeworks.report.page.charts import histogram
 from fringeworks.report.page.parts import (
     dict_table,
     facts,
@@ -109,9 +109,10 @@ def _heights(
                 result,
                 context,
                 f"The {surface.quantity} with its standard deviation and reasons.",
-                lambda: figures.surface_sheet(context.name, surface),
+                lambda: plot(result, context.name),
             ),
             *findings_block(findings_as_dicts(tuple(found)), notes),
+            *_profiles(surface),
             *_histograms(surface.values, surface.sigma, f"the {surface.quantity}", unit),
             reasons_table(surface.reason),
             *provenance_block(surface.provenance),
@@ -137,9 +138,28 @@ def _with_unit(value: float | None, unit: str) -> str | None:
     return None if value is None else f"{value:.5g} {unit}"
 
 
+def _profiles(surface: HeightMap | PointCloud) -> tuple[Block, ...]:
+    """Profiles along the middle row and column, as far as anything is measured there."""
+    rows, columns = surface.reason.shape
+    lines = {
+        "row": ((0, rows // 2), (columns - 1, rows // 2)),
+        "column": ((columns // 2, 0), (columns // 2, rows - 1)),
+    }
+    found: list[Block] = []
+    for name, line in lines.items():
+        if line[0] == line[1]:
+            continue
+        drawn = plot(surface.profile(line), f"Middle {name}")
+        found.append(Picture(drawn, f"Profile along the middle {name}, with ±2 σ."))
+    return tuple(found)
+
+
 def _histograms(values: FloatMap, sigma: FloatMap, quantity: str, unit: str) -> tuple[Block, ...]:
     return (
-        Picture(histogram(values, f"{quantity.removeprefix('the ')} / {unit}"), f"Distribution of {quantity}."),
+        Picture(
+            histogram(values, f"{quantity.removeprefix('the ')} / {unit}"),
+            f"Distribution of {quantity}.",
+        ),
         Picture(histogram(sigma, f"σ / {unit}"), "Distribution of the standard deviation σ."),
     )
 
@@ -177,9 +197,10 @@ def _cloud(
             result,
             context,
             "The points with their standard deviations and reasons.",
-            lambda: figures.points_sheet(context.name, cloud),
+            lambda: plot(result, context.name),
         ),
         *findings_block(findings_as_dicts(tuple(found)), notes),
+        *_profiles(cloud),
         *_histograms(cloud.xyz_mm[..., 2], cloud.sigma_mm, "z", "mm"),
     ]
     if cloud.residual_px is not None:
@@ -237,7 +258,7 @@ def _(result: Decoded, context: Context) -> Chapter:
             Surface(
                 (pack_surface(found, title=f"{context.name}, {axis}", every=context.every),),
                 f"Projector coordinate {axis} over the camera's pixels.",
-                lambda: figures.coordinate_sheet(context.name, result),
+                lambda: plot(result, context.name),
             ),
             Picture(histogram(found.sigma_px, "σ / px"), "Distribution of σ."),
             reasons_table(found.reason),
@@ -270,8 +291,7 @@ def _(result: Calibration, context: Context) -> Chapter:
             ),
             *judged_block(values, context),
             *findings_block(values["findings"]),
-            Picture(corner_coverage(result), "Where corners were seen in both frames."),
-            Picture(pose_residuals(result, rows), "Residuals of every pose."),
+            Picture(plot(result), "Where corners were seen, and the residuals of every pose."),
             dict_table(rows, "Poses"),
             dict_table(parameters, "Parameters and their standard deviations"),
             *provenance_block(result.rig.provenance),

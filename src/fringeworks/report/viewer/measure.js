@@ -11,17 +11,22 @@ export function distance(surface, i, j) {
   const [p, q] = [pointAt(surface, i), pointAt(surface, j)];
   const offset = minus(q, p);
   const length = Math.hypot(...offset);
-  const along = (point) => dot(offset, rayAt(surface, point)) / length;
-  const sigma = Math.hypot(surface.sigma[i] * along(p), surface.sigma[j] * along(q));
+  const along = (at) => dot(offset, rayAt(surface, at)) / length;
+  const sigma = Math.hypot(surface.sigma[i] * along(i), surface.sigma[j] * along(j));
   return { length, offset, sigma };
 }
 
-/** Direction in which a point's σ counts. */
-function rayAt({ header }, point) {
-  return header.kind === "cloud" ? unit(point) : [0, 0, 1];
+/** Change of a pixel's point with its measured value, whose σ is known: along its ray. */
+function rayAt(surface, i) {
+  const { header, width } = surface;
+  if (header.kind === "cloud") return unit(pointAt(surface, i));
+  const { pupil, pitch } = header.place ?? {};
+  if (!pupil) return [0, 0, 1];
+  const [x, y] = [i % width, Math.floor(i / width)];
+  return [((pupil[0] - x) * pitch) / pupil[2], ((y - pupil[1]) * pitch) / pupil[2], 1];
 }
 
-/** The twin of fringeworks.profile: samples [along, height, σ], and their pixels. */
+/** The twin of profile(…, level=True) in surface/section.py: [along, height, σ], pixels. */
 export function profile(surface, i, j) {
   const { width } = surface;
   const [x, y] = [i % width, Math.floor(i / width)];
@@ -36,7 +41,8 @@ export function profile(surface, i, j) {
     const at = Math.floor(y + (k / n) * dy + 0.5) * width + Math.floor(x + (k / n) * dx + 0.5);
     const known = surface.reason[at] === 0;
     const offset = minus(pointAt(surface, at), first);
-    const sample = [dot(offset, along), dot(offset, up), surface.sigma[at]];
+    const across = Math.abs(dot(rayAt(surface, at), up)) * surface.sigma[at];
+    const sample = [dot(offset, along), dot(offset, up), across];
     samples.push({ pixel: at, values: known ? sample : [NaN, NaN, NaN] });
   }
   return samples;
@@ -55,7 +61,8 @@ export function difference(one, other) {
   for (let i = 0; i < values.length; i++) {
     if (reason[i]) continue;
     const p = pointAt(one, i);
-    values[i] = dot(minus(pointAt(other, i), p), rayAt(one, p));
+    const ray = a.kind === "cloud" ? unit(p) : [0, 0, 1];
+    values[i] = dot(minus(pointAt(other, i), p), ray);
   }
   const sigma = one.sigma.map((s, i) => (reason[i] ? NaN : Math.hypot(s, other.sigma[i])));
   const layers = [{ name: "difference", unit: a.unit, values }];

@@ -26,6 +26,7 @@ from fringeworks.types import (
     Frozen,
     InputError,
     Pinhole,
+    Plotted,
     Reason,
     Rig,
 )
@@ -61,7 +62,7 @@ class Observation(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration(Frozen):
+class Calibration(Plotted, Frozen):
     """A calibrated rig, and what it was calibrated from."""
 
     rig: Rig

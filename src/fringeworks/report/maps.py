@@ -1,0 +1,257 @@
+"""Sheets of maps: values, standard deviations and reasons side by side, all drawn in one way."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from fringeworks.types import ByteMap, FloatMap, FrameFinding, Reason
+
+DPI = 110
+"""Dots per inch of a PNG: text of 10 points is then 15 px high, easily read at full size."""
+UNMEASURED = {"facecolor": "white", "edgecolor": "#a0a0a0", "hatch": "/////"}
+"""Look of pixels without a value: hatched, which no colour map can be mistaken for."""
+UNMEASURED_WORDS = "hatched: not measured"
+"""The same in words."""
+MAP_PERCENTILES = (0.2, 99.8)
+"""Range of values that a map's colours span, percent: outliers do not flatten the rest."""
+SIGMA_PERCENTILE = 98.0
+"""Percentile of σ at the end of its colour scale; σ has a long tail at rims."""
+GREY_PERCENTILE = 99.5
+"""Percentile of brightness and modulation that is drawn white: highlights do not darken the
+rest."""
+MAP_SIDE_INCH = {1: 5.4, 2: 4.4, 3: 3.9, 4: 2.8}
+"""Longer side of a map by the number of columns on a sheet, inches: every sheet is between 800 and
+1900 px wide, and fits on a screen."""
+BESIDE_INCH = 1.6
+"""Width that labels, colour scale and legend take beside a map, inches."""
+ABOVE_INCH = 0.75
+"""Height that title and labels take above and below a map, inches."""
+TITLE_INCH = 0.22
+"""Height of a line above the maps, inches."""
+SMALL_INCH = 0.18
+"""Height of a line of the small print, inches."""
+LETTERS_PER_INCH = 14
+"""Letters of the small print on an inch of a sheet's width."""
+SHOWN_FINDINGS = 4
+"""Findings that a sheet lists; more would crowd out the maps. The rest is counted."""
+
+PanelKind = Literal["values", "depth", "sigma", "signed", "grey", "phase", "reasons"]
+
+COLOURS: dict[PanelKind, str] = {
+    "values": "viridis",
+    "depth": "viridis_r",
+    "sigma": "magma",
+    "signed": "coolwarm",
+    "grey": "gray",
+    "phase": "twilight",
+}
+"""Colour map of every kind of panel. Sequential ones are perceptually uniform, and all can be read
+without seeing red and green apart. Only differences have a diverging one."""
+REASON_COLOURS: dict[Reason, str] = {
+    Reason.OK: "#eef2ee",
+    Reason.MASKED: "#bbbbbb",
+    Reason.OUTSIDE: "#555555",
+    Reason.LOW_MODULATION: "#e69f00",
+    Reason.SATURATED: "#d55e00",
+    Reason.ORDER_AMBIGUOUS: "#cc79a7",
+    Reason.OUT_OF_RANGE: "#f0e442",
+    Reason.UNDETERMINED: "#56b4e9",
+    Reason.BEYOND_GEOMETRY: "#009e73",
+    Reason.SHADOW: "#222255",
+    Reason.RAYS_APART: "#882255",
+    Reason.ISOLATED: "#0072b2",
+}
+"""One colour for every reason, the same in all pictures: the colours of Okabe and Ito, which colour
+blindness leaves distinct, and dark or grey ones for the rest."""
+
+
+class Picture(Figure):
+    """A matplotlib figure that notebooks show by themselves, without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = BytesIO()
+        self.savefig(buffer, dpi=DPI, format="png")
+        return buffer.getvalue()
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One map of a sheet."""
+
+    title: str
+    """Name of the quantity; panels of one name and unit have one scale unless they name another."""
+    values: FloatMap | NDArray[Any]
+    """The map, (h, w); of the kind "reasons", its ``Reason`` per pixel."""
+    kind: PanelKind
+    unit: str = ""
+    scale: str = ""
+    """Name of the scale, for panels of one quantity with titles of their own."""
+
+    @property
+    def shares(self) -> tuple[str, str, str]:
+        """What panels with one scale have in common."""
+        return self.scale or self.title, self.kind, self.unit
+
+
+def sheet(
+    title: str,
+    facts: str,
+    panels: Sequence[Panel | None],
+    *,
+    columns: int,
+    findings: Sequence[FrameFinding] = (),
+) -> Picture:
+    """Draw maps in rows on one sheet.
+
+    Parameters
+    ----------
+    title, facts : str
+        First and second line above the maps.
+    panels : sequence of Panel or None
+        Of one shape, line by line; None leaves a place empty.
+    columns : int
+        Panels on a line.
+    findings : sequence of FrameFinding
+        Listed below the maps in one line each.
+
+    Returns
+    -------
+    Picture
+    """
+    columns = min(columns, len(panels))
+    lines = -(-len(panels) // columns)
+    drawn = [panel for panel in panels if panel is not None]
+    rows_, columns_ = drawn[0].values.shape
+    side = MAP_SIDE_INCH[min(columns, max(MAP_SIDE_INCH))]
+    scale = side / max(rows_, columns_)
+    width = columns * (columns_ * scale + BESIDE_INCH)
+    small = small_print([finding.seen for finding in findings], width)
+    height = lines * (rows_ * scale + ABOVE_INCH) + TITLE_INCH * (2 + facts.count("\n"))
+    height += SMALL_INCH * (small.count("\n") + bool(small))
+    figure = Picture(figsize=(width, height), layout="compressed")
+    figure.suptitle(f"{title}\n{facts}" if facts else title, fontsize=12)
+    if small:
+        figure.supxlabel(small, x=0.01, ha="left", fontsize=9)
+    for number, panel in enumerate(panels):
+        if panel is None:
+            continue
+        axes = figure.add_subplot(lines, columns, number + 1)
+        axes.set_title(panel.title, fontsize=11)
+        axes.set_xlabel("x / px")
+        axes.set_ylabel("y / px")
+        if panel.kind == "reasons":
+            draw_reasons(axes, panel.values.astype(np.uint8))
+        else:
+            alike = [p.values for p in drawn if p.shares == panel.shares]
+            draw_map(axes, panel.values, panel.kind, limits_of(panel.kind, alike), panel.unit)
+    return figure
+
+
+def small_print(findings: Sequence[str], width_inch: float) -> str:
+    """Findings as lines that fit below a picture; empty for none."""
+    letters = int(LETTERS_PER_INCH * width_inch)
+    lines = [textwrap.fill(f"Found: {text}", letters) for text in findings[:SHOWN_FINDINGS]]
+    if len(findings) > SHOWN_FINDINGS:
+        lines.append(f"Findings that are not shown here: {len(findings) - SHOWN_FINDINGS}.")
+    return "\n".join(lines)
+
+
+def limits_of(kind: PanelKind, maps: Sequence[FloatMap]) -> tuple[float, float]:
+    """The range of colours that suits all maps of a quantity."""
+    if kind == "phase":
+        return -np.pi, np.pi
+    all_finite = [m[np.isfinite(m)].ravel() for m in maps if np.isfinite(m).any()]
+    if not all_finite:
+        return 0.0, 1.0
+    # The median of the maps' own limits: one method that fails does not flatten the others.
+    if kind == "signed":
+        limit = float(np.median([_above(np.abs(f), SIGMA_PERCENTILE) for f in all_finite]))
+        return -limit, limit
+    if kind in ("sigma", "grey"):
+        finite = np.concatenate(all_finite)
+        percentile = SIGMA_PERCENTILE if kind == "sigma" else GREY_PERCENTILE
+        return 0.0, _above(finite, percentile)
+    low, high = np.median([np.percentile(f, MAP_PERCENTILES) for f in all_finite], axis=0)
+    return (float(low), float(high)) if high > low else (float(low) - 0.5, float(low) + 0.5)
+
+
+def _above(finite: FloatMap, percentile: float) -> float:
+    found = float(np.percentile(finite, percentile))
+    return found if found > 0 else 1e-6
+
+
+def draw_map(
+    axes: Axes, values: FloatMap, kind: PanelKind, limits: tuple[float, float], unit: str
+) -> None:
+    """Draw a map with its colour scale; pointed ends show that values lie beyond it."""
+    axes.patch.set(**UNMEASURED)
+    picture = axes.imshow(
+        values, cmap=COLOURS[kind], vmin=limits[0], vmax=limits[1], interpolation="nearest"
+    )
+    finite = values[np.isfinite(values)]
+    beyond = (bool((finite < limits[0]).any()), bool((finite > limits[1]).any()))
+    ends = {(False, False): "neither", (True, False): "min", (False, True): "max"}
+    # Inside the map's own frame, so that it stays beside the map in every layout.
+    place = axes.inset_axes((1.03, 0.05, 0.045, 0.9))
+    bar = axes.figure.colorbar(picture, cax=place, extend=ends.get(beyond, "both"))
+    bar.set_label(unit)
+    if kind == "depth":
+        bar.ax.invert_yaxis()
+
+
+def draw_reasons(axes: Axes, reason: ByteMap) -> None:
+    """Draw why pixels have no value, with a legend of the reasons that occur."""
+    size = len(Reason)
+    axes.imshow(
+        reason,
+        cmap=ListedColormap([REASON_COLOURS[r] for r in Reason]),
+        norm=BoundaryNorm(np.arange(size + 1) - 0.5, size),
+        interpolation="nearest",
+    )
+    axes.legend(
+        handles=reason_patches(reason),
+        loc="upper left",
+        bbox_to_anchor=(1.02, 1.0),
+        borderaxespad=0.0,
+        fontsize=9,
+        handlelength=1.2,
+        frameon=False,
+    )
+
+
+def reason_patches(reason: ByteMap) -> list[Patch]:
+    """A legend's patches: the reasons that occur, the most frequent first, with their shares."""
+    counts = np.bincount(reason.ravel(), minlength=len(Reason))
+    occurring = sorted((r for r in Reason if counts[r]), key=lambda r: -counts[r])
+    return [
+        Patch(
+            facecolor=REASON_COLOURS[r],
+            edgecolor="#666666",
+            linewidth=0.6,
+            label=f"{reason_label(r)}\n{percent(counts[r] / reason.size)}",
+        )
+        for r in occurring
+    ]
+
+
+def reason_label(reason: Reason) -> str:
+    """The reason in words."""
+    return "measured" if reason == Reason.OK else reason.name.lower().replace("_", " ")
+
+
+def percent(share: float) -> str:
+    """A share as percent, with enough digits to tell few from none and most from all."""
+    rest = 100.0 * min(share, 1.0 - share)
+    digits = 1 if rest <= 0.0 else max(1, int(np.ceil(-np.log10(rest))))
+    return f"{100.0 * share:.{digits}f} %"

@@ -1,0 +1,82 @@
+"""What results show of themselves: pictures and profiles, by rooms that are loaded on first use."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from fringeworks.types.profile import Line, Profile
+
+DRAWING_ROOM = "fringeworks.report.display"
+"""Module whose ``plot`` draws every result. It is loaded by name when a picture is asked for,
+because a type may not import the rooms behind its own."""
+SECTIONS = "fringeworks.surface.section"
+"""Module whose ``profile`` samples maps along a line, loaded in the same way."""
+
+
+class Plotted:
+    """A result that draws itself."""
+
+    def plot(self, name: str | None = None) -> Figure:
+        """Draw the result as one picture, with units, standard deviations and reasons.
+
+        Parameters
+        ----------
+        name : str, optional
+            Name of the object or capture, put before the title, which says what is shown.
+
+        Returns
+        -------
+        matplotlib Figure. Notebooks show it; ``figure.savefig`` or ``fringeworks.save_figure``
+        write it to a file.
+
+        Examples
+        --------
+        >>> import fringeworks as fw
+        >>> scene = fw.standard_scene("parabola", size=100, fringes=8)
+        >>> figure = fw.reconstruct(scene, "fourier").surface.plot()
+        >>> [axes.get_title() for axes in figure.axes if axes.get_title()]
+        ['height', 'standard deviation σ', 'measured, or why not']
+        """
+        figure: Figure = import_module(DRAWING_ROOM).plot(self, name)
+        return figure
+
+
+class Sectioned(Plotted):
+    """A map that draws itself and can be sampled along a line."""
+
+    def profile(self, line: Line, *, level: bool = False) -> Profile:
+        """Sample the map along a straight line of its pixels.
+
+        Parameters
+        ----------
+        line : ((x0, y0), (x1, y1))
+            Column and row of the first and the last pixel, whole numbers.
+        level : bool
+            Count heights over the straight line in space from the first to the last measured
+            sample, and distances along it, as a ruler laid on the surface does. For points, and for
+            heights with a known pitch.
+
+        Returns
+        -------
+        Profile with one sample per column or row, whichever are more. A sample is the pixel nearest
+        to the line: nothing is interpolated, so a sample never mixes the two sides of a cliff, and
+        its σ and reason are those of the pixel.
+
+        Raises
+        ------
+        InputError for pixels outside the map, one pixel twice, and a line that cannot be levelled.
+
+        Examples
+        --------
+        >>> import fringeworks as fw
+        >>> scene = fw.standard_scene("parabola", size=100, fringes=8)
+        >>> found = fw.reconstruct(scene, "fourier").surface.profile(((10, 50), (90, 50)))
+        >>> found.values.shape, round(float(found.along_mm[-1]))
+        ((81,), 800)
+        """
+        found: Profile = import_module(SECTIONS).profile(self, line, level=level)
+        return found

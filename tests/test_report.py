@@ -213,3 +213,54 @@ def test_provenance_reproduces_the_result(results, tmp_path):
     for source in origin.inputs:
         assert source.sha256 in page
     assert json.dumps(origin.options["method"]).strip('"') in page
+
+
+def test_two_surfaces_are_compared(results, tmp_path):
+    """The page holds both once, and the difference in figures."""
+    surface = results["heights"]
+    higher = replace(surface, values=surface.values + 0.5)
+    fw.write_report(tmp_path / "r.html", {"low": surface, "high": higher})
+    page = (tmp_path / "r.html").read_text()
+    assert page.count("application/x-fringeworks-surface") == 2 + 1  # the script names it once
+    assert page.count('<div class="fringe-viewer-mount">') == 1
+    assert ">Comparison</h2>" in page
+    assert re.search(r"median of B − A</dt><dd>0\.5 mm", page)
+    # Maps of other sizes are not compared.
+    fw.write_report(tmp_path / "r.html", {"a": surface, "b": results["cloud"]})
+    assert ">Comparison</h2>" not in (tmp_path / "r.html").read_text()
+
+
+def test_results_show_themselves_in_notebooks_and_browsers(results, tmp_path, monkeypatch):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("tempfile.mkdtemp", lambda **_: str(tmp_path))
+    path = results["points"].show(every=2)
+    assert opened == [path.as_uri()]
+    assert ">Measurement</h2>" in path.read_text()
+    frame = results["cloud"]._repr_html_()
+    assert frame.startswith("<iframe srcdoc=")
+    assert "<script" not in frame  # escaped inside the attribute
+    assert results["coordinates"]._repr_html_() is None
+    assert results["coordinates"]._repr_png_().startswith(b"\x89PNG")
+
+
+def test_large_surfaces_are_thinned_in_notebooks(results, monkeypatch):
+    monkeypatch.setattr("fringeworks.report.interactive.NOTEBOOK_BYTES", 30_000)
+    frame = results["cloud"]._repr_html_()
+    assert "to stay below 8 MB" in frame
+
+
+def test_set_ups_calibrations_and_phases_have_chapters(tmp_path):
+    from fringeworks.devices.clock import SimulatedClock
+
+    projector, camera = fw.virtual_bench("plane", clock=SimulatedClock())
+    found = fw.set_up(projector, camera)
+    fw.write_setup(tmp_path / "s.toml", found, projector="virtual", camera="virtual:plane")
+    stored = fw.read_setup(tmp_path / "s.toml")
+    fw.write_report(
+        tmp_path / "r.html", {"measured": found, "stored": stored, "plan": found.proposal.plan}
+    )
+    page = (tmp_path / "r.html").read_text()
+    assert "virtual:plane, " not in page
+    assert ">virtual:plane<" in page
+    assert page.count("<img ") >= 3

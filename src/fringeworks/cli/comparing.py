@@ -141,8 +141,8 @@ class Results:
 
 @app.command(
     rich_help_panel=SECTION,
-    epilog="Examples: fringeworks compare --shape parabola --noise 2 --bits 8 --fringes 10,40; "
-    "fringeworks compare part/ cup/ --method windowed,fourier --figure maps.png",
+    epilog="Example: fringeworks compare --shape parabola --noise 2 --bits 8 --fringes 10,40, "
+    "or fringeworks compare part/ cup/ --method windowed,fourier --figure maps.png",
 )
 @grouped
 def compare(

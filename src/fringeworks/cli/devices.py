@@ -15,6 +15,7 @@ from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Ply, PlyOption, items
+from fringeworks.cli.showing import ShowOptions
 from fringeworks.cli.words import say_points, say_setup
 
 SECTION = "Devices"
@@ -214,14 +215,16 @@ def scan(
     taking: TakingOptions,
     plan: PlanOfSetup = None,
     ply: PlyOption = Ply.points,
-    json_file: JsonFile = None,
+    *,
+    show: ShowOptions,
 ) -> None:
     """Take the frames of a plan and measure the points of the object."""
     output.check_folder(folder)
-    words = output.Output(out, json_file)
+    words = output.Output(out, *show.targets)
     from fringeworks.files.points import check_points_target
 
     output.check(out, check_points_target)
+    show.check()
     known = fw.read_rig(rig)
     with opened(devices) as bench:
         _capture(bench, plan, folder, taking)
@@ -229,9 +232,10 @@ def scan(
     with output.target(out, ".ply") as place:
         fw.write_points(place, found.points, kind=ply.value)
     figures = fw.summarise(found)
-    output.write_json(json_file, figures)
+    origin = found.points.provenance
+    show.write(found, figures, name=folder.name, provenance=origin, rig=known)
     say_points(words, figures)
-    words.wrote(folder, out, json_file)
+    words.wrote(folder, out, *show.targets)
 
 
 def take_poses(setup: Path, plan: Path | None, board: fw.Board, folder: Path) -> None:

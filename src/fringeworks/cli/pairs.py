@@ -12,11 +12,11 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
+from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import (
     AxisName,
     Camera,
     DenoiseOption,
-    Figure,
     JsonFile,
     Ply,
     PlyOption,
@@ -24,6 +24,7 @@ from fringeworks.cli.options import (
     ResponseFile,
     items,
 )
+from fringeworks.cli.showing import ShowOptions
 from fringeworks.cli.words import say_surface
 
 SECTION = "Two frames"
@@ -34,6 +35,7 @@ SECTION = "Two frames"
     epilog="Example: fringeworks reconstruct --reference plane.jpg --object part.jpg "
     "--out part.tif --figure part.png",
 )
+@grouped
 def reconstruct(
     capture: Annotated[
         Path | None, typer.Argument(help="Capture folder, .npz or .mat file.")
@@ -75,16 +77,15 @@ def reconstruct(
         typer.Option("--out", help="Height map: .tif, .npz, .ply, .x3p or .gsf; '-' is TIFF."),
     ] = None,
     ply: PlyOption = Ply.points,
-    figure: Figure = None,
-    json_file: JsonFile = None,
+    *,
+    show: ShowOptions,
 ) -> None:
     """Measure the surface of a pair of frames."""
-    words = output.Output(out, figure, json_file)
+    words = output.Output(out, *show.targets)
     from fringeworks.files.surfaces import check_surface_target
-    from fringeworks.report.figures import check_figure_target
 
     output.check(out, check_surface_target)
-    output.check(figure, check_figure_target)
+    show.check()
     pair = _changed(
         _read(capture, reference, object),
         axis=None if axis is None else axis.value,
@@ -109,14 +110,13 @@ def reconstruct(
     if out is not None:
         with output.target(out, ".tif") as place:
             fw.write_surface(place, result.surface, ply=ply.value)
-    if figure is not None:
-        output.draw(result.plot(_name(capture, object)), figure, result.surface.provenance)
     figures = fw.summarise(result)
     if pair.truth_mm is not None and result.surface.unit == "mm":
         figures["errors"] = asdict(fw.errors(result.surface, pair.truth_mm))
-    output.write_json(json_file, figures)
+    name = _name(capture, object)
+    show.write(result, figures, name=name, provenance=result.surface.provenance)
     say_surface(words, figures)
-    words.wrote(out, figure)
+    words.wrote(out, show.figure, show.report)
 
 
 def _name(capture: Path | None, object: Path | None) -> str | None:

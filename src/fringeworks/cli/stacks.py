@@ -16,12 +16,12 @@ from fringeworks.cli.devices import take_poses
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import (
     AxisName,
-    Figure,
     JsonFile,
     Ply,
     PlyOption,
     items,
 )
+from fringeworks.cli.showing import ShowOptions
 from fringeworks.cli.words import say_calibration, say_coordinates, say_phase, say_points
 
 SECTION = "Stacks and rigs"
@@ -89,16 +89,15 @@ def decode(
     out: Annotated[
         Path | None, typer.Option("--out", help="Coordinates or phase to write (.npz).")
     ] = None,
-    figure: Figure = None,
-    json_file: JsonFile = None,
+    *,
+    show: ShowOptions,
 ) -> None:
     """Decode fringes and Gray code to projector coordinates, or phase steps to their phase."""
-    words = output.Output(out, figure, json_file)
+    words = output.Output(out, *show.targets)
     from fringeworks.files.coordinates import check_coordinate_target
-    from fringeworks.report.figures import check_figure_target
 
     output.check(out, check_coordinate_target)
-    output.check(figure, check_figure_target)
+    show.check()
     options = how.options
     if steps:
         if how.plan is not None or relative or phases:
@@ -108,7 +107,7 @@ def decode(
             )
         given: dict[str, Any] = {"camera": how.camera, "projector": how.projector, **options}
         phase = fw.phase_from_stack(stack, _shifts(steps), **given)
-        _show_phase(words, stack.name, phase, unwrap, out, figure, json_file)
+        _show_phase(words, stack.name, phase, unwrap, out, show)
         return
     if unwrap:
         raise fw.InputError("--unwrap: expected together with --steps")
@@ -124,12 +123,10 @@ def decode(
     if out is not None:
         with output.target(out, ".npz") as place:
             fw.write_coordinates(place, found)
-    if figure is not None:
-        output.draw(found.plot(stack.name), figure, found.provenance)
     figures = fw.summarise(found)
-    output.write_json(json_file, figures)
+    show.write(found, figures, name=stack.name, provenance=found.provenance)
     say_coordinates(words, figures)
-    words.wrote(out, figure)
+    words.wrote(out, show.figure, show.report)
 
 
 def _shifts(steps: str) -> tuple[float, ...]:
@@ -145,8 +142,7 @@ def _show_phase(
     phase: fw.WrappedPhase,
     unwrap: bool,
     out: Path | None,
-    figure: Path | None,
-    json_file: Path | None,
+    show: ShowOptions,
 ) -> None:
     """Write and print a wrapped phase."""
     unwrapped = None
@@ -155,17 +151,15 @@ def _show_phase(
     if out is not None:
         with output.target(out, ".npz") as place:
             fw.write_phase(place, phase, unwrapped)
-    if figure is not None:
-        output.draw(phase.plot(name), figure, phase.provenance)
     figures = fw.summarise(phase)
-    output.write_json(json_file, figures)
+    show.write(phase, figures, name=name, provenance=phase.provenance)
     say_phase(words, figures)
     if unwrapped is not None:
         words.say(
             f"unwrapped by {unwrapped.algorithm}: {unwrapped.residues} residues, "
             f"{int(unwrapped.region.max())} connected regions"
         )
-    words.wrote(out, figure)
+    words.wrote(out, show.figure, show.report)
 
 
 @app.command(
@@ -194,17 +188,16 @@ def calibrate(
         bool,
         typer.Option("--live", help="Take the poses first, each judged at once; with --setup."),
     ] = False,
-    figure: Figure = None,
-    json_file: JsonFile = None,
+    *,
+    show: ShowOptions,
 ) -> None:
     """Calibrate a camera and projector with a board in several poses."""
-    words = output.Output(out, figure, json_file)
+    words = output.Output(out, *show.targets)
     from fringeworks.files.rig import check_rig_target
     from fringeworks.files.stack import pose_paths
-    from fringeworks.report.figures import check_figure_target
 
     output.check(out, check_rig_target)
-    output.check(figure, check_figure_target)
+    show.check()
     known = fw.parse_board(board)
     if live:
         if how.setup is None:
@@ -218,12 +211,10 @@ def calibrate(
         )
     with output.target(out, ".toml") as place:
         fw.write_rig(place, found.rig)
-    if figure is not None:
-        output.draw(found.plot(folder.name), figure, found.rig.provenance)
     figures = fw.summarise(found)
-    output.write_json(json_file, figures)
+    show.write(found, figures, name=folder.name, provenance=found.rig.provenance)
     say_calibration(words, figures)
-    words.wrote(out, figure)
+    words.wrote(out, show.figure, show.report)
 
 
 @app.command(
@@ -249,16 +240,15 @@ def measure(
         Path | None, typer.Option("--out", help="Points: .ply, .xyz or .npz; '-' is PLY.")
     ] = None,
     ply: PlyOption = Ply.points,
-    figure: Figure = None,
-    json_file: JsonFile = None,
+    *,
+    show: ShowOptions,
 ) -> None:
     """Measure the points of a stack of frames with a calibrated rig."""
-    words = output.Output(out, figure, json_file)
+    words = output.Output(out, *show.targets)
     from fringeworks.files.points import check_points_target
-    from fringeworks.report.figures import check_figure_target
 
     output.check(out, check_points_target)
-    output.check(figure, check_figure_target)
+    show.check()
     options = how.options
     with output.progress() as progress:
         progress("reading …")
@@ -274,9 +264,8 @@ def measure(
     if out is not None:
         with output.target(out, ".ply") as place:
             fw.write_points(place, found.points, kind=ply.value)
-    if figure is not None:
-        output.draw(found.plot(stack.name), figure, found.points.provenance)
     figures = fw.summarise(found)
-    output.write_json(json_file, figures)
+    origin = found.points.provenance
+    show.write(found, figures, name=stack.name, provenance=origin, rig=calibrated)
     say_points(words, figures)
-    words.wrote(out, figure)
+    words.wrote(out, show.figure, show.report)

@@ -17,7 +17,9 @@ from fringeworks.report.comparison_picture import comparison_picture
 from fringeworks.report.maps import UNMEASURED_WORDS, Panel, percent, sheet
 from fringeworks.report.plan_picture import plan_picture
 from fringeworks.report.profile_picture import profile_picture
+from fringeworks.report.setup_figures import setup_sheet
 from fringeworks.rig.calibration.calibrate import Calibration
+from fringeworks.scan.setup import SetupTests
 from fringeworks.stack.wrapped import WrappedPhase
 from fringeworks.surface.cloud import normals
 from fringeworks.types import (
@@ -223,3 +225,8 @@ def _(plan: PatternPlan, name: str | None = None) -> Figure:
 @plot.register
 def _(calibration: Calibration, name: str | None = None) -> Figure:
     return calibration_picture(_titled(name, "Calibration of camera and projector"), calibration)
+
+
+@plot.register
+def _(tests: SetupTests, name: str | None = None) -> Figure:  # noqa: ARG001, it names its devices
+    return setup_sheet(tests)

@@ -6,6 +6,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from matplotlib.figure import Figure
 
     from fringeworks.types.profile import Line, Profile
@@ -13,6 +15,8 @@ if TYPE_CHECKING:
 DRAWING_ROOM = "fringeworks.report.display"
 """Module whose ``plot`` draws every result. It is loaded by name when a picture is asked for,
 because a type may not import the rooms behind its own."""
+PAGES = "fringeworks.report.interactive"
+"""Module whose ``show`` and ``repr_html`` make pages, loaded in the same way."""
 SECTIONS = "fringeworks.surface.section"
 """Module whose ``profile`` samples maps along a line, loaded in the same way."""
 
@@ -43,6 +47,31 @@ class Plotted:
         """
         figure: Figure = import_module(DRAWING_ROOM).plot(self, name)
         return figure
+
+    def show(self, *, every: int = 1) -> Path:
+        """Open the report of the result in the browser: surfaces to turn, maps, figures, findings.
+
+        Parameters
+        ----------
+        every : int
+            Show every k-th column and row only, for frames of more than 8 million pixels.
+
+        Returns
+        -------
+        The temporary file; ``fringeworks.write_report`` writes one to keep.
+        """
+        path: Path = import_module(PAGES).show(self, every=every)
+        return path
+
+    def _repr_html_(self) -> str | None:
+        """Notebooks show surfaces to turn, in a frame."""
+        frame: str | None = import_module(PAGES).repr_html(self)
+        return frame
+
+    def _repr_png_(self) -> bytes:
+        """Notebooks that show no frames, and results that are no surfaces, get the picture."""
+        picture: bytes = self.plot()._repr_png_()  # type: ignore[attr-defined]
+        return picture
 
 
 class Sectioned(Plotted):

@@ -11,6 +11,10 @@ BINS = 80
 """Bars of a histogram: more than a column of pixels each on a page."""
 SHOWN_PERCENTILES = (0.1, 99.9)
 """Range of a histogram, percent of the values: outliers do not flatten the rest."""
+NARROW = 1e-6
+"""Range of the values over their size below which they count as equal: single precision."""
+TINY = 1e-12
+"""Half of the range of a histogram of zeros, in the unit of the values."""
 BAR = "#3b6ea8"
 """Colour of bars: dark blue."""
 LINE = "#d9822b"
@@ -34,7 +38,9 @@ def histogram(values: FloatMap, label: str, *, what: str = "pixels") -> Figure:
     finite = np.asarray(values, np.float64)[np.isfinite(values)]
     if finite.size:
         low, high = np.percentile(finite, SHOWN_PERCENTILES)
-        span = (low, high) if high > low else (low - 0.5, high + 0.5)
+        # Equal values, to rounding, become one bar in the middle.
+        half = 0.0 if high - low > NARROW * abs(high) else max(NARROW * abs(high), TINY)
+        span = (low - half, high + half)
         axes.hist(np.clip(finite, *span), bins=BINS, range=span, color=BAR)
         median = float(np.median(finite))
         axes.axvline(median, color=LINE, linewidth=1.5, label=f"median {median:.4g}")

@@ -1,19 +1,30 @@
-"""Chapters of results that are no surfaces: rigs, set-ups, tables, figures from files."""
+"""Chapters of results that are no surfaces: calibrations, forms, rigs, set-ups, tables, figures."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from fringeworks.report.page.blocks import Block, Chapter, Text
-from fringeworks.report.page.chapters import Context, chapter_of, judged_block
-from fringeworks.report.page.parts import dict_table, facts, findings_block, provenance_block
-from fringeworks.types import RIG_PARAMETERS, InputError, Provenance, Rig, provenance_from
-
-MOST_ROWS = 500
-"""Rows of a table that a page shows; more belong into a file."""
+from fringeworks.evaluate.form import FormEvaluation
+from fringeworks.report.display import plot
+from fringeworks.report.page.blocks import Chapter, Picture
+from fringeworks.report.page.chapter import Context, chapter_of, figure_blocks, judged_block
+from fringeworks.report.page.charts import histogram
+from fringeworks.report.page.parts import (
+    dict_table,
+    facts,
+    figure_tables,
+    findings_block,
+    limited_table,
+    provenance_block,
+    with_unit,
+)
+from fringeworks.report.summary import summarise
+from fringeworks.rig.calibration.calibrate import Calibration
+from fringeworks.rig.calibration.diagnosis import pose_figures
+from fringeworks.scan.setup_file import StoredSetup
+from fringeworks.types import RIG_PARAMETERS, InputError, Rig, provenance_from
 
 
 @chapter_of.register
@@ -46,47 +57,103 @@ def _(rig: Rig, context: Context) -> Chapter:
 
 
 @chapter_of.register
+def _(result: Calibration, context: Context) -> Chapter:
+    values = summarise(result)
+    rows = pose_figures(result)
+    parameters = [
+        {"parameter": name, "value": entry["value"], "σ": entry["sigma"]}
+        for name, entry in values["parameters"].items()
+    ]
+    return Chapter(
+        context.name,
+        (
+            facts(
+                [
+                    ("verdict", f"{values['verdict']['text']} (one standard deviation)"),
+                    ("reprojection, camera", with_unit(values["camera_rms_px"], "px")),
+                    ("reprojection, projector", with_unit(values["projector_rms_px"], "px")),
+                    ("camera's frame covered", f"{values['camera_coverage']:.0%}"),
+                    ("projector's frame covered", f"{values['projector_coverage']:.0%}"),
+                    ("baseline", with_unit(values["baseline_mm"], "mm")),
+                    ("converged", values["converged"]),
+                ]
+            ),
+            *judged_block(values, context),
+            *findings_block(values["findings"]),
+            Picture(plot(result), "Where corners were seen, and the residuals of every pose."),
+            dict_table(rows, "Poses"),
+            dict_table(parameters, "Parameters and their standard deviations"),
+            *provenance_block(result.rig.provenance),
+        ),
+    )
+
+
+@chapter_of.register
+def _(result: FormEvaluation, context: Context) -> Chapter:
+    values = summarise(result)
+    rows = [(name, value) for body in values["bodies"] for name, value in body.items()]
+    charts = [
+        Picture(
+            histogram(
+                1e3 * form.distance_mm[form.region], "distance from the body / µm", what="points"
+            ),
+            f"Distances of the points from the {form.body}.",
+        )
+        for form in result.forms
+    ]
+    return Chapter(
+        context.name,
+        (
+            facts(rows),
+            *judged_block(values, context),
+            *findings_block((), values["notes"]),
+            *charts,
+            *provenance_block(result.provenance),
+        ),
+    )
+
+
+@chapter_of.register
+def _(stored: StoredSetup, context: Context) -> Chapter:
+    values = {
+        "predicted_min_period_px": stored.min_period_px,
+        "modulation": stored.modulation,
+        "noise_counts": stored.noise_counts,
+        "gamma": stored.gamma,
+    }
+    settings = stored.settings
+    rows = [
+        ("projector", f"{stored.projector}, {stored.size_px[0]} × {stored.size_px[1]} px"),
+        ("camera", stored.camera),
+        ("exposure / ms", settings.exposure_ms),
+        ("gain / dB", settings.gain_db),
+        ("shortest period / projector px", stored.min_period_px),
+        ("modulation at the darkest tenth / counts", stored.modulation),
+        ("noise there / counts", stored.noise_counts),
+        ("response: light ≈ level to the power of", stored.gamma),
+        ("delay", None if stored.delay is None else f"{stored.delay}"),
+        ("plan", f"{stored.plan.frames} frames"),
+    ]
+    blocks = (facts(rows), *judged_block(values, context), *findings_block((), stored.findings))
+    return Chapter(context.name, (*blocks, Picture(plot(stored.plan), "The proposed plan.")))
+
+
+@chapter_of.register
 def _(rows: list, context: Context) -> Chapter:  # type: ignore[type-arg]
     if not all(isinstance(row, dict) for row in rows) or not rows:
         raise InputError("report: expected the rows of a table, got a list of something else")
-    return Chapter(context.name, tuple(_table(rows, "Comparison")))
+    return Chapter(context.name, limited_table(rows, "Comparison"))
 
 
 @chapter_of.register
 def _(figures: dict, context: Context) -> Chapter:  # type: ignore[type-arg]
-    blocks: list[Block] = [facts(_scalars(figures)), *judged_block(figures, context)]
-    found = [f for f in figures.get("findings", ()) if isinstance(f, Mapping)]
-    blocks += findings_block(found, figures.get("notes", ()))
-    for name, value in figures.items():
-        rows = isinstance(value, list) and value and all(isinstance(row, dict) for row in value)
-        if rows and name != "findings":
-            blocks += _table(value, name.replace("_", " "))
-    blocks += provenance_block(_origin(figures.get("provenance")))
-    return Chapter(context.name, tuple(blocks))
-
-
-def _table(rows: list[dict[str, Any]], caption: str) -> list[Block]:
-    blocks: list[Block] = [dict_table(rows[:MOST_ROWS], caption)]
-    if len(rows) > MOST_ROWS:
-        blocks.append(Text(f"{len(rows) - MOST_ROWS} more rows are not shown."))
-    return blocks
-
-
-def _scalars(content: Mapping[str, Any], name: str = "") -> list[tuple[str, Any]]:
-    """Single values of nested figures; lists of numbers count as one value."""
-    found: list[tuple[str, Any]] = []
-    for key, value in content.items():
-        full = f"{name}, {key}" if name else str(key)
-        label = full.replace("_", " ")
-        if key in ("provenance", "notes", "findings"):
-            continue
-        nested = isinstance(value, list) and any(isinstance(v, Mapping | list) for v in value)
-        if isinstance(value, Mapping):
-            found += _scalars(value, full)
-        elif not nested:
-            found.append((label, value))
-    return found
-
-
-def _origin(content: Any) -> Provenance | None:
-    return provenance_from(content) if isinstance(content, Mapping) else None
+    origin = figures.get("provenance")
+    known = provenance_from(origin) if isinstance(origin, Mapping) else None
+    return Chapter(
+        context.name,
+        (
+            *figure_blocks(figures, context),
+            *figure_tables(figures),
+            *provenance_block(known),
+        ),
+    )

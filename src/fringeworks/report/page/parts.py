@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.report.page.blocks import Block, Facts, Findings, Origin, Table
+from fringeworks.report.page.blocks import Block, Facts, Findings, Origin, Table, Text
 from fringeworks.report.page.tolerances import Judged
 from fringeworks.report.reason_words import REASON_WORDS
 from fringeworks.types import ByteMap, Provenance, Reason
 
 MOST_FINDINGS = 200
 """Findings that a page lists; nobody reads more, and the number of the others is said."""
+MOST_ROWS = 500
+"""Rows of a table that a page shows; more belong into a file."""
 MOST_NAMED = 3
 """Inputs that a call names one by one; the frames of a stack are named by their folder."""
 DIGITS = 5
@@ -33,6 +35,11 @@ def shown(value: Any) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(shown(item) for item in value)
     return str(value)
+
+
+def with_unit(value: float | None, unit: str) -> str | None:
+    """Return a figure with its unit; None where it is unknown."""
+    return None if value is None else f"{value:.{DIGITS}g} {unit}"
 
 
 def facts(rows: Iterable[tuple[str, Any]]) -> Facts:
@@ -132,3 +139,42 @@ def dict_table(rows: Sequence[Mapping[str, Any]], caption: str) -> Table:
     columns = tuple(rows[0]) if rows else ()
     cells = tuple(tuple(shown(row.get(name)) for name in columns) for row in rows)
     return Table(tuple(name.replace("_", " ") for name in columns), cells, caption)
+
+
+def figure_tables(content: Mapping[str, Any]) -> tuple[Block, ...]:
+    """The tables among figures: lists of rows."""
+    found: list[Block] = []
+    for name, value in content.items():
+        rows = isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value)
+        if rows and name != "findings":
+            found += limited_table(value, name.replace("_", " "))
+    return tuple(found)
+
+
+def limited_table(rows: Sequence[Mapping[str, Any]], caption: str) -> tuple[Block, ...]:
+    """A table of the first rows, and how many more there are."""
+    table = dict_table(rows[:MOST_ROWS], caption)
+    if len(rows) <= MOST_ROWS:
+        return (table,)
+    return (table, Text(f"{len(rows) - MOST_ROWS} more rows are not shown."))
+
+
+def scalar_facts(content: Mapping[str, Any]) -> Facts:
+    """Single values of nested figures; a list of numbers counts as one value."""
+    return facts(_scalars(content))
+
+
+def _scalars(content: Mapping[str, Any], name: str = "") -> list[tuple[str, Any]]:
+    """Single values of nested figures; lists of numbers count as one value."""
+    found: list[tuple[str, Any]] = []
+    for key, value in content.items():
+        full = f"{name}, {key}" if name else str(key)
+        label = full.replace("_", " ")
+        if key in ("provenance", "notes", "findings"):
+            continue
+        nested = isinstance(value, list) and any(isinstance(v, Mapping | list) for v in value)
+        if isinstance(value, Mapping):
+            found += _scalars(value, full)
+        elif not nested:
+            found.append((label, value))
+    return found

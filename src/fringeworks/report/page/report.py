@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
-from fringeworks.report.page import others  # noqa: F401, registers its chapters
+from fringeworks.report.page import others, surface_chapters  # noqa: F401, register chapters
 from fringeworks.report.page.blocks import Chapter
-from fringeworks.report.page.chapters import Context, chapter_of
+from fringeworks.report.page.both import compared
+from fringeworks.report.page.chapter import Context, chapter_of
 from fringeworks.report.page.html import page_html
 from fringeworks.report.page.load import load_result
 from fringeworks.report.page.pdf import write_pdf
+from fringeworks.report.page.surfaces import comparable
 from fringeworks.report.page.tolerances import Tolerance, parse_tolerance
 from fringeworks.types import InputError, Rig, made_by
 
@@ -83,6 +85,8 @@ def write_report(
     limits = tuple(parse_tolerance(t) if isinstance(t, str) else t for t in tolerances)
     judged: list[bool] = []
     chapters = [_chapter(name, result, limits, rig, every, judged) for name, result in named]
+    if comparable([result for _, result in named]):
+        chapters = compared(chapters, [result for _, result in named])
     origin = made_by("write_report", options={"title": title or None, "every": every})
     heading = title or named[0][0]
     paths = []

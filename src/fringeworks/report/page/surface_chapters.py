@@ -1,76 +1,42 @@
-"""The chapters of a report, by kind of result. A new kind is one function here."""
+"""Chapters of surfaces: to turn, as maps, profiles and histograms."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import singledispatch
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from fringeworks.evaluate.form import FormEvaluation
 from fringeworks.files.findings import findings_as_dicts
 from fringeworks.files.points import Points
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.display import plot
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
+from fringeworks.report.page.chapter import Context, chapter_of, judged_block
 from fringeworks.report.page.charts import histogram
 from fringeworks.report.page.parts import (
-    dict_table,
     facts,
     findings_block,
     provenance_block,
     reasons_table,
-    tolerance_block,
+    with_unit,
 )
-from fringeworks.report.page.tolerances import Tolerance, judge
+from fringeworks.report.page.surfaces import as_heights, packed
 from fringeworks.report.summary import summarise
-from fringeworks.report.viewer.pack import pack_surface
-from fringeworks.rig.calibration.calibrate import Calibration
-from fringeworks.rig.calibration.diagnosis import pose_figures
-from fringeworks.types import Decoded, FloatMap, HeightMap, InputError, PointCloud, Rig
-
-
-@dataclass(frozen=True)
-class Context:
-    """What a chapter needs beside its result."""
-
-    name: str
-    """Heading."""
-    tolerances: tuple[Tolerance, ...] = ()
-    rig: Rig | None = None
-    """Of point clouds: their points then travel as depths."""
-    every: int = 1
-    """Every k-th pixel is shown."""
-    judged: list[bool] = field(default_factory=list)
-    """Filled by the chapters: whether each tolerance is kept."""
-
-
-@singledispatch
-def chapter_of(result: object, context: Context) -> Chapter:  # noqa: ARG001, for its kinds
-    """Return the chapter of a result.
-
-    Raises
-    ------
-    InputError for something that is no result.
-    """
-    raise InputError(f"report: expected a result of fringeworks, got {type(result).__name__}")
-
-
-def judged_block(values: dict[str, Any], context: Context) -> tuple[Block, ...]:
-    """Tolerances of a result, judged."""
-    judged = judge(values, context.tolerances)
-    context.judged.extend(one.kept for one in judged)
-    return tolerance_block(judged)
+from fringeworks.types import (
+    Decoded,
+    DisplacementMap,
+    FloatMap,
+    HeightMap,
+    PointCloud,
+)
 
 
 def _surface(result: Any, context: Context, caption: str, draw: Callable[[], Figure]) -> Surface:
-    camera = context.rig if isinstance(result, Measurement | PointCloud) else None
-    packed = pack_surface(result, camera=camera, title=context.name, every=context.every)
-    return Surface((packed,), caption, draw)
+    surface = packed(result, camera=context.rig, title=context.name, every=context.every)
+    return Surface((surface,), caption, draw)
 
 
 @chapter_of.register
@@ -95,9 +61,9 @@ def _heights(
     rows = [
         ("method", surface.method or None),
         ("measured pixels", f"{1 - surface.failed_fraction:.2%}"),
-        (f"{surface.quantity}, smallest", _with_unit(values["minimum"], unit)),
-        (f"{surface.quantity}, largest", _with_unit(values["maximum"], unit)),
-        ("median σ", _with_unit(values["median_sigma"], unit)),
+        (f"{surface.quantity}, smallest", with_unit(values["minimum"], unit)),
+        (f"{surface.quantity}, largest", with_unit(values["maximum"], unit)),
+        ("median σ", with_unit(values["median_sigma"], unit)),
         ("converged", surface.converged),
     ]
     return Chapter(
@@ -134,10 +100,6 @@ def _height_figures(result: Reconstruction | HeightMap) -> dict[str, Any]:
     }
 
 
-def _with_unit(value: float | None, unit: str) -> str | None:
-    return None if value is None else f"{value:.5g} {unit}"
-
-
 def _profiles(surface: HeightMap | PointCloud) -> tuple[Block, ...]:
     """Profiles along the middle row and column, as far as anything is measured there."""
     rows, columns = surface.reason.shape
@@ -165,6 +127,12 @@ def _histograms(values: FloatMap, sigma: FloatMap, quantity: str, unit: str) -> 
 
 
 @chapter_of.register
+def _(result: DisplacementMap, context: Context) -> Chapter:
+    surface = as_heights(result)
+    return _heights(surface, surface, context, (), ())
+
+
+@chapter_of.register
 def _(result: Measurement, context: Context) -> Chapter:
     decoded = result.decoded
     return _cloud(result.points, result, context, result.notes, decoded.findings)
@@ -186,9 +154,9 @@ def _cloud(
     rows = [
         ("points", f"{values['points']:,}"),
         ("measured pixels", f"{1 - cloud.failed_fraction:.2%}"),
-        ("median σ", _with_unit(values["median_sigma_mm"], "mm")),
-        ("median σ of pixel noise", _with_unit(values["median_noise_mm"], "mm")),
-        ("epipolar error (rms)", _with_unit(values["residual_rms_px"], "px")),
+        ("median σ", with_unit(values["median_sigma_mm"], "mm")),
+        ("median σ of pixel noise", with_unit(values["median_noise_mm"], "mm")),
+        ("epipolar error (rms)", with_unit(values["residual_rms_px"], "px")),
     ]
     blocks: list[Block] = [
         facts(rows),
@@ -219,17 +187,17 @@ def _(result: Points, context: Context) -> Chapter:
     }
     rows = [
         ("points", f"{len(xyz):,}"),
-        ("median σ", _with_unit(values["median_sigma_mm"], "mm")),
+        ("median σ", with_unit(values["median_sigma_mm"], "mm")),
     ]
     chart = histogram(xyz[:, 2], "z / mm", what="points")
-    packed = pack_surface(result, title=context.name, every=context.every)
+    surface = packed(result, title=context.name, every=context.every)
     return Chapter(
         context.name,
         (
             facts(rows),
             *judged_block(values, context),
             *findings_block((), result.notes),
-            Surface((packed,), "The points.", lambda: chart),
+            Surface((surface,), "The points.", lambda: chart),
             Picture(chart, "Distribution of z."),
             *provenance_block(result.provenance),
         ),
@@ -251,12 +219,12 @@ def _(result: Decoded, context: Context) -> Chapter:
                     ("axis", f"{axis}, of the projector"),
                     ("periods", ", ".join(f"{p:g}" for p in found.periods_px) + " px"),
                     ("measured pixels", f"{1 - found.failed_fraction:.2%}"),
-                    ("median σ", _with_unit(one["median_sigma_px"], "px")),
-                    ("median modulation", _with_unit(one["median_modulation"], "counts")),
+                    ("median σ", with_unit(one["median_sigma_px"], "px")),
+                    ("median modulation", with_unit(one["median_modulation"], "counts")),
                 ]
             ),
             Surface(
-                (pack_surface(found, title=f"{context.name}, {axis}", every=context.every),),
+                (packed(found, title=f"{context.name}, {axis}", every=context.every),),
                 f"Projector coordinate {axis} over the camera's pixels.",
                 lambda: plot(result, context.name),
             ),
@@ -265,60 +233,3 @@ def _(result: Decoded, context: Context) -> Chapter:
         ]
     blocks += provenance_block(result.provenance)
     return Chapter(context.name, tuple(blocks))
-
-
-@chapter_of.register
-def _(result: Calibration, context: Context) -> Chapter:
-    values = summarise(result)
-    rows = pose_figures(result)
-    parameters = [
-        {"parameter": name, "value": entry["value"], "σ": entry["sigma"]}
-        for name, entry in values["parameters"].items()
-    ]
-    return Chapter(
-        context.name,
-        (
-            facts(
-                [
-                    ("verdict", f"{values['verdict']['text']} (one standard deviation)"),
-                    ("reprojection, camera", _with_unit(values["camera_rms_px"], "px")),
-                    ("reprojection, projector", _with_unit(values["projector_rms_px"], "px")),
-                    ("camera's frame covered", f"{values['camera_coverage']:.0%}"),
-                    ("projector's frame covered", f"{values['projector_coverage']:.0%}"),
-                    ("baseline", _with_unit(values["baseline_mm"], "mm")),
-                    ("converged", values["converged"]),
-                ]
-            ),
-            *judged_block(values, context),
-            *findings_block(values["findings"]),
-            Picture(plot(result), "Where corners were seen, and the residuals of every pose."),
-            dict_table(rows, "Poses"),
-            dict_table(parameters, "Parameters and their standard deviations"),
-            *provenance_block(result.rig.provenance),
-        ),
-    )
-
-
-@chapter_of.register
-def _(result: FormEvaluation, context: Context) -> Chapter:
-    values = summarise(result)
-    rows = [(name, value) for body in values["bodies"] for name, value in body.items()]
-    charts = [
-        Picture(
-            histogram(
-                1e3 * form.distance_mm[form.region], "distance from the body / µm", what="points"
-            ),
-            f"Distances of the points from the {form.body}.",
-        )
-        for form in result.forms
-    ]
-    return Chapter(
-        context.name,
-        (
-            facts(rows),
-            *judged_block(values, context),
-            *findings_block((), values["notes"]),
-            *charts,
-            *provenance_block(result.provenance),
-        ),
-    )

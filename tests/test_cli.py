@@ -20,6 +20,7 @@ from PIL import Image
 import fringeworks as fw
 from fringeworks.files.response import write_response
 from fringeworks.files.surfaces import read_surface
+from fringeworks.showcase.chapter4 import PARTS
 from fringeworks.signal.response import Response
 from tests.test_evaluate import KEYS
 
@@ -253,7 +254,13 @@ def test_demo_and_paper(tmp_path):
         "parabola.ply",
         "capture",
     }
-    figures = sorted(p.stem for p in (tmp_path / "figures").glob("*.png"))
+    figures = sorted(p.stem for p in (tmp_path / "figures").glob("*.svg"))
+    captions = {name for part in PARTS.values() for name in part}
+    assert captions == set(figures)
+    page = (tmp_path / "figures" / "chapter4.html").read_text()
+    assert page.count("<img ") == len(figures)
+    assert (tmp_path / "figures" / "chapter4.pdf").read_bytes().startswith(b"%PDF")
+    assert "bust.html" in demo
     # Every figure of chapter 4, by its number.
     for number in (*range(1, 17), *range(18, 26)):
         assert any(stem.startswith(f"4_{number:02d}") for stem in figures), number
@@ -358,7 +365,7 @@ def test_an_interrupt_is_answered(tmp_path):
     folder = tmp_path / "figures"
     command = [sys.executable, "-m", "fringeworks", "paper", "--out", folder]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        while not list(folder.glob("*.png")):
+        while not list(folder.glob("*.svg")):
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=60)

@@ -59,10 +59,11 @@ def _keep(folder: Path) -> None:
         os.close(place)
 
 
-def write_text(path: StrPath, text: str) -> None:
-    """Write a text file, whole or not at all."""
+def write_text(path: StrPath, text: str) -> Path:
+    """Write a text file, whole or not at all; return its path."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+    return Path(path)
 
 
 def check_target(path: StrPath, suffixes: Iterable[str]) -> None:

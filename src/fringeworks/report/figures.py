@@ -122,7 +122,9 @@ def _perspective(axes: Axes3D, values: FloatMap, pitch: float, unit: str) -> Non
     x, y = np.meshgrid(np.arange(columns) * step * pitch, np.arange(rows_) * step * pitch)
     finite = z[np.isfinite(z)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
-    axes.plot_surface(x, y, z, cmap="viridis", rcount=len(z), ccount=len(z), linewidth=0)
+    surface = axes.plot_surface(x, y, z, cmap="viridis", rcount=len(z), ccount=len(z), linewidth=0)
+    # Tens of thousands of facets would make vector files of many megabytes.
+    surface.set_rasterized(True)
     axes.set_zlim(min(low, 0.0), max(high, 1e-6))
     axes.invert_yaxis()
     axes.set_xlabel(f"x / {unit}")

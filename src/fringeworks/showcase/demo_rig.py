@@ -15,12 +15,14 @@ from fringeworks.files.points import write_points
 from fringeworks.files.rig import write_rig
 from fringeworks.files.stack import write_stack
 from fringeworks.pipeline.boards import calibrate_stacks
-from fringeworks.pipeline.stacks import measure
+from fringeworks.pipeline.stacks import Measurement, measure
 from fringeworks.report import figures
 from fringeworks.report.maps import Panel, sheet
+from fringeworks.report.page.report import write_report
 from fringeworks.report.summary import summarise
 from fringeworks.report.tables import format_table
 from fringeworks.rig.calibration.board import parse_board
+from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.exposure import photograph
@@ -73,7 +75,7 @@ def rig_demo(
     Rows of the table, and the paths of the pictures.
     """
     truth = standard_rig(scale=scale)
-    rig = _calibrated(truth, writer, progress)
+    calibration = _calibrated(truth, writer, progress)
     rows: list[Row] = []
     pictures: list[Path] = []
     place = pose(rotation(np.array([0.2, 0.15, 0.0])), np.array([0.0, 0.0, 500.0]))
@@ -85,34 +87,50 @@ def rig_demo(
     for k, (name, bodies) in enumerate(scenes.items()):
         progress(f"rig: {name}")
         view, plan = look(truth, bodies), fringe_plan(truth, both=False)
-        frames = list(photograph(view, plan, Optics(seed=FIRST_SEED + k)))
-        cloud = measure(Stack(frames, plan), rig).points
-        error = truth_distance(view.points_mm, cloud.xyz_mm)
-        rows.append(_row(name, cloud, np.where(view.lit, error, np.nan)))
+        stack = Stack(list(photograph(view, plan, Optics(seed=FIRST_SEED + k))), plan)
+        measured = measure(stack, calibration.rig)
+        error = truth_distance(view.points_mm, measured.points.xyz_mm)
+        rows.append(_row(name, measured.points, np.where(view.lit, error, np.nan)))
         if name == "bust":
-            write_stack(writer.file("bust"), frames, plan, truth=view.truth, force=force)
-        write_points(writer.file(f"{name}.ply"), cloud, kind="mesh")
-        picture = cloud.plot(f"{name}, measured by a calibrated virtual rig")
-        pictures.append(
-            figures.save_figure(
-                picture, writer.file(f"rig_{name}.png"), provenance=cloud.provenance
-            )
-        )
-        maps = [
-            Panel("error along the ray", error, "signed", "mm"),
-            Panel("standard deviation σ", cloud.sigma_mm, "sigma", "mm"),
-        ]
-        errors = sheet(f"{name}: measured minus true, and what σ says", "", maps, columns=2)
-        pictures.append(
-            figures.save_figure(
-                errors, writer.file(f"rig_{name}_error.png"), provenance=cloud.provenance
-            )
-        )
+            write_stack(writer.file("bust"), stack.frames, plan, truth=view.truth, force=force)
+            pictures.append(_report(writer, measured, calibration))
+        write_points(writer.file(f"{name}.ply"), measured.points, kind="mesh")
+        pictures += _pictures(writer, name, measured.points, error)
     write_text(writer.file("rig.md"), format_table(rows, "markdown"))
     return rows, pictures
 
 
-def _calibrated(truth: Rig, writer: FolderWriter, progress: Callable[[str], None]) -> Rig:
+def _report(writer: FolderWriter, measured: Measurement, calibration: Calibration) -> Path:
+    """The report of the bust and of the calibration that it was measured with."""
+    results = {"Bust": measured, "Calibration": calibration}
+    written = write_report(
+        writer.file("bust.html"),
+        results,
+        title="A bust, measured by a calibrated virtual rig",
+        rig=calibration.rig,
+    )
+    return written.paths[0]
+
+
+def _pictures(
+    writer: FolderWriter, name: str, cloud: PointCloud, error: FloatMap
+) -> Iterator[Path]:
+    """Pictures of the points, and of their errors beside σ."""
+    maps = [
+        Panel("error along the ray", error, "signed", "mm"),
+        Panel("standard deviation σ", cloud.sigma_mm, "sigma", "mm"),
+    ]
+    drawn = {
+        f"rig_{name}.png": cloud.plot(f"{name}, measured by a calibrated virtual rig"),
+        f"rig_{name}_error.png": sheet(
+            f"{name}: measured minus true, and what σ says", "", maps, columns=2
+        ),
+    }
+    for file, figure in drawn.items():
+        yield figures.save_figure(figure, writer.file(file), provenance=cloud.provenance)
+
+
+def _calibrated(truth: Rig, writer: FolderWriter, progress: Callable[[str], None]) -> Calibration:
     board, plan = parse_board(BOARD), fringe_plan(truth)
 
     def stacks() -> Iterator[tuple[str, Stack]]:
@@ -128,7 +146,7 @@ def _calibrated(truth: Rig, writer: FolderWriter, progress: Callable[[str], None
     lines = [f"- {f['cause']}: {f['message']}" for f in findings]
     text = "\n".join(["# Calibration", "", *lines, ""])
     write_text(writer.file("calibration.md"), text)
-    return calibration.rig
+    return calibration
 
 
 def _row(name: str, cloud: PointCloud, error: FloatMap) -> Row:

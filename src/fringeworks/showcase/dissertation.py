@@ -17,7 +17,10 @@ from fringeworks.files.folder import replacing_folder
 from fringeworks.pair.methods.inverse_function import Extrema, find_extrema
 from fringeworks.pipeline.pairs import Reconstruction, reconstruct
 from fringeworks.report import figures
+from fringeworks.report.page.html import page_html
+from fringeworks.report.page.pdf import write_pdf
 from fringeworks.report.tables import TableFormat, format_table
+from fringeworks.showcase.chapter4 import TITLE, chapters
 from fringeworks.simulate.fringes import deformed_row
 from fringeworks.simulate.objects import make_object, parabola_1d
 from fringeworks.simulate.scene import standard_scene
@@ -45,6 +48,10 @@ CAPTION = """# Table 4.1: how to read it
   compared with it.
 """
 """Caption of the table, with the reasons for differences from the published figures."""
+CAPTION_PARAGRAPHS = tuple(
+    " ".join(part.split()).replace("`", "") for part in CAPTION.split("\n- ")[1:]
+)
+"""The same as plain paragraphs."""
 
 Progress = Callable[[str], None]
 
@@ -52,7 +59,7 @@ Progress = Callable[[str], None]
 def write_paper(
     out: StrPath, *, size: int = 1000, force: bool = False, progress: Progress = lambda _: None
 ) -> list[Path]:
-    """Make every figure of the dissertation's chapter 4 and its table 4.1.
+    """Make every figure of the dissertation's chapter 4 and its table 4.1, and a report of both.
 
     Parameters
     ----------
@@ -70,28 +77,29 @@ def write_paper(
     Paths of all files written.
     """
     written: list[Path] = []
+    drawn: dict[str, Figure] = {}
     origin = made_by("write_paper", options={"size": size})
     with replacing_folder(out, "paper", force=force) as writer:
 
+        def keep(path: Path) -> None:
+            written.append(path)
+            progress(path.stem)
+
         def save(name: str, figure: Figure) -> None:
-            written.append(
-                figures.save_figure(figure, writer.file(f"{name}.png"), provenance=origin)
-            )
-            progress(name)
+            drawn[name] = figure
+            place = writer.file(f"{name}.svg")
+            keep(figures.save_figure(figure, place, provenance=origin))
 
         _part_1_and_3(save)
         _part_2(save, size)
         rows = _parts_4_to_6(save, size)
         styles: dict[str, TableFormat] = {"md": "markdown", "csv": "csv", "json": "json"}
         for suffix, style in styles.items():
-            path = writer.file(f"table_4_1.{suffix}")
-            write_text(path, format_table(rows, style))
-            written.append(path)
-            progress(path.stem)
-        path = writer.file("table_4_1_caption.md")
-        write_text(path, CAPTION)
-        written.append(path)
-        progress(path.stem)
+            keep(write_text(writer.file(f"table_4_1.{suffix}"), format_table(rows, style)))
+        keep(write_text(writer.file("table_4_1_caption.md"), CAPTION))
+        parts = chapters(drawn, rows, CAPTION_PARAGRAPHS)
+        keep(write_text(writer.file("chapter4.html"), page_html(TITLE, parts, origin)))
+        keep(write_pdf(writer.file("chapter4.pdf"), TITLE, parts, origin))
     return written
 
 

@@ -28,6 +28,9 @@ from fringeworks.types import Provenance
 
 MOST_VIEWERS = 12
 """Surfaces of a page that can be turned: browsers allow 16 WebGL contexts in a page."""
+WIDE_IN = 9.0
+"""Width of a figure, inches, from which on it stands alone; of narrower ones two stand side by
+side."""
 START_MAPS = """
 for (const element of document.querySelectorAll(".fringe-viewer-mount")) {
   element.viewer.ready.then(() => {
@@ -127,7 +130,12 @@ def _picture(picture: Picture) -> dict[str, str]:
     with rc_context({"svg.hashsalt": "fringeworks"}):
         picture.figure.savefig(file, format="svg", metadata={"Date": None})
     source = base64.b64encode(file.getvalue()).decode()
-    return {"source": f"data:image/svg+xml;base64,{source}", "caption": picture.caption}
+    kind = "wide" if picture.figure.get_figwidth() > WIDE_IN else "small"
+    return {
+        "source": f"data:image/svg+xml;base64,{source}",
+        "caption": picture.caption,
+        "kind": kind,
+    }
 
 
 @cache

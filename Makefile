@@ -1,5 +1,5 @@
-# demo · test · long · faults · fuzz · check · bench · docs · gallery: the only entry points. Each makes its own .venv and needs
-# nothing but python3 (3.11 or later), cargo and make.
+# demo · test · long · faults · fuzz · check · bench · docs · gallery · screenshots: the only entry points. Each makes its own
+# .venv and needs nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
 VENV := $(CURDIR)/.venv
@@ -11,7 +11,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo test long faults fuzz check bench docs gallery clean
+.PHONY: demo test long faults fuzz check bench docs gallery clean screenshots
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -52,6 +52,11 @@ docs: $(VENV)/.built
 # The page and the pictures of the examples.
 gallery: $(VENV)/.built
 	SOURCE_DATE_EPOCH=0 $(BIN)/python docs/make_gallery.py
+
+# The pictures of docs/report.md and docs/viewer.md; wants Chromium.
+screenshots: $(VENV)/.built
+	$(BIN)/fringeworks demo --out demo
+	$(BIN)/python docs/make_screenshots.py demo/bust.html
 
 clean:
 	rm -rf $(VENV) $(BENCH_VENV) target site demo

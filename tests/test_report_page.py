@@ -86,6 +86,11 @@ def test_narrow_pages_do_not_scroll_sideways(pages, report, dark):
     opened.page.wait_for_selector(MAPS)
     widths = opened.page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
     assert widths[0] <= widths[1]
+    # All controls of the viewer are seen without scrolling inside of it.
+    panel = opened.page.evaluate(
+        "[...document.querySelectorAll('.panel')].map((p) => p.scrollHeight - p.clientHeight)"
+    )
+    assert max(panel) <= 1
     background = opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
     shades = [int(v) for v in re.findall(r"\d+", background)]
     assert (np.mean(shades) < 60) == dark

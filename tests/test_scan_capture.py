@@ -117,6 +117,16 @@ def test_nothing_to_resume(tmp_path):
         capture(b.projector, b.camera, plan(), tmp_path / "c", resume=True)
 
 
+def test_resuming_without_the_plan(tmp_path):
+    b, folder = bench(), tmp_path / "c"
+    with pytest.raises(DeviceProblem):
+        gone = Interrupting(b.camera, 30, DeviceProblem("camera: gone"))
+        capture(b.projector, gone, plan(), folder)
+    (folder / "plan.toml").unlink()
+    with pytest.raises(FileProblem, match="plan.toml of the capture that is there"):
+        capture(b.projector, b.camera, plan(), folder, resume=True)
+
+
 def test_a_full_disk_keeps_what_was_taken(tmp_path, monkeypatch):
     from fringeworks.files import capture_writer
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.differences import noise_between
 from fringeworks.scan.fast import FastTaker
+from fringeworks.scan.frames import take_frames
 from fringeworks.types import CameraSettings, DeviceProblem
 from tests.virtual_devices import Screen, bench, plan
 
@@ -224,3 +226,53 @@ def test_incomplete_frames_are_waited_for():
     agreement = Agreement(b.projector, b.camera)
     for picture in encode(plan()):
         assert b.shows_only(agreement.take(picture), picture)
+
+
+def altered(b, change):
+    """Let the camera of a bench deliver ``change(pixels, number of the frame)``."""
+
+    def grab(timeout_s=5.0, real=b.camera.grab):
+        grabbed = real(timeout_s)
+        return replace(grabbed, pixels=change(grabbed.pixels, grabbed.number))
+
+    b.camera.grab = grab
+    return b
+
+
+@pytest.mark.parametrize("phase", range(7))
+def test_every_seventh_frame_repeats_the_one_before(phase):
+    """A repeated frame among those of black and white must not count as a camera without noise."""
+    last = []
+
+    def repeat(pixels, number):
+        pixels = last[-1] if last and number % 7 == phase else pixels
+        last[:] = [pixels]
+        return pixels
+
+    b = altered(bench(), repeat)
+    agreement = Agreement(b.projector, b.camera)
+    for picture in encode(plan()):
+        agreement.take(picture)
+    assert agreement.noise.variance(np.array(128.0)) == pytest.approx(1.083 + 128 * 0.02, rel=0.15)
+
+
+def test_light_that_changes_within_a_refresh_is_not_a_wrong_screen():
+    b = bench({"refresh_hz": 120.0, "duty": 0.3}, {"reference_ms": 5.0, "fps": 50.0})
+    with pytest.raises(DeviceProblem, match=r"whole refresh periods .*8\.333 ms") as problem:
+        Agreement(b.projector, b.camera).start()
+    assert "right screen" not in str(problem.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda pixels: pixels[:40, :60], "got 60 × 40 px of 8 bit"),
+        (lambda pixels: pixels.astype(np.uint16), "got 64 × 48 px of 16 bit"),
+    ],
+)
+@pytest.mark.parametrize("average", [1, 4])
+def test_frames_of_another_size_or_depth(change, said, average):
+    b = bench()
+    altered(b, lambda pixels, number: change(pixels) if number > 40 and number % 2 else pixels)
+    with pytest.raises(DeviceProblem, match=said):
+        list(take_frames(b.projector, b.camera, plan(), average=average))

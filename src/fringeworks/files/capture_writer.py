@@ -240,6 +240,11 @@ def _kept(
             f"{folder}: expected the settings of the capture that is there ({_told(before)}), got "
             f"others ({_told(wanted)})"
         )
+    if not (folder / PLAN_FILE).is_file():
+        raise FileProblem(
+            f"{folder}: expected {PLAN_FILE} of the capture that is there, got no such file: "
+            "capture it anew"
+        )
     if (folder / PLAN_FILE).read_text("utf-8") != format_plan(plan):
         raise InputError(f"{folder}: expected the plan of the capture that is there, got another")
     foreign = set(foreign_names(folder))

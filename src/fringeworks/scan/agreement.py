@@ -79,6 +79,7 @@ class Agreement:
         self._picture: NDArray[Any] | None = None
         self._frame: NDArray[np.float32] = np.empty((0, 0), np.float32)
         self._exact = False
+        self._kind: tuple[tuple[int, ...], np.dtype[Any]] | None = None
         self.pair: tuple[NDArray[np.float32], NDArray[np.float32]] = (self._frame, self._frame)
         """The two frames that agreed last, on the grid of ``compared``, counts; they differ by
         noise."""
@@ -108,6 +109,7 @@ class Agreement:
         DeviceProblem where white is not brighter than black, or frames never agree.
         """
         settings = self._camera.configure(CameraSettings(triggered=False))
+        self._kind = None
         black = black_picture(self._projector)
         self._show(black)
         darkest = min(_mean(self._complete()) for _ in range(BLACK_FRAMES))
@@ -115,13 +117,14 @@ class Agreement:
         of_black = self._steady(_mean(of_white[-1]), self._show(black), rising=False)
         # Frames of a real camera differ by noise; equal ones are one frame delivered twice. The
         # first of the steady frames may still show a trace of black.
-        self._exact = np.array_equal(of_white[1].pixels, of_white[-1].pixels)
+        self._exact = not any(_differing(frames[1:]) for frames in (of_white, of_black))
         self._picture, self._frame = black, compared(of_black[-1].pixels)
         of_grey = self._steady_grey(of_black[-1], of_white[-1], settings)
         self.noise = noise_between(
-            [(f[-2].pixels, f[-1].pixels) for f in (of_black, of_white, of_grey) if f]
+            [_two(frames) for frames in (of_black, of_white, of_grey) if frames]
         )
-        self.pair = compared(of_black[-2].pixels), compared(of_black[-1].pixels)
+        one, other = _two(of_black)
+        self.pair = compared(one), compared(other)
         return of_black[-1], of_white[-1]
 
     def _steady_grey(self, black: Grab, white: Grab, settings: CameraSettings) -> list[Grab]:
@@ -190,10 +193,6 @@ class Agreement:
         while True:
             grab = self._complete()
             frame = compared(grab.pixels)
-            if frame.shape != before.shape:
-                raise DeviceProblem(
-                    f"{self._camera.name}: expected frames of one size, got another one for {label}"
-                )
             differs = changed(block_differences(before, frame, self.noise))
             seen |= differs
             if (differs or not new) and last is not None and self._agrees(last, frame):
@@ -220,6 +219,7 @@ class Agreement:
         while True:
             grab = self._camera.grab(self._timeout_s)
             if grab.complete:
+                self._check_size(grab.pixels)
                 return grab
             arrived_s.append(grab.host_s)
             passed_s = grab.host_s - arrived_s[0]
@@ -229,6 +229,17 @@ class Agreement:
                     f"incomplete ones in a row within {passed_s:.1f} s: lower the frame rate, or "
                     "send smaller frames"
                 )
+
+    def _check_size(self, pixels: NDArray[Any]) -> None:
+        """Refuse a frame of another size or depth than the first."""
+        self._kind = self._kind or (pixels.shape, pixels.dtype)
+        if (pixels.shape, pixels.dtype) != self._kind:
+            (rows, columns), depth = self._kind
+            raise DeviceProblem(
+                f"{self._camera.name}: expected frames of one size and depth, {columns} × {rows} px"
+                f" of {8 * depth.itemsize} bit, got {pixels.shape[1]} × {pixels.shape[0]} px of "
+                f"{8 * pixels.dtype.itemsize} bit: change no setting of the camera during a capture"
+            )
 
     def _steady(self, limit: float, shown_s: float, *, rising: bool) -> list[Grab]:
         """Frames in a row that are steady and brighter (or darker) than any before."""
@@ -246,12 +257,27 @@ class Agreement:
             ):
                 return frames
             if frames[-1].host_s - shown_s > self._timeout_s:
-                raise DeviceProblem(
-                    f"{self._camera.name}: expected white to be brighter than black and steady, "
-                    f"got mean brightnesses of {min(limit, *means):.1f} to {max(limit, *means):.1f}"
-                    " counts: point the camera at the projected picture, open the lens, or check "
-                    "that the picture is on the right screen"
-                )
+                raise DeviceProblem(self._why_not_steady([limit, *means], np.ptp(means)))
+
+    def _why_not_steady(self, means: list[float], change: float) -> str:
+        """The message on black or white; ``change`` is that of the last frames, counts."""
+        low, high = min(means), max(means)
+        said = (
+            f"{self._camera.name}: expected white to be brighter than black and steady, got mean "
+            f"brightnesses of {low:.1f} to {high:.1f} counts"
+        )
+        if high - low < MIN_RISE_COUNTS or change < STEADY_SHARE * (high - low):
+            return (
+                f"{said}: point the camera at the projected picture, open the lens, or check that "
+                "the picture is on the right screen; an automatic exposure must be off"
+            )
+        refresh_s = self._projector.refresh_s
+        periods = "" if refresh_s is None else f" ({1e3 * refresh_s:.4g} ms and its multiples)"
+        return (
+            f"{said}, and {change:.1f} counts between the last {STEADY_FRAMES} frames of one "
+            f"picture: expose for whole refresh periods of the projector{periods}, switch lamps "
+            "off that flicker, and switch an automatic exposure off"
+        )
 
     def _why_not(self, label: str, seen: bool) -> str:
         name, wait = self._camera.name, f"within {self._timeout_s:g} s"
@@ -264,6 +290,17 @@ class Agreement:
             f"{name}: expected two frames in a row that agree after {label} was shown, got none "
             f"{wait}: something moves, the light flickers, or an automatic exposure is on"
         )
+
+
+def _differing(frames: list[Grab]) -> list[Grab]:
+    """The frames that differ from the last one."""
+    return [f for f in frames if not np.array_equal(f.pixels, frames[-1].pixels)]
+
+
+def _two(frames: list[Grab]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The last two frames that are not one frame delivered twice; the last two if all are equal."""
+    before = _differing(frames) or frames[:-1]
+    return before[-1].pixels, frames[-1].pixels
 
 
 def _mean(grab: Grab) -> float:

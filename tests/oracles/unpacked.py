@@ -10,9 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fringeworks.rig.pinhole import rays
-from fringeworks.types import Pinhole
-
 
 @dataclass
 class Unpacked:
@@ -25,25 +22,23 @@ class Unpacked:
 
 
 def unpacked(data: bytes) -> Unpacked:
-    assert data[:8] == b"FWSURF1\n"
+    assert data[:8] == b"FWSURF2\n"
     (size,) = struct.unpack("<I", data[8:12])
     header, body = json.loads(data[12 : 12 + size]), data[12 + size :]
     columns, rows = header["size"]
     reason = np.frombuffer(block(body, header["reason"]), np.uint8).reshape(rows, columns)
-    measured = reason == 0
-    low = logarithm(body, header["sigma"], measured)
-    points = placed(body, header, measured, low)
+    low = logarithm(body, header["sigma"], header, None)
+    points = placed(body, header, reason == 0, low)
     layers = {}
     for layer in header["layers"]:
-        used = measured if layer["name"] == "deviation" else np.ones_like(measured)
-        if layer["coding"] == "logarithm":
-            layers[layer["name"]] = logarithm(body, layer, used) * math.sqrt(layer["ratio"])
-        elif layer["coding"] == "steps":
-            layers[layer["name"]] = channel(body, layer, 0, used, steps(layer, header, low))
+        if "ratio" in layer:
+            found = logarithm(body, layer, header, low) * math.sqrt(layer["ratio"])
+        elif layer["name"] == "deviation":
+            found = channel(body, layer, 0, header, low)
         else:
-            one = np.ones(used.shape)
-            found = [channel(body, layer, k, used, one) for k in range(len(layer["blocks"]))]
-            layers[layer["name"]] = layer["first"] + layer["step"] * np.stack(found, axis=-1)
+            count = len(layer["blocks"])
+            found = np.stack([channel(body, layer, k, header, low) for k in range(count)], axis=-1)
+        layers[layer["name"]] = found
     middle = low * math.sqrt(header["sigma"]["ratio"])
     return Unpacked(header, reason, middle, low, points, layers)
 
@@ -63,8 +58,8 @@ def numbers(body, planes):
     )
 
 
-def logarithm(body, code, used):
-    codes = channel(body, code, 0, used, np.ones(used.shape))
+def logarithm(body, code, header, low):
+    codes = channel(body, code, 0, header, low)
     values = np.full(codes.shape, np.nan)
     for place in np.argwhere(np.isfinite(codes)):
         value = code["first"]
@@ -74,25 +69,20 @@ def logarithm(body, code, used):
     return values
 
 
-def steps(code, header, low):
-    if "fixed" in code:
-        return np.full(low.shape, code["fixed"])
-    return code["factor"] * np.where(np.isnan(low), header["sigma"]["first"], low)
-
-
-def channel(body, code, k, used, step):
-    symbols = iter(numbers(body, code["blocks"][k]))
+def channel(body, code, k, header, low):
+    columns, rows = header["size"]
+    values = np.full((rows, columns), np.nan)
+    step = np.full(values.shape, code["factor"])
+    if code.get("of_sigma"):
+        step *= np.where(np.isnan(low), header["sigma"]["first"], low)
+    symbols = numbers(body, code["blocks"][k]).reshape(rows, columns)
     origin = code["origins"][k] if "origins" in code else 0.0
-    values = np.full(used.shape, np.nan)
 
     def at(y, x):
-        return values[y, x] if y >= 0 and 0 <= x < used.shape[1] else math.nan
+        return values[y, x] if y >= 0 and 0 <= x < columns else math.nan
 
-    for y, x in np.argwhere(used):
-        symbol = int(next(symbols))
-        if symbol == 0:
-            continue
-        folded = symbol - 1
+    for y, x in np.argwhere(symbols):
+        folded = int(symbols[y, x]) - 1
         change = -(folded + 1) // 2 if folded % 2 else folded // 2
         left, upper = at(y, x - 1), at(y - 1, x)
         guess = left + (at(y - 1, x + 1) - at(y - 1, x - 1)) / 2.0
@@ -111,18 +101,18 @@ def placed(body, header, measured, low):
         for k in range(3):
             planes = [np.frombuffer(block(body, p), np.uint8) for p in code["blocks"][k]]
             planes += [np.zeros_like(planes[0])] * (kind.itemsize - len(planes))
-            points[measured, k] = np.stack(planes, axis=-1).copy().view(kind).ravel()
+            points[..., k] = np.stack(planes, axis=-1).copy().view(kind).reshape(measured.shape)
         return points
-    step = steps(code, header, low)
     if code["coding"] == "xyz":
-        return np.stack([channel(body, code, k, measured, step) for k in range(3)], axis=-1)
-    z = channel(body, code, 0, measured, step)
-    row, column = (index.astype(float) for index in np.indices(measured.shape))
-    if place["kind"] == "camera":
-        fx, fy, cx, cy, *distortion = place["camera"]
-        camera = Pinhole(2, 2, (fx, fy), (cx, cy), tuple(distortion))
-        return rays(camera, place["every"] * np.stack((column, row), axis=-1)) * z[..., None]
-    if place["pupil"] is not None:
-        x0, y0, distance = place["pupil"]
-        column, row = column - (column - x0) * z / distance, row - (row - y0) * z / distance
-    return np.stack((column * place["pitch"], -row * place["pitch"], z), axis=-1)
+        return np.stack([channel(body, code, k, header, low) for k in range(3)], axis=-1)
+    z = channel(body, code, 0, header, low)
+    for y, x in np.argwhere(measured):
+        u, v = 2.0 * x / measured.shape[1] - 1.0, 2.0 * y / measured.shape[0] - 1.0
+        for k in range(2):
+            slope, offset = (
+                np.polynomial.polynomial.polyval2d(u, v, place[name][k])
+                for name in ("directions", "offsets")
+            )
+            points[y, x, k] = offset + slope * z[y, x]
+        points[y, x, 2] = z[y, x]
+    return points

@@ -20,6 +20,7 @@ from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
 from fringeworks.report.viewer.page import (
     LAYERS,
     SCALES,
+    TABLES,
     viewer_fragment,
     viewer_script,
     viewer_style,
@@ -35,7 +36,7 @@ START_MAPS = """
 for (const element of document.querySelectorAll(".fringe-viewer-mount")) {
   element.viewer.ready.then(() => {
     for (const surface of element.viewer.surfaces ?? []) {
-      if (surface.raster) new FringeMaps(element.parentElement, surface, MAP_CONSTANTS);
+      if (surface.header.raster) new FringeMaps(element.parentElement, surface, MAP_CONSTANTS);
     }
   });
 }
@@ -140,8 +141,7 @@ def _picture(picture: Picture) -> dict[str, str]:
 
 @cache
 def _script() -> str:
-    scales = {name: colours.split() for name, colours in SCALES.items()}
-    constants = json.dumps({"LAYERS": LAYERS, "SCALES": scales})
+    constants = json.dumps({"LAYERS": LAYERS, "SCALES": SCALES, "TABLES": TABLES})
     maps = f"const MAP_CONSTANTS = {constants};\n(() => {{\n{_asset('maps.js')}\n}})();\n"
     return viewer_script() + maps.replace("</", "<\\/") + START_MAPS
 

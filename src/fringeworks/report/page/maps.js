@@ -3,21 +3,7 @@
 
 const SHOWN = ["cloud", "heights", "displacements", "coordinates", "sigma", "modulation", "texture", "deviation", "reason"];
 const MOST_ZOOM = 64;
-
-/** A colour scale with 256 steps, as bytes. */
-function steps(colours) {
-  const table = new Uint8Array(4 * 256);
-  for (let k = 0; k < 256; k++) {
-    const place = (k / 255) * (colours.length - 1);
-    const low = Math.min(Math.floor(place), colours.length - 2);
-    for (let c = 0; c < 3; c++) {
-      const [a, b] = [0, 1].map((n) => parseInt(colours[low + n].slice(2 * c, 2 * c + 2), 16));
-      table[4 * k + c] = Math.round(a + (b - a) * (place - low));
-    }
-    table[4 * k + 3] = 255;
-  }
-  return table;
-}
+const GAP = 0xffb0b0b0; // colour of pixels without a value
 
 /** Values between which most of a map lies; σ and modulation begin at zero. */
 function limits(values, name) {
@@ -31,10 +17,11 @@ function limits(values, name) {
 }
 
 globalThis.FringeMaps = class {
-  constructor(element, surface, { LAYERS, SCALES }) {
+  constructor(element, surface, { LAYERS, SCALES, TABLES }) {
     this.surface = surface;
     this.names = LAYERS;
     this.scales = SCALES;
+    this.tables = TABLES;
     this.zoom = 1;
     this.centre = [surface.width / 2, surface.height / 2];
     this.root = document.createElement("div");
@@ -52,10 +39,9 @@ globalThis.FringeMaps = class {
   }
 
   add(layer) {
-    const { label, scale, flip } = this.names[layer.name];
+    const { label, scale } = this.names[layer.name];
     const reasons = layer.name === "reason";
     const range = reasons ? null : limits(layer.values, layer.name);
-    const colours = flip ? [...this.scales[scale]].reverse() : this.scales[scale];
     const figure = document.createElement("figure");
     const canvas = Object.assign(document.createElement("canvas"), { tabIndex: 0 });
     canvas.setAttribute("role", "img");
@@ -63,31 +49,23 @@ globalThis.FringeMaps = class {
     canvas.setAttribute("aria-label", `Map: ${label}${unit}`);
     const caption = document.createElement("figcaption");
     caption.textContent = `${label}${unit}`;
-    figure.append(canvas, caption, reasons ? this.legend() : this.bar(range, colours));
+    figure.append(canvas, caption, reasons ? this.legend() : this.bar(range, this.scales[scale]));
     this.root.append(figure);
     this.listen(canvas);
-    return { layer, canvas, label, picture: this.paint(layer.values, range, colours, reasons) };
+    return { layer, canvas, label, picture: this.paint(layer.values, range, this.tables[scale]) };
   }
 
   /** The whole map, a canvas pixel for each pixel. */
-  paint(values, range, colours, reasons) {
+  paint(values, range, table) {
     const { width, height } = this.surface;
     const picture = new OffscreenCanvas(width, height);
     const context = picture.getContext("2d");
     const image = context.createImageData(width, height);
     const pixels = new Uint32Array(image.data.buffer);
-    const word = (hex) => new Uint32Array(Uint8Array.of(...[0, 2, 4].map((k) => parseInt(hex.slice(k, k + 2), 16)), 255).buffer)[0];
-    const gap = word("b0b0b0");
-    if (reasons) {
-      const table = this.scales.reasons.map(word);
-      for (let i = 0; i < pixels.length; i++) pixels[i] = table[values[i]] ?? gap;
-    } else {
-      const table = new Uint32Array(steps(colours).buffer);
-      const factor = 255 / (range[1] - range[0]);
-      for (let i = 0; i < pixels.length; i++) {
-        const place = (values[i] - range[0]) * factor;
-        pixels[i] = Number.isFinite(place) ? table[Math.min(Math.max(Math.round(place), 0), 255)] : gap;
-      }
+    const [low, high] = range ?? [0, 255]; // reasons are places in their table
+    for (let i = 0; i < pixels.length; i++) {
+      const place = Math.round(((values[i] - low) * 255) / (high - low));
+      pixels[i] = Number.isFinite(place) ? table[Math.min(Math.max(place, 0), 255)] : GAP;
     }
     context.putImageData(image, 0, 0);
     return picture;
@@ -96,7 +74,7 @@ globalThis.FringeMaps = class {
   bar([low, high], colours) {
     const bar = document.createElement("div");
     bar.className = "bar";
-    bar.style.background = `linear-gradient(to right, ${colours.map((c) => `#${c}`).join(", ")})`;
+    bar.style.background = `linear-gradient(to right, ${colours.join(", ")})`;
     const ends = document.createElement("div");
     ends.className = "ends";
     for (const value of [low, (low + high) / 2, high]) {
@@ -115,7 +93,7 @@ globalThis.FringeMaps = class {
       if (!present.has(code)) continue;
       const item = Object.assign(document.createElement("li"), { textContent: label });
       const swatch = document.createElement("i");
-      swatch.style.background = `#${this.scales.reasons[code]}`;
+      swatch.style.background = this.scales.reasons[code];
       item.prepend(swatch);
       list.append(item);
     }

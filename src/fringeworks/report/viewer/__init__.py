@@ -1,13 +1,14 @@
 """The viewer of surfaces: a page of plain JavaScript and WebGL2 that needs no server.
 
-``pack`` turns results into compact bytes: ``content`` brings them into one form, ``placing`` and
-``coding`` hold the codes. ``page`` writes them into HTML, with the viewer. The viewer itself:
+``pack`` turns results into compact bytes: ``content`` brings them into one form, ``framing`` says
+what the viewer has to know before it draws, ``placing`` and ``coding`` hold the codes. ``page``
+writes them into HTML, with the viewer. The viewer itself:
 
 - ``unpack.js`` turns the bytes into points, σ, reasons and layers;
 - ``mesh.js``, ``measure.js``, ``fit.js`` compute what the library computes, with its constants;
-- ``scene.js`` with the two shaders draws, ``view.js`` turns, ``overlay.js`` draws what is above;
-- ``viewer.js`` with ``viewer.html`` and ``viewer.css`` holds the controls, ``clips.js`` the clip
-  planes, ``tools.js`` what is measured at the cursor, ``input.js`` mouse, touch and keys.
+- ``scene.js`` with the two shaders draws, ``view.js`` turns;
+- ``viewer.js`` with ``viewer.html`` and ``viewer.css`` holds the controls, ``tools.js`` what is
+  measured at the cursor, ``input.js`` mouse, touch and keys.
 
 For a page that is written elsewhere (the HTML report, a notebook, the studio)::
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import BoolMap, FloatMap, InputError
+from fringeworks.types import FloatMap, InputError
 
 Symbols = NDArray[np.uint32]
 """0 for no number, else 1 + the folded difference: 0, −1, 1, −2, … become 0, 1, 2, 3, …"""
@@ -65,9 +65,7 @@ def deflated(content: bytes) -> bytes:
     return min(plain, searched, key=len)
 
 
-def coded(
-    values: FloatMap, step: FloatMap | float, used: BoolMap, origin: float
-) -> tuple[Symbols, FloatMap]:
+def coded(values: FloatMap, step: FloatMap | float, origin: float) -> tuple[Symbols, FloatMap]:
     """Code a map in steps.
 
     Parameters
@@ -76,14 +74,12 @@ def coded(
         NaN is coded as no number.
     step : (h, w) array or float
         Step of every pixel, > 0. The error is at most half of it.
-    used : (h, w) bool array
-        Pixels that are coded; the page knows which.
     origin : float
         Prediction where no neighbour is known.
 
     Returns
     -------
-    symbols : (n,) uint32, one for each coded pixel, row by row
+    symbols : (h, w) uint32
     decoded : (h, w) float64, what the page will read; NaN where there is no number
 
     Raises
@@ -92,7 +88,7 @@ def coded(
     """
     steps = np.broadcast_to(np.asarray(step, np.float64), values.shape)
     with np.errstate(all="ignore"):
-        exact = np.where(used & np.isfinite(values), values, np.nan).astype(np.float64)
+        exact = np.where(np.isfinite(values), values, np.nan).astype(np.float64)
         multiple = np.floor(exact / steps + 0.5)
         decoded = multiple * steps
         change = multiple - np.floor(predicted(decoded, origin) / steps + 0.5)
@@ -102,7 +98,7 @@ def coded(
         raise InputError("packing: expected values within 2³¹ steps of each other, got more")
     symbols = np.zeros(values.shape, np.uint32)
     symbols[number] = folded[number].astype(np.uint32) + 1
-    return symbols[used], decoded
+    return symbols, decoded
 
 
 def predicted(values: FloatMap, origin: float) -> FloatMap:

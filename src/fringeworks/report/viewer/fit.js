@@ -2,161 +2,137 @@
 // constants.
 
 import { LIBRARY } from "./assets.js";
-import { cross, dot, minus, quantile, times, unit } from "./numbers.js";
+import { dot, minus, quantile, times, unit } from "./numbers.js";
 
 // Largest change of a body's values, in sizes of the cloud, after which a fit is done.
 const SETTLED = 1e-13;
+// Radius in sizes of the cloud above which rounding hides the curvature from normal equations.
+const FLAT = 3000;
 
-/** Sums over the used points of the products of a row of numbers, and of the row with a value. */
-function normalEquations(points, used, row, value) {
+/** Linear least squares over the used points, of which `equation` gives slopes and a value. */
+function leastSquares(points, used, equation) {
   const sums = [];
-  for (let i = 0; i < points.length; i += 3) {
-    if (used && !used[i / 3]) continue;
-    const r = [...row(points[i], points[i + 1], points[i + 2]), 0];
-    r[r.length - 1] = value(points[i], points[i + 1], points[i + 2]);
-    for (let k = 0; k < r.length - 1; k++) {
-      sums[k] ??= new Float64Array(r.length);
-      for (let m = 0; m < r.length; m++) sums[k][m] += r[k] * r[m];
+  for (const [i, point] of points.entries()) {
+    if (used && !used[i]) continue;
+    const row = equation(point);
+    for (let k = 0; k < row.length - 1; k++) {
+      sums[k] ??= row.map(() => 0);
+      for (let m = 0; m < row.length; m++) sums[k][m] += row[k] * row[m];
     }
   }
-  return sums;
-}
-
-/** Solve linear equations, each a row with its right side, by elimination with pivots. */
-function solve(equations) {
-  const rows = equations.map((row) => Float64Array.from(row));
+  // Elimination; the identity on the right becomes the inverse, whose diagonal are variances.
+  const rows = sums.map((row, k) => row.concat(sums.map((_, m) => Number(m === k))));
+  for (const k of rows.keys()) {
+    rows[k] = times(rows[k], 1 / rows[k][k]);
+    const cleared = (row) => row.map((v, c) => v - row[k] * rows[k][c]);
+    for (const m of rows.keys()) if (m !== k) rows[m] = cleared(rows[m]);
+  }
   const n = rows.length;
-  for (let k = 0; k < n; k++) {
-    let pivot = k;
-    for (let m = k; m < n; m++) if (Math.abs(rows[m][k]) > Math.abs(rows[pivot][k])) pivot = m;
-    [rows[k], rows[pivot]] = [rows[pivot], rows[k]];
-    for (let m = 0; m < n; m++) {
-      const factor = m === k ? 0 : rows[m][k] / rows[k][k];
-      for (let c = k; c <= n; c++) rows[m][c] -= factor * rows[k][c];
-    }
-  }
-  return rows.map((row, k) => row[n] / row[k]);
+  return { solution: rows.map((row) => row[n]), variances: rows.map((row, k) => row[n + 1 + k]) };
 }
 
-/** Diagonal of the inverse of normal equations: variances where points err by 1. */
-function variances(equations) {
-  const column = (k) => equations.map((row, m) => [...row.slice(0, -1), m === k ? 1 : 0]);
-  return equations.map((_, k) => solve(column(k))[k]);
+/** Two directions in a plane. */
+function tangents([x, y, z]) {
+  const s = unit(Math.abs(x) < 0.6 ? [0, z, -y] : [-z, 0, x]);
+  return [s, [y * s[2] - z * s[1], z * s[0] - x * s[2], x * s[1] - y * s[0]]];
 }
 
-/** Bodies: a start, one step of orthogonal least squares, distances, and what is not determined.
- * Points are relative to their mean, in sizes of the cloud: the equations are well scaled. */
+/** Bodies: a start, the distance of a point, its slopes, the body a step away, and how little of it
+ * is determined. Points are relative to their mean, in sizes of the cloud. */
 const BODIES = {
   plane: {
     start: (_, towards) => [...towards, 0],
-    distance: (q, x, y, z) => q[0] * x + q[1] * y + q[2] * z - q[3],
-    slopes: (q) => {
-      const [s, t] = tangents(q);
-      return (x, y, z) => [dot(s, [x, y, z]), dot(t, [x, y, z]), -1];
-    },
+    distance: (q, p) => dot(q, p) - q[3],
+    slopes: (q, p) => [...tangents(q).map((s) => dot(s, p)), -1],
     moved: (q, [a, b, offset]) => {
       const [s, t] = tangents(q);
-      const n = [0, 1, 2].map((k) => q[k] + a * s[k] + b * t[k]);
+      const n = s.map((_, k) => q[k] + a * s[k] + b * t[k]);
       return times([...n, q[3] + offset], 1 / Math.hypot(...n));
     },
-    loose: (_, variance) => Math.sqrt(variance[0] + variance[1]),
+    loose: (_, [a, b]) => Math.sqrt(a + b),
   },
   sphere: {
-    // Linear in the centre and in r² − c².
+    // Linear in the centre c and in r² − c².
     start: (points) => {
-      const row = (x, y, z) => [2 * x, 2 * y, 2 * z, 1];
-      const c = solve(normalEquations(points, null, row, (x, y, z) => x * x + y * y + z * z));
-      return [c[0], c[1], c[2], Math.sqrt(c[3] + dot(c, c))];
+      const equation = (p) => [...times(p, 2), 1, dot(p, p)];
+      const [x, y, z, rest] = leastSquares(points, null, equation).solution;
+      return [x, y, z, Math.sqrt(rest + x * x + y * y + z * z)];
     },
-    distance: (q, x, y, z) => Math.hypot(x - q[0], y - q[1], z - q[2]) - q[3],
-    slopes: (q) => (x, y, z) => [...unit(minus(q, [x, y, z])), -1],
+    distance: (q, p) => Math.hypot(...minus(p, q)) - q[3],
+    slopes: (q, p) => [...unit(minus(p, q).map((v) => -v)), -1],
     moved: (q, step) => q.map((v, k) => v + step[k]),
-    loose: (q, variance) => Math.sqrt(variance[3]) / Math.abs(q[3]),
+    loose: (q, variances) => Math.sqrt(variances[3]) / Math.abs(q[3]),
   },
 };
 
-function tangents(n) {
-  const s = unit(cross(n, Math.abs(n[0]) < 0.6 ? [1, 0, 0] : [0, 1, 0]));
-  return [s, cross(n, s)];
-}
-
-/** Least squares of the distances of the points that `choose` keeps, chosen anew each round. */
-function settle(body, points, start, choose) {
-  const found = { q: start, used: null };
+/** Least squares of the distances of the points that `limit` keeps, chosen anew each round. */
+function settle(body, points, start, limit) {
+  let [q, used, distances, variances] = [start, null, null, null];
   for (let round = 0; round < LIBRARY.fitRounds; round++) {
     let change = [Infinity];
     for (let k = 0; k < LIBRARY.maxSteps && Math.hypot(...change) > SETTLED; k++) {
-      const left = (x, y, z) => -body.distance(found.q, x, y, z);
-      found.equations = normalEquations(points, found.used, body.slopes(found.q), left);
-      change = solve(found.equations);
-      found.q = body.moved(found.q, change);
+      const equation = (p) => [...body.slopes(q, p), -body.distance(q, p)];
+      ({ solution: change, variances } = leastSquares(points, used, equation));
+      q = body.moved(q, change);
     }
-    const at = (i) => body.distance(found.q, points[i], points[i + 1], points[i + 2]);
-    found.distances = Float64Array.from({ length: points.length / 3 }, (_, i) => at(3 * i));
-    const before = found.used;
-    const limit = choose(found.distances.map(Math.abs), before);
-    found.used = found.distances.map((v) => Math.abs(v) <= limit);
-    if (before?.every((flag, i) => flag === found.used[i])) break;
+    distances = Float64Array.from(points, (p) => body.distance(q, p));
+    const sizes = distances.map(Math.abs);
+    const most = limit(sizes, used);
+    const before = used;
+    used = sizes.map((size) => size <= most);
+    if (before?.every((flag, i) => flag === used[i])) break;
   }
-  return found;
+  return { q, used, distances, variances };
 }
 
 /** The twin of fringeworks.fit_region for points (n, 3); throws a sentence where it is no fit.
  * `towards` is the side to which a plane's normal points. */
-export function fitRegion(points, name, towards) {
-  const n = points.length / 3;
+export function fitRegion(given, name, towards) {
+  const n = given.length;
   if (n < LIBRARY.minPoints) {
     throw new Error(`A fit needs ${LIBRARY.minPoints} points or more, got ${n}.`);
   }
   const body = BODIES[name];
-  const mean = [0, 1, 2].map((k) => points.reduce((sum, v, i) => sum + (i % 3 === k) * v, 0) / n);
-  const centred = points.map((v, i) => v - mean[i % 3]);
-  const scale = Math.hypot(...[0, 1, 2].map((k) => deviation(centred, k)));
-  const scaled = centred.map((v) => v / scale);
-  const usual = (sizes, used) => {
-    const middle = quantile(sizes.filter((_, i) => !used || used[i]), 0.5);
-    return LIBRARY.farSigmas * LIBRARY.madToSigma * middle;
-  };
-  const first = settle(body, scaled, body.start(scaled, towards), usual);
-  const far = 1 - first.used.reduce((sum, flag) => sum + flag, 0) / n;
+  const mean = [0, 1, 2].map((k) => given.reduce((sum, p) => sum + p[k], 0) / n);
+  const centred = given.map((p) => minus(p, mean));
+  const scale = Math.sqrt(centred.reduce((sum, p) => sum + dot(p, p), 0) / n);
+  const points = centred.map((p) => times(p, 1 / scale));
+  const { farSigmas, madToSigma } = LIBRARY;
+  const usual = (sizes, used) =>
+    farSigmas * madToSigma * quantile(sizes.filter((_, i) => !used || used[i]), 0.5);
+  const first = settle(body, points, body.start(points, towards), usual);
+  const vague = new Error(`The region does not determine a ${name}: show more of it.`);
+  if (!(Math.abs(first.q[3]) < FLAT)) throw vague;
+  const far = first.used.filter((flag) => !flag).length / n;
   if (!(far <= LIBRARY.maxFarShare)) {
     throw new Error(`${(100 * far).toFixed(0)} % of the region lie off the ${name}: choose less.`);
   }
   const kept = n - Math.floor(LIBRARY.discarded * n);
-  const found = settle(body, scaled, first.q, (sizes) => sizes.sort()[kept - 1]);
+  const found = settle(body, points, first.q, (sizes) => sizes.toSorted()[kept - 1]);
   return figures(body, name, found, { n, kept, mean, scale, towards });
 }
 
 /** The figures of a fit in the unit of the points. */
-function figures(body, name, { q, used, distances, equations }, { n, kept, mean, scale, towards }) {
-  const variance = deviation(distances.filter((_, i) => used[i])) ** 2;
+function figures(body, name, { q, used, distances, variances }, { n, kept, mean, scale, towards }) {
+  const own = distances.filter((_, i) => used[i]);
+  const middle = own.reduce((sum, v) => sum + v, 0) / own.length;
+  const variance = own.reduce((sum, v) => sum + (v - middle) ** 2, 0) / own.length;
   if (!(Math.sqrt(variance) <= LIBRARY.maxSpread)) {
     throw new Error(`No ${name} fits the region: choose less.`);
   }
-  const unitVariance = variances(equations);
-  const alike = times(unitVariance, (variance * kept) / LIBRARY.patches);
+  const alike = times(variances, (variance * kept) / LIBRARY.patches);
   if (!(body.loose(q, alike) <= LIBRARY.maxRelativeSigma)) {
     throw new Error(`The region does not determine a ${name}: show more of it.`);
   }
-  const ordered = distances.slice().sort();
+  const ordered = distances.toSorted();
   const ranges = ordered.subarray(kept - 1).map((v, k) => v - ordered[k]);
-  const sign = name === "plane" && dot(q, towards) < 0 ? -1 : 1;
-  const result = { name, points: n, deviation: scale * Math.sqrt(variance) };
+  const result = { points: n, deviation: scale * Math.sqrt(variance) };
   result.range = scale * Math.min(...ranges);
-  result.distances = distances.map((v) => sign * scale * v);
-  if (name === "plane") {
-    result.point = mean.map((m, k) => m + scale * q[3] * q[k]);
-    return { ...result, normal: times(q.slice(0, 3), sign) };
-  }
-  const radiusSigma = scale * Math.sqrt(unitVariance[3] * variance);
-  const centre = mean.map((m, k) => m + scale * q[k]);
-  return { ...result, centre, radius: scale * q[3], radiusSigma };
+  const sign = name === "plane" && dot(q, towards) < 0 ? -1 : 1;
+  result.distances = times(distances, sign * scale);
+  const place = (part) => mean.map((m, k) => m + scale * part * q[k]);
+  const normal = times(q.slice(0, 3), sign);
+  if (name === "plane") return { ...result, point: place(q[3]), normal };
+  const radiusSigma = scale * Math.sqrt(variances[3] * variance);
+  return { ...result, centre: place(1), radius: scale * q[3], radiusSigma };
 }
-
-/** Standard deviation of every third number, or of all. */
-function deviation(values, k) {
-  const own = k === undefined ? values : values.filter((_, i) => i % 3 === k);
-  const mean = own.reduce((sum, v) => sum + v, 0) / own.length;
-  return Math.sqrt(own.reduce((sum, v) => sum + (v - mean) ** 2, 0) / own.length);
-}
-

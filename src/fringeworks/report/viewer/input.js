@@ -3,24 +3,21 @@
 const CLICK_PX = 4; // a drag that is shorter is a click
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const ARROW_PX = { turn: 15, pan: 30, cross: 10, fine: 1 }; // what one arrow key does, CSS pixels
-const ZOOM = 1.2; // of one key
+const ZOOM = { "+": 1.2, "=": 1.2, "-": 1 / 1.2, _: 1 / 1.2 }; // of one key
 const WHEEL = 0.0015; // logarithm of the zoom per CSS pixel of the wheel
+const EVENTS = ["contextmenu", "pointerdown", "pointermove", "pointerup", "pointercancel", "wheel"];
 
 export class Input {
   constructor(viewer) {
     const { ui, root } = viewer;
     Object.assign(this, { viewer, ui, root, pointers: new Map(), drag: null });
-    root.addEventListener("keydown", (event) => this.key(event));
-    ui.panel.addEventListener("submit", (event) => event.preventDefault());
-    const stage = ui.picture;
-    stage.addEventListener("dblclick", () => viewer.fitView());
-    stage.addEventListener("contextmenu", (event) => event.preventDefault());
-    stage.addEventListener("pointerdown", (event) => this.press(event));
-    stage.addEventListener("pointermove", (event) => this.moved(event));
-    for (const name of ["pointerup", "pointercancel"]) {
-      stage.addEventListener(name, (event) => this.release(event));
-    }
-    stage.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    root.addEventListener("keydown", this);
+    // The methods of the events' names take them.
+    for (const name of EVENTS) ui.picture.addEventListener(name, this, { passive: false });
+  }
+
+  handleEvent(event) {
+    this[event.type](event, [event.offsetX, event.offsetY]);
   }
 
   /** Whether the view is held, so that it will move again. */
@@ -28,16 +25,16 @@ export class Input {
     return Boolean(this.drag?.far && !this.drag.frames);
   }
 
-  key(event) {
+  keydown(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const { viewer, ui, root } = this;
-    const own = event.target === ui.picture;
-    const control = root.querySelector(`[data-key="${CSS.escape(event.key.toLowerCase())}"]`);
-    if (own && ARROWS[event.key]) this.arrow(ARROWS[event.key], event.shiftKey);
-    else if (own && "+=".includes(event.key)) viewer.zoom(ZOOM);
-    else if (own && "-_".includes(event.key)) viewer.zoom(1 / ZOOM);
-    else if (own && event.key === "Enter" && viewer.cross) viewer.tools.pick(...viewer.cross);
-    else if (event.key === "Escape" && viewer.cross) viewer.toggleCross();
+    const { viewer, root } = this;
+    const { key } = event;
+    const own = event.target === this.ui.picture;
+    const control = root.querySelector(`[data-key="${CSS.escape(key.toLowerCase())}"]`);
+    if (own && ARROWS[key]) this.arrow(ARROWS[key], event.shiftKey);
+    else if (own && ZOOM[key]) viewer.zoom(ZOOM[key]);
+    else if (own && key === "Enter" && viewer.cross) viewer.tools.pick(...viewer.cross);
+    else if (key === "Escape" && viewer.cross) viewer.toggleCross();
     // Lists use letters to find their entries.
     else if (control && event.target.tagName !== "SELECT") control.click();
     else return;
@@ -46,23 +43,24 @@ export class Input {
 
   arrow([x, y], shift) {
     const { viewer } = this;
-    if (viewer.cross) viewer.moveCross(x, y, shift ? ARROW_PX.fine : ARROW_PX.cross);
-    else if (shift) viewer.view.pan(-ARROW_PX.pan * x, -ARROW_PX.pan * y);
+    if (viewer.cross) return viewer.moveCross(x, y, shift ? ARROW_PX.fine : ARROW_PX.cross);
+    if (shift) viewer.view.pan(-ARROW_PX.pan * x, -ARROW_PX.pan * y);
     else viewer.view.turnBy(ARROW_PX.turn * x, ARROW_PX.turn * y);
-    if (!viewer.cross) viewer.move();
+    return viewer.move();
   }
 
-  wheel(event) {
+  contextmenu(event) {
+    event.preventDefault();
+  }
+
+  wheel(event, [x, y]) {
     // A viewer in a longer page must not catch the wheel of somebody who scrolls past it.
     if (!this.root.contains(document.activeElement)) return;
     event.preventDefault();
-    const { viewer } = this;
-    const factor = Math.exp(-WHEEL * event.deltaY);
-    viewer.zoom(factor, event.offsetX % viewer.view.width, event.offsetY);
+    this.viewer.zoom(Math.exp(-WHEEL * event.deltaY), x % this.viewer.view.width, y);
   }
 
-  press(event) {
-    const from = [event.offsetX, event.offsetY];
+  pointerdown(event, from) {
     this.ui.picture.focus();
     this.ui.picture.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, from);
@@ -71,24 +69,21 @@ export class Input {
     this.drag = { from, pans, frames, far: this.pointers.size > 1 };
   }
 
-  moved(event) {
+  pointermove(event, at) {
     const { viewer, drag } = this;
-    const at = [event.offsetX, event.offsetY];
     const last = this.pointers.get(event.pointerId);
-    if (!last) {
-      if (!viewer.cross) viewer.tools.inspect(...at);
-      return;
-    }
+    if (!last && !viewer.cross) viewer.tools.inspect(...at);
+    if (!last) return;
     const other = [...this.pointers].find(([id]) => id !== event.pointerId)?.[1];
     this.pointers.set(event.pointerId, at);
     const [dx, dy] = [at[0] - last[0], at[1] - last[1]];
     drag.far ||= Math.hypot(at[0] - drag.from[0], at[1] - drag.from[1]) > CLICK_PX;
     if (!drag.far) return;
     if (other) this.pinch(at, last, other);
-    else if (drag.frames) viewer.drawOver([...drag.from, ...at]);
+    else if (drag.frames) return viewer.drawOver([...drag.from, ...at]);
     else if (drag.pans) viewer.view.pan(dx, dy);
     else viewer.view.turnBy(dx, dy);
-    if (other || !drag.frames) viewer.move();
+    viewer.move();
   }
 
   /** Two fingers: one has moved from `last` to `at`. */
@@ -99,16 +94,19 @@ export class Input {
     view.zoom(size(at) / size(last), (at[0] + other[0]) / 2, (at[1] + other[1]) / 2);
   }
 
-  release(event) {
+  pointerup(event, at) {
     const { viewer, drag } = this;
     this.pointers.delete(event.pointerId);
     if (this.pointers.size || !drag) return;
     this.drag = null;
-    const at = [event.offsetX, event.offsetY];
     if (event.type === "pointercancel") viewer.move();
     else if (!drag.far) viewer.tools.pick(...at);
     else if (drag.frames) viewer.tools.region([...drag.from, ...at]);
     else viewer.move();
     viewer.drawOver();
+  }
+
+  pointercancel(event, at) {
+    this.pointerup(event, at);
   }
 }

@@ -16,9 +16,9 @@ from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.reason_words import REASON_WORDS
 from fringeworks.report.viewer.coding import CODES, Blocks, coded, logarithms
 from fringeworks.report.viewer.content import Content, content_of
+from fringeworks.report.viewer.framing import framing
 from fringeworks.report.viewer.placing import ALLOWED_SIGMAS, place_points
 from fringeworks.types import (
-    BoolMap,
     CoordinateMap,
     FloatMap,
     Frozen,
@@ -30,7 +30,7 @@ from fringeworks.types import (
     Rig,
 )
 
-MAGIC = b"FWSURF1\n"
+MAGIC = b"FWSURF2\n"
 """First bytes of a packed surface; the digit is the version of the format."""
 MAX_NOTES = 200
 """Notes that travel with a surface: more are not read. The page says how many there are."""
@@ -41,9 +41,6 @@ WHITE_PERCENTILE = 99.8
 rest."""
 FINE_STEPS = 65535
 """Steps over the range of deviations where no σ gives their precision: 16 bits."""
-SHOWN_SLOPE = 0.25
-"""Height of a surface in the picture over its width, where z is no length: relief is visible, and
-the surface stays in the frame from all sides."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -157,10 +154,10 @@ def _packed(content: Content) -> PackedSurface:
         "unit": content.unit,
         "lateral_unit": content.lateral_unit,
         "metric": content.metric,
-        "stretch": _stretch(content),
         "count": int(measured.sum()),
-        "notes": [str(note) for note in content.notes[:MAX_NOTES]],
+        "notes": _notes(content.notes),
         "note_count": len(content.notes),
+        **framing(content),
         "reasons": [REASON_WORDS[reason]._asdict() for reason in Reason],
         "reason": blocks.add(content.reason.tobytes()),
     }
@@ -168,7 +165,7 @@ def _packed(content: Content) -> PackedSurface:
     low = np.where(codes >= 0, table[np.maximum(codes, 0)], np.nan)
     if (content.sigma[measured] == 0).any():
         low[measured & (content.sigma == 0)] = 0.0
-    header["sigma"] = _coded_bytes(blocks, codes, measured, table)
+    header["sigma"] = _coded_bytes(blocks, codes, table)
     header |= place_points(blocks, content.points, measured, low, content.lattice)
     header["layers"] = [
         _layer(blocks, name, values, content, low) for name, values in content.maps.items()
@@ -178,28 +175,26 @@ def _packed(content: Content) -> PackedSurface:
     return PackedSurface(data, header)
 
 
-def _coded_bytes(
-    blocks: Blocks, codes: NDArray[np.int64], used: BoolMap, table: FloatMap
-) -> dict[str, Any]:
+def _notes(notes: tuple[str, ...]) -> list[str]:
+    """The first notes, and how many more there are."""
+    more = len(notes) - MAX_NOTES
+    return [*map(str, notes[:MAX_NOTES]), *([f"… and {more} more notes"] if more > 0 else [])]
+
+
+def _coded_bytes(blocks: Blocks, codes: NDArray[np.int64], table: FloatMap) -> dict[str, Any]:
     """Write the codes of an 8-bit logarithm; −1 is no number."""
-    symbols, _ = coded(np.where(codes >= 0, codes, np.nan), 1.0, used, 0.0)
-    places = [blocks.add_planes(symbols)]
-    return {
-        "coding": "logarithm",
-        "first": float(table[0]),
-        "ratio": float(table[1] / table[0]),
-        "blocks": places,
-    }
+    symbols, _ = coded(np.where(codes >= 0, codes, np.nan), 1.0, 0.0)
+    first, ratio = float(table[0]), float(table[1] / table[0])
+    return {"factor": 1.0, "first": first, "ratio": ratio, "blocks": [blocks.add_planes(symbols)]}
 
 
 def _layer(
     blocks: Blocks, name: str, values: FloatMap, content: Content, low_sigma: FloatMap
 ) -> dict[str, Any]:
     """Write a map and return its header."""
-    everywhere = np.ones(content.reason.shape, bool)
     if name == "modulation":
         codes, table = logarithms(values.astype(np.float64), bounded=False)
-        return {"name": name, "unit": "counts", **_coded_bytes(blocks, codes, everywhere, table)}
+        return {"name": name, "unit": "counts", **_coded_bytes(blocks, codes, table)}
     if name == "deviation":
         return {
             "name": name,
@@ -211,21 +206,21 @@ def _layer(
     first = min(0.0, float(finite.min())) if finite.size else 0.0
     step = max(white - first, float(np.finfo(np.float32).tiny)) / (CODES - 1)
     channels = values[..., None] if values.ndim == 2 else values
-    places = []
-    for k in range(channels.shape[-1]):
-        scaled = np.clip((channels[..., k] - first) / step, 0, CODES - 1)
-        symbols, _ = coded(scaled, 1.0, everywhere, 0.0)
-        places.append(blocks.add_planes(symbols))
-    linear = {"coding": "linear", "first": first, "step": step, "blocks": places}
-    return {"name": name, "unit": "counts", **linear}
+    clipped = np.clip(channels, first, white)
+    if channels.shape[-1] > 1:
+        clipped = clipped - first  # the page shows colours as bytes
+    places = [
+        blocks.add_planes(coded(clipped[..., k], step, 0.0)[0]) for k in range(channels.shape[-1])
+    ]
+    return {"name": name, "unit": "counts", "factor": step, "blocks": places}
 
 
 def _deviation(
     blocks: Blocks, values: FloatMap, content: Content, low_sigma: FloatMap
 ) -> dict[str, Any]:
     """Write deviations as exactly as points: in steps of σ/4, or of 1/65535 of their range."""
-    used = content.measured
-    finite = values[used & np.isfinite(values)]
+    values = np.where(content.measured, values, np.nan)
+    finite = values[np.isfinite(values)]
     reach = float(np.ptp(finite)) if finite.size else 0.0
     fixed = (reach or 1.0) / FINE_STEPS
     positive = low_sigma > 0
@@ -234,21 +229,10 @@ def _deviation(
         factor = 2.0 * ALLOWED_SIGMAS
         steps = factor * np.where(positive, low_sigma, smallest)
         try:
-            symbols, _ = coded(values, steps, used, 0.0)
+            symbols, _ = coded(values, steps, 0.0)
             places = [blocks.add_planes(symbols)]
-            return {"coding": "steps", "factor": factor, "blocks": places}
+            return {"factor": factor, "of_sigma": True, "blocks": places}
         except InputError:
             pass  # σ spans too little of the range: the fixed step below is finer than a picture
-    symbols, _ = coded(values, fixed, used, 0.0)
-    places = [blocks.add_planes(symbols)]
-    return {"coding": "steps", "fixed": fixed, "blocks": places}
-
-
-def _stretch(content: Content) -> float:
-    """Factor of z in the picture: 1 for lengths, else such that heights fill a quarter of it."""
-    z = content.points[..., 2][content.measured]
-    if content.metric or not z.size:
-        return 1.0
-    low, high = np.percentile(z, [1, 99])
-    across = max(float(np.ptp(content.points[..., k][content.measured])) for k in range(2))
-    return float(SHOWN_SLOPE * across / (high - low)) if high > low and across > 0 else 1.0
+    symbols, _ = coded(values, fixed, 0.0)
+    return {"factor": fixed, "blocks": [blocks.add_planes(symbols)]}

@@ -10,9 +10,11 @@ import re
 from functools import cache
 from importlib import resources
 
+import numpy as np
+
 from fringeworks.report.viewer.content import MAX_PIXELS
 from fringeworks.report.viewer.pack import PackedSurface
-from fringeworks.surface import cloud, form, height_map
+from fringeworks.surface import form
 from fringeworks.types import MAD_TO_SIGMA, InputError
 
 MODULES = (
@@ -22,9 +24,7 @@ MODULES = (
     "measure",
     "fit",
     "scene",
-    "overlay",
     "view",
-    "clips",
     "tools",
     "input",
     "viewer",
@@ -34,9 +34,6 @@ MAX_SURFACES = 2
 """Surfaces of one viewer: it shows two side by side or as a difference."""
 LIBRARY = {
     "maxPixels": MAX_PIXELS,
-    "grazingCosine": cloud.GRAZING_COSINE,
-    "longSide": cloud.LONG_SIDE,
-    "maxSlope": height_map.MAX_TRIANGLE_SLOPE,
     "minPoints": form.MIN_POINTS,
     "discarded": form.DISCARDED,
     "farSigmas": form.FAR_SIGMAS,
@@ -50,29 +47,34 @@ LIBRARY = {
 }
 """Constants that the viewer shares with the functions whose figures it computes as well."""
 SCALES = {
-    "height": "440154 472d7b 3b528b 2c728e 21918c 28ae80 5ec962 addc30 fde725",
-    "spread": "0d0887 46039f 7201a8 9c179e bd3786 d8576b ed7953 fb9f3a fdca26 f0f921",
-    "signed": "2166ac 67a9cf d1e5f0 f7f7f7 fddbc7 ef8a62 b2182b",
-    "grey": "000000 ffffff",
-    "reasons": "d5d7da 9a9a9a 1f77b4 9467bd ff7f0e d62728 8c564b e377c2 17becf 44577f "
-    "bcbd22 2ca02c",
+    name: tuple(f"#{colour}" for colour in colours.split())
+    for name, colours in {
+        "height": "440154 472d7b 3b528b 2c728e 21918c 28ae80 5ec962 addc30 fde725",
+        "depth": "fde725 addc30 5ec962 28ae80 21918c 2c728e 3b528b 472d7b 440154",
+        "spread": "0d0887 46039f 7201a8 9c179e bd3786 d8576b ed7953 fb9f3a fdca26 f0f921",
+        "signed": "2166ac 67a9cf d1e5f0 f7f7f7 fddbc7 ef8a62 b2182b",
+        "grey": "000000 ffffff",
+        "reasons": "d5d7da 9a9a9a 1f77b4 9467bd ff7f0e d62728 8c564b e377c2 17becf 44577f "
+        "bcbd22 2ca02c",
+    }.items()
 }
-"""Colours, evenly spaced: viridis and plasma of Matplotlib, blue to red, grey; one per reason."""
+"""Colours, evenly spaced: viridis, viridis with its bright end near the camera, and plasma of
+Matplotlib, blue to red, grey; one per reason."""
+TABLE_SIZE = 256
+"""Colours of a scale as the graphics processor looks them up."""
 VIEWS = ((0, 0), (90, 0), (-90, 0), (0, 90), (-32, 22))
 """Yaw and pitch of the views on the keys 1 to 5, degrees. The last one is the first picture."""
 
 
-def _layer(
-    label: str, scale: str, *, mode: int = 1, flip: bool = False, told: bool = False
-) -> dict[str, object]:
+def _layer(label: str, scale: str, *, mode: int = 1, told: bool = False) -> dict[str, object]:
     """How a layer is shown: mode of the shader, and whether the readout tells its value."""
-    return {"label": label, "scale": scale, "mode": mode, "flip": flip, "told": told}
+    return {"label": label, "scale": scale, "mode": mode, "told": told}
 
 
 LAYERS = {
     "difference": _layer("Difference", "signed", told=True),
-    "cloud": _layer("Depth z", "height", flip=True),
-    "points": _layer("Depth z", "height", flip=True),
+    "cloud": _layer("Depth z", "depth"),
+    "points": _layer("Depth z", "depth"),
     "heights": _layer("Height z", "height"),
     "displacements": _layer("Displacement z", "height"),
     "coordinates": _layer("Coordinate z", "height"),
@@ -84,7 +86,24 @@ LAYERS = {
     "plain": _layer("Plain, lit", "grey", mode=0),
     "fit": _layer("Distance from the fit", "signed", told=True),
 }
-"""The layers in the order of the list. Depth has the bright end near the camera."""
+"""The layers in the order of the list."""
+
+
+def _table(name: str) -> list[int]:
+    """The 256 colours of a scale: words with red in the lowest byte, then green, blue, opacity."""
+    colours = np.array([[int(hexa[k : k + 2], 16) for k in (1, 3, 5)] for hexa in SCALES[name]])
+    if name == "reasons":
+        mixed = np.resize(colours, (TABLE_SIZE, 3))
+    else:
+        place = np.linspace(0, len(colours) - 1, TABLE_SIZE)
+        known = np.arange(len(colours))
+        mixed = np.stack([np.interp(place, known, band) for band in colours.T], axis=-1)
+    words = np.rint(mixed).astype(np.int64) @ [1, 1 << 8, 1 << 16] + (255 << 24)
+    return [int(word) for word in words]
+
+
+TABLES = {name: _table(name) for name in SCALES}
+"""The scales as the pixels of a row, for textures and pictures."""
 
 
 def viewer_style() -> str:
@@ -111,7 +130,8 @@ def viewer_script() -> str:
     """
     constants: dict[str, object] = {
         "LIBRARY": LIBRARY,
-        "SCALES": {name: colours.split() for name, colours in SCALES.items()},
+        "SCALES": SCALES,
+        "TABLES": TABLES,
         "LAYERS": LAYERS,
         "VIEWS": VIEWS,
         "TEMPLATE": _asset("viewer.html"),

@@ -5,7 +5,7 @@ layout(location = 0) in vec3 a_place;
 layout(location = 1) in vec4 a_normal;
 layout(location = 2) in float a_value;
 uniform mat4 u_view;
-uniform mat3 u_turn;
+uniform mat4 u_turn;
 uniform float u_size;
 uniform bool u_light;
 out vec3 v_place;
@@ -23,7 +23,7 @@ void main() {
   v_place = a_place;
   v_value = a_value;
   v_exact = a_value;
-  vec3 normal = u_turn * a_normal.xyz;
+  vec3 normal = mat3(u_turn) * a_normal.xyz;
   float size = length(normal);
   v_light = vec2(1.0, 0.0);
   if (u_light && size > 0.1) {

@@ -3,11 +3,11 @@
 import { LAYERS } from "./assets.js";
 import { fitRegion } from "./fit.js";
 import { distance, pointAt, profile } from "./measure.js";
-import { pick, pickMap } from "./mesh.js";
-import { decimals, filled, make } from "./numbers.js";
-import { drawChart } from "./overlay.js";
+import { within } from "./mesh.js";
+import { decimals, make } from "./numbers.js";
 
 const REACH_PX = [6, 40]; // how far from a point the cursor may be; more between sparse points
+const BEHIND = 1e6; // added to the distance of pixels without a value: measured ones come first
 const HINTS = {
   turn: "",
   distance: "Pick two points.",
@@ -16,9 +16,7 @@ const HINTS = {
 
 export class Tools {
   constructor(viewer) {
-    this.viewer = viewer;
-    this.ui = viewer.ui;
-    this.forget();
+    Object.assign(this, { viewer, ui: viewer.ui });
   }
 
   /** turn, distance or region. */
@@ -26,11 +24,11 @@ export class Tools {
     return this.ui.panel.elements.tool.value;
   }
 
-  changed() {
+  /** Another tool. */
+  change() {
     this.ui.hint.textContent = HINTS[this.name];
     this.ui.bodyRow.hidden = this.name !== "region";
     this.forget();
-    this.viewer.drawOver();
   }
 
   forget() {
@@ -38,16 +36,34 @@ export class Tools {
     this.corner = this.frame = this.chosen = null;
     this.ui.result.replaceChildren();
     this.ui.chart.hidden = true;
+    this.viewer.drawOver();
   }
 
-  /** The surface of a panel and the pixel of it that is at a place of the stage, −1 for none. */
-  at(x, y) {
+  /** The surface of the panel at a place of the stage, and the panel's left side. */
+  panelAt(x) {
     const { active, view } = this.viewer;
     const panel = Math.min(Math.floor(x / view.width), active.length - 1);
-    this.map ??= active.map((surface) => pickMap(surface, view, this.viewer.shows(surface)));
-    const reach = Math.min(Math.max(REACH_PX[0], Math.ceil(view.spacing)), REACH_PX[1]);
-    const [column, row] = [Math.floor(x - panel * view.width), Math.floor(y)];
-    return { surface: active[panel], pixel: pick(this.map[panel], column, row, reach) };
+    return { surface: active[panel], from: panel * view.width };
+  }
+
+  /** The surface and the pixel of it at a place of the stage, −1 for none: of those near it a
+   * measured one, the nearest, and the one in front. */
+  at(x, y) {
+    const { view } = this.viewer;
+    const { surface, from } = this.panelAt(x);
+    const shows = this.viewer.shows(surface);
+    const reach = Math.min(Math.max(REACH_PX[0], view.spacing), REACH_PX[1]);
+    const place = [Math.floor(x - from), Math.floor(y)];
+    let best = { surface, pixel: -1, far: BEHIND + reach ** 2, front: -Infinity };
+    const [left, top] = place.map((v) => v - reach);
+    const area = [left, top, left + 2 * reach + 1, top + 2 * reach + 1];
+    within(surface, view.toScreen, area, (pixel, column, row, front) => {
+      const apart = (Math.floor(column) - place[0]) ** 2 + (Math.floor(row) - place[1]) ** 2;
+      const far = apart + (surface.reason[pixel] ? BEHIND : 0);
+      if (apart > reach ** 2 || far > best.far || (far === best.far && front <= best.front)) return;
+      if (shows(pixel)) best = { surface, pixel, far, front };
+    });
+    return best;
   }
 
   inspect(x, y) {
@@ -56,15 +72,15 @@ export class Tools {
   }
 
   /** A pixel in words: its point, σ and maps; or why it has no value and what to change. */
-  describe({ header, width, reason, sigma, raster, layers, points }, i) {
-    const { unit, lateral_unit: lateral } = header;
+  describe(surface, i) {
+    const { header, width, reason, sigma, layers } = surface;
+    const { raster, unit, lateral_unit: lateral } = header;
     const place = raster ? `column ${i % width}, row ${Math.floor(i / width)}` : `point ${i}`;
     if (reason[i]) {
       const { label, meaning, advice } = header.reasons[reason[i]];
       return `${place}: no value (${label}): ${meaning}. What to do: ${advice}.`;
     }
-    const digits = decimals(sigma[i]);
-    const [x, y, z] = pointAt({ points }, i).map((v) => v.toFixed(digits));
+    const [x, y, z] = pointAt(surface, i).map((v) => v.toFixed(decimals(sigma[i])));
     const known = Number.isNaN(sigma[i]) ? "unknown" : `${sigma[i].toPrecision(2)} ${unit}`;
     const parts = [`${place}: x ${x}, y ${y} ${lateral}, z ${z} ${unit}, σ ${known}`];
     for (const { name, values, packed, unit: own } of layers) {
@@ -93,36 +109,50 @@ export class Tools {
   }
 
   tellDistance(surface) {
-    const [i, j] = this.picks;
-    const { metric, unit, lateral_unit: lateral } = surface.header;
-    const { length, offset, sigma } = distance(surface, i, j);
+    const { metric, raster, unit, lateral_unit: lateral } = surface.header;
+    const { length, offset, sigma } = distance(surface, ...this.picks);
     const digits = decimals(sigma);
     const spread = Number.isNaN(sigma) ? "" : ` ± ${sigma.toFixed(digits)}`;
     const units = [lateral, lateral, unit];
     const rows = units.map((own, k) => [`Δ${"xyz"[k]}`, `${offset[k].toFixed(digits)} ${own}`]);
     if (metric) rows.unshift(["Distance", `${length.toFixed(digits)}${spread} ${unit}`]);
     this.tell(rows);
-    if (!metric || !surface.raster) return;
-    this.ui.chart.hidden = false;
-    this.samples = profile(surface, i, j);
-    drawChart(this.ui.chart, this.samples, unit, digits);
+    if (metric && raster) this.chart(profile(surface, ...this.picks), unit, digits);
+  }
+
+  /** Draw a profile: heights with a band of ± σ over the distance along the line. */
+  chart(samples, unit, digits) {
+    const { ui } = this;
+    this.samples = samples;
+    const known = samples.filter(([along]) => !Number.isNaN(along));
+    const [alongs, heights] = [0, 1].map((k) => known.map((values) => values[k]));
+    const [left, right] = [Math.min(...alongs), Math.max(...alongs)];
+    const [low, high] = [Math.min(...heights), Math.max(...heights)];
+    const [line, band] = ui.curves.children;
+    const pen = (k) => (k && !Number.isNaN(samples[k - 1][0]) ? "L" : "M");
+    const path = samples.map(([x, y], k) => (Number.isNaN(x) ? "" : `${pen(k)}${x} ${-y}`));
+    line.setAttribute("d", path.join(""));
+    const reach = ([x, y, sigma]) => `M${x} ${-y - (sigma || 0)}V${(sigma || 0) - y}`;
+    band.setAttribute("d", known.map(reach).join(""));
+    const size = `${right - left || 1} ${high - low || 1e-9}`;
+    ui.curves.setAttribute("viewBox", `${left} ${-high} ${size}`);
+    ui.chartTop.textContent = `Height over the line A–B: ${high.toFixed(digits)} ${unit}`;
+    ui.chartLow.textContent = low.toFixed(digits);
+    ui.chartEnd.textContent = `B, ${right.toFixed(digits)} ${unit}`;
+    ui.chart.hidden = false;
   }
 
   /** Fit a body to the measured points that are shown in a rectangle of the stage. */
   region([x0, y0, x1, y1]) {
-    const { view, active } = this.viewer;
     const [left, right] = [Math.min(x0, x1), Math.max(x0, x1)];
     const [top, bottom] = [Math.min(y0, y1), Math.max(y0, y1)];
-    const panel = Math.min(Math.floor(left / view.width), active.length - 1);
-    const surface = active[panel];
+    const { surface, from } = this.panelAt(left);
     const shows = this.viewer.shows(surface);
     const pixels = [];
-    for (let i = 0; i < surface.reason.length; i++) {
-      if (surface.reason[i] || !shows(i)) continue;
-      const [x, y] = view.project(surface.shown.subarray(3 * i, 3 * i + 3));
-      const across = x + panel * view.width;
-      if (across >= left && across <= right && y >= top && y <= bottom) pixels.push(i);
-    }
+    const area = [left - from, top, right - from, bottom];
+    within(surface, this.viewer.view.toScreen, area, (i) => {
+      if (!surface.reason[i] && shows(i)) pixels.push(i);
+    });
     this.corner = null;
     this.frame = [left, top, right, bottom];
     this.chosen = { surface, pixels };
@@ -132,12 +162,10 @@ export class Tools {
   fitBody() {
     if (!this.chosen) return;
     const { surface, pixels } = this.chosen;
-    const { kind, metric } = surface.header;
-    const towards = [0, 0, kind === "cloud" || kind === "points" ? -1 : 1];
-    const at = (k) => surface.points[3 * pixels[(k / 3) | 0] + (k % 3)];
     try {
-      if (!metric) throw new Error("A fit needs coordinates in mm; this surface has none.");
-      const points = filled(Float64Array, 3 * pixels.length, at);
+      if (!surface.header.metric) throw new Error("A fit needs coordinates in mm.");
+      const points = pixels.map((i) => pointAt(surface, i));
+      const towards = [0, 0, surface.header.away ? -1 : 1];
       this.tellFit(fitRegion(points, this.ui.body.value, towards), surface, pixels);
     } catch (error) {
       this.tell([["No fit", error.message]]);
@@ -147,19 +175,20 @@ export class Tools {
   tellFit(result, surface, pixels) {
     this.result = result;
     const { unit } = surface.header;
-    const digits = decimals(result.deviation);
+    const { points, normal, point, centre, radius, radiusSigma, deviation, range } = result;
+    const digits = decimals(deviation);
     const list = (values) => `${values.map((v) => v.toFixed(digits)).join(", ")} ${unit}`;
-    const rows = [["Points", result.points.toLocaleString("en")]];
-    if (result.normal) rows.push(["Normal", result.normal.map((v) => v.toFixed(5)).join(", ")]);
-    if (result.point) rows.push(["Point", list(result.point)]);
-    if (result.centre) rows.push(["Centre", list(result.centre)]);
-    if (result.radius) {
-      const spread = result.radiusSigma.toPrecision(2);
-      rows.push(["Radius", `${result.radius.toFixed(digits + 1)} ± ${spread} ${unit}`]);
-    }
-    rows.push(["Standard deviation", `${result.deviation.toPrecision(3)} ${unit}`]);
-    rows.push(["Range of 99.7 %", `${result.range.toPrecision(3)} ${unit}`]);
-    this.tell(rows);
+    const spread = radiusSigma?.toPrecision(2);
+    const rows = [
+      ["Points", points.toLocaleString("en")],
+      ["Normal", normal?.map((v) => v.toFixed(5)).join(", ")],
+      ["Point", point && list(point)],
+      ["Centre", centre && list(centre)],
+      ["Radius", radius && `${radius.toFixed(digits + 1)} ± ${spread} ${unit}`],
+      ["Standard deviation", `${deviation.toPrecision(3)} ${unit}`],
+      ["Range of 99.7 %", `${range.toPrecision(3)} ${unit}`],
+    ];
+    this.tell(rows.filter(([, text]) => text));
     const values = new Float32Array(surface.reason.length).fill(NaN);
     for (const [k, i] of pixels.entries()) values[i] = result.distances[k];
     this.viewer.addLayer(surface, { name: "fit", unit, values });

@@ -1,11 +1,9 @@
 // The viewer: its surfaces, its controls and its picture. The settings are the controls' values.
 
 import { LAYERS, SCALES, TEMPLATE, VIEWS } from "./assets.js";
-import { Clips } from "./clips.js";
 import { Input } from "./input.js";
 import { difference } from "./measure.js";
-import { bounds, decimals, filled, make, spread } from "./numbers.js";
-import { drawHistogram, drawOver, ink } from "./overlay.js";
+import { decimals, filled, make, percent, spread } from "./numbers.js";
 import { Scene } from "./scene.js";
 import { Tools } from "./tools.js";
 import { unpack } from "./unpack.js";
@@ -18,17 +16,22 @@ const FAST_MS = 30; // … a shorter one makes it finer
 const JUDGED_FRAMES = 4;
 const STRIDES = [1, 2, 3, 4, 6, 8, 12, 16];
 const NARROW_PX = 760; // below this width the controls lie below the picture
-const STEPS = 1000; // of range handles
+const STEPS = 1000; // of sliders
+const CLIP_REACH = 1.02; // of the sliders over half the box: beyond the outermost points
+const FAR = 1e9; // a plane that clips nothing, beyond every surface
+const AXIS_PX = 28;
+const BAR_PX = 180; // largest length of the scale bar
 
 /** A viewer in an element. Its payloads are those given, or the scripts in the element. */
 export class FringeViewer {
   constructor(element, payloads = null) {
     const own = [...element.querySelectorAll("script[type='application/x-fringeworks-surface']")];
-    this.root = make("div", "", { className: "fringe-viewer" });
+    this.root = Object.assign(make("div"), { className: "fringe-viewer" });
     this.root.innerHTML = TEMPLATE; // a constant of this script, without any data
     element.append(this.root);
-    this.ui = {};
-    for (const part of this.root.querySelectorAll("[data-ui]")) this.ui[part.dataset.ui] = part;
+    const parts = [...this.root.querySelectorAll("[data-ui]")];
+    this.ui = Object.fromEntries(parts.map((part) => [part.dataset.ui, part]));
+    this.clips = [...this.ui.clips.querySelectorAll("input")];
     this.ready = this.start(payloads ?? own.map((script) => script.textContent)).catch((error) => {
       this.ui.readout.setAttribute("role", "alert");
       this.say(error.message);
@@ -41,22 +44,21 @@ export class FringeViewer {
     for (const payload of payloads) this.surfaces.push(await unpack(payload));
     if (!this.surfaces.length) throw new Error("There is no surface in this page.");
     const [{ header, reason }] = this.surfaces;
-    this.box = bounds(this.surfaces[0]);
+    this.header = header;
     for (const surface of this.surfaces) this.prepare(surface);
     this.ui.showRow.hidden = this.surfaces.length < 2;
     const wanted = Math.sqrt(reason.length / FIRST_POINTS);
     this.stride = STRIDES.find((stride) => stride >= wanted) ?? STRIDES.at(-1);
     this.last = null;
-    const flipped = header.kind === "cloud" || header.kind === "points";
-    this.view = new View(flipped, this.box, header.stretch, this.surfaces[0].mesh.side);
+    this.view = new View(header);
+    this.active = [this.surfaces[0]];
     this.tools = new Tools(this);
-    this.clips = new Clips(this.ui.clips, this.box, header.stretch);
-    this.choose("one");
     this.listen();
+    if (!header.count) this.list("reason");
+    this.choose("one");
     this.turnTo(VIEWS.length - 1);
     this.say(header.count ? "Point at the surface to read a value." : "No pixel has a value.");
-    if (!header.count) this.list("reason");
-    this.colour();
+    this.clip();
     this.draw();
     performance.mark("fringe-viewer-picture");
     await new Promise((done) => { setTimeout(done); }); // the picture first
@@ -70,54 +72,50 @@ export class FringeViewer {
 
   /** Places for the screen, about the first surface's middle, and the layers to colour by. */
   prepare(surface) {
-    const { points, header, reason, sigma } = surface;
-    const { centre } = this.box;
-    const stretch = [1, 1, header.stretch];
-    const at = (i) => (points[i] - centre[i % 3]) * stretch[i % 3];
+    const { points, header, reason, sigma, layers } = surface;
+    const { box: { centre }, stretch } = this.header;
+    const at = (i) => (points[i] - centre[i % 3]) * (i % 3 === 2 ? stretch : 1);
     surface.shown = filled(Float32Array, points.length, at);
-    const own = { sigma, plain: new Float32Array(reason.length), reason: new Float32Array(reason) };
-    const z = (i) => (reason[i] ? NaN : points[3 * i + 2]);
-    own[header.kind] = filled(Float32Array, reason.length, z);
-    for (const [name, values] of Object.entries(own)) {
-      const unit = name === "sigma" || name === header.kind ? header.unit : "";
-      surface.layers.push({ name, values, unit });
-    }
+    const z = filled(Float32Array, reason.length, (i) => (reason[i] ? NaN : points[3 * i + 2]));
+    const add = (name, values, unit = "") => layers.push({ name, values, unit });
+    add(header.kind, z, header.unit);
+    add("sigma", sigma, header.unit);
+    add("reason", new Float32Array(reason));
+    add("plain", new Float32Array(reason.length));
     surface.mesh = this.scene.add(surface);
   }
 
   /** Show one result, both, or their difference. */
   choose(what) {
     const [one, other] = this.surfaces;
-    if (what === "difference" && !this.gap) {
-      const gap = difference(one, other);
-      this.prepare(gap);
-      this.gap = gap;
+    try {
+      if (what === "difference" && !this.gap) {
+        const gap = difference(one, other);
+        this.prepare(gap);
+        this.gap = gap;
+      }
+    } catch (error) {
+      this.say(error.message);
+      this.ui.show.value = what = "one";
     }
     const sets = { one: [one], other: [other], both: [one, other], difference: [this.gap] };
     this.active = sets[what];
     this.tell();
     this.list(what === "difference" ? "difference" : this.ui.layer.value);
-    this.colour();
     this.tools.forget();
     this.resize();
+    this.colour();
   }
 
   /** Title, counts and notes: always as text, never as markup. */
   tell() {
     const { ui, active } = this;
-    const { notes, note_count: all } = active[0].header;
-    const summary = ({ count, raster, stretch, size: [w, h] }) => {
-      const parts = [`${count.toLocaleString("en")} ${count === 1 ? "point" : "points"}`];
-      if (raster) parts.push(`${percent(count / (w * h))} of ${w} × ${h}`);
-      if (stretch !== 1) parts.push(`z drawn × ${stretch.toPrecision(2)}`);
-      return parts.join(", ");
-    };
+    const { notes, note_count: count } = active[0].header;
     ui.title.textContent = active.map(({ header }) => header.title || "Surface").join(" | ");
-    ui.summary.textContent = active.map(({ header }) => summary(header)).join(" | ");
-    const shown = all > notes.length ? [...notes, `… and ${all - notes.length} more notes`] : notes;
-    ui.notesBox.hidden = !all;
-    ui.notesTitle.textContent = `Notes (${all})`;
-    ui.notes.replaceChildren(...shown.map((note) => make("li", note)));
+    ui.summary.textContent = active.map(({ header }) => header.summary).join(" | ");
+    ui.notesBox.hidden = !count;
+    ui.notesTitle.textContent = `Notes (${count})`;
+    ui.notes.replaceChildren(...notes.map((note) => make("li", note)));
   }
 
   /** Fill the list of layers and choose one. */
@@ -132,20 +130,21 @@ export class FringeViewer {
 
   colour() {
     const { ui, scene } = this;
-    this.layer = this.active[0].layers.find(({ name }) => name === ui.layer.value);
+    const named = ({ name }) => name === ui.layer.value;
+    this.layer = this.active[0].layers.find(named);
     this.kind = LAYERS[this.layer.name];
     this.mode = this.layer.packed ? 2 : this.kind.mode;
     for (const { layers, mesh } of this.active) {
-      const own = layers.find(({ name }) => name === this.layer.name) ?? layers[0];
-      scene.setValues(mesh, own.values);
+      scene.setValues(mesh, (layers.find(named) ?? layers[0]).values);
     }
     scene.setScale(this.kind.scale);
     ui.scale.hidden = this.mode !== 1;
     ui.legend.hidden = this.mode !== 3;
     [ui.low.value, ui.high.value] = [0, STEPS];
     this.spread = spread(this.layer.values, this.kind.scale === "signed");
+    if (this.mode === 1) this.drawHistogram();
     if (this.mode === 3) this.tellReasons();
-    this.rangeChanged();
+    this.changeRange();
   }
 
   /** Ends of the colour scale. */
@@ -154,23 +153,33 @@ export class FringeViewer {
     return [this.ui.low, this.ui.high].map(({ value }) => low + ((high - low) * value) / STEPS);
   }
 
-  rangeChanged() {
+  changeRange() {
     const { ui, kind, layer } = this;
-    if (Number(ui.low.value) >= Number(ui.high.value)) ui.low.value = Number(ui.high.value) - 1;
+    ui.low.value = Math.min(ui.low.value, ui.high.value - 1);
     const digits = decimals((this.spread.high - this.spread.low) / 10);
-    const texts = this.range.map((v) => v.toFixed(digits));
-    [ui.lowText.textContent, ui.highText.textContent] = texts;
-    ui.unitText.textContent = layer.unit ? `${kind.label}, ${layer.unit}` : kind.label;
-    for (const [k, input] of [ui.low, ui.high].entries()) {
-      input.setAttribute("aria-valuetext", `${texts[k]} ${layer.unit}`);
+    const [first, ...rest] = SCALES[kind.scale].map((colour) => colour);
+    const ends = [ui.low, ui.high].map(({ value }) => `${(100 * value) / STEPS}%`);
+    const last = rest.pop();
+    const stops = [`${first} ${ends[0]}`, ...rest, `${last} ${ends[1]}`];
+    ui.colours.style.background = `linear-gradient(to right, ${stops.join(", ")})`;
+    for (const [k, name] of ["low", "high"].entries()) {
+      const text = this.range[k].toFixed(digits);
+      ui.scale.style.setProperty(`--${name}`, ends[k]);
+      ui[`${name}Text`].textContent = text;
+      ui[name].setAttribute("aria-valuetext", `${text} ${layer.unit}`);
     }
-    this.drawHistogram();
+    ui.unitText.textContent = layer.unit ? `${kind.label}, ${layer.unit}` : kind.label;
     this.move();
   }
 
   drawHistogram() {
-    const [low, high] = [this.ui.low, this.ui.high].map(({ value }) => value / STEPS);
-    if (this.mode === 1) drawHistogram(this.ui.histogram, this.spread.bins, this.kind, low, high);
+    const { bins } = this.spread;
+    const top = Math.max(1, ...bins);
+    const corners = bins.flatMap((count, k) => {
+      const down = 100 - 100 * Math.sqrt(count / top);
+      return [k, k + 1].map((edge) => `${(100 * edge) / bins.length}% ${down}%`);
+    });
+    this.ui.histogram.style.clipPath = `polygon(0 100%, ${corners.join(", ")}, 100% 100%)`;
   }
 
   /** The legend of the reasons: share, meaning, and what to change. */
@@ -181,7 +190,7 @@ export class FringeViewer {
     const rows = header.reasons.map(({ label, meaning, advice }, code) => {
       const row = make("li", `${label} ${percent(counts[code] / reason.length)}`);
       const swatch = make("i");
-      swatch.style.background = `#${SCALES.reasons[code]}`;
+      swatch.style.background = SCALES.reasons[code];
       row.prepend(swatch);
       if (code) row.append(make("small", `${meaning}: ${advice}`));
       return row;
@@ -191,21 +200,27 @@ export class FringeViewer {
 
   /** What a picture depends on besides the view. */
   get look() {
-    const { ui, kind, mode } = this;
-    const colour = (name) => ink(ui.picture, name).split(" ").map((v) => v / 255);
-    return {
-      mode,
-      range: kind.flip ? this.range.toReversed() : this.range,
-      low: this.clips.ends("from"),
-      high: this.clips.ends("to"),
-      light: ui.light.checked,
-      points: ui.points.checked,
-      gaps: ui.gaps.checked || mode === 3,
-      hide: ui.hide.checked,
-      plain: colour("--plain-rgb"),
-      gapColour: colour("--gap-rgb"),
-      background: colour("--stage-rgb"),
-    };
+    const { ui, mode, range } = this;
+    const style = getComputedStyle(this.root);
+    const colour = (name) => style.getPropertyValue(name).split(" ").map((v) => v / 255);
+    const uniforms = { mode, range, light: ui.light.checked, hide: ui.hide.checked };
+    Object.assign(uniforms, { plain: colour("--plain-rgb"), ...this.clipped });
+    const gap = colour("--gap-rgb");
+    return { uniforms, gap, points: ui.points.checked, gaps: ui.gaps.checked || mode === 3 };
+  }
+
+  /** Set the clip planes and say where they lie: x, y and z from, then to. */
+  clip() {
+    const { stretch, box: { centre, half } } = this.header;
+    const ends = this.clips.map((input, at) => {
+      const [k, free] = [at % 3, at < 3 ? 0 : STEPS];
+      const used = Number(input.value) !== free;
+      const offset = ((2 * input.value) / STEPS - 1) * CLIP_REACH * half[k];
+      input.previousElementSibling.textContent = used ? (centre[k] + offset).toFixed(2) : "–";
+      return used ? offset * (k === 2 ? stretch : 1) : FAR * Math.sign(free - 1);
+    });
+    this.clipped = { low: ends.slice(0, 3), high: ends.slice(3) };
+    this.move();
   }
 
   get meshes() {
@@ -214,7 +229,6 @@ export class FringeViewer {
 
   /** The view or the look has changed: draw coarsely now, and all points after a while. */
   move() {
-    this.tools.map = null;
     this.rested = false;
     clearTimeout(this.rest);
     this.frame ??= requestAnimationFrame((time) => {
@@ -230,11 +244,10 @@ export class FringeViewer {
   settle() {
     if (this.input.holds) return;
     this.last = null;
-    const done = () => {
+    this.scene.refine(this.meshes, this.view, this.look, this.stride === 1, () => {
       this.rested = true;
       performance.mark("fringe-viewer-all");
-    };
-    this.scene.refine(this.meshes, this.view, this.look, this.stride === 1, done);
+    });
   }
 
   /** Keep the time of moving frames between fast and slow, judged by the mean of a few. */
@@ -253,42 +266,77 @@ export class FringeViewer {
     this.drawOver();
   }
 
-  /** Draw over the surface; `frame` is a rectangle that is being dragged. */
+  /** Place what lies over the surface; `frame` is a rectangle that is being dragged. */
   drawOver(frame = this.tools.frame) {
-    const { view, active, cross, tools } = this;
-    const names = active.length > 1 ? ["A", "B"] : null;
-    const picks = tools.picks.map((i) => active[0].shown.subarray(3 * i, 3 * i + 3));
-    const unit = active[0].header.lateral_unit;
-    drawOver(this.ui.overlay, { view, active, picks, frame, cross, names, unit });
+    const { ui, view, active, cross } = this;
+    const put = (element, x, y) => { element.style.translate = `${x}px ${y}px`; };
+    for (const [panel, over] of [...ui.over.children].entries()) {
+      over.hidden = panel >= active.length;
+      if (!over.hidden) this.drawPanel(over, put);
+    }
+    ui.frame.hidden = !frame;
+    if (frame) {
+      const [left, top, right, bottom] = frame;
+      put(ui.frame, Math.min(left, right), Math.min(top, bottom));
+      ui.frame.style.width = `${Math.abs(right - left)}px`;
+      ui.frame.style.height = `${Math.abs(bottom - top)}px`;
+    }
+    ui.crosshair.hidden = !cross;
+    if (cross) put(ui.crosshair, ...cross);
+    // 1, 2 or 5 times a power of ten.
+    const longest = Math.min(BAR_PX, view.width / 3) / view.scale;
+    const power = 10 ** Math.floor(Math.log10(longest));
+    const length = power * ([5, 2].find((k) => k * power <= longest) ?? 1);
+    ui.bar.style.width = `${length * view.scale}px`;
+    ui.bar.textContent = `${Number(length.toPrecision(1))} ${active[0].header.lateral_unit}`;
+  }
+
+  /** Axes, marks of the picks and, beside another one, the name of a panel. */
+  drawPanel(over, put) {
+    const { view, active, tools } = this;
+    const [name, axes, ...marks] = over.children;
+    name.hidden = active.length < 2;
+    for (const [k, axis] of [...axes.children].entries()) {
+      const [line, text] = axis.children;
+      const [x, y, z] = [0, 1, 2].map((m) => (m === k ? AXIS_PX : 0));
+      const end = view.turn.transformPoint({ x, y, z });
+      line.setAttribute("d", `M0 0L${end.x} ${-end.y}`);
+      text.setAttribute("transform", `translate(${1.3 * end.x} ${-1.3 * end.y})`);
+    }
+    for (const [k, mark] of marks.entries()) {
+      const i = tools.picks[k];
+      mark.hidden = i === undefined;
+      if (!mark.hidden) put(mark, ...view.project(active[0].shown.subarray(3 * i, 3 * i + 3)));
+    }
   }
 
   resize() {
-    this.root.classList.toggle("narrow", this.root.clientWidth < NARROW_PX);
-    const { clientWidth, clientHeight } = this.ui.stage;
-    this.view.resize(Math.floor(clientWidth / this.active.length), clientHeight);
-    this.ui.picture.width = Math.round(clientWidth * this.view.density);
-    this.ui.picture.height = Math.round(clientHeight * this.view.density);
-    this.drawHistogram();
+    const { ui, view, root } = this;
+    root.classList.toggle("narrow", root.clientWidth < NARROW_PX);
+    root.classList.toggle("both", this.active.length > 1);
+    const { clientWidth, clientHeight } = ui.stage;
+    view.resize(Math.floor(clientWidth / this.active.length), clientHeight);
+    ui.picture.width = Math.round(clientWidth * view.density);
+    ui.picture.height = Math.round(clientHeight * view.density);
     this.move();
   }
 
   turnTo(k) {
-    this.view.turnTo(...VIEWS[k]);
-    this.view.fit();
-    this.move();
+    [this.view.yaw, this.view.pitch] = VIEWS[k];
+    this.fitView();
   }
 
   /** Which pixels are neither clipped nor hidden. */
   shows({ shown, layers }) {
-    const { low, high, hide, mode } = this.look;
+    const { low, high, hide, mode } = this.look.uniforms;
     const values = layers.find(({ name }) => name === this.layer.name)?.values;
     const [from, to] = this.range;
-    const outside = (v) => v < from || v > to;
+    const hides = hide && mode === 1 && values;
     return (i) => {
       for (let k = 0; k < 3; k++) {
         if (shown[3 * i + k] < low[k] || shown[3 * i + k] > high[k]) return false;
       }
-      return !(hide && mode === 1 && values && outside(values[i]));
+      return !(hides && (values[i] < from || values[i] > to));
     };
   }
 
@@ -303,39 +351,19 @@ export class FringeViewer {
   listen() {
     const { ui, root } = this;
     this.input = new Input(this);
-    root.addEventListener("input", ({ target }) => this.changed(target));
-    for (const button of root.querySelectorAll("[data-view]")) {
-      button.addEventListener("click", () => this.turnTo(Number(button.dataset.view)));
-    }
-    ui.fit.addEventListener("click", () => this.fitView());
-    ui.cross.addEventListener("click", () => this.toggleCross());
+    ui.panel.addEventListener("submit", (event) => event.preventDefault());
+    // The template names the method for each control.
+    const call = ({ target, type }) => {
+      const control = target.closest("[data-call]");
+      const { on = "input", call: name = "move", owner } = control?.dataset ?? {};
+      if (on === type) (owner ? this[owner] : this)[name](control?.value);
+    };
+    for (const type of ["input", "click", "dblclick"]) root.addEventListener(type, call);
     ui.picture.addEventListener("webglcontextlost", () => {
       this.say("The browser has taken the picture's memory away: load the page again.");
     });
     new ResizeObserver(() => this.resize()).observe(ui.stage);
-    const scheme = matchMedia("(prefers-color-scheme: dark)");
-    scheme.addEventListener("change", () => this.resize());
-  }
-
-  changed(target) {
-    const { ui, tools } = this;
-    if (target === ui.layer) this.colour();
-    else if (target === ui.low || target === ui.high) this.rangeChanged();
-    else if (target === ui.body) tools.fitBody();
-    else if (target.name === "tool") tools.changed();
-    else if (target === ui.show) this.tryChoose(target);
-    else this.move();
-    if (ui.clips.contains(target)) this.clips.tell();
-  }
-
-  tryChoose(select) {
-    try {
-      this.choose(select.value);
-    } catch (error) {
-      this.say(error.message);
-      select.value = "one";
-      this.choose("one");
-    }
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.move());
   }
 
   zoom(factor, x = this.view.width / 2, y = this.view.height / 2) {
@@ -363,5 +391,3 @@ export class FringeViewer {
     if (this.cross) this.tools.inspect(...this.cross);
   }
 }
-
-const percent = (share) => `${(100 * share).toFixed(1)} %`;

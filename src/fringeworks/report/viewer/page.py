@@ -210,7 +210,9 @@ def viewer_page(*surfaces: PackedSurface, title: str = "") -> str:
     style = viewer_style() + PAGE_STYLE
     script = viewer_script()
     name = html.escape(title or surfaces[0].header["title"] or "Surface")
-    policy = f"default-src 'none'; script-src {_digest(script)}; style-src {_digest(style)}"
+    policy = (
+        f"default-src 'none'; script-src {policy_source(script)}; style-src {policy_source(style)}"
+    )
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
@@ -228,8 +230,8 @@ html, body { margin: 0; height: 100%; }
 """Style of a page that holds a viewer alone."""
 
 
-def _digest(text: str) -> str:
-    """A source of a content security policy that allows exactly this text."""
+def policy_source(text: str) -> str:
+    """Return the source of a content security policy that allows exactly this text."""
     digest = hashlib.sha256(text.encode()).digest()
     return f"'sha256-{base64.b64encode(digest).decode()}'"
 

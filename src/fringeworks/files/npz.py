@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, replacing
 from fringeworks.files.limits import check_bytes, existing_file, parsing, told
-from fringeworks.types import FileProblem
+from fringeworks.types import FileProblem, Reason
 
 SUFFIX = ".npy"
 """Suffix of the members of an archive."""
@@ -62,11 +62,22 @@ def read_npz(path: StrPath, kind: str, layout: Mapping[str, str]) -> dict[str, N
             raise FileProblem(f"expected {kind} with an array named {missing[0]}, got {got}")
         needed = sum(members[name].file_size for name in layout if name in members)
         check_bytes(needed, kind)
-        return {
+        arrays = {
             name: _member(archive, members[name], name, form.lstrip("?"), lengths)
             for name, form in layout.items()
             if name in members
         }
+        for name, values in arrays.items():
+            _check_values(name, values)
+        return arrays
+
+
+def _check_values(name: str, values: NDArray[Any]) -> None:
+    """Refuse reasons that there are not, and negative standard deviations."""
+    if name.endswith("reason") and (largest := values.max(initial=0)) >= len(Reason):
+        raise FileProblem(f"expected {name} of 0 to {len(Reason) - 1}, got {largest}")
+    if "sigma" in name and values.dtype.kind == "f" and (values < 0).any():
+        raise FileProblem(f"expected {name} of 0 or more, got {np.nanmin(values):.4g}")
 
 
 def _member(

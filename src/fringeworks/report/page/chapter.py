@@ -11,6 +11,7 @@ from fringeworks.report.page.blocks import Block, Chapter, Picture
 from fringeworks.report.page.parts import (
     figure_tables,
     findings_block,
+    listed,
     provenance_block,
     scalar_facts,
     tolerance_block,
@@ -69,16 +70,19 @@ def chapter_of(result: object, context: Context) -> Chapter:
 
 def judged_block(values: dict[str, Any], context: Context) -> tuple[Block, ...]:
     """Tolerances of a result, judged."""
-    judged = judge(values, context.tolerances)
+    try:
+        judged = judge(values, context.tolerances)
+    except InputError as error:
+        raise InputError(f"{context.name}: {error}") from error
     context.judged.extend(one.kept for one in judged)
     return tolerance_block(judged)
 
 
 def figure_blocks(values: dict[str, Any], context: Context) -> tuple[Block, ...]:
     """Single figures, tolerances and findings of a result, from ``summarise`` or a file."""
-    found = [f for f in values.get("findings", ()) if isinstance(f, dict)]
+    found = [finding for finding in listed(values.get("findings")) if isinstance(finding, dict)]
     return (
         scalar_facts(values),
         *judged_block(values, context),
-        *findings_block(found, values.get("notes", ())),
+        *findings_block(found, listed(values.get("notes"))),
     )

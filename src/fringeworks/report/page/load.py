@@ -90,12 +90,17 @@ def _archive(path: Path) -> Any:
 def _description(path: Path) -> Any:
     with parsing(path, "a rig or set-up file"):
         content = tomllib.loads(read_content(path, "a rig or set-up file").decode())
-    return read_rig(path) if content.get("kind") == "rig" else read_setup(path)
+    kind = content.get("kind", "setup")
+    if kind not in ("rig", "setup"):
+        raise FileProblem(f"{path}: expected a rig or a set-up, got a file of the kind {kind!r}")
+    return read_rig(path) if kind == "rig" else read_setup(path)
 
 
 def _figures(path: Path) -> dict[str, Any]:
     with parsing(path, "numerical results (JSON)"):
         content = json.loads(read_content(path, "numerical results (JSON)"))
+        # Half a surrogate pair is no letter, and no page can hold it.
+        json.dumps(content, ensure_ascii=False).encode("utf-8")
         if not isinstance(content, dict):
             raise FileProblem("expected the numerical results of a command, got another JSON value")
         return content

@@ -13,6 +13,7 @@ from fringeworks.report.page.chapter import Context, chapter_of, figure_blocks, 
 from fringeworks.report.page.charts import histogram
 from fringeworks.report.page.parts import (
     dict_table,
+    estimate,
     facts,
     figure_tables,
     findings_block,
@@ -27,12 +28,17 @@ from fringeworks.scan.setup_file import StoredSetup
 from fringeworks.types import RIG_PARAMETERS, InputError, Rig, provenance_from
 
 
+def _parameter(name: str, value: float, sigma: float | None) -> dict[str, object]:
+    """A row of the table of parameters."""
+    return {"parameter": name, "value": estimate(value, sigma), "σ": sigma}
+
+
 @chapter_of.register
 def _(rig: Rig, context: Context) -> Chapter:
     sigma = None if rig.covariance is None else np.sqrt(np.diag(rig.covariance))
     values = [*rig.camera.parameters, *rig.projector.parameters]
     rows = [
-        {"parameter": name, "value": float(value), "σ": None if sigma is None else float(sigma[k])}
+        _parameter(name, float(value), None if sigma is None else float(sigma[k]))
         for k, (name, value) in enumerate(zip(RIG_PARAMETERS, values, strict=False))
     ]
     camera, projector = rig.residual_px or (None, None)
@@ -61,7 +67,7 @@ def _(result: Calibration, context: Context) -> Chapter:
     values = summarise(result)
     rows = pose_figures(result)
     parameters = [
-        {"parameter": name, "value": entry["value"], "σ": entry["sigma"]}
+        _parameter(name, entry["value"], entry["sigma"])
         for name, entry in values["parameters"].items()
     ]
     return Chapter(

@@ -22,6 +22,13 @@ MOST_NAMED = 3
 """Inputs that a call names one by one; the frames of a stack are named by their folder."""
 DIGITS = 5
 """Significant digits of figures in tables."""
+MOST_LETTERS = 4000
+"""Letters of one value: a page of text. A list of a million numbers would fill a thousand pages of
+a PDF."""
+MOST_DECIMALS = 15
+"""Decimals of a parameter: double precision has no more."""
+MOST_VALUES = 100
+"""Values of a list that a page shows; their number is said."""
 
 
 def shown(value: Any) -> str:
@@ -33,8 +40,27 @@ def shown(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.{DIGITS}g}" if np.isfinite(value) else "–"
     if isinstance(value, list | tuple):
-        return ", ".join(shown(item) for item in value)
-    return str(value)
+        several = ", ".join(shown(item) for item in value[:MOST_VALUES])
+        return several if len(value) <= MOST_VALUES else f"{several}, … ({len(value):,} values)"
+    text = str(value)
+    if len(text) <= MOST_LETTERS:
+        return text
+    return f"{text[:MOST_LETTERS]} … ({len(text):,} letters)"
+
+
+def listed(value: Any) -> list[Any]:
+    """Return what a file holds where a list is expected: a list, one value, or nothing."""
+    if value is None:
+        return []
+    return list(value) if isinstance(value, list | tuple) else [value]
+
+
+def estimate(value: float, sigma: float | None) -> str:
+    """Return a parameter with the digits that its standard deviation makes meaningful."""
+    if sigma is None or not np.isfinite(sigma) or sigma <= 0:
+        return shown(value)
+    decimals = 1 - int(np.floor(np.log10(sigma)))
+    return f"{value:.{min(max(decimals, 0), MOST_DECIMALS)}f}"
 
 
 def with_unit(value: float | None, unit: str) -> str | None:
@@ -77,12 +103,16 @@ def findings_block(
         (
             str(f.get("kind", f.get("cause", "finding"))),
             str(f.get("seen", f.get("message", ""))),
-            ", or ".join(map(str, f.get("causes", ()))),
+            ", or ".join(map(str, listed(f.get("causes")))),
             str(f.get("advice", "")),
         )
         for f in found
     ]
-    rows += [("note", note, "", "") for note in notes if not any(r[1] in note for r in rows)]
+    rows += [
+        ("note", note, "", "")
+        for note in map(shown, notes)
+        if not any(row[1] and row[1] in note for row in rows)
+    ]
     if not rows:
         return ()
     return (Findings(tuple(rows[:MOST_FINDINGS]), max(0, len(rows) - MOST_FINDINGS)),)
@@ -146,6 +176,7 @@ def figure_tables(content: Mapping[str, Any]) -> tuple[Block, ...]:
     found: list[Block] = []
     for name, value in content.items():
         rows = isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value)
+        rows = rows and value[0]
         if rows and name != "findings":
             found += limited_table(value, name.replace("_", " "))
     return tuple(found)
@@ -161,7 +192,11 @@ def limited_table(rows: Sequence[Mapping[str, Any]], caption: str) -> tuple[Bloc
 
 def scalar_facts(content: Mapping[str, Any]) -> Facts:
     """Single values of nested figures; a list of numbers counts as one value."""
-    return facts(_scalars(content))
+    rows = _scalars(content)
+    more = (
+        [("not shown", f"{len(rows) - MOST_ROWS:,} more values")] if len(rows) > MOST_ROWS else []
+    )
+    return facts([*rows[:MOST_ROWS], *more])
 
 
 def _scalars(content: Mapping[str, Any], name: str = "") -> list[tuple[str, Any]]:

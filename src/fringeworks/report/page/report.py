@@ -127,6 +127,8 @@ def _named(results: Any) -> list[tuple[str, Any]]:
         several = isinstance(results, list | tuple) and not _is_rows(results)
         each = list(results) if several else [results]
         pairs = [(_name(result, k, len(each)), result) for k, result in enumerate(each)]
+    # A name of bytes that are no UTF-8 holds half surrogate pairs, which no page can hold.
+    pairs = [(name.encode("utf-8", "replace").decode(), result) for name, result in pairs]
     if not pairs:
         raise InputError("results: expected one or more, got none")
     return [

@@ -13,7 +13,7 @@ from fringeworks.files.points import Points
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.display import plot
-from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
+from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface, Text
 from fringeworks.report.page.chapter import Context, chapter_of, judged_block
 from fringeworks.report.page.charts import histogram
 from fringeworks.report.page.parts import (
@@ -30,6 +30,7 @@ from fringeworks.types import (
     DisplacementMap,
     FloatMap,
     HeightMap,
+    InputError,
     PointCloud,
 )
 
@@ -111,7 +112,11 @@ def _profiles(surface: HeightMap | PointCloud) -> tuple[Block, ...]:
     for name, line in lines.items():
         if line[0] == line[1]:
             continue
-        drawn = plot(surface.profile(line), f"Middle {name}")
+        try:
+            drawn = plot(surface.profile(line), f"Middle {name}")
+        except InputError as error:  # points that do not lie in the order of a camera's pixels
+            found.append(Text(f"There is no profile along the middle {name}: {error}."))
+            continue
         found.append(Picture(drawn, f"Profile along the middle {name}, with ±2 σ."))
     return tuple(found)
 

@@ -106,7 +106,7 @@ def judge(figures: Mapping[str, Any], tolerances: Iterable[Tolerance]) -> tuple[
             names = ", ".join(list(known)[:NAMES_SHOWN])
             raise InputError(f"tolerance: expected one of {names}; got {tolerance.name}")
         value = known[tolerance.name]
-        judged.append(Judged(tolerance, math.nan if value is None else float(value)))
+        judged.append(Judged(tolerance, math.nan if value is None else value))
     return tuple(judged)
 
 

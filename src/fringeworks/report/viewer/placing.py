@@ -26,6 +26,9 @@ rays by 20 % at the corner they leave 1e-9 of the depth."""
 FIT_NODES = 32
 """Chebyshev nodes in each direction to which the polynomials are fitted: twice the degree and
 more, so that nodes beyond the lens's field may be missing."""
+SAME_DIRECTION = 1e-12
+"""Spread of the rays' directions up to which all points lie behind each other, rad: rounding alone
+spreads them by 1e-16, the pixels of any camera by 1e-3."""
 FITTED_PIXELS = 4000
 """Number of pixels, about, that a camera is fitted to: its nine values need no more."""
 FITTED_PX = 0.5
@@ -120,9 +123,12 @@ def fitted_camera(points: FloatMap) -> Pinhole | None:
     if min(rows, columns) < 2 or len(np.unique(row)) < 2 or len(np.unique(column)) < 2:
         return None
     seen, pixels = points[row, column], np.column_stack((column, row)).astype(np.float64)
+    directions = seen[:, :2] / seen[:, 2:]
+    if not np.ptp(directions, axis=0).min() > SAME_DIRECTION:
+        return None
     start = np.zeros(9)
     for k in range(2):
-        start[[k, 2 + k]] = np.polyfit(seen[:, k] / seen[:, 2], pixels[:, k], 1)
+        start[[k, 2 + k]] = np.polyfit(directions[:, k], pixels[:, k], 1)
     if not min(start[:2]) > 0:
         return None
 

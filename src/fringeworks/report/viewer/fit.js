@@ -9,12 +9,14 @@ const SETTLED = 1e-13;
 // Radius in sizes of the cloud above which rounding hides the curvature from normal equations.
 const FLAT = 3000;
 
-/** Linear least squares over the used points, of which `equation` gives slopes and a value. */
+/** Linear least squares over the used points, of which `equation` gives slopes and a value. Of many
+ * points every k-th one suffices: calibration limits the precision, not their number. */
 function leastSquares(points, used, equation) {
   const sums = [];
-  for (const [i, point] of points.entries()) {
+  const every = Math.ceil(points.length / LIBRARY.refinedPoints);
+  for (let i = 0; i < points.length; i += every) {
     if (used && !used[i]) continue;
-    const row = equation(point);
+    const row = equation(points[i]);
     for (let k = 0; k < row.length - 1; k++) {
       sums[k] ??= row.map(() => 0);
       for (let m = 0; m < row.length; m++) sums[k][m] += row[k] * row[m];
@@ -37,13 +39,16 @@ function tangents([x, y, z]) {
   return [s, [y * s[2] - z * s[1], z * s[0] - x * s[2], x * s[1] - y * s[0]]];
 }
 
-/** Bodies: a start, the distance of a point, its slopes, the body a step away, and how little of it
- * is determined. Points are relative to their mean, in sizes of the cloud. */
+/** Bodies: a start, the distance of a point, its slopes and what is left of it, the body a step
+ * away, and how little of it is determined. Points are about their mean, in sizes of the cloud. */
 const BODIES = {
   plane: {
     start: (_, towards) => [...towards, 0],
     distance: (q, p) => dot(q, p) - q[3],
-    slopes: (q, p) => [...tangents(q).map((s) => dot(s, p)), -1],
+    equation: (q) => {
+      const [s, t] = tangents(q);
+      return (p) => [dot(s, p), dot(t, p), -1, q[3] - dot(q, p)];
+    },
     moved: (q, [a, b, offset]) => {
       const [s, t] = tangents(q);
       const n = s.map((_, k) => q[k] + a * s[k] + b * t[k]);
@@ -58,8 +63,12 @@ const BODIES = {
       const [x, y, z, rest] = leastSquares(points, null, equation).solution;
       return [x, y, z, Math.sqrt(rest + x * x + y * y + z * z)];
     },
-    distance: (q, p) => Math.hypot(...minus(p, q)) - q[3],
-    slopes: (q, p) => [...unit(minus(p, q).map((v) => -v)), -1],
+    distance: (q, p) => Math.sqrt(dot(minus(p, q), minus(p, q))) - q[3],
+    equation: (q) => (p) => {
+      const [x, y, z] = minus(q, p);
+      const size = Math.sqrt(x * x + y * y + z * z);
+      return [x / size, y / size, z / size, -1, q[3] - size];
+    },
     moved: (q, step) => q.map((v, k) => v + step[k]),
     loose: (q, variances) => Math.sqrt(variances[3]) / Math.abs(q[3]),
   },
@@ -71,8 +80,7 @@ function settle(body, points, start, limit) {
   for (let round = 0; round < LIBRARY.fitRounds; round++) {
     let change = [Infinity];
     for (let k = 0; k < LIBRARY.maxSteps && Math.hypot(...change) > SETTLED; k++) {
-      const equation = (p) => [...body.slopes(q, p), -body.distance(q, p)];
-      ({ solution: change, variances } = leastSquares(points, used, equation));
+      ({ solution: change, variances } = leastSquares(points, used, body.equation(q)));
       q = body.moved(q, change);
     }
     distances = Float64Array.from(points, (p) => body.distance(q, p));

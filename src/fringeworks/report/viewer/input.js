@@ -5,19 +5,21 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], Arrow
 const ARROW_PX = { turn: 15, pan: 30, cross: 10, fine: 1 }; // what one arrow key does, CSS pixels
 const ZOOM = { "+": 1.2, "=": 1.2, "-": 1 / 1.2, _: 1 / 1.2 }; // of one key
 const WHEEL = 0.0015; // logarithm of the zoom per CSS pixel of the wheel
-const EVENTS = ["contextmenu", "pointerdown", "pointermove", "pointerup", "pointercancel", "wheel"];
+const EVENTS = ["pointerdown", "pointermove", "pointerup", "pointercancel", "wheel"];
 
 export class Input {
   constructor(viewer) {
     const { ui, root } = viewer;
     Object.assign(this, { viewer, ui, root, pointers: new Map(), drag: null });
+    ui.picture.addEventListener("contextmenu", (event) => event.preventDefault());
     root.addEventListener("keydown", this);
-    // The methods of the events' names take them.
     for (const name of EVENTS) ui.picture.addEventListener(name, this, { passive: false });
   }
 
+  /** The methods of the events' names take them. */
   handleEvent(event) {
-    this[event.type](event, [event.offsetX, event.offsetY]);
+    const name = event.type === "pointercancel" ? "pointerup" : event.type;
+    this[name](event, [event.offsetX, event.offsetY]);
   }
 
   /** Whether the view is held, so that it will move again. */
@@ -47,10 +49,6 @@ export class Input {
     if (shift) viewer.view.pan(-ARROW_PX.pan * x, -ARROW_PX.pan * y);
     else viewer.view.turnBy(ARROW_PX.turn * x, ARROW_PX.turn * y);
     return viewer.move();
-  }
-
-  contextmenu(event) {
-    event.preventDefault();
   }
 
   wheel(event, [x, y]) {
@@ -104,9 +102,5 @@ export class Input {
     else if (drag.frames) viewer.tools.region([...drag.from, ...at]);
     else viewer.move();
     viewer.drawOver();
-  }
-
-  pointercancel(event, at) {
-    this.pointerup(event, at);
   }
 }

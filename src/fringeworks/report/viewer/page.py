@@ -44,6 +44,7 @@ LIBRARY = {
     "maxRelativeSigma": form.MAX_RELATIVE_SIGMA,
     "fitRounds": form.FIT_ROUNDS,
     "maxSteps": form.MAX_STEPS,
+    "refinedPoints": form.REFINED_POINTS,
 }
 """Constants that the viewer shares with the functions whose figures it computes as well."""
 SCALES = {

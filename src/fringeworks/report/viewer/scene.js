@@ -10,10 +10,8 @@ const REASONS = 3; // mode of the shader that colours by reason
 
 export class Scene {
   constructor(canvas) {
-    const gl = canvas.getContext("webgl2", {
-      antialias: false,
-      powerPreference: "high-performance",
-    });
+    const wanted = { antialias: false, powerPreference: "high-performance" };
+    const gl = canvas.getContext("webgl2", wanted);
     if (!gl) throw new Error("This browser offers no WebGL2, which the picture needs.");
     Object.assign(this, { gl, canvas, program: gl.createProgram(), places: null });
     // The graphics process compiles while the page unpacks: nothing may ask for the result yet.
@@ -128,7 +126,7 @@ export class Scene {
 
   /** Draw every k-th pixel at once. */
   draw(meshes, view, look, stride) {
-    this.stop();
+    cancelAnimationFrame(this.waiting);
     this.begin(null);
     for (const call of this.calls(meshes, look, stride)) this.issue(call, view, look, stride);
   }
@@ -147,7 +145,7 @@ export class Scene {
 
   /** Draw all pixels in parts beside the screen, smoothly, then show them; `draw` stops it. */
   refine(meshes, view, look, smooth, done) {
-    this.stop();
+    cancelAnimationFrame(this.waiting);
     const { gl, canvas: { width, height } } = this;
     this.resize(width, height, smooth ? SAMPLES : 0);
     this.begin(this.offscreen);
@@ -161,16 +159,12 @@ export class Scene {
       if (!finished) this.issue(value, view, look, 1);
       fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
       if (!finished) return;
-      this.stop();
+      cancelAnimationFrame(this.waiting);
       gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, null);
       gl.blitFramebuffer(0, 0, width, height, 0, 0, width, height, gl.COLOR_BUFFER_BIT, gl.NEAREST);
       done();
     };
     tick();
-  }
-
-  stop() {
-    cancelAnimationFrame(this.waiting);
   }
 
   /** Give the picture beside the screen a size and several samples per pixel. */

@@ -157,14 +157,12 @@ export class FringeViewer {
     const { ui, kind, layer } = this;
     ui.low.value = Math.min(ui.low.value, ui.high.value - 1);
     const digits = decimals((this.spread.high - this.spread.low) / 10);
-    const [first, ...rest] = SCALES[kind.scale].map((colour) => colour);
-    const ends = [ui.low, ui.high].map(({ value }) => `${(100 * value) / STEPS}%`);
-    const last = rest.pop();
-    const stops = [`${first} ${ends[0]}`, ...rest, `${last} ${ends[1]}`];
-    ui.colours.style.background = `linear-gradient(to right, ${stops.join(", ")})`;
+    const colours = SCALES[kind.scale].join(", ");
+    ui.colours.style.background =
+      `linear-gradient(to right, ${colours.replace(",", " var(--low),")} var(--high))`;
     for (const [k, name] of ["low", "high"].entries()) {
       const text = this.range[k].toFixed(digits);
-      ui.scale.style.setProperty(`--${name}`, ends[k]);
+      ui.scale.style.setProperty(`--${name}`, `${(100 * ui[name].value) / STEPS}%`);
       ui[`${name}Text`].textContent = text;
       ui[name].setAttribute("aria-valuetext", `${text} ${layer.unit}`);
     }

@@ -11,6 +11,8 @@ import pytest
 import fringeworks as fw
 from fringeworks.files.points import Points
 from fringeworks.report.viewer.coding import FINEST_RATIO, coded, deflated, geometric, logarithms
+from fringeworks.report.viewer.placing import camera_lattice
+from fringeworks.rig.pinhole import rays
 from fringeworks.surface.section import organised_points
 from tests.oracles.unpacked import unpacked
 from tests.surfaces import (
@@ -137,6 +139,17 @@ def test_deviations_are_as_exact_as_points():
     blind = replace(cloud, sigma_mm=np.full(cloud.shape, np.nan, np.float32))
     found = unpacked(fw.pack_surface(blind, deviation=deviation).data).layers["deviation"]
     assert np.abs(found - deviation)[known].max() < 2e-5 * np.ptp(deviation[known])
+
+
+def test_polynomials_follow_the_rays_of_a_strong_lens():
+    lens = (-0.3, 0.12, 1e-3, -5e-4, -0.02)
+    camera = fw.Pinhole(640, 480, (620.0, 618.0), (305.0, 251.0), lens)
+    for every in (1, 4):
+        shape = (480 // every, 640 // every)
+        row, column = (every * index.astype(float) for index in np.indices(shape))
+        expected = rays(camera, np.stack((column, row), axis=-1))
+        found = camera_lattice(shape, camera, every).directions
+        assert np.abs(found - expected).max() < 1e-7
 
 
 def test_every_second_pixel():

@@ -22,7 +22,7 @@ MARGINS = (0.98, 0.8, 0.4)
 model leaves: points in single precision lie up to 1e-5 mm beside their rays."""
 RAY_DEGREE = 13
 """Degree of the polynomials in column and row that stand for a camera's rays. For a lens that bends
-rays by 20 % at the corner they leave 1e-9 of the depth."""
+rays by 10 % at the corner they leave 1e-8 of the depth."""
 FIT_NODES = 32
 """Chebyshev nodes in each direction to which the polynomials are fitted: twice the degree and
 more, so that nodes beyond the lens's field may be missing."""

@@ -26,10 +26,7 @@ export async function unpack(payload) {
   const points = await readPoints(reader, header, reason);
   const surface = { header, width, height, reason, sigma, points, layers: [] };
   surface.addMaps = async () => {
-    for (const { name, unit, ...code } of header.layers) {
-      const packed = code.blocks.length === 3;
-      surface.layers.push({ name, unit, packed, values: await readLayer(reader, code, packed) });
-    }
+    for (const layer of header.layers) surface.layers.push(await readLayer(reader, layer));
   };
   return surface;
 }
@@ -109,13 +106,14 @@ function undoPrediction({ width, count, unitSteps }, code, channel, symbols) {
   return values;
 }
 
-async function readLayer(reader, code, packed) {
-  const [one, green, blue] = await decode(reader, code);
-  const middle = Math.sqrt(code.ratio ?? 1);
-  if (!packed) return filled(Float32Array, one.length, (i) => one[i] * middle);
+async function readLayer(reader, layer) {
+  const [one, green, blue] = await decode(reader, layer);
+  const middle = Math.sqrt(layer.ratio ?? 1);
   // Three bytes fit a float exactly; the shader takes them apart.
-  const word = (i) => (one[i] + 256 * green[i] + 65536 * blue[i]) / code.factor;
-  return filled(Float32Array, one.length, word);
+  const word = (i) => (one[i] + 256 * green[i] + 65536 * blue[i]) / layer.factor;
+  const at = blue ? word : (i) => one[i] * middle;
+  const values = filled(Float32Array, one.length, at);
+  return { name: layer.name, unit: layer.unit, packed: Boolean(blue), values };
 }
 
 /** Coordinates of all pixels, (n, 3); unmeasured ones get a stand-in where the place is known. */

@@ -100,6 +100,7 @@ export class FringeViewer {
     }
     const sets = { one: [one], other: [other], both: [one, other], difference: [this.gap] };
     this.active = sets[what];
+    this.meshes = this.active.map(({ mesh }) => mesh);
     this.tell();
     this.list(what === "difference" ? "difference" : this.ui.layer.value);
     this.tools.forget();
@@ -219,10 +220,6 @@ export class FringeViewer {
     });
     this.clipped = { low: ends.slice(0, 3), high: ends.slice(3) };
     this.move();
-  }
-
-  get meshes() {
-    return this.active.map(({ mesh }) => mesh);
   }
 
   /** The view or the look has changed: draw coarsely now, and all points after a while. */

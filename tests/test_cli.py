@@ -33,7 +33,11 @@ def run(*arguments, cwd=None, code=0):
     assert done.returncode == code, done.stderr
     if code == 2:
         # On a slow machine lines of progress may stand before the one of the error.
-        said = [line for line in done.stderr.splitlines() if not re.search(r"\(\d+ s(, \d+ s left)?\)$", line)]
+        said = [
+            line
+            for line in done.stderr.splitlines()
+            if not re.search(r"\(\d+ s(, \d+ s left)?\)$", line)
+        ]
         assert len(said) == 1, done.stderr
         assert said[0].startswith("fringeworks: ")
         assert "Traceback" not in done.stderr

@@ -80,6 +80,24 @@ def test_maps_zoom_together_by_keys(pages, report):
     assert again == pytest.approx(before, rel=0.01)
 
 
+def test_maps_are_read_by_keys(pages, report):
+    """Arrows move the cursor by ten pixels, with Shift by one; zoomed maps follow it."""
+    opened = pages.open(report, width=1280, height=900)
+    opened.page.wait_for_selector(MAPS)
+    cloud = measured_bust().points
+    rows, columns = cloud.shape
+    opened.page.focus(MAPS)
+    opened.page.keyboard.press("ArrowRight")
+    opened.page.keyboard.press("Shift+ArrowUp")
+    told = opened.page.inner_text(".told")
+    assert told.startswith(f"Column {columns // 2 + 10}, row {rows // 2 - 1}: ")
+    for _ in range(8):
+        opened.page.keyboard.press("+")
+    for _ in range(40):
+        opened.page.keyboard.press("ArrowLeft")
+    assert opened.page.inner_text(".told").startswith(f"Column 0, row {rows // 2 - 1}: ")
+
+
 @pytest.mark.parametrize("dark", [False, True])
 def test_narrow_pages_do_not_scroll_sideways(pages, report, dark):
     opened = pages.open(report, width=400, height=800, dark=dark)

@@ -29,7 +29,7 @@ globalThis.FringeMaps = class {
     this.told = document.createElement("p");
     this.told.className = "told";
     this.told.setAttribute("role", "status");
-    this.told.textContent = "Point at a map to read its values. Wheel or + and − zoom, drag or arrow keys move, 0 shows all.";
+    this.told.textContent = "Point at a map or use the arrow keys (Shift: by one pixel) to read its values. Wheel or + and − zoom, drag moves, 0 shows all.";
     this.maps = surface.layers
       .filter(({ name, packed }) => SHOWN.includes(name) && !packed)
       .sort((a, b) => SHOWN.indexOf(a.name) - SHOWN.indexOf(b.name))
@@ -147,6 +147,19 @@ globalThis.FringeMaps = class {
     this.draw();
   }
 
+  /** Move the cursor by keys, and the maps with it where it would leave them. */
+  step([dx, dy], pixels) {
+    const limit = [this.surface.width - 1, this.surface.height - 1];
+    const from = this.cursor ?? this.centre.map(Math.floor);
+    this.tell([dx, dy].map((v, k) => Math.min(Math.max(from[k] + pixels * v, 0), limit[k])));
+    const half = [this.surface.width, this.surface.height].map((size) => size / this.zoom / 2);
+    const beyond = this.cursor.map((v, k) => Math.abs(v + 0.5 - this.centre[k]) > half[k]);
+    if (beyond.some(Boolean)) {
+      this.centre = [...this.cursor];
+      this.limit();
+    }
+  }
+
   move(dx, dy) {
     this.centre = [this.centre[0] + dx, this.centre[1] + dy];
     this.limit();
@@ -184,9 +197,8 @@ globalThis.FringeMaps = class {
       this.move(before[0] - after[0], before[1] - after[1]);
     }, { passive: false });
     canvas.addEventListener("keydown", (event) => {
-      const step = 40 / pixel();
-      const moves = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
-      if (moves[event.key]) this.move(...moves[event.key]);
+      const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+      if (moves[event.key]) this.step(moves[event.key], event.shiftKey ? 1 : 10);
       else if (event.key === "+" || event.key === "=") this.scale(1.3);
       else if (event.key === "-") this.scale(1 / 1.3);
       else if (event.key === "0") this.scale(0);

@@ -222,6 +222,7 @@ def scores_of(found, truth):
     return rig_errors(found, truth)[free] / np.sqrt(np.diag(found.covariance)[free])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seeds", [2, pytest.param(5, marks=pytest.mark.long)])
 def test_errors_of_the_board_are_in_the_covariance(seeds):
     """A print that is off by 0.1 mm and a bow of 1 mm, the same in every pose: as on paper."""
@@ -245,6 +246,7 @@ def test_errors_of_the_board_are_in_the_covariance(seeds):
     assert np.sqrt(np.mean(np.square(of_halves))) < 1.3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seeds", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_errors_that_a_pose_s_corners_share_are_in_the_covariance(seeds):
     """Phase errors that bend the projector's coordinates of a whole pose, each in its own way."""

@@ -90,6 +90,7 @@ def text_of(figure):
     return "\n".join(parts)
 
 
+@pytest.mark.long
 def test_every_result_draws_itself_with_units():
     for name, result in results().items():
         figure = result.plot("part 7")

@@ -57,6 +57,7 @@ def test_sphere():
     assert found.used.all()
 
 
+@pytest.mark.long
 def test_sigma_of_a_radius_is_right():
     off = []
     for seed in range(30):

@@ -53,6 +53,7 @@ def devices():
     return projector, VirtualCamera(scene, projector, MODEL)
 
 
+@pytest.mark.long
 def test_poses_until_it_is_enough(tmp_path):
     projector, camera = devices()
     hand, taken = Hand(camera), []

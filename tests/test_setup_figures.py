@@ -38,6 +38,7 @@ def titles(figure):
     return {a.get_title().replace("\n", " "): a.title.get_color() == FAULT for a in panels}
 
 
+@pytest.mark.long
 def test_a_clean_setup_has_twelve_panels_without_a_fault(tmp_path):
     figure = fw.setup_sheet(fw.set_up(*opened({}, {})))
     found = titles(figure)

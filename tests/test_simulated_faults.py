@@ -181,6 +181,7 @@ def bounce(scene: str):
     return interreflection(view(scene)[1], SCENES[scene], patch_px=8 if scene == "groove" else 16)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scene", ["groove", "bust"])
 @pytest.mark.parametrize("name", ["sets", "gray"])
 def test_one_bounce_does_no_harm(scene, name):

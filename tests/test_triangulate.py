@@ -239,6 +239,7 @@ def test_reasons_are_handed_on():
     assert cloud.failed_fraction == pytest.approx(3 / reason.size)
 
 
+@pytest.mark.long
 def test_bars_of_a_sphere_and_a_plane():
     """Calibrated with noise, then measured with noise, at half the pixels of the standard rig."""
     _, decoded = scene("sphere")

@@ -16,9 +16,10 @@ WORK ?=
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
 
+# One BLAS thread for each worker: idle ones spin on the cores that the other worker needs.
 test: $(VENV)/.built
 	cargo test --quiet
-	$(BIN)/python -m pytest -n 2 --dist worksteal --ignore tests/test_faults.py -m "not long"
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal --ignore tests/test_faults.py -m "not long"
 
 # Statistics over many captures, which take minutes.
 long: $(VENV)/.built

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -106,8 +106,7 @@ def opened(devices: DeviceOptions) -> Iterator[_Bench]:
         raise fw.InputError("devices: expected --projector and --camera, or --setup")
     settings = devices.settings
     if stored is not None:
-        given = {name: value for name, value in vars(settings).items() if value is not None}
-        settings = replace(stored.settings, **given)
+        settings = settings.over(stored.settings)
     shows, films = fw.open_devices(projector, camera)
     with shows, films:
         yield _Bench(shows, films, settings, stored)

@@ -29,11 +29,6 @@ AXES: dict[Axes, tuple[fw.Axis, ...]] = {Axes.x: ("x",), Axes.y: ("y",), Axes.xy
 """The axes as the library takes them."""
 
 
-USUAL = {"noise": 2.0, "modulation": 100.0, "min_period_px": 16.0}
-"""Noise and modulation of a usual camera, counts of 8 bit, and the shortest period that usual
-optics resolve, projector px."""
-
-
 class PictureFormat(StrEnum):
     """How pictures are written."""
 
@@ -80,7 +75,7 @@ def plan(
     else:
         raise fw.InputError("--projector-size: expected, or --setup; got neither")
     given = {"noise": noise, "modulation": modulation, "min_period_px": min_period}
-    options: dict[str, Any] = {"axes": AXES[axes], **(_of_setup(known) if known else USUAL)}
+    options: dict[str, Any] = {"axes": AXES[axes], **(_of_setup(known) if known else {})}
     options |= {name: value for name, value in given.items() if value is not None}
     found = fw.propose(width, height, frames, **options)
     asked = {"width_px": width, "height_px": height, "frames": frames, **options}

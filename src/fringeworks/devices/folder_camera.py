@@ -100,7 +100,7 @@ class FolderCamera(Closing):
         ------
         InputError for any setting other than ``triggered=False``.
         """
-        wanted = {k for k, v in vars(settings).items() if v is not None}
+        wanted = set(settings.given())
         if settings.triggered is False:
             wanted.discard("triggered")
         if wanted:

@@ -57,8 +57,9 @@ def repr_html(result: object, *, every: int = 1) -> str | None:
         return None
     surface = packed(result, every=every)
     used = every
-    while len(surface.data) * 4 / 3 > NOTEBOOK_BYTES:
-        used = math.ceil(used * math.sqrt(len(surface.data) * 4 / 3 / NOTEBOOK_BYTES)) + (used == 1)
+    # Base64, in which the page holds the surface, makes four bytes of three.
+    while (too_large := len(surface.data) * 4 / 3 / NOTEBOOK_BYTES) > 1:
+        used = math.ceil(used * math.sqrt(too_large))
         surface = packed(result, every=used)
     page = html.escape(viewer_page(surface), quote=True)
     frame = (

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from fringeworks.report.reason_words import REASON_COLOURS, REASON_WORDS
 from fringeworks.types import ByteMap, FloatMap, FrameFinding, Reason
 
 DPI = 110
@@ -58,22 +59,6 @@ COLOURS: dict[PanelKind, str] = {
 }
 """Colour map of every kind of panel. Sequential ones are perceptually uniform, and all can be read
 without seeing red and green apart. Only differences have a diverging one."""
-REASON_COLOURS: dict[Reason, str] = {
-    Reason.OK: "#eef2ee",
-    Reason.MASKED: "#bbbbbb",
-    Reason.OUTSIDE: "#555555",
-    Reason.LOW_MODULATION: "#e69f00",
-    Reason.SATURATED: "#d55e00",
-    Reason.ORDER_AMBIGUOUS: "#cc79a7",
-    Reason.OUT_OF_RANGE: "#f0e442",
-    Reason.UNDETERMINED: "#56b4e9",
-    Reason.BEYOND_GEOMETRY: "#009e73",
-    Reason.SHADOW: "#222255",
-    Reason.RAYS_APART: "#882255",
-    Reason.ISOLATED: "#0072b2",
-}
-"""One colour for every reason, the same in all pictures: the colours of Okabe and Ito, which colour
-blindness leaves distinct, and dark or grey ones for the rest."""
 
 
 class Picture(Figure):
@@ -239,15 +224,10 @@ def reason_patches(reason: ByteMap) -> list[Patch]:
             facecolor=REASON_COLOURS[r],
             edgecolor="#666666",
             linewidth=0.6,
-            label=f"{reason_label(r)}\n{percent(counts[r] / reason.size)}",
+            label=f"{REASON_WORDS[r].label}\n{percent(counts[r] / reason.size)}",
         )
         for r in occurring
     ]
-
-
-def reason_label(reason: Reason) -> str:
-    """The reason in words."""
-    return "measured" if reason == Reason.OK else reason.name.lower().replace("_", " ")
 
 
 def percent(share: float) -> str:

@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from fringeworks.report.maps import REASON_COLOURS, Picture, percent, reason_label
+from fringeworks.report.maps import Picture, percent
+from fringeworks.report.reason_words import REASON_COLOURS, REASON_WORDS
 from fringeworks.types import BoolMap, FloatMap, Profile, Reason
 
 SIZE_INCH = (9.0, 4.4)
@@ -101,7 +102,7 @@ def _strip(axes: Axes, place: FloatMap, profile: Profile) -> None:
                 color=REASON_COLOURS[reason],
                 linewidth=0,
             )
-        axes.plot([], [], "s", color=REASON_COLOURS[reason], label=reason_label(reason))
+        axes.plot([], [], "s", color=REASON_COLOURS[reason], label=REASON_WORDS[reason].label)
 
 
 def _runs(chosen: BoolMap) -> list[NDArray[np.intp]]:

@@ -1,4 +1,4 @@
-"""What the reasons of pixels without a value mean, and what to change."""
+"""What the reasons of pixels without a value mean, what to change, and their colours."""
 
 from __future__ import annotations
 
@@ -77,3 +77,19 @@ REASON_WORDS: dict[Reason, ReasonWords] = {
     ),
 }
 """The words for every reason."""
+REASON_COLOURS: dict[Reason, str] = {
+    Reason.OK: "#eef2ee",
+    Reason.MASKED: "#bbbbbb",
+    Reason.OUTSIDE: "#555555",
+    Reason.LOW_MODULATION: "#e69f00",
+    Reason.SATURATED: "#d55e00",
+    Reason.ORDER_AMBIGUOUS: "#cc79a7",
+    Reason.OUT_OF_RANGE: "#f0e442",
+    Reason.UNDETERMINED: "#56b4e9",
+    Reason.BEYOND_GEOMETRY: "#009e73",
+    Reason.SHADOW: "#222255",
+    Reason.RAYS_APART: "#882255",
+    Reason.ISOLATED: "#0072b2",
+}
+"""One colour for every reason, the same in all pictures: the colours of Okabe and Ito, which colour
+blindness leaves distinct, and dark or grey ones for the rest."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from fringeworks.evaluate.form import FormEvaluation
 from fringeworks.files.findings import findings_as_dicts
+from fringeworks.files.points import Points
 from fringeworks.pair.plane_calibration import PixelCalibration, PlaneCalibration
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
@@ -22,6 +23,7 @@ from fringeworks.stack.wrapped import WrappedPhase
 from fringeworks.types import (
     RIG_PARAMETERS,
     Decoded,
+    HeightMap,
     InputError,
     PointCloud,
     Provenance,
@@ -37,7 +39,7 @@ def summarise(result: object) -> dict[str, Any]:
     Parameters
     ----------
     result : Reconstruction, Measurement, Decoded, WrappedPhase, Calibration, PlaneCalibration,
-        PixelCalibration, Response, FormEvaluation, PointCloud, Setup or SetupTests
+        PixelCalibration, Response, FormEvaluation, HeightMap, PointCloud, Points or SetupTests
 
     Returns
     -------
@@ -56,26 +58,23 @@ def _origin(provenance: Provenance | None) -> dict[str, Any]:
 
 @summarise.register
 def _(result: Reconstruction) -> dict[str, Any]:
-    surface = result.surface
-    finite = np.isfinite(surface.values)
-    values, sigma = surface.values[finite], surface.sigma[finite]
-    return {
-        "method": surface.method,
-        "quantity": surface.quantity,
-        "unit": surface.unit,
-        "shape": list(surface.shape),
+    figures = _of_heights(result.surface)
+    return figures | {
         "axis": result.displacement.axis,
         "period_px": result.displacement.period_px,
         "tilt_deg": result.displacement.tilt_deg,
-        "failed_fraction": surface.failed_fraction,
-        "reasons": count_reasons(surface.reason),
-        "minimum": float(values.min()) if values.size else None,
-        "maximum": float(values.max()) if values.size else None,
-        "median": float(np.median(values)) if values.size else None,
-        "median_sigma": float(np.median(sigma)) if sigma.size else None,
         "converged": result.converged,
         "findings": findings_as_dicts(result.findings),
         "notes": list(result.notes),
+        **_origin(result.surface.provenance),
+    }
+
+
+@summarise.register
+def _(surface: HeightMap) -> dict[str, Any]:
+    return _of_heights(surface) | {
+        "converged": surface.converged,
+        "findings": findings_as_dicts(surface.findings),
         **_origin(surface.provenance),
     }
 
@@ -175,6 +174,17 @@ def _(cloud: PointCloud) -> dict[str, Any]:
 
 
 @summarise.register
+def _(points: Points) -> dict[str, Any]:
+    sigma = points.sigma_mm
+    return {
+        "points": len(points.xyz_mm),
+        "median_sigma_mm": None if sigma is None else float(np.median(sigma)),
+        "notes": list(points.notes),
+        **_origin(points.provenance),
+    }
+
+
+@summarise.register
 def _(response: Response) -> dict[str, Any]:
     return {
         "camera": response.camera,
@@ -219,6 +229,23 @@ def _(evaluation: FormEvaluation) -> dict[str, Any]:
 @summarise.register
 def _(tests: SetupTests) -> dict[str, Any]:
     return setup_figures(tests)
+
+
+def _of_heights(surface: HeightMap) -> dict[str, Any]:
+    finite = np.isfinite(surface.values)
+    values, sigma = surface.values[finite], surface.sigma[finite]
+    return {
+        "method": surface.method,
+        "quantity": surface.quantity,
+        "unit": surface.unit,
+        "shape": list(surface.shape),
+        "failed_fraction": surface.failed_fraction,
+        "reasons": count_reasons(surface.reason),
+        "minimum": float(values.min()) if values.size else None,
+        "maximum": float(values.max()) if values.size else None,
+        "median": float(np.median(values)) if values.size else None,
+        "median_sigma": float(np.median(sigma)) if sigma.size else None,
+    }
 
 
 def _of_cloud(cloud: PointCloud) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from fringeworks.devices.pixel_formats import full_scale
 from fringeworks.devices.protocols import Camera, Projector
@@ -79,8 +78,8 @@ def capture(
     check_plan(projector, plan)
     settings = settings or CameraSettings()
     if resume:
-        given = {} if exposure == "auto" else _given(settings)
-        settings = replace(settings_to_resume(folder), **given)
+        taken = settings_to_resume(folder)
+        settings = taken if exposure == "auto" else settings.over(taken)
     used = camera.configure(settings)
     if exposure == "auto" and not resume:
         used = camera.configure(auto_exposure(projector, camera))
@@ -109,11 +108,6 @@ def capture(
             for number, frame in frames:
                 writer.add(number, frame)
     return Path(folder)
-
-
-def _given(settings: CameraSettings) -> dict[str, Any]:
-    """The settings that are not left to the camera."""
-    return {name: value for name, value in vars(settings).items() if value is not None}
 
 
 def _saturation(settings: CameraSettings, average: int) -> float | None:

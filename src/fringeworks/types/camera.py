@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -67,3 +68,17 @@ class CameraSettings:
             exposure_ms=(exposure is None or (np.isfinite(exposure) and exposure > 0), "> 0"),
             gain_db=(gain is None or np.isfinite(gain), "a finite value"),
         )
+
+    def given(self) -> dict[str, Any]:
+        """Return the settings that are not left to the camera, by name."""
+        return {name: value for name, value in vars(self).items() if value is not None}
+
+    def over(self, base: CameraSettings) -> CameraSettings:
+        """Return these settings, with the open ones taken from others.
+
+        Parameters
+        ----------
+        base : CameraSettings
+            Where both have a value, that of ``base`` is left out.
+        """
+        return replace(base, **self.given())

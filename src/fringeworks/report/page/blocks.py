@@ -40,7 +40,8 @@ class Picture:
 class Surface:
     """A surface to turn, and its maps; two surfaces can be compared."""
 
-    packed: tuple[PackedSurface, ...]
+    pack: tuple[Callable[[], PackedSurface], ...]
+    """Pack the surfaces; a PDF, and a page with too many surfaces, never do."""
     caption: str
     draw: Callable[[], Figure]
     """Draws what is shown where a surface cannot be turned: in a PDF."""

@@ -29,7 +29,7 @@ def compared(chapters: Sequence[Chapter], results: Sequence[Any]) -> list[Chapte
     caption = (
         f"A: {names[0]}, B: {names[1]}. The list of results shows one, both side by side, or B − A."
     )
-    surface = Surface(tuple(block.packed[0] for block in both), caption, both[0].draw)
+    surface = Surface(tuple(block.pack[0] for block in both), caption, both[0].draw)
     others = [
         replace(chapter, blocks=tuple(b for b in chapter.blocks if not isinstance(b, Surface)))
         for chapter in chapters

@@ -32,6 +32,8 @@ MOST_VIEWERS = 12
 WIDE_IN = 9.0
 """Width of a figure, inches, from which on it stands alone; of narrower ones two stand side by
 side."""
+NOTHING = "'none'"
+"""No source at all, in the words of a content security policy."""
 START_MAPS = """
 for (const element of document.querySelectorAll(".fringe-viewer-mount")) {
   element.viewer.ready.then(() => {
@@ -74,11 +76,11 @@ def page_html(
     script = _script() if turned else ""
     policy = "; ".join(
         (
-            "default-src 'none'",
+            f"default-src {NOTHING}",
             "img-src data:",
             # Colours of legends and bars are set as attributes.
             "style-src 'unsafe-inline'",
-            f"script-src {policy_source(script) if script else chr(39) + 'none' + chr(39)}",
+            f"script-src {policy_source(script) if script else NOTHING}",
         )
     )
     count = itertools.count()
@@ -121,7 +123,10 @@ def _turned(block: Block, count: Iterator[int]) -> Block:
 
 def _plain(block: Block) -> Any:
     if isinstance(block, Surface):
-        return {"caption": block.caption, "fragment": viewer_fragment(*block.packed)}
+        return {
+            "caption": block.caption,
+            "fragment": viewer_fragment(*(pack() for pack in block.pack)),
+        }
     return block
 
 

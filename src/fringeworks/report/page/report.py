@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.rig import read_rig
 from fringeworks.report.page import others, surface_chapters  # noqa: F401, register chapters
-from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.both import compared
 from fringeworks.report.page.chapter import Context, chapter_of
 from fringeworks.report.page.html import page_html
@@ -84,7 +84,10 @@ def write_report(
     named = _named(results)
     limits = tuple(parse_tolerance(t) if isinstance(t, str) else t for t in tolerances)
     judged: list[bool] = []
-    chapters = [_chapter(name, result, limits, rig, every, judged) for name, result in named]
+    known = rig if isinstance(rig, Rig) or rig is None else read_rig(rig)
+    chapters = [
+        chapter_of(result, Context(name, limits, known, every, judged)) for name, result in named
+    ]
     if comparable([result for _, result in named]):
         chapters = compared(chapters, [result for _, result in named])
     origin = made_by("write_report", options={"title": title or None, "every": every})
@@ -105,18 +108,6 @@ def write_report(
 def check_report_target(path: StrPath) -> None:
     """Refuse a file that ``write_report`` cannot write, before anything is computed for it."""
     check_target(path, SUFFIXES)
-
-
-def _chapter(
-    name: str,
-    result: Any,
-    tolerances: tuple[Tolerance, ...],
-    rig: Rig | StrPath | None,
-    every: int,
-    judged: list[bool],
-) -> Chapter:
-    camera = rig if isinstance(rig, Rig) or rig is None else load_result(rig)
-    return chapter_of(result, Context(name, tolerances, camera, every, judged))
 
 
 def _named(results: Any) -> list[tuple[str, Any]]:

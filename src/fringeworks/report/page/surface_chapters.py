@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from fringeworks.files.findings import findings_as_dicts
@@ -25,6 +25,7 @@ from fringeworks.report.page.parts import (
 )
 from fringeworks.report.page.surfaces import as_heights, packed
 from fringeworks.report.summary import summarise
+from fringeworks.report.viewer.pack import PackedSurface
 from fringeworks.types import (
     Decoded,
     DisplacementMap,
@@ -36,8 +37,10 @@ from fringeworks.types import (
 
 
 def _surface(result: Any, context: Context, caption: str, draw: Callable[[], Figure]) -> Surface:
-    surface = packed(result, camera=context.rig, title=context.name, every=context.every)
-    return Surface((surface,), caption, draw)
+    def pack() -> PackedSurface:
+        return packed(result, camera=context.rig, title=context.name, every=context.every)
+
+    return Surface((pack,), caption, draw)
 
 
 @chapter_of.register
@@ -57,7 +60,7 @@ def _heights(
     notes: Sequence[str],
     found: Sequence[Any],
 ) -> Chapter:
-    values = _height_figures(result)
+    values = summarise(result)
     unit = surface.unit
     rows = [
         ("method", surface.method or None),
@@ -85,20 +88,6 @@ def _heights(
             *provenance_block(surface.provenance),
         ),
     )
-
-
-def _height_figures(result: Reconstruction | HeightMap) -> dict[str, Any]:
-    if isinstance(result, Reconstruction):
-        return summarise(result)
-    finite = result.values[np.isfinite(result.values)]
-    sigma = result.sigma[np.isfinite(result.sigma)]
-    return {
-        "failed_fraction": result.failed_fraction,
-        "minimum": float(finite.min()) if finite.size else None,
-        "maximum": float(finite.max()) if finite.size else None,
-        "median": float(np.median(finite)) if finite.size else None,
-        "median_sigma": float(np.median(sigma)) if sigma.size else None,
-    }
 
 
 def _profiles(surface: HeightMap | PointCloud) -> tuple[Block, ...]:
@@ -186,23 +175,19 @@ def _cloud(
 @chapter_of.register
 def _(result: Points, context: Context) -> Chapter:
     xyz = result.xyz_mm
-    values: dict[str, Any] = {
-        "points": len(xyz),
-        "median_sigma_mm": None if result.sigma_mm is None else float(np.median(result.sigma_mm)),
-    }
+    values = summarise(result)
     rows = [
         ("points", f"{len(xyz):,}"),
         ("median σ", with_unit(values["median_sigma_mm"], "mm")),
     ]
     chart = histogram(xyz[:, 2], "z / mm", what="points")
-    surface = packed(result, title=context.name, every=context.every)
     return Chapter(
         context.name,
         (
             facts(rows),
             *judged_block(values, context),
             *findings_block((), result.notes),
-            Surface((surface,), "The points.", lambda: chart),
+            _surface(result, context, "The points.", lambda: chart),
             Picture(chart, "Distribution of z."),
             *provenance_block(result.provenance),
         ),
@@ -228,8 +213,9 @@ def _(result: Decoded, context: Context) -> Chapter:
                     ("median modulation", with_unit(one["median_modulation"], "counts")),
                 ]
             ),
-            Surface(
-                (packed(found, title=f"{context.name}, {axis}", every=context.every),),
+            _surface(
+                found,
+                replace(context, name=f"{context.name}, {axis}"),
                 f"Projector coordinate {axis} over the camera's pixels.",
                 lambda: plot(result, context.name),
             ),

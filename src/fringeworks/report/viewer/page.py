@@ -12,10 +12,11 @@ from importlib import resources
 
 import numpy as np
 
+from fringeworks.report.reason_words import REASON_COLOURS
 from fringeworks.report.viewer.content import MAX_PIXELS
 from fringeworks.report.viewer.pack import PackedSurface
 from fringeworks.surface import form
-from fringeworks.types import MAD_TO_SIGMA, InputError
+from fringeworks.types import MAD_TO_SIGMA, InputError, Reason
 
 MODULES = (
     "numbers",
@@ -48,16 +49,17 @@ LIBRARY = {
 }
 """Constants that the viewer shares with the functions whose figures it computes as well."""
 SCALES = {
-    name: tuple(f"#{colour}" for colour in colours.split())
-    for name, colours in {
-        "height": "440154 472d7b 3b528b 2c728e 21918c 28ae80 5ec962 addc30 fde725",
-        "depth": "fde725 addc30 5ec962 28ae80 21918c 2c728e 3b528b 472d7b 440154",
-        "spread": "0d0887 46039f 7201a8 9c179e bd3786 d8576b ed7953 fb9f3a fdca26 f0f921",
-        "signed": "2166ac 67a9cf d1e5f0 f7f7f7 fddbc7 ef8a62 b2182b",
-        "grey": "000000 ffffff",
-        "reasons": "d5d7da 9a9a9a 1f77b4 9467bd ff7f0e d62728 8c564b e377c2 17becf 44577f "
-        "bcbd22 2ca02c",
-    }.items()
+    **{
+        name: tuple(f"#{colour}" for colour in colours.split())
+        for name, colours in {
+            "height": "440154 472d7b 3b528b 2c728e 21918c 28ae80 5ec962 addc30 fde725",
+            "depth": "fde725 addc30 5ec962 28ae80 21918c 2c728e 3b528b 472d7b 440154",
+            "spread": "0d0887 46039f 7201a8 9c179e bd3786 d8576b ed7953 fb9f3a fdca26 f0f921",
+            "signed": "2166ac 67a9cf d1e5f0 f7f7f7 fddbc7 ef8a62 b2182b",
+            "grey": "000000 ffffff",
+        }.items()
+    },
+    "reasons": tuple(REASON_COLOURS[reason] for reason in Reason),
 }
 """Colours, evenly spaced: viridis, viridis with its bright end near the camera, and plasma of
 Matplotlib, blue to red, grey; one per reason."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fringeworks.scan.checks.finding import SetupFinding
 from fringeworks.scan.checks.levels import Levels
 from fringeworks.scan.checks.orientation import Orientation
-from fringeworks.types import CameraNoise, FloatMap, Frozen
+from fringeworks.types import MAD_TO_SIGMA, CameraNoise, FloatMap, Frozen
 
 CELLS = 24
 """Cells along the projector's longer side. A cell's median over many camera pixels has little
@@ -39,8 +39,6 @@ TUKEY = 4.685
 95 % of their data."""
 ROUNDS = 20
 """Rounds of reweighting; the weights settle within ten."""
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of normal values over their median absolute deviation."""
 MIN_SIGMA = 1e-3
 """Lower bound on the scatter that weights are scaled with, so that exact data keep their weight."""
 MATTERS = 2.0

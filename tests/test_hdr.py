@@ -76,7 +76,7 @@ def test_coverage_over_many_scenes(tmp_path):
     assert within == pytest.approx(0.683, abs=0.02)
 
 
-@pytest.mark.parametrize("after", [20, 80])
+@pytest.mark.parametrize("after", [30, 80])
 def test_an_interrupted_scan_is_resumed(tmp_path, after):
     b = bench({}, {"delay_s": 0.02}, scene=Screen(white=0.3), seed=3)
     folder = tmp_path / "c"

@@ -24,6 +24,7 @@ FAULTS = {
     "mirrored": ({"mirrored": True}, {}, "mirrored"),
     "lamp on mains": ({}, {"flicker": 0.4}, "flicker"),
     "exposure ignored": ({}, {"obeys_exposure": False}, "exposure"),
+    "compression": ({}, {"jpeg": 75}, "compressed"),
     "lamp and rolling shutter": (
         {},
         {"flicker": 0.4, "shutter": "rolling", "readout_s": 0.02},
@@ -62,6 +63,15 @@ def test_a_fault_is_named(name):
     text = found.findings[0].text
     assert "likely" in text
     assert text.count(";") >= 2
+
+
+def test_a_camera_that_averages_over_time_is_named():
+    """Scans wait; the fast way, which cannot, has no delay."""
+    found = measured({}, {"lag": 0.6}, 1)
+    assert [f.kind for f in found.findings] == ["averaged", "delay"]
+    assert found.findings[0].figures["kept_share"] == pytest.approx(0.6, abs=0.03)
+    assert found.delay is None
+    assert "60% of every frame" in found.findings[1].seen
 
 
 @pytest.mark.parametrize("name", CLEAN)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from dataclasses import replace
 
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 
 from fringeworks import encode
+from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.delay import measure_delay
-from fringeworks.scan.differences import noise_between
 from fringeworks.scan.fast import FastTaker
+from fringeworks.scan.frame_noise import noise_between
 from fringeworks.scan.frames import take_frames
+from fringeworks.simulate import bust, look, standard_rig
 from fringeworks.types import CameraSettings, DeviceProblem
 from tests.virtual_devices import Screen, bench, plan
 
@@ -64,6 +67,58 @@ def test_fast_mode_takes_no_wrong_frame(triggered):
         sum(wrong_in_fast_mode(k, devices, 24, triggered) for k, devices in enumerate(DEVICES[::3]))
         == 0
     )
+
+
+@functools.cache
+def bust_scene():
+    return RigScene(look(standard_rig(scale=0.2), bust()))
+
+
+PROCESSED = [
+    {"jpeg": 95},
+    {"jpeg": 85},
+    {"jpeg": 60, "noise": 0.4},
+    {"smoothing_px": 0.8},
+    {"smoothing_px": 1.5, "noise": 2.0},
+    {"jpeg": 85, "smoothing_px": 0.8},
+    {"lag": 0.3},
+    {"lag": 0.6, "jpeg": 85},
+    {"lag": 0.8},
+]
+"""What cameras do to frames before they send them."""
+
+
+@pytest.mark.parametrize("camera", PROCESSED, ids=str)
+def test_frames_of_cameras_that_process_them_are_taken(camera):
+    """Compressed frames differ most beside edges; a flat picture does not show how much."""
+    scene = bust_scene()
+    rows, columns = 240, 384
+    shown = list(encode(plan(width=columns, height=rows)))
+    for k, late in enumerate(({}, {"fps": 60, "shutter": "rolling", "jitter_frames": 2})):
+        b = bench({"width_px": columns, "height_px": rows}, camera | late, scene=scene, seed=k)
+        taker = Agreement(b.projector, b.camera)
+        assert all(b.shows_only(taker.take(picture), picture) for picture in shown)
+        assert taker.noise.kept == pytest.approx(camera.get("lag", 0.0), abs=0.06)
+
+
+@pytest.mark.parametrize("lag", [0.2, 0.5, 0.8])
+def test_no_trace_of_the_picture_before_stays(lag):
+    """The part of a frame that belongs to the picture before it, relative to the noise."""
+    b = bench({}, {"lag": lag}, seed=5)
+    taker = Agreement(b.projector, b.camera)
+    shown = list(encode(plan()))
+    clean = [Screen().projected(picture / 255.0) for picture in shown]
+    traces = []
+    for k, picture in enumerate(shown):
+        frame = taker.take(picture).pixels.astype(float)
+        if k == 0:
+            continue
+        difference = 255.0 * (clean[k - 1] - clean[k])
+        error = frame - 255.0 * (clean[k] + 0.03)
+        share = np.sum(error * difference) / np.sum(difference**2)
+        traces.append(share * np.std(difference))
+    noise = np.sqrt(taker.noise.usual.variance(np.array(128.0)))
+    assert np.abs(np.mean(traces)) < 0.4 * noise
 
 
 @pytest.mark.long
@@ -205,7 +260,9 @@ def test_noise_is_measured_where_white_saturates(exposure_ms):
     agreement = Agreement(b.projector, b.camera)
     _, white = agreement.start()
     assert np.all(white.pixels == 255)
-    assert agreement.noise.variance(np.array(128.0)) == pytest.approx(1.083 + 128 * 0.02, rel=0.1)
+    assert agreement.noise.usual.variance(np.array(128.0)) == pytest.approx(
+        1.083 + 128 * 0.02, rel=0.1
+    )
     picture = next(iter(encode(plan())))
     assert b.shows_only(agreement.take(picture), picture)
 
@@ -253,7 +310,9 @@ def test_every_seventh_frame_repeats_the_one_before(phase):
     agreement = Agreement(b.projector, b.camera)
     for picture in encode(plan()):
         agreement.take(picture)
-    assert agreement.noise.variance(np.array(128.0)) == pytest.approx(1.083 + 128 * 0.02, rel=0.15)
+    assert agreement.noise.usual.variance(np.array(128.0)) == pytest.approx(
+        1.083 + 128 * 0.02, rel=0.15
+    )
 
 
 def test_light_that_changes_within_a_refresh_is_not_a_wrong_screen():

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from fringeworks.devices.protocols import (
     CameraLimits,
@@ -15,6 +16,7 @@ from fringeworks.devices.protocols import (
     Grab,
 )
 from fringeworks.devices.virtual_projector import Shown, VirtualProjector
+from fringeworks.simulate.jpeg import jpeg_compressed
 from fringeworks.types import (
     CameraSettings,
     DeviceProblem,
@@ -92,6 +94,12 @@ class CameraModel:
     """Whether the brightness is held at a mean of 0.45 by the camera, whatever it is told."""
     loss: float = 0.0
     """Share of frames that never arrive; 0…1."""
+    smoothing_px: float = 0.0
+    """Width σ over which the camera smooths its noisy frames, px; ≥ 0."""
+    jpeg: int = 0
+    """Quality 1…100 at which frames of 8 bit are compressed; 0 for none."""
+    lag: float = 0.0
+    """Share of the frame before in every frame, as noise reduction over time leaves it; 0…1."""
     frozen: float = 0.0
     """Share of frames that repeat the pixels of the one before; 0…1."""
     torn: float = 0.0
@@ -109,9 +117,11 @@ class CameraModel:
             noise=(self.noise >= 0, ">= 0"),
             shot_gain=(self.shot_gain >= 0, ">= 0"),
             bits=(self.bits in (8, 10, 12, 16), "8, 10, 12 or 16"),
+            smoothing_px=(self.smoothing_px >= 0, ">= 0"),
+            jpeg=(0 <= self.jpeg <= (100 if self.bits == 8 else 0), "0 to 100, 0 beyond 8 bit"),
             flicker=(0 <= self.flicker <= 1, "0 to 1"),
             flicker_hz=(self.flicker_hz > 0, "> 0"),
-            **{k: (0 <= getattr(self, k) < 1, "0 to 1") for k in ("loss", "frozen", "torn")},
+            **{k: (0 <= getattr(self, k) < 1, "0 to 1") for k in ("lag", "loss", "frozen", "torn")},
         )
 
 
@@ -155,7 +165,8 @@ class VirtualCamera(Closing):
         self._number = 0
         self._arrived_s = -np.inf
         self._auto = 1.0
-        self._last: Grab | None = None
+        self._last: NDArray[Any] | None = None
+        self._held: FloatMap | None = None
         self._seen: dict[int, FloatMap] = {}
         self._open = True
         rows, columns = scene.shape
@@ -200,8 +211,7 @@ class VirtualCamera(Closing):
             raise InputError(
                 f"virtual camera: expected a region within {columns} × {rows} px, got {region}"
             )
-        given = {k: v for k, v in vars(settings).items() if v is not None}
-        self._settings = replace(self._settings, **given)
+        self._settings = settings.over(self._settings)
         self._restart()
         return self._settings
 
@@ -225,7 +235,7 @@ class VirtualCamera(Closing):
     def discard(self) -> None:
         """Throw away all frames that have arrived."""
         for _ in range(self.waiting()):
-            self._coming.popleft()
+            self._drop()
 
     def trigger(self) -> float:
         """Expose a frame now; see ``TriggeredCamera.trigger``."""
@@ -270,7 +280,13 @@ class VirtualCamera(Closing):
                 elapsed = (self._number - self._started) * self._period_s
                 self._expect(self._start_s + elapsed)
         while sum(coming.arrival_s <= now_s for coming in self._coming) > KEPT_FRAMES:
-            self._coming.popleft()
+            self._drop()
+
+    def _drop(self) -> None:
+        """Lose the oldest frame. Its light stays where frames keep a share of the one before."""
+        coming = self._coming.popleft()
+        if self.model.lag:
+            self._pixels(coming.start_s)
 
     def _expect(self, start_s: float) -> None:
         """Add a frame whose exposure starts then."""
@@ -286,13 +302,13 @@ class VirtualCamera(Closing):
     def _taken(self, coming: _Coming) -> Grab:
         pixels = self._pixels(coming.start_s)
         if self._last is not None and self._rng.random() < self.model.frozen:
-            pixels = self._last.pixels
+            pixels = self._last
+        self._last = pixels
         complete = not self._rng.random() < self.model.torn
         if not complete:
             pixels = pixels.copy()
             pixels[len(pixels) // 2 :] = 0
-        self._last = Grab(pixels, coming.arrival_s, coming.start_s, coming.number, complete)
-        return self._last
+        return Grab(pixels, coming.arrival_s, coming.start_s, coming.number, complete)
 
     def _pixels(self, start_s: float) -> NDArray[Any]:
         rows = self.scene.shape[0]
@@ -314,18 +330,25 @@ class VirtualCamera(Closing):
         return self._read_out(full * share, full, gain)
 
     def _read_out(self, counts: FloatMap, full: int, gain: float) -> NDArray[Any]:
-        """Noise, clipping, rounding and the region."""
+        """Noise and its reduction, the region, clipping, rounding and compression."""
         per_count = full / 255.0
         shot = self.model.shot_gain * per_count * gain * counts
         variance = (self.model.noise * per_count * gain) ** 2 + shot
         noise = self._rng.standard_normal(counts.shape, np.float32)
-        counts = np.clip(np.rint(counts + np.sqrt(variance) * noise), 0, full)
+        counts = counts + np.sqrt(variance) * noise
+        if self.model.smoothing_px:
+            counts = ndimage.gaussian_filter(counts, self.model.smoothing_px, mode="nearest")
+        if self.model.lag:
+            before = counts if self._held is None else self._held
+            self._held = counts = self.model.lag * before + (1.0 - self.model.lag) * counts
         region = self._settings.region
         assert region is not None
-        part = counts[
+        part = np.clip(np.rint(counts), 0, full)[
             region.y_px : region.y_px + region.height_px,
             region.x_px : region.x_px + region.width_px,
         ]
+        if self.model.jpeg:
+            return jpeg_compressed(part.astype(np.uint8), self.model.jpeg)
         return part.astype(np.uint8 if self.model.bits == 8 else np.uint16)
 
     def _ambient_s(self, from_s: FloatMap, until_s: FloatMap) -> FloatMap:

@@ -213,11 +213,11 @@ PANELS: tuple[tuple[Panel, str, tuple[str, ...]], ...] = (
     (_projector_y, "orientation", ()),
     (_vignetting, "vignetting", ("vignetting",)),
     (response, "levels", ("range", "ramp", "room")),
-    (noise, "levels", ()),
+    (noise, "levels", ("compressed",)),
     (contrast, "stripes", ("contrast",)),
     (profile, "stripes", ("scale",)),
     (exposure, "exposing", ("exposure",)),
-    (flicker, "flicker", ("flicker",)),
+    (flicker, "flicker", ("flicker", "averaged")),
     (spectrum, "flicker", ("flicker",)),
     (delay, "delay", ("delay",)),
 )

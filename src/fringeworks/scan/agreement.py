@@ -9,23 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.protocols import Camera, Grab, Projector
-from fringeworks.scan.differences import (
-    ROUNDING_VARIANCE,
-    agree,
-    block_differences,
-    changed,
-    compared,
-    noise_between,
-)
+from fringeworks.scan.differences import agree, block_differences, changed, compared
+from fringeworks.scan.frame_noise import FrameNoise, frame_noise, kept_of_change, two_of
 from fringeworks.scan.saturation import (
-    MOST_SATURATED,
     SaturationGuard,
     largest_count,
-    saturated_share,
 )
 from fringeworks.scan.taking import Picture
-from fringeworks.scan.uniform import black_picture, uniform_picture, white_picture
-from fringeworks.types import CameraNoise, CameraSettings, DeviceProblem
+from fringeworks.scan.uniform import black_picture, texture_picture, white_picture
+from fringeworks.types import CameraSettings, DeviceProblem
 
 TIMEOUT_S = 5.0
 """Longest wait for a picture to appear, s. Slow webcams with long exposures need one second."""
@@ -34,16 +26,17 @@ BLACK_FRAMES = 3
 whole frames."""
 STEADY_FRAMES = 4
 """Frames in a row of nearly the same mean brightness that count as white."""
+EXTRA_FRAMES = 1
+"""Further frames of the texture, from which most is computed."""
 STEADY_SHARE = 0.02
 """Largest difference of their means, relative to the rise from black. The light of a lamp on mains
 flickers more where it flickers at all; later frames are compared pixel by pixel."""
 MIN_RISE_COUNTS = 1.0
 """Smallest rise of the mean brightness from black to white, counts. Noise moves a mean over a frame
 by less than 0.1 counts."""
-GREYS = (0.5, 0.25, 0.125)
-"""Grey levels that are tried, one after the other, where white saturates: shot noise is seen only
-between black and saturation. With a response of γ = 2.2 the last has a hundredth of white's light.
-"""
+MAX_SIGMA_SHARE = 0.04
+"""Largest standard deviation that uneven noise may have in the middle of the range, share of full
+scale. JPEG of quality 40 stays below 0.03; with more, something moves."""
 MAX_INCOMPLETE = 20
 """Incomplete frames in a row after which a camera's connection is unusable, if they fill the
 longest wait as well: with 5 % lost packets, frames of 40 packets are complete once in eight."""
@@ -68,6 +61,9 @@ class Agreement:
     The first frame has no frame before it to differ from. ``start`` therefore shows black and then
     white, and waits for the brightness to rise from the darkest frame so far. Black is the darkest
     picture, so what was on the screen before cannot be mistaken for it.
+
+    Then it shows blocks of random greys. They hold all brightnesses below saturation, and edges,
+    beside which cameras that compress or smooth their frames have most noise.
     """
 
     def __init__(
@@ -76,21 +72,29 @@ class Agreement:
         self._projector = projector
         self._camera = camera
         self._timeout_s = timeout_s
-        self._picture: NDArray[Any] | None = None
+        self._picture: NDArray[Any] = np.empty((0, 0))
         self._frame: NDArray[np.float32] = np.empty((0, 0), np.float32)
-        self._exact = False
         self._kind: tuple[tuple[int, ...], np.dtype[Any]] | None = None
         self.pair: tuple[NDArray[np.float32], NDArray[np.float32]] = (self._frame, self._frame)
         """The two frames that agreed last, on the grid of ``compared``, counts; they differ by
         noise."""
-        self.noise = CameraNoise(float(np.sqrt(ROUNDING_VARIANCE)))
-        """The camera's noise, measured by ``start``."""
+        self._noise: FrameNoise | None = None
+        self._means: list[float] = []
+        """Mean brightness of the frames since a uniform picture was shown."""
+
+    @property
+    def noise(self) -> FrameNoise:
+        """How frames of one picture differ, measured by ``start``."""
+        if self._noise is None:
+            self.start()
+        assert self._noise is not None
+        return self._noise
 
     def frames(
         self, pictures: Iterable[Picture], average: int = 1, guard: SaturationGuard | None = None
     ) -> Iterator[tuple[int, list[Grab]]]:
         """Show pictures and take frames of each; see ``Taker``."""
-        if self._picture is None:
+        if self._noise is None:
             uniform = self.start()
             if guard is not None:
                 guard.check(grab.pixels for grab in uniform)
@@ -98,7 +102,7 @@ class Agreement:
             yield number, [self.take(counts, label), *self.more(average - 1)]
 
     def start(self) -> tuple[Grab, Grab]:
-        """Show black and white, and measure the camera's noise.
+        """Show black, white and random greys, and measure the camera's noise.
 
         Returns
         -------
@@ -110,40 +114,49 @@ class Agreement:
         """
         settings = self._camera.configure(CameraSettings(triggered=False))
         self._kind = None
-        black = black_picture(self._projector)
+        black, white = black_picture(self._projector), white_picture(self._projector)
         self._show(black)
         darkest = min(_mean(self._complete()) for _ in range(BLACK_FRAMES))
-        of_white = self._steady(darkest, self._show(white_picture(self._projector)), rising=True)
+        of_white = self._steady(darkest, self._show(white), rising=True)
+        kept = kept_of_change([darkest, *self._means])
         of_black = self._steady(_mean(of_white[-1]), self._show(black), rising=False)
-        # Frames of a real camera differ by noise; equal ones are one frame delivered twice. The
-        # first of the steady frames may still show a trace of black.
-        self._exact = not any(_differing(frames[1:]) for frames in (of_white, of_black))
-        self._picture, self._frame = black, compared(of_black[-1].pixels)
-        of_grey = self._steady_grey(of_black[-1], of_white[-1], settings)
-        self.noise = noise_between(
-            [_two(frames) for frames in (of_black, of_white, of_grey) if frames]
-        )
-        one, other = _two(of_black)
+        texture = texture_picture(self._projector)
+        level = _mean(of_black[-1])
+        white_rise = _mean(of_white[-1]) - level
+        of_texture = self._steady(level, self._show(texture), rising=True, of=white_rise)
+        # The first of the steady frames may still show a trace of the picture before, and equal
+        # frames may be one that was delivered again.
+        of_texture += [self._complete() for _ in range(EXTRA_FRAMES)]
+        series = [_pixels(frames[1:]) for frames in (of_black, of_white, of_texture)]
+        noise = frame_noise(series, kept)
+        if noise.waited_frames:
+            # Such traces may be all that differs in these frames.
+            series = [_pixels(self._later(noise.waited_frames))]
+            noise = frame_noise(series, kept)
+        self._noise = self._plausible(noise, largest_count(settings, series[-1][-1].dtype))
+        self._picture, self._frame = texture, compared(series[-1][-1])
+        if noise.waited_frames:
+            return self.take(black, "black"), self.take(white, "white")
+        one, other = two_of(_pixels(of_black[1:]))
         self.pair = compared(one), compared(other)
         return of_black[-1], of_white[-1]
 
-    def _steady_grey(self, black: Grab, white: Grab, settings: CameraSettings) -> list[Grab]:
-        """Frames of a grey that most pixels can show, if white saturates them; none elsewhere."""
-        full = largest_count(settings, white.pixels.dtype)
-        frames: list[Grab] = []
-        bright = white
-        for level in GREYS:
-            if saturated_share(black.pixels, bright.pixels, full) <= MOST_SATURATED:
-                break
-            grey = uniform_picture(self._projector, level)
-            try:
-                frames = self._steady(_mean(black), self._show(grey), rising=True)
-            except DeviceProblem:
-                # Too dark to be seen. The noise of black and white must do.
-                break
-            bright = frames[-1]
-            self._picture, self._frame = grey, compared(bright.pixels)
-        return frames
+    def _later(self, frames: int) -> list[Grab]:
+        """Frames of the present picture, after a number of them."""
+        for _ in range(frames):
+            self._complete()
+        return [self._complete() for _ in range(STEADY_FRAMES)]
+
+    def _plausible(self, noise: FrameNoise, full: float) -> FrameNoise:
+        """Refuse frames of one picture that differ by more than noise."""
+        middle = float(np.sqrt(noise.largest.variance(0.5 * full)))
+        if noise.largest != noise.usual and middle > MAX_SIGMA_SHARE * full:
+            raise DeviceProblem(
+                f"{self._camera.name}: expected frames of one picture to agree, got parts that "
+                f"differ by {middle:.0f} counts of {full:.0f}: something moves, the light "
+                "flickers, or an automatic exposure is on"
+            )
+        return noise
 
     def more(self, count: int) -> list[Grab]:
         """Return further frames of the picture that ``take`` has taken last.
@@ -165,8 +178,7 @@ class Agreement:
                 )
             grab = self._complete()
             frame = compared(grab.pixels)
-            repeated = last is not None and not self._exact and np.array_equal(frame, last)
-            if not repeated and agree(block_differences(self._frame, frame, self.noise)):
+            if not self._repeated(last, frame) and self._agrees(self._frame, frame):
                 found.append(grab)
             last = frame
         return found
@@ -184,29 +196,38 @@ class Agreement:
         ------
         DeviceProblem where the camera sees no change, or no two frames agree, in time.
         """
-        if self._picture is None:
+        if self._noise is None:
             self.start()
-        new = not np.array_equal(picture, self._picture)  # type: ignore[arg-type]
+        new = not np.array_equal(picture, self._picture)
         before, last = self._frame, None
         shown_s = self._show(picture)
         seen = False
+        agreeing = 0
         while True:
             grab = self._complete()
             frame = compared(grab.pixels)
-            differs = changed(block_differences(before, frame, self.noise))
+            differs = changed(block_differences(before, frame, self.noise.largest))
             seen |= differs
-            if (differs or not new) and last is not None and self._agrees(last, frame):
-                self._picture, self._frame = np.array(picture), frame
+            if self._repeated(last, frame):
+                pass
+            elif last is not None and (differs or not new) and self._agrees(last, frame):
+                agreeing += 1
                 self.pair = last, frame
+            else:
+                agreeing = 0
+            if agreeing > self.noise.waited_frames:
+                self._picture, self._frame = np.array(picture), frame
                 return grab
             if grab.host_s - shown_s > self._timeout_s:
                 raise DeviceProblem(self._why_not(label, seen))
             last = frame
 
+    def _repeated(self, one: NDArray[np.float32] | None, other: NDArray[np.float32]) -> bool:
+        """Whether a frame is the one before, delivered again."""
+        return one is not None and not self.noise.exact and np.array_equal(one, other)
+
     def _agrees(self, one: NDArray[np.float32], other: NDArray[np.float32]) -> bool:
-        if not self._exact and np.array_equal(one, other):
-            return False
-        return agree(block_differences(one, other, self.noise))
+        return agree(block_differences(one, other, self.noise.largest))
 
     def _show(self, picture: NDArray[Any]) -> float:
         shown_s = self._projector.show(picture)
@@ -241,19 +262,24 @@ class Agreement:
                 f"{8 * pixels.dtype.itemsize} bit: change no setting of the camera during a capture"
             )
 
-    def _steady(self, limit: float, shown_s: float, *, rising: bool) -> list[Grab]:
-        """Frames in a row that are steady and brighter (or darker) than any before."""
+    def _steady(self, limit: float, shown_s: float, *, rising: bool, of: float = 0.0) -> list[Grab]:
+        """Frames in a row that are steady and brighter (or darker) than any before.
+
+        Their means differ by a share of the change of brightness, or of the change ``of``, counts.
+        """
         frames: list[Grab] = []
+        self._means = []
         sign = 1.0 if rising else -1.0
         while True:
             frames = [*frames[1 - STEADY_FRAMES :], self._complete()]
-            means = [_mean(grab) for grab in frames]
+            self._means.append(_mean(frames[-1]))
+            means = self._means[-STEADY_FRAMES:]
             limit = sign * min(sign * mean for mean in (limit, *means))
             change = sign * (means[-1] - limit)
             if (
                 len(frames) == STEADY_FRAMES
                 and change >= MIN_RISE_COUNTS
-                and np.ptp(means) <= max(STEADY_SHARE * change, 0.5 * MIN_RISE_COUNTS)
+                and np.ptp(means) <= max(STEADY_SHARE * max(change, of), 0.5 * MIN_RISE_COUNTS)
             ):
                 return frames
             if frames[-1].host_s - shown_s > self._timeout_s:
@@ -292,15 +318,8 @@ class Agreement:
         )
 
 
-def _differing(frames: list[Grab]) -> list[Grab]:
-    """The frames that differ from the last one."""
-    return [f for f in frames if not np.array_equal(f.pixels, frames[-1].pixels)]
-
-
-def _two(frames: list[Grab]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """The last two frames that are not one frame delivered twice; the last two if all are equal."""
-    before = _differing(frames) or frames[:-1]
-    return before[-1].pixels, frames[-1].pixels
+def _pixels(grabs: list[Grab]) -> list[NDArray[Any]]:
+    return [grab.pixels for grab in grabs]
 
 
 def _mean(grab: Grab) -> float:

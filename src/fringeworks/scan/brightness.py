@@ -77,7 +77,7 @@ def measure_brightness(
     agreement = Agreement(projector, camera)
     grabs = agreement.start()
     black, white = (grab.pixels.astype(np.float64) for grab in grabs)
-    noise = agreement.noise.variance(black) + agreement.noise.variance(white)
+    noise = agreement.noise.usual.variance(black) + agreement.noise.usual.variance(white)
     full = largest_count(settings, grabs[0].pixels.dtype)
     lit = white - black > LIT_SIGMAS * np.sqrt(noise)
     return Brightness(settings, black / full, white / full, lit, full)

@@ -182,7 +182,13 @@ def measure_delay(
     pictures = block_pictures(projector, COUNTERS, side_px=side_px, seed=seed)
     agreement = Agreement(projector, camera)
     single = [compared(agreement.take(picture, "a counter").pixels) for picture in pictures]
-    film = _Film(camera, clock, _Reader(np.stack(single), agreement.noise), triggered)
+    if agreement.noise.waited_frames:
+        raise DeviceProblem(
+            f"{camera.name}: expected frames of the present alone, got {agreement.noise.kept:.0%} "
+            "of every frame in the next: frames cannot be taken in fast sequence; switch off noise "
+            "reduction over time, or take frames by agreement"
+        )
+    film = _Film(camera, clock, _Reader(np.stack(single), agreement.noise.usual), triggered)
     film.shown.append((COUNTERS - 1, -np.inf))
     camera.configure(CameraSettings(triggered=triggered))
     camera.discard()

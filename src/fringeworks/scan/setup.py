@@ -14,6 +14,7 @@ from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.checks.exposure import Exposing, check_exposure
 from fringeworks.scan.checks.finding import SetupFinding
 from fringeworks.scan.checks.flicker import Flicker, check_flicker
+from fringeworks.scan.checks.frames import check_frames
 from fringeworks.scan.checks.levels import Levels, check_levels
 from fringeworks.scan.checks.orientation import Orientation, check_orientation
 from fringeworks.scan.checks.stripes import Stripes, check_stripes
@@ -33,8 +34,8 @@ from fringeworks.types import (
 DARK_QUANTILE = 0.1
 """Quantile of the modulation over the lit pixels that a plan is proposed for: nine of ten pixels
 are brighter."""
-STEADY_KINDS = ("range", "scale")
-"""Findings that compare the light of several pictures: they mean nothing where it flickers."""
+STEADY_KINDS = ("range", "scale", "averaged", "compressed")
+"""Findings that compare the light of several frames: they mean nothing where it flickers."""
 IMPORTANCE = (
     "mirrored",
     "saturated",
@@ -45,6 +46,8 @@ IMPORTANCE = (
     "room",
     "exposure",
     "flicker",
+    "averaged",
+    "compressed",
     "ramp",
     "vignetting",
     "delay",
@@ -202,7 +205,8 @@ class _Tests:
         self._add(flicker.findings, flicker=flicker)
         progress("grey levels")
         levels = check_levels(projector, camera, agreement, exposing.settings)
-        self._add(levels.findings, levels=levels, noise=agreement.noise)
+        found = (*levels.findings, *check_frames(agreement.noise))
+        self._add(found, levels=levels, noise=agreement.noise.usual)
         progress("orientation")
         seen = check_orientation(projector, camera, agreement, gamma=levels.gamma)
         self._add(seen.findings, orientation=seen)
@@ -212,7 +216,7 @@ class _Tests:
             stripes = check_stripes(projector, agreement, levels.lit, place, axis=axis)
             self._add(stripes.findings, stripes=(*self.done.stripes, stripes))
         progress("vignetting")
-        vignetting = check_vignetting(projector.size_px, levels, seen, agreement.noise)
+        vignetting = check_vignetting(projector.size_px, levels, seen, agreement.noise.usual)
         self._add(vignetting.findings, vignetting=vignetting)
         progress("delay")
         self._measure_delay()

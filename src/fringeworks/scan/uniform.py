@@ -1,4 +1,4 @@
-"""Black, white and blocks: the pictures that scans show beside those of a plan."""
+"""Black, white, greys and blocks: the pictures that scans show beside those of a plan."""
 
 from __future__ import annotations
 
@@ -8,6 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.devices.protocols import Projector
+
+SMALLEST_BLOCK_PX = 8
+"""Smallest side of the blocks of a texture, projector px: projectors out of focus still show it."""
+TEXTURE_BLOCKS = 160
+"""Blocks on the longer side of a texture: several cross every block of 8 × 8 px that JPEG
+compresses by itself."""
 
 
 def black_picture(projector: Projector) -> NDArray[Any]:
@@ -30,6 +36,16 @@ def block_pictures(projector: Projector, count: int, *, side_px: int, seed: int)
     cells = rng.integers(0, 2, (count, -(-rows // side_px), -(-columns // side_px)))
     large = cells.repeat(side_px, axis=1).repeat(side_px, axis=2)[:, :rows, :columns]
     return np.asarray(large * (2**projector.bits - 1)).astype(picture_type(projector))
+
+
+def texture_picture(projector: Projector) -> NDArray[Any]:
+    """Return blocks of random greys, (rows, columns), counts: all brightnesses, and edges."""
+    columns, rows = projector.size_px
+    side_px = max(SMALLEST_BLOCK_PX, max(columns, rows) // TEXTURE_BLOCKS)
+    rng = np.random.default_rng(0)
+    greys = rng.integers(0, 2**projector.bits, (-(-rows // side_px), -(-columns // side_px)))
+    large = greys.repeat(side_px, axis=0).repeat(side_px, axis=1)[:rows, :columns]
+    return np.asarray(large).astype(picture_type(projector))
 
 
 def picture_type(projector: Projector) -> type[np.unsignedinteger[Any]]:

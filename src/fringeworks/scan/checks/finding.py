@@ -20,6 +20,8 @@ SetupFindingKind = Literal[
     "vignetting",
     "ramp",
     "room",
+    "averaged",
+    "compressed",
 ]
 """What a finding is about."""
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from fringeworks.devices.pixel_formats import full_scale
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.checks.finding import SetupFinding
+from fringeworks.scan.saturation import largest_count
 from fringeworks.scan.uniform import uniform_picture
 from fringeworks.types import BoolMap, CameraSettings, DeviceProblem, FloatMap, Frozen
 
@@ -87,8 +87,10 @@ def check_levels(
     DeviceProblem where the camera sees hardly anything of the projector's picture, or white is
     saturated.
     """
-    black, white = (grab.pixels.astype(np.float32) for grab in agreement.start())
-    lit, saturated = _lit(camera, agreement, settings, black, white)
+    shown = agreement.start()
+    black, white = (grab.pixels.astype(np.float32) for grab in shown)
+    full = largest_count(settings, shown[0].pixels.dtype)
+    lit, saturated = _lit(camera, agreement, full, black, white)
     light, scatter = {}, {}
     for level in LEVELS:
         pixels = agreement.take(uniform_picture(projector, level), f"level {level:g}").pixels
@@ -115,7 +117,7 @@ def check_levels(
 def _lit(
     camera: Camera,
     agreement: Agreement,
-    settings: CameraSettings,
+    full: float,
     black: NDArray[np.float32],
     white: NDArray[np.float32],
 ) -> tuple[BoolMap, float]:
@@ -123,7 +125,7 @@ def _lit(
 
     ``DeviceProblem`` where there are too few of them.
     """
-    noise = np.sqrt(agreement.noise.variance(black) + agreement.noise.variance(white))
+    noise = np.sqrt(agreement.noise.usual.variance(black) + agreement.noise.usual.variance(white))
     seen = white - black > LIT_SIGMAS * noise
     if seen.mean() < MIN_LIT_SHARE:
         raise DeviceProblem(
@@ -131,14 +133,13 @@ def _lit(
             f"{seen.mean():.1%}: point the camera at the projected picture, and use a longer "
             "exposure or less light in the room"
         )
-    top = 255.0 if settings.pixel_format is None else float(full_scale(settings.pixel_format))
-    saturated = float(np.mean(white[seen] >= top))
+    saturated = float(np.mean(white[seen] >= full))
     if saturated > MAX_SATURATED:
         raise DeviceProblem(
             f"{camera.name}: expected white below the camera's limit, got {saturated:.0%} of the "
             "lit pixels at it: use a shorter exposure, close the aperture, or darken the room"
         )
-    return np.asarray(seen & (white < top)), saturated
+    return np.asarray(seen & (white < full)), saturated
 
 
 def _scatter(agreement: Agreement, lit: BoolMap) -> float:

@@ -169,7 +169,7 @@ def _power(
         shown = picture.astype(picture_type(projector))
         frames.append(agreement.take(shown, label).pixels.astype(np.float32))
     phasor = np.tensordot(np.exp(1j * np.array(equal_steps(STEPS))), np.stack(frames), axes=1)
-    added = 4.0 / STEPS * agreement.noise.variance(np.mean(frames, axis=0))
+    added = 4.0 / STEPS * agreement.noise.usual.variance(np.mean(frames, axis=0))
     return np.asarray((2.0 / STEPS * np.abs(phasor)) ** 2 - added)
 
 
@@ -178,7 +178,7 @@ def _even(coarse: FloatMap, agreement: Agreement) -> BoolMap:
     modulation = _root(np.nan_to_num(coarse))
     brightest = ndimage.maximum_filter(modulation, EDGE_PX)
     step = brightest - ndimage.minimum_filter(modulation, EDGE_PX)
-    noise = np.sqrt(2.0 / STEPS * agreement.noise.variance(brightest / (2.0 * SWING)))
+    noise = np.sqrt(2.0 / STEPS * agreement.noise.usual.variance(brightest / (2.0 * SWING)))
     return np.asarray(step < EDGE_SHARE * brightest + EDGE_SIGMAS * noise)
 
 

@@ -16,13 +16,15 @@ WORK ?=
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
 
-# One BLAS thread for each worker: idle ones spin on the cores that the other worker needs.
+# The release profile shares what the package was built from. One BLAS thread for each worker: idle
+# ones spin on the cores that the other worker needs.
 test: $(VENV)/.built
-	cargo test --quiet
+	cargo test --release --quiet
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal --ignore tests/test_faults.py -m "not long"
 
-# Statistics over many captures, which take minutes.
+# Statistics over many captures, which take minutes; the kernels with checks of overflow.
 long: $(VENV)/.built
+	cargo test --quiet
 	$(BIN)/python -m pytest -n 2 --ignore tests/test_faults.py -m long
 
 # The simulators of faults do what they say, and the table of faults for ten plans.

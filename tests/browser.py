@@ -50,6 +50,10 @@ class Opened:
     def ui(self, name):
         return self.page.locator(f"[data-ui={name}]").first
 
+    def contrasts(self):
+        """Visible texts of the page with their contrast."""
+        return self.page.evaluate(CONTRASTS)
+
     def text(self, name):
         return self.ui(name).inner_text()
 
@@ -71,6 +75,39 @@ class Opened:
         box = self.ui("stage").bounding_box()
         x, y = self.js("V.view.project(V.active[0].shown.subarray(3 * a, 3 * a + 3))", int(pixel))
         return box["x"] + x, box["y"] + y
+
+
+CONTRASTS = """() => {
+  const parts = (colour) => {
+    const [r, g, b, a = 1] = colour.match(/[\\d.]+/g).map(Number);
+    return [r, g, b, a];
+  };
+  const over = ([r, g, b, a], under) => [r, g, b].map((v, k) => v * a + under[k] * (1 - a));
+  const light = (rgb) => rgb
+    .map((v) => v / 255)
+    .map((v) => (v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0);
+  const ground = (element) => {
+    if (!element) return [255, 255, 255];
+    const own = parts(getComputedStyle(element).backgroundColor);
+    return own[3] === 1 ? own.slice(0, 3) : over(own, ground(element.parentElement));
+  };
+  const found = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+    const element = node.parentElement;
+    const style = getComputedStyle(element);
+    const unseen = !element.checkVisibility({ visibilityProperty: true });
+    if (!node.data.trim() || unseen || element.closest("script, style, noscript")) continue;
+    const colour = element.closest("svg") ? style.fill : style.color;
+    if (colour === "none") continue;
+    const under = ground(element);
+    const [one, other] = [light(over(parts(colour), under)), light(under)].sort((a, b) => a - b);
+    found.push([node.data.trim().slice(0, 40), (other + 0.05) / (one + 0.05)]);
+  }
+  return found;
+}"""
+"""Contrast of every visible text to what is below it, as WCAG 2 computes it."""
 
 
 class Pages:

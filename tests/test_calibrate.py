@@ -270,6 +270,7 @@ def test_errors_that_a_pose_s_corners_share_are_in_the_covariance(seeds):
     assert np.sqrt(np.mean(np.square(scores))) < 1.3
 
 
+@pytest.mark.long
 def test_useless_coefficients_are_left_out():
     """The rig's lenses have no k₃: it is left out, and k₁ is kept."""
     found = calibrated().rig

@@ -156,6 +156,7 @@ def test_lost_packets_do_not_change_the_frames(tmp_path):
             np.testing.assert_array_equal(frame, made.expected(picture))
 
 
+@pytest.mark.long
 def test_a_killed_camera_leaves_what_was_taken(tmp_path):
     with peer(tmp_path, "FW5") as made:
         taken = []

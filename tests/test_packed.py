@@ -263,6 +263,8 @@ def test_codes():
     assert np.abs(decoded - values)[np.isfinite(values)].max() <= 0.25
     with pytest.raises(fw.InputError, match="2³¹ steps"):
         coded(values, 1e-6, 0.0)
+    with pytest.raises(fw.InputError, match="factor of 1e.60, got 1e-300 to 1e.300"):
+        logarithms(np.array([1e-300, 1e300]), bounded=True)
     codes, table = logarithms(np.array([1e-6, 1.0, 1e6]), bounded=True)
     assert (table[codes] <= [1e-6, 1.0, 1e6]).all()
     assert codes.max() < 256

@@ -112,6 +112,9 @@ def test_narrow_pages_do_not_scroll_sideways(pages, report, dark):
     background = opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
     shades = [int(v) for v in re.findall(r"\d+", background)]
     assert (np.mean(shades) < 60) == dark
+    contrasts = opened.contrasts()
+    assert len(contrasts) > 100
+    assert min(contrasts, key=lambda pair: pair[1])[1] >= 4.5, contrasts
 
 
 def test_the_printed_page_has_maps_and_no_viewer(pages, report):

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fringeworks import InputError, Reason
+from fringeworks import FrameFinding, InputError, Reason
 from fringeworks.cli.commands import run
 from fringeworks.files.points import read_cloud, read_points, write_points
 from fringeworks.files.rig import format_rig, read_rig, write_rig
@@ -216,12 +216,18 @@ def test_points_come_back(tmp_path, name):
 
 
 def test_npz_keeps_the_frame(tmp_path):
-    written = cloud()
+    finding = FrameFinding(
+        "noise", "noise of 9 counts", ("a cause",), "advice", frames=("frame 1",)
+    )
+    written = replace(cloud(), findings=(finding,), remarks=("a remark",))
     write_points(tmp_path / "p.npz", written)
     found = read_cloud(tmp_path / "p.npz")
     np.testing.assert_array_equal(found.xyz_mm, written.xyz_mm)
     np.testing.assert_array_equal(found.reason, written.reason)
     assert found.residual_px is None
+    assert found.findings == (finding,)
+    notes = (finding.text, "a remark")
+    assert found.notes == read_points(tmp_path / "p.npz").notes == notes
 
 
 def test_ply_is_read_by_others(tmp_path):

@@ -111,6 +111,37 @@ def test_an_interrupted_capture_is_resumed(tmp_path, error):
         capture(b.projector, none, plan(), folder, resume=True, average=2)
 
 
+def test_a_damaged_frame_is_taken_again(tmp_path):
+    b = bench(seed=3)
+    folder = tmp_path / "c"
+    with pytest.raises(DeviceProblem):
+        capture(b.projector, Interrupting(b.camera, 40, DeviceProblem("gone")), plan(), folder)
+    damaged = sorted(folder.glob("*.png"))[1]
+    damaged.write_bytes(damaged.read_bytes()[:200])
+    steps = []
+    capture(b.projector, b.camera, plan(), folder, resume=True, progress=steps.append)
+    assert plan().labels()[1] in steps
+    for frame, picture in zip(read_stack(folder).frames, encode(plan()), strict=True):
+        assert np.abs(frame - expected(picture)).mean() < 2
+
+
+def test_two_captures_in_one_folder(tmp_path):
+    """The second one is refused at once, and the first one ends as if nothing had happened."""
+    one, other = bench(seed=3), bench(seed=4)
+    folder = tmp_path / "c"
+    refused = []
+
+    def also(_):
+        with pytest.raises(FileProblem, match="nothing else writes") as problem:
+            capture(other.projector, other.camera, plan(), folder)
+        refused.append(problem)
+
+    capture(one.projector, one.camera, plan(), folder, progress=also)
+    assert len(refused) == plan().frames
+    assert len(read_stack(folder).frames) == plan().frames
+    capture(other.projector, other.camera, plan(), folder)
+
+
 def test_nothing_to_resume(tmp_path):
     b = bench()
     with pytest.raises(FileProblem, match="to resume, got none"):

@@ -242,9 +242,13 @@ def take_poses(setup: Path, plan: Path | None, board: fw.Board, folder: Path) ->
 
     def ready(judgement: fw.PoseJudgement) -> bool:
         typer.echo(f"{judgement}")
-        answer = typer.prompt(
-            "Enter takes the pose, q ends", default="", show_default=False, err=True
-        )
+        try:
+            answer = typer.prompt(
+                "Enter takes the pose, q ends", default="", show_default=False, err=True
+            )
+        except typer.Abort:
+            typer.echo(f"\nended; the same command goes on with the poses in {folder}", err=True)
+            raise
         return not str(answer).strip().lower().startswith("q")
 
     with opened(DeviceOptions(setup=setup)) as bench:

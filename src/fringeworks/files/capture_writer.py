@@ -14,7 +14,7 @@ from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.folder import FolderWriter, foreign_names, replacing_folder
-from fringeworks.files.images import holds_counts, write_frame
+from fringeworks.files.images import holds_counts, read_frame, write_frame
 from fringeworks.files.pair import CAPTURE_FILE, DevicesSection
 from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names
 from fringeworks.files.toml import Section, read_toml
@@ -249,9 +249,18 @@ def _kept(
         raise InputError(f"{folder}: expected the plan of the capture that is there, got another")
     foreign = set(foreign_names(folder))
     names = [stem + suffix for stem in stems for suffix in SUFFIXES]
-    there = [n for n in names if (folder / n).is_file() and n not in foreign]
+    there = [n for n in names if n not in foreign and _whole(folder / n)]
     described = [name for name in (CAPTURE_FILE, UNFINISHED_FILE) if (folder / name).is_file()]
     return (*described, PLAN_FILE, *there)
+
+
+def _whole(path: Path) -> bool:
+    """Whether a frame is there and can be read; one that cannot is taken again."""
+    try:
+        read_frame(path)
+    except FileProblem:
+        return False
+    return True
 
 
 def _begun(folder: Path) -> UnfinishedFile:

@@ -12,6 +12,11 @@ from pathlib import Path
 from fringeworks.files.atomic import TEMPORARY, StrPath, write_text
 from fringeworks.types import FileProblem
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 MANIFEST = ".fringeworks"
 """File in a folder that lists what fringeworks has written there: a line each, hash and name."""
 UNFINISHED = "-"
@@ -113,9 +118,17 @@ def replacing_folder(
     Raises
     ------
     FolderInUse where the folder holds things that fringeworks did not write, or that were changed
-    since, unless forced. FileProblem where it cannot be made or written to.
+    since, unless forced. FileProblem where it cannot be made or written to, and where another
+    program is writing it.
     """
     folder = make_folder(path)
+    with _locked(folder):
+        yield from _replacing(folder, kind, index, force, kept)
+
+
+def _replacing(
+    folder: Path, kind: str, index: Sequence[str], force: bool, kept: Sequence[str]
+) -> Iterator[FolderWriter]:
     own = _read_manifest(folder)
     before = own.pop(KIND, kind)
     foreign = foreign_names(folder)
@@ -129,6 +142,28 @@ def replacing_folder(
         writer.finish()
     except OSError as error:
         raise FileProblem(f"{folder}: could not be written: {error.strerror or error}") from error
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold a folder alone, as long as this program runs. Systems without ``flock`` hold nothing."""
+    if fcntl is None:
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise FileProblem(
+                f"{folder}: expected a folder that nothing else writes, got one that another "
+                "capture or command is writing: wait for it, or choose another folder"
+            ) from error
+        except OSError:
+            pass  # file systems of some networks have no locks
+        yield
+    finally:
+        os.close(handle)
 
 
 def _refuse(folder: Path, foreign: Sequence[str], own: Manifest, kind: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import takewhile
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
+from fringeworks.files.findings import findings_as_dicts, findings_from_json
 from fringeworks.files.limits import existing_file, parsing, read_content
 from fringeworks.files.npz import NUMBERS, TEXT, read_npz
 from fringeworks.files.ply import read_ply, write_ply
@@ -49,9 +51,13 @@ LAYOUT = {
     "residual_px": "?f hw",
     "colour": f"?{NUMBERS} hw|hw3",
     KEY: f"?{TEXT}",
+    "findings": f"?{TEXT}",
+    "remarks": f"?{TEXT}",
 }
 """Layout of a cloud that is organised as the frame."""
 
+NO_POINTS = "expected points, got none"
+"""What is said about a file without points."""
 IN_PX = "expected points in mm, got displacements in px; give the geometry to compute heights"
 """What is said about displacements."""
 
@@ -151,6 +157,8 @@ def _write_npz(path: Path, cloud: PointCloud, _: Kind) -> None:
     }
     if KEY in arrays:
         arrays[KEY] = json_line(cloud.provenance)
+    arrays["findings"] = json.dumps(findings_as_dicts(cloud.findings))
+    arrays["remarks"] = json.dumps(cloud.remarks)
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
@@ -169,9 +177,14 @@ def read_cloud(path: StrPath) -> PointCloud:
     """
     path = Path(path)
     arrays: dict[str, Any] = read_npz(path, "a point cloud", LAYOUT)
-    line = arrays.pop(KEY, None)
+    line, findings, remarks = (arrays.pop(name, None) for name in (KEY, "findings", "remarks"))
     with parsing(path, "a point cloud"):
-        return PointCloud(**arrays, provenance=None if line is None else from_json(str(line)))
+        return PointCloud(
+            **arrays,
+            provenance=None if line is None else from_json(str(line)),
+            findings=() if findings is None else findings_from_json(str(findings)),
+            remarks=() if remarks is None else tuple(map(str, json.loads(str(remarks)))),
+        )
 
 
 def read_points(path: StrPath) -> Points:
@@ -195,7 +208,9 @@ def read_points(path: StrPath) -> Points:
     suffix = path.suffix.lower()
     if suffix == ".npz" and "unit" not in read_npz(path, "points", {"unit": f"?{TEXT}"}):
         cloud = cloud_points(read_cloud(path))
-        return _finite(path, cloud.xyz_mm, cloud.sigma_mm, cloud.provenance, cloud.noise_mm)
+        if not len(cloud.xyz_mm):
+            raise FileProblem(f"{path}: {NO_POINTS}")
+        return cloud
     if suffix in SURFACE_READERS:
         return surface_points(read_surface(path), str(path))
     if suffix == ".ply":
@@ -220,6 +235,7 @@ def cloud_points(cloud: PointCloud) -> Points:
         np.asarray(cloud.xyz_mm[ok], np.float64),
         np.asarray(cloud.sigma_mm[ok], np.float64),
         np.asarray(cloud.noise_mm[ok], np.float64),
+        notes=cloud.notes,
         provenance=cloud.provenance,
     )
 
@@ -262,7 +278,7 @@ def _finite(
     xyz = np.asarray(xyz, np.float64)
     good = np.isfinite(xyz).all(axis=1)
     if not good.any():
-        raise FileProblem(f"{path}: expected points, got none")
+        raise FileProblem(f"{path}: {NO_POINTS}")
     known, alone = (
         None if part is None else np.asarray(part, np.float64)[good] for part in (sigma, noise)
     )

@@ -54,8 +54,11 @@ class Measurement(Plotted, Frozen):
     """Projector coordinates that the points come from."""
     seconds: float
     """Time that decoding and triangulation took."""
-    notes: tuple[str, ...] = ()
-    """What was found in the frames, and what was decided because of it."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was found in the frames, and what was decided because of it."""
+        return self.points.notes
 
 
 def decode_stack(
@@ -144,8 +147,8 @@ def measure(
     )
     found = replace(found, provenance=origin)
     part = (*unit_notes(rig.rig), *part_notes(rig.rig, plan.height_px))
-    notes = (*found.notes, *part, *point_notes(points))
-    return Measurement(replace(points, provenance=origin), found, seconds, notes)
+    points = replace(points, provenance=origin, remarks=(*part, *point_notes(points)))
+    return Measurement(points, found, seconds)
 
 
 def _colour(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import singledispatch
 
 import numpy as np
@@ -27,7 +26,6 @@ from fringeworks.types import (
     Decoded,
     DisplacementMap,
     FloatMap,
-    FrameFinding,
     HeightMap,
     InputError,
     PointCloud,
@@ -122,12 +120,12 @@ def _(found: DisplacementMap, name: str | None = None) -> Figure:
 
 @plot.register
 def _(cloud: PointCloud, name: str | None = None) -> Figure:
-    return _of_points(cloud, name, ())
+    return _of_points(cloud, name)
 
 
 @plot.register
 def _(result: Measurement, name: str | None = None) -> Figure:
-    return _of_points(result.points, name, result.decoded.findings)
+    return _of_points(result.points, name)
 
 
 @plot.register
@@ -135,7 +133,7 @@ def _(result: Reconstruction, name: str | None = None) -> Figure:
     return plot(result.surface, name)
 
 
-def _of_points(cloud: PointCloud, name: str | None, findings: Sequence[FrameFinding]) -> Figure:
+def _of_points(cloud: PointCloud, name: str | None) -> Figure:
     lamp = np.asarray(LIGHT) / np.linalg.norm(LIGHT)
     return sheet(
         _titled(name, "Points before the camera"),
@@ -147,7 +145,7 @@ def _of_points(cloud: PointCloud, name: str | None, findings: Sequence[FrameFind
             Panel(REASONS, cloud.reason, "reasons"),
         ],
         columns=2,
-        findings=findings,
+        findings=cloud.findings,
     )
 
 

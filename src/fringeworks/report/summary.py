@@ -162,15 +162,12 @@ def _(calibration: Calibration) -> dict[str, Any]:
 
 @summarise.register
 def _(result: Measurement) -> dict[str, Any]:
-    return _of_cloud(result.points) | {
-        "notes": list(result.notes),
-        **_origin(result.points.provenance),
-    }
+    return summarise(result.points)
 
 
 @summarise.register
 def _(cloud: PointCloud) -> dict[str, Any]:
-    return _of_cloud(cloud) | _origin(cloud.provenance)
+    return _of_cloud(cloud) | {"notes": list(cloud.notes), **_origin(cloud.provenance)}
 
 
 @summarise.register

@@ -100,6 +100,7 @@ class Triangulator:
             reason=sealed(results["reason"]),
             residual_px=sealed(results["residual"]) if both else None,
             colour=colour,
+            findings=decoded.findings,
         )
 
     def _kernel(self, axis: Axis | None) -> _core.Triangulation:

@@ -73,6 +73,15 @@ class PointCloud(Sectioned, Frozen):
     """Brightness (h, w) or colour (h, w, 3) of the surface, counts."""
     provenance: Provenance | None = None
     """How it was made; None where the caller built it."""
+    findings: tuple[FrameFinding, ...] = ()
+    """Likely faults of the capture: what was seen, and what to do about it."""
+    remarks: tuple[str, ...] = ()
+    """What else to know about the points, such as parts that the rig was not calibrated for."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The findings as text, and the remarks."""
+        return (*(finding.text for finding in self.findings), *self.remarks)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -128,21 +128,18 @@ def _(result: DisplacementMap, context: Context) -> Chapter:
 
 @chapter_of.register
 def _(result: Measurement, context: Context) -> Chapter:
-    decoded = result.decoded
-    return _cloud(result.points, result, context, result.notes, decoded.findings)
+    return _cloud(result.points, result, context)
 
 
 @chapter_of.register
 def _(result: PointCloud, context: Context) -> Chapter:
-    return _cloud(result, result, context, (), ())
+    return _cloud(result, result, context)
 
 
 def _cloud(
     cloud: PointCloud,
     result: Measurement | PointCloud,
     context: Context,
-    notes: Sequence[str],
-    found: Sequence[Any],
 ) -> Chapter:
     values = summarise(result)
     rows = [
@@ -161,7 +158,7 @@ def _cloud(
             "The points with their standard deviations and reasons.",
             lambda: plot(result, context.name),
         ),
-        *findings_block(findings_as_dicts(tuple(found)), notes),
+        *findings_block(findings_as_dicts(cloud.findings), cloud.notes),
         *_profiles(cloud),
         *_histograms(cloud.xyz_mm[..., 2], cloud.sigma_mm, "z", "mm"),
     ]

@@ -27,6 +27,10 @@ WIDEST_RATIO = 1500.0
 """Largest over smallest value of a logarithm that need not hold the smallest values exactly: 255
 codes at ``FINEST_RATIO`` span 1,880."""
 
+LARGEST_RATIO = 1e60
+"""Largest ratio of standard deviations in a surface: a code would span more than a factor of 1.7
+beyond it."""
+
 
 @dataclass
 class Blocks:
@@ -129,6 +133,10 @@ def logarithms(values: FloatMap, *, bounded: bool) -> tuple[NDArray[np.int64], F
     -------
     codes : int64 array, −1…255
     table : (256,) float64, the lowest value of each code
+
+    Raises
+    ------
+    InputError for values over more than ``LARGEST_RATIO``.
     """
     finite = np.isfinite(values)
     positive = finite & (values > 0)
@@ -138,6 +146,11 @@ def logarithms(values: FloatMap, *, bounded: bool) -> tuple[NDArray[np.int64], F
     low, high = float(values[positive].min()), float(values[positive].max())
     if not bounded:
         low, positive = max(low, high / WIDEST_RATIO), finite & (values >= 0)
+    if low * LARGEST_RATIO < high:
+        raise InputError(
+            f"packing: expected values within a factor of {LARGEST_RATIO:g}, got {low:g} to "
+            f"{high:g}"
+        )
     # A code less than there are: rounding must not move the largest value beyond the last one.
     ratio = max(FINEST_RATIO, (high / low) ** (1.0 / (CODES - 2)))
     table = geometric(low, ratio)

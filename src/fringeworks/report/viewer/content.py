@@ -125,7 +125,7 @@ def _(result: Measurement, camera: Pinhole | None, every: int) -> Content:
     content = _content(result.points, camera, every)
     some = next(iter(result.decoded.maps.values()))
     maps = {"modulation": some.modulation[::every, ::every], **content.maps}
-    return replace(content, maps=maps, notes=result.notes)
+    return replace(content, maps=maps)
 
 
 @_content.register
@@ -152,7 +152,9 @@ def _(cloud: PointCloud, camera: Pinhole | None, every: int) -> Content:
         lattice = camera_lattice(points.shape[:2], camera, every)
         _check_camera(lattice, points, sigma)
     maps = {} if cloud.colour is None else {"texture": cloud.colour[::every, ::every]}
-    return Content("cloud", points, sigma, reason, "mm", "mm", lattice, maps=maps)
+    return Content(
+        "cloud", points, sigma, reason, "mm", "mm", lattice, maps=maps, notes=cloud.notes
+    )
 
 
 def _check_camera(lattice: Lattice, points: FloatMap, sigma: FloatMap) -> None:

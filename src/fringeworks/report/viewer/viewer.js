@@ -310,6 +310,7 @@ export class FringeViewer {
     root.classList.toggle("narrow", root.clientWidth < NARROW_PX);
     root.classList.toggle("both", this.active.length > 1);
     const { clientWidth, clientHeight } = ui.stage;
+    if (!clientWidth || !clientHeight) return; // hidden, as in print
     view.resize(Math.floor(clientWidth / this.active.length), clientHeight);
     ui.picture.width = Math.round(clientWidth * view.density);
     ui.picture.height = Math.round(clientHeight * view.density);

@@ -124,17 +124,18 @@ def kept_of_change(means: Sequence[float]) -> float:
     Parameters
     ----------
     means : sequence of float
-        Mean brightness of frames in a row, from before the change until brightness is steady.
+        Mean brightness of frames in a row until it is steady. The rise from the darkest one counts;
+        what was on the screen before black does not.
 
     Returns
     -------
     0…1. The change in the first two frames is left out: pictures change while they are exposed.
     """
-    changes = np.diff(means)
+    changes = np.diff(means[int(np.argmin(means)) :])
     changes = changes[changes != 0]
     if changes.size < 4:
         return 0.0
-    late = changes[int(np.argmax(np.abs(changes))) + 2 :] / np.sum(changes)
+    late = changes[int(np.argmax(changes)) + 2 :] / np.sum(changes)
     now, then = late[1:], late[:-1]
     seen = then > TRACE_SHARE
     if not seen.any():

@@ -36,6 +36,7 @@ ROOMS = [
     ["evaluate", "scan"],
     ["report"],
     ["showcase"],
+    ["studio"],
     ["cli"],
 ]
 PLACE = {room: line for line, rooms in enumerate(ROOMS) for room in rooms}

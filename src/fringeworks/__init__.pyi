@@ -460,3 +460,8 @@ from .showcase.demo import (
 from .showcase.dissertation import (
     write_paper as write_paper,
 )
+
+# Studio.
+from .studio.run import (
+    run_studio as run_studio,
+)

@@ -16,6 +16,7 @@ from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.calibrate import Calibration, Observation
 from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import Delay
+from fringeworks.scan.frames import Progress
 from fringeworks.scan.poses import PoseJudgement, judge_poses
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import (
@@ -130,26 +131,77 @@ def take_poses(
     ------
     InputError for a plan with one axis; DeviceProblem where frames do not come.
     """
-    board = parse_board(board) if isinstance(board, str) else board
-    if plan.axes != ("x", "y"):
-        raise InputError(
-            f"plan: expected fringes or Gray code along x and y, got {', '.join(plan.axes)} only"
+    poses = PoseTaker(folder, board, **options)
+    while not poses.enough and ready(poses.judgement):
+        taken(poses.take(projector, camera, plan, settings=settings, delay=delay))
+    return poses.judgement
+
+
+class PoseTaker:
+    """The poses of a board in a folder: takes further ones, and judges them all.
+
+    Parameters
+    ----------
+    folder : path
+        A folder with a capture for each pose. Poses that lie there already count.
+    board : Board or str
+    **options
+        Of ``decode``.
+    """
+
+    def __init__(
+        self, folder: StrPath, board: Board | str, **options: Unpack[DecodeOptions]
+    ) -> None:
+        self._folder = Path(folder)
+        self._board = parse_board(board) if isinstance(board, str) else board
+        self._options = options
+        self._found = _before(self._folder, self._board, options)
+        self.judgement = judge_poses(list(self._found.values()), self._board)
+        """Of all poses so far."""
+
+    @property
+    def enough(self) -> bool:
+        """Whether no further pose is needed, or no more may be taken."""
+        return self.judgement.enough or len(self._found) >= MOST_POSES
+
+    def take(
+        self,
+        projector: Projector,
+        camera: Camera,
+        plan: PatternPlan,
+        *,
+        settings: CameraSettings | None = None,
+        delay: Delay | None = None,
+        progress: Progress = lambda _: None,
+    ) -> TakenPose:
+        """Take a pose; parameters and errors as for ``take_poses``."""
+        if plan.axes != ("x", "y"):
+            raise InputError(
+                "plan: expected fringes or Gray code along x and y, got "
+                f"{', '.join(plan.axes)} only"
+            )
+        name = _next_name(self._folder, self._found)
+        folder = self._folder / name
+        capture(
+            projector,
+            camera,
+            plan,
+            folder,
+            settings=settings,
+            delay=delay,
+            force=True,
+            progress=progress,
         )
-    folder = Path(folder)
-    found = _before(folder, board, options)
-    judgement = judge_poses(list(found.values()), board)
-    while not judgement.enough and len(found) < MOST_POSES and ready(judgement):
-        name = _next_name(folder, found)
-        capture(projector, camera, plan, folder / name, settings=settings, delay=delay, force=True)
         problem = ""
         try:
-            found[name] = observe_stack(read_stack(folder / name), board, name=name, **options)
+            self._found[name] = observe_stack(
+                read_stack(folder), self._board, name=name, **self._options
+            )
         except (BoardNotFound, FramesContradictPlan) as error:
             problem = str(error)
-        judgement = judge_poses(list(found.values()), board)
-        corners = 0 if problem else len(found[name].view.index)
-        taken(TakenPose(name, corners, problem, judgement))
-    return judgement
+        self.judgement = judge_poses(list(self._found.values()), self._board)
+        corners = 0 if problem else len(self._found[name].view.index)
+        return TakenPose(name, corners, problem, self.judgement)
 
 
 def _before(folder: Path, board: Board, options: DecodeOptions) -> dict[str, Observation]:

@@ -1,0 +1,350 @@
+"""What a studio knows: its folder, its workers, who holds the devices, and what was done."""
+
+from __future__ import annotations
+
+import itertools
+import shlex
+import shutil
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from fringeworks.files.atomic import StrPath
+from fringeworks.scan.setup_file import read_setup
+from fringeworks.studio import tasks
+from fringeworks.studio.worker import Job, Worker
+from fringeworks.studio.workspace import Workspace, open_workspace
+from fringeworks.types import FileProblem, InputError
+
+StepState = Literal["to do", "running", "good", "look here"]
+USUAL_BOARD = "chessboard:11x8:12"
+"""The board that is offered first."""
+USUAL_FRAMES = 24
+"""Frames of the plan that a set-up proposes: both axes, as a calibration needs them."""
+MOST_SURFACES = 40
+"""Packed surfaces that are kept for the page; the oldest one is deleted for a new one."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Something that was done, as a command and as Python."""
+
+    shell: str
+    python: str
+
+
+@dataclass
+class Shown:
+    """A surface on the page, and how it was made."""
+
+    source: str
+    """Name in the folder."""
+    method: str
+    options: dict[str, Any]
+    number: int
+    """Of the packed surface."""
+    result: dict[str, Any] = field(default_factory=dict)
+    """Figures and title, when the work is done."""
+
+
+@dataclass
+class Session:
+    """What one visitor looks at."""
+
+    name: str
+    step: str = "set up"
+    shown: Shown | None = None
+    kept: Shown | None = None
+    """The result before, for comparison."""
+    tried: int | None = None
+    """Number of the surface of the last trial."""
+
+
+class Studio:
+    """The state that all pages of a studio share.
+
+    Parameters
+    ----------
+    folder : path
+        Made where it is missing. Nothing outside of it is read or written, except a temporary
+        folder for packed surfaces, which ``close`` deletes.
+    """
+
+    def __init__(self, folder: StrPath) -> None:
+        self.workspace: Workspace = open_workspace(folder)
+        self.devices = Worker()
+        self.compute = Worker()
+        self.projector = self.camera = "virtual"
+        self.found: tuple[list[str], list[str]] = ([], [])
+        """Words of the projectors and cameras that were found."""
+        self.board = USUAL_BOARD
+        self.done: list[Command] = []
+        self.poses: dict[str, Any] = {}
+        """What the last pose, or the judgement of all, said."""
+        self._sessions: dict[str, Session] = {}
+        self._holder: str | None = None
+        self._numbers = itertools.count(1)
+        self._packed = Path(tempfile.mkdtemp(prefix="fringeworks-studio-"))
+        if self.workspace.setup.is_file():
+            self._take_devices_of_setup()
+
+    def _take_devices_of_setup(self) -> None:
+        try:
+            stored = read_setup(self.workspace.setup)
+        except InputError:
+            return
+        self.projector, self.camera = stored.projector, stored.camera
+
+    def session(self, name: str) -> Session:
+        """The session of a visitor, which is begun with the first visit."""
+        return self._sessions.setdefault(name, Session(name))
+
+    def hold(self, session: Session) -> None:
+        """Let a visitor use the devices.
+
+        Raises
+        ------
+        InputError while another visitor uses them.
+        """
+        if self._holder not in (None, session.name) and self.devices.busy:
+            raise InputError("devices: expected free ones, but another visitor is using them")
+        self._holder = session.name
+
+    def holds(self, session: Session) -> bool:
+        """Whether the devices' work is this visitor's to cancel."""
+        return self._holder in (None, session.name)
+
+    def surface(self, number: int) -> Path:
+        """The file of a packed surface."""
+        return self._packed / f"{number}.bin"
+
+    def step_states(self) -> dict[str, StepState]:
+        """How far each step is."""
+        space = self.workspace
+        running = self.devices.job.name if self.devices.busy and self.devices.job else ""
+        files = {
+            "set up": space.setup.is_file(),
+            "calibrate": space.rig.is_file(),
+            "scan": bool(space.captures()),
+        }
+        states: dict[str, StepState] = {
+            step: "running" if running == step else "good" if there else "to do"
+            for step, there in files.items()
+        }
+        last = self.devices.job
+        if last is not None and last.state == "failed" and last.name in states:
+            states[last.name] = "look here"
+        elif states["set up"] == "good" and self.findings():
+            states["set up"] = "look here"
+        return states
+
+    def findings(self) -> list[str]:
+        """Findings of the set-up that lies in the folder."""
+        try:
+            return list(read_setup(self.workspace.setup).findings)
+        except InputError as problem:
+            return [str(problem)]
+
+    # What the buttons do. Each starts work, and notes the command that does the same.
+
+    def look_for_devices(self, session: Session) -> Job:
+        """Find the devices that are there."""
+        self.hold(session)
+        return self.devices.start("looking for devices", tasks.find_devices)
+
+    def start_live(self, session: Session, level: float, exposure_ms: float | None) -> Job:
+        """Show what the camera sees, until it is stopped."""
+        self.hold(session)
+        words = self.projector, self.camera
+        return self.devices.start("live picture", tasks.live_picture, *words, level, exposure_ms)
+
+    def run_setup(self, session: Session) -> Job:
+        """Do a set-up."""
+        self.hold(session)
+        target = str(self.workspace.setup)
+        words = self.projector, self.camera
+        job = self.devices.start(
+            "set up", tasks.run_setup, target, *words, USUAL_FRAMES, total=SETUP_STEPS
+        )
+        self._note(
+            f"setup --projector {_quoted(words[0])} --camera {_quoted(words[1])} "
+            f"--frames {USUAL_FRAMES} --axes x,y --out setup.toml",
+            f"with projector, camera:\n    fw.write_setup('setup.toml', fw.set_up(projector, "
+            f"camera, frames={USUAL_FRAMES}, axes=('x', 'y')), projector={words[0]!r}, "
+            f"camera={words[1]!r})",
+        )
+        return job
+
+    def take_pose(self, session: Session) -> Job:
+        """Take a pose of the board."""
+        self._needs(self.workspace.setup, "a set-up; do the first step")
+        self.hold(session)
+        space, words = self.workspace, (self.projector, self.camera)
+        frames = read_setup(space.setup).plan.frames
+        job = self.devices.start(
+            "calibrate",
+            tasks.take_pose,
+            str(space.setup),
+            str(space.poses),
+            self.board,
+            words,
+            total=frames + 1,
+        )
+        self._note(
+            f"capture --setup setup.toml --camera {_quoted(words[1])} --out board/POSE",
+            "fw.capture(projector, camera, stored.plan, 'board/POSE', settings=stored.settings)",
+        )
+        return job
+
+    def judge_poses(self) -> Job:
+        """Judge the poses that lie in the folder."""
+        return self.devices.start(
+            "judging the poses", tasks.judge, str(self.workspace.poses), self.board
+        )
+
+    def undo_pose(self, name: str) -> None:
+        """Delete a pose.
+
+        Raises
+        ------
+        InputError for a pose that is not there.
+        """
+        if name not in self.workspace.taken_poses():
+            raise InputError(f"pose: expected one of those taken, got {name!r}")
+        shutil.rmtree(self.workspace.inside(f"{self.workspace.poses.name}/{name}"))
+
+    def calibrate(self) -> Job:
+        """Calibrate with the poses in the folder."""
+        poses = self.workspace.taken_poses()
+        if not poses:
+            raise InputError("calibration: expected poses of the board, got none")
+        job = self.compute.start(
+            "calibrating",
+            tasks.run_calibration,
+            str(self.workspace.poses),
+            self.board,
+            str(self.workspace.rig),
+            total=len(poses) + 1,
+        )
+        self._note(
+            f"calibrate board/ --board {_quoted(self.board)} --out rig.toml",
+            f"fw.write_rig('rig.toml', fw.calibrate_stacks('board', {self.board!r}).rig)",
+        )
+        return job
+
+    def scan(self, session: Session, name: str, *, exposures: int = 1, average: int = 1) -> Job:
+        """Take the frames of an object into a folder of its own."""
+        self._needs(self.workspace.setup, "a set-up; do the first step")
+        target = self.workspace.new(name)
+        self.hold(session)
+        words = self.projector, self.camera
+        frames = exposures * read_setup(self.workspace.setup).plan.frames
+        job = self.devices.start(
+            "scan",
+            tasks.scan,
+            str(self.workspace.setup),
+            words,
+            str(target),
+            exposures,
+            average,
+            total=frames + 1,
+        )
+        more = f" --hdr {exposures}" if exposures > 1 else ""
+        more += f" --average {average}" if average > 1 else ""
+        self._note(
+            f"capture --setup setup.toml --camera {_quoted(words[1])}{more} --out {_quoted(name)}",
+            f"fw.capture(projector, camera, stored.plan, {name!r}, settings=stored.settings, "
+            f"average={average})",
+        )
+        return job
+
+    def look(self, session: Session, source: str, method: str, options: dict[str, Any]) -> Job:
+        """Compute a surface, and show it; the one before is kept for comparison."""
+        number = next(self._numbers)
+        job = self.compute.start(
+            f"measuring {source}",
+            tasks.show,
+            *self._computed(source, method, options),
+            str(self.surface(number)),
+            total=2,
+        )
+        session.kept = session.shown
+        session.shown = Shown(source, method, options, number)
+        self.surface(number - MOST_SURFACES).unlink(missing_ok=True)
+        return job
+
+    def learn(
+        self, session: Session, body: str, method: str, settings: dict[str, Any]
+    ) -> tuple[Job, int]:
+        """Measure a simulated body, and show it with its true error."""
+        number = next(self._numbers)
+        target = str(self.surface(number))
+        job = self.compute.start(
+            f"trying {method}", tasks.learn, body, method, settings, target, total=2
+        )
+        session.tried = number
+        return job, number
+
+    def export(self, shown: Shown, suffix: str, kind: str) -> Job:
+        """Write what is shown into the folder."""
+        name = f"{Path(shown.source).name}{suffix}"
+        target = self.workspace.new(Path(shown.source).name, suffix)
+        given = self._computed(shown.source, shown.method, shown.options)
+        job = self.compute.start(
+            f"writing {name}", tasks.export, *given, str(target), kind, total=2
+        )
+        self._note(*export_commands(shown, name, kind, pair=given[1] is None))
+        return job
+
+    def _computed(
+        self, source: str, method: str, options: dict[str, Any]
+    ) -> tuple[str, str | None, str, dict[str, Any]]:
+        """What a surface is computed from."""
+        path = self.workspace.inside(source)
+        if not path.exists():
+            raise FileProblem(f"{source}: expected a capture or result in the folder, got none")
+        stack = path.is_dir() and tasks.is_stack(path)
+        rig = str(self.workspace.rig) if stack and self.workspace.rig.is_file() else None
+        return str(path), rig, method, options
+
+    def close(self) -> None:
+        """End the workers, and delete the packed surfaces."""
+        self.devices.close()
+        self.compute.close()
+        shutil.rmtree(self._packed, ignore_errors=True)
+
+    def _needs(self, path: Path, what: str) -> None:
+        if not path.is_file():
+            raise InputError(f"{path.name}: expected {what}")
+
+    def _note(self, shell: str, python: str) -> None:
+        command = Command(f"fringeworks {shell}", python)
+        if command not in self.done[-1:]:
+            self.done.append(command)
+
+
+SETUP_STEPS = 8
+"""Steps that a set-up tells of."""
+
+
+def export_commands(shown: Shown, name: str, kind: str, *, pair: bool) -> tuple[str, str]:
+    """The command and the Python that write what is shown."""
+    source, target = _quoted(shown.source), _quoted(name)
+    where = "--report" if name.endswith((".html", ".pdf")) else "--out"
+    mesh = f" --ply {kind}" if name.endswith(".ply") and kind == "mesh" else ""
+    if pair:
+        told = "".join(f" --option {k}={v}" for k, v in shown.options.items())
+        return (
+            f"reconstruct {source} --method {shown.method}{told} {where} {target}{mesh}",
+            f"fw.write_surface({name!r}, fw.reconstruct({shown.source!r}, {shown.method!r}, "
+            f"**{shown.options!r}).surface)",
+        )
+    return (
+        f"measure {source} --rig rig.toml {where} {target}{mesh}",
+        f"fw.write_points({name!r}, fw.measure({shown.source!r}, 'rig.toml').points)",
+    )
+
+
+def _quoted(text: str) -> str:
+    return shlex.quote(text)

@@ -1,0 +1,1 @@
+"""One file for each step of the studio; each has one function, ``build``."""

@@ -1,0 +1,65 @@
+"""Export: the result in every format, and the commands that do the same."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from nicegui import ui
+
+from fringeworks.studio.steps.parts import Step, work
+from fringeworks.studio.worker import Job
+
+FORMATS = {
+    "PLY, points": (".ply", "points"),
+    "PLY, mesh": (".ply", "mesh"),
+    "NPZ, everything": (".npz", ""),
+    "XYZ, text": (".xyz", ""),
+    "Report, HTML": (".html", ""),
+    "Report, PDF": (".pdf", ""),
+}
+"""Formats of points; heights have others."""
+HEIGHTS = {
+    "PLY, points": (".ply", "points"),
+    "PLY, mesh": (".ply", "mesh"),
+    "TIFF": (".tif", ""),
+    "NPZ, everything": (".npz", ""),
+    "X3P": (".x3p", ""),
+    "GSF": (".gsf", ""),
+    "Report, HTML": (".html", ""),
+    "Report, PDF": (".pdf", ""),
+}
+"""Formats of heights over a plane."""
+
+
+def build(step: Step) -> None:
+    """Build the step."""
+    studio, shown = step.studio, step.session.shown
+    if shown is None or not shown.result:
+        ui.label("Measure something first; then it can be written.")
+    else:
+        ui.label(f"{shown.source}, as it is shown:")
+        formats = HEIGHTS if "quantity" in shown.result["figures"] else FORMATS
+        with ui.row():
+            for name, (suffix, kind) in formats.items():
+                write = step.attempt(partial(studio.export, shown, suffix, kind))
+                ui.button(name, on_click=write).props("outline no-caps")
+
+    def written(job: Job) -> None:
+        ui.download(f"/file/{job.result}", job.result)
+        commands.refresh()
+
+    work(step, studio.compute, ("writing",), written)
+
+    @ui.refreshable
+    def commands() -> None:
+        if not studio.done:
+            return
+        shell = "\n".join(command.shell for command in studio.done)
+        python = "import fringeworks as fw\n\n" + "\n".join(c.python for c in studio.done)
+        for name, text in (("Commands", shell), ("Python", python)):
+            ui.label(f"{name} that do the same").classes("text-lg")
+            ui.label(text).classes("fw-code")
+            copy = ui.button("Copy", on_click=lambda _, t=text: ui.clipboard.write(t))
+            copy.props(f'flat dense no-caps aria-label="Copy the {name}"')
+
+    commands()

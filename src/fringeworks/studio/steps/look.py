@@ -1,0 +1,146 @@
+"""Look and measure: a surface to turn, methods and their options, and the result before."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from nicegui import ui
+
+from fringeworks.pair.analyse import methods
+from fringeworks.studio.steps.parts import Step, figures, work
+from fringeworks.studio.tasks import is_stack
+from fringeworks.studio.worker import Job
+from fringeworks.types import InputError
+
+FIGURES = {
+    "points": "Points",
+    "failed_fraction": "Share without a value",
+    "median_sigma_mm": "Median σ, mm",
+    "median_sigma": "Median σ",
+    "method": "Method",
+    "unit": "Unit",
+}
+"""Figures below the surface."""
+
+
+def build(step: Step) -> None:
+    """Build the step."""
+    _Look(step)
+
+
+class _Look:
+    """The controls, and the surfaces that they have made."""
+
+    def __init__(self, step: Step) -> None:
+        self._step, self._studio, self._session = step, step.studio, step.session
+        space = self._studio.workspace
+        sources = [*space.captures(), *space.results()]
+        shown = self._session.shown
+        with ui.row().classes("items-end"):
+            self._source = ui.select(
+                sources,
+                label="Capture or result",
+                value=shown.source if shown and shown.source in sources else None,
+                on_change=lambda: self._offer(),
+            ).classes("w-56")
+            names = list(methods())
+            self._method = ui.select(
+                names,
+                label="Method",
+                value=shown.method if shown else "windowed",
+                on_change=lambda: self._offer(),
+            ).classes("w-48")
+            self._compare = ui.checkbox("Beside the one before", on_change=lambda: self._draw())
+            ui.button("Measure", on_click=step.attempt(self._measure)).props("no-caps")
+        self._options = ui.row().classes("items-end")
+        self._controls: dict[str, Any] = {}
+        work(step, self._studio.compute, ("measuring",), self._arrived)
+        mount = ui.element("div").classes("fringe-viewer-mount w-full")
+        self._mount = f"c{mount.id}"
+        self._below = ui.column()
+        self._offer()
+        if shown and shown.result:
+            ui.timer(0.1, self._draw, once=True)
+        elif not sources:
+            ui.label("There is nothing to look at yet. Scan something, or see Learn.")
+
+    def _offer(self) -> None:
+        """Controls for the options of the method, from its own signature."""
+        source = self._source.value
+        path = self._studio.workspace.inside(source) if source else None
+        pair = path is not None and path.is_dir() and not is_stack(path)
+        self._method.set_visibility(pair)
+        self._options.clear()
+        self._controls = {}
+        if not pair:
+            return
+        with self._options:
+            for name, default in methods()[self._method.value].options.items():
+                self._controls[name] = _control(name, default, lambda: self._recompute())
+
+    def _recompute(self) -> None:
+        """Measure again with the options that were changed."""
+        if self._session.shown is not None and not self._studio.compute.busy:
+            self._step.attempt(self._measure)()
+
+    def _measure(self) -> None:
+        if not self._source.value:
+            raise InputError("surface: expected a capture or result to be chosen")
+        defaults = methods()[self._method.value].options if self._controls else {}
+        options = {name: _value(c, defaults[name]) for name, c in self._controls.items()}
+        changed = {name: v for name, v in options.items() if v != defaults[name]}
+        self._studio.look(self._session, self._source.value, self._method.value, changed)
+
+    def _arrived(self, job: Job) -> None:
+        shown = self._session.shown
+        if shown is not None and job.name == f"measuring {shown.source}":
+            shown.result = job.result
+            self._draw()
+
+    def _draw(self) -> None:
+        shown, kept = self._session.shown, self._session.kept
+        if shown is None or not shown.result:
+            return
+        numbers = [shown.number]
+        if self._compare.value and kept is not None and kept.result:
+            numbers = [kept.number, shown.number]
+        ui.run_javascript(f"fringeShow({json.dumps(self._mount)}, {json.dumps(numbers)})")
+        self._below.clear()
+        with self._below:
+            title = Path(shown.source).name
+            with ui.row().classes("items-center"):
+                ui.label(title).classes("text-lg")
+                ui.button("Export", on_click=lambda: self._step.go("export")).props("flat no-caps")
+            figures(shown.result["figures"], FIGURES)
+            if shown.result["every"] > 1:
+                ui.label(f"Shown: one of {shown.result['every']} columns and rows.")
+            for note in shown.result["figures"].get("notes", []):
+                ui.label(f"! {note}").classes("text-warning")
+
+
+def _control(name: str, default: Any, changed: Any) -> Any:
+    """A control for an option, by the type of its default."""
+    if isinstance(default, bool):
+        return ui.checkbox(name, value=default, on_change=changed)
+    if isinstance(default, int | float):
+        return ui.number(name, value=default).classes("w-36").on("change", changed)
+    text = "" if default is None else default if isinstance(default, str) else json.dumps(default)
+    return ui.input(name, value=text).classes("w-36").on("change", changed)
+
+
+def _value(control: Any, default: Any) -> Any:
+    """The value of a control, as the method takes it."""
+    value = control.value
+    if not isinstance(value, str):
+        whole = isinstance(default, int) and isinstance(value, float) and value.is_integer()
+        return int(value) if whole else value
+    if isinstance(default, str):
+        return value
+    if not value:
+        return None
+    try:
+        return json.loads(value)
+    except json.JSONDecodeError:
+        return value

@@ -1,0 +1,130 @@
+"""What steps are built from: work with its progress, refusals in words, figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from nicegui import ui
+
+from fringeworks.studio.state import Session, Studio
+from fringeworks.studio.worker import Job, Worker
+from fringeworks.types import InputError
+
+UPDATE_S = 0.25
+"""Time between two looks at work that is done, s."""
+SCENES = ["plane", "sphere", "bust", *(f"board-{k}" for k in range(10))]
+"""What a virtual camera can look at."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """What a step has of the page."""
+
+    studio: Studio
+    session: Session
+    go: Callable[[str], None]
+    """Show another step."""
+
+    def attempt(self, action: Callable[[], Any]) -> Callable[[], None]:
+        """Return a handler that says why something was refused."""
+
+        def handler() -> None:
+            try:
+                action()
+            except InputError as problem:
+                ui.notify(str(problem), type="warning", multi_line=True, timeout=10_000)
+
+        return handler
+
+
+def work(
+    step: Step, worker: Worker, names: tuple[str, ...], done: Callable[[Job], None] | None = None
+) -> None:
+    """Show how far the work of a worker is, whatever page has begun it.
+
+    Parameters
+    ----------
+    step : Step
+    worker : Worker
+    names : tuple of str
+        Beginnings of the names of work that this place shows.
+    done : callable, optional
+        Called once when such work has ended well.
+    """
+    told: dict[str, Job | None] = {"ended": worker.job}
+    with ui.column().classes("w-full gap-1") as box:
+        label = ui.label().props('role="status"')
+        bar = ui.linear_progress(0.0, show_value=False).props('aria-label="progress"')
+        cancel = ui.button("Cancel", on_click=worker.cancel).props("flat dense no-caps")
+    problem = ui.label().classes("text-negative").props('role="alert"')
+
+    def update() -> None:
+        job = worker.job if worker.job and worker.job.name.startswith(names) else None
+        running = job is not None and job.state == "running"
+        box.set_visibility(running)
+        cancel.set_visibility(running and (worker is not step.studio.devices or _mine(step)))
+        problem.set_visibility(job is not None and job.state in ("failed", "cancelled"))
+        if job is None:
+            return
+        label.set_text(_progress(job))
+        bar.set_value(job.share)
+        problem.set_text("Cancelled." if job.state == "cancelled" else job.problem)
+        if job.state == "done" and told["ended"] is not job:
+            told["ended"] = job
+            if done is not None:
+                done(job)
+
+    if worker.busy:
+        told["ended"] = None
+    ui.timer(UPDATE_S, update)
+    update()
+
+
+def _mine(step: Step) -> bool:
+    return step.studio.holds(step.session)
+
+
+def _progress(job: Job) -> str:
+    left = "" if job.left_s is None else f", about {job.left_s:.0f} s left"
+    count = f" ({job.steps} of {job.total})" if job.total else ""
+    return f"{job.name}: {job.label}{count}{left}"
+
+
+def devices(step: Step) -> None:
+    """Choose projector and camera; for the virtual ones, what they look at."""
+    studio = step.studio
+    with ui.row().classes("items-end"):
+        for role in ("projector", "camera"):
+            found = studio.found[role == "camera"]
+            options = sorted({*found, "virtual", getattr(studio, role)})
+            select = ui.select(options, label=role.capitalize(), with_input=True)
+            select.props('new-value-mode="add-unique"').classes("w-56")
+            select.bind_value(studio, role)
+        scene = ui.select(SCENES, label="Virtual scene", value=_scene(studio.camera))
+        scene.classes("w-40").bind_visibility_from(
+            studio, "camera", lambda words: str(words).startswith("virtual")
+        )
+        scene.on_value_change(lambda event: _look_at(studio, event.value))
+
+
+def _scene(words: str) -> str:
+    name = words.partition(":")[2]
+    return name if name in SCENES else "bust"
+
+
+def _look_at(studio: Studio, scene: str) -> None:
+    if studio.camera.startswith("virtual"):
+        studio.camera = f"virtual:{scene}"
+
+
+def figures(values: dict[str, Any], names: dict[str, str]) -> None:
+    """Show single figures with their names."""
+    with ui.grid(columns="max-content auto").classes("gap-x-6 gap-y-0"):
+        for key, name in names.items():
+            value = values.get(key)
+            if value is None:
+                continue
+            ui.label(name).classes("opacity-80")
+            ui.label(f"{value:.4g}" if isinstance(value, float) else str(value))

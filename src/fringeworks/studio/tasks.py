@@ -1,0 +1,269 @@
+"""What the studio's workers do: each task calls the library as a command of ``fringeworks`` does.
+
+They run in a worker's process, with a ``Link`` to the page first. What they return is small: files
+hold the rest.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from fringeworks.devices.listing import list_devices
+from fringeworks.devices.opening import open_devices
+from fringeworks.evaluate.errors import error_map, errors
+from fringeworks.files.exposures import is_exposures
+from fringeworks.files.pair import CAPTURE_FILE
+from fringeworks.files.points import write_points
+from fringeworks.files.rig import read_rig, write_rig
+from fringeworks.files.surfaces import write_surface
+from fringeworks.files.toml import kind_of
+from fringeworks.pipeline.boards import calibrate_stacks
+from fringeworks.pipeline.pairs import Reconstruction, reconstruct
+from fringeworks.pipeline.stacks import decode_stack, measure
+from fringeworks.report.display import plot
+from fringeworks.report.figures import save_figure
+from fringeworks.report.page.load import load_result
+from fringeworks.report.page.report import write_report
+from fringeworks.report.page.surfaces import is_surface, packed
+from fringeworks.report.summary import summarise
+from fringeworks.report.viewer.pack import pack_surface
+from fringeworks.scan.capture import capture
+from fringeworks.scan.hdr import capture_hdr
+from fringeworks.scan.live_calibration import PoseTaker
+from fringeworks.scan.saturation import CLIPPED_SHARE, largest_count
+from fringeworks.scan.setup import SetupStopped, set_up
+from fringeworks.scan.setup_file import StoredSetup, read_setup, write_setup
+from fringeworks.scan.uniform import uniform_picture
+from fringeworks.simulate.scene import standard_scene
+from fringeworks.studio.worker import Link
+from fringeworks.types import CameraSettings, Decoded, InputError
+
+LIVE_S = 0.1
+"""Shortest time between two live pictures, s."""
+LIVE_PX = 960
+"""Longer side of a live picture, px."""
+LEARNED_PX = 400
+"""Side of simulated frames, px: a trial then takes a second."""
+PIXELS = 2_000_000
+"""Pixels of a surface that the page shows; larger ones are thinned, which is said."""
+
+_POSES: dict[tuple[str, str], PoseTaker] = {}
+"""The judged poses by folder and board: earlier ones are not judged again for every new one."""
+
+
+def find_devices(link: Link) -> tuple[list[str], list[str]]:
+    """Words of the projectors and cameras that are there."""
+    link.progress("looking for devices")
+    return tuple([d.words for d in found if d.usable] for found in list_devices())  # type: ignore[return-value]
+
+
+def live_picture(link: Link, projector: str, camera: str, level: float, exposure_ms: Any) -> None:
+    """Send live pictures until told to stop."""
+    shows, films = open_devices(projector, camera)
+    with shows, films:
+        settings = films.configure(CameraSettings(exposure_ms=exposure_ms, triggered=False))
+        shows.show(uniform_picture(shows, level))
+        while not link.stopped():
+            begun = time.monotonic()
+            films.discard()
+            grab = films.grab()
+            if grab.complete:
+                full = largest_count(settings, grab.pixels.dtype)
+                link.show("picture", _live(grab.pixels, full))
+            time.sleep(max(0.0, LIVE_S - (time.monotonic() - begun)))
+
+
+def _live(pixels: NDArray[Any], full: float) -> dict[str, Any]:
+    """A frame as JPEG, saturated pixels red, and what helps to expose and to focus."""
+    step = max(1, -(-max(pixels.shape) // LIVE_PX))
+    part = pixels[::step, ::step].astype(np.float32) / full
+    grey = np.clip(255.0 * part, 0, 255).astype(np.uint8)
+    shown = np.repeat(grey[..., None], 3, axis=2)
+    saturated = part >= CLIPPED_SHARE
+    shown[saturated] = (230, 0, 0)
+    file = BytesIO()
+    Image.fromarray(shown).save(file, "JPEG", quality=85)
+    edges = np.abs(np.diff(part, axis=1)).mean() / max(float(part.mean()), 1e-3)
+    return {
+        "jpeg": file.getvalue(),
+        "size": [shown.shape[1], shown.shape[0]],
+        "grey": grey.tobytes(),
+        "saturated_share": float(saturated.mean()),
+        "mean_share": float(part.mean()),
+        "sharpness": float(edges),
+    }
+
+
+def run_setup(link: Link, target: str, projector: str, camera: str, frames: int) -> dict[str, Any]:
+    """Do a set-up and write its files."""
+    link.progress("opening the devices")
+    shows, films = open_devices(projector, camera)
+    with shows, films:
+        try:
+            found = set_up(shows, films, frames=frames, axes=("x", "y"), progress=link.progress)
+        except SetupStopped as stopped:
+            save_figure(plot(stopped.tests), Path(target).with_suffix(".png"))
+            raise
+    save_figure(plot(found), Path(target).with_suffix(".png"))
+    write_setup(target, found, projector=projector, camera=camera)
+    return summarise(found)
+
+
+def take_pose(
+    link: Link, setup: str, folder: str, board: str, devices: tuple[str, str]
+) -> dict[str, Any]:
+    """Take one pose of a board, and judge all."""
+    poses = _poses(folder, board)
+    stored = read_setup(setup)
+    link.progress("opening the devices")
+    shows, films = open_devices(*devices)
+    with shows, films:
+        taken = poses.take(
+            shows, films, stored.plan, settings=stored.settings, progress=link.progress
+        )
+    return {"name": taken.name, "corners": taken.corners, "problem": taken.problem} | _judged(poses)
+
+
+def judge(link: Link, folder: str, board: str) -> dict[str, Any]:
+    """Judge the poses that lie in a folder, after one was deleted or the studio was opened."""
+    link.progress("finding the board in the poses")
+    _POSES.pop((folder, board), None)
+    return _judged(_poses(folder, board))
+
+
+def _poses(folder: str, board: str) -> PoseTaker:
+    key = folder, board
+    if key not in _POSES:
+        _POSES[key] = PoseTaker(folder, board)
+    return _POSES[key]
+
+
+def _judged(poses: PoseTaker) -> dict[str, Any]:
+    return {"judgement": str(poses.judgement), "enough": poses.judgement.enough}
+
+
+def run_calibration(link: Link, folder: str, board: str, target: str) -> dict[str, Any]:
+    """Calibrate a rig from poses, and write it."""
+    found = calibrate_stacks(folder, board, progress=link.progress)
+    write_rig(target, found.rig)
+    save_figure(plot(found), Path(target).with_suffix(".png"))
+    return summarise(found)
+
+
+def scan(
+    link: Link, setup: str, devices: tuple[str, str], target: str, exposures: int, average: int
+) -> dict[str, Any]:
+    """Take the frames of an object."""
+    stored: StoredSetup = read_setup(setup)
+    link.progress("opening the devices")
+    shows, films = open_devices(*devices)
+    common: dict[str, Any] = {"average": average, "progress": link.progress}
+    with shows, films:
+        if exposures > 1:
+            films.configure(stored.settings)
+            capture_hdr(shows, films, stored.plan, target, exposures, **common)
+        else:
+            capture(shows, films, stored.plan, target, settings=stored.settings, **common)
+    return {"capture": Path(target).name}
+
+
+def show(
+    link: Link,
+    source: str,
+    rig: str | None,
+    method: str,
+    options: dict[str, Any],
+    target: str,
+) -> dict[str, Any]:
+    """Compute or read a result, and pack it for the viewer."""
+    result = compute(link, source, rig, method, options)
+    figures = _figures(result)
+    if isinstance(result, Decoded):
+        result = next(iter(result.maps.values()))
+    if not is_surface(result):
+        raise InputError(f"{Path(source).name}: expected a surface, got another result")
+    link.progress("packing the surface")
+    known = None if rig is None else read_rig(rig)
+    every = _thinning(result)
+    surface = packed(result, title=Path(source).name, camera=known, every=every)
+    Path(target).write_bytes(surface.data)
+    return {"figures": figures, "every": every, "title": Path(source).name}
+
+
+def is_stack(folder: Path) -> bool:
+    """Whether a capture has the frames of a plan, and is no pair."""
+    return is_exposures(folder) or kind_of(folder / CAPTURE_FILE) == "stack"
+
+
+def compute(link: Link, source: str, rig: str | None, method: str, options: dict[str, Any]) -> Any:
+    """The result of a capture, or the one in a file."""
+    path = Path(source)
+    if not path.is_dir():
+        link.progress("reading")
+        return load_result(path)
+    if not is_stack(path):
+        link.progress(f"measuring by {method}")
+        return reconstruct(path, method, **options)
+    link.progress("decoding and measuring")
+    return decode_stack(path) if rig is None else measure(path, rig)
+
+
+def learn(
+    link: Link, body: str, method: str, settings: dict[str, Any], target: str
+) -> dict[str, Any]:
+    """Measure a simulated body, and pack it with its true error."""
+    link.progress(f"simulating {body}")
+    scene = standard_scene(body, size=LEARNED_PX, bits=8, seed=1, **settings)
+    assert scene.truth_mm is not None
+    link.progress(f"measuring by {method}")
+    result = reconstruct(scene, method)
+    deviation = error_map(result.surface, scene.truth_mm)
+    surface = pack_surface(result, deviation=deviation, title=f"{body}, {method}")
+    Path(target).write_bytes(surface.data)
+    return asdict(errors(result.surface, scene.truth_mm)) | {"method": method}
+
+
+def export(
+    link: Link,
+    source: str,
+    rig: str | None,
+    method: str,
+    options: dict[str, Any],
+    target: str,
+    kind: str,
+) -> str:
+    """Write a result or its report in the format of the target's suffix."""
+    result = compute(link, source, rig, method, options)
+    link.progress("writing")
+    path = Path(target)
+    if path.suffix in (".html", ".pdf"):
+        write_report(path, {Path(source).name: result}, rig=rig)
+    elif isinstance(result, Reconstruction):
+        write_surface(path, result.surface, ply="mesh" if kind == "mesh" else "points")
+    else:
+        points = getattr(result, "points", result)
+        write_points(path, points, kind="mesh" if kind == "mesh" else "points")
+    return path.name
+
+
+def _figures(result: Any) -> dict[str, Any]:
+    try:
+        return summarise(result)
+    except InputError:
+        return {}
+
+
+def _thinning(result: Any) -> int:
+    """Every how many columns and rows are shown."""
+    inner = getattr(result, "points", getattr(result, "surface", result))
+    reason = getattr(inner, "reason", None)
+    pixels = len(inner.xyz_mm) if reason is None else reason.size
+    return max(1, int(np.ceil(np.sqrt(pixels / PIXELS))))

@@ -1,0 +1,214 @@
+"""Work in a process of its own, so that the page answers meanwhile, and survives its end."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from typing import Any, Literal
+
+from fringeworks.types import InputError
+
+NICENESS = 10
+"""Added to the priority number of a worker's process: the page comes first."""
+ENDED_S = 5.0
+"""Longest wait for a process to end, s."""
+STOP = "stop"
+"""Sent to work that goes on until it is told to stop."""
+
+State = Literal["running", "done", "failed", "cancelled"]
+
+
+@dataclass
+class Job:
+    """A piece of work: how far it is, and what came of it."""
+
+    name: str
+    """What is done, in words."""
+    total: int = 0
+    """Number of steps; 0 where it is not known."""
+    steps: int = 0
+    """Number of steps that have begun."""
+    label: str = ""
+    """The present step."""
+    state: State = "running"
+    result: Any = None
+    """What the function returned."""
+    problem: str = ""
+    """Why it failed, in one sentence."""
+    started_s: float = field(default_factory=time.monotonic)
+    latest: dict[str, Any] = field(default_factory=dict)
+    """The last value that the work has sent, by kind."""
+
+    @property
+    def share(self) -> float:
+        """Share of the steps that have begun, 0…1."""
+        return min(self.steps / self.total, 1.0) if self.total else 0.0
+
+    @property
+    def left_s(self) -> float | None:
+        """Time left, s; None where it is not known."""
+        if not self.total or self.steps < 2:
+            return None
+        passed_s = time.monotonic() - self.started_s
+        return passed_s * (self.total - self.steps + 1) / (self.steps - 1)
+
+
+class Link:
+    """What work has of the page: it tells its progress, and asks whether to stop."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+
+    def progress(self, label: str) -> None:
+        """Tell that a step begins."""
+        self._pipe.send(("progress", label))
+
+    def show(self, kind: str, value: Any) -> None:
+        """Send a value that takes the place of the one before."""
+        self._pipe.send(("latest", (kind, value)))
+
+    def stopped(self) -> bool:
+        """Whether the page has asked the work to stop."""
+        return self._pipe.poll() and self._pipe.recv() == STOP
+
+
+Task = Callable[..., Any]
+"""A function of a module, called with a ``Link`` and what it was given; both ways by pickle."""
+
+
+class Worker:
+    """A process that does one piece of work after the other.
+
+    It is started for the first work, and again after it has ended in any way.
+    """
+
+    def __init__(self) -> None:
+        self._context = multiprocessing.get_context("spawn")
+        self._process: Any = None
+        self._pipe: Connection | None = None
+        self._lock = threading.Lock()
+        self.job: Job | None = None
+        """The present or last piece of work."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether work is being done."""
+        return self.job is not None and self.job.state == "running"
+
+    def start(self, name: str, task: Task, *given: Any, total: int = 0) -> Job:
+        """Begin a piece of work.
+
+        Raises
+        ------
+        InputError while other work is being done.
+        """
+        with self._lock:
+            if self.busy:
+                assert self.job is not None
+                raise InputError(f"expected no other work, got {self.job.name} that is running")
+            self.job = Job(name, total)
+            pipe = self.warm()
+            try:
+                pipe.send((task, given))
+            except OSError:
+                # The process has ended since; a new one takes its place.
+                self._end()
+                self.warm().send((task, given))
+            threading.Thread(target=self._follow, args=(self.job, self._pipe), daemon=True).start()
+            return self.job
+
+    def warm(self) -> Connection:
+        """Start the process, where there is none; it loads the library meanwhile."""
+        if self._process is None or not self._process.is_alive():
+            self._pipe, far = self._context.Pipe()
+            self._process = self._context.Process(target=_serve, args=(far,), daemon=True)
+            self._process.start()
+            far.close()
+        assert self._pipe is not None
+        return self._pipe
+
+    def stop(self) -> None:
+        """Ask work that goes on for ever to stop."""
+        if self.busy and self._pipe is not None:
+            self._pipe.send(STOP)
+
+    def cancel(self) -> None:
+        """End the work at once. What it has written so far stays."""
+        with self._lock:
+            if self.busy and self.job is not None:
+                self.job.state = "cancelled"
+                self._end()
+
+    def close(self) -> None:
+        """End the process."""
+        with self._lock:
+            self._end()
+
+    @property
+    def process_id(self) -> int | None:
+        """Of the process; None where there is none."""
+        return None if self._process is None else self._process.pid
+
+    def _end(self) -> None:
+        if self._process is not None:
+            self._process.terminate()
+            self._process.join(ENDED_S)
+            if self._process.is_alive():
+                self._process.kill()
+        self._process = None
+
+    def _follow(self, job: Job, pipe: Connection) -> None:
+        """Keep a job's state true until it ends."""
+        try:
+            while job.state == "running":
+                kind, value = pipe.recv()
+                if kind == "progress":
+                    job.label, job.steps = value, job.steps + 1
+                elif kind == "latest":
+                    job.latest[value[0]] = value[1]
+                elif kind == "done":
+                    job.result, job.state = value, "done"
+                else:
+                    job.problem, job.state = value, "failed"
+        except (EOFError, OSError):
+            if job.state == "running":
+                job.problem = f"{job.name}: expected a result, but the process ended; start again"
+                job.state = "failed"
+
+
+def _serve(pipe: Connection) -> None:
+    """Do the work that comes, in the worker's process."""
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
+    link = Link(pipe)
+    while True:
+        try:
+            task, given = _next(pipe)
+        except (EOFError, OSError, KeyboardInterrupt):
+            return
+        try:
+            answer = ("done", task(link, *given))
+        except InputError as problem:
+            answer = ("failed", str(problem))
+        except KeyboardInterrupt:
+            return
+        except MemoryError:
+            answer = ("failed", "expected enough memory, got too little: use smaller frames")
+        except Exception as problem:
+            answer = ("failed", f"internal error, please report it: {problem!r}")
+        try:
+            pipe.send(answer)
+        except (OSError, ValueError):
+            return
+
+
+def _next(pipe: Connection) -> tuple[Task, tuple[Any, ...]]:
+    """The next work; a late word to stop is passed over."""
+    while (message := pipe.recv()) == STOP:
+        pass
+    return message  # type: ignore[no-any-return]

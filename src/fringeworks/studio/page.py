@@ -23,12 +23,15 @@ MARKS = {"to do": "○", "running": "…", "good": "✓", "look here": "!"}
 """Marks of a step's state; the words are read to those who do not see them."""
 UPDATE_S = 0.5
 """Time between two looks at the states of the steps, s."""
+PRIMARY, WARNING = "#1f5fbf", "#8a5300"
+"""Colours of controls and of findings; both have a contrast of 4.5 or more to white."""
 STYLE = """
 .fringe-viewer-mount { height: max(30rem, calc(100vh - 18rem)); }
 .fw-steps button { justify-content: flex-start; text-transform: none; }
 .fw-live { max-width: min(100%, 960px); image-rendering: pixelated; }
 .fw-code { white-space: pre-wrap; font-family: ui-monospace, monospace; font-size: 13px; }
 .nicegui-content { padding: 1rem; }
+.fringe-viewer h2 { font-size: 1.1rem; font-weight: 600; line-height: 1.3; }
 """
 """Style of the page beside the viewer's."""
 SCRIPT = """
@@ -63,6 +66,7 @@ def add_page(studio: Studio) -> None:
     def _page() -> None:
         session = studio.session(str(app.storage.browser["id"]))
         ui.add_head_html(SCRIPT)
+        ui.colors(primary=PRIMARY, warning=WARNING)
         with ui.header().classes("items-center"):
             ui.label("fringeworks studio").classes("text-lg")
             ui.label(str(studio.workspace.root)).classes("opacity-80")
@@ -83,9 +87,9 @@ class _Shell:
         self._content = content
         self._buttons: dict[str, ui.button] = {}
         with steps:
-            for name, (purpose, _) in STEPS.items():
+            for name in STEPS:
                 button = ui.button(name, on_click=lambda _, name=name: self.go(name))
-                button.props("flat no-caps align=left").tooltip(purpose)
+                button.props("flat no-caps align=left")
                 self._buttons[name] = button
         ui.timer(UPDATE_S, self._mark)
         self.go(session.step)

@@ -18,6 +18,8 @@ from fringeworks.studio.workspace import Workspace, open_workspace
 from fringeworks.types import FileProblem, InputError
 
 StepState = Literal["to do", "running", "good", "look here"]
+VIRTUAL = "virtual"
+"""The devices that need no hardware."""
 USUAL_BOARD = "chessboard:11x8:12"
 """The board that is offered first."""
 USUAL_FRAMES = 24
@@ -75,7 +77,9 @@ class Studio:
         self.workspace: Workspace = open_workspace(folder)
         self.devices = Worker()
         self.compute = Worker()
-        self.projector = self.camera = "virtual"
+        self.projector = self.camera = VIRTUAL
+        self.scene = "bust"
+        """What the virtual camera looks at."""
         self.found: tuple[list[str], list[str]] = ([], [])
         """Words of the projectors and cameras that were found."""
         self.board = USUAL_BOARD
@@ -95,6 +99,14 @@ class Studio:
         except InputError:
             return
         self.projector, self.camera = stored.projector, stored.camera
+        if stored.camera.startswith(f"{VIRTUAL}:"):
+            self.camera, _, self.scene = stored.camera.partition(":")
+
+    @property
+    def words(self) -> tuple[str, str]:
+        """Words that open projector and camera."""
+        virtual = self.camera == VIRTUAL
+        return self.projector, f"{VIRTUAL}:{self.scene}" if virtual else self.camera
 
     def session(self, name: str) -> Session:
         """The session of a visitor, which is begun with the first visit."""
@@ -156,14 +168,14 @@ class Studio:
     def start_live(self, session: Session, level: float, exposure_ms: float | None) -> Job:
         """Show what the camera sees, until it is stopped."""
         self.hold(session)
-        words = self.projector, self.camera
+        words = self.words
         return self.devices.start("live picture", tasks.live_picture, *words, level, exposure_ms)
 
     def run_setup(self, session: Session) -> Job:
         """Do a set-up."""
         self.hold(session)
         target = str(self.workspace.setup)
-        words = self.projector, self.camera
+        words = self.words
         job = self.devices.start(
             "set up", tasks.run_setup, target, *words, USUAL_FRAMES, total=SETUP_STEPS
         )
@@ -180,7 +192,7 @@ class Studio:
         """Take a pose of the board."""
         self._needs(self.workspace.setup, "a set-up; do the first step")
         self.hold(session)
-        space, words = self.workspace, (self.projector, self.camera)
+        space, words = self.workspace, self.words
         frames = read_setup(space.setup).plan.frames
         job = self.devices.start(
             "calibrate",
@@ -238,7 +250,7 @@ class Studio:
         self._needs(self.workspace.setup, "a set-up; do the first step")
         target = self.workspace.new(name)
         self.hold(session)
-        words = self.projector, self.camera
+        words = self.words
         frames = exposures * read_setup(self.workspace.setup).plan.frames
         job = self.devices.start(
             "scan",

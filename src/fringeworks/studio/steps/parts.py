@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
-from fringeworks.studio.state import Session, Studio
+from fringeworks.studio.state import VIRTUAL, Session, Studio
 from fringeworks.studio.worker import Job, Worker
 from fringeworks.types import InputError
 
@@ -98,25 +98,11 @@ def devices(step: Step) -> None:
     with ui.row().classes("items-end"):
         for role in ("projector", "camera"):
             found = studio.found[role == "camera"]
-            options = sorted({*found, "virtual", getattr(studio, role)})
-            select = ui.select(options, label=role.capitalize(), with_input=True)
-            select.props('new-value-mode="add-unique"').classes("w-56")
-            select.bind_value(studio, role)
-        scene = ui.select(SCENES, label="Virtual scene", value=_scene(studio.camera))
-        scene.classes("w-40").bind_visibility_from(
-            studio, "camera", lambda words: str(words).startswith("virtual")
-        )
-        scene.on_value_change(lambda event: _look_at(studio, event.value))
-
-
-def _scene(words: str) -> str:
-    name = words.partition(":")[2]
-    return name if name in SCENES else "bust"
-
-
-def _look_at(studio: Studio, scene: str) -> None:
-    if studio.camera.startswith("virtual"):
-        studio.camera = f"virtual:{scene}"
+            field = ui.input(role.capitalize(), autocomplete=sorted({*found, VIRTUAL}))
+            field.classes("w-56").bind_value(studio, role)
+        scene = ui.select(SCENES, label="Virtual scene").classes("w-40")
+        scene.bind_value(studio, "scene")
+        scene.bind_visibility_from(studio, "camera", lambda words: words == VIRTUAL)
 
 
 def figures(values: dict[str, Any], names: dict[str, str]) -> None:

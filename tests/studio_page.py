@@ -1,0 +1,93 @@
+"""A studio in a process of its own, and a browser before it."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("nicegui", reason="nicegui is not installed")
+
+READY_S = 60.0
+
+
+class Running:
+    """A studio that was started by the command."""
+
+    def __init__(self, folder, *options):
+        self.folder = Path(folder)
+        command = [sys.executable, "-m", "fringeworks", "studio", str(folder), "--no-show"]
+        self.started_s = time.monotonic()
+        self.process = subprocess.Popen(
+            [*command, "--port", "0", *options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        said = self.process.stdout.readline()
+        found = re.search(r"http://\S+", said)
+        assert found, said + self.process.stderr.read()
+        self.address = found[0]
+        self._wait()
+
+    def _wait(self):
+        while time.monotonic() - self.started_s < READY_S:
+            with contextlib.suppress(urllib.error.URLError, ConnectionError):
+                urllib.request.urlopen(self.address, timeout=5).read()
+                return
+            time.sleep(0.1)
+        raise AssertionError("the studio did not answer")
+
+    def close(self):
+        self.process.terminate()
+        try:
+            self.process.wait(20)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self.process.stdout.close()
+        self.process.stderr.close()
+
+
+class Visitor:
+    """A page of a studio."""
+
+    def __init__(self, context, address):
+        self.requests, self.complaints = [], []
+        self.page = context.new_page()
+        self.page.set_default_timeout(60_000)
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.goto(address)
+        self.page.wait_for_selector(".fw-steps button")
+
+    def step(self, name):
+        self.page.locator(".fw-steps button", has_text=name).click()
+
+    def click(self, name):
+        self.page.get_by_role("button", name=name, exact=True).click()
+
+    def choose(self, label, option):
+        self.page.get_by_label(label, exact=True).first.click()
+        self.page.get_by_role("option", name=option, exact=True).click()
+        self.page.locator(".q-menu").wait_for(state="hidden")
+
+    def sees(self, text, timeout_s=60):
+        self.page.get_by_text(text).first.wait_for(timeout=1000 * timeout_s)
+
+    def surface(self, timeout_s=60):
+        """Wait for a surface, and return how many points it has."""
+        self.page.wait_for_function(
+            "document.querySelector('.fringe-viewer-mount')?.viewer?.surfaces?.length",
+            timeout=1000 * timeout_s,
+        )
+        return self.page.evaluate(
+            "document.querySelector('.fringe-viewer-mount').viewer.surfaces.at(-1).header.count"
+        )

@@ -38,9 +38,10 @@ class Running:
         self._wait()
 
     def _wait(self):
+        opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
         while time.monotonic() - self.started_s < READY_S:
             with contextlib.suppress(urllib.error.URLError, ConnectionError):
-                urllib.request.urlopen(self.address, timeout=5).read()
+                opener.open(self.address, timeout=5).read()
                 return
             time.sleep(0.1)
         raise AssertionError("the studio did not answer")

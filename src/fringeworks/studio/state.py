@@ -88,6 +88,8 @@ class Studio:
         """What the last pose, or the judgement of all, said."""
         self._sessions: dict[str, Session] = {}
         self._holder: str | None = None
+        self._computing: str | None = None
+        """The visitor whose computation is the present or last one."""
         self._numbers = itertools.count(1)
         self._packed = Path(tempfile.mkdtemp(prefix="fringeworks-studio-"))
         if self.workspace.setup.is_file():
@@ -273,6 +275,7 @@ class Studio:
 
     def look(self, session: Session, source: str, method: str, options: dict[str, Any]) -> Job:
         """Compute a surface, and show it; the one before is kept for comparison."""
+        self._replace(session)
         number = next(self._numbers)
         job = self.compute.start(
             f"measuring {source}",
@@ -290,6 +293,7 @@ class Studio:
         self, session: Session, body: str, method: str, settings: dict[str, Any]
     ) -> tuple[Job, int]:
         """Measure a simulated body, and show it with its true error."""
+        self._replace(session)
         number = next(self._numbers)
         target = str(self.surface(number))
         job = self.compute.start(
@@ -319,6 +323,13 @@ class Studio:
         stack = path.is_dir() and tasks.is_stack(path)
         rig = str(self.workspace.rig) if stack and self.workspace.rig.is_file() else None
         return str(path), rig, method, options
+
+    def _replace(self, session: Session) -> None:
+        """End a visitor's own computation, which a new one takes the place of."""
+        if self.compute.busy and self._computing == session.name:
+            self.compute.cancel()
+        if not self.compute.busy:
+            self._computing = session.name
 
     def close(self) -> None:
         """End the workers, and delete the packed surfaces."""

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
 from typing import Any, Literal
 
 from fringeworks.types import InputError
@@ -189,22 +190,24 @@ def _serve(pipe: Connection) -> None:
     while True:
         try:
             task, given = _next(pipe)
+            pipe.send(_answer(link, task, given))
         except (EOFError, OSError, KeyboardInterrupt):
             return
-        try:
-            answer = ("done", task(link, *given))
-        except InputError as problem:
-            answer = ("failed", str(problem))
-        except KeyboardInterrupt:
-            return
-        except MemoryError:
-            answer = ("failed", "expected enough memory, got too little: use smaller frames")
-        except Exception as problem:
-            answer = ("failed", f"internal error, please report it: {problem!r}")
-        try:
-            pipe.send(answer)
-        except (OSError, ValueError):
-            return
+
+
+def _answer(link: Link, task: Task, given: tuple[Any, ...]) -> tuple[str, Any]:
+    """What a task returns, or why it failed."""
+    try:
+        result = task(link, *given)
+        # What cannot be sent is found here, where it can still be told.
+        ForkingPickler.dumps(result)
+    except InputError as problem:
+        return "failed", str(problem)
+    except MemoryError:
+        return "failed", "expected enough memory, got too little: use smaller frames"
+    except Exception as problem:
+        return "failed", f"internal error, please report it: {problem!r}"
+    return "done", result
 
 
 def _next(pipe: Connection) -> tuple[Task, tuple[Any, ...]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -12,58 +13,63 @@ from fringeworks.studio.worker import Job
 
 def build(step: Step) -> None:
     """Build the step."""
-    studio = step.studio
-    with ui.row().classes("items-end"):
-        ui.input("Board").bind_value(studio, "board").classes("w-64").tooltip(
+    _Calibrate(step)
+
+
+class _Calibrate:
+    """Buttons, the poses so far, and the verdict on the rig."""
+
+    def __init__(self, step: Step) -> None:
+        self._step, self._studio = step, step.studio
+        ui.input("Board").bind_value(self._studio, "board").classes("w-64").tooltip(
             "Kind and size: chessboard:COLUMNSxROWS:SQUARE_MM, charuco:… or circles:…"
         )
-    devices(step)
-    with ui.row():
-        take = step.attempt(lambda: studio.take_pose(step.session))
-        ui.button("Take a pose", on_click=take).props("no-caps")
-        ui.button("Judge again", on_click=step.attempt(studio.judge_poses)).props("flat no-caps")
-        ui.button("Calibrate", on_click=step.attempt(studio.calibrate)).props("outline no-caps")
+        devices(step)
+        with ui.row():
+            take = step.attempt(partial(self._studio.take_pose, step.session))
+            ui.button("Take a pose", on_click=take).props("no-caps")
+            judge = step.attempt(self._studio.judge_poses)
+            ui.button("Judge again", on_click=judge).props("flat no-caps")
+            calibrate = step.attempt(self._studio.calibrate)
+            ui.button("Calibrate", on_click=calibrate).props("outline no-caps")
+        work(step, self._studio.devices, ("calibrate", "judging"), self._judged)
+        self._poses()
+        work(step, self._studio.compute, ("calibrating",), self._calibrated)
+        self._verdict()
 
-    def judged(job: Job) -> None:
-        studio.poses = job.result
-        poses.refresh()
+    def _judged(self, job: Job) -> None:
+        self._studio.poses = job.result
+        self._poses.refresh()
 
-    work(step, studio.devices, ("calibrate", "judging"), judged)
+    def _calibrated(self, job: Job) -> None:
+        self._verdict.refresh(job.result)
 
-    @ui.refreshable
-    def poses() -> None:
-        said = studio.poses
+    @ui.refreshable_method
+    def _poses(self) -> None:
+        said = self._studio.poses
         if said.get("name"):
             text = said["problem"] or f"{said['corners']} corners found"
             ui.label(f"{said['name']}: {text}").props('role="status"')
         if said.get("judgement"):
             ui.label(said["judgement"])
         with ui.row():
-            for name in studio.workspace.taken_poses():
-                undo = ui.button(f"{name} ✕", on_click=lambda _, n=name: remove(n))
+            for name in self._studio.workspace.taken_poses():
+                undo = ui.button(f"{name} ✕", on_click=partial(self._remove, name))
                 undo.props(f'flat dense no-caps aria-label="Delete {name}"')
 
-    def remove(name: str) -> None:
-        step.attempt(lambda: studio.undo_pose(name))()
-        step.attempt(studio.judge_poses)()
-        poses.refresh()
+    def _remove(self, name: str) -> None:
+        self._step.attempt(partial(self._studio.undo_pose, name))()
+        self._step.attempt(self._studio.judge_poses)()
+        self._poses.refresh()
 
-    poses()
-
-    def calibrated(job: Job) -> None:
-        verdict.refresh(job.result)
-
-    work(step, studio.compute, ("calibrating",), calibrated)
-
-    @ui.refreshable
-    def verdict(values: dict[str, Any] | None = None) -> None:
-        if not studio.workspace.rig.is_file():
+    @ui.refreshable_method
+    def _verdict(self, values: dict[str, Any] | None = None) -> None:
+        rig = self._studio.workspace.rig
+        if not rig.is_file():
             return
         said = (values or {}).get("verdict", {}).get("text")
         ui.label(said or "There is a rig. Next: scan.").props('role="status"')
-        if studio.workspace.rig.with_suffix(".png").is_file():
-            stamp = studio.workspace.rig.stat().st_mtime_ns
+        if rig.with_suffix(".png").is_file():
+            stamp = rig.stat().st_mtime_ns
             picture = ui.image(f"/file/rig.png?{stamp}").classes("w-full max-w-5xl bg-white")
             picture.props('alt="Coverage and residuals of the calibration"')
-
-    verdict()

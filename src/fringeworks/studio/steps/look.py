@@ -112,7 +112,9 @@ class _Look:
             title = Path(shown.source).name
             with ui.row().classes("items-center"):
                 ui.label(title).classes("text-lg")
-                ui.button("Export", on_click=lambda: self._step.go("export")).props("flat no-caps")
+                ui.button("Write files", on_click=lambda: self._step.go("export")).props(
+                    "flat no-caps"
+                )
             figures(shown.result["figures"], FIGURES)
             if shown.result["every"] > 1:
                 ui.label(f"Shown: one of {shown.result['every']} columns and rows.")

@@ -1,0 +1,116 @@
+"""Work in a process of its own: its progress, its end, and its death."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+
+import pytest
+
+from fringeworks.studio.worker import Worker
+from fringeworks.types import InputError
+
+
+def counted(link, count):
+    for k in range(count):
+        link.progress(f"step {k}")
+    link.show("kind", count)
+    return {"count": count}
+
+
+def refused(_):
+    raise InputError("expected a surface, got none")
+
+
+def broken(_):
+    raise ZeroDivisionError("oops")
+
+
+def dies(_):
+    os._exit(3)
+
+
+def unsendable(_):
+    return threading.Lock()
+
+
+def endless(link):
+    link.progress("begun")
+    while not link.stopped():
+        time.sleep(0.01)
+    return "stopped"
+
+
+@pytest.fixture
+def worker():
+    made = Worker()
+    yield made
+    made.close()
+
+
+def ended(job, timeout_s=60):
+    start = time.monotonic()
+    while job.state == "running":
+        assert time.monotonic() - start < timeout_s
+        time.sleep(0.01)
+    return job
+
+
+def begun(job):
+    start = time.monotonic()
+    while not job.steps:
+        assert time.monotonic() - start < 60
+        time.sleep(0.01)
+    return job
+
+
+def test_work_tells_how_far_it_is(worker):
+    job = ended(worker.start("counting", counted, 5, total=5))
+    assert (job.state, job.result, job.steps, job.label) == ("done", {"count": 5}, 5, "step 4")
+    assert job.latest == {"kind": 5}
+    assert job.share == 1.0
+    # The same process does the next work.
+    one = worker.process_id
+    ended(worker.start("counting", counted, 1))
+    assert worker.process_id == one
+
+
+@pytest.mark.parametrize(
+    ("task", "said"),
+    [
+        (refused, "expected a surface, got none"),
+        (broken, "internal error, please report it: ZeroDivisionError"),
+        (unsendable, "internal error, please report it: TypeError"),
+        (dies, "the process ended; start again"),
+    ],
+)
+def test_failures_are_a_sentence_and_the_next_work_is_done(worker, task, said):
+    job = ended(worker.start("working", task))
+    assert job.state == "failed"
+    assert said in job.problem
+    assert ended(worker.start("counting", counted, 2)).result == {"count": 2}
+
+
+def test_work_is_stopped_cancelled_and_killed(worker):
+    job = begun(worker.start("endless", endless))
+    with pytest.raises(InputError, match="endless that is running"):
+        worker.start("counting", counted, 1)
+    worker.stop()
+    assert ended(job).result == "stopped"
+    job = begun(worker.start("endless", endless))
+    worker.cancel()
+    assert job.state == "cancelled"
+    job = begun(worker.start("endless", endless))
+    os.kill(worker.process_id, signal.SIGKILL if sys.platform != "win32" else signal.SIGTERM)
+    assert "the process ended" in ended(job).problem
+    assert ended(worker.start("counting", counted, 2)).state == "done"
+
+
+def test_an_idle_process_that_dies_is_replaced(worker):
+    ended(worker.start("counting", counted, 1))
+    os.kill(worker.process_id, signal.SIGTERM)
+    time.sleep(0.5)
+    assert ended(worker.start("counting", counted, 3)).result == {"count": 3}

@@ -6,7 +6,7 @@ import itertools
 import shlex
 import shutil
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -49,18 +49,31 @@ class Shown:
     result: dict[str, Any] = field(default_factory=dict)
     """Figures and title, when the work is done."""
 
+    @property
+    def work(self) -> str:
+        """Name of the work that computes it."""
+        return f"measuring {self.source}"
+
 
 @dataclass
 class Session:
-    """What one visitor looks at."""
+    """What one visitor looks at; all tabs of a browser are one visitor."""
 
     name: str
     step: str = "set up"
     shown: Shown | None = None
     kept: Shown | None = None
     """The result before, for comparison."""
+    pending: Shown | None = None
+    """What is being computed, and takes the place of ``shown`` when it is there."""
     tried: int | None = None
     """Number of the surface of the last trial."""
+
+    def arrived(self, name: str, result: dict[str, Any]) -> None:
+        """Take over a result that was computed; the one before is kept for comparison."""
+        if self.pending is not None and name == self.pending.work:
+            self.kept, self.shown = self.shown, replace(self.pending, result=result)
+            self.pending = None
 
 
 class Studio:
@@ -284,8 +297,7 @@ class Studio:
             str(self.surface(number)),
             total=2,
         )
-        session.kept = session.shown
-        session.shown = Shown(source, method, options, number)
+        session.pending = Shown(source, method, options, number)
         self.surface(number - MOST_SURFACES).unlink(missing_ok=True)
         return job
 

@@ -82,7 +82,7 @@ class _Look:
 
     def _recompute(self) -> None:
         """Measure again with the options that were changed."""
-        if self._session.shown is not None and not self._studio.compute.busy:
+        if self._session.shown is not None:
             self._step.attempt(self._measure)()
 
     def _measure(self) -> None:
@@ -94,10 +94,8 @@ class _Look:
         self._studio.look(self._session, self._source.value, self._method.value, changed)
 
     def _arrived(self, job: Job) -> None:
-        shown = self._session.shown
-        if shown is not None and job.name == f"measuring {shown.source}":
-            shown.result = job.result
-            self._draw()
+        self._session.arrived(job.name, job.result)
+        self._draw()
 
     def _draw(self) -> None:
         shown, kept = self._session.shown, self._session.kept

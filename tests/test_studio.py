@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 
 import numpy as np
@@ -37,8 +38,9 @@ def visitor(chromium, studio):
     context.close()
 
 
+@pytest.mark.long
 @pytest.mark.timeout(600)
-def test_from_an_empty_table_to_a_part(studio, visitor, tmp_path):
+def test_from_an_empty_table_to_a_part(studio, visitor, tmp_path, monkeypatch):
     begun = time.monotonic()
     visitor.choose("Virtual scene", "plane")
     visitor.click("Set up")
@@ -72,6 +74,19 @@ def test_from_an_empty_table_to_a_part(studio, visitor, tmp_path):
     )
     assert again.read_bytes() == paths[0].read_bytes()
     assert b"FringeViewer" in paths[1].read_bytes()
+    # What was clicked can be scripted.
+    shell, python = (visitor.page.locator(".fw-code").nth(k).inner_text() for k in range(2))
+    for name in ("shell", "python"):
+        (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path / "shell")
+    for line in shell.splitlines():
+        assert run(shlex.split(line)[1:]) == 0, line
+    monkeypatch.chdir(tmp_path / "python")
+    exec(python, {})
+    for name in ("shell", "python"):
+        points = fw.read_points(tmp_path / name / "scan-001.ply")
+        radius = fw.fit_region(points.xyz_mm, "sphere").parameters["radius_mm"]
+        assert radius == pytest.approx(RADIUS_MM, abs=0.2)
 
 
 @pytest.fixture(scope="module")
@@ -186,6 +201,30 @@ def test_a_method_is_tried_on_a_virtual_body(pages):
     visitor.click("Try")
     assert visitor.surface() > 100_000
     visitor.sees("mean error 0.")
+
+
+def test_a_series_of_scans(studio, visitor):
+    """Without a rig, scans are taken and listed one after the other."""
+    assert (
+        run(
+            ["setup", "--projector", "virtual", "--camera", "virtual:plane", "--frames", "12"]
+            + ["--out", str(studio.folder / "setup.toml")]
+        )
+        == 0
+    )
+    visitor.page.reload()
+    visitor.step("Scan")
+    visitor.page.get_by_label("Scans", exact=True).fill("2")
+    visitor.page.get_by_label("Pause before each, s").fill("1")
+    visitor.click("Scan (space)")
+    visitor.sees("2 left")
+    visitor.sees("scan-002")
+    visitor.page.get_by_role("button", name="Look", exact=True).nth(1).wait_for()
+    assert len(fw.read_stack(studio.folder / "scan-002").frames) == 12
+    visitor.page.get_by_label("Name").fill("../out")
+    visitor.page.get_by_label("Scans", exact=True).fill("1")
+    visitor.click("Scan (space)")
+    visitor.sees("expected letters, digits")
 
 
 def test_the_live_picture_moves_and_one_visitor_holds_the_devices(pages):

@@ -197,9 +197,11 @@ class Studio:
         self._note(
             f"setup --projector {_quoted(words[0])} --camera {_quoted(words[1])} "
             f"--frames {USUAL_FRAMES} --axes x,y --out setup.toml",
-            f"with projector, camera:\n    fw.write_setup('setup.toml', fw.set_up(projector, "
-            f"camera, frames={USUAL_FRAMES}, axes=('x', 'y')), projector={words[0]!r}, "
-            f"camera={words[1]!r})",
+            with_devices(
+                words,
+                f"found = fw.set_up(projector, camera, frames={USUAL_FRAMES}, axes=('x', 'y'))",
+                f"fw.write_setup('setup.toml', found, projector={words[0]!r}, camera={words[1]!r})",
+            ),
         )
         return job
 
@@ -218,11 +220,19 @@ class Studio:
             words,
             total=frames + 1,
         )
-        self._note(
-            f"capture --setup setup.toml --camera {_quoted(words[1])} --out board/POSE",
-            "fw.capture(projector, camera, stored.plan, 'board/POSE', settings=stored.settings)",
-        )
+        taken = space.taken_poses()
+        names = (f"board/pose-{k:02d}" for k in range(1, len(taken) + 2))
+        self._note_capture(words, next(n for n in names if Path(n).name not in taken))
         return job
+
+    def print_board(self) -> Job:
+        """Draw the board to print."""
+        self._note(
+            f"board --kind {_quoted(self.board)} --paper A4 --out board.pdf",
+            f"fw.write_board('board.pdf', {self.board!r})",
+        )
+        target = str(self.workspace.new("board", ".pdf"))
+        return self.compute.start("drawing the board", tasks.draw_board, self.board, target)
 
     def judge_poses(self) -> Job:
         """Judge the poses that lie in the folder."""
@@ -277,13 +287,7 @@ class Studio:
             average,
             total=frames + 1,
         )
-        more = f" --hdr {exposures}" if exposures > 1 else ""
-        more += f" --average {average}" if average > 1 else ""
-        self._note(
-            f"capture --setup setup.toml --camera {_quoted(words[1])}{more} --out {_quoted(name)}",
-            f"fw.capture(projector, camera, stored.plan, {name!r}, settings=stored.settings, "
-            f"average={average})",
-        )
+        self._note_capture(words, name, exposures=exposures, average=average)
         return job
 
     def look(self, session: Session, source: str, method: str, options: dict[str, Any]) -> Job:
@@ -353,6 +357,23 @@ class Studio:
         if not path.is_file():
             raise InputError(f"{path.name}: expected {what}")
 
+    def _note_capture(
+        self, words: tuple[str, str], name: str, *, exposures: int = 1, average: int = 1
+    ) -> None:
+        more = f" --hdr {exposures}" if exposures > 1 else ""
+        more += f" --average {average}" if average > 1 else ""
+        given = f"projector, camera, stored.plan, {name!r}"
+        averaged = "" if average == 1 else f", average={average}"
+        taking = (
+            f"fw.capture({given}, settings=stored.settings{averaged})"
+            if exposures == 1
+            else f"fw.capture_hdr({given}, {exposures}{averaged})"
+        )
+        self._note(
+            f"capture --setup setup.toml --camera {_quoted(words[1])}{more} --out {_quoted(name)}",
+            "stored = fw.read_setup('setup.toml')\n" + with_devices(words, taking),
+        )
+
     def _note(self, shell: str, python: str) -> None:
         command = Command(f"fringeworks {shell}", python)
         if command not in self.done[-1:]:
@@ -361,6 +382,12 @@ class Studio:
 
 SETUP_STEPS = 8
 """Steps that a set-up tells of."""
+
+
+def with_devices(words: tuple[str, str], *lines: str) -> str:
+    """Python that runs lines with open devices."""
+    opened = f"projector, camera = fw.open_devices({words[0]!r}, {words[1]!r})"
+    return "\n".join([opened, "with projector, camera:", *(f"    {line}" for line in lines)])
 
 
 def export_commands(shown: Shown, name: str, kind: str, *, pair: bool) -> tuple[str, str]:
@@ -372,13 +399,26 @@ def export_commands(shown: Shown, name: str, kind: str, *, pair: bool) -> tuple[
         told = "".join(f" --option {k}={v}" for k, v in shown.options.items())
         return (
             f"reconstruct {source} --method {shown.method}{told} {where} {target}{mesh}",
-            f"fw.write_surface({name!r}, fw.reconstruct({shown.source!r}, {shown.method!r}, "
-            f"**{shown.options!r}).surface)",
+            _written(
+                name,
+                kind,
+                f"fw.reconstruct({shown.source!r}, {shown.method!r}, **{shown.options!r})",
+                "surface",
+            ),
         )
     return (
         f"measure {source} --rig rig.toml {where} {target}{mesh}",
-        f"fw.write_points({name!r}, fw.measure({shown.source!r}, 'rig.toml').points)",
+        _written(name, kind, f"fw.measure({shown.source!r}, 'rig.toml')", "points"),
     )
+
+
+def _written(name: str, kind: str, result: str, part: str) -> str:
+    """Python that writes a result or its report."""
+    if name.endswith((".html", ".pdf")):
+        return f"fw.write_report({name!r}, {result})"
+    option = "kind" if part == "points" else "ply"
+    mesh = f", {option}='mesh'" if kind == "mesh" else ""
+    return f"fw.write_{part}({name!r}, {result}.{part}{mesh})"
 
 
 def _quoted(text: str) -> str:

@@ -28,6 +28,7 @@ from fringeworks.files.toml import kind_of
 from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.pipeline.pairs import Reconstruction, reconstruct
 from fringeworks.pipeline.stacks import decode_stack, measure
+from fringeworks.report.board_sheet import write_board
 from fringeworks.report.display import plot
 from fringeworks.report.figures import save_figure
 from fringeworks.report.page.load import load_result
@@ -130,6 +131,13 @@ def take_pose(
             shows, films, stored.plan, settings=stored.settings, progress=link.progress
         )
     return {"name": taken.name, "corners": taken.corners, "problem": taken.problem} | _judged(poses)
+
+
+def draw_board(link: Link, board: str, target: str) -> str:
+    """Write a board to print."""
+    link.progress("drawing")
+    write_board(target, board)
+    return Path(target).name
 
 
 def judge(link: Link, folder: str, board: str) -> dict[str, Any]:

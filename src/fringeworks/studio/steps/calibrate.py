@@ -21,9 +21,11 @@ class _Calibrate:
 
     def __init__(self, step: Step) -> None:
         self._step, self._studio = step, step.studio
-        ui.input("Board").bind_value(self._studio, "board").classes("w-64").tooltip(
-            "Kind and size: chessboard:COLUMNSxROWS:SQUARE_MM, charuco:… or circles:…"
-        )
+        with ui.row().classes("items-end"):
+            board = ui.input("Board: kind:COLUMNSxROWS:SIZE_MM").classes("w-72")
+            board.bind_value(self._studio, "board")
+            draw = step.attempt(self._studio.print_board)
+            ui.button("Print", on_click=draw).props("flat no-caps")
         devices(step)
         with ui.row():
             take = step.attempt(partial(self._studio.take_pose, step.session))
@@ -34,7 +36,7 @@ class _Calibrate:
             ui.button("Calibrate", on_click=calibrate).props("outline no-caps")
         work(step, self._studio.devices, ("calibrate", "judging"), self._judged)
         self._poses()
-        work(step, self._studio.compute, ("calibrating",), self._calibrated)
+        work(step, self._studio.compute, ("calibrating", "drawing"), self._calibrated)
         self._verdict()
 
     def _judged(self, job: Job) -> None:
@@ -42,7 +44,10 @@ class _Calibrate:
         self._poses.refresh()
 
     def _calibrated(self, job: Job) -> None:
-        self._verdict.refresh(job.result)
+        if job.name == "drawing the board":
+            ui.download(f"/file/{job.result}", job.result)
+        else:
+            self._verdict.refresh(job.result)
 
     @ui.refreshable_method
     def _poses(self) -> None:

@@ -55,7 +55,7 @@ def build(step: Step) -> None:
         if not studio.done:
             return
         shell = "\n".join(command.shell for command in studio.done)
-        python = "import fringeworks as fw\n\n" + "\n".join(c.python for c in studio.done)
+        python = "\n".join(["import fringeworks as fw", *(c.python for c in studio.done)])
         for name, text in (("Commands", shell), ("Python", python)):
             ui.label(f"{name} that do the same").classes("text-lg")
             ui.label(text).classes("fw-code")

@@ -37,7 +37,7 @@ class _Look:
         self._step, self._studio, self._session = step, step.studio, step.session
         space = self._studio.workspace
         sources = [*space.captures(), *space.results()]
-        shown = self._session.shown
+        shown = self._session.pending or self._session.shown
         with ui.row().classes("items-end"):
             self._source = ui.select(
                 sources,

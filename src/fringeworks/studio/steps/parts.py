@@ -56,7 +56,8 @@ def work(
     told: dict[str, Job | None] = {"ended": worker.job}
     with ui.column().classes("w-full gap-1") as box:
         label = ui.label().props('role="status"')
-        bar = ui.linear_progress(0.0, show_value=False).props('aria-label="progress"')
+        bar = ui.linear_progress(0.0, show_value=False)
+        bar.props('instant-feedback aria-label="progress"')
         cancel = ui.button("Cancel", on_click=worker.cancel).props("flat dense no-caps")
     problem = ui.label().classes("text-negative").props('role="alert"')
 

@@ -56,10 +56,11 @@ docs: $(VENV)/.built
 gallery: $(VENV)/.built
 	SOURCE_DATE_EPOCH=0 $(BIN)/python docs/make_gallery.py
 
-# The pictures of docs/report.md and docs/viewer.md; wants Chromium.
+# The pictures of docs/report.md, docs/viewer.md and docs/studio.md; wants Chromium.
 screenshots: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
 	$(BIN)/python docs/make_screenshots.py demo/bust.html
+	$(BIN)/python docs/make_studio_screenshots.py
 
 clean:
 	rm -rf $(VENV) $(BENCH_VENV) target site demo

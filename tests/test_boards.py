@@ -27,7 +27,10 @@ def errors(view, taken):
     return min(found, key=lambda e: float(np.median(e)))
 
 
-@pytest.mark.parametrize("first", range(0, 48, 12))
+@pytest.mark.parametrize(
+    "first",
+    [0, 12, *(pytest.param(k, marks=pytest.mark.long) for k in (24, 36))],
+)
 def test_random_photographs(first):
     missed, wrong = [], []
     for seed in range(first, first + 12):

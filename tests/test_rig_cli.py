@@ -74,7 +74,8 @@ def test_rig_files_are_converted(calibrated, tmp_path):
 
 def test_a_wrong_board_writes_no_rig(shots, tmp_path):
     out = tmp_path / "rig.toml"
-    done = run("calibrate", shots / "board", "--board", "chessboard:9x7:12", "--out", out, code=2)
+    shutil.copytree(shots / "board" / "pose0", tmp_path / "one" / "pose0")
+    done = run("calibrate", tmp_path / "one", "--board", "chessboard:9x7:12", "--out", out, code=2)
     assert "3 poses or more, got 0; pose0: expected 9 × 7 inner corners, found" in done.stderr
     assert not out.exists()
 

@@ -203,15 +203,12 @@ def test_a_method_is_tried_on_a_virtual_body(pages):
     visitor.sees("mean error 0.")
 
 
+@pytest.mark.long
 def test_a_series_of_scans(studio, visitor):
     """Without a rig, scans are taken and listed one after the other."""
-    assert (
-        run(
-            ["setup", "--projector", "virtual", "--camera", "virtual:plane", "--frames", "12"]
-            + ["--out", str(studio.folder / "setup.toml")]
-        )
-        == 0
-    )
+    target = str(studio.folder / "setup.toml")
+    words = "setup --projector virtual --camera virtual:plane --frames 12 --out"
+    assert run([*words.split(), target]) == 0
     visitor.page.reload()
     visitor.step("Scan")
     visitor.page.get_by_label("Scans", exact=True).fill("2")

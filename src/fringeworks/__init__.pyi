@@ -164,6 +164,7 @@ from .scan.live import (
 from .scan.live_calibration import (
     TakenPose as TakenPose,
     calibrate_live as calibrate_live,
+    PoseTaker as PoseTaker,
     take_poses as take_poses,
 )
 from .scan.exposure import (

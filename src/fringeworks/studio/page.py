@@ -69,7 +69,8 @@ def add_page(studio: Studio) -> None:
         ui.colors(primary=PRIMARY, warning=WARNING)
         with ui.header().classes("items-center"):
             ui.label("fringeworks studio").classes("text-lg")
-            ui.label(str(studio.workspace.root)).classes("opacity-80")
+            place = ui.label(studio.workspace.root.name)
+            place.tooltip(str(studio.workspace.root))
         with ui.row().classes("w-full no-wrap items-start"):
             steps = ui.column().classes("fw-steps shrink-0").props('role="navigation"')
             content = ui.column().classes("grow min-w-0")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import shlex
 import shutil
 import tempfile
 from dataclasses import dataclass, field, replace
@@ -13,6 +12,14 @@ from typing import Any, Literal
 from fringeworks.files.atomic import StrPath
 from fringeworks.scan.setup_file import read_setup
 from fringeworks.studio import tasks
+from fringeworks.studio.script import (
+    Command,
+    board_command,
+    calibrate_command,
+    capture_command,
+    export_command,
+    set_up_command,
+)
 from fringeworks.studio.worker import Job, Worker
 from fringeworks.studio.workspace import Workspace, open_workspace
 from fringeworks.types import FileProblem, InputError
@@ -24,16 +31,10 @@ USUAL_BOARD = "chessboard:11x8:12"
 """The board that is offered first."""
 USUAL_FRAMES = 24
 """Frames of the plan that a set-up proposes: both axes, as a calibration needs them."""
+SETUP_STEPS = 8
+"""Steps that a set-up tells of."""
 MOST_SURFACES = 40
 """Packed surfaces that are kept for the page; the oldest one is deleted for a new one."""
-
-
-@dataclass(frozen=True)
-class Command:
-    """Something that was done, as a command and as Python."""
-
-    shell: str
-    python: str
 
 
 @dataclass
@@ -194,15 +195,7 @@ class Studio:
         job = self.devices.start(
             "set up", tasks.run_setup, target, *words, USUAL_FRAMES, total=SETUP_STEPS
         )
-        self._note(
-            f"setup --projector {_quoted(words[0])} --camera {_quoted(words[1])} "
-            f"--frames {USUAL_FRAMES} --axes x,y --out setup.toml",
-            with_devices(
-                words,
-                f"found = fw.set_up(projector, camera, frames={USUAL_FRAMES}, axes=('x', 'y'))",
-                f"fw.write_setup('setup.toml', found, projector={words[0]!r}, camera={words[1]!r})",
-            ),
-        )
+        self._note(set_up_command(words, USUAL_FRAMES))
         return job
 
     def take_pose(self, session: Session) -> Job:
@@ -222,15 +215,13 @@ class Studio:
         )
         taken = space.taken_poses()
         names = (f"board/pose-{k:02d}" for k in range(1, len(taken) + 2))
-        self._note_capture(words, next(n for n in names if Path(n).name not in taken))
+        name = next(n for n in names if Path(n).name not in taken)
+        self._note(capture_command(words, name))
         return job
 
     def print_board(self) -> Job:
         """Draw the board to print."""
-        self._note(
-            f"board --kind {_quoted(self.board)} --paper A4 --out board.pdf",
-            f"fw.write_board('board.pdf', {self.board!r})",
-        )
+        self._note(board_command(self.board))
         target = str(self.workspace.new("board", ".pdf"))
         return self.compute.start("drawing the board", tasks.draw_board, self.board, target)
 
@@ -264,10 +255,7 @@ class Studio:
             str(self.workspace.rig),
             total=len(poses) + 1,
         )
-        self._note(
-            f"calibrate board/ --board {_quoted(self.board)} --out rig.toml",
-            f"fw.write_rig('rig.toml', fw.calibrate_stacks('board', {self.board!r}).rig)",
-        )
+        self._note(calibrate_command(self.board))
         return job
 
     def scan(self, session: Session, name: str, *, exposures: int = 1, average: int = 1) -> Job:
@@ -287,7 +275,7 @@ class Studio:
             average,
             total=frames + 1,
         )
-        self._note_capture(words, name, exposures=exposures, average=average)
+        self._note(capture_command(words, name, exposures=exposures, average=average))
         return job
 
     def look(self, session: Session, source: str, method: str, options: dict[str, Any]) -> Job:
@@ -326,7 +314,8 @@ class Studio:
         job = self.compute.start(
             f"writing {name}", tasks.export, *given, str(target), kind, total=2
         )
-        self._note(*export_commands(shown, name, kind, pair=given[1] is None))
+        made = shown.source, shown.method, shown.options
+        self._note(export_command(*made, name, kind, pair=not given[1]))
         return job
 
     def _computed(
@@ -357,69 +346,6 @@ class Studio:
         if not path.is_file():
             raise InputError(f"{path.name}: expected {what}")
 
-    def _note_capture(
-        self, words: tuple[str, str], name: str, *, exposures: int = 1, average: int = 1
-    ) -> None:
-        more = f" --hdr {exposures}" if exposures > 1 else ""
-        more += f" --average {average}" if average > 1 else ""
-        given = f"projector, camera, stored.plan, {name!r}"
-        averaged = "" if average == 1 else f", average={average}"
-        taking = (
-            f"fw.capture({given}, settings=stored.settings{averaged})"
-            if exposures == 1
-            else f"fw.capture_hdr({given}, {exposures}{averaged})"
-        )
-        self._note(
-            f"capture --setup setup.toml --camera {_quoted(words[1])}{more} --out {_quoted(name)}",
-            "stored = fw.read_setup('setup.toml')\n" + with_devices(words, taking),
-        )
-
-    def _note(self, shell: str, python: str) -> None:
-        command = Command(f"fringeworks {shell}", python)
+    def _note(self, command: Command) -> None:
         if command not in self.done[-1:]:
             self.done.append(command)
-
-
-SETUP_STEPS = 8
-"""Steps that a set-up tells of."""
-
-
-def with_devices(words: tuple[str, str], *lines: str) -> str:
-    """Python that runs lines with open devices."""
-    opened = f"projector, camera = fw.open_devices({words[0]!r}, {words[1]!r})"
-    return "\n".join([opened, "with projector, camera:", *(f"    {line}" for line in lines)])
-
-
-def export_commands(shown: Shown, name: str, kind: str, *, pair: bool) -> tuple[str, str]:
-    """The command and the Python that write what is shown."""
-    source, target = _quoted(shown.source), _quoted(name)
-    where = "--report" if name.endswith((".html", ".pdf")) else "--out"
-    mesh = f" --ply {kind}" if name.endswith(".ply") and kind == "mesh" else ""
-    if pair:
-        told = "".join(f" --option {k}={v}" for k, v in shown.options.items())
-        return (
-            f"reconstruct {source} --method {shown.method}{told} {where} {target}{mesh}",
-            _written(
-                name,
-                kind,
-                f"fw.reconstruct({shown.source!r}, {shown.method!r}, **{shown.options!r})",
-                "surface",
-            ),
-        )
-    return (
-        f"measure {source} --rig rig.toml {where} {target}{mesh}",
-        _written(name, kind, f"fw.measure({shown.source!r}, 'rig.toml')", "points"),
-    )
-
-
-def _written(name: str, kind: str, result: str, part: str) -> str:
-    """Python that writes a result or its report."""
-    if name.endswith((".html", ".pdf")):
-        return f"fw.write_report({name!r}, {result})"
-    option = "kind" if part == "points" else "ply"
-    mesh = f", {option}='mesh'" if kind == "mesh" else ""
-    return f"fw.write_{part}({name!r}, {result}.{part}{mesh})"
-
-
-def _quoted(text: str) -> str:
-    return shlex.quote(text)

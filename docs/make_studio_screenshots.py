@@ -1,0 +1,104 @@
+"""Write the screenshots of docs/studio.md from a studio with virtual devices: make screenshots.
+
+Wants Chromium and Playwright, as the tests do.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from make_screenshots import ARGUMENTS, IMAGES, save
+from playwright.sync_api import sync_playwright
+
+POSES = 8
+"""Poses of the board: as few as give a good rig."""
+
+
+def choose(page: Any, scene: str) -> None:
+    """Choose what the virtual camera looks at."""
+    page.get_by_label("Virtual scene", exact=True).first.click()
+    page.get_by_role("option", name=scene, exact=True).click()
+    page.locator(".q-menu").wait_for(state="hidden")
+
+
+def click(page: Any, name: str) -> None:
+    """Press a button."""
+    page.get_by_role("button", name=name, exact=True).click()
+
+
+def step(page: Any, name: str) -> None:
+    """Go to a step."""
+    page.locator(".fw-steps button", has_text=name).click()
+
+
+def take(page: Any, name: str) -> None:
+    """Save what the page shows."""
+    page.mouse.move(0, 0)
+    page.wait_for_timeout(1500)
+    save(page.screenshot(), IMAGES / "studio" / f"{name}.png")
+
+
+def surface(page: Any) -> None:
+    """Wait until a surface is drawn."""
+    page.wait_for_function("document.querySelector('.fringe-viewer-mount')?.viewer?.rested")
+
+
+def walk(page: Any) -> None:
+    """Go through all steps."""
+    choose(page, "plane")
+    click(page, "Set up")
+    page.get_by_text("No finding").wait_for()
+    take(page, "set-up")
+    step(page, "Calibrate")
+    for k in range(POSES):
+        choose(page, f"board-{k}")
+        click(page, "Take a pose")
+        page.get_by_text(f"pose-{k + 1:02d}: ").wait_for()
+    click(page, "Calibrate")
+    page.get_by_text("good for").first.wait_for()
+    take(page, "calibrate")
+    step(page, "Scan")
+    choose(page, "bust")
+    click(page, "Scan (space)")
+    page.get_by_text("of 25").wait_for()
+    save(page.screenshot(), IMAGES / "studio" / "scan.png")
+    surface(page)
+    take(page, "look")
+    click(page, "Write files")
+    take(page, "export")
+    step(page, "Learn")
+    click(page, "Try")
+    surface(page)
+    take(page, "learn")
+
+
+def main() -> None:
+    """Start a studio in a temporary folder, and go through it."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "measurements"
+        command = [sys.executable, "-m", "fringeworks", "studio", str(folder), "--no-show"]
+        studio = subprocess.Popen([*command, "--port", "0"], stdout=subprocess.PIPE, text=True)
+        try:
+            assert studio.stdout is not None
+            found = re.search(r"http://\S+", studio.stdout.readline())
+            assert found is not None
+            with sync_playwright() as driver:
+                program = shutil.which("chromium") or shutil.which("chromium-browser")
+                browser = driver.chromium.launch(executable_path=program, args=ARGUMENTS)
+                page = browser.new_page(viewport={"width": 1280, "height": 1000})
+                page.set_default_timeout(120_000)
+                page.goto(found[0])
+                walk(page)
+        finally:
+            studio.terminate()
+            studio.wait()
+
+
+if __name__ == "__main__":
+    main()

@@ -16,11 +16,11 @@ WORK ?=
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
 
-# The release profile shares what the package was built from. One BLAS thread for each worker: idle
-# ones spin on the cores that the other worker needs.
+# The release profile shares what the package was built from. Three workers for two cores: some tests
+# wait for cameras and pages. One BLAS thread for each: idle ones spin on the cores of the others.
 test: $(VENV)/.built
 	cargo test --release --quiet
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal --ignore tests/test_faults.py -m "not long"
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist worksteal --ignore tests/test_faults.py -m "not long"
 
 # Statistics over many captures, which take minutes; the kernels with checks of overflow.
 long: $(VENV)/.built

@@ -138,7 +138,9 @@ def test_coordinates_between_pixels_are_exact():
         assert np.median(np.abs(error) / o.found.sigma_px) < 2.0
 
 
-@pytest.mark.parametrize("text", ["charuco:12x9:12:8.5", "circles:9x7:15"])
+@pytest.mark.parametrize(
+    "text", ["charuco:12x9:12:8.5", pytest.param("circles:9x7:15", marks=pytest.mark.long)]
+)
 def test_other_boards_calibrate_as_well(text):
     seen = [
         see(T, f"pose{k}", text=text, optics=Optics(seed=k))

@@ -71,7 +71,12 @@ def test_found_in_a_strong_gradient():
     assert rms(view, truth) < 0.03
 
 
-@pytest.mark.parametrize("hidden", [[0, 49], [38, 39], [5, 82], [24, 60], [10, 87]])
+HIDDEN = [[0, 49], [38, 39], [5, 82], [24, 60], [10, 87]]
+
+
+@pytest.mark.parametrize(
+    "hidden", [*HIDDEN[:2], *(pytest.param(h, marks=pytest.mark.long) for h in HIDDEN[2:])]
+)
 def test_two_hidden_corners_are_left_out(hidden):
     image, truth = picture(FORMS[0])
     for k in hidden:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
 
 import pytest
 
+import fringeworks as fw
+from fringeworks.simulate import Optics, bust, fringe_plan, look, photograph, standard_rig
+from fringeworks.studio import tasks
 from fringeworks.studio.worker import Worker
 from fringeworks.types import InputError
 
@@ -114,3 +118,28 @@ def test_an_idle_process_that_dies_is_replaced(worker):
     os.kill(worker.process_id, signal.SIGTERM)
     time.sleep(0.5)
     assert ended(worker.start("counting", counted, 3)).result == {"count": 3}
+
+
+def test_a_missing_package_is_named(tmp_path):
+    script = "import sys; sys.modules['nicegui'] = None; import fringeworks as fw; "
+    command = [sys.executable, "-c", f"{script}fw.run_studio({str(tmp_path)!r})"]
+    said = subprocess.run(command, capture_output=True, text=True, check=False).stderr
+    assert "MissingPackage: studio: expected nicegui" in said
+    assert "pip install 'fringeworks[studio]'" in said
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".npz", ".html"])
+def test_coordinates_without_a_rig(worker, tmp_path, suffix):
+    """A stack without a rig has coordinates, which are written as they can be."""
+    rig = standard_rig(scale=0.25)
+    plan = fringe_plan(rig, both=False)
+    frames = list(photograph(look(rig, bust()), plan, Optics(seed=1)))
+    fw.write_stack(tmp_path / "c", frames, plan)
+    target = tmp_path / f"c{suffix}"
+    given = str(tmp_path / "c"), None, "windowed", {}, str(target), ""
+    job = ended(worker.start("writing", tasks.export, *given))
+    if suffix == ".ply":
+        assert "coordinates are written as NPZ" in job.problem
+    else:
+        assert job.result == target.name, job.problem
+        assert target.is_file()

@@ -90,7 +90,7 @@ def test_kernel_measures_the_truth_within_its_sigma():
     assert 0.45 < np.mean(np.abs(error) <= sigma[inner]) < 0.9
 
 
-@pytest.mark.parametrize("fringes", [10, 40])
+@pytest.mark.parametrize("fringes", [10, pytest.param(40, marks=pytest.mark.long)])
 @pytest.mark.parametrize("gamma", [1.0, 2.2])
 def test_error_is_half_of_fouriers_on_a_noisy_scene(fringes, gamma):
     """The standard scene with 8 bit and a noise of 2 counts."""

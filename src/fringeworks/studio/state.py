@@ -101,6 +101,8 @@ class Studio:
         self.poses: dict[str, Any] = {}
         """What the last pose, or the judgement of all, said."""
         self._sessions: dict[str, Session] = {}
+        self._told: tuple[int, list[str]] = (-1, [])
+        """Findings of the set-up, and the time of its file: pages ask twice a second."""
         self._holder: str | None = None
         self._computing: str | None = None
         """The visitor whose computation is the present or last one."""
@@ -169,10 +171,14 @@ class Studio:
 
     def findings(self) -> list[str]:
         """Findings of the set-up that lies in the folder."""
-        try:
-            return list(read_setup(self.workspace.setup).findings)
-        except InputError as problem:
-            return [str(problem)]
+        path = self.workspace.setup
+        stamp = path.stat().st_mtime_ns if path.is_file() else 0
+        if self._told[0] != stamp:
+            try:
+                self._told = stamp, list(read_setup(path).findings)
+            except InputError as problem:
+                self._told = stamp, [str(problem)]
+        return self._told[1]
 
     # What the buttons do. Each starts work, and notes the command that does the same.
 

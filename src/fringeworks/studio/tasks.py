@@ -10,7 +10,7 @@ import time
 from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from PIL import Image
 from fringeworks.devices.listing import list_devices
 from fringeworks.devices.opening import open_devices
 from fringeworks.evaluate.errors import error_map, errors
+from fringeworks.files.coordinates import write_coordinates
 from fringeworks.files.exposures import is_exposures
 from fringeworks.files.pair import CAPTURE_FILE
 from fringeworks.files.points import write_points
@@ -26,7 +27,7 @@ from fringeworks.files.rig import read_rig, write_rig
 from fringeworks.files.surfaces import write_surface
 from fringeworks.files.toml import kind_of
 from fringeworks.pipeline.boards import calibrate_stacks
-from fringeworks.pipeline.pairs import Reconstruction, reconstruct
+from fringeworks.pipeline.pairs import reconstruct
 from fringeworks.pipeline.stacks import decode_stack, measure
 from fringeworks.report.board_sheet import write_board
 from fringeworks.report.display import plot
@@ -45,7 +46,7 @@ from fringeworks.scan.setup_file import StoredSetup, read_setup, write_setup
 from fringeworks.scan.uniform import uniform_picture
 from fringeworks.simulate.scene import standard_scene
 from fringeworks.studio.worker import Link
-from fringeworks.types import CameraSettings, Decoded, InputError
+from fringeworks.types import CameraSettings, Decoded, HeightMap, InputError, PointCloud
 
 LIVE_S = 0.1
 """Shortest time between two live pictures, s."""
@@ -254,12 +255,25 @@ def export(
     path = Path(target)
     if path.suffix in (".html", ".pdf"):
         write_report(path, {Path(source).name: result}, rig=rig)
-    elif isinstance(result, Reconstruction):
-        write_surface(path, result.surface, ply="mesh" if kind == "mesh" else "points")
     else:
-        points = getattr(result, "points", result)
-        write_points(path, points, kind="mesh" if kind == "mesh" else "points")
+        _write(path, result, "mesh" if kind == "mesh" else "points")
     return path.name
+
+
+def _write(path: Path, result: Any, kind: Literal["points", "mesh"]) -> None:
+    """Write heights, points or coordinates in the format of the path's suffix."""
+    inner = getattr(result, "surface", getattr(result, "points", result))
+    if isinstance(inner, HeightMap):
+        write_surface(path, inner, ply=kind)
+    elif isinstance(inner, PointCloud):
+        write_points(path, inner, kind=kind)
+    elif isinstance(inner, Decoded) and path.suffix == ".npz":
+        write_coordinates(path, inner)
+    else:
+        raise InputError(
+            f"{path.name}: expected points or heights, got another result; without a rig, "
+            "coordinates are written as NPZ or as a report"
+        )
 
 
 def _figures(result: Any) -> dict[str, Any]:

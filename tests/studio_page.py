@@ -70,7 +70,10 @@ class Visitor:
         self.page.wait_for_selector(".fw-steps button")
 
     def step(self, name):
-        self.page.locator(".fw-steps button", has_text=name).click()
+        """Go to a step, and wait until the page shows it."""
+        button = self.page.locator(".fw-steps button", has_text=name)
+        button.click()
+        self.page.locator(".fw-steps button[aria-current=page]", has_text=name).wait_for()
 
     def click(self, name):
         self.page.get_by_role("button", name=name, exact=True).click()

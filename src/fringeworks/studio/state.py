@@ -287,16 +287,16 @@ class Studio:
     def look(self, session: Session, source: str, method: str, options: dict[str, Any]) -> Job:
         """Compute a surface, and show it; the one before is kept for comparison."""
         self._replace(session)
-        number = next(self._numbers)
+        pending = Shown(source, method, options, next(self._numbers))
         job = self.compute.start(
-            f"measuring {source}",
+            pending.work,
             tasks.show,
             *self._computed(source, method, options),
-            str(self.surface(number)),
+            str(self.surface(pending.number)),
             total=2,
         )
-        session.pending = Shown(source, method, options, number)
-        self.surface(number - MOST_SURFACES).unlink(missing_ok=True)
+        session.pending = pending
+        self.surface(pending.number - MOST_SURFACES).unlink(missing_ok=True)
         return job
 
     def learn(

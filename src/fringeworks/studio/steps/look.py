@@ -37,6 +37,10 @@ class _Look:
         self._step, self._studio, self._session = step, step.studio, step.session
         space = self._studio.workspace
         sources = [*space.captures(), *space.results()]
+        job, pending = self._studio.compute.job, self._session.pending
+        if job is not None and pending is not None and job.state == "done":
+            # It ended while another step was shown.
+            self._session.arrived(job.name, job.result)
         shown = self._session.pending or self._session.shown
         with ui.row().classes("items-end"):
             self._source = ui.select(
@@ -61,7 +65,7 @@ class _Look:
         self._mount = f"c{mount.id}"
         self._below = ui.column()
         self._offer()
-        if shown and shown.result:
+        if self._session.shown is not None:
             ui.timer(0.1, self._draw, once=True)
         elif not sources:
             ui.label("There is nothing to look at yet. Scan something, or see Learn.")

@@ -31,11 +31,15 @@ class Running:
             stderr=subprocess.PIPE,
             text=True,
         )
-        said = self.process.stdout.readline()
-        found = re.search(r"http://\S+", said)
-        assert found, said + self.process.stderr.read()
-        self.address = found[0]
-        self._wait()
+        try:
+            said = self.process.stdout.readline()
+            found = re.search(r"http://\S+", said)
+            assert found, said + self.process.stderr.read()
+            self.address = found[0]
+            self._wait()
+        except BaseException:
+            self.close()
+            raise
 
     def _wait(self):
         opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())

@@ -136,8 +136,8 @@ def test_coordinates_without_a_rig(worker, tmp_path, suffix):
     frames = list(photograph(look(rig, bust()), plan, Optics(seed=1)))
     fw.write_stack(tmp_path / "c", frames, plan)
     target = tmp_path / f"c{suffix}"
-    given = str(tmp_path / "c"), None, "windowed", {}, str(target), ""
-    job = ended(worker.start("writing", tasks.export, *given))
+    source = tasks.Source(tmp_path / "c", None, "windowed", {})
+    job = ended(worker.start("writing", tasks.export, source, str(target), ""))
     if suffix == ".ply":
         assert "coordinates are written as NPZ" in job.problem
     else:

@@ -20,7 +20,7 @@ def studio(
         str | None,
         typer.Option(help="Address to serve other machines on; the page then needs a token."),
     ] = None,
-    port: Annotated[int | None, typer.Option(help="Port; a free one by default.")] = None,
+    port: Annotated[int | None, typer.Option(help="Port; by default 8137, or a free one.")] = None,
     show: Annotated[
         bool, typer.Option("--show/--no-show", help="Open the page in the browser.")
     ] = True,

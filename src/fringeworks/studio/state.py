@@ -156,7 +156,7 @@ class Studio:
         files = {
             "set up": space.setup.is_file(),
             "calibrate": space.rig.is_file(),
-            "scan": bool(space.captures()),
+            "scan": space.has_captures(),
         }
         states: dict[str, StepState] = {
             step: "running" if running == step else "good" if there else "to do"
@@ -291,7 +291,7 @@ class Studio:
         job = self.compute.start(
             pending.work,
             tasks.show,
-            *self._computed(source, method, options),
+            self._source(pending),
             str(self.surface(pending.number)),
             total=2,
         )
@@ -316,24 +316,24 @@ class Studio:
         """Write what is shown into the folder."""
         name = f"{Path(shown.source).name}{suffix}"
         target = self.workspace.new(Path(shown.source).name, suffix)
-        given = self._computed(shown.source, shown.method, shown.options)
+        source = self._source(shown)
         job = self.compute.start(
-            f"writing {name}", tasks.export, *given, str(target), kind, total=2
+            f"writing {name}", tasks.export, source, str(target), kind, total=2
         )
         made = shown.source, shown.method, shown.options
-        self._note(export_command(*made, name, kind, pair=not given[1]))
+        self._note(export_command(*made, name, kind, pair=source.rig is None))
         return job
 
-    def _computed(
-        self, source: str, method: str, options: dict[str, Any]
-    ) -> tuple[str, str | None, str, dict[str, Any]]:
+    def _source(self, shown: Shown) -> tasks.Source:
         """What a surface is computed from."""
-        path = self.workspace.inside(source)
+        path = self.workspace.inside(shown.source)
         if not path.exists():
-            raise FileProblem(f"{source}: expected a capture or result in the folder, got none")
+            raise FileProblem(
+                f"{shown.source}: expected a capture or result in the folder, got none"
+            )
         stack = path.is_dir() and tasks.is_stack(path)
-        rig = str(self.workspace.rig) if stack and self.workspace.rig.is_file() else None
-        return str(path), rig, method, options
+        rig = self.workspace.rig if stack and self.workspace.rig.is_file() else None
+        return tasks.Source(path, rig, shown.method, shown.options)
 
     def _replace(self, session: Session) -> None:
         """End a visitor's own computation, which a new one takes the place of."""

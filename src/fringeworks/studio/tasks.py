@@ -7,7 +7,7 @@ hold the rest.
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
@@ -22,7 +22,7 @@ from fringeworks.evaluate.errors import error_map, errors
 from fringeworks.files.coordinates import write_coordinates
 from fringeworks.files.exposures import is_exposures
 from fringeworks.files.pair import CAPTURE_FILE
-from fringeworks.files.points import write_points
+from fringeworks.files.points import Points, write_points
 from fringeworks.files.rig import read_rig, write_rig
 from fringeworks.files.surfaces import write_surface
 from fringeworks.files.toml import kind_of
@@ -33,8 +33,9 @@ from fringeworks.report.board_sheet import write_board
 from fringeworks.report.display import plot
 from fringeworks.report.figures import save_figure
 from fringeworks.report.page.load import load_result
+from fringeworks.report.page.report import SUFFIXES as REPORTS
 from fringeworks.report.page.report import write_report
-from fringeworks.report.page.surfaces import is_surface, packed
+from fringeworks.report.page.surfaces import is_surface, packed, surface_of
 from fringeworks.report.summary import summarise
 from fringeworks.report.viewer.pack import pack_surface
 from fringeworks.scan.capture import capture
@@ -184,27 +185,31 @@ def scan(
     return {"capture": Path(target).name}
 
 
-def show(
-    link: Link,
-    source: str,
-    rig: str | None,
-    method: str,
-    options: dict[str, Any],
-    target: str,
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Source:
+    """What a result is computed from, and how."""
+
+    path: Path
+    """A capture, or a file that holds a result."""
+    rig: Path | None
+    """Rig file, for stacks; None gives their coordinates."""
+    method: str
+    """For pairs, as the options."""
+    options: dict[str, Any]
+
+
+def show(link: Link, source: Source, target: str) -> dict[str, Any]:
     """Compute or read a result, and pack it for the viewer."""
-    result = compute(link, source, rig, method, options)
-    figures = _figures(result)
-    if isinstance(result, Decoded):
-        result = next(iter(result.maps.values()))
-    if not is_surface(result):
-        raise InputError(f"{Path(source).name}: expected a surface, got another result")
+    result = compute(link, source)
+    shown = next(iter(result.maps.values())) if isinstance(result, Decoded) else result
+    if not is_surface(shown):
+        raise InputError(f"{source.path.name}: expected a surface, got another result")
     link.progress("packing the surface")
-    known = None if rig is None else read_rig(rig)
-    every = _thinning(result)
-    surface = packed(result, title=Path(source).name, camera=known, every=every)
+    known = None if source.rig is None else read_rig(source.rig)
+    every = _thinning(shown)
+    surface = packed(shown, title=source.path.name, camera=known, every=every)
     Path(target).write_bytes(surface.data)
-    return {"figures": figures, "every": every, "title": Path(source).name}
+    return {"figures": summarise(result), "every": every}
 
 
 def is_stack(folder: Path) -> bool:
@@ -212,17 +217,16 @@ def is_stack(folder: Path) -> bool:
     return is_exposures(folder) or kind_of(folder / CAPTURE_FILE) == "stack"
 
 
-def compute(link: Link, source: str, rig: str | None, method: str, options: dict[str, Any]) -> Any:
+def compute(link: Link, source: Source) -> Any:
     """The result of a capture, or the one in a file."""
-    path = Path(source)
-    if not path.is_dir():
+    if not source.path.is_dir():
         link.progress("reading")
-        return load_result(path)
-    if not is_stack(path):
-        link.progress(f"measuring by {method}")
-        return reconstruct(path, method, **options)
+        return load_result(source.path)
+    if not is_stack(source.path):
+        link.progress(f"measuring by {source.method}")
+        return reconstruct(source.path, source.method, **source.options)
     link.progress("decoding and measuring")
-    return decode_stack(path) if rig is None else measure(path, rig)
+    return decode_stack(source.path) if source.rig is None else measure(source.path, source.rig)
 
 
 def learn(
@@ -240,21 +244,13 @@ def learn(
     return asdict(errors(result.surface, scene.truth_mm)) | {"method": method}
 
 
-def export(
-    link: Link,
-    source: str,
-    rig: str | None,
-    method: str,
-    options: dict[str, Any],
-    target: str,
-    kind: str,
-) -> str:
+def export(link: Link, source: Source, target: str, kind: str) -> str:
     """Write a result or its report in the format of the target's suffix."""
-    result = compute(link, source, rig, method, options)
+    result = compute(link, source)
     link.progress("writing")
     path = Path(target)
-    if path.suffix in (".html", ".pdf"):
-        write_report(path, {Path(source).name: result}, rig=rig)
+    if path.suffix in REPORTS:
+        write_report(path, {source.path.name: result}, rig=source.rig)
     else:
         _write(path, result, "mesh" if kind == "mesh" else "points")
     return path.name
@@ -262,7 +258,7 @@ def export(
 
 def _write(path: Path, result: Any, kind: Literal["points", "mesh"]) -> None:
     """Write heights, points or coordinates in the format of the path's suffix."""
-    inner = getattr(result, "surface", getattr(result, "points", result))
+    inner = surface_of(result)
     if isinstance(inner, HeightMap):
         write_surface(path, inner, ply=kind)
     elif isinstance(inner, PointCloud):
@@ -276,16 +272,8 @@ def _write(path: Path, result: Any, kind: Literal["points", "mesh"]) -> None:
         )
 
 
-def _figures(result: Any) -> dict[str, Any]:
-    try:
-        return summarise(result)
-    except InputError:
-        return {}
-
-
 def _thinning(result: Any) -> int:
     """Every how many columns and rows are shown."""
-    inner = getattr(result, "points", getattr(result, "surface", result))
-    reason = getattr(inner, "reason", None)
-    pixels = len(inner.xyz_mm) if reason is None else reason.size
+    inner = surface_of(result)
+    pixels = len(inner.xyz_mm) if isinstance(inner, Points) else inner.reason.size
     return max(1, int(np.ceil(np.sqrt(pixels / PIXELS))))

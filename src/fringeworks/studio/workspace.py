@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,19 +74,21 @@ class Workspace:
 
     def captures(self) -> list[str]:
         """Names of the captures, those of the board's poses left out."""
-        found = sorted(self._captures(self.root, DEEPEST))
-        return [name for name in found if not name.startswith(f"{self.poses.name}/")][:MOST_LISTED]
+        return sorted(self._captures(self.root, DEEPEST))[:MOST_LISTED]
 
-    def _captures(self, folder: Path, levels: int) -> list[str]:
-        found = []
+    def has_captures(self) -> bool:
+        """Whether there is any; pages ask twice a second."""
+        return next(self._captures(self.root, DEEPEST), None) is not None
+
+    def _captures(self, folder: Path, levels: int) -> Iterator[str]:
         for entry in folder.iterdir():
-            if entry.is_symlink() or not entry.is_dir() or entry.name.startswith("."):
+            hidden = entry.name.startswith(".") or entry == self.poses
+            if hidden or entry.is_symlink() or not entry.is_dir():
                 continue
             if (entry / CAPTURE_FILE).is_file() or is_exposures(entry):
-                found.append(entry.relative_to(self.root).as_posix())
+                yield entry.relative_to(self.root).as_posix()
             elif levels > 1:
-                found += self._captures(entry, levels - 1)
-        return found
+                yield from self._captures(entry, levels - 1)
 
     def results(self) -> list[str]:
         """Names of the files that hold results."""

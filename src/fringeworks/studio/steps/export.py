@@ -13,22 +13,14 @@ FORMATS = {
     "PLY, points": (".ply", "points"),
     "PLY, mesh": (".ply", "mesh"),
     "NPZ, everything": (".npz", ""),
-    "XYZ, text": (".xyz", ""),
     "Report, HTML": (".html", ""),
     "Report, PDF": (".pdf", ""),
 }
-"""Formats of points; heights have others."""
-HEIGHTS = {
-    "PLY, points": (".ply", "points"),
-    "PLY, mesh": (".ply", "mesh"),
-    "TIFF": (".tif", ""),
-    "NPZ, everything": (".npz", ""),
-    "X3P": (".x3p", ""),
-    "GSF": (".gsf", ""),
-    "Report, HTML": (".html", ""),
-    "Report, PDF": (".pdf", ""),
-}
-"""Formats of heights over a plane."""
+"""Formats of every result: suffix, and content of PLY."""
+OF_POINTS = {"XYZ, text": (".xyz", "")}
+"""Further formats of points."""
+OF_HEIGHTS = {"TIFF": (".tif", ""), "X3P": (".x3p", ""), "GSF": (".gsf", "")}
+"""Further formats of heights over a plane."""
 
 
 def build(step: Step) -> None:
@@ -38,7 +30,8 @@ def build(step: Step) -> None:
         ui.label("Measure something first; then it can be written.")
     else:
         ui.label(f"{shown.source}, as it is shown:")
-        formats = HEIGHTS if "quantity" in shown.result["figures"] else FORMATS
+        heights = "quantity" in shown.result["figures"]
+        formats = FORMATS | (OF_HEIGHTS if heights else OF_POINTS)
         with ui.row():
             for name, (suffix, kind) in formats.items():
                 write = step.attempt(partial(studio.export, shown, suffix, kind))

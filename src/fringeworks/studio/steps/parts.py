@@ -8,13 +8,14 @@ from typing import Any
 
 from nicegui import ui
 
+from fringeworks.devices.virtual_bench import POSES, SCENES
 from fringeworks.studio.state import VIRTUAL, Session, Studio
 from fringeworks.studio.worker import Job, Worker
 from fringeworks.types import InputError
 
 UPDATE_S = 0.25
 """Time between two looks at work that is done, s."""
-SCENES = ["plane", "sphere", "bust", *(f"board-{k}" for k in range(10))]
+SEEN = [*SCENES, *(f"board-{k}" for k in range(POSES))]
 """What a virtual camera can look at."""
 
 
@@ -101,7 +102,7 @@ def devices(step: Step) -> None:
             found = studio.found[role == "camera"]
             field = ui.input(role.capitalize(), autocomplete=sorted({*found, VIRTUAL}))
             field.classes("w-56").bind_value(studio, role)
-        scene = ui.select(SCENES, label="Virtual scene").classes("w-40")
+        scene = ui.select(SEEN, label="Virtual scene").classes("w-40")
         scene.bind_value(studio, "scene")
         scene.bind_visibility_from(studio, "camera", lambda words: words == VIRTUAL)
 

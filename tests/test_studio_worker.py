@@ -139,7 +139,7 @@ def test_coordinates_without_a_rig(worker, tmp_path, suffix):
     source = tasks.Source(tmp_path / "c", None, "windowed", {})
     job = ended(worker.start("writing", tasks.export, source, str(target), ""))
     if suffix == ".ply":
-        assert "coordinates are written as NPZ" in job.problem
+        assert "coordinates are written as .npz" in job.problem
     else:
         assert job.result == target.name, job.problem
         assert target.is_file()

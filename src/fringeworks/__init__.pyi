@@ -4,6 +4,7 @@ __version__: str
 
 # Types.
 from .types import (
+    Area as Area,
     Axis as Axis,
     BoardNotFound as BoardNotFound,
     CameraNoise as CameraNoise,
@@ -20,12 +21,14 @@ from .types import (
     InputError as InputError,
     MissingPackage as MissingPackage,
     Pair as Pair,
+    PartTolerance as PartTolerance,
     Pinhole as Pinhole,
     PointCloud as PointCloud,
     Profile as Profile,
     Provenance as Provenance,
     Reason as Reason,
     ReferencePlaneGeometry as ReferencePlaneGeometry,
+    Recipe as Recipe,
     Region as Region,
     Rig as Rig,
     RigMismatch as RigMismatch,
@@ -399,6 +402,20 @@ from .evaluate.best_method import (
     Cell as Cell,
     best_methods as best_methods,
     format_map as format_map,
+)
+from .evaluate.inspect import (
+    Check as Check,
+    Inspection as Inspection,
+    inspect as inspect,
+    judge_part as judge_part,
+    masked as masked,
+)
+from .files.results import (
+    write_result as write_result,
+)
+from .files.recipe import (
+    read_recipe as read_recipe,
+    write_recipe as write_recipe,
 )
 from .evaluate.form import (
     FormEvaluation as FormEvaluation,

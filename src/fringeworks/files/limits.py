@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import os
+import stat
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -137,6 +138,11 @@ def is_folder(path: Path) -> bool:
         return False
 
 
+def _opened(path: str, flags: int) -> int:
+    """Open a file without waiting: a pipe that nobody writes to would wait for ever."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
 def read_content(path: Path, what: str, limit: int | None = None) -> bytes:
     """The bytes of a file that is no larger than the limit.
 
@@ -153,15 +159,18 @@ def read_content(path: Path, what: str, limit: int | None = None) -> bytes:
     FileProblem for a larger file, and where it cannot be read.
     """
     try:
-        with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
+        with open(path, "rb", opener=_opened) as file:
+            about = os.fstat(file.fileno())
+            if not stat.S_ISREG(about.st_mode):
+                raise FileProblem(f"{told(path)}: expected a file, got something else")
+            size = about.st_size
             if limit is None:
                 check_bytes(size, what)
             elif size > limit:
                 raise FileProblem(
                     f"{told(path)}: expected {what} of at most {limit >> 20} MB, got {size >> 20}"
                 )
-            return file.read()
+            return file.read(size)
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise

@@ -33,6 +33,14 @@ def pair_of(pair: Pair | StrPath) -> Pair:
     return pair
 
 
+def capture_of(path: StrPath) -> Pair | tuple[Stack, ...]:
+    """A capture, whatever it holds: a pair, or the stacks of all exposures of a scene."""
+    if is_exposures(path):
+        return read_exposures(path)
+    found = read_capture(path)
+    return found if isinstance(found, Pair) else (found,)
+
+
 def stack_of(stack: Stack | StrPath) -> Stack:
     """The stack itself, or the one that is read from a path."""
     if isinstance(stack, (str, os.PathLike)):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.evaluate.form import FormEvaluation
+from fringeworks.evaluate.inspect import Inspection
 from fringeworks.files.findings import findings_as_dicts
 from fringeworks.files.points import Points
 from fringeworks.pair.plane_calibration import PixelCalibration, PlaneCalibration
@@ -39,7 +40,8 @@ def summarise(result: object) -> dict[str, Any]:
     Parameters
     ----------
     result : Reconstruction, Measurement, Decoded, WrappedPhase, Calibration, PlaneCalibration,
-        PixelCalibration, Response, FormEvaluation, HeightMap, PointCloud, Points or SetupTests
+        PixelCalibration, Response, FormEvaluation, Inspection, HeightMap,
+        PointCloud, Points or SetupTests
 
     Returns
     -------
@@ -221,6 +223,31 @@ def _(calibration: PixelCalibration) -> dict[str, Any]:
 @summarise.register
 def _(evaluation: FormEvaluation) -> dict[str, Any]:
     return evaluation.figures | _origin(evaluation.provenance)
+
+
+@summarise.register
+def _(inspection: Inspection) -> dict[str, Any]:
+    checks = [
+        {
+            "name": check.tolerance.name,
+            "quantity": check.tolerance.quantity,
+            "areas": list(check.tolerance.areas),
+            "value": check.value if np.isfinite(check.value) else None,
+            "sigma": check.sigma if np.isfinite(check.sigma) else None,
+            "unit": check.unit,
+            "smallest": check.tolerance.low,
+            "largest": check.tolerance.high,
+            "verdict": check.verdict,
+            "why": check.why,
+        }
+        for check in inspection.checks
+    ]
+    figures = summarise(inspection.surface)
+    return figures | {
+        "verdict": inspection.verdict,
+        "checks": checks,
+        "notes": list(inspection.notes),
+    }
 
 
 @summarise.register

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from fringeworks.rig.calibration.board import Board
+from fringeworks.rig.calibration.board_view import BoardView
 from fringeworks.rig.calibration.calibrate import Observation, unmoved
 from fringeworks.types import BoolMap, FloatMap, Frozen, InputError
 
@@ -67,6 +68,8 @@ class PoseJudgement(Frozen):
     """Number of poses that are tilted by 15° or more, to whichever side."""
     field: BoolMap
     """Cells of the camera's image that the projector lights, (6, 6)."""
+    box_px: tuple[float, float, float, float]
+    """The part of the camera's image that the cells divide: left, top, right and bottom, px."""
     covered: BoolMap
     """Cells with corners in any pose, (6, 6)."""
     tilts_deg: tuple[float, float, float, float]
@@ -91,6 +94,21 @@ class PoseJudgement(Frozen):
     def enough(self) -> bool:
         """Whether nothing is missing."""
         return not self.missing
+
+    @property
+    def missing_sides(self) -> tuple[int, ...]:
+        """Which of ``SIDES`` have not been tilted towards the camera by enough."""
+        return tuple(k for k, tilt in enumerate(self.tilts_deg) if tilt < COUNTED_TILT_DEG)
+
+    @property
+    def missing_regions(self) -> tuple[tuple[int, int], ...]:
+        """Regions of the camera's image with too few corners: row and column, 0…2."""
+        return tuple(
+            place
+            for place in np.ndindex(3, 3)
+            if (lit := self.field[region_cells(place)]).any()
+            and self.covered[region_cells(place)][lit].mean() < REGION_SHARE
+        )
 
     def __str__(self) -> str:
         near, far = self.distances_mm
@@ -137,26 +155,35 @@ def judge_poses(observations: Sequence[Observation], board: Board) -> PoseJudgem
     if not observations:
         nothing = np.zeros((CELLS, CELLS), bool)
         hint = ("hold the board into the projector's light, where the camera sees all of it",)
-        return PoseJudgement(0, 0, nothing, nothing, (0.0,) * 4, (0.0, 0.0), 0.0, hint)
+        return PoseJudgement(0, 0, nothing, (0.0,) * 4, nothing, (0.0,) * 4, (0.0, 0.0), 0.0, hint)
     observations = _moved(observations, board)
     corners = [_lit(o) for o in observations]
     field, low, high = _field(observations, corners)
-    covered = np.any([_cells(pixels, low, high) for pixels, _ in corners], axis=0)
+    box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+    covered = np.any([cells_of(pixels, box) for pixels, _ in corners], axis=0)
     focal = rough_focal_px(observations, board)
-    poses = [_rough_pose(o, board, focal) for o in observations]
+    poses = [rough_pose(o.view, board, focal, o.camera_size) for o in observations]
     normals = np.stack([T[:, 2] for T in poses])
-    tilts = _tilts_deg(normals)
+    tilts = tilts_deg(normals)
     tilted = int(np.sum(normals[:, 2] <= np.cos(np.radians(TILTED_DEG))))
     distances = _distances_mm(poses, board)
     count = len(observations)
+    ends = (min(distances), max(distances))
+    found = PoseJudgement(count, tilted, field, box, covered, tilts, ends, focal, ())
     missing = (
-        *_missing_tilts(tilts),
-        *_missing_regions(field, covered),
+        *(_tilt_asked(side) for side in found.missing_sides),
+        *(_region_asked(place) for place in found.missing_regions),
         *_missing_distances(distances),
         *_missing_poses(count, tilted),
     )
-    ends = (min(distances), max(distances))
-    return PoseJudgement(count, tilted, field, covered, tilts, ends, focal, missing)
+    return replace(found, missing=missing)
+
+
+def region_cells(place: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return the cells of a region by its row and column, 0…2."""
+    step = CELLS // len(REGIONS)
+    row, column = place
+    return np.s_[row * step : (row + 1) * step, column * step : (column + 1) * step]
 
 
 def rough_focal_px(observations: Sequence[Observation], board: Board) -> float:
@@ -231,9 +258,10 @@ def _field(
     return np.array(field), low, high
 
 
-def _cells(pixels: FloatMap, low: FloatMap, high: FloatMap) -> BoolMap:
-    """Cells of the box that have corners."""
+def cells_of(pixels: FloatMap, box_px: tuple[float, float, float, float]) -> BoolMap:
+    """Return the cells of a box that have corners, (6, 6)."""
     found = np.zeros((CELLS, CELLS), bool)
+    low, high = np.reshape(box_px, (2, 2))
     place = np.floor((pixels - low) / (high - low) * CELLS).astype(int)
     column, row = place[((place >= 0) & (place < CELLS)).all(axis=1)].T
     found[row, column] = True
@@ -249,19 +277,21 @@ def _homography(o: Observation, board: Board) -> FloatMap | None:
     return None if H is None else np.asarray(H, np.float64)
 
 
-def _rough_pose(o: Observation, board: Board, focal_px: float) -> FloatMap:
-    """R and t of a board before the camera, (3, 4), mm, for an assumed focal length."""
-    width, height = o.camera_size
+def rough_pose(
+    view: BoardView, board: Board, focal_px: float, camera_size: tuple[int, int]
+) -> FloatMap:
+    """Return R and t of a board before the camera, (3, 4), mm, for an assumed focal length."""
+    width, height = camera_size
     K = np.array(
         [[focal_px, 0.0, 0.5 * (width - 1)], [0.0, focal_px, 0.5 * (height - 1)], [0.0, 0.0, 1.0]]
     )
-    points = board.points_mm[o.view.index]
-    _, turn, shift = cv2.solvePnP(points, o.view.pixels, K, None, flags=cv2.SOLVEPNP_IPPE)
+    points = board.points_mm[view.index]
+    _, turn, shift = cv2.solvePnP(points, view.pixels, K, None, flags=cv2.SOLVEPNP_IPPE)
     return np.column_stack((np.asarray(cv2.Rodrigues(turn)[0]), np.ravel(shift)))
 
 
-def _tilts_deg(normals: FloatMap) -> tuple[float, float, float, float]:
-    """Largest tilt of each of ``SIDES`` towards the camera, degrees."""
+def tilts_deg(normals: FloatMap) -> tuple[float, float, float, float]:
+    """Return the largest tilt of each of ``SIDES`` towards the camera, degrees."""
     # The normal points away from the camera: downwards where the bottom is the nearer side.
     down = np.degrees(np.arctan2(normals[:, 1], normals[:, 2]))
     right = np.degrees(np.arctan2(normals[:, 0], normals[:, 2]))
@@ -275,25 +305,16 @@ def _distances_mm(poses: list[FloatMap], board: Board) -> list[float]:
     return [float(np.linalg.norm(T[:, :3] @ middle + T[:, 3])) for T in poses]
 
 
-def _missing_tilts(tilts: tuple[float, ...]) -> list[str]:
-    return [
-        f"tilt the {side} of the board towards the camera by {ADVISED_TILT_DEG:.0f}° or more"
-        for side, tilt in zip(SIDES, tilts, strict=True)
-        if tilt < COUNTED_TILT_DEG
-    ]
+def _tilt_asked(side: int) -> str:
+    return (
+        f"tilt the {SIDES[side]} of the board towards the camera by {ADVISED_TILT_DEG:.0f}° or more"
+    )
 
 
-def _missing_regions(field: BoolMap, covered: BoolMap) -> list[str]:
-    missing = []
-    step = CELLS // len(REGIONS)
-    for row, names in enumerate(REGIONS):
-        for column, name in enumerate(names):
-            cells = np.s_[row * step : (row + 1) * step, column * step : (column + 1) * step]
-            lit = field[cells]
-            if lit.any() and covered[cells][lit].mean() < REGION_SHARE:
-                to = "to" if "edge" in name else "into"
-                missing.append(f"move the tilted board {to} the {name} of the camera's image")
-    return missing
+def _region_asked(place: tuple[int, int]) -> str:
+    name = REGIONS[place[0]][place[1]]
+    to = "to" if "edge" in name else "into"
+    return f"move the tilted board {to} the {name} of the camera's image"
 
 
 def _missing_distances(distances: list[float]) -> list[str]:

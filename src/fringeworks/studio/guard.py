@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hmac
+import secrets
+from collections import deque
 from collections.abc import Awaitable, Callable, MutableMapping
-from http.cookies import CookieError, SimpleCookie
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 Scope = MutableMapping[str, Any]
 Message = MutableMapping[str, Any]
@@ -16,10 +17,18 @@ App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 TOKEN = "token"
 """Name of the query parameter that holds the token."""
-COOKIE = "fringeworks_token"
-"""Name of the cookie that holds it afterwards."""
+COOKIE = "fringeworks_visitor"
+"""Beginning of the name of the cookie that lets a visitor in afterwards. The port follows, because
+browsers send cookies to all ports of a host."""
+MOST_VISITORS = 1000
+"""Visitors that are let in; the first ones must use the token again after that."""
+MOST_DIGITS = 20
+"""Digits of a length that are read."""
 MOST_BYTES = 2_000_000
 """Largest body of a request, bytes: the page sends clicks and numbers, and no files."""
+ENTERED = b"<!doctype html><title>fringeworks studio</title><script>location.replace('/')</script>"
+"""Page that follows the token. A redirection would not do: browsers keep the new cookie back where
+a page elsewhere had the link."""
 REFUSED_SOCKET = 1008
 """Code of a web socket that is closed for breaking a rule (RFC 6455)."""
 HEADERS = [
@@ -27,6 +36,12 @@ HEADERS = [
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
     (b"cross-origin-resource-policy", b"same-origin"),
+    (
+        b"content-security-policy",
+        b"default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
+        b"style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
+        b"object-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    ),
 ]
 """Headers of every answer: no page may hold or read the studio."""
 
@@ -53,6 +68,8 @@ class Guard:
         self._app = app
         self._hosts = hosts
         self._token = token
+        self._visitors: deque[str] = deque(maxlen=MOST_VISITORS)
+        """What the cookies of visitors hold who knew the token."""
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, or refuse, one request."""
@@ -60,11 +77,14 @@ class Guard:
             await self._app(scope, receive, send)
             return
         headers = _headers(scope)
+        if headers is None:
+            await _refuse(scope, send, 400, "A request says once for whom and from where it is.")
+            return
         refused = self._refused(scope, headers)
         if refused is not None:
             await _refuse(scope, send, *refused)
             return
-        if self._token is not None and not _knows(headers.get("cookie", ""), self._token):
+        if self._token is not None and not self._knows(scope, headers):
             await self._sign_in(scope, send, self._token)
             return
         await self._app(scope, _limited(receive), _with_headers(send))
@@ -75,7 +95,9 @@ class Guard:
         if not host or (self._hosts is not None and host not in self._hosts):
             return 421, "The studio does not answer to this name."
         socket = scope["type"] == "websocket"
-        if origin is not None and urlsplit(origin).netloc.lower() != host:
+        # Behind a tunnel, pages may be encrypted.
+        own = (f"http://{host}", f"https://{host}")
+        if origin is not None and origin.lower() not in own:
             return 403, "Another page asked; only the studio's own pages may."
         if origin is None and (socket or scope.get("method") not in ("GET", "HEAD")):
             return 403, "It is not known which page asked."
@@ -84,7 +106,7 @@ class Guard:
         if site not in ("same-origin", "none") and not opened:
             return 403, "Another page asked; only the studio's own pages may."
         size = headers.get("content-length", "0")
-        if not size.isdecimal() or int(size) > MOST_BYTES:
+        if not size.isdecimal() or len(size) > MOST_DIGITS or int(size) > MOST_BYTES:
             return 413, f"A request has at most {MOST_BYTES:,} bytes."
         return None
 
@@ -95,24 +117,41 @@ class Guard:
         if not page or not hmac.compare_digest(given.encode(), token.encode()):
             await _refuse(scope, send, 401, "The address with its token is needed once.")
             return
-        cookie = f"{COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/"
+        visitor = secrets.token_urlsafe(24)
+        self._visitors.append(visitor)
+        cookie = f"{_cookie_name(scope)}={visitor}; HttpOnly; SameSite=Strict; Path=/"
         # The address without the token: it must not stay in the browser's history.
-        place = [(b"location", b"/"), (b"set-cookie", cookie.encode())]
-        await send({"type": "http.response.start", "status": 303, "headers": place + HEADERS})
-        await send({"type": "http.response.body", "body": b""})
+        place = [(b"content-type", b"text/html"), (b"set-cookie", cookie.encode())]
+        await send({"type": "http.response.start", "status": 200, "headers": place + HEADERS})
+        await send({"type": "http.response.body", "body": ENTERED})
+
+    def _knows(self, scope: Scope, headers: dict[str, str]) -> bool:
+        """Whether a visitor was let in before: any cookie of the name counts."""
+        name = _cookie_name(scope)
+        given = [part.strip().partition("=") for part in headers.get("cookie", "").split(";")]
+        return any(
+            key == name and hmac.compare_digest(value.encode(), visitor.encode())
+            for key, _, value in given
+            for visitor in self._visitors
+        )
 
 
-def _headers(scope: Scope) -> dict[str, str]:
-    """Headers by name; of repeated ones the last."""
-    return {name.decode("latin-1").lower(): v.decode("latin-1") for name, v in scope["headers"]}
+def _headers(scope: Scope) -> dict[str, str] | None:
+    """Headers by name; None where one that decides is there twice."""
+    found: dict[str, str] = {}
+    for name, value in scope["headers"]:
+        key = name.decode("latin-1").lower()
+        if key in found and key in ("host", "origin", "content-length"):
+            return None
+        joint = "; " if key == "cookie" else ", "
+        text = value.decode("latin-1")
+        found[key] = f"{found[key]}{joint}{text}" if key in found else text
+    return found
 
 
-def _knows(cookies: str, token: str) -> bool:
-    try:
-        found = SimpleCookie(cookies).get(COOKIE)
-    except CookieError:
-        return False
-    return found is not None and hmac.compare_digest(found.value.encode(), token.encode())
+def _cookie_name(scope: Scope) -> str:
+    server = scope.get("server") or ("", 0)
+    return f"{COOKIE}_{server[1]}"
 
 
 async def _refuse(scope: Scope, send: Send, status: int, sentence: str) -> None:

@@ -54,6 +54,25 @@ window.fringeShow = async (id, numbers) => {
   mount.viewer = new FringeViewer(mount, surfaces);
   await mount.viewer.ready;
 };
+window.fringeLive = async (id, number) => {
+  const mount = document.getElementById(id);
+  if (!mount || mount.loading) return; // pictures that come while one is drawn are left out
+  mount.loading = true;
+  try {
+    const answer = await fetch(`/cloud/${number}`);
+    if (!answer.ok) return;
+    const bytes = new Uint8Array(await answer.arrayBuffer());
+    if (mount.viewer?.header?.count) {
+      await mount.viewer.replace(bytes);
+    } else {
+      mount.replaceChildren();
+      mount.viewer = new FringeViewer(mount, [bytes]);
+      await mount.viewer.ready;
+    }
+  } finally {
+    mount.loading = false;
+  }
+};
 </script>
 """
 """Loads the viewer, and shows packed surfaces in it."""
@@ -65,6 +84,8 @@ def add_page(studio: Studio) -> None:
     @ui.page("/")
     def _page() -> None:
         session = studio.session(str(app.storage.browser["id"]))
+        session.tabs += 1
+        ui.context.client.on_delete(lambda: studio.left(session))
         ui.add_head_html(SCRIPT)
         ui.colors(primary=PRIMARY, warning=WARNING)
         with ui.header().classes("items-center"):

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
+
+Measured = Literal["pair", "stack", "recipe", "result"]
+"""How a surface came about."""
 
 
 @dataclass(frozen=True)
@@ -63,24 +66,52 @@ def calibrate_command(board: str) -> Command:
     )
 
 
+def inspect_command(name: str) -> Command:
+    """What judges a part by the recipe in the folder."""
+    return _command(
+        f"inspect {_quoted(name)} --recipe recipe.toml",
+        f"print(fw.inspect({name!r}, 'recipe.toml').verdict)",
+    )
+
+
+def paper_command(size: int) -> Command:
+    """What makes the dissertation's figures."""
+    return _command(
+        f"paper --size {size} --out dissertation", f"fw.write_paper('dissertation', size={size})"
+    )
+
+
 def export_command(
-    source: str, method: str, options: dict[str, Any], name: str, kind: str, *, pair: bool
+    source: str, method: str, options: dict[str, Any], name: str, kind: str, *, how: Measured
 ) -> Command:
-    """What measures a capture and writes the result or its report."""
-    where = "--report" if name.endswith((".html", ".pdf")) else "--out"
+    """What measures a capture, or reads a result, and writes it or its report."""
+    report = name.endswith((".html", ".pdf"))
     mesh = f" --ply {kind}" if name.endswith(".ply") and kind == "mesh" else ""
-    target = f"{where} {_quoted(name)}{mesh}"
-    if pair:
-        told = "".join(f" --option {key}={value}" for key, value in options.items())
+    target = f"{'--report' if report else '--out'} {_quoted(name)}{mesh}"
+    if how == "pair":
+        told = "".join(f" --option {_quoted(f'{key}={value}')}" for key, value in options.items())
+        made = f"fw.reconstruct({source!r}, {method!r}, **{options!r})"
         return _command(
             f"reconstruct {_quoted(source)} --method {method}{told} {target}",
-            _written(
-                name, kind, f"fw.reconstruct({source!r}, {method!r}, **{options!r})", "surface"
-            ),
+            _written(name, kind, made, ".surface"),
+        )
+    if how == "stack":
+        made = f"fw.measure({source!r}, 'rig.toml')"
+        return _command(
+            f"measure {_quoted(source)} --rig rig.toml {target}",
+            _written(name, kind, made, ".points"),
+        )
+    if how == "recipe":
+        made = f"fw.inspect({source!r}, 'recipe.toml').surface"
+        return _command(
+            f"inspect {_quoted(source)} --recipe recipe.toml {target}",
+            _written(name, kind, made, ""),
         )
     return _command(
-        f"measure {_quoted(source)} --rig rig.toml {target}",
-        _written(name, kind, f"fw.measure({source!r}, 'rig.toml')", "points"),
+        f"report {_quoted(source)} --out {_quoted(name)}"
+        if report
+        else f"convert {_quoted(source)} {_quoted(name)}{mesh}",
+        _written(name, kind, f"fw.load_result({source!r})", ""),
     )
 
 
@@ -98,9 +129,8 @@ def _written(name: str, kind: str, result: str, part: str) -> str:
     """Python that writes a result or its report."""
     if name.endswith((".html", ".pdf")):
         return f"fw.write_report({name!r}, {result})"
-    option = "kind" if part == "points" else "ply"
-    mesh = f", {option}='mesh'" if kind == "mesh" else ""
-    return f"fw.write_{part}({name!r}, {result}.{part}{mesh})"
+    mesh = ", kind='mesh'" if kind == "mesh" else ""
+    return f"fw.write_result({name!r}, {result}{part}{mesh})"
 
 
 def _quoted(text: str) -> str:

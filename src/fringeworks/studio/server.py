@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import secrets
+import signal
 import socket
+import sys
 import threading
 import webbrowser
 from pathlib import Path
@@ -20,8 +22,12 @@ from fringeworks.studio.page import STYLE, add_page
 from fringeworks.studio.state import Studio
 from fringeworks.types import DeviceProblem, FileProblem
 
-LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+LOOPBACK = ("127.0.0.1", "localhost")
 """Names of this machine for itself."""
+EVERYWHERE = ("0.0.0.0", "::")
+"""Addresses that stand for all of this machine's."""
+USUAL_PORT = 80
+"""Port that addresses leave out."""
 PORT = 8137
 """Port that is tried first; a free one is taken where it is in use."""
 SHUTDOWN_S = 2
@@ -34,9 +40,9 @@ def serve(folder: StrPath, *, host: str | None, port: int | None, show: bool) ->
     used = listening.getsockname()[1]
     token = None if host is None else secrets.token_urlsafe(24)
     studio = Studio(folder)
-    address = f"http://{host or '127.0.0.1'}:{used}/" + (f"?{TOKEN}={token}" if token else "")
-    hosts = None if host else frozenset(f"{name}:{used}" for name in LOOPBACK)
-    guarded = Guard(studio_app(studio), hosts=hosts, token=token)
+    address = f"http://{_named(host)}:{used}/" + (f"?{TOKEN}={token}" if token else "")
+    hosts = None if host else _own_names(used)
+    guarded = Guard(studio_app(studio, used), hosts=hosts, token=token)
     config = uvicorn.Config(
         guarded, log_level="error", lifespan="on", timeout_graceful_shutdown=SHUTDOWN_S
     )
@@ -46,14 +52,32 @@ def serve(folder: StrPath, *, host: str | None, port: int | None, show: bool) ->
     print("Press Ctrl-C to end it.", flush=True)
     if show:
         threading.Timer(1.0, webbrowser.open, (address,)).start()
+    # The server hands the signal on when it has ended: then there is still something to delete.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
         uvicorn.Server(config).run(sockets=[listening])
     finally:
         studio.close()
 
 
-def studio_app(studio: Studio) -> FastAPI:
-    """Return the application of a studio, without its guard."""
+def _own_names(port: int) -> frozenset[str]:
+    """Names of this machine with a port; browsers leave out the usual one."""
+    with_port = {f"{name}:{port}" for name in LOOPBACK}
+    return frozenset(with_port | (set(LOOPBACK) if port == USUAL_PORT else set()))
+
+
+def _named(host: str | None) -> str:
+    """The name in the address that is printed."""
+    if host in EVERYWHERE:
+        return socket.gethostname()
+    return "127.0.0.1" if host is None else f"[{host}]" if ":" in host else host
+
+
+def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
+    """Return the application of a studio, without its guard.
+
+    The port is part of the cookie's name: browsers send cookies to all ports of a host.
+    """
     api = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
 
     @api.get("/viewer.js")
@@ -74,13 +98,24 @@ def studio_app(studio: Studio) -> FastAPI:
         picture = job.latest.get("picture", {}) if job else {}
         return Response(picture.get("jpeg", b""), media_type="image/jpeg")
 
+    @api.get("/cloud/{number}")
+    def _cloud(number: int) -> Response:  # noqa: ARG001, as above
+        job = studio.devices.job
+        cloud = job.latest.get("cloud", {}) if job else {}
+        return Response(cloud.get("data", b""), media_type="application/octet-stream")
+
+    @api.get("/picture/{number}")
+    def _picture(number: int) -> Response:
+        return _file(studio.surface(number))
+
     @api.get("/file/{name:path}")
     def _download(name: str) -> Response:
         try:
-            path = studio.workspace.inside(name)
+            return _file(studio.workspace.inside(name), download=True)
         except FileProblem as problem:
             return PlainTextResponse(str(problem), status_code=403)
-        return _file(path, download=True)
+        except (OSError, ValueError):
+            return PlainTextResponse("There is no such file.", status_code=404)
 
     add_page(studio)
     ui.run_with(
@@ -90,6 +125,7 @@ def studio_app(studio: Studio) -> FastAPI:
         storage_secret=secrets.token_hex(),
         show_welcome_message=False,
         reconnect_timeout=30.0,
+        session_middleware_kwargs={"session_cookie": f"fringeworks_{port}", "same_site": "strict"},
     )
     return api
 

@@ -5,24 +5,32 @@ from __future__ import annotations
 import itertools
 import shutil
 import tempfile
+from collections import deque
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.recipe import read_recipe, write_recipe
+from fringeworks.scan.aiming import Shown as Light
 from fringeworks.scan.setup_file import read_setup
-from fringeworks.studio import tasks
+from fringeworks.studio import learning, live, tasks
+from fringeworks.studio.device_words import Words, checked_words
 from fringeworks.studio.script import (
     Command,
+    Measured,
     board_command,
     calibrate_command,
     capture_command,
     export_command,
+    inspect_command,
+    paper_command,
     set_up_command,
 )
-from fringeworks.studio.worker import Job, Worker
+from fringeworks.studio.series import Series
+from fringeworks.studio.worker import Job, Task, Worker
 from fringeworks.studio.workspace import Workspace, open_workspace
-from fringeworks.types import FileProblem, InputError
+from fringeworks.types import Area, FileProblem, InputError, PartTolerance, Recipe
 
 StepState = Literal["to do", "running", "good", "look here"]
 VIRTUAL = "virtual"
@@ -31,8 +39,18 @@ USUAL_BOARD = "chessboard:11x8:12"
 """The board that is offered first."""
 USUAL_FRAMES = 24
 """Frames of the plan that a set-up proposes: both axes, as a calibration needs them."""
+FIGURES = 40
+"""Files that the dissertation's chapter has."""
 SETUP_STEPS = 8
 """Steps that a set-up tells of."""
+LIVE_PICTURE, LIVE_POINTS = "live picture", "live points"
+"""Names of work that goes on until it is stopped."""
+MOST_OPEN = 4
+"""Computations of one visitor that may wait or run."""
+KEPT_JOBS = 8
+"""Computations of a visitor whose state is kept."""
+MOST_SESSIONS = 200
+"""Visitors without an open page whose state is kept."""
 MOST_SURFACES = 40
 """Packed surfaces that are kept for the page; the oldest one is deleted for a new one."""
 
@@ -67,8 +85,18 @@ class Session:
     """The result before, for comparison."""
     pending: Shown | None = None
     """What is being computed, and takes the place of ``shown`` when it is there."""
+    picture: int = 0
+    """Number of the picture that areas are drawn on."""
+    tabs: int = 0
+    """Number of pages that are open."""
     tried: int | None = None
     """Number of the surface of the last trial."""
+    jobs: deque[Job] = field(default_factory=lambda: deque(maxlen=KEPT_JOBS))
+    """Their last computations."""
+
+    def job(self, names: tuple[str, ...]) -> Job | None:
+        """The last computation whose name begins with one of these."""
+        return next((job for job in reversed(self.jobs) if job.name.startswith(names)), None)
 
     def arrived(self, name: str, result: dict[str, Any]) -> None:
         """Take over a result that was computed; the one before is kept for comparison."""
@@ -87,16 +115,23 @@ class Studio:
         folder for packed surfaces, which ``close`` deletes.
     """
 
+    projector = Words()
+    camera = Words()
+    scene = Words()
+    """What the virtual camera looks at."""
+    board = Words()
+
     def __init__(self, folder: StrPath) -> None:
         self.workspace: Workspace = open_workspace(folder)
         self.devices = Worker()
         self.compute = Worker()
         self.projector = self.camera = VIRTUAL
         self.scene = "bust"
-        """What the virtual camera looks at."""
         self.found: tuple[list[str], list[str]] = ([], [])
         """Words of the projectors and cameras that were found."""
         self.board = USUAL_BOARD
+        self.series: Series | None = None
+        """The series of scans that runs, or the last one."""
         self.done: list[Command] = []
         self.poses: dict[str, Any] = {}
         """What the last pose, or the judgement of all, said."""
@@ -104,8 +139,6 @@ class Studio:
         self._told: tuple[int, list[str]] = (-1, [])
         """Findings of the set-up, and the time of its file: pages ask twice a second."""
         self._holder: str | None = None
-        self._computing: str | None = None
-        """The visitor whose computation is the present or last one."""
         self._numbers = itertools.count(1)
         self._packed = Path(tempfile.mkdtemp(prefix="fringeworks-studio-"))
         if self.workspace.setup.is_file():
@@ -122,13 +155,29 @@ class Studio:
 
     @property
     def words(self) -> tuple[str, str]:
-        """Words that open projector and camera."""
-        virtual = self.camera == VIRTUAL
-        return self.projector, f"{VIRTUAL}:{self.scene}" if virtual else self.camera
+        """Words that open projector and camera.
+
+        Raises
+        ------
+        InputError for devices that would read outside of the folder.
+        """
+        camera = f"{VIRTUAL}:{self.scene}" if self.camera == VIRTUAL else self.camera
+        return checked_words(self.projector, self.workspace), checked_words(camera, self.workspace)
 
     def session(self, name: str) -> Session:
         """The session of a visitor, which is begun with the first visit."""
+        if name not in self._sessions:
+            gone = [key for key, one in self._sessions.items() if not one.tabs]
+            for key in gone[: max(0, len(self._sessions) - MOST_SESSIONS)]:
+                del self._sessions[key]
         return self._sessions.setdefault(name, Session(name))
+
+    def left(self, session: Session) -> None:
+        """A tab was closed; with the last one, the visitor's live picture ends."""
+        session.tabs -= 1
+        if session.tabs <= 0 and self._holder == session.name:
+            self._end_live()
+            self._holder = None
 
     def hold(self, session: Session) -> None:
         """Let a visitor use the devices.
@@ -137,7 +186,8 @@ class Studio:
         ------
         InputError while another visitor uses them.
         """
-        if self._holder not in (None, session.name) and self.devices.busy:
+        waits = self.series is not None and self.series.running
+        if self._holder not in (None, session.name) and (self.devices.busy or waits):
             raise InputError("devices: expected free ones, but another visitor is using them")
         self._holder = session.name
 
@@ -172,6 +222,8 @@ class Studio:
     def findings(self) -> list[str]:
         """Findings of the set-up that lies in the folder."""
         path = self.workspace.setup
+        if path.is_symlink():
+            return [f"{path.name}: expected a file, got a link"]
         stamp = path.stat().st_mtime_ns if path.is_file() else 0
         if self._told[0] != stamp:
             try:
@@ -184,22 +236,59 @@ class Studio:
 
     def look_for_devices(self, session: Session) -> Job:
         """Find the devices that are there."""
-        self.hold(session)
-        return self.devices.start("looking for devices", tasks.find_devices)
+        return self._use_devices(session, "looking for devices", tasks.find_devices)
 
-    def start_live(self, session: Session, level: float, exposure_ms: float | None) -> Job:
-        """Show what the camera sees, until it is stopped."""
+    def start_live(
+        self,
+        session: Session,
+        shown: Light,
+        level: float,
+        exposure_ms: float | None,
+        *,
+        board: bool = False,
+    ) -> Job:
+        """Show what the camera sees until it is stopped; where asked for, find the board in it."""
+        poses = (str(self.workspace.poses), self.board) if board else None
+        given = self.words, shown, level, exposure_ms, poses
+        return self._use_devices(session, LIVE_PICTURE, live.live_picture, *given)
+
+    def find_exposure(self, session: Session) -> Job:
+        """Find the exposure that suits the scene."""
+        return self._use_devices(
+            session, "looking for the exposure", live.find_exposure, self.words
+        )
+
+    def start_points(self, session: Session) -> Job:
+        """Measure points again and again until it is stopped."""
+        self._needs(self.workspace.setup, "a set-up; do the first step")
+        self._needs(self.workspace.rig, "a rig; calibrate first")
+        files = str(self.workspace.setup), str(self.workspace.rig)
+        return self._use_devices(session, LIVE_POINTS, live.live_points, self.words, *files)
+
+    def stop_live(self, session: Session) -> None:
+        """End the live picture or the live points.
+
+        Raises
+        ------
+        InputError while another visitor uses the devices.
+        """
         self.hold(session)
-        words = self.words
-        return self.devices.start("live picture", tasks.live_picture, *words, level, exposure_ms)
+        self._end_live()
+
+    def _end_live(self) -> None:
+        if self._is_live():
+            self.devices.stop()
+
+    def _is_live(self) -> bool:
+        job = self.devices.job
+        return job is not None and job.open and job.name in (LIVE_PICTURE, LIVE_POINTS)
 
     def run_setup(self, session: Session) -> Job:
         """Do a set-up."""
-        self.hold(session)
         target = str(self.workspace.setup)
         words = self.words
-        job = self.devices.start(
-            "set up", tasks.run_setup, target, *words, USUAL_FRAMES, total=SETUP_STEPS
+        job = self._use_devices(
+            session, "set up", tasks.run_setup, target, *words, USUAL_FRAMES, total=SETUP_STEPS
         )
         self._note(set_up_command(words, USUAL_FRAMES))
         return job
@@ -207,10 +296,10 @@ class Studio:
     def take_pose(self, session: Session) -> Job:
         """Take a pose of the board."""
         self._needs(self.workspace.setup, "a set-up; do the first step")
-        self.hold(session)
         space, words = self.workspace, self.words
         frames = read_setup(space.setup).plan.frames
-        job = self.devices.start(
+        job = self._use_devices(
+            session,
             "calibrate",
             tasks.take_pose,
             str(space.setup),
@@ -225,17 +314,16 @@ class Studio:
         self._note(capture_command(words, name))
         return job
 
-    def print_board(self) -> Job:
+    def print_board(self, session: Session) -> Job:
         """Draw the board to print."""
         self._note(board_command(self.board))
         target = str(self.workspace.new("board", ".pdf"))
-        return self.compute.start("drawing the board", tasks.draw_board, self.board, target)
+        return self._compute(session, "drawing the board", tasks.draw_board, self.board, target)
 
-    def judge_poses(self) -> Job:
+    def judge_poses(self, session: Session) -> Job:
         """Judge the poses that lie in the folder."""
-        return self.devices.start(
-            "judging the poses", tasks.judge, str(self.workspace.poses), self.board
-        )
+        given = str(self.workspace.poses), self.board
+        return self._use_devices(session, "judging the poses", tasks.judge, *given)
 
     def undo_pose(self, name: str) -> None:
         """Delete a pose.
@@ -244,16 +332,18 @@ class Studio:
         ------
         InputError for a pose that is not there.
         """
+        self.workspace.check()
         if name not in self.workspace.taken_poses():
             raise InputError(f"pose: expected one of those taken, got {name!r}")
-        shutil.rmtree(self.workspace.inside(f"{self.workspace.poses.name}/{name}"))
+        shutil.rmtree(self.workspace.poses / name)
 
-    def calibrate(self) -> Job:
+    def calibrate(self, session: Session) -> Job:
         """Calibrate with the poses in the folder."""
         poses = self.workspace.taken_poses()
         if not poses:
             raise InputError("calibration: expected poses of the board, got none")
-        job = self.compute.start(
+        job = self._compute(
+            session,
             "calibrating",
             tasks.run_calibration,
             str(self.workspace.poses),
@@ -268,10 +358,12 @@ class Studio:
         """Take the frames of an object into a folder of its own."""
         self._needs(self.workspace.setup, "a set-up; do the first step")
         target = self.workspace.new(name)
-        self.hold(session)
+        if target.exists():
+            raise InputError(f"name: expected a new one, got {name!r}, which is in the folder")
         words = self.words
         frames = exposures * read_setup(self.workspace.setup).plan.frames
-        job = self.devices.start(
+        job = self._use_devices(
+            session,
             "scan",
             tasks.scan,
             str(self.workspace.setup),
@@ -284,11 +376,44 @@ class Studio:
         self._note(capture_command(words, name, exposures=exposures, average=average))
         return job
 
+    def start_series(
+        self,
+        session: Session,
+        names: list[str],
+        pause_s: float,
+        *,
+        exposures: int = 1,
+        average: int = 1,
+    ) -> Series:
+        """Take scans one after the other, with a pause before each."""
+        if self.series is not None and self.series.running:
+            raise InputError("scan: expected no other scan, got one that is running or waiting")
+        for name in names:
+            if self.workspace.new(name).exists():
+                raise InputError(f"name: expected a new one, got {name!r}, which is in the folder")
+        self.hold(session)
+
+        def begin(name: str) -> Job:
+            return self.scan(session, name, exposures=exposures, average=average)
+
+        self.series = Series(names, pause_s, begin)
+        self.series.start()
+        return self.series
+
+    def stop_series(self, session: Session) -> None:
+        """Take no further scan of a series, and end the one that runs."""
+        self.hold(session)
+        if self.series is not None and self.series.running:
+            self.series.stop()
+            if self.devices.job is not None and self.devices.job.name == "scan":
+                self.devices.cancel()
+
     def look(self, session: Session, source: str, method: str, options: dict[str, Any]) -> Job:
         """Compute a surface, and show it; the one before is kept for comparison."""
         self._replace(session)
         pending = Shown(source, method, options, next(self._numbers))
-        job = self.compute.start(
+        job = self._compute(
+            session,
             pending.work,
             tasks.show,
             self._source(pending),
@@ -300,28 +425,124 @@ class Studio:
         return job
 
     def learn(
-        self, session: Session, body: str, method: str, settings: dict[str, Any]
+        self,
+        session: Session,
+        experiment: learning.Experiment,
+        body: str,
+        method: str,
+        settings: dict[str, Any],
     ) -> tuple[Job, int]:
         """Measure a simulated body, and show it with its true error."""
         self._replace(session)
         number = next(self._numbers)
         target = str(self.surface(number))
-        job = self.compute.start(
-            f"trying {method}", tasks.learn, body, method, settings, target, total=2
-        )
+        given = experiment, body, method, settings, target
+        job = self._compute(session, f"trying {method}", learning.learn, *given, total=2)
         session.tried = number
         return job, number
 
-    def export(self, shown: Shown, suffix: str, kind: str) -> Job:
+    def draw_figures(self, session: Session, size: int) -> Job:
+        """Make the figures of the dissertation's chapter 4 in the folder."""
+        self._note(paper_command(size))
+        target = str(self.workspace.figures_folder)
+        name = "the dissertation's figures"
+        return self._compute(session, name, learning.draw_figures, target, size, total=FIGURES)
+
+    def figure_address(self, name: str) -> str:
+        """Where the page finds a figure; it changes with its file."""
+        path = self.workspace.figures_folder / name
+        stamp = path.stat().st_mtime_ns if path.is_file() else 0
+        return f"/file/{self.workspace.figures_folder.name}/{name}?{stamp}"
+
+    # Areas and tolerances: they lie in a recipe, which the command line reads as well.
+
+    @property
+    def recipe(self) -> Recipe:
+        """The recipe in the folder; an empty one where there is none, or it cannot be read."""
+        try:
+            return self._recipe()
+        except InputError:
+            return Recipe()
+
+    def _recipe(self) -> Recipe:
+        path = self.workspace.recipe
+        return read_recipe(path) if path.is_file() else Recipe()
+
+    def set_area(self, name: str, area: Area) -> None:
+        """Add an area, or replace the one of its name."""
+        self.workspace.new(name)
+        known = self._recipe()
+        self._keep(replace(known, areas={**known.areas, name: area}))
+
+    def remove_area(self, name: str) -> None:
+        """Delete an area, and the tolerances that are measured on it."""
+        known = self._recipe()
+        left = {key: area for key, area in known.areas.items() if key != name}
+        kept = tuple(one for one in known.tolerances if name not in one.areas)
+        within = None if known.within == name else known.within
+        self._keep(replace(known, areas=left, tolerances=kept, within=within))
+
+    def confine(self, name: str | None) -> None:
+        """Measure only within an area, or everywhere."""
+        self._keep(replace(self._recipe(), within=name))
+
+    def add_tolerance(self, tolerance: PartTolerance) -> None:
+        """Add a tolerance."""
+        known = self._recipe()
+        self._keep(replace(known, tolerances=(*known.tolerances, tolerance)))
+
+    def remove_tolerance(self, name: str) -> None:
+        """Delete a tolerance."""
+        known = self._recipe()
+        kept = tuple(one for one in known.tolerances if one.name != name)
+        self._keep(replace(known, tolerances=kept))
+
+    def _keep(self, recipe: Recipe) -> None:
+        write_recipe(self.workspace.recipe, recipe)
+
+    def inspect(self, session: Session, name: str) -> Job:
+        """Judge a part by the tolerances."""
+        shown = session.shown
+        if shown is None or shown.source != name:
+            shown = Shown(name, "windowed", {}, 0)
+        source = self._source(shown)
+        recipe = self._recipe()
+        if not recipe.tolerances:
+            raise InputError("tolerances: expected one or more, got none")
+        self._keep(_as_shown(recipe, source))
+        job = self._compute(
+            session, f"judging {name}", tasks.judge_part, source, str(self.workspace.recipe)
+        )
+        if source.path.is_dir():
+            self._note(inspect_command(name))
+        return job
+
+    def draw_picture(self, session: Session, name: str) -> Job:
+        """Draw the picture of a capture or result, to draw areas on."""
+        session.picture = next(self._numbers)
+        source = self._source(Shown(name, "windowed", {}, 0))
+        target = str(self.surface(session.picture))
+        return self._compute(session, "drawing the picture", tasks.draw_picture, source, target)
+
+    def picture_number(self, session: Session) -> int:
+        """Number of the picture that was drawn last."""
+        return session.picture
+
+    def export(self, session: Session, shown: Shown, suffix: str, kind: str) -> Job:
         """Write what is shown into the folder."""
         name = f"{Path(shown.source).name}{suffix}"
         target = self.workspace.new(Path(shown.source).name, suffix)
         source = self._source(shown)
-        job = self.compute.start(
-            f"writing {name}", tasks.export, source, str(target), kind, total=2
+        job = self._compute(
+            session, f"writing {name}", tasks.export, source, str(target), kind, total=2
         )
         made = shown.source, shown.method, shown.options
-        self._note(export_command(*made, name, kind, pair=source.rig is None))
+        how: Measured = "pair" if source.rig is None else "stack"
+        if not source.path.is_dir():
+            how = "result"
+        elif source.recipe is not None:
+            how = "recipe"
+        self._note(export_command(*made, name, kind, how=how))
         return job
 
     def _source(self, shown: Shown) -> tasks.Source:
@@ -333,17 +554,42 @@ class Studio:
             )
         stack = path.is_dir() and tasks.is_stack(path)
         rig = self.workspace.rig if stack and self.workspace.rig.is_file() else None
-        return tasks.Source(path, rig, shown.method, shown.options)
+        source = tasks.Source(path, rig, shown.method, shown.options)
+        recipe = self.recipe
+        if recipe.within is None:
+            return source
+        self._keep(_as_shown(recipe, source))
+        return replace(source, recipe=self.workspace.recipe)
+
+    def _use_devices(
+        self, session: Session, name: str, task: Task, *given: Any, total: int = 0
+    ) -> Job:
+        """Begin work with the devices; a visitor's own live picture ends for it."""
+        self.hold(session)
+        self.workspace.check()
+        lively = self._is_live()
+        self._end_live()
+        return self.devices.start(name, task, *given, total=total, wait=lively)
+
+    def _compute(self, session: Session, name: str, task: Task, *given: Any, total: int = 0) -> Job:
+        """Begin a computation, after those of others."""
+        self.workspace.check()
+        if len([job for job in session.jobs if job.open]) >= MOST_OPEN:
+            raise InputError("expected fewer computations at a time: wait for the ones that run")
+        job = self.compute.start(name, task, *given, total=total, wait=True)
+        session.jobs.append(job)
+        return job
 
     def _replace(self, session: Session) -> None:
-        """End a visitor's own computation, which a new one takes the place of."""
-        if self.compute.busy and self._computing == session.name:
-            self.compute.cancel()
-        if not self.compute.busy:
-            self._computing = session.name
+        """End a visitor's own look or trial, which a new one takes the place of."""
+        for job in session.jobs:
+            if job.name.startswith(("measuring", "trying")):
+                self.compute.cancel(job)
 
     def close(self) -> None:
         """End the workers, and delete the packed surfaces."""
+        if self.series is not None:
+            self.series.stop()
         self.devices.close()
         self.compute.close()
         shutil.rmtree(self._packed, ignore_errors=True)
@@ -355,3 +601,10 @@ class Studio:
     def _note(self, command: Command) -> None:
         if command not in self.done[-1:]:
             self.done.append(command)
+
+
+def _as_shown(recipe: Recipe, source: tasks.Source) -> Recipe:
+    """A recipe with the method, the options and the rig by which a source is shown."""
+    method = source.method if source.rig is None else recipe.method
+    options = source.options if source.rig is None else recipe.options
+    return replace(recipe, method=method, options=options, rig=source.rig or recipe.rig)

@@ -6,11 +6,9 @@ hold the rest.
 
 from __future__ import annotations
 
-import time
-from dataclasses import asdict, dataclass
-from io import BytesIO
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +16,15 @@ from PIL import Image
 
 from fringeworks.devices.listing import list_devices
 from fringeworks.devices.opening import open_devices
-from fringeworks.evaluate.errors import error_map, errors
-from fringeworks.files.coordinates import write_coordinates
+from fringeworks.evaluate.inspect import inspect
 from fringeworks.files.exposures import is_exposures
 from fringeworks.files.pair import CAPTURE_FILE
-from fringeworks.files.points import Points, write_points
+from fringeworks.files.points import Points
+from fringeworks.files.results import write_result
 from fringeworks.files.rig import read_rig, write_rig
-from fringeworks.files.surfaces import write_surface
 from fringeworks.files.toml import kind_of
 from fringeworks.pipeline.boards import calibrate_stacks
+from fringeworks.pipeline.inputs import capture_of
 from fringeworks.pipeline.pairs import reconstruct
 from fringeworks.pipeline.stacks import decode_stack, measure
 from fringeworks.report.board_sheet import write_board
@@ -37,24 +35,16 @@ from fringeworks.report.page.report import SUFFIXES as REPORTS
 from fringeworks.report.page.report import write_report
 from fringeworks.report.page.surfaces import is_surface, packed, surface_of
 from fringeworks.report.summary import summarise
-from fringeworks.report.viewer.pack import pack_surface
 from fringeworks.scan.capture import capture
 from fringeworks.scan.hdr import capture_hdr
 from fringeworks.scan.live_calibration import PoseTaker
-from fringeworks.scan.saturation import CLIPPED_SHARE, largest_count
 from fringeworks.scan.setup import SetupStopped, set_up
 from fringeworks.scan.setup_file import StoredSetup, read_setup, write_setup
-from fringeworks.scan.uniform import uniform_picture
-from fringeworks.simulate.scene import standard_scene
 from fringeworks.studio.worker import Link
-from fringeworks.types import CameraSettings, Decoded, HeightMap, InputError, PointCloud
+from fringeworks.types import Decoded, HeightMap, InputError, Pair, PointCloud
 
-LIVE_S = 0.1
-"""Shortest time between two live pictures, s."""
-LIVE_PX = 960
-"""Longer side of a live picture, px."""
-LEARNED_PX = 400
-"""Side of simulated frames, px: a trial then takes a second."""
+PICTURE_PX = 960
+"""Longer side of a picture to draw areas on, px."""
 PIXELS = 2_000_000
 """Pixels of a surface that the page shows; larger ones are thinned, which is said."""
 
@@ -66,43 +56,6 @@ def find_devices(link: Link) -> tuple[list[str], list[str]]:
     """Words of the projectors and cameras that are there."""
     link.progress("looking for devices")
     return tuple([d.words for d in found if d.usable] for found in list_devices())  # type: ignore[return-value]
-
-
-def live_picture(link: Link, projector: str, camera: str, level: float, exposure_ms: Any) -> None:
-    """Send live pictures until told to stop."""
-    shows, films = open_devices(projector, camera)
-    with shows, films:
-        settings = films.configure(CameraSettings(exposure_ms=exposure_ms, triggered=False))
-        shows.show(uniform_picture(shows, level))
-        while not link.stopped():
-            begun = time.monotonic()
-            films.discard()
-            grab = films.grab()
-            if grab.complete:
-                full = largest_count(settings, grab.pixels.dtype)
-                link.show("picture", _live(grab.pixels, full))
-            time.sleep(max(0.0, LIVE_S - (time.monotonic() - begun)))
-
-
-def _live(pixels: NDArray[Any], full: float) -> dict[str, Any]:
-    """A frame as JPEG, saturated pixels red, and what helps to expose and to focus."""
-    step = max(1, -(-max(pixels.shape) // LIVE_PX))
-    part = pixels[::step, ::step].astype(np.float32) / full
-    grey = np.clip(255.0 * part, 0, 255).astype(np.uint8)
-    shown = np.repeat(grey[..., None], 3, axis=2)
-    saturated = part >= CLIPPED_SHARE
-    shown[saturated] = (230, 0, 0)
-    file = BytesIO()
-    Image.fromarray(shown).save(file, "JPEG", quality=85)
-    edges = np.abs(np.diff(part, axis=1)).mean() / max(float(part.mean()), 1e-3)
-    return {
-        "jpeg": file.getvalue(),
-        "size": [shown.shape[1], shown.shape[0]],
-        "grey": grey.tobytes(),
-        "saturated_share": float(saturated.mean()),
-        "mean_share": float(part.mean()),
-        "sharpness": float(edges),
-    }
 
 
 def run_setup(link: Link, target: str, projector: str, camera: str, frames: int) -> dict[str, Any]:
@@ -124,7 +77,7 @@ def take_pose(
     link: Link, setup: str, folder: str, board: str, devices: tuple[str, str]
 ) -> dict[str, Any]:
     """Take one pose of a board, and judge all."""
-    poses = _poses(folder, board)
+    poses = poses_of(folder, board)
     stored = read_setup(setup)
     link.progress("opening the devices")
     shows, films = open_devices(*devices)
@@ -146,10 +99,10 @@ def judge(link: Link, folder: str, board: str) -> dict[str, Any]:
     """Judge the poses that lie in a folder, after one was deleted or the studio was opened."""
     link.progress("finding the board in the poses")
     _POSES.pop((folder, board), None)
-    return _judged(_poses(folder, board))
+    return _judged(poses_of(folder, board))
 
 
-def _poses(folder: str, board: str) -> PoseTaker:
+def poses_of(folder: str, board: str) -> PoseTaker:
     key = folder, board
     if key not in _POSES:
         _POSES[key] = PoseTaker(folder, board)
@@ -196,6 +149,8 @@ class Source:
     method: str
     """For pairs, as the options."""
     options: dict[str, Any]
+    recipe: Path | None = None
+    """A recipe that says within which area is measured."""
 
 
 def show(link: Link, source: Source, target: str) -> dict[str, Any]:
@@ -219,6 +174,9 @@ def is_stack(folder: Path) -> bool:
 
 def compute(link: Link, source: Source) -> Any:
     """The result of a capture, or the one in a file."""
+    if source.recipe is not None:
+        link.progress("measuring within the area")
+        return inspect(_known(source), source.recipe).surface
     if not source.path.is_dir():
         link.progress("reading")
         return load_result(source.path)
@@ -229,19 +187,49 @@ def compute(link: Link, source: Source) -> Any:
     return decode_stack(source.path) if source.rig is None else measure(source.path, source.rig)
 
 
-def learn(
-    link: Link, body: str, method: str, settings: dict[str, Any], target: str
-) -> dict[str, Any]:
-    """Measure a simulated body, and pack it with its true error."""
-    link.progress(f"simulating {body}")
-    scene = standard_scene(body, size=LEARNED_PX, bits=8, seed=1, **settings)
-    assert scene.truth_mm is not None
-    link.progress(f"measuring by {method}")
-    result = reconstruct(scene, method)
-    deviation = error_map(result.surface, scene.truth_mm)
-    surface = pack_surface(result, deviation=deviation, title=f"{body}, {method}")
-    Path(target).write_bytes(surface.data)
-    return asdict(errors(result.surface, scene.truth_mm)) | {"method": method}
+def judge_part(link: Link, source: Source, recipe: str) -> dict[str, Any]:
+    """Measure a part, and judge its tolerances."""
+    link.progress("measuring the part")
+    return summarise(inspect(_known(source), recipe))
+
+
+def _known(source: Source) -> Any:
+    """What is inspected: a capture by its path, or the surface in a file."""
+    if source.path.is_dir():
+        return source.path
+    result = load_result(source.path)
+    if not isinstance(result, HeightMap | PointCloud):
+        raise InputError(
+            f"{source.path.name}: expected heights or points in the order of a frame's pixels, "
+            "which areas need; .npz holds them"
+        )
+    return result
+
+
+def draw_picture(link: Link, source: Source, target: str) -> dict[str, int]:
+    """Draw what the camera saw of a capture, or the depths of a result, as JPEG."""
+    link.progress("drawing")
+    values = picture_of(_known(source))
+    step = max(1, -(-max(values.shape) // PICTURE_PX))
+    part = values[::step, ::step].astype(np.float64)
+    low, high = np.nanpercentile(part, (1, 99)) if np.isfinite(part).any() else (0.0, 1.0)
+    grey = 255.0 * np.clip((part - low) / max(high - low, 1e-12), 0.0, 1.0)
+    image = Image.fromarray(np.nan_to_num(grey).astype(np.uint8))
+    image.save(target, "JPEG", quality=90)
+    return {"step": step}
+
+
+def picture_of(known: Path | HeightMap | PointCloud) -> NDArray[Any]:
+    """The brightness of a capture, or the heights or depths of a result, (h, w)."""
+    if isinstance(known, HeightMap):
+        return known.values
+    if isinstance(known, PointCloud):
+        return np.asarray(known.xyz_mm[..., 2])
+    found = capture_of(known)
+    if isinstance(found, Pair):
+        return found.object
+    mean = np.mean([np.asarray(frame, np.float32) for frame in found[0].frames], axis=0)
+    return np.asarray(mean)
 
 
 def export(link: Link, source: Source, target: str, kind: str) -> str:
@@ -252,24 +240,8 @@ def export(link: Link, source: Source, target: str, kind: str) -> str:
     if path.suffix in REPORTS:
         write_report(path, {source.path.name: result}, rig=source.rig)
     else:
-        _write(path, result, "mesh" if kind == "mesh" else "points")
+        write_result(path, surface_of(result), kind="mesh" if kind == "mesh" else "points")
     return path.name
-
-
-def _write(path: Path, result: Any, kind: Literal["points", "mesh"]) -> None:
-    """Write heights, points or coordinates in the format of the path's suffix."""
-    inner = surface_of(result)
-    if isinstance(inner, HeightMap):
-        write_surface(path, inner, ply=kind)
-    elif isinstance(inner, PointCloud):
-        write_points(path, inner, kind=kind)
-    elif isinstance(inner, Decoded) and path.suffix == ".npz":
-        write_coordinates(path, inner)
-    else:
-        raise InputError(
-            f"{path.name}: expected points or heights, got another result; without a rig, "
-            "coordinates are written as NPZ or as a report"
-        )
 
 
 def _thinning(result: Any) -> int:

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -21,7 +22,7 @@ ENDED_S = 5.0
 STOP = "stop"
 """Sent to work that goes on until it is told to stop."""
 
-State = Literal["running", "done", "failed", "cancelled"]
+State = Literal["waiting", "running", "done", "failed", "cancelled"]
 
 
 @dataclass
@@ -42,8 +43,15 @@ class Job:
     problem: str = ""
     """Why it failed, in one sentence."""
     started_s: float = field(default_factory=time.monotonic)
+    stopping: bool = False
+    """Whether it was asked to stop."""
     latest: dict[str, Any] = field(default_factory=dict)
     """The last value that the work has sent, by kind."""
+
+    @property
+    def open(self) -> bool:
+        """Whether it waits or is being done."""
+        return self.state in ("waiting", "running")
 
     @property
     def share(self) -> float:
@@ -92,7 +100,8 @@ class Worker:
         self._context = multiprocessing.get_context("spawn")
         self._process: Any = None
         self._pipe: Connection | None = None
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
+        self._waiting: deque[tuple[Job, Task, tuple[Any, ...]]] = deque()
         self.job: Job | None = None
         """The present or last piece of work."""
 
@@ -101,27 +110,34 @@ class Worker:
         """Whether work is being done."""
         return self.job is not None and self.job.state == "running"
 
-    def start(self, name: str, task: Task, *given: Any, total: int = 0) -> Job:
-        """Begin a piece of work.
+    def start(self, name: str, task: Task, *given: Any, total: int = 0, wait: bool = False) -> Job:
+        """Begin a piece of work, or let it wait until the work before it has ended.
 
         Raises
         ------
-        InputError while other work is being done.
+        InputError while other work is being done that it does not wait for.
         """
         with self._lock:
-            if self.busy:
+            if self.busy and not wait:
                 assert self.job is not None
                 raise InputError(f"expected no other work, got {self.job.name} that is running")
-            self.job = Job(name, total)
-            pipe = self.warm()
-            try:
-                pipe.send((task, given))
-            except OSError:
-                # The process has ended since; a new one takes its place.
-                self._end()
-                self.warm().send((task, given))
-            threading.Thread(target=self._follow, args=(self.job, self._pipe), daemon=True).start()
-            return self.job
+            job = Job(name, total, state="waiting")
+            self._waiting.append((job, task, given))
+            if not self.busy:
+                self._begin()
+            return job
+
+    def _begin(self) -> None:
+        """Begin the work that has waited longest."""
+        self.job, task, given = self._waiting.popleft()
+        self.job.state, self.job.started_s = "running", time.monotonic()
+        try:
+            self.warm().send((task, given))
+        except OSError:
+            # The process has ended since; a new one takes its place.
+            self._end()
+            self.warm().send((task, given))
+        threading.Thread(target=self._follow, args=(self.job, self._pipe), daemon=True).start()
 
     def warm(self) -> Connection:
         """Start the process, where there is none; it loads the library meanwhile."""
@@ -134,21 +150,36 @@ class Worker:
         return self._pipe
 
     def stop(self) -> None:
-        """Ask work that goes on for ever to stop."""
-        if self.busy and self._pipe is not None:
-            self._pipe.send(STOP)
-
-    def cancel(self) -> None:
-        """End the work at once. What it has written so far stays."""
+        """Ask work that goes on for ever to stop; it is asked once."""
         with self._lock:
-            if self.busy and self.job is not None:
-                self.job.state = "cancelled"
+            if self.busy and self._pipe is not None and self.job is not None:
+                if not self.job.stopping:
+                    self._pipe.send(STOP)
+                self.job.stopping = True
+
+    def cancel(self, job: Job | None = None) -> None:
+        """End work at once, the present one by default. What it has written so far stays."""
+        with self._lock:
+            job = job or self.job
+            if job is None or not job.open:
+                return
+            running = job.state == "running"
+            job.state = "cancelled"
+            self._waiting = deque(w for w in self._waiting if w[0] is not job)
+            if running:
                 self._end()
+                self._go_on()
 
     def close(self) -> None:
-        """End the process."""
+        """End the process, and forget the work that waits."""
         with self._lock:
+            self._waiting.clear()
             self._end()
+
+    def _go_on(self) -> None:
+        with self._lock:
+            if self._waiting and not self.busy:
+                self._begin()
 
     @property
     def process_id(self) -> int | None:
@@ -180,6 +211,7 @@ class Worker:
             if job.state == "running":
                 job.problem = f"{job.name}: expected a result, but the process ended; start again"
                 job.state = "failed"
+        self._go_on()
 
 
 def _serve(pipe: Connection) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.exposures import is_exposures
 from fringeworks.files.folder import make_folder
 from fringeworks.files.pair import CAPTURE_FILE
 from fringeworks.types import FileProblem
@@ -17,6 +20,21 @@ NAME = re.compile(r"[\w][\w .-]{0,59}", re.UNICODE)
 """Names that users give: letters, digits, spaces, dots and dashes; no separators."""
 RESULTS = (".ply", ".npz", ".tif", ".tiff", ".x3p", ".gsf", ".xyz")
 """Suffixes of results that can be looked at."""
+POSE = re.compile(r"pose-\d+")
+"""Names of the board's poses."""
+RESERVED = (
+    "setup.toml",
+    "setup.plan.toml",
+    "setup.png",
+    "rig.toml",
+    "rig.png",
+    "recipe.toml",
+    "board",
+    "dissertation",
+)
+"""Names of the studio's own files and folders."""
+MOST_VISITED = 5000
+"""Entries of a folder that are looked at."""
 DEEPEST = 2
 """Levels of folders that are searched for captures."""
 MOST_LISTED = 500
@@ -39,6 +57,21 @@ class Workspace:
     def rig(self) -> Path:
         """The rig file."""
         return self.root / "rig.toml"
+
+    @property
+    def recipe(self) -> Path:
+        """The file of areas and tolerances."""
+        return self.root / "recipe.toml"
+
+    @property
+    def figures_folder(self) -> Path:
+        """The folder of the dissertation's figures."""
+        return self.root / "dissertation"
+
+    def figures(self) -> list[str]:
+        """Names of the dissertation's figures that were drawn."""
+        folder = self.figures_folder
+        return sorted(p.name for p in folder.glob("*.svg")) if folder.is_dir() else []
 
     @property
     def poses(self) -> Path:
@@ -66,43 +99,88 @@ class Workspace:
         ------
         FileProblem for a name with other letters than words have, and as ``inside``.
         """
-        if not NAME.fullmatch(name) or name.endswith((".", " ")):
+        if not isinstance(name, str) or not NAME.fullmatch(name) or name.endswith((".", " ")):
             raise FileProblem(
                 f"name: expected letters, digits, spaces, dots or dashes, got {name!r}"
             )
+        if (name + suffix).lower() in RESERVED:
+            raise FileProblem(f"name: expected one that the studio does not use, got {name!r}")
         return self.inside(name + suffix)
+
+    def check(self) -> None:
+        """Refuse links in place of the studio's own files: they would lead out of the folder.
+
+        Raises
+        ------
+        FileProblem with the name of such a link.
+        """
+        for name in RESERVED:
+            if (self.root / name).is_symlink():
+                raise FileProblem(f"{name}: expected a file or folder of the studio's, got a link")
 
     def captures(self) -> list[str]:
         """Names of the captures, those of the board's poses left out."""
-        return sorted(self._captures(self.root, DEEPEST))[:MOST_LISTED]
+        return sorted(islice(self._captures(self.root, DEEPEST), MOST_LISTED))
 
     def has_captures(self) -> bool:
-        """Whether there is any; pages ask twice a second."""
+        """Whether there is any."""
         return next(self._captures(self.root, DEEPEST), None) is not None
 
     def _captures(self, folder: Path, levels: int) -> Iterator[str]:
-        for entry in folder.iterdir():
-            hidden = entry.name.startswith(".") or entry == self.poses
-            if hidden or entry.is_symlink() or not entry.is_dir():
+        for entry in _folders(folder):
+            path = Path(entry.path)
+            if path in (self.poses, self.figures_folder):
                 continue
-            if (entry / CAPTURE_FILE).is_file() or is_exposures(entry):
-                yield entry.relative_to(self.root).as_posix()
+            if _is_file(path / CAPTURE_FILE):
+                yield path.relative_to(self.root).as_posix()
             elif levels > 1:
-                yield from self._captures(entry, levels - 1)
+                yield from self._captures(path, levels - 1)
 
     def results(self) -> list[str]:
         """Names of the files that hold results."""
         return sorted(
             entry.name
-            for entry in self.root.iterdir()
-            if entry.suffix.lower() in RESULTS and entry.is_file() and not entry.is_symlink()
+            for entry in _entries(self.root)
+            if Path(entry.name).suffix.lower() in RESULTS and _is_file(Path(entry.path))
         )[:MOST_LISTED]
 
     def taken_poses(self) -> list[str]:
         """Names of the board's poses that lie in the folder."""
-        if not self.poses.is_dir():
-            return []
-        return sorted(p.name for p in self.poses.iterdir() if (p / CAPTURE_FILE).is_file())
+        return sorted(
+            entry.name
+            for entry in _folders(self.poses)
+            if POSE.fullmatch(entry.name) and _is_file(Path(entry.path) / CAPTURE_FILE)
+        )
+
+
+def _entries(folder: Path) -> list[os.DirEntry[str]]:
+    """Entries of a folder that have a name to show; none where it cannot be read."""
+    try:
+        with os.scandir(folder) as found:
+            return [entry for entry in islice(found, MOST_VISITED) if _shown(entry.name)]
+    except OSError:
+        return []
+
+
+def _folders(folder: Path) -> Iterator[os.DirEntry[str]]:
+    """Folders in a folder; links to folders are passed over."""
+    for entry in _entries(folder):
+        with suppress(OSError):
+            if entry.is_dir(follow_symlinks=False):
+                yield entry
+
+
+def _shown(name: str) -> bool:
+    """Whether a name can be shown, and cannot be taken for an option."""
+    return not name.startswith((".", "-")) and name.isprintable()
+
+
+def _is_file(path: Path) -> bool:
+    """Whether a path is a file itself, and no link, pipe or device."""
+    try:
+        return stat.S_ISREG(path.lstat().st_mode)
+    except (OSError, ValueError):
+        return False
 
 
 def open_workspace(folder: StrPath) -> Workspace:

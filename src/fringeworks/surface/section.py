@@ -27,8 +27,8 @@ rounding would determine the direction along which distances count."""
 
 
 @dataclass(frozen=True)
-class _Spatial:
-    """Places of samples in space."""
+class Spatial:
+    """Places of pixels in space, and how they move with what was measured."""
 
     points: FloatMap
     """Points, (n, 3), mm; NaN where unmeasured."""
@@ -48,7 +48,7 @@ class _Samples:
     sigma: FloatMap
     quantity: str
     unit: Literal["mm", "px"]
-    spatial: _Spatial | None = None
+    spatial: Spatial | None = None
 
 
 def profile(
@@ -151,7 +151,7 @@ def pixels_on_line(line: Line, shape: tuple[int, ...]) -> NDArray[np.int64]:
     return pixels
 
 
-def _in_space(spatial: _Spatial, level: bool) -> dict[str, Any]:
+def _in_space(spatial: Spatial, level: bool) -> dict[str, Any]:
     """Distances in mm and, where levelled, heights over the line and their σ."""
     points = spatial.points
     measured = np.flatnonzero(np.isfinite(points[:, 0]))
@@ -179,6 +179,31 @@ def _in_space(spatial: _Spatial, level: bool) -> dict[str, Any]:
     }
 
 
+def places(
+    surface: HeightMap | PointCloud, row: NDArray[np.int64], column: NDArray[np.int64]
+) -> Spatial:
+    """Return the places of pixels in space.
+
+    Parameters
+    ----------
+    surface : HeightMap or PointCloud
+    row, column : (n,) int64 arrays
+
+    Raises
+    ------
+    InputError for anything else, for displacements, and for heights whose pitch is unknown.
+    """
+    found = None
+    if isinstance(surface, HeightMap | PointCloud):
+        found = _samples(surface, row, column).spatial
+    if found is None:
+        got = getattr(surface, "quantity", type(surface).__name__)
+        raise InputError(
+            f"surface: expected points, or heights in mm with a known pitch, got {got}"
+        )
+    return found
+
+
 def _samples(
     surface: HeightMap | PointCloud | DisplacementMap | CoordinateMap,
     row: NDArray[np.int64],
@@ -190,7 +215,7 @@ def _samples(
         points = np.where(ok, surface.xyz_mm[row, column].astype(np.float64), np.nan)
         ray = points / np.linalg.norm(points, axis=1, keepdims=True)
         along_ray = surface.sigma_mm[row, column].astype(np.float64)
-        spatial = _Spatial(points, ray, along_ray, np.array([0.0, 0.0, -1.0]))
+        spatial = Spatial(points, ray, along_ray, np.array([0.0, 0.0, -1.0]))
         return _Samples(points[:, 2], along_ray * np.abs(ray[:, 2]), "depth z", "mm", spatial)
     if isinstance(surface, HeightMap):
         heights, sigma = surface.values[row, column], surface.sigma[row, column]
@@ -207,7 +232,7 @@ def _samples(
 
 def _of_heights(
     surface: HeightMap, row: NDArray[np.int64], column: NDArray[np.int64]
-) -> _Spatial | None:
+) -> Spatial | None:
     """Places of pixels of a height map; None where it has no lateral scale in mm."""
     if surface.unit != "mm" or surface.pitch is None:
         return None
@@ -219,7 +244,7 @@ def _of_heights(
         by_height[:, 1] = (row - foot_y) * surface.pitch / distance
     points = organised_points(surface)[row, column]
     sigma = surface.sigma[row, column].astype(np.float64)
-    return _Spatial(points, by_height, sigma, np.array([0.0, 0.0, 1.0]))
+    return Spatial(points, by_height, sigma, np.array([0.0, 0.0, 1.0]))
 
 
 def organised_points(surface: PointCloud | HeightMap) -> FloatMap:

@@ -4,6 +4,7 @@
 stacks. Frames are ``(h, w)``, pixel centres lie on integers, x is the column, y the row.
 """
 
+from fringeworks.types.area import Area
 from fringeworks.types.arrays import (
     Axis,
     BoolMap,
@@ -32,12 +33,14 @@ from fringeworks.types.noise import MAD_TO_SIGMA, CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.profile import Line, Profile
 from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
+from fringeworks.types.recipe import PartTolerance, Recipe
 from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
 from fringeworks.types.surface import HeightMap, PointCloud
 
 __all__ = [
     "MAD_TO_SIGMA",
     "RIG_PARAMETERS",
+    "Area",
     "Axis",
     "BoardNotFound",
     "BoolMap",
@@ -59,12 +62,14 @@ __all__ = [
     "Line",
     "MissingPackage",
     "Pair",
+    "PartTolerance",
     "Pinhole",
     "Plotted",
     "PointCloud",
     "Profile",
     "Provenance",
     "Reason",
+    "Recipe",
     "ReferencePlaneGeometry",
     "Region",
     "Rig",

@@ -91,5 +91,6 @@ class PointCloud(Sectioned, Frozen):
 
     @property
     def failed_fraction(self) -> float:
-        """Share of pixels without a point, 0…1."""
-        return float(np.mean(self.reason != Reason.OK))
+        """Share of pixels without a point, 0…1; pixels outside of a chosen area do not count."""
+        wanted = self.reason[self.reason != Reason.MASKED]
+        return float(np.mean(wanted != Reason.OK)) if wanted.size else 1.0

@@ -52,6 +52,15 @@ export class Scene {
     return mesh;
   }
 
+  /** Give back what a surface holds of the graphics processor. */
+  remove({ array, buffers, levels }) {
+    const lists = [...levels.values()].flatMap((level) => Object.values(level));
+    for (const buffer of [...buffers, ...lists.map((list) => list.buffer)]) {
+      this.gl.deleteBuffer(buffer);
+    }
+    this.gl.deleteVertexArray(array);
+  }
+
   /** Set the numbers that colour a surface. */
   setValues(mesh, values, place = 2) {
     const { gl } = this;

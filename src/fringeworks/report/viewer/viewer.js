@@ -66,6 +66,18 @@ export class FringeViewer {
     this.list(this.ui.layer.value);
   }
 
+  /** Show a newer surface of the same scene in place of the first; the view and the layer stay. */
+  async replace(payload) {
+    const surface = await unpack(payload);
+    await surface.addMaps();
+    const [old] = this.surfaces;
+    this.prepare(surface);
+    this.surfaces[0] = surface;
+    this.scene.remove(old.mesh);
+    this.gap = null;
+    this.choose("one");
+  }
+
   say(text) {
     this.ui.readout.textContent = text;
   }

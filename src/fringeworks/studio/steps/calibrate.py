@@ -7,7 +7,8 @@ from typing import Any
 
 from nicegui import ui
 
-from fringeworks.studio.steps.parts import Step, devices, work
+from fringeworks.studio.steps.live import live_picture
+from fringeworks.studio.steps.parts import Step, devices, named, work
 from fringeworks.studio.worker import Job
 
 
@@ -24,19 +25,20 @@ class _Calibrate:
         with ui.row().classes("items-end"):
             board = ui.input("Board: kind:COLUMNSxROWS:SIZE_MM").classes("w-72")
             board.bind_value(self._studio, "board")
-            draw = step.attempt(self._studio.print_board)
+            draw = step.attempt(partial(self._studio.print_board, step.session))
             ui.button("Print", on_click=draw).props("flat no-caps")
         devices(step)
+        live_picture(step, board=True)
         with ui.row():
             take = step.attempt(partial(self._studio.take_pose, step.session))
             ui.button("Take a pose", on_click=take).props("no-caps")
-            judge = step.attempt(self._studio.judge_poses)
+            judge = step.attempt(partial(self._studio.judge_poses, step.session))
             ui.button("Judge again", on_click=judge).props("flat no-caps")
-            calibrate = step.attempt(self._studio.calibrate)
+            calibrate = step.attempt(partial(self._studio.calibrate, step.session))
             ui.button("Calibrate", on_click=calibrate).props("outline no-caps")
-        work(step, self._studio.devices, ("calibrate", "judging"), self._judged)
+        work(step, ("calibrate", "judging"), self._judged, devices=True)
         self._poses()
-        work(step, self._studio.compute, ("calibrating", "drawing"), self._calibrated)
+        work(step, ("calibrating", "drawing the board"), self._calibrated)
         self._verdict()
 
     def _judged(self, job: Job) -> None:
@@ -60,11 +62,12 @@ class _Calibrate:
         with ui.row():
             for name in self._studio.workspace.taken_poses():
                 undo = ui.button(f"{name} ✕", on_click=partial(self._remove, name))
-                undo.props(f'flat dense no-caps aria-label="Delete {name}"')
+                undo.props("flat dense no-caps")
+                named(undo, f"Delete {name}")
 
     def _remove(self, name: str) -> None:
         self._step.attempt(partial(self._studio.undo_pose, name))()
-        self._step.attempt(self._studio.judge_poses)()
+        self._step.attempt(partial(self._studio.judge_poses, self._step.session))()
         self._poses.refresh()
 
     @ui.refreshable_method

@@ -34,14 +34,14 @@ def build(step: Step) -> None:
         formats = FORMATS | (OF_HEIGHTS if heights else OF_POINTS)
         with ui.row():
             for name, (suffix, kind) in formats.items():
-                write = step.attempt(partial(studio.export, shown, suffix, kind))
+                write = step.attempt(partial(studio.export, step.session, shown, suffix, kind))
                 ui.button(name, on_click=write).props("outline no-caps")
 
     def written(job: Job) -> None:
         ui.download(f"/file/{job.result}", job.result)
         commands.refresh()
 
-    work(step, studio.compute, ("writing",), written)
+    work(step, ("writing",), written)
 
     @ui.refreshable
     def commands() -> None:

@@ -1,57 +1,120 @@
-"""Learn: a virtual scene with sliders, and how each method holds or fails on it."""
+"""Learn: virtual scenes with sliders, how each method holds or fails, and the dissertation."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from nicegui import ui
 
 from fringeworks.pair.analyse import methods
+from fringeworks.studio.learning import BODIES, PAIRS, SLIDERS
 from fringeworks.studio.steps.parts import Step, work
 from fringeworks.studio.worker import Job
 
-SLIDERS: dict[str, tuple[str, float, float, float, float]] = {
-    "gamma": ("γ of the projector", 1.0, 3.0, 0.1, 1.0),
-    "noise": ("Noise, counts", 0.0, 10.0, 0.5, 1.0),
-    "fringes": ("Fringes", 4, 60, 1, 20),
-    "height_mm": ("Height, mm", 5.0, 100.0, 5.0, 50.0),
-}
-"""Sliders: name, smallest, largest, step and first value."""
-BODIES = ("parabola", "cube", "cylinder")
-"""Bodies of the dissertation."""
+PAPER_PX = (200, 300, 500, 1000)
+"""Sides of the dissertation's scenes; the last one is its own."""
 
 
 def build(step: Step) -> None:
     """Build the step."""
-    studio = step.studio
-    sliders = {}
-    with ui.row().classes("items-end"):
-        body = ui.select(list(BODIES), value="parabola", label="Body").classes("w-36")
-        method = ui.select(list(methods()), value="windowed", label="Method").classes("w-48")
-        painted = ui.checkbox("Painted")
-    with ui.grid(columns="max-content 16rem max-content").classes("items-center"):
-        for key, (name, low, high, by, first) in SLIDERS.items():
-            ui.label(name)
-            sliders[key] = ui.slider(min=low, max=high, step=by, value=first)
-            sliders[key].props(f'aria-label="{name}"')
-            ui.label().bind_text_from(sliders[key], "value", lambda v: f"{v:g}")
+    _Learn(step)
+    _dissertation(step)
 
-    def begin() -> None:
-        settings = {key: slider.value for key, slider in sliders.items()}
-        settings["fringes"] = int(settings["fringes"])
-        settings["painted"] = painted.value
-        studio.learn(step.session, body.value, method.value, settings)
 
-    ui.button("Try", on_click=step.attempt(begin)).props("no-caps")
+class _Learn:
+    """The settings of a trial, and its surface."""
 
-    def tried(job: Job) -> None:
-        ui.run_javascript(f"fringeShow('{mount}', [{step.session.tried}])")
+    def __init__(self, step: Step) -> None:
+        self._step, self._studio, self._session = step, step.studio, step.session
+        self._sliders: dict[str, Any] = {}
+        with ui.row().classes("items-end"):
+            self._experiment = ui.select(
+                list(BODIES), value=next(iter(BODIES)), label="Experiment", on_change=self._offer
+            ).classes("w-48")
+            self._body = ui.select([], label="Body").classes("w-36")
+            names = list(methods())
+            self._method = ui.select(names, value="windowed", label="Method").classes("w-48")
+            self._painted = ui.checkbox("Painted")
+        self._settings = ui.grid(columns="max-content 16rem max-content").classes("items-center")
+        self._offer()
+        ui.button("Try", on_click=step.attempt(self._begin)).props("no-caps")
+        work(step, ("trying",), self._tried)
+        self._told = ui.label().props('role="status"')
+        element = ui.element("div").classes("fringe-viewer-mount w-full")
+        self._mount = f"c{element.id}"
+
+    def _offer(self) -> None:
+        """Bodies and sliders of the chosen experiment."""
+        experiment = self._experiment.value
+        bodies = list(BODIES[experiment])
+        kept = self._body.value if self._body.value in bodies else bodies[0]
+        self._body.set_options(bodies, value=kept)
+        self._method.set_visibility(experiment in PAIRS)
+        self._painted.set_visibility(experiment == "two frames, ideal")
+        before = {key: slider.value for key, slider in self._sliders.items()}
+        self._sliders = {}
+        self._settings.clear()
+        with self._settings:
+            for key, one in SLIDERS.items():
+                if experiment not in one.experiments:
+                    continue
+                ui.label(one.name)
+                slider = ui.slider(
+                    min=one.low, max=one.high, step=one.step, value=before.get(key, one.first)
+                )
+                slider.props(f'aria-label="{one.name}"')
+                ui.label().bind_text_from(slider, "value", lambda v: f"{v:g}")
+                self._sliders[key] = slider
+
+    def _begin(self) -> None:
+        settings: dict[str, Any] = {key: slider.value for key, slider in self._sliders.items()}
+        for key in ("fringes", "steps"):
+            if key in settings:
+                settings[key] = int(settings[key])
+        if self._experiment.value == "two frames, ideal":
+            settings["painted"] = self._painted.value
+        self._studio.learn(
+            self._session, self._experiment.value, self._body.value, self._method.value, settings
+        )
+
+    def _tried(self, job: Job) -> None:
+        ui.run_javascript(f"fringeShow('{self._mount}', [{self._session.tried}])")
         found = job.result
-        told.set_text(
-            f"{found['method']}: mean error {found['mean_abs_error_mm']:.3g} mm, largest "
-            f"{found['max_abs_error_mm']:.3g} mm, {found['failed_fraction']:.1%} without a value. "
+        unit = found["unit"]
+        self._told.set_text(
+            f"{found['method']}: mean error {found['mean']:.3g} {unit}, largest "
+            f"{found['largest']:.3g} {unit}, {found['failed']:.1%} without a value. "
             "The layer Deviation is the true error."
         )
 
-    work(step, studio.compute, ("trying",), tried)
-    told = ui.label().props('role="status"')
-    element = ui.element("div").classes("fringe-viewer-mount w-full")
-    mount = f"c{element.id}"
+
+def _dissertation(step: Step) -> None:
+    """The figures of the dissertation's chapter 4, made again."""
+    studio = step.studio
+    with ui.expansion("The dissertation's figures and its table of errors").classes("w-full"):
+        with ui.row().classes("items-end"):
+            size = ui.select(list(PAPER_PX), value=300, label="Side of the scenes, px")
+            size.classes("w-44")
+            draw = step.attempt(lambda: studio.draw_figures(step.session, int(size.value)))
+            ui.button("Draw them", on_click=draw).props("no-caps")
+
+        def drawn(_: Job) -> None:
+            figures.refresh()
+
+        work(step, ("the dissertation",), drawn)
+
+        @ui.refreshable
+        def figures() -> None:
+            names = studio.workspace.figures()
+            if not names:
+                return
+            ui.link("The chapter as a page", studio.figure_address("chapter4.html"), new_tab=True)
+            with ui.row():
+                for name in names:
+                    with ui.column().classes("gap-0"):
+                        caption = name.removesuffix(".svg").replace("_", " ")
+                        picture = ui.image(studio.figure_address(name))
+                        picture.classes("w-80 bg-white").props["alt"] = caption
+                        ui.label(caption).classes("opacity-80")
+
+        figures()

@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from fringeworks.pair.analyse import methods
+from fringeworks.studio.steps.areas import areas
 from fringeworks.studio.steps.parts import Step, figures, work
 from fringeworks.studio.tasks import is_stack
 from fringeworks.studio.worker import Job
@@ -37,8 +38,9 @@ class _Look:
         self._step, self._studio, self._session = step, step.studio, step.session
         space = self._studio.workspace
         sources = [*space.captures(), *space.results()]
-        job, pending = self._studio.compute.job, self._session.pending
-        if job is not None and pending is not None and job.state == "done":
+        pending = self._session.pending
+        job = None if pending is None else self._session.job((pending.work,))
+        if job is not None and job.state == "done":
             # It ended while another step was shown.
             self._session.arrived(job.name, job.result)
         shown = self._session.pending or self._session.shown
@@ -60,10 +62,11 @@ class _Look:
             ui.button("Measure", on_click=step.attempt(self._measure)).props("no-caps")
         self._options = ui.row().classes("items-end")
         self._controls: dict[str, Any] = {}
-        work(step, self._studio.compute, ("measuring",), self._arrived)
+        work(step, ("measuring",), self._arrived)
         mount = ui.element("div").classes("fringe-viewer-mount w-full")
         self._mount = f"c{mount.id}"
         self._below = ui.column()
+        areas(step, lambda: self._source.value, self._recompute)
         self._offer()
         if self._session.shown is not None:
             ui.timer(0.1, self._draw, once=True)

@@ -10,7 +10,7 @@ from nicegui import ui
 
 from fringeworks.devices.virtual_bench import POSES, SCENES
 from fringeworks.studio.state import VIRTUAL, Session, Studio
-from fringeworks.studio.worker import Job, Worker
+from fringeworks.studio.worker import Job
 from fringeworks.types import InputError
 
 UPDATE_S = 0.25
@@ -41,32 +41,50 @@ class Step:
 
 
 def work(
-    step: Step, worker: Worker, names: tuple[str, ...], done: Callable[[Job], None] | None = None
+    step: Step,
+    names: tuple[str, ...],
+    done: Callable[[Job], None] | None = None,
+    *,
+    devices: bool = False,
+    endless: bool = False,
 ) -> None:
-    """Show how far the work of a worker is, whatever page has begun it.
+    """Show how far a visitor's computation is, or the work of the devices, whoever began it.
 
     Parameters
     ----------
     step : Step
-    worker : Worker
     names : tuple of str
         Beginnings of the names of work that this place shows.
     done : callable, optional
         Called once when such work has ended well.
+    devices : bool
+        Whether it is work of the devices.
+    endless : bool
+        Whether it goes on until it is stopped; then only problems are shown.
     """
-    told: dict[str, Job | None] = {"ended": worker.job}
+    studio = step.studio
+
+    def present() -> Job | None:
+        if not devices:
+            return step.session.job(names)
+        job = studio.devices.job
+        return job if job is not None and job.name.startswith(names) else None
+
+    first = present()
+    told = {"ended": first if first is not None and not first.open else None}
     with ui.column().classes("w-full gap-1") as box:
         label = ui.label().props('role="status"')
         bar = ui.linear_progress(0.0, show_value=False)
         bar.props('instant-feedback aria-label="progress"')
-        cancel = ui.button("Cancel", on_click=worker.cancel).props("flat dense no-caps")
+        worker = studio.devices if devices else studio.compute
+        cancel = ui.button("Cancel", on_click=lambda: worker.cancel(present()))
+        cancel.props("flat dense no-caps")
     problem = ui.label().classes("text-negative").props('role="alert"')
 
     def update() -> None:
-        job = worker.job if worker.job and worker.job.name.startswith(names) else None
-        running = job is not None and job.state == "running"
-        box.set_visibility(running)
-        cancel.set_visibility(running and (worker is not step.studio.devices or _mine(step)))
+        job = present()
+        box.set_visibility(job is not None and job.open and not endless)
+        cancel.set_visibility(not devices or studio.holds(step.session))
         problem.set_visibility(job is not None and job.state in ("failed", "cancelled"))
         if job is None:
             return
@@ -78,17 +96,13 @@ def work(
             if done is not None:
                 done(job)
 
-    if worker.busy:
-        told["ended"] = None
     ui.timer(UPDATE_S, update)
     update()
 
 
-def _mine(step: Step) -> bool:
-    return step.studio.holds(step.session)
-
-
 def _progress(job: Job) -> str:
+    if job.state == "waiting":
+        return f"{job.name}: waits for the work before it"
     left = "" if job.left_s is None else f", about {job.left_s:.0f} s left"
     count = f" ({job.steps} of {job.total})" if job.total else ""
     return f"{job.name}: {job.label}{count}{left}"
@@ -99,12 +113,26 @@ def devices(step: Step) -> None:
     studio = step.studio
     with ui.row().classes("items-end"):
         for role in ("projector", "camera"):
-            found = studio.found[role == "camera"]
-            field = ui.input(role.capitalize(), autocomplete=sorted({*found, VIRTUAL}))
+            words = {VIRTUAL, getattr(studio, role), *studio.found[role == "camera"]}
+            field = ui.select(
+                sorted(words),
+                label=role.capitalize(),
+                with_input=True,
+                new_value_mode="add-unique",
+                value=getattr(studio, role),
+            )
             field.classes("w-56").bind_value(studio, role)
         scene = ui.select(SEEN, label="Virtual scene").classes("w-40")
         scene.bind_value(studio, "scene")
         scene.bind_visibility_from(studio, "camera", lambda words: words == VIRTUAL)
+
+
+def named(button: ui.button, name: str) -> None:
+    """Give a button a name for those who do not see it.
+
+    Names come from files: in a text of properties, some would be taken for code.
+    """
+    button.props["aria-label"] = name
 
 
 def figures(values: dict[str, Any], names: dict[str, str]) -> None:

@@ -7,9 +7,8 @@ from typing import Any
 
 from nicegui import ui
 
-from fringeworks.studio.steps.parts import Step, devices, work
-from fringeworks.studio.worker import Job
-from fringeworks.types import InputError
+from fringeworks.studio.steps.live import live_points
+from fringeworks.studio.steps.parts import UPDATE_S, Step, devices, work
 
 
 def build(step: Step) -> None:
@@ -22,58 +21,58 @@ class _Scan:
 
     def __init__(self, step: Step) -> None:
         self._step, self._studio = step, step.studio
-        self._left = 0
+        self._seen = self._studio.series
         devices(step)
         with ui.row().classes("items-end"):
             self._name = ui.input("Name", value=self._next()).classes("w-48")
             self._exposures = _whole("Exposures", 8)
             self._average = _whole("Frames averaged", 64)
             self._series = _whole("Scans", 999)
+            self._turn = ui.number("Turned by each, degrees", value=0, min=0, max=180)
+            self._turn.classes("w-44")
             self._pause = ui.number("Pause before each, s", value=0, min=0, max=3600)
             self._pause.classes("w-40")
         start = step.attempt(self._start)
-        ui.button("Scan (space)", on_click=start).props("no-caps")
+        with ui.row():
+            ui.button("Scan (space)", on_click=start).props("no-caps")
+            stop = step.attempt(lambda: self._studio.stop_series(step.session))
+            ui.button("Stop the series", on_click=stop).props("flat no-caps")
         ui.keyboard(on_key=lambda event: start() if _pressed(event) else None)
         self._waiting = ui.label().props('role="status"')
-        work(step, self._studio.devices, ("scan",), self._ended)
+        work(step, ("scan",), devices=True)
+        ui.timer(UPDATE_S, self._update)
         self._taken()
+        live_points(step)
 
     def _start(self) -> None:
         """Begin a series; one scan is a series of one."""
-        if self._studio.devices.busy or self._left:
-            raise InputError("scan: expected no other scan, got one that is running or waiting")
-        self._left = int(self._series.value or 1)
-        self._wait()
+        name, count = str(self._name.value), int(self._series.value or 1)
+        turn = float(self._turn.value or 0)
+        self._studio.start_series(
+            self._step.session,
+            series_names(name, count, turn),
+            float(self._pause.value or 0),
+            exposures=int(self._exposures.value or 1),
+            average=int(self._average.value or 1),
+        )
 
-    def _wait(self) -> None:
-        """Wait for the pause, in which the object may be turned, and scan."""
-        pause_s = float(self._pause.value or 0)
-        if pause_s:
-            self._waiting.set_text(f"Next scan in {pause_s:g} s: {self._left} left.")
-        ui.timer(max(pause_s, 0.01), self._step.attempt(self._scan), once=True)
-
-    def _scan(self) -> None:
-        self._waiting.set_text("")
-        self._left -= 1
-        try:
-            self._studio.scan(
-                self._step.session,
-                str(self._name.value),
-                exposures=int(self._exposures.value or 1),
-                average=int(self._average.value or 1),
-            )
-        except InputError:
-            self._left = 0
-            raise
-
-    def _ended(self, job: Job) -> None:
-        self._name.set_value(self._next())
-        if self._left == 0 and self._studio.workspace.rig.is_file():
-            self._step.attempt(partial(self._look, job.result["capture"]))()
+    def _update(self) -> None:
+        """Say how far the series is, and look at a single scan when it is there."""
+        series = self._studio.series
+        if series is None:
             return
-        self._taken.refresh()
-        if self._left:
-            self._wait()
+        if series.running and series.waiting_s:
+            self._waiting.set_text(f"Next scan in {series.waiting_s:.0f} s: {series.left} left.")
+        elif series.running:
+            self._waiting.set_text(f"{series.left} left." if len(series.names) > 1 else "")
+        elif series is not self._seen:
+            self._seen = series
+            self._waiting.set_text(series.problem)
+            self._name.set_value(self._next())
+            self._taken.refresh()
+            single = len(series.names) == 1 and series.taken
+            if single and self._studio.workspace.rig.is_file():
+                self._step.attempt(partial(self._look, series.taken[0]))()
 
     def _look(self, capture: str) -> None:
         self._studio.look(self._step.session, capture, "windowed", {})
@@ -88,9 +87,19 @@ class _Scan:
                 ui.button("Look", on_click=show).props("flat dense no-caps")
 
     def _next(self) -> str:
-        """The first name of a series that is free."""
-        taken = self._studio.workspace.captures()
-        return next(n for k in range(1, 10_000) if (n := f"scan-{k:03d}") not in taken)
+        """The first name that is free."""
+        root = self._studio.workspace.root
+        names = (f"scan-{k:03d}" for k in range(1, 100_000))
+        return next(n for n in names if not [*root.glob(f"{n}*")])
+
+
+def series_names(name: str, count: int, turn_deg: float) -> list[str]:
+    """Return the names of a series: by their angle on a turntable, or numbered."""
+    if count == 1:
+        return [name]
+    if turn_deg:
+        return [f"{name}-{k * turn_deg:05.1f}deg" for k in range(count)]
+    return [f"{name}-{k:03d}" for k in range(1, count + 1)]
 
 
 def _whole(label: str, most: int) -> Any:

@@ -1,0 +1,207 @@
+"""Parts measured by a recipe, and judged by its tolerances."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import NormalDist
+from typing import Literal
+
+import numpy as np
+
+from fringeworks.evaluate.area_points import AreaPoints, area_points
+from fringeworks.evaluate.quantities import MEASURED, Quantified
+from fringeworks.files.atomic import StrPath
+from fringeworks.files.recipe import read_recipe
+from fringeworks.pipeline.inputs import capture_of
+from fringeworks.pipeline.pairs import reconstruct
+from fringeworks.pipeline.stacks import measure
+from fringeworks.types import (
+    Area,
+    FloatMap,
+    Frozen,
+    HeightMap,
+    InputError,
+    Pair,
+    PartTolerance,
+    PointCloud,
+    Reason,
+    Recipe,
+    sealed,
+)
+
+Verdict = Literal["pass", "fail", "undecided"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(Frozen):
+    """A quantity of a part, and whether it keeps to its tolerance."""
+
+    tolerance: PartTolerance
+    value: float
+    """NaN where it could not be measured."""
+    sigma: float
+    """Standard deviation of the value; NaN where it could not be measured."""
+    unit: str
+    verdict: Verdict
+    why: str = ""
+    """Why it is undecided; empty otherwise."""
+
+    def __str__(self) -> str:
+        low, high = self.tolerance.low, self.tolerance.high
+        limits = f"{'' if low is None else f'{low:g}'}…{'' if high is None else f'{high:g}'}"
+        value = f"{self.value:.5g} ± {self.sigma:.2g}"
+        return f"{self.tolerance.name}: {value} {self.unit} ({limits}): {self.verdict}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Inspection(Frozen):
+    """A part that was measured and judged."""
+
+    checks: tuple[Check, ...]
+    surface: HeightMap | PointCloud
+    """What was measured, within the recipe's area."""
+    notes: tuple[str, ...]
+    """What to know about the capture."""
+    seconds: float
+    """Time that it took."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Fail where a check fails; undecided where none fails and one is; pass otherwise."""
+        found = {check.verdict for check in self.checks}
+        return "fail" if "fail" in found else "undecided" if "undecided" in found else "pass"
+
+
+def inspect(capture: StrPath | HeightMap | PointCloud, recipe: Recipe | StrPath) -> Inspection:
+    """Measure a part by a recipe, and judge its tolerances.
+
+    Parameters
+    ----------
+    capture : path of a capture; or a HeightMap or PointCloud that was measured before
+    recipe : Recipe or path
+
+    Returns
+    -------
+    Inspection
+
+    Raises
+    ------
+    InputError for a capture or a recipe that cannot be used. An area in which too little was
+    measured makes its checks undecided instead.
+
+    Notes
+    -----
+    Decisions keep a guard band to each limit (ISO 14253-1). With the standard deviation s of a
+    value and the z that a normal number exceeds with the recipe's risk, a value passes if it is
+    inside by z s or more, fails if it is outside by as much, and is undecided between. A value that
+    passes therefore breaks its limit with a probability of at most the risk, one that fails keeps
+    it with at most the same.
+    """
+    recipe = recipe if isinstance(recipe, Recipe) else read_recipe(recipe)
+    started = time.perf_counter()
+    if isinstance(capture, HeightMap | PointCloud):
+        surface, notes = capture, tuple(finding.text for finding in capture.findings)
+    else:
+        surface, notes = _measured(Path(capture), recipe)
+    surface = _within(surface, recipe)
+    checks = judge_part(surface, recipe)
+    return Inspection(checks, surface, notes, time.perf_counter() - started)
+
+
+def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, ...]:
+    """Judge the tolerances of a recipe on a surface; see ``inspect``."""
+    known: dict[str, AreaPoints | InputError] = {}
+
+    def points(name: str) -> AreaPoints:
+        if name not in known:
+            try:
+                known[name] = area_points(surface, recipe.areas[name])
+            except InputError as problem:
+                known[name] = problem
+        found = known[name]
+        if isinstance(found, InputError):
+            raise InputError(f"{name}: {found}")
+        return found
+
+    return tuple(_checked(one, points, recipe.risk) for one in recipe.tolerances)
+
+
+def decide(found: Quantified, tolerance: PartTolerance, risk: float) -> Verdict:
+    """Decide whether a value keeps to its tolerance, with a guard band to each limit."""
+    guard = NormalDist().inv_cdf(1.0 - risk) * found.sigma
+    low = -np.inf if tolerance.low is None else tolerance.low
+    high = np.inf if tolerance.high is None else tolerance.high
+    if low + guard <= found.value - found.noise and found.value <= high - guard:
+        return "pass"
+    if found.value < low - guard or found.value - found.noise > high + guard:
+        return "fail"
+    return "undecided"
+
+
+def _checked(tolerance: PartTolerance, points: Callable[[str], AreaPoints], risk: float) -> Check:
+    try:
+        found = MEASURED[tolerance.quantity](*(points(name) for name in tolerance.areas))
+    except InputError as problem:
+        return Check(tolerance, np.nan, np.nan, "", "undecided", str(problem))
+    verdict = decide(found, tolerance, risk)
+    why = "its uncertainty straddles a limit" if verdict == "undecided" else ""
+    return Check(tolerance, found.value, found.sigma, found.unit, verdict, why)
+
+
+def _measured(capture: Path, recipe: Recipe) -> tuple[HeightMap | PointCloud, tuple[str, ...]]:
+    """The surface of a capture, and its notes."""
+    found = capture_of(capture)
+    if isinstance(found, Pair):
+        pair = found
+        if recipe.within is not None:
+            wanted = recipe.areas[recipe.within].pixels(_rows_and_columns(pair.object.shape))
+            pair = replace(pair, mask=wanted if pair.mask is None else pair.mask & wanted)
+        made = reconstruct(pair, recipe.method, **recipe.options)
+        return made.surface, made.notes
+    if recipe.rig is None:
+        raise InputError(f"{capture}: expected a recipe with a rig for a stack of frames, got none")
+    result = measure(found, recipe.rig, **recipe.options)
+    return result.points, result.notes
+
+
+def _rows_and_columns(shape: tuple[int, ...]) -> tuple[int, int]:
+    return shape[0], shape[1]
+
+
+def _within(surface: HeightMap | PointCloud, recipe: Recipe) -> HeightMap | PointCloud:
+    """A surface without what lies outside of the recipe's area."""
+    if recipe.within is None:
+        return surface
+    return masked(surface, recipe.areas[recipe.within])
+
+
+def masked(surface: HeightMap | PointCloud, area: Area) -> HeightMap | PointCloud:
+    """Return a surface of which only an area is measured.
+
+    Parameters
+    ----------
+    surface : HeightMap or PointCloud
+    area : Area
+        Pixels outside of it become unmeasured, with the reason ``MASKED``.
+    """
+    outside = ~area.pixels(surface.shape)
+    reason = np.where(outside, np.uint8(Reason.MASKED), surface.reason)
+
+    def cut(values: FloatMap) -> FloatMap:
+        where = outside[..., None] if values.ndim == 3 else outside
+        return sealed(np.where(where, values.dtype.type(np.nan), values))
+
+    if isinstance(surface, HeightMap):
+        return replace(
+            surface, reason=sealed(reason), values=cut(surface.values), sigma=cut(surface.sigma)
+        )
+    return replace(
+        surface,
+        reason=sealed(reason),
+        xyz_mm=cut(surface.xyz_mm),
+        sigma_mm=cut(surface.sigma_mm),
+        noise_mm=cut(surface.noise_mm),
+    )

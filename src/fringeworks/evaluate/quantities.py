@@ -1,0 +1,203 @@
+"""Quantities of parts that can have a tolerance, each one function: value and uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from fringeworks.evaluate.area_points import AreaPoints, Term, sigma_of
+from fringeworks.surface.form import DISCARDED, Form, fit_region
+from fringeworks.surface.form_geometry import BodyKind
+from fringeworks.types import FloatMap, InputError
+
+NOISE_RANGE = 5.94
+"""Range of 99.7 % of normal noise, standard deviations."""
+LEAST_SHARE_OF_VOLUME = 0.99
+"""Smallest share of measured pixels of a volume: nothing is known about the rest."""
+
+
+@dataclass(frozen=True)
+class Quantified:
+    """A quantity that was measured."""
+
+    value: float
+    sigma: float
+    """Standard deviation, of noise and of calibration."""
+    unit: str
+    noise: float = 0.0
+    """By how much noise alone may have raised the value; 0 where it does not."""
+
+
+def flatness(part: AreaPoints) -> Quantified:
+    """Range of the distances from the plane of least squares, without the farthest 0.3 %.
+
+    Noise widens the range. Its part is what the range exceeds √(F² − (5.94 s)²) by, with the
+    standard deviation s of the points' noise.
+    """
+    form = _fitted(part, "plane")
+    value = form.spread_mm(1.0 - DISCARDED)
+    normal = np.asarray(form.parameters["normal"])
+    along = np.abs(part.by_value @ normal)
+    scatter = NOISE_RANGE * float(np.median(along * np.hypot(part.noise, part.common)))
+    inner = float(np.sqrt(max(value**2 - scatter**2, 0.0)))
+    # Both ends of the range have an error.
+    ends = np.sqrt(2.0) * float(np.median(along * part.sigma))
+    return Quantified(value, ends, "mm", noise=value - inner)
+
+
+def step_height(part: AreaPoints, base: AreaPoints) -> Quantified:
+    """Mean distance of an area from the plane through the base, positive towards the camera."""
+    plane = _Plane(base)
+    n = len(part.points)
+    follows = plane.at(part.points).mean(axis=0) @ plane.inverse
+    terms = [Term(part, np.full(n, 1.0 / n), plane.normal), Term(base, -follows, plane.normal)]
+    return Quantified(float(plane.heights(part.points).mean()), sigma_of(terms), "mm")
+
+
+def distance(one: AreaPoints, other: AreaPoints) -> Quantified:
+    """Distance of the mean points of two areas."""
+    way = other.middle - one.middle
+    length = float(np.linalg.norm(way))
+    if length == 0:
+        raise InputError("distance: expected two areas, got one twice")
+    unit = way / length
+    terms = [
+        Term(area, np.full(len(area.points), sign / len(area.points)), unit)
+        for area, sign in ((other, 1.0), (one, -1.0))
+    ]
+    return Quantified(length, sigma_of(terms), "mm")
+
+
+def sphere_diameter(part: AreaPoints) -> Quantified:
+    """Diameter of the sphere of least squares."""
+    found = _sphere(part)
+    return Quantified(
+        2.0 * found.radius, 2.0 * sigma_of([Term(part, found.weights[3], found.normals)]), "mm"
+    )
+
+
+def sphere_spacing(one: AreaPoints, other: AreaPoints) -> Quantified:
+    """Distance of the centres of two spheres."""
+    spheres = _sphere(one), _sphere(other)
+    way = spheres[1].centre - spheres[0].centre
+    length = float(np.linalg.norm(way))
+    if length == 0:
+        raise InputError("sphere_spacing: expected two areas, got one twice")
+    unit = way / length
+    terms = [
+        Term(area, sign * (unit @ sphere.weights[:3]), sphere.normals)
+        for area, sphere, sign in ((one, spheres[0], -1.0), (other, spheres[1], 1.0))
+    ]
+    return Quantified(length, sigma_of(terms), "mm")
+
+
+def cylinder_diameter(part: AreaPoints) -> Quantified:
+    """Diameter of the cylinder of least squares."""
+    form = _fitted(part, "cylinder")
+    radius = form.parameters["radius_mm"]
+    assert isinstance(radius, float)
+    assert form.sigma_mm is not None
+    return Quantified(2.0 * radius, 2.0 * form.sigma_mm, "mm")
+
+
+def volume(part: AreaPoints, base: AreaPoints) -> Quantified:
+    """Volume between an area and the plane through the base, positive towards the camera.
+
+    Pixels stand for the piece of the plane that their piece of surface lies above.
+    """
+    plane = _Plane(base)
+    pieces = np.abs(part.size_mm2 @ plane.normal)
+    measured = np.isfinite(pieces)
+    share = float(measured.sum()) / part.wanted
+    if share < LEAST_SHARE_OF_VOLUME:
+        raise InputError(
+            f"volume: expected {LEAST_SHARE_OF_VOLUME:.0%} of the area to be measured, got "
+            f"{share:.1%}"
+        )
+    pieces = np.where(measured, pieces, 0.0)
+    follows = (pieces @ plane.at(part.points)) @ plane.inverse
+    terms = [Term(part, pieces, plane.normal), Term(base, -follows, plane.normal)]
+    return Quantified(float(pieces @ plane.heights(part.points)), sigma_of(terms), "mm³")
+
+
+def valid_share(part: AreaPoints) -> Quantified:
+    """Share of the area's pixels that have a value, 0…1."""
+    return Quantified(part.share, 0.0, "")
+
+
+def median_sigma(part: AreaPoints) -> Quantified:
+    """Median standard deviation of the area's pixels."""
+    return Quantified(float(np.median(part.sigma)), 0.0, "mm")
+
+
+MEASURED: Mapping[str, Callable[..., Quantified]] = MappingProxyType(
+    {
+        one.__name__: one
+        for one in (
+            flatness,
+            step_height,
+            distance,
+            sphere_diameter,
+            sphere_spacing,
+            cylinder_diameter,
+            volume,
+            valid_share,
+            median_sigma,
+        )
+    }
+)
+"""What measures each quantity."""
+
+
+def _fitted(part: AreaPoints, body: BodyKind) -> Form:
+    common = float(np.sqrt(np.mean(part.common**2)))
+    return fit_region(part.points, body, common_mm=common)
+
+
+class _Plane:
+    """The plane of least squares through an area, and how it follows the area's points."""
+
+    def __init__(self, base: AreaPoints) -> None:
+        form = _fitted(base, "plane")
+        normal = np.asarray(form.parameters["normal"])
+        self.normal: FloatMap = normal if normal @ base.up > 0 else -normal
+        """Towards the camera, (3,)."""
+        self._point = np.asarray(form.parameters["point_mm"])
+        self._across = np.linalg.svd(normal[None, :])[2][1:]
+        self.inverse: FloatMap = np.linalg.pinv(self.at(base.points) * form.used[:, None])
+        """Change of the plane's three values with each point's way along the normal, (3, n)."""
+
+    def at(self, points: FloatMap) -> FloatMap:
+        """Return how the plane's height at points follows its three values, (n, 3)."""
+        places = (points - self._point) @ self._across.T
+        return np.column_stack((np.ones(len(points)), places))
+
+    def heights(self, points: FloatMap) -> FloatMap:
+        """Return the signed distances of points, (n,), mm."""
+        return np.asarray((points - self._point) @ self.normal)
+
+
+@dataclass(frozen=True)
+class _Sphere:
+    """The sphere of least squares through an area."""
+
+    centre: FloatMap
+    radius: float
+    normals: FloatMap
+    """Outwards at each point, (n, 3)."""
+    weights: FloatMap
+    """Change of centre and radius with each point's way along its normal, (4, n)."""
+
+
+def _sphere(part: AreaPoints) -> _Sphere:
+    form = _fitted(part, "sphere")
+    centre = np.asarray(form.parameters["centre_mm"])
+    radius = form.parameters["radius_mm"]
+    assert isinstance(radius, float)
+    out = part.points - centre
+    normals = out / np.linalg.norm(out, axis=1, keepdims=True)
+    slopes = np.column_stack((normals, np.ones(len(normals))))
+    return _Sphere(centre, radius, normals, np.linalg.pinv(slopes * form.used[:, None]))

@@ -1,0 +1,170 @@
+"""Recipes on disk: the chain, areas and tolerances, as TOML."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tomli_w
+from pydantic import Field
+
+from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.images import read_frame, write_frame
+from fringeworks.files.limits import MAX_LENGTH_PX, told
+from fringeworks.files.toml import Section, read_toml
+from fringeworks.types import Area, FileProblem, InputError, PartTolerance, Recipe, Rig
+from fringeworks.types.recipe import USUAL_RISK, Quantity
+
+MOST_CORNERS = 10_000
+"""Largest number of corners of a polygon."""
+MOST_AREAS = 1000
+"""Largest number of areas, and of tolerances."""
+HEADER = "# How parts are measured and judged (fringeworks). Areas are in camera pixels.\n"
+"""Comment at the top of a recipe."""
+
+
+class _Area(Section):
+    """``[areas.NAME]``: a box, a polygon or a mask."""
+
+    box: tuple[int, int, int, int] | None = None
+    polygon: list[tuple[float, float]] | None = Field(default=None, max_length=MOST_CORNERS)
+    mask: str | None = None
+    """Image file relative to the recipe; pixels above 0 belong to it."""
+
+
+class _Tolerance(Section):
+    """``[[tolerances]]``."""
+
+    name: str = Field(min_length=1, max_length=80)
+    quantity: Quantity
+    areas: list[str] = Field(min_length=1, max_length=2)
+    min: float | None = None
+    max: float | None = None
+
+
+class RecipeFile(Section):
+    """The whole of a recipe; unknown keys are refused."""
+
+    kind: Literal["recipe"]
+    method: str = "windowed"
+    rig: str | None = None
+    """Rig file relative to the recipe."""
+    within: str | None = None
+    risk: float = USUAL_RISK
+    options: dict[str, Any] = Field(default_factory=dict)
+    areas: dict[str, _Area] = Field(default_factory=dict, max_length=MOST_AREAS)
+    tolerances: list[_Tolerance] = Field(default_factory=list, max_length=MOST_AREAS)
+
+
+def read_recipe(path: StrPath) -> Recipe:
+    """Read a recipe.
+
+    Parameters
+    ----------
+    path : path
+        TOML file. Its rig and its masks lie beside it.
+
+    Returns
+    -------
+    Recipe; its rig is the path of the file.
+
+    Raises
+    ------
+    FileProblem that names the file and its first fault, also for files outside of its folder.
+    """
+    path = Path(path)
+    content = read_toml(path, RecipeFile)
+    try:
+        return Recipe(
+            method=content.method,
+            options=content.options,
+            rig=None if content.rig is None else _beside(path, content.rig),
+            areas={name: _area(path, area) for name, area in content.areas.items()},
+            within=content.within,
+            tolerances=tuple(
+                PartTolerance(one.name, one.quantity, tuple(one.areas), one.min, one.max)
+                for one in content.tolerances
+            ),
+            risk=content.risk,
+        )
+    except FileProblem:
+        raise
+    except InputError as problem:
+        raise FileProblem(f"{told(path)}: {problem}") from problem
+
+
+def write_recipe(path: StrPath, recipe: Recipe) -> Path:
+    """Write a recipe as TOML, whole or not at all.
+
+    Raises
+    ------
+    FileProblem for another suffix and a folder that is missing; InputError for a rig that is no
+    file: write it first. Masks become images beside the recipe.
+    """
+    path = Path(path)
+    check_target(path, (".toml",))
+    if isinstance(recipe.rig, Rig):
+        raise InputError("recipe: expected a rig file, got a rig: write it with write_rig first")
+    content: dict[str, Any] = {"kind": "recipe", "method": recipe.method, "risk": recipe.risk}
+    if recipe.rig is not None:
+        content["rig"] = _relative(path, recipe.rig)
+    if recipe.within is not None:
+        content["within"] = recipe.within
+    if recipe.options:
+        content["options"] = dict(recipe.options)
+    content["areas"] = {
+        name: _area_table(path, number, area)
+        for number, (name, area) in enumerate(recipe.areas.items(), 1)
+    }
+    content["tolerances"] = [_tolerance_table(one) for one in recipe.tolerances]
+    return write_text(path, HEADER + tomli_w.dumps(content))
+
+
+def _area(recipe: Path, area: _Area) -> Area:
+    mask = None
+    if area.mask is not None:
+        mask = np.asarray(read_frame(_beside(recipe, area.mask))[0] > 0)
+    if area.box is not None and max(map(abs, area.box)) > MAX_LENGTH_PX:
+        raise InputError(f"area: expected a box within {MAX_LENGTH_PX} px, got {area.box}")
+    return Area(area.box, None if area.polygon is None else tuple(area.polygon), mask)
+
+
+def _area_table(recipe: Path, number: int, area: Area) -> dict[str, Any]:
+    """The table of an area; a mask becomes an image beside the recipe."""
+    if area.box is not None:
+        return {"box": list(area.box)}
+    if area.polygon is not None:
+        return {"polygon": [list(corner) for corner in area.polygon]}
+    assert area.mask is not None
+    image = recipe.with_name(f"{recipe.stem}-mask-{number}.png")
+    write_frame(image, np.where(area.mask, np.uint8(255), np.uint8(0)))
+    return {"mask": image.name}
+
+
+def _tolerance_table(one: PartTolerance) -> dict[str, Any]:
+    table: dict[str, Any] = {
+        "name": one.name,
+        "quantity": one.quantity,
+        "areas": list(one.areas),
+    }
+    limits = {"min": one.low, "max": one.high}
+    return table | {key: value for key, value in limits.items() if value is not None}
+
+
+def _beside(recipe: Path, name: str) -> Path:
+    """A file in the recipe's folder or below."""
+    folder = recipe.parent.resolve()
+    found = (folder / name).resolve()
+    if not found.is_relative_to(folder):
+        raise FileProblem(
+            f"{told(recipe)}: expected files in its folder or below, got {told(name)} outside"
+        )
+    return found
+
+
+def _relative(recipe: Path, rig: Path) -> str:
+    folder, found = recipe.parent.resolve(), Path(rig).resolve()
+    if not found.is_relative_to(folder):
+        raise InputError(f"recipe: expected the rig in the folder of the recipe, got {rig}")
+    return found.relative_to(folder).as_posix()

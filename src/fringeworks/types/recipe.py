@@ -1,0 +1,122 @@
+"""What is measured of a part, and what it must keep to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+from fringeworks.types.area import Area
+from fringeworks.types.errors import InputError
+from fringeworks.types.frozen import Frozen
+from fringeworks.types.rig import Rig
+
+Quantity = Literal[
+    "flatness",
+    "step_height",
+    "distance",
+    "sphere_diameter",
+    "sphere_spacing",
+    "cylinder_diameter",
+    "volume",
+    "valid_share",
+    "median_sigma",
+]
+QUANTITIES: Mapping[str, int] = MappingProxyType(
+    {
+        "flatness": 1,
+        "step_height": 2,
+        "distance": 2,
+        "sphere_diameter": 1,
+        "sphere_spacing": 2,
+        "cylinder_diameter": 1,
+        "volume": 2,
+        "valid_share": 1,
+        "median_sigma": 1,
+    }
+)
+"""Quantities that can have a tolerance, and how many areas each is measured on."""
+USUAL_RISK = 0.05
+"""Probability of a wrong decision that ISO 14253-1:2017 takes unless another is agreed on."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PartTolerance(Frozen):
+    """Limits of a quantity of a part.
+
+    Raises
+    ------
+    InputError for an unknown quantity, another number of areas than it needs, and no limit.
+    """
+
+    name: str
+    """Name in tables."""
+    quantity: Quantity
+    areas: tuple[str, ...]
+    """Names of the areas that it is measured on; of a step or a volume, the second is the base."""
+    low: float | None = None
+    """Smallest allowed value; mm, mm³ or a share."""
+    high: float | None = None
+    """Largest allowed value."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.quantity not in QUANTITIES:
+            names = ", ".join(QUANTITIES)
+            raise InputError(
+                f"tolerance {self.name}: expected a quantity of {names}, got {self.quantity!r}"
+            )
+        needed = QUANTITIES[self.quantity]
+        if len(self.areas) != needed:
+            raise InputError(
+                f"tolerance {self.name}: expected {needed} area{'s' * (needed > 1)} for "
+                f"{self.quantity}, got {len(self.areas)}"
+            )
+        if self.low is None and self.high is None:
+            raise InputError(
+                f"tolerance {self.name}: expected a smallest or largest value, got none"
+            )
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise InputError(
+                f"tolerance {self.name}: expected limits in order, got {self.low} and {self.high}"
+            )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recipe(Frozen):
+    """How parts of one kind are measured and judged.
+
+    Raises
+    ------
+    InputError for areas that are named and not there, names twice, and a risk out of its range.
+    """
+
+    method: str = "windowed"
+    """Method for pairs."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of the method, or of decoding."""
+    rig: Rig | Path | None = None
+    """Rig, or its file; needed for stacks."""
+    areas: Mapping[str, Area] = field(default_factory=dict)
+    """Areas of the camera's image by name."""
+    within: str | None = None
+    """Area outside of which nothing is measured; None for everywhere."""
+    tolerances: tuple[PartTolerance, ...] = ()
+    risk: float = USUAL_RISK
+    """Probability up to which a part that breaks a limit passes, or a good one fails; 0…0.5."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < self.risk <= 0.5:
+            raise InputError(f"risk: expected above 0, up to 0.5, got {self.risk}")
+        named = [name for one in self.tolerances for name in one.areas]
+        for name in [*named, *([] if self.within is None else [self.within])]:
+            if name not in self.areas:
+                known = ", ".join(self.areas) or "none"
+                raise InputError(f"area {name!r}: expected one of the recipe's, got {known}")
+        names = [one.name for one in self.tolerances]
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"tolerance {twice!r}: expected each name once, got it twice")

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import shlex
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
-from fringeworks.devices.virtual_bench import RADIUS_MM
+from fringeworks.devices.virtual_bench import RADIUS_MM, SCALE
 from fringeworks.simulate import Optics, bust, fringe_plan, look, photograph, standard_rig
 from fringeworks.simulate.scene import standard_scene
+from fringeworks.studio.state import Studio
+from fringeworks.studio.steps.scan import series_names
+from fringeworks.types import InputError
 from tests import browser
 from tests.studio_page import Running, Visitor
 
@@ -215,24 +219,204 @@ def test_a_series_of_scans(studio, visitor):
     visitor.page.get_by_label("Pause before each, s").fill("1")
     visitor.click("Scan (space)")
     visitor.sees("2 left")
-    visitor.sees("scan-002")
+    visitor.sees("scan-001-002")
     visitor.page.get_by_role("button", name="Look", exact=True).nth(1).wait_for()
-    assert len(fw.read_stack(studio.folder / "scan-002").frames) == 12
+    assert len(fw.read_stack(studio.folder / "scan-001-002").frames) == 12
     visitor.page.get_by_label("Name").fill("../out")
     visitor.page.get_by_label("Scans", exact=True).fill("1")
     visitor.click("Scan (space)")
     visitor.sees("expected letters, digits")
 
 
-def test_the_live_picture_moves_and_one_visitor_holds_the_devices(pages):
+def live(visitor, text="Live picture"):
+    """Open a part of the page that shows what the devices do."""
+    visitor.page.locator(".q-item__label", has_text=text).click()
+
+
+def test_the_live_picture_helps_to_aim_and_one_visitor_holds_the_devices(pages):
     one, other = pages(), pages()
-    one.page.get_by_text("Live picture").click()
+    live(one)
+    one.choose("Light", "Fringes")
     one.click("Start")
-    one.sees("of full scale, saturated")
-    other.click("Set up")
-    other.sees("another visitor is using them")
-    other.step("Scan")
-    one.click("Stop")
+    one.sees("contrast of fringes")
+    one.sees("the exposure is good")
+    picture = one.page.locator(".fw-live img").first
+    picture.wait_for()
+    picture.hover()
+    one.sees("modulation 3")
+    live(other)
+    for name in ("Set up", "Stop"):
+        other.click(name)
+        other.sees("another visitor is using them")
+        other.page.wait_for_timeout(200)
+    one.page.get_by_text("contrast of fringes").wait_for()
+    # Further work of the same visitor ends the picture.
+    one.click("Find the exposure")
+    one.page.wait_for_function(
+        "Number(document.querySelector('[aria-label=\"Exposure, ms\"]')?.value) > 0"
+    )
+    one.click("Start")
+    one.page.wait_for_timeout(500)
+    # A visitor who leaves gives the devices back.
+    one.page.close()
+    other.page.wait_for_timeout(35_000)
+    other.click("Start")
+    other.sees("saturated 0.0%")
+    other.click("Stop")
+
+
+def test_what_a_folder_holds_is_no_code(pages, shared):
+    """Names of folders, poses and areas come from whoever made the folder."""
+    hostile = 'x" :y="window.hit=1" z="'
+    (shared.folder / "board" / hostile).mkdir(parents=True)
+    (shared.folder / "board" / hostile / "capture.toml").write_text('kind = "stack"')
+    area = fw.Area(box=(1, 1, 9, 9))
+    tolerance = fw.PartTolerance(hostile, "flatness", (hostile,), None, 1.0)
+    recipe = fw.Recipe(areas={hostile: area, "<img src=x onerror=window.hit=1>": area})
+    recipe = replace(recipe, tolerances=(tolerance,))
+    fw.write_recipe(shared.folder / "recipe.toml", recipe)
+    visitor = pages()
+    visitor.step("Calibrate")
+    visitor.page.wait_for_timeout(500)
+    measure(visitor)
+    visitor.surface()
+    live(visitor, "Areas and tolerances")
+    visitor.page.locator(".fw-live img").first.wait_for()
+    visitor.page.get_by_text(hostile).first.wait_for()
+    visitor.page.wait_for_timeout(500)
+    assert visitor.page.evaluate("window.hit") is None
+    (shared.folder / "recipe.toml").unlink()
+
+
+def drag(visitor, box):
+    """Draw a box on the picture."""
+    picture = visitor.page.locator(".fw-live img").first
+    picture.scroll_into_view_if_needed()
+    at = picture.bounding_box()
+    for n, (x, y) in enumerate((box[:2], box[2:])):
+        visitor.page.mouse.move(at["x"] + x + 0.5, at["y"] + y + 0.5, steps=4)
+        (visitor.page.mouse.up if n else visitor.page.mouse.down)()
+
+
+def test_areas_are_drawn_and_parts_judged(pages, shared):
+    visitor = pages()
+    measure(visitor)
+    visitor.surface()
+    live(visitor, "Areas and tolerances")
+    visitor.page.locator(".fw-live img").first.wait_for()
+    visitor.page.wait_for_timeout(300)
+    drag(visitor, (80, 80, 120, 110))
+    visitor.sees("area-1 ✕")
+    drag(visitor, (5, 5, 30, 190))
+    visitor.sees("area-2 ✕")
+    recipe = fw.read_recipe(shared.folder / "recipe.toml")
+    assert recipe.areas["area-1"].box == pytest.approx((80, 80, 120, 110), abs=1)
+    visitor.choose("Quantity", "step height")
+    visitor.choose("Area", "area-1")
+    visitor.choose("Base, or other area", "area-2")
+    visitor.page.get_by_label("Smallest").fill("10")
+    visitor.page.get_by_label("Largest").fill("20")
+    visitor.click("Add the tolerance")
+    visitor.sees("at least 10, at most 20")
+    visitor.click("Judge the part")
+    visitor.sees("The part: fail")
+    found = fw.inspect(shared.folder / "pair", shared.folder / "recipe.toml")
+    assert found.verdict == "fail"
+    visitor.sees(f"{found.checks[0].value:.5g}")
+    # Measured within the area only, as the command line does it.
+    visitor.choose("Measure only", "area-1")
+    visitor.page.wait_for_function(
+        "document.querySelector('.fringe-viewer-mount')?.viewer?.surfaces?.[0]?.header.count < 3000"
+    )
+    visitor.click("Write files")
+    visitor.click("NPZ, everything")
+    visitor.sees("inspect pair --recipe recipe.toml --out pair.npz")
+    target = shared.folder.parent / "same.npz"
+    words = ["inspect", str(shared.folder / "pair"), "--recipe", str(shared.folder / "recipe.toml")]
+    assert run([*words, "--out", str(target)]) == 3
+    one, other = (fw.read_surface(p) for p in (target, shared.folder / "pair.npz"))
+    np.testing.assert_array_equal(one.values, other.values)
+    visitor.step("Look")
+    live(visitor, "Areas and tolerances")
+    visitor.page.get_by_role("button", name="Delete area-1").click()
+    visitor.page.get_by_text("at least 10").wait_for(state="hidden")
+    assert list(fw.read_recipe(shared.folder / "recipe.toml").areas) == ["area-2"]
+    (shared.folder / "recipe.toml").unlink()
+
+
+@pytest.mark.parametrize(
+    ("experiment", "said"), [("phase shifting, rig", "12 frames: mean"), ("two frames, rig", " px")]
+)
+def test_the_virtual_rig_is_tried(pages, experiment, said):
+    visitor = pages()
+    visitor.step("Learn")
+    visitor.choose("Experiment", experiment)
+    visitor.choose("Body", "sphere")
+    visitor.click("Try")
+    assert visitor.surface() > 50_000
+    visitor.sees(said)
+    layers = visitor.page.evaluate(
+        "document.querySelector('.fringe-viewer-mount').viewer.surfaces[0].layers.map(l => l.name)"
+    )
+    assert "deviation" in layers
+
+
+@pytest.mark.long
+def test_live_board_and_live_points(studio, visitor):
+    space = studio.folder
+    words = "setup --projector virtual --camera virtual:plane --frames 24 --axes x,y --out"
+    assert run([*words.split(), str(space / "setup.toml")]) == 0
+    fw.write_rig(space / "rig.toml", standard_rig(scale=SCALE))
+    visitor.page.reload()
+    visitor.step("Calibrate")
+    visitor.choose("Virtual scene", "board-0")
+    visitor.click("Take a pose")
+    visitor.sees("pose-01: 88 corners found")
+    visitor.choose("Virtual scene", "board-3")
+    live(visitor)
+    visitor.click("Start")
+    visitor.sees("88 corners, ")
+    visitor.sees("new: tilt of the")
+    visitor.step("Scan")
+    visitor.choose("Virtual scene", "sphere")
+    live(visitor, "Live points")
+    visitor.click("Start live points")
+    visitor.sees("clouds/s")
+    assert visitor.surface() > 3000
+    first = visitor.page.evaluate("document.querySelector('.fw-live-points').viewer")
+    numbers = set()
+    for _ in range(40):
+        numbers.add(visitor.page.get_by_text("clouds/s").first.inner_text())
+        visitor.page.wait_for_timeout(100)
+    # New clouds come, and the same viewer shows them, as it is turned.
+    assert len(numbers) > 4
+    assert first is not None
+    canvases = visitor.page.locator(".fw-live-points canvas").count()
+    visitor.click("Stop live points")
+    assert canvases == 1
+
+
+def test_a_series_goes_on_when_nobody_looks(tmp_path):
+    """The scans of a series are the studio's, not the page's."""
+    words = "setup --projector virtual --camera virtual:plane --frames 12 --out"
+    assert run([*words.split(), str(tmp_path / "setup.toml")]) == 0
+    studio = Studio(tmp_path)
+    try:
+        session = studio.session("one")
+        series = studio.start_series(session, series_names("part", 2, 90.0), 0.3)
+        with pytest.raises(InputError, match="another visitor"):
+            studio.run_setup(studio.session("other"))
+        while series.running:
+            time.sleep(0.1)
+        assert series.problem == ""
+        assert studio.workspace.captures() == ["part-000.0deg", "part-090.0deg"]
+        series = studio.start_series(session, ["again-1", "again-2"], 5.0)
+        studio.stop_series(session)
+        while series.running:
+            time.sleep(0.01)
+        assert studio.workspace.captures() == ["part-000.0deg", "part-090.0deg"]
+    finally:
+        studio.close()
 
 
 def test_a_visitor_who_leaves_harms_nothing(pages):
@@ -241,13 +425,8 @@ def test_a_visitor_who_leaves_harms_nothing(pages):
     one.click("Try")
     one.page.close()
     other = pages()
-    # The other one's work goes on to its end, and is refused to nobody for ever.
+    # The other one's work waits for the first.
     measure(other)
-    for _ in range(40):
-        other.page.wait_for_timeout(1000)
-        if other.page.locator(".fringe-viewer canvas").count():
-            break
-        other.click("Measure")
     assert other.surface() > 1000
 
 

@@ -48,6 +48,10 @@ def endless(link):
     return "stopped"
 
 
+def slow(_, seconds):
+    time.sleep(seconds)
+
+
 @pytest.fixture
 def worker():
     made = Worker()
@@ -57,7 +61,7 @@ def worker():
 
 def ended(job, timeout_s=60):
     start = time.monotonic()
-    while job.state == "running":
+    while job.open:
         assert time.monotonic() - start < timeout_s
         time.sleep(0.01)
     return job
@@ -143,3 +147,23 @@ def test_coordinates_without_a_rig(worker, tmp_path, suffix):
     else:
         assert job.result == target.name, job.problem
         assert target.is_file()
+
+
+def test_work_waits_for_the_work_before(worker):
+    first = worker.start("first", slow, 0.5)
+    second = worker.start("second", slow, 0.0, wait=True)
+    third = worker.start("third", slow, 0.0, wait=True)
+    assert (second.state, third.state) == ("waiting", "waiting")
+    with pytest.raises(InputError, match="first that is running"):
+        worker.start("fourth", slow, 0.0)
+    worker.cancel(third)
+    ended(second)
+    assert (first.state, second.state, third.state) == ("done", "done", "cancelled")
+    # What waits begins as well when the work before is cancelled or its process is killed.
+    for end in (worker.cancel, lambda: os.kill(worker.process_id, signal.SIGKILL)):
+        first = worker.start("first", slow, 60.0)
+        second = worker.start("second", slow, 0.0, wait=True)
+        time.sleep(0.5)
+        end()
+        assert ended(second).state == "done"
+        assert first.state in ("cancelled", "failed")

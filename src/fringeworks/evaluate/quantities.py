@@ -7,14 +7,18 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import ndtr
 
 from fringeworks.evaluate.area_points import AreaPoints, Term, sigma_of
 from fringeworks.surface.form import DISCARDED, Form, fit_region
 from fringeworks.surface.form_geometry import BodyKind
 from fringeworks.types import FloatMap, InputError
 
-NOISE_RANGE = 5.94
-"""Range of 99.7 % of normal noise, standard deviations."""
+HALF_SIGMAS = 4.0
+"""Standard deviations within which less than the discarded share of normal errors is missing."""
+MOST_SIGMAS = 10_000
+"""Standard deviations from which a range is computed: more change it by less than 1 %."""
 LEAST_SHARE_OF_VOLUME = 0.99
 """Smallest share of measured pixels of a volume: nothing is known about the rest."""
 
@@ -34,18 +38,28 @@ class Quantified:
 def flatness(part: AreaPoints) -> Quantified:
     """Range of the distances from the plane of least squares, without the farthest 0.3 %.
 
-    Noise widens the range. Its part is what the range exceeds √(F² − (5.94 s)²) by, with the
-    standard deviation s of the points' noise.
+    Errors of points widen the range F. Their part is F − √(F² − R²), with the range R that they
+    alone would have.
     """
     form = _fitted(part, "plane")
     value = form.spread_mm(1.0 - DISCARDED)
     normal = np.asarray(form.parameters["normal"])
-    along = np.abs(part.by_value @ normal)
-    scatter = NOISE_RANGE * float(np.median(along * np.hypot(part.noise, part.common)))
-    inner = float(np.sqrt(max(value**2 - scatter**2, 0.0)))
+    sigma = np.abs(part.by_value @ normal) * part.sigma
+    inner = float(np.sqrt(max(value**2 - noise_range(sigma) ** 2, 0.0)))
     # Both ends of the range have an error.
-    ends = np.sqrt(2.0) * float(np.median(along * part.sigma))
+    ends = float(np.sqrt(2.0) * np.median(sigma))
     return Quantified(value, ends, "mm", noise=value - inner)
+
+
+def noise_range(sigma: FloatMap) -> float:
+    """Return the range that holds 99.7 % of normal errors with these standard deviations."""
+    step = max(1, len(sigma) // MOST_SIGMAS)
+    known = np.maximum(sigma[::step], np.finfo(np.float64).tiny)
+
+    def beyond(half: float) -> float:
+        return float(np.mean(2.0 * ndtr(-half / known))) - DISCARDED
+
+    return 2.0 * float(brentq(beyond, 0.0, HALF_SIGMAS * float(known.max())))
 
 
 def step_height(part: AreaPoints, base: AreaPoints) -> Quantified:

@@ -1,0 +1,361 @@
+"""Parts judged by recipes: areas, quantities with their uncertainty, decisions, files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import fringeworks as fw
+from fringeworks.cli.commands import run
+from fringeworks.evaluate.area_points import area_points
+from fringeworks.evaluate.inspect import decide
+from fringeworks.evaluate.quantities import MEASURED, Quantified
+from fringeworks.rig.pinhole import pose
+from fringeworks.simulate import Optics, fringe_plan, look, photograph, standard_rig
+from fringeworks.simulate.bodies import Body, Box, Cylinder, Plane, Sphere
+from fringeworks.simulate.scene import standard_scene
+from fringeworks.stack.frames import Stack
+from fringeworks.types.recipe import QUANTITIES
+
+SHAPE = (60, 80)
+AREAS = {
+    "top": fw.Area(box=(165, 130, 225, 175)),
+    "base": fw.Area(box=(20, 20, 100, 285)),
+    "ball": fw.Area(polygon=((275, 131), (320, 131), (320, 176), (275, 176))),
+    "other": fw.Area(box=(283, 235, 312, 264)),
+    "tube": fw.Area(box=(140, 226, 190, 250)),
+}
+"""Areas of the scene below."""
+TRUE = {
+    ("flatness", "base"): 0.0,
+    ("step_height", "top", "base"): 10.0,
+    ("sphere_diameter", "ball"): 40.0,
+    ("sphere_spacing", "ball", "other"): float(np.hypot(58.0, 0.0)),
+    ("cylinder_diameter", "tube"): 30.0,
+}
+"""What the scene measures, mm."""
+
+
+def at(x, y, z):
+    return pose(np.eye(3), np.array([x, y, z], float))
+
+
+@cache
+def scene():
+    """A block of 10 mm on a plane, two spheres and a cylinder; frames of 384 × 307 px."""
+    lying = pose(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([-15.0, 48.0, 520.0]))
+    bodies = [
+        Body(Plane(), at(0, 0, 520), 0.7),
+        Body(Box((40.0, 40.0, 10.0)), at(0, 0, 515), 0.8),
+        Body(Sphere(20.0), at(55, 0, 510), 0.8),
+        Body(Sphere(20.0), at(55, 58, 510), 0.8),
+        Body(Cylinder(15.0, 60.0), lying, 0.8),
+    ]
+    rig = standard_rig(scale=0.3)
+    return rig, fringe_plan(rig, both=False), look(rig, bodies)
+
+
+@cache
+def points(seed, noise=2.0):
+    rig, plan, view = scene()
+    frames = list(photograph(view, plan, Optics(noise=noise, seed=seed)))
+    return fw.measure(Stack(frames, plan), rig).points
+
+
+def measured(surface, key):
+    quantity, *names = key
+    return MEASURED[quantity](*(area_points(surface, AREAS[name]) for name in names))
+
+
+def test_areas_are_pixels():
+    box = fw.Area(box=(2, 3, 5, 7)).pixels(SHAPE)
+    assert box.sum() == 4 * 5
+    assert box[3:8, 2:6].all()
+    # Pixels whose centre lies inside; corners may lie between pixels, or outside of the frame.
+    polygon = fw.Area(polygon=((1.5, 2.5), (5.5, 2.5), (5.5, 7.5), (1.5, 7.5))).pixels(SHAPE)
+    np.testing.assert_array_equal(polygon, box)
+    triangle = fw.Area(polygon=((-10, -10), (200, -10), (-10, 200))).pixels(SHAPE)
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    np.testing.assert_array_equal(triangle, x + y < 190)
+    ring = ((0, 0), (20, 0), (20, 20), (0, 20), (0, 0), (5, 5), (5, 15), (15, 15), (15, 5), (5, 5))
+    assert not fw.Area(polygon=ring).pixels(SHAPE)[10, 10]
+    mask = y > 20
+    np.testing.assert_array_equal(fw.Area(mask=mask).pixels(SHAPE), mask)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: fw.Area(), "a box, a polygon or a mask, got none"),
+        (lambda: fw.Area(box=(0, 0, 1, 1), polygon=((0, 0), (1, 0), (1, 1))), "box and polygon"),
+        (lambda: fw.Area(box=(5, 0, 1, 1)), "first column"),
+        (lambda: fw.Area(polygon=((0, 0), (1, 1))), "3 corners"),
+        (lambda: fw.Area(box=(100, 0, 120, 9)).pixels(SHAPE), "80 × 60, got none"),
+        (lambda: fw.Area(mask=np.ones((3, 3), bool)).pixels(SHAPE), "shape"),
+    ],
+)
+def test_areas_that_are_none(make, said):
+    with pytest.raises(fw.InputError, match=said):
+        make()
+
+
+@pytest.mark.parametrize("key", TRUE, ids=lambda key: key[0])
+def test_quantities_have_their_true_value(key):
+    found = measured(points(0), key)
+    assert abs(found.value - TRUE[key]) <= 4 * found.sigma + found.noise
+    assert found.sigma < 0.1
+
+
+def test_every_quantity_is_measured():
+    assert set(MEASURED) == set(QUANTITIES)
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        ("step_height", "top", "base"),
+        ("distance", "top", "base"),
+        ("sphere_diameter", "ball"),
+        ("sphere_spacing", "ball", "other"),
+        pytest.param(("cylinder_diameter", "tube"), marks=pytest.mark.long),
+        ("volume", "top", "base"),
+    ],
+    ids=lambda key: key[0],
+)
+def test_stated_uncertainty_is_the_scatter(key):
+    """Twelve measurements with other noise: their scatter is known to 21 %."""
+    found = [measured(points(seed), key) for seed in range(12)]
+    scatter = np.std([one.value for one in found], ddof=1)
+    assert 0.5 <= scatter / np.mean([one.sigma for one in found]) <= 1.7
+
+
+def test_flatness_knows_what_noise_adds():
+    """A perfect plane under noise: the range is all noise, and is said to be."""
+    found = measured(points(0), ("flatness", "base"))
+    assert found.value > 0.05
+    assert found.value - found.noise < 0.5 * found.value
+    bent = points(0)
+    xyz = bent.xyz_mm.astype(float)
+    xyz[..., 2] += 0.5 * np.cos(0.02 * np.arange(xyz.shape[0]))[:, None]
+    bent = replace(bent, xyz_mm=xyz.astype(np.float32))
+    found = measured(bent, ("flatness", "base"))
+    assert found.value - found.noise == pytest.approx(1.0, abs=0.12)
+
+
+def test_errors_in_common_do_not_average_out():
+    """Calibration errors: a mean over thousands of pixels is no better than a patch."""
+    cloud = points(0)
+    common = np.float32(0.05)
+    raised = replace(cloud, sigma_mm=np.hypot(cloud.noise_mm, common))
+    one, other = (measured(c, ("step_height", "top", "base")).sigma for c in (cloud, raised))
+    assert other > 0.4 * common
+    assert one < 0.1 * common
+
+
+def test_heights_over_a_plane_are_judged_as_well():
+    found = fw.reconstruct(standard_scene("cube", size=300, bits=8, noise=1.0, seed=2)).surface
+    areas = {"top": fw.Area(box=(130, 130, 170, 170)), "base": fw.Area(box=(3, 3, 30, 296))}
+    one = fw.PartTolerance("height", "step_height", ("top", "base"), 99.0, 101.0)
+    two = fw.PartTolerance("volume", "volume", ("top", "base"), 1.0, None)
+    checks = fw.judge_part(found, fw.Recipe(areas=areas, tolerances=(one, two)))
+    assert abs(checks[0].value - 100.0) <= 2 * checks[0].sigma
+    # Rays run through the camera's pupil: what is nearer is smaller.
+    area_mm2 = 41 * 41 * (found.pitch * (1 - checks[0].value / 5000.0)) ** 2
+    assert checks[1].value == pytest.approx(checks[0].value * area_mm2, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("value", "noise", "low", "high", "expected"),
+    [
+        (1.0, 0.0, 0.0, 2.0, "pass"),
+        (1.9, 0.0, 0.0, 2.0, "undecided"),
+        (2.1, 0.0, 0.0, 2.0, "undecided"),
+        (2.2, 0.0, 0.0, 2.0, "fail"),
+        (-0.2, 0.0, 0.0, 2.0, "fail"),
+        (0.1, 0.0, 0.0, None, "undecided"),
+        (0.2, 0.0, 0.0, None, "pass"),
+        (5.0, 0.0, 0.0, None, "pass"),
+        # Noise may have raised the value: it is no proof that the limit is broken.
+        (2.5, 1.0, None, 2.0, "undecided"),
+        (3.5, 1.0, None, 2.0, "fail"),
+        (1.5, 1.0, None, 2.0, "pass"),
+    ],
+)
+def test_decisions_keep_a_guard_band(value, noise, low, high, expected):
+    found = Quantified(value, 0.1, "mm", noise)
+    tolerance = fw.PartTolerance("t", "flatness", ("a",), low, high)
+    assert decide(found, tolerance, 0.05) == expected
+
+
+def plate(height_mm, sigma_mm, rng):
+    """A plate of 60 × 80 px whose left half is raised; noise and an error in common."""
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    z = 500.0 - height_mm * (x < 40) + rng.normal(0.0, sigma_mm, SHAPE)
+    xyz = np.stack((0.5 * (x - 40), 0.5 * (y - 30), z), -1)
+    along = np.full(SHAPE, sigma_mm)
+    return fw.PointCloud(
+        xyz.astype(np.float32),
+        along.astype(np.float32),
+        along.astype(np.float32),
+        np.zeros(SHAPE, np.uint8),
+    )
+
+
+@pytest.mark.parametrize(
+    ("risk", "count"),
+    [
+        (0.2, 100),
+        pytest.param(0.05, 1000, marks=pytest.mark.long),
+        pytest.param(0.2, 1000, marks=pytest.mark.long),
+    ],
+)
+def test_parts_near_their_limits_are_accepted_within_the_risk(risk, count):
+    """Parts whose step breaks a limit by up to two standard deviations, or keeps it by that."""
+    rng = np.random.default_rng(5)
+    areas = {"top": fw.Area(box=(2, 2, 37, 57)), "base": fw.Area(box=(42, 2, 77, 57))}
+    limits = fw.PartTolerance("step", "step_height", ("top", "base"), 0.9, 1.1)
+    recipe = fw.Recipe(areas=areas, tolerances=(limits,), risk=risk)
+    sigma = fw.judge_part(plate(1.0, 0.05, rng), recipe)[0].sigma
+    wrong, decided = {"accepted": [], "refused": []}, 0
+    for k in range(count):
+        limit = (0.9, 1.1)[k % 2]
+        outward = (-1, 1)[k % 2]
+        over = rng.uniform(-2.0, 2.0)
+        (check,) = fw.judge_part(plate(limit + outward * over * sigma, 0.05, rng), recipe)
+        decided += check.verdict != "undecided"
+        if over > 0:
+            wrong["accepted"].append(check.verdict == "pass")
+        else:
+            wrong["refused"].append(check.verdict == "fail")
+    for kind in wrong.values():
+        # Three standard deviations of a share of half the parts.
+        assert np.mean(kind) <= risk + 3 * np.sqrt(2 * risk / count)
+    assert decided > 0.2 * count
+
+
+def test_too_little_measured_is_undecided():
+    cloud = points(0)
+    dark = np.where(np.arange(cloud.shape[1]) < 101, np.uint8(fw.Reason.SHADOW), cloud.reason)
+    cloud = replace(cloud, reason=dark.astype(np.uint8))
+    flat = fw.PartTolerance("flat", "flatness", ("base",), None, 1.0)
+    share = fw.PartTolerance("share", "valid_share", ("base",), 0.9, None)
+    checks = fw.judge_part(cloud, fw.Recipe(areas=AREAS, tolerances=(flat, share)))
+    assert [check.verdict for check in checks] == ["undecided", "undecided"]
+    assert "base: " in checks[0].why
+    assert np.isnan(checks[1].value)
+
+
+def test_volumes_need_all_of_their_area():
+    cloud = points(0)
+    hole = cloud.reason.copy()
+    hole[140:150, 170:180] = fw.Reason.SATURATED
+    tolerance = fw.PartTolerance("v", "volume", ("top", "base"), 1.0, None)
+    recipe = fw.Recipe(areas=AREAS, tolerances=(tolerance,))
+    (check,) = fw.judge_part(replace(cloud, reason=hole), recipe)
+    assert check.verdict == "undecided"
+    assert "99%" in check.why
+
+
+def test_only_the_area_is_measured():
+    cloud = points(0)
+    found = fw.masked(cloud, AREAS["top"])
+    inside = AREAS["top"].pixels(cloud.shape)
+    assert (found.reason[~inside] == fw.Reason.MASKED).all()
+    assert np.isnan(found.xyz_mm[~inside]).all()
+    np.testing.assert_array_equal(found.xyz_mm[inside], cloud.xyz_mm[inside])
+    assert found.failed_fraction == (cloud.reason[inside] != fw.Reason.OK).mean()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A capture of the scene, its rig, and recipes."""
+    made = tmp_path_factory.mktemp("parts")
+    rig, plan, view = scene()
+    fw.write_stack(made / "part", list(photograph(view, plan, Optics(seed=3))), plan)
+    fw.write_rig(made / "rig.toml", rig)
+    fw.write_pair(made / "pair", standard_scene("cube", size=200, bits=8, noise=1.0, seed=2))
+    return made
+
+
+def step(low, high):
+    tolerance = fw.PartTolerance("step", "step_height", ("top", "base"), low, high)
+    return fw.Recipe(areas=AREAS, tolerances=(tolerance,), risk=0.01)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "code"), [(9.9, 10.1, 0), (10.5, 11.0, 3), (None, 11.0, 4)]
+)
+def test_the_command_says_it_by_its_exit_code(folder, tmp_path, capsys, low, high, code):
+    if low is None:
+        free = replace(step(0.0, 11.0), rig=folder / "rig.toml")
+        low = fw.inspect(folder / "part", free).checks[0].value
+    recipe = replace(step(low, high), rig=folder / "rig.toml")
+    fw.write_recipe(folder / "recipe.toml", recipe)
+    assert fw.read_recipe(folder / "recipe.toml") == recipe
+    figures = tmp_path / "f.json"
+    words = ["inspect", str(folder / "part"), "--recipe", str(folder / "recipe.toml")]
+    target = tmp_path / "part.ply"
+    assert run([*words, "--json", str(figures), "--out", str(target)]) == code
+    found = json.loads(figures.read_text())
+    assert found["verdict"] == {0: "pass", 3: "fail", 4: "undecided"}[code]
+    assert found["checks"][0]["value"] == pytest.approx(10.0, abs=0.01)
+    assert len(fw.read_points(target).xyz_mm) == found["points"]
+    assert "step" in capsys.readouterr().out
+
+
+def test_a_stack_needs_a_rig(folder):
+    with pytest.raises(fw.InputError, match="recipe with a rig"):
+        fw.inspect(folder / "part", step(0.0, 1.0))
+
+
+def test_pairs_are_measured_within_the_area(folder):
+    area = fw.Area(box=(60, 60, 140, 140))
+    flat = fw.PartTolerance("flat", "valid_share", ("part",), 0.5, None)
+    recipe = fw.Recipe(method="fourier", areas={"part": area}, within="part", tolerances=(flat,))
+    found = fw.inspect(folder / "pair", recipe)
+    assert found.verdict == "pass"
+    assert found.surface.method == "fourier"
+    assert (found.surface.reason != fw.Reason.MASKED).sum() == 81 * 81
+
+
+def test_masks_lie_beside_the_recipe(tmp_path):
+    mask = np.zeros(SHAPE, bool)
+    mask[10:20, 30:50] = True
+    recipe = fw.Recipe(areas={"m": fw.Area(mask=mask)}, within="m")
+    fw.write_recipe(tmp_path / "r.toml", recipe)
+    assert fw.read_recipe(tmp_path / "r.toml") == recipe
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('kind = "recipe"\ncolour = 1', "unknown key colour"),
+        ('kind = "recipe"\nrisk = 0.7', "risk"),
+        ('kind = "recipe"\nwithin = "x"', "area 'x'"),
+        ('kind = "recipe"\nrig = "../rig.toml"', "outside"),
+        ('kind = "recipe"\n[areas.a]\nbox = [0, 0, 5]', "areas.a.box"),
+        ('kind = "recipe"\n[areas.a]\nbox = [0, 0, 999999999, 5]', "within"),
+        ('kind = "recipe"\n[areas.a]\nmask = "/etc/passwd"', "outside"),
+        ('kind = "recipe"\n[[tolerances]]\nname = "t"\nquantity = "size"\nareas = ["a"]', "quantity"),
+        ('kind = "recipe"\n[areas.a]\nbox=[0,0,5,5]\n[[tolerances]]\nname = "t"\n'
+         'quantity = "flatness"\nareas = ["a"]', "smallest or largest"),
+        ('kind = "recipe"\n[areas.a]\nbox=[0,0,5,5]\n[[tolerances]]\nname = "t"\n'
+         'quantity = "volume"\nareas = ["a"]\nmin = 1', "2 areas"),
+    ],
+)  # fmt: skip
+def test_recipes_that_cannot_be_used(tmp_path, text, said):
+    (tmp_path / "r.toml").write_text(text)
+    with pytest.raises(fw.InputError, match=said):
+        fw.read_recipe(tmp_path / "r.toml")
+
+
+def test_results_are_converted(tmp_path, capsys):
+    fw.write_result(tmp_path / "a.npz", points(0))
+    assert run(["convert", str(tmp_path / "a.npz"), str(tmp_path / "b.ply")]) == 0
+    assert len(fw.read_points(tmp_path / "b.ply").xyz_mm) == (points(0).reason == 0).sum()
+    assert run(["convert", str(tmp_path / "b.ply"), str(tmp_path / "c.npz")]) == 2
+    assert "expected points or heights" in capsys.readouterr().err

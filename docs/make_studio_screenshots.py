@@ -16,6 +16,8 @@ from typing import Any
 from make_screenshots import ARGUMENTS, IMAGES, save
 from playwright.sync_api import sync_playwright
 
+FEW_POSES = 3
+"""Poses after which tilts and corners are still missing."""
 POSES = 8
 """Poses of the board: as few as give a good rig."""
 
@@ -35,6 +37,7 @@ def click(page: Any, name: str) -> None:
 def step(page: Any, name: str) -> None:
     """Go to a step."""
     page.locator(".fw-steps button", has_text=name).click()
+    page.locator(".fw-steps button[aria-current=page]", has_text=name).wait_for()
 
 
 def take(page: Any, name: str) -> None:
@@ -42,6 +45,24 @@ def take(page: Any, name: str) -> None:
     page.mouse.move(0, 0)
     page.wait_for_timeout(1500)
     save(page.screenshot(), IMAGES / "studio" / f"{name}.png")
+
+
+def opened(page: Any, name: str) -> None:
+    """Open or close a part of the page."""
+    page.locator(".q-item__label", has_text=name).click()
+
+
+def draw(page: Any, box: tuple[int, int, int, int]) -> None:
+    """Draw a box on the picture."""
+    picture = page.locator(".fw-live img")
+    picture.scroll_into_view_if_needed()
+    page.wait_for_timeout(500)
+    at = picture.bounding_box()
+    page.mouse.move(at["x"] + box[0], at["y"] + box[1])
+    page.mouse.down()
+    page.mouse.move(at["x"] + box[2], at["y"] + box[3], steps=4)
+    page.mouse.up()
+    page.wait_for_timeout(500)
 
 
 def surface(page: Any) -> None:
@@ -55,11 +76,27 @@ def walk(page: Any) -> None:
     click(page, "Set up")
     page.get_by_text("No finding").wait_for()
     take(page, "set-up")
+    choose(page, "bust")
+    opened(page, "Live picture")
+    page.get_by_label("Light", exact=True).click()
+    page.get_by_role("option", name="Fringes", exact=True).click()
+    click(page, "Start")
+    page.get_by_text("contrast of fringes").wait_for()
+    page.locator(".fw-live img").hover()
+    page.get_by_text("modulation").wait_for()
+    save(page.screenshot(), IMAGES / "studio" / "live.png")
+    click(page, "Stop")
     step(page, "Calibrate")
     for k in range(POSES):
         choose(page, f"board-{k}")
+        if k == FEW_POSES:
+            opened(page, "Live picture")
+            click(page, "Start")
+            page.get_by_text("corners, ").wait_for()
+            take(page, "board")
         click(page, "Take a pose")
         page.get_by_text(f"pose-{k + 1:02d}: ").wait_for()
+    opened(page, "Live picture")
     click(page, "Calibrate")
     page.get_by_text("good for").first.wait_for()
     take(page, "calibrate")
@@ -70,6 +107,22 @@ def walk(page: Any) -> None:
     save(page.screenshot(), IMAGES / "studio" / "scan.png")
     surface(page)
     take(page, "look")
+    opened(page, "Areas and tolerances")
+    page.locator(".fw-live img").wait_for()
+    page.wait_for_timeout(2000)
+    draw(page, (150, 60, 215, 95))
+    draw(page, (20, 30, 75, 240))
+    page.get_by_label("Quantity", exact=True).click()
+    page.get_by_role("option", name="step height", exact=True).click()
+    page.get_by_label("Area", exact=True).click()
+    page.get_by_role("option", name="area-1", exact=True).click()
+    page.get_by_label("Smallest").fill("60")
+    page.get_by_label("Largest").fill("100")
+    click(page, "Add the tolerance")
+    click(page, "Judge the part")
+    page.get_by_text("The part:").scroll_into_view_if_needed()
+    page.evaluate("window.scrollBy(0, 400)")
+    take(page, "areas")
     click(page, "Write files")
     take(page, "export")
     step(page, "Learn")

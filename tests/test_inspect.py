@@ -345,6 +345,8 @@ def test_masks_lie_beside_the_recipe(tmp_path):
          'quantity = "flatness"\nareas = ["a"]', "smallest or largest"),
         ('kind = "recipe"\n[areas.a]\nbox=[0,0,5,5]\n[[tolerances]]\nname = "t"\n'
          'quantity = "volume"\nareas = ["a"]\nmin = 1', "2 areas"),
+        ('kind = "recipe"\n[areas.a]\nbox=[0,0,5,5]\n[[tolerances]]\nname = "t"\n'
+         'quantity = "volume"\nareas = ["a", "a"]\nmin = 1', "different areas"),
     ],
 )  # fmt: skip
 def test_recipes_that_cannot_be_used(tmp_path, text, said):

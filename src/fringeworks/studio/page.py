@@ -28,7 +28,7 @@ PRIMARY, WARNING = "#1f5fbf", "#8a5300"
 STYLE = """
 .fringe-viewer-mount { height: max(30rem, calc(100vh - 18rem)); }
 .fw-steps button { justify-content: flex-start; text-transform: none; }
-.fw-live { max-width: min(100%, 960px); image-rendering: pixelated; }
+.fw-live { max-width: min(100%, 960px); image-rendering: pixelated; user-select: none; }
 .fw-code { white-space: pre-wrap; font-family: ui-monospace, monospace; font-size: 13px; }
 .nicegui-content { padding: 1rem; }
 .fringe-viewer h2 { font-size: 1.1rem; font-weight: 600; line-height: 1.3; }

@@ -74,6 +74,10 @@ class PartTolerance(Frozen):
                 f"tolerance {self.name}: expected {needed} area{'s' * (needed > 1)} for "
                 f"{self.quantity}, got {len(self.areas)}"
             )
+        if len(set(self.areas)) < needed:
+            raise InputError(
+                f"tolerance {self.name}: expected two different areas, got {self.areas[0]!r} twice"
+            )
         if self.low is None and self.high is None:
             raise InputError(
                 f"tolerance {self.name}: expected a smallest or largest value, got none"

@@ -58,6 +58,9 @@ class _Areas:
             cross="#ff2d95", events=["mousedown", "mouseup"]
         ).classes("fw-live")
         self._picture.on_mouse(self._mouse)
+        # Else browsers drag the picture itself.
+        for event in ("dragstart", "mousedown"):
+            self._picture.on(event, js_handler="(event) => event.preventDefault()")
         work(step, ("drawing the picture",), self._drawn)
         self._list()
         self._tolerances()

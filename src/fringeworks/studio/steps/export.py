@@ -49,8 +49,8 @@ def build(step: Step) -> None:
             return
         shell = "\n".join(command.shell for command in studio.done)
         python = "\n".join(["import fringeworks as fw", *(c.python for c in studio.done)])
-        for name, text in (("Commands", shell), ("Python", python)):
-            ui.label(f"{name} that do the same").classes("text-lg")
+        for name, does, text in (("Commands", "do", shell), ("Python", "does", python)):
+            ui.label(f"{name} that {does} the same").classes("text-lg")
             ui.label(text).classes("fw-code")
             copy = ui.button("Copy", on_click=lambda _, t=text: ui.clipboard.write(t))
             copy.props(f'flat dense no-caps aria-label="Copy the {name}"')

@@ -68,11 +68,12 @@ class _Scan:
         elif series is not self._seen:
             self._seen = series
             self._waiting.set_text(series.problem)
-            self._name.set_value(self._next())
-            self._taken.refresh()
             single = len(series.names) == 1 and series.taken
             if single and self._studio.workspace.rig.is_file():
                 self._step.attempt(partial(self._look, series.taken[0]))()
+                return
+            self._name.set_value(self._next())
+            self._taken.refresh()
 
     def _look(self, capture: str) -> None:
         self._studio.look(self._step.session, capture, "windowed", {})

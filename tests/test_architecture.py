@@ -36,7 +36,7 @@ ROOMS = [
     ["evaluate", "scan"],
     ["report"],
     ["showcase"],
-    ["studio"],
+    ["studio", "batch"],
     ["cli"],
 ]
 PLACE = {room: line for line, rooms in enumerate(ROOMS) for room in rooms}

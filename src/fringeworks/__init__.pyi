@@ -410,6 +410,14 @@ from .evaluate.inspect import (
     judge_part as judge_part,
     masked as masked,
 )
+from .batch.scans import (
+    Scan as Scan,
+    find_scans as find_scans,
+)
+from .batch.run import (
+    BatchResult as BatchResult,
+    run_batch as run_batch,
+)
 from .files.results import (
     write_result as write_result,
 )

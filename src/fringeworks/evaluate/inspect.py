@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import lru_cache
 from statistics import NormalDist
 from typing import Literal
 
@@ -15,9 +15,12 @@ from fringeworks.evaluate.area_points import AreaPoints, area_points
 from fringeworks.evaluate.quantities import MEASURED, Quantified
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.recipe import read_recipe
+from fringeworks.files.rig import read_rig
 from fringeworks.pipeline.inputs import capture_of
 from fringeworks.pipeline.pairs import reconstruct
 from fringeworks.pipeline.stacks import measure
+from fringeworks.rig.triangulate import Triangulator
+from fringeworks.stack.frames import Stack
 from fringeworks.types import (
     Area,
     FloatMap,
@@ -29,6 +32,7 @@ from fringeworks.types import (
     PointCloud,
     Reason,
     Recipe,
+    Rig,
     sealed,
 )
 
@@ -75,12 +79,14 @@ class Inspection(Frozen):
         return "fail" if "fail" in found else "undecided" if "undecided" in found else "pass"
 
 
-def inspect(capture: StrPath | HeightMap | PointCloud, recipe: Recipe | StrPath) -> Inspection:
+def inspect(
+    capture: StrPath | Pair | Stack | HeightMap | PointCloud, recipe: Recipe | StrPath
+) -> Inspection:
     """Measure a part by a recipe, and judge its tolerances.
 
     Parameters
     ----------
-    capture : path of a capture; or a HeightMap or PointCloud that was measured before
+    capture : path of a capture, Pair, Stack; or a HeightMap or PointCloud measured before
     recipe : Recipe or path
 
     Returns
@@ -105,7 +111,7 @@ def inspect(capture: StrPath | HeightMap | PointCloud, recipe: Recipe | StrPath)
     if isinstance(capture, HeightMap | PointCloud):
         surface, notes = capture, tuple(finding.text for finding in capture.findings)
     else:
-        surface, notes = _measured(Path(capture), recipe)
+        surface, notes = _measured(capture, recipe)
     surface = _within(surface, recipe)
     checks = judge_part(surface, recipe)
     return Inspection(checks, surface, notes, time.perf_counter() - started)
@@ -151,9 +157,12 @@ def _checked(tolerance: PartTolerance, points: Callable[[str], AreaPoints], risk
     return Check(tolerance, found.value, found.sigma, found.unit, verdict, why)
 
 
-def _measured(capture: Path, recipe: Recipe) -> tuple[HeightMap | PointCloud, tuple[str, ...]]:
+def _measured(
+    capture: StrPath | Pair | Stack, recipe: Recipe
+) -> tuple[HeightMap | PointCloud, tuple[str, ...]]:
     """The surface of a capture, and its notes."""
-    found = capture_of(capture)
+    found: Pair | Stack | tuple[Stack, ...]
+    found = capture if isinstance(capture, Pair | Stack) else capture_of(capture)
     if isinstance(found, Pair):
         pair = found
         if recipe.within is not None:
@@ -162,9 +171,17 @@ def _measured(capture: Path, recipe: Recipe) -> tuple[HeightMap | PointCloud, tu
         made = reconstruct(pair, recipe.method, **recipe.options)
         return made.surface, made.notes
     if recipe.rig is None:
-        raise InputError(f"{capture}: expected a recipe with a rig for a stack of frames, got none")
-    result = measure(found, recipe.rig, **recipe.options)
+        told = "frames" if isinstance(capture, Stack) else capture
+        raise InputError(f"{told}: expected a recipe with a rig for a stack of frames, got none")
+    rig = recipe.rig if isinstance(recipe.rig, Rig) else read_rig(recipe.rig)
+    result = measure(found, _triangulator(rig), **recipe.options)
     return result.points, result.notes
+
+
+@lru_cache(maxsize=2)
+def _triangulator(rig: Rig) -> Triangulator:
+    """The prepared rig: parts that are measured one after the other have the same."""
+    return Triangulator(rig)
 
 
 def _rows_and_columns(shape: tuple[int, ...]) -> tuple[int, int]:

@@ -122,7 +122,7 @@ def replacing_folder(
     program is writing it.
     """
     folder = make_folder(path)
-    with _locked(folder):
+    with locked(folder):
         yield from _replacing(folder, kind, index, force, kept)
 
 
@@ -145,8 +145,13 @@ def _replacing(
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold a folder alone, as long as this program runs. Systems without ``flock`` hold nothing."""
+def locked(folder: Path) -> Iterator[None]:
+    """Hold a folder alone, as long as this program runs; systems without ``flock`` hold nothing.
+
+    Raises
+    ------
+    FileProblem where another program holds it.
+    """
     if fcntl is None:
         yield
         return

@@ -12,6 +12,7 @@ from pydantic import Field
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.images import read_frame, write_frame
 from fringeworks.files.limits import MAX_LENGTH_PX, told
+from fringeworks.files.plan import read_plan, write_plan
 from fringeworks.files.toml import Section, read_toml
 from fringeworks.types import Area, FileProblem, InputError, PartTolerance, Recipe, Rig
 from fringeworks.types.recipe import USUAL_RISK, Quantity
@@ -50,6 +51,8 @@ class RecipeFile(Section):
     method: str = "windowed"
     rig: str | None = None
     """Rig file relative to the recipe."""
+    plan: str | None = None
+    """Plan of frames that have none of their own; its file relative to the recipe."""
     within: str | None = None
     risk: float = USUAL_RISK
     options: dict[str, Any] = Field(default_factory=dict)
@@ -80,6 +83,7 @@ def read_recipe(path: StrPath) -> Recipe:
             method=content.method,
             options=content.options,
             rig=None if content.rig is None else _beside(path, content.rig),
+            plan=None if content.plan is None else read_plan(_beside(path, content.plan)),
             areas={name: _area(path, area) for name, area in content.areas.items()},
             within=content.within,
             tolerances=tuple(
@@ -100,7 +104,7 @@ def write_recipe(path: StrPath, recipe: Recipe) -> Path:
     Raises
     ------
     FileProblem for another suffix and a folder that is missing; InputError for a rig that is no
-    file: write it first. Masks become images beside the recipe.
+    file: write it first. Masks become images, and a plan a plan file, beside the recipe.
     """
     path = Path(path)
     check_target(path, (".toml",))
@@ -109,6 +113,9 @@ def write_recipe(path: StrPath, recipe: Recipe) -> Path:
     content: dict[str, Any] = {"kind": "recipe", "method": recipe.method, "risk": recipe.risk}
     if recipe.rig is not None:
         content["rig"] = _relative(path, recipe.rig)
+    if recipe.plan is not None:
+        content["plan"] = f"{path.stem}.plan.toml"
+        write_plan(path.with_name(content["plan"]), recipe.plan)
     if recipe.within is not None:
         content["within"] = recipe.within
     if recipe.options:

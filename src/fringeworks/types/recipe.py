@@ -103,6 +103,8 @@ class Recipe(Frozen):
     """Options of the method, or of decoding."""
     rig: Rig | Path | None = None
     """Rig, or its file; needed for stacks."""
+    plan: Any = None
+    """``PatternPlan`` of frames that have none of their own, such as an array."""
     areas: Mapping[str, Area] = field(default_factory=dict)
     """Areas of the camera's image by name."""
     within: str | None = None

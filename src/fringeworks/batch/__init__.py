@@ -1,0 +1,1 @@
+"""Many captures by one recipe, on the cores of this machine or on a Dask cluster."""

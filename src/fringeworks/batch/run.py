@@ -1,0 +1,151 @@
+"""A batch from its scans to its summary: what is missing is measured, everything is told once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fringeworks.batch.engines import Engine, engine
+from fringeworks.batch.measure import Job, job_of
+from fringeworks.batch.scans import Scan, find_scans
+from fringeworks.batch.store import Row, Store, check_store
+from fringeworks.files.atomic import StrPath
+from fringeworks.files.folder import locked
+from fringeworks.files.recipe import read_recipe
+from fringeworks.files.rig import read_rig
+from fringeworks.types import Frozen, InputError, Recipe, Rig, made_by
+
+USUAL_MEMORY_GB = 2.0
+"""Memory of a worker, GB: enough for twelve frames of 12 megapixels."""
+DIED = "workers died"
+"""Part of what is said of a scan that was given up because of that."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchResult(Frozen):
+    """What came of a batch."""
+
+    folder: Path
+    """Folder of the results."""
+    summary: Path
+    """Summary as CSV."""
+    rows: tuple[dict[str, Any], ...]
+    """A row for each scan, in their order: figures, verdicts, seconds, worker, error."""
+
+    @property
+    def failed(self) -> int:
+        """Number of scans that could not be measured."""
+        return sum(bool(row.get("error")) for row in self.rows)
+
+    def count(self, verdict: str) -> int:
+        """Number of parts with a verdict."""
+        return sum(row.get("verdict") == verdict for row in self.rows)
+
+
+def run_batch(
+    source: StrPath,
+    recipe: Recipe | StrPath,
+    out: StrPath,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    memory_gb: float = USUAL_MEMORY_GB,
+    resume: bool = False,
+    progress: Callable[[Row, int], None] = lambda *_: None,
+    started: Callable[[Engine], None] = lambda _: None,
+) -> BatchResult:
+    """Measure and judge many captures by one recipe.
+
+    Parameters
+    ----------
+    source : path or address
+        A folder of captures, a Zarr array (scan, frame, row, column), or the address of either that
+        fsspec opens.
+    recipe : Recipe or path
+    out : path
+        Folder of the results. A name that ends with ``.zarr`` holds a Zarr group (format 3) for
+        each scan, any other one an archive. All workers must see it.
+    workers : int, optional
+        Processes of this machine; as many as it has cores by default.
+    scheduler : str, optional
+        Address of a Dask scheduler, such as ``tcp://10.0.0.5:8786``; ``local`` starts one here.
+    memory_gb : float
+        Memory that a worker of this machine may use, GB. A scan that needs more is told to have
+        failed.
+    resume : bool
+        Go on with results that are there: only what is missing is measured.
+    progress : callable
+        Called with each row as it comes, and the number of all scans.
+    started : callable
+        Called with the engine, whose dashboard shows the workers.
+
+    Returns
+    -------
+    BatchResult. ``summary.csv`` in the folder, or ``NAME.csv`` beside ``NAME.zarr``, has its rows;
+    with the extra, Parquet beside it as well.
+
+    Raises
+    ------
+    InputError for a source or a recipe that cannot be used, results that are there without
+    ``resume``, and a folder that another batch is writing; DeviceProblem where the scheduler does
+    not answer within 8 s.
+
+    Notes
+    -----
+    The address of a result is a hash of the scan's frames, the recipe and the version. Equal inputs
+    give equal bytes. A scan during which a worker dies is measured again. If workers die on it
+    twice it is set aside, and tried once more, alone, when all others are done.
+    """
+    scans = find_scans(source)
+    known = _complete(recipe if isinstance(recipe, Recipe) else read_recipe(recipe))
+    folder = Path(out)
+    check_store(folder)
+    store = Store(folder)
+    if (folder / "scans").is_dir() and not resume:
+        raise InputError(
+            f"{folder}: expected a new folder, or to resume the batch there, got results"
+        )
+    about = made_by("run_batch", options={"source": str(source), "method": known.method})
+    with engine(scheduler, workers or os.cpu_count() or 1, memory_gb) as runner, _own(folder):
+        store.begin(about.as_dict())
+        started(runner)
+        job = job_of(known, str(folder.resolve()))
+        rows: dict[str, Row] = {}
+
+        def take(found: Iterable[Row]) -> None:
+            for row in found:
+                rows[row["scan"]] = row
+                progress(row, len(scans))
+
+        take(runner.run(scans, job))
+        given_up = [scan for scan in scans if DIED in rows[scan.name].get("error", "")]
+        take(_alone(runner, given_up, job))
+        ordered = [rows[scan.name] for scan in scans]
+        store.write_summary(ordered)
+        store.end()
+    return BatchResult(folder, store.summary, tuple(ordered))
+
+
+def _alone(runner: Engine, scans: list[Scan], job: Job) -> Iterable[Row]:
+    """Try scans once more, one at a time: workers that died for other reasons do no harm then."""
+    for scan in scans:
+        yield from runner.run([scan], replace(job, alone=True))
+
+
+def _complete(recipe: Recipe) -> Recipe:
+    """A recipe that holds its rig: workers on other machines do not see the file."""
+    if recipe.rig is None or isinstance(recipe.rig, Rig):
+        return recipe
+    return replace(recipe, rig=read_rig(recipe.rig))
+
+
+@contextmanager
+def _own(folder: Path) -> Any:
+    """Keep other batches out of a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with locked(folder):
+        yield

@@ -1,0 +1,161 @@
+"""What a batch measures: folders of captures, and arrays of frames, here or at an address."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from fringeworks.files.atomic import StrPath
+from fringeworks.files.limits import read_content
+from fringeworks.files.pair import CAPTURE_FILE
+from fringeworks.stack.frames import Stack
+from fringeworks.types import FileProblem, InputError, MissingPackage, Recipe
+
+INSTALL = "pip install 'fringeworks[batch]'"
+"""How the packages of batches are installed."""
+FRAME_AXES = 4
+"""Dimensions of an array of scans: scan or time, frame, row, column."""
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One capture of a batch."""
+
+    name: str
+    """Name in the summary, unique in the batch."""
+    place: str
+    """Folder of the capture, or the array; a path or an address that fsspec opens."""
+    index: int | None = None
+    """Place along the array's first axis; None for a folder."""
+
+
+def find_scans(source: StrPath) -> list[Scan]:
+    """Return the scans of a batch, in the order of their names.
+
+    Parameters
+    ----------
+    source : path or address
+        A folder with a folder for each capture; a Zarr array (scan, frame, row, column); or the
+        address of either that fsspec opens, such as ``s3://bucket/line-1``.
+
+    Raises
+    ------
+    FileProblem for anything else; MissingPackage where an array or an address needs the extra
+    ``batch``.
+    """
+    text = str(source)
+    if "://" in text:
+        return _at_address(text)
+    folder = Path(source)
+    if (folder / "zarr.json").is_file():
+        return _of_array(text)
+    if not folder.is_dir():
+        raise FileProblem(f"{folder}: expected a folder of captures or a Zarr array, got none")
+    found = [
+        Scan(path.parent.relative_to(folder).as_posix(), str(path.parent))
+        for path in sorted(folder.glob(f"*/{CAPTURE_FILE}"))
+    ]
+    if not found:
+        raise FileProblem(f"{folder}: expected folders with {CAPTURE_FILE}, got none")
+    return found
+
+
+def _at_address(address: str) -> list[Scan]:
+    try:
+        import fsspec
+    except ModuleNotFoundError as error:
+        raise MissingPackage(f"{address}: expected fsspec, got none: {INSTALL}") from error
+    try:
+        files, root = fsspec.core.url_to_fs(address)
+        if files.exists(f"{root}/zarr.json"):
+            return _of_array(address)
+        captures = sorted(files.glob(f"{root.rstrip('/')}/*/{CAPTURE_FILE}"))
+    except (OSError, ValueError, ImportError) as error:
+        raise FileProblem(f"{address}: could not be opened: {error}") from error
+    if not captures:
+        raise FileProblem(f"{address}: expected folders with {CAPTURE_FILE}, got none")
+    places = [str(path).rsplit("/", 1)[0] for path in captures]
+    return [Scan(place.rsplit("/", 1)[1], files.unstrip_protocol(place)) for place in places]
+
+
+def _of_array(place: str) -> list[Scan]:
+    array = opened_array(place)
+    return [Scan(f"{k:06d}", place, k) for k in range(array.shape[0])]
+
+
+def opened_array(place: str) -> Any:
+    """Open an array of frames.
+
+    Raises
+    ------
+    FileProblem for arrays of other dimensions or types; MissingPackage without the extra.
+    """
+    try:
+        import zarr
+    except ModuleNotFoundError as error:
+        raise MissingPackage(f"{place}: expected zarr, got none: {INSTALL}") from error
+    try:
+        array: Any = zarr.open(place, mode="r")
+    except Exception as error:
+        raise FileProblem(f"{place}: could not be opened as Zarr: {error}") from error
+    shape = getattr(array, "shape", ())
+    if len(shape) != FRAME_AXES or array.dtype.kind not in "uf":
+        raise FileProblem(
+            f"{place}: expected an array of counts (scan, frame, row, column), got shape {shape}"
+        )
+    return array
+
+
+@contextmanager
+def local(scan: Scan) -> Iterator[Path | Any]:
+    """Lend a scan as a folder on this machine, or as an array of frames (frame, row, column)."""
+    if scan.index is not None:
+        yield np.asarray(opened_array(scan.place)[scan.index])
+    elif "://" not in scan.place:
+        yield Path(scan.place)
+    else:
+        import fsspec
+
+        with TemporaryDirectory(prefix="fringeworks-batch-") as place:
+            files, root = fsspec.core.url_to_fs(scan.place)
+            target = Path(place) / "capture"
+            try:
+                files.get(root, str(target), recursive=True)
+            except (OSError, ValueError) as error:
+                raise FileProblem(f"{scan.place}: could not be read: {error}") from error
+            yield target
+            shutil.rmtree(target, ignore_errors=True)
+
+
+def content_hash(lent: Path | Any) -> str:
+    """Return the SHA-256 of what a scan holds: names and bytes of its files, or its frames."""
+    digest = hashlib.sha256()
+    if isinstance(lent, Path):
+        for path in sorted(p for p in lent.rglob("*") if p.is_file()):
+            content = read_content(path, "a capture's file")
+            digest.update(f"{path.relative_to(lent).as_posix()}\0{len(content)}\0".encode())
+            digest.update(content)
+    else:
+        digest.update(f"{lent.shape}{lent.dtype.str}".encode())
+        digest.update(np.ascontiguousarray(lent).data)
+    return digest.hexdigest()
+
+
+def stack_of_array(frames: Any, recipe: Recipe) -> Stack:
+    """Return the frames of an array as a stack, with the recipe's plan.
+
+    Raises
+    ------
+    InputError for a recipe without a plan.
+    """
+    if recipe.plan is None:
+        raise InputError("recipe: expected a plan for an array of frames, got none")
+    return Stack(list(frames), recipe.plan)

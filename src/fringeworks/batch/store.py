@@ -1,0 +1,198 @@
+"""Results of a batch on disk: a Zarr group or an archive for each scan, and the summary."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Mapping, Sequence
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fringeworks.batch.scans import INSTALL
+from fringeworks.files.atomic import StrPath, replacing, write_text
+from fringeworks.files.results import write_result
+from fringeworks.types import FileProblem, FloatMap, HeightMap, MissingPackage, PointCloud
+
+SCANS = "scans"
+"""Folder of the results, each under its address."""
+BEGUN = ".begun"
+"""Folder of marks of scans that were begun in this run."""
+ROW = "row.json"
+"""Figures of a scan beside its archive; a Zarr group holds them as its attributes."""
+GROUP = "zarr.json"
+"""Description of a Zarr group."""
+ABOUT = "batch.json"
+"""What all scans have in common, beside archives; the attributes of a Zarr group else."""
+ARCHIVE = "result.npz"
+"""The result of a scan where it is no Zarr group."""
+CHUNK_PX = 256
+"""Side of a chunk, px; a scan is one shard."""
+UNITS = {"xyz_mm": "mm", "sigma_mm": "mm", "noise_mm": "mm", "reason": ""}
+"""Units of the arrays of points."""
+Row = dict[str, Any]
+"""Figures of a scan, ready for JSON."""
+
+
+class Store:
+    """The folder of a batch's results.
+
+    One scan is written by one worker, into a folder that gets its name when it is complete.
+
+    Parameters
+    ----------
+    folder : path
+        A name that ends with ``.zarr`` holds Zarr groups (format 3), any other one archives.
+    """
+
+    def __init__(self, folder: StrPath) -> None:
+        self.folder = Path(folder)
+        self.zarr = self.folder.suffix == ".zarr"
+        # Nothing but Zarr's own files lies in its folder: readers complain about others.
+        beside = self.folder.with_suffix(".csv")
+        self.summary = beside if self.zarr else self.folder / "summary.csv"
+        """A row for each scan of the batch, as CSV."""
+
+    def begin(self, about: Mapping[str, Any]) -> None:
+        """Make the folders, and write once what all scans have in common.
+
+        Raises
+        ------
+        FileProblem where that is not possible; MissingPackage for Zarr without the extra.
+        """
+        try:
+            (self.folder / SCANS).mkdir(parents=True, exist_ok=True)
+            self.end()
+            (self.folder / BEGUN).mkdir()
+            if not self.zarr and not (self.folder / ABOUT).is_file():
+                write_text(self.folder / ABOUT, json.dumps(about, indent=1) + "\n")
+        except OSError as error:
+            raise FileProblem(f"{self.folder}: could not be written: {error.strerror}") from error
+        if self.zarr:
+            group = _zarr().open_group(self.folder, mode="a", zarr_format=3)
+            group.require_group(SCANS)
+            if not group.attrs:
+                group.attrs.update(about)
+
+    def has(self, address: str) -> bool:
+        """Whether the result of an address is complete."""
+        return (self.folder / SCANS / address).is_dir()
+
+    def row(self, address: str) -> Row:
+        """Return the figures of a complete result."""
+        place = self.folder / SCANS / address
+        described = json.loads((place / (GROUP if self.zarr else ROW)).read_text("utf-8"))
+        return dict(described["attributes"] if self.zarr else described)
+
+    def count_begun(self, address: str) -> int:
+        """Return how often a scan was begun in this run and has not ended."""
+        return len(list((self.folder / BEGUN).glob(f"{address}-*")))
+
+    def mark_begun(self, address: str) -> Path:
+        """Mark that a scan is begun; return the mark, which the end of the scan deletes.
+
+        It holds the process's id.
+        """
+        mark = self.folder / BEGUN / f"{address}-{secrets.token_hex(6)}"
+        mark.write_text(str(os.getpid()))
+        return mark
+
+    def write(self, address: str, surface: HeightMap | PointCloud, row: Row) -> None:
+        """Write the result of a scan, whole or not at all.
+
+        Where it is there already, written by another worker, that one stays: it is the same.
+        """
+        place = self.folder / SCANS / f".{address}-{secrets.token_hex(6)}"
+        try:
+            place.mkdir()
+            if self.zarr:
+                _write_group(place, surface, row)
+            else:
+                write_result(place / ARCHIVE, surface)
+                write_text(place / ROW, json.dumps(row, indent=1) + "\n")
+            os.rename(place, self.folder / SCANS / address)
+        except OSError as error:
+            shutil.rmtree(place, ignore_errors=True)
+            if self.has(address):
+                return
+            raise FileProblem(f"{self.folder}: could not be written: {error.strerror}") from error
+        except BaseException:
+            shutil.rmtree(place, ignore_errors=True)
+            raise
+
+    def end(self) -> None:
+        """Delete the marks of a run that has ended, and what workers left that died."""
+        for left in (self.folder / SCANS).glob(".*"):
+            shutil.rmtree(left, ignore_errors=True)
+        shutil.rmtree(self.folder / BEGUN, ignore_errors=True)
+
+    def write_summary(self, rows: Sequence[Row]) -> None:
+        """Write the summary: a row for each scan, as CSV, and as Parquet where that is possible."""
+        columns = list(dict.fromkeys(key for row in rows for key in row))
+        text = StringIO()
+        writer = csv.DictWriter(text, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        write_text(self.summary, text.getvalue())
+        try:
+            import pyarrow
+            from pyarrow import parquet
+        except ModuleNotFoundError:
+            return
+        table = pyarrow.table({name: [row.get(name) for row in rows] for name in columns})
+        with replacing(self.summary.with_suffix(".parquet")) as temporary:
+            parquet.write_table(table, temporary)
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ModuleNotFoundError as error:
+        raise MissingPackage(
+            f"results: expected zarr for a folder that ends with .zarr, got none: {INSTALL}"
+        ) from error
+    return zarr
+
+
+def check_store(folder: StrPath) -> None:
+    """Refuse results that cannot be written, before anything is measured."""
+    if Path(folder).suffix == ".zarr":
+        _zarr()
+
+
+def _write_group(place: Path, surface: HeightMap | PointCloud, row: Row) -> None:
+    """Write a surface as a Zarr group that xarray reads."""
+    group = _zarr().open_group(place, mode="w", zarr_format=3)
+    names: tuple[str, ...] = ("xyz_mm", "sigma_mm", "noise_mm", "reason")
+    units: Mapping[str, str] = UNITS
+    if isinstance(surface, HeightMap):
+        names = ("values", "sigma", "reason")
+        units = {"values": surface.unit, "sigma": surface.unit, "reason": ""}
+        group.attrs.update({"quantity": surface.quantity, "pitch": surface.pitch})
+    group.attrs.update(row)
+    for name in names:
+        _write_array(group, name, np.asarray(getattr(surface, name)), units[name])
+
+
+def _write_array(group: Any, name: str, values: FloatMap, unit: str) -> None:
+    from zarr.codecs import BloscCodec
+
+    chunks = (CHUNK_PX, CHUNK_PX, *values.shape[2:])
+    rows, columns = (-(-n // CHUNK_PX) * CHUNK_PX for n in values.shape[:2])
+    array = group.create_array(
+        name,
+        shape=values.shape,
+        dtype=values.dtype,
+        chunks=chunks,
+        shards=(rows, columns, *values.shape[2:]),
+        compressors=BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"),
+        dimension_names=("y", "x", "coordinate")[: values.ndim],
+        fill_value=0 if values.dtype.kind == "u" else np.nan,
+        attributes={"units": unit} if unit else {},
+    )
+    array[...] = values

@@ -1,0 +1,80 @@
+"""``fringeworks batch``: many captures by one recipe."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import fringeworks as fw
+from fringeworks.cli import output
+from fringeworks.cli.app import app
+
+SECTION = "Results"
+NOT_MEASURED = 5
+"""Exit code where scans could not be measured."""
+SHOWN = 10
+"""Problems that are listed; the summary has all."""
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks batch line/ --recipe recipe.toml --out results.zarr",
+)
+def batch(
+    source: Annotated[
+        str,
+        typer.Argument(help="Folder of captures, Zarr array (scan, frame, row, column), address."),
+    ],
+    recipe: Annotated[Path, typer.Option(help="Recipe: method or rig, areas, tolerances.")],
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder of the results; NAME.zarr holds Zarr groups.")
+    ],
+    workers: Annotated[
+        int | None, typer.Option(help="Processes of this machine; by default one for each core.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="Dask scheduler, as tcp://10.0.0.5:8786; 'local' starts one here."),
+    ] = None,
+    memory_gb: Annotated[
+        float, typer.Option(help="Memory that a worker of this machine may use, GB.")
+    ] = 2.0,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Measure only what is missing in the results.")
+    ] = False,
+) -> None:
+    """Measure and judge many captures; exit code 0 all pass, 3 some fail, 4 undecided, 5 errors."""
+    words = output.Output()
+    with output.progress(len(fw.find_scans(source))) as show:
+
+        def told(row: dict[str, Any], _: int) -> None:
+            show(f"{row['scan']}: {row.get('verdict') or row['error']}")
+
+        def started(engine: Any) -> None:
+            if engine.dashboard:
+                words.say(f"workers: {engine.dashboard}")
+
+        found = fw.run_batch(
+            source,
+            recipe,
+            out,
+            workers=workers,
+            scheduler=scheduler,
+            memory_gb=memory_gb,
+            resume=resume,
+            progress=told,
+            started=started,
+        )
+    problems = [row for row in found.rows if row.get("error")]
+    for row in problems[:SHOWN]:
+        words.say(f"{row['scan']}: {row['error']}")
+    if len(problems) > SHOWN:
+        words.say(f"… and {len(problems) - SHOWN} more, see the summary")
+    counts = {name: found.count(name) for name in ("pass", "fail", "undecided")}
+    told_counts = ", ".join(f"{count} {name}" for name, count in counts.items())
+    words.say(f"{len(found.rows)} scans: {told_counts}, {found.failed} not measured")
+    words.wrote(out, found.summary)
+    code = 3 if counts["fail"] else 4 if counts["undecided"] else 0
+    raise typer.Exit(NOT_MEASURED if found.failed else code)

@@ -118,7 +118,7 @@ def walk(page: Any) -> None:
     page.get_by_label("Largest").fill("100")
     click(page, "Add the tolerance")
     click(page, "Judge the part")
-    page.get_by_text("The part:").scroll_into_view_if_needed()
+    page.get_by_text("scan-001: pass").scroll_into_view_if_needed()
     page.evaluate("window.scrollBy(0, 400)")
     take(page, "areas")
     click(page, "Write files")

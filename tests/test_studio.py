@@ -177,7 +177,7 @@ def test_methods_change_the_surface_and_are_compared(shared, pages):
         "?.points[2 * 3 * 150 + 2] !== z",
         arg=float(shown[300]),
     )
-    visitor.page.get_by_text("Beside the one before").click()
+    visitor.page.get_by_text("Compare with the previous result").click()
     visitor.page.wait_for_function(
         "document.querySelector('.fringe-viewer-mount')?.viewer?.surfaces?.length === 2"
     )
@@ -216,7 +216,7 @@ def test_a_series_of_scans(studio, visitor):
     visitor.page.reload()
     visitor.step("Scan")
     visitor.page.get_by_label("Scans", exact=True).fill("2")
-    visitor.page.get_by_label("Pause before each, s").fill("1")
+    visitor.page.get_by_label("Pause before each scan, s").fill("1")
     visitor.click("Scan (space)")
     visitor.sees("2 left")
     visitor.sees("scan-001-002")
@@ -319,7 +319,7 @@ def test_areas_are_drawn_and_parts_judged(pages, shared):
     visitor.click("Add the tolerance")
     visitor.sees("at least 10, at most 20")
     visitor.click("Judge the part")
-    visitor.sees("The part: fail")
+    visitor.sees("pair: fail")
     found = fw.inspect(shared.folder / "pair", shared.folder / "recipe.toml")
     assert found.verdict == "fail"
     visitor.sees(f"{found.checks[0].value:.5g}")
@@ -333,7 +333,7 @@ def test_areas_are_drawn_and_parts_judged(pages, shared):
     visitor.sees("inspect pair --recipe recipe.toml --out pair.npz")
     target = shared.folder.parent / "same.npz"
     words = ["inspect", str(shared.folder / "pair"), "--recipe", str(shared.folder / "recipe.toml")]
-    assert run([*words, "--out", str(target)]) == 3
+    assert run([*words, "--out", str(target)]) == 4
     one, other = (fw.read_surface(p) for p in (target, shared.folder / "pair.npz"))
     np.testing.assert_array_equal(one.values, other.values)
     visitor.step("Look")

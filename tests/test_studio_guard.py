@@ -265,7 +265,7 @@ def test_scans_do_not_replace_others(tmp_path):
         lambda: studio.scan(studio.session("a"), "part"),
         lambda: studio.start_series(studio.session("a"), ["new", "part"], 0.0),
     ):
-        with pytest.raises(InputError, match="expected a new one"):
+        with pytest.raises(InputError, match="already"):
             call()
     studio.close()
 

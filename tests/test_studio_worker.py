@@ -104,7 +104,7 @@ def test_failures_are_a_sentence_and_the_next_work_is_done(worker, task, said):
 
 def test_work_is_stopped_cancelled_and_killed(worker):
     job = begun(worker.start("endless", endless))
-    with pytest.raises(InputError, match="endless that is running"):
+    with pytest.raises(InputError, match="busy with 'endless'"):
         worker.start("counting", counted, 1)
     worker.stop()
     assert ended(job).result == "stopped"
@@ -128,7 +128,7 @@ def test_a_missing_package_is_named(tmp_path):
     script = "import sys; sys.modules['nicegui'] = None; import fringeworks as fw; "
     command = [sys.executable, "-c", f"{script}fw.run_studio({str(tmp_path)!r})"]
     said = subprocess.run(command, capture_output=True, text=True, check=False).stderr
-    assert "MissingPackage: studio: expected nicegui" in said
+    assert "MissingPackage: studio: expected the package nicegui" in said
     assert "pip install 'fringeworks[studio]'" in said
 
 
@@ -154,7 +154,7 @@ def test_work_waits_for_the_work_before(worker):
     second = worker.start("second", slow, 0.0, wait=True)
     third = worker.start("third", slow, 0.0, wait=True)
     assert (second.state, third.state) == ("waiting", "waiting")
-    with pytest.raises(InputError, match="first that is running"):
+    with pytest.raises(InputError, match="busy with 'first'"):
         worker.start("fourth", slow, 0.0)
     worker.cancel(third)
     ended(second)

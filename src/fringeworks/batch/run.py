@@ -13,11 +13,11 @@ from fringeworks.batch.engines import Engine, engine
 from fringeworks.batch.measure import Job, job_of
 from fringeworks.batch.scans import Scan, find_scans
 from fringeworks.batch.store import Row, Store, check_store
+from fringeworks.evaluate.inspect import rig_of
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.folder import locked
 from fringeworks.files.recipe import read_recipe
-from fringeworks.files.rig import read_rig
-from fringeworks.types import Frozen, InputError, Recipe, Rig, made_by
+from fringeworks.types import Frozen, InputError, Recipe, made_by
 
 USUAL_MEMORY_GB = 2.0
 """Memory of a worker, GB: enough for twelve frames of 12 megapixels."""
@@ -138,9 +138,7 @@ def _alone(runner: Engine, scans: list[Scan], job: Job) -> Iterable[Row]:
 
 def _complete(recipe: Recipe) -> Recipe:
     """A recipe that holds its rig: workers on other machines do not see the file."""
-    if recipe.rig is None or isinstance(recipe.rig, Rig):
-        return recipe
-    return replace(recipe, rig=read_rig(recipe.rig))
+    return recipe if recipe.rig is None else replace(recipe, rig=rig_of(recipe))
 
 
 @contextmanager

@@ -13,9 +13,9 @@ from fringeworks.surface.section import places
 from fringeworks.types import Area, FloatMap, HeightMap, InputError, PointCloud, Reason
 
 PATCHES = 3
-"""Patches along each side of an area. The common error of a patch is taken as one number, and
-those of different patches as independent, as fits of bodies do: calibration errors change over a
-third of a body's size or more."""
+"""Patches along each side of an area. Common errors within a patch are fully correlated, and those
+of different patches independent. Fits of bodies use the same model: calibration errors change over
+a third of a body's size or more."""
 MIN_POINTS = 10
 """Points that an area needs: as a fit does."""
 
@@ -27,7 +27,7 @@ class AreaPoints:
     points: FloatMap
     """(n, 3), mm."""
     by_value: FloatMap
-    """Change of a point with its measured value, (n, 3)."""
+    """Derivative of a point by its measured value, (n, 3)."""
     noise: FloatMap
     """Standard deviation of the value that is independent from pixel to pixel, (n,), mm."""
     common: FloatMap
@@ -63,7 +63,7 @@ class Term(NamedTuple):
 
     area: AreaPoints
     weights: FloatMap
-    """Change of the quantity with each point's way along ``direction``, (n,)."""
+    """Derivative of the quantity by the displacement of each point along ``direction``, (n,)."""
     direction: FloatMap
     """(3,), or (n, 3) for a direction of each point; of length 1."""
 
@@ -142,7 +142,7 @@ def _pieces(surface: HeightMap | PointCloud) -> FloatMap:
 
 
 def _slope(points: FloatMap, axis: int) -> FloatMap:
-    """Way to the next pixel along an axis: central, or one-sided at gaps and borders."""
+    """Difference to the next pixel along an axis: central, or one-sided at gaps and borders."""
     step = np.diff(points, axis=axis)
     pad = [(0, 0)] * 3
     pad[axis] = (0, 1)

@@ -23,6 +23,7 @@ from fringeworks.rig.triangulate import Triangulator
 from fringeworks.stack.frames import Stack
 from fringeworks.types import (
     Area,
+    BoolMap,
     FloatMap,
     Frozen,
     HeightMap,
@@ -102,9 +103,9 @@ def inspect(
     -----
     Decisions keep a guard band to each limit (ISO 14253-1). With the standard deviation s of a
     value and the z that a normal number exceeds with the recipe's risk, a value passes if it is
-    inside by z s or more, fails if it is outside by as much, and is undecided between. A value that
-    passes therefore breaks its limit with a probability of at most the risk, one that fails keeps
-    it with at most the same.
+    inside by z s or more, fails if it is outside by as much, and is undecided between. A part that
+    breaks its limit therefore passes with a probability of at most the risk, and one that keeps it
+    fails with at most the same.
     """
     recipe = recipe if isinstance(recipe, Recipe) else read_recipe(recipe)
     started = time.perf_counter()
@@ -112,7 +113,9 @@ def inspect(
         surface, notes = capture, tuple(finding.text for finding in capture.findings)
     else:
         surface, notes = _measured(capture, recipe)
-    surface = _within(surface, recipe)
+    if recipe.within is not None:
+        surface = _within(surface, recipe)
+        notes = tuple(f"in the whole frame: {note}" for note in notes)
     checks = judge_part(surface, recipe)
     return Inspection(checks, surface, notes, time.perf_counter() - started)
 
@@ -153,8 +156,17 @@ def _checked(tolerance: PartTolerance, points: Callable[[str], AreaPoints], risk
     except InputError as problem:
         return Check(tolerance, np.nan, np.nan, "", "undecided", str(problem))
     verdict = decide(found, tolerance, risk)
-    why = "its uncertainty straddles a limit" if verdict == "undecided" else ""
+    why = _why_undecided(found, risk) if verdict == "undecided" else ""
     return Check(tolerance, found.value, found.sigma, found.unit, verdict, why)
+
+
+def _why_undecided(found: Quantified, risk: float) -> str:
+    guard = NormalDist().inv_cdf(1.0 - risk) * found.sigma
+    noise = f", and errors of points explain {found.noise:.2g} of it" if found.noise else ""
+    return (
+        f"{found.value:.5g} {found.unit} lies within {guard:.2g} of a limit{noise}: reduce the "
+        "uncertainty, or widen the limits"
+    )
 
 
 def _measured(
@@ -166,16 +178,25 @@ def _measured(
     if isinstance(found, Pair):
         pair = found
         if recipe.within is not None:
-            wanted = recipe.areas[recipe.within].pixels(_rows_and_columns(pair.object.shape))
+            shape = _rows_and_columns(pair.object.shape)
+            wanted = _pixels(recipe, recipe.within, shape)
             pair = replace(pair, mask=wanted if pair.mask is None else pair.mask & wanted)
         made = reconstruct(pair, recipe.method, **recipe.options)
         return made.surface, made.notes
     if recipe.rig is None:
         told = "frames" if isinstance(capture, Stack) else capture
-        raise InputError(f"{told}: expected a recipe with a rig for a stack of frames, got none")
-    rig = recipe.rig if isinstance(recipe.rig, Rig) else read_rig(recipe.rig)
-    result = measure(found, _triangulator(rig), **recipe.options)
+        raise InputError(
+            f"{told}: expected a recipe with a rig for a stack of frames, got none: add "
+            'rig = "rig.toml" to it'
+        )
+    result = measure(found, _triangulator(rig_of(recipe)), **recipe.options)
     return result.points, result.notes
+
+
+def rig_of(recipe: Recipe) -> Rig:
+    """Return the rig of a recipe, from its file where it names one."""
+    assert recipe.rig is not None
+    return recipe.rig if isinstance(recipe.rig, Rig) else read_rig(recipe.rig)
 
 
 @lru_cache(maxsize=2)
@@ -190,9 +211,16 @@ def _rows_and_columns(shape: tuple[int, ...]) -> tuple[int, int]:
 
 def _within(surface: HeightMap | PointCloud, recipe: Recipe) -> HeightMap | PointCloud:
     """A surface without what lies outside of the recipe's area."""
-    if recipe.within is None:
-        return surface
-    return masked(surface, recipe.areas[recipe.within])
+    assert recipe.within is not None
+    return masked(surface, Area(mask=_pixels(recipe, recipe.within, surface.shape)))
+
+
+def _pixels(recipe: Recipe, name: str, shape: tuple[int, int]) -> BoolMap:
+    """Pixels of an area, which is named where it has none."""
+    try:
+        return recipe.areas[name].pixels(shape)
+    except InputError as problem:
+        raise InputError(f"{name}: {problem}") from problem
 
 
 def masked(surface: HeightMap | PointCloud, area: Area) -> HeightMap | PointCloud:

@@ -1,7 +1,8 @@
-"""Recipes on disk: the chain, areas and tolerances, as TOML."""
+"""Recipes on disk: method, areas and tolerances, as TOML."""
 
 from __future__ import annotations
 
+from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
 
@@ -84,7 +85,7 @@ def read_recipe(path: StrPath) -> Recipe:
             options=content.options,
             rig=None if content.rig is None else _beside(path, content.rig),
             plan=None if content.plan is None else read_plan(_beside(path, content.plan)),
-            areas={name: _area(path, area) for name, area in content.areas.items()},
+            areas={name: _area(path, name, area) for name, area in content.areas.items()},
             within=content.within,
             tolerances=tuple(
                 PartTolerance(one.name, one.quantity, tuple(one.areas), one.min, one.max)
@@ -128,9 +129,11 @@ def write_recipe(path: StrPath, recipe: Recipe) -> Path:
     return write_text(path, HEADER + tomli_w.dumps(content))
 
 
-def _area(recipe: Path, area: _Area) -> Area:
+def _area(recipe: Path, name: str, area: _Area) -> Area:
     mask = None
     if area.mask is not None:
+        if not _beside(recipe, area.mask).is_file():
+            raise InputError(f"area {name!r}: expected the mask {area.mask}, got no such file")
         mask = np.asarray(read_frame(_beside(recipe, area.mask))[0] > 0)
     if area.box is not None and max(map(abs, area.box)) > MAX_LENGTH_PX:
         raise InputError(f"area: expected a box within {MAX_LENGTH_PX} px, got {area.box}")
@@ -170,7 +173,7 @@ def _beside(recipe: Path, name: str) -> Path:
     return found
 
 
-def _relative(recipe: Path, rig: Path) -> str:
+def _relative(recipe: Path, rig: PathLike[str]) -> str:
     folder, found = recipe.parent.resolve(), Path(rig).resolve()
     if not found.is_relative_to(folder):
         raise InputError(f"recipe: expected the rig in the folder of the recipe, got {rig}")

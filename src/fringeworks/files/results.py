@@ -32,7 +32,8 @@ def write_result(
 
     Raises
     ------
-    InputError for anything else, and as the writers of each kind.
+    InputError for other results, and the errors of ``write_surface``, ``write_points`` and
+    ``write_coordinates``.
     """
     if isinstance(result, HeightMap):
         write_surface(path, result, ply=kind)

@@ -1,4 +1,4 @@
-"""Figures of live frames that help to aim, to focus and to expose; they are not for measuring."""
+"""Brightness, modulation and sharpness of live frames, to aim and focus by; not for measuring."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ to 0.15 s. A frame that comes too early makes one modulation wrong, and the next
 BRIGHT_PERCENTILE = 99.5
 """Brightness that exposures are judged by, percent of the pixels below it."""
 MOST_CLIPPED = 0.001
-"""Share of saturated pixels from which on an exposure is called too long."""
+"""Above this share of saturated pixels, the exposure is too long."""
 TARGET = 0.85
-"""Brightness that is aimed at, share of full scale: with room for noise below saturation."""
+"""Brightness that is aimed at, share of full scale: with a margin for noise."""
 DARK = 0.5
 """Brightness below which a longer exposure is advised, share of full scale."""
 
@@ -114,7 +114,7 @@ def aiming(
     level : float
         Grey level, 0…1 of full scale.
     exposure_ms : float, optional
-        As the camera has it by default.
+        The camera's own by default.
 
     Yields
     ------

@@ -39,12 +39,12 @@ class Glance(Frozen):
 
     def __str__(self) -> str:
         tilts = [
-            f"{side} {tilt:.0f}° nearer"
+            f"{side} tilted {tilt:.0f}° towards the camera"
             for side, tilt in zip(SIDES, self.tilts_deg, strict=True)
             if tilt >= 1
         ]
         seen = f"{len(self.view.index)} corners, {', '.join(tilts) or 'level'}"
-        new = f"new: {', '.join(self.adds)}" if self.adds else "nothing new here"
+        new = f"new: {', '.join(self.adds)}" if self.adds else "a pose here adds nothing"
         return f"{seen}; {new}"
 
 

@@ -6,7 +6,7 @@ from fringeworks.studio.workspace import Workspace
 from fringeworks.types import InputError
 
 MOST_LETTERS = 200
-"""Letters of a field that are kept."""
+"""Characters of a field that are kept."""
 FOLDERS = ("folder", "memory")
 """Kinds of devices whose words name a folder."""
 
@@ -30,11 +30,11 @@ def checked_text(text: object, what: str) -> str:
 
     Raises
     ------
-    InputError for anything but a text of at most 200 letters.
+    InputError for anything but a text of at most 200 characters.
     """
     if not isinstance(text, str) or len(text) > MOST_LETTERS:
-        got = f"{len(text)}" if isinstance(text, str) else type(text).__name__
-        raise InputError(f"{what}: expected a text of at most {MOST_LETTERS} letters, got {got}")
+        got = f"{len(text)} characters" if isinstance(text, str) else type(text).__name__
+        raise InputError(f"{what}: expected a text of at most {MOST_LETTERS} characters, got {got}")
     return text
 
 
@@ -50,6 +50,6 @@ class Words:
         return str(getattr(instance, self._place, ""))
 
     def __set__(self, instance: object, text: object) -> None:
-        """Keep a text; anything else is passed over, as only forged pages send it."""
+        """Keep a text; anything else is ignored, because the studio's own page never sends it."""
         if isinstance(text, str) and len(text) <= MOST_LETTERS:
             setattr(instance, self._place, text)

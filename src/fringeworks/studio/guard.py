@@ -21,14 +21,14 @@ COOKIE = "fringeworks_visitor"
 """Beginning of the name of the cookie that lets a visitor in afterwards. The port follows, because
 browsers send cookies to all ports of a host."""
 MOST_VISITORS = 1000
-"""Visitors that are let in; the first ones must use the token again after that."""
+"""Cookies that are known; with more, the oldest visitor needs the token again."""
 MOST_DIGITS = 20
 """Digits of a length that are read."""
 MOST_BYTES = 2_000_000
 """Largest body of a request, bytes: the page sends clicks and numbers, and no files."""
 ENTERED = b"<!doctype html><title>fringeworks studio</title><script>location.replace('/')</script>"
-"""Page that follows the token. A redirection would not do: browsers keep the new cookie back where
-a page elsewhere had the link."""
+"""Page that follows the token. After a redirection, browsers withhold a cookie with SameSite=Strict
+if the link was on another site."""
 REFUSED_SOCKET = 1008
 """Code of a web socket that is closed for breaking a rule (RFC 6455)."""
 HEADERS = [
@@ -78,7 +78,9 @@ class Guard:
             return
         headers = _headers(scope)
         if headers is None:
-            await _refuse(scope, send, 400, "A request says once for whom and from where it is.")
+            await _refuse(
+                scope, send, 400, "The request has two headers of Host, Origin or Content-Length."
+            )
             return
         refused = self._refused(scope, headers)
         if refused is not None:
@@ -93,14 +95,17 @@ class Guard:
         """Why a request is refused: status and sentence; None where it is not."""
         host, origin = headers.get("host", "").lower(), headers.get("origin")
         if not host or (self._hosts is not None and host not in self._hosts):
-            return 421, "The studio does not answer to this name."
+            return (
+                421,
+                "The studio does not serve this host name: open the address that it has printed.",
+            )
         socket = scope["type"] == "websocket"
         # Behind a tunnel, pages may be encrypted.
         own = (f"http://{host}", f"https://{host}")
         if origin is not None and origin.lower() not in own:
             return 403, "Another page asked; only the studio's own pages may."
         if origin is None and (socket or scope.get("method") not in ("GET", "HEAD")):
-            return 403, "It is not known which page asked."
+            return 403, "The request has no Origin header."
         site = headers.get("sec-fetch-site", "none")
         opened = headers.get("sec-fetch-dest") == "document" and not socket
         if site not in ("same-origin", "none") and not opened:
@@ -115,7 +120,12 @@ class Guard:
         given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get(TOKEN, [""])[0]
         page = scope["type"] == "http" and scope.get("method") == "GET"
         if not page or not hmac.compare_digest(given.encode(), token.encode()):
-            await _refuse(scope, send, 401, "The address with its token is needed once.")
+            await _refuse(
+                scope,
+                send,
+                401,
+                "Open the whole address that the studio has printed, with ?token=…",
+            )
             return
         visitor = secrets.token_urlsafe(24)
         self._visitors.append(visitor)

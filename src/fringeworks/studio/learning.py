@@ -43,7 +43,7 @@ RIG_SCALE = 0.3
 DISTANCE_MM, WALL_MM = 500.0, 515.0
 """Distances of the middle of a body, and of the wall behind it, mm."""
 PAIR_BASELINE_MM = 60.0
-"""Distance of the pupils for two frames: displacements then stay within a few fringes, which two
+"""Baseline for two frames: displacements then stay within a few fringes, which two
 frames can tell apart."""
 NOISE_SEED = 1
 """Of all trials: equal settings give equal results."""
@@ -58,7 +58,8 @@ SHAPES: dict[str, Callable[[], Shape]] = {
 """Bodies before the virtual rig, beside the bust."""
 BODIES: dict[Experiment, tuple[str, ...]] = {
     "two frames, ideal": tuple(OBJECTS),
-    "two frames, rig": ("bust", *SHAPES),
+    # The bust comes last: it has steps of more than a fringe, which two frames cannot tell apart.
+    "two frames, rig": (*SHAPES, "bust"),
     "phase shifting, rig": ("bust", *SHAPES),
 }
 """Bodies of each experiment."""

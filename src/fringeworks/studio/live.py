@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
 from fringeworks.devices.opening import open_devices
 from fringeworks.files.rig import read_rig
@@ -34,9 +34,12 @@ SHORTEST_S = 0.1
 LIVE_PX = 960
 """Longer side of a live picture, px."""
 LIVE_POINTS = 60_000
-"""Pixels of a live surface: more take longer to send and to draw than to measure."""
+"""Pixels of a live surface: beyond this, sending and drawing take longer than
+measuring."""
 RED, AMBER, GREEN = (230, 0, 0), (255, 176, 0), (0, 200, 90)
 """Colours of saturated pixels, of what is missing, and of what was found."""
+FONT_PX = 13
+"""Height of words in a live picture, px."""
 BADGE_PX = 6
 """Distance of words in a live picture from its border, px."""
 
@@ -133,12 +136,13 @@ def _paint_board(
         ((BADGE_PX, middle[1]), "lm"),
         ((width - BADGE_PX, middle[1]), "rm"),
     )
+    font = ImageFont.load_default(FONT_PX)
     for side in judgement.missing_sides:
         place, anchor = anchors[side]
-        text = f"tilt the {SIDES[side]} nearer"
-        box = draw.textbbox(place, text, anchor=anchor)
+        text = f"tilt the {SIDES[side]} towards the camera"
+        box = draw.textbbox(place, text, anchor=anchor, font=font)
         draw.rectangle((box[0] - 3, box[1] - 2, box[2] + 3, box[3] + 2), fill="black")
-        draw.text(place, text, fill=AMBER, anchor=anchor)
+        draw.text(place, text, fill=AMBER, anchor=anchor, font=font)
 
 
 def find_exposure(link: Link, devices: tuple[str, str]) -> float | None:

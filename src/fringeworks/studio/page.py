@@ -1,4 +1,4 @@
-"""The page: the way of the light as steps on the left, the present step beside them."""
+"""The page: navigation on the left, the present step beside it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from fringeworks.studio.steps.parts import Step
 
 STEPS: dict[str, tuple[str, Callable[[Step], None]]] = {
     "set up": ("Find out what projector and camera can do", set_up.build),
-    "calibrate": ("Calibrate them with a board", calibrate.build),
+    "calibrate": ("Calibrate projector and camera with a board", calibrate.build),
     "scan": ("Take the frames of an object", scan.build),
-    "look": ("Look, measure and compare", look.build),
+    "look": ("Look, measure, compare and judge", look.build),
     "learn": ("Try methods on a virtual scene", learn.build),
     "export": ("Files, reports and commands", export.build),
 }
@@ -22,7 +22,7 @@ STEPS: dict[str, tuple[str, Callable[[Step], None]]] = {
 MARKS = {"to do": "○", "running": "…", "good": "✓", "look here": "!"}
 """Marks of a step's state; the words are read to those who do not see them."""
 UPDATE_S = 0.5
-"""Time between two looks at the states of the steps, s."""
+"""Interval at which the states of the steps are polled, s."""
 PRIMARY, WARNING = "#1f5fbf", "#8a5300"
 """Colours of controls and of findings; both have a contrast of 4.5 or more to white."""
 STYLE = """

@@ -19,7 +19,7 @@ def run_studio(
         Address to serve other machines on. A token is then made, and the printed address holds it.
         By default only this machine is served.
     port : int, optional
-        By default a usual one, or a free one where that is in use.
+        8137 by default, or a free one where that is in use.
     show : bool
         Open the page in the browser.
 
@@ -31,7 +31,9 @@ def run_studio(
     try:
         from fringeworks.studio.server import serve
     except ModuleNotFoundError as error:
-        raise MissingPackage(f"studio: expected {error.name}, got none: {INSTALL}") from error
+        raise MissingPackage(
+            f"studio: expected the package {error.name}, got none: {INSTALL}"
+        ) from error
     serve(folder, host=host, port=port, show=show)
 
 

@@ -16,6 +16,8 @@ class Command:
 
     shell: str
     python: str
+    replaces: str | None = None
+    """Folder of a pose: one that is taken again takes the place of the one before."""
 
 
 def set_up_command(words: tuple[str, str], frames: int) -> Command:

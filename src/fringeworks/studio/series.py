@@ -11,7 +11,7 @@ from fringeworks.studio.worker import Job
 from fringeworks.types import InputError
 
 ROUND_S = 0.05
-"""Time between two looks at the scan that runs, s."""
+"""Interval at which the scan that runs is polled, s."""
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Series:
                 while job.open:
                     time.sleep(ROUND_S)
                 if job.state != "done":
-                    self.problem = job.problem or "cancelled"
+                    self.problem = job.problem or "The scan was cancelled."
                     return
                 self.taken.append(name)
         except InputError as problem:

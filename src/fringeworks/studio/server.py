@@ -43,15 +43,20 @@ def serve(folder: StrPath, *, host: str | None, port: int | None, show: bool) ->
     address = f"http://{_named(host)}:{used}/" + (f"?{TOKEN}={token}" if token else "")
     hosts = None if host else _own_names(used)
     guarded = Guard(studio_app(studio, used), hosts=hosts, token=token)
-    config = uvicorn.Config(
-        guarded, log_level="error", lifespan="on", timeout_graceful_shutdown=SHUTDOWN_S
-    )
     studio.devices.warm()
     studio.compute.warm()
     print(f"The studio of {studio.workspace.root} is at {address}", flush=True)
     print("Press Ctrl-C to end it.", flush=True)
     if show:
         threading.Timer(1.0, webbrowser.open, (address,)).start()
+    _run(guarded, listening, studio)
+
+
+def _run(guarded: Guard, listening: socket.socket, studio: Studio) -> None:
+    """Serve until a signal ends it."""
+    config = uvicorn.Config(
+        guarded, log_level="error", lifespan="on", timeout_graceful_shutdown=SHUTDOWN_S
+    )
     # The server hands the signal on when it has ended: then there is still something to delete.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
@@ -150,7 +155,8 @@ def _listening(host: str, port: int | None) -> socket.socket:
             if tried and port is None:
                 continue
             raise DeviceProblem(
-                f"studio: expected an address to serve on, got {host}:{tried}: {error.strerror}"
+                f"studio: expected a free address, got {host}:{tried}: {error.strerror}; choose "
+                "another --host or --port"
             ) from error
         return found
     raise AssertionError

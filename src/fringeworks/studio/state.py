@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.recipe import read_recipe, write_recipe
 from fringeworks.scan.aiming import Shown as Light
 from fringeworks.scan.setup_file import read_setup
 from fringeworks.studio import learning, live, tasks
+from fringeworks.studio.command_log import CommandLog
 from fringeworks.studio.device_words import Words, checked_words
+from fringeworks.studio.recipes import RecipeKeeper, as_shown
 from fringeworks.studio.script import (
     Command,
     Measured,
@@ -30,7 +31,7 @@ from fringeworks.studio.script import (
 from fringeworks.studio.series import Series
 from fringeworks.studio.worker import Job, Task, Worker
 from fringeworks.studio.workspace import Workspace, open_workspace
-from fringeworks.types import Area, FileProblem, InputError, PartTolerance, Recipe
+from fringeworks.types import FileProblem, InputError
 
 StepState = Literal["to do", "running", "good", "look here"]
 VIRTUAL = "virtual"
@@ -44,7 +45,7 @@ FIGURES = 40
 SETUP_STEPS = 8
 """Steps that a set-up tells of."""
 LIVE_PICTURE, LIVE_POINTS = "live picture", "live points"
-"""Names of work that goes on until it is stopped."""
+"""Names of endless work."""
 MOST_OPEN = 4
 """Computations of one visitor that may wait or run."""
 KEPT_JOBS = 8
@@ -85,6 +86,10 @@ class Session:
     """The result before, for comparison."""
     pending: Shown | None = None
     """What is being computed, and takes the place of ``shown`` when it is there."""
+    trial: dict[str, Any] | None = None
+    """Figures of the last trial."""
+    verdict: dict[str, Any] | None = None
+    """The last verdict on a part, and which part it was."""
     picture: int = 0
     """Number of the picture that areas are drawn on."""
     tabs: int = 0
@@ -132,12 +137,15 @@ class Studio:
         self.board = USUAL_BOARD
         self.series: Series | None = None
         """The series of scans that runs, or the last one."""
-        self.done: list[Command] = []
+        self.recipes = RecipeKeeper(self.workspace)
+        self.log = CommandLog(self.workspace)
+        self.verdict: dict[str, Any] = {}
+        """What the last calibration said."""
         self.poses: dict[str, Any] = {}
         """What the last pose, or the judgement of all, said."""
         self._sessions: dict[str, Session] = {}
         self._told: tuple[int, list[str]] = (-1, [])
-        """Findings of the set-up, and the time of its file: pages ask twice a second."""
+        """Findings of the set-up with the time of its file, because pages poll twice a second."""
         self._holder: str | None = None
         self._numbers = itertools.count(1)
         self._packed = Path(tempfile.mkdtemp(prefix="fringeworks-studio-"))
@@ -188,7 +196,7 @@ class Studio:
         """
         waits = self.series is not None and self.series.running
         if self._holder not in (None, session.name) and (self.devices.busy or waits):
-            raise InputError("devices: expected free ones, but another visitor is using them")
+            raise InputError("The devices are in use: another visitor is using them.")
         self._holder = session.name
 
     def holds(self, session: Session) -> bool:
@@ -260,8 +268,8 @@ class Studio:
 
     def start_points(self, session: Session) -> Job:
         """Measure points again and again until it is stopped."""
-        self._needs(self.workspace.setup, "a set-up; do the first step")
-        self._needs(self.workspace.rig, "a rig; calibrate first")
+        self._needs(self.workspace.setup, "do Set up first")
+        self._needs(self.workspace.rig, "calibrate first")
         files = str(self.workspace.setup), str(self.workspace.rig)
         return self._use_devices(session, LIVE_POINTS, live.live_points, self.words, *files)
 
@@ -290,12 +298,11 @@ class Studio:
         job = self._use_devices(
             session, "set up", tasks.run_setup, target, *words, USUAL_FRAMES, total=SETUP_STEPS
         )
-        self._note(set_up_command(words, USUAL_FRAMES))
-        return job
+        return self.log.note(job, lambda _: set_up_command(words, USUAL_FRAMES))
 
     def take_pose(self, session: Session) -> Job:
         """Take a pose of the board."""
-        self._needs(self.workspace.setup, "a set-up; do the first step")
+        self._needs(self.workspace.setup, "do Set up first")
         space, words = self.workspace, self.words
         frames = read_setup(space.setup).plan.frames
         job = self._use_devices(
@@ -308,17 +315,19 @@ class Studio:
             words,
             total=frames + 1,
         )
-        taken = space.taken_poses()
-        names = (f"board/pose-{k:02d}" for k in range(1, len(taken) + 2))
-        name = next(n for n in names if Path(n).name not in taken)
-        self._note(capture_command(words, name))
-        return job
+        folder = space.poses.name
+
+        def command(job: Job) -> Command:
+            name = f"{folder}/{job.result['name']}"
+            return replace(capture_command(words, name), replaces=name)
+
+        return self.log.note(job, command)
 
     def print_board(self, session: Session) -> Job:
         """Draw the board to print."""
-        self._note(board_command(self.board))
-        target = str(self.workspace.new("board", ".pdf"))
-        return self._compute(session, "drawing the board", tasks.draw_board, self.board, target)
+        board, target = self.board, str(self.workspace.new("board", ".pdf"))
+        job = self._compute(session, "drawing the board", tasks.draw_board, board, target)
+        return self.log.note(job, lambda _: board_command(board))
 
     def judge_poses(self, session: Session) -> Job:
         """Judge the poses that lie in the folder."""
@@ -341,7 +350,7 @@ class Studio:
         """Calibrate with the poses in the folder."""
         poses = self.workspace.taken_poses()
         if not poses:
-            raise InputError("calibration: expected poses of the board, got none")
+            raise InputError("No pose of the board was taken: take poses first.")
         job = self._compute(
             session,
             "calibrating",
@@ -351,15 +360,15 @@ class Studio:
             str(self.workspace.rig),
             total=len(poses) + 1,
         )
-        self._note(calibrate_command(self.board))
-        return job
+        board = self.board
+        return self.log.note(job, lambda _: calibrate_command(board))
 
     def scan(self, session: Session, name: str, *, exposures: int = 1, average: int = 1) -> Job:
         """Take the frames of an object into a folder of its own."""
-        self._needs(self.workspace.setup, "a set-up; do the first step")
+        self._needs(self.workspace.setup, "do Set up first")
         target = self.workspace.new(name)
         if target.exists():
-            raise InputError(f"name: expected a new one, got {name!r}, which is in the folder")
+            raise InputError(f"The folder has {name!r} already: choose another name.")
         words = self.words
         frames = exposures * read_setup(self.workspace.setup).plan.frames
         job = self._use_devices(
@@ -373,8 +382,8 @@ class Studio:
             average,
             total=frames + 1,
         )
-        self._note(capture_command(words, name, exposures=exposures, average=average))
-        return job
+        made = capture_command(words, name, exposures=exposures, average=average)
+        return self.log.note(job, lambda _: made)
 
     def start_series(
         self,
@@ -387,10 +396,10 @@ class Studio:
     ) -> Series:
         """Take scans one after the other, with a pause before each."""
         if self.series is not None and self.series.running:
-            raise InputError("scan: expected no other scan, got one that is running or waiting")
+            raise InputError("A scan is running or waiting already: wait, or stop it.")
         for name in names:
             if self.workspace.new(name).exists():
-                raise InputError(f"name: expected a new one, got {name!r}, which is in the folder")
+                raise InputError(f"The folder has {name!r} already: choose another name.")
         self.hold(session)
 
         def begin(name: str) -> Job:
@@ -443,10 +452,10 @@ class Studio:
 
     def draw_figures(self, session: Session, size: int) -> Job:
         """Make the figures of the dissertation's chapter 4 in the folder."""
-        self._note(paper_command(size))
         target = str(self.workspace.figures_folder)
         name = "the dissertation's figures"
-        return self._compute(session, name, learning.draw_figures, target, size, total=FIGURES)
+        job = self._compute(session, name, learning.draw_figures, target, size, total=FIGURES)
+        return self.log.note(job, lambda _: paper_command(size))
 
     def figure_address(self, name: str) -> str:
         """Where the page finds a figure; it changes with its file."""
@@ -454,51 +463,7 @@ class Studio:
         stamp = path.stat().st_mtime_ns if path.is_file() else 0
         return f"/file/{self.workspace.figures_folder.name}/{name}?{stamp}"
 
-    # Areas and tolerances: they lie in a recipe, which the command line reads as well.
-
-    @property
-    def recipe(self) -> Recipe:
-        """The recipe in the folder; an empty one where there is none, or it cannot be read."""
-        try:
-            return self._recipe()
-        except InputError:
-            return Recipe()
-
-    def _recipe(self) -> Recipe:
-        path = self.workspace.recipe
-        return read_recipe(path) if path.is_file() else Recipe()
-
-    def set_area(self, name: str, area: Area) -> None:
-        """Add an area, or replace the one of its name."""
-        self.workspace.new(name)
-        known = self._recipe()
-        self._keep(replace(known, areas={**known.areas, name: area}))
-
-    def remove_area(self, name: str) -> None:
-        """Delete an area, and the tolerances that are measured on it."""
-        known = self._recipe()
-        left = {key: area for key, area in known.areas.items() if key != name}
-        kept = tuple(one for one in known.tolerances if name not in one.areas)
-        within = None if known.within == name else known.within
-        self._keep(replace(known, areas=left, tolerances=kept, within=within))
-
-    def confine(self, name: str | None) -> None:
-        """Measure only within an area, or everywhere."""
-        self._keep(replace(self._recipe(), within=name))
-
-    def add_tolerance(self, tolerance: PartTolerance) -> None:
-        """Add a tolerance."""
-        known = self._recipe()
-        self._keep(replace(known, tolerances=(*known.tolerances, tolerance)))
-
-    def remove_tolerance(self, name: str) -> None:
-        """Delete a tolerance."""
-        known = self._recipe()
-        kept = tuple(one for one in known.tolerances if one.name != name)
-        self._keep(replace(known, tolerances=kept))
-
-    def _keep(self, recipe: Recipe) -> None:
-        write_recipe(self.workspace.recipe, recipe)
+    # Parts are judged by the recipe in the folder.
 
     def inspect(self, session: Session, name: str) -> Job:
         """Judge a part by the tolerances."""
@@ -506,16 +471,14 @@ class Studio:
         if shown is None or shown.source != name:
             shown = Shown(name, "windowed", {}, 0)
         source = self._source(shown)
-        recipe = self._recipe()
+        recipe = self.recipes.read()
         if not recipe.tolerances:
-            raise InputError("tolerances: expected one or more, got none")
-        self._keep(_as_shown(recipe, source))
+            raise InputError("No tolerance is set: add one, then judge the part.")
+        self.recipes.keep(as_shown(recipe, source))
         job = self._compute(
             session, f"judging {name}", tasks.judge_part, source, str(self.workspace.recipe)
         )
-        if source.path.is_dir():
-            self._note(inspect_command(name))
-        return job
+        return self.log.note(job, lambda _: inspect_command(name)) if source.path.is_dir() else job
 
     def draw_picture(self, session: Session, name: str) -> Job:
         """Draw the picture of a capture or result, to draw areas on."""
@@ -542,8 +505,8 @@ class Studio:
             how = "result"
         elif source.recipe is not None:
             how = "recipe"
-        self._note(export_command(*made, name, kind, how=how))
-        return job
+        command = export_command(*made, name, kind, how=how)
+        return self.log.note(job, lambda _: command)
 
     def _source(self, shown: Shown) -> tasks.Source:
         """What a surface is computed from."""
@@ -555,10 +518,10 @@ class Studio:
         stack = path.is_dir() and tasks.is_stack(path)
         rig = self.workspace.rig if stack and self.workspace.rig.is_file() else None
         source = tasks.Source(path, rig, shown.method, shown.options)
-        recipe = self.recipe
+        recipe = self.recipes.shown
         if recipe.within is None:
             return source
-        self._keep(_as_shown(recipe, source))
+        self.recipes.keep(as_shown(recipe, source))
         return replace(source, recipe=self.workspace.recipe)
 
     def _use_devices(
@@ -596,15 +559,4 @@ class Studio:
 
     def _needs(self, path: Path, what: str) -> None:
         if not path.is_file():
-            raise InputError(f"{path.name}: expected {what}")
-
-    def _note(self, command: Command) -> None:
-        if command not in self.done[-1:]:
-            self.done.append(command)
-
-
-def _as_shown(recipe: Recipe, source: tasks.Source) -> Recipe:
-    """A recipe with the method, the options and the rig by which a source is shown."""
-    method = source.method if source.rig is None else recipe.method
-    options = source.options if source.rig is None else recipe.options
-    return replace(recipe, method=method, options=options, rig=source.rig or recipe.rig)
+            raise InputError(f"There is no {path.name}: {what}.")

@@ -46,7 +46,7 @@ from fringeworks.types import Decoded, HeightMap, InputError, Pair, PointCloud
 PICTURE_PX = 960
 """Longer side of a picture to draw areas on, px."""
 PIXELS = 2_000_000
-"""Pixels of a surface that the page shows; larger ones are thinned, which is said."""
+"""Pixels of a surface that the page shows; larger ones are thinned, and the page says so."""
 
 _POSES: dict[tuple[str, str], PoseTaker] = {}
 """The judged poses by folder and board: earlier ones are not judged again for every new one."""
@@ -190,7 +190,8 @@ def compute(link: Link, source: Source) -> Any:
 def judge_part(link: Link, source: Source, recipe: str) -> dict[str, Any]:
     """Measure a part, and judge its tolerances."""
     link.progress("measuring the part")
-    return summarise(inspect(_known(source), recipe))
+    name = source.path.name
+    return summarise(inspect(_known(source), recipe)) | {"source": name}
 
 
 def _known(source: Source) -> Any:
@@ -206,7 +207,7 @@ def _known(source: Source) -> Any:
     return result
 
 
-def draw_picture(link: Link, source: Source, target: str) -> dict[str, int]:
+def draw_picture(link: Link, source: Source, target: str) -> dict[str, Any]:
     """Draw what the camera saw of a capture, or the depths of a result, as JPEG."""
     link.progress("drawing")
     values = picture_of(_known(source))
@@ -216,7 +217,7 @@ def draw_picture(link: Link, source: Source, target: str) -> dict[str, int]:
     grey = 255.0 * np.clip((part - low) / max(high - low, 1e-12), 0.0, 1.0)
     image = Image.fromarray(np.nan_to_num(grey).astype(np.uint8))
     image.save(target, "JPEG", quality=90)
-    return {"step": step}
+    return {"step": step, "size": [values.shape[1], values.shape[0]]}
 
 
 def picture_of(known: Path | HeightMap | PointCloud) -> NDArray[Any]:

@@ -16,7 +16,7 @@ from typing import Any, Literal
 from fringeworks.types import InputError
 
 NICENESS = 10
-"""Added to the priority number of a worker's process: the page comes first."""
+"""Niceness of a worker's process, so that the page stays responsive."""
 ENDED_S = 5.0
 """Longest wait for a process to end, s."""
 STOP = "stop"
@@ -68,7 +68,7 @@ class Job:
 
 
 class Link:
-    """What work has of the page: it tells its progress, and asks whether to stop."""
+    """Connection of work to the page: for its progress, and the request to stop."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe
@@ -87,7 +87,7 @@ class Link:
 
 
 Task = Callable[..., Any]
-"""A function of a module, called with a ``Link`` and what it was given; both ways by pickle."""
+"""A function of a module, called with a ``Link`` and arguments. They and the result are pickled."""
 
 
 class Worker:
@@ -120,7 +120,7 @@ class Worker:
         with self._lock:
             if self.busy and not wait:
                 assert self.job is not None
-                raise InputError(f"expected no other work, got {self.job.name} that is running")
+                raise InputError(f"busy with {self.job.name!r}: wait, or cancel it")
             job = Job(name, total, state="waiting")
             self._waiting.append((job, task, given))
             if not self.busy:
@@ -150,7 +150,7 @@ class Worker:
         return self._pipe
 
     def stop(self) -> None:
-        """Ask work that goes on for ever to stop; it is asked once."""
+        """Ask endless work to stop; only the first call sends the request."""
         with self._lock:
             if self.busy and self._pipe is not None and self.job is not None:
                 if not self.job.stopping:
@@ -231,7 +231,7 @@ def _answer(link: Link, task: Task, given: tuple[Any, ...]) -> tuple[str, Any]:
     """What a task returns, or why it failed."""
     try:
         result = task(link, *given)
-        # What cannot be sent is found here, where it can still be told.
+        # Pickled here, so that a failure becomes a message.
         ForkingPickler.dumps(result)
     except InputError as problem:
         return "failed", str(problem)

@@ -17,7 +17,9 @@ from fringeworks.files.pair import CAPTURE_FILE
 from fringeworks.types import FileProblem
 
 NAME = re.compile(r"[\w][\w .-]{0,59}", re.UNICODE)
-"""Names that users give: letters, digits, spaces, dots and dashes; no separators."""
+"""Names that users give; no separators of paths."""
+NAME_RULE = "1 to 60 letters, digits, spaces, _ . or -, with a letter, digit or _ first"
+"""The same in words."""
 RESULTS = (".ply", ".npz", ".tif", ".tiff", ".x3p", ".gsf", ".xyz")
 """Suffixes of results that can be looked at."""
 POSE = re.compile(r"pose-\d+")
@@ -97,12 +99,10 @@ class Workspace:
 
         Raises
         ------
-        FileProblem for a name with other letters than words have, and as ``inside``.
+        FileProblem for a name with characters that names may not have, and as ``inside``.
         """
         if not isinstance(name, str) or not NAME.fullmatch(name) or name.endswith((".", " ")):
-            raise FileProblem(
-                f"name: expected letters, digits, spaces, dots or dashes, got {name!r}"
-            )
+            raise FileProblem(f"name: expected {NAME_RULE}, got {name!r}")
         if (name + suffix).lower() in RESERVED:
             raise FileProblem(f"name: expected one that the studio does not use, got {name!r}")
         return self.inside(name + suffix)

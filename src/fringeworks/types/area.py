@@ -77,7 +77,7 @@ class Area(Frozen):
         return found
 
     def _inside_polygon(self, shape: tuple[int, int]) -> BoolMap:
-        """Pixels from whose centre a ray to the right crosses the outline oddly often."""
+        """Pixels from whose centre a ray to the right crosses an odd number of edges."""
         corners = np.asarray(self.polygon, np.float64)
         y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
         inside = np.zeros(shape, bool)

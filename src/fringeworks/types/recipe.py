@@ -1,10 +1,10 @@
-"""What is measured of a part, and what it must keep to."""
+"""Recipes: what is measured of a part, and its tolerances."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from os import PathLike
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -94,15 +94,15 @@ class Recipe(Frozen):
 
     Raises
     ------
-    InputError for areas that are named and not there, names twice, and a risk out of its range.
+    InputError for unknown areas, repeated names, and a risk out of its range.
     """
 
     method: str = "windowed"
     """Method for pairs."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Options of the method, or of decoding."""
-    rig: Rig | Path | None = None
-    """Rig, or its file; needed for stacks."""
+    rig: Rig | PathLike[str] | None = None
+    """Rig, or the path of its file; needed for stacks."""
     plan: Any = None
     """``PatternPlan`` of frames that have none of their own, such as an array."""
     areas: Mapping[str, Area] = field(default_factory=dict)
@@ -116,7 +116,9 @@ class Recipe(Frozen):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 < self.risk <= 0.5:
-            raise InputError(f"risk: expected above 0, up to 0.5, got {self.risk}")
+            raise InputError(
+                f"risk: expected a probability above 0 and at most 0.5, got {self.risk}"
+            )
         named = [name for one in self.tolerances for name in one.areas]
         for name in [*named, *([] if self.within is None else [self.within])]:
             if name not in self.areas:

@@ -15,23 +15,27 @@ from fringeworks.types import Area, InputError, PartTolerance
 from fringeworks.types.recipe import QUANTITIES
 
 EVERYWHERE = "everywhere"
-"""What is chosen where no area confines the measurement."""
+"""Choice for measuring the whole frame."""
+LEAST_DRAG_PX = 3
+"""A drag that is shorter is a click, px of the screen."""
 LINE = 'fill="none" stroke="#ff2d95" vector-effect="non-scaling-stroke" stroke-width="2"'
 """How outlines are drawn."""
-COLUMNS = ("Tolerance", "Value", "Standard deviation", "Unit", "Verdict")
+NAMED = 'fill="#ff2d95" stroke="black" stroke-width="3" paint-order="stroke" font-size="14"'
+"""How names are drawn: with a dark outline, on bright and dark pictures."""
+COLUMNS = ("Tolerance", "Value", "± σ", "Unit", "Limits", "Verdict")
 """Columns of the verdicts."""
 
 
-def areas(step: Step, source: Callable[[], str | None], measured: Callable[[], None]) -> None:
+def areas(step: Step, source: Callable[[], str | None], measured: Callable[[], None]) -> Areas:
     """Draw areas on the picture of a source, and judge tolerances in them.
 
     ``measured`` is called to measure again after the area that confines it has changed.
     """
     with ui.expansion("Areas and tolerances").classes("w-full") as box:
-        _Areas(step, source, measured, box)
+        return Areas(step, source, measured, box)
 
 
-class _Areas:
+class Areas:
     """The picture with its areas, the tolerances, and the last verdicts."""
 
     def __init__(
@@ -44,24 +48,28 @@ class _Areas:
         self._step, self._studio, self._source = step, step.studio, source
         self._measured = measured
         self._corners: list[tuple[float, float]] = []
-        self._scale = 1
+        self._scale, self._size = 1, (1, 1)
         box.on_value_change(self._opened)
         with ui.row().classes("items-end"):
             self._shape = ui.toggle({"box": "Box", "polygon": "Polygon"}, value="box")
+            self._shape.props("no-caps")
             self._name = ui.input("Name of the next area", value=self._next_name()).classes("w-48")
             close = step.attempt(self._close_polygon)
-            ui.button("Close the polygon", on_click=close).props("flat no-caps")
+            for name, action in (("Close the polygon", close), ("Undo corner", self._undo_corner)):
+                button = ui.button(name, on_click=action).props("flat no-caps")
+                button.bind_visibility_from(self._shape, "value", lambda v: v == "polygon")
         ui.label(
             "Drag a box over the picture, or click the corners of a polygon and close it."
         ).classes("opacity-80")
         self._picture = ui.interactive_image(
-            cross="#ff2d95", events=["mousedown", "mouseup"]
+            cross="#ff2d95", events=["mousedown", "mouseup", "mouseleave"]
         ).classes("fw-live")
         self._picture.on_mouse(self._mouse)
-        # Else browsers drag the picture itself.
+        # Prevent the browser's own drag of the picture.
         for event in ("dragstart", "mousedown"):
             self._picture.on(event, js_handler="(event) => event.preventDefault()")
         work(step, ("drawing the picture",), self._drawn)
+        self._fault = ui.label().classes("text-negative").props('role="alert"')
         self._list()
         self._tolerances()
         inspect = step.attempt(self._inspect)
@@ -71,10 +79,18 @@ class _Areas:
 
     def _opened(self, event: Any) -> None:
         if event.value:
+            self._fault.set_text(self._studio.recipes.fault)
             self._show_picture()
 
     def _judged(self, job: Job) -> None:
-        self._verdicts.refresh(job.result)
+        self._step.session.verdict = job.result
+        self._verdicts.refresh()
+
+    def forget(self) -> None:
+        """Take the verdict away: what it was about has changed."""
+        if self._step.session.verdict is not None:
+            self._step.session.verdict = None
+            self._verdicts.refresh()
 
     def _show_picture(self) -> None:
         if self._source():
@@ -83,12 +99,16 @@ class _Areas:
             )()
 
     def _drawn(self, job: Job) -> None:
-        self._scale = job.result["step"]
+        self._scale, self._size = job.result["step"], job.result["size"]
         self._picture.set_source(f"/picture/{self._studio.picture_number(self._step.session)}")
         self._outline()
 
     def _mouse(self, event: Any) -> None:
-        at = (event.image_x * self._scale, event.image_y * self._scale)
+        columns, rows = self._size
+        at = (
+            min(max(event.image_x * self._scale, 0.0), columns - 1.0),
+            min(max(event.image_y * self._scale, 0.0), rows - 1.0),
+        )
         if self._shape.value == "polygon":
             if event.type == "mouseup":
                 self._corners.append(at)
@@ -99,6 +119,8 @@ class _Areas:
         elif self._corners:
             (x0, y0), (x1, y1) = self._corners[0], at
             self._corners = []
+            if max(abs(x1 - x0), abs(y1 - y0)) < LEAST_DRAG_PX * self._scale:
+                return
             box = (min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1))
             left, top, right, bottom = (round(v) for v in box)
             self._step.attempt(lambda: self._add(Area(box=(left, top, right, bottom))))()
@@ -108,15 +130,20 @@ class _Areas:
         self._add(Area(polygon=corners))
 
     def _add(self, area: Area) -> None:
-        self._studio.set_area(str(self._name.value), area)
+        self._studio.recipes.set_area(str(self._name.value), area)
         self._name.set_value(self._next_name())
         self._changed()
 
     def _next_name(self) -> str:
-        taken = self._studio.recipe.areas
+        taken = self._studio.recipes.shown.areas
         return next(n for k in range(1, 10_000) if (n := f"area-{k}") not in taken)
 
+    def _undo_corner(self) -> None:
+        del self._corners[-1:]
+        self._outline()
+
     def _changed(self) -> None:
+        self.forget()
         self._outline()
         self._list.refresh()
         self._tolerances.refresh()
@@ -124,7 +151,7 @@ class _Areas:
     def _outline(self) -> None:
         """Draw the outlines of all areas over the picture."""
         parts = []
-        for name, area in self._studio.recipe.areas.items():
+        for name, area in self._studio.recipes.shown.areas.items():
             corners = area.polygon
             if area.box is not None:
                 left, top, right, bottom = area.box
@@ -133,10 +160,7 @@ class _Areas:
                 continue
             parts.append(f'<polygon points="{self._points(corners)}" {LINE} />')
             x, y = (v / self._scale for v in corners[0])
-            parts.append(
-                f'<text x="{x:.1f}" y="{y - 3:.1f}" fill="#ff2d95" font-size="14">'
-                f"{html.escape(name)}</text>"
-            )
+            parts.append(f'<text x="{x:.1f}" y="{y - 3:.1f}" {NAMED}>{html.escape(name)}</text>')
         if self._corners:
             parts.append(f'<polyline points="{self._points(self._corners)}" {LINE} />')
         self._picture.set_content("".join(parts))
@@ -146,7 +170,7 @@ class _Areas:
 
     @ui.refreshable_method
     def _list(self) -> None:
-        recipe = self._studio.recipe
+        recipe = self._studio.recipes.shown
         if not recipe.areas:
             return
         with ui.row().classes("items-center"):
@@ -163,19 +187,22 @@ class _Areas:
             ).classes("w-48")
 
     def _remove_area(self, name: str) -> None:
-        self._studio.remove_area(name)
+        self._studio.recipes.remove_area(name)
         self._changed()
 
     def _confine(self, name: str) -> None:
-        self._step.attempt(lambda: self._studio.confine(None if name == EVERYWHERE else name))()
+        self._step.attempt(
+            lambda: self._studio.recipes.confine(None if name == EVERYWHERE else name)
+        )()
+        self.forget()
         self._measured()
 
     @ui.refreshable_method
     def _tolerances(self) -> None:
-        recipe = self._studio.recipe
+        recipe = self._studio.recipes.shown
         for one in recipe.tolerances:
             with ui.row().classes("items-center"):
-                ui.label(f"{one.name}: {_limits(one)}")
+                ui.label(f"{one.name}: {_limits(one.low, one.high)}")
                 remove = self._step.attempt(partial(self._remove_tolerance, one.name))
                 button = ui.button("✕", on_click=remove).props("flat dense")
                 named(button, f"Delete {one.name}")
@@ -185,8 +212,9 @@ class _Areas:
             names = {name: name.replace("_", " ") for name in QUANTITIES}
             quantity = ui.select(names, value="flatness", label="Quantity").classes("w-44")
             names_of_areas = list(recipe.areas)
-            area = ui.select(names_of_areas, value=names_of_areas[-1], label="Area")
+            area = ui.select(names_of_areas, value=names_of_areas[-1], label="Area").classes("w-40")
             other = ui.select(names_of_areas, value=names_of_areas[0], label="Base, or other area")
+            other.classes("w-44")
             other.bind_visibility_from(quantity, "value", lambda v: QUANTITIES[v] > 1)
             low = ui.number("Smallest").classes("w-28")
             high = ui.number("Largest").classes("w-28")
@@ -194,34 +222,40 @@ class _Areas:
             def add() -> None:
                 on = (area.value, other.value)[: QUANTITIES[quantity.value]]
                 base = f"{names[quantity.value]} of {' over '.join(on)}"
-                taken = {one.name for one in self._studio.recipe.tolerances}
+                taken = {one.name for one in self._studio.recipes.shown.tolerances}
                 name = next(
                     n
                     for k in range(1, 999)
                     if (n := base if k == 1 else f"{base} ({k})") not in taken
                 )
-                self._studio.add_tolerance(
+                self._studio.recipes.add_tolerance(
                     PartTolerance(name, quantity.value, on, low.value, high.value)
                 )
+                self.forget()
                 self._tolerances.refresh()
 
             ui.button("Add the tolerance", on_click=self._step.attempt(add)).props("flat no-caps")
 
     def _remove_tolerance(self, name: str) -> None:
-        self._studio.remove_tolerance(name)
+        self._studio.recipes.remove_tolerance(name)
+        self.forget()
         self._tolerances.refresh()
 
     def _inspect(self) -> None:
         if not self._source():
             raise InputError("part: expected a capture to be chosen, got none")
+        self.forget()
         self._studio.inspect(self._step.session, str(self._source()))
 
     @ui.refreshable_method
-    def _verdicts(self, result: dict[str, Any] | None = None) -> None:
-        if result is None:
+    def _verdicts(self) -> None:
+        result = self._step.session.verdict
+        if result is None or result["source"] != self._source():
             return
-        ui.label(f"The part: {result['verdict']}").classes("text-lg").props('role="status"')
-        with ui.grid(columns="repeat(5, max-content)").classes("gap-x-6 gap-y-0"):
+        ui.label(f"{result['source']}: {result['verdict']}").classes("text-lg").props(
+            'role="status"'
+        )
+        with ui.grid(columns="repeat(6, max-content)").classes("gap-x-6 gap-y-0"):
             for name in COLUMNS:
                 ui.label(name).classes("opacity-80")
             for check in result["checks"]:
@@ -231,15 +265,19 @@ class _Areas:
                     _number(check["value"]),
                     _number(check["sigma"]),
                     check["unit"],
+                    _limits(check["smallest"], check["largest"]),
                     check["verdict"] + why,
                 ):
                     ui.label(text)
 
 
-def _limits(one: PartTolerance) -> str:
-    low = "" if one.low is None else f"at least {one.low:g}"
-    high = "" if one.high is None else f"at most {one.high:g}"
-    return ", ".join(part for part in (low, high) if part)
+def _limits(low: float | None, high: float | None) -> str:
+    parts = [
+        f"{words} {value:g}"
+        for words, value in (("at least", low), ("at most", high))
+        if value is not None
+    ]
+    return ", ".join(parts)
 
 
 def _number(value: float | None) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 from nicegui import ui
 
@@ -26,7 +25,7 @@ class _Calibrate:
             board = ui.input("Board: kind:COLUMNSxROWS:SIZE_MM").classes("w-72")
             board.bind_value(self._studio, "board")
             draw = step.attempt(partial(self._studio.print_board, step.session))
-            ui.button("Print", on_click=draw).props("flat no-caps")
+            ui.button("Board as PDF", on_click=draw).props("flat no-caps")
         devices(step)
         live_picture(step, board=True)
         with ui.row():
@@ -49,14 +48,17 @@ class _Calibrate:
         if job.name == "drawing the board":
             ui.download(f"/file/{job.result}", job.result)
         else:
-            self._verdict.refresh(job.result)
+            self._studio.verdict = job.result
+            self._verdict.refresh()
 
     @ui.refreshable_method
     def _poses(self) -> None:
         said = self._studio.poses
         if said.get("name"):
-            text = said["problem"] or f"{said['corners']} corners found"
-            ui.label(f"{said['name']}: {text}").props('role="status"')
+            text = f"{said['name']}: {said['corners']} corners found"
+            if said["problem"]:
+                text = f"{said['problem']}. The next pose takes its place."
+            ui.label(text).props('role="status"')
         if said.get("judgement"):
             ui.label(said["judgement"])
         with ui.row():
@@ -71,12 +73,15 @@ class _Calibrate:
         self._poses.refresh()
 
     @ui.refreshable_method
-    def _verdict(self, values: dict[str, Any] | None = None) -> None:
+    def _verdict(self) -> None:
         rig = self._studio.workspace.rig
         if not rig.is_file():
             return
-        said = (values or {}).get("verdict", {}).get("text")
-        ui.label(said or "There is a rig. Next: scan.").props('role="status"')
+        values = self._studio.verdict
+        said = values.get("verdict", {}).get("text", "There is a rig.")
+        ui.label(f"{said} Next: scan.").props('role="status"')
+        for found in values.get("findings", []):
+            ui.label(f"! {found['message']}").classes("text-warning")
         if rig.with_suffix(".png").is_file():
             stamp = rig.stat().st_mtime_ns
             picture = ui.image(f"/file/rig.png?{stamp}").classes("w-full max-w-5xl bg-white")

@@ -45,10 +45,10 @@ def build(step: Step) -> None:
 
     @ui.refreshable
     def commands() -> None:
-        if not studio.done:
+        if not studio.log.done:
             return
-        shell = "\n".join(command.shell for command in studio.done)
-        python = "\n".join(["import fringeworks as fw", *(c.python for c in studio.done)])
+        shell = "\n".join(command.shell for command in studio.log.done)
+        python = "\n".join(["import fringeworks as fw", *(c.python for c in studio.log.done)])
         for name, does, text in (("Commands", "do", shell), ("Python", "does", python)):
             ui.label(f"{name} that {does} the same").classes("text-lg")
             ui.label(text).classes("fw-code")

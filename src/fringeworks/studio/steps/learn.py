@@ -1,4 +1,4 @@
-"""Learn: virtual scenes with sliders, how each method holds or fails, and the dissertation."""
+"""Learn: errors of each method on virtual scenes, and the dissertation's figures."""
 
 from __future__ import annotations
 
@@ -42,6 +42,7 @@ class _Learn:
         self._told = ui.label().props('role="status"')
         element = ui.element("div").classes("fringe-viewer-mount w-full")
         self._mount = f"c{element.id}"
+        ui.timer(0.1, self._show, once=True)
 
     def _offer(self) -> None:
         """Bodies and sliders of the chosen experiment."""
@@ -78,8 +79,15 @@ class _Learn:
         )
 
     def _tried(self, job: Job) -> None:
+        self._session.trial = job.result
+        self._show()
+
+    def _show(self) -> None:
+        """Show the last trial."""
+        found = self._session.trial
+        if found is None:
+            return
         ui.run_javascript(f"fringeShow('{self._mount}', [{self._session.tried}])")
-        found = job.result
         unit = found["unit"]
         self._told.set_text(
             f"{found['method']}: mean error {found['mean']:.3g} {unit}, largest "

@@ -13,7 +13,7 @@ from fringeworks.studio.steps.parts import UPDATE_S, Step, work
 from fringeworks.studio.worker import Job
 
 ROUND_S = 0.1
-"""Time between two looks for new points, s."""
+"""Interval at which new points are polled, s."""
 
 
 def live_picture(step: Step, *, board: bool = False) -> None:
@@ -66,6 +66,7 @@ class _Picture:
     def _found(self, job: Job) -> None:
         if isinstance(job.result, float):
             self._exposure.set_value(round(job.result, 3))
+            self._told.set_text(f"{job.result:.3g} ms suit this scene. Press Start.")
 
     def _seen(self) -> dict[str, Any] | None:
         job = self._studio.devices.job
@@ -76,11 +77,15 @@ class _Picture:
         if seen is None or job is None or job.state != "running":
             return
         self._picture.set_source(f"/live/{next(self._numbers)}")
-        fringes = "" if seen["fringes"] is None else f", contrast of fringes {seen['fringes']:.0%}"
+        focus = f"sharpness {seen['sharpness']:.4f}: turn the camera's lens until it is largest"
+        if seen["fringes"] is not None:
+            focus = (
+                f"contrast of fringes {seen['fringes']:.0%}: turn the projector's lens until it is "
+                "largest; the picture is the mean of three frames"
+            )
         self._told.set_text(
             f"mean {seen['mean_share']:.0%} of full scale, saturated "
-            f"{seen['saturated_share']:.1%}, sharpness {seen['sharpness']:.4f}{fringes} "
-            f"(turn the lenses until they are largest); {seen['advice']}"
+            f"{seen['saturated_share']:.1%}; {seen['advice']}; {focus}"
         )
         self._of_board.set_text(seen.get("board", ""))
 
@@ -111,7 +116,7 @@ def live_points(step: Step) -> None:
             ui.button("Start live points", on_click=begin).props("flat no-caps")
             stop = step.attempt(lambda: studio.stop_live(step.session))
             ui.button("Stop live points", on_click=stop).props("flat no-caps")
-        told = ui.label("Points per second appear here.").props('role="status"')
+        told = ui.label("The clouds per second appear here.").props('role="status"')
         work(step, (LIVE_POINTS,), devices=True, endless=True)
         mount = ui.element("div").classes("fringe-viewer-mount fw-live-points w-full")
         shown = {"number": 0}

@@ -17,7 +17,7 @@ from fringeworks.types import InputError
 
 FIGURES = {
     "points": "Points",
-    "failed_fraction": "Share without a value",
+    "failed_fraction": "Pixels without a value",
     "median_sigma_mm": "Median σ, mm",
     "median_sigma": "Median σ",
     "method": "Method",
@@ -49,7 +49,7 @@ class _Look:
                 sources,
                 label="Capture or result",
                 value=shown.source if shown and shown.source in sources else None,
-                on_change=lambda: self._offer(),
+                on_change=lambda: self._choose(),
             ).classes("w-56")
             names = list(methods())
             self._method = ui.select(
@@ -58,7 +58,9 @@ class _Look:
                 value=shown.method if shown else "windowed",
                 on_change=lambda: self._offer(),
             ).classes("w-48")
-            self._compare = ui.checkbox("Beside the one before", on_change=lambda: self._draw())
+            self._compare = ui.checkbox(
+                "Compare with the previous result", on_change=lambda: self._draw()
+            )
             ui.button("Measure", on_click=step.attempt(self._measure)).props("no-caps")
         self._options = ui.row().classes("items-end")
         self._controls: dict[str, Any] = {}
@@ -66,12 +68,16 @@ class _Look:
         mount = ui.element("div").classes("fringe-viewer-mount w-full")
         self._mount = f"c{mount.id}"
         self._below = ui.column()
-        areas(step, lambda: self._source.value, self._recompute)
+        self._areas = areas(step, lambda: self._source.value, self._recompute)
         self._offer()
         if self._session.shown is not None:
             ui.timer(0.1, self._draw, once=True)
         elif not sources:
             ui.label("There is nothing to look at yet. Scan something, or see Learn.")
+
+    def _choose(self) -> None:
+        self._areas.forget()
+        self._offer()
 
     def _offer(self) -> None:
         """Controls for the options of the method, from its own signature."""
@@ -123,8 +129,10 @@ class _Look:
             figures(shown.result["figures"], FIGURES)
             if shown.result["every"] > 1:
                 ui.label(f"Shown: one of {shown.result['every']} columns and rows.")
+            faults = {found["text"] for found in shown.result["figures"].get("findings", [])}
             for note in shown.result["figures"].get("notes", []):
-                ui.label(f"! {note}").classes("text-warning")
+                label = ui.label(f"! {note}" if note in faults else note)
+                label.classes("text-warning" if note in faults else "opacity-80")
 
 
 def _control(name: str, default: Any, changed: Any) -> Any:

@@ -14,14 +14,14 @@ from fringeworks.studio.worker import Job
 from fringeworks.types import InputError
 
 UPDATE_S = 0.25
-"""Time between two looks at work that is done, s."""
+"""Interval at which work is polled, s."""
 SEEN = [*SCENES, *(f"board-{k}" for k in range(POSES))]
 """What a virtual camera can look at."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """What a step has of the page."""
+    """What the page hands to a step."""
 
     studio: Studio
     session: Session
@@ -35,7 +35,13 @@ class Step:
             try:
                 action()
             except InputError as problem:
-                ui.notify(str(problem), type="warning", multi_line=True, timeout=10_000)
+                ui.notify(
+                    str(problem),
+                    type="warning",
+                    multi_line=True,
+                    timeout=10_000,
+                    textColor="white",
+                )
 
         return handler
 

@@ -28,9 +28,9 @@ class _Scan:
             self._exposures = _whole("Exposures", 8)
             self._average = _whole("Frames averaged", 64)
             self._series = _whole("Scans", 999)
-            self._turn = ui.number("Turned by each, degrees", value=0, min=0, max=180)
+            self._turn = ui.number("Turntable step, degrees", value=0, min=0, max=180)
             self._turn.classes("w-44")
-            self._pause = ui.number("Pause before each, s", value=0, min=0, max=3600)
+            self._pause = ui.number("Pause before each scan, s", value=0, min=0, max=3600)
             self._pause.classes("w-40")
         start = step.attempt(self._start)
         with ui.row():
@@ -39,6 +39,7 @@ class _Scan:
             ui.button("Stop the series", on_click=stop).props("flat no-caps")
         ui.keyboard(on_key=lambda event: start() if _pressed(event) else None)
         self._waiting = ui.label().props('role="status"')
+        self._problem = ui.label().classes("text-negative").props('role="alert"')
         work(step, ("scan",), devices=True)
         ui.timer(UPDATE_S, self._update)
         self._taken()
@@ -67,7 +68,8 @@ class _Scan:
             self._waiting.set_text(f"{series.left} left." if len(series.names) > 1 else "")
         elif series is not self._seen:
             self._seen = series
-            self._waiting.set_text(series.problem)
+            self._waiting.set_text("")
+            self._problem.set_text(series.problem)
             single = len(series.names) == 1 and series.taken
             if single and self._studio.workspace.rig.is_file():
                 self._step.attempt(partial(self._look, series.taken[0]))()

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from nicegui import app, ui
 
-from fringeworks.studio.state import Session, Studio
+from fringeworks.studio.session import Session
+from fringeworks.studio.state import Studio
 from fringeworks.studio.steps import calibrate, export, learn, look, scan, set_up
 from fringeworks.studio.steps.parts import Step
 

@@ -84,6 +84,22 @@ def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
     The port is part of the cookie's name: browsers send cookies to all ports of a host.
     """
     api = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    _add_files(api, studio)
+    add_page(studio)
+    ui.run_with(
+        api,
+        title="fringeworks studio",
+        dark=None,
+        storage_secret=secrets.token_hex(),
+        show_welcome_message=False,
+        reconnect_timeout=30.0,
+        session_middleware_kwargs={"session_cookie": f"fringeworks_{port}", "same_site": "strict"},
+    )
+    return api
+
+
+def _add_files(api: FastAPI, studio: Studio) -> None:
+    """Register what pages load: the viewer, surfaces, pictures, and files of the folder."""
 
     @api.get("/viewer.js")
     def _script() -> Response:
@@ -121,18 +137,6 @@ def studio_app(studio: Studio, port: int = PORT) -> FastAPI:
             return PlainTextResponse(str(problem), status_code=403)
         except (OSError, ValueError):
             return PlainTextResponse("There is no such file.", status_code=404)
-
-    add_page(studio)
-    ui.run_with(
-        api,
-        title="fringeworks studio",
-        dark=None,
-        storage_secret=secrets.token_hex(),
-        show_welcome_message=False,
-        reconnect_timeout=30.0,
-        session_middleware_kwargs={"session_cookie": f"fringeworks_{port}", "same_site": "strict"},
-    )
-    return api
 
 
 def _file(path: Path, *, download: bool = False) -> FileResponse:

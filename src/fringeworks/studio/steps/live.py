@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from nicegui import ui
 
-from fringeworks.studio.state import LIVE_PICTURE, LIVE_POINTS
+from fringeworks.studio.bench import LIVE_PICTURE, LIVE_POINTS
 from fringeworks.studio.steps.parts import UPDATE_S, Step, work
 from fringeworks.studio.worker import Job
 

@@ -9,7 +9,9 @@ from typing import Any
 from nicegui import ui
 
 from fringeworks.devices.virtual_bench import POSES, SCENES
-from fringeworks.studio.state import VIRTUAL, Session, Studio
+from fringeworks.studio.bench import VIRTUAL
+from fringeworks.studio.session import Session
+from fringeworks.studio.state import Studio
 from fringeworks.studio.worker import Job
 from fringeworks.types import InputError
 

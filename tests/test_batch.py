@@ -26,7 +26,7 @@ zarr = pytest.importorskip("zarr", reason="zarr is not installed")
 pytest.importorskip("distributed", reason="distributed is not installed")
 
 COUNT = 6
-ENGINES = [None, "local"]
+ENGINES = [None, pytest.param("local", marks=pytest.mark.long)]
 # Dask and its web server complain about themselves.
 quiet = pytest.mark.filterwarnings(
     "ignore:::distributed", "ignore:::tornado", "ignore::ResourceWarning"
@@ -79,7 +79,7 @@ def check_whole(folder, names):
 
 
 @quiet
-@pytest.mark.parametrize("scheduler", ENGINES)
+@pytest.mark.parametrize("scheduler", [None, "local"])
 def test_batches_are_equal_to_single_measurements(line, tmp_path, scheduler):
     out = tmp_path / "out.zarr"
     told = []

@@ -13,7 +13,6 @@ from fringeworks.cli.app import app
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import Ply, PlyOption
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.evaluate.inspect import rig_of
 
 SECTION = "Results"
 EXIT_CODES = {"pass": 0, "fail": 3, "undecided": 4}
@@ -40,6 +39,7 @@ def inspect_part(
 ) -> None:
     """Judge a part by the tolerances of a recipe; exit code 0 pass, 3 fail, 4 undecided."""
     words = output.Output(out, *show.targets)
+    from fringeworks.evaluate.inspect import rig_of
     from fringeworks.files.results import check_result_target
 
     output.check(out, check_result_target)

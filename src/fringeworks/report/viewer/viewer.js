@@ -70,10 +70,9 @@ export class FringeViewer {
   async replace(payload) {
     const surface = await unpack(payload);
     await surface.addMaps();
-    const [old] = this.surfaces;
     this.prepare(surface);
+    this.scene.remove(this.surfaces[0].mesh);
     this.surfaces[0] = surface;
-    this.scene.remove(old.mesh);
     this.gap = null;
     this.choose("one");
   }

@@ -19,6 +19,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
+from fringeworks.report.control_chart import control_limits
 from fringeworks.simulate import Optics, photograph
 from tests.test_inspect import scene, step
 
@@ -149,6 +150,44 @@ def test_problems_are_tabled(line, tmp_path, capsys):
     assert not check_whole(out, [f"part-{k}" for k in range(COUNT)])["part-2"]["error"]
 
 
+def test_a_watched_folder(line, tmp_path):
+    """Captures that come while the batch runs are measured as well."""
+    filled = tmp_path / "filled"
+    filled.mkdir()
+    rounds = []
+
+    def watch():
+        if len(rounds) < 2:
+            shutil.copytree(line / "in" / f"part-{len(rounds)}", filled / f"part-{len(rounds)}")
+        rounds.append(True)
+        return len(rounds) < 3
+
+    out = tmp_path / "out"
+    found = fw.run_batch(filled, line / "recipe.toml", out, workers=1, watch=watch)
+    assert [row["scan"] for row in found.rows] == ["part-0", "part-1"]
+    assert set(table(found.summary)) == {"part-0", "part-1"}
+
+
+def test_control_charts(line, tmp_path):
+    report = tmp_path / "batch.html"
+    words = ["batch", str(line / "in"), "--recipe", str(line / "recipe.toml"), "--workers", "2"]
+    assert run([*words, "--out", str(tmp_path / "o"), "--report", str(report)]) == 0
+    text = report.read_text("utf-8")
+    assert text.count("<img") + text.count("<svg") >= 2
+    assert "Control limits" in text
+    values = np.array([10.0, 10.1, 9.9, np.nan, 10.0, 10.2])
+    mean, low, high = control_limits(values)
+    assert mean == pytest.approx(10.04)
+    assert high - mean == pytest.approx(3 * np.mean([0.1, 0.2, 0.1, 0.2]) / 1.128)
+    assert low < mean < high
+    # A drift leaves the limits, which random values of the same spread do not.
+    rng = np.random.default_rng(1)
+    noise = rng.normal(0, 0.1, 200)
+    for values, beyond in ((noise, False), (noise + 0.01 * np.arange(200), True)):
+        _, low, high = control_limits(values)
+        assert bool(np.mean((values < low) | (values > high)) > 0.05) == beyond
+
+
 def test_exit_codes_are_those_of_parts(line, tmp_path):
     for limits, code in (((9.9, 10.1), 0), ((10.5, 11.0), 3)):
         recipe = replace(step(*limits), rig=line / "rig.toml")
@@ -258,10 +297,9 @@ def test_a_scan_that_kills_its_workers_is_set_aside(line, tmp_path, scheduler):
 
 
 @quiet
-@pytest.mark.parametrize("scheduler", ENGINES)
-@pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, 20))]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("scheduler", [None, "local"])
+@pytest.mark.parametrize("seed", range(20))
 def test_workers_that_die_lose_nothing(line, tmp_path, scheduler, seed):
     out = tmp_path / "out.zarr"
     with Killer(out, every_s=0.7) as killer:

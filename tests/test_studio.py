@@ -315,7 +315,9 @@ def test_areas_are_drawn_and_parts_judged(pages, shared):
     visitor.surface()
     live(visitor, "Areas and tolerances")
     visitor.page.wait_for_function("document.querySelector('.fw-live img')?.naturalWidth === 200")
-    visitor.page.wait_for_timeout(500)
+    # The progress above the picture goes away when it is drawn, and the picture moves up.
+    visitor.page.get_by_text("drawing the picture").first.wait_for(state="hidden")
+    visitor.page.wait_for_timeout(1000)
     drag(visitor, (80, 80, 120, 110))
     visitor.sees("area-1 ✕")
     drag(visitor, (5, 5, 30, 190))
@@ -411,6 +413,7 @@ def test_live_board_and_live_points(studio, visitor):
     assert canvases == 1
 
 
+@pytest.mark.long
 def test_a_series_goes_on_when_nobody_looks(tmp_path):
     """The scans of a series are the studio's, not the page's."""
     words = "setup --projector virtual --camera virtual:plane --frames 12 --out"

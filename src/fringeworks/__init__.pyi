@@ -414,6 +414,9 @@ from .batch.scans import (
     Scan as Scan,
     find_scans as find_scans,
 )
+from .batch.report import (
+    write_batch_report as write_batch_report,
+)
 from .batch.run import (
     BatchResult as BatchResult,
     run_batch as run_batch,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +17,7 @@ from fringeworks.evaluate.inspect import rig_of
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.folder import locked
 from fringeworks.files.recipe import read_recipe
-from fringeworks.types import Frozen, InputError, Recipe, made_by
+from fringeworks.types import FileProblem, Frozen, InputError, PartTolerance, Recipe, made_by
 
 USUAL_MEMORY_GB = 2.0
 """Memory of a worker, GB: enough for twelve frames of 12 megapixels."""
@@ -33,6 +33,8 @@ class BatchResult(Frozen):
     """Folder of the results."""
     summary: Path
     """Summary as CSV."""
+    tolerances: tuple[PartTolerance, ...]
+    """Those of the recipe."""
     rows: tuple[dict[str, Any], ...]
     """A row for each scan, in their order: figures, verdicts, seconds, worker, error."""
 
@@ -55,6 +57,7 @@ def run_batch(
     scheduler: str | None = None,
     memory_gb: float = USUAL_MEMORY_GB,
     resume: bool = False,
+    watch: Callable[[], bool] | None = None,
     progress: Callable[[Row, int], None] = lambda *_: None,
     started: Callable[[Engine], None] = lambda _: None,
 ) -> BatchResult:
@@ -78,6 +81,9 @@ def run_batch(
         failed.
     resume : bool
         Go on with results that are there: only what is missing is measured.
+    watch : callable, optional
+        Called when all captures are measured; while it returns true, captures that have come
+        meanwhile are measured as well. For folders that a line fills.
     progress : callable
         Called with each row as it comes, and the number of all scans.
     started : callable
@@ -100,7 +106,7 @@ def run_batch(
     give equal bytes. A scan during which a worker dies is measured again. If workers die on it
     twice it is set aside, and tried once more, alone, when all others are done.
     """
-    scans = find_scans(source)
+    scans = _found(source, watch)
     known = _complete(recipe if isinstance(recipe, Recipe) else read_recipe(recipe))
     folder = Path(out)
     check_store(folder)
@@ -115,25 +121,43 @@ def run_batch(
         started(runner)
         job = job_of(known, str(folder.resolve()))
         rows: dict[str, Row] = {}
-
-        def take(found: Iterable[Row]) -> None:
-            for row in found:
+        while True:
+            for row in _measured(runner, [s for s in scans if s.name not in rows], job):
                 rows[row["scan"]] = row
                 progress(row, len(scans))
-
-        take(runner.run(scans, job))
-        given_up = [scan for scan in scans if DIED in rows[scan.name].get("error", "")]
-        take(_alone(runner, given_up, job))
-        ordered = [rows[scan.name] for scan in scans]
-        store.write_summary(ordered)
+            ordered = [rows[name] for name in sorted(rows)]
+            store.write_summary(ordered)
+            if watch is None or not watch():
+                break
+            scans = _found(source, watch)
         store.end()
-    return BatchResult(folder, store.summary, tuple(ordered))
+    return BatchResult(folder, store.summary, known.tolerances, tuple(ordered))
 
 
-def _alone(runner: Engine, scans: list[Scan], job: Job) -> Iterable[Row]:
-    """Try scans once more, one at a time: workers that died for other reasons do no harm then."""
+def _found(source: StrPath, watch: Callable[[], bool] | None) -> list[Scan]:
+    """The scans that are there; a folder that a line fills may be empty at first."""
+    try:
+        return find_scans(source)
+    except FileProblem:
+        if watch is None or not Path(source).is_dir():
+            raise
+        return []
+
+
+def _measured(runner: Engine, scans: list[Scan], job: Job) -> Iterator[Row]:
+    """Rows of scans; those that were given up are tried once more, one at a time.
+
+    Workers that died for other reasons do no harm then.
+    """
+    given_up = []
+    for row in runner.run(scans, job):
+        if DIED in row.get("error", ""):
+            given_up.append(row["scan"])
+        else:
+            yield row
     for scan in scans:
-        yield from runner.run([scan], replace(job, alone=True))
+        if scan.name in given_up:
+            yield from runner.run([scan], replace(job, alone=True))
 
 
 def _complete(recipe: Recipe) -> Recipe:

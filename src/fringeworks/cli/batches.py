@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +15,8 @@ from fringeworks.cli.app import app
 SECTION = "Results"
 NOT_MEASURED = 5
 """Exit code where scans could not be measured."""
+POLL_S = 1.0
+"""Interval at which a watched folder is looked at, s."""
 SHOWN = 10
 """Problems that are listed; the summary has all."""
 
@@ -41,13 +44,22 @@ def batch(
     memory_gb: Annotated[
         float, typer.Option(help="Memory that a worker of this machine may use, GB.")
     ] = 2.0,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Go on with captures that come, until Ctrl-C.")
+    ] = False,
+    report: Annotated[
+        Path | None, typer.Option(help="Write control charts and what to look at: .html or .pdf.")
+    ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Measure only what is missing in the results.")
     ] = False,
 ) -> None:
     """Measure and judge many captures; exit code 0 all pass, 3 some fail, 4 undecided, 5 errors."""
     words = output.Output()
-    with output.progress(len(fw.find_scans(source))) as show:
+    from fringeworks.report.page.report import check_report_target
+
+    output.check(report, check_report_target)
+    with output.progress(None if watch else len(fw.find_scans(source))) as show:
 
         def told(row: dict[str, Any], _: int) -> None:
             show(f"{row['scan']}: {row.get('verdict') or row['error']}")
@@ -64,6 +76,7 @@ def batch(
             scheduler=scheduler,
             memory_gb=memory_gb,
             resume=resume,
+            watch=_wait if watch else None,
             progress=told,
             started=started,
         )
@@ -75,6 +88,17 @@ def batch(
     counts = {name: found.count(name) for name in ("pass", "fail", "undecided")}
     told_counts = ", ".join(f"{count} {name}" for name, count in counts.items())
     words.say(f"{len(found.rows)} scans: {told_counts}, {found.failed} not measured")
-    words.wrote(out, found.summary)
+    if report is not None:
+        fw.write_batch_report(report, found)
+    words.wrote(out, found.summary, report)
     code = 3 if counts["fail"] else 4 if counts["undecided"] else 0
     raise typer.Exit(NOT_MEASURED if found.failed else code)
+
+
+def _wait() -> bool:
+    """Wait for further captures; false when the user ends it."""
+    try:
+        time.sleep(POLL_S)
+    except KeyboardInterrupt:
+        return False
+    return True

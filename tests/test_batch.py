@@ -150,6 +150,7 @@ def test_problems_are_tabled(line, tmp_path, capsys):
     assert not check_whole(out, [f"part-{k}" for k in range(COUNT)])["part-2"]["error"]
 
 
+@pytest.mark.long
 def test_a_watched_folder(line, tmp_path):
     """Captures that come while the batch runs are measured as well."""
     filled = tmp_path / "filled"
@@ -188,6 +189,7 @@ def test_control_charts(line, tmp_path):
         assert bool(np.mean((values < low) | (values > high)) > 0.05) == beyond
 
 
+@pytest.mark.long
 def test_exit_codes_are_those_of_parts(line, tmp_path):
     for limits, code in (((9.9, 10.1), 0), ((10.5, 11.0), 3)):
         recipe = replace(step(*limits), rig=line / "rig.toml")
@@ -196,6 +198,7 @@ def test_exit_codes_are_those_of_parts(line, tmp_path):
         assert run([*words, "--out", str(tmp_path / f"{code}.zarr")]) == code
 
 
+@pytest.mark.long
 def test_arrays_and_addresses(line, tmp_path):
     frames = [fw.read_stack(line / "in" / f"part-{k}").frames for k in range(2)]
     stack = np.array([list(one) for one in frames])
@@ -347,6 +350,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", str(place)], check=True)
 
 
+@pytest.mark.long
 def test_a_full_disk_leaves_nothing_half(line, small_disk):
     out = small_disk / "out.zarr"
     with contextlib.suppress(fw.InputError):

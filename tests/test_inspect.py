@@ -118,11 +118,11 @@ def test_every_quantity_is_measured():
     "key",
     [
         ("step_height", "top", "base"),
-        ("distance", "top", "base"),
-        ("sphere_diameter", "ball"),
+        pytest.param(("distance", "top", "base"), marks=pytest.mark.long),
+        pytest.param(("sphere_diameter", "ball"), marks=pytest.mark.long),
         ("sphere_spacing", "ball", "other"),
         pytest.param(("cylinder_diameter", "tube"), marks=pytest.mark.long),
-        ("volume", "top", "base"),
+        pytest.param(("volume", "top", "base"), marks=pytest.mark.long),
     ],
     ids=lambda key: key[0],
 )

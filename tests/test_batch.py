@@ -27,7 +27,6 @@ zarr = pytest.importorskip("zarr", reason="zarr is not installed")
 pytest.importorskip("distributed", reason="distributed is not installed")
 
 COUNT = 6
-ENGINES = [None, pytest.param("local", marks=pytest.mark.long)]
 # Dask and its web server complain about themselves.
 quiet = pytest.mark.filterwarnings(
     "ignore:::distributed", "ignore:::tornado", "ignore::ResourceWarning"
@@ -282,7 +281,8 @@ class Killer(threading.Thread):
 
 
 @quiet
-@pytest.mark.parametrize("scheduler", ENGINES)
+@pytest.mark.long
+@pytest.mark.parametrize("scheduler", [None, "local"])
 def test_a_scan_that_kills_its_workers_is_set_aside(line, tmp_path, scheduler):
     clean = fw.run_batch(line / "in", line / "recipe.toml", tmp_path / "clean.zarr", workers=2)
     poison = clean.rows[2]["address"]

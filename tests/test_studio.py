@@ -437,6 +437,7 @@ def test_a_series_goes_on_when_nobody_looks(tmp_path):
         studio.close()
 
 
+@pytest.mark.long
 def test_a_visitor_who_leaves_harms_nothing(pages):
     one = pages()
     one.step("Learn")

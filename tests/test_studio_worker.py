@@ -159,7 +159,10 @@ def test_work_waits_for_the_work_before(worker):
     worker.cancel(third)
     ended(second)
     assert (first.state, second.state, third.state) == ("done", "done", "cancelled")
-    # What waits begins as well when the work before is cancelled or its process is killed.
+
+
+@pytest.mark.long
+def test_work_that_waits_begins_whatever_ends_the_work_before(worker):
     for end in (worker.cancel, lambda: os.kill(worker.process_id, signal.SIGKILL)):
         first = worker.start("first", slow, 60.0)
         second = worker.start("second", slow, 0.0, wait=True)

@@ -131,6 +131,7 @@ def refused(camera, capsys):
     return error
 
 
+@pytest.mark.long
 def test_a_scan_with_a_killed_camera_equals_an_undisturbed_one(tmp_path):
     """Auto exposure with a gain in whole dB, frames to the bit, kill, resume, equal points."""
     with wire(tmp_path / "wire") as made:

@@ -208,7 +208,7 @@ def plate(height_mm, sigma_mm, rng):
 @pytest.mark.parametrize(
     ("risk", "count"),
     [
-        (0.2, 100),
+        (0.2, 40),
         pytest.param(0.05, 1000, marks=pytest.mark.long),
         pytest.param(0.2, 1000, marks=pytest.mark.long),
     ],

@@ -305,7 +305,7 @@ def test_a_scan_that_kills_its_workers_is_set_aside(line, tmp_path, scheduler):
 @pytest.mark.parametrize("seed", range(20))
 def test_workers_that_die_lose_nothing(line, tmp_path, scheduler, seed):
     out = tmp_path / "out.zarr"
-    with Killer(out, every_s=0.7) as killer:
+    with Killer(out, every_s=2.0) as killer:
         killer.rng = np.random.default_rng(seed)
         fw.run_batch(line / "in", line / "recipe.toml", out, workers=2, scheduler=scheduler)
     rows = check_whole(out, [f"part-{k}" for k in range(COUNT)])

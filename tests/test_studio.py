@@ -12,11 +12,13 @@ import pytest
 import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.devices.virtual_bench import RADIUS_MM, SCALE
+from fringeworks.files.findings import findings_as_dicts
 from fringeworks.simulate import Optics, bust, fringe_plan, look, photograph, standard_rig
 from fringeworks.simulate.scene import standard_scene
 from fringeworks.studio.state import Studio
+from fringeworks.studio.steps.look import judged_notes
 from fringeworks.studio.steps.scan import series_names
-from fringeworks.types import InputError
+from fringeworks.types import FrameFinding, InputError
 from tests import browser
 from tests.studio_page import Running, Visitor
 
@@ -188,6 +190,12 @@ def test_methods_change_the_surface_and_are_compared(shared, pages):
     # A reload and a second tab of the same visitor find the state.
     again = pages(same=True)
     assert again.surface() == (other.reason == fw.Reason.OK).sum()
+
+
+def test_findings_are_told_from_other_notes():
+    finding = FrameFinding("noise", "fringes differ", ("vibration",), "keep still")
+    figures = {"findings": findings_as_dicts([finding]), "notes": [finding.text, "noise of 1"]}
+    assert judged_notes(figures) == [(finding.text, True), ("noise of 1", False)]
 
 
 @pytest.mark.parametrize(("source", "said"), [("broken", "object"), ("sneaky", "outside")])

@@ -129,10 +129,15 @@ class _Look:
             figures(shown.result["figures"], FIGURES)
             if shown.result["every"] > 1:
                 ui.label(f"Shown: one of {shown.result['every']} columns and rows.")
-            faults = {found["text"] for found in shown.result["figures"].get("findings", [])}
-            for note in shown.result["figures"].get("notes", []):
-                label = ui.label(f"! {note}" if note in faults else note)
-                label.classes("text-warning" if note in faults else "opacity-80")
+            for note, fault in judged_notes(shown.result["figures"]):
+                label = ui.label(f"! {note}" if fault else note)
+                label.classes("text-warning" if fault else "opacity-80")
+
+
+def judged_notes(figures: dict[str, Any]) -> list[tuple[str, bool]]:
+    """Return the notes of a result, and which of them are findings of likely faults."""
+    seen = [found["seen"] for found in figures.get("findings", [])]
+    return [(note, any(one in note for one in seen)) for note in figures.get("notes", [])]
 
 
 def _control(name: str, default: Any, changed: Any) -> Any:

@@ -114,7 +114,7 @@ def inspect(
     else:
         surface, notes = _measured(capture, recipe)
     if recipe.within is not None:
-        surface = _within(surface, recipe)
+        surface = masked(surface, Area(mask=_pixels(recipe, recipe.within, surface.shape)))
         notes = tuple(f"in the whole frame: {note}" for note in notes)
     checks = judge_part(surface, recipe)
     return Inspection(checks, surface, notes, time.perf_counter() - started)
@@ -207,12 +207,6 @@ def _triangulator(rig: Rig) -> Triangulator:
 
 def _rows_and_columns(shape: tuple[int, ...]) -> tuple[int, int]:
     return shape[0], shape[1]
-
-
-def _within(surface: HeightMap | PointCloud, recipe: Recipe) -> HeightMap | PointCloud:
-    """A surface without what lies outside of the recipe's area."""
-    assert recipe.within is not None
-    return masked(surface, Area(mask=_pixels(recipe, recipe.within, surface.shape)))
 
 
 def _pixels(recipe: Recipe, name: str, shape: tuple[int, int]) -> BoolMap:

@@ -51,6 +51,16 @@ class Aim(Frozen):
     """Mean difference of neighbouring pixels over the mean brightness: largest in focus."""
 
     @property
+    def contrast(self) -> float | None:
+        """Median modulation of the brighter half of the pixels, over their brightness; None under
+        even light."""
+        if self.modulation is None:
+            return None
+        bright = self.brightness >= np.median(self.brightness)
+        share = self.modulation[bright] / np.maximum(self.brightness[bright], 1e-3)
+        return float(np.median(share))
+
+    @property
     def exposure_factor(self) -> float | None:
         """Factor of the exposure that is advised; None where it is good, or too long by an unknown
         factor."""

@@ -210,9 +210,7 @@ class Bench:
     def scan(self, session: Session, name: str, *, exposures: int = 1, average: int = 1) -> Job:
         """Take the frames of an object into a folder of its own."""
         self._needs(self.workspace.setup, "do Set up first")
-        target = self.workspace.new(name)
-        if target.exists():
-            raise InputError(f"The folder has {name!r} already: choose another name.")
+        target = self._free(name)
         words = self.words
         frames = exposures * read_setup(self.workspace.setup).plan.frames
         job = self._use_devices(
@@ -242,8 +240,7 @@ class Bench:
         if self.series is not None and self.series.running:
             raise InputError("A scan is running or waiting already: wait, or stop it.")
         for name in names:
-            if self.workspace.new(name).exists():
-                raise InputError(f"The folder has {name!r} already: choose another name.")
+            self._free(name)
         self.hold(session)
 
         def begin(name: str) -> Job:
@@ -270,6 +267,13 @@ class Bench:
         lively = self._is_live()
         self._end_live()
         return self.devices.start(name, task, *given, total=total, wait=lively)
+
+    def _free(self, name: str) -> Path:
+        """The path of a scan whose name nothing in the folder has."""
+        target = self.workspace.new(name)
+        if target.exists():
+            raise InputError(f"The folder has {name!r} already: choose another name.")
+        return target
 
     def _needs(self, path: Path, what: str) -> None:
         if not path.is_file():

@@ -11,7 +11,6 @@ import numpy as np
 
 from fringeworks.evaluate.errors import error_map
 from fringeworks.pair.analyse import analyse
-from fringeworks.pipeline.inputs import pair_of
 from fringeworks.pipeline.pairs import reconstruct
 from fringeworks.pipeline.stacks import measure
 from fringeworks.report.page.surfaces import as_heights
@@ -141,7 +140,7 @@ def _pair(link: Link, body: str, method: str, settings: dict[str, Any]) -> Trial
     period_px = rig.projector.width_px / settings["fringes"]
     pair = photograph_pair(views[0], views[1], period_px, _optics(settings))
     link.progress(f"measuring by {method}")
-    found = analyse(pair_of(pair), method)
+    found = analyse(pair, method)
     return (
         as_heights(found),
         found.displacement_px - pair_displacement(views[0], views[1]),

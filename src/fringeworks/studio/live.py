@@ -25,7 +25,7 @@ from fringeworks.scan.glance import Glance, glance
 from fringeworks.scan.live import live
 from fringeworks.scan.poses import REGIONS, SIDES, PoseJudgement
 from fringeworks.scan.setup_file import read_setup
-from fringeworks.studio.tasks import poses_of
+from fringeworks.studio.tasks import poses_of, thinning
 from fringeworks.studio.worker import Link
 from fringeworks.types import Axis, FramesContradictPlan
 
@@ -89,20 +89,13 @@ def _figures(seen: Aim) -> dict[str, Any]:
         "mean_share": float(seen.brightness.mean()),
         "saturated_share": float(seen.saturated.mean()),
         "sharpness": seen.sharpness,
-        "fringes": None if modulation is None else _contrast(seen),
+        "fringes": seen.contrast,
         "advice": seen.advice,
     }
 
 
 def _bytes(share: NDArray[Any]) -> bytes:
     return np.clip(np.rint(255.0 * share), 0, 255).astype(np.uint8).tobytes()
-
-
-def _contrast(seen: Aim) -> float:
-    """Median modulation of the brighter half of the pixels, over their brightness."""
-    assert seen.modulation is not None
-    bright = seen.brightness >= np.median(seen.brightness)
-    return float(np.median(seen.modulation[bright] / np.maximum(seen.brightness[bright], 1e-3)))
 
 
 def _painted(seen: Aim, step: int) -> Image.Image:
@@ -168,8 +161,7 @@ def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> N
             try:
                 clouds = live(projector, camera, plan, triangulator, delay=stored.delay)
                 for cloud in clouds:
-                    pixels = cloud.points.reason.size
-                    every = max(1, int(np.ceil(np.sqrt(pixels / LIVE_POINTS))))
+                    every = thinning(cloud.points.reason.size, LIVE_POINTS)
                     packed = pack_surface(cloud.points, camera=known, every=every, title="live")
                     number = next(numbers)
                     link.show("cloud", {"number": number, "said": str(cloud), "data": packed.data})

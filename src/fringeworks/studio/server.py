@@ -125,10 +125,6 @@ def _add_files(api: FastAPI, studio: Studio) -> None:
         cloud = job.latest.get("cloud", {}) if job else {}
         return Response(cloud.get("data", b""), media_type="application/octet-stream")
 
-    @api.get("/picture/{number}")
-    def _picture(number: int) -> Response:
-        return _file(studio.surface(number))
-
     @api.get("/file/{name:path}")
     def _download(name: str) -> Response:
         try:

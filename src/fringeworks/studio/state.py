@@ -186,10 +186,6 @@ class Studio(Bench):
         target = str(self.surface(session.picture))
         return self._compute(session, "drawing the picture", tasks.draw_picture, source, target)
 
-    def picture_number(self, session: Session) -> int:
-        """Number of the picture that was drawn last."""
-        return session.picture
-
     def export(self, session: Session, shown: Shown, suffix: str, kind: str) -> Job:
         """Write what is shown into the folder."""
         name = f"{Path(shown.source).name}{suffix}"

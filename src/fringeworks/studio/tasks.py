@@ -249,4 +249,9 @@ def _thinning(result: Any) -> int:
     """Every how many columns and rows are shown."""
     inner = surface_of(result)
     pixels = len(inner.xyz_mm) if isinstance(inner, Points) else inner.reason.size
-    return max(1, int(np.ceil(np.sqrt(pixels / PIXELS))))
+    return thinning(pixels, PIXELS)
+
+
+def thinning(pixels: int, most: int) -> int:
+    """Return every how many columns and rows are used so that at most so many pixels are."""
+    return max(1, int(np.ceil(np.sqrt(pixels / most))))

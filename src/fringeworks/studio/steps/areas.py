@@ -100,7 +100,7 @@ class Areas:
 
     def _drawn(self, job: Job) -> None:
         self._scale, self._size = job.result["step"], job.result["size"]
-        self._picture.set_source(f"/picture/{self._studio.picture_number(self._step.session)}")
+        self._picture.set_source(f"/surface/{self._step.session.picture}")
         self._outline()
 
     def _mouse(self, event: Any) -> None:

@@ -12,7 +12,7 @@ from fringeworks.simulate.bodies import (
     Sphere,
     height_field,
 )
-from fringeworks.simulate.exposure import Transport, photograph
+from fringeworks.simulate.exposure import Transport, photograph, photograph_moving
 from fringeworks.simulate.fringes import PairSettings, Row, capture_pair, deformed_row
 from fringeworks.simulate.highlight import highlight
 from fringeworks.simulate.interreflection import interreflection
@@ -84,6 +84,7 @@ __all__ = [
     "pair_displacement",
     "parabola_1d",
     "photograph",
+    "photograph_moving",
     "photograph_pair",
     "real_board_body",
     "real_points",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -58,16 +59,54 @@ def photograph(
     """
     optics = optics or Optics()
     rng = np.random.default_rng(optics.seed)
-    imaging = Imaging(view, optics, full=float(2**optics.bits - 1))
-    _check_size(imaging.projected, plan)
+    imaging = _imaging(view, plan, optics)
     for picture in encode(plan):
-        sent = picture / (2**plan.bits - 1)
-        sent = sent**optics.gamma if optics.response is None else optics.response(sent)
-        light = optics.black + (1.0 - optics.black) * imaging.projected(sent)
-        arriving = view.shading * light
+        arriving: FloatMap = view.shading * _light(imaging, picture, plan, optics)
         for step in transport:
             arriving = step(arriving)
         yield _stored(imaging.seen(arriving + optics.ambient), optics, rng)
+
+
+def photograph_moving(
+    views: Iterable[View], plan: PatternPlan, optics: Optics | None = None
+) -> Iterator[NDArray[np.unsignedinteger]]:
+    """Take frames of a scene that moves, while the patterns of a plan are projected over and over.
+
+    Parameters
+    ----------
+    views : iterable of View
+        What the camera sees in each frame, from ``look``. Nothing moves during an exposure.
+    plan : PatternPlan
+    optics : Optics, optional
+
+    Yields
+    ------
+    (h, w) arrays, counts, one for each view: uint8, or uint16 for more than 8 bits. Frame k shows
+    pattern k modulo the plan's number of frames.
+
+    Raises
+    ------
+    InputError for a plan that is smaller than the projector.
+    """
+    optics = optics or Optics()
+    rng = np.random.default_rng(optics.seed)
+    for view, picture in zip(views, cycle(encode(plan)), strict=False):
+        imaging = _imaging(view, plan, optics)
+        arriving = view.shading * _light(imaging, picture, plan, optics)
+        yield _stored(imaging.seen(arriving + optics.ambient), optics, rng)
+
+
+def _imaging(view: View, plan: PatternPlan, optics: Optics) -> Imaging:
+    imaging = Imaging(view, optics, full=float(2**optics.bits - 1))
+    _check_size(imaging.projected, plan)
+    return imaging
+
+
+def _light(imaging: Imaging, picture: NDArray[Any], plan: PatternPlan, optics: Optics) -> FloatMap:
+    """Light of a plan's picture at the pixels of a view, relative to the projector's full light."""
+    sent = picture / (2**plan.bits - 1)
+    sent = sent**optics.gamma if optics.response is None else optics.response(sent)
+    return np.asarray(optics.black + (1.0 - optics.black) * imaging.projected(sent))
 
 
 def _check_size(projected: ProjectedLight, plan: PatternPlan) -> None:

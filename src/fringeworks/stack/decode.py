@@ -151,14 +151,14 @@ def decode(
         check_reusable_result(out, plan.axes, planes[0].shape, keep_phases)
     sample = take_sample(planes, plan)
     check_content(planes, plan, sample.points)
-    limits = _limits(planes[0].dtype, saturation, min_modulation)
+    limits = limits_of(planes[0].dtype, saturation, min_modulation)
     findings = examine(
         plan,
         sample,
-        _decodings(plan, absolute, response),
+        decodings_of(plan, absolute, response),
         limits,
         noise=noise,
-        count_step=_positive(count_step),
+        count_step=checked_count_step(count_step),
         estimate_steps=estimate_steps,
         estimate_response=estimate_response,
     )
@@ -167,9 +167,9 @@ def decode(
         sets = len(found.decoding.sets) if keep_phases else 0
         results = empty_maps(planes[0].shape, sets=sets) if out is None else reused_maps(out, axis)
         axis_planes = [planes[k] for k in found.decoding.frames]
-        _measure(axis_planes, found, findings, results)
-        _compare_neighbours(found, results, remove_isolated)
-        maps[axis] = _coordinate_map(found.decoding, results, keep_phases)
+        measure_axis(axis_planes, found, findings, results)
+        compare_neighbours(found, results, remove_isolated)
+        maps[axis] = coordinate_map(found.decoding, results, keep_phases)
     decoded = _decoded(maps, findings)
     refuse_nothing_measured(decoded)
     return decoded
@@ -199,7 +199,9 @@ def refuse_nothing_measured(decoded: Decoded) -> None:
         )
 
 
-def _measure(planes: Planes, found: Refined, findings: Judgement, results: dict[str, Any]) -> None:
+def measure_axis(
+    planes: Planes, found: Refined, findings: Judgement, results: dict[str, Any]
+) -> None:
     """Run the kernel; a second time where errors differ over the scene."""
     decoding, noise, limits = found.decoding, findings.noise, findings.limits
     if found.uneven:
@@ -210,7 +212,7 @@ def _measure(planes: Planes, found: Refined, findings: Judgement, results: dict[
         in_bands(planes, results, partial(_run, decoding.kernel(noise, limits, usual)))
 
 
-def _compare_neighbours(found: Refined, results: dict[str, Any], remove_isolated: bool) -> None:
+def compare_neighbours(found: Refined, results: dict[str, Any], remove_isolated: bool) -> None:
     """Remove isolated pixels, and let σ cover the scatter of the others."""
     decoding = found.decoding
     if remove_isolated:
@@ -231,12 +233,12 @@ def _run(kernel: _core.DecodeSettings, planes: Planes, maps: dict[str, Any]) -> 
 def check_options(plan: PatternPlan, options: DecodeOptions) -> None:
     """Refuse options that ``decode`` would refuse, before there are frames."""
     plan = plan_with_light(plan)
-    _decodings(plan, options.get("absolute", True), options.get("response"))
-    _positive(options.get("count_step"))
+    decodings_of(plan, options.get("absolute", True), options.get("response"))
+    checked_count_step(options.get("count_step"))
     _not_negative(options.get("min_modulation", 0.0))
 
 
-def _decodings(
+def decodings_of(
     plan: PatternPlan, absolute: bool, response: Response | None
 ) -> dict[Axis, Decoding]:
     """The nominal decoding of each axis of a plan."""
@@ -245,7 +247,7 @@ def _decodings(
     }
 
 
-def _limits(dtype: np.dtype[Any], saturation: float | None, min_modulation: float) -> Limits:
+def limits_of(dtype: np.dtype[Any], saturation: float | None, min_modulation: float) -> Limits:
     counts = saturation_of(dtype, saturation)
     return Limits(counts, _not_negative(min_modulation), given=saturation is not None)
 
@@ -256,15 +258,13 @@ def _not_negative(min_modulation: float) -> float:
     return float(min_modulation)
 
 
-def _positive(count_step: float | None) -> float | None:
+def checked_count_step(count_step: float | None) -> float | None:
     if count_step is not None and not 0 < count_step < np.inf:
         raise InputError(f"count_step: expected > 0 counts, got {count_step}")
     return count_step
 
 
-def _coordinate_map(
-    decoding: Decoding, results: dict[str, Any], keep_phases: bool
-) -> CoordinateMap:
+def coordinate_map(decoding: Decoding, results: dict[str, Any], keep_phases: bool) -> CoordinateMap:
     """The kernel's results for one axis as a ``CoordinateMap``."""
 
     def stacked(name: str) -> FloatMap | None:

@@ -1,0 +1,388 @@
+"""Decoding of sequences: a coordinate map for every frame of a scene that moves."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.patterns.plan import PatternPlan
+from fringeworks.stack.decode import (
+    checked_count_step,
+    compare_neighbours,
+    coordinate_map,
+    decodings_of,
+    limits_of,
+    measure_axis,
+)
+from fringeworks.stack.examine import Judgement, examine
+from fringeworks.stack.frames import Planes, check_frame, refuse_constant, step_of
+from fringeworks.stack.gray_light import with_light
+from fringeworks.stack.kernel_settings import empty_maps
+from fringeworks.stack.motion import Motion, late_frames, taken_out
+from fringeworks.stack.motion_search import motion_between
+from fringeworks.stack.motion_track import MotionTrack
+from fringeworks.stack.order_tracking import expected_later, track_orders
+from fringeworks.stack.sample import take_sample
+from fringeworks.types import (
+    Axis,
+    CameraNoise,
+    CoordinateMap,
+    Decoded,
+    FloatMap,
+    FramesContradictPlan,
+    Frozen,
+    InputError,
+    Reason,
+)
+
+MOST_CONTRADICTING = 2
+"""Cycles of the plan during which frames may contradict it, as when a hand crosses the scene:
+nothing is measured then."""
+IN_SETS = 1.0
+"""Time over which a wrong velocity acts while the frames of a set are taken, frames: sets of three
+to eight steps have 0.5 to 1.5. It adds in quadrature to the distance of the sets from the moment.
+"""
+FEWEST_CYCLES = 2
+"""Cycles of the plan that a sequence needs: motion shows between two of them."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Moment(Frozen):
+    """A scene at one moment of a sequence."""
+
+    decoded: Decoded
+    """Coordinates at this moment, of the frames around it."""
+    motion: Motion
+    """How the scene moves at this moment; velocities are NaN where nothing was measured."""
+    time_frames: float
+    """The moment, in frames from the first one of the sequence: the middle of its frames."""
+    first_frame: int
+    """Index in the sequence of the first of its frames, which are as many as the plan's."""
+
+
+class SequenceOptions(TypedDict, total=False):
+    """Keyword options of ``decode_sequence``; each is explained there."""
+
+    noise: CameraNoise | None
+    saturation: float | None
+    count_step: float | None
+    min_modulation: float
+    every: int
+
+
+def decode_sequence(
+    frames: Iterable[NDArray[Any]], plan: PatternPlan, **options: Unpack[SequenceOptions]
+) -> Iterator[Moment]:
+    """Decode a scene that moves while the frames of a plan are projected over and over.
+
+    Parameters
+    ----------
+    frames : iterable of (h, w) arrays, counts
+        uint8, uint16, float32 or float64. Frame k shows pattern k modulo the plan's number of
+        frames. They are read as they are needed.
+    plan : PatternPlan
+        With fringes along each of its axes.
+    noise : CameraNoise, optional
+        Noise of the camera; measured from the first cycle where not given.
+    saturation, count_step, min_modulation
+        As for ``decode``.
+    every : int ≥ 1
+        Moments are this many frames apart. By default there is one for each frame: every block of
+        the plan, such as a set of steps, is replaced by the next one when that is nearer.
+
+    Yields
+    ------
+    Moment, in the order of time. Those of the last two cycles come when the frames end.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two cycles of frames, or a frame differs in size or type from the
+        first, or they contradict the plan.
+
+    Notes
+    -----
+    Motion is found between successive cycles, and interpolated in time between these (see
+    ``motion_between``). Frames are moved back across the image, and the phases of what approaches
+    or recedes are turned back, by as much as the surface has moved between the frame and the
+    moment. Sets whose frames then still disagree have larger standard deviations there. Binomial
+    weights of successive phases (image-sequential binomial self-compensation) suppress the same
+    ripple, but need equal steps without other frames between them; this works for every plan.
+
+    Orders that the plan alone leaves ambiguous come from the moment before, and orders that
+    contradict it need neighbours on their surface.
+
+    Examples
+    --------
+    >>> from fringeworks.patterns.encode import encode
+    >>> from fringeworks.patterns.plan import PhaseSteps, equal_steps
+    >>> plan = PatternPlan(64, 40, (PhaseSteps("x", 64.0, equal_steps(4)),))
+    >>> moments = list(decode_sequence([*encode(plan), *encode(plan)], plan))
+    >>> [moment.time_frames for moment in moments]
+    [1.5, 2.5, 3.5, 4.5, 5.5]
+    """
+    decoder = SequenceDecoder(plan, **options)
+    for frame in frames:
+        yield from decoder.add(frame)
+    yield from decoder.finish()
+
+
+def check_every(every: int) -> None:
+    """Refuse distances of moments that are no whole number of frames."""
+    if isinstance(every, bool) or not isinstance(every, int | np.integer) or every < 1:
+        raise InputError(f"every: expected a whole number of 1 or more frames, got {every!r}")
+
+
+class SequenceDecoder:
+    """Decode a sequence whose frames arrive one by one; see ``decode_sequence``.
+
+    Parameters
+    ----------
+    plan : PatternPlan
+    **options
+        As for ``decode_sequence``.
+
+    Raises
+    ------
+    InputError for a plan without fringes along one of its axes, and options out of range;
+    ``saturation`` and ``min_modulation`` are checked with the first two cycles.
+    """
+
+    def __init__(
+        self,
+        plan: PatternPlan,
+        *,
+        noise: CameraNoise | None = None,
+        saturation: float | None = None,
+        count_step: float | None = None,
+        min_modulation: float = 0.0,
+        every: int = 1,
+    ) -> None:
+        for axis in plan.axes:
+            if not plan.phase_sets(axis):
+                raise InputError(f"sequence: expected fringes along {axis}, got Gray code only")
+        check_every(every)
+        self._plan, self._labels = plan, plan.labels()
+        self._decodings = decodings_of(plan, True, None)
+        self._noise, self._every = noise, int(every)
+        self._given = saturation, checked_count_step(count_step), min_modulation
+        self._frames: deque[NDArray[Any]] = deque()
+        self._base = 0
+        """Index of the first frame that is kept."""
+        self._next = 0
+        """First frame of the next moment."""
+        self._track = MotionTrack(plan)
+        self._tracked: dict[Axis, tuple[int, FloatMap]] = {}
+        """The last coordinates, and the first frame of their moment."""
+        self._judgement: tuple[int, Judgement] | None = None
+        """The last one that agreed with the plan, and the first frame of its moment."""
+
+    @property
+    def _count(self) -> int:
+        return self._base + len(self._frames)
+
+    def add(self, frame: NDArray[Any]) -> Iterator[Moment]:
+        """Add the next frame; yield the moments that can be decoded with it.
+
+        A generator: the frame is added when it is iterated, as in ``for moment in add(frame)``.
+
+        Raises
+        ------
+        InputError for frames of another size or type, constant ones, and contradictions to the
+        plan.
+        """
+        cycle = self._plan.frames
+        frame = np.asarray(frame)
+        label = f"{self._count} ({self._labels[self._count % cycle]})"
+        like = self._frames[0] if self._frames else frame
+        check_frame(frame, label, like.shape, like.dtype)
+        refuse_constant(frame, label, frame[:1])
+        own = np.array(frame, frame.dtype.newbyteorder("="), order="C")
+        if own.dtype.kind == "f":
+            own[np.isinf(own)] = np.nan
+        self._frames.append(own)
+        if self._count % cycle == 0 and self._count >= FEWEST_CYCLES * cycle:
+            try:
+                self._add_pair()
+            except FramesContradictPlan as error:
+                # The earlier moments need no later cycle. Those of the last two cycles may
+                # contain what is wrong.
+                if self._track.pairs:
+                    yield from self._moments(self._count - FEWEST_CYCLES * cycle)
+                first = self._count - FEWEST_CYCLES * cycle
+                raise FramesContradictPlan(
+                    f"frames {first} to {self._count - 1}: {error}"
+                ) from error
+            # A moment lies between the middles of two pairs of cycles.
+            if self._track.pairs > 1:
+                yield from self._moments((self._track.pairs - 1) * cycle + cycle // 2)
+
+    def finish(self) -> Iterator[Moment]:
+        """Yield the moments that are left, when no more frames come.
+
+        Raises
+        ------
+        FramesContradictPlan for fewer than two cycles of frames.
+        """
+        cycle = self._plan.frames
+        if not self._track.pairs:
+            raise FramesContradictPlan(
+                f"sequence: expected {FEWEST_CYCLES} cycles of {cycle} frames or more, "
+                f"got {self._count} frames"
+            )
+        yield from self._moments(self._count - cycle)
+
+    def _add_pair(self) -> None:
+        cycle = self._plan.frames
+        start = self._count - FEWEST_CYCLES * cycle
+        one, other = self._cut(start), self._cut(start + cycle)
+        if self._noise is None:
+            # Motion across the image is told from noise, which is measured where the other motion
+            # is taken out.
+            along, _ = motion_between(one, other, self._plan, np.inf)
+            times = [k + 0.5 - cycle for k in range(cycle)]
+            still = taken_out(one, times, self._plan, along, self._limit)
+            self._noise = self._judged(still).noise
+        level = float(np.mean([frame.mean() for frame in one]))
+        noise = float(self._noise.variance(level)) ** 0.5
+        self._track.add(one, other, noise)
+
+    def _cut(self, start: int) -> Planes:
+        """The frames of one cycle from a frame on, in the order of the sequence."""
+        at = start - self._base
+        return [self._frames[at + k] for k in range(self._plan.frames)]
+
+    @property
+    def _limit(self) -> float:
+        return limits_of(self._frames[0].dtype, *self._given[::2]).saturation
+
+    def _moments(self, last: int) -> Iterator[Moment]:
+        """Decode the moments up to that whose first frame is ``last``; forget what is done."""
+        while self._next <= last:
+            yield self._moment(self._next)
+            self._next += self._every
+        cycle = self._plan.frames
+        # The next pair of cycles begins with the last whole one.
+        keep = min(self._next - cycle, (self._count // cycle - 1) * cycle)
+        while self._base < keep:
+            self._frames.popleft()
+            self._base += 1
+
+    def _moment(self, start: int) -> Moment:
+        cycle = self._plan.frames
+        middle = start + 0.5 * (cycle - 1)
+        order = self._nearest(middle)
+        motion = self._track.at(start)
+        planes = [self._frames[k - self._base] for k in order]
+        times = [k - middle for k in order]
+        planes = taken_out(planes, times, self._plan, motion, self._limit)
+        judged, agrees = self._latest(planes, start)
+        planes, _ = with_light(planes, self._plan)
+        maps = {
+            axis: self._map(axis, planes, times, judged, motion if agrees else None)
+            for axis in self._plan.axes
+        }
+        velocity = {
+            axis: np.where(np.isfinite(found.coordinate_px), motion.velocity_px[axis], np.nan)
+            for axis, found in maps.items()
+        }
+        decoded = Decoded(
+            x=maps.get("x"),
+            y=maps.get("y"),
+            noise=judged.noise,
+            findings=judged.findings,
+            details=judged.details,
+        )
+        return Moment(decoded, replace(motion, velocity_px=velocity), middle, start)
+
+    def _nearest(self, middle: float) -> list[int]:
+        """Frames of the plan's patterns, those of a block together, nearest to a time.
+
+        Between the frames of one block that are a cycle apart, motion could undo the steps.
+        """
+        cycle = self._plan.frames
+        order = []
+        for first, block in self._plan.placed:
+            away = middle - first - 0.5 * (block.frames - 1)
+            latest = (self._count - first - block.frames) // cycle
+            turn = min(max(int(np.ceil(away / cycle - 0.5)), 0), latest)
+            order += [turn * cycle + first + k for k in range(block.frames)]
+        return order
+
+    def _latest(self, planes: Planes, start: int) -> tuple[Judgement, bool]:
+        """The judgement of a moment, and whether its frames agree with the plan.
+
+        Where they do not, as when something crosses the scene, it is the last one. Frames that
+        contradict the plan for longer are others than those expected: one was lost.
+        """
+        try:
+            judged = self._judged(planes)
+        except FramesContradictPlan as error:
+            longest = MOST_CONTRADICTING * self._plan.frames
+            if self._judgement is None or start - self._judgement[0] > longest:
+                last = start + self._plan.frames - 1
+                raise FramesContradictPlan(f"frames {start} to {last}: {error}") from error
+            return self._judgement[1], False
+        self._judgement = start, judged
+        return judged, True
+
+    def _judged(self, planes: Planes) -> Judgement:
+        """Judge the frames of a moment by a sample."""
+        saturation, count_step, min_modulation = self._given
+        planes, plan = with_light(planes, self._plan)
+        limits = limits_of(self._frames[0].dtype, saturation, min_modulation)
+        if count_step is None:
+            count_step = step_of(self._frames[0].dtype)
+        return examine(
+            plan,
+            take_sample(planes, plan),
+            self._decodings,
+            limits,
+            noise=self._noise,
+            count_step=count_step,
+            estimate_steps=True,
+            estimate_response=False,
+        )
+
+    def _map(
+        self,
+        axis: Axis,
+        planes: Planes,
+        times: list[float],
+        judged: Judgement,
+        motion: Motion | None,
+    ) -> CoordinateMap:
+        """Decode an axis; nothing of it where the motion is not known."""
+        found = judged.axes[axis]
+        # Errors of a scene that moves differ from place to place: each place is judged by its own.
+        decoding = replace(found.decoding, order_errors=())
+        found = replace(found, decoding=decoding, uneven=True, scatters=True)
+        results = empty_maps(planes[0].shape, sets=len(decoding.sets))
+        measure_axis([planes[k] for k in decoding.frames], found, judged, results)
+        if motion is None:
+            results["coordinate"][...] = results["sigma"][...] = np.nan
+            results["reason"][results["reason"] == Reason.OK] = Reason.ORDER_AMBIGUOUS
+            return coordinate_map(decoding, results, False)
+        expected = None
+        if axis in self._tracked:
+            before, coordinate = self._tracked[axis]
+            expected = expected_later(coordinate, motion, axis, self._next - before)
+        track_orders(results, decoding, judged.noise, expected)
+        compare_neighbours(found, results, True)
+        if axis in motion.velocity_sigma_px:
+            # The coordinate is moved from the time of its sets to the moment.
+            away = np.hypot(late_frames(self._plan, axis, times), IN_SETS)
+            moved = np.float32(away) * motion.velocity_sigma_px[axis]
+            results["sigma"][...] = np.hypot(results["sigma"], moved)
+        self._tracked[axis] = self._next, results["coordinate"]
+        # Frames are moved back, so that some pixels would be seen beyond the border.
+        gone = (results["reason"] == Reason.MASKED) & np.isnan(np.sum(planes, axis=0))
+        if motion.flow_px is not None:
+            gone &= motion.flow_px.any(axis=-1)
+            results["reason"][gone] = Reason.OUTSIDE
+        return coordinate_map(decoding, results, False)

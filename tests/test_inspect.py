@@ -14,7 +14,7 @@ from fringeworks.cli.commands import run
 from fringeworks.evaluate.area_points import area_points
 from fringeworks.evaluate.inspect import decide
 from fringeworks.evaluate.quantities import MEASURED, Quantified
-from fringeworks.rig.pinhole import pose
+from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate import Optics, fringe_plan, look, photograph, standard_rig
 from fringeworks.simulate.bodies import Body, Box, Cylinder, Plane, Sphere
 from fringeworks.simulate.scene import standard_scene
@@ -120,7 +120,7 @@ def test_every_quantity_is_measured():
         ("step_height", "top", "base"),
         pytest.param(("distance", "top", "base"), marks=pytest.mark.long),
         pytest.param(("sphere_diameter", "ball"), marks=pytest.mark.long),
-        ("sphere_spacing", "ball", "other"),
+        pytest.param(("sphere_spacing", "ball", "other"), marks=pytest.mark.long),
         pytest.param(("cylinder_diameter", "tube"), marks=pytest.mark.long),
         pytest.param(("volume", "top", "base"), marks=pytest.mark.long),
     ],
@@ -361,3 +361,76 @@ def test_results_are_converted(tmp_path, capsys):
     assert len(fw.read_points(tmp_path / "b.ply").xyz_mm) == (points(0).reason == 0).sum()
     assert run(["convert", str(tmp_path / "b.ply"), str(tmp_path / "c.npz")]) == 2
     assert "expected points or heights" in capsys.readouterr().err
+
+
+def calibrated(rig, seed):
+    """A rig as a calibration with this one's covariance might have found it."""
+    off = np.random.default_rng(seed).multivariate_normal(np.zeros(24), rig.covariance)
+    camera, projector = (
+        replace(
+            device,
+            focal_px=tuple(np.add(device.focal_px, part[:2])),
+            principal_px=tuple(np.add(device.principal_px, part[2:4])),
+            distortion=tuple(np.add(device.distortion, part[4:9])),
+        )
+        for device, part in ((rig.camera, off[:9]), (rig.projector, off[9:18]))
+    )
+    moved = rig.T_projector_camera.copy()
+    moved[:3, :3] = rotation(off[18:21]) @ moved[:3, :3]
+    moved[:3, 3] += off[21:]
+    return replace(rig, camera=camera, projector=projector, T_projector_camera=moved)
+
+
+@cache
+def calibration():
+    """Covariance of a usual calibration of the rig of the scene, from boards."""
+    rig, _, _ = scene()
+    sigma = np.array(
+        [0.15, 0.15, 0.1, 0.1, 2e-4, 2e-3, 2e-5, 2e-5, 0.0] * 2 + [1e-4] * 3 + [0.05, 0.05, 0.1]
+    )
+    mixing = np.random.default_rng(1).normal(size=(24, 24))
+    correlation = mixing @ mixing.T + 6.0 * np.eye(24)
+    scale = sigma / np.sqrt(np.diag(correlation))
+    return replace(rig, covariance=scale[:, None] * correlation * scale)
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        pytest.param(("step_height", "top", "base"), marks=pytest.mark.long),
+        *(
+            pytest.param(key, marks=pytest.mark.long)
+            for key in TRUE
+            if key[0] not in ("flatness", "step_height")
+        ),
+    ],
+    ids=lambda key: key[0],
+)
+def test_calibration_errors_move_all_areas_together(key):
+    """Forty rigs measure the same frames: the scatter of a quantity is what is stated."""
+    _, plan, view = scene()
+    rig = calibration()
+    frames = list(photograph(view, plan, Optics(noise=0.5, seed=1)))
+    decoded = fw.decode(frames, plan)
+    quantity, *names = key
+    found = []
+    for seed in range(40):
+        cloud = fw.triangulate(decoded, calibrated(rig, seed), axis="x")
+        found.append(MEASURED[quantity](*(area_points(cloud, AREAS[n], rig) for n in names)))
+    scatter = np.std([one.value for one in found], ddof=1)
+    # Forty values know their standard deviation to 11 %.
+    assert 0.7 < scatter / np.median([one.sigma for one in found]) < 1.4
+
+
+def test_one_rig_errs_alike_everywhere():
+    """A baseline that is 1 % too long makes all lengths 1 % too long: nothing averages out."""
+    rig, _, _ = scene()
+    covariance = np.zeros((24, 24))
+    along = rig.T_projector_camera[:3, 3]
+    covariance[21:, 21:] = np.outer(along, along) * 1e-4
+    cloud = points(0)
+    one, other = (
+        area_points(cloud, AREAS[n], replace(rig, covariance=covariance)) for n in ("ball", "other")
+    )
+    found = MEASURED["sphere_spacing"](one, other)
+    assert found.sigma == pytest.approx(0.01 * found.value, rel=0.05)

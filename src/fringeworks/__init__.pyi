@@ -72,6 +72,10 @@ from .files.pair import (
     read_pair as read_pair,
     write_pair as write_pair,
 )
+from .files.sequence import (
+    FrameSequence as FrameSequence,
+    read_sequence as read_sequence,
+)
 from .files.stack import (
     read_poses as read_poses,
     read_stack as read_stack,
@@ -260,6 +264,19 @@ from .stack.options import (
 from .stack.decode import (
     decode as decode,
 )
+from .stack.motion import (
+    Motion as Motion,
+)
+from .stack.sequence import (
+    Moment as Moment,
+    SequenceDecoder as SequenceDecoder,
+    SequenceOptions as SequenceOptions,
+    decode_sequence as decode_sequence,
+)
+from .pipeline.sequences import (
+    MeasuredMoment as MeasuredMoment,
+    measure_sequence as measure_sequence,
+)
 from .stack.stream import (
     StreamingDecoder as StreamingDecoder,
 )
@@ -403,6 +420,12 @@ from .evaluate.best_method import (
     best_methods as best_methods,
     format_map as format_map,
 )
+from .evaluate.vibration import (
+    AreaTracker as AreaTracker,
+    Displacement as Displacement,
+    Vibration as Vibration,
+    vibration as vibration,
+)
 from .evaluate.inspect import (
     Check as Check,
     Inspection as Inspection,
@@ -416,6 +439,13 @@ from .batch.scans import (
 )
 from .batch.report import (
     write_batch_report as write_batch_report,
+)
+from .batch.sequence import (
+    SequenceResult as SequenceResult,
+    run_sequence as run_sequence,
+)
+from .batch.sequence_report import (
+    write_sequence_report as write_sequence_report,
 )
 from .batch.run import (
     BatchResult as BatchResult,

@@ -16,11 +16,10 @@ import numpy as np
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.limits import read_content
 from fringeworks.files.pair import CAPTURE_FILE
+from fringeworks.files.zarr_array import INSTALL, ZARR_FILE, holds_counts, open_zarr_array
 from fringeworks.stack.frames import Stack
 from fringeworks.types import FileProblem, InputError, MissingPackage, Recipe
 
-INSTALL = "pip install 'fringeworks[batch]'"
-"""How the packages of batches are installed."""
 FRAME_AXES = 4
 """Dimensions of an array of scans: scan or time, frame, row, column."""
 
@@ -55,7 +54,7 @@ def find_scans(source: StrPath) -> list[Scan]:
     if "://" in text:
         return _at_address(text)
     folder = Path(source)
-    if (folder / "zarr.json").is_file():
+    if (folder / ZARR_FILE).is_file():
         return _of_array(text)
     if not folder.is_dir():
         raise FileProblem(f"{folder}: expected a folder of captures or a Zarr array, got none")
@@ -98,16 +97,9 @@ def opened_array(place: str) -> Any:
     ------
     FileProblem for arrays of other dimensions or types; MissingPackage without the extra.
     """
-    try:
-        import zarr
-    except ModuleNotFoundError as error:
-        raise MissingPackage(f"{place}: expected zarr, got none: {INSTALL}") from error
-    try:
-        array: Any = zarr.open(place, mode="r")
-    except Exception as error:
-        raise FileProblem(f"{place}: could not be opened as Zarr: {error}") from error
-    shape = getattr(array, "shape", ())
-    if len(shape) != FRAME_AXES or array.dtype.kind not in "uf":
+    array = open_zarr_array(place)
+    if not holds_counts(array, FRAME_AXES):
+        shape = getattr(array, "shape", ())
         raise FileProblem(
             f"{place}: expected an array of counts (scan, frame, row, column), got shape {shape}"
         )

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.batch.scans import INSTALL
 from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.results import write_result
+from fringeworks.files.zarr_array import INSTALL, ZARR_FILE
 from fringeworks.types import FileProblem, FloatMap, HeightMap, MissingPackage, PointCloud
 
 SCANS = "scans"
@@ -25,8 +25,6 @@ BEGUN = ".begun"
 """Folder of marks of scans that were begun in this run."""
 ROW = "row.json"
 """Figures of a scan beside its archive; a Zarr group holds them as its attributes."""
-GROUP = "zarr.json"
-"""Description of a Zarr group."""
 ABOUT = "batch.json"
 """What all scans have in common, beside archives; the attributes of a Zarr group else."""
 ARCHIVE = "result.npz"
@@ -74,7 +72,7 @@ class Store:
         except OSError as error:
             raise FileProblem(f"{self.folder}: could not be written: {error.strerror}") from error
         if self.zarr:
-            group = _zarr().open_group(self.folder, mode="a", zarr_format=3)
+            group = open_group(self.folder, "a")
             group.require_group(SCANS)
             if not group.attrs:
                 group.attrs.update(about)
@@ -86,7 +84,7 @@ class Store:
     def row(self, address: str) -> Row:
         """Return the figures of a complete result."""
         place = self.folder / SCANS / address
-        described = json.loads((place / (GROUP if self.zarr else ROW)).read_text("utf-8"))
+        described = json.loads((place / (ZARR_FILE if self.zarr else ROW)).read_text("utf-8"))
         return dict(described["attributes"] if self.zarr else described)
 
     def count_begun(self, address: str) -> int:
@@ -159,6 +157,16 @@ def _zarr() -> Any:
     return zarr
 
 
+def open_group(folder: Path, mode: str) -> Any:
+    """Open a Zarr group, format 3.
+
+    Raises
+    ------
+    MissingPackage without the extra.
+    """
+    return _zarr().open_group(folder, mode=mode, zarr_format=3)
+
+
 def check_store(folder: StrPath) -> None:
     """Refuse results that cannot be written, before anything is measured."""
     if Path(folder).suffix == ".zarr":
@@ -167,7 +175,7 @@ def check_store(folder: StrPath) -> None:
 
 def _write_group(place: Path, surface: HeightMap | PointCloud, row: Row) -> None:
     """Write a surface as a Zarr group that xarray reads."""
-    group = _zarr().open_group(place, mode="w", zarr_format=3)
+    group = open_group(place, "w")
     names: tuple[str, ...] = ("xyz_mm", "sigma_mm", "noise_mm", "reason")
     units: Mapping[str, str] = UNITS
     if isinstance(surface, HeightMap):
@@ -176,23 +184,45 @@ def _write_group(place: Path, surface: HeightMap | PointCloud, row: Row) -> None
         group.attrs.update({"quantity": surface.quantity, "pitch": surface.pitch})
     group.attrs.update(row)
     for name in names:
-        _write_array(group, name, np.asarray(getattr(surface, name)), units[name])
+        values = np.asarray(getattr(surface, name))
+        attributes = {"units": units[name]} if units[name] else {}
+        create_maps(group, name, values, attributes)[...] = values
 
 
-def _write_array(group: Any, name: str, values: FloatMap, unit: str) -> None:
+def create_maps(
+    group: Any,
+    name: str,
+    like: FloatMap,
+    attributes: Mapping[str, str],
+    *,
+    along_time: bool = False,
+) -> Any:
+    """Create an array of maps in a Zarr group: one shard for each map.
+
+    Parameters
+    ----------
+    group : zarr.Group
+    name : str
+    like : (h, w, …) array
+        Its shape and type are those of a map.
+    attributes : mapping
+    along_time : bool
+        Whether maps of many moments follow each other; the array then has none yet.
+    """
     from zarr.codecs import BloscCodec
 
-    chunks = (CHUNK_PX, CHUNK_PX, *values.shape[2:])
-    rows, columns = (-(-n // CHUNK_PX) * CHUNK_PX for n in values.shape[:2])
-    array = group.create_array(
+    sides = [-(-n // CHUNK_PX) * CHUNK_PX for n in like.shape[:2]]
+    one: tuple[int, ...] = (1,) if along_time else ()
+    return group.create_array(
         name,
-        shape=values.shape,
-        dtype=values.dtype,
-        chunks=chunks,
-        shards=(rows, columns, *values.shape[2:]),
+        shape=((0,) if along_time else ()) + like.shape,
+        dtype=like.dtype,
+        chunks=(*one, CHUNK_PX, CHUNK_PX, *like.shape[2:]),
+        shards=(*one, *sides, *like.shape[2:]),
         compressors=BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"),
-        dimension_names=("y", "x", "coordinate")[: values.ndim],
-        fill_value=0 if values.dtype.kind == "u" else np.nan,
-        attributes={"units": unit} if unit else {},
+        dimension_names=(*(("time",) if along_time else ()), "y", "x", "coordinate")[
+            : like.ndim + along_time
+        ],
+        fill_value=0 if like.dtype.kind == "u" else np.nan,
+        attributes=dict(attributes),
     )
-    array[...] = values

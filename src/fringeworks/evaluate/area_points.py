@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.rig.point_errors import point_errors
 from fringeworks.surface.section import places
-from fringeworks.types import Area, FloatMap, HeightMap, InputError, PointCloud, Reason
+from fringeworks.types import Area, FloatMap, HeightMap, InputError, PointCloud, Reason, Rig
 
 PATCHES = 3
 """Patches along each side of an area. Common errors within a patch are fully correlated, and those
 of different patches independent. Fits of bodies use the same model: calibration errors change over
 a third of a body's size or more."""
+CELLS = 8
+"""Cells along each side of an area, for errors of the calibration: within an eighth of it they
+change by little."""
 MIN_POINTS = 10
 """Points that an area needs: as a fit does."""
 
@@ -34,13 +39,24 @@ class AreaPoints:
     """Standard deviation that neighbours have in common, (n,), mm."""
     patch: NDArray[np.int64]
     """Number of each point's patch, (n,)."""
-    size_mm2: FloatMap
-    """Size of each pixel's piece of surface, as a vector along its normal, (n, 3), mm²; NaN beside
-    pixels without a value."""
+    pieces: Callable[[], FloatMap]
+    """Computes ``size_mm2``, which few quantities need."""
     wanted: int
     """Number of pixels of the area."""
     up: FloatMap
     """Direction towards the camera, (3,)."""
+    cell: NDArray[np.int64]
+    """Number of each point's cell, (n,): calibration errors are alike within one."""
+    by_rig: FloatMap | None
+    """Errors of each cell's points that the rig's covariance stands for, (cells, 3, k), mm: k
+    independent parts, which all areas have in common. None where no covariance is known: the
+    common errors of patches then count."""
+
+    @property
+    def size_mm2(self) -> FloatMap:
+        """Size of each pixel's piece of surface, as a vector along its normal, (n, 3), mm²; NaN
+        beside pixels without a value."""
+        return self.pieces()
 
     @property
     def share(self) -> float:
@@ -73,24 +89,33 @@ def sigma_of(terms: Sequence[Term]) -> float:
 
     Notes
     -----
-    Noise adds up as independent numbers. The common errors of a patch add up as one number.
+    Noise adds up as independent numbers. Errors of the calibration move all points of all areas
+    together, as the rig's covariance tells; where none is known, those of a patch add up as one
+    number, and patches are independent.
     """
     variance = 0.0
+    by_rig: FloatMap | float = 0.0
     for area, weights, direction in terms:
         change = weights * np.sum(area.by_value * direction, axis=1)
         variance += float(np.sum((change * area.noise) ** 2))
-        patches = np.bincount(area.patch, change * area.common)
-        variance += float(np.sum(patches**2))
-    return float(np.sqrt(variance))
+        if area.by_rig is None:
+            variance += float(np.sum(np.bincount(area.patch, change * area.common) ** 2))
+            continue
+        moved = np.broadcast_to(weights[:, None] * direction, (len(weights), 3))
+        cells = [np.bincount(area.cell, moved[:, k], len(area.by_rig)) for k in range(3)]
+        by_rig = by_rig + np.einsum("kc,ckj->j", np.stack(cells), area.by_rig)
+    return float(np.sqrt(variance + np.sum(np.square(by_rig))))
 
 
-def area_points(surface: HeightMap | PointCloud, area: Area) -> AreaPoints:
+def area_points(surface: HeightMap | PointCloud, area: Area, rig: Rig | None = None) -> AreaPoints:
     """Return the measured points of an area.
 
     Parameters
     ----------
     surface : HeightMap in mm with a pitch, or PointCloud
     area : Area
+    rig : Rig, optional
+        Rig that measured the cloud; ignored for height maps.
 
     Raises
     ------
@@ -113,32 +138,44 @@ def area_points(surface: HeightMap | PointCloud, area: Area) -> AreaPoints:
     if isinstance(surface, PointCloud):
         noise = surface.noise_mm[rows, columns].astype(np.float64)
     common = np.sqrt(np.maximum(sigma**2 - noise**2, 0.0))
-    patch = PATCHES * _third(rows) + _third(columns)
+    patch = PATCHES * _part(rows, PATCHES) + _part(columns, PATCHES)
+    cell, by_rig = patch, None
+    if rig is not None and isinstance(surface, PointCloud):
+        cell = np.unique(CELLS * _part(rows, CELLS) + _part(columns, CELLS), return_inverse=True)[1]
+        count = np.bincount(cell)
+        middles = [np.bincount(cell, spatial.points[:, k]) / count for k in range(3)]
+        by_rig = point_errors(rig, np.stack(middles, axis=-1), surface)
     return AreaPoints(
         spatial.points,
         spatial.by_value,
         noise,
         common,
         patch,
-        _pieces(surface)[rows, columns],
+        partial(_pieces, surface, rows, columns),
         int(wanted.sum()),
         spatial.up,
+        cell,
+        by_rig,
     )
 
 
-def _third(place: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Which third of the range each number lies in: 0, 1 or 2."""
+def _part(place: NDArray[np.int64], parts: int) -> NDArray[np.int64]:
+    """Which of so many parts of the range each number lies in, from 0 on."""
     low, high = int(place.min()), int(place.max())
-    return (place - low) * PATCHES // (high - low + 1)
+    return (place - low) * parts // (high - low + 1)
 
 
-def _pieces(surface: HeightMap | PointCloud) -> FloatMap:
-    """Piece of surface that each pixel stands for, (h, w, 3), mm² along its normal."""
-    rows, columns = np.mgrid[: surface.shape[0], : surface.shape[1]]
-    points = places(surface, rows.ravel(), columns.ravel()).points.reshape(*surface.shape, 3)
-    points = np.where((surface.reason == Reason.OK)[..., None], points, np.nan)
+def _pieces(
+    surface: HeightMap | PointCloud, rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> FloatMap:
+    """Piece of surface that each pixel stands for, (n, 3), mm² along its normal."""
+    top, left = max(int(rows.min()) - 1, 0), max(int(columns.min()) - 1, 0)
+    part = surface.reason[top : int(rows.max()) + 2, left : int(columns.max()) + 2]
+    y, x = np.indices(part.shape)
+    points = places(surface, y.ravel() + top, x.ravel() + left).points.reshape(*part.shape, 3)
+    points = np.where((part == Reason.OK)[..., None], points, np.nan)
     along_x, along_y = (_slope(points, axis) for axis in (1, 0))
-    return np.cross(along_x, along_y)
+    return np.asarray(np.cross(along_x, along_y)[rows - top, columns - left])
 
 
 def _slope(points: FloatMap, axis: int) -> FloatMap:

@@ -122,12 +122,13 @@ def inspect(
 
 def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, ...]:
     """Judge the tolerances of a recipe on a surface; see ``inspect``."""
+    rig = None if recipe.rig is None else _triangulator(rig_of(recipe)).rig
     known: dict[str, AreaPoints | InputError] = {}
 
     def points(name: str) -> AreaPoints:
         if name not in known:
             try:
-                known[name] = area_points(surface, recipe.areas[name])
+                known[name] = area_points(surface, recipe.areas[name], rig)
             except InputError as problem:
                 known[name] = problem
         found = known[name]

@@ -43,14 +43,22 @@ def flatness(part: AreaPoints) -> Quantified:
     Errors of points widen the range F. Their part is F − √(F² − R²), with the range R that they
     alone would have.
     """
-    form = _fitted(part, "plane")
-    value = form.spread_mm(1.0 - DISCARDED)
-    normal = np.asarray(form.parameters["normal"])
-    sigma = np.abs(part.by_value @ normal) * part.sigma
+    plane = _Plane(part)
+    away = plane.heights(part.points)
+    order = np.argsort(away)
+    kept = max(int(np.ceil((1.0 - DISCARDED) * order.size)), 1)
+    ranges = away[order[kept - 1 :]] - away[order[: order.size - kept + 1]]
+    first = int(np.argmin(ranges))
+    value = float(ranges[first])
+    sigma = np.abs(part.by_value @ plane.normal) * part.sigma
     inner = float(np.sqrt(max(value**2 - noise_range(sigma) ** 2, 0.0)))
-    # Both ends of the range have an error.
-    ends = float(np.sqrt(2.0) * np.median(sigma))
-    return Quantified(value, ends, "mm", noise=value - inner)
+    # The range is the difference of its two ends; the plane between them follows all points.
+    ends = np.zeros(order.size)
+    ends[order[first + kept - 1]], ends[order[first]] = 1.0, -1.0
+    follows = (ends @ plane.at(part.points)) @ plane.inverse
+    return Quantified(
+        value, sigma_of([Term(part, ends - follows, plane.normal)]), "mm", noise=value - inner
+    )
 
 
 def noise_range(sigma: FloatMap) -> float:
@@ -115,8 +123,15 @@ def cylinder_diameter(part: AreaPoints) -> Quantified:
     form = _fitted(part, "cylinder")
     radius = form.parameters["radius_mm"]
     assert isinstance(radius, float)
-    assert form.sigma_mm is not None
-    return Quantified(2.0 * radius, 2.0 * form.sigma_mm, "mm")
+    axis = np.asarray(form.parameters["axis"])
+    out = part.points - np.asarray(form.parameters["point_mm"])
+    along = out @ axis
+    out = out - along[:, None] * axis
+    normals = out / np.linalg.norm(out, axis=1, keepdims=True)
+    across = normals @ np.linalg.svd(axis[None, :])[2][1:].T
+    slopes = np.column_stack((across, across * along[:, None], np.ones(len(along))))
+    weights = np.linalg.pinv(slopes * form.used[:, None])[-1]
+    return Quantified(2.0 * radius, 2.0 * sigma_of([Term(part, weights, normals)]), "mm")
 
 
 def volume(part: AreaPoints, base: AreaPoints) -> Quantified:
@@ -169,7 +184,8 @@ MEASURED: Mapping[str, Callable[..., Quantified]] = MappingProxyType(
 
 
 def _fitted(part: AreaPoints, body: BodyKind) -> Form:
-    common = float(np.sqrt(np.mean(part.common**2)))
+    # Where the calibration's errors are known, they are added to what follows from the fit.
+    common = 0.0 if part.by_rig is not None else float(np.sqrt(np.mean(part.common**2)))
     return fit_region(part.points, body, common_mm=common)
 
 

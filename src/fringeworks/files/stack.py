@@ -202,7 +202,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
         step = step_of(frames[0].dtype) if frames else None
     else:
         listed = content.frames is not None
-        given = [inside(folder, n) for n in content.frames or ()] if listed else _images(folder)
+        given = [inside(folder, n) for n in content.frames or ()] if listed else images_of(folder)
         paths, notes = in_plan_order(given, layout, folder, listed=listed)
         read = read_frames(paths, stack=True)
         frames, step, lossy = read.frames, read.count_step, read.lossy
@@ -243,7 +243,7 @@ def _described(folder: Path) -> StackFile:
     return read_toml(description, StackFile)
 
 
-def _images(folder: Path) -> list[Path]:
+def images_of(folder: Path) -> list[Path]:
     """Images of a folder by name, numbers by their value."""
     suffixes = IMAGE_SUFFIXES + TIFF_SUFFIXES
     found = [
@@ -261,6 +261,19 @@ def _images(folder: Path) -> list[Path]:
 
 def _read_file(path: Path) -> tuple[Sequence[NDArray[Any]], bool]:
     """The frames of a file, and whether they are lossily compressed."""
+    stack, lossy = open_stack_file(path)
+    if stack.ndim != 3 or stack.size == 0:
+        raise FileProblem(f"{path}: expected frames of shape (n, h, w), got {stack.shape}")
+    return list(sealed(stack)), lossy
+
+
+def open_stack_file(path: Path) -> tuple[NDArray[Any], bool]:
+    """The array of a file, which stays on disk where it can, and whether it is lossily compressed.
+
+    Raises
+    ------
+    FileProblem for a file that cannot be read, and another suffix.
+    """
     suffix, lossy = path.suffix.lower(), False
     if suffix in TIFF_SUFFIXES:
         stack, lossy = read_tiff(path, on_disk=True)
@@ -273,6 +286,4 @@ def _read_file(path: Path) -> tuple[Sequence[NDArray[Any]], bool]:
         raise FileProblem(
             f"{path}: expected one of {', '.join(STACK_SUFFIXES)}, got {suffix or path.name}"
         )
-    if stack.ndim != 3 or stack.size == 0:
-        raise FileProblem(f"{path}: expected frames of shape (n, h, w), got {stack.shape}")
-    return list(sealed(stack)), lossy
+    return stack, lossy

@@ -1,0 +1,90 @@
+"""The report of a sequence: how each area moved, its drift and its vibrations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from fringeworks.batch.sequence import SequenceResult
+from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.report.motion_chart import motion_chart
+from fringeworks.report.page.blocks import Block, Chapter, Picture, Text
+from fringeworks.report.page.html import page_html
+from fringeworks.report.page.parts import dict_table
+from fringeworks.report.page.pdf import write_pdf
+from fringeworks.report.page.report import check_report_target
+from fringeworks.types import made_by
+
+MOST_LISTED = 20
+"""Vibrations of an area that are listed, the largest first."""
+
+
+def write_sequence_report(path: StrPath, result: SequenceResult, *, title: str = "") -> Path:
+    """Write the report of a sequence.
+
+    Parameters
+    ----------
+    path : path
+        ``.html`` or ``.pdf``.
+    result : SequenceResult
+    title : str
+        By default the name of the results.
+
+    Returns
+    -------
+    The path.
+
+    Raises
+    ------
+    FileProblem for another suffix, or a folder that cannot be written to.
+    """
+    check_report_target(path)
+    place = Path(path)
+    origin = made_by("write_sequence_report", options={"results": str(result.folder)})
+    title = title or result.folder.stem
+    chapters = [_area(name, result) for name in result.displacements]
+    if not chapters:
+        text = f"{result.moments} moments were measured; the recipe has no areas to follow."
+        chapters = [Chapter("Sequence", (Text(text),))]
+    if place.suffix == ".pdf":
+        return write_pdf(place, title, chapters, origin)
+    return write_text(place, page_html(title, chapters, origin))
+
+
+def motion_rows(result: SequenceResult) -> list[dict[str, Any]]:
+    """Return a row for each area: its range, drift and largest vibration, as text."""
+    per = "s" if result.rate_hz else "frame"
+    rows = []
+    for name, moved in result.displacements.items():
+        known = moved.distance_mm[moved.distance_mm == moved.distance_mm]
+        row = {"area": name, "moments": known.size, "range": "", "drift": "", "vibration": ""}
+        if known.size:
+            row["range"] = f"{known.max() - known.min():.4g} mm"
+        found = result.vibrations.get(name)
+        if found is not None:
+            row["drift"] = f"{found.drift_mm_per_s:.3g} ± {found.drift_sigma:.2g} mm/{per}"
+            row["vibration"] = "none above the floor"
+            if found.peaks:
+                frequency, amplitude = found.peaks[0]
+                unit = "Hz" if result.rate_hz else "/frame"
+                row["vibration"] = f"{frequency:.4g} {unit}, {1000 * amplitude:.3g} µm"
+        rows.append(row)
+    return rows
+
+
+def _area(name: str, result: SequenceResult) -> Chapter:
+    moved, found = result.displacements[name], result.vibrations.get(name)
+    figure = motion_chart(name, moved, found, rate_known=result.rate_hz is not None)
+    text = (
+        "Displacement of the area along its normal since the first moment. Amplitudes are those of "
+        "sines; vibrations whose period is less than four cycles of the plan appear too small."
+    )
+    blocks: list[Block] = [Picture(figure, text)]
+    if found is not None and found.peaks:
+        unit = "Hz" if result.rate_hz else "1/frame"
+        rows = [
+            {f"frequency, {unit}": f"{f:.4g}", "amplitude, µm": f"{1000 * a:.3g}"}
+            for f, a in found.peaks[:MOST_LISTED]
+        ]
+        blocks.append(dict_table(rows, "Vibrations above the floor"))
+    return Chapter(name, tuple(blocks))

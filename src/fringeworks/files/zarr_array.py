@@ -1,0 +1,34 @@
+"""Zarr arrays, opened for reading: an optional package."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fringeworks.types import FileProblem, MissingPackage
+
+INSTALL = "pip install 'fringeworks[batch]'"
+"""How Zarr and the other packages of batches are installed."""
+ZARR_FILE = "zarr.json"
+"""Description of an array or a group, format 3."""
+
+
+def open_zarr_array(place: str) -> Any:
+    """Open an array on disk or at an address that fsspec opens; its frames are read when asked for.
+
+    Raises
+    ------
+    FileProblem where that is not possible; MissingPackage without the extra ``batch``.
+    """
+    try:
+        import zarr
+    except ModuleNotFoundError as error:
+        raise MissingPackage(f"{place}: expected zarr, got none: {INSTALL}") from error
+    try:
+        return zarr.open(place, mode="r")
+    except Exception as error:
+        raise FileProblem(f"{place}: could not be opened as Zarr: {error}") from error
+
+
+def holds_counts(array: Any, axes: int) -> bool:
+    """Whether an array has so many axes, and whole or real numbers."""
+    return len(getattr(array, "shape", ())) == axes and array.dtype.kind in "uf"

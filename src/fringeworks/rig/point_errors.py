@@ -1,0 +1,70 @@
+"""What an error of a rig's parameters does to the points that it measures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fringeworks.rig.pinhole import project, rays
+from fringeworks.rig.ray_depth import main_axis, projector_by_parameters
+from fringeworks.types import FloatMap, PointCloud, Rig
+
+NEGLIGIBLE = 1e-12
+"""Share of the largest variance of a covariance below which a direction of it is left out."""
+
+
+def points_by_parameters(rig: Rig, points_mm: FloatMap, *, both: bool = False) -> FloatMap:
+    """Derivative of measured points by the rig's 24 parameters.
+
+    Parameters
+    ----------
+    rig : Rig
+    points_mm : (n, 3) array
+        In camera coordinates, in front of both devices.
+    both : bool
+        Whether the points come from both axes of the projector; by default from its main one.
+
+    Returns
+    -------
+    (n, 3, 24) array, mm per unit of ``RIG_PARAMETERS``
+
+    Notes
+    -----
+    The pixels of camera and projector stay what they were: with the ray r, w = 1/z and P = r/w,
+    ∂P/∂θ = ∂r/∂θ / w − r ∂w/∂θ / w², and ∂w/∂θ = −∂π/∂θ / ∂π/∂w along the projector's axis
+    (theory §8).
+    """
+    pixels = project(rig.camera, points_mm)
+    ray = rays(rig.camera, pixels)
+    w = 1.0 / points_mm[:, 2]
+    _, by, by_w, turned = projector_by_parameters(rig, pixels, w)
+    axis = main_axis(rig)
+    weight = np.ones(2) if both else np.array([axis == "x", axis == "y"], float)
+    w_by = -np.einsum("ni,nij->nj", by_w * weight, by)
+    w_by /= np.sum(by_w**2 * weight, axis=1)[:, None]
+    found = -ray[:, :, None] * (w_by / w[:, None] ** 2)[:, None, :]
+    found[:, :2, : turned.shape[2]] += turned / w[:, None, None]
+    return np.asarray(found)
+
+
+def point_errors(rig: Rig, points_mm: FloatMap, cloud: PointCloud) -> FloatMap | None:
+    """Errors of points that a rig's covariance stands for, as independent parts.
+
+    Parameters
+    ----------
+    rig : Rig
+    points_mm : (n, 3) array
+    cloud : PointCloud
+        Cloud that contains the points.
+
+    Returns
+    -------
+    (n, 3, k) array, mm: E with the covariance E Eᵀ of all points together; None for a rig without
+    a covariance.
+    """
+    if rig.covariance is None:
+        return None
+    variances, directions = np.linalg.eigh(rig.covariance)
+    kept = variances > NEGLIGIBLE * variances.max(initial=0.0)
+    root = directions[:, kept] * np.sqrt(variances[kept])
+    by = points_by_parameters(rig, points_mm, both=cloud.residual_px is not None)
+    return np.asarray(by @ root)

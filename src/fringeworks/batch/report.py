@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 
 from fringeworks.batch.run import BatchResult
-from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.files.atomic import StrPath
 from fringeworks.report.control_chart import control_chart
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Text
-from fringeworks.report.page.html import page_html
 from fringeworks.report.page.parts import dict_table
-from fringeworks.report.page.pdf import write_pdf
-from fringeworks.report.page.report import check_report_target
+from fringeworks.report.page.report import write_page
 from fringeworks.types import FloatMap, PartTolerance, made_by
 
 MOST_LISTED = 200
@@ -40,8 +38,6 @@ def write_batch_report(path: StrPath, result: BatchResult, *, title: str = "") -
     ------
     FileProblem for another suffix, or a folder that cannot be written to.
     """
-    check_report_target(path)
-    place = Path(path)
     origin = made_by("write_batch_report", options={"results": str(result.folder)})
     title = title or result.folder.stem
     chapters = [
@@ -49,9 +45,7 @@ def write_batch_report(path: StrPath, result: BatchResult, *, title: str = "") -
         *(_chart(result, one) for one in result.tolerances),
         *_look(result),
     ]
-    if place.suffix == ".pdf":
-        return write_pdf(place, title, chapters, origin)
-    return write_text(place, page_html(title, chapters, origin))
+    return write_page(path, title, chapters, origin)
 
 
 def _counts(result: BatchResult) -> Chapter:

@@ -90,9 +90,7 @@ def run_sequence(
     rig, place = _checked(known, Path(out), rate_hz)
     check_every(every)
     frames: Any = read_sequence(source) if isinstance(source, (str, Path)) else source
-    whole = None
-    if isinstance(frames, FrameSequence):
-        whole = max(0, -(-(len(frames) - known.plan.frames + 1) // every))
+    whole = moments_of(frames, known, every) if isinstance(frames, FrameSequence) else None
     moments = measure_sequence(frames, rig, known.plan, every=every, **known.options)
     # Frames that cannot be used are refused before there are results.
     started = list(islice(moments, 1))
@@ -119,6 +117,12 @@ def run_sequence(
         with suppress(InputError):
             vibrations[name] = vibration(moved)
     return SequenceResult(place, table, count, displacements, vibrations, rate_hz)
+
+
+def moments_of(frames: FrameSequence, recipe: Recipe, every: int) -> int:
+    """Return how many moments a sequence has."""
+    cycle = 1 if recipe.plan is None else recipe.plan.frames
+    return max(0, -(-(len(frames) - cycle + 1) // every))
 
 
 def _checked(recipe: Recipe, place: Path, rate_hz: float | None) -> tuple[Rig, Path]:

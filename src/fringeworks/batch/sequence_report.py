@@ -6,13 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from fringeworks.batch.sequence import SequenceResult
-from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.files.atomic import StrPath
 from fringeworks.report.motion_chart import motion_chart
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Text
-from fringeworks.report.page.html import page_html
 from fringeworks.report.page.parts import dict_table
-from fringeworks.report.page.pdf import write_pdf
-from fringeworks.report.page.report import check_report_target
+from fringeworks.report.page.report import write_page
 from fringeworks.types import made_by
 
 MOST_LISTED = 20
@@ -38,17 +36,13 @@ def write_sequence_report(path: StrPath, result: SequenceResult, *, title: str =
     ------
     FileProblem for another suffix, or a folder that cannot be written to.
     """
-    check_report_target(path)
-    place = Path(path)
     origin = made_by("write_sequence_report", options={"results": str(result.folder)})
     title = title or result.folder.stem
     chapters = [_area(name, result) for name in result.displacements]
     if not chapters:
         text = f"{result.moments} moments were measured; the recipe has no areas to follow."
         chapters = [Chapter("Sequence", (Text(text),))]
-    if place.suffix == ".pdf":
-        return write_pdf(place, title, chapters, origin)
-    return write_text(place, page_html(title, chapters, origin))
+    return write_page(path, title, chapters, origin)
 
 
 def motion_rows(result: SequenceResult) -> list[dict[str, Any]]:

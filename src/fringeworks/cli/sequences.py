@@ -37,18 +37,17 @@ def sequence(
 ) -> None:
     """Measure a scene that moves, frame by frame, and how its areas drift and vibrate."""
     words = output.Output()
+    from fringeworks.batch.sequence import moments_of
     from fringeworks.batch.sequence_report import motion_rows
     from fringeworks.files.sequence import read_sequence
     from fringeworks.report.page.report import check_report_target
 
     output.check(report, check_report_target)
-    count = len(read_sequence(source))
-    plan = fw.read_recipe(recipe).plan
-    cycle = 1 if plan is None else plan.frames
-    with output.progress(max(1, -(-(count - cycle + 1) // every))) as show:
+    frames, known = read_sequence(source), fw.read_recipe(recipe)
+    with output.progress(max(1, moments_of(frames, known, every))) as show:
         found = fw.run_sequence(
-            source,
-            recipe,
+            frames,
+            known,
             out,
             rate_hz=fps,
             every=every,

@@ -122,7 +122,8 @@ def inspect(
 
 def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, ...]:
     """Judge the tolerances of a recipe on a surface; see ``inspect``."""
-    rig = None if recipe.rig is None else _triangulator(rig_of(recipe)).rig
+    # The errors of a rig show in points alone.
+    rig = rig_of(recipe) if recipe.rig and isinstance(surface, PointCloud) else None
     known: dict[str, AreaPoints | InputError] = {}
 
     def points(name: str) -> AreaPoints:

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, signal
 
+from fringeworks.evaluate.area_points import MIN_POINTS
 from fringeworks.types import Area, BoolMap, FloatMap, Frozen, InputError, PointCloud, Reason
 
-MIN_POINTS = 10
-"""Points that an area needs at a moment, as a fit does."""
 FLOOR_BINS = 51
 """Neighbouring frequencies whose median amplitude is the floor: a peak spreads over four."""
 LOWEST_BIN = 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks.rig.pinhole import project, rays
-from fringeworks.rig.ray_depth import main_axis, projector_by_parameters
+from fringeworks.rig.ray_depth import main_axis, w_by_parameters
 from fringeworks.types import FloatMap, PointCloud, Rig
 
 NEGLIGIBLE = 1e-12
@@ -30,17 +30,12 @@ def points_by_parameters(rig: Rig, points_mm: FloatMap, *, both: bool = False) -
     Notes
     -----
     The pixels of camera and projector stay what they were: with the ray r, w = 1/z and P = r/w,
-    ∂P/∂θ = ∂r/∂θ / w − r ∂w/∂θ / w², and ∂w/∂θ = −∂π/∂θ / ∂π/∂w along the projector's axis
-    (theory §8).
+    ∂P/∂θ = ∂r/∂θ / w − r ∂w/∂θ / w² (theory §8).
     """
     pixels = project(rig.camera, points_mm)
     ray = rays(rig.camera, pixels)
     w = 1.0 / points_mm[:, 2]
-    _, by, by_w, turned = projector_by_parameters(rig, pixels, w)
-    axis = main_axis(rig)
-    weight = np.ones(2) if both else np.array([axis == "x", axis == "y"], float)
-    w_by = -np.einsum("ni,nij->nj", by_w * weight, by)
-    w_by /= np.sum(by_w**2 * weight, axis=1)[:, None]
+    w_by, turned = w_by_parameters(rig, pixels, w, None if both else main_axis(rig))
     found = -ray[:, :, None] * (w_by / w[:, None] ** 2)[:, None, :]
     found[:, :2, : turned.shape[2]] += turned / w[:, None, None]
     return np.asarray(found)

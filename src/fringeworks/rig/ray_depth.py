@@ -120,21 +120,40 @@ def inverse_depth_by_parameters(
     (n, 24) array, of |r| over the point's distance, which is w where the ray stays; NaN for points
     that are not in front of the projector.
 
-    Notes
-    -----
-    The projector's pixel of the point, π(R r + w t), stays what was decoded:
-    ∂w/∂θ = −∂π/∂θ / ∂π/∂w, along one axis or by least squares over both.
     """
     ray = rays(rig.camera, pixels)
     with np.errstate(all="ignore"):
-        _, by, by_w, turned = projector_by_parameters(rig, pixels, w)
-        weight = np.ones(2) if axis is None else np.array([axis == "x", axis == "y"], float)
-        top = np.einsum("ni,nij->nj", by_w * weight, by)
-        found = -top / np.sum(by_w**2 * weight, axis=1)[:, None]
+        found, turned = w_by_parameters(rig, pixels, w, axis)
         # A ray that turns also changes its length where z = 1, and with it the distance.
         longer = np.einsum("ni,nij->nj", ray[:, :2], turned) / np.sum(ray**2, axis=1)[:, None]
         found[:, : longer.shape[1]] -= w[:, None] * longer
         return np.asarray(found)
+
+
+def w_by_parameters(
+    rig: Rig, pixels: FloatMap, w: FloatMap, axis: Axis | None
+) -> tuple[FloatMap, FloatMap]:
+    """Derivative of w = 1/z by the rig's 24 parameters at fixed coordinates, and that of the ray.
+
+    Parameters
+    ----------
+    pixels, w, axis
+        As for ``inverse_depth_by_parameters``.
+
+    Returns
+    -------
+    (n, 24) array; and the derivative (n, 2, 9) of the camera's ray, where z = 1, by the camera's
+    parameters.
+
+    Notes
+    -----
+    The projector's pixel of the point, π(R r + w t), stays what was decoded:
+    ∂w/∂θ = −∂π/∂θ / ∂π/∂w, along one axis or by least squares over both (theory §8).
+    """
+    _, by, by_w, turned = projector_by_parameters(rig, pixels, w)
+    weight = np.ones(2) if axis is None else np.array([axis == "x", axis == "y"], float)
+    top = np.einsum("ni,nij->nj", by_w * weight, by)
+    return np.asarray(-top / np.sum(by_w**2 * weight, axis=1)[:, None]), turned
 
 
 def projector_by_parameters(

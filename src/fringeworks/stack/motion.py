@@ -53,7 +53,6 @@ class Motion(Frozen):
     velocity_sigma_px: dict[Axis, FloatMap] = field(default_factory=dict)
     """Standard deviation of the velocity where it changes from cycle to cycle, (h, w), projector px
     per frame; empty where unknown, 0 where two cycles alone are known."""
-
     brightening: FloatMap | None = None
     """Relative change of the brightness, (h, w), per frame; None where it stays."""
 

@@ -41,21 +41,35 @@ class MotionTrack:
         self._late = {axis: late_frames(plan, axis) / plan.frames for axis in plan.axes}
         self._motions: deque[Motion] = deque(maxlen=KEPT)
         self._at_pixels: deque[dict[Axis, FloatMap]] = deque(maxlen=KEPT)
+        self._sizes: deque[dict[Axis, FloatMap]] = deque(maxlen=KEPT)
+        """Of the velocity of each pair, without its sign, smooth over the image."""
+        self._changes: deque[dict[Axis, FloatMap]] = deque(maxlen=KEPT - 1)
+        """Of the velocity from each pair to the next, smooth."""
+        self._bend: dict[Axis, FloatMap] = {}
+        """Difference of the changes over three pairs, smooth; empty for fewer."""
         self.pairs = 0
         """Number of pairs of cycles that were added."""
 
     def add(self, one: Planes, other: Planes, noise: float) -> None:
         """Find the motion between the last cycle and the next one; see ``motion_between``."""
         speeding = {}
-        if len(self._at_pixels) > 1:
-            speeding = {
-                axis: self._change(axis, (-2, -1)) / np.float32(self._plan.frames)
-                for axis in self._plan.axes
-            }
+        if self._changes:
+            frames = np.float32(self._plan.frames)
+            speeding = {axis: change / frames for axis, change in self._changes[-1].items()}
         motion, at_pixels = motion_between(one, other, self._plan, noise, speeding)
         self._motions.append(motion)
         self._at_pixels.append(at_pixels)
+        self._sizes.append({axis: np.abs(_smooth(v)) for axis, v in at_pixels.items()})
         self.pairs += 1
+        kept = self._at_pixels
+        axes = self._plan.axes
+        if len(kept) > 1:
+            self._changes.append({axis: _smooth(kept[-1][axis] - kept[-2][axis]) for axis in axes})
+        if len(kept) == KEPT:
+            self._bend = {
+                axis: _smooth((kept[2][axis] - kept[1][axis]) - (kept[1][axis] - kept[0][axis]))
+                for axis in axes
+            }
 
     def at(self, start: float) -> Motion:
         """Return the motion at the middle of as many frames as the plan's from ``start`` on.
@@ -79,7 +93,7 @@ class MotionTrack:
         acceleration: dict[Axis, FloatMap] = {}
         sigma: dict[Axis, FloatMap] = {}
         for axis in self._plan.axes:
-            step, slope, doubt = self._changes(axis, nearest, place - self._late[axis])
+            step, slope, doubt = self._changed(axis, nearest, place - self._late[axis])
             velocity[axis] = self._motions[nearest].velocity_px[axis] + step
             acceleration[axis] = slope / np.float32(self._plan.frames)
             sigma[axis] = doubt
@@ -91,7 +105,7 @@ class MotionTrack:
         )
         return _moved(motion, (place - nearest) * self._plan.frames)
 
-    def _changes(
+    def _changed(
         self, axis: Axis, nearest: int, place: float
     ) -> tuple[FloatMap, FloatMap, FloatMap]:
         """Change of the velocity from a pair to a place, slope there per cycle, and how sure."""
@@ -100,7 +114,7 @@ class MotionTrack:
             unknown = np.zeros_like(self._motions[0].velocity_px[axis])
             return unknown, unknown, unknown
         low = int(np.clip(np.floor(place), 0, count - 2))
-        line = self._change(axis, (low, low + 1))
+        line = self._changes[low][axis]
         between = np.float32((place - low) * (place - low - 1.0))
         if count == 2:
             return (
@@ -108,28 +122,15 @@ class MotionTrack:
                 line,
                 max(abs(0.5 * between), SURELY_UNKNOWN) * np.abs(line),
             )
-        bend = self._change(axis, (0, 1), (1, 2))
+        bend = self._bend[axis]
         away = np.float32(0.5 * (nearest - low) * (nearest - low - 1.0))
         # A velocity between two cycles is the mean over a cycle, not that at its middle.
         step = np.float32(place - nearest) * line + (0.5 * between - away - 1.0 / 24.0) * bend
         slope = line + np.float32(place - low - 0.5) * bend
-        largest = np.max([np.abs(_smooth(maps[axis])) for maps in self._at_pixels], axis=0)
+        largest = np.max([sizes[axis] for sizes in self._sizes], axis=0)
         unresolved = np.abs(bend) > UNRESOLVED * largest
         doubt = max(abs(0.5 * between), SURELY_UNKNOWN) * np.abs(bend)
         return step, slope, np.where(unresolved, largest, doubt).astype(np.float32)
-
-    def _change(
-        self, axis: Axis, pair: tuple[int, int], other: tuple[int, int] | None = None
-    ) -> FloatMap:
-        """The change of the velocity between two pairs of cycles, less that between two others.
-
-        Smooth over the image.
-        """
-        kept = [maps[axis] for maps in self._at_pixels]
-        change = kept[pair[1]] - kept[pair[0]]
-        if other is not None:
-            change = kept[other[1]] - kept[other[0]] - change
-        return _smooth(change)
 
 
 def _smooth(change: FloatMap) -> FloatMap:

@@ -22,7 +22,7 @@ from fringeworks.stack.decode import (
 from fringeworks.stack.examine import Judgement, examine
 from fringeworks.stack.frames import Planes, check_frame, refuse_constant, step_of
 from fringeworks.stack.gray_light import with_light
-from fringeworks.stack.kernel_settings import empty_maps
+from fringeworks.stack.kernel_settings import Limits, empty_maps
 from fringeworks.stack.motion import Motion, late_frames, taken_out
 from fringeworks.stack.motion_search import motion_between
 from fringeworks.stack.motion_track import MotionTrack
@@ -170,7 +170,8 @@ class SequenceDecoder:
         self._plan, self._labels = plan, plan.labels()
         self._decodings = decodings_of(plan, True, None)
         self._noise, self._every = noise, int(every)
-        self._given = saturation, checked_count_step(count_step), min_modulation
+        self._saturation, self._min_modulation = saturation, min_modulation
+        self._count_step = checked_count_step(count_step)
         self._frames: deque[NDArray[Any]] = deque()
         self._base = 0
         """Index of the first frame that is kept."""
@@ -210,11 +211,11 @@ class SequenceDecoder:
             try:
                 self._add_pair()
             except FramesContradictPlan as error:
+                first = self._count - FEWEST_CYCLES * cycle
                 # The earlier moments need no later cycle. Those of the last two cycles may
                 # contain what is wrong.
                 if self._track.pairs:
-                    yield from self._moments(self._count - FEWEST_CYCLES * cycle)
-                first = self._count - FEWEST_CYCLES * cycle
+                    yield from self._moments(first)
                 raise FramesContradictPlan(
                     f"frames {first} to {self._count - 1}: {error}"
                 ) from error
@@ -246,8 +247,8 @@ class SequenceDecoder:
             # is taken out.
             along, _ = motion_between(one, other, self._plan, np.inf)
             times = [k + 0.5 - cycle for k in range(cycle)]
-            still = taken_out(one, times, self._plan, along, self._limit)
-            self._noise = self._judged(still).noise
+            still = taken_out(one, times, self._plan, along, self._limits.saturation)
+            self._noise = self._judged(*with_light(still, self._plan)).noise
         level = float(np.mean([frame.mean() for frame in one]))
         noise = float(self._noise.variance(level)) ** 0.5
         self._track.add(one, other, noise)
@@ -258,8 +259,8 @@ class SequenceDecoder:
         return [self._frames[at + k] for k in range(self._plan.frames)]
 
     @property
-    def _limit(self) -> float:
-        return limits_of(self._frames[0].dtype, *self._given[::2]).saturation
+    def _limits(self) -> Limits:
+        return limits_of(self._frames[0].dtype, self._saturation, self._min_modulation)
 
     def _moments(self, last: int) -> Iterator[Moment]:
         """Decode the moments up to that whose first frame is ``last``; forget what is done."""
@@ -280,9 +281,9 @@ class SequenceDecoder:
         motion = self._track.at(start)
         planes = [self._frames[k - self._base] for k in order]
         times = [k - middle for k in order]
-        planes = taken_out(planes, times, self._plan, motion, self._limit)
-        judged, agrees = self._latest(planes, start)
-        planes, _ = with_light(planes, self._plan)
+        planes = taken_out(planes, times, self._plan, motion, self._limits.saturation)
+        planes, lit = with_light(planes, self._plan)
+        judged, agrees = self._latest(planes, lit, start)
         maps = {
             axis: self._map(axis, planes, times, judged, motion if agrees else None)
             for axis in self._plan.axes
@@ -314,14 +315,14 @@ class SequenceDecoder:
             order += [turn * cycle + first + k for k in range(block.frames)]
         return order
 
-    def _latest(self, planes: Planes, start: int) -> tuple[Judgement, bool]:
+    def _latest(self, planes: Planes, lit: PatternPlan, start: int) -> tuple[Judgement, bool]:
         """The judgement of a moment, and whether its frames agree with the plan.
 
         Where they do not, as when something crosses the scene, it is the last one. Frames that
         contradict the plan for longer are others than those expected: one was lost.
         """
         try:
-            judged = self._judged(planes)
+            judged = self._judged(planes, lit)
         except FramesContradictPlan as error:
             longest = MOST_CONTRADICTING * self._plan.frames
             if self._judgement is None or start - self._judgement[0] > longest:
@@ -331,20 +332,16 @@ class SequenceDecoder:
         self._judgement = start, judged
         return judged, True
 
-    def _judged(self, planes: Planes) -> Judgement:
+    def _judged(self, planes: Planes, lit: PatternPlan) -> Judgement:
         """Judge the frames of a moment by a sample."""
-        saturation, count_step, min_modulation = self._given
-        planes, plan = with_light(planes, self._plan)
-        limits = limits_of(self._frames[0].dtype, saturation, min_modulation)
-        if count_step is None:
-            count_step = step_of(self._frames[0].dtype)
+        step = self._count_step
         return examine(
-            plan,
-            take_sample(planes, plan),
+            lit,
+            take_sample(planes, lit),
             self._decodings,
-            limits,
+            self._limits,
             noise=self._noise,
-            count_step=count_step,
+            count_step=step_of(self._frames[0].dtype) if step is None else step,
             estimate_steps=True,
             estimate_response=False,
         )
@@ -381,8 +378,7 @@ class SequenceDecoder:
             results["sigma"][...] = np.hypot(results["sigma"], moved)
         self._tracked[axis] = self._next, results["coordinate"]
         # Frames are moved back, so that some pixels would be seen beyond the border.
-        gone = (results["reason"] == Reason.MASKED) & np.isnan(np.sum(planes, axis=0))
         if motion.flow_px is not None:
-            gone &= motion.flow_px.any(axis=-1)
-            results["reason"][gone] = Reason.OUTSIDE
+            gone = (results["reason"] == Reason.MASKED) & np.isnan(np.sum(planes, axis=0))
+            results["reason"][gone & motion.flow_px.any(axis=-1)] = Reason.OUTSIDE
         return coordinate_map(decoding, results, False)

@@ -10,6 +10,7 @@ from typing import Any
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.rig import read_rig
 from fringeworks.report.page import others, surface_chapters  # noqa: F401, register chapters
+from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.both import compared
 from fringeworks.report.page.chapter import Context, chapter_of
 from fringeworks.report.page.html import page_html
@@ -17,7 +18,7 @@ from fringeworks.report.page.load import load_result
 from fringeworks.report.page.pdf import write_pdf
 from fringeworks.report.page.surfaces import comparable
 from fringeworks.report.page.tolerances import Tolerance, parse_tolerance
-from fringeworks.types import InputError, Rig, made_by
+from fringeworks.types import InputError, Provenance, Rig, made_by
 
 SUFFIXES = (".html", ".pdf")
 """Formats of a report."""
@@ -103,6 +104,15 @@ def write_report(
     if pdf is not None:
         paths.append(write_pdf(Path(pdf), heading, chapters, origin, notes))
     return ReportWritten(tuple(paths), all(judged))
+
+
+def write_page(path: StrPath, title: str, chapters: list[Chapter], origin: Provenance) -> Path:
+    """Write chapters as a page or, for a name that ends with ``.pdf``, as a document."""
+    check_report_target(path)
+    place = Path(path)
+    if place.suffix.lower() == ".pdf":
+        return write_pdf(place, title, chapters, origin)
+    return write_text(place, page_html(title, chapters, origin))
 
 
 def check_report_target(path: StrPath) -> None:

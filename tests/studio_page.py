@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("nicegui", reason="nicegui is not installed")
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 READY_S = 60.0
 
@@ -83,8 +84,15 @@ class Visitor:
         self.page.get_by_role("button", name=name, exact=True).click()
 
     def choose(self, label, option):
+        wanted = self.page.get_by_role("option", name=option, exact=True)
         self.page.get_by_label(label, exact=True).first.click()
-        self.page.get_by_role("option", name=option, exact=True).click()
+        try:
+            wanted.click(timeout=10_000)
+        except playwright.TimeoutError:
+            # The list closes when the server changes the field meanwhile: open it again.
+            self.page.keyboard.press("Escape")
+            self.page.get_by_label(label, exact=True).first.click()
+            wanted.click()
         self.page.locator(".q-menu").wait_for(state="hidden")
 
     def sees(self, text, timeout_s=60):

@@ -251,7 +251,7 @@ export class FringeViewer {
     if (this.input.holds) return;
     this.last = null;
     this.scene.refine(this.meshes, this.view, this.look, this.stride === 1, () => {
-      this.rested = true;
+      this.rested = !this.frame; // else the view has moved since, and this picture is old
       performance.mark("fringe-viewer-all");
     });
   }

@@ -1,7 +1,8 @@
-"""The command line as a user types it, in processes of its own."""
+"""The command line as a user types it."""
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import os
@@ -18,6 +19,7 @@ import tifffile
 from PIL import Image
 
 import fringeworks as fw
+from fringeworks.cli import commands
 from fringeworks.files.response import write_response
 from fringeworks.files.surfaces import read_surface
 from fringeworks.showcase.chapter4 import PARTS
@@ -26,10 +28,30 @@ from tests.test_evaluate import KEYS
 
 
 def run(*arguments, cwd=None, code=0):
+    """Run a command in this process: a process of its own would import everything again."""
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
+    with (
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        contextlib.chdir(cwd or "."),
+    ):
+        returned = commands.run([str(a) for a in arguments])
+        said = []
+        for stream in (out, err):
+            stream.flush()
+            said.append(stream.buffer.getvalue().decode())
+    done = subprocess.CompletedProcess(arguments, returned, *said)
+    return checked(done, code)
+
+
+def run_alone(*arguments, code=0):
+    """Run a command in a process of its own."""
     command = [sys.executable, "-W", "error", "-m", "fringeworks", *map(str, arguments)]
-    done = subprocess.run(
-        command, capture_output=True, text=True, cwd=cwd, timeout=120, check=False
-    )
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    return checked(done, code)
+
+
+def checked(done, code):
     assert done.returncode == code, done.stderr
     if code == 2:
         # On a slow machine lines of progress may stand before the one of the error.
@@ -412,27 +434,27 @@ def test_methods_from_outside(capture, tmp_path):
     plugin = tmp_path / "mine.py"
     plugin.write_text(PLUGIN)
     own = ("--plugin", plugin)
-    assert "Finds no displacement" in run(*own, "methods").stdout
-    figures = run(
+    assert "Finds no displacement" in run_alone(*own, "methods").stdout
+    figures = run_alone(
         *own, "reconstruct", capture, "--method", "still", "--option", "sigma=2", "--json", "-"
     )
     content = json.loads(figures.stdout)
     assert (content["maximum"], content["failed_fraction"]) == (0.0, 0.0)
-    refused = run(*own, "reconstruct", capture, "--method", "wrong", code=2).stderr
+    refused = run_alone(*own, "reconstruct", capture, "--method", "wrong", code=2).stderr
     assert "method wrong: expected a fringeworks.Solution to be returned, got ndarray" in refused
     taken = tmp_path / "taken.py"
     taken.write_text(PLUGIN.replace('"still"', '"fourier"'))
     assert (
         "expected a name that is free, got that of"
-        in run("--plugin", taken, "methods", code=2).stderr
+        in run_alone("--plugin", taken, "methods", code=2).stderr
     )
     for text, words in (("x = 1", "with the decorator"), ("1 / 0", "ZeroDivisionError")):
         taken.write_text(text)
-        assert words in run("--plugin", taken, "methods", code=2).stderr
-    assert "no such file" in run("--plugin", "none.py", "methods", code=2).stderr
+        assert words in run_alone("--plugin", taken, "methods", code=2).stderr
+    assert "no such file" in run_alone("--plugin", "none.py", "methods", code=2).stderr
     taken.write_text(PLUGIN.replace("zero = ", "zero = 1 / "))
     broken = ("--plugin", taken, "reconstruct", capture, "--method", "still")
-    assert "method still, from outside" in run(*broken, code=2).stderr
+    assert "method still, from outside" in run_alone(*broken, code=2).stderr
 
 
 def test_the_reference_page_is_complete():

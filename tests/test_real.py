@@ -368,6 +368,7 @@ def test_board_calibrates_better_than_published(procam):
     assert {"poses", "corners"} <= {f.cause for f in diagnose(found)}
 
 
+@pytest.mark.long
 def test_rigs_from_other_poses_agree_within_their_errors(procam):
     """Every three of five poses against three others, of which they share one or two."""
     seen, target, _ = procam

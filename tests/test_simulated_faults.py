@@ -369,6 +369,7 @@ def test_a_calibration_under_real_optics_is_right_within_its_deviations():
     assert np.abs(score).max() < 5.0
 
 
+@pytest.mark.long
 def test_a_calibration_with_the_field_s_edge_on_the_board_is_right():
     """The projector lights a part of the board; the room lights all of it."""
     smaller = cropped_field(SMALL, columns=(210, 490))

@@ -19,12 +19,14 @@ __all__ = [
     "decompose_rows",
     "invert_rows",
     "invert_windowed",
+    "joint_albedo",
     "mark_isolated",
     "optimised",
     "row_envelopes",
     "row_extrema",
     "unwrap_reliability",
     "version",
+    "warp_windowed",
     "wavelet_ridge_rows",
 ]
 optimised: bool
@@ -59,13 +61,32 @@ def count_residues(phase: NDArray[np.float32], mask: NDArray[np.uint8]) -> int: 
 def average_phasor(
     phase: NDArray[np.float32], weight: NDArray[np.float32], *, sigma: float, reach: int
 ) -> NDArray[np.complex64]: ...
+def joint_albedo(
+    value: NDArray[np.float32],
+    slope: NDArray[np.float32],
+    object: NDArray[np.float32],
+    edge_weight: NDArray[np.float32],
+    cliff: NDArray[np.uint8],
+    *,
+    stiffness: float,
+    huber: float,
+    iterations: Sequence[int],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
+def warp_windowed(
+    spline: NDArray[np.float32],
+    reference_ok: NDArray[np.uint8],
+    object_ok: NDArray[np.uint8],
+    displacement: NDArray[np.float32],
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]: ...
 def invert_windowed(
     spline: NDArray[np.float32],
     object: NDArray[np.float32],
     reference_ok: NDArray[np.uint8],
     object_ok: NDArray[np.uint8],
     start: NDArray[np.float32],
+    albedo: NDArray[np.float32] | None = None,
     *,
+    cliffs: bool = True,
     scales: Sequence[float],
     iterations: int,
     period: float,
@@ -76,7 +97,13 @@ def invert_windowed(
     max_sigma: float,
     min_explained: float,
 ) -> tuple[
-    NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8], float
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.float32],
+    NDArray[np.uint8],
+    float,
 ]: ...
 def wavelet_ridge_rows(
     rows: NDArray[np.float32],

@@ -1,6 +1,7 @@
 //! Python bindings of the kernels: borrow the arrays, detach from the interpreter, call the kernel and
 //! return its result.
 
+mod albedo;
 mod decode;
 mod emd;
 mod inverse;
@@ -17,6 +18,8 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _core {
     #[pymodule_export]
+    use super::albedo::joint_albedo;
+    #[pymodule_export]
     use super::decode::{decode_frames, DecodeSettings};
     #[pymodule_export]
     use super::emd::{decompose_rows, row_envelopes};
@@ -31,7 +34,7 @@ mod _core {
     #[pymodule_export]
     use super::wavelet::wavelet_ridge_rows;
     #[pymodule_export]
-    use super::windowed::invert_windowed;
+    use super::windowed::{invert_windowed, warp_windowed};
 
     use pyo3::prelude::*;
 

@@ -2,13 +2,15 @@
 
 use crate::rows::rows_of;
 use crate::threads::detached;
-use fringeworks::windowed::{invert, Limits, Options, Pair};
+use fringeworks::windowed::{invert, warped, Limits, Options, Pair};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-/// Displacement, σ, modulation ratio, scale, and correlation of the noise.
+/// Displacement, σ, modulation ratio, offset, misfit, scale, and correlation of the noise.
 type Maps<'py> = (
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyArray2<f32>>,
@@ -17,7 +19,7 @@ type Maps<'py> = (
 );
 
 #[pyfunction]
-#[pyo3(signature = (spline, object, reference_ok, object_ok, start, *, scales, iterations, period, confidence, object_noise, reference_noise, drift, max_sigma, min_explained))]
+#[pyo3(signature = (spline, object, reference_ok, object_ok, start, albedo=None, *, cliffs=true, scales, iterations, period, confidence, object_noise, reference_noise, drift, max_sigma, min_explained))]
 #[allow(clippy::too_many_arguments)]
 pub fn invert_windowed<'py>(
     py: Python<'py>,
@@ -26,6 +28,8 @@ pub fn invert_windowed<'py>(
     reference_ok: PyReadonlyArray2<'py, u8>,
     object_ok: PyReadonlyArray2<'py, u8>,
     start: PyReadonlyArray2<'py, f32>,
+    albedo: Option<PyReadonlyArray2<'py, f32>>,
+    cliffs: bool,
     scales: Vec<f64>,
     iterations: usize,
     period: f64,
@@ -44,12 +48,14 @@ pub fn invert_windowed<'py>(
         object: rows_of(&object)?,
         reference_ok: rows_of(&reference_ok)?,
         object_ok: rows_of(&object_ok)?,
+        albedo: albedo.as_ref().map(rows_of).transpose()?,
     };
     let start = rows_of(&start)?;
     let options = Options {
         scales,
         iterations,
         period,
+        cliffs,
         confidence,
         limits: Limits {
             object_noise,
@@ -67,7 +73,45 @@ pub fn invert_windowed<'py>(
         map(field.displacement).into_pyarray(py),
         map(field.sigma).into_pyarray(py),
         map(field.modulation_ratio).into_pyarray(py),
+        map(field.offset).into_pyarray(py),
+        map(field.misfit).into_pyarray(py),
         scale.into_pyarray(py),
         field.noise_correlation,
+    ))
+}
+
+/// Value and slope of the reference at x − u, 0 without data, and 1 where there is data.
+type Warped<'py> = (
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray2<u8>>,
+);
+
+#[pyfunction]
+pub fn warp_windowed<'py>(
+    py: Python<'py>,
+    spline: PyReadonlyArray2<'py, f32>,
+    reference_ok: PyReadonlyArray2<'py, u8>,
+    object_ok: PyReadonlyArray2<'py, u8>,
+    displacement: PyReadonlyArray2<'py, f32>,
+) -> PyResult<Warped<'py>> {
+    let shape = (displacement.shape()[0], displacement.shape()[1]);
+    let pair = Pair {
+        height: shape.0,
+        width: shape.1,
+        spline: rows_of(&spline)?,
+        object: &[],
+        reference_ok: rows_of(&reference_ok)?,
+        object_ok: rows_of(&object_ok)?,
+        albedo: None,
+    };
+    let u = rows_of(&displacement)?;
+    let (value, slope, known) = detached(py, || warped(&pair, u))?;
+    let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
+    let known = Array2::from_shape_vec(shape, known).expect("kernel keeps the shape");
+    Ok((
+        map(value).into_pyarray(py),
+        map(slope).into_pyarray(py),
+        known.into_pyarray(py),
     ))
 }

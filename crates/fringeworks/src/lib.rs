@@ -3,6 +3,7 @@
 //! The crate has no Python, files or screens. Callers validate their input. Kernels document what they
 //! assume and return an [`Error`] where an assumption can be checked at no cost.
 //!
+//! * [`albedo`]: albedo of an object with sharp edges, from two frames.
 //! * [`decode`]: shifted fringes and Gray code to projector coordinates, in one pass.
 //! * [`emd`]: empirical mode decomposition of rows, and their envelopes.
 //! * [`inverse`]: inverse function analysis by rows (IFA, SIFA, GSIFA, exact).
@@ -14,6 +15,7 @@
 //! * [`wavelet`]: ridge of the continuous wavelet transform by rows.
 //! * [`windowed`]: windowed inversion, local least squares over several window sizes.
 
+pub mod albedo;
 pub mod decode;
 pub mod emd;
 pub mod inverse;

@@ -24,7 +24,7 @@ use relocate::{relocate, residuals, Model};
 use select::{select, Estimate};
 pub use solve::Limits;
 use solve::Prior;
-pub use warp::Pair;
+pub use warp::{warped, Pair};
 
 /// Options of the refinement.
 #[derive(Clone, Debug)]
@@ -35,6 +35,8 @@ pub struct Options {
     pub iterations: usize,
     /// Fringe period of the reference, px.
     pub period: f64,
+    /// Whether cliffs that windows have smeared are searched.
+    pub cliffs: bool,
     /// Half-width of the confidence intervals of Lepski's rule, in σ.
     pub confidence: f64,
     pub limits: Limits,
@@ -48,10 +50,15 @@ pub struct Field {
     pub sigma: Vec<f32>,
     /// Modulation of the object over modulation of the reference.
     pub modulation_ratio: Vec<f32>,
+    /// Level of the object above that of the reference times the modulation ratio, in modulations.
+    pub offset: Vec<f32>,
     /// Index into [`Options::scales`] of the window that was kept; 255 where none.
     pub scale: Vec<u8>,
     /// Variance of a mean of many pixels' noise over that of independent noise.
     pub noise_correlation: f64,
+    /// What windows of about half a period leave of the object frame before cliffs are restored, in
+    /// modulations; NaN without data.
+    pub misfit: Vec<f32>,
 }
 
 /// Scale of a pixel that no window determined: the largest `u8`.
@@ -123,6 +130,11 @@ fn check(pair: &Pair, start: &[f32], options: &Options) -> Result<(), Error> {
     check_length("reference_ok", pair.reference_ok.len(), n)?;
     check_length("object_ok", pair.object_ok.len(), n)?;
     check_length("start", start.len(), n)?;
+    if let Some(albedo) = pair.albedo {
+        check_length("albedo", albedo.len(), n)?;
+        let positive = albedo.iter().all(|a| *a > 0.0 && a.is_finite());
+        check_value("albedo", positive, "finite values above 0", "others")?;
+    }
     check_value(
         "scales",
         !options.scales.is_empty()
@@ -148,9 +160,10 @@ fn check(pair: &Pair, start: &[f32], options: &Options) -> Result<(), Error> {
 /// Refine the displacement `start` (px) of every pixel.
 pub fn invert(pair: &Pair, start: &[f32], options: &Options) -> Result<Field, Error> {
     check(pair, start, options)?;
-    let (estimates, noise_correlation) = refine(pair, start, options);
-    let mut field = select(&estimates, pair.width, options.confidence as f32);
-    field.noise_correlation = noise_correlation;
+    let found = refine(pair, start, options);
+    let mut field = select(&found.estimates, pair.width, options.confidence as f32);
+    field.noise_correlation = found.noise_correlation;
+    field.misfit = found.misfit;
     Ok(field)
 }
 
@@ -213,16 +226,15 @@ fn noise_correlation(pair: &Pair, model: &Model, limits: &Limits) -> f64 {
 fn restore_cliffs(
     pair: &Pair,
     u: &mut Vec<f32>,
-    grid: &Grid,
+    mut model: Model,
+    residuals: &[f32],
     sigma: f64,
     options: &Options,
 ) -> bool {
-    let mut model = model_of(pair, u, grid);
-    let residuals = residuals(pair, &model);
     let distances = CLIFF_DISTANCES.map(|k| (k * sigma).round() as usize);
     let noise = options.limits.object_noise as f32;
     let max_change = MAX_CLIFF_PERIODS as f32 * options.period as f32;
-    let changed = relocate(pair, &mut model, &residuals, &distances, max_change, noise);
+    let changed = relocate(pair, &mut model, residuals, &distances, max_change, noise);
     *u = model.displacement;
     changed
 }
@@ -236,12 +248,19 @@ fn cliff_scale(options: &Options) -> usize {
     small.unwrap_or(options.scales.len() - 1)
 }
 
-/// Estimates of all scales, and the correlation of the object's noise.
-fn refine(pair: &Pair, start: &[f32], options: &Options) -> (Vec<Estimate>, f64) {
+/// What the descent over the scales found.
+struct Refined {
+    estimates: Vec<Estimate>,
+    noise_correlation: f64,
+    misfit: Vec<f32>,
+}
+
+fn refine(pair: &Pair, start: &[f32], options: &Options) -> Refined {
     let factor = noise_amplification(options.iterations) as f32;
     let mut options = options.clone();
     let cliffs_after = cliff_scale(&options);
     let mut u = start.to_vec();
+    let mut misfit = Vec::new();
     let mut coarser: Option<Grid> = None;
     let mut estimates: Vec<Estimate> = Vec::with_capacity(options.scales.len());
     for (k, sigma) in options.scales.clone().into_iter().enumerate() {
@@ -253,9 +272,13 @@ fn refine(pair: &Pair, start: &[f32], options: &Options) -> (Vec<Estimate>, f64)
             // The first windows assumed independent noise.
             widening = options.limits.noise_correlation.sqrt() as f32;
         }
-        if k == cliffs_after && restore_cliffs(pair, &mut u, &grid, sigma, &options) {
-            grid = descend(pair, &mut u, sigma, coarser.as_ref(), &options);
-            widening = 1.0;
+        if k == cliffs_after {
+            let model = model_of(pair, &u, &grid);
+            misfit = residuals(pair, &model);
+            if options.cliffs && restore_cliffs(pair, &mut u, model, &misfit, sigma, &options) {
+                grid = descend(pair, &mut u, sigma, coarser.as_ref(), &options);
+                widening = 1.0;
+            }
         }
         let finer = estimate(&u, pair.width, &grid, factor * widening);
         if let (Some(last), Some(grid)) = (estimates.last_mut(), &coarser) {
@@ -264,7 +287,11 @@ fn refine(pair: &Pair, start: &[f32], options: &Options) -> (Vec<Estimate>, f64)
         estimates.push(finer);
         coarser = Some(grid);
     }
-    (estimates, options.limits.noise_correlation)
+    Refined {
+        estimates,
+        noise_correlation: options.limits.noise_correlation,
+        misfit,
+    }
 }
 
 /// Average the difference between two successive scales over blocks: bias remains, noise does not.
@@ -292,15 +319,18 @@ fn step(u: &mut [f32], width: usize, grid: &Grid, max_step: f32) {
 fn estimate(u: &[f32], width: usize, grid: &Grid, factor: f32) -> Estimate {
     let mut sigma = vec![f32::INFINITY; u.len()];
     let mut modulation_ratio = vec![f32::NAN; u.len()];
+    let mut offset = vec![f32::NAN; u.len()];
     sigma
         .par_chunks_mut(width)
         .zip(modulation_ratio.par_chunks_mut(width))
+        .zip(offset.par_chunks_mut(width))
         .enumerate()
-        .for_each(|(y, (sigma, ratio))| {
+        .for_each(|(y, ((sigma, ratio), offset))| {
             for x in 0..width {
                 if let Some(blend) = grid.blend(x, y) {
                     sigma[x] = blend.sigma * factor;
                     ratio[x] = blend.modulation_ratio;
+                    offset[x] = blend.offset;
                 }
             }
         });
@@ -308,6 +338,7 @@ fn estimate(u: &[f32], width: usize, grid: &Grid, factor: f32) -> Estimate {
         displacement: u.to_vec(),
         sigma,
         modulation_ratio,
+        offset,
         disagreement: None,
     }
 }

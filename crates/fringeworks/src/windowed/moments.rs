@@ -13,38 +13,41 @@ use super::warp::{warp_row, Pair, WarpedRow};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
-// Channels: products summed per block, of weight, reference s, object d and slope g. Products with g
-// are also summed times the offset (x, y) of the pixel, g² also times the squares of the offset.
-/// Weight.
+// Channels: products summed per block, of albedo β, reference s and slope g, both times β, and object d.
+// Products with g are also summed times the offset (x, y) of the pixel, g² also times the squares of the
+// offset.
+/// β².
 pub const M: usize = 0;
-/// s.
+/// β s.
 pub const S: usize = 1;
 /// s².
 pub const SS: usize = 2;
-/// d.
+/// β d.
 pub const D: usize = 3;
 /// d s.
 pub const DS: usize = 4;
 /// d².
 pub const DD: usize = 5;
-/// g, then s g and d g.
+/// β g, then s g and d g.
 pub const G: usize = 6;
 /// g².
 pub const GG: usize = 9;
+/// Weight: 1 for every pixel with data.
+pub const COUNT: usize = 10;
 /// Number of plain sums.
-pub const PLAIN: usize = 10;
-/// x times g, s g, d g and g².
-pub const GX: usize = 10;
-/// y times g, s g, d g and g².
-pub const GY: usize = 14;
+pub const PLAIN: usize = 11;
+/// x times β g, s g, d g and g².
+pub const GX: usize = 11;
+/// y times β g, s g, d g and g².
+pub const GY: usize = 15;
 /// x² g².
-pub const GGXX: usize = 18;
+pub const GGXX: usize = 19;
 /// x y g².
-pub const GGXY: usize = 19;
+pub const GGXY: usize = 20;
 /// y² g².
-pub const GGYY: usize = 20;
+pub const GGYY: usize = 21;
 /// Number of channels.
-pub const CHANNELS: usize = 21;
+pub const CHANNELS: usize = 22;
 
 /// Half-width of the gathering Gaussian, in blocks: three of its σ, where its weight is 0.01.
 pub const RADIUS: usize = 6;
@@ -146,21 +149,33 @@ pub fn block_sums(pair: &Pair, u: &[f32], window: &Window) -> Vec<f64> {
     sums
 }
 
+/// Products of one pixel, in the order of the plain channels.
+#[inline(always)]
+fn plain_products(warped: &WarpedRow, object: &[f32], x: usize) -> [f64; PLAIN] {
+    let q = warped.sample(x, object);
+    let (one, s, g, d) = (q.albedo, q.value, q.slope, q.object);
+    [
+        one * one,
+        one * s,
+        s * s,
+        one * d,
+        d * s,
+        d * d,
+        one * g,
+        s * g,
+        d * g,
+        g * g,
+        q.weight,
+    ]
+}
+
 /// Products of one row of single-pixel blocks.
 fn products(warped: &WarpedRow, object: &[f32], out: &mut [f64], columns: usize) {
     let mut channel: Vec<&mut [f64]> = out.chunks_mut(columns).collect();
     for x in 0..columns {
-        let (m, s, g, d) = warped.sample(x, object);
-        channel[M][x] = m;
-        channel[S][x] = s;
-        channel[SS][x] = s * s;
-        channel[D][x] = d;
-        channel[DS][x] = d * s;
-        channel[DD][x] = d * d;
-        channel[G][x] = g;
-        channel[G + 1][x] = s * g;
-        channel[G + 2][x] = d * g;
-        channel[GG][x] = g * g;
+        for (channel, product) in channel.iter_mut().zip(plain_products(warped, object, x)) {
+            channel[x] = product;
+        }
     }
 }
 
@@ -182,24 +197,15 @@ fn sum_row(
         let mut along = [0.0f64; 4];
         let mut gg_xx = 0.0f64;
         for x in first..last {
-            let (m, s, g, d) = warped.sample(x, object);
+            let products = plain_products(warped, object, x);
             let dx = (x - first) as f64 - half;
-            let (sg, dg, gg) = (s * g, d * g, g * g);
-            plain[M] += m;
-            plain[S] += s;
-            plain[SS] += s * s;
-            plain[D] += d;
-            plain[DS] += d * s;
-            plain[DD] += d * d;
-            plain[G] += g;
-            plain[G + 1] += sg;
-            plain[G + 2] += dg;
-            plain[GG] += gg;
-            along[0] += dx * g;
-            along[1] += dx * sg;
-            along[2] += dx * dg;
-            along[3] += dx * gg;
-            gg_xx += dx * dx * gg;
+            for (sum, product) in plain.iter_mut().zip(products) {
+                *sum += product;
+            }
+            for (c, sum) in along.iter_mut().enumerate() {
+                *sum += dx * products[G + c];
+            }
+            gg_xx += dx * dx * products[GG];
         }
         for (c, v) in plain.iter().enumerate() {
             out[c * columns + column] += v;

@@ -56,7 +56,8 @@ type Surface = (f32, f32, f32);
 /// Residual of one pixel under a displacement, offset and modulation ratio; `None` without data.
 fn residual(pair: &Pair, x: usize, y: usize, (u, offset, ratio): Surface) -> Option<f32> {
     let (value, _) = pair.reference_at(x, y, u)?;
-    Some(pair.object[y * pair.width + x] - offset - ratio * value)
+    let i = y * pair.width + x;
+    Some(pair.object[i] - pair.albedo_at(i) * (offset + ratio * value))
 }
 
 /// Mean squared residual over the patch around a pixel, under one surface.
@@ -293,6 +294,7 @@ mod tests {
             object: &object,
             reference_ok: &ok,
             object_ok: &ok,
+            albedo: None,
         };
         let mut model = smeared();
         let before = wrong_pixels(&model);

@@ -11,6 +11,7 @@ pub struct Estimate {
     /// Standard deviation, px; infinite where the window does not determine the displacement.
     pub sigma: Vec<f32>,
     pub modulation_ratio: Vec<f32>,
+    pub offset: Vec<f32>,
     /// Displacement of the next finer scale minus that of this scale, averaged over blocks, px.
     pub disagreement: Option<BlockMeans>,
 }
@@ -49,17 +50,20 @@ pub fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
         displacement: vec![f32::NAN; n],
         sigma: vec![f32::NAN; n],
         modulation_ratio: vec![f32::NAN; n],
+        offset: vec![f32::NAN; n],
         scale: vec![NO_SCALE; n],
         noise_correlation: 1.0,
+        misfit: Vec::new(),
     };
     field
         .displacement
         .par_chunks_mut(width)
         .zip(field.sigma.par_chunks_mut(width))
         .zip(field.modulation_ratio.par_chunks_mut(width))
+        .zip(field.offset.par_chunks_mut(width))
         .zip(field.scale.par_chunks_mut(width))
         .enumerate()
-        .for_each(|(y, (((displacement, sigma), ratio), scale))| {
+        .for_each(|(y, ((((displacement, sigma), ratio), offset), scale))| {
             for x in 0..width {
                 let i = y * width + x;
                 let Some(k) =
@@ -72,6 +76,7 @@ pub fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
                 displacement[x] = kept.displacement[i];
                 sigma[x] = kept.sigma[i].hypot(bias);
                 ratio[x] = kept.modulation_ratio[i];
+                offset[x] = kept.offset[i];
                 scale[x] = k as u8;
             }
         });

@@ -198,6 +198,8 @@ struct Equations {
     square: f64,
     /// Share of the window that has data.
     weight: f64,
+    /// Mean β² of the pixels with data.
+    albedo_square: f64,
 }
 
 impl Equations {
@@ -208,10 +210,10 @@ impl Equations {
         let (sg, sgx, sgy) = (q(m::G + 1), q(m::GX + 1), q(m::GY + 1));
         let (gg, ggx, ggy) = (q(m::GG), q(m::GX + 3), q(m::GY + 3));
         let (xx, xy, yy) = (q(m::GGXX), q(m::GGXY), q(m::GGYY));
-        let weight = q(m::M);
+        let (square, weight) = (q(m::M), q(m::COUNT));
         Self {
             a: [
-                [weight, s, -gx, -gy, -g],
+                [square, s, -gx, -gy, -g],
                 [s, q(m::SS), -sgx, -sgy, -sg],
                 [-gx, -sgx, xx, xy, ggx],
                 [-gy, -sgy, xy, yy, ggy],
@@ -226,6 +228,7 @@ impl Equations {
             ],
             square: q(m::DD),
             weight,
+            albedo_square: square / weight,
         }
     }
 
@@ -268,20 +271,23 @@ impl Equations {
 pub fn solve(row: &NodeRow, i: usize, window: &Window, prior: &Prior, limits: &Limits) -> Node {
     let undetermined = Node::undetermined(prior);
     let pixels = window.effective_pixels / limits.noise_correlation;
-    if pixels * row.get(m::M, i) < MIN_PIXELS_PER_UNKNOWN * UNKNOWNS as f64 {
+    if pixels * row.get(m::COUNT, i) < MIN_PIXELS_PER_UNKNOWN * UNKNOWNS as f64 {
         return undetermined;
     }
-    let (fit, residual) = Equations::new(row, i).solve(prior, pixels, limits);
+    let equations = Equations::new(row, i);
+    let (fit, residual) = equations.solve(prior, pixels, limits);
     let x = fit.solution;
     let ratio = x[1];
-    let noise = residual + ratio * ratio * limits.reference_noise;
+    // Mean square of the factor β b, by which the reference appears in the object.
+    let factor = ratio * ratio * equations.albedo_square;
+    let noise = residual + factor * limits.reference_noise;
     let [var_offset, var_ratio, var_shift] =
         [0, 1, 4].map(|j| noise * fit.variance_factor(j) / pixels);
     let sigma = var_shift.sqrt() / ratio.abs().max(MIN_RATIO);
-    // The mean square of a fringe of modulation b is b²/2.
+    // The mean square of a fringe of modulation β b is half its square.
     let determined = sigma < limits.max_sigma
         && ratio > MIN_RATIO_SIGMAS * var_ratio.sqrt()
-        && residual < (1.0 - limits.min_explained) * 0.5 * ratio * ratio + limits.object_noise;
+        && residual < (1.0 - limits.min_explained) * 0.5 * factor + limits.object_noise;
     if !determined {
         return undetermined;
     }

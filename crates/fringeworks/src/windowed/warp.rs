@@ -1,6 +1,9 @@
 //! The reference warped by the current displacement: s(x − u) and s′(x − u), by cubic B-splines along
 //! rows.
 
+use crate::{check_length, check_value, Error, MIN_WIDTH};
+use rayon::prelude::*;
+
 /// Distance from either end of a row, px, within which the reference is not used: its spline depends on
 /// mirrored data there.
 const END_MARGIN: f64 = 2.0;
@@ -19,34 +22,52 @@ pub struct Pair<'a> {
     pub reference_ok: &'a [u8],
     /// 1 where the object sample is valid, else 0.
     pub object_ok: &'a [u8],
+    /// Albedo of the object over that of the reference, `height × width`, where it is known: it scales
+    /// the model.
+    pub albedo: Option<&'a [f32]>,
 }
 
-/// One warped row: weight (0 or 1), value and slope of the reference at x − u.
+/// One warped row: the albedo (0 without data), and the value and slope of the reference at x − u, times
+/// the albedo.
 pub struct WarpedRow {
-    pub weight: Vec<f32>,
+    pub albedo: Vec<f32>,
     pub value: Vec<f32>,
     pub slope: Vec<f32>,
+}
+
+/// The products of one pixel in a model that is linear in β, β s and β g.
+pub struct Sample {
+    /// 1 where there is data, else 0.
+    pub weight: f64,
+    /// β.
+    pub albedo: f64,
+    /// β s.
+    pub value: f64,
+    /// β g.
+    pub slope: f64,
+    /// d.
+    pub object: f64,
 }
 
 impl WarpedRow {
     pub fn new(width: usize) -> Self {
         Self {
-            weight: vec![0.0; width],
+            albedo: vec![0.0; width],
             value: vec![0.0; width],
             slope: vec![0.0; width],
         }
     }
 
-    /// Weight, reference value, reference slope and weighted object sample at column `x`.
     #[inline(always)]
-    pub fn sample(&self, x: usize, object: &[f32]) -> (f64, f64, f64, f64) {
-        let weight = self.weight[x] as f64;
-        (
+    pub fn sample(&self, x: usize, object: &[f32]) -> Sample {
+        let weight = (self.albedo[x] > 0.0) as u8 as f64;
+        Sample {
             weight,
-            self.value[x] as f64,
-            self.slope[x] as f64,
-            weight * object[x] as f64,
-        )
+            albedo: self.albedo[x] as f64,
+            value: self.value[x] as f64,
+            slope: self.slope[x] as f64,
+            object: weight * object[x] as f64,
+        }
     }
 }
 
@@ -72,6 +93,12 @@ fn evaluate(coefficients: &[f32], position: f64) -> (f32, f32) {
 }
 
 impl Pair<'_> {
+    /// Albedo of a pixel; 1 where it is not known.
+    #[inline(always)]
+    pub fn albedo_at(&self, i: usize) -> f32 {
+        self.albedo.map_or(1.0, |albedo| albedo[i])
+    }
+
     /// Value and slope of the reference at x − u; `None` where either frame has no valid sample.
     #[inline(always)]
     pub fn reference_at(&self, x: usize, y: usize, u: f32) -> Option<(f32, f32)> {
@@ -93,14 +120,47 @@ impl Pair<'_> {
 /// Warp row `y` by the displacement `u` of that row.
 pub fn warp_row(pair: &Pair, y: usize, u: &[f32], out: &mut WarpedRow) {
     for x in 0..pair.width {
+        let albedo = pair.albedo_at(y * pair.width + x);
         if let Some((value, slope)) = pair.reference_at(x, y, u[x]) {
-            out.weight[x] = 1.0;
-            out.value[x] = value;
-            out.slope[x] = slope;
+            out.albedo[x] = albedo;
+            out.value[x] = albedo * value;
+            out.slope[x] = albedo * slope;
         } else {
-            out.weight[x] = 0.0;
+            out.albedo[x] = 0.0;
             out.value[x] = 0.0;
             out.slope[x] = 0.0;
         }
     }
+}
+
+/// Value, slope, and 1 where there is data.
+type Warped = (Vec<f32>, Vec<f32>, Vec<u8>);
+
+/// Value and slope of the reference at x − u for every pixel, 0 without data, and 1 where there is data.
+/// The object's samples are not used.
+pub fn warped(pair: &Pair, u: &[f32]) -> Result<Warped, Error> {
+    let n = pair.height * pair.width;
+    check_value(
+        "width",
+        pair.width >= MIN_WIDTH,
+        "at least 8 px",
+        pair.width,
+    )?;
+    check_length("spline", pair.spline.len(), pair.height * (pair.width + 3))?;
+    check_length("reference_ok", pair.reference_ok.len(), n)?;
+    check_length("object_ok", pair.object_ok.len(), n)?;
+    check_length("displacement", u.len(), n)?;
+    let (mut value, mut slope, mut known) = (vec![0.0; n], vec![0.0; n], vec![0; n]);
+    (value.par_chunks_mut(pair.width))
+        .zip(slope.par_chunks_mut(pair.width))
+        .zip(known.par_chunks_mut(pair.width))
+        .enumerate()
+        .for_each(|(y, ((value, slope), known))| {
+            for x in 0..pair.width {
+                if let Some((v, g)) = pair.reference_at(x, y, u[y * pair.width + x]) {
+                    (value[x], slope[x], known[x]) = (v, g, 1);
+                }
+            }
+        });
+    Ok((value, slope, known))
 }

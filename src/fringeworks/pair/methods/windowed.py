@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import ndimage
 
-from fringeworks import _core
+from fringeworks.pair.albedo import FitSettings, through_paint
 from fringeworks.pair.bandpass import HALF_WIDTH, band_kernel
 from fringeworks.pair.methods.windowed_start import start_field
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Smoothing, Solution, method
+from fringeworks.pair.windows import CONFIDENCE, Windows
 from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason
 
 SCALES_PX = (32.0, 16.0, 8.0, 4.0, 2.0)
@@ -48,49 +48,12 @@ a frame.
 """
 MAX_ITERATIONS = 100
 """Largest number of Gauss–Newton steps per scale that a caller may choose; it bounds the time."""
-REFERENCE_SMOOTHING = 1.0 / 30.0
-"""Width of the low-pass that reduces the reference's noise, periods.
-
-It passes the first harmonics almost unchanged (tests: 1e-4 of the modulation). An empirical choice.
-"""
-FILTER_REACH = 6.0
-"""Width of the border that is added for the low-pass, in widths of the filter.
-
-The filter's response is negligible at that distance.
-"""
-CONFIDENCE = 2.5
-"""Default for the largest difference of a window's estimate from those of all smaller windows, σ.
-
-Lepski's rule (theory §4): a larger value averages more noise, a smaller one follows details. An
-empirical choice.
-"""
-MAX_SIGMA = 1.0 / 25.0
-"""Largest standard deviation of an estimate that is kept, periods.
-
-0.25 rad of phase; beyond it the linearised model is no longer reliable. An empirical choice.
-"""
-DRIFT = 0.01
-"""Expected change of offset and modulation ratio between scales, as a share of the modulation.
-
-It loosens the prior that a scale gets from the coarser one. An empirical choice.
-"""
 MIN_ROWS = 8
 """Smallest number of rows; fewer do not determine the slope of the displacement across them."""
 MAX_GAP = 0.25
 """Largest distance from usable samples up to which gaps are bridged, periods.
 
 Beyond it a window could only extrapolate. An empirical choice.
-"""
-MIN_NOISE = 1e-3
-"""Lower bound on the noise's standard deviation, as a share of the modulation.
-
-On ideal frames, interpolation and single precision leave residuals of about this size. An empirical
-choice.
-"""
-MIN_EXPLAINED = 0.3
-"""Smallest share of the local contrast that the warped reference must explain, 0…1.
-
-A window that explains less does not show the reference's fringes. An empirical choice.
 """
 KERNEL_SHARE = 0.75
 """Width of the kernel that correlates a window's errors, in widths of the window.
@@ -119,50 +82,6 @@ It is added to that of ``DARK_RATIO``. An empirical choice.
 """
 
 
-def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
-    """Low-pass a frame with a response that is flat to sixth order.
-
-    Parameters
-    ----------
-    frame : (h, w) float array
-    width_px : float > 0
-        Width σ of the filter, px.
-
-    Returns
-    -------
-    (h, w) float64 array
-
-    Notes
-    -----
-    The response is exp(−q) (1 + q + q²/2) with q = (σk)²/2: the first harmonics of a fringe pass
-    almost unchanged, and white noise is reduced.
-    """
-    required = int(np.ceil(FILTER_REACH * width_px)) + 1
-    top, left = (min(required, side - 1) for side in frame.shape)
-    # Odd reflection keeps value and slope at the border; even reflection would flatten the fringe.
-    padded = np.pad(frame, ((top, top), (left, left)), mode="reflect", reflect_type="odd")
-    rows, columns = padded.shape
-    shape = (fft.next_fast_len(rows, real=True), fft.next_fast_len(columns, real=True))
-    spectrum = fft.rfft2(padded, s=shape, workers=-1)
-    ky = 2.0 * np.pi * width_px * fft.fftfreq(shape[0])[:, None]
-    kx = 2.0 * np.pi * width_px * fft.rfftfreq(shape[1])[None, :]
-    q = 0.5 * (ky**2 + kx**2)
-    spectrum *= np.exp(-q) * (1.0 + q + 0.5 * q * q)
-    smooth = fft.irfft2(spectrum, s=shape, overwrite_x=True, workers=-1)
-    h, w = frame.shape
-    return np.ascontiguousarray(smooth[top : top + h, left : left + w])
-
-
-def spline_coefficients(rows: FloatMap) -> NDArray[np.float32]:
-    """Cubic B-spline coefficients along rows, with one mirrored coefficient before and two after.
-
-    Returns an (h, w + 3) float32 array for (h, w) rows.
-    """
-    coefficients = ndimage.spline_filter1d(rows, 3, axis=1, mode="mirror")
-    padded = np.pad(coefficients, ((0, 0), (1, 2)), mode="reflect")
-    return np.ascontiguousarray(padded, dtype=np.float32)
-
-
 @method("windowed")
 def windowed(
     pair: PreparedPair,
@@ -170,6 +89,7 @@ def windowed(
     scales: Sequence[float] | None = None,
     iterations: int = 1,
     confidence: float = CONFIDENCE,
+    paint: bool = True,
 ) -> Solution:
     """Fits the displacement by least squares in local windows, whose size adapts to every pixel.
 
@@ -186,6 +106,9 @@ def windowed(
     confidence : float > 0
         Each pixel keeps the largest window whose estimate lies within this many σ of those of all
         smaller windows (Lepski's rule).
+    paint : bool
+        Search hard edges of paint and, where there are any, the albedo of every pixel, so that
+        windows may cross them (``find_albedo``). It takes three times as long then.
 
     Returns
     -------
@@ -205,42 +128,33 @@ def windowed(
     unreliable, from counted fringes (``start_field``).
     """
     widths = _check_options(pair, scales, iterations, confidence)
-    noise_reference, noise_object = (max(v / pair.modulation**2, MIN_NOISE**2) for v in pair.noise)
-    smooth = smooth_reference(pair.reference, REFERENCE_SMOOTHING * pair.period)
-    displacement, sigma, modulation_ratio, scale, correlation = _core.invert_windowed(
-        spline_coefficients((smooth - pair.mean_brightness) / pair.modulation),
-        ((pair.object - pair.mean_brightness) / pair.modulation).astype(np.float32),
-        (pair.reference_ok & ~pair.reference_empty).astype(np.uint8),
-        (pair.object_ok & ~pair.object_empty).astype(np.uint8),
-        start_field(pair, _start_width(pair, widths)).astype(np.float32),
-        scales=widths,
-        iterations=iterations,
-        period=pair.period,
-        confidence=confidence,
-        object_noise=noise_object,
-        reference_noise=noise_reference,
-        drift=DRIFT,
-        max_sigma=MAX_SIGMA * pair.period,
-        min_explained=MIN_EXPLAINED,
-    )
+    windows = Windows.of(pair)
+    start = start_field(pair, _start_width(pair, widths)).astype(np.float32)
+    settings: FitSettings = {"iterations": iterations, "confidence": confidence}
+    found = windows.fit(start, widths, **settings)
+    painted = through_paint(windows, found, start, widths, **settings) if paint else None
+    if painted is not None:
+        found = painted
+    displacement, scale = found.displacement_px, found.scale
     displacement[_far_from_data(pair)] = np.nan
-    start = float(
+    start_px = float(
         np.hypot(_start_width(pair, widths), band_kernel(pair.frequency, HALF_WIDTH, 2)[1])
     )
     steps = np.where(np.isfinite(displacement), scale + 1.0, len(widths)) * iterations
     return Solution(
         displacement_px=displacement,
-        sigma_px=sigma,
-        modulation_ratio=modulation_ratio,
+        sigma_px=found.sigma_px,
+        modulation_ratio=found.modulation_ratio,
         reason=_reasons(pair, displacement),
-        noise_length_px=_noise_length(scale, widths, start),
-        smoothing=(Smoothing((start, start), (widths[0], widths[0]), START_SHARE),),
+        noise_length_px=_noise_length(scale, widths, start_px),
+        smoothing=(Smoothing((start_px, start_px), (widths[0], widths[0]), START_SHARE),),
         iterations=np.minimum(steps, np.iinfo(np.uint8).max).astype(np.uint8),
         details={
             "scales_px": widths,
             "scale_share": [float(np.mean(scale == k)) for k in range(len(widths))],
-            "noise_correlation": correlation,
-            "noise_counts": float(np.sqrt(noise_object) * pair.modulation),
+            "noise_correlation": found.noise_correlation,
+            "noise_counts": float(np.sqrt(windows.object_noise) * pair.modulation),
+            "painted": painted is not None,
         },
     )
 

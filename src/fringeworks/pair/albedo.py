@@ -1,0 +1,331 @@
+"""Albedo of a painted object, with sharp edges, from its pair of frames (theory §4, "Paint")."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypedDict, Unpack
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from fringeworks import _core
+from fringeworks.pair.windows import Fitted, Windows
+from fringeworks.types import BoolMap, FloatMap
+
+PATCH_PX = 7
+"""Side of the squares over which misfits are averaged: the mean of 49 squares scatters by 20 %."""
+MIN_MISFIT = 4.0
+"""Mean squared misfit of a patch that the windows do not explain, in variances of the noise."""
+MIN_MISFIT_SHARE = 1e-3
+"""The same as a share of the squared modulation, on frames without noise."""
+MIN_BLOB_PX = 5
+"""Side of the smallest square of such pixels that counts; smaller ones are chance or dust."""
+MIN_POOR_PIXELS = 50
+"""Number of such pixels from which edges are searched."""
+STILL_MISFIT = 8.0
+"""The same with the albedo: compression leaves more at edges than elsewhere."""
+MAX_STILL_POOR = 0.15
+"""Largest share of a poorly explained place that still is, up to which the albedo is used there.
+Cliffs have 0.2 and more, paint up to 0.02, or 0.18 in frames of JPEG quality 75."""
+MIN_SHARE = 1e-6
+"""Smallest share of a square that counts as some of it."""
+FRINGE_BOX_PERIODS = 3.0
+"""Side of the squares in which albedo and fringes are compared, periods."""
+SMALL_WINDOW_PERIODS = 0.5
+"""Width of the windows, periods, from which on their estimates follow the surface."""
+LEVEL_WIDTH_PERIODS = 2.0
+"""Width of the Gaussian over which the level without light is averaged, periods."""
+LEVEL_BLOCKS = 4
+"""Blocks per period on which it is averaged."""
+EDGE_PRICE = (0.01, 0.004)
+"""λ per px of the period: of an edge of the first albedo, and of the next ones, which know where
+edges are. Empirical choices."""
+NOISE_PRICE = 3.0
+"""Smallest λ, in standard deviations of what the windows leave times the mean of the reference:
+less would take noise for paint. An empirical choice."""
+EDGE_STEP = 0.03
+"""Change of β from pixel to pixel at which the price of an edge falls to a half."""
+HUBER_SLOPE = 0.003
+"""Change of β from pixel to pixel up to which it is shading, not an edge."""
+STIFFNESS = 0.4
+"""μ of the correction of the displacement, over the mean square of the reference's slope."""
+ITERATIONS = (200, 200, 100, 50)
+"""Steps from the coarsest level, an eighth of the frame, to the frame itself."""
+MIN_SIDE_PX = 64
+"""Shortest side of a frame on which all levels are used."""
+MAX_PASSES = 3
+"""Largest number of times that the albedo is found, with windows between them that know it."""
+SETTLED = 0.065
+"""Rms change of the albedo near its edges, up to which another pass is not needed. An empirical
+choice: later passes change the displacement by less than its σ."""
+MIN_EDGE_PIXELS = 20
+"""Number of pixels on edges from which the object counts as painted."""
+MAX_FRINGE_SHARE = 0.1
+"""Largest share of the albedo's local variance that goes with the fringes. Most edges of paint have
+up to 0.02; creases of a surface that an albedo has taken over have 0.15 to 0.25."""
+ERROR_SHARE = 0.1
+"""Error of a displacement that is due to the albedo, over what the albedo has changed. Measured on
+simulated paint: 0.05 to 0.1."""
+MIN_BRIGHT = 0.1
+"""Smallest brightness that the albedo is compared at, in modulations."""
+MEDIAN_STEP = 7
+"""Every so many values determine a median."""
+NORMAL_MEDIAN = 0.6745
+"""Median of |z| for a standard normal variable z."""
+MIN_ALBEDO = 0.02
+"""Smallest albedo; less is a shadow, whose fringes no albedo restores."""
+
+
+class FitSettings(TypedDict):
+    """Keyword options of ``Windows.fit`` that a user chooses."""
+
+    iterations: int
+    confidence: float
+
+
+def through_paint(
+    windows: Windows,
+    plain: Fitted,
+    start_px: NDArray[np.float32],
+    widths: Sequence[float],
+    **settings: Unpack[FitSettings],
+) -> Fitted | None:
+    """Fit windows again that know the albedo, where the object has hard edges of paint.
+
+    Parameters
+    ----------
+    windows, plain, start_px, widths
+        As for ``find_albedo``.
+    **settings
+        Of ``Windows.fit``.
+
+    Returns
+    -------
+    Fitted, in which places that the albedo does not explain are those of ``plain``; None without
+    paint.
+    """
+    albedo = find_albedo(windows, plain, start_px, widths)
+    if albedo is None:
+        return None
+    lit = windows.above_dark()
+    found = lit.fit(start_px, widths, albedo=albedo, **settings)
+    better = explained(lit, found, albedo, plain.misfit)
+    error = albedo_error(plain, found, windows.period_px)
+    found = found._replace(
+        modulation_ratio=albedo * found.modulation_ratio,
+        sigma_px=np.sqrt(found.sigma_px**2 + error),
+    )
+    return plain.replaced(found, better)
+
+
+def find_albedo(
+    windows: Windows,
+    plain: Fitted,
+    start_px: NDArray[np.float32],
+    widths: Sequence[float],
+) -> NDArray[np.float32] | None:
+    """Find the albedo of an object whose paint has hard edges.
+
+    Parameters
+    ----------
+    windows : Windows
+    plain : Fitted
+        What windows of all widths found without an albedo.
+    start_px : (h, w) float32 array
+        Displacement that they started from, px.
+    widths : sequence of float
+        Widths σ of the windows, px.
+
+    Returns
+    -------
+    (h, w) float32 array > 0, or None where the windows explain both frames, or no edge is found.
+
+    Notes
+    -----
+    With the matching reference s(x − u) and the level c of the object without light over its gain,
+    d = β·(c + s). Where windows cross an edge of β, they take it for shape; what their smooth β
+    leaves shows where. β and a smooth correction of u come from ``joint_albedo``, from windows that
+    know β better with every pass.
+    """
+    poor = _poor(plain.misfit, windows.object_noise)
+    if np.count_nonzero(poor) < MIN_POOR_PIXELS:
+        return None
+    # Smaller windows follow a crease of the surface, but no edge of paint.
+    if np.count_nonzero(poor & _poor(windows.left(plain), windows.object_noise)) < MIN_POOR_PIXELS:
+        return None
+    windows = windows.above_dark()
+    small = next(
+        (k for k, w in enumerate(widths) if w <= SMALL_WINDOW_PERIODS * windows.period_px),
+        len(widths) - 1,
+    )
+    # The smallest windows add noise only; the edges are known by then.
+    fine = widths[: small + 2]
+    scatter = float(np.nanmedian(np.abs(plain.misfit.flat[::MEDIAN_STEP]))) / NORMAL_MEDIAN
+    found = windows.fit(start_px, widths[:1], cliffs=False)
+    albedo: NDArray[np.float32] | None = None
+    for _ in range(MAX_PASSES):
+        u = np.where(np.isfinite(found.displacement_px), found.displacement_px, start_px)
+        before, albedo = albedo, _next_albedo(windows, found, u, albedo, scatter)
+        if before is not None and _change(before, albedo) < SETTLED:
+            break
+        found = windows.fit(start_px, fine, albedo=albedo, cliffs=False)
+    assert albedo is not None
+    edges = edge_weight(albedo) < 0.5
+    if np.count_nonzero(edges) < MIN_EDGE_PIXELS:
+        return None
+    return albedo
+
+
+def edge_weight(albedo: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Price of an edge, 0…1: small where the albedo changes from pixel to pixel."""
+    square = np.zeros_like(albedo)
+    square[:, :-1] += np.diff(albedo, axis=1) ** 2
+    square[:-1] += np.diff(albedo, axis=0) ** 2
+    return np.asarray(1.0 / (1.0 + square / np.float32(EDGE_STEP**2)))
+
+
+def explained(
+    windows: Windows, fitted: Fitted, albedo: NDArray[np.float32], misfit: NDArray[np.float32]
+) -> BoolMap:
+    """Where windows that know the albedo explain the object, (h, w).
+
+    Parameters
+    ----------
+    windows : Windows
+    fitted : Fitted
+        What they found.
+    albedo : (h, w) float32 array
+    misfit : (h, w) float32 array
+        What windows left that did not know it. Their result is as good where they left nothing.
+
+    Notes
+    -----
+    An albedo imitates a part of what a cliff does to the fringes, but never all of it. Each
+    connected place where the windows left something is judged as a whole. An albedo that goes with
+    the fringes there is an error of the displacement or of the level.
+    """
+    poor = _poor(misfit, windows.object_noise)
+    still = poor & _poor(windows.left(fitted, albedo), windows.object_noise, STILL_MISFIT)
+    places, count = ndimage.label(poor)
+    sizes, left = (np.bincount(places[where], minlength=count + 1) for where in (poor, still))
+    refused = (left > MAX_STILL_POOR * np.maximum(sizes, 1))[places]
+    refused |= fringe_share(windows, fitted, albedo) > MAX_FRINGE_SHARE
+    refused &= poor
+    if not refused.any():
+        return np.ones(refused.shape, bool)
+    reach = 2 * int(windows.period_px) + 1
+    return np.asarray(cv2.blur(refused.astype(np.float32), (reach, reach)) <= MIN_SHARE)
+
+
+def albedo_error(before: Fitted, after: Fitted, period_px: float) -> NDArray[np.float32]:
+    """Variance of the displacement by errors of the albedo, (h, w), px².
+
+    It is taken from what the albedo has changed within about a period.
+    """
+    change = after.displacement_px - before.displacement_px
+    square = np.where(np.isfinite(change), change**2, np.float32(0))
+    side = 2 * int(period_px) + 1
+    return np.asarray(np.float32(ERROR_SHARE**2) * cv2.blur(square, (side, side)))
+
+
+def fringe_share(
+    windows: Windows, fitted: Fitted, albedo: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Share of the albedo's local variance that goes with the fringes, (h, w), 0…1.
+
+    Notes
+    -----
+    With d = β (c + s(x − u)), an error δ of u changes log β by −δ s′/(c + s), and one of c by
+    1/(c + s) times the error. Both are fitted in squares of three periods.
+    """
+    u = fitted.displacement_px
+    value, slope, known = windows.warp(np.where(np.isfinite(u), u, np.float32(0)))
+    bright = np.maximum(value + light_level(fitted, windows.period_px), np.float32(MIN_BRIGHT))
+    side = 2 * int(FRINGE_BOX_PERIODS * windows.period_px / 2) + 1
+
+    def mean(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray(cv2.blur(values, (side, side)))
+
+    def centred(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.where(known > 0, values - mean(values), np.float32(0))
+
+    paint = centred(np.log(albedo))
+    tiny = np.finfo(np.float32).tiny
+    total = np.maximum(mean(paint**2), tiny)
+    parts = (centred(slope / bright), centred(1 / bright))
+    shares = [mean(paint * part) ** 2 / np.maximum(mean(part**2), tiny) / total for part in parts]
+    return np.asarray(np.sum(shares, axis=0))
+
+
+def _poor(misfit: NDArray[np.float32], noise: float, most: float = MIN_MISFIT) -> BoolMap:
+    """Where the mean squared misfit of a patch is more than ``most`` variances of noise, (h, w)."""
+    patch = cv2.blur(np.where(np.isfinite(misfit), misfit**2, np.float32(0)), (PATCH_PX, PATCH_PX))
+    # Compression leaves more than noise everywhere.
+    usual = max(noise, float(np.median(patch[::4, ::4])))
+    poor = (patch > most * usual + MIN_MISFIT_SHARE).astype(np.uint8)
+    kernel = np.ones((MIN_BLOB_PX, MIN_BLOB_PX), np.uint8)
+    return np.asarray(cv2.morphologyEx(poor, cv2.MORPH_OPEN, kernel), dtype=bool)
+
+
+def light_level(fitted: Fitted, period_px: float) -> NDArray[np.float32]:
+    """Level of the object without light over its gain, c, (h, w), smooth.
+
+    Ambient light, the camera's black level and blur change it, paint does not.
+    """
+    a, b = fitted.offset, fitted.modulation_ratio
+    known = np.isfinite(a) & np.isfinite(b)
+    h, w = a.shape
+    size = min(max(1, int(period_px / LEVEL_BLOCKS)), h, w)
+    rows, columns = -(-h // size), -(-w // size)
+
+    def smooth(values: FloatMap) -> FloatMap:
+        padded = np.pad(np.where(known, values, 0), ((0, rows * size - h), (0, columns * size - w)))
+        blocks = padded.reshape(rows, size, columns, size).sum(axis=(1, 3))
+        width = LEVEL_WIDTH_PERIODS * period_px / size
+        return np.asarray(ndimage.gaussian_filter(blocks, width, mode="nearest", truncate=3.0))
+
+    square = smooth(b * b)
+    level = np.where(square > 0, smooth(a * b) / np.where(square > 0, square, 1), 0)
+    whole = cv2.resize(
+        level.astype(np.float32), (columns * size, rows * size), interpolation=cv2.INTER_LINEAR
+    )
+    return np.ascontiguousarray(whole[:h, :w])
+
+
+def _next_albedo(
+    windows: Windows,
+    found: Fitted,
+    u: NDArray[np.float32],
+    before: NDArray[np.float32] | None,
+    scatter: float,
+) -> NDArray[np.float32]:
+    """The albedo from the displacement of windows that know the last one."""
+    value, slope, known = windows.warp(u)
+    lit = known > 0
+    model = np.where(lit, value + light_level(found, windows.period_px), 0).astype(np.float32)
+    steep = float(np.sqrt(np.mean(slope[lit] ** 2))) if lit.any() else 1.0
+    price = EDGE_PRICE[0 if before is None else 1] * windows.period_px
+    bright = float(np.sqrt(np.mean(model[lit] ** 2))) if lit.any() else 1.0
+    price = max(price, NOISE_PRICE * scatter * bright)
+    weight = np.ones_like(value) if before is None else edge_weight(before)
+    levels = len(ITERATIONS) if min(value.shape) >= MIN_SIDE_PX else 1
+    albedo, _ = _core.joint_albedo(
+        model,
+        slope / np.float32(steep) if before is None else before * slope / np.float32(steep),
+        np.where(lit, windows.object, 0).astype(np.float32),
+        np.float32(price) * weight,
+        np.zeros(value.shape, np.uint8),
+        stiffness=STIFFNESS / steep**2,
+        huber=0.0 if before is None else HUBER_SLOPE,
+        iterations=ITERATIONS[-levels:],
+    )
+    return np.maximum(albedo, np.float32(MIN_ALBEDO))
+
+
+def _change(before: FloatMap, albedo: FloatMap) -> float:
+    """Rms change of the albedo around its edges."""
+    edges = cv2.dilate((edge_weight(albedo) < 0.5).astype(np.uint8), np.ones((PATCH_PX, PATCH_PX)))
+    near = edges > 0
+    return float(np.sqrt(np.mean((albedo - before)[near] ** 2))) if near.any() else 0.0

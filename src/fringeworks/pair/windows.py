@@ -1,0 +1,233 @@
+"""The two frames in units of the reference's modulation, and the windows fitted to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, ndimage
+
+from fringeworks import _core
+from fringeworks.pair.prepared import PreparedPair
+from fringeworks.types import BoolMap, ByteMap, FloatMap
+
+REFERENCE_SMOOTHING = 1.0 / 30.0
+"""Width of the low-pass that reduces the reference's noise, periods.
+
+It passes the first harmonics almost unchanged (tests: 1e-4 of the modulation). An empirical choice.
+"""
+FILTER_REACH = 6.0
+"""Width of the border that is added for the low-pass, in widths of the filter.
+
+The filter's response is negligible at that distance.
+"""
+CONFIDENCE = 2.5
+"""Default for the largest difference of a window's estimate from those of all smaller windows, σ.
+
+Lepski's rule (theory §4): a larger value averages more noise, a smaller one follows details. An
+empirical choice.
+"""
+MAX_SIGMA = 1.0 / 25.0
+"""Largest standard deviation of an estimate that is kept, periods.
+
+0.25 rad of phase; beyond it the linearised model is no longer reliable. An empirical choice.
+"""
+DRIFT = 0.01
+"""Expected change of offset and modulation ratio between scales, as a share of the modulation.
+
+It loosens the prior that a scale gets from the coarser one. An empirical choice.
+"""
+MIN_NOISE = 1e-3
+"""Lower bound on the noise's standard deviation, as a share of the modulation.
+
+On ideal frames, interpolation and single precision leave residuals of about this size. An empirical
+choice.
+"""
+MIN_EXPLAINED = 0.3
+"""Smallest share of the local contrast that the warped reference must explain, 0…1.
+
+A window that explains less does not show the reference's fringes. An empirical choice.
+"""
+
+
+class Fitted(NamedTuple):
+    """What the windows found; (h, w) maps, NaN where none determines the displacement."""
+
+    displacement_px: NDArray[np.float32]
+    sigma_px: NDArray[np.float32]
+    modulation_ratio: NDArray[np.float32]
+    """b of d = β (a + b s)."""
+    offset: NDArray[np.float32]
+    """a, in modulations of the reference."""
+    misfit: NDArray[np.float32]
+    """What windows of about half a period leave of the object, in modulations."""
+    scale: ByteMap
+    """Index of the window that was kept; 255 where none was."""
+    noise_correlation: float
+
+    def replaced(self, other: Fitted, where: BoolMap) -> Fitted:
+        """Take another result where a map says so; the misfit and the correlation stay."""
+        return self._replace(
+            displacement_px=np.where(where, other.displacement_px, self.displacement_px),
+            sigma_px=np.where(where, other.sigma_px, self.sigma_px),
+            modulation_ratio=np.where(where, other.modulation_ratio, self.modulation_ratio),
+            offset=np.where(where, other.offset, self.offset),
+            scale=np.where(where, other.scale, self.scale),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """A pair of frames, normalised for the kernel.
+
+    Brightness is in units of the reference's modulation, above ``dark`` of them.
+    """
+
+    spline: NDArray[np.float32]
+    """(h, w + 3) coefficients of the smoothed reference, see ``spline_coefficients``."""
+    object: NDArray[np.float32]
+    reference_ok: ByteMap
+    object_ok: ByteMap
+    period_px: float
+    modulation: float
+    """Counts."""
+    reference_noise: float
+    """Variance."""
+    object_noise: float
+    """Variance."""
+    dark: float
+    """Brightness that is 0 here: that of the reference's mean, or no light."""
+
+    @staticmethod
+    def of(pair: PreparedPair) -> Windows:
+        """Normalise a pair; its brightness is above the mean of the reference."""
+        modulation, mean = pair.modulation, pair.mean_brightness
+        reference_noise, object_noise = (max(v / modulation**2, MIN_NOISE**2) for v in pair.noise)
+        smooth = smooth_reference(pair.reference, REFERENCE_SMOOTHING * pair.period)
+        return Windows(
+            spline_coefficients((smooth - mean) / modulation),
+            ((pair.object - mean) / modulation).astype(np.float32),
+            (pair.reference_ok & ~pair.reference_empty).astype(np.uint8),
+            (pair.object_ok & ~pair.object_empty).astype(np.uint8),
+            pair.period,
+            modulation,
+            reference_noise,
+            object_noise,
+            dark=mean / modulation,
+        )
+
+    def above_dark(self) -> Windows:
+        """The same frames with 0 for no light: paint scales them, and adds nothing."""
+        dark = np.float32(self.dark)
+        return replace(self, spline=self.spline + dark, object=self.object + dark, dark=0.0)
+
+    def fit(
+        self,
+        start_px: NDArray[np.float32],
+        widths: Sequence[float],
+        *,
+        albedo: NDArray[np.float32] | None = None,
+        cliffs: bool = True,
+        iterations: int = 1,
+        confidence: float = CONFIDENCE,
+    ) -> Fitted:
+        """Fit the windows of all widths, from coarse to fine.
+
+        Parameters
+        ----------
+        start_px : (h, w) float32 array
+            Displacement to start from, px; finite.
+        widths : sequence of float
+            Widths σ of the windows, px, falling.
+        albedo : (h, w) float32 array > 0, optional
+            Albedo of the object over that of the reference, β.
+        cliffs : bool
+            Whether to restore cliffs that a window has smeared.
+        iterations, confidence
+            As for ``windowed``.
+        """
+        return Fitted(
+            *_core.invert_windowed(
+                self.spline,
+                self.object,
+                self.reference_ok,
+                self.object_ok,
+                start_px,
+                albedo,
+                cliffs=cliffs,
+                scales=widths,
+                iterations=iterations,
+                period=self.period_px,
+                confidence=confidence,
+                object_noise=self.object_noise,
+                reference_noise=self.reference_noise,
+                drift=DRIFT,
+                max_sigma=MAX_SIGMA * self.period_px,
+                min_explained=MIN_EXPLAINED,
+            )
+        )
+
+    def left(
+        self, fitted: Fitted, albedo: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
+        """What the kept windows leave of the object, (h, w), in modulations; NaN without data."""
+        u = fitted.displacement_px
+        value, _, known = self.warp(np.where(np.isfinite(u), u, np.float32(0)))
+        model = fitted.offset + fitted.modulation_ratio * value
+        if albedo is not None:
+            model *= albedo
+        return np.where(known > 0, self.object - model, np.float32(np.nan))
+
+    def warp(
+        self, displacement_px: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], ByteMap]:
+        """Reference and its slope per px at the matching points, (h, w), and 1 where both frames
+        have a sample; 0 elsewhere."""
+        return _core.warp_windowed(self.spline, self.reference_ok, self.object_ok, displacement_px)
+
+
+def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
+    """Low-pass a frame with a response that is flat to sixth order.
+
+    Parameters
+    ----------
+    frame : (h, w) float array
+    width_px : float > 0
+        Width σ of the filter, px.
+
+    Returns
+    -------
+    (h, w) float64 array
+
+    Notes
+    -----
+    The response is exp(−q) (1 + q + q²/2) with q = (σk)²/2: the first harmonics of a fringe pass
+    almost unchanged, and white noise is reduced.
+    """
+    required = int(np.ceil(FILTER_REACH * width_px)) + 1
+    top, left = (min(required, side - 1) for side in frame.shape)
+    # Odd reflection keeps value and slope at the border; even reflection would flatten the fringe.
+    padded = np.pad(frame, ((top, top), (left, left)), mode="reflect", reflect_type="odd")
+    rows, columns = padded.shape
+    shape = (fft.next_fast_len(rows, real=True), fft.next_fast_len(columns, real=True))
+    spectrum = fft.rfft2(padded, s=shape, workers=-1)
+    ky = 2.0 * np.pi * width_px * fft.fftfreq(shape[0])[:, None]
+    kx = 2.0 * np.pi * width_px * fft.rfftfreq(shape[1])[None, :]
+    q = 0.5 * (ky**2 + kx**2)
+    spectrum *= np.exp(-q) * (1.0 + q + 0.5 * q * q)
+    smooth = fft.irfft2(spectrum, s=shape, overwrite_x=True, workers=-1)
+    h, w = frame.shape
+    return np.ascontiguousarray(smooth[top : top + h, left : left + w])
+
+
+def spline_coefficients(rows: FloatMap) -> NDArray[np.float32]:
+    """Cubic B-spline coefficients along rows, with one mirrored coefficient before and two after.
+
+    Returns an (h, w + 3) float32 array for (h, w) rows.
+    """
+    coefficients = ndimage.spline_filter1d(rows, 3, axis=1, mode="mirror")
+    padded = np.pad(coefficients, ((0, 0), (1, 2)), mode="reflect")
+    return np.ascontiguousarray(padded, dtype=np.float32)

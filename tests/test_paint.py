@@ -143,3 +143,45 @@ def test_an_object_in_its_own_light_is_painted_too():
     lit = 12 + albedo * (0.7 * scene.object.astype(float) + 25)
     painted = replace(scene, object=np.clip(np.rint(lit), 0, 255).astype(np.uint8))
     assert error(painted)[0] < 0.5 * error(painted, paint=False)[0]
+
+
+def photographs(real_data, name):
+    folder = real_data / name
+    return fw.read_pair(folder / "reference.jpg", folder / "object.jpg")
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long), 3])
+def test_paint_on_a_photographed_cone(real_data, seed):
+    pair = photographs(real_data, "pair_cone")
+    plain = fw.analyse(pair, "windowed", paint=False).displacement_px
+    albedo = stripes(pair.object.shape, seed)
+    painted = replace(pair, object=np.rint(pair.object * albedo).astype(np.uint8))
+    edges = ndimage.morphological_gradient(albedo, 3) > 0.1
+    near = ndimage.maximum_filter(edges, 15)
+    marks = [
+        np.nanmean(np.abs(fw.analyse(painted, "windowed", paint=p).displacement_px - plain)[near])
+        for p in (False, True)
+    ]
+    assert marks[1] < 0.5 * marks[0]
+
+
+def test_creases_of_a_photographed_pyramid_stay_sharp(real_data):
+    """Each face reflects its own share of the light: there is an edge of albedo on every crease."""
+    pair = photographs(real_data, "pair_pyramid")
+    y, x = np.mgrid[: pair.object.shape[0], : pair.object.shape[1]]
+
+    def plane(u, where):
+        inside = np.zeros(u.shape, bool)
+        inside[where] = True
+        inside &= np.isfinite(u)
+        terms = np.stack([x, y, np.ones_like(x)], axis=-1).astype(float)
+        return terms @ np.linalg.lstsq(terms[inside], u[inside].astype(float), rcond=None)[0]
+
+    errors = []
+    for paint in (False, True):
+        found = fw.analyse(pair, "windowed", paint=paint)
+        u = found.displacement_px
+        top, right = plane(u, np.s_[60:100, 210:290]), plane(u, np.s_[140:230, 330:370])
+        crease = (np.abs(top - right) < 6)[60:150, 270:370]
+        errors.append(np.abs(u - np.minimum(top, right))[60:150, 270:370][crease].mean())
+    assert errors[1] < 1.02 * errors[0]

@@ -376,6 +376,9 @@ from .pipeline.pairs import (
     calibrate_plane as calibrate_plane,
     reconstruct as reconstruct,
 )
+from .pipeline.pair_points import (
+    measure_pair as measure_pair,
+)
 from .pipeline.stacks import (
     Measurement as Measurement,
     decode_stack as decode_stack,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,9 +25,42 @@ from fringeworks.cli.options import (
     items,
 )
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_surface
+from fringeworks.cli.words import say_points, say_surface
 
 SECTION = "Two frames"
+
+
+@dataclass(frozen=True)
+class RigOptions:
+    """A calibrated rig, and the plane that the reference frame shows."""
+
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig file of `calibrate`: measure points in mm.")
+    ] = None
+    plane_coordinates: Annotated[
+        Path | None,
+        typer.Option(help="With --rig: coordinates of the reference plane, from `decode`."),
+    ] = None
+    plane: Annotated[
+        str | None,
+        typer.Option(help="Or its place: a,b,c,d of a x + b y + c z = d, camera coordinates, mm."),
+    ] = None
+
+    def check(self, geometry: object) -> None:
+        """Refuse what does not belong together."""
+        given = "--plane" if self.plane is not None else "--plane-coordinates"
+        if self.rig is None and (self.plane is not None or self.plane_coordinates is not None):
+            raise fw.InputError(f"{given}: expected together with --rig")
+        if self.rig is not None and geometry is not None:
+            raise fw.InputError("--rig cannot be combined with a geometry")
+
+    def measure(self, pair: fw.Pair, method: str, **options: Any) -> fw.Measurement:
+        """Measure the points of a pair."""
+        assert self.rig is not None
+        plane = None if self.plane is None else items(float, self.plane, "plane")
+        return fw.measure_pair(
+            pair, self.rig, reference=self.plane_coordinates, plane=plane, method=method, **options
+        )
 
 
 @app.command(
@@ -74,17 +107,23 @@ def reconstruct(
     projector: Projector = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Height map: .tif, .npz, .ply, .x3p or .gsf; '-' is TIFF."),
+        typer.Option(
+            "--out",
+            help="Height map: .tif, .npz, .ply, .x3p or .gsf; '-' is TIFF. With --rig, points: "
+            ".ply, .xyz or .npz; '-' is PLY.",
+        ),
     ] = None,
     ply: PlyOption = Ply.points,
     *,
+    on_rig: RigOptions,
     show: ShowOptions,
 ) -> None:
     """Measure the surface of a pair of frames."""
     words = output.Output(out, *show.targets)
+    from fringeworks.files.points import check_points_target
     from fringeworks.files.surfaces import check_surface_target
 
-    output.check(out, check_surface_target)
+    output.check(out, check_surface_target if on_rig.rig is None else check_points_target)
     show.check()
     pair = _changed(
         _read(capture, reference, object),
@@ -97,25 +136,45 @@ def reconstruct(
     known = _geometry(geometry, distance_mm, baseline_mm, pitch_mm_per_px, sign)
     if principal_px is not None:
         known = _with_principal(known or pair.geometry, principal_px)
+    on_rig.check(known)
+    options: dict[str, Any] = {
+        "response": None if response is None else fw.read_response(response),
+        "denoise": None if denoise is None else denoise.value,
+        **_method_options(method, option or []),
+    }
+    name = _name(capture, object)
     with output.progress() as progress:
         progress(f"{method} …")
-        result = fw.reconstruct(
-            pair,
-            method,
-            geometry=known,
-            response=None if response is None else fw.read_response(response),
-            denoise=None if denoise is None else denoise.value,
-            **_method_options(method, option or []),
-        )
+        if on_rig.rig is not None:
+            _show_points(on_rig.measure(pair, method, **options), out, ply, show, name, words)
+            return
+        result = fw.reconstruct(pair, method, geometry=known, **options)
     if out is not None:
         with output.target(out, ".tif") as place:
             fw.write_surface(place, result.surface, ply=ply.value)
     figures = fw.summarise(result)
     if pair.truth_mm is not None and result.surface.unit == "mm":
         figures["errors"] = asdict(fw.errors(result.surface, pair.truth_mm))
-    name = _name(capture, object)
     show.write(result, figures, name=name, provenance=result.surface.provenance)
     say_surface(words, figures)
+    words.wrote(out, show.figure, show.report)
+
+
+def _show_points(
+    found: fw.Measurement,
+    out: Path | None,
+    ply: Ply,
+    show: ShowOptions,
+    name: str | None,
+    words: output.Output,
+) -> None:
+    """Write and say the points of a pair."""
+    if out is not None:
+        with output.target(out, ".ply") as place:
+            fw.write_points(place, found.points, kind=ply.value)
+    figures = fw.summarise(found)
+    show.write(found, figures, name=name, provenance=found.points.provenance)
+    say_points(words, figures)
     words.wrote(out, show.figure, show.report)
 
 

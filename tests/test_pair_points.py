@@ -1,0 +1,123 @@
+"""Two frames on a calibrated rig: points over a plane that was decoded once, or is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy import ndimage
+
+import fringeworks as fw
+from fringeworks.pipeline.pair_points import measure_pair
+from fringeworks.rig.pinhole import pose, rotation
+from fringeworks.rig.plane_coordinates import plane_coordinates
+from fringeworks.simulate import Body, Optics, Plane, Sphere, look, photograph, photograph_pair
+from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig, truth_distance
+from fringeworks.types import InputError
+from tests.test_cli import run
+
+RIG = standard_rig(scale=0.5)
+WALL_MM = 560.0
+PERIOD = 16.0
+
+
+def at(x, y, z, turn=(0.0, 0.0, 0.0)):
+    return pose(rotation(np.array(turn)), np.array([x, y, z], float))
+
+
+WALL = Body(Plane(), at(0, 0, WALL_MM), 0.75)
+SCENES = {
+    "plane": [Body(Plane(), at(0, 0, WALL_MM - 3, (0.004, -0.004, 0)), 0.75)],
+    "sphere": [Body(Sphere(60.0), at(0, 0, WALL_MM + 40), 0.75), WALL],
+    "bust": bust(),
+}
+
+
+@cache
+def view(name):
+    return look(RIG, [WALL] if name == "wall" else SCENES[name])
+
+
+@cache
+def decoded(name, seed=1):
+    plan = fringe_plan(RIG, both=False)
+    return fw.decode(list(photograph(view(name), plan, Optics(seed=seed))), plan)
+
+
+def pair(name, seed=3, **optics):
+    return photograph_pair(view("wall"), view(name), PERIOD, Optics(seed=seed, **optics))
+
+
+def far_from_cliffs(name):
+    depth = np.nan_to_num(view(name).points_mm[..., 2])
+    cliff = ndimage.maximum_filter(depth, 5) - ndimage.minimum_filter(depth, 5) > 3
+    return ~ndimage.maximum_filter(cliff, 41) & view(name).lit
+
+
+def test_the_plane_is_predicted_as_the_camera_sees_it():
+    found = plane_coordinates(RIG, (0, 0, 2, 2 * WALL_MM), "x")
+    truth = np.where(view("wall").lit, view("wall").projector_px[..., 0], np.nan)
+    both = np.isfinite(truth) & np.isfinite(found.coordinate_px)
+    assert both.mean() > 0.9
+    np.testing.assert_allclose(found.coordinate_px[both], truth[both], atol=1e-9)
+    with pytest.raises(InputError, match="plane: expected four numbers"):
+        plane_coordinates(RIG, (0, 0, 1), "x")
+    with pytest.raises(InputError, match="camera and projector see"):
+        plane_coordinates(RIG, (0, 0, 1, -500), "x")
+
+
+@pytest.mark.parametrize("name", ["plane", "sphere", pytest.param("bust", marks=pytest.mark.long)])
+@pytest.mark.parametrize("known", ["decoded", "plane"])
+def test_points_of_two_frames(name, known):
+    given = (
+        {"reference": decoded("wall")}
+        if known == "decoded"
+        else {"plane": (0.0, 0.0, 1.0, WALL_MM)}
+    )
+    found = measure_pair(pair(name), RIG, **given).points
+    error = np.abs(truth_distance(view(name).points_mm, found.xyz_mm))
+    twelve = fw.triangulate(decoded(name, 13), RIG, axis="x")
+    usual = np.abs(truth_distance(view(name).points_mm, twelve.xyz_mm))
+    where = far_from_cliffs(name) & np.isfinite(error)
+    assert where.mean() > 0.4
+    assert np.median(error[where]) < 3 * np.nanmedian(usual[where])
+    assert 0.55 < np.mean(error[where] < found.sigma_mm[where]) < 0.9
+    if name == "sphere":
+        ball = where & (view(name).body == 0)
+        form = fw.evaluate_form(found.xyz_mm[ball].astype(float), "sphere")
+        assert form.figures["bodies"][0]["radius_mm"] == pytest.approx(60.0, abs=0.1)
+
+
+def test_what_does_not_belong_together_is_refused():
+    one = pair("plane")
+    with pytest.raises(InputError, match="expected coordinates of the reference plane or a plane"):
+        measure_pair(one, RIG)
+    found = decoded("wall")
+    with pytest.raises(InputError, match="expected those along x"):
+        measure_pair(one, RIG, reference=replace(found.x, axis="y"))
+    small = replace(one, reference=one.reference[:200], object=one.object[:200])
+    with pytest.raises(InputError, match="expected shape"):
+        measure_pair(small, RIG, reference=found)
+
+
+def test_on_the_command_line(tmp_path):
+    one = pair("plane")
+    for name in ("reference", "object"):
+        Image.fromarray(getattr(one, name)).save(tmp_path / f"{name}.png")
+    fw.write_rig(tmp_path / "rig.toml", RIG)
+    fw.write_coordinates(tmp_path / "wall.npz", decoded("wall"))
+    frames = ("--reference", tmp_path / "reference.png", "--object", tmp_path / "object.png")
+    rig = ("--rig", tmp_path / "rig.toml")
+    known = (("--plane-coordinates", tmp_path / "wall.npz"), ("--plane", f"0,0,1,{WALL_MM}"))
+    for k, reference in enumerate(known):
+        out = tmp_path / f"{k}.ply"
+        run("reconstruct", *frames, *rig, *reference, "--out", out, "--json", tmp_path / "f.json")
+        xyz = np.asarray(fw.read_points(out).xyz_mm)
+        assert abs(np.median(xyz[:, 2]) - (WALL_MM - 3)) < 0.2
+    message = run("reconstruct", *frames, "--plane", "0,0,1,560", code=2).stderr
+    assert "--plane: expected together with --rig" in message
+    message = run("reconstruct", *frames, *rig, code=2).stderr
+    assert "expected coordinates of the reference plane or a plane" in message

@@ -94,6 +94,8 @@ class Visitor:
             self.page.get_by_label(label, exact=True).first.click()
             wanted.click()
         self.page.locator(".q-menu").wait_for(state="hidden")
+        field = self.page.locator(".q-field", has=self.page.get_by_label(label, exact=True))
+        field.filter(has_text=option).first.wait_for()
 
     def sees(self, text, timeout_s=60):
         self.page.get_by_text(text).first.wait_for(timeout=1000 * timeout_s)

@@ -115,7 +115,7 @@ def test_a_rig_of_another_projector_is_refused(shots, tmp_path):
         (("measure", "x", "--rig", "none.toml", "--out", "p.ply"), "nothing there"),
         (("measure", "x"), "--rig"),
         (("measure", "--rig", "none.toml"), "stack"),
-        (("reconstruct", "x", "--rig", "r.toml"), "--rig"),
+        (("reconstruct", "x", "--rig", "r.toml"), "nothing there"),
         (("evaluate", "none.ply", "--fit", "plane"), "no such file"),
         (("evaluate", "none.ply", "--fit", "plane", "--count", "2"), "count"),
         (("evaluate", "none.ply", "--fit", "sphere", "--spacing-mm", "5"), "spacing"),

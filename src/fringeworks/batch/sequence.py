@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from io import StringIO
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +100,7 @@ def run_sequence(
     store = SequenceStore(place, origin.as_dict(), time_unit=unit, maps=maps)
     count = 0
     try:
-        for moment in _chained(started, moments):
+        for moment in chain(started, moments):
             time = moment.time_frames / (rate_hz or 1.0)
             points = _within(moment.points, known)
             tracker.add(moment.time_frames, points)
@@ -140,11 +140,6 @@ def _checked(recipe: Recipe, place: Path, rate_hz: float | None) -> tuple[Rig, P
     if place.suffix != ".zarr":
         raise InputError(f"{place}: expected a name that ends with .zarr")
     return rig_of(recipe), place
-
-
-def _chained(first: list[Any], others: Iterator[Any]) -> Iterator[Any]:
-    yield from first
-    yield from others
 
 
 def _within(points: PointCloud, recipe: Recipe) -> PointCloud:

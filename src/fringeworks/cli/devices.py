@@ -16,7 +16,7 @@ from fringeworks.cli.app import app
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Ply, PlyOption, items
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_points, say_setup
+from fringeworks.cli.words import say_setup
 
 SECTION = "Devices"
 
@@ -228,12 +228,7 @@ def scan(
     with opened(devices) as bench:
         _capture(bench, plan, folder, taking)
     found = fw.measure(folder, known)
-    with output.target(out, ".ply") as place:
-        fw.write_points(place, found.points, kind=ply.value)
-    figures = fw.summarise(found)
-    origin = found.points.provenance
-    show.write(found, figures, name=folder.name, provenance=origin, rig=known)
-    say_points(words, figures)
+    show.write_points(words, found, known, out, ply, name=folder.name)
     words.wrote(folder, out, *show.targets)
 
 

@@ -25,7 +25,7 @@ from fringeworks.cli.options import (
     items,
 )
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_points, say_surface
+from fringeworks.cli.words import say_surface
 
 SECTION = "Two frames"
 
@@ -54,13 +54,15 @@ class RigOptions:
         if self.rig is not None and geometry is not None:
             raise fw.InputError("--rig cannot be combined with a geometry")
 
-    def measure(self, pair: fw.Pair, method: str, **options: Any) -> fw.Measurement:
-        """Measure the points of a pair."""
+    def measure(self, pair: fw.Pair, method: str, **options: Any) -> tuple[fw.Measurement, fw.Rig]:
+        """Measure the points of a pair; return them with the rig."""
         assert self.rig is not None
+        rig = fw.read_rig(self.rig)
         plane = None if self.plane is None else items(float, self.plane, "plane")
-        return fw.measure_pair(
-            pair, self.rig, reference=self.plane_coordinates, plane=plane, method=method, **options
+        found = fw.measure_pair(
+            pair, rig, reference=self.plane_coordinates, plane=plane, method=method, **options
         )
+        return found, rig
 
 
 @app.command(
@@ -146,7 +148,8 @@ def reconstruct(
     with output.progress() as progress:
         progress(f"{method} …")
         if on_rig.rig is not None:
-            _show_points(on_rig.measure(pair, method, **options), out, ply, show, name, words)
+            show.write_points(words, *on_rig.measure(pair, method, **options), out, ply, name=name)
+            words.wrote(out, show.figure, show.report)
             return
         result = fw.reconstruct(pair, method, geometry=known, **options)
     if out is not None:
@@ -157,24 +160,6 @@ def reconstruct(
         figures["errors"] = asdict(fw.errors(result.surface, pair.truth_mm))
     show.write(result, figures, name=name, provenance=result.surface.provenance)
     say_surface(words, figures)
-    words.wrote(out, show.figure, show.report)
-
-
-def _show_points(
-    found: fw.Measurement,
-    out: Path | None,
-    ply: Ply,
-    show: ShowOptions,
-    name: str | None,
-    words: output.Output,
-) -> None:
-    """Write and say the points of a pair."""
-    if out is not None:
-        with output.target(out, ".ply") as place:
-            fw.write_points(place, found.points, kind=ply.value)
-    figures = fw.summarise(found)
-    show.write(found, figures, name=name, provenance=found.points.provenance)
-    say_points(words, figures)
     words.wrote(out, show.figure, show.report)
 
 

@@ -10,7 +10,8 @@ import typer
 
 import fringeworks as fw
 from fringeworks.cli import output
-from fringeworks.cli.options import Figure, JsonFile
+from fringeworks.cli.options import Figure, JsonFile, Ply
+from fringeworks.cli.words import say_points
 
 
 @dataclass(frozen=True)
@@ -53,3 +54,21 @@ class ShowOptions:
             with output.target(self.report, ".html") as place:
                 fw.write_report(place, shown, rig=rig)
         output.write_json(self.json_file, figures)
+
+    def write_points(
+        self,
+        words: output.Output,
+        found: fw.Measurement,
+        rig: fw.Rig,
+        out: Path | None,
+        ply: Ply,
+        *,
+        name: str | None,
+    ) -> None:
+        """Write the points of a measurement and what else is asked for, and say what they are."""
+        if out is not None:
+            with output.target(out, ".ply") as place:
+                fw.write_points(place, found.points, kind=ply.value)
+        figures = fw.summarise(found)
+        self.write(found, figures, name=name, provenance=found.points.provenance, rig=rig)
+        say_points(words, figures)

@@ -22,7 +22,7 @@ from fringeworks.cli.options import (
     items,
 )
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_calibration, say_coordinates, say_phase, say_points
+from fringeworks.cli.words import say_calibration, say_coordinates, say_phase
 
 SECTION = "Stacks and rigs"
 
@@ -261,11 +261,5 @@ def measure(
             epipolar_px=epipolar_px,
             **options,
         )
-    if out is not None:
-        with output.target(out, ".ply") as place:
-            fw.write_points(place, found.points, kind=ply.value)
-    figures = fw.summarise(found)
-    origin = found.points.provenance
-    show.write(found, figures, name=stack.name, provenance=origin, rig=calibrated)
-    say_points(words, figures)
+    show.write_points(words, found, calibrated, out, ply, name=stack.name)
     words.wrote(out, show.figure, show.report)

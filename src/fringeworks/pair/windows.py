@@ -174,8 +174,7 @@ class Windows:
         self, fitted: Fitted, albedo: NDArray[np.float32] | None = None
     ) -> NDArray[np.float32]:
         """What the kept windows leave of the object, (h, w), in modulations; NaN without data."""
-        u = fitted.displacement_px
-        value, _, known = self.warp(np.where(np.isfinite(u), u, np.float32(0)))
+        value, _, known = self.warp(fitted.displacement_px)
         model = fitted.offset + fitted.modulation_ratio * value
         if albedo is not None:
             model *= albedo

@@ -15,7 +15,7 @@ mod select;
 mod solve;
 mod warp;
 
-use crate::{check_length, check_value, Error, MIN_PERIOD, MIN_WIDTH};
+use crate::{check_length, check_value, Error, MIN_PERIOD};
 use grid::Grid;
 use lattice::{BlockMeans, Lattice};
 use moments::Window;
@@ -118,17 +118,8 @@ fn noise_amplification(steps: usize) -> f64 {
 
 fn check(pair: &Pair, start: &[f32], options: &Options) -> Result<(), Error> {
     let n = pair.height * pair.width;
-    check_value(
-        "width",
-        pair.width >= MIN_WIDTH,
-        "at least 8 px",
-        pair.width,
-    )?;
-    check_value("height", pair.height >= 1, "at least 1 px", pair.height)?;
-    check_length("spline", pair.spline.len(), pair.height * (pair.width + 3))?;
+    pair.check_reference()?;
     check_length("object", pair.object.len(), n)?;
-    check_length("reference_ok", pair.reference_ok.len(), n)?;
-    check_length("object_ok", pair.object_ok.len(), n)?;
     check_length("start", start.len(), n)?;
     if let Some(albedo) = pair.albedo {
         check_length("albedo", albedo.len(), n)?;

@@ -93,6 +93,17 @@ fn evaluate(coefficients: &[f32], position: f64) -> (f32, f32) {
 }
 
 impl Pair<'_> {
+    /// Refuse sizes that do not fit, but for the object's samples and the albedo.
+    pub fn check_reference(&self) -> Result<(), Error> {
+        let n = self.height * self.width;
+        let wide = self.width >= MIN_WIDTH;
+        check_value("width", wide, "at least 8 px", self.width)?;
+        check_value("height", self.height >= 1, "at least 1 px", self.height)?;
+        check_length("spline", self.spline.len(), self.height * (self.width + 3))?;
+        check_length("reference_ok", self.reference_ok.len(), n)?;
+        check_length("object_ok", self.object_ok.len(), n)
+    }
+
     /// Albedo of a pixel; 1 where it is not known.
     #[inline(always)]
     pub fn albedo_at(&self, i: usize) -> f32 {
@@ -139,16 +150,8 @@ type Warped = (Vec<f32>, Vec<f32>, Vec<u8>);
 /// Value and slope of the reference at x − u for every pixel, 0 without data, and 1 where there is data.
 /// The object's samples are not used.
 pub fn warped(pair: &Pair, u: &[f32]) -> Result<Warped, Error> {
+    pair.check_reference()?;
     let n = pair.height * pair.width;
-    check_value(
-        "width",
-        pair.width >= MIN_WIDTH,
-        "at least 8 px",
-        pair.width,
-    )?;
-    check_length("spline", pair.spline.len(), pair.height * (pair.width + 3))?;
-    check_length("reference_ok", pair.reference_ok.len(), n)?;
-    check_length("object_ok", pair.object_ok.len(), n)?;
     check_length("displacement", u.len(), n)?;
     let (mut value, mut slope, mut known) = (vec![0.0; n], vec![0.0; n], vec![0; n]);
     (value.par_chunks_mut(pair.width))

@@ -93,26 +93,30 @@ def write_report(
         chapters = compared(chapters, [result for _, result in named])
     origin = made_by("write_report", options={"title": title or None, "every": every})
     heading = title or named[0][0]
-    paths = []
-    if path.suffix.lower() == ".pdf":
-        paths.append(write_pdf(path, heading, chapters, origin, notes))
-    else:
-        verdict = _verdict(judged)
-        page = page_html(heading, chapters, origin, notes=notes, verdict=verdict, kept=all(judged))
-        write_text(path, page)
-        paths.append(path)
+    verdict, kept = _verdict(judged), all(judged)
+    paths = [write_page(path, heading, chapters, origin, notes=notes, verdict=verdict, kept=kept)]
     if pdf is not None:
         paths.append(write_pdf(Path(pdf), heading, chapters, origin, notes))
     return ReportWritten(tuple(paths), all(judged))
 
 
-def write_page(path: StrPath, title: str, chapters: list[Chapter], origin: Provenance) -> Path:
+def write_page(
+    path: StrPath,
+    title: str,
+    chapters: list[Chapter],
+    origin: Provenance,
+    *,
+    notes: Sequence[str] = (),
+    verdict: str = "",
+    kept: bool = True,
+) -> Path:
     """Write chapters as a page or, for a name that ends with ``.pdf``, as a document."""
     check_report_target(path)
     place = Path(path)
     if place.suffix.lower() == ".pdf":
-        return write_pdf(place, title, chapters, origin)
-    return write_text(place, page_html(title, chapters, origin))
+        return write_pdf(place, title, chapters, origin, notes)
+    page = page_html(title, chapters, origin, notes=notes, verdict=verdict, kept=kept)
+    return write_text(place, page)
 
 
 def check_report_target(path: StrPath) -> None:

@@ -11,6 +11,7 @@ mod rows;
 mod threads;
 mod unwrap;
 mod wavelet;
+mod cliffs;
 mod windowed;
 
 use pyo3::prelude::*;
@@ -33,6 +34,8 @@ mod _core {
     use super::unwrap::{average_phasor, count_residues, unwrap_reliability};
     #[pymodule_export]
     use super::wavelet::wavelet_ridge_rows;
+    #[pymodule_export]
+    use super::cliffs::{relocate_surfaces, smooth_within_walls, wall_sides};
     #[pymodule_export]
     use super::windowed::{invert_windowed, warp_windowed};
 

@@ -19,7 +19,7 @@ type Maps<'py> = (
 );
 
 #[pyfunction]
-#[pyo3(signature = (spline, object, reference_ok, object_ok, start, albedo=None, *, cliffs=true, scales, iterations, period, confidence, object_noise, reference_noise, drift, max_sigma, min_explained))]
+#[pyo3(signature = (spline, object, reference_ok, object_ok, start, albedo=None, walls=None, *, scales, iterations, period, confidence, object_noise, reference_noise, drift, max_sigma, min_explained))]
 #[allow(clippy::too_many_arguments)]
 pub fn invert_windowed<'py>(
     py: Python<'py>,
@@ -29,7 +29,7 @@ pub fn invert_windowed<'py>(
     object_ok: PyReadonlyArray2<'py, u8>,
     start: PyReadonlyArray2<'py, f32>,
     albedo: Option<PyReadonlyArray2<'py, f32>>,
-    cliffs: bool,
+    walls: Option<PyReadonlyArray2<'py, u8>>,
     scales: Vec<f64>,
     iterations: usize,
     period: f64,
@@ -51,11 +51,11 @@ pub fn invert_windowed<'py>(
         albedo: albedo.as_ref().map(rows_of).transpose()?,
     };
     let start = rows_of(&start)?;
+    let walls = walls.as_ref().map(rows_of).transpose()?;
     let options = Options {
         scales,
         iterations,
         period,
-        cliffs,
         confidence,
         limits: Limits {
             object_noise,
@@ -66,7 +66,7 @@ pub fn invert_windowed<'py>(
             min_explained,
         },
     };
-    let field = detached(py, || invert(&pair, start, &options))?;
+    let field = detached(py, || invert(&pair, walls, start, &options))?;
     let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
     let scale = Array2::from_shape_vec(shape, field.scale).expect("kernel keeps the shape");
     Ok((

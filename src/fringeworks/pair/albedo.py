@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypedDict, Unpack
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from fringeworks import _core
+from fringeworks.pair.cliffs import TIED, Cliffs
+from fringeworks.pair.misfit import PATCH_PX, unexplained, widened
 from fringeworks.pair.windows import Fitted, Windows
 from fringeworks.types import BoolMap, FloatMap
 
-PATCH_PX = 7
-"""Side of the squares over which misfits are averaged: the mean of 49 squares scatters by 20 %."""
-MIN_MISFIT = 4.0
-"""Mean squared misfit of a patch that the windows do not explain, in variances of the noise."""
-MIN_MISFIT_SHARE = 1e-3
-"""The same as a share of the squared modulation, on frames without noise."""
-MIN_BLOB_PX = 5
-"""Side of the smallest square of such pixels that counts; smaller ones are chance or dust."""
-MIN_POOR_PIXELS = 50
-"""Number of such pixels from which edges are searched."""
 STILL_MISFIT = 8.0
 """The same with the albedo: compression leaves more at edges than elsewhere."""
 MAX_STILL_POOR = 0.15
@@ -33,8 +22,6 @@ MIN_SHARE = 1e-6
 """Smallest share of a square that counts as some of it."""
 FRINGE_BOX_PERIODS = 3.0
 """Side of the squares in which albedo and fringes are compared, periods."""
-SMALL_WINDOW_PERIODS = 0.5
-"""Width of the windows, periods, from which on their estimates follow the surface."""
 LEVEL_WIDTH_PERIODS = 2.0
 """Width of the Gaussian over which the level without light is averaged, periods."""
 LEVEL_BLOCKS = 4
@@ -53,15 +40,10 @@ STIFFNESS = 0.4
 """μ of the correction of the displacement, over the mean square of the reference's slope."""
 ITERATIONS = (200, 200, 100, 50)
 """Steps from the coarsest level, an eighth of the frame, to the frame itself."""
+MIXED_PX = 2
+"""Distance from a wall up to which a lens mixes the brightness of both sides."""
 MIN_SIDE_PX = 64
 """Shortest side of a frame on which all levels are used."""
-MAX_PASSES = 3
-"""Largest number of times that the albedo is found, with windows between them that know it."""
-SETTLED = 0.065
-"""Rms change of the albedo near its edges, up to which another pass is not needed. An empirical
-choice: later passes change the displacement by less than its σ."""
-MIN_EDGE_PIXELS = 20
-"""Number of pixels on edges from which the object counts as painted."""
 MAX_FRINGE_SHARE = 0.1
 """Largest share of the albedo's local variance that goes with the fringes. Most edges of paint have
 up to 0.02; creases of a surface that an albedo has taken over have 0.15 to 0.25."""
@@ -70,112 +52,8 @@ ERROR_SHARE = 0.1
 simulated paint: 0.05 to 0.1."""
 MIN_BRIGHT = 0.1
 """Smallest brightness that the albedo is compared at, in modulations."""
-MEDIAN_STEP = 7
-"""Every so many values determine a median."""
-NORMAL_MEDIAN = 0.6745
-"""Median of |z| for a standard normal variable z."""
 MIN_ALBEDO = 0.02
 """Smallest albedo; less is a shadow, whose fringes no albedo restores."""
-
-
-class FitSettings(TypedDict):
-    """Keyword options of ``Windows.fit`` that a user chooses."""
-
-    iterations: int
-    confidence: float
-
-
-def through_paint(
-    windows: Windows,
-    plain: Fitted,
-    start_px: NDArray[np.float32],
-    widths: Sequence[float],
-    **settings: Unpack[FitSettings],
-) -> Fitted | None:
-    """Fit windows again that know the albedo, where the object has hard edges of paint.
-
-    Parameters
-    ----------
-    windows, plain, start_px, widths
-        As for ``find_albedo``.
-    **settings
-        Of ``Windows.fit``.
-
-    Returns
-    -------
-    Fitted, in which places that the albedo does not explain are those of ``plain``; None without
-    paint.
-    """
-    albedo = find_albedo(windows, plain, start_px, widths)
-    if albedo is None:
-        return None
-    lit = windows.above_dark()
-    found = lit.fit(start_px, widths, albedo=albedo, **settings)
-    better = explained(lit, found, albedo, plain.misfit)
-    error = albedo_error(plain, found, windows.period_px)
-    found = found._replace(
-        modulation_ratio=albedo * found.modulation_ratio,
-        sigma_px=np.sqrt(found.sigma_px**2 + error),
-    )
-    return plain.replaced(found, better)
-
-
-def find_albedo(
-    windows: Windows,
-    plain: Fitted,
-    start_px: NDArray[np.float32],
-    widths: Sequence[float],
-) -> NDArray[np.float32] | None:
-    """Find the albedo of an object whose paint has hard edges.
-
-    Parameters
-    ----------
-    windows : Windows
-    plain : Fitted
-        What windows of all widths found without an albedo.
-    start_px : (h, w) float32 array
-        Displacement that they started from, px.
-    widths : sequence of float
-        Widths σ of the windows, px.
-
-    Returns
-    -------
-    (h, w) float32 array > 0, or None where the windows explain both frames, or no edge is found.
-
-    Notes
-    -----
-    With the matching reference s(x − u) and the level c of the object without light over its gain,
-    d = β·(c + s). Where windows cross an edge of β, they take it for shape; what their smooth β
-    leaves shows where. β and a smooth correction of u come from ``joint_albedo``, from windows that
-    know β better with every pass.
-    """
-    poor = _poor(plain.misfit, windows.object_noise)
-    if np.count_nonzero(poor) < MIN_POOR_PIXELS:
-        return None
-    # Smaller windows follow a crease of the surface, but no edge of paint.
-    if np.count_nonzero(poor & _poor(windows.left(plain), windows.object_noise)) < MIN_POOR_PIXELS:
-        return None
-    windows = windows.above_dark()
-    small = next(
-        (k for k, w in enumerate(widths) if w <= SMALL_WINDOW_PERIODS * windows.period_px),
-        len(widths) - 1,
-    )
-    # The smallest windows add noise only; the edges are known by then.
-    fine = widths[: small + 2]
-    scatter = float(np.nanmedian(np.abs(plain.misfit.flat[::MEDIAN_STEP]))) / NORMAL_MEDIAN
-    found = windows.fit(start_px, widths[:1], cliffs=False)
-    albedo: NDArray[np.float32] | None = None
-    for _ in range(MAX_PASSES):
-        u = np.where(np.isfinite(found.displacement_px), found.displacement_px, start_px)
-        before, albedo = albedo, _next_albedo(windows, found, u, albedo, scatter)
-        if before is not None and _change(before, albedo) < SETTLED:
-            break
-        found = windows.fit(start_px, fine, albedo=albedo, cliffs=False)
-    assert albedo is not None
-    edges = edge_weight(albedo) < 0.5
-    if np.count_nonzero(edges) < MIN_EDGE_PIXELS:
-        return None
-    return albedo
 
 
 def edge_weight(albedo: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -187,18 +65,24 @@ def edge_weight(albedo: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def explained(
-    windows: Windows, fitted: Fitted, albedo: NDArray[np.float32], misfit: NDArray[np.float32]
+    windows: Windows,
+    fitted: Fitted,
+    misfit: NDArray[np.float32],
+    albedo: NDArray[np.float32] | None,
+    mixed: BoolMap | None = None,
 ) -> BoolMap:
-    """Where windows that know the albedo explain the object, (h, w).
+    """Where windows that know the albedo, or cliffs, explain the object, (h, w).
 
     Parameters
     ----------
     windows : Windows
     fitted : Fitted
         What they found.
-    albedo : (h, w) float32 array
     misfit : (h, w) float32 array
-        What windows left that did not know it. Their result is as good where they left nothing.
+        What windows left that knew nothing. Their result is as good where they left nothing.
+    albedo : (h, w) float32 array, optional
+    mixed : (h, w) bool array, optional
+        Pixels beside cliffs, which show both sides and are not judged.
 
     Notes
     -----
@@ -206,12 +90,15 @@ def explained(
     connected place where the windows left something is judged as a whole. An albedo that goes with
     the fringes there is an error of the displacement or of the level.
     """
-    poor = _poor(misfit, windows.object_noise)
-    still = poor & _poor(windows.left(fitted, albedo), windows.object_noise, STILL_MISFIT)
+    poor = unexplained(misfit, windows.object_noise)
+    still = poor & unexplained(windows.left(fitted, albedo), windows.object_noise, STILL_MISFIT)
+    if mixed is not None:
+        still &= ~mixed
     places, count = ndimage.label(poor)
     sizes, left = (np.bincount(places[where], minlength=count + 1) for where in (poor, still))
     refused = (left > MAX_STILL_POOR * np.maximum(sizes, 1))[places]
-    refused |= fringe_share(windows, fitted, albedo) > MAX_FRINGE_SHARE
+    if albedo is not None:
+        refused |= fringe_share(windows, fitted, albedo) > MAX_FRINGE_SHARE
     refused &= poor
     if not refused.any():
         return np.ones(refused.shape, bool)
@@ -259,16 +146,6 @@ def fringe_share(
     return np.asarray(np.sum(shares, axis=0))
 
 
-def _poor(misfit: NDArray[np.float32], noise: float, most: float = MIN_MISFIT) -> BoolMap:
-    """Where the mean squared misfit of a patch is more than ``most`` variances of noise, (h, w)."""
-    patch = cv2.blur(np.where(np.isfinite(misfit), misfit**2, np.float32(0)), (PATCH_PX, PATCH_PX))
-    # Compression leaves more than noise everywhere.
-    usual = max(noise, float(np.median(patch[::4, ::4])))
-    poor = (patch > most * usual + MIN_MISFIT_SHARE).astype(np.uint8)
-    kernel = np.ones((MIN_BLOB_PX, MIN_BLOB_PX), np.uint8)
-    return np.asarray(cv2.morphologyEx(poor, cv2.MORPH_OPEN, kernel), dtype=bool)
-
-
 def light_level(fitted: Fitted, period_px: float) -> NDArray[np.float32]:
     """Level of the object without light over its gain, c, (h, w), smooth.
 
@@ -294,29 +171,56 @@ def light_level(fitted: Fitted, period_px: float) -> NDArray[np.float32]:
     return np.ascontiguousarray(whole[:h, :w])
 
 
-def _next_albedo(
+def next_albedo(
     windows: Windows,
     found: Fitted,
     u: NDArray[np.float32],
     before: NDArray[np.float32] | None,
     scatter: float,
+    cliffs: Cliffs | None = None,
 ) -> NDArray[np.float32]:
-    """The albedo from the displacement of windows that know the last one."""
+    """The albedo from the displacement of windows that know the last one.
+
+    Parameters
+    ----------
+    windows : Windows
+        Above dark.
+    found : Fitted
+        What they found.
+    u : (h, w) float32 array
+        Displacement, px; finite.
+    before : (h, w) float32 array or None
+        The last albedo.
+    scatter : float
+        Standard deviation of what windows leave of most pixels, in modulations.
+    cliffs : Cliffs, optional
+        Where the correction of the displacement may jump; mixed pixels there are not used.
+
+    Returns
+    -------
+    (h, w) float32 array > 0
+    """
     value, slope, known = windows.warp(u)
     lit = known > 0
+    weight = np.ones_like(value) if before is None else edge_weight(before)
+    walls = np.zeros(value.shape, np.uint8)
+    if cliffs is not None:
+        lit &= ~widened(cliffs.walls, MIXED_PX)
+        slope = np.where(lit, slope, np.float32(0))
+        weight = np.where(cliffs.near, np.float32(TIED), weight)
+        walls = cliffs.walls.astype(np.uint8)
     model = np.where(lit, value + light_level(found, windows.period_px), 0).astype(np.float32)
     steep = float(np.sqrt(np.mean(slope[lit] ** 2))) if lit.any() else 1.0
     price = EDGE_PRICE[0 if before is None else 1] * windows.period_px
     bright = float(np.sqrt(np.mean(model[lit] ** 2))) if lit.any() else 1.0
     price = max(price, NOISE_PRICE * scatter * bright)
-    weight = np.ones_like(value) if before is None else edge_weight(before)
     levels = len(ITERATIONS) if min(value.shape) >= MIN_SIDE_PX else 1
     albedo, _ = _core.joint_albedo(
         model,
         slope / np.float32(steep) if before is None else before * slope / np.float32(steep),
         np.where(lit, windows.object, 0).astype(np.float32),
         np.float32(price) * weight,
-        np.zeros(value.shape, np.uint8),
+        walls,
         stiffness=STIFFNESS / steep**2,
         huber=0.0 if before is None else HUBER_SLOPE,
         iterations=ITERATIONS[-levels:],
@@ -324,7 +228,7 @@ def _next_albedo(
     return np.maximum(albedo, np.float32(MIN_ALBEDO))
 
 
-def _change(before: FloatMap, albedo: FloatMap) -> float:
+def change(before: FloatMap, albedo: FloatMap) -> float:
     """Rms change of the albedo around its edges."""
     edges = cv2.dilate((edge_weight(albedo) < 0.5).astype(np.uint8), np.ones((PATCH_PX, PATCH_PX)))
     near = edges > 0

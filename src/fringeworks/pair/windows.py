@@ -30,6 +30,8 @@ CONFIDENCE = 2.5
 Lepski's rule (theory §4): a larger value averages more noise, a smaller one follows details. An
 empirical choice.
 """
+FINEST = 1e-9
+"""The same for the estimate of the smallest window that determines the displacement."""
 MAX_SIGMA = 1.0 / 25.0
 """Largest standard deviation of an estimate that is kept, periods.
 
@@ -130,7 +132,7 @@ class Windows:
         widths: Sequence[float],
         *,
         albedo: NDArray[np.float32] | None = None,
-        cliffs: bool = True,
+        walls: ByteMap | None = None,
         iterations: int = 1,
         confidence: float = CONFIDENCE,
     ) -> Fitted:
@@ -144,8 +146,8 @@ class Windows:
             Widths σ of the windows, px, falling.
         albedo : (h, w) float32 array > 0, optional
             Albedo of the object over that of the reference, β.
-        cliffs : bool
-            Whether to restore cliffs that a window has smeared.
+        walls : (h, w) uint8 array, optional
+            1 for pixels that no window sees or sees past.
         iterations, confidence
             As for ``windowed``.
         """
@@ -157,7 +159,7 @@ class Windows:
                 self.object_ok,
                 start_px,
                 albedo,
-                cliffs=cliffs,
+                walls,
                 scales=widths,
                 iterations=iterations,
                 period=self.period_px,

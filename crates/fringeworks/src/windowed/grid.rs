@@ -2,14 +2,16 @@
 
 use super::lattice::Lattice;
 use super::moments::{block_sums, NodeRow, Window};
+use super::sight::{Sight, Walls};
 use super::solve::{solve, Limits, Node, Prior};
-use super::warp::Pair;
+use super::warp::{warped, Pair};
 use rayon::prelude::*;
 
 /// The solved windows of one scale.
-pub struct Grid {
+pub struct Grid<'a> {
     pub lattice: Lattice,
     nodes: Vec<Node>,
+    walls: Option<&'a Walls<'a>>,
 }
 
 /// Solution at a pixel, interpolated between the nodes around it.
@@ -23,24 +25,35 @@ pub struct Blend {
     pub modulation_ratio: f32,
 }
 
-impl Grid {
-    /// One Gauss–Newton step: solve every window of this scale about the displacement `u`.
+impl<'a> Grid<'a> {
+    /// One Gauss–Newton step: solve every window of this scale about the displacement `u`. No window
+    /// sees through `walls`.
     pub fn solve(
         pair: &Pair,
+        walls: Option<&'a Walls<'a>>,
         u: &[f32],
         window: &Window,
         coarser: Option<&Grid>,
         start: &Prior,
         limits: &Limits,
-    ) -> Grid {
+    ) -> Self {
         let lattice = window.lattice(pair.height, pair.width);
         let Lattice { rows, columns, .. } = lattice;
         let sums = block_sums(pair, u, window);
+        let near = walls.map(|walls| (walls, warped(pair, u).expect("the pair was checked")));
         let mut nodes = vec![Node::undetermined(start); rows * columns];
         nodes.par_chunks_mut(columns).enumerate().for_each_init(
-            || NodeRow::new(columns),
-            |gathered, (row, out)| {
+            || {
+                let sight = near
+                    .as_ref()
+                    .map(|(walls, warped)| Sight::new(pair, walls, warped, window));
+                (NodeRow::new(columns), sight)
+            },
+            |(gathered, sight), (row, out)| {
                 gathered.gather(&sums, row, rows, window);
+                if let Some(sight) = sight {
+                    sight.replace(gathered, row, window);
+                }
                 let y = window.centre(row);
                 for (i, node) in out.iter_mut().enumerate() {
                     let prior = coarser.map_or(*start, |grid| grid.prior_at(window.centre(i), y));
@@ -48,7 +61,11 @@ impl Grid {
                 }
             },
         );
-        Grid { lattice, nodes }
+        Self {
+            lattice,
+            nodes,
+            walls,
+        }
     }
 
     fn node(&self, row: usize, column: usize) -> &Node {
@@ -86,6 +103,11 @@ impl Grid {
                 modulation_ratio: node.modulation_ratio,
             });
         }
+        if let Some(walls) = self.walls {
+            if walls.within(x, y, 2 * block) {
+                return self.blend_seen(walls, x, y);
+            }
+        }
         let mut sum = Blend {
             delta: 0.0,
             sigma: 0.0,
@@ -113,5 +135,54 @@ impl Grid {
             offset: sum.offset / total,
             modulation_ratio: sum.modulation_ratio / total,
         })
+    }
+
+    /// The same near a wall: of the nearest nodes that the pixel sees, the more certain count more.
+    fn blend_seen(&self, walls: &Walls, x: usize, y: usize) -> Option<Blend> {
+        if walls.is_wall(x, y) {
+            return None;
+        }
+        let block = self.lattice.block;
+        let (row, column) = (y / block, x / block);
+        let middle = |i: usize| (i as f32 + 0.5) * block as f32 - 0.5;
+        for reach in [1, 2, 4] {
+            let scale = (reach as f32 + 0.5) * block as f32;
+            let (mut sum, mut total) = ([0.0f32; 4], 0.0f32);
+            for r in row.saturating_sub(reach)..=(row + reach).min(self.lattice.rows - 1) {
+                for c in column.saturating_sub(reach)..=(column + reach).min(self.lattice.columns - 1)
+                {
+                    let node = self.node(r, c);
+                    let (dx, dy) = (x as f32 - middle(c), y as f32 - middle(r));
+                    let near = (1.0 - dx.abs() / scale).max(0.0) * (1.0 - dy.abs() / scale).max(0.0);
+                    let pixel = walls.pixel_of(block, r, c);
+                    if !node.determined || near <= 0.0 || !walls.open_between((x, y), pixel) {
+                        continue;
+                    }
+                    let weight = near / (node.sigma * node.sigma);
+                    // A slope is about as uncertain as the displacement over the window's width.
+                    let away = (dx * dx + dy * dy) / (2.0 * block as f32).powi(2);
+                    let values = [
+                        node.delta + node.slope[0] * dx + node.slope[1] * dy,
+                        node.sigma * (1.0 + 0.5 * away).sqrt(),
+                        node.prior.offset,
+                        node.modulation_ratio,
+                    ];
+                    for (sum, value) in sum.iter_mut().zip(values) {
+                        *sum += weight * value;
+                    }
+                    total += weight;
+                }
+            }
+            if total > 0.0 {
+                let [delta, sigma, offset, modulation_ratio] = sum.map(|v| v / total);
+                return Some(Blend {
+                    delta,
+                    sigma,
+                    offset,
+                    modulation_ratio,
+                });
+            }
+        }
+        None
     }
 }

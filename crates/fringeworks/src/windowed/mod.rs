@@ -10,9 +10,10 @@ mod grid;
 mod lattice;
 mod moments;
 mod noise;
-mod relocate;
 mod select;
+mod sight;
 mod solve;
+mod surfaces;
 mod warp;
 
 use crate::{check_length, check_value, Error, MIN_PERIOD};
@@ -20,10 +21,12 @@ use grid::Grid;
 use lattice::{BlockMeans, Lattice};
 use moments::Window;
 use rayon::prelude::*;
-use relocate::{relocate, residuals, Model};
 use select::{select, Estimate};
+pub use sight::smooth_within;
 pub use solve::Limits;
+use sight::Walls;
 use solve::Prior;
+pub use surfaces::{relocate as relocate_surfaces, sides, Search, Surfaces};
 pub use warp::{warped, Pair};
 
 /// Options of the refinement.
@@ -35,8 +38,6 @@ pub struct Options {
     pub iterations: usize,
     /// Fringe period of the reference, px.
     pub period: f64,
-    /// Whether cliffs that windows have smeared are searched.
-    pub cliffs: bool,
     /// Half-width of the confidence intervals of Lepski's rule, in σ.
     pub confidence: f64,
     pub limits: Limits,
@@ -56,8 +57,7 @@ pub struct Field {
     pub scale: Vec<u8>,
     /// Variance of a mean of many pixels' noise over that of independent noise.
     pub noise_correlation: f64,
-    /// What windows of about half a period leave of the object frame before cliffs are restored, in
-    /// modulations; NaN without data.
+    /// What windows of about half a period leave of the object frame, in modulations; NaN without data.
     pub misfit: Vec<f32>,
 }
 
@@ -74,16 +74,8 @@ const MAX_ITERATIONS: usize = 100;
 /// Largest step of a displacement, in periods: the linearisation of a cosine holds no further.
 const MAX_STEP_PERIODS: f64 = 0.25;
 
-/// Largest correction of a displacement near a cliff, in periods: a larger one would change the fringe
-/// order, which two frames do not determine.
-const MAX_CLIFF_PERIODS: f64 = 0.5;
-
-/// Largest window, in periods, after which cliffs are searched. The residual of a larger window is
-/// dominated by its own bias.
-const CLIFF_WINDOW_PERIODS: f64 = 0.5;
-
-/// Distances at which a cliff's surfaces are searched, in σ of the window that smeared it.
-const CLIFF_DISTANCES: [f64; 3] = [1.0, 2.0, 3.0];
+/// Largest window, in periods, whose misfit is told. That of a larger one is dominated by its own bias.
+const MISFIT_WINDOW_PERIODS: f64 = 0.5;
 
 /// Prior of the coarsest windows: it allows any offset and modulation ratio that a scene shows, in
 /// units of the reference's modulation.
@@ -149,9 +141,15 @@ fn check(pair: &Pair, start: &[f32], options: &Options) -> Result<(), Error> {
 }
 
 /// Refine the displacement `start` (px) of every pixel.
-pub fn invert(pair: &Pair, start: &[f32], options: &Options) -> Result<Field, Error> {
+pub fn invert(
+    pair: &Pair,
+    walls: Option<&[u8]>,
+    start: &[f32],
+    options: &Options,
+) -> Result<Field, Error> {
     check(pair, start, options)?;
-    let found = refine(pair, start, options);
+    let walls = walls.map(|walls| Walls::new(walls, pair.height, pair.width));
+    let found = refine(pair, walls.as_ref(), start, options);
     let mut field = select(&found.estimates, pair.width, options.confidence as f32);
     field.noise_correlation = found.noise_correlation;
     field.misfit = found.misfit;
@@ -163,15 +161,16 @@ fn max_step(options: &Options) -> f32 {
 }
 
 /// The Gauss–Newton steps of one scale. Updates `u` and returns the windows of the last step.
-fn descend(
+fn descend<'a>(
     pair: &Pair,
+    walls: Option<&'a Walls<'a>>,
     u: &mut [f32],
     sigma: f64,
     coarser: Option<&Grid>,
     options: &Options,
-) -> Grid {
+) -> Grid<'a> {
     let window = Window::new(sigma);
-    let solve = |u: &[f32]| Grid::solve(pair, u, &window, coarser, &LOOSE, &options.limits);
+    let solve = |u: &[f32]| Grid::solve(pair, walls, u, &window, coarser, &LOOSE, &options.limits);
     let mut grid = solve(u);
     step(u, pair.width, &grid, max_step(options));
     for _ in 1..options.iterations {
@@ -179,6 +178,31 @@ fn descend(
         step(u, pair.width, &grid, max_step(options));
     }
     grid
+}
+
+/// A model of the object frame, one value per pixel.
+struct Model {
+    /// Displacement, px.
+    displacement: Vec<f32>,
+    offset: Vec<f32>,
+    modulation_ratio: Vec<f32>,
+}
+
+/// Residual of every pixel under the model; NaN without data.
+fn residuals(pair: &Pair, model: &Model) -> Vec<f32> {
+    let mut out = vec![f32::NAN; pair.object.len()];
+    out.par_chunks_mut(pair.width)
+        .enumerate()
+        .for_each(|(y, row)| {
+            for (x, residual) in row.iter_mut().enumerate() {
+                let i = y * pair.width + x;
+                if let Some((value, _)) = pair.reference_at(x, y, model.displacement[i]) {
+                    let expected = model.offset[i] + model.modulation_ratio[i] * value;
+                    *residual = pair.object[i] - pair.albedo_at(i) * expected;
+                }
+            }
+        });
+    out
 }
 
 /// The surface model of every pixel: the current field with offset and modulation ratio of the scale's
@@ -213,29 +237,12 @@ fn noise_correlation(pair: &Pair, model: &Model, limits: &Limits) -> f64 {
     (noise::correlation(&residuals, pair.height, pair.width) - reference).max(1.0)
 }
 
-/// Restore cliffs that windows of width `sigma` have smeared. Returns whether any pixel changed.
-fn restore_cliffs(
-    pair: &Pair,
-    u: &mut Vec<f32>,
-    mut model: Model,
-    residuals: &[f32],
-    sigma: f64,
-    options: &Options,
-) -> bool {
-    let distances = CLIFF_DISTANCES.map(|k| (k * sigma).round() as usize);
-    let noise = options.limits.object_noise as f32;
-    let max_change = MAX_CLIFF_PERIODS as f32 * options.period as f32;
-    let changed = relocate(pair, &mut model, residuals, &distances, max_change, noise);
-    *u = model.displacement;
-    changed
-}
-
-/// The scale after which cliffs are searched: the first that is small against the fringe.
-fn cliff_scale(options: &Options) -> usize {
+/// The scale whose misfit is told: the first that is small against the fringe.
+fn misfit_scale(options: &Options) -> usize {
     let small = options
         .scales
         .iter()
-        .position(|sigma| *sigma <= CLIFF_WINDOW_PERIODS * options.period);
+        .position(|sigma| *sigma <= MISFIT_WINDOW_PERIODS * options.period);
     small.unwrap_or(options.scales.len() - 1)
 }
 
@@ -246,16 +253,16 @@ struct Refined {
     misfit: Vec<f32>,
 }
 
-fn refine(pair: &Pair, start: &[f32], options: &Options) -> Refined {
+fn refine(pair: &Pair, walls: Option<&Walls>, start: &[f32], options: &Options) -> Refined {
     let factor = noise_amplification(options.iterations) as f32;
     let mut options = options.clone();
-    let cliffs_after = cliff_scale(&options);
+    let told = misfit_scale(&options);
     let mut u = start.to_vec();
     let mut misfit = Vec::new();
     let mut coarser: Option<Grid> = None;
     let mut estimates: Vec<Estimate> = Vec::with_capacity(options.scales.len());
     for (k, sigma) in options.scales.clone().into_iter().enumerate() {
-        let mut grid = descend(pair, &mut u, sigma, coarser.as_ref(), &options);
+        let grid = descend(pair, walls, &mut u, sigma, coarser.as_ref(), &options);
         let mut widening = 1.0;
         if k == 0 {
             let model = model_of(pair, &u, &grid);
@@ -263,13 +270,9 @@ fn refine(pair: &Pair, start: &[f32], options: &Options) -> Refined {
             // The first windows assumed independent noise.
             widening = options.limits.noise_correlation.sqrt() as f32;
         }
-        if k == cliffs_after {
+        if k == told {
             let model = model_of(pair, &u, &grid);
             misfit = residuals(pair, &model);
-            if options.cliffs && restore_cliffs(pair, &mut u, model, &misfit, sigma, &options) {
-                grid = descend(pair, &mut u, sigma, coarser.as_ref(), &options);
-                widening = 1.0;
-            }
         }
         let finer = estimate(&u, pair.width, &grid, factor * widening);
         if let (Some(last), Some(grid)) = (estimates.last_mut(), &coarser) {

@@ -61,6 +61,8 @@ const SIGMA_BLOCKS: f64 = 2.0;
 
 /// One window size: the width of its blocks, and its weights along one axis.
 pub struct Window {
+    /// Width σ, px.
+    pub sigma: f64,
     /// Side of a block, px.
     pub block: usize,
     /// Weight of a pixel in the block at each offset, times the offset (px) to the power 0, 1 and 2.
@@ -91,6 +93,7 @@ impl Window {
             squares += w * w * block as f64;
         }
         Self {
+            sigma,
             block,
             taps,
             effective_pixels: 1.0 / (squares * squares),
@@ -252,6 +255,13 @@ impl NodeRow {
 
     pub fn get(&self, channel: usize, column: usize) -> f64 {
         self.moments[channel * self.columns + column]
+    }
+
+    /// Replace the moments of a node.
+    pub fn set(&mut self, column: usize, moments: [f64; CHANNELS]) {
+        for (channel, value) in moments.into_iter().enumerate() {
+            self.moments[channel * self.columns + column] = value;
+        }
     }
 
     /// Gather the blocks around node row `row`.

@@ -145,7 +145,7 @@ pub fn warp_row(pair: &Pair, y: usize, u: &[f32], out: &mut WarpedRow) {
 }
 
 /// Value, slope, and 1 where there is data.
-type Warped = (Vec<f32>, Vec<f32>, Vec<u8>);
+pub type Warped = (Vec<f32>, Vec<f32>, Vec<u8>);
 
 /// Value and slope of the reference at x − u for every pixel, 0 without data, and 1 where there is data.
 /// The object's samples are not used.

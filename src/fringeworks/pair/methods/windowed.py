@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import ndimage
 
-from fringeworks.pair.albedo import FitSettings, through_paint
 from fringeworks.pair.bandpass import HALF_WIDTH, band_kernel
+from fringeworks.pair.edges import FitSettings, across_edges
 from fringeworks.pair.methods.windowed_start import start_field
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Smoothing, Solution, method
@@ -132,9 +132,9 @@ def windowed(
     start = start_field(pair, _start_width(pair, widths)).astype(np.float32)
     settings: FitSettings = {"iterations": iterations, "confidence": confidence}
     found = windows.fit(start, widths, **settings)
-    painted = through_paint(windows, found, start, widths, **settings) if paint else None
-    if painted is not None:
-        found = painted
+    edges = across_edges(windows, found, start, widths, paint=paint, **settings)
+    if edges is not None:
+        found = edges.fitted
     displacement, scale = found.displacement_px, found.scale
     displacement[_far_from_data(pair)] = np.nan
     start_px = float(
@@ -154,7 +154,8 @@ def windowed(
             "scale_share": [float(np.mean(scale == k)) for k in range(len(widths))],
             "noise_correlation": found.noise_correlation,
             "noise_counts": float(np.sqrt(windows.object_noise) * pair.modulation),
-            "painted": painted is not None,
+            "painted": edges is not None and edges.albedo is not None,
+            "cliffs": edges is not None and edges.walls is not None,
         },
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from scipy import ndimage
 
@@ -39,15 +40,31 @@ At twice that value the narrow one replaces the wide one in full. Below it the d
 """
 TRUNCATION = 3.0
 """Distance at which the Gaussians of the start are cut off, σ."""
+BLOCKS_PER_WIDTH = 4
+"""Blocks per width of a Gaussian of which only comparisons are made."""
 MIN_SHARE_COUNTED = 1e-6
 """Smallest sum of weights in the local mean of counted pixels; it keeps the quotient finite."""
 
 
 def _gaussian(values: FloatMap, width_px: float) -> FloatMap:
     """Smooth a map with a Gaussian of σ = ``width_px``."""
+    side = 2 * int(TRUNCATION * width_px + 0.5) + 1
     return np.asarray(
-        ndimage.gaussian_filter(values, width_px, mode="nearest", truncate=TRUNCATION)
+        cv2.GaussianBlur(
+            values.astype(np.float32), (side, side), width_px, borderType=cv2.BORDER_REPLICATE
+        )
     )
+
+
+def _local_mean(values: FloatMap, width_px: float) -> FloatMap:
+    """About the same, fast for large widths: on blocks of a quarter of the width."""
+    h, w = values.shape
+    block = min(max(1, int(width_px / BLOCKS_PER_WIDTH)), h, w)
+    blocks = cv2.resize(
+        values.astype(np.float32), (w // block, h // block), interpolation=cv2.INTER_AREA
+    )
+    smooth = _gaussian(blocks, width_px / block)
+    return np.asarray(cv2.resize(smooth, (w, h), interpolation=cv2.INTER_LINEAR))
 
 
 def start_field(prepared: PreparedPair, width_px: float) -> FloatMap:
@@ -127,10 +144,10 @@ def _explained(
     )
     d, s = prepared.object - prepared.mean_brightness, moved - prepared.mean_brightness
     width = window_periods * prepared.period
-    mean_d, mean_s = _gaussian(d, width), _gaussian(s, width)
-    covariance = np.maximum(_gaussian(d * s, width) - mean_d * mean_s, 0.0)
-    variance_s = np.maximum(_gaussian(s * s, width) - mean_s**2, QUANTISATION_VARIANCE)
-    variance_d = np.maximum(_gaussian(d * d, width) - mean_d**2, QUANTISATION_VARIANCE)
+    mean_d, mean_s = _local_mean(d, width), _local_mean(s, width)
+    covariance = np.maximum(_local_mean(d * s, width) - mean_d * mean_s, 0.0)
+    variance_s = np.maximum(_local_mean(s * s, width) - mean_s**2, QUANTISATION_VARIANCE)
+    variance_d = np.maximum(_local_mean(d * d, width) - mean_d**2, QUANTISATION_VARIANCE)
     share: FloatMap = covariance**2 / (variance_s * variance_d)
     return share
 

@@ -1,0 +1,227 @@
+"""Cliffs: walls that no window may see through, from a pair of frames (theory §4, "Cliffs")."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from fringeworks import _core
+from fringeworks.pair.misfit import (
+    MIN_MISFIT_SHARE,
+    mean_square,
+    unexplained,
+    usual_noise,
+    widened,
+)
+from fringeworks.pair.windows import Fitted, Windows
+from fringeworks.types import BoolMap, ByteMap
+
+IMPROVEMENT = 0.6
+"""Share of the present misfit of a patch that another surface must stay below. An empirical choice:
+nearer to 1, noise would move pixels."""
+CLEAN_NOISE = 2.0
+"""Mean squared misfit up to which a place is explained, in variances of the usual noise."""
+CLEAN_SHARE = 1e-4
+"""The same as a share of the squared modulation, on frames without noise."""
+CLEAN_PX = 11
+"""Side of the squares that must be explained around a pixel whose surface is offered."""
+STEEP = 0.5
+"""Slope of the displacement, px per px, from which it may be a cliff that windows have smeared."""
+PAINT_EDGE = 0.3
+"""Price of an edge of the albedo below which its surface is not offered."""
+SMEAR_WIDTHS = 2
+"""Distance from a cliff up to which a window smears it, widths of the window."""
+REACH_WIDTHS, REACH_PX = 4, 8
+"""Largest distance of a surface that is offered: so many widths of the window, and px."""
+FIRST, NEXT = {"margin": 6, "base": 8}, {"margin": 3, "base": 5}
+"""Distance behind the first explained pixel at which a surface is taken, and base of its slopes, px:
+when the windows have smeared the cliff, and when they know where it is."""
+MAX_CHANGE_PERIODS = 0.5
+"""Largest correction of a displacement: a larger one would change the fringe order."""
+SAME_PERIODS = 1.0 / 300.0
+"""Difference up to which two surfaces at a pixel count as the same one."""
+WALL_PERIODS = 1.0 / 30.0
+"""Difference between neighbours that makes a wall: less does not harm a window."""
+KEPT_SHARE = 0.25
+"""Share of it from which a wall that was found before stays one."""
+MEDIAN_PX = 5
+"""Side of the squares whose median removes single wrong surfaces."""
+SAMPLE_STEP = 4
+"""Every so many rows and columns are tried first, to tell cliffs from other places."""
+MIN_MOVED_SHARE = 0.1
+"""Share of the pixels of a place that must find another surface. At cliffs, 0.24 to 0.37 of them
+do; at edges of paint, up to 0.02."""
+MIN_SAMPLES = 50
+"""Smallest number of pixels that such a share is taken from."""
+NEAR_WALL_PX = 4
+"""Distance from a wall up to which pixels are mixed and tell nothing about the rest."""
+TIED = 1.0
+"""Price of an edge of the albedo near a cliff, whose errors it would imitate otherwise."""
+
+
+class Cliffs(NamedTuple):
+    """Where the displacement jumps; (h, w) maps."""
+
+    displacement_px: NDArray[np.float32]
+    """With the surfaces on either side continued up to the cliff."""
+    walls: BoolMap
+    """Pixels on either side of a jump."""
+    zone: BoolMap
+    """Where windows may have smeared a cliff."""
+    near: BoolMap
+    """Where ``displacement_px`` is better than what windows find that do not know the walls."""
+    left: NDArray[np.float32]
+    """What those surfaces leave of the object, in modulations; 0 on and beside walls."""
+
+    def start_from(
+        self, start_px: NDArray[np.float32], width_px: float
+    ) -> NDArray[np.float32]:
+        """Displacement to start windows of a width from: smooth, but not across walls."""
+        wide = widened(self.walls, int(3 * width_px))
+        within = _core.smooth_within_walls(
+            self.displacement_px, self.walls.astype(np.uint8), 0.5 * width_px
+        )
+        return np.where(wide, within, start_px)
+
+
+class _Model(NamedTuple):
+    """u, and offset and gain with the albedo in them, of every pixel."""
+
+    u: NDArray[np.float32]
+    offset: NDArray[np.float32]
+    gain: NDArray[np.float32]
+
+    def left(self, windows: Windows) -> NDArray[np.float32]:
+        """What the model leaves of the object, (h, w); NaN without data."""
+        value, _, known = windows.warp(self.u)
+        left = windows.object - self.offset - self.gain * value
+        return np.where(known > 0, left, np.float32(np.nan))
+
+
+def find_cliffs(
+    windows: Windows,
+    found: Fitted,
+    start_px: NDArray[np.float32],
+    width_px: float,
+    *,
+    albedo: NDArray[np.float32] | None = None,
+    edge_weight: NDArray[np.float32] | None = None,
+    before: Cliffs | None = None,
+) -> Cliffs | None:
+    """Find walls: where surfaces of either side explain the object, but no smooth one does.
+
+    Parameters
+    ----------
+    windows : Windows
+    found : Fitted
+        What windows of about half a period found.
+    start_px : (h, w) float32 array
+        Displacement where they found none, px.
+    width_px : float
+        Width σ of these windows.
+    albedo, edge_weight : (h, w) float32 arrays, optional
+        What is known of the albedo, and the price of its edges.
+    before : Cliffs, optional
+        What an earlier search found, whose walls the windows knew.
+
+    Returns
+    -------
+    Cliffs, or None where there are none.
+    """
+    model = _model(found, start_px, albedo)
+    left = model.left(windows)
+    patches, wide = mean_square(left), mean_square(left, CLEAN_PX)
+    usual = usual_noise(patches, windows.object_noise)
+    floor = CLEAN_NOISE * usual + CLEAN_SHARE
+    rough = _steep(model.u)
+    if edge_weight is not None:
+        rough |= edge_weight < PAINT_EDGE
+    how = FIRST if before is None else NEXT
+    clean = (wide < floor) & np.isfinite(left)
+    clean &= ~widened(rough, 3 if before is None else 1)
+    bar = IMPROVEMENT * np.maximum(patches, floor / IMPROVEMENT)
+
+    def moved(where: BoolMap) -> _Model:
+        present = np.where(where & ~clean, bar, np.float32(0))
+        return _Model(
+            *_core.relocate_surfaces(
+                windows.spline,
+                windows.object,
+                windows.reference_ok,
+                windows.object_ok,
+                *model,
+                clean=clean.astype(np.uint8),
+                present=present,
+                reach=int(REACH_WIDTHS * width_px) + REACH_PX,
+                max_change=MAX_CHANGE_PERIODS * windows.period_px,
+                same=SAME_PERIODS * windows.period_px,
+                **how,
+            )
+        )
+
+    limit = WALL_PERIODS * windows.period_px
+    poor = unexplained(left, windows.object_noise)
+    if before is None:
+        poor = _places_of_cliffs(poor, model.u, moved, limit)
+        if not poor.any():
+            return None
+    else:
+        poor &= before.zone
+    zone = widened(poor, int(SMEAR_WIDTHS * width_px))
+    if before is not None:
+        zone |= before.zone
+    better = moved(zone)
+    changed = zone & ~clean
+    u = np.where(changed, cv2.medianBlur(better.u, MEDIAN_PX), better.u)
+    walls = _jumps(u, limit) & zone
+    if before is not None:
+        walls |= before.walls & _jumps(u, KEPT_SHARE * limit)
+    if not walls.any():
+        return None
+    left = better._replace(u=u).left(windows)
+    left = np.where(widened(walls, NEAR_WALL_PX), np.float32(0), left)
+    near = widened(walls, int(2.5 * width_px))
+    return Cliffs(u, walls, zone, near, left)
+
+
+def _model(
+    found: Fitted, start_px: NDArray[np.float32], albedo: NDArray[np.float32] | None
+) -> _Model:
+    known = np.isfinite(found.displacement_px)
+    offset = np.where(known, found.offset, np.float32(0))
+    gain = np.where(known, found.modulation_ratio, np.float32(1))
+    if albedo is not None:
+        offset, gain = albedo * offset, albedo * gain
+    return _Model(np.where(known, found.displacement_px, start_px), offset, gain)
+
+
+def _places_of_cliffs(poor, u, moved, limit_px):
+    """Of the places that are poorly explained, those where many pixels find another surface."""
+    sampled = np.zeros_like(poor)
+    sampled[::SAMPLE_STEP, ::SAMPLE_STEP] = poor[::SAMPLE_STEP, ::SAMPLE_STEP]
+    far = sampled & (np.abs(moved(sampled).u - u) > limit_px)
+    places, count = ndimage.label(poor)
+    tried, found = (np.bincount(places[where], minlength=count + 1) for where in (sampled, far))
+    is_cliff = (tried >= MIN_SAMPLES) & (found > MIN_MOVED_SHARE * tried)
+    return is_cliff[places] & poor
+
+
+def _steep(u: NDArray[np.float32]) -> BoolMap:
+    down, right = np.gradient(u)
+    return np.maximum(np.abs(down), np.abs(right)) > STEEP
+
+
+def _jumps(u: NDArray[np.float32], limit_px: float) -> BoolMap:
+    """Pixels on either side of a difference between neighbours."""
+    walls = np.zeros(u.shape, bool)
+    right = np.abs(np.diff(u, axis=1)) > limit_px
+    down = np.abs(np.diff(u, axis=0)) > limit_px
+    walls[:, :-1] |= right
+    walls[:, 1:] |= right
+    walls[:-1] |= down
+    walls[1:] |= down
+    return walls

@@ -1,0 +1,237 @@
+"""Windows that neither see through cliffs nor take paint for shape (theory §4, "Paint", "Cliffs")."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks import _core
+from fringeworks.pair.albedo import (
+    albedo_error,
+    change,
+    edge_weight,
+    explained,
+    next_albedo,
+)
+from fringeworks.pair.cliffs import NEAR_WALL_PX, Cliffs, find_cliffs
+from fringeworks.pair.misfit import is_rare, unexplained, widened
+from fringeworks.pair.windows import CONFIDENCE, FINEST, Fitted, Windows
+from fringeworks.types import BoolMap, ByteMap
+
+SMALL_WINDOW_PERIODS = 0.5
+"""Width of the windows, periods, from which on their estimates follow the surface."""
+MAX_PASSES = 3
+"""Largest number of times that the albedo is found, with windows between them that know it."""
+SETTLED = 0.065
+"""Rms change of the albedo near its edges, up to which another pass is not needed. An empirical
+choice: later passes change the displacement by less than its σ."""
+MIN_EDGE_PIXELS = 20
+"""Number of pixels on edges from which the object counts as painted."""
+MEDIAN_STEP = 7
+"""Every so many values determine a median."""
+NORMAL_MEDIAN = 0.6745
+"""Median of |z| for a standard normal variable z."""
+MIN_EDGE_SHARE = 0.05
+"""Number of such pixels over that of those which windows of no size explain. Paint has 0.2 to 0.5;
+creases of a surface have up to 0.01."""
+MIN_LEFT_SHARE = 0.01
+"""Share of them that cliffs must leave unexplained, for paint to be searched."""
+CLIFF_PASSES = 2
+"""Number of searches for cliffs before paint is searched: the second one knows the first walls."""
+WALL_SIGMA = 2.0
+"""Factor of σ of a pixel on a wall over that of the surface that it was given."""
+
+
+class FitSettings(TypedDict):
+    """Keyword options of ``Windows.fit`` that a user chooses."""
+
+    iterations: int
+    confidence: float
+
+
+class Edges(NamedTuple):
+    """A pair with paint or cliffs, measured."""
+
+    fitted: Fitted
+    albedo: NDArray[np.float32] | None
+    """Albedo over that of the reference, (h, w); None without paint."""
+    walls: BoolMap | None
+    """Pixels on either side of a cliff, (h, w); None without cliffs."""
+
+
+def across_edges(
+    windows: Windows,
+    plain: Fitted,
+    start_px: NDArray[np.float32],
+    widths: Sequence[float],
+    *,
+    paint: bool = True,
+    **settings: Unpack[FitSettings],
+) -> Edges | None:
+    """Fit windows again that know cliffs and paint, where the object has hard edges of either.
+
+    Parameters
+    ----------
+    windows : Windows
+    plain : Fitted
+        What windows of all widths found that know neither.
+    start_px : (h, w) float32 array
+        Displacement that they started from, px.
+    widths : sequence of float
+        Widths σ of the windows, px.
+    paint : bool
+        Whether to search paint.
+    **settings
+        Of ``Windows.fit``.
+
+    Returns
+    -------
+    Edges, in which places that are not explained so are those of ``plain``; None where the windows
+    explain both frames, or no edge is found.
+
+    Notes
+    -----
+    With the matching reference s(x − u) and the level c of the object without light over its gain,
+    d = β·(c + s). Where windows cross a cliff or an edge of β, they explain neither side; what they
+    leave shows where. Cliffs are searched first: there, surfaces from either side explain what no
+    smooth one does. β and a smooth correction of u then come from ``joint_albedo``, from windows
+    that know β better with every pass.
+    """
+    poor = unexplained(plain.misfit, windows.object_noise)
+    # Smaller windows follow a crease of the surface, but neither a cliff nor an edge of paint.
+    unclear = poor & unexplained(windows.left(plain), windows.object_noise)
+    if is_rare(poor) or is_rare(unclear):
+        return None
+    search = _Search(windows, plain, start_px, widths)
+    search.search_cliffs()
+    least = MIN_LEFT_SHARE * int(np.count_nonzero(unclear))
+    if search.cliffs is not None:
+        unclear &= unexplained(search.cliffs.left, windows.object_noise)
+    if paint and not is_rare(unclear) and np.count_nonzero(unclear) > least:
+        search.search_paint(MIN_EDGE_SHARE * int(np.count_nonzero(unclear)))
+    if search.albedo is None and search.cliffs is None:
+        return None
+    return search.result(settings)
+
+
+class _Search:
+    """The search for the edges of a pair: what is known of them, and windows that know it."""
+
+    def __init__(
+        self,
+        windows: Windows,
+        plain: Fitted,
+        start_px: NDArray[np.float32],
+        widths: Sequence[float],
+    ) -> None:
+        self.windows = windows.above_dark()
+        self.plain = plain
+        self.widths = list(widths)
+        self.first_start_px = self.start_px = start_px
+        self.albedo: NDArray[np.float32] | None = None
+        self.cliffs: Cliffs | None = None
+        self.small = next(
+            (k for k, w in enumerate(widths) if w <= SMALL_WINDOW_PERIODS * windows.period_px),
+            len(widths) - 1,
+        )
+
+    @property
+    def walls(self) -> ByteMap | None:
+        return None if self.cliffs is None else self.cliffs.walls.astype(np.uint8)
+
+    def fit(
+        self, widths: Sequence[float], **settings: Unpack[FitSettings]
+    ) -> Fitted:
+        """Windows that know what is known."""
+        return self.windows.fit(
+            self.start_px, widths, albedo=self.albedo, walls=self.walls, **settings
+        )
+
+    def search_cliffs(self) -> None:
+        """Search walls; where some are found, once more with windows that know them."""
+        for _ in range(CLIFF_PASSES):
+            found = self.fit(self.widths[: self.small + 1], iterations=1, confidence=FINEST)
+            self.update_cliffs(found)
+            if self.cliffs is None:
+                return
+
+    def update_cliffs(self, found: Fitted) -> None:
+        self.cliffs = find_cliffs(
+            self.windows,
+            found,
+            self.start_px,
+            self.widths[self.small],
+            albedo=self.albedo,
+            edge_weight=None if self.albedo is None else edge_weight(self.albedo),
+            before=self.cliffs,
+        )
+        self.start_px = self.first_start_px
+        if self.cliffs is not None:
+            self.start_px = self.cliffs.start_from(self.first_start_px, self.widths[0])
+
+    def search_paint(self, min_edge_pixels: float) -> None:
+        """Find the albedo, with windows that know it better with every pass."""
+        # The smallest windows add noise only; the edges are known by then.
+        fine = self.widths[: self.small + 2]
+        misfit = self.plain.misfit.flat[::MEDIAN_STEP]
+        scatter = float(np.nanmedian(np.abs(misfit))) / NORMAL_MEDIAN
+        found = self.fit(self.widths[:1], iterations=1, confidence=CONFIDENCE)
+        for _ in range(MAX_PASSES):
+            u = np.where(np.isfinite(found.displacement_px), found.displacement_px, self.start_px)
+            if self.cliffs is not None:
+                u = np.where(self.cliffs.near, self.cliffs.displacement_px, u)
+            before = self.albedo
+            self.albedo = next_albedo(self.windows, found, u, before, scatter, self.cliffs)
+            edges = int(np.count_nonzero(edge_weight(self.albedo) < 0.5))
+            if edges < max(min_edge_pixels, MIN_EDGE_PIXELS):
+                self.albedo = None
+                return
+            if before is not None and change(before, self.albedo) < SETTLED:
+                break
+            if self.cliffs is None:
+                found = self.fit(fine, iterations=1, confidence=CONFIDENCE)
+            else:
+                found = self.fit(self.widths[: self.small + 1], iterations=1, confidence=FINEST)
+                self.update_cliffs(found)
+
+    def result(self, settings: FitSettings) -> Edges:
+        """Windows of all widths that know the edges, where they explain the object."""
+        found = self.fit(self.widths, **settings)
+        if self.cliffs is not None:
+            found = _on_walls(self.windows, found, self.cliffs, self.albedo)
+        mixed = None if self.cliffs is None else widened(self.cliffs.walls, NEAR_WALL_PX)
+        better = explained(self.windows, found, self.plain.misfit, self.albedo, mixed)
+        if self.albedo is not None:
+            error = albedo_error(self.plain, found, self.windows.period_px)
+            if self.cliffs is not None:
+                error = np.where(self.cliffs.zone, np.float32(0), error)
+            found = found._replace(
+                modulation_ratio=self.albedo * found.modulation_ratio,
+                sigma_px=np.sqrt(found.sigma_px**2 + error),
+            )
+        walls = None if self.cliffs is None else self.cliffs.walls & better
+        return Edges(self.plain.replaced(found, better), self.albedo, walls)
+
+
+def _on_walls(
+    windows: Windows, found: Fitted, cliffs: Cliffs, albedo: NDArray[np.float32] | None
+) -> Fitted:
+    """Give pixels on walls the surface of the side that explains them better."""
+    beta = np.float32(1) if albedo is None else albedo
+    side = _core.wall_sides(
+        windows.spline,
+        windows.object,
+        windows.reference_ok,
+        windows.object_ok,
+        found.displacement_px,
+        beta * found.offset,
+        beta * found.modulation_ratio,
+        cliffs.walls.astype(np.uint8),
+    )
+    on = side >= 0
+    from_side = Fitted(*(v.flat[side] if np.ndim(v) else v for v in found))
+    from_side = from_side._replace(sigma_px=np.float32(WALL_SIGMA) * from_side.sigma_px)
+    return found.replaced(from_side, on)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import cv2
@@ -55,6 +56,8 @@ SAMPLE_STEP = 4
 MIN_MOVED_SHARE = 0.1
 """Share of the pixels of a place that must find another surface. At cliffs, 0.24 to 0.37 of them
 do; at edges of paint, up to 0.02."""
+CERTAIN_SHARE = 0.25
+"""The same for cliffs that are certain: steps of the paint every few fringes reach 0.24."""
 MIN_SAMPLES = 50
 """Smallest number of pixels that such a share is taken from."""
 NEAR_WALL_PX = 4
@@ -74,6 +77,8 @@ class Cliffs(NamedTuple):
     """Where windows may have smeared a cliff."""
     near: BoolMap
     """Where ``displacement_px`` is better than what windows find that do not know the walls."""
+    certain: bool
+    """Whether edges of paint alone never look like this."""
     left: NDArray[np.float32]
     """What those surfaces leave of the object, in modulations; 0 on and beside walls."""
 
@@ -166,11 +171,12 @@ def find_cliffs(
     limit = WALL_PERIODS * windows.period_px
     poor = unexplained(left, windows.object_noise)
     if before is None:
-        poor = _places_of_cliffs(poor, model.u, moved, limit)
+        poor, certain = _places_of_cliffs(poor, model.u, moved, limit)
         if not poor.any():
             return None
     else:
         poor &= before.zone
+        certain = before.certain
     zone = widened(poor, int(SMEAR_WIDTHS * width_px))
     if before is not None:
         zone |= before.zone
@@ -185,7 +191,7 @@ def find_cliffs(
     left = better._replace(u=u).left(windows)
     left = np.where(widened(walls, NEAR_WALL_PX), np.float32(0), left)
     near = widened(walls, int(2.5 * width_px))
-    return Cliffs(u, walls, zone, near, left)
+    return Cliffs(u, walls, zone, near, certain, left)
 
 
 def _model(
@@ -199,15 +205,23 @@ def _model(
     return _Model(np.where(known, found.displacement_px, start_px), offset, gain)
 
 
-def _places_of_cliffs(poor, u, moved, limit_px):
-    """Of the places that are poorly explained, those where many pixels find another surface."""
+def _places_of_cliffs(
+    poor: BoolMap,
+    u: NDArray[np.float32],
+    moved: Callable[[BoolMap], _Model],
+    limit_px: float,
+) -> tuple[BoolMap, bool]:
+    """Of the places that are poorly explained, those where many pixels find another surface, and
+    whether they are certain to be cliffs."""
     sampled = np.zeros_like(poor)
     sampled[::SAMPLE_STEP, ::SAMPLE_STEP] = poor[::SAMPLE_STEP, ::SAMPLE_STEP]
     far = sampled & (np.abs(moved(sampled).u - u) > limit_px)
     places, count = ndimage.label(poor)
     tried, found = (np.bincount(places[where], minlength=count + 1) for where in (sampled, far))
-    is_cliff = (tried >= MIN_SAMPLES) & (found > MIN_MOVED_SHARE * tried)
-    return is_cliff[places] & poor
+    enough = tried >= MIN_SAMPLES
+    is_cliff = enough & (found > MIN_MOVED_SHARE * tried)
+    certain = bool((enough & (found > CERTAIN_SHARE * tried)).any())
+    return is_cliff[places] & poor, certain
 
 
 def _steep(u: NDArray[np.float32]) -> BoolMap:

@@ -39,8 +39,6 @@ MIN_EDGE_SHARE = 0.05
 creases of a surface have up to 0.01."""
 MIN_LEFT_SHARE = 0.01
 """Share of them that cliffs must leave unexplained, for paint to be searched."""
-CLIFF_PASSES = 2
-"""Number of searches for cliffs before paint is searched: the second one knows the first walls."""
 WALL_SIGMA = 2.0
 """Factor of σ of a pixel on a wall over that of the surface that it was given."""
 
@@ -60,6 +58,8 @@ class Edges(NamedTuple):
     """Albedo over that of the reference, (h, w); None without paint."""
     walls: BoolMap | None
     """Pixels on either side of a cliff, (h, w); None without cliffs."""
+    explained: BoolMap
+    """Where these edges explain the object, (h, w)."""
 
 
 def across_edges(
@@ -107,11 +107,22 @@ def across_edges(
         return None
     search = _Search(windows, plain, start_px, widths)
     search.search_cliffs()
-    least = MIN_LEFT_SHARE * int(np.count_nonzero(unclear))
+    if paint and search.cliffs is not None and not search.cliffs.certain:
+        # Paint may look like cliffs, and explains all of these places then.
+        other = _Search(windows, plain, start_px, widths)
+        other.search_paint(unclear)
+        if other.albedo is not None:
+            result = other.result(settings)
+            if is_rare(poor & ~result.explained):
+                return result
     if search.cliffs is not None:
+        search.search_cliffs()
+    if search.cliffs is not None:
+        least = MIN_LEFT_SHARE * int(np.count_nonzero(unclear))
         unclear &= unexplained(search.cliffs.left, windows.object_noise)
-    if paint and not is_rare(unclear) and np.count_nonzero(unclear) > least:
-        search.search_paint(MIN_EDGE_SHARE * int(np.count_nonzero(unclear)))
+        paint = paint and np.count_nonzero(unclear) > least
+    if paint and not is_rare(unclear):
+        search.search_paint(unclear)
     if search.albedo is None and search.cliffs is None:
         return None
     return search.result(settings)
@@ -151,12 +162,10 @@ class _Search:
         )
 
     def search_cliffs(self) -> None:
-        """Search walls; where some are found, once more with windows that know them."""
-        for _ in range(CLIFF_PASSES):
-            found = self.fit(self.widths[: self.small + 1], iterations=1, confidence=FINEST)
-            self.update_cliffs(found)
-            if self.cliffs is None:
-                return
+        """Search walls with windows that know what is known."""
+        self.update_cliffs(
+            self.fit(self.widths[: self.small + 1], iterations=1, confidence=FINEST)
+        )
 
     def update_cliffs(self, found: Fitted) -> None:
         self.cliffs = find_cliffs(
@@ -172,8 +181,10 @@ class _Search:
         if self.cliffs is not None:
             self.start_px = self.cliffs.start_from(self.first_start_px, self.widths[0])
 
-    def search_paint(self, min_edge_pixels: float) -> None:
-        """Find the albedo, with windows that know it better with every pass."""
+    def search_paint(self, unclear: BoolMap) -> None:
+        """Find the albedo of places that are not clear, with windows that know it better with every
+        pass."""
+        min_edge_pixels = MIN_EDGE_SHARE * int(np.count_nonzero(unclear))
         # The smallest windows add noise only; the edges are known by then.
         fine = self.widths[: self.small + 2]
         misfit = self.plain.misfit.flat[::MEDIAN_STEP]
@@ -213,7 +224,7 @@ class _Search:
                 sigma_px=np.sqrt(found.sigma_px**2 + error),
             )
         walls = None if self.cliffs is None else self.cliffs.walls & better
-        return Edges(self.plain.replaced(found, better), self.albedo, walls)
+        return Edges(self.plain.replaced(found, better), self.albedo, walls, better)
 
 
 def _on_walls(

@@ -30,8 +30,9 @@ CLEAN_SHARE = 1e-4
 """The same as a share of the squared modulation, on frames without noise."""
 CLEAN_PX = 11
 """Side of the squares that must be explained around a pixel whose surface is offered."""
-STEEP = 0.5
-"""Slope of the displacement, px per px, from which it may be a cliff that windows have smeared."""
+STEEP, STEEP_WIDTHS = 0.4, 3
+"""Slope of the displacement beyond that of its surroundings, px per px, from which it may be a cliff
+that windows have smeared; and how far these reach, in widths of the window."""
 PAINT_EDGE = 0.3
 """Price of an edge of the albedo below which its surface is not offered."""
 SMEAR_WIDTHS = 2
@@ -47,6 +48,14 @@ SAME_PERIODS = 1.0 / 300.0
 """Difference up to which two surfaces at a pixel count as the same one."""
 WALL_PERIODS = 1.0 / 30.0
 """Difference between neighbours that makes a wall: less does not harm a window."""
+SLOPE_STEPS, SLOPE_AWAY_PX = 5, 8
+"""Number of steps between neighbours whose median is a slope, and their distance from a jump, which
+windows and lenses spread over some pixels."""
+CREASE_PX = 4.5
+"""Smallest typical ratio of a jump to the change of the slope across it, px. The ratio at a crease is
+by how much it is misplaced: 2 to 4 px on a photographed pyramid; cliffs have 5 and more."""
+TINY_SLOPE = 1e-3
+"""Smallest change of a slope, px per px, that a jump is divided by."""
 KEPT_SHARE = 0.25
 """Share of it from which a wall that was found before stays one."""
 MEDIAN_PX = 5
@@ -67,12 +76,12 @@ TIED = 1.0
 
 
 class Cliffs(NamedTuple):
-    """Where the displacement jumps; (h, w) maps."""
+    """Where the displacement jumps, or bends; (h, w) maps."""
 
     displacement_px: NDArray[np.float32]
     """With the surfaces on either side continued up to the cliff."""
     walls: BoolMap
-    """Pixels on either side of a jump."""
+    """Pixels on either side of a jump; none where all places are creases."""
     zone: BoolMap
     """Where windows may have smeared a cliff."""
     near: BoolMap
@@ -135,14 +144,14 @@ def find_cliffs(
 
     Returns
     -------
-    Cliffs, or None where there are none.
+    Cliffs, or None where surfaces of either side explain no more than the windows do.
     """
     model = _model(found, start_px, albedo)
     left = model.left(windows)
     patches, wide = mean_square(left), mean_square(left, CLEAN_PX)
     usual = usual_noise(patches, windows.object_noise)
     floor = CLEAN_NOISE * usual + CLEAN_SHARE
-    rough = _steep(model.u)
+    rough = _steep(model.u, width_px)
     if edge_weight is not None:
         rough |= edge_weight < PAINT_EDGE
     how = FIRST if before is None else NEXT
@@ -186,8 +195,7 @@ def find_cliffs(
     walls = _jumps(u, limit) & zone
     if before is not None:
         walls |= before.walls & _jumps(u, KEPT_SHARE * limit)
-    if not walls.any():
-        return None
+        walls = _without_creases(walls, zone, u)
     left = better._replace(u=u).left(windows)
     left = np.where(widened(walls, NEAR_WALL_PX), np.float32(0), left)
     near = widened(walls, int(2.5 * width_px))
@@ -224,18 +232,57 @@ def _places_of_cliffs(
     return is_cliff[places] & poor, certain
 
 
-def _steep(u: NDArray[np.float32]) -> BoolMap:
-    down, right = np.gradient(u)
-    return np.maximum(np.abs(down), np.abs(right)) > STEEP
+def _steep(u: NDArray[np.float32], width_px: float) -> BoolMap:
+    """Where the displacement is much steeper than around."""
+    side = 2 * int(STEEP_WIDTHS * width_px) + 1
+    steeper = [
+        np.abs(slope - cv2.blur(slope, (side, side), borderType=cv2.BORDER_REPLICATE))
+        for slope in np.gradient(u)
+    ]
+    return np.maximum(*steeper) > STEEP
 
 
 def _jumps(u: NDArray[np.float32], limit_px: float) -> BoolMap:
-    """Pixels on either side of a difference between neighbours."""
+    """Pixels on either side of a jump."""
     walls = np.zeros(u.shape, bool)
-    right = np.abs(np.diff(u, axis=1)) > limit_px
-    down = np.abs(np.diff(u, axis=0)) > limit_px
-    walls[:, :-1] |= right
-    walls[:, 1:] |= right
-    walls[:-1] |= down
-    walls[1:] |= down
+    for axis in (0, 1):
+        jump, _ = _jump_and_bend(u, axis)
+        for side in _sides(axis):
+            walls[side] |= jump > limit_px
     return walls
+
+
+def _without_creases(walls: BoolMap, zone: BoolMap, u: NDArray[np.float32]) -> BoolMap:
+    """Without the walls of places where they jump little against the change of the slope."""
+    jump, bend = np.zeros(u.shape, np.float32), np.zeros(u.shape, np.float32)
+    for axis in (0, 1):
+        here, change = _jump_and_bend(u, axis)
+        first, _ = _sides(axis)
+        larger = here > jump[first]
+        jump[first] = np.where(larger, here, jump[first])
+        bend[first] = np.where(larger, change, bend[first])
+    places, count = ndimage.label(zone)
+    ratio = jump[walls] / np.maximum(bend[walls], np.float32(TINY_SLOPE))
+    typical = ndimage.median(ratio, places[walls], np.arange(count + 1))
+    is_cliff = np.nan_to_num(typical) > CREASE_PX
+    return walls & is_cliff[places]
+
+
+def _jump_and_bend(
+    u: NDArray[np.float32], axis: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Differences of neighbours beyond the slope on either side, and the change of that slope."""
+    step = np.diff(u, axis=axis)
+    size = (SLOPE_STEPS, 1) if axis == 0 else (1, SLOPE_STEPS)
+    slope = ndimage.median_filter(step, size=size, mode="nearest")
+    at = np.arange(step.shape[axis])
+    before = np.take(slope, np.maximum(at - SLOPE_AWAY_PX, 0), axis)
+    after = np.take(slope, np.minimum(at + SLOPE_AWAY_PX, at[-1]), axis)
+    return np.minimum(np.abs(step - before), np.abs(step - after)), np.abs(after - before)
+
+
+def _sides(axis: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """The pixels before, and those after, the differences along an axis."""
+    if axis == 0:
+        return np.s_[:-1, :], np.s_[1:, :]
+    return np.s_[:, :-1], np.s_[:, 1:]

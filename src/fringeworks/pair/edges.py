@@ -16,8 +16,8 @@ from fringeworks.pair.albedo import (
     explained,
     next_albedo,
 )
-from fringeworks.pair.cliffs import NEAR_WALL_PX, Cliffs, find_cliffs
-from fringeworks.pair.misfit import is_rare, unexplained, widened
+from fringeworks.pair.cliffs import IMPROVEMENT, NEAR_WALL_PX, Cliffs, find_cliffs
+from fringeworks.pair.misfit import is_rare, mean_square, unexplained, widened
 from fringeworks.pair.windows import CONFIDENCE, FINEST, Fitted, Windows
 from fringeworks.types import BoolMap, ByteMap
 
@@ -117,6 +117,8 @@ def across_edges(
                 return result
     if search.cliffs is not None:
         search.search_cliffs()
+    if search.cliffs is not None and not search.cliffs.walls.any():
+        search.continue_surfaces(settings)
     if search.cliffs is not None:
         least = MIN_LEFT_SHARE * int(np.count_nonzero(unclear))
         unclear &= unexplained(search.cliffs.left, windows.object_noise)
@@ -124,7 +126,7 @@ def across_edges(
     if paint and not is_rare(unclear):
         search.search_paint(unclear)
     if search.albedo is None and search.cliffs is None:
-        return None
+        return Edges(search.plain, None, None, ~poor) if search.continued else None
     return search.result(settings)
 
 
@@ -144,6 +146,7 @@ class _Search:
         self.first_start_px = self.start_px = start_px
         self.albedo: NDArray[np.float32] | None = None
         self.cliffs: Cliffs | None = None
+        self.continued = False
         self.small = next(
             (k for k, w in enumerate(widths) if w <= SMALL_WINDOW_PERIODS * windows.period_px),
             len(widths) - 1,
@@ -180,6 +183,20 @@ class _Search:
         self.start_px = self.first_start_px
         if self.cliffs is not None:
             self.start_px = self.cliffs.start_from(self.first_start_px, self.widths[0])
+
+    def continue_surfaces(self, settings: FitSettings) -> None:
+        """At creases, start from the surfaces on either side where that explains more."""
+        assert self.cliffs is not None
+        before = mean_square(self.windows.left(self.plain))
+        self.start_px = self.cliffs.displacement_px
+        self.cliffs, self.continued = None, True
+        found = self.fit(self.widths[self.small :], **settings)
+        found = found._replace(scale=found.scale + np.uint8(self.small) * (found.scale != 255))
+        after = mean_square(self.windows.left(found))
+        better = np.isfinite(found.displacement_px) & (after < IMPROVEMENT * before)
+        better |= ~np.isfinite(self.plain.displacement_px)
+        self.plain = self.plain.replaced(found, better)
+        self.start_px = self.first_start_px
 
     def search_paint(self, unclear: BoolMap) -> None:
         """Find the albedo of places that are not clear, with windows that know it better with every

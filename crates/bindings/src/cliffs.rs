@@ -2,7 +2,9 @@
 
 use crate::rows::rows_of;
 use crate::threads::detached;
-use fringeworks::windowed::{relocate_surfaces as relocate, sides, smooth_within, Pair, Search, Surfaces};
+use fringeworks::windowed::{
+    relocate_surfaces as relocate, sides, smooth_within, Pair, Search, Surfaces,
+};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;

@@ -2,6 +2,7 @@
 //! return its result.
 
 mod albedo;
+mod cliffs;
 mod decode;
 mod emd;
 mod inverse;
@@ -11,7 +12,6 @@ mod rows;
 mod threads;
 mod unwrap;
 mod wavelet;
-mod cliffs;
 mod windowed;
 
 use pyo3::prelude::*;
@@ -20,6 +20,8 @@ use pyo3::prelude::*;
 mod _core {
     #[pymodule_export]
     use super::albedo::joint_albedo;
+    #[pymodule_export]
+    use super::cliffs::{relocate_surfaces, smooth_within_walls, wall_sides};
     #[pymodule_export]
     use super::decode::{decode_frames, DecodeSettings};
     #[pymodule_export]
@@ -34,8 +36,6 @@ mod _core {
     use super::unwrap::{average_phasor, count_residues, unwrap_reliability};
     #[pymodule_export]
     use super::wavelet::wavelet_ridge_rows;
-    #[pymodule_export]
-    use super::cliffs::{relocate_surfaces, smooth_within_walls, wall_sides};
     #[pymodule_export]
     use super::windowed::{invert_windowed, warp_windowed};
 

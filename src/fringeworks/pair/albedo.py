@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from fringeworks import _core
-from fringeworks.pair.cliffs import TIED, Cliffs
+from fringeworks.pair.cliffs import Cliffs
 from fringeworks.pair.misfit import PATCH_PX, unexplained, widened
 from fringeworks.pair.windows import Fitted, Windows
 from fringeworks.types import BoolMap, FloatMap
@@ -40,6 +40,8 @@ STIFFNESS = 0.4
 """μ of the correction of the displacement, over the mean square of the reference's slope."""
 ITERATIONS = (200, 200, 100, 50)
 """Steps from the coarsest level, an eighth of the frame, to the frame itself."""
+TIED = 1.0
+"""Price of an edge of the albedo near a cliff, whose errors it would imitate otherwise."""
 MIXED_PX = 2
 """Distance from a wall up to which a lens mixes the brightness of both sides."""
 MIN_SIDE_PX = 64

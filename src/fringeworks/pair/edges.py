@@ -16,8 +16,9 @@ from fringeworks.pair.albedo import (
     explained,
     next_albedo,
 )
-from fringeworks.pair.cliffs import IMPROVEMENT, NEAR_WALL_PX, Cliffs, find_cliffs
+from fringeworks.pair.cliffs import NEAR_WALL_PX, Cliffs, find_cliffs
 from fringeworks.pair.misfit import is_rare, mean_square, unexplained, widened
+from fringeworks.pair.surfaces import IMPROVEMENT
 from fringeworks.pair.windows import CONFIDENCE, FINEST, Fitted, Windows
 from fringeworks.types import BoolMap, ByteMap
 
@@ -156,9 +157,7 @@ class _Search:
     def walls(self) -> ByteMap | None:
         return None if self.cliffs is None else self.cliffs.walls.astype(np.uint8)
 
-    def fit(
-        self, widths: Sequence[float], **settings: Unpack[FitSettings]
-    ) -> Fitted:
+    def fit(self, widths: Sequence[float], **settings: Unpack[FitSettings]) -> Fitted:
         """Windows that know what is known."""
         return self.windows.fit(
             self.start_px, widths, albedo=self.albedo, walls=self.walls, **settings
@@ -166,9 +165,7 @@ class _Search:
 
     def search_cliffs(self) -> None:
         """Search walls with windows that know what is known."""
-        self.update_cliffs(
-            self.fit(self.widths[: self.small + 1], iterations=1, confidence=FINEST)
-        )
+        self.update_cliffs(self.fit(self.widths[: self.small + 1], iterations=1, confidence=FINEST))
 
     def update_cliffs(self, found: Fitted) -> None:
         self.cliffs = find_cliffs(

@@ -2,10 +2,14 @@
 
 use super::lattice::Lattice;
 use super::moments::{block_sums, NodeRow, Window};
-use super::sight::{Sight, Walls};
+use super::sight::Sight;
 use super::solve::{solve, Limits, Node, Prior};
+use super::walls::Walls;
 use super::warp::{warped, Pair};
 use rayon::prelude::*;
+
+/// Distances, in blocks, within which nodes are searched near a wall: the nearest that has any.
+const REACHES: [usize; 3] = [1, 2, 4];
 
 /// The solved windows of one scale.
 pub struct Grid<'a> {
@@ -137,52 +141,57 @@ impl<'a> Grid<'a> {
         })
     }
 
-    /// The same near a wall: of the nearest nodes that the pixel sees, the more certain count more.
+    /// The same near a wall: from the nearest nodes that the pixel sees.
     fn blend_seen(&self, walls: &Walls, x: usize, y: usize) -> Option<Blend> {
         if walls.is_wall(x, y) {
             return None;
         }
-        let block = self.lattice.block;
-        let (row, column) = (y / block, x / block);
-        let middle = |i: usize| (i as f32 + 0.5) * block as f32 - 0.5;
-        for reach in [1, 2, 4] {
-            let scale = (reach as f32 + 0.5) * block as f32;
-            let (mut sum, mut total) = ([0.0f32; 4], 0.0f32);
-            for r in row.saturating_sub(reach)..=(row + reach).min(self.lattice.rows - 1) {
-                for c in column.saturating_sub(reach)..=(column + reach).min(self.lattice.columns - 1)
-                {
-                    let node = self.node(r, c);
-                    let (dx, dy) = (x as f32 - middle(c), y as f32 - middle(r));
-                    let near = (1.0 - dx.abs() / scale).max(0.0) * (1.0 - dy.abs() / scale).max(0.0);
-                    let pixel = walls.pixel_of(block, r, c);
-                    if !node.determined || near <= 0.0 || !walls.open_between((x, y), pixel) {
-                        continue;
-                    }
-                    let weight = near / (node.sigma * node.sigma);
-                    // A slope is about as uncertain as the displacement over the window's width.
-                    let away = (dx * dx + dy * dy) / (2.0 * block as f32).powi(2);
-                    let values = [
-                        node.delta + node.slope[0] * dx + node.slope[1] * dy,
-                        node.sigma * (1.0 + 0.5 * away).sqrt(),
-                        node.prior.offset,
-                        node.modulation_ratio,
-                    ];
-                    for (sum, value) in sum.iter_mut().zip(values) {
-                        *sum += weight * value;
-                    }
-                    total += weight;
-                }
+        REACHES
+            .into_iter()
+            .find_map(|reach| self.blend_within(walls, (x, y), reach))
+    }
+
+    /// Mean of the nodes within a number of blocks that a pixel sees; the more certain count more.
+    fn blend_within(&self, walls: &Walls, (x, y): (usize, usize), reach: usize) -> Option<Blend> {
+        let Lattice {
+            rows,
+            columns,
+            block,
+        } = self.lattice;
+        let scale = (reach as f32 + 0.5) * block as f32;
+        let around = |i: usize, count: usize| {
+            (i / block).saturating_sub(reach)..=(i / block + reach).min(count - 1)
+        };
+        let (mut sum, mut total) = ([0.0f32; 4], 0.0f32);
+        for (r, c) in around(y, rows).flat_map(|r| around(x, columns).map(move |c| (r, c))) {
+            let node = self.node(r, c);
+            let centre = |i: usize| (i as f32 + 0.5) * block as f32 - 0.5;
+            let (dx, dy) = (x as f32 - centre(c), y as f32 - centre(r));
+            let near = (1.0 - dx.abs() / scale).max(0.0) * (1.0 - dy.abs() / scale).max(0.0);
+            let hidden = || !walls.open_between((x, y), walls.pixel_of(block, r, c));
+            if !node.determined || near <= 0.0 || hidden() {
+                continue;
             }
-            if total > 0.0 {
-                let [delta, sigma, offset, modulation_ratio] = sum.map(|v| v / total);
-                return Some(Blend {
-                    delta,
-                    sigma,
-                    offset,
-                    modulation_ratio,
-                });
+            let weight = near / (node.sigma * node.sigma);
+            // A slope is about as uncertain as the displacement over the window's width.
+            let away = (dx * dx + dy * dy) / (2.0 * block as f32).powi(2);
+            let values = [
+                node.delta + node.slope[0] * dx + node.slope[1] * dy,
+                node.sigma * (1.0 + 0.5 * away).sqrt(),
+                node.prior.offset,
+                node.modulation_ratio,
+            ];
+            for (sum, value) in sum.iter_mut().zip(values) {
+                *sum += weight * value;
             }
+            total += weight;
         }
-        None
+        let [delta, sigma, offset, modulation_ratio] = sum.map(|v| v / total);
+        (total > 0.0).then_some(Blend {
+            delta,
+            sigma,
+            offset,
+            modulation_ratio,
+        })
     }
 }

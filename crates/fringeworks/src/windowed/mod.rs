@@ -14,6 +14,7 @@ mod select;
 mod sight;
 mod solve;
 mod surfaces;
+mod walls;
 mod warp;
 
 use crate::{check_length, check_value, Error, MIN_PERIOD};
@@ -22,11 +23,11 @@ use lattice::{BlockMeans, Lattice};
 use moments::Window;
 use rayon::prelude::*;
 use select::{select, Estimate};
-pub use sight::smooth_within;
 pub use solve::Limits;
-use sight::Walls;
 use solve::Prior;
 pub use surfaces::{relocate as relocate_surfaces, sides, Search, Surfaces};
+pub use walls::smooth_within;
+use walls::Walls;
 pub use warp::{warped, Pair};
 
 /// Options of the refinement.
@@ -108,11 +109,14 @@ fn noise_amplification(steps: usize) -> f64 {
     f64::sqrt(sum)
 }
 
-fn check(pair: &Pair, start: &[f32], options: &Options) -> Result<(), Error> {
+fn check(pair: &Pair, walls: Option<&[u8]>, start: &[f32], options: &Options) -> Result<(), Error> {
     let n = pair.height * pair.width;
     pair.check_reference()?;
     check_length("object", pair.object.len(), n)?;
     check_length("start", start.len(), n)?;
+    if let Some(walls) = walls {
+        check_length("walls", walls.len(), n)?;
+    }
     if let Some(albedo) = pair.albedo {
         check_length("albedo", albedo.len(), n)?;
         let positive = albedo.iter().all(|a| *a > 0.0 && a.is_finite());
@@ -147,7 +151,7 @@ pub fn invert(
     start: &[f32],
     options: &Options,
 ) -> Result<Field, Error> {
-    check(pair, start, options)?;
+    check(pair, walls, start, options)?;
     let walls = walls.map(|walls| Walls::new(walls, pair.height, pair.width));
     let found = refine(pair, walls.as_ref(), start, options);
     let mut field = select(&found.estimates, pair.width, options.confidence as f32);

@@ -1,115 +1,15 @@
-//! What a window sees: moments and interpolation that stop at walls.
+//! What a window sees: moments that stop at walls.
 //!
-//! A wall is a pixel at a jump of the displacement. Windows far from walls are gathered from blocks;
-//! those near one are summed pixel by pixel, weighted by how much of the pixel their centre sees.
+//! Windows far from walls are gathered from blocks; those near one are summed pixel by pixel, weighted
+//! by how much of the pixel their centre sees.
 
 use super::moments::{self as m, NodeRow, Window, CHANNELS};
+use super::walls::Walls;
 use super::warp::{Pair, Warped};
-use crate::{check_length, check_value, Error};
 use multiversion::multiversion;
-use rayon::prelude::*;
-
-/// Half-width of a window that is summed pixel by pixel, in σ: beyond it, weights are below 0.05.
-const REACH: f64 = 2.5;
 
 /// Least visibility of a pixel that is summed; less is rounding of the rays.
 const MIN_VISIBLE: f32 = 0.02;
-
-/// Chessboard distance of every pixel from the nearest one that is not 0, px; very large without any.
-pub fn distance_to(mask: &[u8], height: usize, width: usize) -> Vec<u16> {
-    let mut distance: Vec<u16> = mask
-        .iter()
-        .map(|w| if *w > 0 { 0 } else { u16::MAX - 1 })
-        .collect();
-    let step = |distance: &mut [u16], y: usize, x: usize, dy: isize| {
-        let mut least = distance[y * width + x];
-        let row = y as isize + dy;
-        if row >= 0 && row < height as isize {
-            for q in x.saturating_sub(1)..=(x + 1).min(width - 1) {
-                least = least.min(distance[row as usize * width + q] + 1);
-            }
-        }
-        let side = x as isize + dy;
-        if side >= 0 && side < width as isize {
-            least = least.min(distance[y * width + side as usize] + 1);
-        }
-        distance[y * width + x] = least.min(u16::MAX - 1);
-    };
-    for y in 0..height {
-        for x in 0..width {
-            step(&mut distance, y, x, -1);
-        }
-    }
-    for y in (0..height).rev() {
-        for x in (0..width).rev() {
-            step(&mut distance, y, x, 1);
-        }
-    }
-    distance
-}
-
-/// Distance of every pixel from the nearest wall, in px along rows, columns and diagonals.
-pub struct Walls<'a> {
-    walls: &'a [u8],
-    distance: Vec<u16>,
-    width: usize,
-    height: usize,
-}
-
-impl<'a> Walls<'a> {
-    pub fn new(walls: &'a [u8], height: usize, width: usize) -> Self {
-        let distance = distance_to(walls, height, width);
-        Self {
-            walls,
-            distance,
-            width,
-            height,
-        }
-    }
-
-    pub fn is_wall(&self, x: usize, y: usize) -> bool {
-        self.walls[y * self.width + x] > 0
-    }
-
-    /// Whether a wall is within `reach` px.
-    pub fn within(&self, x: usize, y: usize, reach: usize) -> bool {
-        (self.distance[y * self.width + x] as usize) <= reach
-    }
-
-    /// Pixels that a node's window reaches, px.
-    pub fn reach(window: &Window) -> usize {
-        (REACH * window.sigma + 0.5) as usize
-    }
-
-    /// Pixel at the centre of a block, inside the frame.
-    pub fn pixel_of(&self, block: usize, row: usize, column: usize) -> (usize, usize) {
-        let middle = |i: usize| i * block + (block - 1) / 2;
-        (
-            middle(column).min(self.width - 1),
-            middle(row).min(self.height - 1),
-        )
-    }
-
-    /// Whether the straight line between two pixels meets no wall.
-    pub fn open_between(&self, (x0, y0): (usize, usize), (x1, y1): (usize, usize)) -> bool {
-        let (dx, dy) = (x1 as f32 - x0 as f32, y1 as f32 - y0 as f32);
-        let length = dx.abs().max(dy.abs());
-        let mut t = 0.0;
-        while t < length {
-            let (x, y) = (
-                (x0 as f32 + dx * t / length).round() as usize,
-                (y0 as f32 + dy * t / length).round() as usize,
-            );
-            let away = self.distance[y * self.width + x];
-            if away == 0 {
-                return false;
-            }
-            // No wall is nearer.
-            t += away as f32;
-        }
-        !self.is_wall(x1, y1)
-    }
-}
 
 /// A pixel of the square around a centre, and the two before it on the ray that leads there.
 struct Ray {
@@ -209,7 +109,7 @@ impl<'a> Sight<'a> {
         self.visible.fill(0.0);
         for y in y0..y1 {
             let first = (y + self.radius - cy) * side + x0 + self.radius - cx;
-            let walls = &self.walls.walls[y * self.pair.width + x0..y * self.pair.width + x1];
+            let walls = &self.walls.mask[y * self.pair.width + x0..y * self.pair.width + x1];
             for (visible, wall) in self.visible[first..].iter_mut().zip(walls) {
                 *visible = (*wall == 0) as u8 as f32;
             }
@@ -365,64 +265,4 @@ fn add_lanes(
         lanes[m::COUNT][l] += w;
         lanes[m::PLAIN + 4][l] += x * x * along[3];
     }
-}
-
-/// Smooth a map like a Gaussian of σ `sigma` px that no wall lets through: implicit diffusion along
-/// rows and columns in turn.
-pub fn smooth_within(
-    values: &[f32],
-    walls: &[u8],
-    width: usize,
-    sigma: f64,
-) -> Result<Vec<f32>, Error> {
-    check_length("walls", walls.len(), values.len())?;
-    check_value("width", width > 0, "1 px or more", width)?;
-    const ROUNDS: usize = 4;
-    let tau = (0.5 * sigma * sigma / ROUNDS as f64) as f32;
-    let height = values.len() / width;
-    let walls_down = transposed(walls, width);
-    let mut map = values.to_vec();
-    for _ in 0..ROUNDS {
-        diffuse_rows(&mut map, walls, width, tau);
-        let mut down = transposed(&map, width);
-        diffuse_rows(&mut down, &walls_down, height, tau);
-        map = transposed(&down, height);
-    }
-    Ok(map)
-}
-
-fn transposed<T: Copy + Send + Sync>(values: &[T], width: usize) -> Vec<T> {
-    let height = values.len() / width;
-    (0..values.len())
-        .into_par_iter()
-        .with_min_len(height)
-        .map(|i| values[i % height * width + i / height])
-        .collect()
-}
-
-/// One implicit step of diffusion along every row (Thomas' algorithm).
-fn diffuse_rows(map: &mut [f32], walls: &[u8], width: usize, tau: f32) {
-    map.par_chunks_mut(width)
-        .zip(walls.par_chunks(width))
-        .for_each_init(
-            || vec![0.0f32; width],
-            |upper, (row, walls)| {
-                let mut left = 0.0;
-                for x in 0..width {
-                    let open = x + 1 < width && walls[x] == 0 && walls[x + 1] == 0;
-                    let right = if open { tau } else { 0.0 };
-                    let (before, value) = match x {
-                        0 => (0.0, 0.0),
-                        _ => (upper[x - 1], row[x - 1]),
-                    };
-                    let pivot = 1.0 + left + right - left * before;
-                    upper[x] = right / pivot;
-                    row[x] = (row[x] + left * value) / pivot;
-                    left = right;
-                }
-                for x in (0..width - 1).rev() {
-                    row[x] += upper[x] * row[x + 1];
-                }
-            },
-        );
 }

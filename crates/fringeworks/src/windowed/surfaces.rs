@@ -3,7 +3,7 @@
 //! Pixels that are badly explained are offered the planes of well explained surfaces around them, and
 //! take the one that explains a small patch much better.
 
-use super::sight::distance_to;
+use super::walls::distance_to;
 use super::warp::Pair;
 use crate::{check_length, Error};
 use rayon::prelude::*;
@@ -143,12 +143,17 @@ fn directions() -> [(f32, f32); DIRECTIONS] {
 }
 
 /// The clean pixel whose plane is offered along a direction.
-fn found(pair: &Pair, search: &Search, distance: &[u16], (x, y): Pixel, (dx, dy): (f32, f32)) -> Option<Pixel> {
+fn found(
+    pair: &Pair,
+    search: &Search,
+    distance: &[u16],
+    (x, y): Pixel,
+    (dx, dy): (f32, f32),
+) -> Option<Pixel> {
     let at = |t: usize| {
         let qx = (x as f32 + t as f32 * dx).round();
         let qy = (y as f32 + t as f32 * dy).round();
-        let inside =
-            qx >= 0.0 && qy >= 0.0 && qx < pair.width as f32 && qy < pair.height as f32;
+        let inside = qx >= 0.0 && qy >= 0.0 && qx < pair.width as f32 && qy < pair.height as f32;
         inside.then_some((qx as usize, qy as usize))
     };
     let clean = |(x, y): Pixel| search.clean[y * pair.width + x] > 0;

@@ -1,0 +1,64 @@
+"""Jumps of a displacement, and creases, which only look like them (theory §4, "Cliffs")."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from fringeworks.types import BoolMap
+
+SLOPE_STEPS, SLOPE_AWAY_PX = 5, 8
+"""Number of steps between neighbours whose median is a slope, and their distance from a jump, which
+windows and lenses spread over some pixels."""
+CREASE_PX = 4.5
+"""Smallest typical ratio of a jump to the change of the slope across it, px. The ratio at a crease is
+by how much it is misplaced: 2 to 4 px on a photographed pyramid; cliffs have 5 and more."""
+TINY_SLOPE = 1e-3
+"""Smallest change of a slope, px per px, that a jump is divided by."""
+
+
+def jumps(u: NDArray[np.float32], limit_px: float) -> BoolMap:
+    """Pixels on either side of a jump."""
+    walls = np.zeros(u.shape, bool)
+    for axis in (0, 1):
+        jump, _ = _jump_and_bend(u, axis)
+        for side in _sides(axis):
+            walls[side] |= jump > limit_px
+    return walls
+
+
+def without_creases(walls: BoolMap, zone: BoolMap, u: NDArray[np.float32]) -> BoolMap:
+    """Without the walls of places where they jump little against the change of the slope."""
+    jump, bend = np.zeros(u.shape, np.float32), np.zeros(u.shape, np.float32)
+    for axis in (0, 1):
+        here, change = _jump_and_bend(u, axis)
+        first, _ = _sides(axis)
+        larger = here > jump[first]
+        jump[first] = np.where(larger, here, jump[first])
+        bend[first] = np.where(larger, change, bend[first])
+    places, count = ndimage.label(zone)
+    ratio = jump[walls] / np.maximum(bend[walls], np.float32(TINY_SLOPE))
+    typical = ndimage.median(ratio, places[walls], np.arange(count + 1))
+    is_cliff = np.nan_to_num(typical) > CREASE_PX
+    return walls & is_cliff[places]
+
+
+def _jump_and_bend(
+    u: NDArray[np.float32], axis: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Differences of neighbours beyond the slope on either side, and the change of that slope."""
+    step = np.diff(u, axis=axis)
+    size = (SLOPE_STEPS, 1) if axis == 0 else (1, SLOPE_STEPS)
+    slope = ndimage.median_filter(step, size=size, mode="nearest")
+    at = np.arange(step.shape[axis])
+    before = np.take(slope, np.maximum(at - SLOPE_AWAY_PX, 0), axis)
+    after = np.take(slope, np.minimum(at + SLOPE_AWAY_PX, at[-1]), axis)
+    return np.minimum(np.abs(step - before), np.abs(step - after)), np.abs(after - before)
+
+
+def _sides(axis: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """The pixels before, and those after, the differences along an axis."""
+    if axis == 0:
+        return np.s_[:-1, :], np.s_[1:, :]
+    return np.s_[:, :-1], np.s_[:, 1:]

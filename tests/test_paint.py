@@ -10,7 +10,6 @@ from scipy import ndimage
 
 import fringeworks as fw
 from fringeworks import _core
-from fringeworks.pair.albedo import find_albedo
 from fringeworks.pair.methods.windowed_start import start_field
 from fringeworks.pair.prepared import prepare
 from fringeworks.pair.windows import Windows
@@ -106,10 +105,7 @@ def test_the_albedo_is_that_of_the_paint():
     scene = fw.standard_scene("parabola", **CAMERA, seed=3)
     albedo = stripes(scene.object.shape, 4)
     painted = np.clip(np.rint(scene.object * albedo), 0, 255).astype(np.uint8)
-    pair = prepare(replace(scene, object=painted))
-    windows, widths = Windows.of(pair), [32.0, 16.0, 8.0, 4.0]
-    start = start_field(pair, 16.0).astype(np.float32)
-    found = find_albedo(windows, windows.fit(start, widths), start, widths)
+    found = fw.analyse(replace(scene, object=painted), "windowed").albedo
     inner = ndimage.maximum_filter(ndimage.morphological_gradient(albedo, 3), 5) < 0.02
     difference = (found / albedo)[inner]
     assert np.median(np.abs(difference - 1)) < 0.01

@@ -22,10 +22,13 @@ __all__ = [
     "joint_albedo",
     "mark_isolated",
     "optimised",
+    "relocate_surfaces",
     "row_envelopes",
     "row_extrema",
+    "smooth_within_walls",
     "unwrap_reliability",
     "version",
+    "wall_sides",
     "warp_windowed",
     "wavelet_ridge_rows",
 ]
@@ -205,3 +208,34 @@ class Triangles:
     def hit(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64], near: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int32]]: ...
+
+def relocate_surfaces(
+    spline: NDArray[np.float32],
+    object: NDArray[np.float32],
+    reference_ok: NDArray[np.uint8],
+    object_ok: NDArray[np.uint8],
+    displacement: NDArray[np.float32],
+    offset: NDArray[np.float32],
+    gain: NDArray[np.float32],
+    *,
+    clean: NDArray[np.uint8],
+    present: NDArray[np.float32],
+    reach: int,
+    margin: int,
+    base: int,
+    max_change: float,
+    same: float,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]: ...
+def wall_sides(
+    spline: NDArray[np.float32],
+    object: NDArray[np.float32],
+    reference_ok: NDArray[np.uint8],
+    object_ok: NDArray[np.uint8],
+    displacement: NDArray[np.float32],
+    offset: NDArray[np.float32],
+    gain: NDArray[np.float32],
+    walls: NDArray[np.uint8],
+) -> NDArray[np.int64]: ...
+def smooth_within_walls(
+    values: NDArray[np.float32], walls: NDArray[np.uint8], sigma: float
+) -> NDArray[np.float32]: ...

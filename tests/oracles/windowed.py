@@ -1,12 +1,11 @@
-"""Readable twin of the windowed inversion: dense NumPy, one window after the other.
-
-It has no search for cliffs; the scenes on which it is compared with the kernel have none.
-"""
+"""Readable twin of the windowed inversion: dense NumPy, one window after the other."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.ndimage import map_coordinates
+
+from tests.oracles import cliffs
 
 RADIUS = 6
 """Reach of a window, blocks; as in the kernel."""
@@ -18,6 +17,7 @@ class Window:
     """Block width and block weights of one scale."""
 
     def __init__(self, sigma: float) -> None:
+        self.sigma = sigma
         self.block = max(1, int(np.floor(sigma / 2.0 + 0.5)))
         k = np.arange(-RADIUS, RADIUS + 1)
         w = np.exp(-0.5 * (k / (sigma / self.block)) ** 2)
@@ -26,6 +26,13 @@ class Window:
 
     def nodes(self, n: int) -> int:
         return -(-n // self.block)
+
+    def pixel(self, r: int, c: int, shape) -> tuple[int, int]:
+        """The pixel at the centre of a node's block, inside the frame."""
+        middle = (self.block - 1) // 2
+        return tuple(
+            min(i * self.block + middle, n - 1) for i, n in zip((r, c), shape, strict=True)
+        )
 
     def pixel_weights(self, n: int) -> tuple[np.ndarray, np.ndarray]:
         """Weight of every pixel for every node along one axis, and its offset from the node."""
@@ -164,7 +171,34 @@ def blend(grid, window, x, y, rows, columns):
     return out / total if total > 0 else None
 
 
-def solve_grid(spline, d, u, window, coarser, limits):
+def blend_seen(grid, window, x, y, walls):
+    """The same near a wall: of the nearest determined nodes that the pixel sees, or None."""
+    if walls[y, x]:
+        return None
+    block = window.block
+    for reach in (1, 2, 4):
+        total, out, scale = 0.0, np.zeros(4), (reach + 0.5) * block
+        for r in range(max(0, y // block - reach), min(len(grid), y // block + reach + 1)):
+            columns = range(max(0, x // block - reach), min(len(grid[0]), x // block + reach + 1))
+            for c in columns:
+                node = grid[r][c]
+                dx, dy = (p - ((i + 0.5) * block - 0.5) for p, i in ((x, c), (y, r)))
+                near = max(0, 1 - abs(dx) / scale) * max(0, 1 - abs(dy) / scale)
+                seen = cliffs.open_between(walls, (y, x), window.pixel(r, c, walls.shape))
+                if not node["determined"] or near <= 0 or not seen:
+                    continue
+                weight = near / node["sigma"] ** 2
+                sigma = node["sigma"] * np.sqrt(1 + 0.5 * (dx * dx + dy * dy) / (2 * block) ** 2)
+                delta = node["delta"] + node["slope_x"] * dx + node["slope_y"] * dy
+                ratio, offset = node["prior"]["modulation_ratio"], node["prior"]["offset"]
+                out += weight * np.array([delta, sigma, ratio, offset])
+                total += weight
+        if total > 0:
+            return out / total
+    return None
+
+
+def solve_grid(spline, d, u, window, coarser, limits, walls=None):
     """Solve all windows of one scale, with the model linearised at the field ``u``."""
     h, w = d.shape
     s, g, m = warp(spline, u)
@@ -183,6 +217,13 @@ def solve_grid(spline, d, u, window, coarser, limits):
                     key: sum(t * old[i][j]["prior"][key] for i, j, t in around) for key in LOOSE
                 }
             weights = wy[r][:, None] * wx[c][None, :]
+            if walls is not None:
+                centre = window.pixel(r, c, d.shape)
+                if near_wall(walls, *centre, int(cliffs.REACH_WIDTHS * window.sigma + 0.5)):
+                    hidden = walls[centre]
+                    weights = (
+                        0 * weights if hidden else cliffs.seen_weights(walls, *centre, window.sigma)
+                    )
             node = solve_node(
                 weights, dx[c][None, :], dy[r][:, None], s, g, m, d, window, prior, limits
             )
@@ -194,12 +235,20 @@ def solve_grid(spline, d, u, window, coarser, limits):
     return grid
 
 
-def at_pixels(grid, window, shape):
+def near_wall(walls, y, x, reach):
+    """Whether a wall is within a distance along rows, columns and diagonals."""
+    return walls[max(0, y - reach) : y + reach + 1, max(0, x - reach) : x + reach + 1].any()
+
+
+def at_pixels(grid, window, shape, walls=None):
     """δ, σ, modulation ratio and offset of every pixel; NaN, ∞, NaN, 0 without a determined node."""
     out = np.empty((4, *shape))
     for y in range(shape[0]):
         for x in range(shape[1]):
-            blended = blend(grid, window, x, y, len(grid), len(grid[0]))
+            if walls is not None and window.block > 1 and near_wall(walls, y, x, 2 * window.block):
+                blended = blend_seen(grid, window, x, y, walls)
+            else:
+                blended = blend(grid, window, x, y, len(grid), len(grid[0]))
             out[:, y, x] = (np.nan, np.inf, np.nan, 0.0) if blended is None else blended
     return out
 
@@ -237,7 +286,7 @@ def upsample(means, window, shape):
     return map_coordinates(means, np.meshgrid(y, x, indexing="ij"), order=1)
 
 
-def invert(spline, d, start, scales, iterations, period, confidence, limits):
+def invert(spline, d, start, scales, iterations, period, confidence, limits, walls=None):
     """Displacement, σ, modulation ratio and scale per pixel, and the noise correlation."""
     limits = {**limits, "noise_correlation": 1.0}
     c = [-((-1) ** j) * _binomial(iterations, j) for j in range(1, iterations + 1)]
@@ -248,8 +297,8 @@ def invert(spline, d, start, scales, iterations, period, confidence, limits):
     for scale in scales:
         window = Window(scale)
         for _ in range(iterations):
-            grid = solve_grid(spline, d, u, window, coarser, limits)
-            delta, sigma, ratio, offset = at_pixels(grid, window, d.shape)
+            grid = solve_grid(spline, d, u, window, coarser, limits, walls)
+            delta, sigma, ratio, offset = at_pixels(grid, window, d.shape, walls)
             u = u + np.nan_to_num(np.clip(delta, -period / 4, period / 4))
         widening = 1.0
         if coarser is None:

@@ -18,6 +18,8 @@ STILL_MISFIT = 8.0
 MAX_STILL_POOR = 0.15
 """Largest share of a poorly explained place that still is, up to which the albedo is used there.
 Cliffs have 0.2 and more, paint up to 0.02, or 0.18 in frames of JPEG quality 75."""
+PLACE_PERIODS = 1.5
+"""Half the side of the surroundings that are judged where cliffs are known, periods."""
 MIN_SHARE = 1e-6
 """Smallest share of a square that counts as some of it."""
 FRINGE_BOX_PERIODS = 3.0
@@ -89,16 +91,22 @@ def explained(
     Notes
     -----
     An albedo imitates a part of what a cliff does to the fringes, but never all of it. Each
-    connected place where the windows left something is judged as a whole. An albedo that goes with
-    the fringes there is an error of the displacement or of the level.
+    connected place where the windows left something is judged as a whole; where cliffs are known,
+    the surroundings of every pixel. An albedo that goes with the fringes there is an error of the
+    displacement or of the level.
     """
     poor = unexplained(misfit, windows.object_noise)
     still = poor & unexplained(windows.left(fitted, albedo), windows.object_noise, STILL_MISFIT)
-    if mixed is not None:
-        still &= ~mixed
-    places, count = ndimage.label(poor)
-    sizes, left = (np.bincount(places[where], minlength=count + 1) for where in (poor, still))
-    refused = (left > MAX_STILL_POOR * np.maximum(sizes, 1))[places]
+    if mixed is None:
+        places, count = ndimage.label(poor)
+        sizes, left = (np.bincount(places[where], minlength=count + 1) for where in (poor, still))
+        refused = (left > MAX_STILL_POOR * np.maximum(sizes, 1))[places]
+    else:
+        side = 2 * int(PLACE_PERIODS * windows.period_px) + 1
+        around, not_yet = (
+            cv2.blur(where.astype(np.float32), (side, side)) for where in (poor, still & ~mixed)
+        )
+        refused = np.asarray(not_yet > MAX_STILL_POOR * around + MIN_SHARE)
     if albedo is not None:
         refused |= fringe_share(windows, fitted, albedo) > MAX_FRINGE_SHARE
     refused &= poor

@@ -100,6 +100,8 @@ def analyse(
         tilt_deg=prepared.carrier.tilt_deg,
         method=method,
         iterations=None if solution.iterations is None else turn(solution.iterations),
+        albedo=None if solution.albedo is None else turn(solution.albedo),
+        walls=None if solution.walls is None else turn(solution.walls),
         converged=solution.converged and prepared.converged,
         details=solution.details,
     )
@@ -144,10 +146,11 @@ def _check_solution(chosen: Method, returned: Any, shape: tuple[int, ...]) -> No
             f"method {chosen.name}: expected a fringeworks.Solution to be returned, got "
             f"{type(returned).__name__}"
         )
-    floats = ("displacement_px", "sigma_px", "modulation_ratio")
-    for name in (*floats, "reason", "iterations"):
+    floats = ("displacement_px", "sigma_px", "modulation_ratio", "albedo")
+    optional = ("iterations", "albedo", "walls")
+    for name in ("displacement_px", "sigma_px", "modulation_ratio", "reason", *optional):
         value = getattr(returned, name)
-        if value is None and name == "iterations":
+        if value is None and name in optional:
             continue
         kind = "f" if name in floats else "u"
         wanted = "floats" if kind == "f" else "uint8"

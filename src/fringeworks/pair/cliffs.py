@@ -21,15 +21,19 @@ WALL_PERIODS = 1.0 / 30.0
 """Difference between neighbours that makes a wall: less does not harm a window."""
 KEPT_SHARE = 0.25
 """Share of it from which a wall that was found before stays one."""
-SAMPLE_STEP = 4
-"""Every so many rows and columns are tried first, to tell cliffs from other places."""
-MIN_MOVED_SHARE = 0.1
-"""Share of the pixels of a place that must find another surface. At cliffs, 0.24 to 0.37 of them
-do; at edges of paint, up to 0.02."""
-CERTAIN_SHARE = 0.25
-"""The same for cliffs that are certain: steps of the paint every few fringes reach 0.24."""
-MIN_SAMPLES = 50
-"""Smallest number of pixels that such a share is taken from."""
+SAMPLE_STEPS = (4, 2)
+"""Every so many rows and columns are tried first, in large places and in small ones, to tell cliffs
+from other places."""
+SMALL_PLACE_PX = 4000
+"""Number of pixels up to which a place is small."""
+MIN_MOVED_SHARE = 0.08
+"""Share of the pixels of a place that must find another surface. At cliffs, 0.1 to 0.5 of them do;
+at edges of paint, up to 0.06."""
+CERTAIN_SHARE = 0.3
+"""The same in all such places together, for cliffs that are certain: steps of the paint every few
+fringes reach 0.24."""
+CHANCE_SIGMAS = 2.0
+"""By so many standard deviations such a share may be larger by chance."""
 NEAR_WALL_PX = 4
 """Distance from a wall up to which pixels are mixed and tell nothing about the rest."""
 NEAR_WIDTHS = 2.5
@@ -127,12 +131,14 @@ def _places_of_cliffs(
 ) -> tuple[BoolMap, bool]:
     """Of the places that are poorly explained, those where many pixels find another surface, and
     whether they are certain to be cliffs."""
-    sampled = np.zeros_like(poor)
-    sampled[::SAMPLE_STEP, ::SAMPLE_STEP] = poor[::SAMPLE_STEP, ::SAMPLE_STEP]
-    far = sampled & (np.abs(offers.taken(sampled).u - offers.surfaces.u) > limit_px)
     places, count = ndimage.label(poor)
+    small = (np.bincount(places.ravel()) <= SMALL_PLACE_PX)[places]
+    sampled = np.zeros_like(poor)
+    for step, where in zip(SAMPLE_STEPS, (poor, poor & small), strict=True):
+        sampled[::step, ::step] |= where[::step, ::step]
+    far = sampled & (np.abs(offers.taken(sampled).u - offers.surfaces.u) > limit_px)
     tried, found = (np.bincount(places[where], minlength=count + 1) for where in (sampled, far))
-    enough = tried >= MIN_SAMPLES
-    is_cliff = enough & (found > MIN_MOVED_SHARE * tried)
-    certain = bool((enough & (found > CERTAIN_SHARE * tried)).any())
+    least = found - CHANCE_SIGMAS * np.sqrt(found + 1)
+    is_cliff = least > MIN_MOVED_SHARE * tried
+    certain = bool(found[is_cliff].sum() > CERTAIN_SHARE * tried[is_cliff].sum())
     return is_cliff[places] & poor, certain

@@ -1,4 +1,4 @@
-"""Windows that neither see through cliffs nor take paint for shape (theory §4, "Paint", "Cliffs")."""
+"""Windows that neither see through cliffs nor take paint for shape (theory §4)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from fringeworks.pair.albedo import (
 )
 from fringeworks.pair.cliffs import NEAR_WALL_PX, Cliffs, find_cliffs
 from fringeworks.pair.misfit import is_rare, mean_square, unexplained, widened
-from fringeworks.pair.surfaces import IMPROVEMENT
 from fringeworks.pair.windows import CONFIDENCE, FINEST, Fitted, Windows
 from fringeworks.types import BoolMap, ByteMap
 
@@ -40,6 +39,8 @@ MIN_EDGE_SHARE = 0.05
 creases of a surface have up to 0.01."""
 MIN_LEFT_SHARE = 0.01
 """Share of them that cliffs must leave unexplained, for paint to be searched."""
+CONTINUED_SHARE = 0.8
+"""Share of the misfit of a patch that surfaces continued up to a crease must stay below."""
 WALL_SIGMA = 2.0
 """Factor of σ of a pixel on a wall over that of the surface that it was given."""
 
@@ -112,6 +113,7 @@ def across_edges(
         # Paint may look like cliffs, and explains all of these places then.
         other = _Search(windows, plain, start_px, widths)
         other.search_paint(unclear)
+        other.continuation_px = search.cliffs.displacement_px
         if other.albedo is not None:
             result = other.result(settings)
             if is_rare(poor & ~result.explained):
@@ -119,15 +121,18 @@ def across_edges(
     if search.cliffs is not None:
         search.search_cliffs()
     if search.cliffs is not None and not search.cliffs.walls.any():
-        search.continue_surfaces(settings)
+        # Creases only.
+        search.continuation_px, search.cliffs = search.cliffs.displacement_px, None
+        search.start_px = start_px
+        search.plain = search.continued(plain, windows.left(plain), settings)
     if search.cliffs is not None:
         least = MIN_LEFT_SHARE * int(np.count_nonzero(unclear))
         unclear &= unexplained(search.cliffs.left, windows.object_noise)
-        paint = paint and np.count_nonzero(unclear) > least
+        paint = paint and int(np.count_nonzero(unclear)) > least
     if paint and not is_rare(unclear):
         search.search_paint(unclear)
     if search.albedo is None and search.cliffs is None:
-        return Edges(search.plain, None, None, ~poor) if search.continued else None
+        return None if search.plain is plain else Edges(search.plain, None, None, ~poor)
     return search.result(settings)
 
 
@@ -147,7 +152,7 @@ class _Search:
         self.first_start_px = self.start_px = start_px
         self.albedo: NDArray[np.float32] | None = None
         self.cliffs: Cliffs | None = None
-        self.continued = False
+        self.continuation_px: NDArray[np.float32] | None = None
         self.small = next(
             (k for k, w in enumerate(widths) if w <= SMALL_WINDOW_PERIODS * windows.period_px),
             len(widths) - 1,
@@ -181,19 +186,21 @@ class _Search:
         if self.cliffs is not None:
             self.start_px = self.cliffs.start_from(self.first_start_px, self.widths[0])
 
-    def continue_surfaces(self, settings: FitSettings) -> None:
-        """At creases, start from the surfaces on either side where that explains more."""
-        assert self.cliffs is not None
-        before = mean_square(self.windows.left(self.plain))
-        self.start_px = self.cliffs.displacement_px
-        self.cliffs, self.continued = None, True
-        found = self.fit(self.widths[self.small :], **settings)
-        found = found._replace(scale=found.scale + np.uint8(self.small) * (found.scale != 255))
-        after = mean_square(self.windows.left(found))
-        better = np.isfinite(found.displacement_px) & (after < IMPROVEMENT * before)
-        better |= ~np.isfinite(self.plain.displacement_px)
-        self.plain = self.plain.replaced(found, better)
-        self.start_px = self.first_start_px
+    def continued(self, found: Fitted, left: NDArray[np.float32], settings: FitSettings) -> Fitted:
+        """Small windows that start from the surfaces on either side of a crease, where they leave
+        less than what was found."""
+        assert self.continuation_px is not None
+        again = self.windows.fit(
+            self.continuation_px, self.widths[self.small :], albedo=self.albedo, **settings
+        )
+        determined = np.isfinite(again.displacement_px)
+        again = again._replace(scale=np.where(determined, again.scale + self.small, again.scale))
+        after = mean_square(self.windows.left(again, self.albedo))
+        better = determined & (after < CONTINUED_SHARE * mean_square(left))
+        if self.albedo is not None:
+            edges = edge_weight(self.albedo) < 0.5
+            better &= ~widened(edges, int(0.5 * self.windows.period_px))
+        return found.replaced(again, better | ~np.isfinite(found.displacement_px))
 
     def search_paint(self, unclear: BoolMap) -> None:
         """Find the albedo of places that are not clear, with windows that know it better with every
@@ -223,11 +230,32 @@ class _Search:
                 self.update_cliffs(found)
 
     def result(self, settings: FitSettings) -> Edges:
-        """Windows of all widths that know the edges, where they explain the object."""
+        """Windows of all widths that know the edges, where they explain the object; where an albedo
+        does not, those that know the cliffs only."""
+        found, better = self.judged(settings)
+        walls = None if self.cliffs is None else self.cliffs.walls & better
+        edges = Edges(self.plain.replaced(found, better), self.albedo, walls, better)
+        if walls is None or self.albedo is None or is_rare(~better):
+            return edges
+        self.albedo = None
+        other = self.result(settings)
+        assert other.walls is not None
+        return Edges(
+            other.fitted.replaced(found, better),
+            edges.albedo,
+            walls | (other.walls & ~better),
+            better | other.explained,
+        )
+
+    def judged(self, settings: FitSettings) -> tuple[Fitted, BoolMap]:
+        """Windows of all widths that know the edges, and where they explain the object."""
         found = self.fit(self.widths, **settings)
+        if self.continuation_px is not None:
+            found = self.continued(found, self.windows.left(found, self.albedo), settings)
+        mixed = None
         if self.cliffs is not None:
             found = _on_walls(self.windows, found, self.cliffs, self.albedo)
-        mixed = None if self.cliffs is None else widened(self.cliffs.walls, NEAR_WALL_PX)
+            mixed = widened(self.cliffs.walls, NEAR_WALL_PX)
         better = explained(self.windows, found, self.plain.misfit, self.albedo, mixed)
         if self.albedo is not None:
             error = albedo_error(self.plain, found, self.windows.period_px)
@@ -237,8 +265,7 @@ class _Search:
                 modulation_ratio=self.albedo * found.modulation_ratio,
                 sigma_px=np.sqrt(found.sigma_px**2 + error),
             )
-        walls = None if self.cliffs is None else self.cliffs.walls & better
-        return Edges(self.plain.replaced(found, better), self.albedo, walls, better)
+        return found, better
 
 
 def _on_walls(
@@ -256,7 +283,11 @@ def _on_walls(
         beta * found.modulation_ratio,
         cliffs.walls.astype(np.uint8),
     )
-    on = side >= 0
-    from_side = Fitted(*(v.flat[side] if np.ndim(v) else v for v in found))
-    from_side = from_side._replace(sigma_px=np.float32(WALL_SIGMA) * from_side.sigma_px)
-    return found.replaced(from_side, on)
+    from_side = found._replace(
+        displacement_px=found.displacement_px.flat[side],
+        sigma_px=np.float32(WALL_SIGMA) * found.sigma_px.flat[side],
+        modulation_ratio=found.modulation_ratio.flat[side],
+        offset=found.offset.flat[side],
+        scale=found.scale.flat[side],
+    )
+    return found.replaced(from_side, side >= 0)

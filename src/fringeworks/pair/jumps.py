@@ -12,8 +12,8 @@ SLOPE_STEPS, SLOPE_AWAY_PX = 5, 8
 """Number of steps between neighbours whose median is a slope, and their distance from a jump, which
 windows and lenses spread over some pixels."""
 CREASE_PX = 4.5
-"""Smallest typical ratio of a jump to the change of the slope across it, px. The ratio at a crease is
-by how much it is misplaced: 2 to 4 px on a photographed pyramid; cliffs have 5 and more."""
+"""Smallest typical ratio of a jump to the change of the slope across it, px. That of a crease is by
+how much it is misplaced: 2 to 4 px on a photographed pyramid; cliffs have 5 and more."""
 TINY_SLOPE = 1e-3
 """Smallest change of a slope, px per px, that a jump is divided by."""
 
@@ -30,6 +30,8 @@ def jumps(u: NDArray[np.float32], limit_px: float) -> BoolMap:
 
 def without_creases(walls: BoolMap, zone: BoolMap, u: NDArray[np.float32]) -> BoolMap:
     """Without the walls of places where they jump little against the change of the slope."""
+    if not walls.any():
+        return walls
     jump, bend = np.zeros(u.shape, np.float32), np.zeros(u.shape, np.float32)
     for axis in (0, 1):
         here, change = _jump_and_bend(u, axis)
@@ -41,7 +43,7 @@ def without_creases(walls: BoolMap, zone: BoolMap, u: NDArray[np.float32]) -> Bo
     ratio = jump[walls] / np.maximum(bend[walls], np.float32(TINY_SLOPE))
     typical = ndimage.median(ratio, places[walls], np.arange(count + 1))
     is_cliff = np.nan_to_num(typical) > CREASE_PX
-    return walls & is_cliff[places]
+    return np.asarray(walls & is_cliff[places])
 
 
 def _jump_and_bend(

@@ -40,6 +40,12 @@ class Solution(Frozen):
     """``Reason`` per pixel, (h, w)."""
     iterations: ByteMap | None = None
     """Refinement steps of each pixel, (h, w), where the method iterates."""
+    albedo: FloatMap | None = None
+    """Albedo of the object over that of the reference, (h, w) > 0, where the method has found paint
+    with hard edges."""
+    walls: ByteMap | None = None
+    """1 for the pixels on either side of a cliff, else 0, (h, w), where the method has found
+    cliffs."""
     details: dict[str, Any] = field(default_factory=dict)
     """Figures for reports."""
     noise_length_px: tuple[float, float] = (0.0, 0.0)

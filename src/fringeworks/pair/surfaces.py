@@ -24,20 +24,20 @@ CLEAN_SHARE = 1e-4
 CLEAN_PX = 11
 """Side of the squares that must be explained around a pixel whose surface is offered."""
 STEEP, STEEP_WIDTHS = 0.4, 3
-"""Slope of the displacement beyond that of its surroundings, px per px, from which it may be a cliff
-that windows have smeared; and how far these reach, in widths of the window."""
+"""Slope of the displacement beyond that of its surroundings, px per px, from which it may be a
+cliff that windows have smeared; and how far these reach, in widths of the window."""
 PAINT_EDGE = 0.3
 """Price of an edge of the albedo below which its surface is not offered."""
 REACH_WIDTHS, REACH_PX = 4, 8
 """Largest distance of a surface that is offered: so many widths of the window, and px."""
-FIRST, NEXT = {"margin": 6, "base": 8}, {"margin": 3, "base": 5}
-"""Distance behind the first explained pixel at which a surface is taken, and base of its slopes, px:
-when the windows have smeared the cliff, and when they know where it is."""
+MARGINS_PX, BASES_PX = (6, 3), (8, 5)
+"""Distance behind the first explained pixel at which a surface is taken, and base of its slopes,
+px: when the windows have smeared the cliff, and when they know where it is."""
 MAX_CHANGE_PERIODS = 0.5
 """Largest correction of a displacement: a larger one would change the fringe order."""
 SAME_PERIODS = 1.0 / 300.0
 """Difference up to which two surfaces at a pixel count as the same one."""
-MEDIAN_PX = 5
+MEDIAN_PX = 3
 """Side of the squares whose median removes single wrong surfaces."""
 
 
@@ -116,9 +116,10 @@ class Offers:
                 clean=self.clean.astype(np.uint8),
                 present=np.where(where & ~self.clean, self.most, np.float32(0)),
                 reach=int(REACH_WIDTHS * self.width_px) + REACH_PX,
+                margin=MARGINS_PX[0 if self.is_first else 1],
+                base=BASES_PX[0 if self.is_first else 1],
                 max_change=MAX_CHANGE_PERIODS * windows.period_px,
                 same=SAME_PERIODS * windows.period_px,
-                **(FIRST if self.is_first else NEXT),
             )
         )
 
@@ -132,8 +133,9 @@ class Offers:
 def _steep(u: NDArray[np.float32], width_px: float) -> BoolMap:
     """Where the displacement is much steeper than around."""
     side = 2 * int(STEEP_WIDTHS * width_px) + 1
-    steeper = [
-        np.abs(slope - cv2.blur(slope, (side, side), borderType=cv2.BORDER_REPLICATE))
-        for slope in np.gradient(u)
-    ]
-    return np.maximum(*steeper) > STEEP
+    steep = np.zeros(u.shape, bool)
+    for axis in (0, 1):
+        slope: NDArray[np.float32] = np.gradient(u, axis=axis)
+        around = cv2.blur(slope, (side, side), borderType=cv2.BORDER_REPLICATE)
+        steep |= np.abs(slope - around) > STEEP
+    return steep

@@ -113,9 +113,20 @@ def _(found: DisplacementMap, name: str | None = None) -> Figure:
             Panel(SIGMA, found.sigma_px, "sigma", "px"),
             Panel("modulation, object over reference", found.modulation_ratio, "grey", "ratio"),
             Panel(REASONS, found.reason, "reasons"),
+            *_edges(found),
         ],
         columns=2,
     )
+
+
+def _edges(found: DisplacementMap) -> list[Panel]:
+    """Albedo and walls, where the method has found any."""
+    panels = []
+    if found.albedo is not None:
+        panels.append(Panel("albedo, object over reference", found.albedo, "grey", "ratio"))
+    if found.walls is not None:
+        panels.append(Panel("walls beside cliffs", found.walls, "grey", "1"))
+    return panels
 
 
 @plot.register

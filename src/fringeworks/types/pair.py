@@ -101,6 +101,12 @@ class DisplacementMap(Sectioned, Frozen):
     """Angle between the direction in which the fringes change and that axis, degrees."""
     iterations: ByteMap | None = None
     """Refinement steps of each pixel, (h, w), where the method iterates."""
+    albedo: FloatMap | None = None
+    """Albedo of the object over that of the reference, (h, w) > 0, where the method has found paint
+    with hard edges."""
+    walls: ByteMap | None = None
+    """1 for the pixels on either side of a cliff, else 0, (h, w), where the method has found
+    cliffs."""
     converged: bool = True
     """False where an iteration of the analysis reached its largest number of steps: the search for
     the background of a single frame, or the unwrapping by least squares."""

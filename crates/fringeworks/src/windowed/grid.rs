@@ -112,33 +112,15 @@ impl<'a> Grid<'a> {
                 return self.blend_seen(walls, x, y);
             }
         }
-        let mut sum = Blend {
-            delta: 0.0,
-            sigma: 0.0,
-            offset: 0.0,
-            modulation_ratio: 0.0,
-        };
-        let mut total = 0.0f32;
+        let mut mean = Mean::default();
         for (row, column, weight) in self.lattice.corners(x as f64, y as f64) {
             let node = self.node(row, column);
-            if !node.determined || weight <= 0.0 {
-                continue;
+            if node.determined && weight > 0.0 {
+                let (dx, dy) = self.lattice.offset((x, y), (row, column));
+                mean.add(node, (dx, dy), weight, node.sigma);
             }
-            let centre = |i: usize| (i as f32 + 0.5) * block as f32 - 0.5;
-            let dx = x as f32 - centre(column);
-            let dy = y as f32 - centre(row);
-            sum.delta += weight * (node.delta + node.slope[0] * dx + node.slope[1] * dy);
-            sum.sigma += weight * node.sigma;
-            sum.offset += weight * node.prior.offset;
-            sum.modulation_ratio += weight * node.modulation_ratio;
-            total += weight;
         }
-        (total > 0.0).then(|| Blend {
-            delta: sum.delta / total,
-            sigma: sum.sigma / total,
-            offset: sum.offset / total,
-            modulation_ratio: sum.modulation_ratio / total,
-        })
+        mean.value()
     }
 
     /// The same near a wall: from the nearest nodes that the pixel sees.
@@ -162,36 +144,51 @@ impl<'a> Grid<'a> {
         let around = |i: usize, count: usize| {
             (i / block).saturating_sub(reach)..=(i / block + reach).min(count - 1)
         };
-        let (mut sum, mut total) = ([0.0f32; 4], 0.0f32);
+        let mut mean = Mean::default();
         for (r, c) in around(y, rows).flat_map(|r| around(x, columns).map(move |c| (r, c))) {
             let node = self.node(r, c);
-            let centre = |i: usize| (i as f32 + 0.5) * block as f32 - 0.5;
-            let (dx, dy) = (x as f32 - centre(c), y as f32 - centre(r));
+            let (dx, dy) = self.lattice.offset((x, y), (r, c));
             let near = (1.0 - dx.abs() / scale).max(0.0) * (1.0 - dy.abs() / scale).max(0.0);
             let hidden = || !walls.open_between((x, y), walls.pixel_of(block, r, c));
             if !node.determined || near <= 0.0 || hidden() {
                 continue;
             }
-            let weight = near / (node.sigma * node.sigma);
             // A slope is about as uncertain as the displacement over the window's width.
             let away = (dx * dx + dy * dy) / (2.0 * block as f32).powi(2);
-            let values = [
-                node.delta + node.slope[0] * dx + node.slope[1] * dy,
-                node.sigma * (1.0 + 0.5 * away).sqrt(),
-                node.prior.offset,
-                node.modulation_ratio,
-            ];
-            for (sum, value) in sum.iter_mut().zip(values) {
-                *sum += weight * value;
-            }
-            total += weight;
+            let sigma = node.sigma * (1.0 + 0.5 * away).sqrt();
+            mean.add(node, (dx, dy), near / (node.sigma * node.sigma), sigma);
         }
-        let [delta, sigma, offset, modulation_ratio] = sum.map(|v| v / total);
-        (total > 0.0).then_some(Blend {
-            delta,
-            sigma,
-            offset,
-            modulation_ratio,
+        mean.value()
+    }
+}
+
+/// Weighted mean of what nodes say of a pixel.
+#[derive(Default)]
+struct Mean {
+    delta: f32,
+    sigma: f32,
+    offset: f32,
+    modulation_ratio: f32,
+    total: f32,
+}
+
+impl Mean {
+    /// Add a node that is (dx, dy) px before the pixel.
+    fn add(&mut self, node: &Node, (dx, dy): (f32, f32), weight: f32, sigma: f32) {
+        self.delta += weight * (node.delta + node.slope[0] * dx + node.slope[1] * dy);
+        self.sigma += weight * sigma;
+        self.offset += weight * node.prior.offset;
+        self.modulation_ratio += weight * node.modulation_ratio;
+        self.total += weight;
+    }
+
+    fn value(&self) -> Option<Blend> {
+        let total = self.total;
+        (total > 0.0).then(|| Blend {
+            delta: self.delta / total,
+            sigma: self.sigma / total,
+            offset: self.offset / total,
+            modulation_ratio: self.modulation_ratio / total,
         })
     }
 }

@@ -20,6 +20,12 @@ fn between(position: f64, count: usize) -> (usize, usize, f32) {
 }
 
 impl Lattice {
+    /// Offset (x, y) of a pixel from a node (row, column), px.
+    pub fn offset(&self, (x, y): (usize, usize), (row, column): (usize, usize)) -> (f32, f32) {
+        let centre = |i: usize| (i as f32 + 0.5) * self.block as f32 - 0.5;
+        (x as f32 - centre(column), y as f32 - centre(row))
+    }
+
     /// Row, column and bilinear weight of the four nodes around a pixel position.
     pub fn corners(&self, x: f64, y: f64) -> [(usize, usize, f32); 4] {
         let position = |pixel: f64| (pixel + 0.5) / self.block as f64 - 0.5;

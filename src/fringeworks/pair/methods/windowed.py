@@ -108,7 +108,7 @@ def windowed(
         smaller windows (Lepski's rule).
     paint : bool
         Search hard edges of paint and, where there are any, the albedo of every pixel, so that
-        windows may cross them (``find_albedo``). It takes three times as long then.
+        windows may cross them (``across_edges``). It takes three times as long then.
 
     Returns
     -------
@@ -124,8 +124,8 @@ def windowed(
     In every window, minimises Σ w [d − a − b·s(x − u − u_x i − u_y j)]² over offset a, modulation
     ratio b and an affine displacement (theory §4). The waveform s is measured, so γ and any other
     distortion common to both frames cancels. σ comes from the normal equations with the residual's
-    variance and the reference's noise. The iteration starts from ``fourier`` or, where that is
-    unreliable, from counted fringes (``start_field``).
+    variance and the reference's noise. Windows end at cliffs. The iteration starts from
+    ``fourier`` or, where that is unreliable, from counted fringes (``start_field``).
     """
     widths = _check_options(pair, scales, iterations, confidence)
     windows = Windows.of(pair)
@@ -149,6 +149,8 @@ def windowed(
         noise_length_px=_noise_length(scale, widths, start_px),
         smoothing=(Smoothing((start_px, start_px), (widths[0], widths[0]), START_SHARE),),
         iterations=np.minimum(steps, np.iinfo(np.uint8).max).astype(np.uint8),
+        albedo=None if edges is None else edges.albedo,
+        walls=None if edges is None or edges.walls is None else edges.walls.astype(np.uint8),
         details={
             "scales_px": widths,
             "scale_share": [float(np.mean(scale == k)) for k in range(len(widths))],

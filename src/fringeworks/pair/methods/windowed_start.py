@@ -63,7 +63,7 @@ def _local_mean(values: FloatMap, width_px: float) -> FloatMap:
     blocks = cv2.resize(
         values.astype(np.float32), (w // block, h // block), interpolation=cv2.INTER_AREA
     )
-    smooth = _gaussian(blocks, width_px / block)
+    smooth = _gaussian(np.asarray(blocks, np.float32), width_px / block)
     return np.asarray(cv2.resize(smooth, (w, h), interpolation=cv2.INTER_LINEAR))
 
 

@@ -1,0 +1,240 @@
+"""Cliffs: the kernels against their oracles, and what two frames measure beside a cliff."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import fringeworks as fw
+from fringeworks import _core
+from fringeworks.pair.windows import spline_coefficients
+from tests.oracles import cliffs as oracle
+from tests.oracles import windowed
+from tests.test_windowed import LIMITS
+
+PERIOD = 20.0
+
+
+def cliff_problem(size=(48, 64), jump=5.0, seed=5):
+    """Spline of the reference, object and displacement of a disc before a plane."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[: size[0], : size[1]].astype(float)
+    disc = np.hypot(x - 30, y - 24) < 14
+    u = 0.02 * x + np.where(disc, jump, 0.0)
+    s = np.cos(2 * np.pi * x / PERIOD)
+    d = 0.1 + 0.9 * np.cos(2 * np.pi * (x - u) / PERIOD) + 0.01 * rng.standard_normal(size)
+    edge = ndimage.binary_dilation(disc) & ~ndimage.binary_erosion(disc)
+    return spline_coefficients(s), d.astype(np.float32), u.astype(np.float32), edge
+
+
+def full(shape, value, dtype=np.float32):
+    return np.full(shape, value, dtype)
+
+
+def test_relocation_agrees_with_its_oracle():
+    spline, d, u, edge = cliff_problem()
+    smeared = cv2.GaussianBlur(u, (0, 0), 4.0)
+    near = ndimage.binary_dilation(edge, iterations=5)
+    clean = (~near).astype(np.uint8)
+    present = np.where(near, np.float32(0.2), np.float32(0))
+    offset, gain = full(d.shape, 0.1), full(d.shape, 0.9)
+    options = {"reach": 20, "margin": 2, "base": 4, "max_change": 10.0, "same": 0.05}
+    ok = full(d.shape, 1, np.uint8)
+    found = _core.relocate_surfaces(
+        spline, d, ok, ok, smeared, offset, gain, clean=clean, present=present, **options
+    )
+    expected = oracle.relocate(
+        spline.astype(float), d, smeared, offset, gain, clean, present, **options
+    )
+    same = np.isclose(found[0], expected[0], atol=1e-3)
+    assert same[near].mean() > 0.99  # rays that pass between two pixels
+    assert np.abs(found[0] - u)[near].mean() < 0.6 * np.abs(smeared - u)[near].mean()
+    np.testing.assert_array_equal(found[0][~near], smeared[~near])
+
+
+def test_walls_take_the_better_side_as_their_oracle_does():
+    spline, d, u, edge = cliff_problem()
+    offset, gain = full(d.shape, 0.1), full(d.shape, 0.9)
+    ok = full(d.shape, 1, np.uint8)
+    found = _core.wall_sides(spline, d, ok, ok, u, offset, gain, edge.astype(np.uint8))
+    expected = oracle.sides(spline.astype(float), d, u, offset, gain, edge)
+    assert (found[~edge] == -1).all()
+    assert np.mean(found[edge] == expected[edge]) > 0.98
+
+
+def test_smoothing_stays_within_walls_as_its_oracle_does():
+    _, _, u, edge = cliff_problem()
+    found = _core.smooth_within_walls(u, edge.astype(np.uint8), 4.0)
+    np.testing.assert_allclose(found, oracle.smooth_within(u.astype(float), edge, 4.0), atol=1e-4)
+    inside = ndimage.binary_erosion(ndimage.binary_fill_holes(edge), iterations=4)
+    assert np.abs(found - u)[inside].max() < 0.2  # 5 px lower outside
+
+
+@pytest.mark.parametrize("scales", [(8.0,), (3.0,), (8.0, 4.0, 2.0)])
+def test_windows_with_walls_agree_with_their_oracle(scales):
+    spline, d, u, edge = cliff_problem()
+    start = (u + 0.3).astype(np.float32)
+    ok = full(d.shape, 1, np.uint8)
+    options = {"iterations": 1, "period": PERIOD, "confidence": 2.5}
+    found = _core.invert_windowed(
+        spline,
+        d,
+        ok,
+        ok,
+        start,
+        None,
+        edge.astype(np.uint8),
+        scales=list(scales),
+        **options,
+        **LIMITS,
+    )
+    expected = windowed.invert(
+        spline.astype(float),
+        d.astype(float),
+        start.astype(float),
+        scales,
+        1,
+        PERIOD,
+        2.5,
+        LIMITS,
+        edge,
+    )
+    same = (found[5] == expected[3]) & np.isfinite(found[0])
+    assert same[~edge].mean() > 0.98
+    assert np.isnan(found[0][edge]).all() == (scales != (2.0,))
+    for k in (0, 1, 2):
+        close = np.isclose(found[k][same], expected[k][same], rtol=2e-3, atol=5e-4)
+        assert close.mean() > 0.995  # lines that pass exactly between two pixels
+    assert np.nanmean(np.abs(found[0] - u)) < 0.05
+
+
+def test_the_kernels_refuse_what_does_not_fit():
+    spline, d, u, _ = cliff_problem()
+    ok = full(d.shape, 1, np.uint8)
+    short = np.zeros((4, 8), np.uint8)
+    with pytest.raises(ValueError, match="walls"):
+        _core.wall_sides(spline, d, ok, ok, u, u, u, short)
+    with pytest.raises(ValueError, match="walls"):
+        _core.smooth_within_walls(u, short, 1.0)
+    with pytest.raises(ValueError, match="clean"):
+        _core.relocate_surfaces(
+            spline, d, ok, ok, u, u, u, clean=short, present=u, reach=9, margin=1, base=2,
+            max_change=1.0, same=0.1,
+        )  # fmt: skip
+    with pytest.raises(ValueError, match="walls"):
+        _core.invert_windowed(
+            spline, d, ok, ok, u, None, short, scales=[4.0], iterations=1, period=PERIOD,
+            confidence=2.5, **LIMITS,
+        )  # fmt: skip
+
+
+def boxes(seed, period, *, quality=None, painted=False, side=400):
+    """Boxes on a tilted plane, seen by a lens that blurs; their edges jump by up to 0.45 periods."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:side, :side].astype(float)
+    plane = 0.01 * (x - side / 2) + 0.004 * (y - side / 2)
+    u, cliff = plane.copy(), np.zeros((side, side), bool)
+    for _ in range(3):
+        (cx, cy), (w, h) = rng.uniform(0.2, 0.8, 2) * side, rng.uniform(30, 90, 2)
+        t = rng.uniform(0, np.pi)
+        along = (x - cx) * np.cos(t) + (y - cy) * np.sin(t)
+        across = (y - cy) * np.cos(t) - (x - cx) * np.sin(t)
+        inside = (np.abs(along) < w) & (np.abs(across) < h)
+        u = np.where(inside, plane + rng.uniform(0.2, 0.45) * period * rng.choice([-1, 1]), u)
+    cliff = ndimage.maximum_filter(u, 3) - ndimage.minimum_filter(u, 3) > 0.1 * period
+    albedo = np.ones_like(x)
+    if painted:
+        albedo[np.abs(x - y + 40) < 25] = 0.6
+
+    def frame(shift, albedo):
+        light = 128 + 90 * np.cos(2 * np.pi * (x - shift) / period)
+        light = ndimage.gaussian_filter(albedo * light, 0.8) + rng.normal(0, 1.5, x.shape)
+        image = np.clip(np.rint(light), 0, 255).astype(np.uint8)
+        if quality is not None:
+            image = cv2.imdecode(
+                cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], 0
+            )
+        return image
+
+    near = ndimage.distance_transform_cdt(~cliff, "chessboard")
+    return fw.Pair(frame(0 * u, 1.0), frame(u, albedo), axis="x"), u, near
+
+
+@pytest.mark.parametrize(
+    ("period", "options"), [(16.0, {}), (30.0, {}), (30.0, {"quality": 85}), (60.0, {})]
+)
+def test_errors_beside_cliffs_are_small(period, options):
+    """Of another scene than the demonstration's, seen by a lens."""
+    pair, truth, away = boxes(5, period, **options)
+    found = fw.analyse(pair, "windowed")
+    error = np.abs(found.displacement_px - truth) / period
+    beside = (away > 5) & (away <= 25)
+    assert found.walls is not None
+    assert np.nanmean(error[beside]) < 0.002
+    assert np.mean(found.reason != 0) < 0.006
+    wall = found.walls > 0
+    assert np.mean(away[wall] <= 6) > 0.9  # walls lie at cliffs
+
+
+def test_painted_cliffs_have_an_albedo_and_walls():
+    pair, truth, away = boxes(4, 30.0, painted=True)
+    found = fw.analyse(pair, "windowed")
+    assert found.walls is not None
+    assert found.albedo is not None
+    plain = fw.analyse(pair, "windowed", paint=False)
+    error, without = (np.abs(r.displacement_px - truth)[away > 5] for r in (found, plain))
+    assert np.nanmean(error) < 0.8 * np.nanmean(without)
+    inner = np.s_[180:200, 145:155]
+    assert np.median(found.albedo[inner]) == pytest.approx(0.6, abs=0.05)
+
+
+def test_steps_of_paint_every_few_fringes_are_no_cliffs():
+    y, x = np.mgrid[:300, :400].astype(float)
+    rng = np.random.default_rng(0)
+    truth = 2.0 * np.exp(-((x - 200) ** 2 + (y - 150) ** 2) / 5e3)
+    albedo = np.where((x // 40 + y // 40) % 2 > 0, 1.0, 0.4)
+
+    def frame(shift, albedo):
+        light = ndimage.gaussian_filter(
+            albedo * (128 + 90 * np.cos(2 * np.pi * (x - shift) / 25)), 0.7
+        )
+        return np.clip(np.rint(light + rng.normal(0, 1.5, x.shape)), 0, 255).astype(np.uint8)
+
+    pair = fw.Pair(frame(0 * x, 1.0), frame(truth, albedo), axis="x")
+    found = fw.analyse(pair, "windowed")
+    assert found.albedo is not None
+    assert found.walls is None
+    assert np.nanmean(np.abs(found.displacement_px - truth)) < 0.08
+
+
+def test_a_crease_is_no_cliff():
+    """A steep roof: its slope changes by 1.2 px per px, its displacement does not jump."""
+    y, x = np.mgrid[:300, :400].astype(float)
+    rng = np.random.default_rng(1)
+    truth = np.clip(40 - 0.6 * np.abs(y - 150), 0, None)
+
+    def frame(shift):
+        light = 128 + 90 * np.cos(2 * np.pi * (x - shift) / 18)
+        return np.clip(np.rint(light + rng.normal(0, 1.5, x.shape)), 0, 255).astype(np.uint8)
+
+    found = fw.analyse(fw.Pair(frame(0 * x), frame(truth), axis="x"), "windowed")
+    assert found.walls is None
+    assert np.nanmean(np.abs(found.displacement_px - truth)[20:-20, 60:-60]) < 0.08
+
+
+def test_smooth_surfaces_have_no_edges():
+    scene = fw.standard_scene("parabola", size=300, fringes=12, height_mm=15.0, noise=2.0, bits=8)
+    found = fw.analyse(scene, "windowed")
+    assert found.walls is None
+    assert found.albedo is None
+
+
+def test_maps_turn_with_the_frames():
+    pair, _, _ = boxes(5, 30.0)
+    turned = replace(pair, reference=pair.reference.T, object=pair.object.T, axis="y")
+    one, other = (fw.analyse(p, "windowed") for p in (pair, turned))
+    np.testing.assert_array_equal(one.walls, other.walls.T)

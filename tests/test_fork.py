@@ -55,11 +55,13 @@ from fringeworks.simulate import (
 from fringeworks.pair.methods.inverse_function import find_extrema
 from fringeworks.signal.denoise import normalise
 from tests.stacks import multi, take
+from tests.test_cliffs import boxes
 
 plan = multi((1, 8), 4, (300, 40))
 frames = take(plan)
 scene = standard_scene("parabola", size=64, fringes=6, noise=1, seed=1)
 painted = standard_scene("parabola", size=200, fringes=8, noise=1, seed=1, painted=True)
+cliffs, _, _ = boxes(4, 20.0, side=200)
 rig = standard_rig(scale=0.2)
 phase = np.angle(np.exp(1j * np.add.outer(np.arange(40), np.arange(50)) / 4))
 
@@ -74,7 +76,7 @@ def results():
     found.append(fw.Triangulator(rig).triangulate(
         fw.decode(list(photograph(view, layout, Optics())), layout)))
     found += [fw.analyse(scene, name) for name in fw.methods()]
-    found.append(fw.analyse(painted))
+    found += [fw.analyse(painted), fw.analyse(cliffs)]
     found += [fw.unwrap(phase, algorithm=name).phase for name in ("reliability", "guided")]
     found += [fw.decompose_rows(scene.object), fw.decompose_frame(scene.object)]
     found += [normalise(scene.object), find_extrema(scene.object[30], 10.0).position_px]

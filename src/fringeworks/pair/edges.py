@@ -113,18 +113,19 @@ def across_edges(
         # Paint may look like cliffs, and explains all of these places then.
         other = _Search(windows, plain, start_px, widths)
         other.search_paint(unclear)
-        other.continuation_px = search.cliffs.displacement_px
+        other.continuations_px = [search.cliffs.displacement_px]
         if other.albedo is not None:
             result = other.result(settings)
             if is_rare(poor & ~result.explained):
                 return result
     if search.cliffs is not None:
+        first = search.cliffs.displacement_px
         search.search_cliffs()
-    if search.cliffs is not None and not search.cliffs.walls.any():
-        # Creases only.
-        search.continuation_px, search.cliffs = search.cliffs.displacement_px, None
-        search.start_px = start_px
-        search.plain = search.continued(plain, windows.left(plain), settings)
+        if not search.cliffs.walls.any():
+            # Creases only.
+            search.continuations_px = [first, search.cliffs.displacement_px]
+            search.cliffs, search.start_px = None, start_px
+            search.plain = search.continued(plain, windows.left(plain), settings)
     if search.cliffs is not None:
         least = MIN_LEFT_SHARE * int(np.count_nonzero(unclear))
         unclear &= unexplained(search.cliffs.left, windows.object_noise)
@@ -152,7 +153,7 @@ class _Search:
         self.first_start_px = self.start_px = start_px
         self.albedo: NDArray[np.float32] | None = None
         self.cliffs: Cliffs | None = None
-        self.continuation_px: NDArray[np.float32] | None = None
+        self.continuations_px: list[NDArray[np.float32]] = []
         self.small = next(
             (k for k, w in enumerate(widths) if w <= SMALL_WINDOW_PERIODS * windows.period_px),
             len(widths) - 1,
@@ -189,18 +190,25 @@ class _Search:
     def continued(self, found: Fitted, left: NDArray[np.float32], settings: FitSettings) -> Fitted:
         """Small windows that start from the surfaces on either side of a crease, where they leave
         less than what was found."""
-        assert self.continuation_px is not None
-        again = self.windows.fit(
-            self.continuation_px, self.widths[self.small :], albedo=self.albedo, **settings
-        )
-        determined = np.isfinite(again.displacement_px)
-        again = again._replace(scale=np.where(determined, again.scale + self.small, again.scale))
-        after = mean_square(self.windows.left(again, self.albedo))
-        better = determined & (after < CONTINUED_SHARE * mean_square(left))
+        near_paint = np.zeros(left.shape, bool)
         if self.albedo is not None:
             edges = edge_weight(self.albedo) < 0.5
-            better &= ~widened(edges, int(0.5 * self.windows.period_px))
-        return found.replaced(again, better | ~np.isfinite(found.displacement_px))
+            near_paint = widened(edges, int(0.5 * self.windows.period_px))
+        before = mean_square(left)
+        for start_px in self.continuations_px:
+            again = self.windows.fit(
+                start_px, self.widths[self.small :], albedo=self.albedo, **settings
+            )
+            determined = np.isfinite(again.displacement_px)
+            again = again._replace(
+                scale=np.where(determined, again.scale + self.small, again.scale)
+            )
+            after = mean_square(self.windows.left(again, self.albedo))
+            better = determined & (after < CONTINUED_SHARE * before) & ~near_paint
+            better |= ~np.isfinite(found.displacement_px)
+            found = found.replaced(again, better)
+            before = np.where(better, after, before)
+        return found
 
     def search_paint(self, unclear: BoolMap) -> None:
         """Find the albedo of places that are not clear, with windows that know it better with every
@@ -250,7 +258,7 @@ class _Search:
     def judged(self, settings: FitSettings) -> tuple[Fitted, BoolMap]:
         """Windows of all widths that know the edges, and where they explain the object."""
         found = self.fit(self.widths, **settings)
-        if self.continuation_px is not None:
+        if self.continuations_px:
             found = self.continued(found, self.windows.left(found, self.albedo), settings)
         mixed = None
         if self.cliffs is not None:

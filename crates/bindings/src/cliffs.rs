@@ -2,14 +2,27 @@
 
 use crate::rows::rows_of;
 use crate::threads::detached;
+use crate::windowed::pair_of;
 use fringeworks::windowed::{
-    relocate_surfaces as relocate, sides, smooth_within, Pair, Search, Surfaces,
+    relocate_surfaces as relocate, sides, smooth_within, Search, Surfaces,
 };
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 type Map<'py> = Bound<'py, PyArray2<f32>>;
+
+fn surfaces_of<'a>(
+    displacement: &'a PyReadonlyArray2<f32>,
+    offset: &'a PyReadonlyArray2<f32>,
+    gain: &'a PyReadonlyArray2<f32>,
+) -> PyResult<Surfaces<'a>> {
+    Ok(Surfaces {
+        displacement: rows_of(displacement)?,
+        offset: rows_of(offset)?,
+        gain: rows_of(gain)?,
+    })
+}
 
 #[pyfunction]
 #[pyo3(signature = (spline, object, reference_ok, object_ok, displacement, offset, gain, *, clean, present, reach, margin, base, max_change, same))]
@@ -32,20 +45,9 @@ pub fn relocate_surfaces<'py>(
     same: f32,
 ) -> PyResult<(Map<'py>, Map<'py>, Map<'py>)> {
     let shape = (object.shape()[0], object.shape()[1]);
-    let pair = Pair {
-        height: shape.0,
-        width: shape.1,
-        spline: rows_of(&spline)?,
-        object: rows_of(&object)?,
-        reference_ok: rows_of(&reference_ok)?,
-        object_ok: rows_of(&object_ok)?,
-        albedo: None,
-    };
-    let surfaces = Surfaces {
-        displacement: rows_of(&displacement)?,
-        offset: rows_of(&offset)?,
-        gain: rows_of(&gain)?,
-    };
+    let samples = rows_of(&object)?;
+    let pair = pair_of(shape, &spline, samples, &reference_ok, &object_ok)?;
+    let surfaces = surfaces_of(&displacement, &offset, &gain)?;
     let search = Search {
         clean: rows_of(&clean)?,
         present: rows_of(&present)?,
@@ -78,20 +80,9 @@ pub fn wall_sides<'py>(
     walls: PyReadonlyArray2<'py, u8>,
 ) -> PyResult<Bound<'py, PyArray2<i64>>> {
     let shape = (object.shape()[0], object.shape()[1]);
-    let pair = Pair {
-        height: shape.0,
-        width: shape.1,
-        spline: rows_of(&spline)?,
-        object: rows_of(&object)?,
-        reference_ok: rows_of(&reference_ok)?,
-        object_ok: rows_of(&object_ok)?,
-        albedo: None,
-    };
-    let surfaces = Surfaces {
-        displacement: rows_of(&displacement)?,
-        offset: rows_of(&offset)?,
-        gain: rows_of(&gain)?,
-    };
+    let samples = rows_of(&object)?;
+    let pair = pair_of(shape, &spline, samples, &reference_ok, &object_ok)?;
+    let surfaces = surfaces_of(&displacement, &offset, &gain)?;
     let walls = rows_of(&walls)?;
     let found = detached(py, || sides(&pair, &surfaces, walls))?;
     Ok(Array2::from_shape_vec(shape, found)

@@ -18,6 +18,28 @@ type Maps<'py> = (
     f64,
 );
 
+type Floats<'py> = PyReadonlyArray2<'py, f32>;
+type Bytes<'py> = PyReadonlyArray2<'py, u8>;
+
+/// A pair of frames whose object frame has the given shape and samples, without an albedo.
+pub fn pair_of<'a>(
+    (height, width): (usize, usize),
+    spline: &'a Floats,
+    object: &'a [f32],
+    reference_ok: &'a Bytes,
+    object_ok: &'a Bytes,
+) -> PyResult<Pair<'a>> {
+    Ok(Pair {
+        height,
+        width,
+        spline: rows_of(spline)?,
+        object,
+        reference_ok: rows_of(reference_ok)?,
+        object_ok: rows_of(object_ok)?,
+        albedo: None,
+    })
+}
+
 #[pyfunction]
 #[pyo3(signature = (spline, object, reference_ok, object_ok, start, albedo=None, walls=None, *, scales, iterations, period, confidence, object_noise, reference_noise, drift, max_sigma, min_explained))]
 #[allow(clippy::too_many_arguments)]
@@ -41,14 +63,10 @@ pub fn invert_windowed<'py>(
     min_explained: f64,
 ) -> PyResult<Maps<'py>> {
     let shape = (object.shape()[0], object.shape()[1]);
+    let samples = rows_of(&object)?;
     let pair = Pair {
-        height: shape.0,
-        width: shape.1,
-        spline: rows_of(&spline)?,
-        object: rows_of(&object)?,
-        reference_ok: rows_of(&reference_ok)?,
-        object_ok: rows_of(&object_ok)?,
         albedo: albedo.as_ref().map(rows_of).transpose()?,
+        ..pair_of(shape, &spline, samples, &reference_ok, &object_ok)?
     };
     let start = rows_of(&start)?;
     let walls = walls.as_ref().map(rows_of).transpose()?;
@@ -96,15 +114,7 @@ pub fn warp_windowed<'py>(
     displacement: PyReadonlyArray2<'py, f32>,
 ) -> PyResult<Warped<'py>> {
     let shape = (displacement.shape()[0], displacement.shape()[1]);
-    let pair = Pair {
-        height: shape.0,
-        width: shape.1,
-        spline: rows_of(&spline)?,
-        object: &[],
-        reference_ok: rows_of(&reference_ok)?,
-        object_ok: rows_of(&object_ok)?,
-        albedo: None,
-    };
+    let pair = pair_of(shape, &spline, &[], &reference_ok, &object_ok)?;
     let u = rows_of(&displacement)?;
     let (value, slope, known) = detached(py, || warped(&pair, u))?;
     let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");

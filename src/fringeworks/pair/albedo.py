@@ -109,11 +109,7 @@ def explained(
         refused = np.asarray(not_yet > MAX_STILL_POOR * around + MIN_SHARE)
     if albedo is not None:
         refused |= fringe_share(windows, fitted, albedo) > MAX_FRINGE_SHARE
-    refused &= poor
-    if not refused.any():
-        return np.ones(refused.shape, bool)
-    reach = 2 * int(windows.period_px) + 1
-    return np.asarray(cv2.blur(refused.astype(np.float32), (reach, reach)) <= MIN_SHARE)
+    return ~widened(refused & poor, int(windows.period_px))
 
 
 def albedo_error(before: Fitted, after: Fitted, period_px: float) -> NDArray[np.float32]:
@@ -240,6 +236,5 @@ def next_albedo(
 
 def change(before: FloatMap, albedo: FloatMap) -> float:
     """Rms change of the albedo around its edges."""
-    edges = cv2.dilate((edge_weight(albedo) < 0.5).astype(np.uint8), np.ones((PATCH_PX, PATCH_PX)))
-    near = edges > 0
+    near = widened(edge_weight(albedo) < 0.5, PATCH_PX // 2)
     return float(np.sqrt(np.mean((albedo - before)[near] ** 2))) if near.any() else 0.0

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from fringeworks import _core
-from fringeworks.pair.jumps import jumps, without_creases
+from fringeworks.pair.jumps import Jumps
 from fringeworks.pair.misfit import unexplained, widened
 from fringeworks.pair.surfaces import Offers, Surfaces
 from fringeworks.pair.windows import Fitted, Windows
@@ -96,8 +96,9 @@ def find_cliffs(
     Cliffs, or None where surfaces of either side explain no more than the windows do.
     """
     surfaces = Surfaces.of(found, start_px, albedo)
-    offers = Offers.of(windows, surfaces, width_px, edge_weight, before is None)
-    poor = unexplained(surfaces.left(windows), windows.object_noise)
+    left = surfaces.left(windows)
+    offers = Offers.of(windows, surfaces, left, width_px, edge_weight, before is None)
+    poor = unexplained(left, windows.object_noise)
     if before is None:
         poor, certain = _places_of_cliffs(poor, offers, WALL_PERIODS * windows.period_px)
     else:
@@ -117,11 +118,12 @@ def find_cliffs(
 def _walls(
     u: NDArray[np.float32], zone: BoolMap, limit_px: float, before: Cliffs | None
 ) -> BoolMap:
-    walls = jumps(u, limit_px) & zone
+    jumps = Jumps(u)
+    walls = jumps.beyond(limit_px) & zone
     if before is None:
         return walls
-    walls |= before.walls & jumps(u, KEPT_SHARE * limit_px)
-    return without_creases(walls, zone, u)
+    walls |= before.walls & jumps.beyond(KEPT_SHARE * limit_px)
+    return jumps.without_creases(walls, zone)
 
 
 def _places_of_cliffs(

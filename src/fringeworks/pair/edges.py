@@ -169,11 +169,9 @@ class _Search:
             self.start_px, widths, albedo=self.albedo, walls=self.walls, **settings
         )
 
-    def search_cliffs(self) -> None:
-        """Search walls with windows that know what is known."""
-        self.update_cliffs(self.fit(self.widths[: self.small + 1], iterations=1, confidence=FINEST))
-
-    def update_cliffs(self, found: Fitted) -> None:
+    def search_cliffs(self) -> Fitted:
+        """Search walls with windows that know what is known, and return what these found."""
+        found = self.fit(self.widths[: self.small + 1], iterations=1, confidence=FINEST)
         self.cliffs = find_cliffs(
             self.windows,
             found,
@@ -186,6 +184,7 @@ class _Search:
         self.start_px = self.first_start_px
         if self.cliffs is not None:
             self.start_px = self.cliffs.start_from(self.first_start_px, self.widths[0])
+        return found
 
     def continued(self, found: Fitted, left: NDArray[np.float32], settings: FitSettings) -> Fitted:
         """Small windows that start from the surfaces on either side of a crease, where they leave
@@ -234,8 +233,7 @@ class _Search:
             if self.cliffs is None:
                 found = self.fit(fine, iterations=1, confidence=CONFIDENCE)
             else:
-                found = self.fit(self.widths[: self.small + 1], iterations=1, confidence=FINEST)
-                self.update_cliffs(found)
+                found = self.search_cliffs()
 
     def result(self, settings: FitSettings) -> Edges:
         """Windows of all widths that know the edges, where they explain the object; where an albedo

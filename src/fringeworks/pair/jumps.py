@@ -18,32 +18,42 @@ TINY_SLOPE = 1e-3
 """Smallest change of a slope, px per px, that a jump is divided by."""
 
 
-def jumps(u: NDArray[np.float32], limit_px: float) -> BoolMap:
-    """Pixels on either side of a jump."""
-    walls = np.zeros(u.shape, bool)
-    for axis in (0, 1):
-        jump, _ = _jump_and_bend(u, axis)
-        for side in _sides(axis):
-            walls[side] |= jump > limit_px
-    return walls
+class Jumps:
+    """Differences between the neighbours of a displacement, along both axes.
 
+    Parameters
+    ----------
+    u : (h, w) float32 array
+        Displacement, px; finite.
+    """
 
-def without_creases(walls: BoolMap, zone: BoolMap, u: NDArray[np.float32]) -> BoolMap:
-    """Without the walls of places where they jump little against the change of the slope."""
-    if not walls.any():
+    def __init__(self, u: NDArray[np.float32]) -> None:
+        self._shape = u.shape
+        self._along = [_jump_and_bend(u, axis) for axis in (0, 1)]
+
+    def beyond(self, limit_px: float) -> BoolMap:
+        """Pixels on either side of a jump of more than a limit, (h, w)."""
+        walls = np.zeros(self._shape, bool)
+        for axis, (jump, _) in enumerate(self._along):
+            for side in _sides(axis):
+                walls[side] |= jump > limit_px
         return walls
-    jump, bend = np.zeros(u.shape, np.float32), np.zeros(u.shape, np.float32)
-    for axis in (0, 1):
-        here, change = _jump_and_bend(u, axis)
-        first, _ = _sides(axis)
-        larger = here > jump[first]
-        jump[first] = np.where(larger, here, jump[first])
-        bend[first] = np.where(larger, change, bend[first])
-    places, count = ndimage.label(zone)
-    ratio = jump[walls] / np.maximum(bend[walls], np.float32(TINY_SLOPE))
-    typical = ndimage.median(ratio, places[walls], np.arange(count + 1))
-    is_cliff = np.nan_to_num(typical) > CREASE_PX
-    return np.asarray(walls & is_cliff[places])
+
+    def without_creases(self, walls: BoolMap, zone: BoolMap) -> BoolMap:
+        """Without the walls of places where they jump little against the change of the slope."""
+        if not walls.any():
+            return walls
+        jump, bend = np.zeros(self._shape, np.float32), np.zeros(self._shape, np.float32)
+        for axis, (here, change) in enumerate(self._along):
+            first, _ = _sides(axis)
+            larger = here > jump[first]
+            jump[first] = np.where(larger, here, jump[first])
+            bend[first] = np.where(larger, change, bend[first])
+        places, count = ndimage.label(zone)
+        ratio = jump[walls] / np.maximum(bend[walls], np.float32(TINY_SLOPE))
+        typical = ndimage.median(ratio, places[walls], np.arange(count + 1))
+        is_cliff = np.nan_to_num(typical) > CREASE_PX
+        return np.asarray(walls & is_cliff[places])
 
 
 def _jump_and_bend(

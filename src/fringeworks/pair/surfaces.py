@@ -87,12 +87,12 @@ class Offers:
     def of(
         windows: Windows,
         surfaces: Surfaces,
+        left: NDArray[np.float32],
         width_px: float,
         edge_weight: NDArray[np.float32] | None,
         is_first: bool,
     ) -> Offers:
-        """Find what is explained; edges of the albedo are not."""
-        left = surfaces.left(windows)
+        """Find what is explained by what the surfaces leave; edges of the albedo are not."""
         patches = mean_square(left)
         noise = CLEAN_NOISE * usual_noise(patches, windows.object_noise) + CLEAN_SHARE
         rough = _steep(surfaces.u, width_px)

@@ -77,7 +77,7 @@ def test_windows_divide_by_a_known_albedo():
     kept = same & np.isfinite(plain.displacement_px)
     # The prior of the first windows expects the same gain, so that the two differ a little.
     difference = (plain.displacement_px - half.displacement_px)[kept]
-    assert np.abs(difference).max() < 0.1 * plain.sigma_px[kept].max()
+    assert (np.abs(difference) < 0.5 * plain.sigma_px[kept]).all()
     np.testing.assert_allclose(
         0.5 * half.modulation_ratio[kept], plain.modulation_ratio[kept], rtol=0.01
     )
@@ -96,7 +96,8 @@ def test_hard_paint_leaves_no_marks(fringes, seed):
     assert after < 0.4 * before
     assert np.mean(found.reason != fw.Reason.OK) <= 0.006
     truth = fw.displacement_from_height(scene.truth_mm, scene.geometry)
-    z = np.abs(found.displacement_px - truth) / found.sigma_px
+    rim = int(found.period_px)
+    z = (np.abs(found.displacement_px - truth) / found.sigma_px)[rim:-rim, rim:-rim]
     assert np.nanmean(z < 1) > 0.55
     assert np.nanmean(z < 2) > 0.9
 

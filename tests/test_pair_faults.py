@@ -14,14 +14,10 @@ from fringeworks.simulate import STANDARD_GEOMETRY, PairSettings, capture_pair
 SIZE = 240
 METHODS = ("fourier", "wavelet", "windowed_fourier", "windowed", "exact")
 SIGMA_METHODS = ("fourier", "wavelet", "windowed_fourier", "windowed", "ifa", "exact")
-LOWER_BARS = {
-    ("wavelet", "curved", "JPEG 50"): (0.60, 0.89),
-    ("windowed", "curved", "clean"): (0.60, 0.88),
-    ("windowed", "curved", "JPEG 50"): (0.55, 0.83),
-    ("windowed", "curved", "pixel grid"): (0.57, 0.88),
-    ("windowed", "curved", "flicker"): (0.55, 0.88),
-}
-"""Cells that do not reach 0.60 and 0.90 at this period: the shape hides the scatter of windows."""
+LOWER_BARS = {("fourier", "curved", "JPEG 50"): (0.57, 0.89)}
+"""Cells that do not reach 0.60 and 0.90 at this period: compression is hidden by the shape."""
+UPPER_BAR = 0.80
+"""Largest share within 1 σ on planes; more would be error bars that say too little."""
 
 
 def plate(radius=26, **settings):
@@ -125,7 +121,7 @@ def test_sigma_covers_the_errors(shape, fault):
         assert share.within_1 >= bars[0], name
         assert share.within_2 >= bars[1], name
         if shape == "plane" and name in ("fourier", "wavelet"):
-            assert share.within_1 <= 0.78, name
+            assert share.within_1 <= UPPER_BAR, name
 
 
 @pytest.mark.parametrize("name", ["fourier", "wavelet", "windowed_fourier", "windowed"])

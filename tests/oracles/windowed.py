@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import convolve1d, map_coordinates
 
 from tests.oracles import cliffs
 
@@ -279,6 +279,23 @@ def block_means(values, window):
     return out
 
 
+def smooth_square(values, window):
+    """Mean square over blocks and their neighbours, with weights 1 4 6 4 1 along both axes."""
+    h, w = values.shape
+    rows, columns, b = window.nodes(h), window.nodes(w), window.block
+    sums, counts = np.zeros((2, rows, columns))
+    for r in range(rows):
+        for c in range(columns):
+            tile = values[r * b : (r + 1) * b, c * b : (c + 1) * b]
+            tile = tile[np.isfinite(tile)]
+            sums[r, c], counts[r, c] = np.sum(tile**2), tile.size
+    for axis in (0, 1):
+        sums = convolve1d(sums, [1, 4, 6, 4, 1], axis, mode="constant")
+        counts = convolve1d(counts, [1, 4, 6, 4, 1], axis, mode="constant")
+    means = np.where(counts > 0, sums / np.maximum(counts, 1), 0.0)
+    return upsample(means, window, values.shape)
+
+
 def upsample(means, window, shape):
     """Bilinear interpolation of block means at pixels."""
     y = np.clip((np.arange(shape[0]) + 0.5) / window.block - 0.5, 0, means.shape[0] - 1)
@@ -293,7 +310,7 @@ def invert(spline, d, start, scales, iterations, period, confidence, limits, wal
     pairs = [(j, k) for j in range(iterations) for k in range(iterations)]
     factor = np.sqrt(sum(c[j] * c[k] * 2 / (j + k + 2) for j, k in pairs))
     u, coarser = start.copy(), None
-    values, sigmas, ratios, windows = [], [], [], []
+    values, sigmas, ratios, windows = [start], [], [], []
     for scale in scales:
         window = Window(scale)
         for _ in range(iterations):
@@ -322,23 +339,27 @@ def _binomial(n, k):
 def select(values, sigmas, ratios, windows, confidence):
     """Estimate and σ of the largest window that agrees with all smaller ones."""
     shape = values[0].shape
-    steps = []
+    start, *values = values
+    first = np.where(np.isfinite(sigmas[0]), values[0] - start, np.nan)
+    steps, squares = [np.zeros(shape)], [smooth_square(first, windows[0])]
     for k in range(len(values) - 1):
         both = np.isfinite(sigmas[k]) & np.isfinite(sigmas[k + 1])
         difference = np.where(both, values[k + 1] - values[k], np.nan)
         steps.append(upsample(block_means(difference, windows[k]), windows[k], shape))
-    steps.append(np.zeros(shape))
+        squares.append(smooth_square(difference, windows[k]))
     chosen = np.full(shape, 255)
     out = [np.full(shape, np.nan) for _ in range(3)]
     for k in range(len(values)):
         agrees = np.isfinite(sigmas[k]) & (chosen == 255)
         total = np.zeros(shape)
-        for j in range(k, len(values) - 1):
+        for j in range(k + 1, len(values)):
             total = total + steps[j]
-            agrees &= np.abs(total) <= confidence * sigmas[j + 1]
+            agrees &= np.abs(total) <= confidence * sigmas[j]
         chosen[agrees] = k
-        for target, source in zip(
-            out, (values[k], np.hypot(sigmas[k], steps[k]), ratios[k]), strict=True
-        ):
+        variance = sigmas[k] ** 2 + 0.2**2 * squares[k]
+        if k + 1 < len(values):
+            finer = np.where(np.isfinite(sigmas[k + 1]), sigmas[k + 1], np.inf)
+            variance = variance + np.maximum(squares[k + 1] - finer**2, 0)
+        for target, source in zip(out, (values[k], np.sqrt(variance), ratios[k]), strict=True):
             target[agrees] = source[agrees]
     return (*out, chosen)

@@ -12,16 +12,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from fringeworks.pair.albedo import edge_weight
+from fringeworks.pair.misfit import widened
 from fringeworks.pair.pixel_scatter import pixel_factor
 from fringeworks.pair.registry import Solution
-from fringeworks.pair.smooth import smooth_known
 from fringeworks.pair.smoothed_away import smoothed_away
 from fringeworks.signal.third_difference import (
     REACH,
     third_difference,
     third_difference_variance,
 )
-from fringeworks.types import FloatMap
+from fringeworks.types import BoolMap, ByteMap, FloatMap
 
 LAG_PERIODS = 1.5
 """Smallest distance at which displacements are compared, periods.
@@ -36,12 +37,15 @@ A third of their variance is shared at this distance, which ``_seen`` accounts f
 """
 LONGER = 1.5
 """Ratio of the second distance, at which shape is told from noise, to the first."""
-MAX_GROWTH = 1.7
-"""Largest ratio of the scatters at the two distances; more is the object's shape.
+MAX_FILTER_GROWTH = 1.7
+"""Largest ratio of a filter's scatters at the two distances; more is the object's shape.
 
 The third differences of a shape grow by 1.5³ = 3.4 for every axis, those of noise do not. An
 empirical choice.
 """
+MAX_WINDOW_GROWTH = 1.25
+"""The same for windows: the scatter of noise grows by up to 1.15 in compressed frames, and theirs
+follows the shape more closely."""
 DIRECTIONS = ((0, 1), (0,), (1,))
 """Axes along which differences are taken: along both, and along one.
 
@@ -56,29 +60,31 @@ surface, whose differences stop growing at half their length, reach 20 and more.
 """
 MIN_DIFFERENCES = 2000
 """Smallest number of differences that determine the scatter. An empirical choice."""
+MIN_INDEPENDENT = 30
+"""The same in squares of the distance, over which differences share their errors."""
 SAMPLES_PER_LAG = 8
 """Samples per distance; errors of filters are smooth, so that more hold the same information."""
+QUIET = 0.5
+"""Share of the pixels, those of the smallest stated σ, whose scatter is taken."""
+QUIET_SIGMA = 0.3
+"""Share of the pixels whose stated σ is smaller than the usual one among them."""
 NORMAL_MEDIAN = 0.6745
 """Median of |z| for a standard normal variable z."""
-MIN_FILTER_FACTOR = 0.05
-"""Smallest factor of a filter's σ; a visible pixel grid is taken for noise of 10 times the true."""
-MIN_WINDOW_FACTOR = 0.5
-"""Smallest factor of a window's σ, which comes from the residuals of its own fit.
+EDGE_PERIODS = 0.5
+"""Distance from cliffs and edges of paint within which scatter is not counted, periods:
+errors of the model are larger there, and σ contains them."""
+FILTER_FACTORS = (0.05, 20.0)
+"""Smallest and largest factor of a filter's σ: a visible pixel grid is taken for noise of 10 times
+the true, and compression leaves 18 times the camera's noise in the band of the fringes."""
+WINDOW_FACTORS = (1.0, 3.0)
+"""The same of a window's σ, which comes from the residuals of its own fit."""
+FILTER_TAIL = 1.12
+"""Ratio of the full error of a filter to that of a Gaussian kernel with the same differences.
 
-The bands of a flickering lamp enlarge these residuals two to three times. An empirical choice.
-"""
-UNKNOWN_WINDOW_FACTOR = 1.2
-"""Largest factor of a window's σ where the shape hides its scatter.
-
-On planes, it is 0.9 to 1.6 for white noise, because one step leaves noise of the start.
+Errors of several widths are mixed in a frame. Measured on simulated planes: 1.05 to 1.3.
 """
 WINDOW_TAIL = 1.2
-"""Ratio of the full error of a window to that of a Gaussian kernel with the same differences.
-
-Scales of several widths are mixed in a frame. Measured on simulated planes: 1.05 to 1.3.
-"""
-MIN_RATIO = 1e-3
-"""Smallest modulation ratio whose logarithm is taken; it keeps that finite."""
+"""The same of windows, whose sizes differ from pixel to pixel."""
 
 
 def with_measured_sigma(solution: Solution, period_px: float) -> Solution:
@@ -96,25 +102,43 @@ def with_measured_sigma(solution: Solution, period_px: float) -> Solution:
         one; 1 where there are too few pixels to measure it.
     """
     u, stated = solution.displacement_px, solution.sigma_px
-    if any(solution.noise_length_px):
-        factor: float | FloatMap | None = noise_factor(solution, period_px)
-    else:
+    if not any(solution.noise_length_px):
         factor = pixel_factor(u, stated, period_px)
-    if factor is None:
-        factor = 1.0
-    sigma = stated * factor
-    if solution.smoothing:
-        lost = smoothed_away(u, sigma, period_px, solution.smoothing, solution.noise_length_px)
-        sigma = np.sqrt(sigma**2 + lost)
+        sigma = stated if factor is None else stated * factor
+        return _with_sigma(solution, sigma, 1.0 if factor is None else _median(factor))
+    less = min(noise_factor(solution, period_px) or 1.0, 1.0)
+    noise = less * stated
+    sigma = _with_lost(solution, noise, period_px)
+    more = max(noise_factor(replace(solution, sigma_px=sigma), period_px) or 1.0, 1.0)
+    if more > 1.0 and solution.is_filter:
+        # A filter's noise is the same all over the frame: what quiet pixels show is added to all.
+        quiet = np.quantile(sigma[np.isfinite(sigma)], QUIET_SIGMA)
+        noise = np.sqrt(noise**2 + (more**2 - 1.0) * quiet**2)
+        sigma = _with_lost(solution, noise, period_px)
+    else:
+        sigma = more * sigma
+    return _with_sigma(solution, sigma, less * more)
+
+
+def _with_lost(solution: Solution, noise_px: FloatMap, period_px: float) -> FloatMap:
+    """σ of noise together with what is smoothed away, (h, w), px."""
+    if not solution.smoothing:
+        return noise_px
+    u, lengths = solution.displacement_px, solution.noise_length_px
+    lost = smoothed_away(u, noise_px, period_px, solution.smoothing, lengths)
+    return np.asarray(np.sqrt(noise_px**2 + lost))
+
+
+def _with_sigma(solution: Solution, sigma_px: FloatMap, factor: float) -> Solution:
     return replace(
         solution,
-        sigma_px=sigma.astype(stated.dtype, copy=False),
-        details={**solution.details, "noise_factor": _median(factor)},
+        sigma_px=sigma_px.astype(solution.sigma_px.dtype, copy=False),
+        details={**solution.details, "noise_factor": factor},
     )
 
 
-def _median(factor: float | FloatMap) -> float:
-    known = np.asarray(factor)[np.isfinite(factor)]
+def _median(factor: FloatMap) -> float:
+    known = factor[np.isfinite(factor)]
     return float(np.median(known)) if known.size else 1.0
 
 
@@ -135,49 +159,55 @@ def noise_factor(solution: Solution, period_px: float) -> float | None:
     Notes
     -----
     The scatter along every direction is taken at two distances. Where it grows from one to the
-    other, the surface is not smooth over the distance, and the scatter is only an upper limit. The
-    noise of a filter is then taken from the modulation, whose relative error is that of the phase:
-    the surface's shape hardly affects it.
+    other, it is shape, which tells nothing of noise: the factor is 1 then.
     """
     lengths = solution.noise_length_px
-    lag = max(LAG_PERIODS * period_px, LAG_LENGTHS * max(lengths))
+    lag = LAG_LENGTHS * max(lengths)
+    if solution.is_filter:
+        lag = max(LAG_PERIODS * period_px, lag)
     # Filters have larger errors near the frame's border.
     margin = [min(int(period_px), side // 8) for side in solution.sigma_px.shape]
     inner = tuple(slice(m, -m if m else None) for m in margin)
-    u, sigma = solution.displacement_px[inner], solution.sigma_px[inner]
+    u = np.where(_at_edges(solution, period_px), np.nan, solution.displacement_px)[inner]
+    sigma = solution.sigma_px[inner]
+    walls = None if solution.walls is None else solution.walls[inner]
+    most_growth = MAX_FILTER_GROWTH if solution.is_filter else MAX_WINDOW_GROWTH
     found: list[float] = []
     for axes in DIRECTIONS:
-        near = _scatter(u, sigma, lag, lengths, axes)
-        if near is None:
+        near, far = (_scatter(u, sigma, at, lengths, axes, walls) for at in (lag, LONGER * lag))
+        if near is None or far is None:
             continue
-        far = _scatter(u, sigma, LONGER * lag, lengths, axes)
-        if far is None or far <= MAX_GROWTH * near:
+        if far <= most_growth * near:
             found.append(min([near, *(MAX_AXIS_RATIO * f for f in found[:1])]))
         elif len(axes) > 1:
-            limit = UNKNOWN_WINDOW_FACTOR
-            if solution.is_filter:
-                modulation = _modulation(solution, period_px)[inner]
-                limit = _scatter(modulation, sigma, lag, lengths, axes) or near
-            found.append(min(near, limit))
+            if not solution.is_filter:
+                # What changes along both axes is shape: so is what changes along one.
+                return 1.0
+            found.append(min(near, 1.0))
     if not found:
         return None
     if solution.is_filter:
-        return max(*found, MIN_FILTER_FACTOR)
-    return max(WINDOW_TAIL * max(found), MIN_WINDOW_FACTOR)
+        return float(np.clip(FILTER_TAIL * max(found), *FILTER_FACTORS))
+    return float(np.clip(WINDOW_TAIL * max(found), *WINDOW_FACTORS))
 
 
-def _modulation(solution: Solution, period_px: float) -> FloatMap:
-    """Logarithm of the modulation ratio, scaled so that its noise is that of the displacement."""
-    ratio = np.log(np.maximum(solution.modulation_ratio, MIN_RATIO))
-    for kernel in solution.smoothing[1:]:
-        known = np.isfinite(ratio)
-        # The reference's modulation has not passed this kernel yet.
-        ratio = np.where(known, smooth_known(ratio, known, kernel.width_px), np.nan)
-    return np.asarray(ratio * period_px / (2.0 * np.pi))
+def _at_edges(solution: Solution, period_px: float) -> BoolMap:
+    """Pixels near cliffs and edges of paint, (h, w), where the method has found any."""
+    edges = np.zeros(solution.displacement_px.shape, bool)
+    if solution.walls is not None:
+        edges |= solution.walls > 0
+    if solution.albedo is not None:
+        edges |= edge_weight(solution.albedo) < 0.5
+    return widened(edges, int(EDGE_PERIODS * period_px)) if edges.any() else edges
 
 
 def _scatter(
-    u: FloatMap, sigma: FloatMap, lag_px: float, lengths: tuple[float, float], axes: tuple[int, ...]
+    u: FloatMap,
+    sigma: FloatMap,
+    lag_px: float,
+    lengths: tuple[float, float],
+    axes: tuple[int, ...],
+    walls: ByteMap | None = None,
 ) -> float | None:
     """Median of |third difference| over its stated standard deviation, for normal errors 1.
 
@@ -193,13 +223,31 @@ def _scatter(
     for axis in axes:
         difference = third_difference(difference, lag, axis)
         variance = third_difference_variance(variance, lag, axis)
+    if walls is not None:
+        difference = np.where(_crossed(walls, step, lag, axes), np.nan, difference)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.abs(difference) / np.sqrt(variance)
-    ratio = ratio[np.isfinite(ratio)]
-    if ratio.size * step**2 < MIN_DIFFERENCES:
+    known = np.isfinite(ratio)
+    least = max(MIN_DIFFERENCES, MIN_INDEPENDENT * (lag * step) ** 2)
+    if np.count_nonzero(known) * step**2 < least:
         return None
+    ratio = ratio[known & (variance <= np.quantile(variance[known], QUIET))]
     seen = float(np.prod([_seen(lag * step, lengths[axis]) for axis in axes]))
     return float(np.median(ratio)) / NORMAL_MEDIAN / float(np.sqrt(seen))
+
+
+def _crossed(walls: ByteMap, step: int, lag: int, axes: tuple[int, ...]) -> BoolMap:
+    """Where a third difference of every ``step``-th pixel compares two sides of a wall."""
+    crossed: FloatMap = np.zeros(())
+    for axis in axes:
+        count = np.moveaxis(np.cumsum(walls, axis, dtype=np.int32)[::step, ::step], axis, 0)
+        apart = (count[REACH * lag :] != count[: -REACH * lag]).astype(np.float64)
+        along = np.moveaxis(apart, 0, axis)
+        for other in axes:
+            if other != axis:
+                along = third_difference_variance(along, lag, other)
+        crossed = crossed + along
+    return crossed > 0
 
 
 def _seen(lag: int, width_px: float) -> float:

@@ -19,6 +19,14 @@ MEAN_TO_SIGMA = 1.18
 It is 1 for a constant and 1.25 for a normal distribution; the part is between the two. The mean
 magnitude is used because the large values at edges would reach further in a mean of squares.
 """
+ROUGH_PERIODS = (0.4, 0.6)
+"""Smallest and largest width of the Gaussian beyond which a filter's result is rough, periods.
+
+It is that of the method's widest kernel between them. A filter about the carrier cannot follow a
+surface there: what it shows is mostly leakage from edges. Measured on painted and stepped scenes.
+"""
+ROUGH_SPREAD_PERIODS = 0.5
+"""Width of the Gaussian over which the square of it is averaged, periods."""
 MARGIN_WIDTHS = 3.0
 """Width of the border by which the displacement is continued, widths of the widest kernel."""
 FREQUENCIES = 96
@@ -49,7 +57,9 @@ def smoothed_away(
     -----
     With a kernel K, u = K∗t + noise of a surface t, so that t − u = (1 − K)t ≈ (1 − K)(2 − K)u to
     second order. A method that corrects for a curvature averaged by a kernel C leaves
-    (1 − K)(1 − C)t. The noise passes the same filters; its share is subtracted.
+    (1 − K)(1 − C)t. Where the displacement is rough, filters leak from edges, and the mean square
+    of u − G∗u is taken if that is larger. The noise passes the same filters; its share is
+    subtracted.
     """
     known = np.isfinite(displacement_px) & np.isfinite(noise_px)
     if not known.any():
@@ -57,14 +67,35 @@ def smoothed_away(
     removed = np.abs(_removed(displacement_px, known, smoothing))
     spread = SPREAD_PERIODS * period_px
     magnitude = smooth_known(np.where(known, removed, 0), known, (spread, spread))
-    noise = _noise_share(smoothing, noise_length_px) * np.where(known, noise_px, 0.0) ** 2
-    return np.asarray(np.maximum((MEAN_TO_SIGMA * magnitude) ** 2 - noise, 0.0))
+    noise = np.where(known, noise_px, 0.0) ** 2
+    rough_px = _rough_width(smoothing, period_px)
+    shares = _noise_shares(smoothing, noise_length_px, rough_px)
+    lost = (MEAN_TO_SIGMA * magnitude) ** 2 - shares[0] * noise
+    rough = _roughness(displacement_px, known, rough_px, period_px) - shares[1] * noise
+    return np.asarray(np.maximum(np.maximum(lost, rough), 0.0))
+
+
+def _roughness(u: FloatMap, known: BoolMap, rough_px: float, period_px: float) -> FloatMap:
+    """Mean square of what changes within a width, (h, w), px²."""
+    spread = ROUGH_SPREAD_PERIODS * period_px
+    values = np.where(known, u, 0.0)
+    rough = values - smooth_known(values, known, (rough_px, rough_px))
+    square = np.where(known, rough, 0.0) ** 2
+    return smooth_known(square, known, (spread, spread))
+
+
+def _widest(smoothing: tuple[Smoothing, ...]) -> float:
+    return max(max(s.width_px) for s in smoothing)
+
+
+def _rough_width(smoothing: tuple[Smoothing, ...], period_px: float) -> float:
+    least, most = ROUGH_PERIODS
+    return min(max(_widest(smoothing), least * period_px), most * period_px)
 
 
 def _removed(u: FloatMap, known: BoolMap, smoothing: tuple[Smoothing, ...]) -> FloatMap:
     """What the kernels remove, (h, w), px; the surface goes on with its slope at the border."""
-    widest = max(max(s.width_px) for s in smoothing)
-    margin = [(min(int(MARGIN_WIDTHS * widest) + 1, n - 1),) * 2 for n in u.shape]
+    margin = [(min(int(MARGIN_WIDTHS * _widest(smoothing)) + 1, n - 1),) * 2 for n in u.shape]
     # Without their median the values keep single precision.
     values = np.where(known, u - np.median(u[known]), 0).astype(np.float32)
     padded = np.pad(values, margin, mode="reflect", reflect_type="odd")
@@ -83,18 +114,24 @@ def _removed(u: FloatMap, known: BoolMap, smoothing: tuple[Smoothing, ...]) -> F
     return np.asarray(total[inner])
 
 
-def _noise_share(smoothing: tuple[Smoothing, ...], noise_length_px: tuple[float, float]) -> float:
-    """Variance of what the kernels remove from noise, over the variance of the noise."""
-    least = min(w for s in smoothing for w in (*s.width_px, *noise_length_px) if w > 0)
-    k = np.linspace(0.0, LARGEST_FREQUENCY / least, FREQUENCIES)
+def _noise_shares(
+    smoothing: tuple[Smoothing, ...], noise_length_px: tuple[float, float], rough_px: float
+) -> tuple[float, float]:
+    """Variance that the kernels remove from noise, and that of its roughness, over its variance."""
+    widths = (rough_px, *noise_length_px, *(w for s in smoothing for w in s.width_px))
+    k = np.linspace(0.0, LARGEST_FREQUENCY / min(w for w in widths if w > 0), FREQUENCIES)
 
     def response(width_px: tuple[float, float]) -> FloatMap:
         return np.exp(-0.5 * ((k[:, None] * width_px[0]) ** 2 + (k * width_px[1]) ** 2))
 
-    total = np.zeros((FREQUENCIES, FREQUENCIES))
+    removed = np.zeros((FREQUENCIES, FREQUENCIES))
     for kernel in smoothing:
         passed = response(kernel.width_px)
         over = kernel.corrected_over_px
-        total += kernel.share * (1 - passed) * (2 - passed if over is None else 1 - response(over))
+        removed += (
+            kernel.share * (1 - passed) * (2 - passed if over is None else 1 - response(over))
+        )
     noise = response(noise_length_px) ** 2
-    return float(np.sum(noise * total**2) / np.sum(noise))
+    rough = 1 - response((rough_px, rough_px))
+    total = float(np.sum(noise))
+    return float(np.sum(noise * removed**2)) / total, float(np.sum(noise * rough**2)) / total

@@ -40,13 +40,18 @@ impl Lattice {
     }
 }
 
-/// Values averaged over the blocks of a lattice.
-pub struct BlockMeans {
+/// Weights along one axis that smooth mean squares over neighbouring blocks: σ of one block.
+const SPREAD: [f32; 5] = [1.0, 4.0, 6.0, 4.0, 1.0];
+
+/// Mean and mean square of a difference over the blocks of a lattice.
+pub struct Differences {
     lattice: Lattice,
-    values: Vec<f32>,
+    means: Vec<f32>,
+    /// Smoothed over neighbouring blocks.
+    squares: Vec<f32>,
 }
 
-impl BlockMeans {
+impl Differences {
     /// Average `value(pixel index)` over each block without the pixels that are `None`; 0 for a block
     /// without values.
     pub fn new(
@@ -55,34 +60,79 @@ impl BlockMeans {
         width: usize,
         value: impl Fn(usize) -> Option<f32> + Sync,
     ) -> Self {
-        let mut values = vec![0.0f32; lattice.rows * lattice.columns];
-        values
+        let nodes = lattice.rows * lattice.columns;
+        let (mut means, mut squares) = (vec![0.0f32; nodes], vec![0.0f32; nodes]);
+        let mut counts = vec![0.0f32; nodes];
+        means
             .par_chunks_mut(lattice.columns)
+            .zip(squares.par_chunks_mut(lattice.columns))
+            .zip(counts.par_chunks_mut(lattice.columns))
             .enumerate()
-            .for_each(|(row, out)| {
-                let mut counts = vec![0u32; out.len()];
+            .for_each(|(row, ((means, squares), counts))| {
                 let first = row * lattice.block;
                 for y in first..(first + lattice.block).min(height) {
                     for x in 0..width {
                         if let Some(v) = value(y * width + x) {
-                            out[x / lattice.block] += v;
-                            counts[x / lattice.block] += 1;
+                            let at = x / lattice.block;
+                            means[at] += v;
+                            squares[at] += v * v;
+                            counts[at] += 1.0;
                         }
                     }
                 }
-                for (sum, count) in out.iter_mut().zip(counts) {
-                    *sum /= count.max(1) as f32;
+                for (mean, count) in means.iter_mut().zip(counts) {
+                    *mean /= count.max(1.0);
                 }
             });
-        Self { lattice, values }
+        let squares = quotient(&spread(&squares, &lattice), &spread(&counts, &lattice));
+        Self {
+            lattice,
+            means,
+            squares,
+        }
     }
 
-    /// Bilinear interpolation at a pixel.
-    pub fn at(&self, x: usize, y: usize) -> f32 {
+    fn interpolate(&self, values: &[f32], x: usize, y: usize) -> f32 {
         self.lattice
             .corners(x as f64, y as f64)
             .iter()
-            .map(|(r, c, w)| w * self.values[r * self.lattice.columns + c])
+            .map(|(r, c, w)| w * values[r * self.lattice.columns + c])
             .sum()
     }
+
+    /// Mean difference around a pixel.
+    pub fn mean(&self, x: usize, y: usize) -> f32 {
+        self.interpolate(&self.means, x, y)
+    }
+
+    /// Mean squared difference around a pixel, over a window of two blocks' σ.
+    pub fn mean_square(&self, x: usize, y: usize) -> f32 {
+        self.interpolate(&self.squares, x, y)
+    }
+}
+
+/// Sums of the values over neighbouring nodes, with the weights of `SPREAD`.
+fn spread(values: &[f32], lattice: &Lattice) -> Vec<f32> {
+    let (rows, columns) = (lattice.rows as isize, lattice.columns as isize);
+    let along = |values: &[f32], (dr, dc): (isize, isize)| -> Vec<f32> {
+        (0..rows * columns)
+            .map(|i| {
+                let (row, column) = (i / columns, i % columns);
+                (-2isize..=2)
+                    .zip(SPREAD)
+                    .map(|(k, weight)| (row + k * dr, column + k * dc, weight))
+                    .filter(|(r, c, _)| (0..rows).contains(r) && (0..columns).contains(c))
+                    .map(|(r, c, weight)| weight * values[(r * columns + c) as usize])
+                    .sum()
+            })
+            .collect()
+    };
+    along(&along(values, (0, 1)), (1, 0))
+}
+
+fn quotient(sums: &[f32], counts: &[f32]) -> Vec<f32> {
+    sums.iter()
+        .zip(counts)
+        .map(|(sum, count)| if *count > 0.0 { sum / count } else { 0.0 })
+        .collect()
 }

@@ -19,7 +19,7 @@ mod warp;
 
 use crate::{check_length, check_value, Error, MIN_PERIOD};
 use grid::Grid;
-use lattice::{BlockMeans, Lattice};
+use lattice::Differences;
 use moments::Window;
 use rayon::prelude::*;
 use select::{select, Estimate};
@@ -278,11 +278,22 @@ fn refine(pair: &Pair, walls: Option<&Walls>, start: &[f32], options: &Options) 
             let model = model_of(pair, &u, &grid);
             misfit = residuals(pair, &model);
         }
-        let finer = estimate(&u, pair.width, &grid, factor * widening);
-        if let (Some(last), Some(grid)) = (estimates.last_mut(), &coarser) {
-            compare(last, &finer, grid.lattice, pair);
-        }
-        estimates.push(finer);
+        let last = estimates.last();
+        let values = blended(pair.width, &grid, u.len(), factor * widening);
+        let lattice = coarser.as_ref().map_or(grid.lattice, |grid| grid.lattice);
+        let difference = |i: usize| {
+            let before = last.map_or(start[i], |last| last.displacement[i]);
+            let known = last.is_none_or(|last| last.sigma[i].is_finite());
+            (known && values.sigma[i].is_finite()).then(|| u[i] - before)
+        };
+        let from_coarser = Differences::new(lattice, pair.height, pair.width, difference);
+        estimates.push(Estimate {
+            displacement: u.clone(),
+            sigma: values.sigma,
+            modulation_ratio: values.modulation_ratio,
+            offset: values.offset,
+            from_coarser,
+        });
         coarser = Some(grid);
     }
     Refined {
@@ -290,16 +301,6 @@ fn refine(pair: &Pair, walls: Option<&Walls>, start: &[f32], options: &Options) 
         noise_correlation: options.limits.noise_correlation,
         misfit,
     }
-}
-
-/// Average the difference between two successive scales over blocks: bias remains, noise does not.
-fn compare(coarse: &mut Estimate, fine: &Estimate, lattice: Lattice, pair: &Pair) {
-    let difference = |i: usize| {
-        (coarse.sigma[i].is_finite() && fine.sigma[i].is_finite())
-            .then(|| fine.displacement[i] - coarse.displacement[i])
-    };
-    let means = BlockMeans::new(lattice, pair.height, pair.width, difference);
-    coarse.disagreement = Some(means);
 }
 
 /// Add the corrections of a scale's windows to the field.
@@ -313,11 +314,18 @@ fn step(u: &mut [f32], width: usize, grid: &Grid, max_step: f32) {
     });
 }
 
-/// The estimate of a scale; `factor` multiplies the σ of its windows.
-fn estimate(u: &[f32], width: usize, grid: &Grid, factor: f32) -> Estimate {
-    let mut sigma = vec![f32::INFINITY; u.len()];
-    let mut modulation_ratio = vec![f32::NAN; u.len()];
-    let mut offset = vec![f32::NAN; u.len()];
+/// What the windows of a scale say of every pixel.
+struct Blended {
+    sigma: Vec<f32>,
+    modulation_ratio: Vec<f32>,
+    offset: Vec<f32>,
+}
+
+/// Interpolate the windows of a scale at `n` pixels; `factor` multiplies their σ.
+fn blended(width: usize, grid: &Grid, n: usize, factor: f32) -> Blended {
+    let mut sigma = vec![f32::INFINITY; n];
+    let mut modulation_ratio = vec![f32::NAN; n];
+    let mut offset = vec![f32::NAN; n];
     sigma
         .par_chunks_mut(width)
         .zip(modulation_ratio.par_chunks_mut(width))
@@ -332,12 +340,10 @@ fn estimate(u: &[f32], width: usize, grid: &Grid, factor: f32) -> Estimate {
                 }
             }
         });
-    Estimate {
-        displacement: u.to_vec(),
+    Blended {
         sigma,
         modulation_ratio,
         offset,
-        disagreement: None,
     }
 }
 

@@ -11,7 +11,7 @@ from fringeworks.pair.bandpass import HALF_WIDTH, band_kernel
 from fringeworks.pair.edges import FitSettings, across_edges
 from fringeworks.pair.methods.windowed_start import start_field
 from fringeworks.pair.prepared import PreparedPair
-from fringeworks.pair.registry import Smoothing, Solution, method
+from fringeworks.pair.registry import Solution, method
 from fringeworks.pair.windows import CONFIDENCE, Windows
 from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason
 
@@ -55,21 +55,13 @@ MAX_GAP = 0.25
 
 Beyond it a window could only extrapolate. An empirical choice.
 """
-KERNEL_SHARE = 0.75
-"""Width of the kernel that correlates a window's errors, in widths of the window.
-
-The affine model makes it narrower than the window. Measured on planes with white noise.
-"""
-START_SHARE = 0.2
-"""Share of what start and window smooth away that is missing after one Gauss–Newton step.
-
-Measured: 0.02 to 0.14 on simulated curved surfaces; the rest is beyond this model.
-"""
 OUTSIDE_PX = 1.0
 """Distance beyond the reference frame up to which a matching point is still accepted, px.
 
 A window at the frame's edge determines it from pixels inside. An empirical choice.
 """
+MIN_RATIO = 1e-2
+"""Smallest modulation ratio that the noise is divided by."""
 DARK_RATIO = 0.1
 """Local modulation below which a failed pixel is called dark, as a share of the reference's.
 
@@ -140,14 +132,14 @@ def windowed(
     start_px = float(
         np.hypot(_start_width(pair, widths), band_kernel(pair.frequency, HALF_WIDTH, 2)[1])
     )
+    of_start = np.where(scale == 0, _start_variance(windows, found.modulation_ratio, start_px), 0)
     steps = np.where(np.isfinite(displacement), scale + 1.0, len(widths)) * iterations
     return Solution(
         displacement_px=displacement,
-        sigma_px=found.sigma_px,
+        sigma_px=np.sqrt(found.sigma_px**2 + of_start),
         modulation_ratio=found.modulation_ratio,
         reason=_reasons(pair, displacement),
-        noise_length_px=_noise_length(scale, widths, start_px),
-        smoothing=(Smoothing((start_px, start_px), (widths[0], widths[0]), START_SHARE),),
+        noise_length_px=(start_px, start_px),
         iterations=np.minimum(steps, np.iinfo(np.uint8).max).astype(np.uint8),
         albedo=None if edges is None else edges.albedo,
         walls=None if edges is None or edges.walls is None else edges.walls.astype(np.uint8),
@@ -200,15 +192,16 @@ def _start_width(prepared: PreparedPair, widths: list[float]) -> float:
     return min(0.5 * widths[0], START_PERIODS * prepared.period)
 
 
-def _noise_length(scale: ByteMap, widths: list[float], start_px: float) -> tuple[float, float]:
-    """Width of the kernel that correlates the errors of most pixels, along y and x, px.
+def _start_variance(windows: Windows, modulation_ratio: FloatMap, start_px: float) -> FloatMap:
+    """Variance of the start's noise, (h, w), px²: that of the phase of fringes that a Gaussian of
+    width σ = ``start_px`` has averaged.
 
-    One Gauss–Newton step leaves the start's noise, which is narrower than that of wide windows.
+    One Gauss–Newton step of the widest window leaves it, as the start is the narrower kernel.
     """
-    kept = scale[scale < len(widths)]
-    width = widths[int(np.median(kept))] if kept.size else 0.0
-    length = min(KERNEL_SHARE * width, start_px)
-    return length, length
+    ratio = np.maximum(modulation_ratio, MIN_RATIO)
+    noise = windows.reference_noise + windows.object_noise / ratio**2
+    to_px = windows.period_px / (2.0 * np.pi)
+    return np.asarray(noise * np.float32(to_px**2 / (2.0 * np.pi * start_px**2)))
 
 
 def _reasons(prepared: PreparedPair, displacement_px: FloatMap) -> ByteMap:

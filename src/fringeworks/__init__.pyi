@@ -205,6 +205,7 @@ from .pair.analyse import (
     get_method as get_method,
     methods as methods,
 )
+from .pair.bound import bound_px as bound_px
 from .pair.registry import (
     Method as Method,
     MethodOption as MethodOption,

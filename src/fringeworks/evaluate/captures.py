@@ -14,6 +14,7 @@ from fringeworks.evaluate.errors import Errors, errors
 from fringeworks.files.atomic import StrPath
 from fringeworks.pair.analyse import get_method
 from fringeworks.pair.analyse import methods as all_methods
+from fringeworks.pair.bound import bound_px
 from fringeworks.pair.plane_calibration import PixelCalibration
 from fringeworks.pipeline.inputs import pair_of
 from fringeworks.pipeline.pairs import Reconstruction, reconstruct
@@ -64,6 +65,9 @@ class CaptureComparison(Plotted, Frozen):
     difference_sigma: dict[str, FloatMap]
     """Combined standard deviation √(σ² + σ²) of method and reference, (h, w). It takes their errors
     as independent, but noise is common to both, so it is rather too large."""
+    bound: FloatMap
+    """Cramér–Rao bound of windows of a quarter of a period, (h, w), in the surfaces' unit: no
+    unbiased method that resolves as much errs less; NaN where the first method found nothing."""
     truth_mm: FloatMap | None = None
     """True height, (h, w), mm; None where it is unknown, or the surfaces are in px."""
 
@@ -87,6 +91,7 @@ class CaptureComparison(Plotted, Frozen):
         - ``capture``, ``method``, ``unit`` (of all lengths), ``against``
         - ``measured_fraction``, ``median_sigma``
         - ``compared_fraction``: share of pixels with a value in the method and in the reference
+        - ``median_bound``: of ``bound``, the same for all methods
         - ``median_abs_difference``, ``agree_within_1_sigma``, ``agree_within_2_sigma``: over these
         - with a truth, the fields of ``Errors``
         """
@@ -105,6 +110,7 @@ class CaptureComparison(Plotted, Frozen):
             "against": self.against,
             "measured_fraction": 1.0 - surface.failed_fraction,
             "median_sigma": _median(surface.sigma[np.isfinite(surface.sigma)]),
+            "median_bound": _median(self.bound[np.isfinite(self.bound)]),
             "compared_fraction": float(np.count_nonzero(compared) / wanted),
             "median_abs_difference": _median(size),
         }
@@ -173,10 +179,11 @@ def compare_captures(
             for method in chosen:
                 progress(f"{name}: {method}")
                 results[method] = reconstruct(pair, method, geometry=geometry, denoise=denoise)
+            bound = _bound(pair, next(iter(results.values())))
         except InputError as error:
             text = str(error)
             raise type(error)(text if name in text else f"{name}: {text}") from error
-        found.append(_compared(name, results, against, pair.truth_mm))
+        found.append(_compared(name, results, against, bound, pair.truth_mm))
     return found
 
 
@@ -227,6 +234,7 @@ def _compared(
     name: str,
     results: dict[str, Reconstruction],
     against: str | None,
+    bound: FloatMap,
     truth_mm: FloatMap | None,
 ) -> CaptureComparison:
     """The differences of all methods on one capture."""
@@ -246,7 +254,14 @@ def _compared(
         combined[method] = sealed(np.hypot(sigmas[method], sigma))
     in_mm = all(result.surface.unit == "mm" for result in results.values())
     truth = truth_mm if in_mm else None
-    return CaptureComparison(name, results, against or OTHERS, difference, combined, truth)
+    return CaptureComparison(name, results, against or OTHERS, difference, combined, bound, truth)
+
+
+def _bound(pair: Pair, result: Reconstruction) -> FloatMap:
+    """The bound of a pair at a method's displacement, in the unit of its surface."""
+    found = result.displacement
+    per_px = result.surface.sigma / found.sigma_px
+    return sealed(bound_px(pair, found.displacement_px) * per_px)
 
 
 def _median_of_others(

@@ -30,6 +30,12 @@ CONFIDENCE = 2.5
 Lepski's rule (theory §4): a larger value averages more noise, a smaller one follows details. An
 empirical choice.
 """
+SCALE_LIMITS_PX = (0.8, 1e3)
+"""Smallest and largest width of a window that a caller may choose, px.
+
+Below about 1 px a window holds too few pixels for its five unknowns; above 1000 px it is as wide as
+a frame.
+"""
 FINEST = 1e-9
 """The same for the estimate of the smallest window that determines the displacement."""
 MAX_SIGMA = 1.0 / 25.0

@@ -31,7 +31,7 @@ def comparison_picture(title: str, found: CaptureComparison) -> Picture:
         lines.append([_map(found, method) for method in chosen])
         lines.append([_difference(found, method) for method in chosen])
         if found.truth_mm is not None:
-            lines.append([_error(found, method) for method in chosen])
+            lines.append([*(_error(found, method) for method in chosen), _bound(found)])
     lines = [line for line in lines if any(panel is not None for panel in line)]
     columns = max(len(line) for line in lines)
     panels = [panel for line in lines for panel in line + [None] * (columns - len(line))]
@@ -56,6 +56,11 @@ def _difference(found: CaptureComparison, method: str) -> Panel | None:
     other = "median of the others" if found.against == OTHERS else found.against
     unit = found.surfaces[method].unit
     return Panel(f"{method} − {other}", difference, "signed", unit, "difference")
+
+
+def _bound(found: CaptureComparison) -> Panel:
+    unit = next(iter(found.surfaces.values())).unit
+    return Panel("smallest error possible", found.bound, "sigma", unit, "Cramér–Rao bound")
 
 
 def _error(found: CaptureComparison, method: str) -> Panel:

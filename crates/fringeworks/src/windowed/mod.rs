@@ -19,7 +19,7 @@ mod warp;
 
 use crate::{check_length, check_value, Error, MIN_PERIOD};
 use grid::Grid;
-use lattice::Differences;
+use lattice::{Differences, Lattice};
 use moments::Window;
 use rayon::prelude::*;
 use select::{select, Estimate};
@@ -278,15 +278,9 @@ fn refine(pair: &Pair, walls: Option<&Walls>, start: &[f32], options: &Options) 
             let model = model_of(pair, &u, &grid);
             misfit = residuals(pair, &model);
         }
-        let last = estimates.last();
         let values = blended(pair.width, &grid, u.len(), factor * widening);
         let lattice = coarser.as_ref().map_or(grid.lattice, |grid| grid.lattice);
-        let difference = |i: usize| {
-            let before = last.map_or(start[i], |last| last.displacement[i]);
-            let known = last.is_none_or(|last| last.sigma[i].is_finite());
-            (known && values.sigma[i].is_finite()).then(|| u[i] - before)
-        };
-        let from_coarser = Differences::new(lattice, pair.height, pair.width, difference);
+        let from_coarser = differences(pair, start, estimates.last(), &u, &values, lattice);
         estimates.push(Estimate {
             displacement: u.clone(),
             sigma: values.sigma,
@@ -301,6 +295,22 @@ fn refine(pair: &Pair, walls: Option<&Walls>, start: &[f32], options: &Options) 
         noise_correlation: options.limits.noise_correlation,
         misfit,
     }
+}
+
+/// How far the displacement has moved from that of the last scale, or from the start.
+fn differences(
+    pair: &Pair,
+    start: &[f32],
+    last: Option<&Estimate>,
+    u: &[f32],
+    values: &Blended,
+    lattice: Lattice,
+) -> Differences {
+    Differences::new(lattice, pair.height, pair.width, |i| {
+        let before = last.map_or(start[i], |last| last.displacement[i]);
+        let known = last.is_none_or(|last| last.sigma[i].is_finite());
+        (known && values.sigma[i].is_finite()).then(|| u[i] - before)
+    })
 }
 
 /// Add the corrections of a scale's windows to the field.

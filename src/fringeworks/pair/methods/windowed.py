@@ -12,7 +12,7 @@ from fringeworks.pair.edges import FitSettings, across_edges
 from fringeworks.pair.methods.windowed_start import start_field
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
-from fringeworks.pair.windows import CONFIDENCE, Windows
+from fringeworks.pair.windows import CONFIDENCE, SCALE_LIMITS_PX, Windows
 from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason
 
 SCALES_PX = (32.0, 16.0, 8.0, 4.0, 2.0)
@@ -39,12 +39,6 @@ MAX_SCALE_SHARE = 1.0 / 8.0
 """Widest default window, as a share of the frame's width.
 
 A window of that σ covers most of the frame. An empirical choice.
-"""
-SCALE_LIMITS_PX = (0.8, 1e3)
-"""Smallest and largest width of a window that a caller may choose, px.
-
-Below about 1 px a window holds too few pixels for its five unknowns; above 1000 px it is as wide as
-a frame.
 """
 MAX_ITERATIONS = 100
 """Largest number of Gauss–Newton steps per scale that a caller may choose; it bounds the time."""

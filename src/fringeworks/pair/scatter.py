@@ -66,8 +66,6 @@ SAMPLES_PER_LAG = 8
 """Samples per distance; errors of filters are smooth, so that more hold the same information."""
 QUIET = 0.5
 """Share of the pixels, those of the smallest stated σ, whose scatter is taken."""
-QUIET_SIGMA = 0.3
-"""Share of the pixels whose stated σ is smaller than the usual one among them."""
 NORMAL_MEDIAN = 0.6745
 """Median of |z| for a standard normal variable z."""
 EDGE_PERIODS = 0.5
@@ -78,7 +76,7 @@ FILTER_FACTORS = (0.05, 20.0)
 the true, and compression leaves 18 times the camera's noise in the band of the fringes."""
 WINDOW_FACTORS = (1.0, 3.0)
 """The same of a window's σ, which comes from the residuals of its own fit."""
-FILTER_TAIL = 1.12
+FILTER_TAIL = 1.08
 """Ratio of the full error of a filter to that of a Gaussian kernel with the same differences.
 
 Errors of several widths are mixed in a frame. Measured on simulated planes: 1.05 to 1.3.
@@ -106,17 +104,17 @@ def with_measured_sigma(solution: Solution, period_px: float) -> Solution:
         factor = pixel_factor(u, stated, period_px)
         sigma = stated if factor is None else stated * factor
         return _with_sigma(solution, sigma, 1.0 if factor is None else _median(factor))
+    if not solution.is_filter:
+        more = noise_factor(solution, period_px) or 1.0
+        return _with_sigma(solution, more * _with_lost(solution, stated, period_px), more)
     less = min(noise_factor(solution, period_px) or 1.0, 1.0)
     noise = less * stated
     sigma = _with_lost(solution, noise, period_px)
     more = max(noise_factor(replace(solution, sigma_px=sigma), period_px) or 1.0, 1.0)
-    if more > 1.0 and solution.is_filter:
-        # A filter's noise is the same all over the frame: what quiet pixels show is added to all.
-        quiet = np.quantile(sigma[np.isfinite(sigma)], QUIET_SIGMA)
-        noise = np.sqrt(noise**2 + (more**2 - 1.0) * quiet**2)
+    if more > 1.0:
+        # A filter's noise is the same all over the frame: its excess is added everywhere.
+        noise = np.sqrt(noise**2 + (more**2 - 1.0) * np.nanmedian(sigma) ** 2)
         sigma = _with_lost(solution, noise, period_px)
-    else:
-        sigma = more * sigma
     return _with_sigma(solution, sigma, less * more)
 
 

@@ -356,7 +356,7 @@ def select(values, sigmas, ratios, windows, confidence):
             total = total + steps[j]
             agrees &= np.abs(total) <= confidence * sigmas[j]
         chosen[agrees] = k
-        variance = sigmas[k] ** 2 + 0.2**2 * squares[k]
+        variance = sigmas[k] ** 2 + 0.2**2 * sum(squares[: k + 1])
         if k + 1 < len(values):
             finer = np.where(np.isfinite(sigmas[k + 1]), sigmas[k + 1], np.inf)
             variance = variance + np.maximum(squares[k + 1] - finer**2, 0)

@@ -38,15 +38,19 @@ fn agrees(estimates: &[Estimate], k: usize, x: usize, y: usize, i: usize, confid
 
 /// Variance of the estimate of scale `k`: its noise, its bias, and what one step leaves of the start.
 ///
-/// σ_k² + max(0, G ∗ (u_{k+1} − u_k)² − σ_{k+1}²) + η² · G ∗ (u_k − u_{k−1})²: what the finer window
-/// sees differently beyond its own noise, and a share of the step that led here.
+/// σ_k² + max(0, G ∗ (u_{k+1} − u_k)² − σ_{k+1}²) + η² Σ_{j ≤ k} G ∗ (u_j − u_{j−1})²: what the
+/// finer window sees differently beyond its own noise, and a share of the steps that led here.
 fn variance(estimates: &[Estimate], k: usize, x: usize, y: usize, i: usize) -> f32 {
     let kept = &estimates[k];
     let finer = estimates.get(k + 1).filter(|e| e.sigma[i].is_finite());
     let bias = finer.map_or(0.0, |finer| {
         (finer.from_coarser.mean_square(x, y) - finer.sigma[i].powi(2)).max(0.0)
     });
-    let left = LEFT_OF_START.powi(2) * kept.from_coarser.mean_square(x, y);
+    let moved: f32 = estimates[..=k]
+        .iter()
+        .map(|estimate| estimate.from_coarser.mean_square(x, y))
+        .sum();
+    let left = LEFT_OF_START.powi(2) * moved;
     kept.sigma[i].powi(2) + bias + left
 }
 

@@ -69,19 +69,7 @@ def test_the_plane_is_predicted_as_the_camera_sees_it():
         plane_coordinates(RIG, (0, 0, 1, -500), "x")
 
 
-TOO_CAREFUL = pytest.mark.xfail(
-    strict=True, reason="σ counts the start's error, which windows remove on a plane: 96 % in 1 σ"
-)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param("plane", marks=TOO_CAREFUL),
-        "sphere",
-        pytest.param("bust", marks=pytest.mark.long),
-    ],
-)
+@pytest.mark.parametrize("name", ["plane", "sphere", pytest.param("bust", marks=pytest.mark.long)])
 @pytest.mark.parametrize("known", ["decoded", "plane"])
 def test_points_of_two_frames(name, known):
     given = (

@@ -279,21 +279,22 @@ def block_means(values, window):
     return out
 
 
-def smooth_square(values, window):
-    """Mean square over blocks and their neighbours, with weights 1 4 6 4 1 along both axes."""
+def spread(values, window):
+    """Mean square and variance over blocks and their neighbours, weights 1 4 6 4 1 on each axis."""
     h, w = values.shape
     rows, columns, b = window.nodes(h), window.nodes(w), window.block
-    sums, counts = np.zeros((2, rows, columns))
+    moments = np.zeros((3, rows, columns))
     for r in range(rows):
         for c in range(columns):
             tile = values[r * b : (r + 1) * b, c * b : (c + 1) * b]
             tile = tile[np.isfinite(tile)]
-            sums[r, c], counts[r, c] = np.sum(tile**2), tile.size
-    for axis in (0, 1):
-        sums = convolve1d(sums, [1, 4, 6, 4, 1], axis, mode="constant")
-        counts = convolve1d(counts, [1, 4, 6, 4, 1], axis, mode="constant")
-    means = np.where(counts > 0, sums / np.maximum(counts, 1), 0.0)
-    return upsample(means, window, values.shape)
+            moments[:, r, c] = [np.sum(tile**power) for power in range(3)]
+    for axis in (1, 2):
+        moments = convolve1d(moments, [1, 4, 6, 4, 1], axis, mode="constant")
+    count, total, square = moments
+    mean, square = (np.where(count > 0, v / np.maximum(count, 1), 0.0) for v in (total, square))
+    variance = np.maximum(square - mean**2, 0.0)
+    return [upsample(v, window, values.shape) for v in (square, variance)]
 
 
 def upsample(means, window, shape):
@@ -341,12 +342,12 @@ def select(values, sigmas, ratios, windows, confidence):
     shape = values[0].shape
     start, *values = values
     first = np.where(np.isfinite(sigmas[0]), values[0] - start, np.nan)
-    steps, squares = [np.zeros(shape)], [smooth_square(first, windows[0])]
+    steps, spreads = [np.zeros(shape)], [spread(first, windows[0])]
     for k in range(len(values) - 1):
         both = np.isfinite(sigmas[k]) & np.isfinite(sigmas[k + 1])
         difference = np.where(both, values[k + 1] - values[k], np.nan)
         steps.append(upsample(block_means(difference, windows[k]), windows[k], shape))
-        squares.append(smooth_square(difference, windows[k]))
+        spreads.append(spread(difference, windows[k]))
     chosen = np.full(shape, 255)
     out = [np.full(shape, np.nan) for _ in range(3)]
     for k in range(len(values)):
@@ -356,10 +357,10 @@ def select(values, sigmas, ratios, windows, confidence):
             total = total + steps[j]
             agrees &= np.abs(total) <= confidence * sigmas[j]
         chosen[agrees] = k
-        variance = sigmas[k] ** 2 + 0.2**2 * sum(squares[: k + 1])
+        variance = sigmas[k] ** 2 + 0.3**2 * sum(step[1] for step in spreads[: k + 1])
         if k + 1 < len(values):
             finer = np.where(np.isfinite(sigmas[k + 1]), sigmas[k + 1], np.inf)
-            variance = variance + np.maximum(squares[k + 1] - finer**2, 0)
+            variance = variance + np.maximum(spreads[k + 1][0] - finer**2, 0)
         for target, source in zip(out, (values[k], np.sqrt(variance), ratios[k]), strict=True):
             target[agrees] = source[agrees]
     return (*out, chosen)

@@ -49,6 +49,8 @@ pub struct Differences {
     means: Vec<f32>,
     /// Smoothed over neighbouring blocks.
     squares: Vec<f32>,
+    /// Variance about the mean, smoothed in the same way.
+    variances: Vec<f32>,
 }
 
 impl Differences {
@@ -80,15 +82,19 @@ impl Differences {
                         }
                     }
                 }
-                for (mean, count) in means.iter_mut().zip(counts) {
-                    *mean /= count.max(1.0);
-                }
             });
-        let squares = quotient(&spread(&squares, &lattice), &spread(&counts, &lattice));
+        let around = spread(&counts, &lattice);
+        let squares = quotient(&spread(&squares, &lattice), &around);
+        let variances = quotient(&spread(&means, &lattice), &around)
+            .iter()
+            .zip(&squares)
+            .map(|(mean, square)| (square - mean * mean).max(0.0))
+            .collect();
         Self {
             lattice,
-            means,
+            means: quotient(&means, &counts),
             squares,
+            variances,
         }
     }
 
@@ -105,9 +111,14 @@ impl Differences {
         self.interpolate(&self.means, x, y)
     }
 
-    /// Mean squared difference around a pixel, over a window of two blocks' σ.
+    /// Mean squared difference around a pixel, over the neighbouring blocks.
     pub fn mean_square(&self, x: usize, y: usize) -> f32 {
         self.interpolate(&self.squares, x, y)
+    }
+
+    /// Variance of the difference around a pixel, over the same blocks.
+    pub fn variance(&self, x: usize, y: usize) -> f32 {
+        self.interpolate(&self.variances, x, y)
     }
 }
 
@@ -116,6 +127,7 @@ fn spread(values: &[f32], lattice: &Lattice) -> Vec<f32> {
     let (rows, columns) = (lattice.rows as isize, lattice.columns as isize);
     let along = |values: &[f32], (dr, dc): (isize, isize)| -> Vec<f32> {
         (0..rows * columns)
+            .into_par_iter()
             .map(|i| {
                 let (row, column) = (i / columns, i % columns);
                 (-2isize..=2)

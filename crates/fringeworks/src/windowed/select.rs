@@ -4,9 +4,11 @@ use super::lattice::Differences;
 use super::{Field, NO_SCALE};
 use rayon::prelude::*;
 
-/// Share of the difference from the coarser estimate that one Gauss–Newton step leaves: 0.02 to 0.14
-/// on simulated curved surfaces.
-const LEFT_OF_START: f32 = 0.2;
+/// Share of what varies in the steps to an estimate that is left of the error before them.
+///
+/// A step removes an error that is constant in its window. Where the step varies, so does the error,
+/// and a part is left: 0.02 to 0.14 on simulated curved surfaces, more on peaks.
+const LEFT_OF_START: f32 = 0.3;
 
 /// Estimates of one scale, one value per pixel.
 pub struct Estimate {
@@ -38,8 +40,9 @@ fn agrees(estimates: &[Estimate], k: usize, x: usize, y: usize, i: usize, confid
 
 /// Variance of the estimate of scale `k`: its noise, its bias, and what one step leaves of the start.
 ///
-/// σ_k² + max(0, G ∗ (u_{k+1} − u_k)² − σ_{k+1}²) + η² Σ_{j ≤ k} G ∗ (u_j − u_{j−1})²: what the
-/// finer window sees differently beyond its own noise, and a share of the steps that led here.
+/// σ_k² + max(0, G ∗ (u_{k+1} − u_k)² − σ_{k+1}²) + η² Σ_{j ≤ k} var_G(u_j − u_{j−1}): what the
+/// finer window sees differently beyond its own noise, and a share of what varies in the steps that
+/// led here.
 fn variance(estimates: &[Estimate], k: usize, x: usize, y: usize, i: usize) -> f32 {
     let kept = &estimates[k];
     let finer = estimates.get(k + 1).filter(|e| e.sigma[i].is_finite());
@@ -48,7 +51,7 @@ fn variance(estimates: &[Estimate], k: usize, x: usize, y: usize, i: usize) -> f
     });
     let moved: f32 = estimates[..=k]
         .iter()
-        .map(|estimate| estimate.from_coarser.mean_square(x, y))
+        .map(|estimate| estimate.from_coarser.variance(x, y))
         .sum();
     let left = LEFT_OF_START.powi(2) * moved;
     kept.sigma[i].powi(2) + bias + left

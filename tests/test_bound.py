@@ -24,7 +24,10 @@ def dense(windows, u, width, at):
     dy, dx = y[:, None] / width, x[None, :] / width
     w = np.exp(-0.5 * (dx**2 + dy**2)) * (known > 0)
     w /= np.exp(-0.5 * (dx**2 + dy**2)).sum()
-    mean = lambda v: np.sum(w * v) / w.sum()  # noqa: E731
+
+    def mean(v):
+        return np.sum(w * v) / w.sum()
+
     spread = mean(value**2) - mean(value) ** 2
     b = (mean(value * windows.object) - mean(value) * mean(windows.object)) / spread
     one = np.ones_like(value)

@@ -234,7 +234,12 @@ def next_albedo(
     return np.maximum(albedo, np.float32(MIN_ALBEDO))
 
 
+def paint_edges(albedo: FloatMap) -> BoolMap:
+    """Pixels at hard edges of paint, (h, w)."""
+    return edge_weight(albedo) < 0.5
+
+
 def change(before: FloatMap, albedo: FloatMap) -> float:
     """Rms change of the albedo around its edges."""
-    near = widened(edge_weight(albedo) < 0.5, PATCH_PX // 2)
+    near = widened(paint_edges(albedo), PATCH_PX // 2)
     return float(np.sqrt(np.mean((albedo - before)[near] ** 2))) if near.any() else 0.0

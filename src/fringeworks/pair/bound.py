@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.pair.prepared import PreparedPair, prepare
-from fringeworks.pair.windows import SCALE_LIMITS_PX, Windows
+from fringeworks.pair.windows import MIN_RATIO, SCALE_LIMITS_PX, Windows
 from fringeworks.types import FloatMap, InputError, Pair
 
 WINDOW_PERIODS = 0.25
@@ -16,8 +16,6 @@ NODES_PER_WIDTH = 4.0
 """Positions per width of the window at which the bound is computed; it is smooth between them."""
 REACH_WIDTHS = 3.0
 """Distance at which the window is cut off, widths."""
-MIN_RATIO = 1e-2
-"""Smallest modulation ratio whose bound is finite."""
 RIDGE = 1e-9
 """Share of the diagonal that is added before inversion; it keeps windows without fringes finite."""
 

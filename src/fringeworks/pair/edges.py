@@ -15,6 +15,7 @@ from fringeworks.pair.albedo import (
     edge_weight,
     explained,
     next_albedo,
+    paint_edges,
 )
 from fringeworks.pair.cliffs import NEAR_WALL_PX, Cliffs, find_cliffs
 from fringeworks.pair.misfit import is_rare, mean_square, unexplained, widened
@@ -191,8 +192,7 @@ class _Search:
         less than what was found."""
         near_paint = np.zeros(left.shape, bool)
         if self.albedo is not None:
-            edges = edge_weight(self.albedo) < 0.5
-            near_paint = widened(edges, int(0.5 * self.windows.period_px))
+            near_paint = widened(paint_edges(self.albedo), int(0.5 * self.windows.period_px))
         before = mean_square(left)
         for start_px in self.continuations_px:
             again = self.windows.fit(
@@ -224,7 +224,7 @@ class _Search:
                 u = np.where(self.cliffs.near, self.cliffs.displacement_px, u)
             before = self.albedo
             self.albedo = next_albedo(self.windows, found, u, before, scatter, self.cliffs)
-            edges = int(np.count_nonzero(edge_weight(self.albedo) < 0.5))
+            edges = int(np.count_nonzero(paint_edges(self.albedo)))
             if edges < max(min_edge_pixels, MIN_EDGE_PIXELS):
                 self.albedo = None
                 return

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fringeworks.pair.albedo import edge_weight
+from fringeworks.pair.albedo import paint_edges
 from fringeworks.pair.misfit import widened
 from fringeworks.pair.pixel_scatter import pixel_factor
 from fringeworks.pair.registry import Solution
@@ -195,7 +195,7 @@ def _at_edges(solution: Solution, period_px: float) -> BoolMap:
     if solution.walls is not None:
         edges |= solution.walls > 0
     if solution.albedo is not None:
-        edges |= edge_weight(solution.albedo) < 0.5
+        edges |= paint_edges(solution.albedo)
     return widened(edges, int(EDGE_PERIODS * period_px)) if edges.any() else edges
 
 

@@ -36,6 +36,8 @@ SCALE_LIMITS_PX = (0.8, 1e3)
 Below about 1 px a window holds too few pixels for its five unknowns; above 1000 px it is as wide as
 a frame.
 """
+MIN_RATIO = 1e-2
+"""Smallest modulation ratio that the noise is divided by."""
 FINEST = 1e-9
 """The same for the estimate of the smallest window that determines the displacement."""
 MAX_SIGMA = 1.0 / 25.0

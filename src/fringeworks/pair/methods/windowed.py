@@ -12,7 +12,7 @@ from fringeworks.pair.edges import FitSettings, across_edges
 from fringeworks.pair.methods.windowed_start import start_field
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
-from fringeworks.pair.windows import CONFIDENCE, SCALE_LIMITS_PX, Windows
+from fringeworks.pair.windows import CONFIDENCE, MIN_RATIO, SCALE_LIMITS_PX, Windows
 from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason
 
 SCALES_PX = (32.0, 16.0, 8.0, 4.0, 2.0)
@@ -54,8 +54,6 @@ OUTSIDE_PX = 1.0
 
 A window at the frame's edge determines it from pixels inside. An empirical choice.
 """
-MIN_RATIO = 1e-2
-"""Smallest modulation ratio that the noise is divided by."""
 DARK_RATIO = 0.1
 """Local modulation below which a failed pixel is called dark, as a share of the reference's.
 

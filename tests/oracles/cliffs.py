@@ -7,17 +7,17 @@ import numpy as np
 from tests.oracles import windowed
 
 PATCH, WALL_PATCH, WALL_REACH, DISTANCE_PRICE = 3, 2, 3, 0.02
-REACH_WIDTHS, MIN_VISIBLE = 2.5, 0.02
+REACH_WIDTHS, MIN_VISIBLE, BLOCK_CELLS = 2.5, 0.02, 8
 
 
 def value_at(spline, y, x, u):
     """Reference at x − u in row y; NaN outside."""
-    rows = spline[y : y + 1]
-    width = spline.shape[1] - 3
-    line = np.zeros((1, width))
-    line[0, x] = u
-    value, _, inside = windowed.warp(rows, line)
-    return value[0, x] if inside[0, x] else np.nan
+    last = spline.shape[1] - 4
+    at = x - float(np.float32(u))
+    if not windowed.MARGIN <= at <= last - windowed.MARGIN:
+        return np.nan
+    k = int(at)
+    return windowed.cubic(spline[y, k : k + 4], at - k)
 
 
 def square(shape, y, x, half):
@@ -125,19 +125,20 @@ def smooth_within(values, walls, sigma, rounds=4):
 
 
 def visibility(walls, y, x, radius):
-    """How much of each pixel around a centre is seen: passed on along the rays, ring by ring."""
+    """How much of each cell around a centre is seen: passed on along the rays, ring by ring. A cell
+    with a wall is seen, but nothing behind it."""
     side = 2 * radius + 1
-    seen = np.zeros((side, side))
-    seen[radius, radius] = 1.0
+    seen, through = np.zeros((side, side)), np.zeros((side, side))
+    seen[radius, radius] = through[radius, radius] = 1.0
     for ring in range(1, radius + 1):
         for dy in range(-ring, ring + 1):
             for dx in range(-ring, ring + 1):
                 if max(abs(dy), abs(dx)) != ring:
                     continue
                 r, c = y + dy, x + dx
-                if not (0 <= r < walls.shape[0] and 0 <= c < walls.shape[1]) or walls[r, c]:
+                if not (0 <= r < walls.shape[0] and 0 <= c < walls.shape[1]):
                     continue
-                # The ray crosses the ring before between two pixels, or at one.
+                # The ray crosses the ring before between two cells, or at one.
                 py, px = (p * (ring - 1) / ring for p in (dy, dx))
                 if abs(dy) == ring:
                     py, k, t = dy - np.sign(dy), int(np.floor(px)), px - np.floor(px)
@@ -145,22 +146,31 @@ def visibility(walls, y, x, radius):
                 else:
                     px, k, t = dx - np.sign(dx), int(np.floor(py)), py - np.floor(py)
                     two = [(k, px), (k + (t > 0), px)]
-                first, second = (seen[radius + i, radius + j] for i, j in two)
+                first, second = (through[radius + i, radius + j] for i, j in two)
                 seen[radius + dy, radius + dx] = (1 - t) * first + t * second
+                if not walls[r, c]:
+                    through[radius + dy, radius + dx] = seen[radius + dy, radius + dx]
     return seen
 
 
-def seen_weights(walls, y, x, sigma):
+def seen_weights(walls, y, x, window):
     """Weight of every pixel of the frame in a window that stops at walls."""
-    radius = int(REACH_WIDTHS * sigma + 0.5)
-    seen = visibility(walls, y, x, radius)
-    out = np.zeros(walls.shape)
-    for r, c in square(walls.shape, y, x, radius):
+    size, sigma = max(1, window.block // BLOCK_CELLS), window.sigma
+    h, w = walls.shape
+    padded = np.pad(walls, ((0, -h % size), (0, -w % size)))
+    cells = padded.reshape(-(-h // size), size, -(-w // size), size).any(axis=(1, 3))
+    y, x = y // size, x // size
+    out = np.zeros(cells.shape)
+    if cells[y, x]:
+        return np.zeros(walls.shape)
+    radius = int(REACH_WIDTHS * sigma + 0.5) // size
+    seen = visibility(cells, y, x, radius)
+    for r, c in square(cells.shape, y, x, radius):
         share = seen[radius + r - y, radius + c - x]
         if share >= MIN_VISIBLE:
-            gauss = np.exp(-0.5 * ((r - y) ** 2 + (c - x) ** 2) / sigma**2)
+            gauss = np.exp(-0.5 * ((r - y) ** 2 + (c - x) ** 2) * (size / sigma) ** 2)
             out[r, c] = share * gauss / (2 * np.pi * sigma**2)
-    return out
+    return out.repeat(size, axis=0).repeat(size, axis=1)[:h, :w]
 
 
 def open_between(walls, one, other):

@@ -44,6 +44,16 @@ class Window:
         return w, pixel - ((node + 0.5) * self.block - 0.5)
 
 
+def cubic(c, t):
+    """A cubic B-spline with four coefficients around t."""
+    return (
+        c[0] * (1 - t) ** 3
+        + c[1] * (3 * t**3 - 6 * t**2 + 4)
+        + c[2] * (-3 * t**3 + 3 * t**2 + 3 * t + 1)
+        + c[3] * t**3
+    ) / 6
+
+
 def warp(spline, u):
     """Value and slope of the reference at x − u, and 1 where that point is inside the row."""
     h, w = u.shape
@@ -54,12 +64,7 @@ def warp(spline, u):
     k = np.floor(at).astype(int)
     t = at - k
     c = [spline[rows, k + i] for i in range(4)]
-    value = (
-        c[0] * (1 - t) ** 3
-        + c[1] * (3 * t**3 - 6 * t**2 + 4)
-        + c[2] * (-3 * t**3 + 3 * t**2 + 3 * t + 1)
-        + c[3] * t**3
-    ) / 6
+    value = cubic(c, t)
     slope = (
         -c[0] * (1 - t) ** 2
         + c[1] * (3 * t**2 - 4 * t)
@@ -202,6 +207,8 @@ def solve_grid(spline, d, u, window, coarser, limits, walls=None):
     """Solve all windows of one scale, with the model linearised at the field ``u``."""
     h, w = d.shape
     s, g, m = warp(spline, u)
+    if walls is not None:
+        m = m * ~walls
     wx, dx = window.pixel_weights(w)
     wy, dy = window.pixel_weights(h)
     grid = []
@@ -221,9 +228,7 @@ def solve_grid(spline, d, u, window, coarser, limits, walls=None):
                 centre = window.pixel(r, c, d.shape)
                 if near_wall(walls, *centre, int(cliffs.REACH_WIDTHS * window.sigma + 0.5)):
                     hidden = walls[centre]
-                    weights = (
-                        0 * weights if hidden else cliffs.seen_weights(walls, *centre, window.sigma)
-                    )
+                    weights = 0 * weights if hidden else cliffs.seen_weights(walls, *centre, window)
             node = solve_node(
                 weights, dx[c][None, :], dy[r][:, None], s, g, m, d, window, prior, limits
             )

@@ -2,10 +2,10 @@
 
 use super::lattice::Lattice;
 use super::moments::{block_sums, NodeRow, Window};
-use super::sight::Sight;
+use super::sight::{Cells, Sight};
 use super::solve::{solve, Limits, Node, Prior};
 use super::walls::Walls;
-use super::warp::{warped, Pair};
+use super::warp::Pair;
 use rayon::prelude::*;
 
 /// Distances, in blocks, within which nodes are searched near a wall: the nearest that has any.
@@ -18,15 +18,41 @@ pub struct Grid<'a> {
     walls: Option<&'a Walls<'a>>,
 }
 
-/// Solution at a pixel, interpolated between the nodes around it.
-#[derive(Clone, Copy)]
-pub struct Blend {
-    /// Correction of the displacement, px.
-    pub delta: f32,
+/// What the windows of a scale say of every pixel, or of the pixels of a row; where none determines the
+/// displacement, σ is infinite, and offset and modulation ratio are NaN.
+#[derive(Default)]
+pub struct Blended {
+    /// Correction of the displacement, px; 0 where none is determined.
+    pub delta: Vec<f32>,
     /// Standard deviation of the displacement, px.
-    pub sigma: f32,
-    pub offset: f32,
-    pub modulation_ratio: f32,
+    pub sigma: Vec<f32>,
+    pub offset: Vec<f32>,
+    pub modulation_ratio: Vec<f32>,
+}
+
+/// A row of [`Blended`].
+struct BlendedRow<'r> {
+    delta: &'r mut [f32],
+    sigma: &'r mut [f32],
+    offset: &'r mut [f32],
+    modulation_ratio: &'r mut [f32],
+}
+
+impl BlendedRow<'_> {
+    fn set(&mut self, x: usize, mean: &Mean) {
+        if mean.total > 0.0 {
+            let share = mean.total.recip();
+            self.delta[x] = mean.delta * share;
+            self.sigma[x] = mean.sigma * share;
+            self.offset[x] = mean.offset * share;
+            self.modulation_ratio[x] = mean.modulation_ratio * share;
+        } else {
+            self.delta[x] = 0.0;
+            self.sigma[x] = f32::INFINITY;
+            self.offset[x] = f32::NAN;
+            self.modulation_ratio[x] = f32::NAN;
+        }
+    }
 }
 
 impl<'a> Grid<'a> {
@@ -43,20 +69,29 @@ impl<'a> Grid<'a> {
     ) -> Self {
         let lattice = window.lattice(pair.height, pair.width);
         let Lattice { rows, columns, .. } = lattice;
-        let sums = block_sums(pair, u, window);
-        let near = walls.map(|walls| (walls, warped(pair, u).expect("the pair was checked")));
+        let sums = block_sums(pair, u, lattice, |_| true);
+        let small = Cells::lattice(window, pair.height, pair.width);
+        // A window near a wall reaches as far again.
+        let reach = 2 * Walls::reach(window) + window.block;
+        let cell_sums = (walls.filter(|_| small.block < window.block)).map(|walls| {
+            block_sums(pair, u, small, |row| {
+                walls.row_within(row * small.block, reach)
+            })
+        });
+        let cells = walls.map(|walls| {
+            let sums = cell_sums.as_deref().unwrap_or(&sums);
+            (walls, Cells::new(small, sums, walls))
+        });
         let mut nodes = vec![Node::undetermined(start); rows * columns];
         nodes.par_chunks_mut(columns).enumerate().for_each_init(
             || {
-                let sight = near
-                    .as_ref()
-                    .map(|(walls, warped)| Sight::new(pair, walls, warped, window));
+                let sight = (cells.as_ref()).map(|(walls, cells)| Sight::new(cells, walls, window));
                 (NodeRow::new(columns), sight)
             },
             |(gathered, sight), (row, out)| {
                 gathered.gather(&sums, row, rows, window);
                 if let Some(sight) = sight {
-                    sight.replace(gathered, row, window);
+                    sight.replace(gathered, row, columns, window);
                 }
                 let y = window.centre(row);
                 for (i, node) in out.iter_mut().enumerate() {
@@ -94,47 +129,89 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// Interpolate the affine solutions of the four nodes around a pixel, without those that do not
-    /// determine the displacement; `None` where no node does.
-    pub fn blend(&self, x: usize, y: usize) -> Option<Blend> {
-        let block = self.lattice.block;
-        if block == 1 {
-            let node = self.node(y, x);
-            return node.determined.then_some(Blend {
-                delta: node.delta,
-                sigma: node.sigma,
-                offset: node.prior.offset,
-                modulation_ratio: node.modulation_ratio,
+    /// Interpolate the windows at every pixel of a frame.
+    pub fn blend(&self, height: usize, width: usize) -> Blended {
+        let map = || vec![0.0f32; height * width];
+        let mut out = Blended {
+            delta: map(),
+            sigma: map(),
+            offset: map(),
+            modulation_ratio: map(),
+        };
+        (out.delta.par_chunks_mut(width))
+            .zip(out.sigma.par_chunks_mut(width))
+            .zip(out.offset.par_chunks_mut(width))
+            .zip(out.modulation_ratio.par_chunks_mut(width))
+            .enumerate()
+            .for_each_init(Vec::new, |means, (y, (((delta, sigma), offset), ratio))| {
+                let mut row = BlendedRow {
+                    delta,
+                    sigma,
+                    offset,
+                    modulation_ratio: ratio,
+                };
+                self.blend_row(y, means, &mut row);
             });
+        out
+    }
+
+    /// Interpolate the affine solutions of the four nodes around every pixel of a row, without those
+    /// that do not determine the displacement. `means` is room to work in.
+    fn blend_row(&self, y: usize, means: &mut Vec<Mean>, out: &mut BlendedRow) {
+        let Lattice { columns, block, .. } = self.lattice;
+        means.clear();
+        means.extend((0..columns).map(|column| self.mean_of_column(y, column)));
+        if block == 1 {
+            for (x, mean) in means.iter().enumerate() {
+                out.set(x, mean);
+            }
+            return;
         }
-        if let Some(walls) = self.walls {
-            if walls.within(x, y, 2 * block) {
-                return self.blend_seen(walls, x, y);
+        for (first, second, pixels) in self.lattice.stretches(out.delta.len()) {
+            let (before, after) = (&means[first], &means[second]);
+            for x in pixels {
+                let dx = self.lattice.offset((x, 0), (0, first)).0;
+                let share = (dx / block as f32).clamp(0.0, 1.0);
+                let share = if first == second { 0.0 } else { share };
+                out.set(x, &before.mixed(after, dx, share, block as f32));
             }
         }
+        let Some(walls) = self.walls else { return };
+        for x in 0..out.delta.len() {
+            if walls.within(x, y, 2 * block) {
+                out.set(x, &self.mean_seen(walls, x, y));
+            }
+        }
+    }
+
+    /// Mean of the nodes above and below row `y` in a column of nodes.
+    fn mean_of_column(&self, y: usize, column: usize) -> Mean {
+        let (above, below, share) = self.lattice.rows_around(y as f64);
         let mut mean = Mean::default();
-        for (row, column, weight) in self.lattice.corners(x as f64, y as f64) {
+        for (row, weight) in [(above, 1.0 - share), (below, share)] {
             let node = self.node(row, column);
             if node.determined && weight > 0.0 {
-                let (dx, dy) = self.lattice.offset((x, y), (row, column));
-                mean.add(node, (dx, dy), weight, node.sigma);
+                let dy = self.lattice.offset((0, y), (row, column)).1;
+                mean.add(node, (0.0, dy), weight, node.sigma);
             }
         }
-        mean.value()
+        mean
     }
 
     /// The same near a wall: from the nearest nodes that the pixel sees.
-    fn blend_seen(&self, walls: &Walls, x: usize, y: usize) -> Option<Blend> {
+    fn mean_seen(&self, walls: &Walls, x: usize, y: usize) -> Mean {
         if walls.is_wall(x, y) {
-            return None;
+            return Mean::default();
         }
         REACHES
             .into_iter()
-            .find_map(|reach| self.blend_within(walls, (x, y), reach))
+            .map(|reach| self.mean_within(walls, (x, y), reach))
+            .find(|mean| mean.total > 0.0)
+            .unwrap_or_default()
     }
 
     /// Mean of the nodes within a number of blocks that a pixel sees; the more certain count more.
-    fn blend_within(&self, walls: &Walls, (x, y): (usize, usize), reach: usize) -> Option<Blend> {
+    fn mean_within(&self, walls: &Walls, (x, y): (usize, usize), reach: usize) -> Mean {
         let Lattice {
             rows,
             columns,
@@ -158,14 +235,16 @@ impl<'a> Grid<'a> {
             let sigma = node.sigma * (1.0 + 0.5 * away).sqrt();
             mean.add(node, (dx, dy), near / (node.sigma * node.sigma), sigma);
         }
-        mean.value()
+        mean
     }
 }
 
-/// Weighted mean of what nodes say of a pixel.
-#[derive(Default)]
+/// Sums of what nodes say of a pixel, times their weights.
+#[derive(Clone, Copy, Default)]
 struct Mean {
     delta: f32,
+    /// Slope of delta along x.
+    slope: f32,
     sigma: f32,
     offset: f32,
     modulation_ratio: f32,
@@ -176,19 +255,27 @@ impl Mean {
     /// Add a node that is (dx, dy) px before the pixel.
     fn add(&mut self, node: &Node, (dx, dy): (f32, f32), weight: f32, sigma: f32) {
         self.delta += weight * (node.delta + node.slope[0] * dx + node.slope[1] * dy);
+        self.slope += weight * node.slope[0];
         self.sigma += weight * sigma;
         self.offset += weight * node.prior.offset;
         self.modulation_ratio += weight * node.modulation_ratio;
         self.total += weight;
     }
 
-    fn value(&self) -> Option<Blend> {
-        let total = self.total;
-        (total > 0.0).then(|| Blend {
-            delta: self.delta / total,
-            sigma: self.sigma / total,
-            offset: self.offset / total,
-            modulation_ratio: self.modulation_ratio / total,
-        })
+    /// This mean, `dx` px on, with a share of the one that is `apart` px further.
+    #[inline(always)]
+    fn mixed(&self, after: &Self, dx: f32, share: f32, apart: f32) -> Self {
+        let mix = |a: f32, b: f32| (1.0 - share) * a + share * b;
+        Self {
+            delta: mix(
+                self.delta + dx * self.slope,
+                after.delta + (dx - apart) * after.slope,
+            ),
+            slope: mix(self.slope, after.slope),
+            sigma: mix(self.sigma, after.sigma),
+            offset: mix(self.offset, after.offset),
+            modulation_ratio: mix(self.modulation_ratio, after.modulation_ratio),
+            total: mix(self.total, after.total),
+        }
     }
 }

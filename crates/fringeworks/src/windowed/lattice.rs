@@ -20,17 +20,81 @@ fn between(position: f64, count: usize) -> (usize, usize, f32) {
 }
 
 impl Lattice {
+    /// Blocks of side `block` px over a frame.
+    pub fn new(block: usize, height: usize, width: usize) -> Self {
+        Self {
+            rows: height.div_ceil(block),
+            columns: width.div_ceil(block),
+            block,
+        }
+    }
+
+    /// Pixel coordinate of the centre of block `i` along an axis.
+    pub fn centre(&self, i: usize) -> f64 {
+        (i as f64 + 0.5) * self.block as f64 - 0.5
+    }
+
+    /// Whether a block holds a pixel that is not 0, for a mask as wide as the frame.
+    pub fn any(&self, mask: &[u8], width: usize) -> Vec<bool> {
+        let mut found = vec![false; self.rows * self.columns];
+        for (y, row) in mask.chunks(width).enumerate() {
+            let found = &mut found[y / self.block * self.columns..][..self.columns];
+            for (found, pixels) in found.iter_mut().zip(row.chunks(self.block)) {
+                *found |= pixels.iter().any(|pixel| *pixel > 0);
+            }
+        }
+        found
+    }
+
     /// Offset (x, y) of a pixel from a node (row, column), px.
     pub fn offset(&self, (x, y): (usize, usize), (row, column): (usize, usize)) -> (f32, f32) {
         let centre = |i: usize| (i as f32 + 0.5) * self.block as f32 - 0.5;
         (x as f32 - centre(column), y as f32 - centre(row))
     }
 
+    fn position(&self, pixel: f64) -> f64 {
+        (pixel + 0.5) / self.block as f64 - 0.5
+    }
+
+    /// The rows of nodes above and below a pixel position, and the share of the second.
+    pub fn rows_around(&self, y: f64) -> (usize, usize, f32) {
+        between(self.position(y), self.rows)
+    }
+
+    /// The pixels of a row of a frame in stretches between the same two columns of nodes; beyond the
+    /// first and the last column, these are the same.
+    pub fn stretches(
+        &self,
+        width: usize,
+    ) -> impl Iterator<Item = (usize, usize, std::ops::Range<usize>)> {
+        let (block, last) = (self.block, self.columns - 1);
+        // First pixel at or behind the centre of a node.
+        let from = move |column: usize| (column * block + block / 2).min(width);
+        let inner = (0..last).map(move |c| (c, c + 1, from(c)..from(c + 1)));
+        std::iter::once((0, 0, 0..from(0)))
+            .chain(inner)
+            .chain(std::iter::once((last, last, from(last)..width)))
+    }
+
+    /// Interpolate values of nodes at the pixels of row `y` of a frame.
+    fn interpolate(&self, values: &[f32], y: usize, out: &mut [f32]) {
+        let (above, below, down) = self.rows_around(y as f64);
+        let row = |row: usize| &values[row * self.columns..(row + 1) * self.columns];
+        let (above, below) = (row(above), row(below));
+        let at = |column: usize| above[column] + down * (below[column] - above[column]);
+        for (first, second, pixels) in self.stretches(out.len()) {
+            let (value, step) = (at(first), at(second) - at(first));
+            let from = self.offset((pixels.start, 0), (0, first)).0;
+            for (k, out) in out[pixels].iter_mut().enumerate() {
+                *out = value + step * (from + k as f32) / self.block as f32;
+            }
+        }
+    }
+
     /// Row, column and bilinear weight of the four nodes around a pixel position.
     pub fn corners(&self, x: f64, y: f64) -> [(usize, usize, f32); 4] {
-        let position = |pixel: f64| (pixel + 0.5) / self.block as f64 - 0.5;
-        let (c0, c1, tx) = between(position(x), self.columns);
-        let (r0, r1, ty) = between(position(y), self.rows);
+        let (c0, c1, tx) = between(self.position(x), self.columns);
+        let (r0, r1, ty) = self.rows_around(y);
         [
             (r0, c0, (1.0 - tx) * (1.0 - ty)),
             (r0, c1, tx * (1.0 - ty)),
@@ -98,27 +162,19 @@ impl Differences {
         }
     }
 
-    fn interpolate(&self, values: &[f32], x: usize, y: usize) -> f32 {
-        self.lattice
-            .corners(x as f64, y as f64)
-            .iter()
-            .map(|(r, c, w)| w * values[r * self.lattice.columns + c])
-            .sum()
+    /// Mean difference around the pixels of a row.
+    pub fn mean(&self, y: usize, out: &mut [f32]) {
+        self.lattice.interpolate(&self.means, y, out);
     }
 
-    /// Mean difference around a pixel.
-    pub fn mean(&self, x: usize, y: usize) -> f32 {
-        self.interpolate(&self.means, x, y)
+    /// Mean squared difference around the pixels of a row, over the neighbouring blocks.
+    pub fn mean_square(&self, y: usize, out: &mut [f32]) {
+        self.lattice.interpolate(&self.squares, y, out);
     }
 
-    /// Mean squared difference around a pixel, over the neighbouring blocks.
-    pub fn mean_square(&self, x: usize, y: usize) -> f32 {
-        self.interpolate(&self.squares, x, y)
-    }
-
-    /// Variance of the difference around a pixel, over the same blocks.
-    pub fn variance(&self, x: usize, y: usize) -> f32 {
-        self.interpolate(&self.variances, x, y)
+    /// Variance of the difference around the pixels of a row, over the same blocks.
+    pub fn variance(&self, y: usize, out: &mut [f32]) {
+        self.lattice.interpolate(&self.variances, y, out);
     }
 }
 

@@ -18,7 +18,7 @@ mod walls;
 mod warp;
 
 use crate::{check_length, check_value, Error, MIN_PERIOD};
-use grid::Grid;
+use grid::{Blended, Grid};
 use lattice::{Differences, Lattice};
 use moments::Window;
 use rayon::prelude::*;
@@ -153,18 +153,20 @@ pub fn invert(
 ) -> Result<Field, Error> {
     check(pair, walls, start, options)?;
     let walls = walls.map(|walls| Walls::new(walls, pair.height, pair.width));
-    let found = refine(pair, walls.as_ref(), start, options);
+    let open = walls.as_ref().map(|walls| walls.without(pair.object_ok));
+    let seen = Pair {
+        object_ok: open.as_deref().unwrap_or(pair.object_ok),
+        ..*pair
+    };
+    let found = refine(pair, &seen, walls.as_ref(), start, options);
     let mut field = select(&found.estimates, pair.width, options.confidence as f32);
     field.noise_correlation = found.noise_correlation;
     field.misfit = found.misfit;
     Ok(field)
 }
 
-fn max_step(options: &Options) -> f32 {
-    MAX_STEP_PERIODS as f32 * options.period as f32
-}
-
-/// The Gauss–Newton steps of one scale. Updates `u` and returns the windows of the last step.
+/// The Gauss–Newton steps of one scale. Updates `u` and returns the windows of the last step, and what
+/// they say of every pixel.
 fn descend<'a>(
     pair: &Pair,
     walls: Option<&'a Walls<'a>>,
@@ -172,36 +174,35 @@ fn descend<'a>(
     sigma: f64,
     coarser: Option<&Grid>,
     options: &Options,
-) -> Grid<'a> {
+) -> (Grid<'a>, Blended) {
     let window = Window::new(sigma);
-    let solve = |u: &[f32]| Grid::solve(pair, walls, u, &window, coarser, &LOOSE, &options.limits);
-    let mut grid = solve(u);
-    step(u, pair.width, &grid, max_step(options));
-    for _ in 1..options.iterations {
-        grid = solve(u);
-        step(u, pair.width, &grid, max_step(options));
+    let max_step = MAX_STEP_PERIODS as f32 * options.period as f32;
+    let mut last = None;
+    for _ in 0..options.iterations {
+        let grid = Grid::solve(pair, walls, u, &window, coarser, &LOOSE, &options.limits);
+        let blended = grid.blend(pair.height, pair.width);
+        u.par_iter_mut()
+            .zip(&blended.delta)
+            .with_min_len(pair.width)
+            .for_each(|(u, delta)| *u += delta.clamp(-max_step, max_step));
+        last = Some((grid, blended));
     }
-    grid
+    last.expect("there is at least one step")
 }
 
-/// A model of the object frame, one value per pixel.
-struct Model {
-    /// Displacement, px.
-    displacement: Vec<f32>,
-    offset: Vec<f32>,
-    modulation_ratio: Vec<f32>,
-}
-
-/// Residual of every pixel under the model; NaN without data.
-fn residuals(pair: &Pair, model: &Model) -> Vec<f32> {
+/// Residual of every pixel at displacement `u`, with offset and modulation ratio of the windows; NaN
+/// without data.
+fn residuals(pair: &Pair, u: &[f32], windows: &Blended) -> Vec<f32> {
+    let or = |value: f32, other: f32| if value.is_nan() { other } else { value };
     let mut out = vec![f32::NAN; pair.object.len()];
     out.par_chunks_mut(pair.width)
         .enumerate()
         .for_each(|(y, row)| {
             for (x, residual) in row.iter_mut().enumerate() {
                 let i = y * pair.width + x;
-                if let Some((value, _)) = pair.reference_at(x, y, model.displacement[i]) {
-                    let expected = model.offset[i] + model.modulation_ratio[i] * value;
+                if let Some((value, _)) = pair.reference_at(x, y, u[i]) {
+                    let ratio = or(windows.modulation_ratio[i], LOOSE.modulation_ratio);
+                    let expected = or(windows.offset[i], LOOSE.offset) + ratio * value;
                     *residual = pair.object[i] - pair.albedo_at(i) * expected;
                 }
             }
@@ -209,36 +210,12 @@ fn residuals(pair: &Pair, model: &Model) -> Vec<f32> {
     out
 }
 
-/// The surface model of every pixel: the current field with offset and modulation ratio of the scale's
-/// windows.
-fn model_of(pair: &Pair, u: &[f32], grid: &Grid) -> Model {
-    let mut model = Model {
-        displacement: u.to_vec(),
-        offset: vec![LOOSE.offset; u.len()],
-        modulation_ratio: vec![LOOSE.modulation_ratio; u.len()],
-    };
-    model
-        .offset
-        .par_chunks_mut(pair.width)
-        .zip(model.modulation_ratio.par_chunks_mut(pair.width))
-        .enumerate()
-        .for_each(|(y, (offset, ratio))| {
-            for x in 0..pair.width {
-                if let Some(blend) = grid.blend(x, y) {
-                    (offset[x], ratio[x]) = (blend.offset, blend.modulation_ratio);
-                }
-            }
-        });
-    model
-}
-
 /// Correlation of the object frame's noise between neighbouring pixels (a ratio of variances); at
 /// least 1.
-fn noise_correlation(pair: &Pair, model: &Model, limits: &Limits) -> f64 {
+fn noise_correlation(pair: &Pair, residuals: &[f32], limits: &Limits) -> f64 {
     // The reference is smoothed, so its noise is correlated as well; it is counted separately.
     let reference = limits.reference_noise / limits.object_noise;
-    let residuals = residuals(pair, model);
-    (noise::correlation(&residuals, pair.height, pair.width) - reference).max(1.0)
+    (noise::correlation(residuals, pair.height, pair.width) - reference).max(1.0)
 }
 
 /// The scale whose misfit is told: the first that is small against the fringe.
@@ -257,7 +234,14 @@ struct Refined {
     misfit: Vec<f32>,
 }
 
-fn refine(pair: &Pair, walls: Option<&Walls>, start: &[f32], options: &Options) -> Refined {
+/// The descent over the scales; windows use the pixels that are `seen`.
+fn refine(
+    pair: &Pair,
+    seen: &Pair,
+    walls: Option<&Walls>,
+    start: &[f32],
+    options: &Options,
+) -> Refined {
     let factor = noise_amplification(options.iterations) as f32;
     let mut options = options.clone();
     let told = misfit_scale(&options);
@@ -266,26 +250,27 @@ fn refine(pair: &Pair, walls: Option<&Walls>, start: &[f32], options: &Options) 
     let mut coarser: Option<Grid> = None;
     let mut estimates: Vec<Estimate> = Vec::with_capacity(options.scales.len());
     for (k, sigma) in options.scales.clone().into_iter().enumerate() {
-        let grid = descend(pair, walls, &mut u, sigma, coarser.as_ref(), &options);
+        let (grid, mut windows) = descend(seen, walls, &mut u, sigma, coarser.as_ref(), &options);
         let mut widening = 1.0;
+        if k == 0 || k == told {
+            misfit = residuals(pair, &u, &windows);
+        }
         if k == 0 {
-            let model = model_of(pair, &u, &grid);
-            options.limits.noise_correlation = noise_correlation(pair, &model, &options.limits);
+            options.limits.noise_correlation = noise_correlation(pair, &misfit, &options.limits);
             // The first windows assumed independent noise.
             widening = options.limits.noise_correlation.sqrt() as f32;
         }
-        if k == told {
-            let model = model_of(pair, &u, &grid);
-            misfit = residuals(pair, &model);
-        }
-        let values = blended(pair.width, &grid, u.len(), factor * widening);
+        windows
+            .sigma
+            .par_iter_mut()
+            .for_each(|sigma| *sigma *= factor * widening);
         let lattice = coarser.as_ref().map_or(grid.lattice, |grid| grid.lattice);
-        let from_coarser = differences(pair, start, estimates.last(), &u, &values, lattice);
+        let from_coarser = differences(pair, start, estimates.last(), &u, &windows, lattice);
         estimates.push(Estimate {
             displacement: u.clone(),
-            sigma: values.sigma,
-            modulation_ratio: values.modulation_ratio,
-            offset: values.offset,
+            sigma: windows.sigma,
+            modulation_ratio: windows.modulation_ratio,
+            offset: windows.offset,
             from_coarser,
         });
         coarser = Some(grid);
@@ -303,58 +288,14 @@ fn differences(
     start: &[f32],
     last: Option<&Estimate>,
     u: &[f32],
-    values: &Blended,
+    windows: &Blended,
     lattice: Lattice,
 ) -> Differences {
     Differences::new(lattice, pair.height, pair.width, |i| {
         let before = last.map_or(start[i], |last| last.displacement[i]);
         let known = last.is_none_or(|last| last.sigma[i].is_finite());
-        (known && values.sigma[i].is_finite()).then(|| u[i] - before)
+        (known && windows.sigma[i].is_finite()).then(|| u[i] - before)
     })
-}
-
-/// Add the corrections of a scale's windows to the field.
-fn step(u: &mut [f32], width: usize, grid: &Grid, max_step: f32) {
-    u.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
-        for (x, u) in row.iter_mut().enumerate() {
-            if let Some(blend) = grid.blend(x, y) {
-                *u += blend.delta.clamp(-max_step, max_step);
-            }
-        }
-    });
-}
-
-/// What the windows of a scale say of every pixel.
-struct Blended {
-    sigma: Vec<f32>,
-    modulation_ratio: Vec<f32>,
-    offset: Vec<f32>,
-}
-
-/// Interpolate the windows of a scale at `n` pixels; `factor` multiplies their σ.
-fn blended(width: usize, grid: &Grid, n: usize, factor: f32) -> Blended {
-    let mut sigma = vec![f32::INFINITY; n];
-    let mut modulation_ratio = vec![f32::NAN; n];
-    let mut offset = vec![f32::NAN; n];
-    sigma
-        .par_chunks_mut(width)
-        .zip(modulation_ratio.par_chunks_mut(width))
-        .zip(offset.par_chunks_mut(width))
-        .enumerate()
-        .for_each(|(y, ((sigma, ratio), offset))| {
-            for x in 0..width {
-                if let Some(blend) = grid.blend(x, y) {
-                    sigma[x] = blend.sigma * factor;
-                    ratio[x] = blend.modulation_ratio;
-                    offset[x] = blend.offset;
-                }
-            }
-        });
-    Blended {
-        sigma,
-        modulation_ratio,
-        offset,
-    }
 }
 
 #[cfg(test)]

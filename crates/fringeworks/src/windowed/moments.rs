@@ -102,11 +102,7 @@ impl Window {
 
     /// The nodes of this window size over a frame.
     pub fn lattice(&self, height: usize, width: usize) -> Lattice {
-        Lattice {
-            rows: height.div_ceil(self.block),
-            columns: width.div_ceil(self.block),
-            block: self.block,
-        }
+        Lattice::new(self.block, height, width)
     }
 
     /// Pixel coordinate of node `i`: the centre of its block.
@@ -116,35 +112,46 @@ impl Window {
 }
 
 /// Number of channels that are stored: single-pixel blocks have no moments about their centre.
-pub fn stored_channels(window: &Window) -> usize {
-    if window.block == 1 {
+pub fn stored_channels(block: usize) -> usize {
+    if block == 1 {
         PLAIN
     } else {
         CHANNELS
     }
 }
 
-/// Block sums of all products, laid out `[block row][channel][block column]`.
-pub fn block_sums(pair: &Pair, u: &[f32], window: &Window) -> Vec<f64> {
-    let Lattice { rows, columns, .. } = window.lattice(pair.height, pair.width);
-    let channels = stored_channels(window);
+/// Block sums of all products, laid out `[block row][channel][block column]`; 0 in block rows that are
+/// not `wanted`.
+pub fn block_sums(
+    pair: &Pair,
+    u: &[f32],
+    lattice: Lattice,
+    wanted: impl Fn(usize) -> bool + Sync,
+) -> Vec<f64> {
+    let Lattice {
+        rows,
+        columns,
+        block,
+    } = lattice;
+    let channels = stored_channels(block);
     let mut sums = vec![0.0; rows * channels * columns];
     sums.par_chunks_mut(channels * columns)
         .enumerate()
+        .filter(|(block_row, _)| wanted(*block_row))
         .for_each_init(
             || WarpedRow::new(pair.width),
             |warped, (block_row, out)| {
-                let first = block_row * window.block;
-                let last = (first + window.block).min(pair.height);
+                let first = block_row * block;
+                let last = (first + block).min(pair.height);
                 for y in first..last {
                     let row = y * pair.width..(y + 1) * pair.width;
                     warp_row(pair, y, &u[row.clone()], warped);
                     let object = &pair.object[row];
-                    if window.block == 1 {
+                    if block == 1 {
                         products(warped, object, out, columns);
                     } else {
-                        let dy = y as f64 - window.centre(block_row);
-                        sum_row(warped, object, window.block, dy, out, columns);
+                        let dy = y as f64 - lattice.centre(block_row);
+                        sum_row(warped, object, block, dy, out, columns);
                     }
                 }
             },
@@ -275,7 +282,7 @@ impl NodeRow {
     fn gather_vertical(&mut self, sums: &[f64], row: usize, rows: usize, window: &Window) {
         let columns = self.columns;
         let padded = columns + 2 * RADIUS;
-        let channels = stored_channels(window);
+        let channels = stored_channels(window.block);
         let vertical = &mut self.vertical;
         for k in 0..TAPS {
             let Some(source_row) = (row + k).checked_sub(RADIUS).filter(|r| *r < rows) else {

@@ -1,6 +1,6 @@
 //! Choice of the window of every pixel (Lepski's rule).
 
-use super::lattice::Differences;
+use super::lattice::Differences as BlockDifferences;
 use super::{Field, NO_SCALE};
 use rayon::prelude::*;
 
@@ -19,47 +19,90 @@ pub struct Estimate {
     pub modulation_ratio: Vec<f32>,
     pub offset: Vec<f32>,
     /// Displacement of this scale minus that of the next coarser one, or of the start, px.
-    pub from_coarser: Differences,
+    pub from_coarser: BlockDifferences,
 }
 
-/// Whether the estimate of scale `k` agrees with those of all finer scales at pixel (x, y) of index
-/// `i`.
-///
-/// The differences are averaged over the blocks of the coarser window: that averages the noise of the
-/// finer estimate, but not its bias. An undetermined window contradicts nothing.
-fn agrees(estimates: &[Estimate], k: usize, x: usize, y: usize, i: usize, confidence: f32) -> bool {
-    if !estimates[k].sigma[i].is_finite() {
-        return false;
+/// Differences between the estimates of neighbouring scales around the pixels of a row.
+struct Differences {
+    mean: Vec<f32>,
+    mean_square: Vec<f32>,
+    variance: Vec<f32>,
+}
+
+impl Differences {
+    fn at(estimate: &Estimate, y: usize, width: usize) -> Self {
+        let mut row = Self {
+            mean: vec![0.0; width],
+            mean_square: vec![0.0; width],
+            variance: vec![0.0; width],
+        };
+        estimate.from_coarser.mean(y, &mut row.mean);
+        estimate.from_coarser.mean_square(y, &mut row.mean_square);
+        estimate.from_coarser.variance(y, &mut row.variance);
+        row
     }
-    let mut difference = 0.0;
-    estimates[k..].windows(2).all(|pair| {
-        difference += pair[1].from_coarser.mean(x, y);
-        difference.abs() <= confidence * pair[1].sigma[i]
-    })
 }
 
-/// Variance of the estimate of scale `k`: its noise, its bias, and what one step leaves of the start.
-///
-/// σ_k² + max(0, G ∗ (u_{k+1} − u_k)² − σ_{k+1}²) + η² Σ_{j ≤ k} var_G(u_j − u_{j−1}): what the
-/// finer window sees differently beyond its own noise, and a share of what varies in the steps that
-/// led here.
-fn variance(estimates: &[Estimate], k: usize, x: usize, y: usize, i: usize) -> f32 {
-    let kept = &estimates[k];
-    let finer = estimates.get(k + 1).filter(|e| e.sigma[i].is_finite());
-    let bias = finer.map_or(0.0, |finer| {
-        (finer.from_coarser.mean_square(x, y) - finer.sigma[i].powi(2)).max(0.0)
-    });
-    let moved: f32 = estimates[..=k]
-        .iter()
-        .map(|estimate| estimate.from_coarser.variance(x, y))
-        .sum();
-    let left = LEFT_OF_START.powi(2) * moved;
-    kept.sigma[i].powi(2) + bias + left
+/// The estimates of a row of pixels.
+struct Row<'a> {
+    estimates: &'a [Estimate],
+    /// Of every scale from the coarser one.
+    differences: Vec<Differences>,
+    /// Index of the first pixel.
+    first: usize,
+}
+
+impl<'a> Row<'a> {
+    fn new(estimates: &'a [Estimate], y: usize, width: usize) -> Self {
+        let differences = estimates.iter().map(|e| Differences::at(e, y, width));
+        Self {
+            estimates,
+            differences: differences.collect(),
+            first: y * width,
+        }
+    }
+
+    fn sigma(&self, k: usize, x: usize) -> f32 {
+        self.estimates[k].sigma[self.first + x]
+    }
+
+    /// Whether the estimate of scale `k` agrees with those of all finer scales at pixel `x`.
+    ///
+    /// The differences are averaged over the blocks of the coarser window: that averages the noise of
+    /// the finer estimate, but not its bias. An undetermined window contradicts nothing.
+    fn agrees(&self, k: usize, x: usize, confidence: f32) -> bool {
+        if !self.sigma(k, x).is_finite() {
+            return false;
+        }
+        let mut difference = 0.0;
+        (k + 1..self.estimates.len()).all(|finer| {
+            difference += self.differences[finer].mean[x];
+            difference.abs() <= confidence * self.sigma(finer, x)
+        })
+    }
+
+    /// Variance of the estimate of scale `k`: its noise, its bias, and what one step leaves of the
+    /// start.
+    ///
+    /// σ_k² + max(0, G ∗ (u_{k+1} − u_k)² − σ_{k+1}²) + η² Σ_{j ≤ k} var_G(u_j − u_{j−1}): what the
+    /// finer window sees differently beyond its own noise, and a share of what varies in the steps
+    /// that led here.
+    fn variance(&self, k: usize, x: usize) -> f32 {
+        let finer = k + 1;
+        let known = finer < self.estimates.len() && self.sigma(finer, x).is_finite();
+        let bias = if known {
+            (self.differences[finer].mean_square[x] - self.sigma(finer, x).powi(2)).max(0.0)
+        } else {
+            0.0
+        };
+        let moved: f32 = self.differences[..=k].iter().map(|d| d.variance[x]).sum();
+        self.sigma(k, x).powi(2) + bias + LEFT_OF_START.powi(2) * moved
+    }
 }
 
 /// Keep for every pixel the largest window that agrees with all smaller ones.
 ///
-/// Agreement allows a bias of about the noise of the finer window: see `variance`.
+/// Agreement allows a bias of about the noise of the finer window: see `Row::variance`.
 pub fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
     let n = estimates[0].displacement.len();
     let mut field = Field {
@@ -80,16 +123,14 @@ pub fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
         .zip(field.scale.par_chunks_mut(width))
         .enumerate()
         .for_each(|(y, ((((displacement, sigma), ratio), offset), scale))| {
+            let row = Row::new(estimates, y, width);
             for x in 0..width {
-                let i = y * width + x;
-                let Some(k) =
-                    (0..estimates.len()).find(|k| agrees(estimates, *k, x, y, i, confidence))
-                else {
+                let Some(k) = (0..estimates.len()).find(|k| row.agrees(*k, x, confidence)) else {
                     continue;
                 };
-                let kept = &estimates[k];
+                let (kept, i) = (&estimates[k], row.first + x);
                 displacement[x] = kept.displacement[i];
-                sigma[x] = variance(estimates, k, x, y, i).sqrt();
+                sigma[x] = row.variance(k, x).sqrt();
                 ratio[x] = kept.modulation_ratio[i];
                 offset[x] = kept.offset[i];
                 scale[x] = k as u8;

@@ -1,17 +1,20 @@
 //! What a window sees: moments that stop at walls.
 //!
-//! Windows far from walls are gathered from blocks; those near one are summed pixel by pixel, weighted
-//! by how much of the pixel their centre sees.
+//! Windows far from walls are gathered from blocks; those near one are summed over smaller cells,
+//! weighted by how much of the cell their centre sees.
 
+use super::lattice::Lattice;
 use super::moments::{self as m, NodeRow, Window, CHANNELS};
 use super::walls::Walls;
-use super::warp::{Pair, Warped};
 use multiversion::multiversion;
 
-/// Least visibility of a pixel that is summed; less is rounding of the rays.
+/// Least visibility of a cell that is summed; less is rounding of the rays.
 const MIN_VISIBLE: f32 = 0.02;
 
-/// A pixel of the square around a centre, and the two before it on the ray that leads there.
+/// Cells along a side of a block: nothing is seen past a cell that holds a wall.
+const BLOCK_CELLS: usize = 8;
+
+/// A cell of the square around a centre, and the two before it on the ray that leads there.
 struct Ray {
     own: u32,
     first: u32,
@@ -20,7 +23,7 @@ struct Ray {
     share: f32,
 }
 
-/// Rays to all pixels of a square of half-width `radius`, from the inside out.
+/// Rays to all cells of a square of half-width `radius`, from the inside out.
 fn rays(radius: usize) -> Vec<Ray> {
     let radius = radius as isize;
     let index = |dx: isize, dy: isize| ((dy + radius) * (2 * radius + 1) + dx + radius) as u32;
@@ -60,209 +63,227 @@ fn rays(radius: usize) -> Vec<Ray> {
     rays
 }
 
-/// Sums over the pixels that a centre sees.
+/// The cells of a scale.
+pub struct Cells<'a> {
+    lattice: Lattice,
+    /// Sums of the products of each cell, as those of blocks.
+    sums: &'a [f64],
+    /// Whether a wall is in the cell.
+    walls: Vec<bool>,
+}
+
+impl<'a> Cells<'a> {
+    /// The cells into which the blocks of a window are divided; those of one pixel are not.
+    pub fn lattice(window: &Window, height: usize, width: usize) -> Lattice {
+        Lattice::new((window.block / BLOCK_CELLS).max(1), height, width)
+    }
+
+    pub fn new(lattice: Lattice, sums: &'a [f64], walls: &Walls) -> Self {
+        let walls = lattice.any(walls.mask, walls.width);
+        Self {
+            lattice,
+            sums,
+            walls,
+        }
+    }
+}
+
+/// Sums over the cells that a centre sees.
 pub struct Sight<'a> {
-    pair: &'a Pair<'a>,
+    cells: &'a Cells<'a>,
     walls: &'a Walls<'a>,
-    warped: &'a Warped,
+    /// Half-width of the square that is summed, cells.
     radius: usize,
     rays: Vec<Ray>,
-    /// Gaussian weight of every offset along one axis, from −radius; their product sums to 1 over the plane.
+    /// Gaussian weight of a pixel at every offset along one axis, from −radius; their product sums to 1
+    /// over the plane.
     weights: Vec<f64>,
-    /// How much of each pixel around the centre is seen, 0…1.
+    /// How much of each cell around the centre is seen, 0…1.
     visible: Vec<f32>,
-    /// Weights of a row's pixels.
-    row: Vec<f64>,
+    /// How much of what is behind it is seen.
+    through: Vec<f32>,
+    /// Weights of the cells of a row, and the same times their offset to the power 1 and 2.
+    row: [Vec<f64>; 3],
 }
 
 impl<'a> Sight<'a> {
-    pub fn new(
-        pair: &'a Pair<'a>,
-        walls: &'a Walls<'a>,
-        warped: &'a Warped,
-        window: &Window,
-    ) -> Self {
-        let radius = Walls::reach(window);
+    pub fn new(cells: &'a Cells<'a>, walls: &'a Walls<'a>, window: &Window) -> Self {
+        let size = cells.lattice.block;
+        let radius = Walls::reach(window) / size;
         let norm = (std::f64::consts::TAU.sqrt() * window.sigma).recip();
         let weights = (0..=2 * radius)
-            .map(|k| (k as f64 - radius as f64) / window.sigma)
+            .map(|k| (k as f64 - radius as f64) * size as f64 / window.sigma)
             .map(|z| norm * (-0.5 * z * z).exp())
             .collect();
         let side = 2 * radius + 1;
         Self {
-            pair,
+            cells,
             walls,
-            warped,
             radius,
             rays: rays(radius),
             weights,
             visible: vec![0.0; side * side],
-            row: vec![0.0; side],
+            through: vec![0.0; side * side],
+            row: std::array::from_fn(|_| vec![0.0; side]),
         }
     }
 
     /// Pass visibility on from ring to ring, along the rays from the centre.
     fn look(&mut self, (cx, cy): (usize, usize)) {
-        let (x0, x1) = clipped(cx, self.radius, self.pair.width);
-        let (y0, y1) = clipped(cy, self.radius, self.pair.height);
+        let columns = self.cells.lattice.columns;
+        let (x0, x1) = clipped(cx, self.radius, columns);
+        let (y0, y1) = clipped(cy, self.radius, self.cells.lattice.rows);
         let side = 2 * self.radius + 1;
         self.visible.fill(0.0);
+        self.through.fill(0.0);
         for y in y0..y1 {
             let first = (y + self.radius - cy) * side + x0 + self.radius - cx;
-            let walls = &self.walls.mask[y * self.pair.width + x0..y * self.pair.width + x1];
-            for (visible, wall) in self.visible[first..].iter_mut().zip(walls) {
-                *visible = (*wall == 0) as u8 as f32;
+            let walls = &self.cells.walls[y * columns + x0..y * columns + x1];
+            for (through, wall) in self.through[first..].iter_mut().zip(walls) {
+                *through = !*wall as u8 as f32;
             }
         }
+        self.visible[self.radius * (side + 1)] = 1.0;
         for ray in &self.rays {
             let (first, second) = (
-                self.visible[ray.first as usize],
-                self.visible[ray.second as usize],
+                self.through[ray.first as usize],
+                self.through[ray.second as usize],
             );
-            self.visible[ray.own as usize] *= first + ray.share * (second - first);
+            let own = ray.own as usize;
+            self.visible[own] = first + ray.share * (second - first);
+            self.through[own] *= self.visible[own];
         }
     }
 
     /// Replace the moments of the nodes of a row that are near a wall.
-    pub fn replace(&mut self, gathered: &mut NodeRow, row: usize, window: &Window) {
-        let columns = self.pair.width.div_ceil(window.block);
+    pub fn replace(&mut self, gathered: &mut NodeRow, row: usize, columns: usize, window: &Window) {
+        let Lattice { block: size, .. } = self.cells.lattice;
         for column in 0..columns {
-            let from = self.walls.pixel_of(window.block, row, column);
-            if !self.walls.within(from.0, from.1, self.radius) {
+            let (x, y) = self.walls.pixel_of(window.block, row, column);
+            if !self.walls.within(x, y, Walls::reach(window)) {
                 continue;
             }
-            let centre = (window.centre(column), window.centre(row));
-            let moments = if self.walls.is_wall(from.0, from.1) {
+            let from = (x / size, y / size);
+            let hidden = self.cells.walls[from.1 * self.cells.lattice.columns + from.0];
+            let moments = if hidden {
                 [0.0; CHANNELS]
             } else {
-                self.moments(from, centre)
+                self.moments(from, (window.centre(column), window.centre(row)))
             };
             gathered.set(column, moments);
         }
     }
 
-    /// Moments about a node's centre of the pixels that it sees from pixel `from`.
+    /// Moments about a node's centre of the cells that are seen from cell `from`.
     fn moments(&mut self, from: (usize, usize), (cx, cy): (f64, f64)) -> [f64; CHANNELS] {
         self.look(from);
-        let (x0, x1) = clipped(from.0, self.radius, self.pair.width);
-        let (y0, y1) = clipped(from.1, self.radius, self.pair.height);
-        let (values, slopes, known) = self.warped;
+        let Lattice { rows, columns, .. } = self.cells.lattice;
+        let centre = |i: usize| self.cells.lattice.centre(i);
+        let (x0, x1) = clipped(from.0, self.radius, columns);
+        let (y0, y1) = clipped(from.1, self.radius, rows);
+        let across = &self.weights[x0 + self.radius - from.0..];
+        let side = 2 * self.radius + 1;
+        let stored = m::stored_channels(self.cells.lattice.block) * columns;
         let mut sums = [0.0; CHANNELS];
         for y in y0..y1 {
             let down = self.weights[y + self.radius - from.1];
-            let side = 2 * self.radius + 1;
             let seen = (y + self.radius - from.1) * side + x0 + self.radius - from.0;
-            let here = y * self.pair.width + x0..y * self.pair.width + x1;
-            let across = &self.weights[x0 + self.radius - from.0..];
-            let seen = &self.visible[seen..];
-            for (k, weight) in self.row[..x1 - x0].iter_mut().enumerate() {
-                let visible = if seen[k] < MIN_VISIBLE { 0.0 } else { seen[k] };
-                let open = (known[here.start + k] > 0) as u8 as f32;
-                *weight = (visible * open) as f64 * down * across[k];
+            let [plain, first, second] = &mut self.row;
+            for k in 0..x1 - x0 {
+                let visible = self.visible[seen + k];
+                let visible = if visible < MIN_VISIBLE { 0.0 } else { visible };
+                let dx = centre(x0 + k) - cx;
+                plain[k] = visible as f64 * down * across[k];
+                first[k] = plain[k] * dx;
+                second[k] = first[k] * dx;
             }
-            let samples = Samples {
-                weight: &self.row[..x1 - x0],
-                value: &values[here.clone()],
-                slope: &slopes[here.clone()],
-                object: &self.pair.object[here.clone()],
-                albedo: self.pair.albedo.map(|albedo| &albedo[here]),
+            let row = CellRow {
+                sums: &self.cells.sums[y * stored..(y + 1) * stored],
+                columns,
+                first: x0,
+                weights: [plain, first, second].map(|weights| &weights[..x1 - x0]),
             };
-            add(&samples, &mut sums, x0 as f64 - cx, y as f64 - cy);
+            add_row(&row, &mut sums, centre(y) - cy);
         }
         sums
     }
 }
 
-/// First pixel, and the one after the last, within a distance of a position.
-fn clipped(position: usize, reach: usize, side: usize) -> (usize, usize) {
+/// First cell, and the one after the last, within a distance of a position.
+fn clipped(position: usize, reach: usize, count: usize) -> (usize, usize) {
     (
         position.saturating_sub(reach),
-        (position + reach + 1).min(side),
+        (position + reach + 1).min(count),
     )
 }
 
-/// Samples that are summed at once, so that processors with wide registers add them together.
-const LANES: usize = 8;
-
-/// Sums along a row: the plain ones, then x times β g, s g, d g and g², and x² g².
-const ALONG: usize = m::PLAIN + 5;
-
-/// Neighbouring pixels of a row of the frame.
-struct Samples<'a> {
-    weight: &'a [f64],
-    value: &'a [f32],
-    slope: &'a [f32],
-    object: &'a [f32],
-    albedo: Option<&'a [f32]>,
+/// Neighbouring cells of a row, and their weights.
+struct CellRow<'a> {
+    sums: &'a [f64],
+    columns: usize,
+    first: usize,
+    weights: [&'a [f64]; 3],
 }
 
-/// Add the pixels to the moments; (dx, dy) leads from the node to the first one.
-fn add(samples: &Samples, sums: &mut [f64; CHANNELS], dx: f64, dy: f64) {
-    let mut lanes = [[0.0f64; LANES]; ALONG];
-    add_row(samples, &mut lanes, dx);
-    let total = lanes.map(|lane| lane.iter().sum::<f64>());
-    for (sum, value) in sums.iter_mut().zip(&total[..m::PLAIN]) {
-        *sum += value;
+/// Values that are summed at once, so that processors with wide registers add them together.
+const LANES: usize = 4;
+
+impl CellRow<'_> {
+    /// Sum of a channel times the weights, which are multiplied by a power of the offset.
+    #[inline(always)]
+    fn sum(&self, channel: usize, power: usize) -> f64 {
+        let weights = self.weights[power];
+        let from = channel * self.columns + self.first;
+        let values = &self.sums[from..from + weights.len()];
+        let mut lanes = [0.0f64; LANES];
+        let (w, v) = (weights.chunks_exact(LANES), values.chunks_exact(LANES));
+        let rest = w.remainder().iter().zip(v.remainder());
+        let mut total: f64 = rest.map(|(w, v)| w * v).sum();
+        for (w, v) in w.zip(v) {
+            for l in 0..LANES {
+                lanes[l] += w[l] * v[l];
+            }
+        }
+        for lane in lanes {
+            total += lane;
+        }
+        total
     }
-    for c in 0..4 {
-        sums[m::GX + c] += total[m::PLAIN + c];
-        sums[m::GY + c] += dy * total[m::G + c];
-    }
-    sums[m::GGXX] += total[m::PLAIN + 4];
-    sums[m::GGXY] += dy * total[m::PLAIN + 3];
-    sums[m::GGYY] += dy * dy * total[m::GG];
 }
 
+/// Add the cells to the moments about a node that is `dy` px above them.
 #[multiversion(targets(
     "x86_64+avx512f+avx512vl",
     "x86_64+avx2+fma",
     "x86_64+avx",
     "aarch64+neon"
 ))]
-fn add_row(samples: &Samples, lanes: &mut [[f64; LANES]; ALONG], dx: f64) {
-    let n = samples.weight.len();
-    let whole = n - n % LANES;
-    for first in (0..whole).step_by(LANES) {
-        add_lanes(samples, lanes, first, LANES, dx);
+fn add_row(row: &CellRow, sums: &mut [f64; CHANNELS], dy: f64) {
+    let mut plain = [0.0; m::PLAIN];
+    for (channel, sum) in plain.iter_mut().enumerate() {
+        *sum = row.sum(channel, 0);
+        sums[channel] += *sum;
     }
-    add_lanes(samples, lanes, whole, n - whole, dx);
-}
-
-#[inline(always)]
-fn add_lanes(
-    samples: &Samples,
-    lanes: &mut [[f64; LANES]; ALONG],
-    first: usize,
-    count: usize,
-    dx: f64,
-) {
-    let load = |from: &[f32]| -> [f64; LANES] {
-        let from = &from[first..first + count];
-        std::array::from_fn(|l| if l < count { from[l] as f64 } else { 0.0 })
-    };
-    let weights = &samples.weight[first..first + count];
-    let w: [f64; LANES] = std::array::from_fn(|l| if l < count { weights[l] } else { 0.0 });
-    let one = samples.albedo.map_or([1.0; LANES], load);
-    let (value, slope, d) = (
-        load(samples.value),
-        load(samples.slope),
-        load(samples.object),
-    );
-    for l in 0..LANES {
-        let (b, d, w) = (one[l], d[l], w[l]);
-        let (s, g) = (b * value[l], b * slope[l]);
-        let x = dx + (first + l) as f64;
-        let (wg, wd) = (w * g, w * d);
-        let along = [wg * b, wg * s, wg * d, wg * g];
-        let products = [w * b * b, w * b * s, w * s * s, wd * b, wd * s, wd * d];
-        for (c, product) in products.into_iter().enumerate() {
-            lanes[c][l] += product;
-        }
-        for (c, product) in along.into_iter().enumerate() {
-            lanes[m::G + c][l] += product;
-            lanes[m::PLAIN + c][l] += x * product;
-        }
-        lanes[m::COUNT][l] += w;
-        lanes[m::PLAIN + 4][l] += x * x * along[3];
+    let mut gg_x = 0.0;
+    for c in 0..4 {
+        let along = row.sum(m::G + c, 1);
+        sums[m::GX + c] += along;
+        sums[m::GY + c] += dy * plain[m::G + c];
+        gg_x = along;
     }
+    sums[m::GGXX] += row.sum(m::GG, 2);
+    sums[m::GGXY] += dy * gg_x;
+    sums[m::GGYY] += dy * dy * plain[m::GG];
+    if row.sums.len() < CHANNELS * row.columns {
+        // A single pixel has no moments about its centre.
+        return;
+    }
+    for c in 0..4 {
+        sums[m::GX + c] += row.sum(m::GX + c, 0);
+        sums[m::GY + c] += row.sum(m::GY + c, 0);
+    }
+    let (gg_gx, gg_gy) = (row.sum(m::GX + 3, 0), row.sum(m::GY + 3, 0));
+    sums[m::GGXX] += row.sum(m::GGXX, 0) + 2.0 * row.sum(m::GX + 3, 1);
+    sums[m::GGXY] += row.sum(m::GGXY, 0) + dy * gg_gx + row.sum(m::GY + 3, 1);
+    sums[m::GGYY] += row.sum(m::GGYY, 0) + 2.0 * dy * gg_gy;
 }

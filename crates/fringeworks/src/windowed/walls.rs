@@ -4,7 +4,7 @@ use super::moments::Window;
 use crate::{check_length, check_value, Error};
 use rayon::prelude::*;
 
-/// Half-width of a window that is summed pixel by pixel, in σ: beyond it, weights are below 0.05.
+/// Half-width of a window that is summed cell by cell, in σ: beyond it, weights are below 0.05.
 const REACH: f64 = 2.5;
 
 /// Chessboard distance of every pixel from the nearest one that is not 0, px; very large without any.
@@ -44,16 +44,21 @@ pub fn distance_to(mask: &[u8], height: usize, width: usize) -> Vec<u16> {
 pub struct Walls<'a> {
     pub(super) mask: &'a [u8],
     distance: Vec<u16>,
-    width: usize,
+    /// Of the nearest pixel of every row.
+    row_distance: Vec<u16>,
+    pub(super) width: usize,
     height: usize,
 }
 
 impl<'a> Walls<'a> {
     pub fn new(mask: &'a [u8], height: usize, width: usize) -> Self {
         let distance = distance_to(mask, height, width);
+        let least = |row: &[u16]| row.iter().copied().min().unwrap_or(u16::MAX);
+        let row_distance = distance.chunks(width).map(least).collect();
         Self {
             mask,
             distance,
+            row_distance,
             width,
             height,
         }
@@ -63,9 +68,20 @@ impl<'a> Walls<'a> {
         self.mask[y * self.width + x] > 0
     }
 
+    /// A mask without the pixels of walls.
+    pub fn without(&self, mask: &[u8]) -> Vec<u8> {
+        let keep = |(value, wall): (&u8, &u8)| if *wall > 0 { 0 } else { *value };
+        mask.iter().zip(self.mask).map(keep).collect()
+    }
+
     /// Whether a wall is within `reach` px.
     pub fn within(&self, x: usize, y: usize, reach: usize) -> bool {
         (self.distance[y * self.width + x] as usize) <= reach
+    }
+
+    /// Whether a wall is within `reach` px of any pixel of row `y`.
+    pub fn row_within(&self, y: usize, reach: usize) -> bool {
+        (self.row_distance[y] as usize) <= reach
     }
 
     /// Pixels that a node's window reaches, px.
@@ -89,8 +105,9 @@ impl<'a> Walls<'a> {
         let mut t = 0.0;
         while t < length {
             let (x, y) = (
-                (x0 as f32 + dx * t / length).round() as usize,
-                (y0 as f32 + dy * t / length).round() as usize,
+                // Rounded: the coordinates are not negative.
+                (x0 as f32 + dx * t / length + 0.5) as usize,
+                (y0 as f32 + dy * t / length + 0.5) as usize,
             );
             let away = self.distance[y * self.width + x];
             if away == 0 {

@@ -79,6 +79,17 @@ def reconstruct(
         Path | None, typer.Option(help="Image of the reference plane; none for a single frame.")
     ] = None,
     object: Annotated[Path | None, typer.Option(help="Image with the object.")] = None,
+    black: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE|COUNTS",
+            help="Image of the object under the projector's black; or the camera's black level, as "
+            "counts or from a set-up file.",
+        ),
+    ] = None,
+    white: Annotated[
+        Path | None, typer.Option(help="Image of the object under the projector's white.")
+    ] = None,
     method: Annotated[str, typer.Option(help="Method, see `fringeworks methods`.")] = "windowed",
     option: Annotated[
         list[str] | None, typer.Option(help="Option of the method, name=value; repeatable.")
@@ -130,6 +141,8 @@ def reconstruct(
     pair = _changed(
         _read(capture, reference, object),
         axis=None if axis is None else axis.value,
+        black=None if black is None else _black(black),
+        white=None if white is None else fw.read_frame(white)[0],
         mask=None if mask is None else fw.read_frame(mask)[0] != 0,
         background=None if background is None else fw.read_frame(background)[0] != 0,
         camera=camera,
@@ -155,12 +168,32 @@ def reconstruct(
     if out is not None:
         with output.target(out, ".tif") as place:
             fw.write_surface(place, result.surface, ply=ply.value)
-    figures = fw.summarise(result)
-    if pair.truth_mm is not None and result.surface.unit == "mm":
-        figures["errors"] = asdict(fw.errors(result.surface, pair.truth_mm))
+    figures = _figures(result, pair)
     show.write(result, figures, name=name, provenance=result.surface.provenance)
     say_surface(words, figures)
     words.wrote(out, show.figure, show.report)
+
+
+def _figures(result: fw.Reconstruction, pair: fw.Pair) -> dict[str, Any]:
+    """What is said of a surface, with its errors where the truth is known."""
+    figures = fw.summarise(result)
+    if pair.truth_mm is not None and result.surface.unit == "mm":
+        figures["errors"] = asdict(fw.errors(result.surface, pair.truth_mm))
+    return figures
+
+
+def _black(named: str) -> Any:
+    """A black level, from a set-up or not, or the frame in a file."""
+    try:
+        return float(named)
+    except ValueError:
+        pass
+    if Path(named).suffix.lower() != ".toml":
+        return fw.read_frame(named)[0]
+    level = fw.read_setup(named).black_counts
+    if level is None:
+        raise fw.InputError(f"{named}: expected black_counts in [camera]; make the set-up anew")
+    return level
 
 
 def _name(capture: Path | None, object: Path | None) -> str | None:

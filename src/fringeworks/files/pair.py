@@ -27,9 +27,11 @@ from fringeworks.types import (
 
 CAPTURE_FILE = "capture.toml"
 """Description of a capture in its folder. A folder without one is no complete capture."""
-MATLAB_REFERENCE, MATLAB_OBJECT = "S", "D"
+MATLAB_NAMES = {"reference": "S", "object": "D"}
 """Variables of the dissertation's MATLAB files."""
 LAYOUT = dict.fromkeys(("reference", "object"), f"{NUMBERS} hw") | {
+    "black": f"?{NUMBERS} hw",
+    "white": f"?{NUMBERS} hw",
     "mask": f"?b{NUMBERS} hw",
     "truth_mm": f"?{NUMBERS} hw",
 }
@@ -42,6 +44,10 @@ class FramesSection(Section):
     reference: str | None = None
     """Left out for a single frame."""
     object: str
+    black: str | float | None = None
+    """The object while the projector shows black; or the camera's black level, counts."""
+    white: str | None = None
+    """The object while the projector shows white."""
 
 
 class GeometrySection(Section):
@@ -87,6 +93,8 @@ def read_pair(
     reference: StrPath | None,
     object: StrPath,
     *,
+    black: StrPath | float | None = None,
+    white: StrPath | None = None,
     geometry: ReferencePlaneGeometry | None = None,
 ) -> Pair:
     """Read a pair from two files, or a single frame from the object's file.
@@ -96,34 +104,40 @@ def read_pair(
     reference, object : paths
         Images, or ``.mat`` files with the variable S and D respectively, as the dissertation's.
         None as reference makes a single frame.
+    black, white : paths, optional
+        Images of the object while the projector shows black or white; black may be the camera's
+        black level instead, counts.
     geometry : ReferencePlaneGeometry, optional
         Without it, results are displacements in px.
 
     Raises
     ------
-    FileProblem where a file cannot be read; InputError where the two differ in size.
+    FileProblem where a file cannot be read; InputError where frames differ in size.
     """
-    paths = [Path(p) for p in (reference, object) if p is not None]
-    # Two images are converted to grey as one: to luminance if either is coloured.
-    read = read_frames([p for p in paths if not _is_mat(p)], stack=False)
+    level, dark = (black, None) if isinstance(black, (int, float)) else (None, black)
+    given = {"reference": reference, "object": object, "black": dark, "white": white}
+    paths = {name: Path(p) for name, p in given.items() if p is not None}
+    # All images are converted to grey as one: to luminance if any is coloured.
+    read = read_frames([p for p in paths.values() if not _is_mat(p)], stack=False)
     images = iter(read.frames)
-    names = [MATLAB_REFERENCE, MATLAB_OBJECT][-len(paths) :]
-    frames = [
-        read_mat(p, (name,))[name] if _is_mat(p) else next(images)
-        for p, name in zip(paths, names, strict=True)
-    ]
-    if len({frame.shape for frame in frames}) > 1:
-        first, second = frames
-        raise InputError(
-            f"frames: expected equal sizes, got {_size(first)} in {paths[0].name} and "
-            f"{_size(second)} in {paths[1].name}"
-        )
+    frames: dict[str, Any] = {}
+    for name, p in paths.items():
+        variable = MATLAB_NAMES.get(name, name)
+        frames[name] = read_mat(p, (variable,))[variable] if _is_mat(p) else next(images)
+    for name, frame in frames.items():
+        if frame.shape != frames["object"].shape:
+            raise InputError(
+                f"frames: expected equal sizes, got {_size(frame)} in {paths[name].name} and "
+                f"{_size(frames['object'])} in {paths['object'].name}"
+            )
     return Pair(
-        reference=None if reference is None else frames[0],
-        object=frames[-1],
+        reference=frames.get("reference"),
+        object=frames["object"],
+        black=frames.get("black", level),
+        white=frames.get("white"),
         geometry=geometry,
         notes=read.notes,
-        sources=tuple(source_of(p) for p in paths),
+        sources=tuple(source_of(p) for p in paths.values()),
     )
 
 
@@ -136,7 +150,8 @@ def read_pair_file(path: StrPath) -> Pair:
 
     Notes
     -----
-    ``.npz``: arrays ``reference`` and ``object``, optionally ``mask`` and ``truth_mm``.
+    ``.npz``: arrays ``reference`` and ``object``, optionally ``black``, ``white``, ``mask`` and
+    ``truth_mm``.
     ``.mat`` (v5 to v7.3): variables S and D, as the dissertation's files hold them.
     """
     path = Path(path)
@@ -144,7 +159,7 @@ def read_pair_file(path: StrPath) -> Pair:
         names = ("reference", "object")
         arrays = read_npz(path, "a pair of frames", LAYOUT)
     else:
-        names = (MATLAB_REFERENCE, MATLAB_OBJECT)
+        names = (MATLAB_NAMES["reference"], MATLAB_NAMES["object"])
         arrays = read_mat(path, names)
     with parsing(path, "a pair of frames"):
         return _from_arrays(path, arrays, *names)
@@ -160,10 +175,12 @@ def _size(frame: NDArray[Any]) -> str:
 
 def read_pair_folder(folder: Path, content: CaptureFile) -> Pair:
     """Read a pair as the ``capture.toml`` in its folder describes it."""
-    named = content.frames.reference
-    pair = read_pair(
-        None if named is None else inside(folder, named), inside(folder, content.frames.object)
+    frames = content.frames
+    reference, white = (
+        None if name is None else inside(folder, name) for name in (frames.reference, frames.white)
     )
+    black = inside(folder, frames.black) if isinstance(frames.black, str) else frames.black
+    pair = read_pair(reference, inside(folder, frames.object), black=black, white=white)
     geometry = content.geometry
     others = (content.mask, content.background, content.truth)
     paths = [None if name is None else inside(folder, name) for name in others]
@@ -172,6 +189,8 @@ def read_pair_folder(folder: Path, content: CaptureFile) -> Pair:
     return Pair(
         reference=pair.reference,
         object=pair.object,
+        black=pair.black,
+        white=pair.white,
         mask=_fitting("mask", None if mask is None else mask != 0, pair.object),
         background=_fitting(
             "background", None if background is None else background != 0, pair.object
@@ -203,6 +222,8 @@ def _from_arrays(path: Path, arrays: dict[str, Any], reference: str, object: str
     return Pair(
         reference=first,
         object=second,
+        black=_fitting("black", arrays.get("black"), first),
+        white=_fitting("white", arrays.get("white"), first),
         mask=_fitting("mask", None if mask is None else mask != 0, first),
         truth_mm=_fitting("truth_mm", arrays.get("truth_mm"), first),
         sources=(source_of(path),),
@@ -230,13 +251,16 @@ def write_pair(folder: StrPath, pair: Pair, *, force: bool = False) -> Path:
     FileProblem where the folder holds other things or cannot be written to.
     """
     with replacing_folder(folder, "capture", index=(CAPTURE_FILE,), force=force) as writer:
-        frames: dict[str, str] = {}
+        frames: dict[str, str | float] = {}
         content: dict[str, Any] = {"kind": "pair"} | ({"axis": pair.axis} if pair.axis else {})
-        for name in ("reference", "object"):
+        for name in ("reference", "object", "black", "white"):
             frame = getattr(pair, name)
-            if frame is not None:
-                frames[name] = f"{name}.png" if holds_counts(frame) else f"{name}.tif"
-                write_frame(writer.file(frames[name]), frame)
+            if isinstance(frame, np.ndarray):
+                file = f"{name}.png" if holds_counts(frame) else f"{name}.tif"
+                write_frame(writer.file(file), frame)
+                frames[name] = file
+            elif frame is not None:
+                frames[name] = float(frame)
         for name in ("mask", "background"):
             values = getattr(pair, name)
             if values is not None:

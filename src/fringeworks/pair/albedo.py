@@ -107,7 +107,7 @@ def explained(
             cv2.blur(where.astype(np.float32), (side, side)) for where in (poor, still & ~mixed)
         )
         refused = np.asarray(not_yet > MAX_STILL_POOR * around + MIN_SHARE)
-    if albedo is not None:
+    if albedo is not None and windows.albedo is None:
         refused |= fringe_share(windows, fitted, albedo) > MAX_FRINGE_SHARE
     return ~widened(refused & poor, int(windows.period_px))
 

@@ -11,6 +11,7 @@ import fringeworks.pair.methods  # noqa: F401, registers the methods of the pack
 from fringeworks.pair import registry
 from fringeworks.pair.plugins import load_installed
 from fringeworks.pair.prepared import PreparedPair, prepare
+from fringeworks.pair.projector_light import noise_factor
 from fringeworks.pair.registry import Method, MethodOption, Solution
 from fringeworks.pair.scatter import with_measured_sigma
 from fringeworks.types import (
@@ -88,7 +89,7 @@ def analyse(
     prepared = pair if isinstance(pair, PreparedPair) else prepare(pair)
     returned = _run(chosen, prepared, options)
     _check_solution(chosen, returned, prepared.object.shape)
-    solution = with_measured_sigma(_mark(prepared, returned), prepared.period)
+    solution = with_measured_sigma(_mark(prepared, _painted(prepared, returned)), prepared.period)
     turn = prepared.to_capture
     return DisplacementMap(
         displacement_px=turn(solution.displacement_px),
@@ -163,6 +164,19 @@ def _check_solution(chosen: Method, returned: Any, shape: tuple[int, ...]) -> No
             raise InputError(
                 f"method {chosen.name}: expected {name} as {wanted} of shape {shape}, got {came}"
             )
+
+
+def _painted(pair: PreparedPair, solution: Solution) -> Solution:
+    """Tell a method that saw the object divided by its albedo where the paint is dark."""
+    if pair.albedo is None or solution.albedo is not None:
+        return solution
+    factor = noise_factor(pair.albedo, pair.object_ok, 0.5 * pair.period)
+    return replace(
+        solution,
+        sigma_px=solution.sigma_px * factor,
+        modulation_ratio=solution.modulation_ratio * pair.albedo,
+        albedo=pair.albedo,
+    )
 
 
 def _mark(pair: PreparedPair, solution: Solution) -> Solution:

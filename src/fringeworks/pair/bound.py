@@ -99,7 +99,11 @@ def _moments(windows: Windows, u: NDArray[np.float32], width: float, step: int) 
     """Means over the window of products with powers of the distance in widths, at nodes."""
     value, slope, known = windows.warp(np.where(np.isfinite(u), u, np.float32(0)))
     seen = (known > 0).astype(np.float32)
-    s, g, d = value * seen, slope * seen, windows.object * seen
+    d = windows.object
+    if windows.albedo is not None:
+        # Windows divide by the albedo and weight its square.
+        seen, d = seen * windows.albedo**2, d / windows.albedo
+    s, g, d = value * seen, slope * seen, d * seen
     products = {"1": seen, "s": s, "ss": s * s, "d": d, "sd": s * d}
     products |= {"g": g, "sg": s * g, "gg": g * g}
     reach = int(REACH_WIDTHS * width) + 1

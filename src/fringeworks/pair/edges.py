@@ -86,7 +86,7 @@ def across_edges(
     widths : sequence of float
         Widths σ of the windows, px.
     paint : bool
-        Whether to search paint.
+        Whether to search paint; it is not searched where a white frame has shown the albedo.
     **settings
         Of ``Windows.fit``.
 
@@ -103,6 +103,7 @@ def across_edges(
     smooth one does. β and a smooth correction of u then come from ``joint_albedo``, from windows
     that know β better with every pass.
     """
+    paint = paint and windows.albedo is None
     poor = unexplained(plain.misfit, windows.object_noise)
     # Smaller windows follow a crease of the surface, but neither a cliff nor an edge of paint.
     unclear = poor & unexplained(windows.left(plain), windows.object_noise)
@@ -133,7 +134,7 @@ def across_edges(
         paint = paint and int(np.count_nonzero(unclear)) > least
     if paint and not is_rare(unclear):
         search.search_paint(unclear)
-    if search.albedo is None and search.cliffs is None:
+    if not search.found_paint and search.cliffs is None:
         return None if search.plain is plain else Edges(search.plain, None, None, ~poor)
     return search.result(settings)
 
@@ -152,7 +153,7 @@ class _Search:
         self.plain = plain
         self.widths = list(widths)
         self.first_start_px = self.start_px = start_px
-        self.albedo: NDArray[np.float32] | None = None
+        self.albedo = windows.albedo
         self.cliffs: Cliffs | None = None
         self.continuations_px: list[NDArray[np.float32]] = []
         self.small = next(
@@ -163,6 +164,11 @@ class _Search:
     @property
     def walls(self) -> ByteMap | None:
         return None if self.cliffs is None else self.cliffs.walls.astype(np.uint8)
+
+    @property
+    def found_paint(self) -> bool:
+        """Whether there is an albedo that no white frame has shown."""
+        return self.albedo is not None and self.windows.albedo is None
 
     def fit(self, widths: Sequence[float], **settings: Unpack[FitSettings]) -> Fitted:
         """Windows that know what is known."""
@@ -241,7 +247,7 @@ class _Search:
         found, better = self.judged(settings)
         walls = None if self.cliffs is None else self.cliffs.walls & better
         edges = Edges(self.plain.replaced(found, better), self.albedo, walls, better)
-        if walls is None or self.albedo is None or is_rare(~better):
+        if walls is None or not self.found_paint or is_rare(~better):
             return edges
         self.albedo = None
         other = self.result(settings)
@@ -263,7 +269,7 @@ class _Search:
             found = _on_walls(self.windows, found, self.cliffs, self.albedo)
             mixed = widened(self.cliffs.walls, NEAR_WALL_PX)
         better = explained(self.windows, found, self.plain.misfit, self.albedo, mixed)
-        if self.albedo is not None:
+        if self.albedo is not None and self.found_paint:
             error = albedo_error(self.plain, found, self.windows.period_px)
             if self.cliffs is not None:
                 error = np.where(self.cliffs.zone, np.float32(0), error)

@@ -13,6 +13,7 @@ from scipy import ndimage
 from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.plain_reference import plain_reference
 from fringeworks.pair.presence import without_fringes
+from fringeworks.pair.projector_light import ProjectorLight, projector_light
 from fringeworks.signal.noise import noise_variance
 from fringeworks.signal.response import Response, check_devices, linearise
 from fringeworks.signal.saturated import saturated_squares
@@ -44,7 +45,8 @@ class PreparedPair(Frozen):
     """Counts as captured, or linearised; for a single frame, the plain fringes that fit its
     background."""
     object: NDArray[np.float64]
-    """Counts as captured, or linearised."""
+    """Counts as captured, or linearised; with a black frame less its light, and with a white frame
+    divided by the albedo."""
     reference_ok: BoolMap
     """False where the reference is not finite or saturated: these pixels are not fitted."""
     object_ok: BoolMap
@@ -59,6 +61,8 @@ class PreparedPair(Frozen):
     """Carrier of the reference. Its ``axis`` is that of the pair as captured, before turning."""
     integer: bool
     """Whether all captured frames hold integers."""
+    albedo: FloatMap | None = None
+    """Brightness of the object under white over its median, > 0; None without a white frame."""
     converged: bool = True
     """False for a single frame whose background was still changing when its search ended."""
 
@@ -175,6 +179,20 @@ def _reference_of(
     return find_carrier(reference.values, pair.axis), reference, True
 
 
+def _light_of(pair: Pair, object_: _Frame, response: Response | None) -> ProjectorLight:
+    """The object frame as black and white frames let it be seen."""
+    black: Any = pair.black
+    if isinstance(black, np.ndarray):
+        black = np.where(np.isfinite(black), black, np.nan).astype(np.float64)
+    if black is not None and response is not None:
+        black = linearise(np.atleast_2d(np.asarray(black, np.float64)), response)
+        black = black if isinstance(pair.black, np.ndarray) else float(black[0, 0])
+    if pair.white is None:
+        return projector_light(object_.values, black, None, None)
+    white = _checked_frame("white", pair.white, response)
+    return projector_light(object_.values, black, white.values, white.finite & ~white.saturated)
+
+
 def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
     """Check a pair and bring it into the form that the methods work on.
 
@@ -196,8 +214,8 @@ def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
     InputError
         If the frames differ in shape, are not 2-D, or are too small; if a frame is black, constant
         or has no finite value; if the reference has no fringes; if the mask has another shape or
-        leaves no pixel; for a single frame, if it has no plane background; if the response is of
-        other devices.
+        leaves no pixel; if black is as bright as the object, or white is saturated everywhere; for
+        a single frame, if it has no plane background; if the response is of other devices.
 
     Notes
     -----
@@ -225,7 +243,10 @@ def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
         raise InputError(
             f"frames: expected at least {MIN_SIZE} px on the longer side, got shape {shape}"
         )
-    carrier, reference, converged = _reference_of(pair, object_, response)
+    light = _light_of(pair, object_, response)
+    carrier, reference, converged = _reference_of(
+        pair, object_._replace(values=light.object), response
+    )
     if float(np.ptp(object_.values)) == 0.0:
         constant = object_.values.flat[0]
         raise InputError(f"object frame: expected fringes, got the constant {constant:g}")
@@ -235,13 +256,14 @@ def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
 
     return PreparedPair(
         reference=turn(reference.values),
-        object=turn(object_.values),
+        object=turn(light.object),
         reference_ok=turn(reference.finite & ~reference.saturated),
-        object_ok=turn(object_.finite & ~object_.saturated),
+        object_ok=turn(object_.finite & ~object_.saturated & light.usable),
         wanted=turn(wanted),
         gap=turn(~reference.finite),
         saturated=turn(object_.saturated),
         carrier=carrier,
-        integer=reference.integer and object_.integer,
+        integer=reference.integer and object_.integer and light.albedo is None,
+        albedo=None if light.albedo is None else turn(light.albedo),
         converged=converged,
     )

@@ -12,6 +12,7 @@ from scipy import fft, ndimage
 
 from fringeworks import _core
 from fringeworks.pair.prepared import PreparedPair
+from fringeworks.signal.noise import noise_variance
 from fringeworks.types import BoolMap, ByteMap, FloatMap
 
 REFERENCE_SMOOTHING = 1.0 / 30.0
@@ -110,23 +111,32 @@ class Windows:
     """Variance."""
     dark: float
     """Brightness that is 0 here: that of the reference's mean, or no light."""
+    albedo: NDArray[np.float32] | None = None
+    """Albedo that a white frame has shown, (h, w); the brightness is above no light then."""
 
     @staticmethod
     def of(pair: PreparedPair) -> Windows:
-        """Normalise a pair; its brightness is above the mean of the reference."""
+        """Normalise a pair; its brightness is above the mean of the reference, or above no light
+        where the albedo is known."""
         modulation, mean = pair.modulation, pair.mean_brightness
-        reference_noise, object_noise = (max(v / modulation**2, MIN_NOISE**2) for v in pair.noise)
+        reference_noise, object_noise = pair.noise
+        captured, albedo = pair.object, None
+        if pair.albedo is not None:
+            captured, mean, albedo = pair.object * pair.albedo, 0.0, pair.albedo.astype(np.float32)
+            object_noise = noise_variance(captured, pair.object_ok)
+        unit = modulation**2
         smooth = smooth_reference(pair.reference, REFERENCE_SMOOTHING * pair.period)
         return Windows(
             spline_coefficients((smooth - mean) / modulation),
-            ((pair.object - mean) / modulation).astype(np.float32),
+            ((captured - mean) / modulation).astype(np.float32),
             (pair.reference_ok & ~pair.reference_empty).astype(np.uint8),
             (pair.object_ok & ~pair.object_empty).astype(np.uint8),
             pair.period,
             modulation,
-            reference_noise,
-            object_noise,
+            max(reference_noise / unit, MIN_NOISE**2),
+            max(object_noise / unit, MIN_NOISE**2),
             dark=mean / modulation,
+            albedo=albedo,
         )
 
     def above_dark(self) -> Windows:
@@ -153,7 +163,7 @@ class Windows:
         widths : sequence of float
             Widths σ of the windows, px, falling.
         albedo : (h, w) float32 array > 0, optional
-            Albedo of the object over that of the reference, β.
+            Albedo of the object over that of the reference, β; that of ``self`` by default.
         walls : (h, w) uint8 array, optional
             1 for pixels that no window sees or sees past.
         iterations, confidence
@@ -166,7 +176,7 @@ class Windows:
                 self.reference_ok,
                 self.object_ok,
                 start_px,
-                albedo,
+                self.albedo if albedo is None else albedo,
                 walls,
                 scales=widths,
                 iterations=iterations,
@@ -184,6 +194,7 @@ class Windows:
         self, fitted: Fitted, albedo: NDArray[np.float32] | None = None
     ) -> NDArray[np.float32]:
         """What the kept windows leave of the object, (h, w), in modulations; NaN without data."""
+        albedo = self.albedo if albedo is None else albedo
         value, _, known = self.warp(fitted.displacement_px)
         model = fitted.offset + fitted.modulation_ratio * value
         if albedo is not None:

@@ -40,6 +40,8 @@ class _Projector(_Device):
 class _Camera(_Device):
     modulation: float = Field(gt=0)
     """Of the darkest tenth of the lit pixels, counts."""
+    black_counts: float | None = None
+    """Mean brightness of the lit pixels under black."""
 
 
 class _Noise(Section):
@@ -94,6 +96,9 @@ class StoredSetup(Frozen):
     """Modulation of fringes at the darkest tenth of the lit pixels, counts."""
     gamma: float
     """Exponent of the response: light is proportional to the level to this power."""
+    black_counts: float | None = None
+    """Mean brightness of the lit pixels under black, counts: the camera's black level and the light
+    of the room. None in files of earlier versions."""
 
     @property
     def noise_counts(self) -> float:
@@ -147,6 +152,7 @@ def write_setup(path: StrPath, setup: Setup, *, projector: str, camera: str) -> 
             "open": camera,
             "name": setup.camera,
             "modulation": dark_modulation(setup.levels),
+            "black_counts": float(setup.levels.brightness[0]),
         },
         "settings": settings_table(setup.settings),
         "noise": {"read_counts": setup.noise.read_counts, "gain": setup.noise.gain},
@@ -191,6 +197,7 @@ def read_setup(path: StrPath) -> StoredSetup:
         content.projector.min_period_px,
         content.camera.modulation,
         content.projector.gamma,
+        content.camera.black_counts,
     )
 
 

@@ -58,6 +58,10 @@ class Pair(Frozen):
     frame: its fringes are compared with the plain fringe of the background."""
     object: NDArray[Any]
     """The same fringes with the object in front, (h, w), counts."""
+    black: NDArray[Any] | float | None = None
+    """The object while the projector shows black, (h, w), counts; or the camera's black level."""
+    white: NDArray[Any] | None = None
+    """The object while the projector shows white, (h, w), counts: it shows the paint."""
     mask: BoolMap | None = None
     """True where the object is to be measured, (h, w); None for everywhere."""
     background: BoolMap | None = None

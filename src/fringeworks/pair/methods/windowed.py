@@ -92,7 +92,8 @@ def windowed(
         smaller windows (Lepski's rule).
     paint : bool
         Search hard edges of paint and, where there are any, the albedo of every pixel, so that
-        windows may cross them (``across_edges``). It takes three times as long then.
+        windows may cross them (``across_edges``). It takes three times as long then. Not used where
+        a white frame shows the albedo.
 
     Returns
     -------
@@ -120,27 +121,31 @@ def windowed(
     if edges is not None:
         found = edges.fitted
     displacement, scale = found.displacement_px, found.scale
+    albedo = None if edges is None else edges.albedo
+    ratio = found.modulation_ratio
+    if windows.albedo is not None:
+        albedo, ratio = windows.albedo, windows.albedo * ratio
     displacement[_far_from_data(pair)] = np.nan
     start_px = float(
         np.hypot(_start_width(pair, widths), band_kernel(pair.frequency, HALF_WIDTH, 2)[1])
     )
-    of_start = np.where(scale == 0, _start_variance(windows, found.modulation_ratio, start_px), 0)
+    of_start = np.where(scale == 0, _start_variance(windows, ratio, start_px), 0)
     steps = np.where(np.isfinite(displacement), scale + 1.0, len(widths)) * iterations
     return Solution(
         displacement_px=displacement,
         sigma_px=np.sqrt(found.sigma_px**2 + of_start),
-        modulation_ratio=found.modulation_ratio,
+        modulation_ratio=ratio,
         reason=_reasons(pair, displacement),
         noise_length_px=(start_px, start_px),
         iterations=np.minimum(steps, np.iinfo(np.uint8).max).astype(np.uint8),
-        albedo=None if edges is None else edges.albedo,
+        albedo=albedo,
         walls=None if edges is None or edges.walls is None else edges.walls.astype(np.uint8),
         details={
             "scales_px": widths,
             "scale_share": [float(np.mean(scale == k)) for k in range(len(widths))],
             "noise_correlation": found.noise_correlation,
             "noise_counts": float(np.sqrt(windows.object_noise) * pair.modulation),
-            "painted": edges is not None and edges.albedo is not None,
+            "painted": albedo is not None,
             "cliffs": edges is not None and edges.walls is not None,
         },
     )

@@ -1,0 +1,147 @@
+"""Black and white frames of a pair: ambient light and paint that the captures show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import fringeworks as fw
+from tests.test_cli import run
+
+SHAPE = (220, 320)
+PERIOD = 20.0
+
+
+def scene(seed, *, ambient=True, noise=1.0):
+    """A pair of a smooth body with hard paint under a lamp with a shadow edge, and its truth, px."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    truth = 9.0 * np.exp(-((x - 160) ** 2 + (y - 110) ** 2) / 4000.0)
+    angle = rng.uniform(0, np.pi)
+    paint = np.where(np.sin((x * np.cos(angle) + y * np.sin(angle)) / 9.0) > 0.2, 0.35, 1.0)
+    paint = ndimage.gaussian_filter(paint, 0.7)
+    vignetting = 1.0 - 0.3 * ((x - 160) ** 2 + (y - 110) ** 2) / 160**2 / 2
+    lamp = np.where(ambient & (x + 0.3 * y > 200), 45.0, 15.0)
+
+    def fringes(u):
+        phase = 2 * np.pi * (x - u) / PERIOD
+        return vignetting * (75 + 50 * np.cos(phase) + 9 * np.cos(2 * phase))
+
+    def photograph(light):
+        return np.clip(np.rint(light + noise * rng.standard_normal(SHAPE)), 0, 255).astype(np.uint8)
+
+    pair = fw.Pair(
+        reference=photograph(15 + fringes(0 * x)),
+        object=photograph(8 + paint * (lamp + fringes(truth))),
+        black=photograph(8 + paint * lamp),
+        white=photograph(8 + paint * (lamp + 150 * vignetting)),
+        axis="x",
+    )
+    return pair, truth, paint
+
+
+def errors(pair, truth, method):
+    found = fw.analyse(pair, method)
+    inner = np.s_[20:-20, 40:-40]
+    error = (found.displacement_px - truth)[inner]
+    return error, found.sigma_px[inner], found
+
+
+@pytest.mark.parametrize(
+    ("method", "most_px"),
+    # Filters flatten the body itself: without paint and noise they have 0.04 to 0.1 px left.
+    [("windowed", 0.03), ("fourier", 0.06), ("windowed_fourier", 0.1), ("wavelet", 0.11)],
+)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_white_frame_takes_the_paint_away(method, most_px, seed):
+    pair, truth, _ = scene(seed)
+    plain = replace(pair, black=None, white=None)
+    without, _, _ = errors(plain, truth, method)
+    error, sigma, found = errors(pair, truth, method)
+    assert np.isfinite(error).mean() > 0.99
+    assert np.nanmean(np.abs(error)) < min(most_px, 0.8 * np.nanmean(np.abs(without)))
+    covered = [np.nanmean(np.abs(error) < k * sigma) for k in (1, 2)]
+    assert covered[0] > 0.6, covered
+    assert covered[1] > 0.9, covered
+    assert found.albedo is not None
+
+
+def test_albedo_and_modulation_are_those_of_the_paint():
+    pair, truth, paint = scene(4)
+    inner = np.s_[20:-20, 40:-40]
+    for method in ("windowed", "fourier"):
+        _, _, found = errors(pair, truth, method)
+        ratio = (found.albedo / paint)[inner]
+        assert np.std(ratio) / np.mean(ratio) < 0.1  # vignetting and noise are left
+        dark = paint[inner] < 0.4
+        assert np.nanmedian(found.modulation_ratio[inner][dark]) == pytest.approx(0.36, abs=0.05)
+
+
+def test_sigma_is_larger_on_dark_paint():
+    pair, _, paint = scene(5, noise=5.0)
+    dark, bright = (ndimage.binary_erosion(p, iterations=3) for p in (paint < 0.4, paint > 0.95))
+    for method in ("fourier", "wavelet"):
+        found = fw.analyse(pair, method)
+        ratio = np.nanmedian(found.sigma_px[dark]) / np.nanmedian(found.sigma_px[bright])
+        assert ratio > 1.1, method
+
+
+def test_a_black_frame_takes_the_edge_of_a_shadow_away():
+    pair, truth, _ = scene(6)
+    plain = replace(pair, black=None, white=None)
+    black = replace(pair, white=None)
+    for method in ("windowed", "fourier"):
+        # Without it, some pixels are not determined.
+        without, known = (
+            np.mean(np.abs(errors(p, truth, method)[0]) < 0.1) for p in (plain, black)
+        )
+        assert known > without, method
+
+
+def test_a_black_level_is_a_number():
+    pair, _, _ = scene(7, ambient=False)
+    level = fw.prepare(replace(pair, black=8.0, white=None)).object
+    np.testing.assert_allclose(level, pair.object - 8.0)
+
+
+def test_what_does_not_fit_is_refused():
+    pair, _, _ = scene(8)
+    with pytest.raises(fw.InputError, match=r"black frame: expected shape \(220, 320\)"):
+        fw.analyse(replace(pair, black=pair.black[:-1]))
+    with pytest.raises(fw.InputError, match="white frame: expected shape"):
+        fw.analyse(replace(pair, white=pair.white[:, 1:]))
+    with pytest.raises(fw.InputError, match="black: expected less light than in the object frame"):
+        fw.analyse(replace(pair, black=255.0))
+    with pytest.raises(fw.InputError, match="below the sensor's limit"):
+        fw.analyse(replace(pair, white=np.full(SHAPE, 255, np.uint8)))
+
+
+def test_captures_keep_black_and_white(tmp_path):
+    pair, _, _ = scene(9)
+    folder = tmp_path / "capture"
+    fw.write_pair(folder, pair)
+    again = fw.read_capture(folder)
+    np.testing.assert_array_equal(again.black, pair.black)
+    np.testing.assert_array_equal(again.white, pair.white)
+    fw.write_pair(folder, replace(pair, black=8.0))
+    assert fw.read_capture(folder).black == 8.0
+    np.savez(tmp_path / "pair.npz", reference=pair.reference, object=pair.object, white=pair.white)
+    assert fw.read_capture(tmp_path / "pair.npz").white is not None
+
+
+def test_the_command_takes_black_and_white(tmp_path):
+    pair, truth, _ = scene(10)
+    for name in ("reference", "object", "black", "white"):
+        fw.write_frame(tmp_path / f"{name}.png", getattr(pair, name))
+    frames = [word for n in ("reference", "object") for word in (f"--{n}", tmp_path / f"{n}.png")]
+    means = []
+    for more in ([], ["--black", tmp_path / "black.png", "--white", tmp_path / "white.png"]):
+        out = tmp_path / "u.npz"
+        run("reconstruct", *frames, *more, "--out", out)
+        with np.load(out) as found:
+            values = found["values"]
+        means.append(np.nanmean(np.abs(values - truth)[20:-20, 40:-40]))
+    assert means[1] < 0.5 * means[0]

@@ -56,9 +56,7 @@ def batch(
 ) -> None:
     """Measure and judge many captures; exit code 0 all pass, 3 some fail, 4 undecided, 5 errors."""
     words = output.Output()
-    from fringeworks.report.page.report import check_report_target
-
-    output.check(report, check_report_target)
+    output.check(report, "report")
     with output.progress(None if watch else len(fw.find_scans(source))) as show:
 
         def told(row: dict[str, Any], _: int) -> None:

@@ -42,10 +42,8 @@ def board(
     dpi: Annotated[int, typer.Option(help="Resolution of a .png, dots per inch.")] = 600,
 ) -> None:
     """Draw a calibration board to print, with rulers that check the printer's scale."""
-    from fringeworks.report.board_sheet import check_board_target
-
     words = output.Output(out)
-    output.check(out, check_board_target)
+    output.check(out, "board")
     known = fw.parse_board(kind)
     with output.target(out, ".pdf") as place:
         fw.write_board(

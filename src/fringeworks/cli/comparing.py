@@ -154,9 +154,7 @@ def compare(
 ) -> None:
     """Compare methods on artificial scenes, or on one's own pairs of frames."""
     words = output.Output(results.csv, results.markdown, results.json_file, results.figure)
-    from fringeworks.report.figures import check_figure_target
-
-    output.check(results.figure, check_figure_target)
+    output.check(results.figure, "figure")
     options: dict[str, Any] = {} if denoise is None else {"denoise": denoise.value}
     if method:
         options["methods"] = items(str, method, "method")

@@ -149,10 +149,8 @@ def setup(
     """Find out what a projector and a camera can do together, and propose a plan."""
     figure = figure or out.with_suffix(".png")
     words = output.Output(json_file, figure)
-    from fringeworks.report.figures import check_figure_target
-
     fw.check_setup_target(out)
-    output.check(figure, check_figure_target)
+    output.check(figure, "figure")
     devices = DeviceOptions(**vars(settings), projector=projector, camera=camera)
 
     def show(tests: fw.SetupTests) -> None:
@@ -220,9 +218,7 @@ def scan(
     """Take the frames of a plan and measure the points of the object."""
     output.check_folder(folder)
     words = output.Output(out, *show.targets)
-    from fringeworks.files.points import check_points_target
-
-    output.check(out, check_points_target)
+    output.check(out, "points")
     show.check()
     known = fw.read_rig(rig)
     with opened(devices) as bench:

@@ -40,9 +40,8 @@ def inspect_part(
     """Judge a part by the tolerances of a recipe; exit code 0 pass, 3 fail, 4 undecided."""
     words = output.Output(out, *show.targets)
     from fringeworks.evaluate.inspect import rig_of
-    from fringeworks.files.results import check_result_target
 
-    output.check(out, check_result_target)
+    output.check(out, "result")
     show.check()
     with output.progress() as progress:
         progress("measuring …")
@@ -86,8 +85,6 @@ def convert(
     ply: PlyOption = Ply.points,
 ) -> None:
     """Write a result in another format."""
-    from fringeworks.files.results import check_result_target
-
-    check_result_target(target)
+    output.check(target, "result")
     fw.write_result(target, fw.load_result(source), kind=ply.value)
     output.Output().wrote(target)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,19 @@ import typer
 
 import fringeworks as fw
 
+TARGETS = {
+    "board": "fringeworks.report.board_sheet",
+    "coordinate": "fringeworks.files.coordinates",
+    "figure": "fringeworks.report.figures",
+    "points": "fringeworks.files.points",
+    "reference_plane": "fringeworks.files.reference_plane",
+    "report": "fringeworks.report.page.report",
+    "response": "fringeworks.files.response",
+    "result": "fringeworks.files.results",
+    "rig": "fringeworks.files.rig",
+    "surface": "fringeworks.files.surfaces",
+}
+"""Modules that know where each kind of result can be written."""
 STDOUT = "-"
 """Name that stands for standard output."""
 LINE_EVERY_S = 20.0
@@ -110,10 +124,17 @@ def target(path: Path, suffix: str) -> Iterator[Path]:
         sys.stdout.buffer.flush()
 
 
-def check(path: Path | None, known: Callable[[Path], None]) -> None:
-    """Refuse a target that cannot be written, before anything is computed for it."""
+def check(path: Path | None, kind: str) -> None:
+    """Refuse a target that cannot be written, before anything is computed for it.
+
+    Parameters
+    ----------
+    path : Path, optional
+    kind : str
+        A key of ``TARGETS``. Its module is imported only where there is a file to check: some draw.
+    """
     if path is not None and not is_stdout(path):
-        known(path)
+        getattr(import_module(TARGETS[kind]), f"check_{kind}_target")(path)
 
 
 def check_folder(path: Path) -> None:

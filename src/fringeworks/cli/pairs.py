@@ -133,10 +133,7 @@ def reconstruct(
 ) -> None:
     """Measure the surface of a pair of frames."""
     words = output.Output(out, *show.targets)
-    from fringeworks.files.points import check_points_target
-    from fringeworks.files.surfaces import check_surface_target
-
-    output.check(out, check_surface_target if on_rig.rig is None else check_points_target)
+    output.check(out, "surface" if on_rig.rig is None else "points")
     show.check()
     pair = _changed(
         _read(capture, reference, object),
@@ -324,9 +321,9 @@ def calibrate_plane(
 ) -> None:
     """Calibrate the two-frame path with a plane at known heights."""
     words = output.Output(out, json_file)
-    from fringeworks.files.reference_plane import PIXELS_SUFFIX, check_reference_plane_target
+    from fringeworks.files.reference_plane import PIXELS_SUFFIX
 
-    output.check(out, check_reference_plane_target)
+    output.check(out, "reference_plane")
     by_pixel = out.suffix.lower() == PIXELS_SUFFIX
     if not by_pixel and pitch_mm_per_px is None:
         raise fw.InputError(f"--out {out}: expected --pitch-mm-per-px for .toml")

@@ -46,9 +46,7 @@ def report(
 ) -> None:
     """Write results with their pictures, findings, tolerances and origin into one file."""
     words = output.Output(out)
-    from fringeworks.report.page.report import check_report_target
-
-    output.check(out, check_report_target)
+    output.check(out, "report")
     with output.target(out, ".html") as place:
         written = fw.write_report(
             place,

@@ -34,11 +34,10 @@ def rig(
     ] = None,
 ) -> None:
     """Convert a rig file, to and from OpenCV's XML and YAML."""
-    from fringeworks.files.rig import check_rig_target
     from fringeworks.rig.point_findings import unit_notes
 
     words = output.Output(out)
-    output.check(out, check_rig_target)
+    output.check(out, "rig")
     sizes = [
         None if given is None else size_of(given, name)
         for name, given in (("camera-size", camera_size), ("projector-size", projector_size))

@@ -40,9 +40,8 @@ def sequence(
     from fringeworks.batch.sequence import moments_of
     from fringeworks.batch.sequence_report import motion_rows
     from fringeworks.files.sequence import read_sequence
-    from fringeworks.report.page.report import check_report_target
 
-    output.check(report, check_report_target)
+    output.check(report, "report")
     frames, known = read_sequence(source), fw.read_recipe(recipe)
     with output.progress(max(1, moments_of(frames, known, every))) as show:
         found = fw.run_sequence(

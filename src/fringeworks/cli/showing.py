@@ -31,11 +31,8 @@ class ShowOptions:
 
     def check(self) -> None:
         """Refuse files that cannot be written, before anything is computed for them."""
-        from fringeworks.report.figures import check_figure_target
-        from fringeworks.report.page.report import check_report_target
-
-        output.check(self.figure, check_figure_target)
-        output.check(self.report, check_report_target)
+        output.check(self.figure, "figure")
+        output.check(self.report, "report")
 
     def write(
         self,

@@ -49,9 +49,7 @@ def response(
 ) -> None:
     """Measure the response of camera and projector on a white plane."""
     words = output.Output(out, json_file)
-    from fringeworks.files.response import check_response_target
-
-    output.check(out, check_response_target)
+    output.check(out, "response")
     found = fw.response_from_stack(how.read(stack), number=number, **how.options)
     with output.target(out, ".toml") as place:
         fw.write_response(place, found)
@@ -94,9 +92,7 @@ def decode(
 ) -> None:
     """Decode fringes and Gray code to projector coordinates, or phase steps to their phase."""
     words = output.Output(out, *show.targets)
-    from fringeworks.files.coordinates import check_coordinate_target
-
-    output.check(out, check_coordinate_target)
+    output.check(out, "coordinate")
     show.check()
     options = how.options
     if steps:
@@ -193,10 +189,9 @@ def calibrate(
 ) -> None:
     """Calibrate a camera and projector with a board in several poses."""
     words = output.Output(out, *show.targets)
-    from fringeworks.files.rig import check_rig_target
     from fringeworks.files.stack import pose_paths
 
-    output.check(out, check_rig_target)
+    output.check(out, "rig")
     show.check()
     known = fw.parse_board(board)
     if live:
@@ -245,9 +240,7 @@ def measure(
 ) -> None:
     """Measure the points of a stack of frames with a calibrated rig."""
     words = output.Output(out, *show.targets)
-    from fringeworks.files.points import check_points_target
-
-    output.check(out, check_points_target)
+    output.check(out, "points")
     show.check()
     options = how.options
     with output.progress() as progress:

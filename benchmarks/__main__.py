@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks import decoding, inversion, phases, triangulation  # noqa: F401
-from benchmarks.harness import WORKS, Result
+from benchmarks.harness import WORKS, PeerMissing, Result
 from fringeworks.files.atomic import write_text
 from fringeworks.report.tables import to_json
 
@@ -24,7 +24,12 @@ def main() -> int:
     results: list[Result] = []
     print(f"{os.cpu_count()} cores")
     for name in names:
-        for result in WORKS[name]():
+        try:
+            found = WORKS[name]()
+        except PeerMissing as error:
+            print(f"{name}: skipped, {error}")
+            continue
+        for result in found:
             results.append(result)
             show(result)
     write_text(arguments.out, to_json([asdict(r) for r in results]))

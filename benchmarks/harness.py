@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,34 @@ def work(function: Work) -> Work:
     """Register a kind of work under its function's name."""
     WORKS[function.__name__] = function
     return function
+
+
+class PeerMissing(Exception):
+    """A peer, or a library of the system that it needs, is not installed."""
+
+
+def peer_module(name: str) -> Any:
+    """The module of a peer.
+
+    Raises
+    ------
+    PeerMissing with the reason, where it cannot be imported.
+    """
+    try:
+        return import_module(name)
+    except (ImportError, OSError) as error:
+        raise PeerMissing(f"{name}: {error}") from error
+
+
+def rows(*calls: Callable[[], Result]) -> list[Result]:
+    """The results of those calls whose peers are there; the reason is printed for others."""
+    found = []
+    for call in calls:
+        try:
+            found.append(call())
+        except PeerMissing as error:
+            print(f"    skipped: {error}")
+    return found
 
 
 def in_turn(*calls: Callable[[], Any], repeats: int = 5) -> tuple[list[float], list[Any]]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-import fcwt
 import numpy as np
 from scipy import fft
 from scipy.interpolate import CubicSpline
 from scipy.signal import argrelextrema
+
+from benchmarks.harness import peer_module
 
 
 def gsifa_scipy_rows(
@@ -98,6 +99,7 @@ def cwt_scipy(frame: np.ndarray, frequencies: np.ndarray, omega: float = 6.0) ->
 
 def cwt_fcwt_rows(frame: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
     """The same with fCWT's own Morlet, row by row."""
+    fcwt = peer_module("fcwt")
 
     def row(values: np.ndarray) -> np.ndarray:
         _, coefficients = fcwt.cwt(

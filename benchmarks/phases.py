@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import version
 
-import emd
-import kamui
 import numpy as np
-from skimage.restoration import unwrap_phase
 
-from benchmarks.harness import Result, against, work
+from benchmarks.harness import Result, against, peer_module, rows, work
 from benchmarks.peers import cwt_fcwt_rows, cwt_scipy, fourier_scipy_rows, wff_scipy
 from fringeworks import unwrap, wavelet_frequencies, wavelet_ridge, windowed_fourier_filter
 from fringeworks.pair.bandpass import band_pass
@@ -42,6 +40,7 @@ def wrong_share(truth: np.ndarray):
 def unwrap_2048() -> list[Result]:
     """Sorting by reliability against scikit-image, noise 0.3 rad."""
     truth, wrapped = hill(2048, 0.3)
+    unwrap_phase = peer_module("skimage.restoration").unwrap_phase
     return [
         against(
             "unwrap 2048 x 2048, noise 0.3 rad",
@@ -60,6 +59,7 @@ def unwrap_2048() -> list[Result]:
 @work
 def unwrap_noisy() -> list[Result]:
     """The guided solver against kamui, noise 0.8 rad."""
+    kamui = peer_module("kamui")
     results = []
     for n in (1024, 2048):
         truth, wrapped = hill(n, 0.8)
@@ -126,23 +126,24 @@ def wavelet_512() -> list[Result]:
     truth = TURN * x / 16 + 6 * np.exp(-((x - 256) ** 2 + (y - 256) ** 2) / (2 * 80.0**2))
     frame = (np.cos(truth) + 0.1 * rng.standard_normal(x.shape)).astype(np.float32)
     frequencies = wavelet_frequencies(1 / 16, 32, 1.8)
-    peers = (
-        ("scipy.fft, 2 workers", version("scipy"), lambda: cwt_scipy(frame, frequencies)),
-        ("fCWT by rows, 2 threads", version("fCWT"), lambda: cwt_fcwt_rows(frame, frequencies)),
-    )
-    return [
-        against(
+
+    def against_peer(peer: str, module: str, theirs: Callable[..., np.ndarray]) -> Result:
+        peer_module(module)
+        return against(
             "CWT ridge 512 x 512 x 32",
             peer,
-            number,
+            version(module),
             lambda: wavelet_ridge(frame, frequencies=frequencies)[0],
-            theirs,
+            lambda: theirs(frame, frequencies),
             phase_rms(truth, 16),
             limit_ratio=2.0,
             limit_accuracy=0.028,
         )
-        for peer, number, theirs in peers
-    ]
+
+    return rows(
+        lambda: against_peer("scipy.fft, 2 workers", "scipy", cwt_scipy),
+        lambda: against_peer("fCWT by rows, 2 threads", "fcwt", cwt_fcwt_rows),
+    )
 
 
 @work
@@ -185,9 +186,10 @@ def emd_rows() -> list[Result]:
     rng = np.random.default_rng(0)
     x = np.arange(1024)
     wave = np.cos(TURN * x / 25 + 3 * np.exp(-(((x - 512) / 150) ** 2)))
-    rows = 127 + 100 * np.linspace(0.6, 1, 512)[:, None] * wave + 20 * np.sin(x / 300)
-    rows += 2 * rng.standard_normal(rows.shape)
-    few = rows[::8]
+    frame = 127 + 100 * np.linspace(0.6, 1, 512)[:, None] * wave + 20 * np.sin(x / 300)
+    frame += 2 * rng.standard_normal(frame.shape)
+    few = frame[::8]
+    emd = peer_module("emd")
 
     def theirs() -> list[np.ndarray]:
         return [emd.sift.sift(row).T for row in few]
@@ -196,8 +198,8 @@ def emd_rows() -> list[Result]:
         if isinstance(found, list):
             sums, expected = np.array([imfs.sum(axis=0) for imfs in found]), few
         else:
-            sums, expected = found.imfs.sum(axis=1) + found.residue, rows
-        return float(np.abs(sums - expected).max() / np.abs(rows).max())
+            sums, expected = found.imfs.sum(axis=1) + found.residue, frame
+        return float(np.abs(sums - expected).max() / np.abs(frame).max())
 
     # The peer stops by Huang's standard deviation alone, at 0.1: the mean's energy over the mode's.
     rules = {
@@ -210,7 +212,7 @@ def emd_rows() -> list[Result]:
             f"EMD 512 x 1024, all IMFs, {name}",
             "emd.sift.sift",
             version("emd"),
-            lambda options=options: decompose_rows(rows, **options),
+            lambda options=options: decompose_rows(frame, **options),
             theirs,
             off,
             limit_accuracy=1e-12,

@@ -145,3 +145,14 @@ def test_the_command_takes_black_and_white(tmp_path):
             values = found["values"]
         means.append(np.nanmean(np.abs(values - truth)[20:-20, 40:-40]))
     assert means[1] < 0.5 * means[0]
+
+
+def test_figure_and_page_show_the_albedo():
+    pair, _, _ = scene(11)
+    result = fw.reconstruct(pair)
+    titles = [axes.get_title() for axes in result.plot().axes]
+    assert "albedo, object over reference" in titles
+    packed = fw.pack_surface(result)
+    layer = next(one for one in packed.header["layers"] if one["name"] == "albedo")
+    assert layer["unit"] == ""
+    assert not any(one["name"] == "walls" for one in packed.header["layers"])

@@ -80,6 +80,10 @@ def _facts(measured: float, sigma: FloatMap, unit: str, *more: str) -> str:
 
 @plot.register
 def _(surface: HeightMap, name: str | None = None) -> Figure:
+    return _of_surface(surface, name)
+
+
+def _of_surface(surface: HeightMap, name: str | None, *more: Panel) -> Figure:
     heights = surface.quantity == "height"
     title = "Height above the reference plane" if heights else "Displacement of the fringes"
     method = f"method {surface.method}" if surface.method else ""
@@ -91,6 +95,7 @@ def _(surface: HeightMap, name: str | None = None) -> Figure:
             Panel(surface.quantity, surface.values, "values", surface.unit),
             Panel(SIGMA, surface.sigma, "sigma", surface.unit),
             Panel(REASONS, surface.reason, "reasons"),
+            *more,
         ],
         columns=3,
         findings=surface.findings,
@@ -141,7 +146,7 @@ def _(result: Measurement, name: str | None = None) -> Figure:
 
 @plot.register
 def _(result: Reconstruction, name: str | None = None) -> Figure:
-    return plot(result.surface, name)
+    return _of_surface(result.surface, name, *_edges(result.displacement))
 
 
 def _of_points(cloud: PointCloud, name: str | None) -> Figure:

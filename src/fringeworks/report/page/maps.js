@@ -1,7 +1,7 @@
 // The maps of a surface beside each other: value, σ, modulation, reason. All share one zoom and one
 // cursor. They take the numbers that the viewer has unpacked.
 
-const SHOWN = ["cloud", "heights", "displacements", "coordinates", "sigma", "modulation", "texture", "deviation", "reason"];
+const SHOWN = ["cloud", "heights", "displacements", "coordinates", "sigma", "modulation", "albedo", "walls", "texture", "deviation", "reason"];
 const MOST_ZOOM = 64;
 const GAP = 0xffb0b0b0; // colour of pixels without a value
 

@@ -60,7 +60,7 @@ class Content:
     raster: bool = True
     """Whether neighbours in the arrays are neighbours on the surface."""
     maps: dict[str, FloatMap] = field(default_factory=dict)
-    """modulation, texture, deviation: (h, w), texture also (h, w, 3)."""
+    """modulation, albedo, walls, texture, deviation: (h, w), texture also (h, w, 3)."""
     notes: tuple[str, ...] = ()
     """What to know about the surface."""
     title: str = ""
@@ -130,7 +130,13 @@ def _(result: Measurement, camera: Pinhole | None, every: int) -> Content:
 
 @_content.register
 def _(result: Reconstruction, camera: Pinhole | None, every: int) -> Content:
-    return replace(_content(result.surface, camera, every), notes=result.notes)
+    found = {"albedo": result.displacement.albedo, "walls": result.displacement.walls}
+    maps: dict[str, FloatMap] = {
+        name: values[::every, ::every].astype(np.float64)
+        for name, values in found.items()
+        if values is not None
+    }
+    return replace(_content(result.surface, camera, every), notes=result.notes, maps=maps)
 
 
 @_content.register

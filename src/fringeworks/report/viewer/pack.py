@@ -39,6 +39,8 @@ MAX_TITLE = 200
 WHITE_PERCENTILE = 99.8
 """Brightness that becomes white, percent of the pixels below it: highlights do not darken the
 rest."""
+RATIOS = ("albedo", "walls")
+"""Layers whose numbers have no unit."""
 FINE_STEPS = 65535
 """Steps over the range of deviations where no σ gives their precision: 16 bits."""
 
@@ -212,7 +214,8 @@ def _layer(
     places = [
         blocks.add_planes(coded(clipped[..., k], step, 0.0)[0]) for k in range(channels.shape[-1])
     ]
-    return {"name": name, "unit": "counts", "factor": step, "blocks": places}
+    unit = "" if name in RATIOS else "counts"
+    return {"name": name, "unit": unit, "factor": step, "blocks": places}
 
 
 def _deviation(

@@ -84,6 +84,8 @@ LAYERS = {
     "deviation": _layer("Deviation", "signed", told=True),
     "sigma": _layer("Standard deviation σ", "spread"),
     "modulation": _layer("Modulation", "height", told=True),
+    "albedo": _layer("Albedo over the reference's", "grey", told=True),
+    "walls": _layer("Walls beside cliffs", "grey", told=True),
     "texture": _layer("Texture", "grey", told=True),
     "reason": _layer("Reason", "reasons", mode=3),
     "plain": _layer("Plain, lit", "grey", mode=0),

@@ -8,9 +8,17 @@ import scipy.io
 import tifffile
 from PIL import Image
 
-from fringeworks import InputError, Pair, read_capture, read_pair, write_pair
+from fringeworks import (
+    FileProblem,
+    InputError,
+    Pair,
+    file_limits,
+    read_capture,
+    read_pair,
+    write_pair,
+)
 from fringeworks.files.atomic import replacing
-from fringeworks.files.images import read_frame, write_frame
+from fringeworks.files.images import read_frame, read_frames, write_frame
 from tests.conftest import scene
 
 
@@ -248,3 +256,16 @@ def test_files_appear_whole_or_not_at_all(tmp_path):
         replacing(tmp_path / "missing" / "x"),
     ):
         pass
+
+
+def test_images_that_are_read_side_by_side_keep_order_and_limits(tmp_path):
+    paths = [tmp_path / f"{k}.png" for k in range(7)]
+    for k, path in enumerate(paths):
+        write_frame(path, np.full((40, 50), k, np.uint8))
+    assert [frame[0, 0] for frame in read_frames(paths, stack=True).frames] == list(range(7))
+    with file_limits(max_gb=1e-6), pytest.raises(FileProblem, match=r"0\.png"):
+        read_frames(paths, stack=True)
+    paths[3].write_bytes(b"")
+    paths[5].write_bytes(b"")
+    with pytest.raises(FileProblem, match=r"3\.png: expected an image, got an empty file"):
+        read_frames(paths, stack=True)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -127,7 +130,7 @@ def read_frames(paths: Sequence[Path], *, stack: bool) -> ReadFrames:
     FramesContradictPlan where a frame of a stack has another depth than the first, naming both
     files; FileProblem as ``read_frame``.
     """
-    images = [_read(path) for path in paths]
+    images = _read_all(paths)
     for image in images:
         if stack and image.kind != images[0].kind:
             raise FramesContradictPlan(
@@ -153,6 +156,15 @@ def _as_luminance(image: _Image, *, mark_clipped: bool) -> _Image:
     if mark_clipped and image.clipped is not None:
         grey = np.where(image.clipped, np.float32(np.iinfo(image.kind).max), grey)
     return image._replace(grey=grey, coloured=True)
+
+
+def _read_all(paths: Sequence[Path]) -> list[_Image]:
+    """Read images on all processors: decoding leaves the interpreter to others for a part of its
+    time."""
+    # Limits on files belong to the context of the caller.
+    contexts = [copy_context() for _ in paths]
+    with ThreadPoolExecutor(max(1, min(len(paths), os.cpu_count() or 1))) as pool:
+        return list(pool.map(lambda context, path: context.run(_read, path), contexts, paths))
 
 
 def _read(path: Path) -> _Image:

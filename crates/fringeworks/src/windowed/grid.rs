@@ -20,7 +20,6 @@ pub struct Grid<'a> {
 
 /// What the windows of a scale say of every pixel, or of the pixels of a row; where none determines the
 /// displacement, σ is infinite, and offset and modulation ratio are NaN.
-#[derive(Default)]
 pub struct Blended {
     /// Correction of the displacement, px; 0 where none is determined.
     pub delta: Vec<f32>,
@@ -91,11 +90,11 @@ impl<'a> Grid<'a> {
             |(gathered, sight), (row, out)| {
                 gathered.gather(&sums, row, rows, window);
                 if let Some(sight) = sight {
-                    sight.replace(gathered, row, columns, window);
+                    sight.replace(gathered, row, lattice);
                 }
-                let y = window.centre(row);
+                let y = lattice.centre(row);
                 for (i, node) in out.iter_mut().enumerate() {
-                    let prior = coarser.map_or(*start, |grid| grid.prior_at(window.centre(i), y));
+                    let prior = coarser.map_or(*start, |grid| grid.prior_at(lattice.centre(i), y));
                     *node = solve(gathered, i, window, &prior, limits);
                 }
             },

@@ -48,8 +48,8 @@ impl Lattice {
 
     /// Offset (x, y) of a pixel from a node (row, column), px.
     pub fn offset(&self, (x, y): (usize, usize), (row, column): (usize, usize)) -> (f32, f32) {
-        let centre = |i: usize| (i as f32 + 0.5) * self.block as f32 - 0.5;
-        (x as f32 - centre(column), y as f32 - centre(row))
+        let from = |pixel: usize, i: usize| (pixel as f64 - self.centre(i)) as f32;
+        (from(x, column), from(y, row))
     }
 
     fn position(&self, pixel: f64) -> f64 {

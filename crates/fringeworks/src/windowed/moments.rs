@@ -104,11 +104,6 @@ impl Window {
     pub fn lattice(&self, height: usize, width: usize) -> Lattice {
         Lattice::new(self.block, height, width)
     }
-
-    /// Pixel coordinate of node `i`: the centre of its block.
-    pub fn centre(&self, i: usize) -> f64 {
-        (i as f64 + 0.5) * self.block as f64 - 0.5
-    }
 }
 
 /// Number of channels that are stored: single-pixel blocks have no moments about their centre.

@@ -1,6 +1,6 @@
 //! Choice of the window of every pixel (Lepski's rule).
 
-use super::lattice::Differences as BlockDifferences;
+use super::lattice::Differences;
 use super::{Field, NO_SCALE};
 use rayon::prelude::*;
 
@@ -19,17 +19,17 @@ pub struct Estimate {
     pub modulation_ratio: Vec<f32>,
     pub offset: Vec<f32>,
     /// Displacement of this scale minus that of the next coarser one, or of the start, px.
-    pub from_coarser: BlockDifferences,
+    pub from_coarser: Differences,
 }
 
 /// Differences between the estimates of neighbouring scales around the pixels of a row.
-struct Differences {
+struct RowDifferences {
     mean: Vec<f32>,
     mean_square: Vec<f32>,
     variance: Vec<f32>,
 }
 
-impl Differences {
+impl RowDifferences {
     fn at(estimate: &Estimate, y: usize, width: usize) -> Self {
         let mut row = Self {
             mean: vec![0.0; width],
@@ -47,14 +47,14 @@ impl Differences {
 struct Row<'a> {
     estimates: &'a [Estimate],
     /// Of every scale from the coarser one.
-    differences: Vec<Differences>,
+    differences: Vec<RowDifferences>,
     /// Index of the first pixel.
     first: usize,
 }
 
 impl<'a> Row<'a> {
     fn new(estimates: &'a [Estimate], y: usize, width: usize) -> Self {
-        let differences = estimates.iter().map(|e| Differences::at(e, y, width));
+        let differences = estimates.iter().map(|e| RowDifferences::at(e, y, width));
         Self {
             estimates,
             differences: differences.collect(),

@@ -92,6 +92,8 @@ impl<'a> Cells<'a> {
 pub struct Sight<'a> {
     cells: &'a Cells<'a>,
     walls: &'a Walls<'a>,
+    /// Distance from a wall from which nothing is hidden, px.
+    reach: usize,
     /// Half-width of the square that is summed, cells.
     radius: usize,
     rays: Vec<Ray>,
@@ -109,7 +111,8 @@ pub struct Sight<'a> {
 impl<'a> Sight<'a> {
     pub fn new(cells: &'a Cells<'a>, walls: &'a Walls<'a>, window: &Window) -> Self {
         let size = cells.lattice.block;
-        let radius = Walls::reach(window) / size;
+        let reach = Walls::reach(window);
+        let radius = reach / size;
         let norm = (std::f64::consts::TAU.sqrt() * window.sigma).recip();
         let weights = (0..=2 * radius)
             .map(|k| (k as f64 - radius as f64) * size as f64 / window.sigma)
@@ -119,6 +122,7 @@ impl<'a> Sight<'a> {
         Self {
             cells,
             walls,
+            reach,
             radius,
             rays: rays(radius),
             weights,
@@ -156,19 +160,19 @@ impl<'a> Sight<'a> {
     }
 
     /// Replace the moments of the nodes of a row that are near a wall.
-    pub fn replace(&mut self, gathered: &mut NodeRow, row: usize, columns: usize, window: &Window) {
-        let Lattice { block: size, .. } = self.cells.lattice;
-        for column in 0..columns {
-            let (x, y) = self.walls.pixel_of(window.block, row, column);
-            if !self.walls.within(x, y, Walls::reach(window)) {
+    pub fn replace(&mut self, gathered: &mut NodeRow, row: usize, nodes: Lattice) {
+        let cells = self.cells.lattice;
+        for column in 0..nodes.columns {
+            let (x, y) = self.walls.pixel_of(nodes.block, row, column);
+            if !self.walls.within(x, y, self.reach) {
                 continue;
             }
-            let from = (x / size, y / size);
-            let hidden = self.cells.walls[from.1 * self.cells.lattice.columns + from.0];
+            let from = (x / cells.block, y / cells.block);
+            let hidden = self.cells.walls[from.1 * cells.columns + from.0];
             let moments = if hidden {
                 [0.0; CHANNELS]
             } else {
-                self.moments(from, (window.centre(column), window.centre(row)))
+                self.moments(from, (nodes.centre(column), nodes.centre(row)))
             };
             gathered.set(column, moments);
         }

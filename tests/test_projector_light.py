@@ -9,6 +9,7 @@ import pytest
 from scipy import ndimage
 
 import fringeworks as fw
+from fringeworks.signal.response import Response
 from tests.test_cli import run
 
 SHAPE = (220, 320)
@@ -156,3 +157,25 @@ def test_figure_and_page_show_the_albedo():
     layer = next(one for one in packed.header["layers"] if one["name"] == "albedo")
     assert layer["unit"] == ""
     assert not any(one["name"] == "walls" for one in packed.header["layers"])
+
+
+def test_a_response_is_of_the_light_without_paint():
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    paint = np.where(np.hypot(x - 150, y - 100) < 60, 0.4, 1.0)
+    light = 150.0 * (0.5 + 0.4 * np.cos(2 * np.pi * x / PERIOD)) ** 2.2
+    plain = fw.Pair(light, light, axis="x", camera="c", projector="p")
+    painted = replace(
+        plain, object=10 + paint * (20 + light), black=10 + paint * 20, white=10 + paint * 170
+    )
+    response = Response("c", "p", 2.2, 4, 1.0, np.zeros((1, 8)), (1.0,), 0.0)
+    one, other = (fw.prepare(p, response=response).object for p in (plain, painted))
+    # A root of almost 0 multiplies rounding.
+    np.testing.assert_allclose(other / one, np.full(SHAPE, np.mean(other / one)), rtol=1e-5)
+
+
+def test_a_white_frame_without_light_is_refused():
+    pair, _, _ = scene(12)
+    white = np.zeros(SHAPE, np.uint8)
+    white[:20] = 200
+    with pytest.raises(fw.InputError, match="white frame: expected light, got a median of 0"):
+        fw.analyse(replace(pair, black=None, white=white))

@@ -167,7 +167,7 @@ def _check_solution(chosen: Method, returned: Any, shape: tuple[int, ...]) -> No
 
 
 def _painted(pair: PreparedPair, solution: Solution) -> Solution:
-    """Tell a method that saw the object divided by its albedo where the paint is dark."""
+    """Scale σ and modulation of a method that saw the object divided by its albedo."""
     if pair.albedo is None or solution.albedo is not None:
         return solution
     factor = noise_factor(pair.albedo, pair.object_ok, 0.5 * pair.period)

@@ -128,8 +128,8 @@ class _Frame(NamedTuple):
     integer: bool
 
 
-def _checked_frame(name: str, frame: NDArray[Any], response: Response | None) -> _Frame:
-    """Check a captured frame, mark its saturated pixels, fill its gaps and linearise it."""
+def _checked_frame(name: str, frame: NDArray[Any]) -> _Frame:
+    """Check a captured frame, mark its saturated pixels and fill its gaps."""
     array = np.asarray(frame)
     if array.ndim != 2:
         raise InputError(f"{name} frame: expected shape (h, w), got {array.shape}")
@@ -142,11 +142,7 @@ def _checked_frame(name: str, frame: NDArray[Any], response: Response | None) ->
     values = fill_nearest(values, finite)
     if not values.any():
         raise InputError(f"{name} frame: expected fringes, got an all-black frame")
-    # Saturation is only seen in the counts as captured.
-    saturated = saturated_squares(array)
-    if response is not None:
-        values = linearise(values, response)
-    return _Frame(values, finite, saturated, array.dtype.kind in "ui")
+    return _Frame(values, finite, saturated_squares(array), array.dtype.kind in "ui")
 
 
 def _pixels_to_measure(mask: BoolMap | None, finite: BoolMap) -> BoolMap:
@@ -170,27 +166,29 @@ def _reference_of(
         carrier, values, converged = plain_reference(object_.values, object_.finite, pair)
         everywhere = np.ones(values.shape, bool)
         return carrier, _Frame(values, everywhere, ~everywhere, object_.integer), converged
-    reference = _checked_frame("reference", pair.reference, response)
+    reference = _checked_frame("reference", pair.reference)
     if reference.values.shape != object_.values.shape:
         raise InputError(
             f"frames: expected equal shapes, got reference {reference.values.shape} and "
             f"object {object_.values.shape}"
         )
+    if response is not None:
+        reference = reference._replace(values=linearise(reference.values, response))
     return find_carrier(reference.values, pair.axis), reference, True
 
 
 def _light_of(pair: Pair, object_: _Frame, response: Response | None) -> ProjectorLight:
-    """The object frame as black and white frames let it be seen."""
-    black: Any = pair.black
-    if isinstance(black, np.ndarray):
-        black = np.where(np.isfinite(black), black, np.nan).astype(np.float64)
-    if black is not None and response is not None:
-        black = linearise(np.atleast_2d(np.asarray(black, np.float64)), response)
-        black = black if isinstance(pair.black, np.ndarray) else float(black[0, 0])
+    """The object frame as black and white frames let it be seen, linearised.
+
+    A response is that of the projector's light alone, without ambient light and paint.
+    """
     if pair.white is None:
-        return projector_light(object_.values, black, None, None)
-    white = _checked_frame("white", pair.white, response)
-    return projector_light(object_.values, black, white.values, white.finite & ~white.saturated)
+        light = projector_light(object_.values, pair.black, None, None)
+    else:
+        white = _checked_frame("white", pair.white)
+        usable = white.finite & ~white.saturated
+        light = projector_light(object_.values, pair.black, white.values, usable)
+    return light if response is None else light._replace(object=linearise(light.object, response))
 
 
 def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
@@ -236,7 +234,7 @@ def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
         )
     if response is not None:
         check_devices(response, pair.camera, pair.projector)
-    object_ = _checked_frame("object", pair.object, response)
+    object_ = _checked_frame("object", pair.object)
     wanted = _pixels_to_measure(pair.mask, object_.finite)
     shape = object_.values.shape
     if max(shape) < MIN_SIZE:

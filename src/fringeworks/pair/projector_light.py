@@ -89,7 +89,10 @@ def projector_light(
     usable &= white_usable & np.isfinite(lit)
     if not usable.any():
         raise InputError("white frame: expected pixels below the sensor's limit, got none")
-    albedo = lit / float(np.median(lit[usable]))
+    usual = float(np.median(lit[usable]))
+    if not usual > 0:
+        raise InputError(f"white frame: expected light, got a median of {usual:g} counts")
+    albedo = lit / usual
     usable &= albedo > MIN_WHITE
     albedo = np.where(usable, albedo, 1.0)
     return ProjectorLight(frame / albedo, albedo, usable)

@@ -108,7 +108,9 @@ def reconstruct(
     pair = pair_of(pair)
     if isinstance(geometry, ReferencePlaneGeometry):
         pair = replace(pair, geometry=geometry)
-    sources = pair.sources or sources_of(reference=pair.reference, object=pair.object)
+    sources = pair.sources or sources_of(
+        reference=pair.reference, object=pair.object, black=pair.black, white=pair.white
+    )
     started = time.perf_counter()
     prepared = prepare(pair, response=response)
     if response is not None:

@@ -14,6 +14,7 @@ mod outputs;
 
 use crate::{check_length, check_value, Error};
 use rayon::prelude::*;
+use std::ops::{Deref, DerefMut};
 
 use fit::Frames;
 pub use fit::{PhaseSet, Table, TABLE_BINS};
@@ -21,31 +22,53 @@ pub use gray_code::{Against, GrayCode};
 pub use orders::{Chain, Limits, Noise};
 pub use outputs::Outputs;
 
-/// Pixels of a block.
+/// Pixels of a block, which every pass of the decoder runs over.
 ///
-/// A block of one period's arrays takes 20 kB in single precision: about the first cache.
-pub(crate) const BLOCK_PIXELS: usize = 1024;
+/// A block's arrays for three periods take about 30 kB in single precision, less than the first
+/// cache. Passes over fewer pixels would spend more of their time on starting and ending.
+pub(crate) const BLOCK_PIXELS: usize = 480;
 
 /// Pixels that one task decodes.
 ///
 /// Long enough to hide the cost of a task, short enough to share a small frame between threads.
-const TASK_PIXELS: usize = 8 * BLOCK_PIXELS;
-
-/// Pixels of a group, whose values stay in registers; a divisor of a block.
-///
-/// 64 single-precision values are four registers of 512 bit or eight of 256 bit.
-pub(crate) const LANES: usize = 64;
+const TASK_PIXELS: usize = 32 * BLOCK_PIXELS;
 
 /// One value per pixel of a block.
-pub(crate) type Line = [f32; BLOCK_PIXELS];
+///
+/// It starts at a line of the cache: a vector of 512 bit that lies across two lines takes twice the
+/// time.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub(crate) struct Line<T = f32>([T; BLOCK_PIXELS]);
 
-/// One value per pixel of a group.
-pub(crate) type Lanes = [f32; LANES];
+impl<T: Copy> Line<T> {
+    pub const fn of(value: T) -> Self {
+        Self([value; BLOCK_PIXELS])
+    }
+}
+
+impl<T> Deref for Line<T> {
+    type Target = [T; BLOCK_PIXELS];
+
+    #[inline(always)]
+    fn deref(&self) -> &Self::Target {
+        &self.0
+    }
+}
+
+impl<T> DerefMut for Line<T> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut Self::Target {
+        &mut self.0
+    }
+}
 
 /// A type of camera counts, and the kernels compiled for it.
-pub trait Sample: Copy + Default + Send + Sync + PartialOrd + 'static {
+pub trait Sample: Copy + Default + Send + Sync + 'static {
     /// Whether the type has NaN and infinity.
     const MAY_BE_INFINITE: bool;
+    /// Largest value of the type.
+    const LARGEST: f32;
     fn value(self) -> f32;
     fn larger(self, other: Self) -> Self;
     #[doc(hidden)]
@@ -63,7 +86,7 @@ pub struct Task<'a, T> {
 }
 
 macro_rules! sample {
-    ($type:ident, $run:ident, $infinite:expr) => {
+    ($type:ident, $run:ident, $infinite:expr, $largest:expr) => {
         #[multiversion::multiversion(targets(
             "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
             "x86_64+avx2+fma"
@@ -74,6 +97,7 @@ macro_rules! sample {
 
         impl Sample for $type {
             const MAY_BE_INFINITE: bool = $infinite;
+            const LARGEST: f32 = $largest;
             #[inline(always)]
             fn value(self) -> f32 {
                 f32::from(self)
@@ -88,9 +112,9 @@ macro_rules! sample {
         }
     };
 }
-sample!(u8, run_u8, false);
-sample!(u16, run_u16, false);
-sample!(f32, run_f32, true);
+sample!(u8, run_u8, false, 255.0);
+sample!(u16, run_u16, false, 65_535.0);
+sample!(f32, run_f32, true, f32::INFINITY);
 
 /// What is decoded along one axis of the projector.
 pub struct Plan {
@@ -172,14 +196,17 @@ fn decode_task<T: Sample>(task: Task<'_, T>) {
     let n = task.out.coordinate.len();
     let (mut rest, mut done) = (task.out, 0);
     while done < n {
-        let (block, after) = rest.split(BLOCK_PIXELS.min(n - done));
-        orders::decode_block(
-            task.frames,
-            task.plan,
-            task.start + done,
-            block,
-            task.scratch,
-        );
+        let pixels = BLOCK_PIXELS.min(n - done);
+        let (block, after) = rest.split(pixels);
+        let at = task.start + done;
+        if at + BLOCK_PIXELS <= task.frames.pixels() {
+            orders::decode_block(task.frames, task.plan, at, block, task.scratch);
+        } else {
+            let padded = task.frames.padded(at);
+            let planes: Vec<&[T]> = padded.iter().map(Vec::as_slice).collect();
+            let frames = &Frames { planes: &planes };
+            orders::decode_block(frames, task.plan, 0, block, task.scratch);
+        }
         rest = after;
         done += BLOCK_PIXELS;
     }

@@ -8,15 +8,13 @@ mod solver;
 mod sums;
 mod table;
 
-use super::{Lanes, Line, Plan, Sample, BLOCK_PIXELS, LANES};
-use std::ops::Range;
+use super::{Line, Plan, Sample};
 
-use angle::angle;
 pub use frames::Frames;
-use saturation::{fit_unsaturated, refit};
+use saturation::{leave_out, refit};
 pub use set::PhaseSet;
-use solver::{precision, solve};
-use sums::Sums;
+use solver::solve;
+pub use sums::Sums;
 pub use table::{Table, TABLE_BINS};
 
 /// Precision of a phase that the unsaturated samples do not determine; true ones are not negative.
@@ -38,8 +36,8 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    pub fn new() -> Self {
-        let zero = [0.0; BLOCK_PIXELS];
+    pub const fn new() -> Self {
+        let zero = Line::of(0.0);
         Self {
             turns: zero,
             precision: zero,
@@ -50,63 +48,29 @@ impl Fitted {
     }
 }
 
-/// Fit one set at the pixels `at`. Samples at the sensor's limit are left out.
+/// Fit one set at a block of pixels from `at` on. Samples at the sensor's limit are left out.
+///
+/// The result of a pixel does not depend on the other pixels of the block.
 #[inline(always)]
 pub fn fit<T: Sample>(
     frames: &Frames<'_, T>,
     plan: &Plan,
     index: usize,
-    at: Range<usize>,
+    at: usize,
+    sums: &mut Sums,
     out: &mut Fitted,
 ) {
     let (set, limit) = (&plan.sets[index], plan.limits.saturation);
-    // Saturation clusters: after a saturated group, try the saturated path first.
-    let (mut needs_refit, mut expect_saturated) = (false, false);
-    for (k, start) in at.clone().step_by(LANES).enumerate() {
-        let sums = if expect_saturated {
-            None
-        } else {
-            Some(frames.sums(set, start, limit))
-        };
-        if let Some((sums, false)) = sums {
-            let amplitudes = solve(set, &sums);
-            let precision = precision(set, &amplitudes);
-            store(set, &amplitudes, &precision, k * LANES, out);
-        } else {
-            let (sums, saturated) = frames.sums_below(set, start, limit);
-            let saturation = fit_unsaturated(set, sums, &saturated, k * LANES, out);
-            expect_saturated = saturation.any;
-            needs_refit = needs_refit || saturation.needs_refit;
-        }
-    }
-    if needs_refit {
-        refit(frames, plan, index, at, out);
+    if frames.reach(set, at, limit) {
+        let saturated = frames.sums_below(set, at, limit, sums);
+        solve(set, sums, out);
+        let others = leave_out(set, &saturated, sums, out);
+        refit(frames, set, (at, limit), &others, out);
+    } else {
+        frames.sums(set, at, sums);
+        solve(set, sums, out);
     }
     if !set.table.brightness.is_empty() {
         table::correct(&set.table, out);
     }
-}
-
-/// Store phase, modulation, background and brightness of a group in the arrays of the block.
-#[inline(always)]
-fn store(set: &PhaseSet, fitted: &Sums, precision: &Lanes, start: usize, out: &mut Fitted) {
-    let (cos, sin) = (&fitted.cos, &fitted.sin);
-    let (mut power, mut turns, mut brightness) = ([0.0; LANES], [0.0; LANES], fitted.plain);
-    for i in 0..LANES {
-        power[i] = cos[i] * cos[i] + sin[i] * sin[i];
-        turns[i] = angle(sin[i], cos[i]);
-    }
-    if let Some(skew) = &set.solver.skew {
-        for i in 0..LANES {
-            let (c, s) = (cos[i], sin[i]);
-            let cubic = c * c * (skew[0] * c + skew[1] * s) + s * s * (skew[2] * c + skew[3] * s);
-            brightness[i] += cubic / power[i];
-        }
-    }
-    let place = start..start + LANES;
-    out.turns[place.clone()].copy_from_slice(&turns);
-    out.precision[place.clone()].copy_from_slice(precision);
-    out.power[place.clone()].copy_from_slice(&power);
-    out.background[place.clone()].copy_from_slice(&fitted.plain);
-    out.brightness_or_variance[place].copy_from_slice(&brightness);
 }

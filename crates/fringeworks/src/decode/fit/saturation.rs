@@ -2,19 +2,13 @@
 
 use super::angle::angle;
 use super::set::PhaseSet;
-use super::solver::{precision, solution, solve, Solution};
+use super::solver::{solution, Solution};
 use super::sums::{Saturated, Sums};
-use super::{store, Fitted, NO_PRECISION};
-use crate::decode::{Frames, Plan, Sample, LANES};
-use std::ops::Range;
+use super::{Fitted, NO_PRECISION};
+use crate::decode::{Frames, Sample, BLOCK_PIXELS};
 
-/// What the fit of a group found out about saturation.
-pub struct Saturation {
-    /// Whether any sample of the group is saturated.
-    pub any: bool,
-    /// Whether some pixel needs [`refit`].
-    pub needs_refit: bool,
-}
+/// Choices of samples that are kept in mind: all of four steps, and few enough to look through.
+const MOST_SOLUTIONS: usize = 16;
 
 /// Whether leaving one sample out is a short update: equal steps, and enough samples left.
 #[inline(always)]
@@ -22,76 +16,87 @@ fn can_update(set: &PhaseSet) -> bool {
     set.solver.balanced && set.steps() > 3
 }
 
-/// Fit a group without its saturated samples, where each pixel has one at most.
+/// Correct the fit of a block's pixels that have one saturated sample, whose sums lack it. Returns
+/// the pixels that need [`refit`].
 ///
 /// Equal steps have the leverage 3/N each, so leaving one of N out is a short update: its residual r
 /// shifts the amplitudes by r / (N − 3) times (1, 2 cos δ, 2 sin δ).
 #[inline(always)]
-pub fn fit_unsaturated(
+pub fn leave_out(
     set: &PhaseSet,
-    sums: Sums,
     saturated: &Saturated,
-    start: usize,
+    amplitudes: &Sums,
     out: &mut Fitted,
-) -> Saturation {
-    let mut fitted = solve(set, &sums);
-    let mut precision = precision(set, &fitted);
-    let n = set.steps() as f32;
-    let updated = can_update(set);
-    if updated {
-        let (leverage, share) = (1.0 / (n - 3.0), 4.0 / (n * (n - 3.0)));
-        for i in 0..LANES {
-            let (k, q) = (saturated.cos[i], saturated.sin[i]);
-            let (a, c, s) = (fitted.plain[i], fitted.cos[i], fitted.sin[i]);
-            // The sums hold a zero in place of the sample, so its residual is minus the model.
-            let shift = saturated.count[i] * leverage * (a + c * k + s * q);
-            let (a, c, s) = (a + shift, c + 2.0 * k * shift, s + 2.0 * q * shift);
-            (fitted.plain[i], fitted.cos[i], fitted.sin[i]) = (a, c, s);
-            let power = c * c + s * s;
-            let across = c * q - s * k;
-            precision[i] = power * power / (2.0 / n * power + share * (across * across));
-        }
+) -> Vec<usize> {
+    let most = if can_update(set) { 1.0 } else { 0.0 };
+    if most > 0.0 {
+        update(set.steps() as f32, saturated, amplitudes, out);
     }
-    store(set, &fitted, &precision, start, out);
-    let most = if updated { 1.0 } else { 0.0 };
-    let (mut any, mut more) = (0, 0);
-    for i in 0..LANES {
-        any |= u32::from(saturated.count[i] > 0.0);
-        more |= u32::from(saturated.count[i] > most);
-    }
-    Saturation {
-        any: any > 0,
-        needs_refit: more > 0,
+    let count = |i: &usize| saturated.count[*i] > most;
+    (0..BLOCK_PIXELS).filter(count).collect()
+}
+
+#[inline(always)]
+fn update(n: f32, saturated: &Saturated, amplitudes: &Sums, out: &mut Fitted) {
+    let (leverage, share) = (1.0 / (n - 3.0), 4.0 / (n * (n - 3.0)));
+    for i in 0..BLOCK_PIXELS {
+        let (k, q) = (saturated.cos[i], saturated.sin[i]);
+        let (a, c, s) = (amplitudes.plain[i], amplitudes.cos[i], amplitudes.sin[i]);
+        // The sums hold a zero in place of the sample, so its residual is minus the model.
+        let shift = leverage * (a + c * k + s * q);
+        let (a, c, s) = (a + shift, c + 2.0 * k * shift, s + 2.0 * q * shift);
+        let power = c * c + s * s;
+        let across = c * q - s * k;
+        let precision = power * power / (2.0 / n * power + share * (across * across));
+        let turns = angle(s, c);
+        let changed = saturated.count[i] > 0.0;
+        let choose = |new: f32, old: f32| if changed { new } else { old };
+        out.turns[i] = choose(turns, out.turns[i]);
+        out.precision[i] = choose(precision, out.precision[i]);
+        out.power[i] = choose(power, out.power[i]);
+        out.background[i] = choose(a, out.background[i]);
+        out.brightness_or_variance[i] = choose(a, out.brightness_or_variance[i]);
     }
 }
 
-/// Fit pixels with several saturated samples one by one.
+/// Fit pixels of a block with several saturated samples one by one.
 #[cold]
 pub fn refit<T: Sample>(
     frames: &Frames<'_, T>,
-    plan: &Plan,
-    index: usize,
-    at: Range<usize>,
+    set: &PhaseSet,
+    (at, limit): (usize, f32),
+    pixels: &[usize],
     out: &mut Fitted,
 ) {
-    let (set, limit) = (&plan.sets[index], plan.limits.saturation);
-    let all = set.all_steps();
-    for (i, pixel) in at.enumerate() {
-        let (kept, sums) = frames.kept(set, pixel, limit);
-        let updated = can_update(set) && (all ^ kept).count_ones() <= 1;
-        if kept == all || updated {
-            continue;
-        }
-        let planned = |n: usize| [1.0, set.phasor(n).0.into(), set.phasor(n).1.into()];
-        let solvable = if kept.count_ones() >= 3 {
-            solution(kept, planned, |n| set.design[n])
-        } else {
-            None
-        };
-        match solvable {
-            Some(solution) => store_pixel(&solution, sums, i, out),
+    let mut known = Solutions::default();
+    for &i in pixels {
+        let (kept, sums) = frames.kept(set, at + i, limit);
+        match known.of(set, kept) {
+            Some(solution) => store_pixel(solution, sums, i, out),
             None => clear_pixel(i, out),
         }
+    }
+}
+
+/// Solutions of the last few choices of samples: the pixels of a highlight lack the same ones.
+#[derive(Default)]
+struct Solutions(Vec<(u64, Option<Solution>)>);
+
+impl Solutions {
+    /// The solution for the kept frames, one bit each; `None` where they do not determine the phase.
+    fn of(&mut self, set: &PhaseSet, kept: u64) -> Option<&Solution> {
+        let at = self.0.iter().position(|(frames, _)| *frames == kept);
+        let at = at.unwrap_or_else(|| {
+            if self.0.len() == MOST_SOLUTIONS {
+                self.0.clear();
+            }
+            let planned = |n: usize| [1.0, set.phasor(n).0.into(), set.phasor(n).1.into()];
+            let enough = kept.count_ones() >= 3;
+            let found = enough.then(|| solution(kept, planned, |n| set.design[n]));
+            self.0.push((kept, found.flatten()));
+            self.0.len() - 1
+        });
+        self.0[at].1.as_ref()
     }
 }
 

@@ -8,6 +8,9 @@ use std::ops::RangeInclusive;
 /// Numbers of phase steps: three determine A, B and φ; 64 frames have a bit each in a `u64`.
 const STEPS: RangeInclusive<usize> = 3..=64;
 
+/// Errors of a cosine that are its rounding: far below that of an f32, which the sums are computed in.
+const ROUNDING: f64 = 1e-12;
+
 /// Frames I_n = A + B cos(φ − δ_n) of one period.
 pub struct PhaseSet {
     /// Index of each frame.
@@ -20,6 +23,8 @@ pub struct PhaseSet {
     pub floor: f32,
     cos: Vec<f32>,
     sin: Vec<f32>,
+    /// Steps where cos δ is 1 and −1, then those where sin δ is: four steps of a quarter turn.
+    pub(super) quarters: Option<[usize; 4]>,
     /// What every frame shows of (A, c, s).
     pub(super) design: Vec<[f64; 3]>,
     pub(super) solver: Solver,
@@ -54,6 +59,7 @@ impl PhaseSet {
             frequency: (1.0 / period) as f32,
             table: Table::default(),
             floor: 0.0,
+            quarters: quarters(shifts),
             cos: shifts.iter().map(|d| d.cos() as f32).collect(),
             sin: shifts.iter().map(|d| d.sin() as f32).collect(),
             design,
@@ -73,16 +79,21 @@ impl PhaseSet {
         self.frames.len()
     }
 
-    /// One bit for each phase step.
-    pub(in super::super) fn all_steps(&self) -> u64 {
-        u64::MAX >> (64 - self.steps())
-    }
-
     /// Cosine and sine of the shift of step `n`.
     #[inline(always)]
     pub(in super::super) fn phasor(&self, n: usize) -> (f32, f32) {
         (self.cos[n], self.sin[n])
     }
+}
+
+/// See [`PhaseSet::quarters`].
+fn quarters(shifts: &[f64]) -> Option<[usize; 4]> {
+    let at = |cos: f64, sin: f64| {
+        let here = |d: &f64| (d.cos() - cos).abs() + (d.sin() - sin).abs() < ROUNDING;
+        shifts.iter().position(here)
+    };
+    let found = [at(1.0, 0.0)?, at(-1.0, 0.0)?, at(0.0, 1.0)?, at(0.0, -1.0)?];
+    (shifts.len() == 4).then_some(found)
 }
 
 #[cfg(test)]

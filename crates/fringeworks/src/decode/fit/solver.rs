@@ -1,8 +1,10 @@
 //! Normal equations of I_n = A + c cos δ_n + s sin δ_n (Bruning 1974; Greivenkamp 1984; theory §5).
 
+use super::angle::angle;
 use super::set::PhaseSet;
 use super::sums::Sums;
-use crate::decode::{Lanes, LANES};
+use super::Fitted;
+use crate::decode::BLOCK_PIXELS;
 
 /// Least determinant of the normal equations, as a share of that of equal steps.
 ///
@@ -158,43 +160,47 @@ fn skew(inverse: &Matrix, shifts: &[f64]) -> [f32; 4] {
     cubic.map(|v| (v / scale) as f32)
 }
 
-/// A, c and s (in this order in the result) of I = A + c cos δ + s sin δ.
+/// Phase, precision, brightness, background and power of a block from its sums, which become the
+/// amplitudes A, c and s of I = A + c cos δ + s sin δ.
 #[inline(always)]
-pub fn solve(set: &PhaseSet, sums: &Sums) -> Sums {
-    let m = &set.solver.inverse;
-    let mut out = *sums;
-    if set.solver.balanced {
-        for i in 0..LANES {
-            out.plain[i] *= m[0][0];
-            out.cos[i] *= m[1][1];
-            out.sin[i] *= m[1][1];
-        }
-    } else {
-        for i in 0..LANES {
-            let (p, q, r) = (sums.plain[i], sums.cos[i], sums.sin[i]);
-            let row = |row: &[f32; 3]| row[0] * p + row[1] * q + row[2] * r;
-            (out.plain[i], out.cos[i], out.sin[i]) = (row(&m[0]), row(&m[1]), row(&m[2]));
-        }
+pub fn solve(set: &PhaseSet, sums: &mut Sums, out: &mut Fitted) {
+    match (set.solver.balanced, set.solver.skew) {
+        (true, None) => amplitudes::<true, false>(set, sums, out),
+        (true, Some(_)) => amplitudes::<true, true>(set, sums, out),
+        (false, _) => amplitudes::<false, true>(set, sums, out),
     }
-    out
 }
 
-/// Inverse variance of the phase for noise of one count², with all samples used.
+/// The same, with what is known of the set as constants of the compilation.
 #[inline(always)]
-pub fn precision(set: &PhaseSet, Sums { cos, sin, .. }: &Sums) -> Lanes {
-    let m = &set.solver.covariance;
-    let mut out = [0.0; LANES];
-    if set.solver.balanced {
-        for i in 0..LANES {
-            out[i] = (cos[i] * cos[i] + sin[i] * sin[i]) * (1.0 / m[1][1]);
-        }
-    } else {
-        for i in 0..LANES {
-            let (c, s) = (cos[i], sin[i]);
-            let (cc, ss, power) = (c * c, s * s, c * c + s * s);
-            let spread = m[2][2] * cc + m[1][1] * ss - 2.0 * m[1][2] * (c * s);
-            out[i] = power * power / spread;
-        }
+fn amplitudes<const BALANCED: bool, const SKEW: bool>(
+    set: &PhaseSet,
+    sums: &mut Sums,
+    out: &mut Fitted,
+) {
+    // Copies: what might change in memory between two pixels keeps a loop from using vectors.
+    let (m, v) = (set.solver.inverse, set.solver.covariance);
+    let skew = set.solver.skew.unwrap_or_default();
+    let per_power = 1.0 / v[1][1];
+    for i in 0..BLOCK_PIXELS {
+        let (p, q, r) = (sums.plain[i], sums.cos[i], sums.sin[i]);
+        let (a, c, s) = if BALANCED {
+            (p * m[0][0], q * m[1][1], r * m[1][1])
+        } else {
+            let row = |k: usize| m[k][0] * p + m[k][1] * q + m[k][2] * r;
+            (row(0), row(1), row(2))
+        };
+        let power = c * c + s * s;
+        out.turns[i] = angle(s, c);
+        out.precision[i] = if BALANCED {
+            power * per_power
+        } else {
+            power * power / (v[2][2] * (c * c) + v[1][1] * (s * s) - 2.0 * v[1][2] * (c * s))
+        };
+        let cubic = c * c * (skew[0] * c + skew[1] * s) + s * s * (skew[2] * c + skew[3] * s);
+        out.brightness_or_variance[i] = if SKEW { a + cubic / power } else { a };
+        out.background[i] = a;
+        out.power[i] = power;
+        (sums.plain[i], sums.cos[i], sums.sin[i]) = (a, c, s);
     }
-    out
 }

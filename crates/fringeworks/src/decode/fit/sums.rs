@@ -1,54 +1,39 @@
-//! Sums over the samples of a group of pixels.
+//! Sums over the samples of a block of pixels.
 
-use crate::decode::{Lanes, LANES};
+use crate::decode::Line;
 
-/// Σ I, Σ I cos δ and Σ I sin δ of a group; after solving, the amplitudes A, c and s.
-#[derive(Clone, Copy)]
+/// Σ I, Σ I cos δ and Σ I sin δ of a block.
 pub struct Sums {
-    pub plain: Lanes,
-    pub cos: Lanes,
-    pub sin: Lanes,
+    pub plain: Line,
+    pub cos: Line,
+    pub sin: Line,
 }
 
 impl Sums {
-    #[inline(always)]
-    pub fn zero() -> Self {
+    pub const fn zero() -> Self {
+        let zero = Line::of(0.0);
         Self {
-            plain: [0.0; LANES],
-            cos: [0.0; LANES],
-            sin: [0.0; LANES],
+            plain: zero,
+            cos: zero,
+            sin: zero,
         }
     }
 }
 
-/// Samples of a group at the sensor's limit: their number, and Σ cos δ and Σ sin δ over them.
-#[derive(Clone, Copy)]
+/// Samples of a block at the sensor's limit: their number, and Σ cos δ and Σ sin δ over them.
 pub struct Saturated {
-    pub count: Lanes,
-    pub cos: Lanes,
-    pub sin: Lanes,
+    pub count: Line,
+    pub cos: Line,
+    pub sin: Line,
 }
 
 impl Saturated {
-    #[inline(always)]
-    pub fn none() -> Self {
+    pub const fn none() -> Self {
+        let zero = Line::of(0.0);
         Self {
-            count: [0.0; LANES],
-            cos: [0.0; LANES],
-            sin: [0.0; LANES],
-        }
-    }
-}
-
-/// A group of pixels of a plane; zeros beyond its end.
-#[inline(always)]
-pub fn lanes<T: Copy + Default>(plane: &[T], at: usize) -> [T; LANES] {
-    match plane[at..].first_chunk::<LANES>() {
-        Some(whole) => *whole,
-        None => {
-            let mut out = [T::default(); LANES];
-            out[..plane.len() - at].copy_from_slice(&plane[at..]);
-            out
+            count: zero,
+            cos: zero,
+            sin: zero,
         }
     }
 }

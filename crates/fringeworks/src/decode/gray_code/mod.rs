@@ -142,7 +142,7 @@ pub struct GrayCells {
 
 impl GrayCells {
     pub fn new() -> Self {
-        let zero = [0.0; BLOCK_PIXELS];
+        let zero = Line::of(0.0);
         Self {
             coordinate: zero,
             half_width: zero,
@@ -154,16 +154,17 @@ impl GrayCells {
     }
 }
 
-/// Read the Gray code of `n` pixels from `at` on. `mean` and `modulation` are of the phase frames.
+/// Read the Gray code of a block from `at` on. `mean` and `modulation` are of the phase frames.
 #[inline(always)]
 pub fn read_gray_code<T: Sample>(
     frames: &Frames<'_, T>,
     plan: &Plan,
     code: &GrayCode,
-    (at, n): (usize, usize),
+    at: usize,
     (mean, modulation): (&Line, &Line),
     out: &mut GrayCells,
 ) {
+    let n = BLOCK_PIXELS;
     let line = |frame: usize| &frames.planes[frame][at..at + n];
     thresholds(code, line, n, (mean, modulation), out);
     limits_of_doubt(code, plan, n, out);
@@ -228,7 +229,7 @@ fn mark_not_finite<'a, T: Sample>(
         Against::Mean => &[],
     };
     // NaN and infinity stay in a sum.
-    let mut sum = [0.0; BLOCK_PIXELS];
+    let mut sum = Line::of(0.0);
     for &frame in code.bits.iter().chain(others) {
         let samples = line(frame);
         for i in 0..n {

@@ -1,7 +1,7 @@
 //! Words of a Gray code: the numbers of the cells that pixels see, and which bits are in doubt.
 
 use super::{Against, GrayCells, GrayCode};
-use crate::decode::{Sample, BLOCK_PIXELS};
+use crate::decode::{Line, Sample};
 
 /// What the bits of a pixel say.
 struct Word {
@@ -44,7 +44,7 @@ pub fn read_bits<'a, T: Sample>(
     phases: bool,
     out: &mut GrayCells,
 ) {
-    let zero = [0u32; BLOCK_PIXELS];
+    let zero = Line::of(0u32);
     let (mut gray, mut doubt, mut alien) = (zero, zero, zero);
     for (b, &frame) in code.bits.iter().enumerate() {
         let place = (code.bits.len() - 1 - b) as u32;
@@ -92,7 +92,7 @@ pub fn read_digits<'a, T: Sample>(
     phases: bool,
     out: &mut GrayCells,
 ) {
-    let zero = [0u32; BLOCK_PIXELS];
+    let zero = Line::of(0u32);
     let (mut cells, mut others, mut doubts) = (zero, zero, zero);
     let (levels, top) = (code.levels, code.levels - 1);
     let number = |before: u32, digit: u32| {

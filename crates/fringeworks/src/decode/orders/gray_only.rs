@@ -2,7 +2,7 @@
 
 use super::Scratch;
 use crate::decode::gray_code::HALF_DIFFERENCE;
-use crate::decode::{Plan, BLOCK_PIXELS};
+use crate::decode::{Line, Plan, BLOCK_PIXELS};
 use crate::reason;
 
 /// Squared cell width over the variance of a coordinate that is uniform over the cell.
@@ -16,8 +16,8 @@ pub fn resolve_gray_only(plan: &Plan, scratch: &mut Scratch) {
     scratch.background = scratch.gray.threshold;
     scratch.modulation = scratch.gray.contrast;
     scratch.coordinate = scratch.gray.coordinate;
-    scratch.variance = [step * step / UNIFORM_VARIANCE; BLOCK_PIXELS];
-    scratch.disagreement = [0.0; BLOCK_PIXELS];
+    scratch.variance = Line::of(step * step / UNIFORM_VARIANCE);
+    scratch.disagreement = Line::of(0.0);
     for i in 0..BLOCK_PIXELS {
         let contrast = scratch.modulation[i];
         let noise = (HALF_DIFFERENCE * plan.noise.variance(scratch.background[i])).sqrt();

@@ -6,13 +6,14 @@ mod phase_noise;
 mod resolve;
 mod settings;
 
-use super::fit::{fit, Fitted};
+use super::fit::{fit, Fitted, Sums};
 use super::gray_code::{read_gray_code, GrayCells};
-use super::{Frames, Lanes, Line, Outputs, Plan, Sample, BLOCK_PIXELS, LANES};
+use super::{Frames, Line, Outputs, Plan, Sample, BLOCK_PIXELS};
 use crate::reason;
 use std::f32::consts::TAU;
 
 use gray_only::resolve_gray_only;
+use phase_noise::Unusable;
 use resolve::resolve;
 pub use settings::{Chain, Limits, Noise};
 
@@ -21,39 +22,49 @@ const TO_WHOLE: f32 = 12_582_912.0;
 
 /// Arrays of one block; one per thread.
 pub struct Scratch {
+    sums: Sums,
     sets: Vec<Fitted>,
     gray: GrayCells,
     background: Line,
     modulation: Line,
+    /// Coordinate that the chain starts from, px: that of the Gray code, or the middle of the range.
+    start: Line,
     coordinate: Line,
     variance: Line,
     disagreement: Line,
-    /// Remainder of every rounding of a group: those of the combinations, then those of the sets.
-    remainders: Vec<Lanes>,
-    reason: [u32; BLOCK_PIXELS],
+    /// Remainder of every rounding, turns: those of the combinations, then those of the sets.
+    remainders: Vec<Line>,
+    unusable: Unusable,
+    /// Non-zero where the fringe order is ambiguous.
+    ambiguous: Line<u32>,
+    reason: Line<u32>,
     /// Factor on the variances of every pixel, where there is one.
     inflation: Option<Box<Line>>,
 }
 
 impl Scratch {
     pub fn new(sets: usize, combinations: usize) -> Self {
-        let zero = [0.0; BLOCK_PIXELS];
+        let zero = Line::of(0.0);
         Self {
+            sums: Sums::zero(),
             sets: (0..sets).map(|_| Fitted::new()).collect(),
             gray: GrayCells::new(),
             background: zero,
             modulation: zero,
+            start: zero,
             coordinate: zero,
             variance: zero,
             disagreement: zero,
-            remainders: vec![[0.0; LANES]; combinations + sets],
-            reason: [0; BLOCK_PIXELS],
+            remainders: vec![zero; combinations + sets],
+            unusable: Unusable::none(),
+            ambiguous: Line::of(0),
+            reason: Line::of(0),
             inflation: None,
         }
     }
 }
 
-/// Decode up to [`BLOCK_PIXELS`] pixels from `at` on.
+/// Decode up to [`BLOCK_PIXELS`] pixels from `at` on; the planes hold a whole block there.
 #[inline(always)]
 pub fn decode_block<T: Sample>(
     frames: &Frames<'_, T>,
@@ -64,42 +75,34 @@ pub fn decode_block<T: Sample>(
 ) {
     let n = out.coordinate.len();
     scratch.inflation = (!out.inflation.is_empty()).then(|| {
-        let mut line = Box::new([1.0; BLOCK_PIXELS]);
+        let mut line = Box::new(Line::of(1.0));
         line[..n].copy_from_slice(out.inflation);
         line
     });
-    fit_sets(frames, plan, at, n, scratch);
+    fit_sets(frames, plan, at, scratch);
     if let Some(code) = &plan.gray_code {
         let phases = (&scratch.background, &scratch.modulation);
-        read_gray_code(frames, plan, code, (at, n), phases, &mut scratch.gray);
+        read_gray_code(frames, plan, code, at, phases, &mut scratch.gray);
     }
     if plan.sets.is_empty() {
         resolve_gray_only(plan, scratch);
     } else {
-        for start in (0..n).step_by(LANES) {
-            resolve(plan, start, scratch);
-        }
+        resolve(plan, scratch);
     }
     write(n, out, scratch);
 }
 
 /// Fit every set; background as the mean over all frames, modulation of the finest set.
 #[inline(always)]
-fn fit_sets<T: Sample>(
-    frames: &Frames<'_, T>,
-    plan: &Plan,
-    at: usize,
-    n: usize,
-    scratch: &mut Scratch,
-) {
+fn fit_sets<T: Sample>(frames: &Frames<'_, T>, plan: &Plan, at: usize, scratch: &mut Scratch) {
     let total: usize = plan.sets.iter().map(|set| set.steps()).sum();
+    scratch.background = Line::of(0.0);
     for k in 0..plan.sets.len() {
         let fitted = &mut scratch.sets[k];
-        fit(frames, plan, k, at..at + n, fitted);
+        fit(frames, plan, k, at, &mut scratch.sums, fitted);
         let share = plan.sets[k].steps() as f32 / total as f32;
         for i in 0..BLOCK_PIXELS {
-            let before = if k == 0 { 0.0 } else { scratch.background[i] };
-            scratch.background[i] = before + share * fitted.background[i];
+            scratch.background[i] += share * fitted.background[i];
         }
     }
     if let Some(finest) = scratch.sets.get(plan.finest()) {
@@ -115,49 +118,49 @@ fn nearest(v: f32) -> f32 {
     (v + TO_WHOLE) - TO_WHOLE
 }
 
-/// The values of one group of an array of the block.
+/// Σ c a over lines a with coefficients c, in their order; lines whose coefficient is 0 are left out.
 #[inline(always)]
-fn part(line: &Line, start: usize) -> &Lanes {
-    line[start..]
-        .first_chunk()
-        .expect("a whole number of groups")
+fn weighted_sum<'a>(terms: impl Iterator<Item = (&'a Line, f32)>, out: &mut Line) {
+    let mut first = true;
+    for (line, c) in terms.filter(|(_, c)| *c != 0.0) {
+        for i in 0..BLOCK_PIXELS {
+            out[i] = if first { 0.0 } else { out[i] } + c * line[i];
+        }
+        first = false;
+    }
+    if first {
+        *out = Line::of(0.0);
+    }
 }
 
-#[inline(always)]
-fn part_mut(line: &mut Line, start: usize) -> &mut Lanes {
-    line[start..]
-        .first_chunk_mut()
-        .expect("a whole number of groups")
-}
-
-/// Copy the results of a block into the output maps.
+/// Copy the results of a block's first `n` pixels into the output maps.
 #[inline(always)]
 fn write(n: usize, out: Outputs, scratch: &Scratch) {
-    let maps = out.coordinate.iter_mut().zip(out.sigma.iter_mut());
-    let results = scratch.coordinate[..n]
-        .iter()
-        .zip(&scratch.variance[..n])
-        .zip(&scratch.reason[..n]);
-    for ((coordinate, sigma), ((&x, &variance), &reason)) in maps.zip(results) {
-        let ok = reason == u32::from(reason::OK);
-        *coordinate = if ok { x } else { f32::NAN };
-        *sigma = if ok { variance.sqrt() } else { f32::NAN };
+    let (coordinate, sigma) = (&mut out.coordinate[..n], &mut out.sigma[..n]);
+    for i in 0..n {
+        let ok = scratch.reason[i] == u32::from(reason::OK);
+        coordinate[i] = if ok { scratch.coordinate[i] } else { f32::NAN };
+        sigma[i] = if ok {
+            scratch.variance[i].sqrt()
+        } else {
+            f32::NAN
+        };
     }
     out.background.copy_from_slice(&scratch.background[..n]);
     out.modulation.copy_from_slice(&scratch.modulation[..n]);
-    for (byte, &reason) in out.reason.iter_mut().zip(&scratch.reason) {
+    for (byte, &reason) in out.reason.iter_mut().zip(scratch.reason.iter()) {
         *byte = reason as u8;
     }
     if !out.disagreement.is_empty() {
         out.disagreement.copy_from_slice(&scratch.disagreement[..n]);
     }
     for (map, fitted) in out.phases.into_iter().zip(&scratch.sets) {
-        for (phase, turns) in map.iter_mut().zip(&fitted.turns) {
+        for (phase, turns) in map.iter_mut().zip(fitted.turns.iter()) {
             *phase = TAU * turns;
         }
     }
     for (map, fitted) in out.modulations.into_iter().zip(&scratch.sets) {
-        for (modulation, power) in map.iter_mut().zip(&fitted.power) {
+        for (modulation, power) in map.iter_mut().zip(fitted.power.iter()) {
             *modulation = power.sqrt();
         }
     }

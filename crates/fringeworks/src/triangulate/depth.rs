@@ -1,181 +1,109 @@
-//! The unknown w = 1/z of every pixel of a segment.
+//! The unknown w = 1/z of a pixel.
 //!
-//! Const parameters X and Y say which axes are decoded, FMA whether multiply-add is fused.
+//! Const parameters X and Y say which axes are decoded, MAIN_X along which of them Newton's method
+//! starts, STEPS the number of its steps, FMA whether multiply-add is fused.
 
 use super::arithmetic::{cubic, fused};
-use super::prepare::Projector;
-use super::rays::{self, Rays};
-use super::row::Decoded;
-use super::{Values, SEGMENT_PIXELS};
-
-/// Intermediate values shared by the passes over a segment.
-///
-/// The passes are separate because a loop of Newton steps inside the loop over pixels would block
-/// vectorisation.
-pub struct Work {
-    /// Camera ray r (r_z = 1) and its length |r|.
-    pub ray_x: Values,
-    pub ray_y: Values,
-    pub length: Values,
-    /// R r, the ray in the projector's axes.
-    turned_x: Values,
-    turned_y: Values,
-    turned_z: Values,
-    /// Decoded direction in the projector's normalised plane.
-    goal_x: Values,
-    goal_y: Values,
-    /// Variance of that direction.
-    pub variance_x: Values,
-    pub variance_y: Values,
-    /// 1/z of the camera, and the projector's depth divided by z.
-    pub w: Values,
-    pub depth: Values,
-    /// Derivative of the projector's direction by w.
-    pub slope_x: Values,
-    pub slope_y: Values,
-    /// Residual: decoded direction minus the direction at w.
-    pub residual_x: Values,
-    pub residual_y: Values,
-}
-
-impl Work {
-    pub const fn new() -> Self {
-        let zero = [0.0; SEGMENT_PIXELS];
-        Self {
-            ray_x: zero,
-            ray_y: zero,
-            length: zero,
-            turned_x: zero,
-            turned_y: zero,
-            turned_z: zero,
-            goal_x: zero,
-            goal_y: zero,
-            variance_x: zero,
-            variance_y: zero,
-            w: zero,
-            depth: zero,
-            slope_x: zero,
-            slope_y: zero,
-            residual_x: zero,
-            residual_y: zero,
-        }
-    }
-}
+use super::prepare::{Projector, Segment};
 
 /// A pair of values, along x and along y.
-type Two = (f32, f32);
+pub type Two = (f32, f32);
 
-/// The least-squares solution w of n = w d over the axes that are decoded, weighted by 1/variance.
-#[inline(always)]
-fn weighted_quotient<const X: bool, const Y: bool, const FMA: bool>(
-    (variance_x, variance_y): Two,
-    (nx, ny): Two,
-    (dx, dy): Two,
-) -> f32 {
-    if X && Y {
-        // Both weights times variance_x · variance_y: saves two divisions.
-        let (weight_x, weight_y) = (variance_y, variance_x);
-        let (ax, ay) = (weight_x * dx, weight_y * dy);
-        fused::<FMA>(ax, nx, ay * ny) / fused::<FMA>(ax, dx, ay * dy)
-    } else if X {
-        nx / dx
-    } else {
-        ny / dy
-    }
+/// A pixel's decoded directions in the projector's normalised plane, their variances, and the main
+/// coordinate in the variable of the segment's polynomials.
+#[derive(Clone, Copy)]
+pub struct Goal {
+    pub direction: Two,
+    pub variance: Two,
+    pub main: f32,
 }
 
-/// First pass: rays, decoded directions, and w without distortion.
+/// What a pixel's ray meets.
+pub struct Met {
+    /// Camera ray r (r_z = 1) and its length |r|.
+    pub ray: Two,
+    pub length: f32,
+    /// 1/z of the camera, and the projector's depth divided by z.
+    pub w: f32,
+    pub depth: f32,
+    /// Variance of w from the noise of the decoded coordinates (theory §9).
+    pub noise: f32,
+    /// Derivative of the projector's direction by w.
+    pub slope: Two,
+    /// Residual: decoded direction minus the direction at w.
+    pub residual: Two,
+}
+
+/// The least-squares solution w over the axes that are decoded, weighted by 1/variance.
+///
+/// `u` is the place of the pixel in its segment, in the variable of the cubics.
 #[inline(always)]
-pub fn start<const X: bool, const Y: bool, const FMA: bool>(
-    segment: &Rays,
+pub fn meet<
+    const X: bool,
+    const Y: bool,
+    const MAIN_X: bool,
+    const STEPS: usize,
+    const FMA: bool,
+>(
     projector: &Projector,
-    (along_x, along_y): (&Decoded, &Decoded),
-    work: &mut Work,
-) {
+    segment: &Segment,
+    u: f32,
+    goal: Goal,
+) -> Met {
+    let rx = cubic::<FMA>(&segment.rays.camera_x, u);
+    let ry = cubic::<FMA>(&segment.rays.camera_y, u);
+    let r = &projector.rotation;
+    let turned = |k: usize| fused::<FMA>(rx, r[k], fused::<FMA>(ry, r[k + 1], r[k + 2]));
+    let (qx, qy, qz) = (turned(0), turned(3), turned(6));
     let [t0, t1, t2] = projector.translation;
-    let (scale_x, scale_y) = (1.0 / projector.focal[0], 1.0 / projector.focal[1]);
-    let [principal_x, principal_y] = projector.principal;
-    for i in 0..SEGMENT_PIXELS {
-        let u = rays::variable(i);
-        work.ray_x[i] = cubic::<FMA>(&segment.camera_x, u);
-        work.ray_y[i] = cubic::<FMA>(&segment.camera_y, u);
-        let [qx, qy, qz] = [0, 1, 2].map(|k| cubic::<FMA>(&segment.projector[k], u));
-        work.length[i] = cubic::<FMA>(&segment.length, u);
-        let (mut nx, mut dx, mut ny, mut dy) = (0.0, 0.0, 0.0, 0.0);
-        if X {
-            let goal = (along_x.coordinate[i] - principal_x) * scale_x;
-            let sigma = along_x.sigma[i] * scale_x;
-            (nx, dx) = (fused::<FMA>(goal, qz, -qx), fused::<FMA>(-goal, t2, t0));
-            (work.goal_x[i], work.variance_x[i]) = (goal, sigma * sigma);
-        }
-        if Y {
-            let goal = (along_y.coordinate[i] - principal_y) * scale_y;
-            let sigma = along_y.sigma[i] * scale_y;
-            (ny, dy) = (fused::<FMA>(goal, qz, -qy), fused::<FMA>(-goal, t2, t1));
-            (work.goal_y[i], work.variance_y[i]) = (goal, sigma * sigma);
-        }
-        let variances = (work.variance_x[i], work.variance_y[i]);
-        work.w[i] = weighted_quotient::<X, Y, FMA>(variances, (nx, ny), (dx, dy));
-        (work.turned_x[i], work.turned_y[i], work.turned_z[i]) = (qx, qy, qz);
+    let shift = cubic::<FMA>(&segment.shift, goal.main);
+    let mut w = if MAIN_X {
+        let start = goal.direction.0 + shift;
+        fused::<FMA>(start, qz, -qx) / fused::<FMA>(-start, t2, t0)
+    } else {
+        let start = goal.direction.1 + shift;
+        fused::<FMA>(start, qz, -qy) / fused::<FMA>(-start, t2, t1)
+    };
+    let zero = (0.0, 0.0);
+    let (mut depth, mut noise, mut slope, mut residual) = (0.0, 0.0, zero, zero);
+    for _ in 0..STEPS {
+        depth = fused::<FMA>(w, t2, qz);
+        let inverse = 1.0 / depth;
+        let x = fused::<FMA>(w, t0, qx) * inverse;
+        let y = fused::<FMA>(w, t1, qy) * inverse;
+        let by_x = fused::<FMA>(-x, t2, t0) * inverse;
+        let by_y = fused::<FMA>(-y, t2, t1) * inverse;
+        let seen = ((x, y), (by_x, by_y));
+        let ((gx, gy), (ex, ey)) = distort::<X, Y, FMA>(projector.distortion, seen, goal.direction);
+        let step = if X && Y {
+            // Both weights times variance_x · variance_y: one division for all.
+            let (weight_x, weight_y) = (goal.variance.1, goal.variance.0);
+            let (ax, ay) = (weight_x * gx, weight_y * gy);
+            let inverse = 1.0 / fused::<FMA>(ax, gx, ay * gy);
+            noise = weight_x * weight_y * inverse;
+            fused::<FMA>(ax, ex, ay * ey) * inverse
+        } else {
+            let (g, e, variance) = if X {
+                (gx, ex, goal.variance.0)
+            } else {
+                (gy, ey, goal.variance.1)
+            };
+            let inverse = 1.0 / g;
+            noise = variance * (inverse * inverse);
+            e * inverse
+        };
+        w += step;
+        slope = (gx, gy);
+        residual = (ex - gx * step, ey - gy * step);
     }
-}
-
-/// A point at w as the projector's pinhole sees it, before distortion.
-struct Projected {
-    x: f32,
-    y: f32,
-    /// Derivatives by w.
-    by_x: f32,
-    by_y: f32,
-    depth: f32,
-}
-
-#[inline(always)]
-fn project<const FMA: bool>([t0, t1, t2]: [f32; 3], [qx, qy, qz]: [f32; 3], w: f32) -> Projected {
-    let depth = fused::<FMA>(w, t2, qz);
-    let inverse = 1.0 / depth;
-    let x = fused::<FMA>(w, t0, qx) * inverse;
-    let y = fused::<FMA>(w, t1, qy) * inverse;
-    Projected {
-        x,
-        y,
-        by_x: fused::<FMA>(-x, t2, t0) * inverse,
-        by_y: fused::<FMA>(-y, t2, t1) * inverse,
+    Met {
+        ray: (rx, ry),
+        length: cubic::<FMA>(&segment.rays.length, u),
+        w,
         depth,
-    }
-}
-
-/// Last pass for a projector without distortion: derivatives and residuals at w.
-#[inline(always)]
-pub fn linearise<const FMA: bool>(projector: &Projector, work: &mut Work) {
-    for i in 0..SEGMENT_PIXELS {
-        let turned = [work.turned_x[i], work.turned_y[i], work.turned_z[i]];
-        let seen = project::<FMA>(projector.translation, turned, work.w[i]);
-        work.depth[i] = seen.depth;
-        (work.slope_x[i], work.slope_y[i]) = (seen.by_x, seen.by_y);
-        work.residual_x[i] = work.goal_x[i] - seen.x;
-        work.residual_y[i] = work.goal_y[i] - seen.y;
-    }
-}
-
-/// One Newton step for a projector with distortion; derivatives and residuals to first order.
-#[inline(always)]
-pub fn newton_step<const X: bool, const Y: bool, const FMA: bool>(
-    projector: &Projector,
-    work: &mut Work,
-) {
-    for i in 0..SEGMENT_PIXELS {
-        let w = work.w[i];
-        let turned = [work.turned_x[i], work.turned_y[i], work.turned_z[i]];
-        let seen = project::<FMA>(projector.translation, turned, w);
-        work.depth[i] = seen.depth;
-        let goal = (work.goal_x[i], work.goal_y[i]);
-        let ((gx, gy), (ex, ey)) = distort::<X, Y, FMA>(projector.distortion, &seen, goal);
-        let variances = (work.variance_x[i], work.variance_y[i]);
-        let step = weighted_quotient::<X, Y, FMA>(variances, (ex, ey), (gx, gy));
-        work.w[i] = w + step;
-        (work.slope_x[i], work.slope_y[i]) = (gx, gy);
-        (work.residual_x[i], work.residual_y[i]) = (ex - gx * step, ey - gy * step);
+        noise,
+        slope,
+        residual,
     }
 }
 
@@ -183,9 +111,7 @@ pub fn newton_step<const X: bool, const Y: bool, const FMA: bool>(
 #[inline(always)]
 fn distort<const X: bool, const Y: bool, const FMA: bool>(
     [k1, k2, p1, p2, k3]: [f32; 5],
-    &Projected {
-        x, y, by_x, by_y, ..
-    }: &Projected,
+    ((x, y), (by_x, by_y)): (Two, Two),
     (goal_x, goal_y): Two,
 ) -> (Two, Two) {
     let (xx, xy, yy) = (x * x, x * y, y * y);

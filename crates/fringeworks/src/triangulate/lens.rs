@@ -9,20 +9,20 @@ const MAX_INVERSION_STEPS: usize = 20;
 /// Largest error of an inverted direction, in units of the normalised plane (1 = focal length).
 ///
 /// Far below a thousandth of a pixel for any focal length, and above the rounding of f64.
-const INVERSION_TOLERANCE: f64 = 1e-12;
+pub const INVERSION_TOLERANCE: f64 = 1e-12;
 
-/// Largest number of Newton steps per pixel that undo the projector's distortion.
+/// Largest number of Newton steps per pixel.
 ///
 /// Five squarings bring even an error of 0.5 below single precision; a lens that needs more has no
 /// inverse over its frame.
-const MAX_NEWTON_STEPS: usize = 5;
+pub const MAX_NEWTON_STEPS: usize = 5;
 
 /// Error of a direction at which Newton's method may stop, in units of the normalised plane.
 ///
 /// About the rounding of a single-precision value near 1.
 const NEWTON_TOLERANCE: f64 = 1e-7;
 
-/// Safety factor on the projector's distortion as the first error of Newton's method.
+/// Safety factor on the first error of Newton's method.
 ///
 /// A correction of w moves the point along its epipolar line, so the distortion changes as well.
 const NEWTON_MARGIN: f64 = 4.0;
@@ -36,6 +36,20 @@ const MAX_FIRST_ERROR: f64 = 0.9;
 ///
 /// Distortion is largest at the border, and a polynomial of degree 7 is smooth over an eighth of it.
 const BORDER_INTERVALS: usize = 8;
+
+/// Newton steps after which a first error, in units of the normalised plane, is below single
+/// precision: one or more.
+///
+/// Each step squares the error.
+pub fn newton_steps(first: f64) -> usize {
+    let mut error = (NEWTON_MARGIN * first).min(MAX_FIRST_ERROR);
+    let mut steps = 0;
+    while error > NEWTON_TOLERANCE && steps < MAX_NEWTON_STEPS {
+        error *= error;
+        steps += 1;
+    }
+    steps.max(1)
+}
 
 /// A pinhole with Brown's distortion k₁, k₂, p₁, p₂, k₃.
 #[derive(Clone, Copy, Debug)]
@@ -108,25 +122,8 @@ impl Lens {
         (f64::NAN, f64::NAN)
     }
 
-    /// Newton steps that undo this lens' distortion over a frame of `size` (columns, rows) to
-    /// single precision; 0 for a lens without distortion.
-    ///
-    /// Each step squares the error, and the first error is the distortion itself.
-    pub(super) fn newton_steps(&self, size: (usize, usize)) -> usize {
-        if self.distortion.iter().all(|&k| k == 0.0) {
-            return 0;
-        }
-        let mut error = (NEWTON_MARGIN * self.largest_distortion(size)).min(MAX_FIRST_ERROR);
-        let mut steps = 0;
-        while error > NEWTON_TOLERANCE && steps < MAX_NEWTON_STEPS {
-            error *= error;
-            steps += 1;
-        }
-        steps.max(1)
-    }
-
     /// Largest shift of a direction by distortion along the border of a frame.
-    fn largest_distortion(&self, size: (usize, usize)) -> f64 {
+    pub(super) fn largest_distortion(&self, size: (usize, usize)) -> f64 {
         let normalised = |n: usize, pixels: usize, axis: usize| {
             (n as f64 / BORDER_INTERVALS as f64 * pixels as f64 - self.principal[axis])
                 / self.focal[axis]

@@ -18,6 +18,7 @@ mod points;
 mod prepare;
 mod rays;
 mod row;
+mod shift;
 
 use crate::{check_length, check_value, Error};
 use rayon::prelude::*;

@@ -1,9 +1,9 @@
 //! Points of a segment, their standard deviations, and reasons where there are none.
 
 use super::arithmetic::{fused, power_of_two};
-use super::depth::Work;
-use super::prepare::{Projector, SpreadVariable};
-use super::rays::SegmentSpread;
+use super::depth::{meet, Goal, Met};
+use super::prepare::{Segment, Triangulation};
+use super::rays::{variable, SegmentSpread};
 use super::row::Decoded;
 use super::{Limits, Values, SEGMENT_PIXELS, SPREAD_COEFFICIENTS};
 use crate::reason;
@@ -14,6 +14,7 @@ const RAYS_APART: u32 = reason::RAYS_APART as u32;
 const BEYOND: u32 = reason::BEYOND_GEOMETRY as u32;
 
 /// Results of a segment; NaN where the rays do not meet in front of both devices.
+#[repr(align(64))] // Vectors do not lie across two lines of the cache.
 pub struct SegmentPoints {
     pub x: Values,
     pub y: Values,
@@ -39,30 +40,6 @@ impl SegmentPoints {
     }
 }
 
-/// What the last pass knows of a segment besides [`Work`].
-pub struct Context<'a> {
-    pub projector: &'a Projector,
-    pub spread: &'a SegmentSpread,
-    pub spread_variable: &'a SpreadVariable,
-    /// Coordinates along the axis of the spread's variable.
-    pub spread_axis: &'a Decoded,
-    pub limits: &'a Limits,
-}
-
-/// Variance of w from the noise of the decoded coordinates (theory §9).
-#[inline(always)]
-fn noise_variance<const X: bool, const Y: bool>(work: &Work, i: usize) -> f32 {
-    let (gx, gy) = (work.slope_x[i], work.slope_y[i]);
-    let (variance_x, variance_y) = (work.variance_x[i], work.variance_y[i]);
-    if X && Y {
-        variance_x * variance_y / (variance_y * gx * gx + variance_x * gy * gy)
-    } else if X {
-        variance_x / (gx * gx)
-    } else {
-        variance_y / (gy * gy)
-    }
-}
-
 /// Variance of w from the calibration.
 #[inline(always)]
 fn calibration_variance<const FMA: bool>(spread: &SegmentSpread, i: usize, variable: f32) -> f32 {
@@ -74,52 +51,75 @@ fn calibration_variance<const FMA: bool>(spread: &SegmentSpread, i: usize, varia
     power_of_two::<FMA>(logarithm)
 }
 
-/// Signed distance from the epipolar line, px, and whether it is within the limit.
+/// Signed distance from the epipolar line, px, and whether it is within the limits: the squared number
+/// of standard deviations, and the calibration's variance in px².
 #[inline(always)]
-fn epipolar_error(context: &Context, work: &Work, i: usize) -> (f32, bool) {
-    let [focal_x, focal_y] = context.projector.focal;
-    let limits = context.limits;
-    let limit = limits.residual_sigmas * limits.residual_sigmas;
-    let calibration = limits.residual_px * limits.residual_px;
+fn epipolar_error(
+    [focal_x, focal_y]: [f32; 2],
+    (sigmas, calibration): (f32, f32),
+    goal: &Goal,
+    met: &Met,
+) -> (f32, bool) {
     // The epipolar line runs along the derivative by w; both in px.
-    let (ux, uy) = (focal_x * work.slope_x[i], focal_y * work.slope_y[i]);
-    let (rx, ry) = (focal_x * work.residual_x[i], focal_y * work.residual_y[i]);
+    let (ux, uy) = (focal_x * met.slope.0, focal_y * met.slope.1);
+    let (rx, ry) = (focal_x * met.residual.0, focal_y * met.residual.1);
     let size = ux * ux + uy * uy;
     let across = rx * uy - ry * ux;
     let (sx, sy) = (focal_x * uy, focal_y * ux);
-    let variance = work.variance_x[i] * sx * sx + work.variance_y[i] * sy * sy + calibration * size;
-    (across / size.sqrt(), across * across <= limit * variance)
+    let variance = goal.variance.0 * sx * sx + goal.variance.1 * sy * sy + calibration * size;
+    (across / size.sqrt(), across * across <= sigmas * variance)
 }
 
-/// Last pass: points, standard deviations and reasons.
+/// Points, standard deviations and reasons of a segment.
 #[inline(always)]
-pub fn finish<const X: bool, const Y: bool, const FMA: bool>(
-    context: &Context,
-    work: &Work,
+pub fn points<
+    const X: bool,
+    const Y: bool,
+    const MAIN_X: bool,
+    const STEPS: usize,
+    const FMA: bool,
+>(
+    rig: &Triangulation,
+    segment: &Segment,
+    limits: &Limits,
+    (along_x, along_y): (&Decoded, &Decoded),
     out: &mut SegmentPoints,
 ) {
-    let SpreadVariable { offset, factor, .. } = *context.spread_variable;
+    let projector = &rig.projector;
+    let (offset, factor) = (rig.spread_variable.offset, rig.spread_variable.factor);
+    let (scale_x, scale_y) = (1.0 / projector.focal[0], 1.0 / projector.focal[1]);
+    let [principal_x, principal_y] = projector.principal;
+    let sigmas = limits.residual_sigmas * limits.residual_sigmas;
+    let calibration_px = limits.residual_px * limits.residual_px;
     for i in 0..SEGMENT_PIXELS {
-        let z = 1.0 / work.w[i];
-        let noise = noise_variance::<X, Y>(work, i);
-        let variable = offset + factor * context.spread_axis.coordinate[i];
-        let calibration = calibration_variance::<FMA>(context.spread, i, variable);
+        let (x, y) = (along_x.coordinate[i], along_y.coordinate[i]);
+        let (sx, sy) = (along_x.sigma[i] * scale_x, along_y.sigma[i] * scale_y);
+        let goal = Goal {
+            direction: ((x - principal_x) * scale_x, (y - principal_y) * scale_y),
+            variance: (sx * sx, sy * sy),
+            main: offset + factor * if MAIN_X { x } else { y },
+        };
+        let met = meet::<X, Y, MAIN_X, STEPS, FMA>(projector, segment, variable(i), goal);
+        let z = 1.0 / met.w;
+        let calibration = calibration_variance::<FMA>(&segment.spread, i, goal.main);
         // σ along the ray: |r| z² σ_w.
-        let to_mm = work.length[i] * z * z;
-        let sigma = to_mm * (noise + calibration).sqrt();
-        let front = (work.w[i] > 0.0) & (work.depth[i] > 0.0) & (sigma < f32::INFINITY);
+        let to_mm = met.length * z * z;
+        let sigma = to_mm * (met.noise + calibration).sqrt();
+        let front = (met.w > 0.0) & (met.depth > 0.0) & (sigma < f32::INFINITY);
         let mut meets = true;
         if X && Y {
-            let (residual, within) = epipolar_error(context, work, i);
-            meets = within;
+            let within = (sigmas, calibration_px);
+            let (residual, near) = epipolar_error(projector.focal, within, &goal, &met);
+            meets = near;
             out.residual[i] = if front { residual } else { f32::NAN };
         }
         let good = front & meets;
-        out.x[i] = if good { work.ray_x[i] * z } else { f32::NAN };
-        out.y[i] = if good { work.ray_y[i] * z } else { f32::NAN };
-        out.z[i] = if good { z } else { f32::NAN };
-        out.noise[i] = if good { to_mm * noise.sqrt() } else { f32::NAN };
-        out.sigma[i] = if good { sigma } else { f32::NAN };
+        let keep = |value: f32| if good { value } else { f32::NAN };
+        out.x[i] = keep(met.ray.0 * z);
+        out.y[i] = keep(met.ray.1 * z);
+        out.z[i] = keep(z);
+        out.noise[i] = keep(to_mm * met.noise.sqrt());
+        out.sigma[i] = keep(sigma);
         let apart = if meets { OK } else { RAYS_APART };
         out.reason[i] = if front { apart } else { BEYOND };
     }

@@ -1,6 +1,8 @@
 //! A rig prepared for a camera's frame: everything that does not depend on decoded coordinates.
 
+use super::arithmetic::Cubic;
 use super::rays::{Rays, SegmentSpread};
+use super::shift::Shift;
 use super::{Rig, Spread, SEGMENT_PIXELS, SPREAD_COEFFICIENTS};
 use crate::{check_length, check_value, Error};
 use rayon::prelude::*;
@@ -9,6 +11,8 @@ use rayon::prelude::*;
 pub struct Segment {
     pub rays: Rays,
     pub spread: SegmentSpread,
+    /// What distortion moves the main coordinate by, in the variable of the spread.
+    pub shift: Cubic,
 }
 
 /// The projector and the pose in single precision.
@@ -16,8 +20,10 @@ pub struct Projector {
     pub focal: [f32; 2],
     pub principal: [f32; 2],
     pub distortion: [f32; 5],
+    /// Rotation matrix, row by row.
+    pub rotation: [f32; 9],
     pub translation: [f32; 3],
-    /// Newton steps that the distortion takes; 0 where there is none.
+    /// Newton steps that the distortion takes from the shifted coordinate; one or more.
     pub newton_steps: usize,
 }
 
@@ -56,6 +62,7 @@ impl Triangulation {
         let enough = spread.columns >= 2 && spread.rows >= 2;
         check_value("spread", enough, "2 × 2 nodes or more", nodes)?;
         let per_row = shape.1.div_ceil(SEGMENT_PIXELS);
+        let shift = Shift::new(rig, spread, shape, size);
         let segments = (0..shape.0 * per_row)
             .into_par_iter()
             .map(|k| {
@@ -63,13 +70,14 @@ impl Triangulation {
                 Segment {
                     rays: Rays::new(rig, column, row),
                     spread: SegmentSpread::new(spread, shape, column, row),
+                    shift: shift.at(shape, (column + SEGMENT_PIXELS / 2) as f32, row),
                 }
             })
             .collect();
         Ok(Self {
             shape,
             segments,
-            projector: Projector::new(rig, size),
+            projector: Projector::new(rig, shift.newton_steps),
             spread_variable: SpreadVariable {
                 along_x: spread.along_x,
                 offset: 1.0 / spread.length - 1.0,
@@ -96,14 +104,15 @@ impl Triangulation {
 }
 
 impl Projector {
-    fn new(rig: &Rig, size: (usize, usize)) -> Self {
+    fn new(rig: &Rig, newton_steps: usize) -> Self {
         let single = |v: f64| v as f32;
         Self {
             focal: rig.projector.focal.map(single),
             principal: rig.projector.principal.map(single),
             distortion: rig.projector.distortion.map(single),
+            rotation: rig.rotation.map(single),
             translation: rig.translation.map(single),
-            newton_steps: rig.projector.newton_steps(size),
+            newton_steps,
         }
     }
 }

@@ -25,38 +25,32 @@ pub struct Rays {
     /// Ray r of the camera, with r_z = 1.
     pub camera_x: Cubic,
     pub camera_y: Cubic,
-    /// R r, the same ray in the projector's axes.
-    pub projector: [Cubic; 3],
     /// |r|.
     pub length: Cubic,
 }
 
 impl Rays {
     pub fn new(rig: &Rig, column: usize, row: usize) -> Self {
-        let mut values = [[0.0; 4]; 6];
+        let mut values = [[0.0; 4]; 3];
         for (k, node) in NODES.iter().enumerate() {
             let (x, y) = rig.camera.ray(column as f64 + node, row as f64);
-            let r = &rig.rotation;
-            let rotated = |k: usize| r[3 * k] * x + r[3 * k + 1] * y + r[3 * k + 2];
-            let length = (x * x + y * y + 1.0).sqrt();
-            let at_node = [x, y, rotated(0), rotated(1), rotated(2), length];
+            let at_node = [x, y, (x * x + y * y + 1.0).sqrt()];
             for (quantity, value) in values.iter_mut().zip(at_node) {
                 quantity[k] = value;
             }
         }
-        let [camera_x, camera_y, x, y, z, length] = values.map(interpolate);
+        let at = NODES.map(|n| (n - MIDDLE) / HALF_LENGTH);
+        let [camera_x, camera_y, length] = values.map(|v| interpolate(at, v));
         Self {
             camera_x,
             camera_y,
-            projector: [x, y, z],
             length,
         }
     }
 }
 
-/// The cubic through four values at the nodes: Newton's divided differences, multiplied out.
-fn interpolate(values: [f64; 4]) -> Cubic {
-    let at = NODES.map(|n| (n - MIDDLE) / HALF_LENGTH);
+/// The cubic through four values: Newton's divided differences, multiplied out.
+pub fn interpolate(at: [f64; 4], values: [f64; 4]) -> Cubic {
     let mut d = values;
     for order in 1..4 {
         for k in (order..4).rev() {
@@ -96,26 +90,37 @@ impl SegmentSpread {
 }
 
 impl Spread {
-    /// Coefficients at a pixel of a frame of `shape` (rows, columns), bilinear between the nodes.
+    /// Coefficients at a pixel of a frame of `shape` (rows, columns).
     fn at(&self, shape: (usize, usize), column: f32, row: usize) -> [f32; SPREAD_COEFFICIENTS] {
-        let scale = |nodes: usize, pixels: usize| (nodes - 1) as f32 / (pixels - 1).max(1) as f32;
-        let down = row as f32 * scale(self.rows, shape.0);
-        let j = (down as usize).min(self.rows - 2);
-        let v = down - j as f32;
-        let across = column * scale(self.columns, shape.1);
-        let i = (across as usize).min(self.columns - 2);
-        let u = across - i as f32;
-        let mut coefficients = [0.0; SPREAD_COEFFICIENTS];
-        for (k, value) in coefficients.iter_mut().enumerate() {
-            let node = |j: usize, i: usize| {
-                self.coefficients[(j * self.columns + i) * SPREAD_COEFFICIENTS + k]
-            };
-            let upper = node(j, i) + u * (node(j, i + 1) - node(j, i));
-            let lower = node(j + 1, i) + u * (node(j + 1, i + 1) - node(j + 1, i));
-            *value = upper + v * (lower - upper);
-        }
-        coefficients
+        between(
+            &self.coefficients,
+            (self.rows, self.columns),
+            shape,
+            (column, row),
+        )
     }
+}
+
+/// `N` values at a pixel of a frame of `shape` (rows, columns), bilinear between nodes that cover it.
+pub fn between<const N: usize>(
+    nodes: &[f32],
+    (rows, columns): (usize, usize),
+    shape: (usize, usize),
+    (column, row): (f32, usize),
+) -> [f32; N] {
+    let scale = |nodes: usize, pixels: usize| (nodes - 1) as f32 / (pixels - 1).max(1) as f32;
+    let down = row as f32 * scale(rows, shape.0);
+    let j = (down as usize).min(rows - 2);
+    let v = down - j as f32;
+    let across = column * scale(columns, shape.1);
+    let i = (across as usize).min(columns - 2);
+    let u = across - i as f32;
+    std::array::from_fn(|k| {
+        let node = |j: usize, i: usize| nodes[(j * columns + i) * N + k];
+        let upper = node(j, i) + u * (node(j, i + 1) - node(j, i));
+        let lower = node(j + 1, i) + u * (node(j + 1, i + 1) - node(j + 1, i));
+        upper + v * (lower - upper)
+    })
 }
 
 #[cfg(test)]
@@ -126,7 +131,8 @@ mod tests {
     #[test]
     fn cubic_goes_through_its_values() {
         let values = [0.3, -0.1, 0.25, 0.7];
-        let c = interpolate(values);
+        let at = NODES.map(|n| (n - MIDDLE) / HALF_LENGTH);
+        let c = interpolate(at, values);
         for (node, value) in NODES.iter().zip(values) {
             let u = variable(*node as usize);
             assert!((f64::from(cubic::<false>(&c, u)) - value).abs() < 1e-6);

@@ -1,7 +1,7 @@
 //! One row of the frame, segment by segment, compiled for several instruction sets.
 
-use super::depth::{linearise, newton_step, start, Work};
-use super::points::{finish, Context, SegmentPoints};
+use super::lens::MAX_NEWTON_STEPS;
+use super::points::{points, SegmentPoints};
 use super::prepare::Triangulation;
 use super::{Axis, Limits, Points, Values, SEGMENT_PIXELS};
 use crate::reason;
@@ -17,6 +17,7 @@ pub struct Row<'a> {
 }
 
 /// Decoded maps of one segment; the coordinate is NaN where it was not measured.
+#[repr(align(64))]
 pub struct Decoded {
     pub coordinate: Values,
     pub sigma: Values,
@@ -34,18 +35,31 @@ impl Decoded {
 
     #[inline(always)]
     fn load(&mut self, axis: Axis<'_>, start: usize, n: usize) {
-        let range = start..start + n;
         if n < SEGMENT_PIXELS {
             *self = Self::new();
         }
-        self.sigma[..n].copy_from_slice(&axis.sigma[range.clone()]);
-        self.reason[..n].copy_from_slice(&axis.reason[range.clone()]);
-        self.coordinate[..n].copy_from_slice(&axis.coordinate[range]);
+        copy(&mut self.sigma, &axis.sigma[start..start + n]);
+        copy(&mut self.reason, &axis.reason[start..start + n]);
+        copy(&mut self.coordinate, &axis.coordinate[start..start + n]);
         for i in 0..SEGMENT_PIXELS {
             if self.reason[i] != reason::OK {
                 self.coordinate[i] = f32::NAN;
             }
         }
+    }
+}
+
+/// Copy the shorter of two slices. Whole segments are a few registers; only the end of a row is worth a
+/// call of the system's function.
+#[inline(always)]
+fn copy<T: Copy>(to: &mut [T], from: &[T]) {
+    let n = to.len().min(from.len());
+    match (to.first_chunk_mut(), from.first_chunk()) {
+        (Some(to), Some(from)) if n == SEGMENT_PIXELS => {
+            let (to, from): (&mut [T; SEGMENT_PIXELS], &[T; SEGMENT_PIXELS]) = (to, from);
+            *to = *from;
+        }
+        _ => to[..n].copy_from_slice(&from[..n]),
     }
 }
 
@@ -63,19 +77,37 @@ pub fn triangulate_row(row: Row<'_>) {
 
 #[inline(always)]
 fn with_axes<const FMA: bool>(row: Row<'_>) {
-    match (row.x.is_some(), row.y.is_some()) {
-        (true, true) => segments::<true, true, FMA>(row),
-        (true, false) => segments::<true, false, FMA>(row),
-        _ => segments::<false, true, FMA>(row),
+    let main_x = row.rig.spread_variable.along_x;
+    match (row.x.is_some(), row.y.is_some(), main_x) {
+        (true, true, true) => with_steps::<true, true, true, FMA>(row),
+        (true, true, false) => with_steps::<true, true, false, FMA>(row),
+        (true, false, _) => with_steps::<true, false, true, FMA>(row),
+        _ => with_steps::<false, true, false, FMA>(row),
+    }
+}
+
+/// One step is enough for nearly all lenses; more than needed do no harm.
+#[inline(always)]
+fn with_steps<const X: bool, const Y: bool, const MAIN_X: bool, const FMA: bool>(row: Row<'_>) {
+    match row.rig.projector.newton_steps {
+        1 => segments::<X, Y, MAIN_X, 1, FMA>(row),
+        2 => segments::<X, Y, MAIN_X, 2, FMA>(row),
+        _ => segments::<X, Y, MAIN_X, MAX_NEWTON_STEPS, FMA>(row),
     }
 }
 
 #[inline(always)]
-fn segments<const X: bool, const Y: bool, const FMA: bool>(mut row: Row<'_>) {
+fn segments<
+    const X: bool,
+    const Y: bool,
+    const MAIN_X: bool,
+    const STEPS: usize,
+    const FMA: bool,
+>(
+    mut row: Row<'_>,
+) {
     let width = row.rig.shape().1;
-    let projector = &row.rig.projector;
-    let spread_variable = &row.rig.spread_variable;
-    let (mut points, mut work) = (SegmentPoints::new(), Work::new());
+    let mut found = SegmentPoints::new();
     let (mut along_x, mut along_y) = (Decoded::new(), Decoded::new());
     for (k, segment) in row.rig.segments_of(row.index).iter().enumerate() {
         let first = k * SEGMENT_PIXELS;
@@ -86,27 +118,10 @@ fn segments<const X: bool, const Y: bool, const FMA: bool>(mut row: Row<'_>) {
         if let (true, Some(axis)) = (Y, row.y) {
             along_y.load(axis, first, n);
         }
-        start::<X, Y, FMA>(&segment.rays, projector, (&along_x, &along_y), &mut work);
-        for _ in 0..projector.newton_steps {
-            newton_step::<X, Y, FMA>(projector, &mut work);
-        }
-        if projector.newton_steps == 0 {
-            linearise::<FMA>(projector, &mut work);
-        }
-        let context = Context {
-            projector,
-            spread: &segment.spread,
-            spread_variable,
-            spread_axis: if spread_variable.along_x {
-                &along_x
-            } else {
-                &along_y
-            },
-            limits: row.limits,
-        };
-        finish::<X, Y, FMA>(&context, &work, &mut points);
-        let reasons = reasons::<X, Y>(&along_x, &along_y, &points);
-        store::<X, Y>(&mut row.out, &points, &reasons, first, n);
+        let axes = (&along_x, &along_y);
+        points::<X, Y, MAIN_X, STEPS, FMA>(row.rig, segment, row.limits, axes, &mut found);
+        let reasons = reasons::<X, Y>(&along_x, &along_y, &found);
+        store::<X, Y>(&mut row.out, &found, &reasons, first, n);
     }
 }
 
@@ -142,17 +157,16 @@ fn store<const X: bool, const Y: bool>(
     n: usize,
 ) {
     let range = first..first + n;
-    out.reason[range.clone()].copy_from_slice(&reasons[..n]);
-    out.sigma[range.clone()].copy_from_slice(&points.sigma[..n]);
-    out.noise[range.clone()].copy_from_slice(&points.noise[..n]);
+    copy(&mut out.reason[range.clone()], reasons);
+    copy(&mut out.sigma[range.clone()], &points.sigma);
+    copy(&mut out.noise[range.clone()], &points.noise);
     if X && Y {
-        out.residual[range].copy_from_slice(&points.residual[..n]);
+        copy(&mut out.residual[range], &points.residual);
     }
-    let mut xyz = [0.0f32; 3 * SEGMENT_PIXELS];
-    for i in 0..SEGMENT_PIXELS {
-        xyz[3 * i] = points.x[i];
-        xyz[3 * i + 1] = points.y[i];
-        xyz[3 * i + 2] = points.z[i];
+    let xyz = &mut out.xyz[3 * first..3 * (first + n)];
+    for (i, point) in xyz.chunks_exact_mut(3).enumerate() {
+        point[0] = points.x[i];
+        point[1] = points.y[i];
+        point[2] = points.z[i];
     }
-    out.xyz[3 * first..3 * (first + n)].copy_from_slice(&xyz[..3 * n]);
 }

@@ -26,7 +26,7 @@ def gsifa_1000() -> list[Result]:
             lambda: analyse(pair, "gsifa").displacement_px,
             lambda: gsifa_scipy_rows(pair.reference, pair.object, pair.period),
             lambda u: float(np.nanmean(np.abs(u - truth))),
-            limit_ratio=50.0,
+            limit_ratio=60.0,
             limit_accuracy=0.001,
         )
     ]

@@ -56,6 +56,7 @@ from fringeworks.pair.methods.inverse_function import find_extrema
 from fringeworks.signal.denoise import normalise
 from tests.stacks import multi, take
 from tests.test_cliffs import boxes
+from tests.test_decoder import captured, plan_of, rig_of
 
 plan = multi((1, 8), 4, (300, 40))
 frames = take(plan)
@@ -75,6 +76,9 @@ def results():
     layout = fringe_plan(rig)
     found.append(fw.Triangulator(rig).triangulate(
         fw.decode(list(photograph(view, layout, Optics())), layout)))
+    live = fw.Decoder(plan_of(), rig_of().camera.shape, rig=rig_of())
+    for seed in range(2):
+        found.append(live.points(captured(plan_of(), rig_of(), seed=seed)).reason.copy())
     found += [fw.analyse(scene, name) for name in fw.methods()]
     found += [fw.analyse(painted), fw.analyse(cliffs)]
     found += [fw.unwrap(phase, algorithm=name).phase for name in ("reliability", "guided")]

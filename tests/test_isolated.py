@@ -34,7 +34,8 @@ def marked(coordinate, sigma=0.05, repeats=np.inf):
     sigmas = np.where(np.isfinite(values), np.float32(sigma), np.float32(np.nan))
     reason = np.where(np.isfinite(values), 0, Reason.SHADOW).astype(np.uint8)
     before = values.copy()
-    count = _core.mark_isolated(values, sigmas, reason, repeats=repeats)
+    typical = _core.typical_step(values, repeats=repeats)
+    count = _core.mark_isolated(values, sigmas, reason, typical=typical, repeats=repeats)
     found = reason == Reason.ISOLATED
     assert count == found.sum()
     assert np.isnan(values[found]).all()

@@ -265,6 +265,9 @@ from .stack.options import (
 from .stack.decode import (
     decode as decode,
 )
+from .stack.decoder import (
+    Decoder as Decoder,
+)
 from .stack.motion import (
     Motion as Motion,
 )

@@ -21,11 +21,13 @@ __all__ = [
     "invert_windowed",
     "joint_albedo",
     "mark_isolated",
+    "measure_points",
     "optimised",
     "relocate_surfaces",
     "row_envelopes",
     "row_extrema",
     "smooth_within_walls",
+    "typical_step",
     "unwrap_reliability",
     "version",
     "wall_sides",
@@ -126,8 +128,20 @@ def mark_isolated(
     sigma: NDArray[np.float32],
     reason: NDArray[np.uint8],
     *,
+    typical: float,
     repeats: float,
 ) -> int: ...
+def typical_step(coordinate: NDArray[np.float32], *, repeats: float) -> float: ...
+def measure_points(
+    x: tuple[Sequence[NDArray[Any]], DecodeSettings] | None,
+    y: tuple[Sequence[NDArray[Any]], DecodeSettings] | None,
+    rig: Triangulation,
+    maps: dict[str, Any],
+    *,
+    smooth: tuple[float, float] | None,
+    residual_sigmas: float,
+    residual_px: float,
+) -> None: ...
 def decode_frames(
     frames: Sequence[NDArray[Any]], plan: DecodeSettings, maps: dict[str, Any]
 ) -> None: ...
@@ -192,12 +206,8 @@ class Triangulation:
         self,
         x: _AxisMaps | None,
         y: _AxisMaps | None,
+        maps: dict[str, Any],
         *,
-        xyz: NDArray[np.float32],
-        sigma: NDArray[np.float32],
-        noise: NDArray[np.float32],
-        residual: NDArray[np.float32] | None,
-        reason: NDArray[np.uint8],
         residual_sigmas: float,
         residual_px: float,
     ) -> None: ...

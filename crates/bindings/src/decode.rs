@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 /// Settings of the decoder along one axis. Indices refer to the frames that are passed to a call.
 #[pyclass(frozen, module = "fringeworks._core")]
 pub struct DecodeSettings {
-    plan: Plan,
+    pub plan: Plan,
 }
 
 /// Indices of the frames, shifts (rad), what every frame really shows of (A, c, s) or nothing, period
@@ -246,7 +246,7 @@ macro_rules! with_planes {
     };
 }
 
-fn planes_of<'a, T: Element>(list: &'a [PyReadonlyArray2<'_, T>]) -> PyResult<Vec<&'a [T]>> {
+pub fn planes_of<'a, T: Element>(list: &'a [PyReadonlyArray2<'_, T>]) -> PyResult<Vec<&'a [T]>> {
     list.iter().map(rows_of).collect()
 }
 

@@ -7,6 +7,7 @@ mod decode;
 mod emd;
 mod inverse;
 mod isolated;
+mod measure;
 mod rig;
 mod rows;
 mod threads;
@@ -29,7 +30,9 @@ mod _core {
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]
-    use super::isolated::mark_isolated;
+    use super::isolated::{mark_isolated, typical_step};
+    #[pymodule_export]
+    use super::measure::measure_points;
     #[pymodule_export]
     use super::rig::{Triangles, Triangulation};
     #[pymodule_export]

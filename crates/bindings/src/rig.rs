@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 /// A calibrated rig, and the variance of 1/z that comes from its calibration.
 #[pyclass(frozen, module = "fringeworks._core")]
 pub struct Triangulation {
-    inner: triangulate::Triangulation,
+    pub inner: triangulate::Triangulation,
 }
 
 fn wrong_length(name: &str, expected: usize, got: usize) -> PyErr {
@@ -38,6 +38,43 @@ type Maps<'py> = (
     PyReadonlyArray2<'py, f32>,
     PyReadonlyArray2<'py, u8>,
 );
+
+/// Arrays that points are written to.
+#[derive(FromPyObject)]
+pub struct PointMaps<'py> {
+    #[pyo3(item)]
+    xyz: PyReadwriteArray3<'py, f32>,
+    #[pyo3(item)]
+    sigma: PyReadwriteArray2<'py, f32>,
+    #[pyo3(item)]
+    noise: PyReadwriteArray2<'py, f32>,
+    #[pyo3(item)]
+    residual: Option<PyReadwriteArray2<'py, f32>>,
+    #[pyo3(item)]
+    reason: PyReadwriteArray2<'py, u8>,
+}
+
+impl PointMaps<'_> {
+    /// The arrays as the kernels borrow them, for a camera of this shape.
+    pub fn points(&mut self, expected: (usize, usize)) -> PyResult<Points<'_>> {
+        let shape = (self.reason.shape()[0], self.reason.shape()[1]);
+        if shape != expected {
+            return Err(PyValueError::new_err(format!(
+                "reason: expected shape {expected:?}, got {shape:?}"
+            )));
+        }
+        Ok(Points {
+            xyz: rows_of_mut(&mut self.xyz)?,
+            sigma: rows_of_mut(&mut self.sigma)?,
+            noise: rows_of_mut(&mut self.noise)?,
+            residual: match &mut self.residual {
+                Some(map) => rows_of_mut(map)?,
+                None => &mut [],
+            },
+            reason: rows_of_mut(&mut self.reason)?,
+        })
+    }
+}
 
 /// Decoded maps as the kernel borrows them.
 fn axis<'a>(maps: Option<&'a Maps<'_>>) -> PyResult<Option<Axis<'a>>> {
@@ -102,42 +139,22 @@ impl Triangulation {
     }
 
     /// Triangulate one axis or both into the maps.
-    #[pyo3(signature = (x, y, *, xyz, sigma, noise, residual, reason, residual_sigmas, residual_px))]
-    #[allow(clippy::too_many_arguments)] // Most are keywords in Python.
+    #[pyo3(signature = (x, y, maps, *, residual_sigmas, residual_px))]
     fn run(
         &self,
         py: Python<'_>,
         x: Option<Maps<'_>>,
         y: Option<Maps<'_>>,
-        mut xyz: PyReadwriteArray3<'_, f32>,
-        mut sigma: PyReadwriteArray2<'_, f32>,
-        mut noise: PyReadwriteArray2<'_, f32>,
-        mut residual: Option<PyReadwriteArray2<'_, f32>>,
-        mut reason: PyReadwriteArray2<'_, u8>,
+        mut maps: PointMaps<'_>,
         residual_sigmas: f32,
         residual_px: f32,
     ) -> PyResult<()> {
-        let (shape, expected) = ((reason.shape()[0], reason.shape()[1]), self.inner.shape());
-        if shape != expected {
-            return Err(PyValueError::new_err(format!(
-                "reason: expected shape {expected:?}, got {shape:?}"
-            )));
-        }
         let limits = Limits {
             residual_sigmas,
             residual_px,
         };
         let (along_x, along_y) = (axis(x.as_ref())?, axis(y.as_ref())?);
-        let out = Points {
-            xyz: rows_of_mut(&mut xyz)?,
-            sigma: rows_of_mut(&mut sigma)?,
-            noise: rows_of_mut(&mut noise)?,
-            residual: match &mut residual {
-                Some(map) => rows_of_mut(map)?,
-                None => &mut [],
-            },
-            reason: rows_of_mut(&mut reason)?,
-        };
+        let out = maps.points(self.inner.shape())?;
         detached(py, || {
             triangulate::triangulate(&self.inner, &limits, along_x, along_y, out)
         })

@@ -8,6 +8,7 @@
 //! * [`emd`]: empirical mode decomposition of rows, and their envelopes.
 //! * [`inverse`]: inverse function analysis by rows (IFA, SIFA, GSIFA, exact).
 //! * [`isolated`]: pixels whose decoded coordinate no neighbour shares.
+//! * [`measure`]: frames to points in one pass.
 //! * [`mesh`]: intersection of rays with triangles, for the virtual rig.
 //! * [`reason`]: why a pixel has no value.
 //! * [`triangulate`]: projector coordinates and a calibrated rig to points.
@@ -20,6 +21,7 @@ pub mod decode;
 pub mod emd;
 pub mod inverse;
 pub mod isolated;
+pub mod measure;
 pub mod mesh;
 pub mod reason;
 mod spline;

@@ -51,6 +51,7 @@ class Ply(StrEnum):
     """Content of a .ply file."""
 
     points = "points"
+    normals = "normals"
     mesh = "mesh"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from fringeworks.types import BoolMap, FloatMap, HeightMap, InputError, Reason
 
@@ -44,11 +44,11 @@ def error_map(surface: HeightMap, truth_mm: FloatMap) -> FloatMap:
 
 def edge_band(truth_mm: FloatMap, pitch: float, width_px: int = EDGE_BAND_PX) -> BoolMap:
     """True within ``width_px`` of a cliff of the true surface, (h, w)."""
-    high = ndimage.maximum_filter(truth_mm, 2) - ndimage.minimum_filter(truth_mm, 2)
+    high = scipy.ndimage.maximum_filter(truth_mm, 2) - scipy.ndimage.minimum_filter(truth_mm, 2)
     cliff = high > EDGE_SLOPE * pitch
     if not cliff.any():
         return np.zeros(truth_mm.shape, bool)
-    return np.asarray(ndimage.distance_transform_cdt(~cliff, "chessboard") <= width_px)
+    return np.asarray(scipy.ndimage.distance_transform_cdt(~cliff, "chessboard") <= width_px)
 
 
 def errors(surface: HeightMap, truth_mm: FloatMap) -> Errors:

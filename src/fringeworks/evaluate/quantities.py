@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import ndtr
+import scipy
 
 from fringeworks.evaluate.area_points import AreaPoints, Term, sigma_of
 from fringeworks.surface.form import DISCARDED, Form, fit_region
@@ -67,9 +66,9 @@ def noise_range(sigma: FloatMap) -> float:
     known = np.maximum(sigma[::step], np.finfo(np.float64).tiny)
 
     def beyond(half: float) -> float:
-        return float(np.mean(2.0 * ndtr(-half / known))) - DISCARDED
+        return float(np.mean(2.0 * scipy.special.ndtr(-half / known))) - DISCARDED
 
-    return 2.0 * float(brentq(beyond, 0.0, HALF_SIGMAS * float(known.max())))
+    return 2.0 * float(scipy.optimize.brentq(beyond, 0.0, HALF_SIGMAS * float(known.max())))
 
 
 def step_height(part: AreaPoints, base: AreaPoints) -> Quantified:

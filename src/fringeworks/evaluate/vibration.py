@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal
+import scipy
 
 from fringeworks.evaluate.area_points import MIN_POINTS
 from fringeworks.types import Area, BoolMap, FloatMap, Frozen, InputError, PointCloud, Reason
@@ -176,7 +176,7 @@ def vibration(moved: Displacement) -> Vibration:
     values = np.interp(moved.time_s, moved.time_s[known], moved.distance_mm[known])
     line = np.polyfit(time, values, 1)
     rate = 1.0 / float(np.median(np.diff(moved.time_s)))
-    frequency, power = signal.periodogram(
+    frequency, power = scipy.signal.periodogram(
         values - np.polyval(line, time), rate, window="hann", scaling="spectrum"
     )
     # Faster than half a cycle's rate, moments that share frames show noise as a tone of its own.
@@ -184,9 +184,9 @@ def vibration(moved: Displacement) -> Vibration:
     frequency, amplitude = frequency[:count], np.sqrt(2.0 * power[:count])
     # The lowest frequencies lose power with the line, and the window spreads that.
     low = min(LOWEST_BIN, count - 1)
-    floor = ndimage.median_filter(amplitude[low:], FLOOR_BINS, mode="mirror") / MEDIAN_TO_RMS
+    floor = scipy.ndimage.median_filter(amplitude[low:], FLOOR_BINS, mode="mirror") / MEDIAN_TO_RMS
     floor = np.concatenate((np.full(low, floor[0]), floor))
-    high = signal.find_peaks(amplitude, height=PEAK_FLOORS * floor)[0]
+    high = scipy.signal.find_peaks(amplitude, height=PEAK_FLOORS * floor)[0]
     high = high[high >= low] if count - low >= FEWEST_BINS else high[:0]
     peaks = sorted((_peak(frequency, amplitude, k) for k in high), key=lambda peak: -peak[1])
     slope, sigma = _drift(time, values, peaks, moved.frames_shared)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,8 @@ HEADER_LIMIT = 1 << 16
 
 def write_ply(
     path: Path,
-    vertices: NDArray[Any],
+    vertices: Iterable[NDArray[Any]],
+    count: int,
     triangles: NDArray[np.int32] | None,
     comments: Sequence[str],
 ) -> None:
@@ -46,18 +48,23 @@ def write_ply(
     Parameters
     ----------
     path : Path
-    vertices : (n,) structured array, float32 and uint8 fields
+    vertices : structured arrays, float32 and uint8 fields
+        In their order; each is written before the next one is asked for.
+    count : int
+        Number of vertices in all of them.
     triangles : (m, 3) int32 array, optional
         Rows of ``vertices``; None for a file of points.
     comments : sequence of str
         Lines of the header, ASCII.
     """
-    fields = [(name, vertices.dtype[name].str) for name in vertices.dtype.names or ()]
+    parts = iter(vertices)
+    first = next(parts)
+    fields = [(name, first.dtype[name].str) for name in first.dtype.names or ()]
     header = [
         "ply",
         "format binary_little_endian 1.0",
         *(f"comment {line}" for line in comments),
-        f"element vertex {len(vertices)}",
+        f"element vertex {count}",
         *(f"property {WRITTEN[kind]} {name}" for name, kind in fields),
     ]
     faces = np.empty(0, dtype=[("n", "u1"), ("index", "<i4", (3,))])
@@ -67,8 +74,9 @@ def write_ply(
         header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
     with path.open("wb") as file:
         file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
-        file.write(vertices.tobytes())
-        file.write(faces.tobytes())
+        for part in chain([first], parts):
+            file.write(part.data.cast("B"))
+        file.write(faces.data.cast("B"))
 
 
 def read_ply(path: Path) -> tuple[NDArray[Any], list[str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -29,6 +29,7 @@ from fringeworks.files.surfaces import read_surface
 from fringeworks.surface.cloud import cloud_triangles, normals
 from fringeworks.surface.height_map import height_map_points, lateral_notes
 from fringeworks.types import (
+    BoolMap,
     FileProblem,
     FloatMap,
     Frozen,
@@ -39,7 +40,9 @@ from fringeworks.types import (
     Reason,
 )
 
-Kind = Literal["points", "mesh"]
+Kind = Literal["points", "normals", "mesh"]
+BAND_ROWS = 64
+"""Rows of a cloud whose points are put together for a PLY file at a time."""
 WHITE_PERCENTILE = 99.5
 """Brightness that becomes white in 8 bits, percent of the points below it: highlights beyond it do
 not darken the rest."""
@@ -84,11 +87,11 @@ def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> 
     Parameters
     ----------
     path : path
-        ``.ply`` points or mesh with normals, σ, noise and brightness; ``.xyz`` text, x y z σ in mm;
-        ``.npz`` everything, organised as the frame is.
+        ``.ply`` points or mesh with σ, noise and brightness; ``.xyz`` text, x y z σ in mm; ``.npz``
+        everything, organised as the frame is.
     cloud : PointCloud
-    kind : "points" or "mesh"
-        Content of a ``.ply`` file.
+    kind : "points", "normals" or "mesh"
+        Content of a ``.ply`` file: points alone, with their normals, or connected by triangles.
 
     Raises
     ------
@@ -109,37 +112,49 @@ def check_points_target(path: StrPath) -> None:
 
 def _write_ply(path: Path, cloud: PointCloud, kind: Kind) -> None:
     ok = cloud.reason == Reason.OK
-    names = ["x", "y", "z", "nx", "ny", "nz", "sigma", "noise"]
-    fields: list[tuple[str, str]] = [(name, "<f4") for name in names]
-    colours = _colours(cloud)
-    if colours is not None:
-        fields += [(name, "u1") for name in ("red", "green", "blue")]
-    vertices = np.empty(int(ok.sum()), dtype=fields)
-    vertices["x"], vertices["y"], vertices["z"] = cloud.xyz_mm[ok].T
-    # Readers expect numbers: a point with too few neighbours for a normal gets 0, 0, 0.
-    vertices["nx"], vertices["ny"], vertices["nz"] = np.nan_to_num(normals(cloud)[ok]).T
-    vertices["sigma"], vertices["noise"] = cloud.sigma_mm[ok], cloud.noise_mm[ok]
-    if colours is not None:
-        vertices["red"], vertices["green"], vertices["blue"] = colours[ok].T
     faces = None
     if kind == "mesh":
         place = np.cumsum(ok.ravel()) - 1
         faces = place[cloud_triangles(cloud)].astype(np.int32)
     comments = ["fringeworks; camera coordinates, x right, y down, z forward; unit mm"]
-    write_ply(path, vertices, faces, comments + comment_lines(cloud.provenance))
+    comments += comment_lines(cloud.provenance)
+    write_ply(path, _vertices(cloud, ok, kind), int(np.count_nonzero(ok)), faces, comments)
 
 
-def _colours(cloud: PointCloud) -> NDArray[np.uint8] | None:
-    """Brightness or colour in 8 bits, (h, w, 3)."""
+def _vertices(cloud: PointCloud, ok: BoolMap, kind: Kind) -> Iterator[NDArray[Any]]:
+    """The points of a cloud, some rows of the frame at a time."""
+    turned = normals(cloud) if kind == "normals" else None
+    axes = ["nx", "ny", "nz"] if turned is not None else []
+    fields: list[tuple[str, str]] = [(n, "<f4") for n in ("x", "y", "z", *axes, "sigma", "noise")]
+    white = _white(cloud, ok)
+    if white is not None:
+        fields += [(name, "u1") for name in ("red", "green", "blue")]
+    for top in range(0, len(ok), BAND_ROWS):
+        band = slice(top, top + BAND_ROWS)
+        here = ok[band]
+        part = np.empty(int(np.count_nonzero(here)), dtype=fields)
+        part["x"], part["y"], part["z"] = cloud.xyz_mm[band][here].T
+        part["sigma"], part["noise"] = cloud.sigma_mm[band][here], cloud.noise_mm[band][here]
+        if turned is not None:
+            # Readers expect numbers: a point with too few neighbours for a normal gets 0, 0, 0.
+            part["nx"], part["ny"], part["nz"] = np.nan_to_num(turned[band][here]).T
+        if cloud.colour is not None and white is not None:
+            part["red"], part["green"], part["blue"] = _bytes(cloud.colour[band][here], white)
+        yield part
+
+
+def _white(cloud: PointCloud, ok: BoolMap) -> float | None:
+    """Brightness that becomes white in 8 bits; None for points without brightness."""
     if cloud.colour is None:
         return None
-    values = np.asarray(cloud.colour, np.float64)
-    if values.ndim == 2:
-        values = np.repeat(values[..., None], 3, axis=2)
-    shown = values[cloud.reason == Reason.OK]
-    white = max(float(np.nanpercentile(shown, WHITE_PERCENTILE)), 1e-9)
-    scaled = np.nan_to_num(values) * (255.0 / white)
-    return np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+    return max(float(np.nanpercentile(np.asarray(cloud.colour)[ok], WHITE_PERCENTILE)), 1e-9)
+
+
+def _bytes(values: FloatMap, white: float) -> tuple[NDArray[np.uint8], ...]:
+    """Red, green and blue in 8 bits of points with brightness (n,) or colour (n, 3)."""
+    scaled = np.nan_to_num(np.asarray(values, np.float64)) * (255.0 / white)
+    shown = np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+    return (shown,) * 3 if shown.ndim == 1 else tuple(shown.T)
 
 
 def _write_xyz(path: Path, cloud: PointCloud, _: Kind) -> None:

@@ -18,7 +18,7 @@ def write_result(
     path: StrPath,
     result: HeightMap | PointCloud | Decoded,
     *,
-    kind: Literal["points", "mesh"] = "points",
+    kind: Literal["points", "normals", "mesh"] = "points",
 ) -> None:
     """Write heights, points or coordinates in the format of the file's suffix.
 

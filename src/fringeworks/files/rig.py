@@ -13,7 +13,6 @@ from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, existing_file, parsing, read_content
-from fringeworks.files.opencv_rig import format_opencv, parse_opencv
 from fringeworks.files.provenance import ProvenanceSection, toml_section
 from fringeworks.files.toml import Section, Size, read_toml
 from fringeworks.types import RIG_PARAMETERS, InputError, Pinhole, Rig
@@ -83,8 +82,12 @@ def write_rig(path: StrPath, rig: Rig) -> Path:
     """
     path = Path(path)
     check_rig_target(path)
-    toml = path.suffix.lower() == TOML_SUFFIX
-    write_text(path, format_rig(rig) if toml else format_opencv(rig, path.suffix.lower()))
+    if path.suffix.lower() == TOML_SUFFIX:
+        write_text(path, format_rig(rig))
+        return path
+    from fringeworks.files.opencv_rig import format_opencv  # only where OpenCV is needed
+
+    write_text(path, format_opencv(rig, path.suffix.lower()))
     return path
 
 
@@ -119,6 +122,8 @@ def read_rig(
     path = existing_file(path, "a rig file")
     with parsing(path, "a rig file"):
         if path.suffix.lower() in OPENCV_SUFFIXES:
+            from fringeworks.files.opencv_rig import parse_opencv  # only where OpenCV is needed
+
             content = read_content(path, "a rig file", MAX_DESCRIPTION_BYTES)
             rig = parse_opencv(content, camera_size=camera_size, projector_size=projector_size)
             rig = _in_mm(rig, 1.0 if unit_mm is None else unit_mm)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tifffile
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
 from fringeworks.files.findings import findings_as_dicts, findings_from_json
@@ -27,9 +26,9 @@ from fringeworks.files.provenance import KEY, comment_lines, from_json, json_lin
 from fringeworks.files.tiff import opened_tiff
 from fringeworks.files.x3p import read_x3p, write_x3p
 from fringeworks.surface.height_map import height_map_points, height_map_triangles, known_pitch
-from fringeworks.types import FileProblem, HeightMap, Provenance, Reason
+from fringeworks.types import FileProblem, HeightMap, InputError, Provenance, Reason
 
-PlyKind = Literal["points", "mesh"]
+PlyKind = Literal["points", "normals", "mesh"]
 GSF_MAGIC = "Gwyddion Simple Field 1.0"
 """First line of a GSF file."""
 LAYOUT = {
@@ -60,11 +59,14 @@ def write_surface(path: StrPath, surface: HeightMap, *, ply: PlyKind = "points")
 
     Raises
     ------
-    FileProblem for an unknown suffix and a folder that cannot be written to; InputError for X3P
+    FileProblem for an unknown suffix and a folder that cannot be written to; InputError for
+    ``ply="normals"``, which point clouds have, for X3P
     without a geometry, since that format holds lengths only, and for ``.ply``, ``.x3p`` and
     ``.gsf`` where the pitch is unknown.
     """
     check_surface_target(path)
+    if ply == "normals":
+        raise InputError("ply: expected points or mesh for a height map, got normals")
     with replacing(path) as temporary:
         WRITERS[Path(path).suffix.lower()](temporary, surface, ply)
 
@@ -115,6 +117,8 @@ def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
     origin = surface.provenance
     if origin is not None:
         description[KEY] = origin.as_dict()
+    import tifffile  # 15 ms, for those only who write TIFF
+
     with tifffile.TiffWriter(path) as pages:
         # Three series: programs that read one image take the values.
         pages.write(surface.values.astype(np.float32), metadata=description)
@@ -200,9 +204,8 @@ def _write_ply(path: Path, surface: HeightMap, kind: PlyKind) -> None:
     vertices["sigma"] = sigma
     comments = [f"fringeworks {surface.method} {surface.quantity}; unit {surface.unit}"]
     comments += comment_lines(surface.provenance)
-    write_ply(
-        path, vertices, height_map_triangles(surface, index) if kind == "mesh" else None, comments
-    )
+    triangles = height_map_triangles(surface, index) if kind == "mesh" else None
+    write_ply(path, [vertices], len(vertices), triangles, comments)
 
 
 def _write_gsf(path: Path, surface: HeightMap, _: PlyKind) -> None:

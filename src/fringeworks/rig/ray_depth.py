@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.polynomial import polynomial
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.rig.pinhole import project_with_derivatives, rays, skew
 from fringeworks.types import Axis, FloatMap, Rig
@@ -79,7 +79,7 @@ def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.f
     known = fitted.reshape(NODES)
     if known.any() and not known.all():
         # These nodes yield no points; copy the nearest valid value to keep the table finite.
-        nearest = ndimage.distance_transform_edt(~known, return_indices=True)[1]
+        nearest = scipy.ndimage.distance_transform_edt(~known, return_indices=True)[1]
         spread = spread[tuple(nearest)]
     return np.ascontiguousarray(spread)
 

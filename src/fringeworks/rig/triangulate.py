@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.rig.epipolar import calibration_share
@@ -14,6 +18,7 @@ from fringeworks.types import (
     CoordinateMap,
     Decoded,
     FloatMap,
+    FrameFinding,
     InputError,
     PointCloud,
     Reason,
@@ -88,20 +93,12 @@ class Triangulator:
         self._kernel(None if both else next(iter(maps))).run(
             input_arrays(maps.get("x")),
             input_arrays(maps.get("y")),
-            **results,
+            results,
             residual_sigmas=residual_sigmas,
             residual_px=epipolar_px,
         )
-        _refuse_nothing(results["reason"], maps)
-        return PointCloud(
-            xyz_mm=sealed(results["xyz"]),
-            sigma_mm=sealed(results["sigma"]),
-            noise_mm=sealed(results["noise"]),
-            reason=sealed(results["reason"]),
-            residual_px=sealed(results["residual"]) if both else None,
-            colour=colour,
-            findings=decoded.findings,
-        )
+        _refuse_nothing(results["reason"])
+        return _cloud(results, colour, decoded.findings)
 
     def _kernel(self, axis: Axis | None) -> _core.Triangulation:
         """The kernel for one axis, or for both (None)."""
@@ -120,6 +117,43 @@ class Triangulator:
                 projector_size=(rig.projector.width_px, rig.projector.height_px),
             )
         return self._kernels[axis]
+
+
+def measured_points(
+    triangulator: Triangulator,
+    stacks: Mapping[Axis, tuple[Sequence[NDArray[Any]], _core.DecodeSettings]],
+    *,
+    typical_px: Mapping[Axis, float] | None,
+    epipolar_px: float,
+    findings: tuple[FrameFinding, ...],
+    out: PointCloud | None,
+) -> PointCloud:
+    """Points from frames in one pass, without maps of coordinates.
+
+    Parameters
+    ----------
+    stacks : frames and settings of the decoding kernel, for one axis or both
+    typical_px : typical difference of neighbouring coordinates of each axis, px, by which isolated
+        pixels are found; None keeps them
+    epipolar_px, out : as for ``triangulate``
+    findings : kept with the points
+    """
+    both, shape = len(stacks) == 2, triangulator.rig.camera.shape
+    results = empty_arrays(shape, both) if out is None else reused_arrays(out, shape, both)
+    steps = None
+    if typical_px is not None:
+        steps = typical_px.get("x", 0.0), typical_px.get("y", 0.0)
+    _core.measure_points(
+        stacks.get("x"),
+        stacks.get("y"),
+        triangulator._kernel(None if both else next(iter(stacks))),
+        results,
+        smooth=steps,
+        residual_sigmas=RESIDUAL_SIGMAS,
+        residual_px=epipolar_px,
+    )
+    _refuse_nothing(results["reason"])
+    return _cloud(results, None, findings)
 
 
 def triangulate(
@@ -217,19 +251,34 @@ def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, Coordin
     return maps
 
 
-def _refuse_nothing(all_reasons: ByteMap, maps: dict[Axis, CoordinateMap]) -> None:
+def _cloud(
+    results: dict[str, Any], colour: FloatMap | None, findings: tuple[FrameFinding, ...]
+) -> PointCloud:
+    """The kernel's results as a point cloud."""
+    residual = results["residual"]
+    return PointCloud(
+        xyz_mm=sealed(results["xyz"]),
+        sigma_mm=sealed(results["sigma"]),
+        noise_mm=sealed(results["noise"]),
+        reason=sealed(results["reason"]),
+        residual_px=None if residual is None else sealed(residual),
+        colour=colour,
+        findings=findings,
+    )
+
+
+def _refuse_nothing(all_reasons: ByteMap) -> None:
     """Refuse a rig whose rays hardly ever meet: it does not belong to the capture."""
     rows = slice(None, None, max(1, all_reasons.shape[0] // CHECKED_ROWS))
     reason = all_reasons[rows]
-    measured = int(np.sum((reason == Reason.OK) | (reason >= Reason.BEYOND_GEOMETRY)))
-    decoded = min(int(np.sum(m.reason[rows] == Reason.OK)) for m in maps.values())
+    apart = int(np.sum(reason == Reason.RAYS_APART))
     behind = int(np.sum(reason == Reason.BEYOND_GEOMETRY))
-    if measured and decoded and behind > MAX_BEHIND * decoded:
+    decoded = int(np.sum(reason == Reason.OK)) + apart + behind
+    if decoded and behind > MAX_BEHIND * decoded:
         raise RigMismatch(
             f"rig: {behind / decoded:.0%} of the points lie behind the camera or the projector: "
             "it does not belong to this capture, or columns and rows are swapped"
         )
-    apart = int(np.sum(reason == Reason.RAYS_APART))
     if decoded and apart > MAX_APART * decoded:
         raise RigMismatch(
             f"rig: rays of camera and projector pass each other in {apart / decoded:.0%} of the "

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks import _core
 from fringeworks.signal.noise import noise_variance
@@ -255,7 +255,7 @@ def _spacing(frame: FloatMap) -> int | None:
     """Mean distance of extrema as an odd number of px; None where there are too few."""
     if min(frame.shape) < 3 or float(np.ptp(frame)) == 0.0:
         return None
-    top, bottom = ndimage.maximum_filter(frame, 3), ndimage.minimum_filter(frame, 3)
+    top, bottom = scipy.ndimage.maximum_filter(frame, 3), scipy.ndimage.minimum_filter(frame, 3)
     varying = top > bottom
     count = min(int(np.count_nonzero((frame == end) & varying)) for end in (top, bottom))
     if count < MIN_EXTREMA:
@@ -265,8 +265,8 @@ def _spacing(frame: FloatMap) -> int | None:
 
 def _envelope_mean(frame: FloatMap, window: int) -> NDArray[np.float64]:
     """Mean of the upper and the lower running envelope."""
-    upper = ndimage.uniform_filter(ndimage.maximum_filter(frame, window), window)
-    lower = ndimage.uniform_filter(ndimage.minimum_filter(frame, window), window)
+    upper = scipy.ndimage.uniform_filter(scipy.ndimage.maximum_filter(frame, window), window)
+    lower = scipy.ndimage.uniform_filter(scipy.ndimage.minimum_filter(frame, window), window)
     return np.asarray(0.5 * (upper + lower))
 
 

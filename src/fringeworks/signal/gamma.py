@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from fringeworks.types import FloatMap, InputError
 
@@ -93,7 +93,7 @@ def estimate_gamma(frame: FloatMap, period_px: float) -> float:
 
     if distortion(1.0) < SINUSOIDAL:
         return 1.0
-    best = optimize.minimize_scalar(
+    best = scipy.optimize.minimize_scalar(
         distortion, bounds=GAMMA_RANGE, method="bounded", options={"xatol": DISTORTION_PRECISION}
     )
     return float(best.x)
@@ -151,7 +151,7 @@ def gamma_of_frames(
     trials = np.geomspace(*GAMMA_RANGE, GAMMA_TRIALS)
     k = int(np.argmin([misfit(exponent) for exponent in trials]))
     around = (trials[max(k - 1, 0)], trials[min(k + 1, trials.size - 1)])
-    best = optimize.minimize_scalar(
+    best = scipy.optimize.minimize_scalar(
         misfit, bounds=around, method="bounded", options={"xatol": MISFIT_PRECISION}
     )
     return float(best.x) / pattern_exponent

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage, special
+import scipy
 
 from fringeworks.types import BoolMap, CameraNoise, FloatMap
 
@@ -76,7 +76,7 @@ def noise_variance(frame: FloatMap, ok: BoolMap) -> float:
         return 0.0
     second = np.diff(np.diff(frame, 2, axis=0), 2, axis=1)
     if not ok.all():
-        second = second[ndimage.binary_erosion(ok, np.ones((3, 3)))[1:-1, 1:-1]]
+        second = second[scipy.ndimage.binary_erosion(ok, np.ones((3, 3)))[1:-1, 1:-1]]
     if second.size == 0:
         return 0.0
     return float((np.median(np.abs(second)) / NORMAL_MEDIAN) ** 2 / 36.0)
@@ -90,7 +90,7 @@ def chi_square_quantile(share: float, freedom: float) -> float:
     >>> round(chi_square_quantile(0.95, 1), 2)
     3.84
     """
-    return float(2.0 * special.gammaincinv(0.5 * freedom, share))
+    return float(2.0 * scipy.special.gammaincinv(0.5 * freedom, share))
 
 
 def residual_variance(square: FloatMap, freedom: float) -> float:
@@ -114,7 +114,7 @@ def residual_variance(square: FloatMap, freedom: float) -> float:
     """
     variance = float(np.median(square)) / chi_square_quantile(0.5, freedom)
     limit = chi_square_quantile(TRIMMED, freedom)
-    share = special.gammainc(0.5 * freedom + 1.0, 0.5 * limit) / TRIMMED
+    share = scipy.special.gammainc(0.5 * freedom + 1.0, 0.5 * limit) / TRIMMED
     for _ in range(TRIMMING_STEPS):
         if variance <= 0:
             break

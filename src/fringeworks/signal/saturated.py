@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.types import BoolMap
 
@@ -33,4 +33,4 @@ def saturated_squares(frame: NDArray[Any]) -> BoolMap:
     if frame.dtype.kind != "u":
         return np.zeros(frame.shape, bool)
     at_limit = frame == np.iinfo(frame.dtype).max
-    return np.asarray(ndimage.binary_opening(at_limit, np.ones((SATURATED_PX, SATURATED_PX))))
+    return np.asarray(scipy.ndimage.binary_opening(at_limit, np.ones((SATURATED_PX, SATURATED_PX))))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.types import MAD_TO_SIGMA, BoolMap, FloatMap, InputError
 
@@ -85,8 +85,8 @@ def smooth_coordinate(
     surface, spread = _surface(coordinate, places)
     residual = np.where(valid, coordinate - surface, 0.0)
     near = valid & (np.abs(residual) <= max(FAR_SIGMAS * spread, NO_SPREAD_PX))
-    weight = ndimage.gaussian_filter(near.astype(float), sigma_px)
-    smooth = ndimage.gaussian_filter(np.where(near, residual, 0.0), sigma_px)
+    weight = scipy.ndimage.gaussian_filter(near.astype(float), sigma_px)
+    smooth = scipy.ndimage.gaussian_filter(np.where(near, residual, 0.0), sigma_px)
     # Every near pixel has a weight far above this bound, which keeps the other pixels finite.
     return np.where(near, surface + smooth / np.maximum(weight, 1e-6), np.nan)
 

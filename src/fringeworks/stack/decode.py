@@ -168,9 +168,9 @@ def decode(
         results = empty_maps(planes[0].shape, sets=sets) if out is None else reused_maps(out, axis)
         axis_planes = [planes[k] for k in found.decoding.frames]
         measure_axis(axis_planes, found, findings, results)
-        compare_neighbours(found, results, remove_isolated)
+        compare_neighbours(found, results, remove_isolated=remove_isolated)
         maps[axis] = coordinate_map(found.decoding, results, keep_phases)
-    decoded = _decoded(maps, findings)
+    decoded = decoded_of(maps, findings)
     refuse_nothing_measured(decoded)
     return decoded
 
@@ -200,29 +200,48 @@ def refuse_nothing_measured(decoded: Decoded) -> None:
 
 
 def measure_axis(
-    planes: Planes, found: Refined, findings: Judgement, results: dict[str, Any]
+    planes: Planes,
+    found: Refined,
+    findings: Judgement,
+    results: dict[str, Any],
+    kernel: _core.DecodeSettings | None = None,
 ) -> None:
-    """Run the kernel; a second time where errors differ over the scene."""
+    """Run the kernel; a second time where errors differ over the scene.
+
+    ``kernel`` is that of ``found``, where it is there already.
+    """
     decoding, noise, limits = found.decoding, findings.noise, findings.limits
     if found.uneven:
         results["disagreement"] = np.empty(planes[0].shape, np.float32)
-    in_bands(planes, results, partial(_run, decoding.kernel(noise, limits)))
+    in_bands(planes, results, partial(_run, kernel or decoding.kernel(noise, limits)))
     if found.uneven:
         results["inflation"], usual = inflation(planes, decoding, results, noise, limits)
         in_bands(planes, results, partial(_run, decoding.kernel(noise, limits, usual)))
 
 
-def compare_neighbours(found: Refined, results: dict[str, Any], remove_isolated: bool) -> None:
-    """Remove isolated pixels, and let σ cover the scatter of the others."""
+def compare_neighbours(
+    found: Refined,
+    results: dict[str, Any],
+    *,
+    remove_isolated: bool,
+    typical_px: float | None = None,
+) -> float:
+    """Remove isolated pixels, and let σ cover the scatter of the others.
+
+    ``typical_px`` is the typical difference of neighbours; that of these results where not given.
+    Returns it.
+    """
     decoding = found.decoding
+    repeats = np.inf if decoding.absolute else decoding.length_px
+    if typical_px is None:
+        typical_px = _core.typical_step(results["coordinate"], repeats=repeats)
     if remove_isolated:
-        _core.mark_isolated(
-            *(results[name] for name in ("coordinate", "sigma", "reason")),
-            repeats=np.inf if decoding.absolute else decoding.length_px,
-        )
+        maps = (results[name] for name in ("coordinate", "sigma", "reason"))
+        _core.mark_isolated(*maps, typical=typical_px, repeats=repeats)
     if found.scatters:
         seen = [results[name] for name in ("coordinate", "sigma", "background")]
         cover_scatter(seen[0], seen[1], seen[2], decoding.most_scatter_px)
+    return typical_px
 
 
 def _run(kernel: _core.DecodeSettings, planes: Planes, maps: dict[str, Any]) -> None:
@@ -282,7 +301,8 @@ def coordinate_map(decoding: Decoding, results: dict[str, Any], keep_phases: boo
     )
 
 
-def _decoded(maps: dict[Axis, CoordinateMap], findings: Judgement) -> Decoded:
+def decoded_of(maps: dict[Axis, CoordinateMap], findings: Judgement) -> Decoded:
+    """The maps of all axes with what was found in the frames."""
     return Decoded(
         x=maps.get("x"),
         y=maps.get("y"),

@@ -58,7 +58,7 @@ def texture(
         return np.asarray(lit, np.float32)
     total: FloatMap = np.zeros(planes[0].shape, np.float32)
     for k, weight in weights.items():
-        total += np.float32(weight) * planes[k]
+        total += planes[k] if weight == 1.0 else np.float32(weight) * planes[k]
     return np.asarray(total / sum(weights.values()), np.float32)
 
 

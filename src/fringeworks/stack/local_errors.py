@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from fringeworks.stack.frames import Planes
 from fringeworks.stack.kernel_settings import Decoding, Limits, lit_pixels
@@ -71,8 +71,8 @@ def inflation(
     for top in range(0, len(lit), ROWS):
         part = slice(top, top + ROWS)
         _add_residuals(planes, decoding, part, (noise, limits), (square, freedom, lit))
-    count = NEIGHBOURHOOD**2 * ndimage.uniform_filter(freedom, NEIGHBOURHOOD)
-    total = NEIGHBOURHOOD**2 * ndimage.uniform_filter(square, NEIGHBOURHOOD)
+    count = NEIGHBOURHOOD**2 * scipy.ndimage.uniform_filter(freedom, NEIGHBOURHOOD)
+    total = NEIGHBOURHOOD**2 * scipy.ndimage.uniform_filter(square, NEIGHBOURHOOD)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / count
         raised = mean > 1.0 + SIGNIFICANT_EXCESS * np.sqrt(2.0 / count)

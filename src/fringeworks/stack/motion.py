@@ -13,8 +13,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
@@ -145,15 +145,15 @@ def warped(frame: NDArray[Any], flow_px: FloatMap | None, time: float) -> FloatM
     if not rows.size:
         return values
     unknown = ~np.isfinite(values)
-    spline = ndimage.spline_filter(np.where(unknown, 0.0, values), order=3, output=np.float32)
+    spline = scipy.ndimage.spline_filter(np.where(unknown, 0.0, values), order=3, output=np.float32)
     off = np.float32(time) * flow_px[rows, columns]
     places = rows + off[:, 1], columns + off[:, 0]
-    moved = ndimage.map_coordinates(spline, places, order=3, prefilter=False, mode="mirror")
+    moved = scipy.ndimage.map_coordinates(spline, places, order=3, prefilter=False, mode="mirror")
     height, width = values.shape
     outside = (places[0] < 0) | (places[0] > height - 1) | (places[1] < 0) | (places[1] > width - 1)
     if unknown.any():
         near = unknown.astype(np.float32)
-        outside |= ndimage.map_coordinates(near, places, order=1, mode="nearest") > 0
+        outside |= scipy.ndimage.map_coordinates(near, places, order=1, mode="nearest") > 0
     values[rows, columns] = np.where(outside, np.float32(np.nan), moved)
     return values
 

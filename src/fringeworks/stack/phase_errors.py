@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from fringeworks.signal.noise import NORMAL_MEDIAN, chi_square_quantile
 from fringeworks.types import FloatMap
@@ -101,7 +101,7 @@ def two_parts(square: FloatMap, variance_rad2: FloatMap, freedom: float) -> Phas
             continue
         weights = 1.0 / seen
         design = np.column_stack((np.ones_like(inverse), inverse)) * weights[:, None]
-        extra, _ = optimize.nnls(design, np.maximum(seen - 1.0, 0.0) * weights)
+        extra, _ = scipy.optimize.nnls(design, np.maximum(seen - 1.0, 0.0) * weights)
         found = PhaseErrors(1.0 + float(extra[0]), float(np.sqrt(extra[1])), ratio)
         worst = PhaseErrors(
             max(worst.noise_factor, found.noise_factor),

@@ -370,7 +370,7 @@ class SequenceDecoder:
             before, coordinate = self._tracked[axis]
             expected = expected_later(coordinate, motion, axis, self._next - before)
         track_orders(results, decoding, judged.noise, expected)
-        compare_neighbours(found, results, True)
+        compare_neighbours(found, results, remove_isolated=True)
         if axis in motion.velocity_sigma_px:
             # The coordinate is moved from the time of its sets to the moment.
             away = np.hypot(late_frames(self._plan, axis, times), IN_SETS)

@@ -50,6 +50,7 @@ class StreamingDecoder:
         self._options = options
         self._labels = plan.labels()
         self._frames: list[NDArray[Any]] = []
+        self._spare: list[NDArray[Any]] = []
         self._first: tuple[tuple[int, ...], np.dtype[Any]] | None = None
 
     @property
@@ -81,10 +82,26 @@ class StreamingDecoder:
             refuse_constant(frame, self._labels[index], frame[:1])
         self._first = shape, kind
         # A copy: the caller may use the memory again, as cameras do.
-        self._frames.append(np.array(frame, frame.dtype.newbyteorder("="), order="C"))
+        native = frame.dtype.newbyteorder("=")
+        spare = self._spare.pop() if self._spare else None
+        if spare is None or spare.shape != frame.shape or spare.dtype != native:
+            spare = np.empty(frame.shape, native)
+        np.copyto(spare, frame)
+        self._frames.append(spare)
 
-    def result(self) -> Decoded:
+    def reset(self) -> None:
+        """Forget the frames that have arrived, for the next stack; their memory is used again."""
+        self._spare = self._frames[::-1]
+        self._frames = []
+        self._first = None
+
+    def result(self, *, out: Decoded | None = None) -> Decoded:
         """Decode the frames that have arrived.
+
+        Parameters
+        ----------
+        out : Decoded, optional
+            An earlier result, as for ``decode``.
 
         Returns
         -------
@@ -100,4 +117,4 @@ class StreamingDecoder:
                 f"frames: the plan has {len(self._labels)}, got {len(self._frames)}; missing: "
                 f"{', '.join(self.missing)}"
             )
-        return decode(self._frames, self._plan, **self._options)
+        return decode(self._frames, self._plan, **self._options, out=out)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.signal.third_difference import third_difference, third_difference_variance
@@ -116,7 +116,9 @@ def cover_scatter(
 def _squared_change(background: FloatMap) -> FloatMap:
     """Square of the largest change of the background among a pixel and its neighbours, relative to
     that of the pixel."""
-    most, least = (f(background, 3) for f in (ndimage.maximum_filter, ndimage.minimum_filter))
+    most, least = (
+        f(background, 3) for f in (scipy.ndimage.maximum_filter, scipy.ndimage.minimum_filter)
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         change = (most - least) / background
     return np.where(np.isfinite(change), change**2, 0.0).astype(np.float32)
@@ -173,8 +175,8 @@ def _mean_chi(
             total[:, place : place + length] += chi
             number[:, place : place + length] += known
     area = side**2
-    square = area * ndimage.uniform_filter(square, side)
-    count = area * ndimage.uniform_filter(count, side)
+    square = area * scipy.ndimage.uniform_filter(square, side)
+    count = area * scipy.ndimage.uniform_filter(count, side)
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = square / count
         significant = mean > 1.0 + SIGNIFICANT_EXCESS * np.sqrt(2.0 * SHARED / count)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks import _core
 from fringeworks.types import FloatMap, HeightMap, InputError, PointCloud, Reason
@@ -62,7 +62,7 @@ def normals(cloud: PointCloud, *, window: int = 5) -> FloatMap:
     u, v, w = (np.where(ok, a - m, 0.0) for a, m in zip((u, v, w), mean, strict=True))
 
     def total(values: FloatMap) -> FloatMap:
-        return np.asarray(ndimage.uniform_filter(values, window, mode="constant") * window**2)
+        return np.asarray(scipy.ndimage.uniform_filter(values, window, mode="constant") * window**2)
 
     n = total(ok.astype(np.float64))
     su, sv, sw = total(u), total(v), total(w)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from fringeworks.surface.form_geometry import GEOMETRIES, BodyKind, FormGeometry
 from fringeworks.types import MAD_TO_SIGMA, BoolMap, FloatMap, Frozen, InputError
@@ -359,7 +359,7 @@ def _refine(
     points err by 1, independently."""
     every = max(1, len(points) // REFINED_POINTS)
     part, part_weight = points[::every], weight[::every]
-    solved = optimize.least_squares(
+    solved = scipy.optimize.least_squares(
         lambda p: geometry.distance(p, part) * part_weight,
         start,
         x_scale="jac",

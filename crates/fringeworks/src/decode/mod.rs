@@ -129,7 +129,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    fn check(&self, frames: usize) -> Result<(), Error> {
+    pub(crate) fn check(&self, frames: usize) -> Result<(), Error> {
         for set in &self.sets {
             set.check(frames)?;
         }
@@ -188,6 +188,46 @@ pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(
         },
     );
     Ok(())
+}
+
+/// Decodes runs of pixels on one thread, for kernels that go on with the coordinates.
+pub(crate) struct BandDecoder<'a, T> {
+    frames: Frames<'a, T>,
+    plan: &'a Plan,
+    scratch: orders::Scratch,
+}
+
+impl<'a, T: Sample> BandDecoder<'a, T> {
+    /// For checked planes and a checked plan.
+    pub fn new(planes: &'a [&'a [T]], plan: &'a Plan) -> Self {
+        Self {
+            frames: Frames { planes },
+            plan,
+            scratch: orders::Scratch::new(plan.sets.len(), plan.chain.frequencies.len()),
+        }
+    }
+
+    /// Decode pixels from `start` on.
+    pub fn decode(
+        &mut self,
+        start: usize,
+        coordinate: &mut [f32],
+        sigma: &mut [f32],
+        reason: &mut [u8],
+    ) {
+        T::run(Task {
+            frames: &self.frames,
+            plan: self.plan,
+            start,
+            out: Outputs {
+                coordinate,
+                sigma,
+                reason,
+                ..Outputs::none()
+            },
+            scratch: &mut self.scratch,
+        });
+    }
 }
 
 /// Decode the blocks of one task.

@@ -8,9 +8,9 @@ pub struct Outputs<'a> {
     pub coordinate: &'a mut [f32],
     /// Standard deviation of the coordinate, px.
     pub sigma: &'a mut [f32],
-    /// Modulation of the set with the shortest period, counts.
+    /// Modulation of the set with the shortest period, counts; empty within kernels that go on.
     pub modulation: &'a mut [f32],
-    /// Mean of the phase frames, counts.
+    /// Mean of the phase frames, counts; empty within kernels that go on.
     pub background: &'a mut [f32],
     /// See [`crate::reason`].
     pub reason: &'a mut [u8],
@@ -25,6 +25,21 @@ pub struct Outputs<'a> {
 }
 
 impl<'a> Outputs<'a> {
+    /// No maps.
+    pub(super) fn none() -> Self {
+        Self {
+            coordinate: &mut [],
+            sigma: &mut [],
+            modulation: &mut [],
+            background: &mut [],
+            reason: &mut [],
+            phases: Vec::new(),
+            modulations: Vec::new(),
+            disagreement: &mut [],
+            inflation: &[],
+        }
+    }
+
     pub(super) fn check(&self, pixels: usize, sets: usize) -> Result<(), Error> {
         check_length("coordinate", self.coordinate.len(), pixels)?;
         check_length("sigma", self.sigma.len(), pixels)?;
@@ -52,8 +67,10 @@ impl<'a> Outputs<'a> {
     pub(super) fn split(self, n: usize) -> (Self, Self) {
         let (coordinate, coordinate_rest) = self.coordinate.split_at_mut(n);
         let (sigma, sigma_rest) = self.sigma.split_at_mut(n);
-        let (modulation, modulation_rest) = self.modulation.split_at_mut(n);
-        let (background, background_rest) = self.background.split_at_mut(n);
+        let at = n.min(self.modulation.len());
+        let (modulation, modulation_rest) = self.modulation.split_at_mut(at);
+        let at = n.min(self.background.len());
+        let (background, background_rest) = self.background.split_at_mut(at);
         let (reason, reason_rest) = self.reason.split_at_mut(n);
         let halves = |maps: Vec<&'a mut [f32]>| -> (Vec<&'a mut [f32]>, Vec<&'a mut [f32]>) {
             maps.into_iter().map(|map| map.split_at_mut(n)).unzip()

@@ -23,14 +23,23 @@ pub struct Met {
     /// Camera ray r (r_z = 1) and its length |r|.
     pub ray: Two,
     pub length: f32,
-    /// 1/z of the camera, and the projector's depth divided by z.
+    /// 1/z of the camera.
     pub w: f32,
+    pub last: Step,
+}
+
+/// A step of Newton's method, and what is known where it starts.
+#[derive(Default)]
+pub struct Step {
+    /// What the step adds to w.
+    by: f32,
+    /// The projector's depth divided by z.
     pub depth: f32,
     /// Variance of w from the noise of the decoded coordinates (theory §9).
     pub noise: f32,
     /// Derivative of the projector's direction by w.
     pub slope: Two,
-    /// Residual: decoded direction minus the direction at w.
+    /// Residual after the step: decoded direction minus the direction at w.
     pub residual: Two,
 }
 
@@ -64,46 +73,58 @@ pub fn meet<
         let start = goal.direction.1 + shift;
         fused::<FMA>(start, qz, -qy) / fused::<FMA>(-start, t2, t1)
     };
-    let zero = (0.0, 0.0);
-    let (mut depth, mut noise, mut slope, mut residual) = (0.0, 0.0, zero, zero);
+    let mut step = Step::default();
     for _ in 0..STEPS {
-        depth = fused::<FMA>(w, t2, qz);
-        let inverse = 1.0 / depth;
-        let x = fused::<FMA>(w, t0, qx) * inverse;
-        let y = fused::<FMA>(w, t1, qy) * inverse;
-        let by_x = fused::<FMA>(-x, t2, t0) * inverse;
-        let by_y = fused::<FMA>(-y, t2, t1) * inverse;
-        let seen = ((x, y), (by_x, by_y));
-        let ((gx, gy), (ex, ey)) = distort::<X, Y, FMA>(projector.distortion, seen, goal.direction);
-        let step = if X && Y {
-            // Both weights times variance_x · variance_y: one division for all.
-            let (weight_x, weight_y) = (goal.variance.1, goal.variance.0);
-            let (ax, ay) = (weight_x * gx, weight_y * gy);
-            let inverse = 1.0 / fused::<FMA>(ax, gx, ay * gy);
-            noise = weight_x * weight_y * inverse;
-            fused::<FMA>(ax, ex, ay * ey) * inverse
-        } else {
-            let (g, e, variance) = if X {
-                (gx, ex, goal.variance.0)
-            } else {
-                (gy, ey, goal.variance.1)
-            };
-            let inverse = 1.0 / g;
-            noise = variance * (inverse * inverse);
-            e * inverse
-        };
-        w += step;
-        slope = (gx, gy);
-        residual = (ex - gx * step, ey - gy * step);
+        step = newton_step::<X, Y, FMA>(projector, (qx, qy, qz), w, &goal);
+        w += step.by;
     }
     Met {
         ray: (rx, ry),
         length: cubic::<FMA>(&segment.rays.length, u),
         w,
+        last: step,
+    }
+}
+
+/// One Newton step from w, for a ray q in the projector's axes.
+#[inline(always)]
+fn newton_step<const X: bool, const Y: bool, const FMA: bool>(
+    projector: &Projector,
+    (qx, qy, qz): (f32, f32, f32),
+    w: f32,
+    goal: &Goal,
+) -> Step {
+    let [t0, t1, t2] = projector.translation;
+    let depth = fused::<FMA>(w, t2, qz);
+    let inverse = 1.0 / depth;
+    let x = fused::<FMA>(w, t0, qx) * inverse;
+    let y = fused::<FMA>(w, t1, qy) * inverse;
+    let by_x = fused::<FMA>(-x, t2, t0) * inverse;
+    let by_y = fused::<FMA>(-y, t2, t1) * inverse;
+    let seen = ((x, y), (by_x, by_y));
+    let ((gx, gy), (ex, ey)) = distort::<X, Y, FMA>(projector.distortion, seen, goal.direction);
+    let (by, noise) = if X && Y {
+        // Both weights times variance_x · variance_y: one division for all.
+        let (weight_x, weight_y) = (goal.variance.1, goal.variance.0);
+        let (ax, ay) = (weight_x * gx, weight_y * gy);
+        let inverse = 1.0 / fused::<FMA>(ax, gx, ay * gy);
+        let by = fused::<FMA>(ax, ex, ay * ey) * inverse;
+        (by, weight_x * weight_y * inverse)
+    } else {
+        let (g, e, variance) = if X {
+            (gx, ex, goal.variance.0)
+        } else {
+            (gy, ey, goal.variance.1)
+        };
+        let inverse = 1.0 / g;
+        (e * inverse, variance * (inverse * inverse))
+    };
+    Step {
+        by,
         depth,
         noise,
-        slope,
-        residual,
+        slope: (gx, gy),
+        residual: (ex - gx * by, ey - gy * by),
     }
 }
 

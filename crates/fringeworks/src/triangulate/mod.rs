@@ -118,7 +118,30 @@ impl<'a> Axis<'a> {
     }
 }
 
-impl Points<'_> {
+impl<'a> Points<'a> {
+    /// Cut into bands of `rows` rows, each with the index of its first row.
+    pub(crate) fn split_rows(self, width: usize, rows: usize) -> Vec<(usize, Points<'a>)> {
+        let pixels = (width * rows).max(1);
+        let mut residuals = self.residual.chunks_mut(pixels);
+        self.xyz
+            .chunks_mut(3 * pixels)
+            .zip(self.sigma.chunks_mut(pixels))
+            .zip(self.noise.chunks_mut(pixels))
+            .zip(self.reason.chunks_mut(pixels))
+            .enumerate()
+            .map(|(k, (((xyz, sigma), noise), reason))| {
+                let band = Points {
+                    xyz,
+                    sigma,
+                    noise,
+                    residual: residuals.next().unwrap_or_default(),
+                    reason,
+                };
+                (k * rows, band)
+            })
+            .collect()
+    }
+
     fn check(&self, pixels: usize, both_axes: bool) -> Result<(), Error> {
         check_length("points", self.xyz.len(), 3 * pixels)?;
         check_length("sigma", self.sigma.len(), pixels)?;
@@ -129,20 +152,12 @@ impl Points<'_> {
     }
 }
 
-fn check(
-    rig: &Triangulation,
-    x: Option<Axis<'_>>,
-    y: Option<Axis<'_>>,
-    out: &Points<'_>,
-) -> Result<(), Error> {
+/// Refuse axes and outputs that do not fit the rig; of coordinates, only whether they are given.
+pub(crate) fn check(rig: &Triangulation, x: bool, y: bool, out: &Points<'_>) -> Result<(), Error> {
     let pixels = rig.shape().0 * rig.shape().1;
-    check_value("axes", x.is_some() || y.is_some(), "one or two", "none")?;
-    for axis in [x, y].into_iter().flatten() {
-        axis.check(pixels)?;
-    }
-    out.check(pixels, x.is_some() && y.is_some())?;
-    let spread_axis = if rig.spread_along_x() { x } else { y };
-    let given = spread_axis.is_some();
+    check_value("axes", x || y, "one or two", "none")?;
+    out.check(pixels, x && y)?;
+    let given = if rig.spread_along_x() { x } else { y };
     check_value("spread", given, "an axis that is given", "the other")
 }
 
@@ -155,37 +170,37 @@ pub fn triangulate(
     out: Points<'_>,
 ) -> Result<(), Error> {
     let (rows, width) = rig.shape();
-    check(rig, x, y, &out)?;
-    if rows * width == 0 {
-        return Ok(());
+    check(rig, x.is_some(), y.is_some(), &out)?;
+    for axis in [x, y].into_iter().flatten() {
+        axis.check(rows * width)?;
     }
-    let residual_rows: Vec<&mut [f32]> = if x.is_some() && y.is_some() {
-        out.residual.chunks_mut(width).collect()
-    } else {
-        (0..rows).map(|_| <&mut [f32]>::default()).collect()
-    };
-    out.xyz
-        .par_chunks_mut(3 * width)
-        .zip(out.sigma.par_chunks_mut(width))
-        .zip(out.noise.par_chunks_mut(width))
-        .zip(out.reason.par_chunks_mut(width))
-        .zip(residual_rows.into_par_iter())
-        .enumerate()
-        .for_each(|(index, ((((xyz, sigma), noise), reason), residual))| {
-            row::triangulate_row(row::Row {
-                rig,
-                limits,
-                index,
-                x: x.map(|axis| axis.row(index, width)),
-                y: y.map(|axis| axis.row(index, width)),
-                out: Points {
-                    xyz,
-                    sigma,
-                    noise,
-                    residual,
-                    reason,
-                },
-            });
+    out.split_rows(width, 1)
+        .into_par_iter()
+        .for_each(|(index, out)| {
+            let (x, y) = (
+                x.map(|a| a.row(index, width)),
+                y.map(|a| a.row(index, width)),
+            );
+            triangulate_row(rig, limits, index, x, y, out);
         });
     Ok(())
+}
+
+/// Triangulate one row of the camera; axes and outputs hold that row only.
+pub(crate) fn triangulate_row(
+    rig: &Triangulation,
+    limits: &Limits,
+    index: usize,
+    x: Option<Axis<'_>>,
+    y: Option<Axis<'_>>,
+    out: Points<'_>,
+) {
+    row::triangulate_row(row::Row {
+        rig,
+        limits,
+        index,
+        x,
+        y,
+        out,
+    });
 }

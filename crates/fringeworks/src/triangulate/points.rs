@@ -61,8 +61,8 @@ fn epipolar_error(
     met: &Met,
 ) -> (f32, bool) {
     // The epipolar line runs along the derivative by w; both in px.
-    let (ux, uy) = (focal_x * met.slope.0, focal_y * met.slope.1);
-    let (rx, ry) = (focal_x * met.residual.0, focal_y * met.residual.1);
+    let (ux, uy) = (focal_x * met.last.slope.0, focal_y * met.last.slope.1);
+    let (rx, ry) = (focal_x * met.last.residual.0, focal_y * met.last.residual.1);
     let size = ux * ux + uy * uy;
     let across = rx * uy - ry * ux;
     let (sx, sy) = (focal_x * uy, focal_y * ux);
@@ -104,8 +104,8 @@ pub fn points<
         let calibration = calibration_variance::<FMA>(&segment.spread, i, goal.main);
         // σ along the ray: |r| z² σ_w.
         let to_mm = met.length * z * z;
-        let sigma = to_mm * (met.noise + calibration).sqrt();
-        let front = (met.w > 0.0) & (met.depth > 0.0) & (sigma < f32::INFINITY);
+        let sigma = to_mm * (met.last.noise + calibration).sqrt();
+        let front = (met.w > 0.0) & (met.last.depth > 0.0) & (sigma < f32::INFINITY);
         let mut meets = true;
         if X && Y {
             let within = (sigmas, calibration_px);
@@ -118,7 +118,7 @@ pub fn points<
         out.x[i] = keep(met.ray.0 * z);
         out.y[i] = keep(met.ray.1 * z);
         out.z[i] = keep(z);
-        out.noise[i] = keep(to_mm * met.noise.sqrt());
+        out.noise[i] = keep(to_mm * met.last.noise.sqrt());
         out.sigma[i] = keep(sigma);
         let apart = if meets { OK } else { RAYS_APART };
         out.reason[i] = if front { apart } else { BEYOND };

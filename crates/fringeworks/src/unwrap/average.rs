@@ -225,7 +225,7 @@ impl Line {
 }
 
 /// Add `|w|` times the values, turned by the wave or, for a negative `w`, by its conjugate.
-#[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx512f+avx512vl"))]
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn gather(
     [re, im, weight]: [&[f32]; 3],
     [wave_re, wave_im]: [&[f32]; 2],
@@ -249,7 +249,7 @@ fn gather(
 }
 
 /// Multiply the waves by the steps.
-#[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx512f+avx512vl"))]
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn turn(wave_re: &mut [f32], wave_im: &mut [f32], step_re: &[f32], step_im: &[f32]) {
     let n = wave_re.len();
     let (wave_im, step_re, step_im) = (&mut wave_im[..n], &step_re[..n], &step_im[..n]);

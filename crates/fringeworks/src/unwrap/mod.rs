@@ -64,7 +64,7 @@ fn roughness(phase: &[f32], mask: &[u8], height: usize, width: usize) -> Vec<f32
     out
 }
 
-#[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx512f+avx512vl"))]
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn rough_row(phase: &[f32], mask: &[u8], out: &mut [f32]) {
     let w = out.len();
     let (above, rest) = phase.split_at(w);
@@ -107,7 +107,7 @@ pub fn residues(phase: &[f32], mask: &[u8], height: usize, width: usize) -> Resu
         .sum())
 }
 
-#[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx512f+avx512vl"))]
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn residues_row(phase: &[f32], mask: &[u8], width: usize) -> usize {
     let (p, q) = phase.split_at(width);
     let (m, n) = mask.split_at(width);

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.polynomial import chebyshev, polynomial
-from scipy import optimize
 
 from fringeworks.report.viewer.coding import Blocks, coded
 from fringeworks.rig.pinhole import project_with_derivatives, rays
@@ -146,7 +146,7 @@ def fitted_camera(points: FloatMap) -> Pinhole | None:
         return np.asarray(by_device.reshape(-1, 9))
 
     try:
-        solved = optimize.least_squares(residual, start, slope, x_scale="jac")
+        solved = scipy.optimize.least_squares(residual, start, slope, x_scale="jac")
         usable = np.isfinite(solved.fun).all() and np.abs(solved.fun).max() < FITTED_PX
         return camera(solved.x) if usable else None
     except (InputError, ValueError, np.linalg.LinAlgError):

@@ -7,8 +7,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView, eight_bit, flattened
@@ -245,7 +245,7 @@ def _ground(
     level = (part - dark) / max(bright - dark, 1e-6)
     if black:
         level = 1.0 - level
-    paper = ndimage.binary_erosion(disc & (level > 0.5), iterations=1, border_value=1) & disc
+    paper = scipy.ndimage.binary_erosion(disc & (level > 0.5), iterations=1, border_value=1) & disc
     if paper.sum() < MIN_PAPER_PIXELS:
         # Between large circles, the paper is a narrow ring that erosion leaves nothing of.
         paper = disc & (level > CLEAR_PAPER)

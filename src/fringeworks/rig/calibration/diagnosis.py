@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import spatial
+import scipy
 
 from fringeworks.rig.calibration.calibrate import Calibration, unmoved
 from fringeworks.rig.calibration.parameters import DEVICE_SIZE
@@ -108,7 +108,7 @@ def coverage(calibration: Calibration) -> tuple[float, float]:
     ):
         corners = np.concatenate(pixels)
         corners = corners[np.isfinite(corners).all(axis=1)]
-        hull = spatial.ConvexHull(corners)
+        hull = scipy.spatial.ConvexHull(corners)
         # In two dimensions SciPy calls the area of a hull its volume.
         shares.append(float(hull.volume / (size[0] * size[1])))
     return shares[0], shares[1]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy import linalg
+import scipy
 
 from fringeworks.rig.calibration.board_shape import BOW_SIZE, OFFSET_SIZE
 from fringeworks.rig.calibration.parameters import POSE_SIZE, RIG_SIZE
@@ -120,7 +120,7 @@ class NormalEquations:
         """
         matrix, factor, inverse = self._eliminated(damping)
         right = self.right_shared - np.einsum("psc,pc->s", factor, self.right_points)
-        of_shared = linalg.solve(matrix, right, assume_a="sym")
+        of_shared = scipy.linalg.solve(matrix, right, assume_a="sym")
         rest = self.right_points - np.einsum("psc,s->pc", self.across, of_shared)
         of_points = np.einsum("pcd,pd->pc", inverse, rest)
         return of_shared / self.scale_shared, of_points / self.scale_points

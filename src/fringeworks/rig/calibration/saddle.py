@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from fringeworks.types import BoolMap, FloatMap
 
@@ -197,7 +197,7 @@ def _crossing(
     for k, angle in enumerate((unknowns[:, 2, None], unknowns[:, 3, None])):
         c, s = np.cos(angle), np.sin(angle)
         u = (c * x + s * y - bends[:, k, None] * (c * y - s * x) ** 2) / width
-        factors.append(special.erf(u))
+        factors.append(scipy.special.erf(u))
         slopes.append(2.0 / np.sqrt(np.pi) * np.exp(-u * u) / width)
         normals.append((c, s))
         along.append(c * y - s * x)

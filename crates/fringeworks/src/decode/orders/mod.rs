@@ -146,8 +146,10 @@ fn write(n: usize, out: Outputs, scratch: &Scratch) {
             f32::NAN
         };
     }
-    out.background.copy_from_slice(&scratch.background[..n]);
-    out.modulation.copy_from_slice(&scratch.modulation[..n]);
+    if !out.background.is_empty() {
+        out.background.copy_from_slice(&scratch.background[..n]);
+        out.modulation.copy_from_slice(&scratch.modulation[..n]);
+    }
     for (byte, &reason) in out.reason.iter_mut().zip(scratch.reason.iter()) {
         *byte = reason as u8;
     }

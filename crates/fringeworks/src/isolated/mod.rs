@@ -6,15 +6,14 @@
 //! derived from wrong phases. Such pixels form at most a line, the edge. A surface extends in two
 //! directions.
 
+mod limits;
+
 use crate::{check_length, reason, Error};
 use rayon::prelude::*;
+use std::ops::Range;
 
-/// Difference that a smooth surface allows, in typical differences of neighbours.
-///
-/// Half of all neighbours differ by less than one. A factor of two allows for surfaces that are twice
-/// as steep as the usual one; steeper ones are judged by [`MAX_STEEPENING`]. Factors of 1.5 to 3 give
-/// the same results within 1 % of the removed pixels on ten simulated scenes.
-const TYPICAL_STEPS: f32 = 2.0;
+use limits::Circle;
+pub use limits::{typical_step, Smooth};
 
 /// How much steeper than the next step of the same surface a step may be.
 ///
@@ -39,12 +38,6 @@ const WIDE_SUPPORT: u32 = 5;
 /// choice: on dim surfaces where most pixels fail, it halves the number of good pixels that are lost.
 const MIN_NEAR: u32 = 4;
 
-/// Differences of neighbours from which the typical one is taken. Their median is known to some 4 %.
-const SAMPLE: usize = 2048;
-
-/// Least number of differences for a median; with fewer in the sample, all pixels are used.
-const MIN_SAMPLE: usize = 100;
-
 /// Rows that one task examines: short enough to balance the load.
 const BAND_ROWS: usize = 16;
 
@@ -52,7 +45,7 @@ const BAND_ROWS: usize = 16;
 const BLOCK: usize = 32;
 
 /// Pixels around a block that its test reads.
-const REACH: usize = 2;
+pub(crate) const REACH: usize = 2;
 
 /// The eight neighbours, as steps down and to the right.
 const NEAR: [(isize, isize); 8] = [
@@ -86,53 +79,40 @@ const WIDE: [(isize, isize); 16] = [
     (2, 2),
 ];
 
-/// Coordinates of one frame with their standard deviations, and what differences are judged by.
+/// Coordinates of some rows with their standard deviations, and what differences are judged by.
 struct Map<'a> {
     coordinate: &'a [f32],
     sigma: &'a [f32],
     width: usize,
     height: usize,
-    limits: Limits,
-}
-
-/// What differences are judged by.
-#[derive(Clone, Copy)]
-struct Limits {
-    circle: Circle,
-    /// Difference that a smooth surface allows between neighbours, px.
-    smooth: f32,
-}
-
-/// Differences of coordinates that repeat.
-#[derive(Clone, Copy)]
-struct Circle {
-    /// Distance after which coordinates repeat, px; 0 for absolute ones.
-    length: f32,
-    /// Inverse of the length, 1/px; 0 for absolute ones.
-    inverse: f32,
-}
-
-impl Circle {
-    fn new(repeats: f32) -> Self {
-        let finite = repeats.is_finite();
-        Self {
-            length: if finite { repeats } else { 0.0 },
-            inverse: if finite { 1.0 / repeats } else { 0.0 },
-        }
-    }
-
-    /// Difference of two coordinates; where they repeat, the smallest one.
-    #[inline(always)]
-    fn difference(&self, a: f32, b: f32) -> f32 {
-        let plain = a - b;
-        plain - self.length * (plain * self.inverse).round_ties_even()
-    }
+    limits: Smooth,
 }
 
 /// A block of pixels with its surroundings; NaN outside the frame.
 struct Window {
     coordinate: [[f32; BLOCK + 2 * REACH]; 2 * REACH + 1],
     sigma: [[f32; BLOCK + 2 * REACH]; 2 * REACH + 1],
+}
+
+impl Smooth {
+    /// Indices of the isolated pixels of some of the rows. The rows around them have to be given, too:
+    /// two on each side, or fewer at the edge of the frame.
+    pub(crate) fn isolated(
+        &self,
+        coordinate: &[f32],
+        sigma: &[f32],
+        width: usize,
+        rows: Range<usize>,
+    ) -> Vec<usize> {
+        let map = Map {
+            height: coordinate.len() / width,
+            limits: *self,
+            coordinate,
+            sigma,
+            width,
+        };
+        map.isolated_of(rows)
+    }
 }
 
 /// Mark measured pixels that fewer neighbours share than a surface has, and return their number.
@@ -143,35 +123,26 @@ struct Window {
 /// three of its eight neighbours; where fewer than four of these are measured, five of the next 24. A
 /// line of pixels, such as an edge, has two and four.
 ///
-/// `repeats` is the distance after which coordinates repeat, px, or infinity. Frames of fewer than three
-/// rows or columns are left as they are, because they are lines.
+/// Frames of fewer than three rows or columns are left as they are, because they are lines.
 pub fn mark(
     coordinate: &mut [f32],
     sigma: &mut [f32],
     reasons: &mut [u8],
     width: usize,
-    repeats: f32,
+    smooth: &Smooth,
 ) -> Result<usize, Error> {
     check_length("sigma", sigma.len(), coordinate.len())?;
     check_length("reason", reasons.len(), coordinate.len())?;
     if width < 3 || coordinate.len() < 3 * width {
         return Ok(0);
     }
-    let circle = Circle::new(repeats);
-    let map = Map {
-        height: coordinate.len() / width,
-        limits: Limits {
-            smooth: TYPICAL_STEPS * typical_step(coordinate, width, circle),
-            circle,
-        },
-        coordinate,
-        sigma,
-        width,
-    };
-    let bands = map.height.div_ceil(BAND_ROWS);
-    let isolated: Vec<Vec<usize>> = (0..bands)
+    let height = coordinate.len() / width;
+    let isolated: Vec<Vec<usize>> = (0..height.div_ceil(BAND_ROWS))
         .into_par_iter()
-        .map(|band| map.isolated_of_band(band))
+        .map(|band| {
+            let rows = band * BAND_ROWS..height.min((band + 1) * BAND_ROWS);
+            smooth.isolated(coordinate, sigma, width, rows)
+        })
         .collect();
     for &i in isolated.iter().flatten() {
         coordinate[i] = f32::NAN;
@@ -181,51 +152,14 @@ pub fn mark(
     Ok(isolated.iter().map(Vec::len).sum())
 }
 
-/// Typical difference of neighbours, px: the larger of the medians along rows and along columns.
-fn typical_step(coordinate: &[f32], width: usize, circle: Circle) -> f32 {
-    let median_step = |next: usize| {
-        // A stride without a common divisor with the width reaches all columns.
-        let mut stride = (coordinate.len() / SAMPLE).max(1);
-        while stride > 1 && common_divisor(stride, width) > 1 {
-            stride += 1;
-        }
-        let steps = |stride: usize| -> Vec<f32> {
-            (0..coordinate.len() - next)
-                .step_by(stride)
-                .filter(|i| next > 1 || (i + 1) % width > 0)
-                .map(|i| circle.difference(coordinate[i + next], coordinate[i]).abs())
-                .filter(|step| step.is_finite())
-                .collect()
-        };
-        let mut found = steps(stride);
-        if found.len() < MIN_SAMPLE {
-            found = steps(1);
-        }
-        if found.is_empty() {
-            return 0.0;
-        }
-        let middle = found.len() / 2;
-        *found.select_nth_unstable_by(middle, f32::total_cmp).1
-    };
-    median_step(1).max(median_step(width))
-}
-
-fn common_divisor(a: usize, b: usize) -> usize {
-    if b == 0 {
-        a
-    } else {
-        common_divisor(b, a % b)
-    }
-}
-
 impl Map<'_> {
-    /// Indices of the isolated pixels of a band of rows.
-    fn isolated_of_band(&self, band: usize) -> Vec<usize> {
+    /// Indices of the isolated pixels of some rows.
+    fn isolated_of(&self, rows: Range<usize>) -> Vec<usize> {
         let nothing = vec![f32::NAN; self.width];
         let mut open = vec![0u32; self.width];
         let mut isolated = Vec::new();
         let row = |y: usize| &self.coordinate[y * self.width..][..self.width];
-        for y in band * BAND_ROWS..self.height.min((band + 1) * BAND_ROWS) {
+        for y in rows {
             let above = if y > 0 { row(y - 1) } else { &nothing };
             let below = if y + 1 < self.height {
                 row(y + 1)
@@ -269,8 +203,8 @@ impl Map<'_> {
 }
 
 /// Clear the flags of the pixels of a block that have as many neighbours as a surface.
-#[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx512f+avx512vl"))]
-fn keep_isolated(window: &Window, limits: Limits, flags: &mut [u32]) {
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn keep_isolated(window: &Window, limits: Smooth, flags: &mut [u32]) {
     let (mut measured, mut sharing) = ([0u32; BLOCK], [0u32; BLOCK]);
     for (down, right) in NEAR {
         let steps = next_steps(window, limits.circle, (down, right));
@@ -288,7 +222,7 @@ fn keep_isolated(window: &Window, limits: Limits, flags: &mut [u32]) {
     if sparse == 0 {
         return;
     }
-    let wide = Limits {
+    let wide = Smooth {
         smooth: REACH as f32 * limits.smooth,
         ..limits
     };
@@ -321,7 +255,7 @@ fn next_steps(window: &Window, circle: Circle, (down, right): (isize, isize)) ->
 #[inline(always)]
 fn sharers(
     window: &Window,
-    limits: Limits,
+    limits: Smooth,
     (down, right): (isize, isize),
     steps: &[f32; BLOCK],
 ) -> [u32; BLOCK] {
@@ -365,7 +299,7 @@ fn at(
 ///
 /// The quick part of the test, which nearly all pixels pass. What passes here passes the whole test:
 /// the tolerance is a lower bound of the one there.
-#[multiversion::multiversion(targets("x86_64+avx2+fma", "x86_64+avx512f+avx512vl"))]
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn clear_smooth(rows: [&[f32]; 3], sigma: &[f32], smooth: f32, open: &mut [u32]) {
     let width = open.len();
     let [above, here, below] = [&rows[0][..width], &rows[1][..width], &rows[2][..width]];

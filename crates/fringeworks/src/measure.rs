@@ -1,0 +1,186 @@
+//! From frames to points in one pass, without maps of coordinates between.
+//!
+//! A task decodes a few rows of the camera into memory that stays in the second cache, sets isolated
+//! pixels aside and triangulates, then goes on with the next rows. The results are those of
+//! [`crate::decode`], [`crate::isolated`] and [`crate::triangulate`] to the bit.
+
+use crate::decode::{BandDecoder, Plan, Sample};
+use crate::isolated::{Smooth, REACH};
+use crate::triangulate::{self, Axis, Limits, Points, Triangulation};
+use crate::{check_length, check_value, reason, Error};
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Rows that are decoded at a time: with those that the next ones need again, their coordinates fill
+/// less than half of a second cache of 1 MB, for frames of 2000 columns.
+const STEP_ROWS: usize = 16;
+
+/// Rows of a task. The rows around it are decoded twice: four in 64.
+const TASK_ROWS: usize = 4 * STEP_ROWS;
+
+/// Frames along one axis of the projector, and how they are decoded.
+pub struct Stack<'a, T> {
+    pub frames: &'a [&'a [T]],
+    pub plan: &'a Plan,
+}
+
+/// Decoded rows of one axis, the rows `first..end` of the camera.
+struct Rows {
+    width: usize,
+    first: usize,
+    end: usize,
+    coordinate: Vec<f32>,
+    sigma: Vec<f32>,
+    reason: Vec<u8>,
+}
+
+impl Rows {
+    fn new(width: usize, first: usize) -> Self {
+        let pixels = (STEP_ROWS + 2 * REACH) * width;
+        Self {
+            width,
+            first,
+            end: first,
+            coordinate: vec![0.0; pixels],
+            sigma: vec![0.0; pixels],
+            reason: vec![0; pixels],
+        }
+    }
+
+    /// Places of rows of the camera.
+    fn at(&self, rows: Range<usize>) -> Range<usize> {
+        (rows.start - self.first) * self.width..(rows.end - self.first) * self.width
+    }
+
+    /// Forget the rows before `first`.
+    fn forget(&mut self, first: usize) {
+        let kept = self.at(first..self.end);
+        self.coordinate.copy_within(kept.clone(), 0);
+        self.sigma.copy_within(kept.clone(), 0);
+        self.reason.copy_within(kept, 0);
+        self.first = first;
+    }
+
+    /// Decode the rows up to `end`.
+    fn decode<T: Sample>(&mut self, decoder: &mut BandDecoder<'_, T>, end: usize) {
+        let place = self.at(self.end..end);
+        decoder.decode(
+            self.end * self.width,
+            &mut self.coordinate[place.clone()],
+            &mut self.sigma[place.clone()],
+            &mut self.reason[place],
+        );
+        self.end = end;
+    }
+
+    /// Mark isolated pixels of some rows by their reason alone, so that the next rows see them as they
+    /// were.
+    fn mark(&mut self, smooth: &Smooth, rows: Range<usize>) {
+        let known = self.at(self.first..self.end);
+        let found = smooth.isolated(
+            &self.coordinate[known.clone()],
+            &self.sigma[known],
+            self.width,
+            rows.start - self.first..rows.end - self.first,
+        );
+        for i in found {
+            self.reason[i] = reason::ISOLATED;
+        }
+    }
+
+    fn row(&self, row: usize) -> Axis<'_> {
+        let place = self.at(row..row + 1);
+        Axis {
+            coordinate: &self.coordinate[place.clone()],
+            sigma: &self.sigma[place.clone()],
+            reason: &self.reason[place],
+        }
+    }
+}
+
+/// Points of a surface from frames along one axis or both.
+///
+/// `smooth` is by what isolated pixels are found along x and along y; `None` keeps them.
+pub fn measure<T: Sample>(
+    rig: &Triangulation,
+    limits: &Limits,
+    x: Option<Stack<'_, T>>,
+    y: Option<Stack<'_, T>>,
+    smooth: Option<&[Smooth; 2]>,
+    out: Points<'_>,
+) -> Result<(), Error> {
+    let (height, width) = rig.shape();
+    triangulate::check(rig, x.is_some(), y.is_some(), &out)?;
+    for stack in [&x, &y].into_iter().flatten() {
+        check_value("frames", !stack.frames.is_empty(), "one or more", 0)?;
+        for frame in stack.frames {
+            check_length("frame", frame.len(), height * width)?;
+        }
+        stack.plan.check(stack.frames.len())?;
+    }
+    let smooth = smooth.filter(|_| width >= 3 && height >= 3);
+    let task = Task {
+        rig,
+        limits,
+        smooth,
+    };
+    out.split_rows(width, TASK_ROWS)
+        .into_par_iter()
+        .for_each(|(first, out)| {
+            let axes = [&x, &y].map(|stack| Some(Along::new(stack.as_ref()?, width, first)));
+            task.run(axes, first..(first + TASK_ROWS).min(height), out);
+        });
+    Ok(())
+}
+
+/// One axis of a task.
+struct Along<'a, T> {
+    decoder: BandDecoder<'a, T>,
+    known: Rows,
+}
+
+impl<'a, T: Sample> Along<'a, T> {
+    fn new(stack: &'a Stack<'a, T>, width: usize, first: usize) -> Self {
+        Self {
+            decoder: BandDecoder::new(stack.frames, stack.plan),
+            known: Rows::new(width, first.saturating_sub(REACH)),
+        }
+    }
+}
+
+/// What the tasks of a frame have in common.
+struct Task<'a> {
+    rig: &'a Triangulation,
+    limits: &'a Limits,
+    smooth: Option<&'a [Smooth; 2]>,
+}
+
+impl Task<'_> {
+    /// Measure some rows.
+    fn run<T: Sample>(
+        &self,
+        mut axes: [Option<Along<'_, T>>; 2],
+        rows: Range<usize>,
+        out: Points<'_>,
+    ) {
+        let (height, width) = self.rig.shape();
+        let mut outputs = out.split_rows(width, 1).into_iter();
+        for start in rows.clone().step_by(STEP_ROWS) {
+            let end = (start + STEP_ROWS).min(rows.end);
+            for (k, axis) in axes.iter_mut().enumerate() {
+                let Some(Along { decoder, known }) = axis else {
+                    continue;
+                };
+                known.forget(start.saturating_sub(REACH));
+                known.decode(decoder, (end + REACH).min(height));
+                if let Some(smooth) = self.smooth {
+                    known.mark(&smooth[k], start..end);
+                }
+            }
+            for (row, (_, out)) in (start..end).zip(&mut outputs) {
+                let [x, y] = [&axes[0], &axes[1]].map(|a| Some(a.as_ref()?.known.row(row)));
+                triangulate::triangulate_row(self.rig, self.limits, row, x, y, out);
+            }
+        }
+    }
+}

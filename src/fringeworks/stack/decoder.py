@@ -1,0 +1,268 @@
+"""Decoding of the same plan again and again, for live measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks import _core
+from fringeworks.patterns.plan import PatternPlan
+from fringeworks.rig.epipolar import calibration_share
+from fringeworks.rig.triangulate import Triangulator, measured_points
+from fringeworks.stack.decode import (
+    checked_count_step,
+    compare_neighbours,
+    coordinate_map,
+    decoded_of,
+    decodings_of,
+    limits_of,
+    measure_axis,
+    refuse_nothing_measured,
+)
+from fringeworks.stack.examine import Judgement, examine
+from fringeworks.stack.frames import Planes, check_content, check_frames, readable
+from fringeworks.stack.gray_light import plan_with_light, with_light
+from fringeworks.stack.kernel_settings import empty_maps, reused_maps
+from fringeworks.stack.options import DecodeOptions
+from fringeworks.stack.sample import take_sample
+from fringeworks.types import (
+    Axis,
+    CoordinateMap,
+    Decoded,
+    FrameFinding,
+    FramesContradictPlan,
+    InputError,
+    PointCloud,
+    Rig,
+    RigMismatch,
+)
+
+JUDGE_EVERY = 25
+"""Every so many stacks the frames are judged again: about once a second in live measurement."""
+
+
+class Decoder:
+    """Decodes stacks of one plan, one size and one type, again and again.
+
+    Tables and memory are kept. The frames of a stack are judged (their order, noise, real steps)
+    on the first call and on every ``judge_every``-th after it; the stacks between are decoded with
+    what was found.
+
+    Parameters
+    ----------
+    plan : PatternPlan
+    shape : (h, w), camera px
+    dtype : type of the frames; any that ``decode`` takes
+    rig : Rig, optional
+        What ``points`` triangulates with.
+    judge_every : int ≥ 1
+    **options
+        As for ``decode``.
+
+    Raises
+    ------
+    InputError
+        If an option is out of its range, or the plan or the response cannot be used.
+    RigMismatch
+        If the rig belongs to frames of another size.
+
+    Examples
+    --------
+    >>> from fringeworks.patterns.encode import encode
+    >>> from fringeworks.patterns.plan import PhaseSteps, equal_steps
+    >>> plan = PatternPlan(64, 40, (PhaseSteps("x", 64.0, equal_steps(4)),))
+    >>> decoder = Decoder(plan, (40, 64))
+    >>> round(float(decoder.decode(list(encode(plan))).x.coordinate_px[10, 20]), 1)
+    20.0
+    """
+
+    def __init__(
+        self,
+        plan: PatternPlan,
+        shape: tuple[int, int],
+        dtype: Any = np.uint8,
+        *,
+        rig: Rig | None = None,
+        judge_every: int = JUDGE_EVERY,
+        **options: Unpack[DecodeOptions],
+    ) -> None:
+        if judge_every < 1:
+            raise InputError(f"judge_every: expected 1 or more, got {judge_every}")
+        if options.get("estimate_response") and options.get("response") is not None:
+            raise InputError("estimate_response: expected no response beside it, got one")
+        if rig is not None and rig.camera.shape != tuple(shape):
+            raise RigMismatch(f"rig: it is for frames of {rig.camera.shape}, got {tuple(shape)}")
+        self._plan = plan
+        self._shape, self._dtype = (shape[0], shape[1]), np.dtype(dtype)
+        self._options = options
+        self._judge_every, self._since = judge_every, 0
+        self._nominal = decodings_of(
+            plan_with_light(plan), options.get("absolute", True), options.get("response")
+        )
+        self._limits = limits_of(
+            self._dtype, options.get("saturation"), options.get("min_modulation", 0.0)
+        )
+        checked_count_step(options.get("count_step"))
+        self._triangulator = None if rig is None else Triangulator(rig)
+        self._found: Judgement | None = None
+        self._kernels: dict[Axis, _core.DecodeSettings] = {}
+        self._typical_px: dict[Axis, float] = {}
+        self._epipolar_px = 0.0
+        self._decoded: Decoded | None = None
+        self._cloud: PointCloud | None = None
+
+    @property
+    def findings(self) -> tuple[FrameFinding, ...]:
+        """What the last judgement found; empty before the first stack."""
+        return () if self._found is None else self._found.findings
+
+    @property
+    def epipolar_px(self) -> float:
+        """Standard deviation of the epipolar error that the rig causes, px, by the last judgement
+        of frames along both axes; 0 along one."""
+        return self._epipolar_px
+
+    def judge_next(self) -> None:
+        """Have the next stack judged, for example because the scene or the light has changed."""
+        self._since = 0
+
+    def decode(self, frames: NDArray[Any] | Sequence[NDArray[Any]]) -> Decoded:
+        """Decode one stack.
+
+        Parameters
+        ----------
+        frames : (n, h, w) array or sequence of (h, w) arrays, counts
+            In the order of the plan.
+
+        Returns
+        -------
+        Decoded
+            In memory of the decoder: valid until its next call.
+
+        Raises
+        ------
+        InputError
+            If frames are missing or differ from the decoder's size or type; where a stack is
+            judged, also if ``decode`` would refuse it.
+        """
+        planes = self._checked(frames)
+        return self._judged(planes) if self._due() else self._measured(planes)
+
+    def points(self, frames: NDArray[Any] | Sequence[NDArray[Any]]) -> PointCloud:
+        """Measure the points of one stack.
+
+        Frames become points in one pass. The result is that of ``decode`` and of triangulation with
+        this decoder's ``epipolar_px``, to the bit.
+
+        Parameters
+        ----------
+        frames : as for ``decode``
+
+        Returns
+        -------
+        PointCloud in camera coordinates, in memory of the decoder: valid until its next call.
+
+        Raises
+        ------
+        InputError as for ``decode``, and for a decoder without a rig; RigMismatch as for
+        ``triangulate``.
+        """
+        if self._triangulator is None:
+            raise InputError("rig: expected one for points, got none")
+        planes = self._checked(frames)
+        due = self._due()
+        found = self._found
+        if due or found is None or not _in_one_pass(found):
+            decoded = self._judged(planes) if due else self._measured(planes)
+            self._cloud = self._triangulator.triangulate(
+                decoded, epipolar_px=self._epipolar_px, out=self._cloud
+            )
+        else:
+            removes = self._options.get("remove_isolated", True)
+            self._cloud = measured_points(
+                self._triangulator,
+                {
+                    axis: ([readable(planes[k]) for k in a.decoding.frames], self._kernels[axis])
+                    for axis, a in found.axes.items()
+                },
+                typical_px=self._typical_px if removes else None,
+                epipolar_px=self._epipolar_px,
+                findings=self.findings,
+                out=self._cloud,
+            )
+        return self._cloud
+
+    def _checked(self, frames: NDArray[Any] | Sequence[NDArray[Any]]) -> Planes:
+        planes = check_frames(frames, self._plan)
+        if planes[0].shape != self._shape or planes[0].dtype.name != self._dtype.name:
+            raise FramesContradictPlan(
+                f"frames: the decoder is for {self._dtype} {self._shape}, got {planes[0].dtype} "
+                f"{planes[0].shape}"
+            )
+        return with_light(planes, self._plan)[0]
+
+    def _due(self) -> bool:
+        """Whether this stack is to be judged; counts the stacks."""
+        due = self._since == 0
+        self._since = (self._since + 1) % self._judge_every
+        return due
+
+    def _judged(self, planes: Planes) -> Decoded:
+        """Judge a stack, decode it and keep what was found."""
+        self._since = 0  # judge the next one, too, if this one is refused
+        plan = plan_with_light(self._plan)
+        sample = take_sample(planes, plan)
+        check_content(planes, plan, sample.points)
+        options = self._options
+        found = examine(
+            plan,
+            sample,
+            self._nominal,
+            self._limits,
+            noise=options.get("noise"),
+            count_step=options.get("count_step"),
+            estimate_steps=options.get("estimate_steps", True),
+            estimate_response=options.get("estimate_response", False),
+        )
+        self._found = found
+        self._kernels = {
+            axis: a.decoding.kernel(found.noise, found.limits) for axis, a in found.axes.items()
+        }
+        self._typical_px = {}
+        decoded = self._measured(planes)
+        refuse_nothing_measured(decoded)
+        if self._triangulator is not None and len(decoded.maps) == 2:
+            self._epipolar_px = calibration_share(self._triangulator.rig, decoded.maps)
+        self._since = 1 % self._judge_every
+        return decoded
+
+    def _measured(self, planes: Planes) -> Decoded:
+        """Decode a stack with what the last judgement found."""
+        assert self._found is not None
+        keeps_phases = self._options.get("keep_phases", False)
+        maps: dict[Axis, CoordinateMap] = {}
+        for axis, found in self._found.axes.items():
+            if self._decoded is None or keeps_phases:
+                sets = len(found.decoding.sets) if keeps_phases else 0
+                results = empty_maps(self._shape, sets=sets)
+            else:
+                results = reused_maps(self._decoded, axis)
+            axis_planes = [planes[k] for k in found.decoding.frames]
+            measure_axis(axis_planes, found, self._found, results, self._kernels[axis])
+            self._typical_px[axis] = compare_neighbours(
+                found,
+                results,
+                remove_isolated=self._options.get("remove_isolated", True),
+                typical_px=self._typical_px.get(axis),
+            )
+            maps[axis] = coordinate_map(found.decoding, results, keeps_phases)
+        self._decoded = decoded_of(maps, self._found)
+        return self._decoded
+
+
+def _in_one_pass(found: Judgement) -> bool:
+    """Whether no step between decoding and triangulation needs whole maps."""
+    return not any(axis.uneven or axis.scatters for axis in found.axes.values())

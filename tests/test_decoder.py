@@ -1,0 +1,209 @@
+"""Decoding and measuring the same plan again and again, and frames that arrive one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import fringeworks as fw
+from fringeworks.rig.pinhole import project, rays, transform
+
+COUNTS = (1, 8, 64)
+
+
+def plan_of(axes="x", width=640, height=400, steps=4):
+    length = {"x": width, "y": height}
+    return fw.PatternPlan(
+        width,
+        height,
+        tuple(fw.PhaseSteps(a, length[a] / v, fw.equal_steps(steps)) for a in axes for v in COUNTS),
+    )
+
+
+def rig_of(shape=(161, 233)):
+    """Distorted camera and projector above a scene at 500 mm."""
+    from fringeworks.rig.pinhole import look_at
+
+    h, w = shape
+    camera = fw.Pinhole(w, h, (1900.0, 1900.0), (w / 2, h / 2), (-0.1, 0.1, 1e-4, 1e-4, 0.0))
+    projector = fw.Pinhole(640, 400, (1300.0, 1300.0), (320.0, 200.0), (-0.05, 0.04, 1e-4, 1e-4, 0))
+    sigma = np.array([0.05, 0.05, 0.1, 0.1, *[1e-4] * 5] * 2 + [1e-6] * 3 + [1e-3] * 3)
+    pose = look_at(np.array([150.0, 20.0, 0.0]), np.array([0.0, 0.0, 500.0]))
+    return fw.Rig(camera, projector, pose, np.diag(sigma**2), (0.01, 0.01))
+
+
+def captured(plan, rig, *, seed=0, step_mm=30.0, gain=200.0, shift_mm=0.0):
+    """Frames of a wavy surface with a cliff, pixels that see two depths, and shadow, in noise of two
+    counts."""
+    h, w = rig.camera.shape
+    v, u = np.mgrid[:h, :w].astype(float)
+    depth = 500.0 + shift_mm + 8.0 * np.sin(u / 30.0) + step_mm * (u > 0.6 * w)
+    ray = rays(rig.camera, np.stack((u, v), axis=-1))
+    surfaces = []
+    for z in (depth, depth + 6.0):
+        points = ray * z[..., None]
+        surfaces.append(project(rig.projector, transform(rig.T_projector_camera, points)))
+    pixels, others = surfaces
+    mixed = np.where((u == int(0.6 * w)) & np.isin(v, (h // 8, h // 2)), 0.5, 0.0)
+    rng = np.random.default_rng(seed)
+    frames = []
+    for block in plan.blocks:
+        axis = 0 if block.axis == "x" else 1
+        at = pixels[..., axis]
+        for k in range(block.frames):
+            values = block.values(at, k) * (1 - mixed) + block.values(others[..., axis], k) * mixed
+            light = 20.0 + gain * values * np.where(v > 0.9 * h, 0.01, 1.0)
+            frames.append(np.clip(np.rint(light + 2.0 * rng.standard_normal(at.shape)), 0, 255))
+    return [frame.astype(np.uint8) for frame in frames]
+
+
+def same_maps(a, b, names):
+    for name in names:
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+
+
+MAPS = ("coordinate_px", "sigma_px", "modulation", "background", "reason")
+CLOUD = ("xyz_mm", "sigma_mm", "noise_mm", "reason", "residual_px")
+
+
+@pytest.mark.parametrize("axes", ["x", "xy"])
+def test_the_first_stack_is_decoded_as_by_decode(axes):
+    rig, plan = rig_of(), plan_of(axes)
+    frames = captured(plan, rig)
+    expected = fw.decode(frames, plan)
+    found = fw.Decoder(plan, rig.camera.shape).decode(frames)
+    assert found.findings == expected.findings
+    for axis in axes:
+        same_maps(getattr(found, axis), getattr(expected, axis), MAPS)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32, np.float64])
+@pytest.mark.parametrize("axes", ["x", "xy"])
+def test_points_are_those_of_two_steps_to_the_bit(axes, kind):
+    rig, plan = rig_of(), plan_of(axes)
+    scale = 16 if kind is np.uint16 else 1
+    stacks = [
+        [(scale * frame.astype(np.int32)).astype(kind) for frame in captured(plan, rig, seed=k)]
+        for k in range(3)
+    ]
+    one, two = (fw.Decoder(plan, rig.camera.shape, kind, rig=rig) for _ in range(2))
+    triangulator = fw.Triangulator(rig)
+    for k, frames in enumerate(stacks):
+        cloud = one.points(frames)
+        decoded = two.decode(frames)
+        expected = triangulator.triangulate(decoded, epipolar_px=two.epipolar_px)
+        same_maps(cloud, expected, CLOUD if axes == "xy" else CLOUD[:4])
+        isolated = np.sum(cloud.reason == fw.Reason.ISOLATED)
+        assert isolated > 0, "no pixel of the cliff is isolated: the test shows nothing"
+        assert np.isfinite(cloud.xyz_mm).all(axis=2).mean() > 0.8, k
+
+
+@pytest.mark.parametrize("shape", [(3, 240), (5, 133), (66, 91), (130, 480)])
+def test_points_of_any_shape(shape):
+    rig, plan = rig_of(shape), plan_of()
+    one, two = (fw.Decoder(plan, shape, rig=rig, noise=fw.CameraNoise(2.0)) for _ in range(2))
+    for seed in range(2):
+        frames = captured(plan, rig, seed=seed, step_mm=0.0)
+        cloud = one.points(frames)
+        expected = fw.Triangulator(rig).triangulate(two.decode(frames))
+        same_maps(cloud, expected, CLOUD[:4])
+
+
+def test_saturated_pixels_do_not_depend_on_their_neighbours():
+    """One pass and two passes cut frames into other blocks."""
+    rig, plan = rig_of(), plan_of()
+    one, two = (
+        fw.Decoder(plan, rig.camera.shape, rig=rig, saturation=220.0, remove_isolated=False)
+        for _ in range(2)
+    )
+    for seed in range(2):
+        frames = captured(plan, rig, seed=seed, gain=230.0)
+        cloud = one.points(frames)
+        expected = fw.Triangulator(rig).triangulate(two.decode(frames))
+        same_maps(cloud, expected, CLOUD[:4])
+
+
+def test_frames_are_judged_every_so_often():
+    rig, plan = rig_of(), plan_of()
+    good = captured(plan, rig)
+    swapped = [*good[:8], good[9], good[8], *good[10:]]
+    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig, judge_every=3)
+    assert decoder.findings == ()
+    decoder.points(good)
+    assert decoder.findings
+    decoder.points(swapped)  # not judged
+    decoder.points(swapped)
+    with pytest.raises(fw.InputError, match="swapped"):
+        decoder.points(swapped)
+    with pytest.raises(fw.InputError, match="swapped"):
+        decoder.decode(swapped)  # judged until a stack is right
+    decoder.points(good)
+    decoder.decode(swapped)
+    decoder.judge_next()
+    with pytest.raises(fw.InputError, match="swapped"):
+        decoder.decode(swapped)
+
+
+def test_memory_is_used_again():
+    rig, plan = rig_of(), plan_of()
+    frames = captured(plan, rig)
+    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    first = decoder.points(frames).xyz_mm
+    assert np.shares_memory(decoder.points(frames).xyz_mm, first)
+    first = decoder.decode(frames).x.coordinate_px
+    assert np.shares_memory(decoder.decode(frames).x.coordinate_px, first)
+
+
+def test_a_moving_surface_is_followed():
+    rig, plan = rig_of(), plan_of()
+    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    for shift in (0.0, 3.0, -5.0):
+        cloud = decoder.points(captured(plan, rig, seed=7, shift_mm=shift))
+        u = np.arange(rig.camera.shape[1], dtype=float)
+        depth = 500.0 + shift + 8.0 * np.sin(u / 30.0) + 30.0 * (u > 0.6 * rig.camera.shape[1])
+        off = (cloud.xyz_mm[..., 2] - depth) / cloud.noise_mm
+        assert np.mean(np.abs(off[np.isfinite(off)]) < 1) == pytest.approx(0.683, abs=0.02)
+
+
+def test_other_frames_are_refused():
+    rig, plan = rig_of(), plan_of()
+    frames = captured(plan, rig)
+    decoder = fw.Decoder(plan, rig.camera.shape)
+    with pytest.raises(fw.InputError, match="rig"):
+        decoder.points(frames)
+    with pytest.raises(fw.InputError, match="decoder is for uint8"):
+        decoder.decode([frame.astype(np.uint16) for frame in frames])
+    with pytest.raises(fw.InputError, match="missing"):
+        decoder.decode(frames[1:])
+    with pytest.raises(fw.RigMismatch, match="161"):
+        fw.Decoder(plan, (10, 20), rig=rig)
+    with pytest.raises(fw.InputError, match="judge_every"):
+        fw.Decoder(plan, (10, 20), judge_every=0)
+
+
+def test_a_stream_is_used_for_the_next_stack():
+    rig, plan = rig_of(), plan_of()
+    stream, earlier = fw.StreamingDecoder(plan), None
+    for seed in range(2):
+        frames = captured(plan, rig, seed=seed)
+        for frame in frames:
+            stream.add(frame)
+        found = stream.result(out=earlier)
+        if earlier is not None:
+            assert np.shares_memory(found.x.coordinate_px, earlier.x.coordinate_px)
+        same_maps(found.x, fw.decode(frames, plan).x, MAPS)
+        earlier = found
+        stream.reset()
+        assert len(stream.missing) == len(frames)
+
+
+def test_points_take_one_pass(monkeypatch):
+    """Only then do the comparisons above compare two kernels."""
+    from fringeworks import _core
+
+    rig, plan = rig_of(), plan_of()
+    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    decoder.points(captured(plan, rig))
+    monkeypatch.setattr(_core, "decode_frames", None)
+    cloud = decoder.points(captured(plan, rig, seed=1))
+    assert np.isfinite(cloud.sigma_mm).mean() > 0.8

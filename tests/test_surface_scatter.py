@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
-from fringeworks.stack.surface_scatter import cover_scatter, scatters
+from fringeworks import _core
+from fringeworks.stack.surface_scatter import SCALES, cover_scatter, scatters
 from tests.fault_measure import capture, errors
 from tests.fault_scenes import plans
 from tests.fault_stage import Stage
+from tests.oracles.scatter import mean_chi
 
 MOST_PX = 8.0
 """Largest difference on one surface in these tests, projector px."""
@@ -86,6 +88,27 @@ def test_errors_at_edges_of_brightness_are_covered_where_one_side_is_unknown():
     cover_scatter(measured, sigma, background, MOST_PX)
     after = np.mean(np.abs(measured - x)[:, beside] > 5.0 * sigma[:, beside])
     assert after < 0.02
+
+
+@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize("shape", [(1, 1), (3, 70), (200, 9), (130, 150)])
+def test_factors_are_those_of_filters(scale, shape):
+    rng = np.random.default_rng(3)
+    x = np.add.outer(0.3 * np.arange(shape[0]), 1.3 * np.arange(shape[1]))
+    scatter = np.where(np.arange(shape[1]) > shape[1] / 2, 3.0, 1.0)
+    x = (x + 0.05 * scatter * rng.standard_normal(shape)).astype(np.float32)
+    x[rng.random(shape) < 0.05] = np.nan
+    sigma = np.where(np.isfinite(x), 0.05, np.nan).astype(np.float32)
+    factors = np.ones(shape, np.float32)
+    step, side = scale
+    _core.raise_factors(
+        x, sigma, factors, step=step, side=side, most=MOST_PX, excess=4.0, shared=4.6
+    )
+    expected = mean_chi(x.astype(float), sigma.astype(float), scale, MOST_PX, 4.0, 4.6)
+    near = np.isclose(factors, expected, rtol=1e-3)
+    assert np.mean(~near) < 1e-3  # a mean at the limit of significance may fall to either side
+    if min(shape) > 100:
+        assert np.mean(expected > 1.0) > 0.2
 
 
 def test_bands_do_not_show():

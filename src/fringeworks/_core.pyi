@@ -23,6 +23,7 @@ __all__ = [
     "mark_isolated",
     "measure_points",
     "optimised",
+    "raise_factors",
     "relocate_surfaces",
     "row_envelopes",
     "row_extrema",
@@ -131,6 +132,17 @@ def mark_isolated(
     typical: float,
     repeats: float,
 ) -> int: ...
+def raise_factors(
+    coordinate: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    factors: NDArray[np.float32],
+    *,
+    step: int,
+    side: int,
+    most: float,
+    excess: float,
+    shared: float,
+) -> None: ...
 def typical_step(coordinate: NDArray[np.float32], *, repeats: float) -> float: ...
 def measure_points(
     x: tuple[Sequence[NDArray[Any]], DecodeSettings] | None,

@@ -10,6 +10,7 @@ mod isolated;
 mod measure;
 mod rig;
 mod rows;
+mod scatter;
 mod threads;
 mod unwrap;
 mod wavelet;
@@ -35,6 +36,8 @@ mod _core {
     use super::measure::measure_points;
     #[pymodule_export]
     use super::rig::{Triangles, Triangulation};
+    #[pymodule_export]
+    use super::scatter::raise_factors;
     #[pymodule_export]
     use super::unwrap::{average_phasor, count_residues, unwrap_reliability};
     #[pymodule_export]

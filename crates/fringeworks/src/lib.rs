@@ -11,6 +11,7 @@
 //! * [`measure`]: frames to points in one pass.
 //! * [`mesh`]: intersection of rays with triangles, for the virtual rig.
 //! * [`reason`]: why a pixel has no value.
+//! * [`scatter`]: by how much neighbouring coordinates scatter.
 //! * [`triangulate`]: projector coordinates and a calibrated rig to points.
 //! * [`unwrap`]: phase unwrapping by sorting by reliability, and the average that guides it.
 //! * [`wavelet`]: ridge of the continuous wavelet transform by rows.
@@ -24,6 +25,7 @@ pub mod isolated;
 pub mod measure;
 pub mod mesh;
 pub mod reason;
+pub mod scatter;
 mod spline;
 pub mod triangulate;
 pub mod unwrap;

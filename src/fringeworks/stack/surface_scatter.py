@@ -7,11 +7,10 @@ pixels do: along a smooth surface, the third difference of the coordinate is noi
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import scipy
 
+from fringeworks import _core
 from fringeworks.signal.noise import chi_square_quantile
 from fringeworks.signal.third_difference import third_difference, third_difference_variance
 from fringeworks.types import BoolMap, FloatMap
@@ -60,9 +59,6 @@ ones the error saturates. Empirical.
 MOST = 100.0
 """Largest χ² of a difference that counts, so that single ones do not decide."""
 
-BAND = 256
-"""Rows that are examined at once, to save memory."""
-
 
 def scatters(coordinate: FloatMap, sigma: FloatMap, most_px: float) -> bool:
     """Whether coordinates along lines scatter by more than their standard deviations.
@@ -106,10 +102,16 @@ def cover_scatter(
     np.sqrt(sigma**2 + per_change * change, out=sigma)
     factors = np.ones(coordinate.shape, np.float32)
     for step, side in SCALES:
-        margin = 3 * step + side // 2
-        for rows, wide, inner in _bands(len(coordinate), margin):
-            mean = _mean_chi(coordinate[wide], sigma[wide], (step, side), most_px)
-            np.maximum(factors[rows], mean[inner], out=factors[rows])
+        _core.raise_factors(
+            np.ascontiguousarray(coordinate, np.float32),
+            np.ascontiguousarray(sigma, np.float32),
+            factors,
+            step=step,
+            side=side,
+            most=most_px,
+            excess=SIGNIFICANT_EXCESS,
+            shared=SHARED,
+        )
     sigma *= np.sqrt(factors)
 
 
@@ -144,43 +146,6 @@ def _error_per_change(
         if strong.any():
             found = max(found, float(excess[strong].mean() / leverage[strong].mean()))
     return found
-
-
-def _bands(rows: int, margin: int) -> Iterator[tuple[slice, slice, slice]]:
-    """Bands of rows, the rows with a margin, and the band's rows among these."""
-    for top in range(0, rows, BAND):
-        bottom = min(rows, top + BAND)
-        first = max(0, top - margin)
-        yield (
-            slice(top, bottom),
-            slice(first, bottom + margin),
-            slice(top - first, bottom - first),
-        )
-
-
-def _mean_chi(
-    coordinate: FloatMap, sigma: FloatMap, scale: tuple[int, int], most_px: float
-) -> FloatMap:
-    """Mean χ² of the differences around every pixel where it is significant, otherwise 1."""
-    step, side = scale
-    square = np.zeros(coordinate.shape, np.float32)
-    count = np.zeros(coordinate.shape, np.float32)
-    for x, variance, total, number in (
-        (coordinate, sigma**2, square, count),
-        (coordinate.T, (sigma**2).T, square.T, count.T),
-    ):
-        chi, known = _chi_squares(x, variance, step, most_px)
-        length = chi.shape[1]
-        for place in (step, 2 * step):  # the two middle pixels, which weigh most
-            total[:, place : place + length] += chi
-            number[:, place : place + length] += known
-    area = side**2
-    square = area * scipy.ndimage.uniform_filter(square, side)
-    count = area * scipy.ndimage.uniform_filter(count, side)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        mean = square / count
-        significant = mean > 1.0 + SIGNIFICANT_EXCESS * np.sqrt(2.0 * SHARED / count)
-    return np.where((count > 0.5) & significant, mean, 1.0).astype(np.float32)
 
 
 def _chi_squares(

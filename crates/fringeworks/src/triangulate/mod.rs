@@ -2,8 +2,9 @@
 //!
 //! The unknown of a pixel is w = 1/z along its ray. In the projector's coordinates, divided by its
 //! depth z, a point is R r + w t, which is linear in w. Without distortion, one axis gives w in
-//! closed form and two axes give it by linear least squares. With distortion, Newton's method
-//! continues from there.
+//! closed form. With distortion, the coordinate is first moved by what distortion does along this
+//! ray, which is known from the rig, so that one step of Newton's method is enough. The same step
+//! takes in the second axis.
 //!
 //! A row of the frame is cut into segments of 32 pixels. The rays of a segment are cubics through
 //! four pixels, whose distortion is inverted in double precision when the rig is prepared.

@@ -62,6 +62,16 @@ def same_maps(a, b, names):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
 
 
+def same_points(one, two, frames, names):
+    """Frames measured by one decoder in one pass and by another in two steps; their points."""
+    cloud = one.points(frames)
+    expected = fw.Triangulator(rig_of(cloud.shape)).triangulate(
+        two.decode(frames), epipolar_px=two.epipolar_px
+    )
+    same_maps(cloud, expected, names)
+    return cloud
+
+
 MAPS = ("coordinate_px", "sigma_px", "modulation", "background", "reason")
 CLOUD = ("xyz_mm", "sigma_mm", "noise_mm", "reason", "residual_px")
 
@@ -87,12 +97,8 @@ def test_points_are_those_of_two_steps_to_the_bit(axes, kind):
         for k in range(3)
     ]
     one, two = (fw.Decoder(plan, rig.camera.shape, kind, rig=rig) for _ in range(2))
-    triangulator = fw.Triangulator(rig)
     for k, frames in enumerate(stacks):
-        cloud = one.points(frames)
-        decoded = two.decode(frames)
-        expected = triangulator.triangulate(decoded, epipolar_px=two.epipolar_px)
-        same_maps(cloud, expected, CLOUD if axes == "xy" else CLOUD[:4])
+        cloud = same_points(one, two, frames, CLOUD if axes == "xy" else CLOUD[:4])
         isolated = np.sum(cloud.reason == fw.Reason.ISOLATED)
         assert isolated > 0, "no pixel of the cliff is isolated: the test shows nothing"
         assert np.isfinite(cloud.xyz_mm).all(axis=2).mean() > 0.8, k
@@ -103,10 +109,7 @@ def test_points_of_any_shape(shape):
     rig, plan = rig_of(shape), plan_of()
     one, two = (fw.Decoder(plan, shape, rig=rig, noise=fw.CameraNoise(2.0)) for _ in range(2))
     for seed in range(2):
-        frames = captured(plan, rig, seed=seed, step_mm=0.0)
-        cloud = one.points(frames)
-        expected = fw.Triangulator(rig).triangulate(two.decode(frames))
-        same_maps(cloud, expected, CLOUD[:4])
+        same_points(one, two, captured(plan, rig, seed=seed, step_mm=0.0), CLOUD[:4])
 
 
 def test_saturated_pixels_do_not_depend_on_their_neighbours():
@@ -117,10 +120,7 @@ def test_saturated_pixels_do_not_depend_on_their_neighbours():
         for _ in range(2)
     )
     for seed in range(2):
-        frames = captured(plan, rig, seed=seed, gain=230.0)
-        cloud = one.points(frames)
-        expected = fw.Triangulator(rig).triangulate(two.decode(frames))
-        same_maps(cloud, expected, CLOUD[:4])
+        same_points(one, two, captured(plan, rig, seed=seed, gain=230.0), CLOUD[:4])
 
 
 def test_frames_are_judged_every_so_often():

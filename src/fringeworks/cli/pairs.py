@@ -135,6 +135,8 @@ def reconstruct(
     words = output.Output(out, *show.targets)
     output.check(out, "surface" if on_rig.rig is None else "points")
     show.check()
+    if ply is Ply.normals and on_rig.rig is None:
+        raise fw.InputError("--ply normals: expected together with --rig, for points")
     pair = _changed(
         _read(capture, reference, object),
         axis=None if axis is None else axis.value,

@@ -27,7 +27,7 @@ def write_result(
     path : path
         As for ``write_surface`` and ``write_points``; coordinates as ``.npz``.
     result : HeightMap, PointCloud or Decoded
-    kind : "points" or "mesh"
+    kind : "points", "normals" or "mesh"
         Content of a ``.ply`` file.
 
     Raises

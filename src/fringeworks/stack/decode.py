@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -149,30 +149,95 @@ def decode(
     planes, plan = with_light(check_frames(frames, plan), plan)
     if out is not None:
         check_reusable_result(out, plan.axes, planes[0].shape, keep_phases)
+    findings = judge(
+        planes,
+        plan,
+        decodings_of(plan, absolute, response),
+        limits_of(planes[0].dtype, saturation, min_modulation),
+        noise=noise,
+        count_step=count_step,
+        estimate_steps=estimate_steps,
+        estimate_response=estimate_response,
+    )
+    decoded = measured(
+        planes,
+        findings,
+        kernels_of(findings),
+        {},
+        keep_phases=keep_phases,
+        remove_isolated=remove_isolated,
+        out=out,
+    )
+    refuse_nothing_measured(decoded)
+    return decoded
+
+
+def judge(
+    planes: Planes,
+    plan: PatternPlan,
+    decodings: dict[Axis, Decoding],
+    limits: Limits,
+    *,
+    noise: CameraNoise | None,
+    count_step: float | None,
+    estimate_steps: bool,
+    estimate_response: bool,
+) -> Judgement:
+    """Judge checked frames by a sample of their pixels; see ``examine``."""
     sample = take_sample(planes, plan)
     check_content(planes, plan, sample.points)
-    limits = limits_of(planes[0].dtype, saturation, min_modulation)
-    findings = examine(
+    return examine(
         plan,
         sample,
-        decodings_of(plan, absolute, response),
+        decodings,
         limits,
         noise=noise,
         count_step=checked_count_step(count_step),
         estimate_steps=estimate_steps,
         estimate_response=estimate_response,
     )
+
+
+def kernels_of(findings: Judgement) -> dict[Axis, _core.DecodeSettings]:
+    """Settings of the decoding kernel for every axis."""
+    return {
+        axis: found.decoding.kernel(findings.noise, findings.limits)
+        for axis, found in findings.axes.items()
+    }
+
+
+def measured(
+    planes: Planes,
+    findings: Judgement,
+    kernels: Mapping[Axis, _core.DecodeSettings],
+    typical_px: dict[Axis, float],
+    *,
+    keep_phases: bool,
+    remove_isolated: bool,
+    out: Decoded | None,
+) -> Decoded:
+    """Decode judged frames along all axes.
+
+    ``kernels`` are those of the findings. ``typical_px`` is the typical difference of neighbours;
+    axes that it lacks are added from these frames.
+    """
     maps = {}
     for axis, found in findings.axes.items():
         sets = len(found.decoding.sets) if keep_phases else 0
         results = empty_maps(planes[0].shape, sets=sets) if out is None else reused_maps(out, axis)
         axis_planes = [planes[k] for k in found.decoding.frames]
-        measure_axis(axis_planes, found, findings, results)
-        compare_neighbours(found, results, remove_isolated=remove_isolated)
+        measure_axis(axis_planes, found, findings, results, kernels[axis])
+        if remove_isolated and axis not in typical_px:
+            typical_px[axis] = typical_step(found, results)
+        compare_neighbours(found, results, typical_px=typical_px.get(axis))
         maps[axis] = coordinate_map(found.decoding, results, keep_phases)
-    decoded = decoded_of(maps, findings)
-    refuse_nothing_measured(decoded)
-    return decoded
+    return Decoded(
+        x=maps.get("x"),
+        y=maps.get("y"),
+        noise=findings.noise,
+        findings=findings.findings,
+        details=findings.details,
+    )
 
 
 def refuse_nothing_measured(decoded: Decoded) -> None:
@@ -219,29 +284,28 @@ def measure_axis(
         in_bands(planes, results, partial(_run, decoding.kernel(noise, limits, usual)))
 
 
+def typical_step(found: Refined, results: dict[str, Any]) -> float:
+    """Typical difference of neighbouring coordinates, projector px."""
+    return _core.typical_step(results["coordinate"], repeats=found.decoding.repeats_px)
+
+
 def compare_neighbours(
     found: Refined,
     results: dict[str, Any],
     *,
-    remove_isolated: bool,
-    typical_px: float | None = None,
-) -> float:
+    typical_px: float | None,
+) -> None:
     """Remove isolated pixels, and let σ cover the scatter of the others.
 
-    ``typical_px`` is the typical difference of neighbours; that of these results where not given.
-    Returns it.
+    ``typical_px`` is the typical difference of neighbours; None keeps isolated pixels.
     """
     decoding = found.decoding
-    repeats = np.inf if decoding.absolute else decoding.length_px
-    if typical_px is None:
-        typical_px = _core.typical_step(results["coordinate"], repeats=repeats)
-    if remove_isolated:
+    if typical_px is not None:
         maps = (results[name] for name in ("coordinate", "sigma", "reason"))
-        _core.mark_isolated(*maps, typical=typical_px, repeats=repeats)
+        _core.mark_isolated(*maps, typical=typical_px, repeats=decoding.repeats_px)
     if found.scatters:
         seen = [results[name] for name in ("coordinate", "sigma", "background")]
         cover_scatter(seen[0], seen[1], seen[2], decoding.most_scatter_px)
-    return typical_px
 
 
 def _run(kernel: _core.DecodeSettings, planes: Planes, maps: dict[str, Any]) -> None:
@@ -298,15 +362,4 @@ def coordinate_map(decoding: Decoding, results: dict[str, Any], keep_phases: boo
         phase_rad=stacked("phases"),
         modulations=stacked("modulations"),
         repeats_px=None if decoding.absolute else decoding.length_px,
-    )
-
-
-def decoded_of(maps: dict[Axis, CoordinateMap], findings: Judgement) -> Decoded:
-    """The maps of all axes with what was found in the frames."""
-    return Decoded(
-        x=maps.get("x"),
-        y=maps.get("y"),
-        noise=findings.noise,
-        findings=findings.findings,
-        details=findings.details,
     )

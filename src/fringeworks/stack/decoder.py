@@ -14,23 +14,19 @@ from fringeworks.rig.epipolar import calibration_share
 from fringeworks.rig.triangulate import Triangulator, measured_points
 from fringeworks.stack.decode import (
     checked_count_step,
-    compare_neighbours,
-    coordinate_map,
-    decoded_of,
     decodings_of,
+    judge,
+    kernels_of,
     limits_of,
-    measure_axis,
+    measured,
     refuse_nothing_measured,
 )
-from fringeworks.stack.examine import Judgement, examine
-from fringeworks.stack.frames import Planes, check_content, check_frames, readable
+from fringeworks.stack.examine import Judgement
+from fringeworks.stack.frames import Planes, check_frames, readable
 from fringeworks.stack.gray_light import plan_with_light, with_light
-from fringeworks.stack.kernel_settings import empty_maps, reused_maps
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.stack.sample import take_sample
 from fringeworks.types import (
     Axis,
-    CoordinateMap,
     Decoded,
     FrameFinding,
     FramesContradictPlan,
@@ -148,8 +144,7 @@ class Decoder:
             If frames are missing or differ from the decoder's size or type; where a stack is
             judged, also if ``decode`` would refuse it.
         """
-        planes = self._checked(frames)
-        return self._judged(planes) if self._due() else self._measured(planes)
+        return self._coordinates(self._checked(frames))
 
     def points(self, frames: NDArray[Any] | Sequence[NDArray[Any]]) -> PointCloud:
         """Measure the points of one stack.
@@ -173,14 +168,14 @@ class Decoder:
         if self._triangulator is None:
             raise InputError("rig: expected one for points, got none")
         planes = self._checked(frames)
-        due = self._due()
         found = self._found
-        if due or found is None or not _in_one_pass(found):
-            decoded = self._judged(planes) if due else self._measured(planes)
+        if self._since == 0 or found is None or not _in_one_pass(found):
+            decoded = self._coordinates(planes)
             self._cloud = self._triangulator.triangulate(
                 decoded, epipolar_px=self._epipolar_px, out=self._cloud
             )
         else:
+            self._count()
             removes = self._options.get("remove_isolated", True)
             self._cloud = measured_points(
                 self._triangulator,
@@ -204,22 +199,39 @@ class Decoder:
             )
         return with_light(planes, self._plan)[0]
 
-    def _due(self) -> bool:
-        """Whether this stack is to be judged; counts the stacks."""
-        due = self._since == 0
-        self._since = (self._since + 1) % self._judge_every
-        return due
-
-    def _judged(self, planes: Planes) -> Decoded:
-        """Judge a stack, decode it and keep what was found."""
-        self._since = 0  # judge the next one, too, if this one is refused
-        plan = plan_with_light(self._plan)
-        sample = take_sample(planes, plan)
-        check_content(planes, plan, sample.points)
+    def _coordinates(self, planes: Planes) -> Decoded:
+        """Decode checked frames, and judge them where it is time to."""
+        if self._since == 0:
+            self._judge(planes)
+        assert self._found is not None
         options = self._options
-        found = examine(
-            plan,
-            sample,
+        keeps_phases = options.get("keep_phases", False)
+        self._decoded = measured(
+            planes,
+            self._found,
+            self._kernels,
+            self._typical_px,
+            keep_phases=keeps_phases,
+            remove_isolated=options.get("remove_isolated", True),
+            out=None if keeps_phases else self._decoded,
+        )
+        if self._since == 0:
+            refuse_nothing_measured(self._decoded)
+            if self._triangulator is not None and len(self._decoded.maps) == 2:
+                self._epipolar_px = calibration_share(self._triangulator.rig, self._decoded.maps)
+        self._count()
+        return self._decoded
+
+    def _count(self) -> None:
+        """Count a stack that was measured."""
+        self._since = (self._since + 1) % self._judge_every
+
+    def _judge(self, planes: Planes) -> None:
+        """Judge a stack and keep what was found."""
+        options = self._options
+        self._found = judge(
+            planes,
+            plan_with_light(self._plan),
             self._nominal,
             self._limits,
             noise=options.get("noise"),
@@ -227,40 +239,8 @@ class Decoder:
             estimate_steps=options.get("estimate_steps", True),
             estimate_response=options.get("estimate_response", False),
         )
-        self._found = found
-        self._kernels = {
-            axis: a.decoding.kernel(found.noise, found.limits) for axis, a in found.axes.items()
-        }
+        self._kernels = kernels_of(self._found)
         self._typical_px = {}
-        decoded = self._measured(planes)
-        refuse_nothing_measured(decoded)
-        if self._triangulator is not None and len(decoded.maps) == 2:
-            self._epipolar_px = calibration_share(self._triangulator.rig, decoded.maps)
-        self._since = 1 % self._judge_every
-        return decoded
-
-    def _measured(self, planes: Planes) -> Decoded:
-        """Decode a stack with what the last judgement found."""
-        assert self._found is not None
-        keeps_phases = self._options.get("keep_phases", False)
-        maps: dict[Axis, CoordinateMap] = {}
-        for axis, found in self._found.axes.items():
-            if self._decoded is None or keeps_phases:
-                sets = len(found.decoding.sets) if keeps_phases else 0
-                results = empty_maps(self._shape, sets=sets)
-            else:
-                results = reused_maps(self._decoded, axis)
-            axis_planes = [planes[k] for k in found.decoding.frames]
-            measure_axis(axis_planes, found, self._found, results, self._kernels[axis])
-            self._typical_px[axis] = compare_neighbours(
-                found,
-                results,
-                remove_isolated=self._options.get("remove_isolated", True),
-                typical_px=self._typical_px.get(axis),
-            )
-            maps[axis] = coordinate_map(found.decoding, results, keeps_phases)
-        self._decoded = decoded_of(maps, self._found)
-        return self._decoded
 
 
 def _in_one_pass(found: Judgement) -> bool:

@@ -151,6 +151,11 @@ class Decoding:
         return float("inf") if self.chain is None else 1.0 / float(self.chain.frequencies[0])
 
     @property
+    def repeats_px(self) -> float:
+        """Distance after which coordinates repeat, projector px; infinite for absolute ones."""
+        return float("inf") if self.absolute else self.length_px
+
+    @property
     def most_scatter_px(self) -> float:
         """Half the shortest period, projector px: neighbours that differ by more are at different
         depths, because errors of a phase stay below."""

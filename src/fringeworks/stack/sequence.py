@@ -18,6 +18,7 @@ from fringeworks.stack.decode import (
     decodings_of,
     limits_of,
     measure_axis,
+    typical_step,
 )
 from fringeworks.stack.examine import Judgement, examine
 from fringeworks.stack.frames import Planes, check_frame, refuse_constant, step_of
@@ -370,7 +371,7 @@ class SequenceDecoder:
             before, coordinate = self._tracked[axis]
             expected = expected_later(coordinate, motion, axis, self._next - before)
         track_orders(results, decoding, judged.noise, expected)
-        compare_neighbours(found, results, remove_isolated=True)
+        compare_neighbours(found, results, typical_px=typical_step(found, results))
         if axis in motion.velocity_sigma_px:
             # The coordinate is moved from the time of its sets to the moment.
             away = np.hypot(late_frames(self._plan, axis, times), IN_SETS)

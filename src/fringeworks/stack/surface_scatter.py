@@ -102,8 +102,8 @@ def cover_scatter(
     factors = np.ones(coordinate.shape, np.float32)
     for step, side in SCALES:
         _core.raise_factors(
-            np.ascontiguousarray(coordinate, np.float32),
-            np.ascontiguousarray(sigma, np.float32),
+            coordinate,
+            sigma,
             factors,
             step=step,
             side=side,

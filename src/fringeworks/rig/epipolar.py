@@ -7,9 +7,11 @@ import numpy as np
 from fringeworks.rig.ray_depth import inverse_depth, main_axis, projector_by_parameters
 from fringeworks.types import MAD_TO_SIGMA, Axis, CoordinateMap, Rig
 
-SAMPLES = 2000
-"""Number of pixels, about, at which the epipolar error is looked at. The calibration's share is
-smooth over the frame, and the median of 2000 errors is known to 3 %."""
+SCATTER_SAMPLES = 2000
+"""Number of pixels, about, whose epipolar errors are looked at; their median is known to 3 %."""
+SHARE_SAMPLES = 400
+"""Number of pixels, about, at which the share by a covariance is computed. It is smooth over the
+frame."""
 MIN_SAMPLES = 20
 """Smallest number of decoded pixels for an estimate; with fewer, nothing is known."""
 COVERED = 0.95
@@ -40,7 +42,8 @@ def calibration_share(rig: Rig, maps: dict[Axis, CoordinateMap]) -> float:
     if covariance is None and rig.residual_px is not None:
         return residual
     h, w = rig.camera.shape
-    step = max(1, round(np.sqrt(h * w / SAMPLES)))
+    samples = SCATTER_SAMPLES if covariance is None else SHARE_SAMPLES
+    step = max(1, round(np.sqrt(h * w / samples)))
     part = np.s_[step // 2 :: step, step // 2 :: step]
     decoded = np.stack([maps[a].coordinate_px[part].astype(np.float64) for a in ("x", "y")], -1)
     v, u = np.nonzero(np.isfinite(decoded).all(axis=2))
@@ -60,5 +63,5 @@ def calibration_share(rig: Rig, maps: dict[Axis, CoordinateMap]) -> float:
         error = np.einsum("ni,ni->n", goal - seen, across)[good]
         return min(MAD_TO_SIGMA * float(np.median(np.abs(error))), MAX_UNKNOWN_PX)
     by_error = np.einsum("nij,ni->nj", by, across)[good]
-    variance = np.einsum("ni,ij,nj->n", by_error, covariance, by_error)
+    variance = np.einsum("nj,nj->n", np.einsum("ni,ij->nj", by_error, covariance), by_error)
     return float(np.sqrt(residual**2 + max(np.quantile(variance, COVERED), 0.0)))

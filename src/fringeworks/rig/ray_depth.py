@@ -24,6 +24,8 @@ steps reach double precision for every lens that calibrations have given."""
 CONVERGED_PX = 1e-6
 """Largest distance from the wanted projector coordinate after the last step, px; a larger one means
 that the ray leaves what the lens model covers."""
+EXACT_PX = 1e-9
+"""Distance below which another step changes nothing that matters, px."""
 NO_VARIANCE = -126.0
 """Binary logarithm that stands for a variance of zero: the least exponent of single precision."""
 
@@ -100,8 +102,11 @@ def inverse_depth(rig: Rig, pixels: FloatMap, goal_px: FloatMap, axis: Axis) -> 
             seen = turned + w[:, None] * t
             seen = np.where(seen[:, 2:] > 0, seen, np.nan)
             pixel, by_point, _ = project_with_derivatives(rig.projector, seen)
-            w = w + (goal_px - pixel[:, k]) / (by_point[:, k] @ t)
-    return np.asarray(np.where(np.abs(goal_px - pixel[:, k]) < CONVERGED_PX, w, np.nan))
+            off = goal_px - pixel[:, k]
+            if not np.any(np.abs(off) > EXACT_PX):
+                break
+            w = w + off / (by_point[:, k] @ t)
+    return np.asarray(np.where(np.abs(off) < CONVERGED_PX, w, np.nan))
 
 
 def inverse_depth_by_parameters(

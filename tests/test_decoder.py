@@ -125,23 +125,46 @@ def test_saturated_pixels_do_not_depend_on_their_neighbours():
 
 def test_frames_are_judged_every_so_often():
     rig, plan = rig_of(), plan_of()
-    good = captured(plan, rig)
-    swapped = [*good[:8], good[9], good[8], *good[10:]]
     decoder = fw.Decoder(plan, rig.camera.shape, rig=rig, judge_every=3)
     assert decoder.findings == ()
-    decoder.points(good)
+    judged = []
+    for seed in range(5):
+        decoder.points(captured(plan, rig, seed=seed))
+        judged.append(decoder.judged)
+    assert judged == [True, False, False, True, False]
     assert decoder.findings
-    decoder.points(swapped)  # not judged
-    decoder.points(swapped)
-    with pytest.raises(fw.InputError, match="swapped"):
-        decoder.points(swapped)
-    with pytest.raises(fw.InputError, match="swapped"):
-        decoder.decode(swapped)  # judged until a stack is right
-    decoder.points(good)
-    decoder.decode(swapped)
     decoder.judge_next()
-    with pytest.raises(fw.InputError, match="swapped"):
-        decoder.decode(swapped)
+    decoder.decode(captured(plan, rig))
+    assert decoder.judged
+
+
+@pytest.mark.parametrize("call", ["points", "decode"])
+def test_frames_whose_orders_become_ambiguous_are_judged_at_once(call):
+    rig, plan = rig_of(), plan_of()
+    good = captured(plan, rig)
+    swapped = [*good[:8], good[9], good[8], *good[10:]]
+    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    measure = getattr(decoder, call)
+    for _ in range(2):
+        measure(good)
+        with pytest.raises(fw.InputError, match="swapped"):
+            measure(swapped)
+        with pytest.raises(fw.InputError, match="swapped"):
+            measure(swapped)  # judged until a stack is right
+    measure(good)
+    assert decoder.judged
+
+
+def test_a_scene_that_moves_between_its_frames_is_judged_at_once():
+    rig, plan = rig_of(), plan_of()
+    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    decoder.points(captured(plan, rig))
+    before, after = (captured(plan, rig, seed=1, shift_mm=z) for z in (0.0, 1.5))
+    moved = [*before[:8], *after[8:]]
+    cloud = decoder.points(moved)
+    assert decoder.judged
+    expected = fw.triangulate(fw.decode(moved, plan), rig)
+    same_maps(cloud, expected, CLOUD[:4])
 
 
 def test_memory_is_used_again():

@@ -22,14 +22,16 @@ PLAN = fringe_plan(RIG, both=False)
 def test_every_cloud_is_the_sphere_in_the_same_memory(fast):
     projector, camera = virtual_bench("sphere", clock=SimulatedClock())
     delay = fw.measure_delay(projector, camera, triggered=True) if fast else None
-    memory = set()
+    memory, judged = set(), []
     for cloud in islice(fw.live(projector, camera, PLAN, RIG, delay=delay), 3):
         xyz = cloud.points.xyz_mm[cloud.points.reason == 0]
         found = fw.fit_region(np.array(xyz, float), "sphere")
         assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.05)
         assert cloud.points_per_s > 0
+        judged.append(cloud.judged)
         memory.add(cloud.points.xyz_mm.__array_interface__["data"][0])
     assert len(memory) == 1
+    assert judged == [True, False, False]
 
 
 def test_the_example(capsys, tmp_path, monkeypatch):

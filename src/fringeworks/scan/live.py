@@ -11,12 +11,11 @@ import numpy as np
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.rig.triangulate import Triangulator
 from fringeworks.scan.delay import Delay
 from fringeworks.scan.frames import check_plan, pictures_of, taker_of
-from fringeworks.stack.decode import decode
+from fringeworks.stack.decoder import JUDGE_EVERY, Decoder
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.types import Decoded, Frozen, PointCloud, Reason, Rig
+from fringeworks.types import Frozen, PointCloud, Reason, Rig
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -25,12 +24,12 @@ class LiveCloud(Frozen):
 
     points: PointCloud
     """Valid until the next measurement, which is written to the same memory."""
-    decoded: Decoded
-    """Projector coordinates that the points come from; valid until the next measurement."""
     taking_s: float
     """Time that taking the frames took, s."""
     computing_s: float
-    """Time that decoding and triangulation took, s."""
+    """Time that computing the points took, s."""
+    judged: bool
+    """Whether these frames were judged (see ``Decoder``), which takes most of the time."""
 
     @property
     def clouds_per_s(self) -> float:
@@ -56,9 +55,10 @@ def live(
     projector: Projector,
     camera: Camera,
     plan: PatternPlan,
-    rig: Rig | Triangulator,
+    rig: Rig,
     *,
     delay: Delay | None = None,
+    judge_every: int = JUDGE_EVERY,
     **options: Unpack[DecodeOptions],
 ) -> Iterator[LiveCloud]:
     """Measure points again and again, until the caller stops.
@@ -68,9 +68,12 @@ def live(
     projector : Projector
     camera : Camera
     plan : PatternPlan
-    rig : Rig or Triangulator
+    rig : Rig
     delay : Delay, optional
         From ``measure_delay``, for the fast way of taking frames.
+    judge_every : int ≥ 1
+        Every so many measurements the frames are judged again, see ``Decoder``. With 1, every
+        cloud has error bars that contain what a moving scene or changing light adds.
     **options
         Of ``decode``.
 
@@ -94,16 +97,16 @@ def live(
     True
     """
     check_plan(projector, plan)
-    triangulator = rig if isinstance(rig, Triangulator) else Triangulator(rig)
     pictures = list(pictures_of(projector, plan))
     taker = taker_of(projector, camera, delay)
-    decoded: Decoded | None = None
-    points: PointCloud | None = None
+    decoder: Decoder | None = None
     while True:
         started = time.perf_counter()
         frames = [grab.pixels for _, (grab,) in taker.frames(pictures)]
         taken = time.perf_counter()
-        decoded = decode(frames, plan, out=decoded, **options)
-        points = triangulator.triangulate(decoded, out=points)
+        if decoder is None:
+            shape, kind = frames[0].shape, frames[0].dtype
+            decoder = Decoder(plan, shape, kind, rig=rig, judge_every=judge_every, **options)
+        points = decoder.points(frames)
         computed = time.perf_counter()
-        yield LiveCloud(points, decoded, taken - started, computed - taken)
+        yield LiveCloud(points, taken - started, computed - taken, decoder.judged)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Unpack
 
 import numpy as np
@@ -27,17 +27,23 @@ from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import (
     Axis,
+    ByteMap,
     Decoded,
     FrameFinding,
     FramesContradictPlan,
     InputError,
     PointCloud,
+    Reason,
     Rig,
     RigMismatch,
 )
 
 JUDGE_EVERY = 25
 """Every so many stacks the frames are judged again: about once a second in live measurement."""
+MORE_AMBIGUOUS = 1.5, 0.02
+"""Pixels with an ambiguous order above which a stack is judged before its turn: so many times those
+of the last judged stack, and this share of all pixels. Scenes that move between the frames have
+them everywhere. Empirical."""
 
 
 class Decoder:
@@ -45,7 +51,8 @@ class Decoder:
 
     Tables and memory are kept. The frames of a stack are judged (their order, noise, real steps)
     on the first call and on every ``judge_every``-th after it; the stacks between are decoded with
-    what was found.
+    what was found. A stack in which many more fringe orders are ambiguous than in the last judged
+    one, as when the scene moves between its frames, is judged at once.
 
     Parameters
     ----------
@@ -104,6 +111,7 @@ class Decoder:
         checked_count_step(options.get("count_step"))
         self._triangulator = None if rig is None else Triangulator(rig)
         self._found: Judgement | None = None
+        self._judged, self._ambiguous = False, 0
         self._kernels: dict[Axis, _core.DecodeSettings] = {}
         self._typical_px: dict[Axis, float] = {}
         self._epipolar_px = 0.0
@@ -120,6 +128,11 @@ class Decoder:
         """Standard deviation of the epipolar error that the rig causes, px, by the last judgement
         of frames along both axes; 0 along one."""
         return self._epipolar_px
+
+    @property
+    def judged(self) -> bool:
+        """Whether the last stack was judged."""
+        return self._judged
 
     def judge_next(self) -> None:
         """Have the next stack judged, for example because the scene or the light has changed."""
@@ -144,7 +157,12 @@ class Decoder:
             If frames are missing or differ from the decoder's size or type; where a stack is
             judged, also if ``decode`` would refuse it.
         """
-        return self._coordinates(self._checked(frames))
+        planes = self._checked(frames)
+        decoded = self._coordinates(planes)
+        if self._suspects(*(found.reason for found in decoded.maps.values())):
+            self.judge_next()
+            decoded = self._coordinates(planes)
+        return decoded
 
     def points(self, frames: NDArray[Any] | Sequence[NDArray[Any]]) -> PointCloud:
         """Measure the points of one stack.
@@ -168,17 +186,25 @@ class Decoder:
         if self._triangulator is None:
             raise InputError("rig: expected one for points, got none")
         planes = self._checked(frames)
+        cloud = self._points(planes, self._triangulator)
+        if self._suspects(cloud.reason):
+            self.judge_next()
+            cloud = self._points(planes, self._triangulator)
+        return cloud
+
+    def _points(self, planes: Planes, triangulator: Triangulator) -> PointCloud:
+        """Measure the points of checked frames."""
         found = self._found
         if self._since == 0 or found is None or not _in_one_pass(found):
             decoded = self._coordinates(planes)
-            self._cloud = self._triangulator.triangulate(
+            self._cloud = triangulator.triangulate(
                 decoded, epipolar_px=self._epipolar_px, out=self._cloud
             )
         else:
-            self._count()
+            self._count(judged=False)
             removes = self._options.get("remove_isolated", True)
             self._cloud = measured_points(
-                self._triangulator,
+                triangulator,
                 {
                     axis: ([readable(planes[k]) for k in a.decoding.frames], self._kernels[axis])
                     for axis, a in found.axes.items()
@@ -189,6 +215,14 @@ class Decoder:
                 out=self._cloud,
             )
         return self._cloud
+
+    def _suspects(self, *reasons: ByteMap) -> bool:
+        """Whether a stack that was not judged has many more ambiguous orders than the last one that
+        was."""
+        if self._judged:
+            return False
+        factor, share = MORE_AMBIGUOUS
+        return _ambiguous(reasons) > factor * self._ambiguous + share * reasons[0].size
 
     def _checked(self, frames: NDArray[Any] | Sequence[NDArray[Any]]) -> Planes:
         planes = check_frames(frames, self._plan)
@@ -215,15 +249,19 @@ class Decoder:
             remove_isolated=options.get("remove_isolated", True),
             out=None if keeps_phases else self._decoded,
         )
-        if self._since == 0:
+        judged = self._since == 0
+        if judged:
             refuse_nothing_measured(self._decoded)
-            if self._triangulator is not None and len(self._decoded.maps) == 2:
-                self._epipolar_px = calibration_share(self._triangulator.rig, self._decoded.maps)
-        self._count()
+            maps = self._decoded.maps
+            if self._triangulator is not None and len(maps) == 2:
+                self._epipolar_px = calibration_share(self._triangulator.rig, maps)
+            self._ambiguous = _ambiguous(found.reason for found in maps.values())
+        self._count(judged=judged)
         return self._decoded
 
-    def _count(self) -> None:
+    def _count(self, *, judged: bool) -> None:
         """Count a stack that was measured."""
+        self._judged = judged
         self._since = (self._since + 1) % self._judge_every
 
     def _judge(self, planes: Planes) -> None:
@@ -241,6 +279,11 @@ class Decoder:
         )
         self._kernels = kernels_of(self._found)
         self._typical_px = {}
+
+
+def _ambiguous(reasons: Iterable[ByteMap]) -> int:
+    """Number of pixels whose fringe order is ambiguous, of all axes."""
+    return sum(int(np.count_nonzero(r == Reason.ORDER_AMBIGUOUS)) for r in reasons)
 
 
 def _in_one_pass(found: Judgement) -> bool:

@@ -18,7 +18,6 @@ from fringeworks.patterns.plan import PatternPlan, Uniform
 from fringeworks.report.viewer.pack import pack_surface
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.ray_depth import main_axis
-from fringeworks.rig.triangulate import Triangulator
 from fringeworks.scan.aiming import Aim, Shown, aiming
 from fringeworks.scan.exposure import auto_exposure
 from fringeworks.scan.glance import Glance, glance
@@ -150,7 +149,6 @@ def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> N
     """Measure and send points until told to stop."""
     link.progress("opening the devices")
     stored, known = read_setup(setup), read_rig(rig)
-    triangulator = Triangulator(known)
     plan = along(stored.plan, main_axis(known))
     projector, camera = open_devices(*devices)
     numbers = itertools.count(1)
@@ -159,7 +157,7 @@ def live_points(link: Link, devices: tuple[str, str], setup: str, rig: str) -> N
         link.progress("measuring")
         while True:
             try:
-                clouds = live(projector, camera, plan, triangulator, delay=stored.delay)
+                clouds = live(projector, camera, plan, known, delay=stored.delay)
                 for cloud in clouds:
                     every = thinning(cloud.points.reason.size, LIVE_POINTS)
                     packed = pack_surface(cloud.points, camera=known, every=every, title="live")

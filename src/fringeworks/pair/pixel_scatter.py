@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from fringeworks.pair.smooth import smooth
@@ -66,14 +68,16 @@ def pixel_factor(
 
 def _factors(stated: FloatMap, error: FloatMap) -> tuple[list[float], list[float]]:
     """Median stated σ and factor of every class, in rising order of σ."""
-    edges = np.unique(np.quantile(stated, np.linspace(0.0, 1.0, CLASSES + 1)[1:-1]))
-    member = np.searchsorted(edges, stated)
+    order = np.argsort(stated)
+    stated, error = stated[order], error[order]
+    edges = stated[stated.size * np.arange(1, CLASSES) // CLASSES]
+    # Pixels of the same σ belong to the same class.
+    starts = [0, *np.unique(np.searchsorted(stated, edges, side="right")), stated.size]
     centres, factors = [], []
-    for k in range(edges.size + 1):
-        of_class = member == k
-        if of_class.any():
-            one, two = np.quantile(error[of_class] / stated[of_class], QUANTILES)
-            centres.append(float(np.median(stated[of_class])))
+    for first, end in pairwise(starts):
+        if end > first:
+            one, two = np.quantile(error[first:end] / stated[first:end], QUANTILES)
+            centres.append(float(stated[(first + end) // 2]))
             factors.append(float(max(one, 0.5 * two, 1.0)))
     return centres, factors
 

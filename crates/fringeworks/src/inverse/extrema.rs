@@ -236,7 +236,7 @@ mod tests {
 
     fn extrema_of(y: &[f64], period: f64) -> Vec<Extremum> {
         let mut slopes = vec![0.0; y.len()];
-        uniform_slopes(y, &mut slopes, &uniform_pivots(y.len()));
+        uniform_slopes([y], [&mut slopes], &uniform_pivots(y.len()));
         Finder::new(period, 0.3, 0.0).find(&RowSpline { y, slopes: &slopes })
     }
 

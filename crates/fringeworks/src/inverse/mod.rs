@@ -162,7 +162,7 @@ pub fn row_extrema(
     )?;
     check_value("period", period >= MIN_PERIOD, "at least 2 px", period)?;
     let mut slopes = vec![0.0; row.len()];
-    uniform_slopes(row, &mut slopes, &uniform_pivots(row.len()));
+    uniform_slopes([row], [&mut slopes], &uniform_pivots(row.len()));
     let spline = RowSpline {
         y: row,
         slopes: &slopes,

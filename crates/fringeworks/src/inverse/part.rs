@@ -2,8 +2,8 @@
 
 use super::extrema::Extremum;
 use super::polynomial::Polynomial;
-use super::Method;
-use crate::spline::{RowSpline, Spline};
+use super::{Method, Options};
+use crate::spline::{Knots, Place, RowSpline, Spline};
 
 /// Distance from a turning point, px, below which a sample is not used.
 ///
@@ -65,65 +65,48 @@ pub enum Inverse {
     Pooled(Vec<(f64, f64)>),
 }
 
+/// An inverse, or the knots of the spline that it will be.
+enum Draft {
+    Ready(Inverse),
+    Through(Knots),
+}
+
 impl Inverse {
-    /// `None` where the part is too short to be inverted.
-    pub fn build(
+    /// The inverses of the spans that are `wanted`; `None` for the others, and where a part is too short
+    /// to be inverted.
+    pub fn build_all(
         row: &RowSpline,
-        span: &Span,
-        method: Method,
-        degree: usize,
-        n_resample: usize,
-    ) -> Option<Self> {
-        match method {
-            Method::Polynomial => {
-                let points = samples(row, span, false);
-                (points.len() >= MIN_POLYNOMIAL_POINTS)
-                    .then(|| Inverse::Polynomial(Polynomial::fit(&points, degree)))
-            }
-            Method::PartSpline => {
-                Self::spline_unless_pooled(samples(row, span, true), span.rising(), Self::clamped)
-            }
-            Method::GlobalSpline => {
-                let (intensity, x) = resampled(row, span, n_resample);
-                if intensity.windows(2).all(|w| w[0] < w[1]) {
-                    return Some(Inverse::Spline(Spline::clamped(intensity, x, 0.0, 0.0)));
+        spans: &[Span],
+        wanted: &[bool],
+        options: &Options,
+    ) -> Vec<Option<Self>> {
+        let mut inverses: Vec<Option<Self>> = Vec::with_capacity(spans.len());
+        let (mut places, mut through) = (Vec::new(), Vec::new());
+        for (k, (span, wanted)) in spans.iter().zip(wanted).enumerate() {
+            let draft = wanted.then(|| draft(row, span, options)).flatten();
+            inverses.push(match draft {
+                Some(Draft::Ready(inverse)) => Some(inverse),
+                Some(Draft::Through(knots)) => {
+                    places.push(k);
+                    through.push(knots);
+                    None
                 }
-                let points = x.into_iter().zip(intensity).collect();
-                Self::spline_unless_pooled(points, true, Self::clamped)
-            }
-            Method::Exact => {
-                Self::spline_unless_pooled(samples(row, span, true), span.rising(), Inverse::Exact)
-            }
+                None => None,
+            });
         }
-    }
-
-    /// `build` of the points, or straight lines where noise broke their order: a curve through
-    /// pooled samples would follow the noise.
-    fn spline_unless_pooled(
-        points: Vec<(f64, f64)>,
-        rising: bool,
-        build: fn(Vec<(f64, f64)>) -> Self,
-    ) -> Option<Self> {
-        let (points, pooled) = monotone(points, rising);
-        (points.len() >= 2).then(|| {
-            if pooled {
-                Inverse::Pooled(points)
-            } else {
-                build(points)
-            }
-        })
-    }
-
-    fn clamped(points: Vec<(f64, f64)>) -> Self {
-        let (x, intensity) = points.into_iter().unzip();
-        Inverse::Spline(Spline::clamped(intensity, x, 0.0, 0.0))
+        for (k, spline) in places.into_iter().zip(Spline::clamped(through)) {
+            inverses[k] = Some(Inverse::Spline(spline));
+        }
+        inverses
     }
 
     /// Position on the reference row where it has `intensity`; the intensity lies within the part.
-    pub fn at(&self, row: &RowSpline, intensity: f64) -> f64 {
+    ///
+    /// `place` is that of the pixel before.
+    pub fn at(&self, row: &RowSpline, intensity: f64, place: &mut Place) -> f64 {
         match self {
             Inverse::Polynomial(p) => p.at(intensity),
-            Inverse::Spline(s) => s.at(intensity),
+            Inverse::Spline(s) => s.at(intensity, place),
             Inverse::Exact(points) => {
                 let (low, high) = bracket(points, intensity);
                 root(row, low.0, high.0, intensity)
@@ -134,6 +117,61 @@ impl Inverse {
                 low.0 + share.clamp(0.0, 1.0) * (high.0 - low.0)
             }
         }
+    }
+}
+
+fn draft(row: &RowSpline, span: &Span, options: &Options) -> Option<Draft> {
+    match options.method {
+        Method::Polynomial => {
+            let points = samples(row, span, false);
+            (points.len() >= MIN_POLYNOMIAL_POINTS)
+                .then(|| Polynomial::fit(&points, options.degree))
+                .map(|fitted| Draft::Ready(Inverse::Polynomial(fitted)))
+        }
+        Method::PartSpline => unless_pooled(samples(row, span, true), span.rising(), through),
+        Method::GlobalSpline => {
+            let (intensity, x) = resampled(row, span, options.n_resample);
+            // Without leaving early, so that the loop becomes one over vectors.
+            let pairs = intensity.iter().zip(&intensity[1..]);
+            if pairs.fold(true, |rises, (a, b)| rises & (a < b)) {
+                return Some(Draft::Through(knots(intensity, x)));
+            }
+            unless_pooled(x.into_iter().zip(intensity).collect(), true, through)
+        }
+        Method::Exact => unless_pooled(samples(row, span, true), span.rising(), |points| {
+            Draft::Ready(Inverse::Exact(points))
+        }),
+    }
+}
+
+/// `build` of the points, or straight lines where noise broke their order: a curve through pooled
+/// samples would follow the noise.
+fn unless_pooled(
+    points: Vec<(f64, f64)>,
+    rising: bool,
+    build: fn(Vec<(f64, f64)>) -> Draft,
+) -> Option<Draft> {
+    let (points, pooled) = monotone(points, rising);
+    (points.len() >= 2).then(|| {
+        if pooled {
+            Draft::Ready(Inverse::Pooled(points))
+        } else {
+            build(points)
+        }
+    })
+}
+
+fn through(points: Vec<(f64, f64)>) -> Draft {
+    let (x, intensity) = points.into_iter().unzip();
+    Draft::Through(knots(intensity, x))
+}
+
+/// Knots of the position as a function of the intensity. Position turns at both ends of a part.
+fn knots(intensity: Vec<f64>, x: Vec<f64>) -> Knots {
+    Knots {
+        x: intensity,
+        y: x,
+        ends: [0.0; 2],
     }
 }
 
@@ -156,21 +194,26 @@ fn samples(row: &RowSpline, span: &Span, ends: bool) -> Vec<(f64, f64)> {
 fn resampled(row: &RowSpline, span: &Span, per_sample: usize) -> (Vec<f64>, Vec<f64>) {
     let count = ((span.to - span.from) * per_sample as f64).ceil().max(3.0) as usize;
     let pitch = (span.to - span.from) / count as f64;
-    let mut x: Vec<f64> = (0..count).map(|k| span.from + k as f64 * pitch).collect();
-    let mut intensity = Vec::with_capacity(count + 1);
-    let mut cubic = row.cubic(span.from);
-    for position in &x {
-        if *position >= cubic.to {
-            cubic = row.cubic(*position);
+    let (mut intensity, mut x) = (vec![0.0; count + 1], vec![0.0; count + 1]);
+    let rising = span.rising();
+    let mut set = |k: usize, position: f64, value: f64| {
+        let k = if rising { k } else { count - k };
+        x[k] = position;
+        intensity[k] = value;
+    };
+    let (mut k, mut position) = (0, span.from);
+    while k < count {
+        let cubic = row.cubic(position);
+        loop {
+            set(k, position, cubic.at(position));
+            k += 1;
+            position = span.from + k as f64 * pitch;
+            if k == count || position >= cubic.to {
+                break;
+            }
         }
-        intensity.push(cubic.at(*position));
     }
-    x.push(span.to);
-    intensity.push(span.value_to);
-    if !span.rising() {
-        x.reverse();
-        intensity.reverse();
-    }
+    set(count, span.to, span.value_to);
     (intensity, x)
 }
 

@@ -6,7 +6,7 @@ use super::matching::match_orders;
 use super::part::{spans, Inverse, Span};
 use super::Options;
 use crate::reason;
-use crate::spline::{uniform_pivots, uniform_slopes, RowSpline};
+use crate::spline::{uniform_pivots, uniform_slopes, Place, RowSpline};
 
 /// Upper bound on σ, in periods: where the slope vanishes, the neighbouring parts bound the error.
 const MAX_SIGMA_PERIODS: f64 = 0.25;
@@ -43,8 +43,11 @@ struct Slopes {
 impl Slopes {
     /// Splines of the reference row and of the object row.
     fn splines<'a>(&'a mut self, frames: &RowIn<'a>) -> (RowSpline<'a>, RowSpline<'a>) {
-        uniform_slopes(frames.reference, &mut self.reference, &self.pivots);
-        uniform_slopes(frames.object, &mut self.object, &self.pivots);
+        uniform_slopes(
+            [frames.reference, frames.object],
+            [&mut self.reference, &mut self.object],
+            &self.pivots,
+        );
         let reference = RowSpline {
             y: frames.reference,
             slopes: &self.reference,
@@ -81,27 +84,24 @@ impl Scratch {
             frames.guide,
         );
         let parts = spans(&s, &s_extrema);
-        // The outer `Option` says whether the inverse was built, the inner one whether it exists.
-        let mut inverses: Vec<Option<Option<Inverse>>> = (0..parts.len()).map(|_| None).collect();
         if s_extrema.is_empty() || d_extrema.is_empty() {
             out.reason.fill(reason::LOW_MODULATION);
         }
         let tolerance = options.albedo_tolerance;
-        for matched in matched_parts(&d, &d_extrema, &s_extrema, &orders, tolerance) {
-            let span = &parts[matched.part];
-            let inverse = inverses[matched.part].get_or_insert_with(|| {
-                Inverse::build(&s, span, options.method, options.degree, options.n_resample)
-            });
-            let at_end = matched.part == 0 || matched.part + 1 == parts.len();
-            match inverse {
+        let all = matched_parts(&d, &d_extrema, &s_extrema, &orders, tolerance);
+        let mut wanted = vec![false; parts.len()];
+        all.iter().for_each(|matched| wanted[matched.part] = true);
+        let inverses = Inverse::build_all(&s, &parts, &wanted, options);
+        for matched in &all {
+            match &inverses[matched.part] {
                 Some(inverse) => {
                     let reference = Part {
                         row: &s,
-                        span,
+                        span: &parts[matched.part],
                         inverse,
-                        at_end,
+                        at_end: matched.part == 0 || matched.part + 1 == parts.len(),
                     };
-                    invert_part(&reference, frames.object, &matched, options, out);
+                    invert_part(&reference, frames.object, matched, options, out);
                 }
                 None => {
                     out.reason[matched.pixels(frames.object.len())].fill(reason::LOW_MODULATION)
@@ -131,6 +131,7 @@ fn invert_part(
 ) {
     let last_sample = (object.len() - 1) as f64;
     let max_sigma = MAX_SIGMA_PERIODS * options.period;
+    let mut place = Place::default();
     for x in matched.pixels(object.len()) {
         let intensity = (object[x] - matched.offset) / matched.modulation_ratio;
         let Some(value) = clamp_to(reference.span, intensity, options.tolerance) else {
@@ -143,7 +144,7 @@ fn invert_part(
         };
         let position = reference
             .inverse
-            .at(reference.row, value)
+            .at(reference.row, value, &mut place)
             .clamp(0.0, last_sample);
         out.displacement[x] = x as f64 - position;
         let slope = reference.row.cubic(position).slope(position);

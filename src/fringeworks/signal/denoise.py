@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.signal.noise import noise_variance
-from fringeworks.types import FloatMap, Frozen, InputError
+from fringeworks.types import FloatMap, Frozen, InputError, sealed
 
 Denoiser = Literal["emd", "emd2d", "bemd"]
 DENOISERS = ("emd", "emd2d", "bemd")
@@ -179,11 +179,10 @@ def decompose_rows(
         raise InputError(f"flat: expected > 0, got {flat}")
     if not patience >= 0:
         raise InputError(f"patience: expected ≥ 0, got {patience}")
-    return Decomposition(
-        *_core.decompose_rows(
-            values, max_imfs=max_imfs, max_sifts=max_sifts, flat=flat, patience=patience
-        )
+    imfs, residue, counts, unfinished = _core.decompose_rows(
+        values, max_imfs=max_imfs, max_sifts=max_sifts, flat=flat, patience=patience
     )
+    return Decomposition(sealed(imfs), sealed(residue), sealed(counts), unfinished)
 
 
 def decompose_frame(frame: NDArray[np.generic], *, max_imfs: int = MAX_PLANAR) -> Decomposition:

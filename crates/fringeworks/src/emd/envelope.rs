@@ -1,42 +1,43 @@
-//! Envelopes of a row: natural cubic splines through its maxima and through its minima.
+//! Extrema of a row, and its envelopes: natural cubic splines through the maxima and the minima.
 
-/// Extrema that are mirrored beyond each end of the row.
-///
-/// Two knots beyond the end keep the natural spline's free end away from the row (Rilling et al.,
-/// 2003).
-const MIRRORED: usize = 2;
+use super::line::{solve, Line, TOGETHER};
+use multiversion::multiversion;
 
-/// Knots of one envelope and its spline; the memory is used again from sift to sift.
-#[derive(Default)]
-struct Line {
-    x: Vec<f64>,
-    y: Vec<f64>,
-    /// Second derivatives at the knots, divided by 6.
-    bend: Vec<f64>,
-    /// Factors of the elimination.
-    factor: Vec<f64>,
-    /// Inverse distance to the next knot.
-    per: Vec<f64>,
-}
+/// Neighbouring samples that are compared together: the bits of a word.
+const WORD: usize = u64::BITS as usize;
+
+/// Sums that are taken side by side.
+const SUMS: usize = 16;
 
 /// Extrema of a row and the envelopes through them.
 pub struct Envelopes {
     maxima: Line,
     minima: Line,
-    pub upper: Vec<f64>,
-    pub lower: Vec<f64>,
+    width: usize,
+    // Longer than the row by what may be computed too much.
+    upper: Vec<f64>,
+    lower: Vec<f64>,
     extrema: usize,
 }
 
 impl Envelopes {
     pub fn new(width: usize) -> Self {
         Self {
-            maxima: Line::default(),
-            minima: Line::default(),
-            upper: vec![0.0; width],
-            lower: vec![0.0; width],
+            maxima: Line::new(),
+            minima: Line::new(),
+            width,
+            upper: vec![0.0; width + TOGETHER],
+            lower: vec![0.0; width + TOGETHER],
             extrema: 0,
         }
+    }
+
+    pub fn upper(&self) -> &[f64] {
+        &self.upper[..self.width]
+    }
+
+    pub fn lower(&self) -> &[f64] {
+        &self.lower[..self.width]
     }
 
     /// Collect the extrema of a row. Returns false where it has at most two, and thus no mode.
@@ -50,7 +51,7 @@ impl Envelopes {
         if !self.find_turns(row) {
             self.find_plateaus(row);
         }
-        self.extrema = self.maxima.x.len() + self.minima.x.len();
+        self.extrema = self.maxima.count() + self.minima.count();
         if self.extrema <= 2 {
             return false;
         }
@@ -62,24 +63,29 @@ impl Envelopes {
 
     /// Extrema of a row without equal neighbours; returns false where it has equal neighbours.
     fn find_turns(&mut self, row: &[f64]) -> bool {
-        for (i, p) in row.windows(3).enumerate() {
-            let (before, after) = (p[1] - p[0], p[2] - p[1]);
-            if before * after > 0.0 {
-                continue;
-            }
-            if before == 0.0 || after == 0.0 {
+        let mut rose = row.len() > 1 && row[1] > row[0];
+        for start in (0..row.len() - 1).step_by(WORD) {
+            let samples = &row[start..(start + WORD + 1).min(row.len())];
+            let (rises, equal) = compare(samples);
+            if equal {
                 self.maxima.clear();
                 self.minima.clear();
                 return false;
             }
-            // The product of two very small differences rounds to zero, so compare their signs.
-            if (before > 0.0) != (after > 0.0) {
-                let line = if before > 0.0 {
-                    &mut self.maxima
-                } else {
+            // A bit for every sample at which the row turns.
+            let mut turns = rises ^ (rises << 1 | u64::from(rose));
+            let steps = samples.len() - 1;
+            turns &= u64::MAX >> (WORD - steps);
+            rose = rises >> (steps - 1) & 1 == 1;
+            while turns != 0 {
+                let k = turns.trailing_zeros() as usize;
+                turns &= turns - 1;
+                let line = if rises >> k & 1 == 1 {
                     &mut self.minima
+                } else {
+                    &mut self.maxima
                 };
-                line.push((i + 1) as f64, p[1]);
+                line.push((start + k) as f64, samples[k]);
             }
         }
         true
@@ -112,24 +118,13 @@ impl Envelopes {
     /// Compute both envelopes through the extrema found.
     pub fn draw(&mut self) {
         solve(&mut self.maxima, &mut self.minima);
-        self.maxima.evaluate(&mut self.upper);
-        self.minima.evaluate(&mut self.lower);
+        self.maxima.evaluate(self.width, &mut self.upper);
+        self.minima.evaluate(self.width, &mut self.lower);
     }
 
     /// Criterion II for the row whose envelopes were drawn: their mean is nearly zero.
     pub fn is_flat(&self, row: &[f64], flat: f64) -> bool {
-        // Four independent sums of each kind, so that additions do not wait for one another.
-        let (mut mean, mut whole) = ([0.0; 4], [0.0; 4]);
-        let ends = self.upper.chunks(4).zip(self.lower.chunks(4));
-        for (v, (u, l)) in row.chunks(4).zip(ends) {
-            for k in 0..v.len() {
-                let m = 0.5 * (u[k] + l[k]);
-                mean[k] += m * m;
-                whole[k] += v[k] * v[k];
-            }
-        }
-        let mean: f64 = mean.iter().sum();
-        let whole: f64 = whole.iter().sum();
+        let (mean, whole) = powers(row, self.upper(), self.lower());
         mean <= flat * flat * whole
     }
 
@@ -143,147 +138,54 @@ impl Envelopes {
     }
 
     pub fn subtract_mean(&self, row: &mut [f64]) {
-        for ((v, u), l) in row.iter_mut().zip(&self.upper).zip(&self.lower) {
-            *v -= 0.5 * (u + l);
-        }
+        subtract_mean(row, self.upper(), self.lower());
     }
 }
 
-impl Line {
-    fn clear(&mut self) {
-        self.x.clear();
-        self.y.clear();
+/// For the first `WORD` samples, a bit that says whether the next one is larger, and whether any two
+/// neighbours are equal.
+#[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq", "x86_64+avx2+fma"))]
+fn compare(samples: &[f64]) -> (u64, bool) {
+    let (mut rises, mut equal) = (0, false);
+    for (k, p) in samples.windows(2).take(WORD).enumerate() {
+        rises |= u64::from(p[1] > p[0]) << k;
+        equal |= p[1] == p[0];
     }
-
-    fn push(&mut self, x: f64, y: f64) {
-        self.x.push(x);
-        self.y.push(y);
-    }
-
-    /// Mirror the first and last extrema beyond the row's ends. `side` is 1 for maxima and −1 for
-    /// minima.
-    fn mirror(&mut self, first: f64, last: f64, end: f64, side: f64) {
-        let n = self.x.len();
-        // An end sample outside the envelope is an extremum of the mirrored row.
-        if n == 0 || side * (first - self.y[0]) > 0.0 {
-            self.insert_front(0.0, first);
-        }
-        let n = self.x.len();
-        if side * (last - self.y[n - 1]) > 0.0 {
-            self.push(end, last);
-        }
-        let n = self.x.len();
-        let begin = (self.x[0] == 0.0) as usize;
-        let front: Vec<(f64, f64)> = (begin..(begin + MIRRORED).min(n))
-            .map(|k| (-self.x[k], self.y[k]))
-            .collect();
-        let skip = (self.x[n - 1] == end) as usize;
-        let back: Vec<(f64, f64)> = (0..n - skip)
-            .rev()
-            .take(MIRRORED)
-            .map(|k| (2.0 * end - self.x[k], self.y[k]))
-            .collect();
-        for (x, y) in front {
-            self.insert_front(x, y);
-        }
-        for (x, y) in back {
-            self.push(x, y);
-        }
-    }
-
-    fn insert_front(&mut self, x: f64, y: f64) {
-        self.x.insert(0, x);
-        self.y.insert(0, y);
-    }
-
-    /// Set the arrays of the elimination to the number of knots.
-    fn prepare(&mut self) {
-        let n = self.x.len();
-        self.bend.clear();
-        self.bend.resize(n, 0.0);
-        self.factor.clear();
-        self.factor.resize(n, 0.0);
-        self.per.clear();
-        self.per
-            .extend(self.x.windows(2).map(|p| 1.0 / (p[1] - p[0])));
-    }
-
-    /// One step of the elimination, for knot `i`.
-    #[inline(always)]
-    fn eliminate(&mut self, i: usize) {
-        let (h0, h1) = (self.x[i] - self.x[i - 1], self.x[i + 1] - self.x[i]);
-        let s0 = (self.y[i] - self.y[i - 1]) * self.per[i - 1];
-        let s1 = (self.y[i + 1] - self.y[i]) * self.per[i];
-        let pivot = 1.0 / (2.0 * (h0 + h1) - h0 * self.factor[i - 1]);
-        self.factor[i] = h1 * pivot;
-        self.bend[i] = (s1 - s0 - h0 * self.bend[i - 1]) * pivot;
-    }
-
-    #[inline(always)]
-    fn substitute(&mut self, i: usize) {
-        self.bend[i] -= self.factor[i] * self.bend[i + 1];
-    }
-
-    /// Values of the spline at 0, 1, 2 …
-    fn evaluate(&self, out: &mut [f64]) {
-        let (x, y, bend) = (&self.x[..], &self.y[..], &self.bend[..]);
-        let n = x.len();
-        if n < 2 {
-            out.fill(y.first().copied().unwrap_or(0.0));
-            return;
-        }
-        let mut from = 0;
-        for k in 0..n - 1 {
-            let (a, b) = (x[k], x[k + 1]);
-            let to = if k + 2 == n {
-                out.len()
-            } else {
-                // Samples before the next knot; knots lie on multiples of ½.
-                let next = b as usize;
-                (next + (next as f64 != b) as usize).min(out.len()) * (b > 0.0) as usize
-            };
-            if from >= to {
-                continue;
-            }
-            let h = b - a;
-            let c0 = y[k];
-            let c1 = (y[k + 1] - y[k]) * self.per[k] - h * (2.0 * bend[k] + bend[k + 1]);
-            let c2 = 3.0 * bend[k];
-            let c3 = (bend[k + 1] - bend[k]) * self.per[k];
-            let mut t = from as f64 - a;
-            for v in &mut out[from..to] {
-                *v = c0 + t * (c1 + t * (c2 + t * c3));
-                t += 1.0;
-            }
-            from = to;
-        }
-    }
+    (rises, equal)
 }
 
-/// Second derivatives of the natural cubic splines through two lines' knots.
-///
-/// The lines have about the same number of knots. They are solved side by side, so that the divisions
-/// of one hide those of the other.
-fn solve(a: &mut Line, b: &mut Line) {
-    a.prepare();
-    b.prepare();
-    let (na, nb) = (a.x.len(), b.x.len());
-    let both = na.min(nb).saturating_sub(1);
-    for i in 1..both {
-        a.eliminate(i);
-        b.eliminate(i);
+/// Sums of the squares of the envelopes' mean and of the row.
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn powers(row: &[f64], upper: &[f64], lower: &[f64]) -> (f64, f64) {
+    // Independent sums of each kind, so that additions do not wait for one another.
+    let (mut mean, mut whole) = ([0.0; SUMS], [0.0; SUMS]);
+    let ends = upper.chunks(SUMS).zip(lower.chunks(SUMS));
+    for (v, (u, l)) in row.chunks(SUMS).zip(ends) {
+        if v.len() < SUMS {
+            for k in 0..v.len() {
+                add(v[k], u[k], l[k], &mut mean[k], &mut whole[k]);
+            }
+            break;
+        }
+        let (v, u, l) = (&v[..SUMS], &u[..SUMS], &l[..SUMS]);
+        for k in 0..SUMS {
+            add(v[k], u[k], l[k], &mut mean[k], &mut whole[k]);
+        }
     }
-    for i in both.max(1)..na.saturating_sub(1) {
-        a.eliminate(i);
-    }
-    for i in both.max(1)..nb.saturating_sub(1) {
-        b.eliminate(i);
-    }
-    for i in (1..na.saturating_sub(1)).rev() {
-        a.substitute(i);
-    }
-    for i in (1..nb.saturating_sub(1)).rev() {
-        b.substitute(i);
+    (mean.iter().sum(), whole.iter().sum())
+}
+
+#[inline(always)]
+fn add(value: f64, upper: f64, lower: f64, mean: &mut f64, whole: &mut f64) {
+    let m = 0.5 * (upper + lower);
+    *mean += m * m;
+    *whole += value * value;
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn subtract_mean(row: &mut [f64], upper: &[f64], lower: &[f64]) {
+    for ((v, u), l) in row.iter_mut().zip(upper).zip(lower) {
+        *v -= 0.5 * (u + l);
     }
 }
 
@@ -302,8 +204,8 @@ mod tests {
         assert!(found.find(&row));
         found.draw();
         for x in 0..n {
-            assert!((found.upper[x] - 5.0 - size(x as f64)).abs() < 0.2, "{x}");
-            assert!((found.lower[x] - 5.0 + size(x as f64)).abs() < 0.2, "{x}");
+            assert!((found.upper()[x] - 5.0 - size(x as f64)).abs() < 0.2, "{x}");
+            assert!((found.lower()[x] - 5.0 + size(x as f64)).abs() < 0.2, "{x}");
         }
     }
 }

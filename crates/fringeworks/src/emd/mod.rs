@@ -13,6 +13,7 @@
 //! most two extrema, or is the rest after `max_imfs` modes.
 
 mod envelope;
+mod line;
 
 use crate::{check_length, check_value, Error};
 pub use envelope::Envelopes;
@@ -184,8 +185,8 @@ pub fn envelopes(rows: &[f64], width: usize) -> Result<(Vec<f64>, Vec<f64>), Err
             |envelopes, ((upper, lower), row)| {
                 if envelopes.find(row) {
                     envelopes.draw();
-                    upper.copy_from_slice(&envelopes.upper);
-                    lower.copy_from_slice(&envelopes.lower);
+                    upper.copy_from_slice(envelopes.upper());
+                    lower.copy_from_slice(envelopes.lower());
                 }
             },
         );

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -143,13 +143,25 @@ def unwrap(
     if algorithm == "least_squares":
         fitted, region, converged = _least_squares(phase, valid, weights)
         return Unwrapped(fitted, region, algorithm, residues, converged)
-    candidates: list[tuple[str, PhaseField, Regions]] = []
+    best = None
+    for name, phase_found, region in _candidates(algorithm, phase, valid, weight):
+        cost = _cost(name, phase_found, weights)
+        if best is None or cost < best[0]:
+            best = cost, Unwrapped(phase_found, region, name, residues)
+    assert best is not None
+    return best[1]
+
+
+def _candidates(
+    algorithm: str, phase: PhaseField, valid: BoolMap, weight: PhaseField | None
+) -> Iterator[tuple[str, PhaseField, Regions]]:
+    """Name, unwrapped phase and regions of the ways that may be the best, one after the other."""
     if algorithm in ("auto", "reliability"):
-        candidates.append(("reliability", *_by_reliability(phase, valid, weight)))
+        yield ("reliability", *_by_reliability(phase, valid, weight))
     if algorithm in ("auto", "guided"):
-        candidates += [("guided", *_guided(phase, valid, weights, w)) for w in GUIDES_PX]
-    name, best, region = min(candidates, key=lambda found: _cost(found[0], found[1], weights))
-    return Unwrapped(best, region, name, residues)
+        weights = valid.astype(np.float32) if weight is None else weight
+        for window in GUIDES_PX:
+            yield ("guided", *_guided(phase, valid, weights, window))
 
 
 def _cost(name: str, unwrapped: PhaseField, weight: PhaseField) -> float:
@@ -192,7 +204,12 @@ def _checked(
 def _congruent(smooth: PhaseField, phase: PhaseField) -> PhaseField:
     """Add to the phase the whole periods that bring it closest to a smooth one."""
     period = np.float32(2.0 * np.pi)
-    return np.asarray(phase + period * np.round((smooth - phase) / period), dtype=np.float32)
+    whole = smooth - phase
+    whole /= period
+    np.round(whole, out=whole)
+    whole *= period
+    whole += phase
+    return whole
 
 
 def _jumps(unwrapped: PhaseField, weight: PhaseField) -> float:
@@ -240,8 +257,8 @@ def _guided(
 ) -> tuple[PhaseField, Regions]:
     """Phase with the orders of the locally averaged phasor, and its regions."""
     sigma, reach = window
-    mean = _core.average_phasor(phase, weight, sigma=sigma, reach=reach)
-    smooth, region = _core.unwrap_reliability(np.angle(mean), valid.astype(np.uint8), None)
+    average = np.angle(_core.average_phasor(phase, weight, sigma=sigma, reach=reach))
+    smooth, region = _core.unwrap_reliability(average, valid.astype(np.uint8), None)
     return _congruent(smooth, phase), region
 
 

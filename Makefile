@@ -47,7 +47,7 @@ check: $(VENV)/.built
 
 # One BLAS thread: the peers solve small systems, and idle BLAS threads spin on our cores.
 bench: $(BENCH_VENV)/.built
-	OPENBLAS_NUM_THREADS=1 $(BENCH_VENV)/bin/python -m benchmarks --out benchmarks/results.json $(if $(WORK),--work $(WORK))
+	OPENBLAS_NUM_THREADS=1 $(BENCH_VENV)/bin/python -m benchmarks $(if $(WORK),--work $(WORK),--out benchmarks/results.json --page docs/benchmarks.md)
 
 docs: $(VENV)/.built
 	$(BIN)/python -m mkdocs build --strict --quiet --site-dir site
@@ -84,6 +84,9 @@ $(BENCH_VENV)/.ready: requirements/bench.txt constraints.txt
 	$(BENCH_VENV)/bin/python $(PIP) -r requirements/bench.txt
 	@touch $@
 
+# The package installs OpenCV without its extra modules, and a peer is one of those. Both are the same Python module: the one
+# that is installed last counts.
 $(BENCH_VENV)/.built: $(BENCH_VENV)/.ready pyproject.toml $(RUST)
 	VIRTUAL_ENV=$(BENCH_VENV) $(BENCH_VENV)/bin/maturin develop --release --locked --quiet
+	$(BENCH_VENV)/bin/python $(PIP) --force-reinstall --no-deps opencv-contrib-python-headless
 	@touch $@

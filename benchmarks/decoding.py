@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
@@ -15,7 +16,7 @@ from benchmarks.harness import (
     PeerMissing,
     Result,
     against,
-    in_turn,
+    compared,
     peak_mb,
     peer_module,
     rows,
@@ -108,25 +109,20 @@ def against_stream(counts: tuple[int, ...]) -> Result:
         live = Decoder(plan, (HEIGHT, WIDTH), noise=CameraNoise(2.0), judge_every=10**9)
         live.decode(planes)
         maps = [np.zeros((HEIGHT, WIDTH), kind) for kind in OUTPUTS]
-        stream = streamer(planes, maps, pool)
-        (ours, theirs), _ = in_turn(lambda: live.decode(planes), stream, repeats=41)
+        found = compared(
+            "decode 12 frames by a Decoder against streaming their bytes",
+            "copy in, fill out, 2 threads",
+            version("numpy"),
+            lambda: live.decode(planes),
+            streamer(planes, maps, pool),
+            limit_ratio=1.0 / 1.8,
+            repeats=41,
+        )
     results = sum(np.dtype(kind).itemsize for kind in OUTPUTS) * WIDTH * HEIGHT / 2**20
     extra = peak_mb(lambda: decode(planes, plan)) - results
     print(f"    memory beside frames and results: {extra:.1f} MB")
     assert extra <= 16.0
-    return Result(
-        work="decode 12 frames by a Decoder against streaming their bytes",
-        peer="copy in, fill out, 2 threads",
-        peer_version=version("numpy"),
-        ours_seconds=ours,
-        peer_seconds=theirs,
-        ratio=theirs / ours,
-        limit_seconds=None,
-        limit_ratio=1.0 / 1.8,
-        peak_mb=extra,
-        accuracy=0.0,
-        peer_accuracy=0.0,
-    )
+    return replace(found, peak_mb=extra)
 
 
 FIRST = """
@@ -168,9 +164,5 @@ def decode_first_call() -> list[Result]:
             peer_seconds=warm,
             ratio=None if warm is None else warm / ours,
             limit_seconds=0.3,
-            limit_ratio=None,
-            peak_mb=float("nan"),
-            accuracy=0.0,
-            peer_accuracy=0.0,
         )
     ]

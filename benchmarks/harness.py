@@ -7,7 +7,7 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -20,22 +20,54 @@ BAND = 40
 
 @dataclass(frozen=True)
 class Result:
-    """One row of ``results.json``."""
+    """One row of the table."""
 
     work: str
     peer: str
     peer_version: str
     ours_seconds: float
-    peer_seconds: float | None
-    ratio: float | None
-    limit_seconds: float | None
-    limit_ratio: float | None
-    peak_mb: float
-    accuracy: float
-    peer_accuracy: float | None
+    peer_seconds: float | None = None
+    ratio: float | None = None
+    """Time of the peer over ours, medians."""
+    spread: tuple[float, float] | None = None
+    """Quartiles of the ratios of the runs that followed one another."""
+    limit_seconds: float | None = None
+    limit_ratio: float | None = None
+    peak_mb: float | None = None
+    accuracy: float | None = None
+    peer_accuracy: float | None = None
+
+    @property
+    def reached(self) -> bool:
+        """Whether the limits are kept."""
+        if self.limit_seconds is not None and self.ours_seconds > self.limit_seconds:
+            return False
+        return self.limit_ratio is None or self.ratio is None or self.ratio >= self.limit_ratio
 
 
-Work = Callable[[], list[Result]]
+@dataclass(frozen=True)
+class Growth:
+    """How the time of a call grows with the size of its work."""
+
+    work: str
+    variable: str
+    sizes: tuple[float, ...]
+    seconds: tuple[float, ...]
+    limit: float | None
+    """Largest slope that is accepted."""
+
+    @property
+    def slope(self) -> float:
+        """Slope of the logarithms: 1 where twice the work takes twice the time."""
+        return float(np.polyfit(np.log(self.sizes), np.log(self.seconds), 1)[0])
+
+    @property
+    def reached(self) -> bool:
+        return self.limit is None or self.slope <= self.limit
+
+
+Row = Result | Growth
+Work = Callable[[], Sequence[Row]]
 WORKS: dict[str, Work] = {}
 
 
@@ -73,8 +105,8 @@ def rows(*calls: Callable[[], Result]) -> list[Result]:
     return found
 
 
-def in_turn(*calls: Callable[[], Any], repeats: int = 5) -> tuple[list[float], list[Any]]:
-    """Median seconds of each call, run alternately so that both see the same machine."""
+def in_turn(*calls: Callable[[], Any], repeats: int = 5) -> tuple[list[list[float]], list[Any]]:
+    """Seconds of each call, run alternately so that all see the same machine, and last results."""
     seconds: list[list[float]] = [[] for _ in calls]
     results: list[Any] = [None] * len(calls)
     for _ in range(repeats):
@@ -82,7 +114,7 @@ def in_turn(*calls: Callable[[], Any], repeats: int = 5) -> tuple[list[float], l
             started = time.perf_counter()
             results[k] = call()
             seconds[k].append(time.perf_counter() - started)
-    return [statistics.median(s) for s in seconds], results
+    return seconds, results
 
 
 def resident_mb(field: str) -> float:
@@ -106,6 +138,43 @@ def peak_mb(call: Callable[[], Any]) -> float:
     return resident_mb("VmHWM") - before
 
 
+def compared(
+    work: str,
+    peer: str,
+    peer_version: str,
+    ours: Callable[[], Any],
+    theirs: Callable[[], Any],
+    *,
+    accuracy: Callable[[bool], float] | None = None,
+    limit_ratio: float | None = None,
+    limit_seconds: float | None = None,
+    limit_accuracy: float | None = None,
+    repeats: int = 5,
+) -> Result:
+    """Time two calls in turn.
+
+    ``accuracy`` measures the results that the calls have left: ours (True) or the peer's. What
+    exceeds ``limit_accuracy`` is refused: a time of something that is not accurate does not count.
+    """
+    (a, b), _ = in_turn(ours, theirs, repeats=repeats)
+    reached = None if accuracy is None else accuracy(True)
+    assert limit_accuracy is None or (reached is not None and reached <= limit_accuracy), work
+    low, _, high = statistics.quantiles(np.array(b) / np.array(a), n=4)
+    return Result(
+        work=work,
+        peer=peer,
+        peer_version=peer_version,
+        ours_seconds=statistics.median(a),
+        peer_seconds=statistics.median(b),
+        ratio=statistics.median(b) / statistics.median(a),
+        spread=(float(low), float(high)),
+        limit_seconds=limit_seconds,
+        limit_ratio=limit_ratio,
+        accuracy=reached,
+        peer_accuracy=None if accuracy is None else accuracy(False),
+    )
+
+
 def against(
     work: str,
     peer: str,
@@ -113,32 +182,50 @@ def against(
     ours: Callable[[], Any],
     theirs: Callable[[], Any],
     accuracy: Callable[[Any], float],
-    *,
-    limit_ratio: float | None = None,
-    limit_seconds: float | None = None,
-    limit_accuracy: float | None = None,
-    repeats: int = 5,
+    **limits: Any,
 ) -> Result:
-    """Time two calls in turn and judge both results by the same measure.
+    """Time two calls in turn and judge what both return by the same measure; see ``compared``."""
+    last: dict[bool, Any] = {}
 
-    ``limit_accuracy`` is asserted: a time of something that is not accurate does not count.
-    """
-    (a, b), (found, expected) = in_turn(ours, theirs, repeats=repeats)
-    reached = accuracy(found)
-    assert limit_accuracy is None or reached <= limit_accuracy, (work, reached)
-    return Result(
-        work=work,
-        peer=peer,
-        peer_version=peer_version,
-        ours_seconds=a,
-        peer_seconds=b,
-        ratio=b / a,
-        limit_seconds=limit_seconds,
-        limit_ratio=limit_ratio,
-        peak_mb=peak_mb(ours),
-        accuracy=reached,
-        peer_accuracy=accuracy(expected),
+    def kept(own: bool, call: Callable[[], Any]) -> Callable[[], None]:
+        def run() -> None:
+            last[own] = call()
+
+        return run
+
+    found = compared(
+        work,
+        peer,
+        peer_version,
+        kept(True, ours),
+        kept(False, theirs),
+        accuracy=lambda own: accuracy(last[own]),
+        **limits,
     )
+    return replace(found, peak_mb=peak_mb(ours))
+
+
+def grown(
+    work: str,
+    variable: str,
+    sizes: Sequence[float],
+    made: Callable[[float], Callable[[], Any]],
+    *,
+    limit: float | None = 1.1,
+    seconds: float = 0.6,
+) -> Growth:
+    """Time a call at several sizes, each for ``seconds`` or three times, and keep the medians."""
+    found = []
+    for size in sizes:
+        call = made(size)
+        call()
+        times: list[float] = []
+        while len(times) < 3 or sum(times) < seconds:
+            started = time.perf_counter()
+            call()
+            times.append(time.perf_counter() - started)
+        found.append(statistics.median(times))
+    return Growth(work, variable, tuple(sizes), tuple(found), limit)
 
 
 def streamer(

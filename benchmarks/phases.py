@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
@@ -36,47 +40,83 @@ def wrong_share(truth: np.ndarray):
     return measure
 
 
+def unwrapped(
+    n: int, noise: float, peer: str, package: str, theirs: Callable[..., np.ndarray], **limits: Any
+) -> Result:
+    """``unwrap`` against another solver of the same map."""
+    truth, wrapped = hill(n, noise)
+    return against(
+        f"unwrap {n} x {n}, noise {noise} rad",
+        peer,
+        version(package),
+        lambda: unwrap(wrapped).phase,
+        lambda: theirs(wrapped),
+        wrong_share(truth),
+        repeats=3,
+        **limits,
+    )
+
+
 @work
 def unwrap_2048() -> list[Result]:
     """Sorting by reliability against scikit-image, noise 0.3 rad."""
-    truth, wrapped = hill(2048, 0.3)
-    unwrap_phase = peer_module("skimage.restoration").unwrap_phase
-    return [
-        against(
-            "unwrap 2048 x 2048, noise 0.3 rad",
-            "scikit-image unwrap_phase",
-            version("scikit-image"),
-            lambda: unwrap(wrapped).phase,
-            lambda: np.asarray(unwrap_phase(wrapped)),
-            wrong_share(truth),
-            limit_ratio=6.0,
-            limit_accuracy=0.0,
-            repeats=3,
-        )
-    ]
+    other = peer_module("skimage.restoration").unwrap_phase
+    limits = {"limit_ratio": 6.0, "limit_accuracy": 0.0}
+    name = "scikit-image unwrap_phase"
+    return [unwrapped(2048, 0.3, name, "scikit-image", lambda w: np.asarray(other(w)), **limits)]
 
 
 @work
 def unwrap_noisy() -> list[Result]:
     """The guided solver against kamui, noise 0.8 rad."""
-    kamui = peer_module("kamui")
-    results = []
-    for n in (1024, 2048):
-        truth, wrapped = hill(n, 0.8)
-        results.append(
-            against(
-                f"unwrap {n} x {n}, noise 0.8 rad",
-                "kamui unwrap_dimensional",
-                version("kamui"),
-                lambda wrapped=wrapped: unwrap(wrapped).phase,
-                lambda wrapped=wrapped: np.asarray(kamui.unwrap_dimensional(wrapped)),
-                wrong_share(truth),
-                limit_ratio=15.0,
-                limit_accuracy=2e-4,
-                repeats=3,
-            )
-        )
-    return results
+    other = peer_module("kamui").unwrap_dimensional
+    limits = {"limit_ratio": 15.0, "limit_accuracy": 2e-4}
+    name = "kamui unwrap_dimensional"
+    return [
+        unwrapped(n, 0.8, name, "kamui", lambda w: np.asarray(other(w)), **limits)
+        for n in (1024, 2048)
+    ]
+
+
+@work
+def unwrap_radar() -> list[Result]:
+    """The guided solver against two solvers of radar interferograms, noise 0.8 rad."""
+
+    def field(wrapped: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.exp(1j * wrapped).astype(np.complex64), np.full(wrapped.shape, 0.8, np.float32)
+
+    def snaphu() -> Result:
+        solver = peer_module("snaphu")
+
+        def theirs(wrapped: np.ndarray) -> np.ndarray:
+            with silent():
+                return np.asarray(solver.unwrap(*field(wrapped), nlooks=1.0)[0])
+
+        return unwrapped(512, 0.8, "SNAPHU, smooth, MCF", "snaphu", theirs)
+
+    def whirlwind() -> Result:
+        solver = peer_module("whirlwind")
+
+        def theirs(wrapped: np.ndarray) -> np.ndarray:
+            return np.asarray(solver.unwrap(*field(wrapped), 1.0)[0])
+
+        return unwrapped(1024, 0.8, "whirlwind", "whirlwind-insar", theirs)
+
+    return rows(snaphu, whirlwind)
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Keep what a program in C prints off the screen."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def phase_rms(truth: np.ndarray, border: int):
@@ -217,7 +257,17 @@ def emd_rows() -> list[Result]:
             off,
             limit_accuracy=1e-12,
         )
-        seconds = 8 * result.peer_seconds
-        ratio = seconds / result.ours_seconds
-        results.append(replace(result, peer_seconds=seconds, ratio=ratio, limit_ratio=50.0))
+        assert result.peer_seconds is not None
+        assert result.ratio is not None
+        assert result.spread is not None
+        low, high = result.spread
+        results.append(
+            replace(
+                result,
+                peer_seconds=8 * result.peer_seconds,
+                ratio=8 * result.ratio,
+                spread=(8 * low, 8 * high),
+                limit_ratio=50.0,
+            )
+        )
     return results

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
-from benchmarks.harness import Result, in_turn, peak_mb, streamer, work
+from benchmarks.harness import Result, against, compared, peak_mb, peer_module, rows, streamer, work
 from fringeworks import (
     CameraNoise,
     Decoded,
@@ -79,20 +80,16 @@ def judged(
     error: float,
     repeats: int = 41,
 ) -> Result:
-    (a, b), _ = in_turn(ours, stream, repeats=repeats)
-    return Result(
-        work=name,
-        peer="copy in, fill out, 2 threads",
-        peer_version=version("numpy"),
-        ours_seconds=a,
-        peer_seconds=b,
-        ratio=b / a,
-        limit_seconds=None,
+    found = compared(
+        name,
+        "copy in, fill out, 2 threads",
+        version("numpy"),
+        ours,
+        stream,
         limit_ratio=1.0 / limit,
-        peak_mb=peak_mb(ours),
-        accuracy=error,
-        peer_accuracy=0.0,
+        repeats=repeats,
     )
+    return replace(found, accuracy=error, peak_mb=peak_mb(ours))
 
 
 @work
@@ -153,3 +150,38 @@ def frames_to_points() -> list[Result]:
                 error,
             ),
         ]
+
+
+@work
+def triangulation_opencv() -> list[Result]:
+    """Both axes, against OpenCV's undistortion and linear triangulation."""
+    points, pixels = surface()
+    known = decoded(pixels, "xy")
+    prepared = Triangulator(rig())
+    v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+    left, right = (np.ascontiguousarray(p.reshape(-1, 1, 2)) for p in (np.dstack((u, v)), pixels))
+    cv2 = peer_module("cv2")
+
+    def matrix(device: Pinhole) -> FloatMap:
+        (fx, fy), (cx, cy) = device.focal_px, device.principal_px
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    def theirs() -> FloatMap:
+        camera, projector = rig().camera, rig().projector
+        one = cv2.undistortPoints(left, matrix(camera), np.array(camera.distortion))
+        two = cv2.undistortPoints(right, matrix(projector), np.array(projector.distortion))
+        pose = rig().T_projector_camera[:3]
+        found = cv2.triangulatePoints(np.eye(3, 4), pose, one[:, 0].T, two[:, 0].T)
+        return np.asarray((found[:3] / found[3]).T.reshape(HEIGHT, WIDTH, 3))
+
+    return rows(
+        lambda: against(
+            f"triangulate xy, {WIDTH} x {HEIGHT}, with standard deviations",
+            "OpenCV undistortPoints and triangulatePoints, without",
+            version("opencv-contrib-python-headless"),
+            lambda: prepared.triangulate(known).xyz_mm,
+            theirs,
+            lambda xyz: float(np.sqrt(np.nanmean((xyz - points) ** 2))),
+            repeats=3,
+        )
+    )

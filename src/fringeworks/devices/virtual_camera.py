@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.devices.protocols import (
     CameraLimits,
@@ -337,7 +337,7 @@ class VirtualCamera(Closing):
         noise = self._rng.standard_normal(counts.shape, np.float32)
         counts = counts + np.sqrt(variance) * noise
         if self.model.smoothing_px:
-            counts = ndimage.gaussian_filter(counts, self.model.smoothing_px, mode="nearest")
+            counts = scipy.ndimage.gaussian_filter(counts, self.model.smoothing_px, mode="nearest")
         if self.model.lag:
             before = counts if self._held is None else self._held
             self._held = counts = self.model.lag * before + (1.0 - self.model.lag) * counts

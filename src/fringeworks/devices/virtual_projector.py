@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.devices.clock import Clock, SystemClock
 from fringeworks.devices.protocols import Closing, checked_picture
@@ -160,7 +160,7 @@ class VirtualProjector(Closing):
             sent = np.clip((sent - LIMITED_BLACK) / (LIMITED_WHITE - LIMITED_BLACK), 0.0, 1.0)
         if m.scale != 1.0:
             middle = (np.array(sent.shape) - 1) / 2
-            sent = ndimage.affine_transform(
+            sent = scipy.ndimage.affine_transform(
                 sent, np.full(2, 1 / m.scale), middle - middle / m.scale, order=1
             )
         if m.mirrored:

@@ -46,6 +46,8 @@ BAND_ROWS = 64
 WHITE_PERCENTILE = 99.5
 """Brightness that becomes white in 8 bits, percent of the points below it: highlights beyond it do
 not darken the rest."""
+WHITE_PIXELS = 300_000
+"""Approximate number of pixels that white is taken from."""
 LAYOUT = {
     "xyz_mm": "f hw3",
     "sigma_mm": "f hw",
@@ -147,7 +149,11 @@ def _white(cloud: PointCloud, ok: BoolMap) -> float | None:
     """Brightness that becomes white in 8 bits; None for points without brightness."""
     if cloud.colour is None:
         return None
-    return max(float(np.nanpercentile(np.asarray(cloud.colour)[ok], WHITE_PERCENTILE)), 1e-9)
+    rows = slice(None, None, max(1, ok.size // WHITE_PIXELS))
+    seen = np.asarray(cloud.colour)[rows][ok[rows]]
+    if not np.isfinite(seen).any():
+        seen = np.asarray(cloud.colour)[ok]
+    return max(float(np.nanpercentile(seen, WHITE_PERCENTILE)), 1e-9)
 
 
 def _bytes(values: FloatMap, white: float) -> tuple[NDArray[np.uint8], ...]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks import _core
 from fringeworks.pair.cliffs import Cliffs
@@ -98,7 +98,7 @@ def explained(
     poor = unexplained(misfit, windows.object_noise)
     still = poor & unexplained(windows.left(fitted, albedo), windows.object_noise, STILL_MISFIT)
     if mixed is None:
-        places, count = ndimage.label(poor)
+        places, count = scipy.ndimage.label(poor)
         sizes, left = (np.bincount(places[where], minlength=count + 1) for where in (poor, still))
         refused = (left > MAX_STILL_POOR * np.maximum(sizes, 1))[places]
     else:
@@ -167,7 +167,9 @@ def light_level(fitted: Fitted, period_px: float) -> NDArray[np.float32]:
         padded = np.pad(np.where(known, values, 0), ((0, rows * size - h), (0, columns * size - w)))
         blocks = padded.reshape(rows, size, columns, size).sum(axis=(1, 3))
         width = LEVEL_WIDTH_PERIODS * period_px / size
-        return np.asarray(ndimage.gaussian_filter(blocks, width, mode="nearest", truncate=3.0))
+        return np.asarray(
+            scipy.ndimage.gaussian_filter(blocks, width, mode="nearest", truncate=3.0)
+        )
 
     square = smooth(b * b)
     level = np.where(square > 0, smooth(a * b) / np.where(square > 0, square, 1), 0)

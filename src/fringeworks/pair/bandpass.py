@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from fringeworks.types import FloatMap, InputError
 
@@ -133,15 +133,15 @@ def band_pass(
         response = band_response(np.abs(along_x), window)[None, :]
     else:
         mean = values.mean()
-        along_y = (fft.fftfreq(h) - fy) / radius
+        along_y = (scipy.fft.fftfreq(h) - fy) / radius
         response = band_response(np.hypot(along_x[None, :], along_y[:, None]), window)
-    columns = fft.rfft(values - mean, axis=1, workers=-1)[:, first : last + 1]
+    columns = scipy.fft.rfft(values - mean, axis=1, workers=-1)[:, first : last + 1]
     if dimensions == 1:
         columns = columns * response.astype(np.float32)
     else:
-        columns = fft.fft(columns, axis=0, workers=-1) * response.astype(np.float32)
-        columns = fft.ifft(columns, axis=0, overwrite_x=True, workers=-1)
+        columns = scipy.fft.fft(columns, axis=0, workers=-1) * response.astype(np.float32)
+        columns = scipy.fft.ifft(columns, axis=0, overwrite_x=True, workers=-1)
     spectrum = np.zeros((h, w), np.complex64)
     spectrum[:, first : last + 1] = columns
-    analytic = fft.ifft(spectrum, axis=1, overwrite_x=True, workers=-1)
+    analytic = scipy.fft.ifft(spectrum, axis=1, overwrite_x=True, workers=-1)
     return np.asarray(analytic), float(np.sum(response**2)) / (w * response.shape[0])

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from fringeworks.types import Axis, FloatMap, InputError
 
@@ -99,7 +99,7 @@ def _lines(frame: FloatMap) -> tuple[_Line, _Line]:
     if n < MIN_SAMPLES:
         return NO_LINE, NO_LINE
     window = np.hanning(n)
-    spectrum = np.abs(fft.rfft(_without_slope(frame) * window, axis=1, workers=-1)) ** 2
+    spectrum = np.abs(scipy.fft.rfft(_without_slope(frame) * window, axis=1, workers=-1)) ** 2
     power = spectrum.mean(axis=0) / n**2
     # Contrast between the rows' means is not in the rows' spectra. It counts against the line, in
     # the units of the windowed spectrum (Parseval).
@@ -141,7 +141,7 @@ def _fast_variance(values: FloatMap) -> float:
     """Variance of a profile without the waves slower than the slowest fringe."""
     if values.size < MIN_SAMPLES:
         return float(values.var())
-    spectrum = np.abs(fft.rfft(values - values.mean())) ** 2
+    spectrum = np.abs(scipy.fft.rfft(values - values.mean())) ** 2
     return float(2.0 * spectrum[int(MIN_PERIODS) :].sum()) / values.size**2
 
 
@@ -178,8 +178,8 @@ def _refine(frame: FloatMap, frequency: float) -> tuple[float, float]:
 def _strongest_frequency(values: NDArray[np.complex128]) -> float:
     """Frequency of the largest line in the spectrum of a complex profile, cycles/px."""
     n = values.size
-    spectrum = np.abs(fft.fft(values * np.hanning(n)))
-    return float(fft.fftfreq(n)[np.argmax(spectrum)])
+    spectrum = np.abs(scipy.fft.fft(values * np.hanning(n)))
+    return float(scipy.fft.fftfreq(n)[np.argmax(spectrum)])
 
 
 def find_carrier(frame: FloatMap, axis: Axis | None = None, *, name: str = "reference") -> Carrier:

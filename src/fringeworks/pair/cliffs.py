@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks import _core
 from fringeworks.pair.jumps import Jumps
@@ -133,7 +133,7 @@ def _places_of_cliffs(
 ) -> tuple[BoolMap, bool]:
     """Of the places that are poorly explained, those where many pixels find another surface, and
     whether they are certain to be cliffs."""
-    places, count = ndimage.label(poor)
+    places, count = scipy.ndimage.label(poor)
     small = (np.bincount(places.ravel()) <= SMALL_PLACE_PX)[places]
     sampled = np.zeros_like(poor)
     for step, where in zip(SAMPLE_STEPS, (poor, poor & small), strict=True):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.types import BoolMap
 
@@ -49,9 +49,9 @@ class Jumps:
             larger = here > jump[first]
             jump[first] = np.where(larger, here, jump[first])
             bend[first] = np.where(larger, change, bend[first])
-        places, count = ndimage.label(zone)
+        places, count = scipy.ndimage.label(zone)
         ratio = jump[walls] / np.maximum(bend[walls], np.float32(TINY_SLOPE))
-        typical = ndimage.median(ratio, places[walls], np.arange(count + 1))
+        typical = scipy.ndimage.median(ratio, places[walls], np.arange(count + 1))
         is_cliff = np.nan_to_num(typical) > CREASE_PX
         return np.asarray(walls & is_cliff[places])
 
@@ -62,7 +62,7 @@ def _jump_and_bend(
     """Differences of neighbours beyond the slope on either side, and the change of that slope."""
     step = np.diff(u, axis=axis)
     size = (SLOPE_STEPS, 1) if axis == 0 else (1, SLOPE_STEPS)
-    slope = ndimage.median_filter(step, size=size, mode="nearest")
+    slope = scipy.ndimage.median_filter(step, size=size, mode="nearest")
     at = np.arange(step.shape[axis])
     before = np.take(slope, np.maximum(at - SLOPE_AWAY_PX, 0), axis)
     after = np.take(slope, np.minimum(at + SLOPE_AWAY_PX, at[-1]), axis)

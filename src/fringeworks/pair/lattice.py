@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from fringeworks.pair.bandpass import Analytic
 from fringeworks.types import FloatMap
@@ -71,7 +71,7 @@ class LatticeAxis:
 def lattice_samples(length: int, sigma_px: float) -> int:
     """Number of samples along ``length`` px that hold what a window of σ = ``sigma_px`` yields."""
     required = int(np.ceil(BANDWIDTH / sigma_px * length / np.pi))
-    return min(int(fft.next_fast_len(required)), length)
+    return min(int(scipy.fft.next_fast_len(required)), length)
 
 
 def samples_inside(samples: int, side: int, pitch: float) -> int:
@@ -120,7 +120,8 @@ class Lattice:
         self.shape = shape
         self.sigma_px, self.limit, self.step = sigma_px, limit, step
         self.y, self.x = (
-            _axis(fft.next_fast_len(side + 2 * margin), sigma_px, limit, step) for side in shape
+            _axis(scipy.fft.next_fast_len(side + 2 * margin), sigma_px, limit, step)
+            for side in shape
         )
         self.pitch = (self.y.length / self.y.samples, self.x.length / self.x.samples)
         """Distance of the lattice points along y and x, px."""
@@ -139,11 +140,11 @@ class Lattice:
         coefficients are demodulated by the bin of their first sample (``shift_wave``), and are
         ``density`` times as large as those of a window of unit energy.
         """
-        spectrum = fft.fft2(padded, workers=-1)
+        spectrum = scipy.fft.fft2(padded, workers=-1)
         for rows, window in zip(self.y.bins, self.y.windows, strict=True):
             part = spectrum[rows] * window[:, None]
             stack = part[:, self.x.bins].transpose(1, 0, 2) * self.x.windows[:, None, :]
-            yield fft.ifft2(stack, axes=(1, 2), overwrite_x=True, workers=-1)
+            yield scipy.fft.ifft2(stack, axes=(1, 2), overwrite_x=True, workers=-1)
 
     def pad(self, field: Analytic) -> Analytic:
         """Add a border of zeros to the right and below; the lattice is periodic."""
@@ -161,14 +162,14 @@ class Lattice:
         for k, spectra in enumerate(self.spectra(padded)):
             power = spectra.real**2 + spectra.imag**2
             shrink = 1 - limit / np.sqrt(np.maximum(power, limit**2), out=power)
-            spectra = fft.fft2(spectra * shrink, axes=(1, 2), overwrite_x=True, workers=-1)
+            spectra = scipy.fft.fft2(spectra * shrink, axes=(1, 2), overwrite_x=True, workers=-1)
             rows = np.zeros((self.y.samples, self.x.length), np.complex64)
             for j, part in enumerate(spectra):
                 rows[:, self.x.bins[j]] += part * self.x.windows[j]
             out[self.y.bins[k]] += rows * self.y.windows[k][:, None]
         steps = (float(np.diff(axis.frequencies[:2])[0]) for axis in (self.y, self.x))
         scale = np.float32(np.prod(list(steps)) / (2.0 * np.pi) ** 2)
-        return np.asarray(fft.ifft2(out, overwrite_x=True, workers=-1) * scale)
+        return np.asarray(scipy.fft.ifft2(out, overwrite_x=True, workers=-1) * scale)
 
     def extended(self, field: Analytic, threshold: float) -> Analytic:
         """Add a border that continues the field, taken from its own filtered version.

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from fringeworks.pair.counting import (
     MAX_DISPLACEMENT_PERIODS,
@@ -148,7 +148,7 @@ def _stray(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:
     """Find the small regions where counting strays from the band-pass."""
     limit = WHOLE_TOLERANCE * period_px
     with np.errstate(invalid="ignore"):
-        label, count = ndimage.label(np.abs(counted - band) > limit)
+        label, count = scipy.ndimage.label(np.abs(counted - band) > limit)
         beside = np.zeros(counted.shape, bool)
         for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
             jump = np.abs(counted[here] - counted[there]) > limit
@@ -195,10 +195,10 @@ def continues(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:
             behind = [(0, 0), (0, 0)]
             behind[axis] = (0, 1)
             smooth &= ~(np.pad(jump, ahead) | np.pad(jump, behind))
-    label, count = ndimage.label(smooth)
+    label, count = scipy.ndimage.label(smooth)
     if not count:
         return np.asarray(smooth)
-    distance, nearest = ndimage.distance_transform_edt(label == 0, return_indices=True)
+    distance, nearest = scipy.ndimage.distance_transform_edt(label == 0, return_indices=True)
     border = known & (distance <= BORDER_PX)
     beside = tuple(axis[border] for axis in nearest)
     agrees = np.abs(counted[beside] - band[border]) < 0.5 * period_px
@@ -239,9 +239,9 @@ def compare_orders(first: FloatMap, second: FloatMap, period_px: float) -> tuple
     trusted = comparable & (order == 0)
     smallest = MIN_REGION * period_px**2
     for value in np.unique(order[order != 0]):
-        label, count = ndimage.label(order == value)
+        label, count = scipy.ndimage.label(order == value)
         sizes = np.bincount(label.ravel(), minlength=count + 1)
-        boxes = ndimage.find_objects(label)
+        boxes = scipy.ndimage.find_objects(label)
         for k in range(1, count + 1):
             if sizes[k] < smallest:
                 continue

@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.plain_reference import plain_reference
@@ -114,7 +114,9 @@ def fill_nearest(values: FloatMap, known: BoolMap) -> FloatMap:
     """Give every unknown pixel of a map the value of the nearest known pixel."""
     if known.all():
         return values
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    nearest = scipy.ndimage.distance_transform_edt(
+        ~known, return_distances=False, return_indices=True
+    )
     return np.asarray(values[tuple(nearest)])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from fringeworks.types import BoolMap, FloatMap
 
@@ -88,10 +88,10 @@ def without_fringes(
     limit = np.where(clear, noise_variance + least, -1.0)
     flat = contrast <= limit
     if not ok.all():
-        flat &= ~ndimage.maximum_filter(~ok, _odd(wide))
+        flat &= ~scipy.ndimage.maximum_filter(~ok, _odd(wide))
     if not flat.any():
         return np.asarray(flat)
-    core = ndimage.maximum_filter(flat, _odd(wide))
+    core = scipy.ndimage.maximum_filter(flat, _odd(wide))
     return _grown_to_rim(frame, core, period_px)
 
 
@@ -101,11 +101,13 @@ def _grown_to_rim(frame: FloatMap, core: BoolMap, period_px: float) -> BoolMap:
     Pixels within reach are added where they are connected with the place, and closer in brightness
     to it than to the darkest (or brightest) fringes of the surface around it.
     """
-    near = ndimage.distance_transform_edt(~core) <= REACH_PERIODS * period_px
+    near = scipy.ndimage.distance_transform_edt(~core) <= REACH_PERIODS * period_px
 
     def local_mean(values: FloatMap, where: BoolMap) -> FloatMap:
-        share = ndimage.gaussian_filter(where.astype(np.float32), period_px)
-        total = ndimage.gaussian_filter(np.where(where, values, 0.0).astype(np.float32), period_px)
+        share = scipy.ndimage.gaussian_filter(where.astype(np.float32), period_px)
+        total = scipy.ndimage.gaussian_filter(
+            np.where(where, values, 0.0).astype(np.float32), period_px
+        )
         return np.asarray(total / np.maximum(share, MIN_SHARE), dtype=np.float64)
 
     inside = local_mean(frame, core)
@@ -115,7 +117,7 @@ def _grown_to_rim(frame: FloatMap, core: BoolMap, period_px: float) -> BoolMap:
     dark, bright = surface - amplitude, surface + amplitude
     alike = (inside < dark) & (frame < 0.5 * (inside + dark))
     alike |= (inside > bright) & (frame > 0.5 * (inside + bright))
-    return np.asarray(ndimage.binary_propagation(core, mask=core | (near & alike)))
+    return np.asarray(scipy.ndimage.binary_propagation(core, mask=core | (near & alike)))
 
 
 def _odd(sides: tuple[int, int]) -> tuple[int, int]:
@@ -126,8 +128,8 @@ def _odd(sides: tuple[int, int]) -> tuple[int, int]:
 def _box_variance(frame: FloatMap, sides: tuple[int, int]) -> FloatMap:
     """Variance of a frame in boxes of ``sides`` (rows, columns) around every pixel, counts²."""
     centred = (frame - frame.mean()).astype(np.float32)
-    mean = ndimage.uniform_filter(centred, sides, mode="nearest")
-    square = ndimage.uniform_filter(centred * centred, sides, mode="nearest")
+    mean = scipy.ndimage.uniform_filter(centred, sides, mode="nearest")
+    square = scipy.ndimage.uniform_filter(centred * centred, sides, mode="nearest")
     return np.asarray(np.maximum(square - mean * mean, 0.0))
 
 
@@ -135,6 +137,6 @@ def _surrounding_median(values: FloatMap, period_px: float) -> FloatMap:
     """Median of a map over squares of ``SURROUNDINGS_PERIODS``, computed on a coarser lattice."""
     step = max(1, round(BOX_PERIODS * period_px))
     side = max(3, round(SURROUNDINGS_PERIODS * period_px / step))
-    coarse = ndimage.median_filter(values[::step, ::step], side, mode="nearest")
+    coarse = scipy.ndimage.median_filter(values[::step, ::step], side, mode="nearest")
     rows, columns = (np.minimum(np.arange(n) // step, -(-n // step) - 1) for n in values.shape)
     return np.asarray(coarse[np.ix_(rows, columns)])

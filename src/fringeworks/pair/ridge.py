@@ -8,8 +8,8 @@ Theory §5, "Windowed Fourier".
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.pair.bandpass import Analytic
 from fringeworks.types import FloatMap
@@ -97,7 +97,7 @@ def curvature(frequencies: MapsYX, pitch: tuple[float, ...], sigma_px: float) ->
     wy, wx = frequencies
     widths = [CURVATURE_SMOOTHING * sigma_px / p for p in pitch]
     weight = _inner_weight(wy.shape, pitch, sigma_px)
-    total = ndimage.gaussian_filter(weight, widths, mode="nearest")
+    total = scipy.ndimage.gaussian_filter(weight, widths, mode="nearest")
 
     def slope(values: FloatMap, axis: int) -> FloatMap:
         if values.shape[axis] < 3:
@@ -105,7 +105,7 @@ def curvature(frequencies: MapsYX, pitch: tuple[float, ...], sigma_px: float) ->
         raw = np.gradient(values, axis=axis) / pitch[axis]
         limit = MAX_SLOPE_MEDIANS * float(np.median(np.abs(raw)))
         raw = np.clip(raw, -limit, limit) * weight
-        smooth = ndimage.gaussian_filter(raw, widths, mode="nearest")
+        smooth = scipy.ndimage.gaussian_filter(raw, widths, mode="nearest")
         return np.asarray(smooth / np.maximum(total, MIN_WEIGHT))
 
     return slope(wy, 0), slope(wx, 1), 0.5 * (slope(wy, 1) + slope(wx, 0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from fringeworks.types import BoolMap, FloatMap
 
@@ -26,12 +26,12 @@ def smooth(values: FloatMap, width_px: tuple[float, float]) -> FloatMap:
         if width <= 0:
             continue
         if width < WIDE_PX:
-            values = ndimage.gaussian_filter1d(
+            values = scipy.ndimage.gaussian_filter1d(
                 values, width, axis, mode="nearest", truncate=REACH_WIDTHS
             )
             continue
         for side in _sides(width):
-            values = ndimage.uniform_filter1d(values, side, axis, mode="nearest")
+            values = scipy.ndimage.uniform_filter1d(values, side, axis, mode="nearest")
     return values
 
 

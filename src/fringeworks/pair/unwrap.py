@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from typing import Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, ndimage
 
 from fringeworks import _core
 from fringeworks.types import BoolMap, FloatMap, InputError
@@ -236,7 +236,7 @@ def _roughness(phase: PhaseField, valid: BoolMap, weight: PhaseField) -> PhaseFi
     The differences of one pixel are a single sample of its noise; the quality says how much is
     expected there, k/q². The scale k is the median of q² times the differences.
     """
-    whole = ndimage.binary_erosion(valid, np.ones((3, 3)))
+    whole = scipy.ndimage.binary_erosion(valid, np.ones((3, 3)))
     second = np.zeros(phase.shape, np.float32)
     padded = np.pad(phase, 1)
     rows, columns = phase.shape
@@ -284,9 +284,9 @@ def _poisson(shape: tuple[int, int]) -> Callable[[FloatMap], FloatMap]:
     eigenvalue[0, 0] = 1.0
 
     def solve(source: FloatMap) -> FloatMap:
-        spectrum = fft.dctn(source, norm="ortho", workers=-1) / eigenvalue
+        spectrum = scipy.fft.dctn(source, norm="ortho", workers=-1) / eigenvalue
         spectrum[0, 0] = 0.0
-        return np.asarray(fft.idctn(spectrum, norm="ortho", workers=-1))
+        return np.asarray(scipy.fft.idctn(spectrum, norm="ortho", workers=-1))
 
     return solve
 
@@ -311,7 +311,9 @@ def _least_squares(
     offset = np.zeros(int(region.max()) + 1)
     labels = np.arange(1, offset.size)
     phasor = np.exp(1j * (raw - fitted))
-    real, imaginary = (ndimage.sum_labels(p, region, labels) for p in (phasor.real, phasor.imag))
+    real, imaginary = (
+        scipy.ndimage.sum_labels(p, region, labels) for p in (phasor.real, phasor.imag)
+    )
     offset[1:] = np.arctan2(imaginary, real)
     smooth = np.where(valid, fitted + offset[region], np.nan)
     return _congruent(smooth.astype(np.float32), phase), region, converged
@@ -347,7 +349,7 @@ def _conjugate_gradients(
 
 def _regions(valid: BoolMap) -> Regions:
     """Connected regions, numbered by decreasing size; 0 where invalid."""
-    label, count = ndimage.label(valid)
+    label, count = scipy.ndimage.label(valid)
     size = np.bincount(label.ravel(), minlength=count + 1)
     rank = np.zeros(count + 1, np.uint32)
     rank[1 + np.argsort(-size[1:], kind="stable")] = np.arange(1, count + 1)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, ndimage
 
 from fringeworks import _core
 from fringeworks.pair.prepared import PreparedPair
@@ -232,13 +232,13 @@ def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
     # Odd reflection keeps value and slope at the border; even reflection would flatten the fringe.
     padded = np.pad(frame, ((top, top), (left, left)), mode="reflect", reflect_type="odd")
     rows, columns = padded.shape
-    shape = (fft.next_fast_len(rows, real=True), fft.next_fast_len(columns, real=True))
-    spectrum = fft.rfft2(padded, s=shape, workers=-1)
-    ky = 2.0 * np.pi * width_px * fft.fftfreq(shape[0])[:, None]
-    kx = 2.0 * np.pi * width_px * fft.rfftfreq(shape[1])[None, :]
+    shape = (scipy.fft.next_fast_len(rows, real=True), scipy.fft.next_fast_len(columns, real=True))
+    spectrum = scipy.fft.rfft2(padded, s=shape, workers=-1)
+    ky = 2.0 * np.pi * width_px * scipy.fft.fftfreq(shape[0])[:, None]
+    kx = 2.0 * np.pi * width_px * scipy.fft.rfftfreq(shape[1])[None, :]
     q = 0.5 * (ky**2 + kx**2)
     spectrum *= np.exp(-q) * (1.0 + q + 0.5 * q * q)
-    smooth = fft.irfft2(spectrum, s=shape, overwrite_x=True, workers=-1)
+    smooth = scipy.fft.irfft2(spectrum, s=shape, overwrite_x=True, workers=-1)
     h, w = frame.shape
     return np.ascontiguousarray(smooth[top : top + h, left : left + w])
 
@@ -248,6 +248,6 @@ def spline_coefficients(rows: FloatMap) -> NDArray[np.float32]:
 
     Returns an (h, w + 3) float32 array for (h, w) rows.
     """
-    coefficients = ndimage.spline_filter1d(rows, 3, axis=1, mode="mirror")
+    coefficients = scipy.ndimage.spline_filter1d(rows, 3, axis=1, mode="mirror")
     padded = np.pad(coefficients, ((0, 0), (1, 2)), mode="reflect")
     return np.ascontiguousarray(padded, dtype=np.float32)

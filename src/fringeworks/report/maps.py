@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from fringeworks.report.reason_words import REASON_COLOURS, REASON_WORDS
-from fringeworks.types import ByteMap, FloatMap, FrameFinding, Reason
+from fringeworks.types import ByteMap, FloatMap, FrameFinding, Reason, reason_counts
 
 DPI = 110
 """Dots per inch of a PNG: text of 10 points is then 15 px high, easily read at full size."""
@@ -217,7 +217,7 @@ def draw_reasons(axes: Axes, reason: ByteMap) -> None:
 
 def reason_patches(reason: ByteMap) -> list[Patch]:
     """A legend's patches: the reasons that occur, the most frequent first, with their shares."""
-    counts = np.bincount(reason.ravel(), minlength=len(Reason))
+    counts = reason_counts(reason)
     occurring = sorted((r for r in Reason if counts[r]), key=lambda r: -counts[r])
     return [
         Patch(

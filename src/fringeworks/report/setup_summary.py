@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from fringeworks.report.summary import summary
 from fringeworks.scan.delay import Delay
 from fringeworks.scan.exposure_proof import ExposureProof
 from fringeworks.scan.setup import Setup, SetupTests
 
 
-def setup_figures(tests: SetupTests) -> dict[str, Any]:
+@summary.register
+def _(tests: SetupTests) -> dict[str, Any]:
     """The figures of a set-up or of the tests that were reached; None for what is not known."""
     figures: dict[str, Any] = {
         "projector": tests.projector,

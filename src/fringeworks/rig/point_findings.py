@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fringeworks.types import PointCloud, Reason, Rig
+from fringeworks.types import PointCloud, Reason, Rig, reason_counts
 
 LARGE_SHARE = 0.05
 """Share of the decoded pixels without a point from which on this is reported. Noise beyond 5 σ and
@@ -34,7 +34,7 @@ WORDS = {
 
 def point_notes(points: PointCloud) -> tuple[str, ...]:
     """Return a note for every reason by which triangulation drops a large share of the pixels."""
-    counts = np.bincount(points.reason.ravel(), minlength=len(Reason))
+    counts = reason_counts(points.reason)
     decoded = counts[Reason.OK] + sum(counts[reason] for reason in WORDS)
     notes = []
     for reason, (seen, causes, advice) in WORDS.items():

@@ -70,14 +70,16 @@ def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.f
     pixels = np.stack((u, v), axis=-1).reshape(-1, 2)
     w = inverse_depth(rig, pixels, q.ravel(), along)
     by = inverse_depth_by_parameters(rig, pixels, w, axis)
-    variance = np.einsum("ni,ij,nj->n", by, rig.covariance, by).reshape(-1, DEPTHS)
+    variance = np.einsum("nj,nj->n", by @ rig.covariance, by).reshape(-1, DEPTHS)
     good = (variance > 0) & np.isfinite(variance)
     fitted = good.sum(axis=1) >= POWERS
     powers = polynomial.polyvander(place, POWERS - 1)
     logarithm = np.log2(np.where(good, variance, 1.0))
-    for k in np.flatnonzero(fitted):
-        node = np.unravel_index(k, NODES)
-        spread[node] = np.linalg.lstsq(powers[good[k]], logarithm[k, good[k]], rcond=None)[0]
+    whole = good.all(axis=1)
+    nodes = spread.reshape(-1, POWERS)
+    nodes[whole] = np.linalg.lstsq(powers, logarithm[whole].T, rcond=None)[0].T
+    for k in np.flatnonzero(fitted & ~whole):
+        nodes[k] = np.linalg.lstsq(powers[good[k]], logarithm[k, good[k]], rcond=None)[0]
     known = fitted.reshape(NODES)
     if known.any() and not known.all():
         # These nodes yield no points; copy the nearest valid value to keep the table finite.

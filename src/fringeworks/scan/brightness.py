@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.agreement import Agreement
@@ -113,6 +113,6 @@ def light_per_ms(seen: Sequence[Brightness]) -> tuple[FloatMap, BoolMap]:
 def _inside(lit: BoolMap) -> BoolMap:
     """Lit pixels that are surrounded by lit pixels; all of them where those are too few."""
     side = 1 + 2 * int(np.ceil(BORDER_SHARE * lit.shape[0]))
-    share = ndimage.uniform_filter(lit.astype(np.float64), side, mode="nearest")
+    share = scipy.ndimage.uniform_filter(lit.astype(np.float64), side, mode="nearest")
     inside = lit & (share >= INSIDE_SHARE)
     return np.asarray(inside if np.count_nonzero(inside) >= LEAST_INSIDE else lit)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg, optimize
 
 from fringeworks.devices.clock import Clock, clock_of
 from fringeworks.devices.protocols import (
@@ -315,7 +315,9 @@ class _Reader:
             chosen, values = single[candidates], part.ravel().astype(np.float64)
             # Least squares on the triangular factor: the same minimum, with fewer rows.
             L = np.linalg.cholesky(chosen @ chosen.T)
-            shares, _ = optimize.nnls(L.T, linalg.solve_triangular(L, chosen @ values, lower=True))
+            shares, _ = scipy.optimize.nnls(
+                L.T, scipy.linalg.solve_triangular(L, chosen @ values, lower=True)
+            )
             places += np.flatnonzero(shares > VISIBLE_SHARE).tolist()
             residual += float(np.sum((values - shares @ chosen) ** 2))
             contrast += float(np.sum((chosen - chosen.mean(axis=0)) ** 2)) / len(chosen)

@@ -8,8 +8,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, special
 
 from fringeworks.scan.differences import ROUNDING_VARIANCE, block_differences, compared
 from fringeworks.types import CameraNoise
@@ -251,7 +251,7 @@ def _fitted(groups: Sequence[_Group]) -> tuple[float, float]:
     v = np.maximum([group.variance for group in groups], ROUNDING_VARIANCE)
     # A variance scatters in proportion to itself, so relative errors are made small.
     design = np.column_stack((np.ones_like(I), I)) / v[:, None]
-    (read, gain), _ = optimize.nnls(design, np.ones_like(v))
+    (read, gain), _ = scipy.optimize.nnls(design, np.ones_like(v))
     return float(read), float(gain)
 
 
@@ -263,7 +263,7 @@ def _shown_of_clipped(share: float) -> float:
     """
     if share <= 0:
         return 1.0
-    c = float(special.ndtri(share))
+    c = float(scipy.special.ndtri(share))
     density = np.exp(-0.5 * c**2) / np.sqrt(2 * np.pi)
     mean = c * share + density
     return float(c**2 * share + (1.0 - share) + c * density - mean**2)

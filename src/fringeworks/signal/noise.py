@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from fringeworks.signal.chi_square import chi_square_above, chi_square_quantile
 from fringeworks.types import BoolMap, CameraNoise, FloatMap
 
 NORMAL_MEDIAN = 0.6745
@@ -82,25 +83,14 @@ def noise_variance(frame: FloatMap, ok: BoolMap) -> float:
     return float((np.median(np.abs(second)) / NORMAL_MEDIAN) ** 2 / 36.0)
 
 
-def chi_square_quantile(share: float, freedom: float) -> float:
-    """Quantile of the χ² distribution with ``freedom`` degrees of freedom; ``share`` in 0…1.
-
-    Examples
-    --------
-    >>> round(chi_square_quantile(0.95, 1), 2)
-    3.84
-    """
-    return float(2.0 * scipy.special.gammaincinv(0.5 * freedom, share))
-
-
-def residual_variance(square: FloatMap, freedom: float) -> float:
+def residual_variance(square: FloatMap, freedom: int) -> float:
     """Variance of a residual, from sums of squared residuals, insensitive to outliers.
 
     Parameters
     ----------
     square : (n,) float array, counts²
         Sums of squared residuals.
-    freedom : float > 0
+    freedom : int ≥ 1
         Degrees of freedom of each sum.
 
     Returns
@@ -114,17 +104,17 @@ def residual_variance(square: FloatMap, freedom: float) -> float:
     """
     variance = float(np.median(square)) / chi_square_quantile(0.5, freedom)
     limit = chi_square_quantile(TRIMMED, freedom)
-    share = scipy.special.gammainc(0.5 * freedom + 1.0, 0.5 * limit) / TRIMMED
+    share = (1.0 - chi_square_above(limit, freedom + 2)) / TRIMMED
     for _ in range(TRIMMING_STEPS):
         if variance <= 0:
             break
         inner = square[square <= variance * limit]
-        variance = float(np.mean(inner)) / (freedom * float(share))
+        variance = float(np.mean(inner)) / (freedom * share)
     return variance
 
 
 def noise_of_residuals(
-    brightness: FloatMap, square: FloatMap, freedom: float, floor_counts: float = 0.0
+    brightness: FloatMap, square: FloatMap, freedom: int, floor_counts: float = 0.0
 ) -> CameraNoise:
     """Noise of a camera, from the residuals of a model at many pixels.
 
@@ -134,7 +124,7 @@ def noise_of_residuals(
         Brightness of each pixel.
     square : (n,) float array, counts²
         Sum of squared residuals of each pixel.
-    freedom : float > 0
+    freedom : int ≥ 1
         Degrees of freedom of each sum.
     floor_counts : float ≥ 0
         Smallest possible standard deviation in the dark, that of rounding, counts.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.types import FloatMap, check_fields
 
@@ -92,7 +92,7 @@ def demosaiced(raw: NDArray[Any], bayer: Bayer, largest: int) -> NDArray[Any]:
         weights = OF_GREEN if k == 1 else OF_RED_AND_BLUE
         # Mirroring about the border's pixels keeps every filter on its own colour.
         known = np.where(colour == k, counts, 0.0)
-        return np.asarray(ndimage.convolve(known, weights, mode="mirror"))
+        return np.asarray(scipy.ndimage.convolve(known, weights, mode="mirror"))
 
     if bayer.output == "green":
         seen = channel(1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import interpolate
+import scipy
 
 from fringeworks.rig.calibration.board import Board
 from fringeworks.simulate.bodies import Body, height_field
@@ -91,7 +91,7 @@ def real_board_body(board: Board, errors: BoardErrors, T_camera_board: FloatMap)
     order = np.lexsort((nominal[:, 1].round(9), nominal[:, 0].round(9)))
     grid = _off(board, errors)[order].reshape(axes[0].size, axes[1].size, 2)
     counts = [np.arange(axis.size) for axis in axes]
-    displaced = interpolate.RegularGridInterpolator(counts, grid)
+    displaced = scipy.interpolate.RegularGridInterpolator(counts, grid)
 
     def albedo(x: FloatMap, y: FloatMap) -> FloatMap:
         place = []

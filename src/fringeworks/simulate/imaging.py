@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from fringeworks.simulate.lens import ThinLens, blurred_by_map
 from fringeworks.simulate.optics import Optics
@@ -47,7 +47,7 @@ class Imaging:
         if self._lens_px is not None:
             return blurred_by_map(light, np.hypot(self._blur_px, self._lens_px))
         if self._blur_px:
-            return np.asarray(ndimage.gaussian_filter(light, self._blur_px, mode="nearest"))
+            return np.asarray(scipy.ndimage.gaussian_filter(light, self._blur_px, mode="nearest"))
         return np.asarray(light)
 
 

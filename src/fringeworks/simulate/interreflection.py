@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from fringeworks.rig.pinhole import inverse, transform
 from fringeworks.simulate.bodies import Body
@@ -179,15 +179,15 @@ def _numbered(view: View, patch_px: int) -> tuple[NDArray[np.intp], NDArray[np.i
     return number, blocks
 
 
-def _means(number: NDArray[np.intp], area: FloatMap) -> sparse.csr_array:
+def _means(number: NDArray[np.intp], area: FloatMap) -> scipy.sparse.csr_array:
     """Matrix (patches, pixels) of means over patches, weighted by the area that pixels see."""
     total = np.bincount(number, area)
     entries = (area / total[number], (number, np.arange(number.size)))
-    return sparse.csr_array(entries, shape=(total.size, number.size))
+    return scipy.sparse.csr_array(entries, shape=(total.size, number.size))
 
 
 def _patches(
-    mean: sparse.csr_array,
+    mean: scipy.sparse.csr_array,
     area: FloatMap,
     number: NDArray[np.intp],
     points: FloatMap,
@@ -232,7 +232,7 @@ def _remove_hidden(factors: FloatMap, bodies: Sequence[Body], world: FloatMap) -
         rows[to[~free], source[~free]] = 0.0
 
 
-def _interpolation(view: View, blocks: NDArray[np.intp], patch_px: int) -> sparse.csr_array:
+def _interpolation(view: View, blocks: NDArray[np.intp], patch_px: int) -> scipy.sparse.csr_array:
     """Matrix (pixels, patches) of bilinear interpolation between blocks of the same body."""
     rows, columns = np.nonzero(view.body >= 0)
     body = view.body[rows, columns]
@@ -255,4 +255,4 @@ def _interpolation(view: View, blocks: NDArray[np.intp], patch_px: int) -> spars
     # A pixel lies in a block of its own, so that the sum of its shares is at least a quarter.
     share /= np.bincount(where, share)[where]
     entries = (share, (where, np.concatenate(patches)))
-    return sparse.csr_array(entries, shape=(body.size, int(blocks.max()) + 1))
+    return scipy.sparse.csr_array(entries, shape=(body.size, int(blocks.max()) + 1))

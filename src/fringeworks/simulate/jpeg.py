@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 BLOCK = 8
 """Side of a block, px (ITU-T T.81)."""
@@ -56,8 +56,8 @@ def jpeg_compressed(frame: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]
     rows, columns = padded.shape[0] // BLOCK, padded.shape[1] // BLOCK
     blocks = padded.reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2) - MIDDLE
     steps = quantisation(quality)
-    coefficients = np.rint(fft.dctn(blocks, axes=(2, 3), norm="ortho") / steps) * steps
-    decoded = fft.idctn(coefficients, axes=(2, 3), norm="ortho") + MIDDLE
+    coefficients = np.rint(scipy.fft.dctn(blocks, axes=(2, 3), norm="ortho") / steps) * steps
+    decoded = scipy.fft.idctn(coefficients, axes=(2, 3), norm="ortho") + MIDDLE
     # Decoders limit the result to the range of 8 bit.
     whole = np.clip(np.rint(decoded), 0, 255).astype(np.uint8)
     return np.ascontiguousarray(whole.swapaxes(1, 2).reshape(padded.shape)[:h, :w])

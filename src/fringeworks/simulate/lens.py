@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.types import FloatMap, check_fields
 
@@ -111,7 +111,7 @@ def blurred_by_map(image: FloatMap, sigma_px: FloatMap) -> FloatMap:
     weights = level_weights(sigma_px, variances)
     result = np.zeros(image.shape)
     for level, weight in zip(levels, weights, strict=True):
-        result += weight * ndimage.gaussian_filter(image, level, mode="nearest")
+        result += weight * scipy.ndimage.gaussian_filter(image, level, mode="nearest")
     return result
 
 

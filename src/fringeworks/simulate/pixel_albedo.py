@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.simulate.bodies import Body
 from fringeworks.types import FloatMap
@@ -61,9 +61,9 @@ def _mean_albedo(
     samples = [albedo_at(*_at(surface, across, down, a, b)) for a, b in _lattice(COARSE_SAMPLES)]
     mean = np.mean(samples, axis=0)
     # An edge may lie between the few points, so pixels beside a varying one count as well.
-    near_edge = ndimage.maximum_filter(np.max(samples, axis=0), 3) > ndimage.minimum_filter(
-        np.min(samples, axis=0), 3
-    )
+    near_edge = scipy.ndimage.maximum_filter(
+        np.max(samples, axis=0), 3
+    ) > scipy.ndimage.minimum_filter(np.min(samples, axis=0), 3)
     here = (surface[near_edge], across[near_edge], down[near_edge])
     # The same lattice would err alike in all pixels along an edge. Shifted at random in every
     # pixel, its errors average out.

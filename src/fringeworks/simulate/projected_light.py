@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage, special
 
 from fringeworks.simulate.lens import blur_levels, level_weights
 from fringeworks.types import FloatMap, InputError
@@ -102,9 +102,11 @@ class ProjectedLight:
 
         def light(defocus_px: float) -> FloatMap:
             sigma = np.sqrt(max(defocus_px**2 - EXCESS_VARIANCE, 0.0))
-            blurred = ndimage.gaussian_filter(picture, sigma, mode="nearest")
+            blurred = scipy.ndimage.gaussian_filter(picture, sigma, mode="nearest")
             return np.asarray(
-                ndimage.map_coordinates(blurred, self.coordinates[::-1], order=1, mode="nearest")
+                scipy.ndimage.map_coordinates(
+                    blurred, self.coordinates[::-1], order=1, mode="nearest"
+                )
             )
 
         return self._mixed(light)
@@ -147,6 +149,8 @@ def blurred_profile(values: FloatMap, defocus_px: float, fill: float = 1.0) -> F
     light = np.zeros(index.size)
     for k in range(-reach, reach + 1):
         edges = (k + half - place, k - half - place)
-        share = special.ndtr(edges[0] / defocus_px) - special.ndtr(edges[1] / defocus_px)
+        share = scipy.special.ndtr(edges[0] / defocus_px) - scipy.special.ndtr(
+            edges[1] / defocus_px
+        )
         light += share[phase] * padded[nearest + reach + k]
     return light / fill

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import interpolate
+import scipy
 
 from fringeworks.types import FloatMap, InputError
 
@@ -51,7 +51,7 @@ class TabulatedResponse:
 
     def __call__(self, sent: FloatMap) -> FloatMap:
         """Return the light, 0…1, for values sent, 0…1."""
-        return np.asarray(interpolate.PchipInterpolator(self.sent, self.light)(sent))
+        return np.asarray(scipy.interpolate.PchipInterpolator(self.sent, self.light)(sent))
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from fringeworks.simulate.exposure import Transport
 from fringeworks.simulate.virtual_rig import View
@@ -69,23 +69,23 @@ def subsurface(view: View, *, spread_mm: float, share: float = 1.0) -> Transport
     return spread
 
 
-def _diffusion(view: View) -> sparse.csr_array:
+def _diffusion(view: View) -> scipy.sparse.csr_array:
     """Laplacian of the surface at the pixels that see a body, 1/mm²."""
     seen = view.body >= 0
     n = int(seen.sum())
     points = view.points_mm[seen]
     faces = _triangles(view)
-    weights = sparse.csr_array((n, n))
+    weights = scipy.sparse.csr_array((n, n))
     for k in range(3):
         at, one, other = faces[:, k], faces[:, (k + 1) % 3], faces[:, (k + 2) % 3]
         a, b = points[one] - points[at], points[other] - points[at]
         cotangent = np.sum(a * b, axis=1) / np.linalg.norm(np.cross(a, b), axis=1)
-        weights += sparse.csr_array((0.5 * cotangent, (one, other)), shape=(n, n))
+        weights += scipy.sparse.csr_array((0.5 * cotangent, (one, other)), shape=(n, n))
     weights = weights + weights.T
-    balance = sparse.diags_array(np.asarray(weights.sum(axis=1)).ravel())
+    balance = scipy.sparse.diags_array(np.asarray(weights.sum(axis=1)).ravel())
     # What leaves a pixel arrives at its neighbours: flux is light times area.
     area = view.area_mm2[seen]
-    return sparse.csr_array(sparse.diags_array(1.0 / area) @ (weights - balance))
+    return scipy.sparse.csr_array(scipy.sparse.diags_array(1.0 / area) @ (weights - balance))
 
 
 def _triangles(view: View) -> NDArray[np.intp]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.patterns.order_chain import GRAY_REACH
-from fringeworks.signal.noise import chi_square_quantile
+from fringeworks.signal.chi_square import chi_square_quantile
 from fringeworks.stack.gray_frames import WIDE_CELL_TURNS, GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps, lit_pixels
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS, solve

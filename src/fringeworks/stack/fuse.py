@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fringeworks.signal.noise import chi_square_quantile
+from fringeworks.signal.chi_square import chi_square_quantile
 from fringeworks.stack.common_error import common_variance, differences
 from fringeworks.stack.kernel_settings import LOST_SHARE
 from fringeworks.types import (

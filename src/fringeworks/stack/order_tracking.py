@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.signal.noise import chi_square_quantile
+from fringeworks.signal.chi_square import chi_square_quantile
 from fringeworks.stack.kernel_settings import LOST_SHARE, Decoding
 from fringeworks.stack.motion import Motion, warped
 from fringeworks.stack.refine import phase_variance

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from fringeworks.signal.noise import NORMAL_MEDIAN, chi_square_quantile
+from fringeworks.signal.chi_square import chi_square_quantile
+from fringeworks.signal.noise import NORMAL_MEDIAN
 from fringeworks.types import FloatMap
 
 GROUPS = 6
@@ -66,7 +67,7 @@ class PhaseErrors:
         return self.noise_factor == 1.0 and self.floor_rad == 0.0
 
 
-def two_parts(square: FloatMap, variance_rad2: FloatMap, freedom: float) -> PhaseErrors:
+def two_parts(square: FloatMap, variance_rad2: FloatMap, freedom: int) -> PhaseErrors:
     """Find both parts in sums of squared errors, each over the variance by camera noise.
 
     Parameters
@@ -75,7 +76,7 @@ def two_parts(square: FloatMap, variance_rad2: FloatMap, freedom: float) -> Phas
         χ² of every pixel for camera noise alone.
     variance_rad2 : (n,) float array
         Variance of the phase by camera noise alone, rad².
-    freedom : float > 0
+    freedom : int ≥ 1
         Degrees of freedom of every χ².
 
     Notes

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.signal.noise import chi_square_quantile
+from fringeworks.signal.chi_square import chi_square_quantile
 from fringeworks.signal.third_difference import third_difference, third_difference_variance
 from fringeworks.types import BoolMap, FloatMap
 

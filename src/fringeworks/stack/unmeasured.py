@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from fringeworks.types import Decoded, FrameFinding, Reason
+from fringeworks.types import Decoded, FrameFinding, Reason, reason_counts
 
 LARGE_SHARE = 0.1
 """Share of the lit pixels from which on a reason is reported. Edges of shadows, dark paint and
@@ -45,7 +43,7 @@ def unmeasured(decoded: Decoded) -> tuple[FrameFinding, ...]:
     """Return a finding for every reason that takes a large share of the lit pixels."""
     findings = []
     for axis, found in decoded.maps.items():
-        counts = np.bincount(found.reason.ravel(), minlength=len(Reason))
+        counts = reason_counts(found.reason)
         lit = int(counts.sum() - sum(counts[reason] for reason in UNLIT))
         for reason, (what, causes, advice) in WORDS.items():
             share = float(counts[reason] / max(lit, 1))

@@ -12,6 +12,7 @@ from fringeworks.types.arrays import (
     FloatMap,
     Reason,
     count_reasons,
+    reason_counts,
 )
 from fringeworks.types.camera import CameraSettings, Region
 from fringeworks.types.coordinates import CoordinateMap, Decoded
@@ -83,6 +84,7 @@ __all__ = [
     "fingerprint",
     "made_by",
     "provenance_from",
+    "reason_counts",
     "sealed",
     "today",
     "unsealed",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from fringeworks import _core
 from fringeworks.pair.bandpass import Analytic
@@ -241,12 +241,12 @@ def _planar_coefficients(
     """
     h, w = frame.shape
     margin = int(np.ceil(PLANAR_MARGIN * typical_px))
-    lengths = [fft.next_fast_len(side + min(2 * margin, side)) for side in (h, w)]
+    lengths = [scipy.fft.next_fast_len(side + min(2 * margin, side)) for side in (h, w)]
     # The wavelet of the highest frequency has the widest band and needs the most samples.
     samples = [lattice_samples(n, omega / sizes[-1]) for n in lengths]
     padded = np.zeros(lengths, np.float32)
     padded[:h, :w] = frame - frame.mean()
-    spectrum = fft.fft2(padded, workers=-1)
+    spectrum = scipy.fft.fft2(padded, workers=-1)
     pitch = (lengths[0] / samples[0], lengths[1] / samples[1])
     inside = [samples_inside(m, side, p) for m, side, p in zip(samples, (h, w), pitch, strict=True)]
     coefficients = np.empty((len(angles), len(sizes), *inside), np.complex64)
@@ -275,7 +275,7 @@ def _coefficients(
         shifts.append(shift_wave(first, count))
     part = spectrum[np.ix_(*bins)] * (responses[0][:, None] * responses[1])
     scale = 2.0 * np.prod(samples) / spectrum.size
-    coefficients = fft.ifft2(part, overwrite_x=True, workers=-1) * np.float32(scale)
+    coefficients = scipy.fft.ifft2(part, overwrite_x=True, workers=-1) * np.float32(scale)
     return np.asarray(coefficients * (shifts[0][:, None] * shifts[1]))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from fringeworks.pair.bandpass import HALF_WIDTH, band_kernel
 from fringeworks.pair.edges import FitSettings, across_edges
@@ -217,14 +217,14 @@ def _far_from_data(prepared: PreparedPair) -> BoolMap:
     """True where the nearest usable sample is so far that a window could only extrapolate."""
     if prepared.object_ok.all():
         return np.zeros(prepared.object_ok.shape, bool)
-    gap = ndimage.distance_transform_edt(~prepared.object_ok)
+    gap = scipy.ndimage.distance_transform_edt(~prepared.object_ok)
     return np.asarray(gap > MAX_GAP * prepared.period)
 
 
 def _dark(prepared: PreparedPair) -> BoolMap:
     """True where the local contrast of the object frame is not distinguishable from noise."""
     size = max(3, int(np.ceil(prepared.period)))
-    mean = ndimage.uniform_filter(prepared.object, size)
-    variance = ndimage.uniform_filter(prepared.object**2, size) - mean**2
+    mean = scipy.ndimage.uniform_filter(prepared.object, size)
+    variance = scipy.ndimage.uniform_filter(prepared.object**2, size) - mean**2
     weak_fringe = 0.5 * (DARK_RATIO * prepared.modulation) ** 2
     return np.asarray(variance < weak_fringe + DARK_NOISE_FACTOR * prepared.noise[1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import continues, guided_count
@@ -139,7 +139,7 @@ def _explained(
     Gaussian window of ``window_periods``; 0…1. A negative ratio explains nothing.
     """
     rows, columns = np.indices(displacement_px.shape, dtype=np.float64)
-    moved = ndimage.map_coordinates(
+    moved = scipy.ndimage.map_coordinates(
         prepared.reference, (rows, columns - displacement_px), order=1, mode="nearest"
     )
     d, s = prepared.object - prepared.mean_brightness, moved - prepared.mean_brightness

@@ -12,7 +12,7 @@ import numpy as np
 from fringeworks.report.page.blocks import Block, Facts, Findings, Origin, Table, Text
 from fringeworks.report.page.tolerances import Judged
 from fringeworks.report.reason_words import REASON_WORDS
-from fringeworks.types import ByteMap, Provenance, Reason
+from fringeworks.types import ByteMap, Provenance, Reason, reason_counts
 
 MOST_FINDINGS = 200
 """Findings that a page lists; nobody reads more, and the number of the others is said."""
@@ -75,7 +75,7 @@ def facts(rows: Iterable[tuple[str, Any]]) -> Facts:
 
 def reasons_table(reason: ByteMap) -> Table:
     """How many pixels have no value, why, and what to change; only reasons that occur."""
-    counts = np.bincount(reason.ravel(), minlength=len(Reason))
+    counts = reason_counts(reason)
     rows = []
     for kind in Reason:
         count = int(counts[kind])

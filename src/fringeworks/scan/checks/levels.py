@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.agreement import Agreement
@@ -152,7 +152,7 @@ def _scatter(agreement: Agreement, lit: BoolMap) -> float:
 
 def _exponent(level: FloatMap, light: FloatMap) -> float:
     """Exponent of the response that fits best, from 0.2 to 5."""
-    found = optimize.minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda gamma: float(np.sum((level**gamma - light) ** 2)),
         bounds=(0.2, 5.0),
         method="bounded",

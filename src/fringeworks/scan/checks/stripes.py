@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from fringeworks.devices.protocols import Projector
 from fringeworks.patterns.plan import equal_steps
@@ -176,8 +176,8 @@ def _power(
 def _even(coarse: FloatMap, agreement: Agreement) -> BoolMap:
     """Pixels whose neighbours are as bright: blur mixes the stripes at edges of another albedo."""
     modulation = _root(np.nan_to_num(coarse))
-    brightest = ndimage.maximum_filter(modulation, EDGE_PX)
-    step = brightest - ndimage.minimum_filter(modulation, EDGE_PX)
+    brightest = scipy.ndimage.maximum_filter(modulation, EDGE_PX)
+    step = brightest - scipy.ndimage.minimum_filter(modulation, EDGE_PX)
     noise = np.sqrt(2.0 / STEPS * agreement.noise.usual.variance(brightest / (2.0 * SWING)))
     return np.asarray(step < EDGE_SHARE * brightest + EDGE_SIGMAS * noise)
 

@@ -22,6 +22,7 @@ __all__ = [
     "joint_albedo",
     "mark_isolated",
     "measure_points",
+    "moving_means",
     "optimised",
     "raise_factors",
     "relocate_surfaces",
@@ -132,6 +133,14 @@ def mark_isolated(
     typical: float,
     repeats: float,
 ) -> int: ...
+def moving_means(
+    values: NDArray[Any], *, sides_y: Sequence[int], sides_x: Sequence[int]
+) -> NDArray[Any]:
+    """Means of neighbours, once for each of the odd sides along y and x.
+
+    ``values`` and the result are float32 or float64 (h, w). The border's values go on beyond it.
+    """
+
 def raise_factors(
     coordinate: NDArray[np.float32],
     sigma: NDArray[np.float32],

@@ -8,6 +8,7 @@ mod emd;
 mod inverse;
 mod isolated;
 mod measure;
+mod moving_mean;
 mod rig;
 mod rows;
 mod scatter;
@@ -34,6 +35,8 @@ mod _core {
     use super::isolated::{mark_isolated, typical_step};
     #[pymodule_export]
     use super::measure::measure_points;
+    #[pymodule_export]
+    use super::moving_mean::moving_means;
     #[pymodule_export]
     use super::rig::{Triangles, Triangulation};
     #[pymodule_export]

@@ -10,6 +10,7 @@
 //! * [`isolated`]: pixels whose decoded coordinate no neighbour shares.
 //! * [`measure`]: frames to points in one pass.
 //! * [`mesh`]: intersection of rays with triangles, for the virtual rig.
+//! * [`moving_mean`]: moving means along both axes, which replace Gaussian kernels.
 //! * [`reason`]: why a pixel has no value.
 //! * [`scatter`]: by how much neighbouring coordinates scatter.
 //! * [`triangulate`]: projector coordinates and a calibrated rig to points.
@@ -24,6 +25,7 @@ pub mod inverse;
 pub mod isolated;
 pub mod measure;
 pub mod mesh;
+pub mod moving_mean;
 pub mod reason;
 pub mod scatter;
 mod spline;

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from fringeworks import _core
 from fringeworks.types import BoolMap, FloatMap
 
 WIDE_PX = 4.0
@@ -22,17 +23,18 @@ MIN_WEIGHT = 1e-6
 
 def smooth(values: FloatMap, width_px: tuple[float, float]) -> FloatMap:
     """Smooth a map by a Gaussian of width σ along y and x, px; the border's values go on."""
+    sides: list[list[int]] = [[], []]
     for axis, width in enumerate(width_px):
-        if width <= 0:
-            continue
-        if width < WIDE_PX:
+        if width >= WIDE_PX:
+            sides[axis] = _sides(width)
+        elif width > 0:
             values = scipy.ndimage.gaussian_filter1d(
                 values, width, axis, mode="nearest", truncate=REACH_WIDTHS
             )
-            continue
-        for side in _sides(width):
-            values = scipy.ndimage.uniform_filter1d(values, side, axis, mode="nearest")
-    return values
+    if not any(sides):
+        return values
+    whole = np.ascontiguousarray(values)
+    return _core.moving_means(whole, sides_y=sides[0], sides_x=sides[1])
 
 
 def smooth_known(values: FloatMap, known: BoolMap, width_px: tuple[float, float]) -> FloatMap:

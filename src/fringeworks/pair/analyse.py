@@ -22,6 +22,7 @@ from fringeworks.types import (
     Pair,
     Reason,
     UnknownMethod,
+    sealed,
 )
 
 
@@ -199,14 +200,14 @@ def _mark(pair: PreparedPair, solution: Solution) -> Solution:
     def blank(values: FloatMap) -> FloatMap:
         if not any_failed:
             return values
-        return np.where(failed, np.nan, values).astype(values.dtype, copy=False)
+        return sealed(np.where(failed, np.nan, values).astype(values.dtype, copy=False))
 
     return replace(
         solution,
         displacement_px=blank(u),
         sigma_px=blank(solution.sigma_px),
         modulation_ratio=blank(solution.modulation_ratio),
-        reason=reason,
+        reason=sealed(reason),
     )
 
 

@@ -11,7 +11,7 @@ from fringeworks import _core
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
 from fringeworks.signal.gamma import estimate_gamma
-from fringeworks.types import FloatMap, InputError, Reason
+from fringeworks.types import FloatMap, InputError, Reason, sealed
 
 Rows = NDArray[np.float64]
 RowMethod = Literal["ifa", "sifa", "gsifa", "exact"]
@@ -186,10 +186,10 @@ def invert_rows(
         ),
     )
     return Solution(
-        displacement_px=displacement,
-        sigma_px=sigma,
-        modulation_ratio=modulation_ratio,
-        reason=reason,
+        displacement_px=sealed(displacement),
+        sigma_px=sealed(sigma),
+        modulation_ratio=sealed(modulation_ratio),
+        reason=sealed(reason),
         details={"noise_counts": noise, "linearised_gamma": gamma},
     )
 

@@ -12,7 +12,7 @@ from fringeworks.pair.orders import settle_orders
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Smoothing, Solution
 from fringeworks.pair.unwrap import unwrap
-from fringeworks.types import BoolMap, ByteMap, FloatMap, Reason
+from fringeworks.types import BoolMap, ByteMap, FloatMap, Reason, sealed
 
 MIN_MODULATION_RATIO = 0.05
 """Smallest modulation of the object that is measured, as a share of the reference's modulation.
@@ -103,10 +103,10 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = 0.5 * noise[0] / half_reference**2 + 0.5 * noise[1] / half_object**2
     return Solution(
-        displacement_px=displacement,
-        sigma_px=np.sqrt(variance) * to_px,
-        modulation_ratio=demodulated.modulation_ratio,
-        reason=reason,
+        displacement_px=sealed(displacement),
+        sigma_px=sealed(np.sqrt(variance) * to_px),
+        modulation_ratio=sealed(demodulated.modulation_ratio),
+        reason=sealed(reason),
         noise_length_px=demodulated.noise_length_px,
         smoothing=demodulated.smoothing,
         converged=unwrapped.converged,

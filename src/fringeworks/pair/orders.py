@@ -23,7 +23,7 @@ from fringeworks.pair.counting import (
 )
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
-from fringeworks.types import BoolMap, FloatMap, Reason
+from fringeworks.types import BoolMap, FloatMap, Reason, sealed
 
 WHOLE_TOLERANCE = 0.35
 """Largest deviation of a difference from whole periods at which the orders are compared, periods.
@@ -167,7 +167,7 @@ def _without(solution: Solution, ambiguous: BoolMap) -> Solution:
     displacement, reason = solution.displacement_px.copy(), solution.reason.copy()
     displacement[ambiguous] = np.nan
     reason[ambiguous & (reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
-    return replace(solution, displacement_px=displacement, reason=reason)
+    return replace(solution, displacement_px=sealed(displacement), reason=sealed(reason))
 
 
 def continues(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:

@@ -22,7 +22,7 @@ from fringeworks.signal.third_difference import (
     third_difference,
     third_difference_variance,
 )
-from fringeworks.types import BoolMap, ByteMap, FloatMap
+from fringeworks.types import BoolMap, ByteMap, FloatMap, sealed
 
 LAG_PERIODS = 1.5
 """Smallest distance at which displacements are compared, periods.
@@ -132,7 +132,7 @@ def _with_lost(solution: Solution, noise_px: FloatMap, period_px: float) -> Floa
 def _with_sigma(solution: Solution, sigma_px: FloatMap, factor: float) -> Solution:
     return replace(
         solution,
-        sigma_px=sigma_px.astype(solution.sigma_px.dtype, copy=False),
+        sigma_px=sealed(sigma_px.astype(solution.sigma_px.dtype, copy=False)),
         details={**solution.details, "noise_factor": factor},
     )
 

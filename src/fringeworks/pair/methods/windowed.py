@@ -13,7 +13,7 @@ from fringeworks.pair.methods.windowed_start import start_field
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
 from fringeworks.pair.windows import CONFIDENCE, MIN_RATIO, SCALE_LIMITS_PX, Windows
-from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason
+from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason, sealed
 
 SCALES_PX = (32.0, 16.0, 8.0, 4.0, 2.0)
 """Default widths σ of the Gaussian windows, px (theory §4).
@@ -132,9 +132,9 @@ def windowed(
     of_start = np.where(scale == 0, _start_variance(windows, ratio, start_px), 0)
     steps = np.where(np.isfinite(displacement), scale + 1.0, len(widths)) * iterations
     return Solution(
-        displacement_px=displacement,
-        sigma_px=np.sqrt(found.sigma_px**2 + of_start),
-        modulation_ratio=ratio,
+        displacement_px=sealed(displacement),
+        sigma_px=sealed(np.sqrt(found.sigma_px**2 + of_start)),
+        modulation_ratio=sealed(ratio),
         reason=_reasons(pair, displacement),
         noise_length_px=(start_px, start_px),
         iterations=np.minimum(steps, np.iinfo(np.uint8).max).astype(np.uint8),

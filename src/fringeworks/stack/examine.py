@@ -17,6 +17,7 @@ from fringeworks.stack.agreement import (
     disagreement,
     unrelated,
 )
+from fringeworks.stack.fits import solve
 from fringeworks.stack.gray_frames import refuse_unequal_levels
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import (
@@ -24,7 +25,6 @@ from fringeworks.stack.noise import (
     measure_noise,
     phase_samples,
     set_parts,
-    solve,
     spatial_noise,
     usable,
 )

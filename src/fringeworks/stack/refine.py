@@ -12,9 +12,10 @@ from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.signal.noise import NORMAL_MEDIAN
 from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
+from fringeworks.stack.fits import solve
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
-from fringeworks.stack.noise import MIN_JUDGED_PIXELS, solve
+from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple, measure_ripple, ripple_of_residuals
@@ -184,19 +185,26 @@ def _without_ripples(
     The ripple of a set is measured along lines. Where they hold too few of its fringes, it is that
     of the differences from the other sets.
     """
-    ripples: list[Ripple | None] = []
+    ripples: list[Ripple | None] = [None] * len(decoding.sets)
+    changed = set(range(len(decoding.sets)))
     for _ in range(RIPPLE_PASSES):
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
-        ripples = [line_ripple(p, maps, k, known) for k, p in enumerate(decoding.sets)]
-        if None in ripples and len(decoding.sets) > 1:
-            ripples = _with_set_ripples(decoding, planes, known, ripples)
-        if not known.estimate_steps or not any(_removable(r) for r in ripples):
+        for k in changed:
+            ripples[k] = line_ripple(decoding.sets[k], maps, k, known)
+        missing = [k for k in sorted(changed) if ripples[k] is None]
+        if missing and len(decoding.sets) > 1:
+            ripples = _with_set_ripples(decoding, planes, known, ripples, missing)
+        # A set that has no such ripple stays as it is, and so does its ripple.
+        changed = {k for k in changed if _removable(ripples[k])}
+        if not known.estimate_steps or not changed:
             break
-        sets = tuple(
-            phases if ripple is None else replace(phases, design=_without_ripple(phases, ripple))
-            for phases, ripple in zip(decoding.sets, ripples, strict=True)
-        )
-        decoding = replace(decoding, sets=sets)
+        sets = [
+            replace(phases, design=_without_ripple(phases, ripple))
+            if k in changed and ripple is not None
+            else phases
+            for k, (phases, ripple) in enumerate(zip(decoding.sets, ripples, strict=True))
+        ]
+        decoding = replace(decoding, sets=tuple(sets))
     return decoding, ripples
 
 
@@ -230,19 +238,20 @@ def _with_set_ripples(
     planes: list[NDArray[Any]],
     known: Known,
     ripples: list[Ripple | None],
+    missing: list[int],
 ) -> list[Ripple | None]:
-    """The ripples, with those that lines do not show from the residuals of the sets."""
+    """The ripples, with those of the ``missing`` sets, which lines do not show, from the residuals
+    of the sets."""
     residuals, _, maps = _residuals(decoding, planes, known)
     if residuals.shape[1] < MIN_JUDGED_PIXELS:
         return ripples
     used = maps["used"]
     out = list(ripples)
-    for k, phases in enumerate(decoding.sets):
-        if out[k] is None:
-            ratio = float(np.median(maps["background"][used] / maps["modulations"][k][used]))
-            phase = maps["phases"][k][used]
-            found = ripple_of_residuals(phase, TURN * residuals[k], _orders(phases))
-            out[k] = None if found is None else replace(found, background_ratio=ratio)
+    for k in missing:
+        ratio = float(np.median(maps["background"][used] / maps["modulations"][k][used]))
+        phase = maps["phases"][k][used]
+        found = ripple_of_residuals(phase, TURN * residuals[k], _orders(decoding.sets[k]))
+        out[k] = None if found is None else replace(found, background_ratio=ratio)
     return out
 
 

@@ -7,6 +7,7 @@ times per fringe where the response of projector and camera is not linear (theor
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,10 +127,8 @@ def measure_ripple(
         return np.asarray(values - (values @ basis) @ basis.T)
 
     errors = rough(phase)
-    waves = np.exp(1j * phase)
     shapes = []
-    for order in orders:
-        wave = waves**order
+    for wave in harmonics(np.exp(1j * phase), orders):
         shapes += [rough(wave.real), rough(wave.imag)]
     design = np.stack(shapes, axis=-1)
     expected = np.mean(sigma**2, axis=1)
@@ -175,8 +174,8 @@ def ripple_of_residuals(
     if np.std(residual_rad) > MAX_RESIDUAL_RAD:
         return None
     waves = [np.ones_like(phase_rad)]
-    for order in orders:
-        waves += [np.cos(order * phase_rad), np.sin(order * phase_rad)]
+    for wave in harmonics(np.exp(1j * phase_rad), orders):
+        waves += [wave.real, wave.imag]
     design = np.stack(waves, axis=1)
     normal = design.T @ design
     if np.linalg.cond(normal) > MAX_CONDITION:
@@ -191,6 +190,18 @@ def ripple_of_residuals(
     pairs = coefficients[1:].reshape(-1, 2)
     errors = np.sqrt(variance * np.diag(inverse)[1:].reshape(-1, 2).max(axis=1))
     return Ripple(orders, pairs[:, 0] + 1j * pairs[:, 1], errors, 1.0)
+
+
+def harmonics(
+    wave: NDArray[np.complex128], orders: tuple[int, ...]
+) -> Iterator[NDArray[np.complex128]]:
+    """Powers of a wave, in rising order; products take a tenth of the time of powers."""
+    power, reached = wave, 1
+    for order in orders:
+        for _ in range(order - reached):
+            power = power * wave
+        reached = order
+        yield power
 
 
 def _windows(turns: FloatMap, usable: BoolMap, sigma: FloatMap) -> tuple[FloatMap, FloatMap] | None:

@@ -100,4 +100,6 @@ def _middle(frame: NDArray[Any]) -> FloatMap:
     """The patch in the middle of a frame, counts."""
     h, w = frame.shape
     top, left = max(0, (h - PATCH) // 2), max(0, (w - PATCH) // 2)
-    return frame[top : top + PATCH, left : left + PATCH].astype(np.float64)
+    # Single precision holds whole counts exactly, and takes half the time.
+    kind = np.float32 if frame.dtype.kind == "u" else np.float64
+    return frame[top : top + PATCH, left : left + PATCH].astype(kind)

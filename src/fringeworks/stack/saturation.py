@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from fringeworks.stack.fits import DesignRows, fit_matrices, times
 from fringeworks.stack.kernel_settings import Decoding, Limits
-from fringeworks.stack.noise import DesignRows, fit_matrices, set_parts, times
+from fringeworks.stack.noise import set_parts
 from fringeworks.types import BoolMap, CameraNoise, FloatMap
 
 RARE = 0.01

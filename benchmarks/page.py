@@ -124,8 +124,9 @@ def growth_line(row: Growth) -> str:
 def draw(results: Sequence[Result], growth: Sequence[Growth], target: Path) -> None:
     """Ratios as bars, and times over pixels."""
     figure, (left, right) = plt.subplots(
-        1, 2, figsize=(12, 6.5), width_ratios=(1.1, 1), layout="constrained"
+        1, 2, figsize=(13, 7), width_ratios=(1.1, 1), layout="constrained"
     )
+    colours = mpl.colormaps["tab20"].colors
     shown = [row for row in results if row.ratio is not None][::-1]
     places = range(len(shown))
     left.barh(places, [row.ratio for row in shown], color="#4477aa")
@@ -134,18 +135,22 @@ def draw(results: Sequence[Result], growth: Sequence[Growth], target: Path) -> N
             left.plot(row.spread, (place, place), color="black", linewidth=1)
         if row.limit_ratio is not None:
             left.plot(row.limit_ratio, place, "|", color="#cc3311", markersize=12, mew=2)
-    left.set_yticks(list(places), [row.work for row in shown], fontsize=7)
+    labels = [f"{row.work}; {row.peer.partition(',')[0]}" for row in shown]
+    left.set_yticks(list(places), labels, fontsize=7)
     left.set_xscale("log")
     left.axvline(1.0, color="grey", linewidth=0.8)
     left.set_xlabel("time of the other over ours; red: bar")
-    for row in growth:
-        if row.variable == "megapixels":
-            right.loglog(row.sizes, row.seconds, "o-", label=f"{row.work}: {row.slope:.2f}")
+    over_pixels = [row for row in growth if row.variable == "megapixels"]
+    for row, colour in zip(over_pixels, colours, strict=False):
+        label = f"{row.work}: {row.slope:.2f}"
+        right.loglog(row.sizes, row.seconds, "o-", color=colour, label=label)
     right.set_xlabel("megapixels")
     right.set_ylabel("time, s")
     right.grid(alpha=0.3)
     if right.lines:
-        right.legend(fontsize=7, title="slope")
+        right.legend(
+            fontsize=7, title="slope", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
+        )
     target.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(target, dpi=90, metadata={"Software": None})
     plt.close(figure)

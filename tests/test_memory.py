@@ -16,10 +16,10 @@ MORE_MB = {
     "denoise": 150.0,
     "decompose_frame": 200.0,
     "windowed_fourier_filter": 65.0,
-    "unwrap, noisy": 90.0,
-    "analyse, fourier": 97.0,
-    "analyse, ifa": 117.0,
-    "analyse, sifa": 117.0,
+    "unwrap, noisy": 125.0,
+    "analyse, fourier": 135.0,
+    "analyse, ifa": 140.0,
+    "analyse, sifa": 140.0,
     "analyse, gsifa": 70.0,
     "analyse, exact": 70.0,
     "analyse, wavelet": 142.0,
@@ -27,7 +27,8 @@ MORE_MB = {
     "analyse, windowed_fourier": 155.0,
 }
 """Calls that need more, which is a fault, and what they must not exceed: a quarter more than they
-needed when this was measured. docs/performance.md names them."""
+needed at most when this was measured (noisy ``unwrap``, whose tasks meet by chance, 55 to 100).
+docs/performance.md names them."""
 
 
 @pytest.fixture(scope="module")

@@ -153,6 +153,8 @@ def _white(cloud: PointCloud, ok: BoolMap) -> float | None:
     seen = np.asarray(cloud.colour)[rows][ok[rows]]
     if not np.isfinite(seen).any():
         seen = np.asarray(cloud.colour)[ok]
+    if not np.isfinite(seen).any():
+        return None
     return max(float(np.nanpercentile(seen, WHITE_PERCENTILE)), 1e-9)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import textwrap
 from collections.abc import Sequence
 from datetime import date
 from importlib.metadata import version
@@ -121,6 +122,11 @@ def growth_line(row: Growth) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+def shortened(text: str, letters: int) -> str:
+    """The beginning of a text, up to a word, in so many letters."""
+    return textwrap.shorten(text, letters, placeholder=" …")
+
+
 def draw(results: Sequence[Result], growth: Sequence[Growth], target: Path) -> None:
     """Ratios as bars, and times over pixels."""
     figure, (left, right) = plt.subplots(
@@ -135,7 +141,7 @@ def draw(results: Sequence[Result], growth: Sequence[Growth], target: Path) -> N
             left.plot(row.spread, (place, place), color="black", linewidth=1)
         if row.limit_ratio is not None:
             left.plot(row.limit_ratio, place, "|", color="#cc3311", markersize=12, mew=2)
-    labels = [f"{row.work}; {row.peer.partition(',')[0]}" for row in shown]
+    labels = [f"{shortened(row.work, 36)} | {shortened(row.peer, 20)}" for row in shown]
     left.set_yticks(list(places), labels, fontsize=7)
     left.set_xscale("log")
     left.axvline(1.0, color="grey", linewidth=0.8)
@@ -148,9 +154,7 @@ def draw(results: Sequence[Result], growth: Sequence[Growth], target: Path) -> N
     right.set_ylabel("time, s")
     right.grid(alpha=0.3)
     if right.lines:
-        right.legend(
-            fontsize=7, title="slope", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2
-        )
+        figure.legend(fontsize=7, title="slope", loc="outside right center")
     target.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(target, dpi=90, metadata={"Software": None})
     plt.close(figure)

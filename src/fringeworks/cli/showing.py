@@ -29,6 +29,11 @@ class ShowOptions:
         """The files."""
         return self.figure, self.report, self.json_file
 
+    @property
+    def draws(self) -> bool:
+        """Whether a picture or a report is asked for, which take more than figures and points."""
+        return self.figure is not None or self.report is not None
+
     def check(self) -> None:
         """Refuse files that cannot be written, before anything is computed for them."""
         output.check(self.figure, "figure")
@@ -55,7 +60,7 @@ class ShowOptions:
     def write_points(
         self,
         words: output.Output,
-        found: fw.Measurement,
+        found: fw.Measurement | fw.PointCloud,
         rig: fw.Rig,
         out: Path | None,
         ply: Ply,
@@ -63,9 +68,10 @@ class ShowOptions:
         name: str | None,
     ) -> None:
         """Write the points of a measurement and what else is asked for, and say what they are."""
+        points = found if isinstance(found, fw.PointCloud) else found.points
         if out is not None:
             with output.target(out, ".ply") as place:
-                fw.write_points(place, found.points, kind=ply.value)
-        figures = fw.summarise(found)
-        self.write(found, figures, name=name, provenance=found.points.provenance, rig=rig)
+                fw.write_points(place, points, kind=ply.value)
+        figures = fw.summarise(points)
+        self.write(found, figures, name=name, provenance=points.provenance, rig=rig)
         say_points(words, figures)

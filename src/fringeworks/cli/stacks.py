@@ -247,12 +247,15 @@ def measure(
         progress("reading …")
         loaded, calibrated = how.read_captured(stack), fw.read_rig(rig_file)
         progress("measuring …")
-        found = fw.measure(
+        found: fw.Measurement | fw.PointCloud = fw.measure(
             loaded,
             calibrated,
             axis=None if axis is None else axis.value,
             epipolar_px=epipolar_px,
             **options,
         )
+    if isinstance(found, fw.Measurement) and not show.draws:
+        found = found.points  # without the maps of coordinates and their memory
+    del loaded
     show.write_points(words, found, calibrated, out, ply, name=stack.name)
     words.wrote(out, show.figure, show.report)

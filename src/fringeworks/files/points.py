@@ -41,7 +41,7 @@ from fringeworks.types import (
 )
 
 Kind = Literal["points", "normals", "mesh"]
-BAND_ROWS = 64
+BAND_ROWS = 16
 """Rows of a cloud whose points are put together for a PLY file at a time."""
 WHITE_PERCENTILE = 99.5
 """Brightness that becomes white in 8 bits, percent of the points below it: highlights beyond it do

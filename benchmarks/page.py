@@ -22,26 +22,27 @@ PICTURE = Path("images") / "benchmarks.png"
 
 HEAD = """# Benchmarks
 
-`make bench` measures this table and writes this page. Two calls are timed in turn in one run, on
-the same data, on {cores} cores. *Ratio* is the time of the other over ours, medians; in brackets,
-the quartiles of the runs that followed one another. *Bar* is what we have set ourselves: a smallest
-ratio, or a longest time. A peer that is missing, or crashes, is left out, and the run says why.
-Errors are those of both results by the same measure. [Performance](performance.md) says where the
-time goes.
+`make bench` measures the tables and writes this page. Most rows time our call and a peer's call
+alternately on the same data, on {cores} cores. *Ratio* is the peer's median time divided by ours;
+the brackets give the quartiles of the ratios of paired runs. *Bar* is our own requirement: the
+smallest accepted ratio, or the longest accepted time; "missed" marks one that was not met. A peer
+that is missing or crashes is left out, and `make bench` prints why. *Errors* applies the same
+measure to both results: px for decoding and displacements, mm for points, rad for phases, the share
+of wrong pixels for unwrapping. [Performance](performance.md) says where the time goes.
 
 Measured on {day}: {machine}, {system}, Python {python}, NumPy {numpy}, SciPy {scipy}.
 
 ![Ratios to others, and growth with pixels]({picture})
 
-| work | ours | the other | its time | ratio | bar | errors: ours, other |
+| work | ours | peer | peer's time | ratio | bar | errors: ours, peer |
 |---|---|---|---|---|---|---|
 """
 
 GROWTH = """
 ## Growth
 
-Slope of the logarithm of the time over that of the size: 1 where twice the work takes twice the
-time.
+*Slope* is that of log(time) over log(size): 1 means that twice the size takes twice the time. Over
+threads, -1 would be perfect. The bar is the largest accepted slope.
 
 | work | over | sizes | times | slope | bar |
 |---|---|---|---|---|---|
@@ -106,7 +107,7 @@ def line(row: Result) -> str:
     errors = "–"
     if row.accuracy is not None:
         errors = f"{number(row.accuracy)}, {number(row.peer_accuracy)}"
-    peer = f"{row.peer} {row.peer_version}".strip()
+    peer = f"{row.peer} (version {row.peer_version})" if row.peer_version else row.peer
     cells = (row.work, time_text(row.ours_seconds), peer, time_text(row.peer_seconds))
     return "| " + " | ".join((*cells, ratio, bar, errors)) + " |"
 
@@ -145,7 +146,7 @@ def draw(results: Sequence[Result], growth: Sequence[Growth], target: Path) -> N
     left.set_yticks(list(places), labels, fontsize=7)
     left.set_xscale("log")
     left.axvline(1.0, color="grey", linewidth=0.8)
-    left.set_xlabel("time of the other over ours; red: bar")
+    left.set_xlabel("peer's time over ours; red: bar")
     over_pixels = [row for row in growth if row.variable == "megapixels"]
     for row, colour in zip(over_pixels, colours, strict=False):
         label = f"{row.work}: {row.slope:.2f}"

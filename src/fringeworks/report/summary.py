@@ -176,7 +176,7 @@ def of_heights(surface: HeightMap) -> dict[str, Any]:
 
 
 def _median(values: FloatMap) -> float:
-    """Median of a copy, whose memory is used for it."""
+    """Median of values that may be overwritten, which saves a copy."""
     return float(np.median(values, overwrite_input=True))
 
 

@@ -41,9 +41,9 @@ from fringeworks.types import (
 JUDGE_EVERY = 25
 """Every so many stacks the frames are judged again: about once a second in live measurement."""
 MORE_AMBIGUOUS = 1.5, 0.02
-"""Pixels with an ambiguous order above which a stack is judged before its turn: so many times those
-of the last judged stack, and this share of all pixels. Scenes that move between the frames have
-them everywhere. Empirical."""
+"""Factor and share: a stack is judged before its turn if its pixels with an ambiguous order exceed
+the factor times those of the last judged stack, plus this share of all pixels. A scene that moves
+between its frames has ambiguous orders everywhere. Empirical."""
 
 
 class Decoder:

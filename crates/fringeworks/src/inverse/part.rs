@@ -166,7 +166,7 @@ fn through(points: Vec<(f64, f64)>) -> Draft {
     Draft::Through(knots(intensity, x))
 }
 
-/// Knots of the position as a function of the intensity. Position turns at both ends of a part.
+/// Knots of the position as a function of the intensity. Its end slopes are clamped to zero.
 fn knots(intensity: Vec<f64>, x: Vec<f64>) -> Knots {
     Knots {
         x: intensity,

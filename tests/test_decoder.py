@@ -155,6 +155,30 @@ def test_frames_whose_orders_become_ambiguous_are_judged_at_once(call):
     assert decoder.judged
 
 
+@pytest.mark.parametrize("call", ["points", "decode"])
+def test_ambiguous_orders_along_both_axes_are_compared_with_their_like(call):
+    """A cloud has one reason per pixel and coordinates have two: each counts by its own."""
+    rig, plan = rig_of(), plan_of("xy")
+
+    def weak(columns, seed):
+        """Fringes of a few counts, beside which noise makes the orders of both axes ambiguous."""
+        rng = np.random.default_rng(seed)
+        frames = []
+        for frame in captured(plan, rig, seed=seed):
+            dim = 100 + 0.06 * (frame - 120.0) + 2.0 * rng.standard_normal(frame.shape)
+            where = np.arange(frame.shape[1]) < columns
+            frames.append(np.clip(np.rint(np.where(where, dim, frame)), 0, 255).astype(np.uint8))
+        return frames
+
+    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    measure = getattr(decoder, call)
+    measure(weak(80, 1))
+    measure(weak(80, 2))
+    assert not decoder.judged
+    measure(weak(200, 3))
+    assert decoder.judged
+
+
 def test_a_scene_that_moves_between_its_frames_is_judged_at_once():
     rig, plan = rig_of(), plan_of()
     decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 import tifffile
 
+import fringeworks as fw
 from fringeworks import HeightMap, InputError, Reason, write_surface
+from fringeworks.files.ply import read_ply as own_read_ply
 from fringeworks.files.surfaces import WRITERS, read_surface
 from fringeworks.surface.height_map import height_map_points
 
@@ -144,3 +146,18 @@ def test_points_index(surface):
     assert index[3, 7] == -1
     assert xyz[index[10, 4]].tolist() == [2.0, -5.0, surface.values[10, 4]]
     assert sigma.shape == (596,)
+
+
+@pytest.mark.parametrize("part", [np.s_[1520:1560], np.s_[:]])
+def test_white_of_a_cloud_is_that_of_its_bright_points(tmp_path, part):
+    """A dark rim and stripes that alternate with the rows must not decide it."""
+    shape = (3000, 400)
+    y = np.arange(shape[0])[:, None]
+    colour = np.where((y % 40) < (3 if part != np.s_[:] else 20), 20.0, 200.0) * np.ones(shape)
+    reason = np.ones(shape, np.uint8)
+    reason[part] = 0
+    xyz = np.ones((*shape, 3), np.float32)
+    cloud = fw.PointCloud(xyz, xyz[..., 0], xyz[..., 0], reason, None, colour)
+    fw.write_points(tmp_path / "cloud.ply", cloud)
+    vertices, _ = own_read_ply(tmp_path / "cloud.ply")
+    assert sorted(set(vertices["red"].tolist())) == [26, 255]

@@ -9,6 +9,7 @@ import pytest
 
 from fringeworks import CameraNoise, GrayCode, InputError, PatternPlan, Reason, Stack, decode
 from fringeworks.pipeline.stacks import check_projector
+from fringeworks.rig.epipolar import calibration_share
 from fringeworks.rig.pinhole import look_at, pose, project, rays, rotation, transform
 from fringeworks.rig.point_findings import part_notes, point_notes
 from fringeworks.rig.triangulate import triangulate
@@ -189,6 +190,22 @@ def test_covariance_enters_the_epipolar_error():
     assert (triangulate(decoded, off).reason == Reason.OK).mean() > 0.999
     with pytest.raises(InputError, match="pass each other"):
         triangulate(decoded, replace(off, covariance=None))
+
+
+def test_a_small_object_has_the_covariance_of_the_whole_frame():
+    """It enters the epipolar error however few pixels of the frame are decoded."""
+    r = replace(lens(True, (180, 300)), covariance=COVARIANCE, residual_px=(0.01, 0.01))
+    _, decoded = made_up(r, wave((180, 300)))
+    whole = calibration_share(r, decoded.maps)
+    assert whole > 0.05
+    for down, across in ((40, 70), (30, 50), (25, 35)):
+        small = {}
+        for axis, found in decoded.maps.items():
+            values = np.full_like(found.coordinate_px, np.nan)
+            place = np.s_[60 : 60 + down, 90 : 90 + across]
+            values[place] = found.coordinate_px[place]
+            small[axis] = replace(found, coordinate_px=values)
+        assert 0.5 * whole < calibration_share(r, small) < 2.0 * whole, (down, across)
 
 
 def test_a_large_share_of_rays_apart_is_a_finding():

@@ -47,7 +47,7 @@ WHITE_PERCENTILE = 99.5
 """Brightness that becomes white in 8 bits, percent of the points below it: highlights beyond it do
 not darken the rest."""
 WHITE_PIXELS = 300_000
-"""Approximate number of pixels that white is taken from."""
+"""Approximate largest number of points that white is taken from."""
 LAYOUT = {
     "xyz_mm": "f hw3",
     "sigma_mm": "f hw",
@@ -149,10 +149,9 @@ def _white(cloud: PointCloud, ok: BoolMap) -> float | None:
     """Brightness that becomes white in 8 bits; None for points without brightness."""
     if cloud.colour is None:
         return None
-    rows = slice(None, None, max(1, ok.size // WHITE_PIXELS))
-    seen = np.asarray(cloud.colour)[rows][ok[rows]]
-    if not np.isfinite(seen).any():
-        seen = np.asarray(cloud.colour)[ok]
+    seen = np.asarray(cloud.colour)[ok]
+    # An odd step does not meet the same places of rows or stripes again and again.
+    seen = seen[:: max(1, len(seen) // WHITE_PIXELS) | 1]
     if not np.isfinite(seen).any():
         return None
     return max(float(np.nanpercentile(seen, WHITE_PERCENTILE)), 1e-9)

@@ -7,11 +7,12 @@ import numpy as np
 from fringeworks.rig.ray_depth import inverse_depth, main_axis, projector_by_parameters
 from fringeworks.types import MAD_TO_SIGMA, Axis, CoordinateMap, Rig
 
-SCATTER_SAMPLES = 2000
-"""Number of pixels, about, whose epipolar errors are looked at; their median is known to 3 %."""
+SAMPLES = 2000
+"""Approximate number of pixels of the frame that are sampled. Where all are decoded, the median of
+their epipolar errors is known to 3 %."""
 SHARE_SAMPLES = 400
-"""Number of pixels, about, at which the share by a covariance is computed. It is smooth over the
-frame."""
+"""Approximate largest number of decoded pixels at which the share by a covariance is computed; it
+is smooth over the frame."""
 MIN_SAMPLES = 20
 """Smallest number of decoded pixels for an estimate; with fewer, nothing is known."""
 COVERED = 0.95
@@ -42,13 +43,16 @@ def calibration_share(rig: Rig, maps: dict[Axis, CoordinateMap]) -> float:
     if covariance is None and rig.residual_px is not None:
         return residual
     h, w = rig.camera.shape
-    samples = SCATTER_SAMPLES if covariance is None else SHARE_SAMPLES
-    step = max(1, round(np.sqrt(h * w / samples)))
+    step = max(1, round(np.sqrt(h * w / SAMPLES)))
     part = np.s_[step // 2 :: step, step // 2 :: step]
     decoded = np.stack([maps[a].coordinate_px[part].astype(np.float64) for a in ("x", "y")], -1)
     v, u = np.nonzero(np.isfinite(decoded).all(axis=2))
     if len(u) < MIN_SAMPLES:
         return residual
+    if covariance is not None:
+        # Thinned after the decoded ones are known: a small object keeps its pixels.
+        thin = max(1, len(u) // SHARE_SAMPLES)
+        v, u = v[::thin], u[::thin]
     goal = decoded[v, u]
     pixels = np.stack((u, v), axis=-1) * float(step) + step // 2
     along = main_axis(rig)

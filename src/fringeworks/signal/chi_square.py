@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
+from fringeworks.types import InputError
+
 MOST_STEPS = 200
 """Largest number of steps to a quantile; most take five, and halving alone takes fewer than 100."""
 CONVERGED = 1e-14
@@ -45,6 +47,11 @@ def chi_square_quantile(share: float, freedom: int) -> float:
     >>> round(chi_square_quantile(0.95, 1), 2)
     3.84
     """
+    if freedom < 1 or not 0.0 < share < 1.0:
+        raise InputError(
+            f"chi-square: expected a share between 0 and 1 and 1 degree of freedom or more, got "
+            f"{share} and {freedom}"
+        )
     above = 1.0 - share
     low, high = 0.0, float(freedom)
     while chi_square_above(high, freedom) > above:

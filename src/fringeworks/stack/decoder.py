@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, Unpack
 
 import numpy as np
@@ -190,6 +190,9 @@ class Decoder:
         if self._suspects(cloud.reason):
             self.judge_next()
             cloud = self._points(planes, self._triangulator)
+        if self._judged:
+            # Triangulation gives each pixel one reason of its two axes: clouds compare with clouds.
+            self._ambiguous = _ambiguous([cloud.reason])
         return cloud
 
     def _points(self, planes: Planes, triangulator: Triangulator) -> PointCloud:
@@ -255,7 +258,7 @@ class Decoder:
             maps = self._decoded.maps
             if self._triangulator is not None and len(maps) == 2:
                 self._epipolar_px = calibration_share(self._triangulator.rig, maps)
-            self._ambiguous = _ambiguous(found.reason for found in maps.values())
+            self._ambiguous = _ambiguous([found.reason for found in maps.values()])
         self._count(judged=judged)
         return self._decoded
 
@@ -281,9 +284,10 @@ class Decoder:
         self._typical_px = {}
 
 
-def _ambiguous(reasons: Iterable[ByteMap]) -> int:
-    """Number of pixels whose fringe order is ambiguous, of all axes."""
-    return sum(int(np.count_nonzero(r == Reason.ORDER_AMBIGUOUS)) for r in reasons)
+def _ambiguous(reasons: Sequence[ByteMap]) -> int:
+    """Number of pixels whose fringe order is ambiguous along any axis."""
+    ambiguous = [reason == Reason.ORDER_AMBIGUOUS for reason in reasons]
+    return int(np.count_nonzero(np.logical_or.reduce(ambiguous)))
 
 
 def _in_one_pass(found: Judgement) -> bool:

@@ -24,6 +24,7 @@ from .types import (
     PartTolerance as PartTolerance,
     Pinhole as Pinhole,
     PointCloud as PointCloud,
+    Points as Points,
     Profile as Profile,
     Provenance as Provenance,
     Reason as Reason,
@@ -33,6 +34,7 @@ from .types import (
     Rig as Rig,
     RigMismatch as RigMismatch,
     Source as Source,
+    TriangleMesh as TriangleMesh,
     UnknownMethod as UnknownMethod,
     count_reasons as count_reasons,
     made_by as made_by,
@@ -365,7 +367,6 @@ from .files.surfaces import (
     write_surface as write_surface,
 )
 from .files.points import (
-    Points as Points,
     read_cloud as read_cloud,
     read_points as read_points,
     write_points as write_points,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.points import Points, cloud_points, read_points, surface_points
+from fringeworks.files.points import cloud_points, read_points, surface_points
 from fringeworks.files.provenance import source_of
 from fringeworks.surface.form import DISCARDED, Form, fit_region
 from fringeworks.surface.form_geometry import BodyKind
@@ -22,6 +22,7 @@ from fringeworks.types import (
     HeightMap,
     InputError,
     PointCloud,
+    Points,
     Provenance,
     Source,
     fingerprint,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, Literal
@@ -32,10 +31,10 @@ from fringeworks.types import (
     BoolMap,
     FileProblem,
     FloatMap,
-    Frozen,
     HeightMap,
     InputError,
     PointCloud,
+    Points,
     Provenance,
     Reason,
 )
@@ -65,22 +64,6 @@ NO_POINTS = "expected points, got none"
 """What is said about a file without points."""
 IN_PX = "expected points in mm, got displacements in px; give the geometry to compute heights"
 """What is said about displacements."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Points(Frozen):
-    """Points without their place in a frame, as a file has them."""
-
-    xyz_mm: FloatMap
-    """(n, 3), mm."""
-    sigma_mm: FloatMap | None
-    """(n,), mm; None where the file has none."""
-    noise_mm: FloatMap | None = None
-    """The part of σ that is independent from point to point, (n,), mm; None where unknown."""
-    notes: tuple[str, ...] = ()
-    """What to know about the points."""
-    provenance: Provenance | None = None
-    """How they were made, where the file says so."""
 
 
 def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> None:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from fringeworks.files.findings import findings_as_dicts
-from fringeworks.files.points import Points
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.signal.response import Response
 from fringeworks.stack.wrapped import WrappedPhase
@@ -19,6 +18,7 @@ from fringeworks.types import (
     HeightMap,
     InputError,
     PointCloud,
+    Points,
     Provenance,
     Reason,
     count_reasons,

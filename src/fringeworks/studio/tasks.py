@@ -19,7 +19,6 @@ from fringeworks.devices.opening import open_devices
 from fringeworks.evaluate.inspect import inspect
 from fringeworks.files.exposures import is_exposures
 from fringeworks.files.pair import CAPTURE_FILE
-from fringeworks.files.points import Points
 from fringeworks.files.results import write_result
 from fringeworks.files.rig import read_rig, write_rig
 from fringeworks.files.toml import kind_of
@@ -41,7 +40,7 @@ from fringeworks.scan.live_calibration import PoseTaker
 from fringeworks.scan.setup import SetupStopped, set_up
 from fringeworks.scan.setup_file import StoredSetup, read_setup, write_setup
 from fringeworks.studio.worker import Link
-from fringeworks.types import Decoded, HeightMap, InputError, Pair, PointCloud
+from fringeworks.types import Decoded, HeightMap, InputError, Pair, PointCloud, Points
 
 PICTURE_PX = 960
 """Longer side of a picture to draw areas on, px."""

@@ -32,6 +32,7 @@ from fringeworks.types.finding import FrameFinding, FrameFindingKind
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
 from fringeworks.types.noise import MAD_TO_SIGMA, CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
+from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile
 from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
 from fringeworks.types.recipe import PartTolerance, Recipe
@@ -67,6 +68,7 @@ __all__ = [
     "Pinhole",
     "Plotted",
     "PointCloud",
+    "Points",
     "Profile",
     "Provenance",
     "Reason",
@@ -77,6 +79,7 @@ __all__ = [
     "RigMismatch",
     "Sectioned",
     "Source",
+    "TriangleMesh",
     "UnknownMethod",
     "check_fields",
     "check_reusable",

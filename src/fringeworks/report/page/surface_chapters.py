@@ -9,7 +9,6 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from fringeworks.files.findings import findings_as_dicts
-from fringeworks.files.points import Points
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.display import plot
@@ -33,6 +32,7 @@ from fringeworks.types import (
     HeightMap,
     InputError,
     PointCloud,
+    Points,
 )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from fringeworks.files.points import Points
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.viewer.pack import PackedSurface, pack_surface
@@ -14,6 +13,7 @@ from fringeworks.types import (
     HeightMap,
     Pinhole,
     PointCloud,
+    Points,
     Rig,
 )
 

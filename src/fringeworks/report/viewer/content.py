@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.files.points import Points
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.viewer.placing import (
@@ -26,6 +25,7 @@ from fringeworks.types import (
     InputError,
     Pinhole,
     PointCloud,
+    Points,
     Reason,
     Rig,
     RigMismatch,

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.files.points import Points
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.reason_words import REASON_WORDS
@@ -26,6 +25,7 @@ from fringeworks.types import (
     InputError,
     Pinhole,
     PointCloud,
+    Points,
     Reason,
     Rig,
 )

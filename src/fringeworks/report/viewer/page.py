@@ -169,7 +169,7 @@ def viewer_fragment(*surfaces: PackedSurface) -> str:
     Examples
     --------
     >>> import numpy as np
-    >>> from fringeworks.files.points import Points
+    >>> from fringeworks.types import Points
     >>> from fringeworks.report.viewer.pack import pack_surface
     >>> viewer_fragment(pack_surface(Points(np.zeros((1, 3)), None)))[:33]
     '<div class="fringe-viewer-mount">'
@@ -206,7 +206,7 @@ def viewer_page(*surfaces: PackedSurface, title: str = "") -> str:
     Examples
     --------
     >>> import numpy as np
-    >>> from fringeworks.files.points import Points
+    >>> from fringeworks.types import Points
     >>> from fringeworks.report.viewer.pack import pack_surface
     >>> viewer_page(pack_surface(Points(np.zeros((1, 3)), None), title="a point"))[:15]
     '<!doctype html>'

@@ -1,0 +1,82 @@
+"""Points and meshes without a frame: what files hold, and what several views become."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.types.arrays import BoolMap, FloatMap
+from fringeworks.types.errors import InputError
+from fringeworks.types.frozen import Frozen
+from fringeworks.types.provenance import Provenance
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Points(Frozen):
+    """Points without their place in a frame, as a file or several merged views have them."""
+
+    xyz_mm: FloatMap
+    """(n, 3), mm."""
+    sigma_mm: FloatMap | None
+    """Standard deviation, (n,), mm; None where unknown."""
+    noise_mm: FloatMap | None = None
+    """The part of σ that is independent from point to point, (n,), mm; None where unknown."""
+    notes: tuple[str, ...] = ()
+    """What to know about the points."""
+    provenance: Provenance | None = None
+    """How they were made; None where unknown."""
+    normals: FloatMap | None = None
+    """Unit normals that point out of the surface, (n, 3); None where unknown."""
+    colour: FloatMap | None = None
+    """Brightness (n,) or colour (n, 3) of the surface, counts; None where unknown."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TriangleMesh(Frozen):
+    """A surface of triangles, as of a part that was measured or drawn.
+
+    Raises
+    ------
+    InputError for arrays of wrong shapes, vertices that are not finite, and faces whose vertices
+    are missing.
+    """
+
+    vertices_mm: FloatMap
+    """(n, 3), mm."""
+    faces: NDArray[np.uint32]
+    """(m, 3), rows of ``vertices_mm``, anticlockwise as seen from outside."""
+    sigma_mm: FloatMap | None = None
+    """Standard deviation of every vertex along its normal, (n,), mm; None where unknown."""
+    colour: FloatMap | None = None
+    """Brightness (n,) or colour (n, 3) of every vertex, counts; None where unknown."""
+    filled: BoolMap | None = None
+    """(n,): True for vertices that fill a hole and were not measured; None where there are none."""
+    notes: tuple[str, ...] = ()
+    """What to know about the mesh."""
+    provenance: Provenance | None = None
+    """How it was made; None where unknown."""
+
+    def __post_init__(self) -> None:
+        vertices = np.asarray(self.vertices_mm)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
+            raise InputError(f"mesh: expected finite vertices (n, 3), got shape {vertices.shape}")
+        faces = np.asarray(self.faces)
+        if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "ui":
+            raise InputError(
+                f"mesh: expected faces (m, 3) of whole numbers, got {faces.dtype} {faces.shape}"
+            )
+        if faces.size and not (faces.min() >= 0 and faces.max() < len(vertices)):
+            raise InputError(
+                f"mesh: expected corners from 0 to {len(vertices) - 1}, got {faces.min()} to "
+                f"{faces.max()}"
+            )
+        for name in ("sigma_mm", "colour", "filled"):
+            values = getattr(self, name)
+            if values is not None and len(values) != len(vertices):
+                raise InputError(
+                    f"mesh: expected {name} of {len(vertices)} vertices, got {len(values)}"
+                )
+        object.__setattr__(self, "faces", faces.astype(np.uint32))
+        super().__post_init__()

@@ -142,7 +142,8 @@ impl Plan {
             "phases or a code",
             "neither",
         )?;
-        self.chain.check(self.sets.len())
+        self.chain.check(self.sets.len())?;
+        orders::check(self)
     }
 
     /// Index of the set with the shortest period, which determines the precision.
@@ -165,6 +166,7 @@ pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(
     }
     plan.check(frames.len())?;
     out.check(pixels, plan.sets.len())?;
+    let factors = !out.inflation.is_empty();
     let frames = &Frames { planes: frames };
     let mut tasks = Vec::with_capacity(pixels / TASK_PIXELS + 1);
     let (mut rest, mut start) = (out, 0);
@@ -176,7 +178,7 @@ pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(
         start += n;
     }
     tasks.into_par_iter().for_each_init(
-        || orders::Scratch::new(plan.sets.len(), plan.chain.frequencies.len()),
+        || orders::Scratch::new(plan, factors),
         |scratch, (start, out)| {
             T::run(Task {
                 frames,
@@ -203,7 +205,7 @@ impl<'a, T: Sample> BandDecoder<'a, T> {
         Self {
             frames: Frames { planes },
             plan,
-            scratch: orders::Scratch::new(plan.sets.len(), plan.chain.frequencies.len()),
+            scratch: orders::Scratch::new(plan, false),
         }
     }
 
@@ -232,22 +234,18 @@ impl<'a, T: Sample> BandDecoder<'a, T> {
 
 /// Decode the blocks of one task.
 #[inline(always)]
-fn decode_task<T: Sample>(task: Task<'_, T>) {
+fn decode_task<T: Sample>(mut task: Task<'_, T>) {
     let n = task.out.coordinate.len();
-    let (mut rest, mut done) = (task.out, 0);
-    while done < n {
-        let pixels = BLOCK_PIXELS.min(n - done);
-        let (block, after) = rest.split(pixels);
-        let at = task.start + done;
+    for done in (0..n).step_by(BLOCK_PIXELS) {
+        let here = done..n.min(done + BLOCK_PIXELS);
+        let (at, out, scratch) = (task.start + done, &mut task.out, &mut *task.scratch);
         if at + BLOCK_PIXELS <= task.frames.pixels() {
-            orders::decode_block(task.frames, task.plan, at, block, task.scratch);
+            orders::decode_block(task.frames, task.plan, at, scratch, out, here);
         } else {
             let padded = task.frames.padded(at);
             let planes: Vec<&[T]> = padded.iter().map(Vec::as_slice).collect();
             let frames = &Frames { planes: &planes };
-            orders::decode_block(frames, task.plan, 0, block, task.scratch);
+            orders::decode_block(frames, task.plan, 0, scratch, out, here);
         }
-        rest = after;
-        done += BLOCK_PIXELS;
     }
 }

@@ -63,6 +63,14 @@ impl<T> DerefMut for Line<T> {
     }
 }
 
+/// Largest number of pixels that one thread decodes faster than it hands them to others.
+const ALONE_PIXELS: usize = 2 * TASK_PIXELS;
+
+/// Whether frames of this size are decoded on the thread that calls [`decode`], without others.
+pub fn decodes_alone(pixels: usize) -> bool {
+    pixels <= ALONE_PIXELS
+}
+
 /// A type of camera counts, and the kernels compiled for it.
 pub trait Sample: Copy + Default + Send + Sync + 'static {
     /// Whether the type has NaN and infinity.
@@ -177,18 +185,22 @@ pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(
         rest = after;
         start += n;
     }
-    tasks.into_par_iter().for_each_init(
-        || orders::Scratch::new(plan, factors),
-        |scratch, (start, out)| {
-            T::run(Task {
-                frames,
-                plan,
-                start,
-                out,
-                scratch,
-            });
-        },
-    );
+    let scratch = || orders::Scratch::new(plan, factors);
+    let run = |scratch: &mut orders::Scratch, (start, out)| {
+        T::run(Task {
+            frames,
+            plan,
+            start,
+            out,
+            scratch,
+        });
+    };
+    if decodes_alone(pixels) {
+        let mut scratch = scratch();
+        tasks.into_iter().for_each(|task| run(&mut scratch, task));
+    } else {
+        tasks.into_par_iter().for_each_init(scratch, run);
+    }
     Ok(())
 }
 

@@ -18,7 +18,7 @@ from fringeworks.types import (
     PointCloud,
     Reason,
 )
-from fringeworks.views.poses import ViewPose, carried, from_twist
+from fringeworks.views.poses import ViewPose, from_twist
 
 HALF_WINDOW_PX = 4
 """Half side of the window around a corner whose points give its place, px: about 40 points of the
@@ -125,9 +125,7 @@ def _corner(cloud: PointCloud, pixel: FloatMap) -> tuple[FloatMap, FloatMap, Flo
     return point, along * outer + aside * (np.eye(3) - outer), calibration * outer
 
 
-def _fitted(
-    board_mm: FloatMap, points: FloatMap, noise: FloatMap, common: FloatMap
-) -> BoardPose:
+def _fitted(board_mm: FloatMap, points: FloatMap, noise: FloatMap, common: FloatMap) -> BoardPose:
     """The rigid transform from camera to board, its covariance, and corners far off left out."""
     T = rigid(points, board_mm)
     used = np.ones(len(points), bool)

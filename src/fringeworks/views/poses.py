@@ -41,6 +41,10 @@ class ViewPose(Frozen):
         """(6, 6) covariance of ξ."""
         return np.asarray(self.noise + self.common)
 
+    def carried(self, T: FloatMap) -> ViewPose:
+        """The pose in the coordinates that ``T`` (4, 4) maps the part's coordinates to."""
+        return ViewPose(T @ self.T_part_camera, carried(T, self.noise), carried(T, self.common))
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TurntableAxis(Frozen):

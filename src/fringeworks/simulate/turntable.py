@@ -86,7 +86,7 @@ def turned_poses(
     errors = errors or TurntableErrors()
     rng = np.random.default_rng(errors.seed)
     tilt = pose(rotation(np.array([np.radians(errors.wobble_deg), 0.0, 0.0])), np.zeros(3))
-    found = []
+    found: list[FloatMap] = []
     for angle in angles_deg:
         real = np.radians(angle + errors.angle_deg * rng.standard_normal())
         aside = np.append(errors.runout_mm * rng.standard_normal(2), 0.0)

@@ -140,7 +140,7 @@ def _aligned(
         refined.append((found.overlap / max(found.chi, 1.0), found))
     if not refined:
         raise InputError("expected an overlap, got none; take more views, or use a board")
-    score, found = max(refined, key=lambda item: item[0])
+    found = max(refined, key=lambda item: item[0])[1]
     if found.overlap < MIN_SHARE:
         raise InputError(
             f"expected {MIN_SHARE:.0%} of the points to lie on the other view, got "

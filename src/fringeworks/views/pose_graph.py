@@ -98,7 +98,7 @@ def solve_poses(
     found = scipy.optimize.least_squares(
         residuals, np.zeros(6 * count), x_scale=scale, loss="huber", f_scale=HUBER
     )
-    return _with_covariance(poses(found.x), terms, starts)
+    return _with_covariance(poses(found.x), terms)
 
 
 @dataclass(frozen=True)
@@ -158,9 +158,7 @@ def _whitener(covariance: FloatMap, determined: FloatMap) -> FloatMap:
     return np.asarray((vectors / np.sqrt(values)).T @ basis.T * scale)
 
 
-def _with_covariance(
-    poses: Sequence[FloatMap], terms: Sequence[_Term], starts: Sequence[FloatMap]
-) -> list[ViewPose]:
+def _with_covariance(poses: Sequence[FloatMap], terms: Sequence[_Term]) -> list[ViewPose]:
     n = len(poses)
     rows = np.concatenate([term.root @ term.derivative(poses) for term in terms])
     scale = np.tile(np.append(np.full(3, 0.01), np.ones(3)), n)
@@ -178,7 +176,6 @@ def _with_covariance(
         gain = inverse_normal @ term.derivative(poses).T @ term.root.T @ term.root
         noise += gain @ term.noise @ gain.T
         common += sharing * gain @ term.common @ gain.T
-    del starts
     blocks = [slice(6 * k, 6 * k + 6) for k in range(n)]
     return [ViewPose(T, noise[b, b], common[b, b]) for T, b in zip(poses, blocks, strict=True)]
 
@@ -208,7 +205,8 @@ def closure(
     steps = [(k, (k + 1) % count) for k in range(count)]
     if count < 3 or any(step not in pairs for step in steps):
         return None
-    T, covariance, free = np.eye(4), np.zeros((6, 6)), np.zeros((6, 6))
+    T: FloatMap = np.eye(4)
+    covariance, free = np.zeros((6, 6)), np.zeros((6, 6))
     for step in steps:
         pair = pairs[step]
         covariance += carried(T, pair.noise + count * pair.common)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -152,7 +153,7 @@ def turned_pose(axis: TurntableAxis, angle_deg: float) -> ViewPose:
     """
     T = _about(axis.point_mm, axis.direction, -np.radians(angle_deg))
     turn = T[:3, :3]
-    # A point of the axis that is off by d moves by (1 − R) d; a direction that is off by ω likewise.
+    # A point of the axis that is off by d moves by (1 − R) d, and so for the direction.
     A = np.zeros((6, 6))
     A[:3, :3] = A[3:, 3:] = np.eye(3) - turn
     to_point = pose(np.eye(3), axis.point_mm)
@@ -185,7 +186,7 @@ def _axis(
             right.append(-share * between[:3, 3])
     moments = np.einsum("ni,nj->ij", np.array(vectors), np.array(vectors))
     direction = np.linalg.eigh(moments)[1][:, -1]
-    middle = np.mean([T[:3, 3] for T in poses], axis=0)
+    middle = np.mean(np.array([T[:3, 3] for T in poses]), axis=0)
     # Along the axis the point is free: it stays beside the middle of the poses.
     rows.append(direction[None])
     right.append(np.array([direction @ middle]))
@@ -198,9 +199,7 @@ def _axis(
 def _sense(poses: Sequence[FloatMap], direction: FloatMap, angles_deg: Sequence[float]) -> float:
     """Above 0 where growing angles turn by the right-hand rule about the direction."""
     total = 0.0
-    for (one, other), step in zip(
-        zip(poses[:-1], poses[1:], strict=True), np.diff(angles_deg), strict=True
-    ):
+    for (one, other), step in zip(pairwise(poses), np.diff(angles_deg), strict=True):
         turn = float(twist(other @ inverse(one))[:3] @ direction)
         total += np.cos(turn - np.radians(step)) - np.cos(turn + np.radians(step))
     return total
@@ -215,8 +214,8 @@ def _scatter(
     """Standard deviations of single poses about the axis, degrees and mm per coordinate."""
     unturned = []
     for k, T in enumerate(poses):
-        relative = twist(T @ inverse(poses[0]))[:3] @ direction
-        angle = relative if angles_deg is None else np.radians(angles_deg[k] - angles_deg[0])
+        relative = float(twist(T @ inverse(poses[0]))[:3] @ direction)
+        angle = relative if angles_deg is None else float(np.radians(angles_deg[k] - angles_deg[0]))
         unturned.append(_about(point, direction, -angle) @ T)
     to_point = inverse(pose(np.eye(3), point))
     first = unturned[0]

@@ -375,6 +375,29 @@ from .files.mesh import (
     read_mesh as read_mesh,
 )
 
+# Views of one part.
+from .views.poses import (
+    TurntableAxis as TurntableAxis,
+    ViewPose as ViewPose,
+    turntable_axis as turntable_axis,
+)
+from .views.board_pose import (
+    BoardPose as BoardPose,
+    board_pose as board_pose,
+)
+from .views.registration import (
+    Registration as Registration,
+)
+from .views.pose_graph import (
+    Closure as Closure,
+)
+from .views.fusion import (
+    Fused as Fused,
+)
+from .files.merged import (
+    write_merged_points as write_merged_points,
+)
+
 # Chains: from a capture to a result.
 from .pipeline.pairs import (
     Reconstruction as Reconstruction,
@@ -390,6 +413,10 @@ from .pipeline.stacks import (
     measure as measure,
     phase_from_stack as phase_from_stack,
     response_from_stack as response_from_stack,
+)
+from .pipeline.merging import (
+    MergedPart as MergedPart,
+    merge as merge,
 )
 from .pipeline.boards import (
     calibrate_stacks as calibrate_stacks,

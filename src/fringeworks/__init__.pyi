@@ -330,6 +330,12 @@ from .rig.calibration.diagnosis import (
     Finding as Finding,
     diagnose as diagnose,
 )
+from .rig.calibration.drift import (
+    RigCheck as RigCheck,
+)
+from .rig.calibration.drift_words import (
+    Cause as Cause,
+)
 from .rig.calibration.verdict import (
     Verdict as Verdict,
     verdict as verdict,
@@ -421,6 +427,10 @@ from .pipeline.merging import (
 from .pipeline.boards import (
     calibrate_stacks as calibrate_stacks,
     observe_stack as observe_stack,
+)
+from .pipeline.rig_check import (
+    adjust_rig as adjust_rig,
+    check_rig as check_rig,
 )
 
 # Simulation.

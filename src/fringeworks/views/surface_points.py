@@ -19,7 +19,8 @@ BLUR_PX = 0.01
 """Standard deviation of an error that all views share, as a shift along the image, px. Blur mixes
 the light of neighbours, so points move towards the brighter ones: by 0.25 px² times the relative
 gradient of brightness, which is 0.03 per px on a shaded head that fills the frame. On the virtual
-rig it is what pairs of views are off by beyond their noise. It is no part of a cloud's σ: it is far below the noise of one pixel; averages of many pixels see it."""
+rig it is what pairs of views are off by beyond their noise. It is no part of a cloud's σ, because
+it is far below the noise of one pixel; averages of many pixels see it."""
 MIN_POINTS = 200
 """Smallest number of points of a view: fewer determine no pose."""
 

@@ -206,7 +206,8 @@ def closure(
     if count < 3 or any(step not in pairs for step in steps):
         return None
     T: FloatMap = np.eye(4)
-    covariance, free = np.zeros((6, 6)), np.zeros((6, 6))
+    covariance: FloatMap = np.zeros((6, 6))
+    free: FloatMap = np.zeros((6, 6))
     for step in steps:
         pair = pairs[step]
         covariance += carried(T, pair.noise + count * pair.common)

@@ -186,7 +186,7 @@ def _axis(
             right.append(-share * between[:3, 3])
     moments = np.einsum("ni,nj->ij", np.array(vectors), np.array(vectors))
     direction = np.linalg.eigh(moments)[1][:, -1]
-    middle = np.mean(np.array([T[:3, 3] for T in poses]), axis=0)
+    middle: FloatMap = np.stack([T[:3, 3] for T in poses]).astype(np.float64).mean(axis=0)
     # Along the axis the point is free: it stays beside the middle of the poses.
     rows.append(direction[None])
     right.append(np.array([direction @ middle]))

@@ -132,7 +132,8 @@ def turntable_axis(
             other = _axis(poses[:k] + poses[k + 1 :])
         turn = np.cross(direction, other[1] * np.sign(other[1] @ direction))
         parts.append(np.concatenate((turn, other[0] - point)))
-    spread = np.array(parts) - np.mean(parts, axis=0)
+    off = np.stack(parts).astype(np.float64)
+    spread = off - off.mean(axis=0)
     angle, aside = _scatter(poses, point, direction, angles_deg)
     return TurntableAxis(point, direction, (n - 1) / n * spread.T @ spread, angle, aside)
 

@@ -132,8 +132,8 @@ def turntable_axis(
             other = _axis(poses[:k] + poses[k + 1 :])
         turn = np.cross(direction, other[1] * np.sign(other[1] @ direction))
         parts.append(np.concatenate((turn, other[0] - point)))
-    jackknife = np.array(parts)
-    spread = jackknife - jackknife.mean(axis=0)
+    off = np.stack(parts).astype(np.float64)
+    spread = off - off.mean(axis=0)
     angle, aside = _scatter(poses, point, direction, angles_deg)
     return TurntableAxis(point, direction, (n - 1) / n * spread.T @ spread, angle, aside)
 
@@ -187,7 +187,7 @@ def _axis(
             right.append(-share * between[:3, 3])
     moments = np.einsum("ni,nj->ij", np.array(vectors), np.array(vectors))
     direction = np.linalg.eigh(moments)[1][:, -1]
-    middle = np.mean(np.array([T[:3, 3] for T in poses]), axis=0)
+    middle: FloatMap = np.stack([T[:3, 3] for T in poses]).astype(np.float64).mean(axis=0)
     # Along the axis the point is free: it stays beside the middle of the poses.
     rows.append(direction[None])
     right.append(np.array([direction @ middle]))

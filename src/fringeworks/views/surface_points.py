@@ -16,11 +16,10 @@ MIN_FACING = 0.17
 """Smallest cosine between a normal and the camera's ray. Points seen at less than 10° are left out:
 pixels there cover a long stretch of the surface, and their normals are poor."""
 BLUR_PX = 0.01
-"""Standard deviation of an error that all views share, as a shift along the image, px. Blur mixes
-the light of neighbours, so points move towards the brighter ones: by 0.25 px² times the relative
-gradient of brightness, which is 0.03 per px on a shaded head that fills the frame. On the virtual
-rig it is what pairs of views are off by beyond their noise. It is no part of a cloud's σ, because
-it is far below the noise of one pixel; averages of many pixels see it."""
+"""Standard deviation of an error that all views share, as a shift along the image, px. Empirical:
+on the virtual rig, pairs of views are off by about this beyond their noise. The likely cause is
+blur, which moves points towards brighter neighbours. A cloud's σ does not contain it, because it is
+far below the noise of one pixel; averages of many pixels see it."""
 MIN_POINTS = 200
 """Smallest number of points of a view: fewer determine no pose."""
 

@@ -42,6 +42,8 @@ MIN_SHARE = 0.2
 
 Noise and ramps stay below it; strongly shaded or noisy fringes above. An empirical choice.
 """
+BLOCK_ROWS = 64
+"""Rows whose spectra are in memory at a time: together they are a small part of a frame."""
 REFINEMENTS = 3
 """Steps of the sub-bin frequency; each divides its error by more than ten."""
 
@@ -74,7 +76,9 @@ def _without_slope(rows: FloatMap) -> FloatMap:
     t = np.arange(n) - 0.5 * (n - 1)
     centred = rows - rows.mean(axis=1, keepdims=True)
     slope = centred @ t / (t @ t)
-    return np.asarray(centred - slope[:, None] * t)
+    for row, rise in zip(centred, slope, strict=True):  # a whole plane would be one more frame
+        row -= rise * t
+    return np.asarray(centred)
 
 
 @dataclass(frozen=True)
@@ -99,8 +103,11 @@ def _lines(frame: FloatMap) -> tuple[_Line, _Line]:
     if n < MIN_SAMPLES:
         return NO_LINE, NO_LINE
     window = np.hanning(n)
-    spectrum = np.abs(scipy.fft.rfft(_without_slope(frame) * window, axis=1, workers=-1)) ** 2
-    power = spectrum.mean(axis=0) / n**2
+    power = np.zeros(n // 2 + 1)
+    for first in range(0, frame.shape[0], BLOCK_ROWS):
+        rows = _without_slope(frame[first : first + BLOCK_ROWS]) * window
+        power += np.sum(np.abs(scipy.fft.rfft(rows, axis=1, workers=-1)) ** 2, axis=0)
+    power /= frame.shape[0] * n**2
     # Contrast between the rows' means is not in the rows' spectra. It counts against the line, in
     # the units of the windowed spectrum (Parseval).
     between_rows = 0.5 * float(np.mean(window**2)) * _fast_variance(frame.mean(axis=1))
@@ -159,8 +166,8 @@ def _refine(frame: FloatMap, frequency: float) -> tuple[float, float]:
     for step in range(REFINEMENTS):
         half = w // 2
         wave = np.exp(-2j * np.pi * frequency * x)
-        left = flat[:, :half] @ (np.hanning(half) * wave[:half])
-        right = flat[:, w - half :] @ (np.hanning(half) * wave[w - half :])
+        left = _product(flat[:, :half], np.hanning(half) * wave[:half])
+        right = _product(flat[:, w - half :], np.hanning(half) * wave[w - half :])
         rows = left + right
         if h >= MIN_SAMPLES:
             if step == 0:
@@ -173,6 +180,11 @@ def _refine(frame: FloatMap, frequency: float) -> tuple[float, float]:
             cross_frequency += turns
         frequency += float(np.angle(np.vdot(left, right))) / (2.0 * np.pi * (w - half))
     return frequency, cross_frequency
+
+
+def _product(rows: FloatMap, wave: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Sum of each row times a complex wave, without a complex copy of the rows."""
+    return np.asarray(rows @ wave.real + 1j * (rows @ wave.imag))
 
 
 def _strongest_frequency(values: NDArray[np.complex128]) -> float:

@@ -79,12 +79,11 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     of white noise after the filter: half of its complex variance acts on the phase, relative to
     the amplitude B/2.
     """
-    noise = tuple(v * demodulated.noise_share for v in prepared.noise)
+    noise = [v * demodulated.noise_share for v in prepared.noise]
     half_reference = 0.5 * demodulated.reference_amplitude
     half_object = 0.5 * demodulated.object_amplitude
-    weak = (half_object < MIN_MODULATION_RATIO * 0.5 * prepared.modulation) | (
-        half_object < MIN_AMPLITUDE_SIGMAS * np.sqrt(noise[1])
-    )
+    least = MIN_MODULATION_RATIO * 0.5 * prepared.modulation
+    weak = half_object < max(least, MIN_AMPLITUDE_SIGMAS * np.sqrt(noise[1]))
     # The filter carries fringes from the surroundings into holes, so its amplitude is not enough.
     weak |= prepared.object_empty
     reason: ByteMap = np.where(weak, Reason.LOW_MODULATION, Reason.OK).astype(np.uint8)
@@ -92,16 +91,17 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     if not usable.any():
         return _unmeasured(reason, demodulated.details)
     unwrapped = unwrap(np.angle(demodulated.phasor), usable)
-    reason[usable & (unwrapped.region > 1)] = Reason.ORDER_AMBIGUOUS
     main = unwrapped.region == 1
-    phase = np.where(main, _anchor(unwrapped.phase, main), np.nan)
+    reason[usable & ~main] = Reason.ORDER_AMBIGUOUS
     to_px = prepared.period / (2.0 * np.pi)
+    start = (unwrapped.phase - _offset(unwrapped.phase, main)) * to_px
+    start[~main] = np.nan
     displacement, undecided, moved = settle_orders(
-        prepared, phase * to_px, suspect=unwrapped.residues > 0 or not main.all()
+        prepared, start, suspect=unwrapped.residues > 0 or not main.all()
     )
     reason[undecided] = Reason.ORDER_AMBIGUOUS
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = 0.5 * noise[0] / half_reference**2 + 0.5 * noise[1] / half_object**2
+        variance = 0.5 * (noise[0] / half_reference**2 + noise[1] / half_object**2)
     return Solution(
         displacement_px=sealed(displacement),
         sigma_px=sealed(np.sqrt(variance) * to_px),
@@ -133,8 +133,8 @@ def _unmeasured(reason: ByteMap, details: dict[str, Any]) -> Solution:
     )
 
 
-def _anchor(phase: FloatMap, main: BoolMap) -> FloatMap:
-    """Shift the phase by whole periods so that its median over the frame's rim is near 0.
+def _offset(phase: FloatMap, main: BoolMap) -> np.float64:
+    """Whole periods by which the median of the phase over the frame's rim is off 0, rad.
 
     The rim is taken for the reference plane. Where it has no pixel of the main region, the median
     over the whole region is used.
@@ -144,5 +144,4 @@ def _anchor(phase: FloatMap, main: BoolMap) -> FloatMap:
     by, bx = max(1, h // RIM_DIVISOR), max(1, w // RIM_DIVISOR)
     rim[by : h - by, bx : w - bx] = False
     where = main & rim if (main & rim).any() else main
-    offset = 2.0 * np.pi * np.round(np.median(phase[where]) / (2.0 * np.pi))
-    return np.asarray(phase - offset, dtype=np.float64)
+    return np.float64(2.0 * np.pi * np.round(np.median(phase[where]) / (2.0 * np.pi)))

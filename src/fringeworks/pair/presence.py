@@ -127,10 +127,14 @@ def _odd(sides: tuple[int, int]) -> tuple[int, int]:
 
 def _box_variance(frame: FloatMap, sides: tuple[int, int]) -> FloatMap:
     """Variance of a frame in boxes of ``sides`` (rows, columns) around every pixel, counts²."""
-    centred = (frame - frame.mean()).astype(np.float32)
+    centred = np.empty(frame.shape, np.float32)
+    np.subtract(frame, frame.mean(), out=centred, casting="same_kind")
     mean = scipy.ndimage.uniform_filter(centred, sides, mode="nearest")
-    square = scipy.ndimage.uniform_filter(centred * centred, sides, mode="nearest")
-    return np.asarray(np.maximum(square - mean * mean, 0.0))
+    centred *= centred
+    variance = scipy.ndimage.uniform_filter(centred, sides, mode="nearest")
+    mean *= mean
+    variance -= mean
+    return np.asarray(np.maximum(variance, 0.0, out=variance))
 
 
 def _surrounding_median(values: FloatMap, period_px: float) -> FloatMap:

@@ -65,8 +65,10 @@ def smoothed_away(
     if not known.any():
         return np.zeros(displacement_px.shape)
     removed = np.abs(_removed(displacement_px, known, smoothing))
+    removed[~known] = 0.0
     spread = SPREAD_PERIODS * period_px
-    magnitude = smooth_known(np.where(known, removed, 0), known, (spread, spread))
+    magnitude = smooth_known(removed, known, (spread, spread))
+    del removed
     noise = np.where(known, noise_px, 0.0) ** 2
     rough_px = _rough_width(smoothing, period_px)
     shares = _noise_shares(smoothing, noise_length_px, rough_px)
@@ -78,10 +80,11 @@ def smoothed_away(
 def _roughness(u: FloatMap, known: BoolMap, rough_px: float, period_px: float) -> FloatMap:
     """Mean square of what changes within a width, (h, w), px²."""
     spread = ROUGH_SPREAD_PERIODS * period_px
-    values = np.where(known, u, 0.0)
-    rough = values - smooth_known(values, known, (rough_px, rough_px))
-    square = np.where(known, rough, 0.0) ** 2
-    return smooth_known(square, known, (spread, spread))
+    rough = np.where(known, u, 0.0)
+    rough -= smooth_known(rough, known, (rough_px, rough_px))
+    rough[~known] = 0.0
+    rough *= rough
+    return smooth_known(rough, known, (spread, spread))
 
 
 def _widest(smoothing: tuple[Smoothing, ...]) -> float:
@@ -102,14 +105,19 @@ def _removed(u: FloatMap, known: BoolMap, smoothing: tuple[Smoothing, ...]) -> F
     where = np.pad(known, margin, mode="reflect")
 
     def without(v: FloatMap, width_px: tuple[float, float]) -> FloatMap:
-        return np.where(where, v - smooth_known(v, where, width_px), 0)
+        rest = v - smooth_known(v, where, width_px)
+        rest[~where] = 0.0
+        return rest
 
     total = np.zeros_like(padded)
     for kernel in smoothing:
         once = without(padded, kernel.width_px)
         over = kernel.corrected_over_px
-        part = once + without(once, kernel.width_px) if over is None else without(once, over)
-        total += np.float32(kernel.share) * part
+        part = without(once, kernel.width_px if over is None else over)
+        if over is None:
+            part += once
+        part *= np.float32(kernel.share)
+        total += part
     inner = tuple(slice(a, n - b) for (a, b), n in zip(margin, padded.shape, strict=True))
     return np.asarray(total[inner])
 

@@ -48,19 +48,26 @@ def fourier(
     (``to_displacement``). Edges and steps spread over about a period.
     """
     check_band(dimensions, width, window)
+    return to_displacement(pair, _demodulated(pair, dimensions, width, window))
+
+
+def _demodulated(
+    pair: PreparedPair, dimensions: Literal[1, 2], width: float, window: Shape
+) -> Demodulated:
+    """Phase difference and amplitudes in the band; the analytic signals are not kept."""
     (reference, share), (object_, _) = (
         band_pass(frame, pair.frequency, width=width, dimensions=dimensions, window=window)
         for frame in (pair.reference, pair.object)
     )
     kernel = band_kernel(pair.frequency, width, dimensions)
-    return to_displacement(
-        pair,
-        Demodulated(
-            phasor=reference * np.conj(object_),
-            reference_amplitude=2.0 * np.abs(reference),
-            object_amplitude=2.0 * np.abs(object_),
-            noise_share=share,
-            noise_length_px=kernel,
-            smoothing=(Smoothing(kernel),),
-        ),
+    reference_amplitude, object_amplitude = 2.0 * np.abs(reference), 2.0 * np.abs(object_)
+    np.conj(object_, out=object_)
+    reference *= object_
+    return Demodulated(
+        phasor=reference,
+        reference_amplitude=reference_amplitude,
+        object_amplitude=object_amplitude,
+        noise_share=share,
+        noise_length_px=kernel,
+        smoothing=(Smoothing(kernel),),
     )

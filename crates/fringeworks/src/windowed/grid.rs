@@ -1,7 +1,7 @@
 //! Solutions on the grid of nodes, and their interpolation to pixels.
 
 use super::lattice::Lattice;
-use super::moments::{block_sums, NodeRow, Window};
+use super::moments::{block_sums, BandSums, NodeRow, Window};
 use super::sight::{Cells, Sight};
 use super::solve::{solve, Limits, Node, Prior};
 use super::walls::Walls;
@@ -68,37 +68,43 @@ impl<'a> Grid<'a> {
     ) -> Self {
         let lattice = window.lattice(pair.height, pair.width);
         let Lattice { rows, columns, .. } = lattice;
-        let sums = block_sums(pair, u, lattice, |_| true);
         let small = Cells::lattice(window, pair.height, pair.width);
         // A window near a wall reaches as far again.
         let reach = 2 * Walls::reach(window) + window.block;
-        let cell_sums = (walls.filter(|_| small.block < window.block)).map(|walls| {
-            block_sums(pair, u, small, |row| {
+        let cell_sums = walls.map(|walls| {
+            block_sums(pair, u, small, 0..small.rows, |row| {
                 walls.row_within(row * small.block, reach)
             })
         });
-        let cells = walls.map(|walls| {
-            let sums = cell_sums.as_deref().unwrap_or(&sums);
-            (walls, Cells::new(small, sums, walls))
-        });
+        let cells = walls
+            .zip(cell_sums.as_deref())
+            .map(|(walls, sums)| (walls, Cells::new(small, sums, walls)));
         let mut nodes = vec![Node::undetermined(start); rows * columns];
-        nodes.par_chunks_mut(columns).enumerate().for_each_init(
-            || {
-                let sight = (cells.as_ref()).map(|(walls, cells)| Sight::new(cells, walls, window));
-                (NodeRow::new(columns), sight)
-            },
-            |(gathered, sight), (row, out)| {
-                gathered.gather(&sums, row, rows, window);
-                if let Some(sight) = sight {
-                    sight.replace(gathered, row, lattice);
-                }
-                let y = lattice.centre(row);
-                for (i, node) in out.iter_mut().enumerate() {
-                    let prior = coarser.map_or(*start, |grid| grid.prior_at(lattice.centre(i), y));
-                    *node = solve(gathered, i, window, &prior, limits);
-                }
-            },
-        );
+        let mut sums = BandSums::new(lattice);
+        let height = sums.height();
+        for (band, nodes) in nodes.chunks_mut(height * columns).enumerate() {
+            sums.move_to(pair, u, band * height);
+            nodes.par_chunks_mut(columns).enumerate().for_each_init(
+                || {
+                    let sight =
+                        (cells.as_ref()).map(|(walls, cells)| Sight::new(cells, walls, window));
+                    (NodeRow::new(columns), sight)
+                },
+                |(gathered, sight), (row, out)| {
+                    let row = band * height + row;
+                    gathered.gather(&sums, row, window);
+                    if let Some(sight) = sight {
+                        sight.replace(gathered, row, lattice);
+                    }
+                    let y = lattice.centre(row);
+                    for (i, node) in out.iter_mut().enumerate() {
+                        let prior =
+                            coarser.map_or(*start, |grid| grid.prior_at(lattice.centre(i), y));
+                        *node = solve(gathered, i, window, &prior, limits);
+                    }
+                },
+            );
+        }
         Self {
             lattice,
             nodes,

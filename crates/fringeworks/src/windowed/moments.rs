@@ -12,6 +12,7 @@ use super::lattice::Lattice;
 use super::warp::{warp_row, Pair, WarpedRow};
 use multiversion::multiversion;
 use rayon::prelude::*;
+use std::ops::Range;
 
 // Channels: products summed per block, of albedo β, reference s and slope g, both times β, and object d.
 // Products with g are also summed times the offset (x, y) of the pixel, g² also times the squares of the
@@ -115,27 +116,24 @@ pub fn stored_channels(block: usize) -> usize {
     }
 }
 
-/// Block sums of all products, laid out `[block row][channel][block column]`; 0 in block rows that are
-/// not `wanted`.
+/// Block sums of all products in some block rows, laid out `[block row][channel][block column]`; 0 in
+/// block rows that are not `wanted`.
 pub fn block_sums(
     pair: &Pair,
     u: &[f32],
     lattice: Lattice,
+    block_rows: Range<usize>,
     wanted: impl Fn(usize) -> bool + Sync,
 ) -> Vec<f64> {
-    let Lattice {
-        rows,
-        columns,
-        block,
-    } = lattice;
+    let Lattice { columns, block, .. } = lattice;
     let channels = stored_channels(block);
-    let mut sums = vec![0.0; rows * channels * columns];
+    let mut sums = vec![0.0; block_rows.len() * channels * columns];
     sums.par_chunks_mut(channels * columns)
-        .enumerate()
-        .filter(|(block_row, _)| wanted(*block_row))
+        .zip(block_rows)
+        .filter(|(_, block_row)| wanted(*block_row))
         .for_each_init(
             || WarpedRow::new(pair.width),
-            |warped, (block_row, out)| {
+            |warped, (out, block_row)| {
                 let first = block_row * block;
                 let last = (first + block).min(pair.height);
                 for y in first..last {
@@ -152,6 +150,58 @@ pub fn block_sums(
             },
         );
     sums
+}
+
+/// Memory for the block sums of a band, in values: 8 MB. The sums of a whole frame in blocks of single
+/// pixels would take 88 bytes a pixel.
+const BAND_VALUES: usize = 1 << 20;
+
+/// Block sums around a band of node rows, which moves down the frame.
+pub struct BandSums {
+    lattice: Lattice,
+    /// Block rows whose sums are known.
+    known: Range<usize>,
+    sums: Vec<f64>,
+}
+
+impl BandSums {
+    /// Sums of a lattice, without any row yet.
+    pub fn new(lattice: Lattice) -> Self {
+        Self {
+            lattice,
+            known: 0..0,
+            sums: Vec::new(),
+        }
+    }
+
+    /// Number of values of a block row.
+    fn stride(&self) -> usize {
+        stored_channels(self.lattice.block) * self.lattice.columns
+    }
+
+    /// Number of node rows of a band.
+    pub fn height(&self) -> usize {
+        (BAND_VALUES / self.stride()).max(2 * RADIUS)
+    }
+
+    /// Move on to the band of node rows that begins with `first`.
+    pub fn move_to(&mut self, pair: &Pair, u: &[f32], first: usize) {
+        let rows = self.lattice.rows;
+        let wanted = first.saturating_sub(RADIUS)..(first + self.height() + RADIUS).min(rows);
+        let passed = (wanted.start - self.known.start) * self.stride();
+        self.sums.drain(..passed);
+        let fresh = self.known.end..wanted.end;
+        self.sums
+            .append(&mut block_sums(pair, u, self.lattice, fresh, |_| true));
+        self.known = wanted;
+    }
+
+    /// Sums of a block row; none beyond the frame.
+    fn row(&self, block_row: usize) -> Option<&[f64]> {
+        let stride = self.stride();
+        let at = block_row.checked_sub(self.known.start)? * stride;
+        self.sums.get(at..at + stride)
+    }
 }
 
 /// Products of one pixel, in the order of the plain channels.
@@ -267,24 +317,22 @@ impl NodeRow {
     }
 
     /// Gather the blocks around node row `row`.
-    pub fn gather(&mut self, sums: &[f64], row: usize, rows: usize, window: &Window) {
+    pub fn gather(&mut self, sums: &BandSums, row: usize, window: &Window) {
         self.vertical.fill(0.0);
         self.moments.fill(0.0);
-        self.gather_vertical(sums, row, rows, window);
+        self.gather_vertical(sums, row, window);
         self.gather_horizontal(window);
     }
 
-    fn gather_vertical(&mut self, sums: &[f64], row: usize, rows: usize, window: &Window) {
+    fn gather_vertical(&mut self, sums: &BandSums, row: usize, window: &Window) {
         let columns = self.columns;
         let padded = columns + 2 * RADIUS;
         let channels = stored_channels(window.block);
         let vertical = &mut self.vertical;
         for k in 0..TAPS {
-            let Some(source_row) = (row + k).checked_sub(RADIUS).filter(|r| *r < rows) else {
+            let Some(block_row) = (row + k).checked_sub(RADIUS).and_then(|r| sums.row(r)) else {
                 continue;
             };
-            let block_row =
-                &sums[source_row * channels * columns..(source_row + 1) * channels * columns];
             let [w0, w1, w2] = [0, 1, 2].map(|power| window.taps[power][k]);
             let mut add = |target: usize, source: usize, weight: f64| {
                 let t = target * padded + RADIUS;

@@ -11,6 +11,16 @@ use rayon::prelude::*;
 /// Distances, in blocks, within which nodes are searched near a wall: the nearest that has any.
 const REACHES: [usize; 3] = [1, 2, 4];
 
+/// Sums of cells that windows near a wall may see; 0 in the other rows of cells.
+fn sums_near_walls(pair: &Pair, u: &[f32], walls: &Walls, window: &Window) -> Vec<f64> {
+    let small = Cells::lattice(window, pair.height, pair.width);
+    // A window near a wall reaches as far again.
+    let reach = 2 * Walls::reach(window) + window.block;
+    block_sums(pair, u, small, 0..small.rows, |row| {
+        walls.row_within(row * small.block, reach)
+    })
+}
+
 /// The solved windows of one scale.
 pub struct Grid<'a> {
     pub lattice: Lattice,
@@ -68,17 +78,9 @@ impl<'a> Grid<'a> {
     ) -> Self {
         let lattice = window.lattice(pair.height, pair.width);
         let Lattice { rows, columns, .. } = lattice;
+        let near = walls.map(|walls| (walls, sums_near_walls(pair, u, walls, window)));
         let small = Cells::lattice(window, pair.height, pair.width);
-        // A window near a wall reaches as far again.
-        let reach = 2 * Walls::reach(window) + window.block;
-        let cell_sums = walls.map(|walls| {
-            block_sums(pair, u, small, 0..small.rows, |row| {
-                walls.row_within(row * small.block, reach)
-            })
-        });
-        let cells = walls
-            .zip(cell_sums.as_deref())
-            .map(|(walls, sums)| (walls, Cells::new(small, sums, walls)));
+        let cells = (near.as_ref()).map(|(walls, sums)| (*walls, Cells::new(small, sums, walls)));
         let mut nodes = vec![Node::undetermined(start); rows * columns];
         let mut sums = BandSums::new(lattice);
         let height = sums.height();

@@ -334,6 +334,12 @@ from .rig.calibration.verdict import (
     Verdict as Verdict,
     verdict as verdict,
 )
+from .stack.depth_plan import (
+    propose_for_depth as propose_for_depth,
+)
+from .rig.depth_range import (
+    DepthRange as DepthRange,
+)
 from .rig.triangulate import (
     Triangulator as Triangulator,
     triangulate as triangulate,

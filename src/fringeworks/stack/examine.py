@@ -20,6 +20,7 @@ from fringeworks.stack.agreement import (
 from fringeworks.stack.fits import solve
 from fringeworks.stack.gray_frames import refuse_unequal_levels
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
+from fringeworks.stack.neighbour_noise import neighbour_noise
 from fringeworks.stack.noise import (
     bit_sums,
     measure_noise,
@@ -150,6 +151,8 @@ def examine(
     if noise is None:
         bits = {axis: bit_sums(sample.points, d) for axis, d in decodings.items()}
         noise, source = measure_noise(decodings, values, bits, limits, start)
+        if noise is start:
+            noise = neighbour_noise(sample.patch, limits, start)
         findings.append(words.noise(noise, source))
     noise = _with_floor(noise, sample.points, count_step)
     limits = _trusted(decodings, values, limits, noise)

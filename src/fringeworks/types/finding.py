@@ -26,6 +26,7 @@ FrameFindingKind = Literal[
     "convergence",
     "raw colours",
     "exposures",
+    "depth range",
 ]
 """What a finding is about."""
 

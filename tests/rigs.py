@@ -10,7 +10,7 @@ import numpy as np
 from fringeworks import decode
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.calibrate import observe
-from fringeworks.rig.calibration.leave_out import parameter_change
+from fringeworks.rig.calibration.parameters import parameter_change
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.pinhole import pose, project_with_derivatives, transform
 from fringeworks.simulate import (

@@ -27,7 +27,7 @@ ROOMS = [
     ["_core"],
     ["types"],
     ["patterns", "surface", "rig"],
-    ["signal"],
+    ["signal", "views"],
     ["pair", "stack"],
     ["simulate"],
     ["files"],
@@ -41,7 +41,7 @@ ROOMS = [
 ]
 PLACE = {room: line for line, rooms in enumerate(ROOMS) for room in rooms}
 # Rooms that compute: they know neither disk nor screen.
-PURE = {"types", "patterns", "surface", "rig", "signal", "stack", "simulate", "pair"}
+PURE = {"types", "patterns", "surface", "rig", "signal", "stack", "simulate", "pair", "views"}
 OUTER = {"PIL", "tifffile", "h5py", "matplotlib", "rich", "typer", "pydantic", "tomli_w", "pathlib"}
 
 MAX_FILE = 400

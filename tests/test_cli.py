@@ -456,6 +456,9 @@ def test_the_reference_page_is_complete():
     named = set(re.findall(r"`([\w-]+)", page))
     assert set(fw.__all__) <= named
     assert {c.name or c.callback.__name__ for c in app.registered_commands} <= named
+    for group in app.registered_groups:
+        for command in group.typer_instance.registered_commands:
+            assert f"| `{group.name} {command.callback.__name__}` |" in page
 
 
 def test_installed_methods_are_found(tmp_path):
@@ -478,9 +481,11 @@ def test_every_command_has_an_example():
     from fringeworks.cli import commands  # noqa: F401, registers them
     from fringeworks.cli.app import SECTIONS, app
 
-    for command in app.registered_commands:
-        assert command.epilog.startswith("Example: fringeworks "), command.name
+    for command in [*app.registered_commands, *app.registered_groups]:
         assert command.rich_help_panel in SECTIONS
+    groups = [group.typer_instance for group in app.registered_groups]
+    for command in [c for part in (app, *groups) for c in part.registered_commands]:
+        assert command.epilog.startswith("Example: fringeworks "), command.name
 
 
 def test_light_imports():

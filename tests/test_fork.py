@@ -68,6 +68,8 @@ phase = np.angle(np.exp(1j * np.add.outer(np.arange(40), np.arange(50)) / 4))
 
 def results():
     found = [fw.decode(frames, plan)]
+    # Dark counts and bright ones at the sensor's limits are judged by a kernel of their own.
+    found.append(fw.decode([np.clip(1.4 * f - 20.0, 0, 255).astype(np.uint8) for f in frames], plan))
     stream = fw.StreamingDecoder(plan)
     for frame in frames:
         stream.add(frame)
@@ -163,13 +165,19 @@ def test_forks_while_other_threads_decode():
 
 
 THREADS = """
+import time
 from pathlib import Path
 import fringeworks as fw
 from tests.stacks import multi, take
-plan = multi((1, 8), 4, (300, 40))
+plan = multi((1, 8), 4, (300, 200))
 fw.decode(take(plan), plan)
-names = [(task / "comm").read_text() for task in Path("/proc/self/task").iterdir()]
-print(sum(name.startswith("fringeworks") for name in names))
+# The last thread of a busy machine may still be starting.
+end = time.monotonic() + 5.0
+found = 0
+while found < 3 and time.monotonic() < end:
+    names = [(task / "comm").read_text() for task in Path("/proc/self/task").iterdir()]
+    found = sum(name.startswith("fringeworks") for name in names)
+print(found)
 """
 
 

@@ -31,7 +31,7 @@ from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.diagnosis import diagnose, pose_figures
-from fringeworks.rig.calibration.leave_out import parameter_change
+from fringeworks.rig.calibration.parameters import parameter_change
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.signal.gamma import gamma_of_frames
 from fringeworks.signal.response import correct_phase, measure_response, phase_of_steps

@@ -67,8 +67,8 @@ def test_chain_from_boards_to_a_diameter(shots, calibrated, tmp_path):
 
 
 def test_rig_files_are_converted(calibrated, tmp_path):
-    run("rig", calibrated, "--out", tmp_path / "rig.xml")
-    run("rig", tmp_path / "rig.xml", "--out", tmp_path / "back.toml")
+    run("rig", "convert", calibrated, "--out", tmp_path / "rig.xml")
+    run("rig", "convert", tmp_path / "rig.xml", "--out", tmp_path / "back.toml")
     assert read_rig(tmp_path / "back.toml").camera == read_rig(calibrated).camera
 
 
@@ -119,7 +119,10 @@ def test_a_rig_of_another_projector_is_refused(shots, tmp_path):
         (("evaluate", "none.ply", "--fit", "plane"), "no such file"),
         (("evaluate", "none.ply", "--fit", "plane", "--count", "2"), "count"),
         (("evaluate", "none.ply", "--fit", "sphere", "--spacing-mm", "5"), "spacing"),
-        (("rig", "none.toml", "--out", "r.xml", "--projector-size", "wide"), "--projector-size"),
+        (
+            ("rig", "convert", "none.toml", "--out", "r.xml", "--projector-size", "wide"),
+            "--projector-size",
+        ),
     ],
 )
 def test_bad_input_is_one_sentence(arguments, message, tmp_path):

@@ -137,7 +137,7 @@ def test_a_rig_in_metres_is_noted_and_converted(tmp_path):
     with pytest.raises(InputError, match="unit_mm: expected with a file of OpenCV"):
         read_rig(ours, unit_mm=1.0)
     out = tmp_path / "out.toml"
-    assert run(["rig", str(path), "--out", str(out), "--unit-mm", "1000"]) == 0
+    assert run(["rig", "convert", str(path), "--out", str(out), "--unit-mm", "1000"]) == 0
     assert read_rig(out).baseline_mm == pytest.approx(r.baseline_mm)
 
 

@@ -330,6 +330,12 @@ from .rig.calibration.diagnosis import (
     Finding as Finding,
     diagnose as diagnose,
 )
+from .rig.calibration.drift import (
+    RigCheck as RigCheck,
+)
+from .rig.calibration.drift_words import (
+    Cause as Cause,
+)
 from .rig.calibration.verdict import (
     Verdict as Verdict,
     verdict as verdict,
@@ -381,6 +387,29 @@ from .files.mesh import (
     read_mesh as read_mesh,
 )
 
+# Views of one part.
+from .views.poses import (
+    TurntableAxis as TurntableAxis,
+    ViewPose as ViewPose,
+    turntable_axis as turntable_axis,
+)
+from .views.board_pose import (
+    BoardPose as BoardPose,
+    board_pose as board_pose,
+)
+from .views.registration import (
+    Registration as Registration,
+)
+from .views.pose_graph import (
+    Closure as Closure,
+)
+from .views.fusion import (
+    Fused as Fused,
+)
+from .files.merged import (
+    write_merged_points as write_merged_points,
+)
+
 # Chains: from a capture to a result.
 from .pipeline.pairs import (
     Reconstruction as Reconstruction,
@@ -397,9 +426,17 @@ from .pipeline.stacks import (
     phase_from_stack as phase_from_stack,
     response_from_stack as response_from_stack,
 )
+from .pipeline.merging import (
+    MergedPart as MergedPart,
+    merge as merge,
+)
 from .pipeline.boards import (
     calibrate_stacks as calibrate_stacks,
     observe_stack as observe_stack,
+)
+from .pipeline.rig_check import (
+    adjust_rig as adjust_rig,
+    check_rig as check_rig,
 )
 
 # Simulation.

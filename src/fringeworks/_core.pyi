@@ -1,6 +1,7 @@
 """Kernels in Rust.
 
-Callers pass C-contiguous arrays of the stated dtype; others raise ``TypeError`` or ``ValueError``.
+Callers pass C-contiguous arrays of the stated dtype (``Any``: float64 where nothing else is said);
+others raise ``TypeError`` or ``ValueError``.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,9 @@ __all__ = [
     "count_residues",
     "decode_frames",
     "decompose_rows",
+    "fit_samples",
+    "fitted_inside",
+    "harmonic_sums",
     "invert_rows",
     "invert_windowed",
     "joint_albedo",
@@ -24,17 +28,28 @@ __all__ = [
     "measure_points",
     "moving_means",
     "optimised",
+    "phase_residuals",
+    "quantiles",
     "raise_factors",
     "relocate_surfaces",
     "row_envelopes",
     "row_extrema",
+    "sample_moments",
+    "sample_squares",
+    "second_magnitudes",
+    "similar_groups",
+    "smooth_windows",
     "smooth_within_walls",
+    "third_chi_squares",
+    "trimmed_variance",
     "typical_step",
     "unwrap_reliability",
     "version",
     "wall_sides",
     "warp_windowed",
     "wavelet_ridge_rows",
+    "window_sums",
+    "without_series",
 ]
 optimised: bool
 version: str
@@ -153,6 +168,109 @@ def raise_factors(
     shared: float,
 ) -> None: ...
 def typical_step(coordinate: NDArray[np.float32], *, repeats: float) -> float: ...
+def quantiles(values: NDArray[Any], shares: Sequence[float]) -> list[float]:
+    """Quantiles of float32 or float64 values for rising shares; NaN where a value is NaN."""
+
+def trimmed_variance(
+    square: NDArray[np.float64], *, median: float, limit: float, mean: float, steps: int
+) -> float:
+    """Mean of the sums of squares below ``limit`` variances, over the ``mean`` of such sums for a
+    variance of 1, in steps that start from their median."""
+
+def similar_groups(
+    key: NDArray[Any], values: NDArray[Any], groups: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Keys and values, rearranged so that ``array_split`` gives groups of similar keys."""
+
+def fit_samples(
+    planes: Sequence[NDArray[Any]], design: NDArray[Any], solver: NDArray[Any]
+) -> NDArray[np.float64]:
+    """Fit every pixel of (1, n) planes: (8, n) array of A, c, s, the sum of squared residuals, and
+    mean, variance, largest and smallest sample."""
+
+def fitted_inside(
+    fitted: tuple[NDArray[Any], NDArray[Any], NDArray[Any]],
+    design: NDArray[Any],
+    *,
+    low: float,
+    high: float,
+) -> NDArray[np.bool_]:
+    """Mark the fitted samples of A, c and s between two limits, (frames, n)."""
+
+def sample_moments(
+    planes: Sequence[NDArray[Any]], pixels: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Sums of the products of the frames at some pixels, (frames, frames)."""
+
+def sample_squares(
+    planes: Sequence[NDArray[Any]], pixels: NDArray[np.int64], across: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Squares of the parts of some pixels along the unit vectors in the rows of ``across``."""
+
+def second_magnitudes(frame: NDArray[Any]) -> NDArray[Any]:
+    """Magnitudes of second differences along both axes of a float32 or float64 (h, w) array:
+    (h - 2, w - 2)."""
+
+def third_chi_squares(
+    coordinate: NDArray[np.float32], sigma: NDArray[np.float32], *, most: float
+) -> NDArray[np.float32]:
+    """χ² of the third differences along rows that are known and not larger than ``most``, (n,)."""
+
+def phase_residuals(
+    coordinate: NDArray[np.float32],
+    background: NDArray[np.float32],
+    used: NDArray[np.bool_],
+    phase: NDArray[np.float32],
+    modulation: NDArray[np.float32],
+    *,
+    period: float,
+    variance: float,
+    read_variance: float,
+    gain: float,
+    least_modulation: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Phases less those of the coordinate at the used pixels, turns, and ``variance`` times the
+    variance of the noise over the squared modulation."""
+
+def smooth_windows(
+    turns: NDArray[np.float32],
+    usable: NDArray[np.bool_],
+    *,
+    fringes: float,
+    least: int,
+    most: int,
+    windows: tuple[int, int],
+    jump: float,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+    """Unwrapped phases of windows without edges along rows, rad, and indices of their pixels."""
+
+def window_sums(
+    phase: NDArray[np.float64], basis: NDArray[Any], orders: Sequence[int]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Sums of the products of the phases' harmonics, (windows, P, P), of these and the phases,
+    (windows, P), and of squared phases, without what the rows of ``basis`` explain."""
+
+def harmonic_sums(
+    phase: NDArray[Any],
+    values: NDArray[Any],
+    orders: Sequence[int],
+    *,
+    coefficients: Sequence[float],
+    most: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The same sums over pixels, for a constant and the harmonics, (1, P, P), (1, P) and (1,).
+
+    Pixels count that differ by at most ``most`` from the series with these coefficients.
+    """
+
+def without_series(
+    phase: NDArray[Any],
+    values: NDArray[Any],
+    orders: Sequence[int],
+    coefficients: Sequence[float],
+) -> NDArray[np.float64]:
+    """Values less a series of a constant and the harmonics of phases."""
+
 def measure_points(
     x: tuple[Sequence[NDArray[Any]], DecodeSettings] | None,
     y: tuple[Sequence[NDArray[Any]], DecodeSettings] | None,

@@ -1,9 +1,9 @@
 //! Bindings of the decoder, for whole stacks and for streams.
 
 use crate::rows::{refuse, rows_of, rows_of_mut};
-use crate::threads::detached;
+use crate::threads::{alone, detached};
 use fringeworks::decode::{
-    decode, Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Plan, Table,
+    decode, decodes_alone, Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Plan, Table,
 };
 use fringeworks::Error;
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2};
@@ -246,6 +246,8 @@ macro_rules! with_planes {
     };
 }
 
+pub(crate) use with_planes;
+
 pub fn planes_of<'a, T: Element>(list: &'a [PyReadonlyArray2<'_, T>]) -> PyResult<Vec<&'a [T]>> {
     list.iter().map(rows_of).collect()
 }
@@ -260,5 +262,9 @@ pub fn decode_frames(
 ) -> PyResult<()> {
     let out = maps.outputs()?;
     let plan = &plan.plan;
-    with_planes!(&frames, planes => detached(py, || decode(&planes, plan, out)))
+    let small = decodes_alone(out.coordinate.len());
+    with_planes!(&frames, planes => {
+        let run = || decode(&planes, plan, out);
+        if small { alone(py, run) } else { detached(py, run) }
+    })
 }

@@ -11,6 +11,7 @@ mod measure;
 mod moving_mean;
 mod rig;
 mod rows;
+mod sample;
 mod scatter;
 mod threads;
 mod unwrap;
@@ -39,6 +40,12 @@ mod _core {
     use super::moving_mean::moving_means;
     #[pymodule_export]
     use super::rig::{Triangles, Triangulation};
+    #[pymodule_export]
+    use super::sample::{
+        fit_samples, fitted_inside, harmonic_sums, phase_residuals, quantiles, sample_moments,
+        sample_squares, second_magnitudes, similar_groups, smooth_windows, third_chi_squares,
+        trimmed_variance, window_sums, without_series,
+    };
     #[pymodule_export]
     use super::scatter::raise_factors;
     #[pymodule_export]

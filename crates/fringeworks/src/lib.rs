@@ -12,6 +12,7 @@
 //! * [`mesh`]: intersection of rays with triangles, for the virtual rig.
 //! * [`moving_mean`]: moving means along both axes, which replace Gaussian kernels.
 //! * [`reason`]: why a pixel has no value.
+//! * [`sample`]: statistics of a sample of pixels, by which a stack is judged.
 //! * [`scatter`]: by how much neighbouring coordinates scatter.
 //! * [`triangulate`]: projector coordinates and a calibrated rig to points.
 //! * [`unwrap`]: phase unwrapping by sorting by reliability, and the average that guides it.
@@ -27,6 +28,7 @@ pub mod measure;
 pub mod mesh;
 pub mod moving_mean;
 pub mod reason;
+pub mod sample;
 pub mod scatter;
 mod spline;
 pub mod triangulate;

@@ -1,4 +1,4 @@
-"""``fringeworks rig``: rig files of other programs, and for them."""
+"""``fringeworks rig``: check a rig, and rig files of other programs."""
 
 from __future__ import annotations
 
@@ -10,16 +10,72 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
-from fringeworks.cli.options import size_of
+from fringeworks.cli.decoding import DecodingOptions
+from fringeworks.cli.grouped import grouped
+from fringeworks.cli.options import JsonFile, size_of
 
 SECTION = "Stacks and rigs"
+EXIT_CODES = {"holds": 0, "has moved": 3, "cannot tell": 4}
+"""As those of ``inspect``: pass, fail, undecided."""
 
-
-@app.command(
-    rich_help_panel=SECTION,
-    epilog="Example: fringeworks rig rig.xml --projector-size 1024x768 --out rig.toml",
+rigs = typer.Typer(
+    help="Check a calibrated rig, or convert its file.",
+    epilog="Example: fringeworks rig check pose/ --rig rig.toml --board chessboard:11x8:12",
+    rich_markup_mode=None,
+    no_args_is_help=True,
 )
-def rig(
+app.add_typer(rigs, name="rig", rich_help_panel=SECTION)
+
+
+@rigs.command(
+    epilog="Example: fringeworks rig check pose/ --rig rig.toml --board chessboard:11x8:12 "
+    "--adjust --out rig2.toml",
+)
+@grouped
+def check(
+    captures: Annotated[
+        list[Path], typer.Argument(help="The board in one pose, or in several, a stack each.")
+    ],
+    rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
+    board: Annotated[
+        str, typer.Option(help="The board, as for `calibrate`: chessboard:11x8:12, …")
+    ],
+    how: DecodingOptions,
+    adjust: Annotated[
+        bool,
+        typer.Option("--adjust", help="Correct rotation and translation, and write --out."),
+    ] = False,
+    out: Annotated[Path | None, typer.Option("--out", help="Corrected rig, with --adjust.")] = None,
+    json_file: JsonFile = None,
+) -> None:
+    """Check whether a rig still holds; exit code 0 holds, 3 has moved, 4 cannot tell."""
+    words = output.Output(out, json_file)
+    if adjust != (out is not None):
+        raise fw.InputError("--adjust: expected together with --out")
+    output.check(out, "rig")
+    options = how.options
+    rig = fw.read_rig(rig_file)
+    with output.progress() as progress:
+        progress("reading …")
+        stacks = [how.read(path) for path in captures]
+        progress("checking …")
+        found = fw.check_rig(rig, stacks, board, **options)
+    output.write_json(json_file, fw.summarise(found))
+    words.say(str(found))
+    if out is None or found.verdict == "holds":
+        if out is not None:
+            words.say(f"{out}: not written, because the rig holds")
+        raise typer.Exit(EXIT_CODES[found.verdict])
+    adjusted = fw.adjust_rig(rig, stacks, board, **options)
+    with output.target(out, ".toml") as place:
+        fw.write_rig(place, adjusted)
+    words.wrote(out)
+
+
+@rigs.command(
+    epilog="Example: fringeworks rig convert rig.xml --projector-size 1024x768 --out rig.toml",
+)
+def convert(
     source: Annotated[Path, typer.Argument(help="Rig file: .toml, or .xml, .yml (OpenCV).")],
     out: Annotated[Path, typer.Option("--out", help="Rig file of another kind.")],
     projector_size: Annotated[

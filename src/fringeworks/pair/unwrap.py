@@ -139,6 +139,8 @@ def unwrap(
     residues = _core.count_residues(phase, valid.astype(np.uint8))
     if algorithm == "auto" and residues == 0:
         algorithm = "reliability"
+    if algorithm == "reliability":  # one candidate: nothing to compare
+        return Unwrapped(*_by_reliability(phase, valid, weight), algorithm, residues)
     weights = valid.astype(np.float32) if weight is None else weight
     if algorithm == "least_squares":
         fitted, region, converged = _least_squares(phase, valid, weights)
@@ -156,12 +158,11 @@ def _candidates(
     algorithm: str, phase: PhaseField, valid: BoolMap, weight: PhaseField | None
 ) -> Iterator[tuple[str, PhaseField, Regions]]:
     """Name, unwrapped phase and regions of the ways that may be the best, one after the other."""
-    if algorithm in ("auto", "reliability"):
+    if algorithm == "auto":
         yield ("reliability", *_by_reliability(phase, valid, weight))
-    if algorithm in ("auto", "guided"):
-        weights = valid.astype(np.float32) if weight is None else weight
-        for window in GUIDES_PX:
-            yield ("guided", *_guided(phase, valid, weights, window))
+    weights = valid.astype(np.float32) if weight is None else weight
+    for window in GUIDES_PX:
+        yield ("guided", *_guided(phase, valid, weights, window))
 
 
 def _cost(name: str, unwrapped: PhaseField, weight: PhaseField) -> float:
@@ -191,7 +192,9 @@ def _checked(
             valid &= np.isfinite(quality) & (quality > 0)
     if not valid.any():
         raise InputError("phase: expected at least one valid pixel, got none")
-    largest = float(np.abs(values[valid]).max())
+    largest = max(
+        float(values.max(initial=0, where=valid)), -float(values.min(initial=0, where=valid))
+    )
     if largest > MAX_PHASE_RAD:
         raise InputError(f"phase: expected at most {MAX_PHASE_RAD:g} rad, got {largest:.3g}")
     if quality is not None:

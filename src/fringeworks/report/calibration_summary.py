@@ -1,4 +1,4 @@
-"""The numerical results of the calibration of a rig, ready for JSON."""
+"""The numerical results of a rig's calibration, and of a check of it, ready for JSON."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from fringeworks.report.summary import origin, summary
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import coverage, diagnose, pose_figures
+from fringeworks.rig.calibration.drift import RigCheck
 from fringeworks.rig.calibration.verdict import verdict
 from fringeworks.types import RIG_PARAMETERS
 
@@ -48,4 +49,23 @@ def _(calibration: Calibration) -> dict[str, Any]:
             "text": judged.text,
         },
         **origin(rig.provenance),
+    }
+
+
+@summary.register
+def _(checked: RigCheck) -> dict[str, Any]:
+    numbers = (
+        *("drift_mm", "sigma_mm", "drift_px", "sigma_px", "excess", "noticeable_mm"),
+        *("camera_rms_px", "projector_rms_px", "flatness_mm", "scale", "scale_sigma"),
+        "distance_mm",
+    )
+    vectors = ("rotation_deg", "rotation_sigma_deg", "translation_mm", "translation_sigma_mm")
+    return {
+        "verdict": checked.verdict,
+        "text": checked.text,
+        **{name: getattr(checked, name) for name in numbers},
+        **{name: getattr(checked, name).tolist() for name in vectors},
+        "causes": [{"name": cause.name, "text": cause.text} for cause in checked.causes],
+        "findings": [{"cause": f.cause, "message": f.message} for f in checked.findings],
+        **origin(checked.provenance),
     }

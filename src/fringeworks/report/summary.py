@@ -29,6 +29,7 @@ ELSEWHERE = {
     "fringeworks.pair.plane_calibration.PlaneCalibration": "pair_summary",
     "fringeworks.pair.plane_calibration.PixelCalibration": "pair_summary",
     "fringeworks.rig.calibration.calibrate.Calibration": "calibration_summary",
+    "fringeworks.rig.calibration.drift.RigCheck": "calibration_summary",
     "fringeworks.evaluate.form.FormEvaluation": "evaluation_summary",
     "fringeworks.evaluate.inspect.Inspection": "evaluation_summary",
     "fringeworks.scan.setup.SetupTests": "setup_summary",
@@ -42,8 +43,8 @@ def summarise(result: object) -> dict[str, Any]:
 
     Parameters
     ----------
-    result : Reconstruction, Measurement, Decoded, WrappedPhase, Calibration, PlaneCalibration,
-        PixelCalibration, Response, FormEvaluation, Inspection, HeightMap,
+    result : Reconstruction, Measurement, Decoded, WrappedPhase, Calibration, RigCheck,
+        PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection, HeightMap,
         PointCloud, Points or SetupTests
 
     Returns

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from fringeworks import _core
 from fringeworks.signal.chi_square import chi_square_above, chi_square_quantile
+from fringeworks.signal.quantile import median
 from fringeworks.types import BoolMap, CameraNoise, FloatMap
 
 NORMAL_MEDIAN = 0.6745
@@ -72,15 +74,12 @@ def noise_variance(frame: FloatMap, ok: BoolMap) -> float:
     has 36 times the variance of white noise (Immerkær, CVIU 64, 1996, doi:10.1006/cviu.1996.0060).
     The median of its magnitude is insensitive to edges.
     """
-    h, w = frame.shape
-    if h < 3 or w < 3:
-        return 0.0
-    second = np.diff(np.diff(frame, 2, axis=0), 2, axis=1)
-    if not ok.all():
-        second = second[scipy.ndimage.binary_erosion(ok, np.ones((3, 3)))[1:-1, 1:-1]]
-    if second.size == 0:
-        return 0.0
-    return float((np.median(np.abs(second)) / NORMAL_MEDIAN) ** 2 / 36.0)
+    kind = np.float32 if frame.dtype == np.float32 else np.float64
+    second = _core.second_magnitudes(np.ascontiguousarray(frame, kind)).ravel()
+    if second.size and not ok.all():
+        whole = scipy.ndimage.binary_erosion(ok, np.ones((3, 3)))[1:-1, 1:-1]
+        second = second[whole.ravel()]
+    return (median(second) / NORMAL_MEDIAN) ** 2 / 36.0 if second.size else 0.0
 
 
 def residual_variance(square: FloatMap, freedom: int) -> float:
@@ -102,15 +101,15 @@ def residual_variance(square: FloatMap, freedom: int) -> float:
     The mean over all sums below a quantile of χ², corrected for the trimming. It starts from the
     median.
     """
-    variance = float(np.median(square)) / chi_square_quantile(0.5, freedom)
     limit = chi_square_quantile(TRIMMED, freedom)
     share = (1.0 - chi_square_above(limit, freedom + 2)) / TRIMMED
-    for _ in range(TRIMMING_STEPS):
-        if variance <= 0:
-            break
-        inner = square[square <= variance * limit]
-        variance = float(np.mean(inner)) / (freedom * share)
-    return variance
+    return _core.trimmed_variance(
+        np.ascontiguousarray(square, np.float64),
+        median=chi_square_quantile(0.5, freedom),
+        limit=limit,
+        mean=freedom * share,
+        steps=TRIMMING_STEPS,
+    )
 
 
 def noise_of_residuals(
@@ -139,21 +138,26 @@ def noise_of_residuals(
     set to zero where it is below three of its standard errors. Where the dark noise would be below
     that of rounding, it is set to it, and the gain is fitted alone.
     """
-    order = np.argsort(brightness, kind="stable")
-    parts = np.array_split(order, BRIGHTNESS_GROUPS)
-    groups = [part for part in parts if part.size >= MIN_GROUP_PIXELS]
-    constant = CameraNoise(float(np.sqrt(residual_variance(square, freedom))))
+    parts = (
+        np.array_split(part, BRIGHTNESS_GROUPS)
+        for part in _core.similar_groups(brightness, square, BRIGHTNESS_GROUPS)
+    )
+    groups = [group for group in zip(*parts, strict=True) if group[0].size >= MIN_GROUP_PIXELS]
+
+    def constant() -> CameraNoise:
+        return CameraNoise(residual_variance(square, freedom) ** 0.5)
+
     if len(groups) < MIN_GROUPS:
-        return constant
-    mean = np.array([float(np.mean(brightness[part])) for part in groups])
-    variance = np.array([residual_variance(square[part], freedom) for part in groups])
+        return constant()
+    size = np.array([light.size for light, _ in groups])
+    mean = np.array([light.mean() for light, _ in groups])
+    variance = np.array([residual_variance(part, freedom) for _, part in groups])
     # Groups without any noise, such as those that are cut off at zero counts, say nothing.
     noisy = variance > NO_NOISE * variance.max()
-    groups = [part for part, kept in zip(groups, noisy, strict=True) if kept]
-    mean, variance = mean[noisy], variance[noisy]
-    if len(groups) < MIN_GROUPS or np.ptp(mean) < MIN_BRIGHTNESS_SPREAD * mean.max():
-        return constant
-    weight = np.array([part.size for part in groups]) * freedom / (2.0 * variance**2)
+    size, mean, variance = size[noisy], mean[noisy], variance[noisy]
+    if len(mean) < MIN_GROUPS or np.ptp(mean) < MIN_BRIGHTNESS_SPREAD * mean.max():
+        return constant()
+    weight = size * freedom / (2.0 * variance**2)
     least = min(floor_counts**2, float(variance.min()))
     normal = np.array([[weight.sum(), weight @ mean], [weight @ mean, weight @ mean**2]])
     read_variance, gain = np.linalg.solve(
@@ -166,5 +170,5 @@ def noise_of_residuals(
         gain = weight @ ((variance - least) * mean) / (weight @ mean**2)
         error = float((weight @ mean**2) ** -0.5)
     if gain < GAIN_SIGMAS * error:
-        return constant
+        return constant()
     return CameraNoise(float(np.sqrt(read_variance)), float(gain))

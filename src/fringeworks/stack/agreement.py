@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.signal.chi_square import chi_square_quantile
-from fringeworks.stack.fits import solve
+from fringeworks.signal.quantile import median, quantile
+from fringeworks.stack.fits import SampleFit
 from fringeworks.stack.gray_frames import WIDE_CELL_TURNS, GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps, lit_pixels
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
-from fringeworks.stack.sample import Lines
+from fringeworks.stack.sample import Sample
 from fringeworks.types import BoolMap, CameraNoise, FloatMap, Reason
 
 UNRELATED_RESIDUAL = 0.5
@@ -82,25 +83,20 @@ class Agreement:
         return self.residual + self.sets + self.astray + self.borders + self.unmeasured
 
 
-def disagreement(
-    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
-) -> float | None:
+def disagreement(maps: dict[str, Any], lit: BoolMap) -> float | None:
     """Median χ² of the sets over its expectation; None where too few pixels are lit.
 
     Parameters
     ----------
-    decoding : Decoding
-    planes : (1, n) arrays, counts
-        The sample in the decoding's order.
-    noise : CameraNoise
-    limits : Limits
+    maps : dict
+        Those of ``decode_sample``, of two or more sets.
+    lit : bool array
+        Pixels with fringes.
     """
-    limits = limits.open
-    maps = decode_sample(decoding.free, planes, noise, limits)
-    square = maps["disagreement"][lit_pixels(maps) & np.isfinite(maps["disagreement"])]
+    square = maps["disagreement"][lit & np.isfinite(maps["disagreement"])]
     if square.size < MIN_JUDGED_PIXELS:
         return None
-    return float(np.median(square)) / chi_square_quantile(0.5, len(decoding.sets) - 1)
+    return median(square) / chi_square_quantile(0.5, len(maps["phases"]) - 1)
 
 
 def decode_sample(
@@ -126,46 +122,42 @@ def unrelated(decoding: Decoding, planes: list[NDArray[Any]]) -> list[NDArray[An
 
 def agreement(
     decoding: Decoding,
-    points: tuple[NDArray[Any], ...],
-    lines: Lines,
+    sample: Sample,
     noise: CameraNoise,
     limits: Limits,
     unrelated_sets: float,
+    maps: dict[str, Any] | None = None,
 ) -> Agreement:
     """Measure how a sample agrees with its plan along one axis.
 
     Parameters
     ----------
     decoding : Decoding
-    points : (1, n) arrays, one per frame of the plan
-    lines : (r, l) arrays, one per frame of the plan
+    sample : Sample
     noise : CameraNoise
     limits : Limits
     unrelated_sets : float
         Disagreement of the sets for unrelated phases.
+    maps : dict, optional
+        The decoded points of the sample, with open limits, where they are there already.
     """
-    planes = [points[k] for k in decoding.frames]
+    planes = [sample.points[k] for k in decoding.frames]
     open_limits = limits.open
-    maps = decode_sample(decoding, planes, noise, open_limits)
+    maps = maps or decode_sample(decoding, planes, noise, open_limits)
     lit = lit_pixels(maps)
     parts: dict[str, float] = {
-        "residual": _residual(decoding, points, noise, limits),
+        "residual": _residual(decoding, sample, noise, limits),
         "lit": float(np.mean(lit)),
     }
-    if len(decoding.sets) > 1:
-        square = maps["disagreement"][lit & np.isfinite(maps["disagreement"])]
-        if square.size >= MIN_JUDGED_PIXELS and unrelated_sets > 1.0:
-            usual = chi_square_quantile(0.5, len(decoding.sets) - 1)
-            parts["sets"] = float(np.median(square)) / usual / unrelated_sets
-    bright = lit & (
-        maps["modulation"] >= np.nanquantile(maps["modulation"][lit], BRIGHT) if lit.any() else lit
-    )
-    if bright.sum() >= MIN_JUDGED_PIXELS:
+    if len(decoding.sets) > 1 and unrelated_sets > 1.0:
+        parts["sets"] = (disagreement(maps, lit) or 0.0) / unrelated_sets
+    bright = lit & (maps["modulation"] >= _usual_modulation(maps["modulation"][lit]))
+    if np.count_nonzero(bright) >= MIN_JUDGED_PIXELS:
         parts["unmeasured"] = float(np.mean(maps["reason"][bright] != Reason.OK))
     if decoding.gray is not None:
         if decoding.sets and decoding.gray.step_px < WIDE_CELL_TURNS * decoding.longest_px:
             parts["astray"] = _astray(decoding, planes, bright, maps, (noise, open_limits))
-        line_planes = [lines[k] for k in decoding.frames]
+        line_planes = [sample.lines[decoding.axis][k] for k in decoding.frames]
         along = decode_sample(decoding, line_planes, noise, open_limits)
         turns = along["phases"][0] / (2.0 * np.pi) if decoding.sets else None
         coordinate = along["coordinate"]
@@ -176,30 +168,32 @@ def agreement(
     return Agreement(**parts)
 
 
-def _residual(
-    decoding: Decoding, points: tuple[NDArray[Any], ...], noise: CameraNoise, limits: Limits
-) -> float:
+def _usual_modulation(modulation: FloatMap) -> float:
+    """Quantile ``BRIGHT`` of the known modulations; NaN where there are none."""
+    return quantile(modulation[~np.isnan(modulation)], BRIGHT)
+
+
+def _residual(decoding: Decoding, sample: Sample, noise: CameraNoise, limits: Limits) -> float:
     """Variance of the residuals beyond noise over B², of the lit pixels, relative to unrelated
     frames."""
     worst = 0.0
     for phases in decoding.sets:
-        if len(phases.frames) < 4:
+        steps = len(phases.frames)
+        if steps < 4:
             continue
-        stride = max(1, points[0].size // RESIDUAL_PIXELS)
-        values = np.stack([points[k][0, ::stride] for k in phases.frames]).astype(np.float64)
-        values = values[:, np.isfinite(values).all(axis=0)]
-        fitted, square = solve(values, phases.rows)
-        spread = values.var(axis=0)
-        bright = spread >= LIT_SPREAD * np.percentile(spread, 95) if spread.size else spread > 0
+        stride = max(1, sample.points[0].size // RESIDUAL_PIXELS)
+        fit = SampleFit(sample.fits.of(phases).rows[:, ::stride])
+        fit = fit.at(np.flatnonzero(fit.finite))
+        bright = fit.variance >= LIT_SPREAD * quantile(fit.variance, 0.95)
         # Samples that are cut off fit no fringe, whatever the order of the frames.
-        clear = bright & (values < limits.saturation).all(axis=0)
-        if limits.given or clear.sum() >= MIN_JUDGED_PIXELS:
+        clear = bright & (fit.largest < limits.saturation)
+        if limits.given or np.count_nonzero(clear) >= MIN_JUDGED_PIXELS:
             bright = clear
-        power = fitted[1] ** 2 + fitted[2] ** 2 + square / len(values)
-        if bright.any():
-            excess = square[bright] / (len(values) - 3) - noise.variance(fitted[0][bright])
-            share = excess / np.maximum(power[bright], 1e-12)
-            worst = max(worst, float(np.median(share)))
+        fit = fit.at(np.flatnonzero(bright))
+        if fit.square.size:
+            excess = fit.square / (steps - 3) - noise.variance(fit.fitted[0])
+            power = fit.power + fit.square / steps
+            worst = max(worst, median(excess / np.maximum(power, 1e-12)))
     return worst / UNRELATED_RESIDUAL
 
 

@@ -301,8 +301,10 @@ class Decoder:
 
 def _ambiguous(reasons: Sequence[ByteMap]) -> int:
     """Number of pixels whose fringe order is ambiguous along any axis."""
-    ambiguous = [reason == Reason.ORDER_AMBIGUOUS for reason in reasons]
-    return int(np.count_nonzero(np.logical_or.reduce(ambiguous)))
+    ambiguous = reasons[0] == Reason.ORDER_AMBIGUOUS
+    for reason in reasons[1:]:
+        ambiguous |= reason == Reason.ORDER_AMBIGUOUS
+    return int(np.count_nonzero(ambiguous))
 
 
 def _in_one_pass(found: Judgement) -> bool:

@@ -4,31 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.signal.quantile import quantile
 from fringeworks.stack import words
 from fringeworks.stack.agreement import (
     Agreement,
     agreement,
+    decode_sample,
     disagreement,
     unrelated,
 )
-from fringeworks.stack.fits import solve
 from fringeworks.stack.gray_frames import refuse_unequal_levels
-from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
+from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
 from fringeworks.stack.neighbour_noise import neighbour_noise
-from fringeworks.stack.noise import (
-    bit_sums,
-    measure_noise,
-    phase_samples,
-    set_parts,
-    spatial_noise,
-    usable,
-)
+from fringeworks.stack.noise import measure_noise, spatial_noise, usable
 from fringeworks.stack.order_faults import refuse_order_faults
 from fringeworks.stack.own_response import with_own_response
 from fringeworks.stack.real_frames import RealFrames, design_rows, real_frames
@@ -36,7 +31,7 @@ from fringeworks.stack.refine import Known, Refined, refined
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import exceeds
 from fringeworks.stack.shifts import step_errors
-from fringeworks.types import Axis, CameraNoise, FloatMap, FrameFinding, FramesContradictPlan
+from fringeworks.types import Axis, CameraNoise, FrameFinding, FramesContradictPlan
 
 RELATED = 2.5
 """Disagreement of the sets above which it is compared with that of unrelated phases.
@@ -88,7 +83,7 @@ class Judgement:
     findings: tuple[FrameFinding, ...]
     """What was measured or decided, for the user."""
 
-    @property
+    @cached_property
     def details(self) -> dict[str, Any]:
         """Per axis: ``disagreement``, in standard deviations of the noise, and ``shifts_deg``."""
         return {axis: _details(found) for axis, found in self.axes.items()}
@@ -135,7 +130,8 @@ def examine(
     # A response was measured with the real steps: it contains the ripple that they make.
     estimate_steps &= not any(s.table_turns for d in decodings.values() for s in d.sets)
     start = noise or spatial_noise(sample.patch)
-    rough = _with_floor(start, sample.points, count_step)
+    floor = _noise_floor(sample.points, count_step)
+    rough = _with_floor(start, floor)
     if estimate_response:
         known = Known(rough, limits, estimate_steps)
         own = {axis: with_own_response(d, sample, known) for axis, d in decodings.items()}
@@ -145,17 +141,15 @@ def examine(
         if decoding.gray is not None:
             refuse_unequal_levels(decoding.gray, sample.points, rough)
     _check_order(plan, sample, decodings, limits, rough)
-    values = {axis: phase_samples(sample.points, d) for axis, d in decodings.items()}
     if estimate_steps:
-        decodings = _with_real_frames(decodings, values, limits)
+        decodings = _with_real_frames(decodings, sample, limits)
     if noise is None:
-        bits = {axis: bit_sums(sample.points, d) for axis, d in decodings.items()}
-        noise, source = measure_noise(decodings, values, bits, limits, start)
+        noise, source = measure_noise(decodings, sample, limits, start)
         if noise is start:
             noise = neighbour_noise(sample.patch, limits, start)
         findings.append(words.noise(noise, source))
-    noise = _with_floor(noise, sample.points, count_step)
-    limits = _trusted(decodings, values, limits, noise)
+    noise = _with_floor(noise, floor)
+    limits = _trusted(decodings, sample, limits, noise)
     known = Known(noise, limits, estimate_steps)
     found = {axis: refined(decoding, sample, known) for axis, decoding in decodings.items()}
     for axis_found in found.values():
@@ -166,15 +160,12 @@ def examine(
 
 
 def _trusted(
-    decodings: dict[Axis, Decoding],
-    values: dict[Axis, FloatMap],
-    limits: Limits,
-    noise: CameraNoise,
+    decodings: dict[Axis, Decoding], sample: Sample, limits: Limits, noise: CameraNoise
 ) -> Limits:
     """The limits, without saturation where samples only touch the sensor's limit."""
     if limits.given or not np.isfinite(limits.saturation):
         return limits
-    exceeded = [exceeds(d, values[axis], limits, noise) for axis, d in decodings.items()]
+    exceeded = [exceeds(decoding, sample, limits, noise) for decoding in decodings.values()]
     return limits if any(exceeded) else replace(limits, saturation=float("inf"))
 
 
@@ -221,15 +212,23 @@ def _check_order(
     noise: CameraNoise,
 ) -> None:
     """Refuse frames in a wrong order."""
-    unrelated_sets = {}
+    unrelated_sets, maps = {}, {}
     for axis, decoding in decodings.items():
         planes = [sample.points[k] for k in decoding.frames]
-        unrelated_sets[axis] = _unrelated_sets(decoding, planes, noise, limits)
+        free = decode_sample(decoding.free, planes, noise, limits.open)
+        unrelated_sets[axis] = _unrelated_sets(decoding, planes, free, noise, limits.open)
+        # Without a Gray code, no coordinate is bound to its cell.
+        maps[axis] = free if decoding.gray is None else None
 
-    def agreements_of(sample: Sample) -> dict[Axis, Agreement]:
+    def agreements_of(tried: Sample) -> dict[Axis, Agreement]:
         return {
             axis: agreement(
-                decoding, sample.points, sample.lines[axis], noise, limits, unrelated_sets[axis]
+                decoding,
+                tried,
+                noise,
+                limits,
+                unrelated_sets[axis],
+                maps[axis] if tried is sample else None,
             )
             for axis, decoding in decodings.items()
         }
@@ -238,47 +237,57 @@ def _check_order(
 
 
 def _unrelated_sets(
-    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
+    decoding: Decoding,
+    planes: list[NDArray[Any]],
+    maps: dict[str, Any],
+    noise: CameraNoise,
+    limits: Limits,
 ) -> float:
     """Disagreement of the sets for unrelated phases; infinite where that of the sample is small."""
     if len(decoding.sets) < 2:
         return float("inf")
-    present = disagreement(decoding, planes, noise, limits)
+    present = disagreement(maps, lit_pixels(maps))
     if present is None or present < RELATED:
         return float("inf")
-    return disagreement(decoding, unrelated(decoding, planes), noise, limits) or float("inf")
+    shuffled = decode_sample(decoding.free, unrelated(decoding, planes), noise, limits)
+    return disagreement(shuffled, lit_pixels(shuffled)) or float("inf")
 
 
-def _with_floor(
-    noise: CameraNoise, sample: Sequence[NDArray[Any]], count_step: float | None
-) -> CameraNoise:
-    """The noise, not below that of rounding to the steps of the counts and of the arithmetic."""
-    largest = max((float(np.abs(s[np.isfinite(s)]).max(initial=0.0)) for s in sample), default=0.0)
-    if count_step is None:
+def _noise_floor(points: Sequence[NDArray[Any]], count_step: float | None) -> float:
+    """Smallest noise, counts: that of rounding to steps of the counts, and of the arithmetic."""
+    whole = points[0].dtype.kind == "u"
+    if whole:
+        largest = float(max(s.max() for s in points))
+    else:
+        finite = [s[np.isfinite(s)] for s in points]
+        largest = max((float(np.abs(s).max(initial=0.0)) for s in finite), default=0.0)
         # Floats that are 0 and 1 alone are shares of light, not counts.
-        whole = largest > 1.0 and all(np.all(s[np.isfinite(s)] % 1 == 0) for s in sample)
-        count_step = 1.0 if sample[0].dtype.kind == "u" or whole else 0.0
-    rounding = count_step / 12.0**0.5
-    floor = max(rounding, ARITHMETIC_ERROR * largest, MIN_NOISE)
+        whole = largest > 1.0 and all(np.all(s % 1 == 0) for s in finite)
+    if count_step is None:
+        count_step = 1.0 if whole else 0.0
+    return float(max(count_step / 12.0**0.5, ARITHMETIC_ERROR * largest, MIN_NOISE))
+
+
+def _with_floor(noise: CameraNoise, floor: float) -> CameraNoise:
+    """The noise, in the dark not below a floor in counts."""
     return replace(noise, read_counts=floor) if noise.read_counts < floor else noise
 
 
 def _with_real_frames(
-    decodings: dict[Axis, Decoding], values: dict[Axis, FloatMap], limits: Limits
+    decodings: dict[Axis, Decoding], sample: Sample, limits: Limits
 ) -> dict[Axis, Decoding]:
     """The decodings with what the frames really show, where the frames determine it."""
     real: dict[Axis, Decoding] = {}
     for axis, decoding in decodings.items():
         sets = []
-        for part, phases in zip(set_parts(decoding), decoding.sets, strict=True):
-            data = values[axis][part]
-            data = data[:, usable(data, limits)]
-            (_, c, s), _ = solve(data, phases.rows)
-            power = c**2 + s**2
-            lit = power > LIT_POWER * np.percentile(power, 95) if power.size else power > 0
-            data = data[:, lit]
-            data = data[:, :: max(1, -(-data.shape[1] // REAL_FRAME_PIXELS))]
-            found = real_frames(data, np.array(phases.rows))
+        for phases in decoding.sets:
+            fit = sample.fits.of(phases)
+            pixels = np.flatnonzero(usable(fit, limits))
+            power = fit.power[pixels]
+            pixels = pixels[power > LIT_POWER * quantile(power, 0.95)]
+            pixels = pixels[:: max(1, -(-pixels.size // REAL_FRAME_PIXELS))]
+            pixels = np.ascontiguousarray(pixels)
+            found = real_frames(sample.fits.planes(phases), pixels, np.array(phases.rows))
             sets.append(phases if found is None else replace(phases, design=design_rows(found)))
         real[axis] = replace(decoding, sets=tuple(sets))
     return real

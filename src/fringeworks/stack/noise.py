@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.signal.noise import noise_of_residuals, noise_variance, residual_variance
-from fringeworks.stack.fits import DesignRows, fit_matrices, solve, times
+from fringeworks.signal.quantile import quantile
+from fringeworks.stack.fits import DesignRows, SampleFit, fit_matrices, times
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.ripple import harmonics
+from fringeworks.stack.sample import Sample
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
 
 MIN_JUDGED_PIXELS = 200
@@ -67,53 +70,36 @@ BACKGROUND_PASSES = 2
 """Number of estimates from backgrounds: one from all pixels, one without those near the limits."""
 
 
-def phase_samples(sample: Sequence[NDArray[Any]], decoding: Decoding) -> FloatMap:
-    """The sample of the phase frames, set after set: (frames, n) float array, counts."""
-    frames = decoding.phase_frames
-    if not frames:
-        return np.empty((0, sample[0].size))
-    return np.stack([sample[k][0].astype(np.float64) for k in frames])
-
-
-def bit_sums(sample: Sequence[NDArray[Any]], decoding: Decoding) -> FloatMap:
-    """Sums of every bit of the Gray code and its inverse: (bits, n) float array, counts."""
-    gray = decoding.gray
-    if gray is None or len(gray.inverse) < 2:
-        return np.empty((0, sample[0].size))
-    pairs = zip(gray.bits, gray.inverse, strict=True)
-    return np.stack([sample[a][0].astype(np.float64) + sample[b][0] for a, b in pairs])
-
-
-def set_parts(decoding: Decoding) -> list[slice]:
-    """The rows of ``phase_samples`` that belong to each set."""
-    ends = np.cumsum([len(phases.frames) for phases in decoding.sets])
-    return [
-        slice(int(end) - len(s.frames), int(end))
-        for s, end in zip(decoding.sets, ends, strict=True)
-    ]
-
-
-def usable(values: FloatMap, limits: Limits) -> BoolMap:
+def usable(fit: SampleFit, limits: Limits) -> BoolMap:
     """Mark pixels without saturated samples; where those are too few, all finite pixels."""
-    finite = np.asarray(np.isfinite(values).all(axis=0))
-    inner = finite & (values < limits.saturation).all(axis=0)
-    return inner if inner.sum() >= MIN_JUDGED_PIXELS else finite
+    finite = fit.finite
+    inner = np.asarray(finite & (fit.largest < limits.saturation))
+    return inner if np.count_nonzero(inner) >= MIN_JUDGED_PIXELS else finite
+
+
+def _finite_fits(decoding: Decoding, sample: Sample) -> tuple[NDArray[np.intp], list[SampleFit]]:
+    """Indices of the pixels whose samples are finite in all sets, and the fits there."""
+    fits = [sample.fits.of(phases) for phases in decoding.sets]
+    finite = [fit.finite for fit in fits] or [np.zeros(sample.points[0].size, bool)]
+    pixels = np.flatnonzero(np.logical_and.reduce(finite))
+    return pixels, [fit.at(pixels) for fit in fits]
+
+
+def _brightness(fits: list[SampleFit], decoding: Decoding) -> FloatMap:
+    """Mean of the samples of all phase frames of every pixel, (n,) array, counts."""
+    total = sum(len(s.frames) * fit.mean for s, fit in zip(decoding.sets, fits, strict=True))
+    return np.asarray(total / len(decoding.phase_frames))
 
 
 def measure_noise(
-    decodings: dict[Axis, Decoding],
-    values: dict[Axis, FloatMap],
-    bits: dict[Axis, FloatMap],
-    limits: Limits,
-    spatial: CameraNoise,
+    decodings: dict[Axis, Decoding], sample: Sample, limits: Limits, spatial: CameraNoise
 ) -> tuple[CameraNoise, str]:
     """Measure the noise of the camera, and name the source of the result.
 
     Parameters
     ----------
     decodings : decoding of each axis
-    values : ``phase_samples`` of each axis
-    bits : ``bit_sums`` of each axis
+    sample : Sample
     limits : Limits
     spatial : CameraNoise
         Noise from the differences of neighbouring pixels.
@@ -127,19 +113,20 @@ def measure_noise(
         differences of neighbouring pixels".
     """
     margin = CLIPPED_SIGMAS * max(spatial.read_counts, QUANTISATION_VARIANCE**0.5)
-    for axis, decoding in decodings.items():
-        noise = _residual_noise(decoding, values[axis], limits, margin)
+    for decoding in decodings.values():
+        noise = _residual_noise(decoding, sample, limits, margin)
         if noise is not None:
             return noise, "the residuals of the fits"
-    for axis, decoding in decodings.items():
-        noise = _pair_noise(decoding, bits[axis])
+    for decoding in decodings.values():
+        noise = _pair_noise(decoding, sample)
         if noise is not None:
             return noise, "the sums of the Gray code's bits and their inverse"
-    for axis, decoding in decodings.items():
-        noise = _background_noise(decoding, values[axis], limits)
+    for decoding in decodings.values():
+        _, fits = _finite_fits(decoding, sample)
+        noise = _background_noise(decoding, fits, limits)
         if noise is None:
             continue
-        variance = noise.variance(float(np.mean(values[axis])))
+        variance = noise.variance(float(np.mean(_brightness(fits, decoding))))
         largest = BACKGROUND_EXCESS * max(spatial.read_counts**2, QUANTISATION_VARIANCE)
         if variance > largest:
             return spatial, (
@@ -150,13 +137,19 @@ def measure_noise(
     return spatial, "the differences of neighbouring pixels"
 
 
-def _pair_noise(decoding: Decoding, sums: FloatMap) -> CameraNoise | None:
+def _pair_noise(decoding: Decoding, sample: Sample) -> CameraNoise | None:
     """Noise from a Gray code without fringes, whose bits and inverse add up to the same light."""
-    finite = np.isfinite(sums).all(axis=0)
-    if decoding.sets or len(sums) < 2 or finite.sum() < MIN_JUDGED_PIXELS:
+    gray = decoding.gray
+    if decoding.sets or gray is None or len(gray.inverse) < 2:
         return None
-    data = sums[:, finite]
-    data = data[:, _lit(data, np.ones(data.shape[1], bool))]
+    pairs = zip(gray.bits, gray.inverse, strict=True)
+    sums = np.stack(
+        [sample.points[a][0].astype(np.float64) + sample.points[b][0] for a, b in pairs]
+    )
+    sums = sums[:, np.isfinite(sums).all(axis=0)]
+    if sums.shape[1] < MIN_JUDGED_PIXELS:
+        return None
+    data = sums[:, _lit(sums.mean(axis=0))]
     mean = data.mean(axis=0)
     square = np.sum((data - mean) ** 2, axis=0) / 2.0
     return noise_of_residuals(mean / 2.0, square, len(sums) - 1, QUANTISATION_VARIANCE**0.5)
@@ -175,7 +168,7 @@ def spatial_noise(patch: Sequence[FloatMap]) -> CameraNoise:
 
 
 def _residual_noise(
-    decoding: Decoding, values: FloatMap, limits: Limits, margin: float
+    decoding: Decoding, sample: Sample, limits: Limits, margin: float
 ) -> CameraNoise | None:
     """Noise from the residuals of sets with four or more steps; None where there are none.
 
@@ -183,18 +176,19 @@ def _residual_noise(
     the result, because noise decides which ones stay. Samples are therefore chosen by their fitted
     brightness.
     """
-    overdetermined = [
-        (part, phases)
-        for part, phases in zip(set_parts(decoding), decoding.sets, strict=True)
-        if len(phases.frames) > 3
-    ]
-    finite = np.asarray(np.isfinite(values).all(axis=0))
-    if not overdetermined or finite.sum() < MIN_JUDGED_PIXELS:
+    pixels, fits = _finite_fits(decoding, sample)
+    pairs = zip(decoding.sets, fits, strict=True)
+    overdetermined = [(phases, fit) for phases, fit in pairs if len(phases.frames) > 3]
+    if not overdetermined or pixels.size < MIN_JUDGED_PIXELS:
         return None
-    data = values[:, _lit(values, finite)]
-    data = data[:, :: max(1, data.shape[1] * len(overdetermined) // MAX_RESIDUALS)]
-    fits = [_clear_fit(data[part], phases, limits, margin) for part, phases in overdetermined]
-    background, square, count = (np.concatenate(parts) for parts in zip(*fits, strict=True))
+    chosen = np.flatnonzero(_lit(_brightness(fits, decoding)))
+    chosen = chosen[:: max(1, chosen.size * len(overdetermined) // MAX_RESIDUALS)]
+    pixels = pixels[chosen]
+    clear = [
+        _clear_fit(sample.fits.planes(phases), pixels, fit.at(chosen), phases, limits, margin)
+        for phases, fit in overdetermined
+    ]
+    background, square, count = (np.concatenate(parts) for parts in zip(*clear, strict=True))
     freedom = count - 3
     pixels = np.bincount(np.maximum(freedom, 0))[1:]
     if pixels.size == 0 or pixels.max() < MIN_JUDGED_PIXELS:
@@ -207,15 +201,19 @@ def _residual_noise(
     )
 
 
-def _lit(values: FloatMap, finite: BoolMap) -> BoolMap:
-    """Mark finite pixels that are not dim; where those are too few, all finite pixels."""
-    brightness = np.where(finite, values, 0.0).mean(axis=0)
-    lit = np.asarray(finite & (brightness > DIM * np.percentile(brightness[finite], 99)))
-    return lit if lit.sum() >= MIN_JUDGED_PIXELS else finite
+def _lit(brightness: FloatMap) -> BoolMap:
+    """Mark pixels that are not dim; where those are too few, all."""
+    lit = np.asarray(brightness > DIM * quantile(brightness, 0.99))
+    return lit if np.count_nonzero(lit) >= MIN_JUDGED_PIXELS else np.ones(lit.shape, bool)
 
 
 def _clear_fit(
-    values: FloatMap, phases: PhaseFrames, limits: Limits, most: float
+    planes: list[NDArray[Any]],
+    pixels: NDArray[np.intp],
+    fit: SampleFit,
+    phases: PhaseFrames,
+    limits: Limits,
+    most: float,
 ) -> tuple[FloatMap, FloatMap, NDArray[np.intp]]:
     """Fit a set without the samples near the sensor's limits.
 
@@ -225,22 +223,34 @@ def _clear_fit(
     samples.
     """
     steps = len(phases.frames)
-    fitted, square = solve(values, phases.rows)
-    count = np.full(square.shape, steps)
+    square, count = fit.square.copy(), np.full(fit.square.shape, steps)
     rough = residual_variance(square[::ROUGH_STRIDE], steps - 3) ** 0.5
-    inside = _inside(values, phases.rows, fitted, limits, min(CLIPPED_SIGMAS * rough, most))
-    whole = inside.all(axis=0)
-    if not whole.all():
-        square, count = _solve_partly(values, phases.rows, inside)
-    if whole.sum() >= MIN_JUDGED_PIXELS and CLIPPED_SIGMAS * rough > MORE_THAN_NOISE * most:
+    margin = min(CLIPPED_SIGMAS * rough, most)
+    at_limit = fit.smallest.min() <= 0 or fit.largest.max() >= limits.saturation
+    whole: BoolMap = np.ones(square.shape, bool)
+    if np.isfinite(limits.saturation) and at_limit:
+        inside = _inside(fit.fitted, phases.rows, limits, margin)
+        whole = np.asarray(inside.all(axis=0))
+        partly = np.flatnonzero(~whole)
+        if partly.size:
+            found = _solve_partly(planes, pixels[partly], phases.rows, inside[:, partly])
+            square[partly], count[partly] = found
+    clear = np.count_nonzero(whole)
+    if clear >= MIN_JUDGED_PIXELS and CLIPPED_SIGMAS * rough > MORE_THAN_NOISE * most:
         # More than noise: harmonics of the fringe are known causes, and most of them do not
         # disturb the phase.
-        square[whole] = _without_harmonics(values[:, whole], phases, fitted[:, whole])
+        chosen = fit.at(np.flatnonzero(whole))
+        square[whole] = _without_harmonics(samples_at(planes, pixels[whole]), phases, chosen)
         count[~whole] = 0
-    return fitted[0], square, count
+    return fit.fitted[0], square, count
 
 
-def _without_harmonics(values: FloatMap, phases: PhaseFrames, fitted: FloatMap) -> FloatMap:
+def samples_at(planes: list[NDArray[Any]], pixels: NDArray[np.intp]) -> FloatMap:
+    """The samples of some pixels: (frames, n) float array, counts."""
+    return np.stack([plane[0, pixels].astype(np.float64) for plane in planes])
+
+
+def _without_harmonics(values: FloatMap, phases: PhaseFrames, fit: SampleFit) -> FloatMap:
     """Sums of squared residuals without the harmonics that all pixels have in common.
 
     A response that is not linear adds harmonics Re(h_k B e^{ik(φ − δ_n)}), with the same h_k at all
@@ -248,54 +258,47 @@ def _without_harmonics(values: FloatMap, phases: PhaseFrames, fitted: FloatMap) 
     """
     design, solver = fit_matrices(phases.rows)
     assert solver is not None
-    residual = values - times(design, fitted)
-    _, c, s = fitted
-    modulation = np.hypot(c, s)
-    waves = np.exp(1j * (np.arctan2(s, c) - np.asarray(phases.shifts_rad)[:, None]))
-    total = np.sum(residual**2)
+    residual = values - times(design, fit.fitted)
+    modulation = np.sqrt(fit.power)
+    phasor = (fit.fitted[1] + 1j * fit.fitted[2]) / np.maximum(modulation, np.finfo(float).tiny)
+    waves = phasor * np.exp(-1j * np.asarray(phases.shifts_rad))[:, None]
+    total = np.sum(fit.square)
+    # What the fit of the phase leaves of a wave.
+    outside = np.eye(len(design)) - design @ solver
+    least = SMALL_POWER * float(np.sum(fit.power))
     for harmonic in harmonics(waves, HARMONICS):
         wave = modulation * harmonic
-        wave = (
-            wave
-            - times(design, times(solver, wave.real))
-            - 1j * times(design, times(solver, wave.imag))
-        )
-        power = float(np.sum(np.abs(wave) ** 2))
-        if power > SMALL_POWER * float(np.sum(modulation**2)):
-            parts = np.stack((wave.real.ravel(), wave.imag.ravel()))
-            shares = np.linalg.lstsq(parts @ parts.T, parts @ residual.ravel(), rcond=None)[0]
-            residual = residual - shares[0] * wave.real - shares[1] * wave.imag
-    if np.sum(residual**2) > EXPLAINED_BY_HARMONICS * total:
-        return np.asarray(np.sum((values - times(design, fitted)) ** 2, axis=0))
-    return np.asarray(np.sum(residual**2, axis=0))
+        real, imaginary = times(outside, wave.real), times(outside, wave.imag)
+        parts = np.stack((real.ravel(), imaginary.ravel()))
+        products = parts @ parts.T
+        if np.trace(products) > least:
+            shares = np.linalg.lstsq(products, parts @ residual.ravel(), rcond=None)[0]
+            residual -= shares[0] * real + shares[1] * imaginary
+    left = np.einsum("ns,ns->s", residual, residual)
+    return fit.square if np.sum(left) > EXPLAINED_BY_HARMONICS * total else np.asarray(left)
 
 
-def _inside(
-    values: FloatMap,
-    rows: DesignRows,
-    fitted: FloatMap,
-    limits: Limits,
-    margin: float,
-) -> BoolMap:
+def _inside(fitted: FloatMap, rows: DesignRows, limits: Limits, margin: float) -> BoolMap:
     """Mark samples whose fitted brightness keeps a margin (counts) to both limits of the sensor."""
-    if not np.isfinite(limits.saturation) or (
-        values.min() > 0 and values.max() < limits.saturation
-    ):
-        return np.ones(values.shape, bool)
-    brightness = times(fit_matrices(rows)[0], fitted)
-    return np.asarray((brightness > margin) & (brightness < limits.saturation - margin))
+    design, _ = fit_matrices(rows)
+    high = limits.saturation - margin
+    a, c, s = (np.ascontiguousarray(row) for row in fitted)
+    return _core.fitted_inside((a, c, s), design, low=margin, high=high)
 
 
 def _solve_partly(
-    values: FloatMap, rows: DesignRows, inside: BoolMap
+    planes: list[NDArray[Any]], chosen: NDArray[np.intp], rows: DesignRows, inside: BoolMap
 ) -> tuple[FloatMap, NDArray[np.intp]]:
-    """Fit every pixel to the samples that are inside.
+    """Fit every chosen pixel to the samples that are inside.
 
     Returns the sum of squared residuals and the number of samples of every pixel; the number is 0
     where the samples leave no residual.
     """
     count = np.where(inside.sum(axis=0) > 3, inside.sum(axis=0), 0)
-    square = np.zeros(values.shape[1])
+    square = np.zeros(chosen.size)
+    if not count.any():
+        return square, count
+    values = samples_at(planes, chosen)
     # Pixels that lack the same samples share a fit.
     bits = np.int64(1) << np.arange(len(rows), dtype=np.int64)
     _, first, group = np.unique(bits @ inside, return_index=True, return_inverse=True)
@@ -311,33 +314,50 @@ def _solve_partly(
     return square, count
 
 
-def _background_noise(decoding: Decoding, values: FloatMap, limits: Limits) -> CameraNoise | None:
+def _background_noise(
+    decoding: Decoding, fits: list[SampleFit], limits: Limits
+) -> CameraNoise | None:
     """Noise from the differences of the sets' backgrounds; None where there is one set only."""
     if len(decoding.sets) < 2:
         return None
-    finite = np.isfinite(values).all(axis=0)
-    data = values[:, finite]
-    parts = set_parts(decoding)
-    fits = [solve(data[p], s.rows)[0] for p, s in zip(parts, decoding.sets, strict=True)]
-    steps = np.array([len(s.frames) for s in decoding.sets], float)[:, None]
-    background = np.sum(steps * np.stack([f[0] for f in fits]), axis=0) / steps.sum()
-    chosen = np.ones(data.shape[1], bool)
+    steps = [len(s.frames) for s in decoding.sets]
+    total = sum(n * fit.fitted[0] for n, fit in zip(steps, fits, strict=True))
+    background = np.asarray(total / sum(steps))
+    square = sum(n * (fit.fitted[0] - background) ** 2 for n, fit in zip(steps, fits, strict=True))
+    chosen = np.ones(background.shape, bool)
     for _ in range(BACKGROUND_PASSES):
-        if chosen.sum() < MIN_JUDGED_PIXELS:
+        if np.count_nonzero(chosen) < MIN_JUDGED_PIXELS:
             return None
-        mean = background[chosen]
-        square = sum(n * (f[0][chosen] - mean) ** 2 for n, f in zip(steps[:, 0], fits, strict=True))
-        noise = noise_of_residuals(mean, square, len(fits) - 1, QUANTISATION_VARIANCE**0.5)
-        margin = CLIPPED_SIGMAS * residual_variance(square, len(fits) - 1) ** 0.5
-        # The fitted brightness is that around the mean background. The differences of the
-        # backgrounds do not depend on it, whereas a fit of three samples reproduces them exactly,
-        # noise included, so that noise would decide which ones are inside.
-        inside = [
-            _inside(data[p], s.rows, np.stack((background, f[1], f[2])), limits, margin)
-            for p, s, f in zip(parts, decoding.sets, fits, strict=True)
-        ]
-        clear = np.logical_and.reduce([part.all(axis=0) for part in inside])
-        if clear.all() or clear.sum() < MIN_JUDGED_PIXELS:
+        part = np.asarray(square)[chosen]
+        noise = noise_of_residuals(
+            background[chosen], part, len(fits) - 1, QUANTISATION_VARIANCE**0.5
+        )
+        margin = CLIPPED_SIGMAS * residual_variance(part, len(fits) - 1) ** 0.5
+        clear = _clear_of_limits(decoding, fits, background, limits, margin)
+        if clear.all() or np.count_nonzero(clear) < MIN_JUDGED_PIXELS:
             break
         chosen = clear
     return noise
+
+
+def _clear_of_limits(
+    decoding: Decoding,
+    fits: list[SampleFit],
+    background: FloatMap,
+    limits: Limits,
+    margin: float,
+) -> BoolMap:
+    """Mark pixels whose fitted samples keep a margin (counts) to the sensor's limits in all sets.
+
+    The fitted brightness is that around the mean background. The differences of the backgrounds do
+    not depend on it, whereas a fit of three samples reproduces them exactly, noise included, so
+    that noise would decide which ones are inside.
+    """
+    clear = np.ones(background.shape, bool)
+    if not np.isfinite(limits.saturation):
+        return clear
+    for fit, phases in zip(fits, decoding.sets, strict=True):
+        if fit.smallest.min() <= 0 or fit.largest.max() >= limits.saturation:
+            around = np.stack((background, fit.fitted[1], fit.fitted[2]))
+            clear &= _inside(around, phases.rows, limits, margin).all(axis=0)
+    return clear

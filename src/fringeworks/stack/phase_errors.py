@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fringeworks import _core
 from fringeworks.signal.chi_square import chi_square_quantile
 from fringeworks.signal.noise import NORMAL_MEDIAN
+from fringeworks.signal.quantile import median, quantile
 from fringeworks.types import FloatMap
 
 GROUPS = 6
@@ -86,20 +88,22 @@ def two_parts(square: FloatMap, variance_rad2: FloatMap, freedom: int) -> PhaseE
     The expectation of χ² over its degrees of freedom is s² + f² / v, with the noise factor s², the
     floor f and the variance v by noise. Groups of similar v give both by least squares.
     """
-    groups = [
-        part
-        for part in np.array_split(np.argsort(variance_rad2, kind="stable"), GROUPS)
-        if part.size >= MIN_GROUP
-    ]
+    square = square.astype(np.float64)
+    parts = (
+        np.array_split(part, GROUPS) for part in _core.similar_groups(variance_rad2, square, GROUPS)
+    )
+    groups = [group for group in zip(*parts, strict=True) if group[0].size >= MIN_GROUP]
     if not groups:
         return PhaseErrors()
-    ratio = float(np.median(square)) / chi_square_quantile(0.5, freedom)
+    ratio = median(square) / chi_square_quantile(0.5, freedom)
     worst = PhaseErrors(ratio=ratio)
-    inverse = np.array([float(np.mean(1.0 / variance_rad2[part])) for part in groups])
-    for quantile in QUANTILES:
-        usual = chi_square_quantile(quantile, freedom)
-        seen = np.array([float(np.quantile(square[part], quantile)) for part in groups]) / usual
-        whole = float(np.quantile(square, quantile)) / usual
+    inverse = np.array([float(np.mean(1.0 / variance)) for variance, _ in groups])
+    shares = list(QUANTILES)
+    of_groups = np.array([_core.quantiles(part, shares) for _, part in groups])
+    of_all = _core.quantiles(square, shares)
+    for k, share in enumerate(QUANTILES):
+        usual = chi_square_quantile(share, freedom)
+        seen, whole = of_groups[:, k] / usual, of_all[k] / usual
         if whole <= NOISE_ALONE and seen.max() <= GROUP_NOISE_ALONE:
             continue
         weights = 1.0 / seen
@@ -168,8 +172,8 @@ def order_errors(
     for row in amplification:
         error = np.abs(row @ residuals)
         noise = row**2 @ variances
-        seen = float(np.quantile(error, TAIL)) ** 2
-        expected = float(np.quantile(noise, TAIL)) * chi_square_quantile(TAIL, 1)
+        seen = quantile(error, TAIL) ** 2
+        expected = quantile(noise, TAIL) * chi_square_quantile(TAIL, 1)
         errors.append(TAIL_SAFETY * float(np.sqrt(max(seen - expected, 0.0))))
     return tuple(errors)
 
@@ -191,8 +195,13 @@ def set_offsets(residuals: FloatMap, variances: FloatMap) -> FloatMap:
     The real steps of a set are known up to a common shift. In several sets, these shifts show as
     constant residuals, except for the part that a shift of the coordinate explains.
     """
-    middle = np.median(residuals, axis=1)
-    scatter = np.median(np.abs(residuals - middle[:, None]), axis=1) / NORMAL_MEDIAN
+    middle = np.array([median(row) for row in residuals])
+    matters = OFFSET_SHARE * np.sqrt([median(row) for row in variances])
+    large = np.abs(middle) >= matters
+    if not large.any():
+        return np.zeros(len(middle))
+    pairs = zip(residuals, middle, strict=True)
+    scatter = np.array([median(np.abs(row - m)) for row, m in pairs]) / NORMAL_MEDIAN
     error = 1.25 * scatter / np.sqrt(residuals.shape[1])
-    limit = np.maximum(OFFSET_SIGMAS * error, OFFSET_SHARE * np.sqrt(np.median(variances, axis=1)))
-    return np.zeros(len(middle)) if np.all(np.abs(middle) < limit) else np.asarray(middle)
+    seen = large & (np.abs(middle) >= OFFSET_SIGMAS * error)
+    return middle if seen.any() else np.zeros(len(middle))

@@ -9,11 +9,14 @@ pixels therefore still lie in a space of three dimensions, which four or more fr
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import FloatMap
+from fringeworks import _core
+from fringeworks.signal.quantile import median
+from fringeworks.stack.fits import fit_samples
 
 SIGNIFICANT_DECREASE = 6.0
 """Decrease of the residuals that counts as significant, in standard deviations of its value under
@@ -40,9 +43,6 @@ With less of a fringe, background and fringe cannot be distinguished.
 OUTLIERS = 16.0
 """Squared residual of a pixel over the median, above which it is left out, for example at edges
 that move. Empirical; noise alone exceeds it in fewer than 0.3 % of the pixels."""
-
-SPACE_PASSES = 2
-"""Passes of the estimate: one with all pixels, one without outliers."""
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,15 @@ class RealFrames:
         return np.asarray(self.design[:, 0] / self.design[:, 0].mean())
 
 
-def real_frames(samples: FloatMap, planned: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def real_frames(
+    planes: list[NDArray[Any]], pixels: NDArray[np.intp], planned: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
     """Estimate what the frames of a set show, from many pixels.
 
     Parameters
     ----------
-    samples : (N, n) float array, counts
+    planes : (1, n) arrays, one per frame, counts
+    pixels : (m,) integer array
         Pixels with fringes, none of them saturated.
     planned : (N, 3) array
         What the frames should show: 1, cos δ_n and sin δ_n.
@@ -101,22 +104,20 @@ def real_frames(samples: FloatMap, planned: NDArray[np.float64]) -> NDArray[np.f
     The space is that of the three largest principal components of the samples. The result is the
     planned design projected into it, so that nothing is changed that the frames do not contradict.
     Errors of the design within this space leave no residuals. They shift the phase by a function
-    of the phase itself (``stack.ripple``).
+    of the phase itself (``stack.ripple``). A first estimate from all pixels finds outliers, and the
+    second does without them.
     """
     steps = len(planned)
-    if steps < 4 or samples.shape[1] < 10 * steps:
+    if steps < 4 or pixels.size < 10 * steps:
         return None
-    kept = np.ones(samples.shape[1], bool)
     residual = np.eye(steps) - planned @ np.linalg.pinv(planned)
-    for _ in range(SPACE_PASSES):
-        data = samples[:, kept]
-        moments = np.einsum("in,jn->ij", data, data)
-        powers, vectors = np.linalg.eigh(moments)
-        space = vectors[:, -3:]
-        outside = samples - space @ np.einsum("nk,nm->km", space, samples)
-        square = np.einsum("ns,ns->s", outside, outside)
-        kept = square <= OUTLIERS * np.median(square)
-    n = float(data.shape[1])
+    _, vectors = np.linalg.eigh(_core.sample_moments(planes, pixels))
+    square = _core.sample_squares(planes, pixels, np.ascontiguousarray(vectors[:, :-3].T))
+    pixels = pixels[square <= OUTLIERS * median(square)]
+    moments = _core.sample_moments(planes, pixels)
+    powers, vectors = np.linalg.eigh(moments)
+    space = vectors[:, -3:]
+    n = float(pixels.size)
     after = float(max(powers[:-3].sum(), 0.0))
     before = float(np.einsum("ij,ji->", residual, moments))
     variance = after / (n * (steps - 3))
@@ -128,7 +129,7 @@ def real_frames(samples: FloatMap, planned: NDArray[np.float64]) -> NDArray[np.f
     if significance < SIGNIFICANT_DECREASE or explained < USEFUL:
         return None
     design = space @ (space.T @ planned)
-    _, c, s = np.einsum("kn,ns->ks", np.linalg.pinv(design), data)
+    c, s = fit_samples(planes, design_rows(design)).at(pixels).fitted[1:]
     phasor = (c + 1j * s) / np.maximum(np.hypot(c, s), np.finfo(float).tiny)
     if abs(np.mean(phasor)) > MAX_ALIGNED:
         return None

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.signal.noise import NORMAL_MEDIAN
+from fringeworks.signal.quantile import median
 from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
-from fringeworks.stack.fits import solve
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
@@ -43,6 +44,9 @@ A sinusoid spends only half of its phases within its rms value. Within 1.2 times
 
 MAX_ORDER = 8
 """Highest order of a ripple that is looked for, periods per fringe; higher ones are weak."""
+
+MIN_MODULATION = 1e-6
+"""Divides instead of a modulation of zero, counts."""
 
 MAX_RIPPLE_NOISE_RAD = 0.2
 """Largest phase noise of a pixel that a ripple is measured from, rad. An empirical choice: noisier
@@ -133,7 +137,7 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
         findings.append(words.disagreement(errors, decoding.axis))
     if decoding.gray is not None:
         decoding = _with_reach(decoding, decoding.gray, planes, raised)
-    uneven = factor > 1.0 or not errors.by_noise or _uneven_residuals(decoding, planes, raised)
+    uneven = factor > 1.0 or not errors.by_noise or _uneven_residuals(decoding, sample, raised)
     decoding = replace(decoding, noise_factor=factor * errors.noise_factor)
     maps = decode_sample(decoding, lines, known.noise, known.limits)
     rough = scatters(maps["coordinate"], maps["sigma"], decoding.most_scatter_px)
@@ -155,19 +159,16 @@ def _with_line_scatter(decoding: Decoding, ripples: list[Ripple | None]) -> tupl
     return decoding, finest.excess
 
 
-def _uneven_residuals(decoding: Decoding, planes: list[NDArray[Any]], known: Known) -> bool:
+def _uneven_residuals(decoding: Decoding, sample: Sample, known: Known) -> bool:
     """Whether more residuals of the fits are outliers than noise and edges explain."""
-    first = 0
     for phases in decoding.sets:
-        steps = len(phases.frames)
-        values = np.stack([plane[0] for plane in planes[first : first + steps]])
-        first += steps
-        if steps < 4:
+        freedom = len(phases.frames) - 3
+        if freedom < 1:
             continue
-        usable = np.isfinite(values).all(axis=0) & (values < known.limits.saturation).all(axis=0)
-        fitted, square = solve(values[:, usable].astype(np.float64), phases.rows)
-        outliers = square > OUTLIER_CHI * (steps - 3) * known.noise.variance(fitted[0])
-        if usable.any() and np.mean(outliers) > EDGE_SHARE:
+        fit = sample.fits.of(phases)
+        fit = fit.at(np.flatnonzero(fit.finite & (fit.largest < known.limits.saturation)))
+        outliers = fit.square > OUTLIER_CHI * freedom * known.noise.variance(fit.fitted[0])
+        if np.count_nonzero(outliers) > EDGE_SHARE * outliers.size:
             return True
     return False
 
@@ -220,17 +221,17 @@ def _orders(phases: PhaseFrames) -> tuple[int, ...]:
 
 def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
     """Ripple of a set along lines; None where they hold too few fringes."""
-    lit = lit_pixels(maps)
-    modulation = maps["modulations"][k]
+    modulation, background = maps["modulations"][k], maps["background"]
     with np.errstate(invalid="ignore"):  # pixels that are not finite
-        sigma = np.sqrt(phase_variance(phases, modulation, maps["background"], known.noise))
-        bright = lit & (sigma < MAX_RIPPLE_NOISE_RAD)
+        sigma = np.sqrt(phase_variance(phases, modulation, background, known.noise))
+        bright = lit_pixels(maps) & (sigma < MAX_RIPPLE_NOISE_RAD)
     if not bright.any():
         return None
     turns = np.where(bright, maps["phases"][k] / TURN, 0.0)
-    ratio = float(np.median(maps["background"][bright] / modulation[bright]))
-    found = measure_ripple(turns, bright, np.where(bright, sigma, 1.0), _orders(phases))
-    return None if found is None else replace(found, background_ratio=ratio)
+    found = measure_ripple(turns, bright, sigma, _orders(phases))
+    if found is None:
+        return None
+    return replace(found, background_ratio=median(background[bright] / modulation[bright]))
 
 
 def _with_set_ripples(
@@ -248,8 +249,8 @@ def _with_set_ripples(
     used = maps["used"]
     out = list(ripples)
     for k in missing:
-        ratio = float(np.median(maps["background"][used] / maps["modulations"][k][used]))
-        phase = maps["phases"][k][used]
+        ratio = median(maps["background"][used] / maps["modulations"][k][used])
+        phase = maps["phases"][k][used].astype(np.float64)
         found = ripple_of_residuals(phase, TURN * residuals[k], _orders(decoding.sets[k]))
         out[k] = None if found is None else replace(found, background_ratio=ratio)
     return out
@@ -323,16 +324,23 @@ def _residuals(
     # of the nearest fringe orders.
     used &= np.isfinite(maps["disagreement"]) & np.isfinite(maps["coordinate"])
     maps["used"] = used
-    x = maps["coordinate"][used].astype(np.float64)
-    off, variance = [], []
-    for phases, turns, modulation in zip(
-        decoding.sets, maps["phases"], maps["modulations"], strict=True
-    ):
-        rest = turns[used] / TURN - x / phases.period_px
-        off.append(rest - np.rint(rest))
-        by_noise = phase_variance(phases, modulation, maps["background"], known.noise)
-        variance.append(by_noise[used] / TURN**2)
-    return np.stack(off), np.stack(variance), maps
+    sets = zip(decoding.sets, maps["phases"], maps["modulations"], strict=True)
+    found = [
+        _core.phase_residuals(
+            maps["coordinate"],
+            maps["background"],
+            used,
+            turns,
+            modulation,
+            period=phases.period_px,
+            variance=2.0 / len(phases.frames) / TURN**2,
+            read_variance=known.noise.read_counts**2,
+            gain=known.noise.gain,
+            least_modulation=MIN_MODULATION,
+        )
+        for phases, turns, modulation in sets
+    ]
+    return np.stack([off for off, _ in found]), np.stack([v for _, v in found]), maps
 
 
 def _turned(phases: PhaseFrames, turns: float) -> PhaseFrames:
@@ -347,7 +355,9 @@ def phase_variance(
 ) -> FloatMap:
     """Variance of the phase by camera noise, rad²: that of equal steps."""
     variance = noise.variance(np.where(np.isfinite(background), background, 0.0))
-    return np.asarray(2.0 / len(phases.frames) * variance / np.maximum(modulation, 1e-6) ** 2)
+    return np.asarray(
+        2.0 / len(phases.frames) * variance / np.maximum(modulation, MIN_MODULATION) ** 2
+    )
 
 
 def with_floor(decoding: Decoding, floor_rad: float) -> Decoding:
@@ -386,5 +396,5 @@ def _distance_from_gray(
     if both.sum() < MIN_JUDGED_PIXELS:
         return 0.0, 0.0
     off = np.abs(by_phases["coordinate"] - by_gray["coordinate"])[both]
-    sigma = NORMAL_MEDIAN * float(np.median(by_phases["sigma"][both]))
-    return float(np.median(off)), sigma
+    sigma = NORMAL_MEDIAN * median(by_phases["sigma"][both])
+    return median(off), sigma

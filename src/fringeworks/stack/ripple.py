@@ -9,10 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks import _core
+from fringeworks.signal.quantile import median, quantile
 from fringeworks.types import MAD_TO_SIGMA, BoolMap, FloatMap
 
 WINDOW_FRINGES = 3.0
@@ -96,16 +99,19 @@ class Ripple:
 
 
 def measure_ripple(
-    turns: FloatMap, usable: BoolMap, sigma_rad: FloatMap, orders: tuple[int, ...]
+    turns: NDArray[np.float32],
+    usable: BoolMap,
+    sigma_rad: NDArray[np.float32],
+    orders: tuple[int, ...],
 ) -> Ripple | None:
     """Measure the ripple of a wrapped phase along lines.
 
     Parameters
     ----------
-    turns : (r, l) float array
+    turns : (r, l) float32 array
         Wrapped phase along r lines, turns.
     usable : (r, l) bool array
-    sigma_rad : (r, l) float array
+    sigma_rad : (r, l) float32 array
         Standard deviation of the phase that camera noise alone would cause, rad.
     orders : tuple of int
         Numbers of periods per fringe.
@@ -114,28 +120,29 @@ def measure_ripple(
     -------
     Ripple; None where the lines hold too few whole fringes.
     """
-    windows = _windows(turns, usable, sigma_rad)
+    windows = _core.smooth_windows(
+        turns,
+        usable,
+        fringes=WINDOW_FRINGES,
+        least=MIN_WINDOW,
+        most=MAX_WINDOW,
+        windows=(MIN_WINDOWS, MAX_WINDOWS),
+        jump=JUMP_TURNS,
+    )
     if windows is None:
         return None
-    phase, sigma = windows
+    phase, pixels = windows
     length = phase.shape[1]
-    place = np.linspace(-1.0, 1.0, length)
-    basis, _ = np.linalg.qr(np.vander(place, 4))
-
-    def rough(values: FloatMap) -> FloatMap:
-        """What a smooth surface does not explain."""
-        return np.asarray(values - (values @ basis) @ basis.T)
-
-    errors = rough(phase)
-    shapes = []
-    for wave in harmonics(np.exp(1j * phase), orders):
-        shapes += [rough(wave.real), rough(wave.imag)]
-    design = np.stack(shapes, axis=-1)
+    sigma = sigma_rad.ravel()[pixels].astype(np.float64)
+    sums = _core.window_sums(phase, _smooth_shapes(length), list(orders))
     expected = np.mean(sigma**2, axis=1)
-    scatter = np.mean(errors**2, axis=1) / expected
-    kept = scatter <= np.quantile(scatter, SMOOTH_SHARE)
-    coefficients, covariance = _pooled(design[kept], errors[kept])
-    residual = np.mean((errors[kept] - design[kept] @ coefficients) ** 2, axis=1) / expected[kept]
+    scatter = sums[2] / length / expected
+    kept = scatter <= quantile(scatter, SMOOTH_SHARE)
+    normal, projected, power = (part[kept] for part in sums)
+    coefficients, covariance = _pooled(normal, projected)
+    # Σ (e - D c)², from the sums of e², D e and D D.
+    explained = 2.0 * projected - np.einsum("wpq,q->wp", normal, coefficients)
+    residual = np.maximum(power - explained @ coefficients, 0.0) / length / expected[kept]
     smooth = np.sort(residual)[: max(1, residual.size // 2)]
     freedom = length - 4.0
     # The smoothest windows are so by chance, too: their mean is that of the lower part of χ².
@@ -143,7 +150,7 @@ def measure_ripple(
     excess = float(smooth.mean() * length / freedom / by_chance)
     if excess > LINES_NOISE_ALONE:
         # Errors that vary over the scene count with their usual size, not with their smallest.
-        excess = float(np.quantile(residual, USUAL_WINDOW) * length / freedom)
+        excess = quantile(residual, USUAL_WINDOW) * length / freedom
     pairs = coefficients.reshape(-1, 2)
     return Ripple(
         orders,
@@ -173,20 +180,22 @@ def ripple_of_residuals(
     """
     if np.std(residual_rad) > MAX_RESIDUAL_RAD:
         return None
-    waves = [np.ones_like(phase_rad)]
-    for wave in harmonics(np.exp(1j * phase_rad), orders):
-        waves += [wave.real, wave.imag]
-    design = np.stack(waves, axis=1)
-    normal = design.T @ design
-    if np.linalg.cond(normal) > MAX_CONDITION:
+    none = [0.0] * (1 + 2 * len(orders))
+    found = _core.harmonic_sums(
+        phase_rad, residual_rad, list(orders), coefficients=none, most=float("inf")
+    )
+    if np.linalg.cond(found[0][0]) > MAX_CONDITION:
         return None
-    inverse = np.linalg.inv(normal)
-    coefficients = inverse @ (design.T @ residual_rad)
-    left = residual_rad - design @ coefficients
-    kept = np.abs(left) <= OUTLIER_SIGMAS * MAD_TO_SIGMA * np.median(np.abs(left))
-    inverse = np.linalg.inv(design[kept].T @ design[kept])
-    coefficients = inverse @ (design[kept].T @ residual_rad[kept])
-    variance = float(np.var(residual_rad[kept] - design[kept] @ coefficients))
+    first = (np.linalg.inv(found[0][0]) @ found[1][0]).tolist()
+    left = np.abs(_core.without_series(phase_rad, residual_rad, list(orders), first))
+    most = OUTLIER_SIGMAS * MAD_TO_SIGMA * median(left)
+    normal, projected, power = _core.harmonic_sums(
+        phase_rad, residual_rad, list(orders), coefficients=first, most=most
+    )
+    inverse = np.linalg.inv(normal[0])
+    coefficients = inverse @ projected[0]
+    # The residuals of a fit with a constant have a mean of zero.
+    variance = max(float(power[0] - projected[0] @ coefficients) / normal[0, 0, 0], 0.0)
     pairs = coefficients[1:].reshape(-1, 2)
     errors = np.sqrt(variance * np.diag(inverse)[1:].reshape(-1, 2).max(axis=1))
     return Ripple(orders, pairs[:, 0] + 1j * pairs[:, 1], errors, 1.0)
@@ -204,50 +213,17 @@ def harmonics(
         yield power
 
 
-def _windows(turns: FloatMap, usable: BoolMap, sigma: FloatMap) -> tuple[FloatMap, FloatMap] | None:
-    """Unwrapped phases of windows without edges, rad, and their standard deviations by noise."""
-    slope = np.diff(turns, axis=1)
-    slope -= np.rint(slope)
-    good = usable[:, 1:] & usable[:, :-1]
-    if good.sum() < MIN_WINDOW * MIN_WINDOWS:
-        return None
-    # Signed: noise would make up for a slope that is hardly there.
-    per_pixel = abs(float(np.median(slope[good])))
-    lines, length = turns.shape
-    if per_pixel * length < WINDOW_FRINGES:
-        return None
-    span = max(MIN_WINDOW, int(np.ceil(WINDOW_FRINGES / per_pixel)))
-    stride = -(-span // MAX_WINDOW)
-    count = -(-span // stride)
-    starts = np.arange(0, length - span + 1, max(1, span // 2))
-    if starts.size == 0:
-        return None
-    bend = np.abs(np.diff(slope, axis=1))
-    broken = np.zeros((lines, length + 1))
-    fault = ~usable
-    fault[:, 1:-1] |= bend > JUMP_TURNS
-    np.cumsum(fault, axis=1, out=broken[:, 1:])
-    whole = (broken[:, np.minimum(starts + span, length)] - broken[:, starts]) == 0
-    row, which = np.nonzero(whole)
-    if row.size < MIN_WINDOWS:
-        return None
-    chosen = np.linspace(0, row.size - 1, min(row.size, MAX_WINDOWS)).astype(np.intp)
-    columns = starts[which[chosen]][:, None] + stride * np.arange(count)
-    columns = np.minimum(columns, length - 1)
-    rows = row[chosen][:, None]
-    unwrapped = np.zeros((lines, length))
-    np.cumsum(np.where(np.isfinite(slope), slope, 0.0), axis=1, out=unwrapped[:, 1:])
-    start = turns[rows[:, 0], columns[:, 0]] - unwrapped[rows[:, 0], columns[:, 0]]
-    phase = 2.0 * np.pi * (unwrapped[rows, columns] + start[:, None])
-    return np.asarray(phase), sigma[rows, columns]
+@lru_cache(maxsize=64)
+def _smooth_shapes(length: int) -> FloatMap:
+    """Orthonormal polynomials up to the third degree over a window, (4, length)."""
+    basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, length), 4))
+    return np.ascontiguousarray(basis.T)
 
 
-def _pooled(design: FloatMap, errors: FloatMap) -> tuple[FloatMap, FloatMap]:
+def _pooled(normal: FloatMap, projected: FloatMap) -> tuple[FloatMap, FloatMap]:
     """Least squares over all windows, and the covariance from the scatter between windows."""
-    normal = np.einsum("wlp,wlq->pq", design, design, optimize=True)
-    projected = np.einsum("wlp,wl->wp", design, errors)
-    inverse = np.linalg.pinv(normal, hermitian=True)
+    inverse = np.linalg.pinv(normal.sum(axis=0), hermitian=True)
     coefficients = inverse @ projected.sum(axis=0)
-    scores = projected - np.einsum("wlp,wl->wp", design, design @ coefficients)
+    scores = projected - np.einsum("wpq,q->wp", normal, coefficients)
     covariance = inverse @ (scores.T @ scores) @ inverse
     return np.asarray(coefficients), np.asarray(covariance)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import PatternPlan, PhaseSteps
+from fringeworks.stack.fits import SampleFits
 from fringeworks.stack.frames import Planes, readable, sample_of, sampled_places
 from fringeworks.types import Axis, FloatMap
 
@@ -46,6 +48,11 @@ class Sample:
     """Whole rows (for fringes along x) or columns (along y), one array per frame of the plan."""
     patch: tuple[FloatMap, ...]
     """(h, w) arrays: connected pixels of some frames, counts."""
+
+    @cached_property
+    def fits(self) -> SampleFits:
+        """Fits of sets of steps to the points."""
+        return SampleFits(self.points)
 
     def reordered(self, order: Sequence[int]) -> Sample:
         """The sample with the frames in another order: place k gets frame ``order[k]``."""

@@ -6,7 +6,8 @@ import numpy as np
 
 from fringeworks.stack.fits import DesignRows, fit_matrices, times
 from fringeworks.stack.kernel_settings import Decoding, Limits
-from fringeworks.stack.noise import set_parts
+from fringeworks.stack.noise import samples_at
+from fringeworks.stack.sample import Sample
 from fringeworks.types import BoolMap, CameraNoise, FloatMap
 
 RARE = 0.01
@@ -22,23 +23,27 @@ Noise alone reaches it in 0.003 % of the samples, far below ``RARE``.
 """
 
 
-def exceeds(decoding: Decoding, values: FloatMap, limits: Limits, noise: CameraNoise) -> bool:
+def exceeds(decoding: Decoding, sample: Sample, limits: Limits, noise: CameraNoise) -> bool:
     """Decide whether light exceeds the sensor's limit or samples only touch it.
 
     A sample at the limit is compared with its prediction. The prediction is the fit of its set
     without it; for three steps, it follows from the background of the other sets. Without any
     prediction the answer is True.
     """
-    at_limit = values >= limits.saturation
-    if not at_limit.any():
+    fits = [sample.fits.of(phases) for phases in decoding.sets]
+    touching = [np.flatnonzero(fit.largest >= limits.saturation) for fit in fits]
+    pixels = np.unique(np.concatenate([*touching, np.empty(0, np.intp)]))
+    if pixels.size == 0:
         return False
-    parts = set_parts(decoding)
-    clear = np.stack([~at_limit[part].any(axis=0) for part in parts])
-    means = np.stack([values[part].mean(axis=0) for part in parts])
+    # The other pixels have no sample at the limit.
+    values = [samples_at(sample.fits.planes(phases), pixels) for phases in decoding.sets]
+    clear = np.stack([(data < limits.saturation).all(axis=0) for data in values])
+    means = np.stack([fit.mean[pixels] for fit in fits])
     excesses: list[FloatMap] = []
-    for part, phases in zip(parts, decoding.sets, strict=True):
-        data, at = values[part], at_limit[part]
-        if np.mean(at.sum(axis=0) > max(1, len(data) // 4)) > RARE:
+    for data, phases in zip(values, decoding.sets, strict=True):
+        at = data >= limits.saturation
+        many = np.count_nonzero(at.sum(axis=0) > max(1, len(data) // 4))
+        if many > RARE * sample.points[0].size:
             return True  # too many samples of a set at the limit: it cannot be a mere touch
         if len(data) == 3:
             excesses.append(_excess_of_three(data, at, clear, means, limits.saturation))

@@ -11,6 +11,7 @@ import numpy as np
 
 from fringeworks import _core
 from fringeworks.signal.chi_square import chi_square_quantile
+from fringeworks.signal.quantile import median
 from fringeworks.signal.third_difference import third_difference, third_difference_variance
 from fringeworks.types import BoolMap, FloatMap
 
@@ -69,11 +70,11 @@ def scatters(coordinate: FloatMap, sigma: FloatMap, most_px: float) -> bool:
     most_px : float > 0
         Largest third difference on one surface, projector px; larger ones are depth steps.
     """
-    chi, known = _chi_squares(coordinate, sigma**2, 1, most_px)
-    values = chi[known]
+    lines = (np.ascontiguousarray(values, np.float32) for values in (coordinate, sigma))
+    values = _core.third_chi_squares(*lines, most=most_px)
     if values.size < MIN_DIFFERENCES:
         return False
-    typical = float(np.median(values)) / chi_square_quantile(0.5, 1)
+    typical = median(values) / chi_square_quantile(0.5, 1)
     return bool(typical > TYPICAL or np.mean(values > OUTLIER_CHI) > OUTLIER_SHARE)
 
 

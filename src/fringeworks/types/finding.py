@@ -27,6 +27,7 @@ FrameFindingKind = Literal[
     "raw colours",
     "exposures",
     "depth range",
+    "views",
 ]
 """What a finding is about."""
 

@@ -63,6 +63,14 @@ impl<T> DerefMut for Line<T> {
     }
 }
 
+/// Largest number of pixels that one thread decodes faster than it hands them to others.
+const ALONE_PIXELS: usize = 2 * TASK_PIXELS;
+
+/// Whether frames of this size are decoded on the thread that calls [`decode`], without others.
+pub fn decodes_alone(pixels: usize) -> bool {
+    pixels <= ALONE_PIXELS
+}
+
 /// A type of camera counts, and the kernels compiled for it.
 pub trait Sample: Copy + Default + Send + Sync + 'static {
     /// Whether the type has NaN and infinity.
@@ -142,7 +150,8 @@ impl Plan {
             "phases or a code",
             "neither",
         )?;
-        self.chain.check(self.sets.len())
+        self.chain.check(self.sets.len())?;
+        orders::check(self)
     }
 
     /// Index of the set with the shortest period, which determines the precision.
@@ -165,6 +174,7 @@ pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(
     }
     plan.check(frames.len())?;
     out.check(pixels, plan.sets.len())?;
+    let factors = !out.inflation.is_empty();
     let frames = &Frames { planes: frames };
     let mut tasks = Vec::with_capacity(pixels / TASK_PIXELS + 1);
     let (mut rest, mut start) = (out, 0);
@@ -175,18 +185,22 @@ pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(
         rest = after;
         start += n;
     }
-    tasks.into_par_iter().for_each_init(
-        || orders::Scratch::new(plan.sets.len(), plan.chain.frequencies.len()),
-        |scratch, (start, out)| {
-            T::run(Task {
-                frames,
-                plan,
-                start,
-                out,
-                scratch,
-            });
-        },
-    );
+    let scratch = || orders::Scratch::new(plan, factors);
+    let run = |scratch: &mut orders::Scratch, (start, out)| {
+        T::run(Task {
+            frames,
+            plan,
+            start,
+            out,
+            scratch,
+        });
+    };
+    if decodes_alone(pixels) {
+        let mut scratch = scratch();
+        tasks.into_iter().for_each(|task| run(&mut scratch, task));
+    } else {
+        tasks.into_par_iter().for_each_init(scratch, run);
+    }
     Ok(())
 }
 
@@ -203,7 +217,7 @@ impl<'a, T: Sample> BandDecoder<'a, T> {
         Self {
             frames: Frames { planes },
             plan,
-            scratch: orders::Scratch::new(plan.sets.len(), plan.chain.frequencies.len()),
+            scratch: orders::Scratch::new(plan, false),
         }
     }
 
@@ -232,22 +246,18 @@ impl<'a, T: Sample> BandDecoder<'a, T> {
 
 /// Decode the blocks of one task.
 #[inline(always)]
-fn decode_task<T: Sample>(task: Task<'_, T>) {
+fn decode_task<T: Sample>(mut task: Task<'_, T>) {
     let n = task.out.coordinate.len();
-    let (mut rest, mut done) = (task.out, 0);
-    while done < n {
-        let pixels = BLOCK_PIXELS.min(n - done);
-        let (block, after) = rest.split(pixels);
-        let at = task.start + done;
+    for done in (0..n).step_by(BLOCK_PIXELS) {
+        let here = done..n.min(done + BLOCK_PIXELS);
+        let (at, out, scratch) = (task.start + done, &mut task.out, &mut *task.scratch);
         if at + BLOCK_PIXELS <= task.frames.pixels() {
-            orders::decode_block(task.frames, task.plan, at, block, task.scratch);
+            orders::decode_block(task.frames, task.plan, at, scratch, out, here);
         } else {
             let padded = task.frames.padded(at);
             let planes: Vec<&[T]> = padded.iter().map(Vec::as_slice).collect();
             let frames = &Frames { planes: &planes };
-            orders::decode_block(frames, task.plan, 0, block, task.scratch);
+            orders::decode_block(frames, task.plan, 0, scratch, out, here);
         }
-        rest = after;
-        done += BLOCK_PIXELS;
     }
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from fringeworks.rig.calibration.board_shape import (
     first_prior,
 )
 from fringeworks.rig.calibration.normal_equations import Covariance, NormalEquations
-from fringeworks.rig.calibration.parameters import POSE_SIZE, RIG_SIZE, State
+from fringeworks.rig.calibration.parameters import POSE_SIZE, RIG_SIZE, RigPrior, State
 from fringeworks.rig.calibration.residuals import (
     Corners,
     Residuals,
@@ -130,6 +130,7 @@ def adjust(
     poses: Sequence[FloatMap],
     *,
     free: BoolMap | None = None,
+    prior: RigPrior | None = None,
 ) -> Adjusted:
     """Fit the rig, all poses and the board's shape to all corners by robust least squares.
 
@@ -142,6 +143,8 @@ def adjust(
         Start: T_camera_board of every sighting, mm.
     free : (24,) bool array, optional
         Which of the rig's parameters are estimated; the others keep their start. All by default.
+    prior : RigPrior, optional
+        What is known about the rig beside the sightings. With it, one sighting is enough.
 
     Returns
     -------
@@ -168,7 +171,8 @@ def adjust(
     corners = corners_of(sightings)
     shape = BoardShape(np.zeros(BOW_SIZE), np.zeros((corners.board_points, OFFSET_SIZE)))
     state = State(rig, tuple(poses), shape)
-    problem = _Problem(corners, np.ones(RIG_SIZE, bool) if free is None else free, state)
+    free = np.ones(RIG_SIZE, bool) if free is None else free
+    problem = _Problem(corners, free, state, prior)
     first = residuals_of(corners, state).independent
     scatter = first_scatter(first, corners.rows, problem.of_rig_and_poses)
     weighting = Weighting(scatter, None, first_prior(corners.points_mm))
@@ -210,6 +214,23 @@ def without(
     return rig, board_places(every, state.shape)[left_out]
 
 
+def refit(
+    sightings: Sequence[Sighting], adjusted: Adjusted, *, free: BoolMap, prior: RigPrior
+) -> tuple[Rig, float]:
+    """Fit again with another prior of the rig, and the same scatter, weights and board's prior.
+
+    Returns
+    -------
+    The rig with its covariance; and the cost, the weighted sum of squares of all residuals and
+    deviations from priors. Costs of several priors can be compared.
+    """
+    state = State(adjusted.rig, adjusted.poses, adjusted.shape)
+    problem = _Problem(corners_of(sightings), free, state, prior)
+    at = problem.minimise(state, adjusted.weighting)
+    covariance = problem.covariance(at, adjusted.weighting).shared[:RIG_SIZE, :RIG_SIZE]
+    return replace(at.state.rig, covariance=covariance), at.cost
+
+
 def _settled(before: Weighting, after: Weighting) -> bool:
     """Whether scatter and prior hardly changed; far below the corners' scatter, a prior that still
     shrinks changes nothing."""
@@ -234,14 +255,20 @@ class _Evaluated:
 class _Problem:
     """The corners to fit, and which of all parameters are free."""
 
-    def __init__(self, corners: Corners, free_of_rig: BoolMap, state: State) -> None:
-        self.corners = corners
+    def __init__(
+        self,
+        corners: Corners,
+        free_of_rig: BoolMap,
+        state: State,
+        prior: RigPrior | None = None,
+    ) -> None:
+        self.corners, self.prior = corners, prior
         self.points = len(state.shape.offset_mm)
         self.of_rig_and_poses = int(free_of_rig.sum()) + POSE_SIZE * corners.poses
         always = np.ones(POSE_SIZE * corners.poses + BOW_SIZE, bool)
         self.free = np.concatenate((free_of_rig, always))
         count, unknowns = len(corners.pose), self.of_rig_and_poses
-        if 4 * count <= unknowns:
+        if prior is None and 4 * count <= unknowns:
             raise InputError(
                 f"calibration: expected more than {unknowns // 4} corners to determine {unknowns} "
                 f"parameters, got {count}"
@@ -269,13 +296,18 @@ class _Problem:
         precision, off = self._prior(state, weighting)
         weighted = residuals.independent * weighting.root
         cost = float(np.sum(weighted**2) + np.sum(precision * off**2))
+        if self.prior is not None:
+            known, change = self.prior.information(state.rig)
+            cost += float(change @ known @ change)
         return _Evaluated(state, residuals, cost if np.isfinite(cost) else np.inf)
 
     def normal_equations(self, at: _Evaluated, weighting: Weighting) -> NormalEquations:
         """Normal equations of the free parameters."""
         root = weighting.root
         J, r = at.residuals.jacobian * root[:, :, None], at.residuals.independent * root
-        return NormalEquations.of(self.corners, J, r, self._prior(at.state, weighting), self.free)
+        known = None if self.prior is None else self.prior.information(at.state.rig)
+        of_board = self._prior(at.state, weighting)
+        return NormalEquations.of(self.corners, J, r, of_board, self.free, known)
 
     def _prior(self, state: State, weighting: Weighting) -> tuple[FloatMap, FloatMap]:
         values = np.concatenate((state.shape.bow_mm, state.shape.offset_mm.ravel()))

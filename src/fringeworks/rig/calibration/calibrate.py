@@ -210,17 +210,17 @@ def calibrate(
     _check_poses(observations, board, skipped)
     _check_orientation(observations)
     free = free_parameters(distortion)
-    sightings = [_sighting(o, board) for o in observations]
+    sightings = [sighting_of(o, board) for o in observations]
     first = observations[0]
     rig, poses = start(
         sightings, first.camera_size, first.projector_size, distortion=distortion != 0
     )
     adjusted = adjust(sightings, rig, poses, free=free)
     observations = [
-        _refined(o, board, adjusted.rig.camera, T)
+        refined(o, board, adjusted.rig.camera, T)
         for o, T in zip(observations, adjusted.poses, strict=True)
     ]
-    sightings = [_sighting(o, board) for o in observations]
+    sightings = [sighting_of(o, board) for o in observations]
     adjusted = adjust(sightings, adjusted.rig, adjusted.poses, free=free)
     if distortion is None:
         adjusted, left_out, free = without_useless(sightings, adjusted, free)
@@ -307,8 +307,8 @@ def _check_orientation(observations: Sequence[Observation]) -> None:
         )
 
 
-def _sighting(o: Observation, board: Board) -> Sighting:
-    """The corners of an observation that have projector coordinates."""
+def sighting_of(o: Observation, board: Board) -> Sighting:
+    """Return the corners of an observation that have projector coordinates."""
     lit = np.isfinite(o.found.projector_px).all(axis=1)
     return Sighting(
         board.points_mm[o.view.index[lit]],
@@ -319,8 +319,8 @@ def _sighting(o: Observation, board: Board) -> Sighting:
     )
 
 
-def _refined(o: Observation, board: Board, camera: Pinhole, T: FloatMap) -> Observation:
-    """The observation with its corners measured again, for a camera and pose nearly known."""
+def refined(o: Observation, board: Board, camera: Pinhole, T: FloatMap) -> Observation:
+    """Return an observation with its corners measured again, for a camera and pose nearly known."""
     view = refined_view(o.image, board, o.view, camera, T)
     # Corners move by less than a pixel, over which the projector coordinate is linear.
     shift = np.einsum("nij,nj->ni", o.found.by_pixel, view.pixels - o.view.pixels)

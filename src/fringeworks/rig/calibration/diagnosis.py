@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy
 
-from fringeworks.rig.calibration.calibrate import Calibration, unmoved
+from fringeworks.rig.calibration.calibrate import Calibration, Observation, unmoved
 from fringeworks.rig.calibration.parameters import DEVICE_SIZE
 from fringeworks.rig.calibration.poses import tilts_deg
 from fringeworks.types import Axis, FloatMap
@@ -127,7 +128,7 @@ def diagnose(calibration: Calibration) -> list[Finding]:
     """
     return [
         *_odd_poses(calibration),
-        *_ripple(calibration),
+        *ripple_findings(calibration.observations),
         *_bent_board(calibration),
         *_low_tilt(calibration),
         *_few_poses(calibration),
@@ -156,11 +157,12 @@ def _odd_poses(calibration: Calibration) -> list[Finding]:
     return findings
 
 
-def _ripple(calibration: Calibration) -> list[Finding]:
+def ripple_findings(observations: Sequence[Observation]) -> list[Finding]:
+    """Report coordinates that have an error which repeats with the fringes."""
     findings = []
     axes: tuple[Axis, ...] = ("x", "y")
     for axis in axes:
-        all_poses = [o.found.ripple for o in calibration.observations]
+        all_poses = [o.found.ripple for o in observations]
         ripples = [ripple[axis] for ripple in all_poses if axis in ripple]
         if not ripples:
             continue

@@ -9,6 +9,7 @@ import numpy as np
 
 from fringeworks.rig.calibration.board_view import MIN_CORNERS
 from fringeworks.rig.calibration.bundle import Adjusted, without
+from fringeworks.rig.calibration.parameters import parameter_change
 from fringeworks.rig.calibration.poses import fit_pose
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.pinhole import project, transform
@@ -69,22 +70,6 @@ def leave_poses_out(sightings: Sequence[Sighting], adjusted: Adjusted, *, free: 
     inflation = max(1.0, float(np.sqrt(squares / directions))) if directions else 1.0
     enough = len(sightings) > MIN_PREDICTING
     return LeftOut(inflation, tuple(predicted) if enough else ())
-
-
-def parameter_change(found: Rig, reference: Rig) -> FloatMap:
-    """Return the difference of two rigs, (24,), in the order of ``RIG_PARAMETERS``."""
-    turn = found.T_projector_camera[:3, :3] @ reference.T_projector_camera[:3, :3].T
-    small = 0.5 * np.array(
-        [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
-    )
-    return np.concatenate(
-        (
-            found.camera.parameters - reference.camera.parameters,
-            found.projector.parameters - reference.projector.parameters,
-            small,
-            found.T_projector_camera[:3, 3] - reference.T_projector_camera[:3, 3],
-        )
-    )
 
 
 def _normalised_change(without_pose: Rig, whole: Rig, free: BoolMap) -> FloatMap:

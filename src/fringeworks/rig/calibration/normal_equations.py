@@ -54,6 +54,7 @@ class NormalEquations:
         residual: FloatMap,
         prior: tuple[FloatMap, FloatMap],
         free: BoolMap,
+        known: tuple[FloatMap, FloatMap] | None = None,
     ) -> Self:
         """Sum the equations of all corners and of the prior.
 
@@ -69,6 +70,8 @@ class NormalEquations:
             1/σ² of the bow and of all offsets, and their values.
         free : (s₀,) bool array
             Which of the s₀ shared parameters are estimated; s of them are.
+        known : two arrays (k, k) and (k,), optional
+            Precision of a prior of the first k shared parameters, and their differences from it.
         """
         precision, value = prior
         p = (precision.size - BOW_SIZE) // OFFSET_SIZE
@@ -90,6 +93,10 @@ class NormalEquations:
         right_shared[bow] -= (precision * value)[:BOW_SIZE]
         points[:, offset, offset] += precision[BOW_SIZE:].reshape(p, OFFSET_SIZE)
         right_points -= (precision * value)[BOW_SIZE:].reshape(p, OFFSET_SIZE)
+        if known is not None:
+            first = slice(0, len(known[1]))
+            shared[first, first] += known[0]
+            right_shared[first] -= known[0] @ known[1]
         shared, across = shared[np.ix_(free, free)], across[:, free]
         right_shared = right_shared[free]
         s = np.sqrt(np.maximum(np.diag(shared), TINY_DIAGONAL))

@@ -33,14 +33,9 @@ class State:
 
         None where a focal length would not be positive or a device's parameter not finite.
         """
-        devices = []
-        for k, device in enumerate((self.rig.camera, self.rig.projector)):
-            values = device.parameters + step[DEVICE_SIZE * k : DEVICE_SIZE * (k + 1)]
-            if not (np.isfinite(values).all() and values[0] > 0 and values[1] > 0):
-                return None
-            devices.append(pinhole_of(values, device))
-        relative_step = step[2 * DEVICE_SIZE : RIG_SIZE]
-        rig = Rig(devices[0], devices[1], moved_pose(self.rig.T_projector_camera, relative_step))
+        rig = moved_rig(self.rig, step[:RIG_SIZE])
+        if rig is None:
+            return None
         of_board = step[RIG_SIZE + POSE_SIZE * len(self.poses) :]
         of_poses = step[RIG_SIZE : step.size - of_board.size].reshape(-1, POSE_SIZE)
         poses = tuple(moved_pose(np.stack(self.poses), of_poses))
@@ -49,6 +44,51 @@ class State:
             self.shape.offset_mm + of_board[BOW_SIZE:].reshape(-1, OFFSET_SIZE),
         )
         return State(rig, poses, shape)
+
+
+def moved_rig(rig: Rig, step: FloatMap) -> Rig | None:
+    """Return a rig after a step of its 24 parameters, without a covariance.
+
+    None where a focal length would not be positive or a device's parameter not finite.
+    """
+    devices = []
+    for k, device in enumerate((rig.camera, rig.projector)):
+        values = device.parameters + step[DEVICE_SIZE * k : DEVICE_SIZE * (k + 1)]
+        if not (np.isfinite(values).all() and values[0] > 0 and values[1] > 0):
+            return None
+        devices.append(pinhole_of(values, device))
+    T = moved_pose(rig.T_projector_camera, step[2 * DEVICE_SIZE : RIG_SIZE])
+    return Rig(devices[0], devices[1], T)
+
+
+def parameter_change(found: Rig, reference: Rig) -> FloatMap:
+    """Return the difference of two rigs, (24,), in the order of ``RIG_PARAMETERS``."""
+    turn = found.T_projector_camera[:3, :3] @ reference.T_projector_camera[:3, :3].T
+    small = 0.5 * np.array(
+        [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
+    )
+    return np.concatenate(
+        (
+            found.camera.parameters - reference.camera.parameters,
+            found.projector.parameters - reference.projector.parameters,
+            small,
+            found.T_projector_camera[:3, 3] - reference.T_projector_camera[:3, 3],
+        )
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class RigPrior:
+    """What is known about a rig before an adjustment."""
+
+    rig: Rig
+    """The most likely rig."""
+    precision: FloatMap
+    """Inverse covariance of its 24 parameters, (24, 24); zero where nothing is known."""
+
+    def information(self, rig: Rig) -> tuple[FloatMap, FloatMap]:
+        """Return the precision (24, 24), and the difference of a rig from the most likely (24,)."""
+        return self.precision, parameter_change(rig, self.rig)
 
 
 def pose_slice(k: int) -> slice:

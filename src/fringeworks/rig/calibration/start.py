@@ -11,7 +11,7 @@ import numpy as np
 from fringeworks.rig.calibration.parameters import pinhole_of
 from fringeworks.rig.calibration.poses import relative_pose, tilts_deg
 from fringeworks.rig.calibration.residuals import Sighting
-from fringeworks.rig.pinhole import pose
+from fringeworks.rig.pinhole import pose, rays
 from fringeworks.types import FloatMap, InputError, Pinhole, Rig
 
 MIN_TILT_DEG = 5.0
@@ -50,6 +50,13 @@ def start(
     )
     _check_tilts(T_camera_board)
     return Rig(camera, projector, relative_pose(T_camera_board, T_projector_board)), T_camera_board
+
+
+def first_pose(sighting: Sighting, camera: Pinhole) -> FloatMap:
+    """Estimate the pose of a board, T_camera_board (4, 4), from a known camera alone."""
+    ideal = np.ascontiguousarray(rays(camera, sighting.camera_px)[:, :2])
+    _, turn, shift = cv2.solvePnP(sighting.points_mm, ideal, np.eye(3), None)
+    return pose(np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.ravel(shift))
 
 
 def _calibrated_alone(

@@ -18,8 +18,10 @@ const ATAN: [f32; 7] = [
 #[inline(always)]
 pub fn angle(s: f32, c: f32) -> f32 {
     let (x, y) = (c.abs(), s.abs());
-    let (large, small) = (x.max(y), x.min(y));
-    let z = small / large.max(f32::MIN_POSITIVE);
+    // Comparisons instead of `max` and `min`, which take three times as many instructions for NaN.
+    let (large, small) = if x > y { (x, y) } else { (y, x) };
+    let least = f32::MIN_POSITIVE;
+    let z = small / if large > least { large } else { least };
     let q = z * z;
     let mut r = ATAN[6];
     for k in (0..6).rev() {

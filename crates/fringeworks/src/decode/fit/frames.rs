@@ -1,7 +1,7 @@
 //! Sums taken from the frames themselves.
 
 use super::set::PhaseSet;
-use super::sums::{Saturated, Sums};
+use super::sums::{Quarters, Saturated, Steps, Sums};
 use crate::decode::{Line, Sample, BLOCK_PIXELS};
 
 /// The planes of a stack, along one axis.
@@ -49,12 +49,25 @@ impl<'a, T: Sample> Frames<'a, T> {
         largest.value() >= limit
     }
 
+    /// The steps of a set whose shifts are quarter turns.
+    #[inline(always)]
+    pub fn quarters(&self, set: &PhaseSet, at: usize) -> Option<Quarters<'a, T>> {
+        let quarters = set.quarters?;
+        Some(Quarters(quarters.map(|k| self.block(set.frames[k], at))))
+    }
+
+    /// The steps of a set of `N`.
+    #[inline(always)]
+    pub fn steps<const N: usize>(&self, set: &PhaseSet, at: usize) -> Option<Steps<'a, T, N>> {
+        (set.steps() == N).then(|| Steps {
+            counts: std::array::from_fn(|k| self.block(set.frames[k], at)),
+            phasors: std::array::from_fn(|k| set.phasor(k)),
+        })
+    }
+
     /// Sums of a set over a block.
     #[inline(always)]
     pub fn sums(&self, set: &PhaseSet, at: usize, out: &mut Sums) {
-        if let Some(quarters) = set.quarters {
-            return self.differences(set, quarters, at, out);
-        }
         *out = Sums::zero();
         let mut n = 0;
         // Four frames at a time, three where three are left: the sums are loaded and stored once.
@@ -65,19 +78,6 @@ impl<'a, T: Sample> Frames<'a, T> {
                 3 => self.add::<3>(set, n, at, out),
                 _ => self.add::<4>(set, n, at, out),
             };
-        }
-    }
-
-    /// The same for four steps of a quarter turn, whose cosines and sines are 0, 1 and −1.
-    #[inline(always)]
-    fn differences(&self, set: &PhaseSet, quarters: [usize; 4], at: usize, out: &mut Sums) {
-        let [right, left, up, down] = quarters.map(|k| self.block(set.frames[k], at));
-        for i in 0..BLOCK_PIXELS {
-            let (a, b) = (right[i].value(), left[i].value());
-            let (c, d) = (up[i].value(), down[i].value());
-            out.plain[i] = (a + b) + (c + d);
-            out.cos[i] = a - b;
-            out.sin[i] = c - d;
         }
     }
 

@@ -26,9 +26,8 @@ pub struct Fitted {
     pub turns: Line,
     /// Inverse variance of the phase, 1/rad², for noise of one count².
     pub precision: Line,
-    /// Brightness that shot noise is computed from, counts. The decoder replaces it by the variance
-    /// of the phase, turns²: one array instead of two keeps the block in the first cache.
-    pub brightness_or_variance: Line,
+    /// Brightness that shot noise is computed from, counts; not kept up where there is none.
+    pub brightness: Line,
     /// A, counts.
     pub background: Line,
     /// B², counts².
@@ -36,12 +35,13 @@ pub struct Fitted {
 }
 
 impl Fitted {
+    /// That of a set without fringes.
     pub const fn new() -> Self {
         let zero = Line::of(0.0);
         Self {
             turns: zero,
-            precision: zero,
-            brightness_or_variance: zero,
+            precision: Line::of(1.0),
+            brightness: zero,
             background: zero,
             power: zero,
         }
@@ -50,7 +50,8 @@ impl Fitted {
 
 /// Fit one set at a block of pixels from `at` on. Samples at the sensor's limit are left out.
 ///
-/// The result of a pixel does not depend on the other pixels of the block.
+/// The result of a pixel does not depend on the other pixels of the block. Returns whether samples
+/// were left out that may leave a phase undetermined.
 #[inline(always)]
 pub fn fit<T: Sample>(
     frames: &Frames<'_, T>,
@@ -59,18 +60,25 @@ pub fn fit<T: Sample>(
     at: usize,
     sums: &mut Sums,
     out: &mut Fitted,
-) {
+) -> bool {
     let (set, limit) = (&plan.sets[index], plan.limits.saturation);
-    if frames.reach(set, at, limit) {
+    let shot = plan.noise.gain > 0.0;
+    let reached = frames.reach(set, at, limit);
+    if reached {
         let saturated = frames.sums_below(set, at, limit, sums);
-        solve(set, sums, out);
+        solve(set, sums, true, out);
         let others = leave_out(set, &saturated, sums, out);
         refit(frames, set, (at, limit), &others, out);
+    } else if let Some(steps) = frames.quarters(set, at) {
+        solve(set, &steps, shot, out);
+    } else if let Some(steps) = frames.steps::<3>(set, at) {
+        solve(set, &steps, shot, out);
     } else {
         frames.sums(set, at, sums);
-        solve(set, sums, out);
+        solve(set, sums, shot, out);
     }
     if !set.table.brightness.is_empty() {
         table::correct(&set.table, out);
     }
+    reached
 }

@@ -2,8 +2,8 @@
 
 use super::angle::angle;
 use super::set::PhaseSet;
-use super::solver::{solution, Solution};
-use super::sums::{Saturated, Sums};
+use super::solver::{amplitudes, solution, Solution};
+use super::sums::{Saturated, Sums, SumsAt};
 use super::{Fitted, NO_PRECISION};
 use crate::decode::{Frames, Sample, BLOCK_PIXELS};
 
@@ -25,23 +25,24 @@ fn can_update(set: &PhaseSet) -> bool {
 pub fn leave_out(
     set: &PhaseSet,
     saturated: &Saturated,
-    amplitudes: &Sums,
+    sums: &Sums,
     out: &mut Fitted,
 ) -> Vec<usize> {
     let most = if can_update(set) { 1.0 } else { 0.0 };
     if most > 0.0 {
-        update(set.steps() as f32, saturated, amplitudes, out);
+        update(set, saturated, sums, out);
     }
     let count = |i: &usize| saturated.count[*i] > most;
     (0..BLOCK_PIXELS).filter(count).collect()
 }
 
 #[inline(always)]
-fn update(n: f32, saturated: &Saturated, amplitudes: &Sums, out: &mut Fitted) {
+fn update(set: &PhaseSet, saturated: &Saturated, sums: &Sums, out: &mut Fitted) {
+    let (n, m) = (set.steps() as f32, set.solver.inverse);
     let (leverage, share) = (1.0 / (n - 3.0), 4.0 / (n * (n - 3.0)));
     for i in 0..BLOCK_PIXELS {
         let (k, q) = (saturated.cos[i], saturated.sin[i]);
-        let (a, c, s) = (amplitudes.plain[i], amplitudes.cos[i], amplitudes.sin[i]);
+        let (a, c, s) = amplitudes::<true>(&m, sums.at(i));
         // The sums hold a zero in place of the sample, so its residual is minus the model.
         let shift = leverage * (a + c * k + s * q);
         let (a, c, s) = (a + shift, c + 2.0 * k * shift, s + 2.0 * q * shift);
@@ -55,7 +56,7 @@ fn update(n: f32, saturated: &Saturated, amplitudes: &Sums, out: &mut Fitted) {
         out.precision[i] = choose(precision, out.precision[i]);
         out.power[i] = choose(power, out.power[i]);
         out.background[i] = choose(a, out.background[i]);
-        out.brightness_or_variance[i] = choose(a, out.brightness_or_variance[i]);
+        out.brightness[i] = choose(a, out.brightness[i]);
     }
 }
 
@@ -110,11 +111,11 @@ fn store_pixel(solution: &Solution, sums: [f32; 3], i: usize, out: &mut Fitted) 
     out.turns[i] = angle(s as f32, c as f32);
     out.precision[i] = (power * power / spread) as f32;
     out.power[i] = power as f32;
-    (out.background[i], out.brightness_or_variance[i]) = (a as f32, a as f32);
+    (out.background[i], out.brightness[i]) = (a as f32, a as f32);
 }
 
 fn clear_pixel(i: usize, out: &mut Fitted) {
     out.precision[i] = NO_PRECISION;
     (out.turns[i], out.power[i]) = (f32::NAN, f32::NAN);
-    (out.background[i], out.brightness_or_variance[i]) = (f32::NAN, f32::NAN);
+    (out.background[i], out.brightness[i]) = (f32::NAN, f32::NAN);
 }

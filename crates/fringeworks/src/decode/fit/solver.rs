@@ -2,7 +2,7 @@
 
 use super::angle::angle;
 use super::set::PhaseSet;
-use super::sums::Sums;
+use super::sums::SumsAt;
 use super::Fitted;
 use crate::decode::BLOCK_PIXELS;
 
@@ -160,22 +160,22 @@ fn skew(inverse: &Matrix, shifts: &[f64]) -> [f32; 4] {
     cubic.map(|v| (v / scale) as f32)
 }
 
-/// Phase, precision, brightness, background and power of a block from its sums, which become the
-/// amplitudes A, c and s of I = A + c cos δ + s sin δ.
+/// Phase, precision, background and power of a block from its sums, and its brightness if `shot`.
 #[inline(always)]
-pub fn solve(set: &PhaseSet, sums: &mut Sums, out: &mut Fitted) {
-    match (set.solver.balanced, set.solver.skew) {
-        (true, None) => amplitudes::<true, false>(set, sums, out),
-        (true, Some(_)) => amplitudes::<true, true>(set, sums, out),
-        (false, _) => amplitudes::<false, true>(set, sums, out),
+pub fn solve(set: &PhaseSet, sums: &impl SumsAt, shot: bool, out: &mut Fitted) {
+    match (set.solver.balanced, set.solver.skew.is_some() && shot) {
+        (true, false) if shot => fit_block::<true, false, true>(set, sums, out),
+        (true, false) => fit_block::<true, false, false>(set, sums, out),
+        (true, true) => fit_block::<true, true, true>(set, sums, out),
+        (false, _) => fit_block::<false, true, true>(set, sums, out),
     }
 }
 
 /// The same, with what is known of the set as constants of the compilation.
 #[inline(always)]
-fn amplitudes<const BALANCED: bool, const SKEW: bool>(
+fn fit_block<const BALANCED: bool, const SKEW: bool, const SHOT: bool>(
     set: &PhaseSet,
-    sums: &mut Sums,
+    sums: &impl SumsAt,
     out: &mut Fitted,
 ) {
     // Copies: what might change in memory between two pixels keeps a loop from using vectors.
@@ -183,13 +183,7 @@ fn amplitudes<const BALANCED: bool, const SKEW: bool>(
     let skew = set.solver.skew.unwrap_or_default();
     let per_power = 1.0 / v[1][1];
     for i in 0..BLOCK_PIXELS {
-        let (p, q, r) = (sums.plain[i], sums.cos[i], sums.sin[i]);
-        let (a, c, s) = if BALANCED {
-            (p * m[0][0], q * m[1][1], r * m[1][1])
-        } else {
-            let row = |k: usize| m[k][0] * p + m[k][1] * q + m[k][2] * r;
-            (row(0), row(1), row(2))
-        };
+        let (a, c, s) = amplitudes::<BALANCED>(&m, sums.at(i));
         let power = c * c + s * s;
         out.turns[i] = angle(s, c);
         out.precision[i] = if BALANCED {
@@ -197,10 +191,22 @@ fn amplitudes<const BALANCED: bool, const SKEW: bool>(
         } else {
             power * power / (v[2][2] * (c * c) + v[1][1] * (s * s) - 2.0 * v[1][2] * (c * s))
         };
-        let cubic = c * c * (skew[0] * c + skew[1] * s) + s * s * (skew[2] * c + skew[3] * s);
-        out.brightness_or_variance[i] = if SKEW { a + cubic / power } else { a };
+        if SHOT {
+            let cubic = c * c * (skew[0] * c + skew[1] * s) + s * s * (skew[2] * c + skew[3] * s);
+            out.brightness[i] = if SKEW { a + cubic / power } else { a };
+        }
         out.background[i] = a;
         out.power[i] = power;
-        (sums.plain[i], sums.cos[i], sums.sin[i]) = (a, c, s);
+    }
+}
+
+/// A, c and s of I = A + c cos δ + s sin δ from the sums of a pixel.
+#[inline(always)]
+pub fn amplitudes<const BALANCED: bool>(m: &[[f32; 3]; 3], [p, q, r]: [f32; 3]) -> (f32, f32, f32) {
+    if BALANCED {
+        (p * m[0][0], q * m[1][1], r * m[1][1])
+    } else {
+        let row = |k: usize| m[k][0] * p + m[k][1] * q + m[k][2] * r;
+        (row(0), row(1), row(2))
     }
 }

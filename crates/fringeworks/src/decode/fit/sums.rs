@@ -1,6 +1,11 @@
 //! Sums over the samples of a block of pixels.
 
-use crate::decode::Line;
+use crate::decode::{Line, Sample, BLOCK_PIXELS};
+
+/// Sums of the samples of every pixel of a block: Σ I, Σ I cos δ and Σ I sin δ.
+pub trait SumsAt {
+    fn at(&self, i: usize) -> [f32; 3];
+}
 
 /// Σ I, Σ I cos δ and Σ I sin δ of a block.
 pub struct Sums {
@@ -17,6 +22,44 @@ impl Sums {
             cos: zero,
             sin: zero,
         }
+    }
+}
+
+impl SumsAt for Sums {
+    #[inline(always)]
+    fn at(&self, i: usize) -> [f32; 3] {
+        [self.plain[i], self.cos[i], self.sin[i]]
+    }
+}
+
+/// Four steps of a quarter turn, in the order of their cosines and sines: 1, −1, then 1, −1. Their
+/// sums are differences.
+pub struct Quarters<'a, T>(pub [&'a [T; BLOCK_PIXELS]; 4]);
+
+impl<T: Sample> SumsAt for Quarters<'_, T> {
+    #[inline(always)]
+    fn at(&self, i: usize) -> [f32; 3] {
+        let [right, left, up, down] = self.0.map(|counts| counts[i].value());
+        [(right + left) + (up + down), right - left, up - down]
+    }
+}
+
+/// A few steps, which are summed while they are fitted.
+pub struct Steps<'a, T, const N: usize> {
+    pub counts: [&'a [T; BLOCK_PIXELS]; N],
+    /// Cosine and sine of every shift.
+    pub phasors: [(f32, f32); N],
+}
+
+impl<T: Sample, const N: usize> SumsAt for Steps<'_, T, N> {
+    #[inline(always)]
+    fn at(&self, i: usize) -> [f32; 3] {
+        let mut sums = [0.0; 3];
+        for n in 0..N {
+            let (value, (c, s)) = (self.counts[n][i].value(), self.phasors[n]);
+            sums = [sums[0] + value, sums[1] + value * c, sums[2] + value * s];
+        }
+        sums
     }
 }
 

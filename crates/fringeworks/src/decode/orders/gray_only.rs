@@ -1,6 +1,6 @@
 //! Coordinates of a plan without fringes: the middles of the Gray code's cells.
 
-use super::Scratch;
+use super::{hide_unmeasured, Block};
 use crate::decode::gray_code::HALF_DIFFERENCE;
 use crate::decode::{Line, Plan, BLOCK_PIXELS};
 use crate::reason;
@@ -10,27 +10,28 @@ const UNIFORM_VARIANCE: f32 = 12.0;
 
 /// Coordinates, variances and reasons of a block from its Gray code alone.
 #[inline(always)]
-pub fn resolve_gray_only(plan: &Plan, scratch: &mut Scratch) {
+pub fn resolve_gray_only(plan: &Plan, block: &mut Block) {
     let step = plan.gray_code.as_ref().map_or(0.0, |code| code.step);
     let snr = plan.limits.min_snr;
-    scratch.background = scratch.gray.threshold;
-    scratch.modulation = scratch.gray.contrast;
-    scratch.coordinate = scratch.gray.coordinate;
-    scratch.variance = Line::of(step * step / UNIFORM_VARIANCE);
-    scratch.disagreement = Line::of(0.0);
+    block.background = block.gray.threshold;
+    block.modulation = block.gray.contrast;
+    block.coordinate = block.gray.coordinate;
+    block.sigma = Line::of((step * step / UNIFORM_VARIANCE).sqrt());
+    block.disagreement = Line::of(0.0);
     for i in 0..BLOCK_PIXELS {
-        let contrast = scratch.modulation[i];
-        let noise = (HALF_DIFFERENCE * plan.noise.variance(scratch.background[i])).sqrt();
-        scratch.reason[i] = u32::from(if scratch.coordinate[i].is_infinite() {
+        let contrast = block.modulation[i];
+        let noise = (HALF_DIFFERENCE * plan.noise.variance(block.background[i])).sqrt();
+        block.reason[i] = u32::from(if block.coordinate[i].is_infinite() {
             reason::MASKED
         } else if contrast < snr * noise {
             reason::SHADOW
         } else if contrast < plan.limits.min_modulation {
             reason::LOW_MODULATION
-        } else if scratch.coordinate[i].is_nan() {
+        } else if block.coordinate[i].is_nan() {
             reason::ORDER_AMBIGUOUS
         } else {
             reason::OK
         });
     }
+    hide_unmeasured(block);
 }

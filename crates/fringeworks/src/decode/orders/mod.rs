@@ -1,114 +1,141 @@
 //! Fringe orders, coordinate, variance and validity of a block of pixels.
 
+mod ends;
 mod gray_only;
-mod judge;
-mod phase_noise;
 mod resolve;
 mod settings;
+mod shape;
 
-use super::fit::{fit, Fitted, Sums};
+use super::fit::{fit, Fitted, Sums, NO_PRECISION};
 use super::gray_code::{read_gray_code, GrayCells};
 use super::{Frames, Line, Outputs, Plan, Sample, BLOCK_PIXELS};
-use crate::reason;
+use crate::{reason, Error};
 use std::f32::consts::TAU;
+use std::ops::Range;
 
 use gray_only::resolve_gray_only;
-use phase_noise::Unusable;
-use resolve::resolve;
 pub use settings::{Chain, Limits, Noise};
+use shape::{Resolver, MAX_SETS};
 
 /// 1.5 · 2²³: adding and subtracting it rounds an f32 below 2²² to the nearest whole number.
 const TO_WHOLE: f32 = 12_582_912.0;
 
-/// Arrays of one block; one per thread.
-pub struct Scratch {
+/// Refuse a plan that has too many sets.
+pub fn check(plan: &Plan) -> Result<(), Error> {
+    shape::check(plan)
+}
+
+/// Arrays of one block. They lie in one piece of memory: the compiler need not ask whether they
+/// overlap.
+pub struct Block {
+    /// Those that the plan does not have change nothing.
+    sets: [Fitted; MAX_SETS],
     sums: Sums,
-    sets: Vec<Fitted>,
     gray: GrayCells,
+    /// B² of the set with the shortest period, counts².
+    power: Line,
     background: Line,
     modulation: Line,
     /// Coordinate that the chain starts from, px: that of the Gray code, or the middle of the range.
     start: Line,
+    /// Factor on the variances of every pixel.
+    inflation: Line,
     coordinate: Line,
-    variance: Line,
+    sigma: Line,
     disagreement: Line,
-    /// Remainder of every rounding, turns: those of the combinations, then those of the sets.
-    remainders: Vec<Line>,
-    unusable: Unusable,
-    /// Non-zero where the fringe order is ambiguous.
-    ambiguous: Line<u32>,
+    /// Variance of the first combination, turns².
+    coarsest: Line,
     reason: Line<u32>,
-    /// Factor on the variances of every pixel, where there is one.
-    inflation: Option<Box<Line>>,
+}
+
+/// What a thread decodes with.
+pub struct Scratch {
+    block: Box<Block>,
+    /// `None` for a Gray code alone.
+    resolver: Option<Resolver>,
 }
 
 impl Scratch {
-    pub fn new(sets: usize, combinations: usize) -> Self {
+    /// For a checked plan; `factors` says whether pixels have factors on their variances.
+    pub fn new(plan: &Plan, factors: bool) -> Self {
         let zero = Line::of(0.0);
-        Self {
+        let block = Box::new(Block {
+            sets: [const { Fitted::new() }; MAX_SETS],
             sums: Sums::zero(),
-            sets: (0..sets).map(|_| Fitted::new()).collect(),
             gray: GrayCells::new(),
+            power: zero,
             background: zero,
             modulation: zero,
-            start: zero,
+            start: Line::of(plan.chain.middle),
+            inflation: Line::of(1.0),
             coordinate: zero,
-            variance: zero,
+            sigma: zero,
             disagreement: zero,
-            remainders: vec![zero; combinations + sets],
-            unusable: Unusable::none(),
-            ambiguous: Line::of(0),
+            coarsest: zero,
             reason: Line::of(0),
-            inflation: None,
-        }
+        });
+        let resolver = (!plan.sets.is_empty()).then(|| Resolver::new(plan, factors));
+        Self { block, resolver }
     }
 }
 
-/// Decode up to [`BLOCK_PIXELS`] pixels from `at` on; the planes hold a whole block there.
+/// Decode up to [`BLOCK_PIXELS`] pixels from `at` on into the range `here` of the outputs; the planes
+/// hold a whole block there.
 #[inline(always)]
 pub fn decode_block<T: Sample>(
     frames: &Frames<'_, T>,
     plan: &Plan,
     at: usize,
-    out: Outputs,
     scratch: &mut Scratch,
+    out: &mut Outputs<'_>,
+    here: Range<usize>,
 ) {
-    let n = out.coordinate.len();
-    scratch.inflation = (!out.inflation.is_empty()).then(|| {
-        let mut line = Box::new(Line::of(1.0));
-        line[..n].copy_from_slice(out.inflation);
-        line
-    });
-    fit_sets(frames, plan, at, scratch);
+    let block = &mut *scratch.block;
+    if !out.inflation.is_empty() {
+        block.inflation[..here.len()].copy_from_slice(&out.inflation[here.clone()]);
+    }
+    let mut saturated = false;
+    for k in 0..plan.sets.len() {
+        saturated |= fit(frames, plan, k, at, &mut block.sums, &mut block.sets[k]);
+    }
     if let Some(code) = &plan.gray_code {
-        let phases = (&scratch.background, &scratch.modulation);
-        read_gray_code(frames, plan, code, at, phases, &mut scratch.gray);
+        mean_and_modulation(plan, block);
+        let phases = (&block.background, &block.modulation);
+        read_gray_code(frames, plan, code, at, phases, &mut block.gray);
     }
-    if plan.sets.is_empty() {
-        resolve_gray_only(plan, scratch);
-    } else {
-        resolve(plan, scratch);
+    match &scratch.resolver {
+        None => resolve_gray_only(plan, block),
+        Some(resolver) => {
+            block.power = block.sets[plan.finest()].power;
+            if plan.gray_code.is_some() {
+                block.start = block.gray.coordinate;
+            }
+            resolver.resolve(block);
+            if resolver.shows_all() {
+                ends::check_start(plan, block);
+            }
+            if saturated {
+                mark_undetermined(plan.sets.len(), block);
+            }
+        }
     }
-    write(n, out, scratch);
+    write(&block.sets[..plan.sets.len()], block, out, here);
 }
 
-/// Fit every set; background as the mean over all frames, modulation of the finest set.
+/// Background as the mean over all frames, and modulation of the finest set, for the Gray code.
 #[inline(always)]
-fn fit_sets<T: Sample>(frames: &Frames<'_, T>, plan: &Plan, at: usize, scratch: &mut Scratch) {
+fn mean_and_modulation(plan: &Plan, block: &mut Block) {
     let total: usize = plan.sets.iter().map(|set| set.steps()).sum();
-    scratch.background = Line::of(0.0);
-    for k in 0..plan.sets.len() {
-        let fitted = &mut scratch.sets[k];
-        fit(frames, plan, k, at, &mut scratch.sums, fitted);
-        let share = plan.sets[k].steps() as f32 / total as f32;
+    block.background = Line::of(0.0);
+    for (set, fitted) in plan.sets.iter().zip(&block.sets) {
+        let share = set.steps() as f32 / total as f32;
         for i in 0..BLOCK_PIXELS {
-            scratch.background[i] += share * fitted.background[i];
+            block.background[i] += share * fitted.background[i];
         }
     }
-    if let Some(finest) = scratch.sets.get(plan.finest()) {
-        for i in 0..BLOCK_PIXELS {
-            scratch.modulation[i] = finest.power[i].sqrt();
-        }
+    let finest = &block.sets[plan.finest()];
+    for i in 0..BLOCK_PIXELS {
+        block.modulation[i] = finest.power[i].sqrt();
     }
 }
 
@@ -118,51 +145,57 @@ fn nearest(v: f32) -> f32 {
     (v + TO_WHOLE) - TO_WHOLE
 }
 
-/// Σ c a over lines a with coefficients c, in their order; lines whose coefficient is 0 are left out.
+/// Mark the pixels of a block that have a phase which saturation leaves undetermined.
 #[inline(always)]
-fn weighted_sum<'a>(terms: impl Iterator<Item = (&'a Line, f32)>, out: &mut Line) {
-    let mut first = true;
-    for (line, c) in terms.filter(|(_, c)| *c != 0.0) {
+fn mark_undetermined(sets: usize, block: &mut Block) {
+    for fitted in &block.sets[..sets] {
         for i in 0..BLOCK_PIXELS {
-            out[i] = if first { 0.0 } else { out[i] } + c * line[i];
+            let undetermined = fitted.precision[i] == NO_PRECISION;
+            let reason = block.reason[i];
+            block.reason[i] = if undetermined {
+                u32::from(reason::SATURATED)
+            } else {
+                reason
+            };
         }
-        first = false;
     }
-    if first {
-        *out = Line::of(0.0);
+    hide_unmeasured(block);
+}
+
+/// Hide the coordinates of a block that are not measured.
+#[inline(always)]
+fn hide_unmeasured(block: &mut Block) {
+    for i in 0..BLOCK_PIXELS {
+        let ok = block.reason[i] == u32::from(reason::OK);
+        block.coordinate[i] = if ok { block.coordinate[i] } else { f32::NAN };
+        block.sigma[i] = if ok { block.sigma[i] } else { f32::NAN };
     }
 }
 
-/// Copy the results of a block's first `n` pixels into the output maps.
+/// Copy the results of a block's first pixels into a range of the output maps.
 #[inline(always)]
-fn write(n: usize, out: Outputs, scratch: &Scratch) {
-    let (coordinate, sigma) = (&mut out.coordinate[..n], &mut out.sigma[..n]);
-    for i in 0..n {
-        let ok = scratch.reason[i] == u32::from(reason::OK);
-        coordinate[i] = if ok { scratch.coordinate[i] } else { f32::NAN };
-        sigma[i] = if ok {
-            scratch.variance[i].sqrt()
-        } else {
-            f32::NAN
-        };
-    }
+fn write(sets: &[Fitted], block: &Block, out: &mut Outputs<'_>, here: Range<usize>) {
+    let n = here.len();
+    out.coordinate[here.clone()].copy_from_slice(&block.coordinate[..n]);
+    out.sigma[here.clone()].copy_from_slice(&block.sigma[..n]);
     if !out.background.is_empty() {
-        out.background.copy_from_slice(&scratch.background[..n]);
-        out.modulation.copy_from_slice(&scratch.modulation[..n]);
+        out.background[here.clone()].copy_from_slice(&block.background[..n]);
+        out.modulation[here.clone()].copy_from_slice(&block.modulation[..n]);
     }
-    for (byte, &reason) in out.reason.iter_mut().zip(scratch.reason.iter()) {
+    let reasons = out.reason[here.clone()].iter_mut();
+    for (byte, &reason) in reasons.zip(block.reason.iter()) {
         *byte = reason as u8;
     }
     if !out.disagreement.is_empty() {
-        out.disagreement.copy_from_slice(&scratch.disagreement[..n]);
+        out.disagreement[here.clone()].copy_from_slice(&block.disagreement[..n]);
     }
-    for (map, fitted) in out.phases.into_iter().zip(&scratch.sets) {
-        for (phase, turns) in map.iter_mut().zip(fitted.turns.iter()) {
+    for (map, fitted) in out.phases.iter_mut().zip(sets) {
+        for (phase, turns) in map[here.clone()].iter_mut().zip(fitted.turns.iter()) {
             *phase = TAU * turns;
         }
     }
-    for (map, fitted) in out.modulations.into_iter().zip(&scratch.sets) {
-        for (modulation, power) in map.iter_mut().zip(fitted.power.iter()) {
+    for (map, fitted) in out.modulations.iter_mut().zip(sets) {
+        for (modulation, power) in map[here.clone()].iter_mut().zip(fitted.power.iter()) {
             *modulation = power.sqrt();
         }
     }

@@ -1,11 +1,146 @@
-//! Coordinate of a block of pixels by the chain of roundings, and its variance.
+//! Coordinate of a block of pixels: variance of every phase, the chain of roundings, the mean of the
+//! sets, and whether it can be trusted.
+//!
+//! One loop does it all: it loads the phases, and stores results only. Its numbers of sets and
+//! roundings are constants of the compilation, without which the compiler does not use vectors.
 
-use super::judge::judge;
-use super::phase_noise::phase_noise;
-use super::{nearest, weighted_sum, Scratch};
-use crate::decode::fit::Fitted;
-use crate::decode::{Line, Plan, BLOCK_PIXELS};
+use super::shape::Shape;
+use super::{nearest, Block};
+use crate::decode::BLOCK_PIXELS;
 use crate::reason;
+use std::f32::consts::TAU;
+
+/// Shot noise.
+pub const SHOT: u8 = 1;
+/// A start for every pixel, or open ends: what [`super::ends`] judges afterwards.
+pub const START: u8 = 2;
+/// Variances beyond noise: floors of the sets, or factors of the pixels.
+pub const RAISED: u8 = 4;
+
+/// Phases of a pixel, and what is known of them.
+struct Phases<const K: usize> {
+    turns: [f32; K],
+    /// 1/rad².
+    precision: [f32; K],
+    /// Without the floor, rad².
+    variance: [f32; K],
+    /// Whether all fringes are strong enough, and whether one of them is.
+    strong: (bool, bool),
+    background: f32,
+}
+
+/// Resolve a block whose sets are fitted.
+///
+/// `SINGLE`: combination k is the phase of set k alone, as in a hierarchy of periods. `CHECKED`: the
+/// remainders that a rounding is judged by, one bit each: those of the combinations, then those of
+/// the sets. `NEEDS`: [`SHOT`], [`START`] and [`RAISED`], as the plan needs them.
+#[multiversion::multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
+    "x86_64+avx2+fma"
+))]
+pub fn resolve<
+    const K: usize,
+    const R: usize,
+    const SINGLE: bool,
+    const CHECKED: u64,
+    const NEEDS: u8,
+>(
+    shape: &Shape<K, R>,
+    block: &mut Block,
+) {
+    // A copy: what might change in memory between two pixels keeps a loop from using vectors.
+    let p = &{ *shape };
+    for i in 0..BLOCK_PIXELS {
+        let phases = phases::<K, R, NEEDS>(p, block, i);
+        let start = if NEEDS & START > 0 {
+            block.start[i]
+        } else {
+            p.range.middle
+        };
+        let (x, chained) = follow_chain::<K, R, SINGLE, CHECKED>(p, &phases, start);
+        let (shift, inverse, disagreement, agreed) = average_sets::<K, R, CHECKED>(p, &phases, x);
+        let (x, sigma, inside) = into_range(p, x + shift, inverse);
+        let ok = chained & agreed & inside & (disagreement <= p.max_disagreement);
+        if NEEDS & START > 0 {
+            block.coarsest[i] = coarsest_variance(p, &phases);
+        }
+        let modulation = block.power[i].sqrt();
+        let reason = reason_of(p, &phases, modulation, ok);
+        block.reason[i] = reason;
+        // The coordinate of every pixel is needed where its start is judged afterwards.
+        let shown = (reason == u32::from(reason::OK)) | (NEEDS & START > 0);
+        block.coordinate[i] = if shown { x } else { f32::NAN };
+        block.sigma[i] = if shown { sigma } else { f32::NAN };
+        block.background[i] = phases.background;
+        block.modulation[i] = modulation;
+        block.disagreement[i] = disagreement;
+    }
+}
+
+#[inline(always)]
+fn phases<const K: usize, const R: usize, const NEEDS: u8>(
+    p: &Shape<K, R>,
+    block: &Block,
+    i: usize,
+) -> Phases<K> {
+    let zero = [0.0; K];
+    let (mut turns, mut precision, mut variance) = (zero, zero, zero);
+    let (mut all, mut any, mut background) = (true, false, 0.0);
+    for k in 0..K {
+        let set = &block.sets[k];
+        let mut unit = set.precision[i];
+        if NEEDS & RAISED > 0 {
+            // Above what is usual, a factor counts for the roundings, too.
+            let factor = (block.inflation[i] / p.usual_inflation).max(1.0);
+            unit /= if unit > 0.0 { factor } else { 1.0 };
+        }
+        let per_noise = if NEEDS & SHOT > 0 {
+            1.0 / (p.read_variance + p.gain * set.brightness[i].max(0.0))
+        } else {
+            p.per_read_noise
+        };
+        let q = unit * per_noise;
+        (precision[k], variance[k]) = precision_and_variance(q, p.order_variance);
+        if NEEDS & RAISED > 0 {
+            let usual = block.inflation[i].min(p.usual_inflation);
+            precision[k] = raised(precision[k], p.floor[k], usual);
+        }
+        let strong = q >= p.min_precision[k];
+        (all, any) = (all & strong, any | (strong & p.real[k]));
+        turns[k] = set.turns[i];
+        let share = p.share[k] * set.background[i];
+        background = if k == 0 { share } else { background + share };
+    }
+    Phases {
+        turns,
+        precision,
+        variance,
+        strong: (all, any),
+        background,
+    }
+}
+
+/// Precision of a phase, 1/rad², and its variance, rad², from the precision that the measured
+/// modulation gives.
+///
+/// 1/q underestimates the variance by about 1/q²: half because B comes from the same noisy samples,
+/// half because the phase of a weak fringe is not Gaussian. Fringe orders are judged by a larger
+/// variance, see `Chain::order_variance`.
+#[inline(always)]
+fn precision_and_variance(q: f32, [second, third]: [f32; 2]) -> (f32, f32) {
+    let u = 1.0 / q;
+    ((q - 1.0) + u, u * (1.0 + u * (second + third * u)))
+}
+
+/// Precision with a floor of the variance, rad², and a factor on it.
+///
+/// The roundings use neither. The floor is no noise: the caller lowers their margins by the errors
+/// that the sets show, and by the factor that is usual in the scene.
+#[inline(always)]
+fn raised(precision: f32, floor: f32, usual: f32) -> f32 {
+    let floored = precision / (1.0 + floor * precision);
+    floored / if floored > 0.0 { usual } else { 1.0 }
+}
 
 /// v less the nearest whole number.
 #[inline(always)]
@@ -13,97 +148,108 @@ fn wrap(v: f32) -> f32 {
     v - nearest(v)
 }
 
-/// Resolve the fringe orders of the block.
-#[inline(always)]
-pub fn resolve(plan: &Plan, scratch: &mut Scratch) {
-    phase_noise(plan, scratch);
-    scratch.start = if plan.gray_code.is_some() {
-        scratch.gray.coordinate
-    } else {
-        Line::of(plan.chain.middle)
-    };
-    scratch.coordinate = scratch.start;
-    follow_chain(plan, scratch);
-    average_sets(plan, scratch);
-    judge(plan, scratch);
-    for i in 0..BLOCK_PIXELS {
-        let ambiguous = if scratch.ambiguous[i] > 0 {
-            u32::from(reason::ORDER_AMBIGUOUS)
-        } else {
-            u32::from(reason::OK)
-        };
-        let unusable = scratch.unusable.reason[i];
-        let usable = unusable == u32::from(reason::OK);
-        scratch.reason[i] = if usable { ambiguous } else { unusable };
-    }
-    if plan.gray_code.is_some() {
-        mask_gray(&scratch.start, &mut scratch.reason);
-    }
-}
-
-/// Mask the pixels that have a sample of the Gray code that is not finite.
-#[inline(always)]
-fn mask_gray(start: &Line, reasons: &mut Line<u32>) {
-    for i in 0..BLOCK_PIXELS {
-        let masked = start[i].is_infinite();
-        reasons[i] = if masked {
-            u32::from(reason::MASKED)
-        } else {
-            reasons[i]
-        };
-    }
-}
-
 /// Refine the coordinate by the chain, from coarse combinations to fine ones:
 /// x ← x + wrap(c·t − g x) / g, with the combination c of the phases t and its frequency g.
 #[inline(always)]
-fn follow_chain(plan: &Plan, scratch: &mut Scratch) {
-    let (chain, x) = (&plan.chain, &mut scratch.coordinate);
-    for (k, &g) in chain.frequencies.iter().enumerate() {
-        let row = &chain.combinations[k * scratch.sets.len()..];
-        let terms = scratch
-            .sets
-            .iter()
-            .zip(row)
-            .map(|(fitted, &c)| (&fitted.turns, c));
-        let remainder = &mut scratch.remainders[k];
-        weighted_sum(terms, remainder);
-        let px = 1.0 / g;
-        for i in 0..BLOCK_PIXELS {
-            let off = wrap(remainder[i] - g * x[i]);
-            remainder[i] = off;
-            x[i] += off * px;
+fn follow_chain<const K: usize, const R: usize, const SINGLE: bool, const CHECKED: u64>(
+    p: &Shape<K, R>,
+    phases: &Phases<K>,
+    start: f32,
+) -> (f32, bool) {
+    let (mut x, mut safe) = (start, true);
+    for r in 0..R {
+        let phase = if SINGLE {
+            phases.turns[r]
+        } else {
+            dot(&p.combinations[r], &phases.turns)
+        };
+        let off = wrap(phase - p.frequencies[r] * x);
+        x += off * p.px[r];
+        if CHECKED >> r & 1 > 0 {
+            safe &= p.roundings[r].is_safe(&phases.variance, off);
         }
     }
+    (x, safe)
 }
 
-/// Replace the coordinate by the mean over all sets, weighted by inverse variance; its variance and
-/// its χ².
+/// The mean over all sets, weighted by inverse variance: its distance from the coordinate, its
+/// variance, its χ², and whether the roundings are safe that the sets' remainders show.
 #[inline(always)]
-fn average_sets(plan: &Plan, scratch: &mut Scratch) {
-    let x = &mut scratch.coordinate;
-    let zero = Line::of(0.0);
-    let (mut weight, mut pull, mut square) = (zero, zero, zero);
-    let remainders = &mut scratch.remainders[plan.chain.frequencies.len()..];
-    for ((fitted, set), remainder) in scratch.sets.iter().zip(&plan.sets).zip(remainders) {
-        let f = set.frequency;
-        let Fitted {
-            turns, precision, ..
-        } = fitted;
-        for i in 0..BLOCK_PIXELS {
-            let off = wrap(turns[i] - f * x[i]);
-            remainder[i] = off;
-            let fp = f * precision[i];
-            weight[i] += f * fp;
-            pull[i] += fp * off;
-            square[i] += precision[i] * off * off;
+fn average_sets<const K: usize, const R: usize, const CHECKED: u64>(
+    p: &Shape<K, R>,
+    phases: &Phases<K>,
+    x: f32,
+) -> (f32, f32, f32, bool) {
+    let (mut weight, mut pull, mut square, mut safe) = (0.0, 0.0, 0.0, true);
+    for k in 0..K {
+        let precision = phases.precision[k];
+        let off = wrap(phases.turns[k] - p.frequency[k] * x);
+        let weighted = precision * off;
+        let [w, f] = p.weights[k];
+        let terms = (w * precision, f * weighted, weighted * off);
+        // Without adding the first terms to zeros.
+        (weight, pull, square) = if k == 0 {
+            terms
+        } else {
+            (weight + terms.0, pull + terms.1, square + terms.2)
+        };
+        if CHECKED >> (R + k) & 1 > 0 {
+            safe &= p.set_roundings[k].is_safe(&phases.variance, off);
         }
     }
-    for i in 0..BLOCK_PIXELS {
-        let inverse = 1.0 / weight[i];
-        let shift = pull[i] * inverse;
-        x[i] += shift;
-        scratch.variance[i] = inverse;
-        scratch.disagreement[i] = square[i] - shift * pull[i];
+    let inverse = 1.0 / weight;
+    let shift = pull * inverse;
+    (shift, inverse, (TAU * TAU) * square - shift * pull, safe)
+}
+
+/// Σ a b, without adding the first term to a zero.
+#[inline(always)]
+pub fn dot<const K: usize>(a: &[f32; K], b: &[f32; K]) -> f32 {
+    let mut sum = a[0] * b[0];
+    for k in 1..K {
+        sum += a[k] * b[k];
+    }
+    sum
+}
+
+/// The coordinate modulo the repeat distance, its σ, and whether it lies in the range.
+#[inline(always)]
+fn into_range<const K: usize, const R: usize>(
+    p: &Shape<K, R>,
+    x: f32,
+    variance: f32,
+) -> (f32, f32, bool) {
+    let x = x - p.range.repeats * nearest((x - p.range.middle) * p.range.per_repeat);
+    let sigma = variance.sqrt();
+    let margin =
+        (p.range.half + p.confidence * sigma).min(p.range.seam - p.order_confidence * sigma);
+    let inside = ((x - p.range.middle).abs() <= margin) | p.range.circular;
+    (x, sigma, inside)
+}
+
+/// Variance of the first combination of the chain, turns².
+#[inline(always)]
+fn coarsest_variance<const K: usize, const R: usize>(p: &Shape<K, R>, phases: &Phases<K>) -> f32 {
+    let squares = p.combinations[0].map(|c| c * c);
+    dot(&squares, &phases.variance) * (1.0 / (TAU * TAU))
+}
+
+#[inline(always)]
+fn reason_of<const K: usize, const R: usize>(
+    p: &Shape<K, R>,
+    phases: &Phases<K>,
+    modulation: f32,
+    ok: bool,
+) -> u32 {
+    let choose = |yes: bool, a: u8, b: u8| u32::from(if yes { a } else { b });
+    let (all, any) = phases.strong;
+    let faint = (modulation < p.min_modulation) | !all;
+    let dark = choose(any, reason::LOW_MODULATION, reason::SHADOW);
+    let clear = choose(ok, reason::OK, reason::ORDER_AMBIGUOUS);
+    let lit = if faint { dark } else { clear };
+    if phases.background.is_finite() {
+        lit
+    } else {
+        u32::from(reason::MASKED)
     }
 }

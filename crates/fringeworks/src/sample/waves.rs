@@ -1,0 +1,118 @@
+//! Cosine and sine of the harmonics of phases, and sums of their products.
+
+use super::dot;
+use std::f64::consts::TAU;
+
+/// Coefficients of sin x / x and cos x in x², for |x| ≤ π/4: the terms of their series. The first one
+/// that is left out is below 5e-17.
+const SINE: [f64; 8] = [
+    1.0,
+    -1.0 / 6.0,
+    1.0 / 120.0,
+    -1.0 / 5_040.0,
+    1.0 / 362_880.0,
+    -1.0 / 39_916_800.0,
+    1.0 / 6_227_020_800.0,
+    -1.0 / 1_307_674_368_000.0,
+];
+const COSINE: [f64; 9] = [
+    1.0,
+    -0.5,
+    1.0 / 24.0,
+    -1.0 / 720.0,
+    1.0 / 40_320.0,
+    -1.0 / 3_628_800.0,
+    1.0 / 479_001_600.0,
+    -1.0 / 87_178_291_200.0,
+    1.0 / 20_922_789_888_000.0,
+];
+
+/// Cosine and sine of a phase in rad.
+#[inline(always)]
+pub(super) fn wave(phase: f64) -> (f64, f64) {
+    let turns = phase / TAU;
+    let quarters = (4.0 * turns).round_ties_even();
+    let x = TAU * (turns - 0.25 * quarters);
+    let square = x * x;
+    let series = |terms: &[f64]| terms.iter().rev().fold(0.0, |sum, c| sum * square + c);
+    let (sine, cosine) = (x * series(&SINE), series(&COSINE));
+    // Quarters modulo four: an odd one swaps both, and two of them turn each sign.
+    let quarter = quarters - 4.0 * (0.25 * quarters).floor();
+    let odd = (quarter == 1.0) | (quarter == 3.0);
+    let (c, s) = if odd { (sine, cosine) } else { (cosine, sine) };
+    let c = if (quarter == 1.0) | (quarter == 2.0) {
+        -c
+    } else {
+        c
+    };
+    let s = if quarter >= 2.0 { -s } else { s };
+    (c, s)
+}
+
+/// Cosine and sine of the harmonics of phases: rows of `length`, a pair per order.
+///
+/// Orders rise. Powers follow from products.
+#[inline(always)]
+pub(super) fn harmonics(phase: &[f64], orders: &[usize], out: &mut [f64]) {
+    let n = phase.len();
+    let (mut first, mut power) = (vec![(0.0, 0.0); n], vec![(0.0, 0.0); n]);
+    for i in 0..n {
+        first[i] = wave(phase[i]);
+        power[i] = first[i];
+    }
+    let mut reached = 1;
+    for (order, pair) in orders.iter().zip(out.chunks_exact_mut(2 * n)) {
+        for _ in reached..*order {
+            for i in 0..n {
+                let ((c, s), (a, b)) = (first[i], power[i]);
+                power[i] = (a * c - b * s, a * s + b * c);
+            }
+        }
+        reached = reached.max(*order);
+        let (cosine, sine) = pair.split_at_mut(n);
+        for i in 0..n {
+            (cosine[i], sine[i]) = power[i];
+        }
+    }
+}
+
+/// Sums of the products of all pairs of rows, added to a symmetric matrix.
+#[inline(always)]
+pub(super) fn add_products(rows: &[f64], length: usize, sums: &mut [f64]) {
+    let count = rows.len() / length;
+    for i in 0..count {
+        for j in 0..=i {
+            let sum = dot(&rows[i * length..][..length], &rows[j * length..][..length]);
+            sums[i * count + j] += sum;
+            if i != j {
+                sums[j * count + i] += sum;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waves_are_those_of_the_library() {
+        for k in -4000..4000 {
+            let phase = 0.0217 * f64::from(k);
+            let (c, s) = wave(phase);
+            assert!((c - phase.cos()).abs() < 3e-14 && (s - phase.sin()).abs() < 3e-14);
+        }
+        assert_eq!(wave(0.0), (1.0, 0.0));
+    }
+
+    #[test]
+    fn harmonics_are_powers() {
+        let phase: Vec<f64> = (0..11).map(|k| f64::from(k) - 5.0).collect();
+        let mut out = vec![0.0; 4 * phase.len()];
+        harmonics(&phase, &[2, 5], &mut out);
+        for (i, p) in phase.iter().enumerate() {
+            assert!((out[i] - (2.0 * p).cos()).abs() < 1e-14);
+            assert!((out[3 * phase.len() + i] - (5.0 * p).sin()).abs() < 1e-14);
+        }
+    }
+}

@@ -1,0 +1,69 @@
+"""``fringeworks merge``: several views of one part."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import fringeworks as fw
+from fringeworks.cli import output
+from fringeworks.cli.app import app
+
+SECTION = "Results"
+
+
+class PosesName(StrEnum):
+    """Where the poses of views come from."""
+
+    board = "board"
+    turntable = "turntable"
+    shape = "shape"
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks merge view_*.npz --board charuco:10x10:20:15 --out part.ply",
+)
+def merge(
+    views: Annotated[list[Path], typer.Argument(help="Clouds of the part (.npz), in order.")],
+    out: Annotated[Path, typer.Option("--out", help="File to write: .ply.")],
+    poses: Annotated[
+        PosesName, typer.Option(help="Where the poses of the views come from.")
+    ] = PosesName.board,
+    board: Annotated[
+        str | None, typer.Option(help="Board that turns with the part, as for calibrate.")
+    ] = None,
+    step_deg: Annotated[
+        float | None, typer.Option(help="Angle of the turntable between two views, degrees.")
+    ] = None,
+    voxel_mm: Annotated[
+        float | None, typer.Option(help="Side of the voxels in which points are fused, mm.")
+    ] = None,
+) -> None:
+    """Merge point clouds of a part that was measured from several sides."""
+    words = output.Output(out)
+    output.check(out, "merged")
+    with output.progress() as progress:
+        found = fw.merge(
+            list(views),
+            poses=poses.value,
+            board=board,
+            step_deg=step_deg,
+            voxel_mm=voxel_mm,
+            progress=progress,
+        )
+    with output.target(out, ".ply") as place:
+        fw.write_merged_points(place, found.points, provenance=found.provenance)
+    loop = found.closure
+    if loop is not None and loop.directions:
+        words.say(
+            f"the loop closes to {loop.translation_mm:.4f} mm and {loop.rotation_deg:.4f}° "
+            f"(σ {loop.translation_sigma_mm:.4f} mm and {loop.rotation_sigma_deg:.4f}°)"
+        )
+    words.say(f"{len(found.points.xyz_mm)} points of {len(views)} views")
+    for finding in found.findings:
+        words.say(finding.text)
+    words.wrote(out)

@@ -1,0 +1,63 @@
+"""Points without a frame as PLY files: a part that was merged from several views."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from fringeworks.files.atomic import StrPath, check_target, replacing
+from fringeworks.files.ply import write_ply
+from fringeworks.files.provenance import comment_lines
+from fringeworks.types import InputError, Points, Provenance
+
+WHITE_PERCENTILE = 99.5
+"""Brightness that becomes white in 8 bits, percent of the points below it."""
+
+
+def write_merged_points(
+    path: StrPath, points: Points, *, provenance: Provenance | None = None
+) -> None:
+    """Write points with σ, noise, normals and brightness, as far as they have them, as ``.ply``.
+
+    Parameters
+    ----------
+    path : path
+    points : Points
+    provenance : Provenance, optional
+        Written into the header.
+
+    Raises
+    ------
+    FileProblem for another suffix and a folder that cannot be written to; InputError for no
+    points.
+    """
+    check_merged_target(path)
+    count = len(points.xyz_mm)
+    if not count:
+        raise InputError(f"{path}: expected points to write, got none")
+    columns = dict(zip("xyz", points.xyz_mm.T, strict=True))
+    if points.normals is not None:
+        columns |= dict(zip(("nx", "ny", "nz"), points.normals.T, strict=True))
+    known = {"sigma": points.sigma_mm, "noise": points.noise_mm}
+    columns |= {name: values for name, values in known.items() if values is not None}
+    fields = [(name, "<f4") for name in columns]
+    colour = None if points.colour is None else np.nan_to_num(points.colour)
+    if colour is not None:
+        fields += [(name, "u1") for name in ("red", "green", "blue")]
+    table = np.empty(count, dtype=fields)
+    for name, values in columns.items():
+        table[name] = values
+    if colour is not None:
+        white = max(float(np.percentile(colour, WHITE_PERCENTILE)), 1e-9)
+        shown = np.minimum(np.rint(np.maximum(colour, 0.0) * (255.0 / white)), 255).astype(np.uint8)
+        for k, name in enumerate(("red", "green", "blue")):
+            table[name] = shown if shown.ndim == 1 else shown[:, k]
+    comments = ["fringeworks; coordinates of the part; unit mm", *comment_lines(provenance)]
+    with replacing(path) as temporary:
+        write_ply(temporary, [table], count, None, comments)
+
+
+def check_merged_target(path: StrPath) -> None:
+    """Refuse a file that ``write_merged_points`` cannot write, before anything is computed."""
+    check_target(Path(path), {".ply": None})

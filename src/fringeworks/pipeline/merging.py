@@ -1,0 +1,296 @@
+"""Views of one part → the part: poses, the loop they close, fused points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import scipy
+
+from fringeworks.files.atomic import StrPath
+from fringeworks.files.points import read_cloud
+from fringeworks.rig.calibration.board import Board, parse_board
+from fringeworks.rig.pinhole import inverse, transform
+from fringeworks.types import (
+    BoardNotFound,
+    FloatMap,
+    FrameFinding,
+    Frozen,
+    InputError,
+    PointCloud,
+    Points,
+    Provenance,
+    Source,
+    fingerprint,
+    made_by,
+)
+from fringeworks.views.board_pose import board_pose
+from fringeworks.views.features import align_by_shape
+from fringeworks.views.fusion import Fused, fuse_points
+from fringeworks.views.pose_graph import Closure, closure, solve_poses
+from fringeworks.views.poses import TurntableAxis, ViewPose, turned_pose, turntable_axis
+from fringeworks.views.registration import Registration, register
+from fringeworks.views.surface_points import SurfacePoints, surface_points
+
+PosesFrom = Literal["board", "turntable", "shape"]
+ABOVE_MM = 1.0
+"""Points less than this above the board are left out, mm: they are of the board and its table."""
+REACH_SIGMAS = 5.0
+"""How far matched points may be apart at the start, in standard deviations of the known poses."""
+LEAST_REACH_MM = 0.5
+"""Lower bound on that distance, mm."""
+MAX_CLOSURE_SIGMAS = 3.0
+"""Closure error, in standard deviations, from which on it is a finding."""
+MAX_DISAGREEMENT = 2.0
+"""Scatter of views about the fused points, over what σ says, from which on it is a finding."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MergedPart(Frozen):
+    """A part from several views."""
+
+    poses: tuple[ViewPose, ...]
+    """Of every view. The part's coordinates are those of the board in the first view, or the first
+    view's camera coordinates without a board."""
+    closure: Closure | None
+    """What is left when the pairs of neighbouring views are put together; None where they do not
+    close a loop."""
+    fused: Fused
+    """The points of all views, with how many views saw each."""
+    pairs: dict[tuple[int, int], Registration]
+    """Neighbouring views by their shape, by (target, source)."""
+    findings: tuple[FrameFinding, ...] = ()
+    """What is likely wrong, and what to do about it."""
+    provenance: Provenance | None = None
+    """How it was made."""
+
+    @property
+    def points(self) -> Points:
+        """The fused points, with σ, noise, normals and brightness."""
+        return self.fused.points
+
+
+def merge(
+    views: Sequence[PointCloud | StrPath],
+    *,
+    poses: PosesFrom = "board",
+    board: Board | str | None = None,
+    step_deg: float | None = None,
+    axis: TurntableAxis | None = None,
+    voxel_mm: float | None = None,
+    above_mm: float = ABOVE_MM,
+    progress: Callable[[str], None] = lambda _: None,
+) -> MergedPart:
+    """Merge point clouds of one part, each from another side.
+
+    Parameters
+    ----------
+    views : sequence of PointCloud or path
+        Two or more, in the order in which they were taken; ``.npz`` files of ``write_points``.
+    poses : "board", "turntable" or "shape"
+        Where the poses come from: a board that turns with the part and is seen in every view; the
+        angle of a turntable; or the overlap of neighbouring views alone. In all three cases
+        neighbouring views are then fitted to each other by their shape.
+    board : Board or str, optional
+        For "board", and for "turntable" where ``axis`` is not given. Points of the board are left
+        out.
+    step_deg : float, optional
+        For "turntable": angle between two views, degrees, by the right-hand rule about the axis.
+    axis : TurntableAxis, optional
+        For "turntable", in camera coordinates; by default from the board in the views that show it.
+    voxel_mm : float > 0, optional
+        Side of the voxels in which points are fused; by default the distance of neighbours.
+    above_mm : float
+        Points less than this above the board are left out, mm.
+    progress : callable
+        Called with what is done next.
+
+    Returns
+    -------
+    MergedPart
+
+    Raises
+    ------
+    InputError for fewer than two views, options that do not belong together, a board that is not
+    found, views that do not overlap, and shapes that do not determine a pose, such as a sphere,
+    where nothing else does.
+
+    Notes
+    -----
+    Poses minimise the errors of known poses and of pairs, weighted by their covariances
+    (``solve_poses``). Points are fused by their σ (``fuse_points``).
+    """
+    clouds = [v if isinstance(v, PointCloud) else read_cloud(v) for v in views]
+    board = parse_board(board) if isinstance(board, str) else board
+    _check(len(clouds), poses, board, step_deg, axis)
+    progress("poses …")
+    known = _known(clouds, poses, board, step_deg, axis)
+    points = [surface_points(cloud) for cloud in clouds]
+    if board is not None and known:
+        points = [_above(v, known[k], above_mm) for k, v in enumerate(points)]
+    starts = {k: p.T_part_camera for k, p in known.items()}
+    if not known:
+        progress("alignment by shape …")
+        starts = dict(enumerate(align_by_shape(points)))
+    progress("pairs of views …")
+    pairs = _pairs(points, starts, known)
+    solved = solve_poses(len(points), pairs, known, [starts[k] for k in range(len(points))])
+    middle = np.mean(points[0].xyz_mm, axis=0)
+    loop = closure(pairs, len(points), middle)
+    progress("fusion …")
+    fused = fuse_points(points, solved, voxel_mm=voxel_mm or _spacing(points))
+    origin = made_by(
+        "merge",
+        options={"poses": poses, "board": board, "step_deg": step_deg, "axis": axis}
+        | {"voxel_mm": voxel_mm, "above_mm": above_mm},
+        inputs=tuple(
+            Source("view" if isinstance(v, PointCloud) else str(v), fingerprint(c))
+            for v, c in zip(views, clouds, strict=True)
+        ),
+    )
+    return MergedPart(tuple(solved), loop, fused, pairs, _findings(loop, fused, pairs), origin)
+
+
+def _check(
+    count: int,
+    poses: PosesFrom,
+    board: Board | None,
+    step_deg: float | None,
+    axis: TurntableAxis | None,
+) -> None:
+    if count < 2:
+        raise InputError(f"views: expected 2 or more, got {count}")
+    if poses not in ("board", "turntable", "shape"):
+        raise InputError(f"poses: expected board, turntable or shape, got {poses!r}")
+    if poses == "board" and board is None:
+        raise InputError("board: expected the board that turns with the part, got none")
+    if poses == "turntable" and (step_deg is None or (axis is None and board is None)):
+        raise InputError(
+            "turntable: expected the angle between two views, and its axis or a board to find it by"
+        )
+    if poses == "shape" and (board is not None or axis is not None or step_deg is not None):
+        raise InputError(
+            "shape: board, axis and angle cannot be combined with poses by shape alone"
+        )
+
+
+def _known(
+    clouds: Sequence[PointCloud],
+    poses: PosesFrom,
+    board: Board | None,
+    step_deg: float | None,
+    axis: TurntableAxis | None,
+) -> dict[int, ViewPose]:
+    """Poses that a board or a turntable gives, by view."""
+    found: dict[int, ViewPose] = {}
+    if board is not None:
+        for k, cloud in enumerate(clouds):
+            try:
+                found[k] = board_pose(cloud, board).pose
+            except BoardNotFound as error:
+                if poses == "board":
+                    raise BoardNotFound(f"view {k + 1}: {error}") from error
+    if poses != "turntable" or step_deg is None:
+        return found
+    if axis is None:
+        shown = {k: inverse(p.T_part_camera) for k, p in found.items()}
+        axis = turntable_axis(list(shown.values()), [k * step_deg for k in shown])
+    first = min(found) if found else 0
+    to_part = np.eye(4)
+    if found:
+        back = turned_pose(axis, first * step_deg).T_part_camera
+        to_part = found[first].T_part_camera @ inverse(back)
+    turned = {}
+    for k in range(len(clouds)):
+        pose = turned_pose(axis, k * step_deg)
+        turned[k] = pose.carried(to_part)
+    return turned
+
+
+def _above(points: SurfacePoints, pose: ViewPose, above_mm: float) -> SurfacePoints:
+    """The points that stand above the board, whose z axis points into it."""
+    height = -transform(pose.T_part_camera, points.xyz_mm)[:, 2]
+    kept = points.at(height > above_mm)
+    if not len(kept.xyz_mm):
+        raise InputError(
+            f"view: expected points more than {above_mm:g} mm above the board, got none"
+        )
+    return kept
+
+
+def _pairs(
+    points: Sequence[SurfacePoints], starts: dict[int, FloatMap], known: dict[int, ViewPose]
+) -> dict[tuple[int, int], Registration]:
+    """Neighbouring views fitted to each other; without a pair where known poses do not need it."""
+    n = len(points)
+    steps = [(k, (k + 1) % n) for k in range(n if n > 2 else 1)]
+    found = {}
+    for i, j in steps:
+        start = inverse(starts[i]) @ starts[j]
+        try:
+            found[i, j] = register(points[j], points[i], start, reach_mm=_reach(known, i, j))
+        except InputError as error:
+            if not known and j != 0:
+                raise InputError(f"views {i + 1} and {j + 1}: {error}") from error
+    for (i, j), pair in found.items():
+        if not known and pair.slides:
+            raise InputError(
+                f"views {i + 1} and {j + 1}: the shape slides on itself in {pair.slides} "
+                "directions, as a plane, sphere or cylinder does; use a board or a turntable"
+            )
+    return found
+
+
+def _reach(known: dict[int, ViewPose], i: int, j: int) -> float:
+    """How far apart matched points may be at the start, mm."""
+    if not known:
+        return 2.0
+    place = [np.sqrt(np.trace(known[k].covariance[3:, 3:])) for k in (i, j)]
+    return max(LEAST_REACH_MM, REACH_SIGMAS * float(np.hypot(*place)))
+
+
+def _spacing(points: Sequence[SurfacePoints]) -> float:
+    """Typical distance of neighbouring points of a view, mm: a pixel on the surface."""
+    some = points[0].xyz_mm
+    near = scipy.spatial.cKDTree(some).query(some[:: max(1, len(some) // 2000)], k=2)[0]
+    return float(np.median(near[:, 1]))
+
+
+def _findings(
+    loop: Closure | None, fused: Fused, pairs: dict[tuple[int, int], Registration]
+) -> tuple[FrameFinding, ...]:
+    found = []
+    if loop is not None and loop.sigmas > MAX_CLOSURE_SIGMAS:
+        found.append(
+            FrameFinding(
+                "views",
+                f"the loop of views misses itself by {loop.translation_mm:.3g} mm and "
+                f"{loop.rotation_deg:.2g}°, {loop.sigmas:.1f} times its standard deviation",
+                ("a part that moved on the table", "a view aligned wrongly"),
+                "look at the views with the largest disagreement",
+                figures={"closure_sigmas": loop.sigmas, "closure_mm": loop.translation_mm},
+            )
+        )
+    if fused.disagreement > MAX_DISAGREEMENT:
+        found.append(
+            FrameFinding(
+                "views",
+                f"views differ where they overlap by {fused.disagreement:.1f} times their σ",
+                ("a part that moved on the table", "a rig that has changed since its calibration"),
+                "clamp the part, or calibrate again",
+                figures={"disagreement": fused.disagreement},
+            )
+        )
+    sliding = [pair for pair in pairs.values() if pair.slides]
+    if sliding:
+        found.append(
+            FrameFinding(
+                "views",
+                f"the shape slides on itself in {len(sliding)} of {len(pairs)} pairs of views, so "
+                "their poses come from the board or the turntable in those directions",
+                figures={"sliding_pairs": float(len(sliding))},
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,97 @@
+"""Points of a view with their normals: what registration, fusion and features work on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.rig.pinhole import transform
+from fringeworks.surface.cloud import normals
+from fringeworks.types import FloatMap, Frozen, InputError, PointCloud, Reason
+
+MIN_FACING = 0.17
+"""Smallest cosine between a normal and the camera's ray. Points seen at less than 10° are left out:
+pixels there cover a long stretch of the surface, and their normals are poor."""
+BLUR_PX = 0.01
+"""Standard deviation of an error that all views share, as a shift along the image, px. Empirical:
+on the virtual rig, pairs of views are off by about this beyond their noise. The likely cause is
+blur, which moves points towards brighter neighbours. A cloud's σ does not contain it, because it is
+far below the noise of one pixel; averages of many pixels see it."""
+MIN_POINTS = 200
+"""Smallest number of points of a view: fewer determine no pose."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfacePoints(Frozen):
+    """Points of one view, in some coordinates, with normals that point out of the surface."""
+
+    xyz_mm: FloatMap
+    """(n, 3), mm."""
+    normals: FloatMap
+    """(n, 3)."""
+    sigma_mm: FloatMap
+    """Standard deviation along the normal, of noise and calibration, (n,), mm."""
+    noise_mm: FloatMap
+    """The part that is independent from point to point, (n,), mm."""
+    colour: FloatMap | None
+    """Brightness (n,) or colour (n, 3), counts."""
+
+    def moved(self, T: FloatMap) -> SurfacePoints:
+        """The points in the coordinates that ``T`` (4, 4) maps to."""
+        return SurfacePoints(
+            transform(T, self.xyz_mm),
+            self.normals @ T[:3, :3].T,
+            self.sigma_mm,
+            self.noise_mm,
+            self.colour,
+        )
+
+    def at(self, index: NDArray[Any]) -> SurfacePoints:
+        """The points of an index or mask."""
+        return SurfacePoints(
+            self.xyz_mm[index],
+            self.normals[index],
+            self.sigma_mm[index],
+            self.noise_mm[index],
+            None if self.colour is None else self.colour[index],
+        )
+
+
+def surface_points(cloud: PointCloud) -> SurfacePoints:
+    """The points of a cloud that have a normal and are not seen at a grazing angle.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+
+    Returns
+    -------
+    SurfacePoints in camera coordinates. σ along the ray becomes σ along the normal by the cosine
+    between the two, and the error that blur causes in all views alike is added.
+
+    Raises
+    ------
+    InputError for fewer than 200 such points.
+    """
+    turned = normals(cloud)
+    with np.errstate(invalid="ignore"):
+        facing = -np.sum(turned * cloud.xyz_mm, axis=-1) / np.linalg.norm(cloud.xyz_mm, axis=-1)
+        ok = (cloud.reason == Reason.OK) & (facing > MIN_FACING)
+    if np.count_nonzero(ok) < MIN_POINTS:
+        raise InputError(
+            f"view: expected {MIN_POINTS} points with normals or more, got {np.count_nonzero(ok)}"
+        )
+    cosine = facing[ok].astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        step = np.nanmedian(np.abs(np.diff(cloud.xyz_mm[..., 0] / cloud.xyz_mm[..., 2], axis=1)))
+    blur = BLUR_PX * float(step) * cloud.xyz_mm[ok][:, 2] * np.sqrt(1.0 - cosine**2)
+    return SurfacePoints(
+        cloud.xyz_mm[ok].astype(np.float64),
+        turned[ok].astype(np.float64),
+        np.hypot(cloud.sigma_mm[ok] * cosine, blur),
+        cloud.noise_mm[ok] * cosine,
+        None if cloud.colour is None else np.asarray(cloud.colour[ok], np.float64),
+    )

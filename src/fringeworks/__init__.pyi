@@ -292,6 +292,10 @@ from .stack.fuse import (
 from .stack.shifts import (
     estimate_shifts as estimate_shifts,
 )
+from .stack.light_separation import (
+    LightSeparation as LightSeparation,
+    separate_light as separate_light,
+)
 from .stack.wrapped import (
     WrappedPhase as WrappedPhase,
     wrapped_phase as wrapped_phase,

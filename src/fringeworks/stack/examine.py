@@ -27,9 +27,10 @@ from fringeworks.stack.noise import measure_noise, spatial_noise, usable
 from fringeworks.stack.order_faults import refuse_order_faults
 from fringeworks.stack.own_response import with_own_response
 from fringeworks.stack.real_frames import RealFrames, design_rows, real_frames
-from fringeworks.stack.refine import Known, Refined, refined
+from fringeworks.stack.refine import Refined, refined
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import exceeds
+from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
 from fringeworks.types import Axis, CameraNoise, FrameFinding, FramesContradictPlan
 

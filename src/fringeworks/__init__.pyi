@@ -292,6 +292,10 @@ from .stack.fuse import (
 from .stack.shifts import (
     estimate_shifts as estimate_shifts,
 )
+from .stack.light_separation import (
+    LightSeparation as LightSeparation,
+    separate_light as separate_light,
+)
 from .stack.wrapped import (
     WrappedPhase as WrappedPhase,
     wrapped_phase as wrapped_phase,
@@ -339,6 +343,12 @@ from .rig.calibration.drift_words import (
 from .rig.calibration.verdict import (
     Verdict as Verdict,
     verdict as verdict,
+)
+from .stack.depth_plan import (
+    propose_for_depth as propose_for_depth,
+)
+from .rig.depth_range import (
+    DepthRange as DepthRange,
 )
 from .rig.triangulate import (
     Triangulator as Triangulator,

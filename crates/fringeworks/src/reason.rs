@@ -26,3 +26,5 @@ pub const SHADOW: u8 = 9;
 pub const RAYS_APART: u8 = 10;
 /// No surface through the pixel's neighbours has its coordinate, as where it sees two depths at an edge.
 pub const ISOLATED: u8 = 11;
+/// No depth in the given range has the pixel's coordinate.
+pub const OUTSIDE_DEPTH: u8 = 12;

@@ -60,6 +60,15 @@ DenoiseOption = Annotated[
     DenoiserName | None, typer.Option("--denoise", help="Remove noise from both frames first.")
 ]
 
+DepthOption = Annotated[
+    str | None,
+    typer.Option(
+        "--depth",
+        help="Smallest and largest depth of what is lit, mm, as 450:560. It resolves the fringe "
+        "orders of plans that repeat; points outside are removed.",
+    ),
+]
+
 Item = TypeVar("Item")
 
 
@@ -82,3 +91,16 @@ def size_of(text: str, name: str) -> tuple[int, int]:
     if not (cross and width.strip().isdigit() and height.strip().isdigit()):
         raise fw.InputError(f"--{name}: expected columns x rows, as 1920x1080, got {text!r}")
     return int(width), int(height)
+
+
+def depth_of(text: str | None) -> tuple[float, float] | None:
+    """Smallest and largest depth in mm from ``450:560``; None for none."""
+    if text is None:
+        return None
+    near, _, far = text.partition(":")
+    try:
+        return float(near), float(far)
+    except ValueError as error:
+        raise fw.InputError(
+            f"--depth: expected two depths in mm as 450:560, got {text!r}"
+        ) from error

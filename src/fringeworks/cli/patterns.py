@@ -12,7 +12,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
-from fringeworks.cli.options import Folder, Force, JsonFile, size_of
+from fringeworks.cli.options import Folder, Force, JsonFile, depth_of, size_of
 
 SECTION = "Patterns"
 
@@ -42,6 +42,17 @@ class PictureFormat(StrEnum):
 )
 def plan(
     frames: Annotated[int, typer.Option(help="Frames to spend.")],
+    rig_file: Annotated[
+        Path | None, typer.Option("--rig", help="Rig file, for the projector's size or --depth.")
+    ] = None,
+    depth: Annotated[
+        str | None,
+        typer.Option(
+            "--depth",
+            help="Smallest and largest depth of what is lit, mm, as 450:560; with --rig. Three or "
+            "four frames then suffice.",
+        ),
+    ] = None,
     projector_size: Annotated[
         str | None, typer.Option("--projector-size", help="Columns x rows, as 1920x1080.")
     ] = None,
@@ -49,7 +60,9 @@ def plan(
         Path | None,
         typer.Option(help="Set-up file: projector's size, noise, modulation and shortest period."),
     ] = None,
-    axes: Annotated[Axes, typer.Option(help="Axes to decode.")] = Axes.x,
+    axes: Annotated[
+        Axes | None, typer.Option(help="Axes to decode; x, or with --depth the rig's main axis.")
+    ] = None,
     noise: Annotated[
         float | None, typer.Option(help="Standard deviation of the camera's noise, counts; 2.")
     ] = None,
@@ -61,6 +74,17 @@ def plan(
         float | None,
         typer.Option(help="Shortest period that the devices resolve, projector px; 16."),
     ] = None,
+    max_period: Annotated[
+        float | None,
+        typer.Option(help="Longest period of the fringes, projector px; any by default."),
+    ] = None,
+    robust: Annotated[
+        bool,
+        typer.Option(
+            "--robust",
+            help="Short periods only, 1.5 times the shortest: against light between surfaces.",
+        ),
+    ] = False,
     kind: Annotated[str, typer.Option(help="Kind of plan to write; the best by default.")] = "",
     out: Annotated[Path | None, typer.Option("--out", help="Plan file to write (TOML).")] = None,
     json_file: JsonFile = None,
@@ -68,18 +92,28 @@ def plan(
     """Propose plans for a projector and a number of frames, the smallest error first."""
     words = output.Output(out, json_file)
     known = None if setup is None else fw.read_setup(setup)
-    if projector_size is not None:
-        width, height = size_of(projector_size, "projector-size")
-    elif known is not None:
-        width, height = known.size_px
-    else:
-        raise fw.InputError("--projector-size: expected, or --setup; got neither")
-    given = {"noise": noise, "modulation": modulation, "min_period_px": min_period}
-    options: dict[str, Any] = {"axes": AXES[axes], **(_of_setup(known) if known else {})}
+    rig = None if rig_file is None else fw.read_rig(rig_file)
+    given = {
+        "noise": noise,
+        "modulation": modulation,
+        "min_period_px": min_period,
+        "max_period_px": max_period,
+        "robust": robust or None,
+        "axes": None if axes is None else AXES[axes],
+    }
+    options: dict[str, Any] = _of_setup(known) if known else {}
     options |= {name: value for name, value in given.items() if value is not None}
-    found = fw.propose(width, height, frames, **options)
-    asked = {"width_px": width, "height_px": height, "frames": frames, **options}
-    origin = fw.made_by("propose", options=asked)
+    options["frames"] = frames
+    if depth is None:
+        options["width_px"], options["height_px"] = _size(projector_size, known, rig)
+        found = fw.propose(**options)
+        origin = fw.made_by("propose", options=options)
+    elif rig is None or projector_size is not None:
+        raise fw.InputError("--depth: expected with --rig and without --projector-size")
+    else:
+        options["depth_mm"] = depth_of(depth)
+        found = fw.propose_for_depth(rig, **options)
+        origin = fw.made_by("propose_for_depth", options=options, rig=rig)
     chosen = [p for p in found if p.kind == kind] if kind else found[:1]
     if not chosen:
         raise fw.InputError(f"--kind: expected {', '.join(p.kind for p in found)}, got {kind!r}")
@@ -88,6 +122,13 @@ def plan(
             fw.write_plan(place, chosen[0].plan)
     proposals = [_figures(p) for p in found]
     output.write_json(json_file, {"proposals": proposals, "provenance": origin.as_dict()})
+    _say(words, found)
+    if out is not None and not output.is_stdout(out):
+        words.say(f"wrote {out} ({chosen[0].kind})")
+
+
+def _say(words: output.Output, found: list[fw.Proposal]) -> None:
+    """Print proposals as a table, and why they have such periods."""
     words.table(
         ["kind", "σ / px", "margin / σ", "frames", "periods × steps"],
         [
@@ -95,8 +136,19 @@ def plan(
             for p in found
         ],
     )
-    if out is not None and not output.is_stdout(out):
-        words.say(f"wrote {out} ({chosen[0].kind})")
+    if found[0].reason:
+        words.say(found[0].reason)
+
+
+def _size(text: str | None, setup: fw.StoredSetup | None, rig: fw.Rig | None) -> tuple[int, int]:
+    """Columns and rows of the projector, from the first that is given."""
+    if text is not None:
+        return size_of(text, "projector-size")
+    if setup is not None:
+        return setup.size_px
+    if rig is not None:
+        return rig.projector.width_px, rig.projector.height_px
+    raise fw.InputError("--projector-size: expected, or --setup or --rig; got none of them")
 
 
 def _of_setup(setup: fw.StoredSetup) -> dict[str, float]:
@@ -114,6 +166,7 @@ def _figures(proposal: fw.Proposal) -> dict[str, Any]:
         "sigma_px": proposal.sigma_px,
         "margin": proposal.margin,
         "frames": proposal.plan.frames,
+        "reason": proposal.reason,
         "plan": asdict(proposal.plan),
     }
 

@@ -16,9 +16,11 @@ from fringeworks.cli.devices import take_poses
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import (
     AxisName,
+    DepthOption,
     JsonFile,
     Ply,
     PlyOption,
+    depth_of,
     items,
 )
 from fringeworks.cli.showing import ShowOptions
@@ -231,6 +233,7 @@ def measure(
             "from the rig."
         ),
     ] = None,
+    depth: DepthOption = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Points: .ply, .xyz or .npz; '-' is PLY.")
     ] = None,
@@ -252,6 +255,7 @@ def measure(
             calibrated,
             axis=None if axis is None else axis.value,
             epipolar_px=epipolar_px,
+            depth_mm=depth_of(depth),
             **options,
         )
     if isinstance(found, fw.Measurement) and not show.draws:

@@ -265,7 +265,7 @@ def order_chain(
     if gray_step_px is None and repeats < length * (1.0 - COMMENSURATE):
         raise InputError(
             f"periods: {_list(periods_px)} px repeat after {repeats:g} px, but the projector "
-            f"has {length:g} px: expected another period or a Gray code"
+            f"has {length:g} px: expected another period, a Gray code, or a rig and a depth range"
         )
     c, g = combinations(frequency)
     starts, start_tolerance = _starts(g, length, repeats, gray_step_px, circular)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -54,6 +54,13 @@ MAX_BEAT_SHARE = 3
 With fewer fringes it would contribute little to the coordinate's precision. An empirical choice.
 """
 
+ROBUST_BAND = 1.5
+"""Longest period of a robust plan, over the shortest that projector and camera resolve.
+
+Blur and indirect light hardly differ within so narrow a band. Narrower ones leave heterodyne plans
+no margin. An empirical choice.
+"""
+
 COARSENING = 0.94
 """Factor by which the number of fringes falls from one trial to the next.
 
@@ -62,17 +69,26 @@ A factor nearer to 1 finds slightly finer fringes but takes longer: at 0.94 the 
 """
 
 
+PHASE_KINDS = ("single", "hierarchical", "heterodyne", "number-theoretic")
+"""Kinds of plans without a Gray code."""
+
+KINDS = (*PHASE_KINDS[1:], "gray")
+"""Kinds of plans that span the projector. One period alone would be as long as the projector."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Proposal(Frozen):
     """A plan with its predicted error."""
 
     kind: str
-    """hierarchical, heterodyne, number-theoretic, or gray (fringes and Gray code)."""
+    """single (one period), hierarchical, heterodyne, number-theoretic or gray (with Gray code)."""
     plan: PatternPlan
     sigma_px: float
     """Predicted standard deviation of the coordinate, projector px; of two axes the larger one."""
     margin: float
-    """Smallest margin of a fringe order's rounding, in standard deviations; ≥ 6."""
+    """Smallest margin of a fringe order, in standard deviations; ≥ 6."""
+    reason: str = ""
+    """Why the plan has such periods, where that is more than the smallest error."""
 
     @property
     def summary(self) -> str:
@@ -95,6 +111,9 @@ def propose(
     noise: float = 2.0,
     modulation: float = 100.0,
     min_period_px: float = 16.0,
+    max_period_px: float = math.inf,
+    robust: bool = False,
+    range_px: Mapping[Axis, float] | None = None,
 ) -> list[Proposal]:
     """Propose the best plan of every kind, the smallest predicted error first.
 
@@ -111,6 +130,15 @@ def propose(
         Modulation B of the fringes on the darkest surface that matters, counts.
     min_period_px : float ≥ 2
         Shortest period that projector and camera still resolve, projector px.
+    max_period_px : float > 0
+        Longest period of the fringes, projector px. Light that comes from other surfaces varies
+        slowly over the scene. It adds hardly any modulation to short periods, and bends the phase
+        of long ones. Gray codes, whose stripes are wide, are not proposed then.
+    robust : bool
+        Whether periods are at most one and a half times ``min_period_px`` (``ROBUST_BAND``).
+    range_px : mapping of axes to floats > 0, optional
+        Distances within which coordinates must be unambiguous, projector px; by default the whole
+        projector. ``propose_for_depth`` finds them for a range of depths.
 
     Returns
     -------
@@ -135,40 +163,75 @@ def propose(
     >>> best.margin >= 6.0
     True
     """
-    if not axes or any(axis not in ("x", "y") for axis in axes):
-        raise InputError(f"axes: expected x, y or both, got {', '.join(axes) or 'none'}")
-    for name, value in (("noise", noise), ("modulation", modulation)):
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(f"{name}: expected > 0 counts, got {value}")
-    if not min_period_px >= 2:
-        raise InputError(f"min_period_px: expected 2 px or more, got {min_period_px}")
-    share = frames // len(axes)
-    if share < 3:
-        raise InputError(
-            f"frames: expected 3 or more for each axis, got {frames} for {len(axes)} axes"
-        )
+    if robust:
+        max_period_px = min(max_period_px, ROBUST_BAND * min_period_px)
+    band = min_period_px, max_period_px
+    share = _checked_share(frames, axes, noise, modulation, band)
     ratio = noise / modulation
-    lengths = {"x": width_px, "y": height_px}
+    absolute = range_px is None
+    lengths = {"x": float(width_px), "y": float(height_px)} if range_px is None else range_px
     proposals: list[Proposal] = []
-    for kind in ("hierarchical", "heterodyne", "number-theoretic", "gray"):
+    for kind in KINDS if absolute else PHASE_KINDS:
+        if kind == "gray" and math.isfinite(max_period_px):
+            continue  # the stripes of a Gray code are as wide as half the projector
         blocks: list[Block] = []
         for axis in axes:
-            best = _best(kind, axis, lengths[axis], share, ratio, min_period_px)
+            best = _best(kind, axis, lengths[axis], share, ratio, band)
             if best is None:
                 break
             blocks += best
         else:
             plan = PatternPlan(width_px, height_px, tuple(blocks))
-            margin = min(_margin(plan, axis, ratio) for axis in axes)
+            margin = min(_margin(plan, axis, ratio, absolute) for axis in axes)
             sigma = max(_predicted(plan, axis, ratio) for axis in axes)
-            proposals.append(Proposal(kind, plan, sigma, margin))
+            proposals.append(Proposal(kind, plan, sigma, margin, _reason(max_period_px)))
     if not proposals:
+        longer = "" if math.isinf(max_period_px) else ", or longer periods"
         raise InputError(
             f"plan: with {frames} frames, noise {noise:g} and modulation {modulation:g}, no plan "
             f"resolves the fringe orders with a margin of {MIN_MARGIN:g} standard deviations: "
-            "expected more frames or light"
+            f"expected more frames or light{longer}"
         )
     return sorted(proposals, key=lambda proposal: proposal.sigma_px)
+
+
+def _checked_share(
+    frames: int,
+    axes: Sequence[Axis],
+    noise: float,
+    modulation: float,
+    band: tuple[float, float],
+) -> int:
+    """Frames for each axis; refuses arguments that are out of range."""
+    if not axes or any(axis not in ("x", "y") for axis in axes):
+        raise InputError(f"axes: expected x, y or both, got {', '.join(axes) or 'none'}")
+    for name, value in (("noise", noise), ("modulation", modulation)):
+        if not (math.isfinite(value) and value > 0):
+            raise InputError(f"{name}: expected > 0 counts, got {value}")
+    min_period_px, max_period_px = band
+    if not min_period_px >= 2:
+        raise InputError(f"min_period_px: expected 2 px or more, got {min_period_px}")
+    if not max_period_px >= min_period_px:
+        raise InputError(
+            f"max_period_px: expected {min_period_px:g} px or more, like min_period_px, got "
+            f"{max_period_px:g}"
+        )
+    share = frames // len(axes)
+    if share < 3:
+        raise InputError(
+            f"frames: expected 3 or more for each axis, got {frames} for {len(axes)} axes"
+        )
+    return share
+
+
+def _reason(max_period_px: float) -> str:
+    """Why a plan has short periods only."""
+    if math.isinf(max_period_px):
+        return ""
+    return (
+        f"no period is longer than {max_period_px:g} px: light from other surfaces and blur hardly "
+        "shift the phase of short fringes, but bend that of long ones"
+    )
 
 
 def _sigmas(plan: PatternPlan, axis: Axis, ratio: float) -> list[float]:
@@ -176,15 +239,15 @@ def _sigmas(plan: PatternPlan, axis: Axis, ratio: float) -> list[float]:
     return [ratio / math.sqrt(block.precision) for _, block in plan.phase_sets(axis)]
 
 
-def _margin(plan: PatternPlan, axis: Axis, ratio: float) -> float:
+def _margin(plan: PatternPlan, axis: Axis, ratio: float, absolute: bool = True) -> float:
     """Smallest margin of the roundings along an axis, as the decoder judges it."""
-    chain = plan.chain(axis)
+    chain = plan.chain(axis, absolute=absolute)
     return chain.margin(chain.judged_sigma(_sigmas(plan, axis, ratio)))
 
 
-def _resolves(axis: Axis, length: int, blocks: Sequence[Block], ratio: float) -> bool:
+def _resolves(axis: Axis, length: float, blocks: Sequence[Block], ratio: float) -> bool:
     """Whether blocks resolve the fringe orders along an axis with the required margin."""
-    size = (length, 2) if axis == "x" else (2, length)
+    size = (math.ceil(length), 2) if axis == "x" else (2, math.ceil(length))
     try:
         return _margin(PatternPlan(*size, tuple(blocks)), axis, ratio) >= MIN_MARGIN
     except InputError:
@@ -203,13 +266,19 @@ def _sigma(periods: Sequence[float], sigmas: Sequence[float]) -> float:
 
 
 def _best(
-    kind: str, axis: Axis, length: int, frames: int, ratio: float, least: float
+    kind: str, axis: Axis, length: float, frames: int, ratio: float, band: tuple[float, float]
 ) -> list[Block] | None:
     """Blocks of a kind with the smallest error; None where none has the required margin."""
+    least, most = band
+    options: Iterator[list[Block]]
     if kind == "gray":
-        options = _gray(axis, length, frames, least)
+        options = _gray(axis, math.ceil(length), frames, least)
+    elif kind == "single":
+        period = max(math.ceil(length) + END_PX, least)
+        single: list[Block] = [PhaseSteps(axis, period, equal_steps(frames))]
+        options = iter([single] if period <= most else [])
     else:
-        options = _phases(kind, axis, length, frames, ratio, least)
+        options = _phases(kind, axis, math.ceil(length), frames, ratio, band)
     best, smallest = None, math.inf
     for blocks in options:
         sets = [b for b in blocks if isinstance(b, PhaseSteps)]
@@ -248,14 +317,14 @@ def _shares(frames: int, sets: int) -> list[list[int]]:
 
 
 def _phases(
-    kind: str, axis: Axis, length: int, frames: int, ratio: float, least: float
+    kind: str, axis: Axis, length: int, frames: int, ratio: float, band: tuple[float, float]
 ) -> Iterator[list[Block]]:
     """Blocks of fringes of a kind, for every number of sets the finest that have the margin."""
     span = length + END_PX
     for sets in range(2, MAX_SETS + 1):
         for steps in _shares(frames, sets):
             weights = [0.5 * n * (TURN / ratio) ** 2 for n in steps]
-            separated = _separated(kind, span, sets, weights, least)
+            separated = _separated(kind, span, sets, weights, band)
             for periods in islice(separated, MAX_TRIALS):
                 pairs = zip(periods, steps, strict=True)
                 blocks: list[Block] = [PhaseSteps(axis, p, equal_steps(n)) for p, n in pairs]
@@ -265,21 +334,26 @@ def _phases(
 
 
 def _separated(
-    kind: str, span: float, sets: int, weights: Sequence[float], least: float
+    kind: str, span: float, sets: int, weights: Sequence[float], band: tuple[float, float]
 ) -> Iterator[list[float]]:
     """Periods whose phases are far enough apart, with ever fewer fringes."""
+    least, most = band
     count, before = span / least, None
-    while count > sets:
-        periods = _periods(kind, span, count, sets, weights)
+    while count > sets and span / count <= most:
+        periods = _periods(kind, span, count, sets, weights, most)
         if periods != before:
             before = periods
-            if periods and 0.5 * separation(periods, span - END_PX, weights) >= MIN_MARGIN:
+            if (
+                periods
+                and max(periods) <= most
+                and 0.5 * separation(periods, span - END_PX, weights) >= MIN_MARGIN
+            ):
                 yield periods
         count *= COARSENING
 
 
 def _periods(
-    kind: str, span: float, count: float, sets: int, weights: Sequence[float]
+    kind: str, span: float, count: float, sets: int, weights: Sequence[float], most: float
 ) -> list[float] | None:
     """Periods with about ``count`` fringes in the finest set, the finest first; None for none."""
     if kind == "hierarchical":
@@ -287,20 +361,25 @@ def _periods(
         ratio = int(count) ** (1.0 / (sets - 1))
         return [span / max(1, round(ratio ** (sets - 1 - k))) for k in range(sets)]
     if kind == "heterodyne":
-        return _heterodyne(span, int(count), sets, weights)
+        return _heterodyne(span, int(count), sets, weights, most)
     return _whole_periods(span, math.ceil(span / count), sets)
 
 
-def _heterodyne(span: float, count: int, sets: int, weights: Sequence[float]) -> list[float] | None:
+def _heterodyne(
+    span: float, count: int, sets: int, weights: Sequence[float], most: float
+) -> list[float] | None:
     """Periods with similar numbers of fringes whose phases have the largest separation."""
     if sets > MAX_HETERODYNE_SETS or count < 3:
         return None
     beats = range(1, max(2, count // MAX_BEAT_SHARE))
     choices: list[tuple[int, ...]] = [(count, count - 1)]
     if sets == 3:
-        choices = [(count, count - a, count - b) for a in beats for b in beats if b > a]
+        # Equal differences are left out: a patent covers them.
+        choices = [
+            (count, count - a, count - b) for a in beats for b in beats if b > a and b != 2 * a
+        ]
     # Numbers with a common divisor would repeat within the range.
-    coprime = [c for c in choices if c[-1] >= 1 and math.gcd(*c) == 1]
+    coprime = [c for c in choices if span <= most * c[-1] and c[-1] >= 1 and math.gcd(*c) == 1]
     if not coprime:
         return None
     best = max(coprime, key=lambda c: separation([span / n for n in c], span - END_PX, weights))

@@ -13,8 +13,10 @@ from fringeworks.files.atomic import StrPath
 from fringeworks.files.rig import read_rig
 from fringeworks.files.stack import read_stack
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
+from fringeworks.patterns.repeats import repeats
 from fringeworks.pipeline.decoding import decoded_exposures, given_options
 from fringeworks.pipeline.inputs import inputs_of, stack_of, stacks_of
+from fringeworks.rig.depth_range import DepthRange, depth_range_of
 from fringeworks.rig.point_findings import part_notes, point_notes, unit_notes
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.signal.response import (
@@ -100,6 +102,7 @@ def measure(
     *,
     axis: Axis | None = None,
     epipolar_px: float | None = None,
+    depth_mm: DepthRange | Sequence[float] | None = None,
     **options: Unpack[DecodeOptions],
 ) -> Measurement:
     """Measure the points of a stack of frames with a calibrated rig.
@@ -115,6 +118,10 @@ def measure(
         Use this axis of the projector only.
     epipolar_px : float >= 0, optional
         Standard deviation of the epipolar error that the rig causes, px; see ``triangulate``.
+    depth_mm : (near, far) or DepthRange, optional
+        Smallest and largest z of the points in camera coordinates, mm. It resolves the fringe
+        orders of plans that repeat, such as one set of three or four steps; points outside are
+        NaN. A ``DepthRange`` saves its preparation when many stacks are measured.
     **options
         Of ``decode``.
 
@@ -125,22 +132,32 @@ def measure(
 
     Raises
     ------
-    RigMismatch where rig and stack do not belong together, and as ``decode``.
+    RigMismatch where rig and stack do not belong together, and as ``decode`` and ``DepthRange``.
     """
     stacks = stacks_of(stack)
     plan = stacks[0].plan
     if not isinstance(rig, Triangulator):
         rig = Triangulator(rig if isinstance(rig, Rig) else read_rig(rig))
     check_projector(rig.rig, stacks[0])
+    depth = depth_range_of(depth_mm, rig.rig)
     started = time.perf_counter()
-    found = decoded_exposures(stacks, options)
+    if depth is None:
+        found = decoded_exposures(stacks, options)
+    else:
+        options.setdefault("absolute", not repeats(plan))
+        found = depth.resolve(decoded_exposures(stacks, options))
     points = rig.triangulate(
         found, axis=axis, epipolar_px=epipolar_px, colour=_colour(stacks, found)
     )
     seconds = time.perf_counter() - started
     origin = made_by(
         "measure",
-        options={"axis": axis, "epipolar_px": epipolar_px, **given_options(stacks[0], options)},
+        options={
+            "axis": axis,
+            "epipolar_px": epipolar_px,
+            "depth_mm": None if depth is None else list(depth.depth_mm),
+            **given_options(stacks[0], options),
+        },
         inputs=inputs_of(*stacks),
         plan=plan,
         rig=rig.rig,

@@ -75,6 +75,11 @@ REASON_WORDS: dict[Reason, ReasonWords] = {
         "the value fits no surface through the neighbouring pixels",
         "use a plan with more margin, or keep such pixels with remove_isolated = False",
     ),
+    Reason.OUTSIDE_DEPTH: ReasonWords(
+        "outside depth range",
+        "no depth in the given range has this coordinate",
+        "widen the depth range if the surface is wanted",
+    ),
 }
 """The words for every reason."""
 REASON_COLOURS: dict[Reason, str] = {
@@ -90,6 +95,7 @@ REASON_COLOURS: dict[Reason, str] = {
     Reason.SHADOW: "#222255",
     Reason.RAYS_APART: "#882255",
     Reason.ISOLATED: "#0072b2",
+    Reason.OUTSIDE_DEPTH: "#999933",
 }
 """One colour for every reason, the same in all pictures: the colours of Okabe and Ito, which colour
 blindness leaves distinct, and dark or grey ones for the rest."""

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.patterns.repeats import repeats
+from fringeworks.rig.depth_range import DepthRange, depth_range_of
 from fringeworks.rig.epipolar import calibration_share
 from fringeworks.rig.triangulate import Triangulator, measured_points
 from fringeworks.stack.decode import (
@@ -61,6 +63,9 @@ class Decoder:
     dtype : type of the frames; any that ``decode`` takes
     rig : Rig, optional
         What ``points`` triangulates with.
+    depth_mm : (near, far) or DepthRange, optional
+        Smallest and largest z of the points, mm, as for ``measure``; with a rig. It resolves the
+        fringe orders of plans that repeat.
     judge_every : int ≥ 1
     **options
         As for ``decode``.
@@ -68,7 +73,8 @@ class Decoder:
     Raises
     ------
     InputError
-        If an option is out of its range, or the plan or the response cannot be used.
+        If an option is out of its range, the plan or the response cannot be used, or a depth range
+        comes without a rig.
     RigMismatch
         If the rig belongs to frames of another size.
 
@@ -89,6 +95,7 @@ class Decoder:
         dtype: Any = np.uint8,
         *,
         rig: Rig | None = None,
+        depth_mm: DepthRange | Sequence[float] | None = None,
         judge_every: int = JUDGE_EVERY,
         **options: Unpack[DecodeOptions],
     ) -> None:
@@ -98,6 +105,11 @@ class Decoder:
             raise InputError("estimate_response: expected no response beside it, got one")
         if rig is not None and rig.camera.shape != tuple(shape):
             raise RigMismatch(f"rig: it is for frames of {rig.camera.shape}, got {tuple(shape)}")
+        if rig is None and depth_mm is not None:
+            raise InputError("depth_mm: expected together with a rig, got none")
+        self._depth = None if rig is None else depth_range_of(depth_mm, rig)
+        if self._depth is not None:
+            options.setdefault("absolute", not repeats(plan))
         self._plan = plan
         self._shape, self._dtype = (shape[0], shape[1]), np.dtype(dtype)
         self._options = options
@@ -149,7 +161,8 @@ class Decoder:
         Returns
         -------
         Decoded
-            In memory of the decoder: valid until its next call.
+            In memory of the decoder: valid until its next call. With a depth range, coordinates
+            are absolute, and those outside of it are NaN.
 
         Raises
         ------
@@ -198,7 +211,7 @@ class Decoder:
     def _points(self, planes: Planes, triangulator: Triangulator) -> PointCloud:
         """Measure the points of checked frames."""
         found = self._found
-        if self._since == 0 or found is None or not _in_one_pass(found):
+        if self._since == 0 or found is None or self._depth or not _in_one_pass(found):
             decoded = self._coordinates(planes)
             self._cloud = triangulator.triangulate(
                 decoded, epipolar_px=self._epipolar_px, out=self._cloud
@@ -255,12 +268,14 @@ class Decoder:
         judged = self._since == 0
         if judged:
             refuse_nothing_measured(self._decoded)
-            maps = self._decoded.maps
+        decoded = self._decoded if self._depth is None else self._depth.resolve(self._decoded)
+        if judged:
+            maps = decoded.maps
             if self._triangulator is not None and len(maps) == 2:
                 self._epipolar_px = calibration_share(self._triangulator.rig, maps)
             self._ambiguous = _ambiguous([found.reason for found in maps.values()])
         self._count(judged=judged)
-        return self._decoded
+        return decoded
 
     def _count(self, *, judged: bool) -> None:
         """Count a stack that was measured."""

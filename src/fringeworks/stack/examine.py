@@ -22,13 +22,15 @@ from fringeworks.stack.agreement import (
 )
 from fringeworks.stack.gray_frames import refuse_unequal_levels
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
+from fringeworks.stack.neighbour_noise import neighbour_noise
 from fringeworks.stack.noise import measure_noise, spatial_noise, usable
 from fringeworks.stack.order_faults import refuse_order_faults
 from fringeworks.stack.own_response import with_own_response
 from fringeworks.stack.real_frames import RealFrames, design_rows, real_frames
-from fringeworks.stack.refine import Known, Refined, refined
+from fringeworks.stack.refine import Refined, refined
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import exceeds
+from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
 from fringeworks.types import Axis, CameraNoise, FrameFinding, FramesContradictPlan
 
@@ -144,6 +146,8 @@ def examine(
         decodings = _with_real_frames(decodings, sample, limits)
     if noise is None:
         noise, source = measure_noise(decodings, sample, limits, start)
+        if noise is start:
+            noise = neighbour_noise(sample.patch, limits, start)
         findings.append(words.noise(noise, source))
     noise = _with_floor(noise, floor)
     limits = _trusted(decodings, sample, limits, noise)

@@ -10,7 +10,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.signal.chi_square import chi_square_quantile
 from fringeworks.stack.kernel_settings import LOST_SHARE, Decoding
 from fringeworks.stack.motion import Motion, warped
-from fringeworks.stack.refine import phase_variance
+from fringeworks.stack.set_residuals import phase_variance
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap, Reason
 
 SAME_PERIODS = 0.25

@@ -12,9 +12,10 @@ from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
 from fringeworks.stack.kernel_settings import Decoding
-from fringeworks.stack.refine import Known, line_ripple
 from fringeworks.stack.ripple import Ripple
+from fringeworks.stack.ripple_removal import line_ripple
 from fringeworks.stack.sample import Sample
+from fringeworks.stack.set_residuals import Known
 from fringeworks.types import FrameFinding, InputError
 
 RESPONSE_PASSES = 3

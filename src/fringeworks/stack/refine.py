@@ -8,21 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks import _core
 from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.signal.noise import NORMAL_MEDIAN
 from fringeworks.signal.quantile import median
 from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
 from fringeworks.stack.gray_frames import GrayFrames
-from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
+from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
 from fringeworks.stack.real_frames import design_rows
-from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple, measure_ripple, ripple_of_residuals
+from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple
+from fringeworks.stack.ripple_removal import without_ripples
 from fringeworks.stack.sample import Sample
+from fringeworks.stack.set_residuals import Known, set_residuals
 from fringeworks.stack.surface_scatter import scatters
-from fringeworks.types import Axis, CameraNoise, FloatMap, FrameFinding
+from fringeworks.types import Axis, CameraNoise, FrameFinding
 
 MAX_OFFSET_TURNS = 0.15
 """Largest error of a rounding that constant offsets between the sets may make, turns.
@@ -42,16 +43,6 @@ A sinusoid spends only half of its phases within its rms value. Within 1.2 times
 64 %, about as much as a normal distribution within its standard deviation.
 """
 
-MAX_ORDER = 8
-"""Highest order of a ripple that is looked for, periods per fringe; higher ones are weak."""
-
-MIN_MODULATION = 1e-6
-"""Divides instead of a modulation of zero, counts."""
-
-MAX_RIPPLE_NOISE_RAD = 0.2
-"""Largest phase noise of a pixel that a ripple is measured from, rad. An empirical choice: noisier
-pixels only add noise."""
-
 OUTLIER_CHI = 20.0
 """Variance of a pixel's residuals, over that of noise, that counts as an outlier. With one degree
 of freedom, noise exceeds it in 8 of a million pixels."""
@@ -62,26 +53,12 @@ EDGE_SHARE = 0.015
 Edges of a scene alone hold up to one in a hundred pixels. Empirical.
 """
 
-RIPPLE_PASSES = 2
-"""Passes of taking a ripple out. One leaves the square of a ripple in radians, the second nothing
-that matters."""
-
 NOTABLE_RATIO = 1.2
 """χ² of the sets over its expectation from which on their disagreement is reported. Empirical."""
 
 SHIFTED_REACH = 1.15
 """Median distance of coordinates from the middles of their Gray-code cells, over its expectation,
 up to which borders of cells count as where they should be. Empirical."""
-
-
-@dataclass(frozen=True)
-class Known:
-    """What is known of the frames when their phases are judged."""
-
-    noise: CameraNoise
-    limits: Limits
-    estimate_steps: bool
-    """Whether errors of steps and gains may be taken out."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +92,7 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
         return Refined(decoding)
     lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
     planes = [sample.points[k] for k in decoding.frames]
-    decoding, ripples = _without_ripples(decoding, lines, planes, known)
+    decoding, ripples = without_ripples(decoding, lines, planes, known)
     findings: list[FrameFinding] = []
     sets = []
     for phases, ripple in zip(decoding.sets, ripples, strict=True):
@@ -178,99 +155,6 @@ def scaled(noise: CameraNoise, factor: float) -> CameraNoise:
     return CameraNoise(noise.read_counts * factor**0.5, noise.gain * factor)
 
 
-def _without_ripples(
-    decoding: Decoding, lines: list[NDArray[Any]], planes: list[NDArray[Any]], known: Known
-) -> tuple[Decoding, list[Ripple | None]]:
-    """The decoding without the ripple that steps and gains make, and the ripple of every set.
-
-    The ripple of a set is measured along lines. Where they hold too few of its fringes, it is that
-    of the differences from the other sets.
-    """
-    ripples: list[Ripple | None] = [None] * len(decoding.sets)
-    changed = set(range(len(decoding.sets)))
-    for _ in range(RIPPLE_PASSES):
-        maps = decode_sample(decoding, lines, known.noise, known.limits.open)
-        for k in changed:
-            ripples[k] = line_ripple(decoding.sets[k], maps, k, known)
-        missing = [k for k in sorted(changed) if ripples[k] is None]
-        if missing and len(decoding.sets) > 1:
-            ripples = _with_set_ripples(decoding, planes, known, ripples, missing)
-        # A set that has no such ripple stays as it is, and so does its ripple.
-        changed = {k for k in changed if _removable(ripples[k])}
-        if not known.estimate_steps or not changed:
-            break
-        sets = [
-            replace(phases, design=_without_ripple(phases, ripple))
-            if k in changed and ripple is not None
-            else phases
-            for k, (phases, ripple) in enumerate(zip(decoding.sets, ripples, strict=True))
-        ]
-        decoding = replace(decoding, sets=tuple(sets))
-    return decoding, ripples
-
-
-def _removable(ripple: Ripple | None) -> bool:
-    return ripple is not None and any(ripple.significant(order) != 0 for order in (1, 2))
-
-
-def _orders(phases: PhaseFrames) -> tuple[int, ...]:
-    """Orders of a ripple that wrong frames or a response that is not linear can make."""
-    steps = len(phases.frames)
-    return tuple(sorted({1, 2, 3, 4, steps, min(2 * steps, MAX_ORDER)}))
-
-
-def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
-    """Ripple of a set along lines; None where they hold too few fringes."""
-    modulation, background = maps["modulations"][k], maps["background"]
-    with np.errstate(invalid="ignore"):  # pixels that are not finite
-        sigma = np.sqrt(phase_variance(phases, modulation, background, known.noise))
-        bright = lit_pixels(maps) & (sigma < MAX_RIPPLE_NOISE_RAD)
-    if not bright.any():
-        return None
-    turns = np.where(bright, maps["phases"][k] / TURN, 0.0)
-    found = measure_ripple(turns, bright, sigma, _orders(phases))
-    if found is None:
-        return None
-    return replace(found, background_ratio=median(background[bright] / modulation[bright]))
-
-
-def _with_set_ripples(
-    decoding: Decoding,
-    planes: list[NDArray[Any]],
-    known: Known,
-    ripples: list[Ripple | None],
-    missing: list[int],
-) -> list[Ripple | None]:
-    """The ripples, with those of the ``missing`` sets, which lines do not show, from the residuals
-    of the sets."""
-    residuals, _, maps = _residuals(decoding, planes, known)
-    if residuals.shape[1] < MIN_JUDGED_PIXELS:
-        return ripples
-    used = maps["used"]
-    out = list(ripples)
-    for k in missing:
-        ratio = median(maps["background"][used] / maps["modulations"][k][used])
-        phase = maps["phases"][k][used].astype(np.float64)
-        found = ripple_of_residuals(phase, TURN * residuals[k], _orders(decoding.sets[k]))
-        out[k] = None if found is None else replace(found, background_ratio=ratio)
-    return out
-
-
-def _without_ripple(phases: PhaseFrames, ripple: Ripple) -> tuple[tuple[float, float, float], ...]:
-    """The design whose fits do not have the ripple of one and two per fringe.
-
-    A fit that mixes A, c and s shifts the phase by (A/B)(ν cos φ − μ sin φ) + ζ cos 2φ − γ sin 2φ,
-    where μ and ν are the shares of A in c and s, and (γ, ζ; ζ, −γ) mixes c and s.
-    """
-    once, twice = ripple.significant(1), ripple.significant(2)
-    if once == 0 and twice == 0:
-        return phases.design
-    nu, mu = once.real / ripple.background_ratio, -once.imag / ripple.background_ratio
-    zeta, gamma = twice.real, -twice.imag
-    mixing = np.array([[1.0, 0.0, 0.0], [mu, 1.0 + gamma, zeta], [nu, zeta, 1.0 - gamma]])
-    return design_rows(np.array(phases.rows) @ mixing)
-
-
 def _with_harmonics(
     phases: PhaseFrames, ripple: Ripple | None, axis: Axis, removed: bool
 ) -> tuple[PhaseFrames, list[FrameFinding]]:
@@ -291,7 +175,7 @@ def _with_agreeing_sets(
     """The decoding with the errors that the disagreement of its sets shows, and these errors."""
     if len(decoding.sets) < 2:
         return decoding, PhaseErrors()
-    residuals, variances, maps = _residuals(decoding, planes, known)
+    residuals, variances, maps = set_residuals(decoding, planes, known)
     chain = decoding.chain
     if residuals.shape[1] < MIN_JUDGED_PIXELS or chain is None:
         return decoding, PhaseErrors()
@@ -300,7 +184,7 @@ def _with_agreeing_sets(
     if known.estimate_steps and 0.0 < shifted < MAX_OFFSET_TURNS:
         sets = [_turned(s, o) for s, o in zip(decoding.sets, offsets, strict=True)]
         decoding = replace(decoding, sets=tuple(sets))
-        residuals, variances, maps = _residuals(decoding, planes, known)
+        residuals, variances, maps = set_residuals(decoding, planes, known)
     square = maps["disagreement"][maps["used"]]
     errors = two_parts(square, variances.mean(axis=0) * TURN**2, len(decoding.sets) - 1)
     if shifted >= MAX_OFFSET_TURNS or (shifted >= DOUBTFUL_OFFSET_TURNS and not errors.by_noise):
@@ -313,51 +197,11 @@ def _with_agreeing_sets(
     return replace(with_floor(decoding, errors.floor_rad), order_errors=bounds), errors
 
 
-def _residuals(
-    decoding: Decoding, planes: list[NDArray[Any]], known: Known
-) -> tuple[FloatMap, FloatMap, dict[str, Any]]:
-    """Residuals of the phases of a sample and their variances by noise, (M, n), turns and turns²,
-    and the kernel's maps with the pixels that were used."""
-    maps = decode_sample(decoding.free, planes, known.noise, known.limits.open)
-    used = lit_pixels(maps)
-    # A coordinate that is not written is that of the phases nearest to it: the residuals are those
-    # of the nearest fringe orders.
-    used &= np.isfinite(maps["disagreement"]) & np.isfinite(maps["coordinate"])
-    maps["used"] = used
-    sets = zip(decoding.sets, maps["phases"], maps["modulations"], strict=True)
-    found = [
-        _core.phase_residuals(
-            maps["coordinate"],
-            maps["background"],
-            used,
-            turns,
-            modulation,
-            period=phases.period_px,
-            variance=2.0 / len(phases.frames) / TURN**2,
-            read_variance=known.noise.read_counts**2,
-            gain=known.noise.gain,
-            least_modulation=MIN_MODULATION,
-        )
-        for phases, turns, modulation in sets
-    ]
-    return np.stack([off for off, _ in found]), np.stack([v for _, v in found]), maps
-
-
 def _turned(phases: PhaseFrames, turns: float) -> PhaseFrames:
     """The set with phases that are smaller by a constant."""
     c, s = np.cos(TURN * turns), np.sin(TURN * turns)
     turn = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
     return replace(phases, design=design_rows(np.array(phases.rows) @ turn.T))
-
-
-def phase_variance(
-    phases: PhaseFrames, modulation: FloatMap, background: FloatMap, noise: CameraNoise
-) -> FloatMap:
-    """Variance of the phase by camera noise, rad²: that of equal steps."""
-    variance = noise.variance(np.where(np.isfinite(background), background, 0.0))
-    return np.asarray(
-        2.0 / len(phases.frames) * variance / np.maximum(modulation, MIN_MODULATION) ** 2
-    )
 
 
 def with_floor(decoding: Decoding, floor_rad: float) -> Decoding:

@@ -33,6 +33,7 @@ class Reason(IntEnum):
     SHADOW = 9  # the fringes are not above the noise: the projector does not light the pixel
     RAYS_APART = 10  # columns and rows disagree: the rays of camera and projector do not meet
     ISOLATED = 11  # no surface through its neighbours has its coordinate: two depths in one pixel
+    OUTSIDE_DEPTH = 12  # no depth in the given range has the coordinate
 
 
 def count_reasons(reason: ByteMap) -> dict[str, int]:

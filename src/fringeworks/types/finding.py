@@ -26,6 +26,7 @@ FrameFindingKind = Literal[
     "convergence",
     "raw colours",
     "exposures",
+    "depth range",
     "views",
 ]
 """What a finding is about."""

@@ -1,0 +1,132 @@
+"""Direct and indirect light of a scene, from the frames that measure its shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.patterns.plan import PatternPlan, PhaseSteps
+from fringeworks.signal.response import Response
+from fringeworks.stack.wrapped import wrapped_phase
+from fringeworks.types import ByteMap, CameraNoise, FloatMap, Frozen, InputError, Reason, sealed
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LightSeparation(Frozen):
+    """What a camera would see under a white projector: light that came straight, and all other."""
+
+    direct: FloatMap
+    """Light that came straight from the projector, (h, w), counts; NaN where undetermined."""
+    direct_sigma: FloatMap
+    """Its standard deviation from the camera's noise, (h, w), counts."""
+    indirect: FloatMap
+    """Light by way of other surfaces or from within the material, (h, w), counts. Without a black
+    frame it contains twice the light of the room and the black level."""
+    indirect_sigma: FloatMap
+    """Its standard deviation from the camera's noise, (h, w), counts."""
+    reason: ByteMap
+    """``Reason`` per pixel, (h, w)."""
+    period_px: float
+    """Period of the fringes that were used, projector px."""
+    has_black: bool
+    """Whether a black frame was subtracted."""
+
+    @property
+    def indirect_share(self) -> float:
+        """Indirect light over all light, of the pixels that were measured together, 0…1."""
+        ok = self.reason == Reason.OK
+        direct, indirect = float(self.direct[ok].sum()), float(self.indirect[ok].sum())
+        return max(indirect, 0.0) / max(direct + max(indirect, 0.0), np.finfo(float).tiny)
+
+
+def separate_light(
+    frames: NDArray[Any] | Sequence[NDArray[Any]],
+    plan: PatternPlan,
+    *,
+    contrast: float = 1.0,
+    noise: CameraNoise | None = None,
+    saturation: float | None = None,
+    response: Response | None = None,
+) -> LightSeparation:
+    """Separate direct from indirect light by the fringes of the shortest period.
+
+    Parameters
+    ----------
+    frames : (n, h, w) array or sequence of (h, w) arrays, counts
+        All frames of the plan, in its order.
+    plan : PatternPlan
+        With at least one set of phase steps. A black frame removes the light of the room.
+    contrast : float in (0, 1]
+        Contrast of those fringes on a surface without indirect light. Blur of projector and camera
+        lowers it; what it lowers counts as indirect light otherwise. A flat, matte sheet shows it.
+    noise, saturation, response
+        As for ``decode``. Without a response, γ bends both results.
+
+    Returns
+    -------
+    LightSeparation
+
+    Raises
+    ------
+    InputError
+        For a plan without phase steps, a contrast out of its range, and as ``decode``.
+
+    Notes
+    -----
+    Fringes A + B cos φ light half of every surface that is larger than a period, so that indirect
+    light hardly varies with φ: D = 2 B / c, and G = 2 (A − black) − D (Nayar, Krishnan, Grossberg
+    & Raskar, ACM TOG 25(3), 2006, doi:10.1145/1141911.1141977). Light that comes from less than a
+    period away, as within translucent material, counts as direct.
+
+    Examples
+    --------
+    >>> from fringeworks.patterns.plan import equal_steps
+    >>> plan = PatternPlan(320, 200, (PhaseSteps("x", 16.0, equal_steps(4)),))
+    >>> phase = np.tile(2 * np.pi * np.arange(320) / 16.0, (40, 1))
+    >>> frames = [30.0 + 60.0 + 60.0 * np.cos(phase - shift) for shift in equal_steps(4)]
+    >>> found = separate_light(frames, plan)
+    >>> round(float(found.direct[20, 100])), round(float(found.indirect[20, 100]))
+    (120, 60)
+    """
+    if not 0.0 < contrast <= 1.0:
+        raise InputError(f"contrast: expected above 0 and up to 1, got {contrast:g}")
+    sets = [(k, b) for k, b in plan.placed if isinstance(b, PhaseSteps)]
+    if not sets:
+        raise InputError("plan: expected a set of phase steps, got none")
+    if len(frames) != plan.frames:
+        raise InputError(f"frames: expected {plan.frames} as in the plan, got {len(frames)}")
+    first, steps = min(sets, key=lambda placed: placed[1].period_px)
+    found = wrapped_phase(
+        frames[first : first + steps.frames],
+        steps.shifts_rad,
+        noise=noise,
+        saturation=saturation,
+        response=response,
+    )
+    at = plan.uniform("black")
+    black = np.zeros(()) if at is None else np.asarray(frames[at], np.float64)
+    direct = found.modulation * (2.0 / contrast)
+    indirect = 2.0 * (found.background - black) - direct
+    variance = np.asarray(found.noise.variance(np.maximum(found.background, 0.0)))
+    of_black = np.asarray(found.noise.variance(np.maximum(black, 0.0))) if black.ndim else 0.0
+    # Least squares over N equal steps: var A = σ²/N and var B = 2 σ²/N, uncorrelated.
+    of_direct = variance * (8.0 / (steps.frames * contrast**2))
+    of_indirect = of_direct + 4.0 * (variance / steps.frames + of_black)
+    ok = found.reason == Reason.OK
+
+    def known(values: FloatMap) -> FloatMap:
+        return sealed(np.where(ok, values, np.nan).astype(np.float32))
+
+    return LightSeparation(
+        known(direct),
+        known(np.sqrt(of_direct)),
+        known(indirect),
+        known(np.sqrt(of_indirect)),
+        found.reason,
+        steps.period_px,
+        has_black=at is not None,
+    )

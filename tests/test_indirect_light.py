@@ -1,0 +1,156 @@
+"""Light between surfaces: plans of short periods in a groove, and direct and indirect light apart."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+import fringeworks as fw
+from fringeworks.patterns.plan import Uniform
+from fringeworks.simulate import Optics, Plane, interreflection, look, photograph, standard_rig
+from tests.rigs import ahead
+from tests.test_simulated_faults import groove
+
+RIG = standard_rig(scale=0.5)
+SHORTEST_PX = 12.0
+
+
+@lru_cache
+def scene():
+    seen = look(RIG, groove())
+    return seen, interreflection(seen, groove(), patch_px=8)
+
+
+def plans(**options):
+    width, height = RIG.projector.width_px, RIG.projector.height_px
+    return fw.propose(width, height, 12, min_period_px=SHORTEST_PX, **options)
+
+
+def coordinates(plan, transport, seed):
+    seen, _ = scene()
+    frames = list(photograph(seen, plan, Optics(seed=seed, noise=1.0), transport=transport))
+    return np.where(seen.lit, fw.decode(frames, plan).x.coordinate_px, np.nan)
+
+
+@pytest.mark.parametrize("kind", ["number-theoretic", "heterodyne"])
+def test_robust_plans_measure_a_groove_that_bends_hierarchical_ones(kind):
+    seen, bounce = scene()
+    robust = next(p.plan for p in plans(robust=True) if p.kind == kind)
+    assert max(b.period_px for b in robust.blocks) <= 1.5 * SHORTEST_PX
+    free, lit = (coordinates(robust, transport, 1) for transport in ((), (bounce,)))
+    assert np.isfinite(lit)[seen.lit].mean() > 0.95
+    bias = lit - free
+    assert np.sqrt(np.nanmean(bias**2)) < 0.05
+    hierarchical = next(p.plan for p in plans() if p.kind == "hierarchical")
+    assert np.isfinite(coordinates(hierarchical, (), 1))[seen.lit].mean() > 0.9
+    # Light from the other side bends its long periods, by more than its orders have room for.
+    with pytest.raises(fw.InputError, match="order_ambiguous.*light between surfaces"):
+        coordinates(hierarchical, (bounce,), 1)
+
+
+def bent_px(period_px):
+    """Shift of the phase by the bounce, as a coordinate, px rms."""
+    seen, bounce = scene()
+    steps = fw.PhaseSteps("x", period_px, fw.equal_steps(4))
+    plan = fw.PatternPlan(RIG.projector.width_px, RIG.projector.height_px, (steps,))
+    phases = []
+    for transport in ((), (bounce,)):
+        frames = list(photograph(seen, plan, Optics(seed=2, noise=0.3), transport=transport))
+        phases.append(fw.wrapped_phase(frames, steps.shifts_rad, estimate_steps=False).phase_rad)
+    turned = np.angle(np.exp(1j * (phases[1] - phases[0])))[seen.lit]
+    return float(np.sqrt(np.nanmean(turned**2))) * period_px / (2 * np.pi)
+
+
+def test_short_periods_bend_less():
+    short, middle, long = (bent_px(p) for p in (SHORTEST_PX, 60.0, 480.0))
+    assert short < middle / 3 < long / 9
+
+
+def separated(transport, *, black=True, seed=0, **optics):
+    seen, _ = scene()
+    blocks = (fw.PhaseSteps("x", SHORTEST_PX, fw.equal_steps(6)), *([Uniform("black")] * black))
+    plan = fw.PatternPlan(RIG.projector.width_px, RIG.projector.height_px, blocks)
+    light = Optics(seed=seed, noise=1.0, **optics)
+    return fw.separate_light(
+        list(photograph(seen, plan, light, transport=transport)), plan, contrast=contrast()
+    )
+
+
+@lru_cache
+def contrast():
+    """Of the fringes on a flat sheet."""
+    seen = look(RIG, [ahead_plane()])
+    steps = fw.PhaseSteps("x", SHORTEST_PX, fw.equal_steps(6))
+    plan = fw.PatternPlan(
+        RIG.projector.width_px, RIG.projector.height_px, (steps, Uniform("black"))
+    )
+    frames = list(photograph(seen, plan, Optics(seed=9, noise=1.0)))
+    found = fw.separate_light(frames, plan)
+    ok = np.isfinite(found.direct)
+    return float(found.direct[ok].sum() / (found.direct + found.indirect)[ok].sum())
+
+
+def ahead_plane():
+    return ahead(Plane(150, 120), z=480.0)
+
+
+def whites(transport):
+    """Light of a white and a black frame, without noise."""
+    seen, _ = scene()
+    steps = fw.PhaseSteps("x", SHORTEST_PX, fw.equal_steps(3))
+    plan = fw.PatternPlan(
+        RIG.projector.width_px, RIG.projector.height_px, (Uniform("white"), Uniform("black"), steps)
+    )
+    optics = Optics(noise=0.0, bits=16)
+    frames = photograph(seen, plan, optics, transport=transport)
+    white, black = (next(frames).astype(float) for _ in range(2))
+    return (white - black) / 257.0
+
+
+def test_direct_and_indirect_light_are_those_of_the_scene():
+    seen, bounce = scene()
+    found = separated((bounce,))
+    truth = whites(())
+    other = whites((bounce,)) - truth
+    inner = seen.lit & np.isfinite(found.direct)
+    assert inner.sum() > 0.9 * seen.lit.sum()
+    assert np.median(np.abs(found.direct - truth)[inner] / truth[inner]) < 0.04
+    # The groove's sides light each other with a fifth of their light or more.
+    assert np.median(other[inner] / truth[inner]) > 0.1
+    assert np.corrcoef(found.indirect[inner], other[inner])[0, 1] > 0.8
+    assert np.median(np.abs(found.indirect - other)[inner]) < 0.04 * np.median(truth[inner])
+    assert found.indirect_share == pytest.approx(
+        other[inner].sum() / (truth + other)[inner].sum(), abs=0.03
+    )
+    assert found.has_black
+    assert found.period_px == SHORTEST_PX
+
+
+def test_sigma_is_the_scatter_over_captures():
+    runs = [separated((), seed=seed) for seed in range(6)]
+    everywhere = scene()[0].lit & np.all([np.isfinite(run.direct) for run in runs], axis=0)
+    assert everywhere.sum() > 0.9 * scene()[0].lit.sum()
+    for name in ("direct", "indirect"):
+        values = np.array([getattr(run, name)[everywhere] for run in runs])
+        scatter = np.sqrt(np.mean(np.var(values, axis=0, ddof=1)))
+        stated = np.sqrt(np.mean(getattr(runs[0], f"{name}_sigma")[everywhere] ** 2))
+        assert stated == pytest.approx(scatter, rel=0.15)
+
+
+def test_without_a_black_frame_the_room_counts_as_indirect():
+    assert not separated((), black=False).has_black
+    bright = separated((), black=False, ambient=0.1)
+    assert bright.indirect_share > separated((), ambient=0.1).indirect_share + 0.05
+
+
+def test_what_cannot_be_separated_is_refused():
+    plan = fw.PatternPlan(64, 48, (fw.GrayCode("x", 8.0, 64), Uniform("white"), Uniform("black")))
+    with pytest.raises(fw.InputError, match="expected a set of phase steps"):
+        fw.separate_light([np.zeros((4, 4))] * plan.frames, plan)
+    steps = fw.PatternPlan(64, 48, (fw.PhaseSteps("x", 8.0, fw.equal_steps(3)),))
+    with pytest.raises(fw.InputError, match="contrast: expected above 0 and up to 1, got 0"):
+        fw.separate_light([np.zeros((4, 4))] * 3, steps, contrast=0.0)
+    with pytest.raises(fw.InputError, match="expected 3 as in the plan, got 2"):
+        fw.separate_light([np.zeros((4, 4))] * 2, steps)

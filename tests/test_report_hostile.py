@@ -80,7 +80,7 @@ def cloud(**changes):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"reason": np.full((4, 5), 77, np.uint8)}, "reason of 0 to 11, got 77"),
+        ({"reason": np.full((4, 5), 77, np.uint8)}, "reason of 0 to 12, got 77"),
         ({"sigma_mm": np.full((4, 5), -0.5)}, "sigma_mm of 0 or more, got -0.5"),
     ],
 )

@@ -73,7 +73,7 @@ class DepthRange:
     >>> from fringeworks.simulate import standard_rig
     >>> depth = DepthRange(standard_rig(scale=0.25), (480.0, 520.0))
     >>> round(depth.period_px("x"))  # shortest period with room for the range
-    52
+    42
     """
 
     def __init__(self, rig: Rig, depth_mm: Sequence[float]) -> None:

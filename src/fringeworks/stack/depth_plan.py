@@ -58,7 +58,7 @@ def propose_for_depth(
     >>> from fringeworks.simulate import standard_rig
     >>> best = propose_for_depth(standard_rig(scale=0.5), (480.0, 520.0), 4)[0]
     >>> best.kind, best.summary
-    ('single', 'x: 107.9 px × 4')
+    ('single', 'x: 88 px × 4')
     """
     depth, chosen = DepthRange(rig, depth_mm), tuple(axes or (main_axis(rig),))
     share = max(3, frames // len(chosen))

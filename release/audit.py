@@ -21,6 +21,8 @@ NO_NETWORK = (
     "timed out",
 )
 """Words by which the programs tell that they did not reach their data bases."""
+NOT_AUDITED = "could not be audited"
+"""Words of pip-audit for a package that its data base does not hold; its exit status is 0 then."""
 LIMIT_S = 300.0
 """Longest time for one program, s."""
 
@@ -41,7 +43,10 @@ def looked_at(name: str, command: list[str]) -> bool:
     if done.returncode != 0 and any(words in said for words in NO_NETWORK):
         print(f"{name}: SKIPPED, its data base cannot be reached from here")
         return True
+    unknown = said.count(NOT_AUDITED)
     print(f"{name}: {'nothing known' if done.returncode == 0 else 'FOUND'}")
+    if unknown:
+        print(f"{name}: SKIPPED {unknown} of them, which the data base does not hold")
     if done.returncode != 0:
         print(said)
     return done.returncode == 0

@@ -88,6 +88,9 @@ def test_an_audit_that_finds_something_fails(capsys):
     audit = script("audit")
     assert not audit.looked_at("it", [sys.executable, "-c", "print('CVE-1'); raise SystemExit(1)"])
     assert "CVE-1" in capsys.readouterr().out
+    partly = "print('a could not be audited'); print('b could not be audited')"
+    assert audit.looked_at("it", [sys.executable, "-c", partly])
+    assert "SKIPPED 2 of them" in capsys.readouterr().out
     offline = "raise SystemExit('Temporary failure in name resolution')"
     assert audit.looked_at("it", [sys.executable, "-c", offline])
     assert "SKIPPED" in capsys.readouterr().out

@@ -1,9 +1,11 @@
-# demo · test · long · faults · fuzz · check · bench · docs · gallery · screenshots: the only entry points. Each makes its own
-# .venv and needs nothing but python3 (3.11 or later), cargo and make.
+# demo · test · long · faults · fuzz · check · bench · docs · gallery · screenshots · wheel · audit: the only entry points. Each makes its
+# own .venv and needs nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
 VENV := $(CURDIR)/.venv
 BENCH_VENV := $(CURDIR)/.venv-bench
+WHEEL_VENV := $(CURDIR)/.venv-wheel
+AUDIT_VENV := $(CURDIR)/.venv-audit
 BIN := $(VENV)/bin
 PIP := -m pip install --quiet --disable-pip-version-check
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
@@ -11,7 +13,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo test long faults fuzz check bench docs gallery clean screenshots
+.PHONY: demo test long faults fuzz check bench docs gallery clean screenshots wheel audit
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -62,10 +64,32 @@ screenshots: $(VENV)/.built
 	$(BIN)/python docs/make_screenshots.py demo/bust.html
 	$(BIN)/python docs/make_studio_screenshots.py
 
-clean:
-	rm -rf $(VENV) $(BENCH_VENV) target site demo
+# Wheel and source distribution in dist/. The wheel is installed into an empty environment whose path holds nothing but that
+# environment, so that neither cargo nor a compiler can help, and is tested there.
+wheel: $(VENV)/.ready
+	rm -rf dist $(WHEEL_VENV)
+	VIRTUAL_ENV=$(VENV) $(BIN)/maturin build --release --locked --quiet --sdist --out dist
+	$(PYTHON) -m venv $(WHEEL_VENV)
+	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: dist/*.whl
+	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python -I release/installed.py --most-mb 520
+	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: -r requirements/test.txt
+	OPENBLAS_NUM_THREADS=1 $(WHEEL_VENV)/bin/python -m pytest -n 3 --dist worksteal --ignore tests/test_faults.py -m "not long" tests
 
-$(VENV)/.ready: requirements/dev.txt constraints.txt
+# Known weaknesses of what is installed and compiled, and a list of it in dist/. Says so and ends without error where no network
+# or no cargo-audit is at hand.
+audit: $(VENV)/.built $(AUDIT_VENV)/.ready
+	$(BIN)/python release/bill_of_materials.py --out dist/fringeworks.cdx.json
+	$(BIN)/python release/audit.py --pip-audit $(AUDIT_VENV)/bin/pip-audit
+
+$(AUDIT_VENV)/.ready: constraints.txt
+	$(PYTHON) -m venv $(AUDIT_VENV)
+	-$(AUDIT_VENV)/bin/python $(PIP) pip-audit
+	@touch $@
+
+clean:
+	rm -rf $(VENV) $(BENCH_VENV) $(WHEEL_VENV) $(AUDIT_VENV) target site demo dist
+
+$(VENV)/.ready: requirements/dev.txt requirements/test.txt constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) is missing: install Python 3.11 or later"; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "$(PYTHON) is too old: install Python 3.11 or later"; exit 1; }
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { echo "the venv module of $(PYTHON) is missing: install python3-venv"; exit 1; }

@@ -18,11 +18,16 @@ WORK ?=
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
 
+# The peak of memory of a call depends on how its threads meet: it is measured while nothing else runs.
+ALONE := tests/test_memory.py
+OTHERS := -n 3 --dist worksteal --ignore tests/test_faults.py --ignore $(ALONE) -m "not long"
+
 # The release profile shares what the package was built from. Three workers for two cores: some tests
 # wait for cameras and pages. One BLAS thread for each: idle ones spin on the cores of the others.
 test: $(VENV)/.built
 	cargo test --release --quiet
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3 --dist worksteal --ignore tests/test_faults.py -m "not long"
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest $(ALONE)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest $(OTHERS)
 
 # Statistics over many captures, which take minutes; the kernels with checks of overflow.
 long: $(VENV)/.built
@@ -73,7 +78,7 @@ wheel: $(VENV)/.ready
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: dist/*.whl
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python -I release/installed.py --most-mb 520
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: -r requirements/test.txt
-	OPENBLAS_NUM_THREADS=1 $(WHEEL_VENV)/bin/python -m pytest -n 3 --dist worksteal --ignore tests/test_faults.py -m "not long" tests
+	OPENBLAS_NUM_THREADS=1 $(WHEEL_VENV)/bin/python -m pytest $(OTHERS) tests
 
 # Known weaknesses of what is installed and compiled, and a list of it in dist/. Says so and ends without error where no network
 # or no cargo-audit is at hand.

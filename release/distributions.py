@@ -66,10 +66,10 @@ def of_default_install(name: str = "fringeworks") -> list[Installed]:
 def licence_of(distribution: metadata.Distribution) -> str:
     """Licence as the distribution states it: an expression, its classifiers, or the first line."""
     data = distribution.metadata
-    if data["License-Expression"]:
-        return str(data["License-Expression"])
+    if expression := data.get("License-Expression"):
+        return str(expression)
     classes = [c for c in data.get_all("Classifier", []) if c.startswith("License ::")]
     named = [c.rsplit("::", 1)[1].strip() for c in classes if c.count("::") > 1]
     if named:
         return ", ".join(named)
-    return str(data["License"] or "").strip().split("\n")[0] or "not stated"
+    return str(data.get("License") or "").strip().split("\n")[0] or "not stated"

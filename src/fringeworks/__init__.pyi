@@ -360,6 +360,10 @@ from .files.rig import (
 )
 
 # Surfaces.
+from .surface.clean import (
+    clean_cloud as clean_cloud,
+    crop_cloud as crop_cloud,
+)
 from .surface.cloud import (
     height_over_plane as height_over_plane,
     normals as normals,

@@ -1,0 +1,148 @@
+"""Cleaning a point cloud: isolated points, mixed pixels on edges, small islands, cropping."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from fringeworks.surface.cloud import cloud_triangles, normals
+from fringeworks.types import BoolMap, FloatMap, InputError, PointCloud, Reason
+
+GRAZING_DEG = 5.0
+"""Angle between surface and ray below which a point is removed, degrees: fringes on a surface so
+steep are weak, and what is measured there is mostly a mixture of front and back."""
+MIN_ISLAND_PX = 50
+"""Smallest number of connected pixels that is kept. Empirical: dust and reflections give a few."""
+
+
+def clean_cloud(
+    cloud: PointCloud,
+    *,
+    grazing_deg: float = GRAZING_DEG,
+    min_island_px: int = MIN_ISLAND_PX,
+    max_sigma_mm: float | None = None,
+) -> PointCloud:
+    """Remove points that no surface supports: single ones, mixtures on edges, small islands.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+    grazing_deg : float, 0…90
+        Points are removed where the surface around them makes a smaller angle with the camera's
+        ray, degrees.
+    min_island_px : int ≥ 1
+        Smallest number of pixels of a connected surface that is kept. Pixels are connected by the
+        triangles of ``cloud_triangles``, so that an edge in depth separates them.
+    max_sigma_mm : float > 0, optional
+        Largest σ of a point that is kept, mm; by default any.
+
+    Returns
+    -------
+    PointCloud, the removed points NaN with the reason ``Reason.ISOLATED``.
+
+    Raises
+    ------
+    InputError for limits out of range.
+    """
+    if not 0 <= grazing_deg < 90:
+        raise InputError(f"grazing_deg: expected 0 to 90, got {grazing_deg}")
+    if min_island_px < 1:
+        raise InputError(f"min_island_px: expected 1 or more, got {min_island_px}")
+    if max_sigma_mm is not None and not max_sigma_mm > 0:
+        raise InputError(f"max_sigma_mm: expected > 0, got {max_sigma_mm}")
+    kept = cloud.reason == Reason.OK
+    if max_sigma_mm is not None:
+        kept &= cloud.sigma_mm <= max_sigma_mm
+    kept &= ~_grazing(cloud, grazing_deg)
+    kept &= _large_islands(_without(cloud, ~kept, Reason.ISOLATED), min_island_px)
+    return _without(cloud, ~kept, Reason.ISOLATED)
+
+
+def crop_cloud(
+    cloud: PointCloud,
+    *,
+    box_mm: FloatMap | None = None,
+    plane: tuple[FloatMap, FloatMap] | None = None,
+    mask: BoolMap | None = None,
+) -> PointCloud:
+    """Keep the points inside a box, on one side of a plane, and in a mask.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+    box_mm : (2, 3) array, optional
+        Smallest and largest x, y, z in camera coordinates, mm; ±∞ for no limit.
+    plane : (point, normal), optional
+        A point (3,), mm, and a normal (3,) of any length. Points on the side that the normal points
+        to are kept.
+    mask : (h, w) bool array, optional
+        True where points are kept.
+
+    Returns
+    -------
+    PointCloud, the other points NaN with the reason ``Reason.MASKED``.
+
+    Raises
+    ------
+    InputError for a box, plane or mask of another shape, and for a box without content.
+    """
+    kept = np.ones(cloud.shape, bool)
+    with np.errstate(invalid="ignore"):
+        if box_mm is not None:
+            box = np.asarray(box_mm, np.float64)
+            if box.shape != (2, 3) or not (box[0] < box[1]).all():
+                raise InputError(
+                    f"box_mm: expected smallest and largest x, y, z, got {box.tolist()}"
+                )
+            kept &= ((cloud.xyz_mm >= box[0]) & (cloud.xyz_mm <= box[1])).all(axis=-1)
+        if plane is not None:
+            point, normal = (np.asarray(part, np.float64) for part in plane)
+            if point.shape != (3,) or normal.shape != (3,) or not np.linalg.norm(normal) > 0:
+                raise InputError(
+                    f"plane: expected a point and a normal of 3 values, got {point} and {normal}"
+                )
+            kept &= (cloud.xyz_mm - point) @ normal >= 0
+    if mask is not None:
+        if np.shape(mask) != cloud.shape or np.asarray(mask).dtype != bool:
+            raise InputError(
+                f"mask: expected bool {cloud.shape}, got {np.asarray(mask).dtype} {np.shape(mask)}"
+            )
+        kept &= mask
+    return _without(cloud, ~kept, Reason.MASKED)
+
+
+def _without(cloud: PointCloud, removed: BoolMap, reason: Reason) -> PointCloud:
+    """The cloud with points removed for a reason; what had no point keeps its own reason."""
+    gone = removed & (cloud.reason == Reason.OK)
+    changed = {
+        name: np.where(gone, np.float32(np.nan), values)
+        for name in ("sigma_mm", "noise_mm", "residual_px")
+        if (values := getattr(cloud, name)) is not None
+    }
+    return replace(
+        cloud,
+        xyz_mm=np.where(gone[..., None], np.float32(np.nan), cloud.xyz_mm),
+        reason=np.where(gone, np.uint8(reason), cloud.reason),
+        **changed,
+    )
+
+
+def _grazing(cloud: PointCloud, grazing_deg: float) -> BoolMap:
+    """Points whose surroundings are nearly parallel to the camera's ray."""
+    xyz = cloud.xyz_mm.astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        facing = -np.sum(normals(cloud, window=3) * xyz, axis=-1) / np.linalg.norm(xyz, axis=-1)
+        return np.asarray(facing < np.sin(np.radians(grazing_deg)))
+
+
+def _large_islands(cloud: PointCloud, min_island_px: int) -> BoolMap:
+    """Pixels of connected surfaces with enough of them."""
+    size = cloud.reason.size
+    faces = cloud_triangles(cloud).astype(np.int64)
+    start = np.concatenate((faces[:, 0], faces[:, 1]))
+    end = np.concatenate((faces[:, 1], faces[:, 2]))
+    links = scipy.sparse.coo_array((np.ones(len(start), bool), (start, end)), shape=(size, size))
+    island = scipy.sparse.csgraph.connected_components(links, directed=False)[1]
+    return np.asarray((np.bincount(island)[island] >= min_island_px).reshape(cloud.shape))

@@ -1,0 +1,107 @@
+"""Cleaning of clouds: what no surface supports goes, the surface stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import fringeworks as fw
+
+H, W = 60, 80
+
+
+def cloud_of(depth):
+    """A cloud of a camera of 500 px focal length that sees the depths."""
+    y, x = np.mgrid[:H, :W]
+    rays = np.stack(((x - W / 2) / 500, (y - H / 2) / 500, np.ones((H, W))), axis=-1)
+    seen = np.isfinite(depth)
+    sigma = np.where(seen, 0.02, np.nan).astype(np.float32)
+    reason = np.where(seen, fw.Reason.OK, fw.Reason.SHADOW).astype(np.uint8)
+    return fw.PointCloud((rays * depth[..., None]).astype(np.float32), sigma, sigma / 2, reason)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_mixed_pixels_between_two_depths_go_and_both_surfaces_stay(seed):
+    rng = np.random.default_rng(seed)
+    depth = np.full((H, W), 500.0)
+    depth[:, 40:] = 540.0
+    # Each row has one or two pixels anywhere between front and back, as an edge gives them.
+    mixed = np.zeros((H, W), bool)
+    for row in range(H):
+        width = rng.integers(1, 3)
+        mixed[row, 40 : 40 + width] = True
+        depth[row, 40 : 40 + width] = np.sort(rng.uniform(505, 535, width))
+    found = fw.clean_cloud(cloud_of(depth + rng.normal(0, 0.02, depth.shape)))
+    kept = found.reason == fw.Reason.OK
+    assert np.mean(kept[mixed]) < 0.1
+    away = np.abs(np.arange(W) - 40.5) > 4
+    assert kept[:, away].all()
+    assert (found.reason[mixed & ~kept] == fw.Reason.ISOLATED).all()
+
+
+def test_specks_go_and_points_before_the_surface_do():
+    depth = np.full((H, W), np.nan)
+    depth[:, :50] = 500.0
+    depth[10:14, 60:64] = 500.0
+    depth[30, 20] = 400.0
+    found = fw.clean_cloud(cloud_of(depth))
+    assert (found.reason[10:14, 60:64] == fw.Reason.ISOLATED).all()
+    assert found.reason[30, 20] == fw.Reason.ISOLATED
+    assert np.isnan(found.xyz_mm[30, 20]).all()
+    assert np.isnan(found.sigma_mm[30, 20])
+    # Beside the spike and at the border, nothing else is lost.
+    lost = (found.reason != fw.Reason.OK) & np.isfinite(depth)
+    lost[28:33, 18:23] = lost[10:14, 60:64] = False
+    assert not lost.any()
+    assert (fw.clean_cloud(cloud_of(depth), min_island_px=10).reason[10:14, 60:64] == 0).all()
+
+
+def test_steep_but_real_surfaces_stay():
+    slope = np.tan(np.radians(75.0)) / 500  # change of depth per px at 500 mm, near enough
+    depth = 500.0 * (1 + slope * (np.arange(W) - W / 2))[None, :] * np.ones((H, 1))
+    assert (fw.clean_cloud(cloud_of(depth)).reason == fw.Reason.OK).all()
+
+
+def test_large_sigmas_go():
+    cloud = cloud_of(np.full((H, W), 500.0))
+    assert (fw.clean_cloud(cloud, max_sigma_mm=0.01).reason == fw.Reason.ISOLATED).all()
+    assert (fw.clean_cloud(cloud, max_sigma_mm=0.03).reason == fw.Reason.OK).all()
+
+
+def test_crops_keep_what_is_inside():
+    cloud = cloud_of(np.full((H, W), 500.0))
+    x = cloud.xyz_mm[..., 0]
+    box = [[-10.0, -np.inf, 0.0], [10.0, np.inf, 600.0]]
+    boxed = fw.crop_cloud(cloud, box_mm=box)
+    assert ((boxed.reason == fw.Reason.OK) == (np.abs(x) <= 10)).all()
+    assert (boxed.reason[np.abs(x) > 10] == fw.Reason.MASKED).all()
+    side = fw.crop_cloud(cloud, plane=([5.0, 0.0, 0.0], [2.0, 0.0, 0.0]))
+    assert ((side.reason == fw.Reason.OK) == (x >= 5)).all()
+    mask = np.zeros((H, W), bool)
+    mask[5:9] = True
+    both = fw.crop_cloud(boxed, mask=mask)
+    assert ((both.reason == fw.Reason.OK) == (mask & (np.abs(x) <= 10))).all()
+
+
+def test_what_had_no_point_keeps_its_reason():
+    depth = np.full((H, W), 500.0)
+    depth[:, :10] = np.nan
+    cloud = cloud_of(depth)
+    for found in (fw.clean_cloud(cloud), fw.crop_cloud(cloud, mask=np.zeros((H, W), bool))):
+        assert (found.reason[:, :10] == fw.Reason.SHADOW).all()
+
+
+@pytest.mark.parametrize(
+    "call, said",
+    [
+        (lambda c: fw.clean_cloud(c, grazing_deg=90), "grazing_deg: expected 0 to 90"),
+        (lambda c: fw.clean_cloud(c, min_island_px=0), "min_island_px: expected 1 or more"),
+        (lambda c: fw.clean_cloud(c, max_sigma_mm=0.0), "max_sigma_mm: expected > 0"),
+        (lambda c: fw.crop_cloud(c, box_mm=np.zeros((2, 3))), "box_mm: expected smallest"),
+        (lambda c: fw.crop_cloud(c, plane=([0, 0, 0], [0, 0, 0])), "plane: expected"),
+        (lambda c: fw.crop_cloud(c, mask=np.ones((2, 2), bool)), "mask: expected bool"),
+    ],
+)
+def test_wrong_limits_are_refused(call, said):
+    with pytest.raises(fw.InputError, match=said):
+        call(cloud_of(np.full((H, W), 500.0)))

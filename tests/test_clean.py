@@ -92,7 +92,7 @@ def test_what_had_no_point_keeps_its_reason():
 
 
 @pytest.mark.parametrize(
-    "call, said",
+    ("call", "said"),
     [
         (lambda c: fw.clean_cloud(c, grazing_deg=90), "grazing_deg: expected 0 to 90"),
         (lambda c: fw.clean_cloud(c, min_island_px=0), "min_island_px: expected 1 or more"),

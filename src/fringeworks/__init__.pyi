@@ -368,6 +368,10 @@ from .surface.cloud import (
     height_over_plane as height_over_plane,
     normals as normals,
 )
+from .surface.mesh import (
+    cloud_mesh as cloud_mesh,
+    decimate as decimate,
+)
 from .surface.form_geometry import (
     BodyKind as BodyKind,
 )
@@ -390,6 +394,9 @@ from .files.points import (
     read_cloud as read_cloud,
     read_points as read_points,
     write_points as write_points,
+)
+from .files.mesh_writer import (
+    write_mesh as write_mesh,
 )
 from .files.mesh import (
     read_mesh as read_mesh,

@@ -9,10 +9,8 @@ import numpy as np
 from fringeworks.files.atomic import StrPath, check_target, replacing
 from fringeworks.files.ply import write_ply
 from fringeworks.files.provenance import comment_lines
+from fringeworks.files.white import eight_bits, white_of
 from fringeworks.types import InputError, Points, Provenance
-
-WHITE_PERCENTILE = 99.5
-"""Brightness that becomes white in 8 bits, percent of the points below it."""
 
 
 def write_merged_points(
@@ -42,17 +40,14 @@ def write_merged_points(
     known = {"sigma": points.sigma_mm, "noise": points.noise_mm}
     columns |= {name: values for name, values in known.items() if values is not None}
     fields = [(name, "<f4") for name in columns]
-    colour = None if points.colour is None else np.nan_to_num(points.colour)
-    if colour is not None:
+    white = None if points.colour is None else white_of(points.colour)
+    if white is not None:
         fields += [(name, "u1") for name in ("red", "green", "blue")]
     table = np.empty(count, dtype=fields)
     for name, values in columns.items():
         table[name] = values
-    if colour is not None:
-        white = max(float(np.percentile(colour, WHITE_PERCENTILE)), 1e-9)
-        shown = np.minimum(np.rint(np.maximum(colour, 0.0) * (255.0 / white)), 255).astype(np.uint8)
-        for k, name in enumerate(("red", "green", "blue")):
-            table[name] = shown if shown.ndim == 1 else shown[:, k]
+    if points.colour is not None and white is not None:
+        table["red"], table["green"], table["blue"] = eight_bits(points.colour, white).T
     comments = ["fringeworks; coordinates of the part; unit mm", *comment_lines(provenance)]
     with replacing(path) as temporary:
         write_ply(temporary, [table], count, None, comments)

@@ -25,12 +25,12 @@ from fringeworks.files.provenance import (
 )
 from fringeworks.files.surfaces import READERS as SURFACE_READERS
 from fringeworks.files.surfaces import read_surface
+from fringeworks.files.white import eight_bits, white_of
 from fringeworks.surface.cloud import cloud_triangles, normals
 from fringeworks.surface.height_map import height_map_points, lateral_notes
 from fringeworks.types import (
     BoolMap,
     FileProblem,
-    FloatMap,
     HeightMap,
     InputError,
     PointCloud,
@@ -42,11 +42,6 @@ from fringeworks.types import (
 Kind = Literal["points", "normals", "mesh"]
 BAND_ROWS = 16
 """Rows of a cloud whose points are put together for a PLY file at a time."""
-WHITE_PERCENTILE = 99.5
-"""Brightness that becomes white in 8 bits, percent of the points below it: highlights beyond it do
-not darken the rest."""
-WHITE_PIXELS = 300_000
-"""Approximate largest number of points that white is taken from."""
 LAYOUT = {
     "xyz_mm": "f hw3",
     "sigma_mm": "f hw",
@@ -111,7 +106,7 @@ def _vertices(cloud: PointCloud, ok: BoolMap, kind: Kind) -> Iterator[NDArray[An
     turned = normals(cloud) if kind == "normals" else None
     axes = ["nx", "ny", "nz"] if turned is not None else []
     fields: list[tuple[str, str]] = [(n, "<f4") for n in ("x", "y", "z", *axes, "sigma", "noise")]
-    white = _white(cloud, ok)
+    white = None if cloud.colour is None else white_of(np.asarray(cloud.colour)[ok])
     if white is not None:
         fields += [(name, "u1") for name in ("red", "green", "blue")]
     for top in range(0, len(ok), BAND_ROWS):
@@ -124,27 +119,8 @@ def _vertices(cloud: PointCloud, ok: BoolMap, kind: Kind) -> Iterator[NDArray[An
             # Readers expect numbers: a point with too few neighbours for a normal gets 0, 0, 0.
             part["nx"], part["ny"], part["nz"] = np.nan_to_num(turned[band][here]).T
         if cloud.colour is not None and white is not None:
-            part["red"], part["green"], part["blue"] = _bytes(cloud.colour[band][here], white)
+            part["red"], part["green"], part["blue"] = eight_bits(cloud.colour[band][here], white).T
         yield part
-
-
-def _white(cloud: PointCloud, ok: BoolMap) -> float | None:
-    """Brightness that becomes white in 8 bits; None for points without brightness."""
-    if cloud.colour is None:
-        return None
-    seen = np.asarray(cloud.colour)[ok]
-    # An odd step does not meet the same places of rows or stripes again and again.
-    seen = seen[:: max(1, len(seen) // WHITE_PIXELS) | 1]
-    if not np.isfinite(seen).any():
-        return None
-    return max(float(np.nanpercentile(seen, WHITE_PERCENTILE)), 1e-9)
-
-
-def _bytes(values: FloatMap, white: float) -> tuple[NDArray[np.uint8], ...]:
-    """Red, green and blue in 8 bits of points with brightness (n,) or colour (n, 3)."""
-    scaled = np.nan_to_num(np.asarray(values, np.float64)) * (255.0 / white)
-    shown = np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
-    return (shown,) * 3 if shown.ndim == 1 else tuple(shown.T)
 
 
 def _write_xyz(path: Path, cloud: PointCloud, _: Kind) -> None:

@@ -116,16 +116,17 @@ def crop_cloud(
 def _without(cloud: PointCloud, removed: BoolMap, reason: Reason) -> PointCloud:
     """The cloud with points removed for a reason; what had no point keeps its own reason."""
     gone = removed & (cloud.reason == Reason.OK)
-    changed = {
-        name: np.where(gone, np.float32(np.nan), values)
-        for name in ("sigma_mm", "noise_mm", "residual_px")
-        if (values := getattr(cloud, name)) is not None
-    }
+
+    def kept(values: FloatMap) -> FloatMap:
+        return np.where(gone, np.float32(np.nan), values)
+
     return replace(
         cloud,
         xyz_mm=np.where(gone[..., None], np.float32(np.nan), cloud.xyz_mm),
+        sigma_mm=kept(cloud.sigma_mm),
+        noise_mm=kept(cloud.noise_mm),
+        residual_px=None if cloud.residual_px is None else kept(cloud.residual_px),
         reason=np.where(gone, np.uint8(reason), cloud.reason),
-        **changed,
     )
 
 

@@ -1,0 +1,89 @@
+"""Meshes as files for other programs: STL, OBJ, glTF by the package trimesh, PLY by our own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fringeworks.files.atomic import StrPath, check_target, replacing
+from fringeworks.files.ply import write_ply
+from fringeworks.files.provenance import comment_lines
+from fringeworks.files.white import eight_bits, white_of
+from fringeworks.types import InputError, MissingPackage, TriangleMesh
+
+SUFFIXES = (".stl", ".obj", ".glb", ".ply")
+"""Kinds of files that are written."""
+METRE = 1e-3
+"""m/mm: glTF counts in metres."""
+
+
+def write_mesh(path: StrPath, mesh: TriangleMesh) -> None:
+    """Write a mesh in the format of the file's suffix, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        ``.stl`` (binary) and ``.obj`` in mm; ``.glb`` (glTF) in metres, y up and z towards the
+        viewer; ``.ply`` in mm, with σ and the mark of filled vertices. All but STL keep the colour.
+    mesh : TriangleMesh
+
+    Raises
+    ------
+    FileProblem for another suffix and a folder that cannot be written to; InputError for a mesh
+    without triangles; MissingPackage where the package ``trimesh`` (the extra "mesh") is not
+    installed, which PLY does not need.
+    """
+    check_mesh_target(path)
+    if not len(mesh.faces):
+        raise InputError(f"{path}: expected triangles to write, got none")
+    suffix = Path(path).suffix.lower()
+    with replacing(path) as temporary:
+        if suffix == ".ply":
+            _write_ply(temporary, mesh)
+        else:
+            temporary.write_bytes(_exported(mesh, suffix[1:]))
+
+
+def check_mesh_target(path: StrPath) -> None:
+    """Refuse a file that ``write_mesh`` cannot write, before anything is computed for it."""
+    check_target(path, SUFFIXES)
+
+
+def _exported(mesh: TriangleMesh, kind: str) -> bytes:
+    try:
+        import trimesh
+    except ImportError as error:
+        raise MissingPackage(
+            "meshes: expected the package trimesh, got none; pip install 'fringeworks[mesh]'"
+        ) from error
+    vertices = np.asarray(mesh.vertices_mm, np.float64)
+    if kind == "glb":
+        vertices = vertices * (METRE, -METRE, -METRE)
+    white = None if mesh.colour is None else white_of(mesh.colour)
+    colours: Any = None
+    if mesh.colour is not None and white is not None:
+        colours = eight_bits(mesh.colour, white)
+    shown = trimesh.Trimesh(vertices, mesh.faces, vertex_colors=colours, process=False)
+    content = shown.export(file_type=kind)
+    return content.encode() if isinstance(content, str) else bytes(content)
+
+
+def _write_ply(path: Path, mesh: TriangleMesh) -> None:
+    columns: dict[str, Any] = dict(zip("xyz", mesh.vertices_mm.T, strict=True))
+    if mesh.sigma_mm is not None:
+        columns["sigma"] = mesh.sigma_mm
+    fields = [(name, "<f4") for name in columns]
+    white = None if mesh.colour is None else white_of(mesh.colour)
+    if mesh.colour is not None and white is not None:
+        shown = eight_bits(mesh.colour, white)
+        columns |= dict(zip(("red", "green", "blue"), shown.T, strict=True))
+    if mesh.filled is not None:
+        columns["filled"] = mesh.filled
+    fields += [(name, "u1") for name in columns if name not in dict(fields)]
+    table = np.empty(len(mesh.vertices_mm), dtype=fields)
+    for name, values in columns.items():
+        table[name] = values
+    comments = ["fringeworks; mesh; unit mm", *comment_lines(mesh.provenance)]
+    write_ply(path, [table], len(table), mesh.faces.astype(np.int32), comments)

@@ -1,0 +1,31 @@
+"""Brightness and colour of points in 8 bits, as files of points and meshes hold them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.types import FloatMap
+
+WHITE_PERCENTILE = 99.5
+"""Brightness that becomes white in 8 bits, percent of the points below it: highlights beyond it do
+not darken the rest."""
+WHITE_POINTS = 300_000
+"""Approximate largest number of points that white is taken from."""
+
+
+def white_of(colour: FloatMap) -> float | None:
+    """Brightness that becomes white, of points with brightness (n,) or colour (n, 3); None where no
+    point has any."""
+    # An odd step does not meet the same places of rows or stripes again and again.
+    seen = np.asarray(colour)[:: max(1, len(colour) // WHITE_POINTS) | 1]
+    if not np.isfinite(seen).any():
+        return None
+    return max(float(np.nanpercentile(seen, WHITE_PERCENTILE)), 1e-9)
+
+
+def eight_bits(colour: FloatMap, white: float) -> NDArray[np.uint8]:
+    """Red, green and blue, (n, 3), of points with brightness (n,) or colour (n, 3)."""
+    scaled = np.nan_to_num(np.asarray(colour, np.float64)) * (255.0 / white)
+    shown = np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+    return np.stack((shown,) * 3, axis=-1) if shown.ndim == 1 else shown

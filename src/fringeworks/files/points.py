@@ -1,4 +1,4 @@
-"""Point clouds as files: PLY (points or mesh), XYZ and NPZ."""
+"""Point clouds as files: PLY (points or mesh), PCD, XYZ, MATLAB and NPZ."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
 from fringeworks.files.findings import findings_as_dicts, findings_from_json
 from fringeworks.files.limits import existing_file, parsing, read_content
 from fringeworks.files.npz import NUMBERS, TEXT, read_npz
+from fringeworks.files.pcd import write_pcd
 from fringeworks.files.ply import read_ply, write_ply
 from fringeworks.files.provenance import (
     KEY,
@@ -68,10 +70,12 @@ def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> 
     ----------
     path : path
         ``.ply`` points or mesh with σ, noise and brightness; ``.xyz`` text, x y z σ in mm; ``.npz``
-        everything, organised as the frame is.
+        everything, organised as the frame is; ``.mat`` the same arrays for MATLAB, with the names
+        of the reasons from 0 on; ``.pcd`` what PLY points have, for the Point Cloud Library.
     cloud : PointCloud
     kind : "points", "normals" or "mesh"
-        Content of a ``.ply`` file: points alone, with their normals, or connected by triangles.
+        Content of a ``.ply`` or ``.pcd`` file: points alone, with their normals, or connected by
+        triangles, which PCD cannot hold.
 
     Raises
     ------
@@ -130,6 +134,26 @@ def _write_xyz(path: Path, cloud: PointCloud, _: Kind) -> None:
     np.savetxt(path, table, fmt="%.5f", header="\n".join(header))
 
 
+def _write_pcd(path: Path, cloud: PointCloud, kind: Kind) -> None:
+    if kind == "mesh":
+        raise InputError(f"{path.suffix}: expected points, got triangles, which PCD cannot hold")
+    ok = cloud.reason == Reason.OK
+    comments = ["fringeworks; unit mm", *comment_lines(cloud.provenance)]
+    write_pcd(path, _vertices(cloud, ok, kind), int(np.count_nonzero(ok)), comments)
+
+
+def _write_mat(path: Path, cloud: PointCloud, _: Kind) -> None:
+    arrays = {
+        name: value
+        for name in ("xyz_mm", "sigma_mm", "noise_mm", "reason", "residual_px", "colour")
+        if (value := getattr(cloud, name)) is not None
+    }
+    arrays["reasons"] = np.array([reason.name.lower() for reason in Reason], object)
+    if cloud.provenance is not None:
+        arrays[KEY] = str(json_line(cloud.provenance))
+    scipy.io.savemat(path, arrays, do_compression=True, oned_as="column")
+
+
 def _write_npz(path: Path, cloud: PointCloud, _: Kind) -> None:
     arrays: dict[str, Any] = {
         name: value
@@ -145,7 +169,13 @@ def _write_npz(path: Path, cloud: PointCloud, _: Kind) -> None:
 
 
 Writer = Callable[[Path, PointCloud, Kind], None]
-WRITERS: dict[str, Writer] = {".ply": _write_ply, ".xyz": _write_xyz, ".npz": _write_npz}
+WRITERS: dict[str, Writer] = {
+    ".ply": _write_ply,
+    ".xyz": _write_xyz,
+    ".npz": _write_npz,
+    ".pcd": _write_pcd,
+    ".mat": _write_mat,
+}
 """Writers by suffix."""
 
 

@@ -7,12 +7,9 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from fringeworks.surface.cloud import cloud_triangles, normals
+from fringeworks.surface.cloud import cloud_triangles
 from fringeworks.types import BoolMap, FloatMap, InputError, PointCloud, Reason
 
-GRAZING_DEG = 5.0
-"""Angle between surface and ray below which a point is removed, degrees: fringes on a surface so
-steep are weak, and what is measured there is mostly a mixture of front and back."""
 MIN_ISLAND_PX = 50
 """Smallest number of connected pixels that is kept. Empirical: dust and reflections give a few."""
 
@@ -20,7 +17,6 @@ MIN_ISLAND_PX = 50
 def clean_cloud(
     cloud: PointCloud,
     *,
-    grazing_deg: float = GRAZING_DEG,
     min_island_px: int = MIN_ISLAND_PX,
     max_sigma_mm: float | None = None,
 ) -> PointCloud:
@@ -29,12 +25,10 @@ def clean_cloud(
     Parameters
     ----------
     cloud : PointCloud
-    grazing_deg : float, 0…90
-        Points are removed where the surface around them makes a smaller angle with the camera's
-        ray, degrees.
     min_island_px : int ≥ 1
         Smallest number of pixels of a connected surface that is kept. Pixels are connected by the
-        triangles of ``cloud_triangles``, so that an edge in depth separates them.
+        triangles of ``cloud_triangles``, which are not nearly parallel to the camera's ray and not
+        far longer than usual: a point between front and back of an edge has none.
     max_sigma_mm : float > 0, optional
         Largest σ of a point that is kept, mm; by default any.
 
@@ -46,8 +40,6 @@ def clean_cloud(
     ------
     InputError for limits out of range.
     """
-    if not 0 <= grazing_deg < 90:
-        raise InputError(f"grazing_deg: expected 0 to 90, got {grazing_deg}")
     if min_island_px < 1:
         raise InputError(f"min_island_px: expected 1 or more, got {min_island_px}")
     if max_sigma_mm is not None and not max_sigma_mm > 0:
@@ -55,7 +47,6 @@ def clean_cloud(
     kept = cloud.reason == Reason.OK
     if max_sigma_mm is not None:
         kept &= cloud.sigma_mm <= max_sigma_mm
-    kept &= ~_grazing(cloud, grazing_deg)
     kept &= _large_islands(_without(cloud, ~kept, Reason.ISOLATED), min_island_px)
     return _without(cloud, ~kept, Reason.ISOLATED)
 
@@ -128,14 +119,6 @@ def _without(cloud: PointCloud, removed: BoolMap, reason: Reason) -> PointCloud:
         residual_px=None if cloud.residual_px is None else kept(cloud.residual_px),
         reason=np.where(gone, np.uint8(reason), cloud.reason),
     )
-
-
-def _grazing(cloud: PointCloud, grazing_deg: float) -> BoolMap:
-    """Points whose surroundings are nearly parallel to the camera's ray."""
-    xyz = cloud.xyz_mm.astype(np.float64)
-    with np.errstate(invalid="ignore"):
-        facing = -np.sum(normals(cloud, window=3) * xyz, axis=-1) / np.linalg.norm(xyz, axis=-1)
-        return np.asarray(facing < np.sin(np.radians(grazing_deg)))
 
 
 def _large_islands(cloud: PointCloud, min_island_px: int) -> BoolMap:

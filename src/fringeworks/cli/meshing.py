@@ -1,0 +1,93 @@
+"""``fringeworks mesh``: a cloud cleaned, cropped, and connected by triangles."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+import fringeworks as fw
+from fringeworks.cli import output
+from fringeworks.cli.app import app
+
+SECTION = "Results"
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks mesh part.npz --box ::-40:40:450:560 --fill 500 --faces 50000 "
+    "--out part.stl",
+)
+def mesh(
+    cloud: Annotated[Path, typer.Argument(help="Cloud to mesh (.npz).")],
+    out: Annotated[Path, typer.Option("--out", help="File to write: .stl, .obj, .glb or .ply.")],
+    clean: Annotated[
+        bool, typer.Option(help="Remove isolated points, mixtures on edges and small islands.")
+    ] = True,
+    island: Annotated[
+        int | None, typer.Option(help="Smallest connected surface that is kept, px.")
+    ] = None,
+    max_sigma: Annotated[
+        float | None, typer.Option(help="Largest σ of a point that is kept, mm.")
+    ] = None,
+    box: Annotated[
+        str | None,
+        typer.Option(
+            help="Box that is kept, in camera coordinates, mm: x1:x2:y1:y2:z1:z2; leave a limit "
+            "empty for none."
+        ),
+    ] = None,
+    fill: Annotated[int, typer.Option(help="Largest hole that is filled, px.")] = 0,
+    faces: Annotated[
+        int | None, typer.Option(help="Number of triangles to keep at most; all by default.")
+    ] = None,
+) -> None:
+    """Connect a point cloud by triangles, and write it for other programs."""
+    words = output.Output(out)
+    output.check(out, "mesh")
+    if not clean and (island is not None or max_sigma is not None):
+        raise fw.InputError("--no-clean: expected none of --island and --max-sigma beside it")
+    seen = fw.read_cloud(cloud)
+    start = seen.reason == fw.Reason.OK
+    with output.progress() as progress:
+        if box is not None:
+            seen = fw.crop_cloud(seen, box_mm=_box(box))
+        cropped = seen.reason == fw.Reason.OK
+        if clean:
+            progress("cleaning …")
+            limit = {} if island is None else {"min_island_px": island}
+            seen = fw.clean_cloud(seen, max_sigma_mm=max_sigma, **limit)
+        progress("triangles …")
+        found = fw.cloud_mesh(seen, fill_px=fill)
+        if faces is not None:
+            progress("fewer triangles …")
+            found = fw.decimate(found, faces)
+    with output.target(out, ".ply") as place:
+        fw.write_mesh(place, found)
+    kept = seen.reason == fw.Reason.OK
+    words.say(
+        f"{kept.sum()} of {start.sum()} points ({start.sum() - cropped.sum()} outside the box, "
+        f"{cropped.sum() - kept.sum()} removed by cleaning)"
+    )
+    marked = 0 if found.filled is None else int(found.filled.sum())
+    filled = f", {marked} of them in filled holes" if marked else ""
+    words.say(f"{len(found.faces)} triangles of {len(found.vertices_mm)} vertices{filled}")
+    words.wrote(out)
+
+
+def _box(text: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """Smallest and largest x, y, z from ``x1:x2:y1:y2:z1:z2``."""
+    parts = text.split(":")
+    try:
+        if len(parts) != 6:
+            raise ValueError
+        low = [float(part) if part.strip() else -math.inf for part in parts[::2]]
+        high = [float(part) if part.strip() else math.inf for part in parts[1::2]]
+    except ValueError as error:
+        raise fw.InputError(
+            f"--box: expected six limits in mm as x1:x2:y1:y2:z1:z2, got {text!r}"
+        ) from error
+    return np.array([low, high])

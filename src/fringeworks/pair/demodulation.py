@@ -80,13 +80,11 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     the amplitude B/2.
     """
     noise = [v * demodulated.noise_share for v in prepared.noise]
-    half_reference = 0.5 * demodulated.reference_amplitude
-    half_object = 0.5 * demodulated.object_amplitude
-    least = MIN_MODULATION_RATIO * 0.5 * prepared.modulation
-    weak = half_object < max(least, MIN_AMPLITUDE_SIGMAS * np.sqrt(noise[1]))
+    least = MIN_MODULATION_RATIO * prepared.modulation
+    weak = demodulated.object_amplitude < max(least, 2.0 * MIN_AMPLITUDE_SIGMAS * np.sqrt(noise[1]))
     # The filter carries fringes from the surroundings into holes, so its amplitude is not enough.
     weak |= prepared.object_empty
-    reason: ByteMap = np.where(weak, Reason.LOW_MODULATION, Reason.OK).astype(np.uint8)
+    reason: ByteMap = weak * np.uint8(Reason.LOW_MODULATION)
     usable = ~weak & prepared.wanted
     if not usable.any():
         return _unmeasured(reason, demodulated.details)
@@ -94,17 +92,17 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     main = unwrapped.region == 1
     reason[usable & ~main] = Reason.ORDER_AMBIGUOUS
     to_px = prepared.period / (2.0 * np.pi)
-    start = (unwrapped.phase - _offset(unwrapped.phase, main)) * to_px
+    start = unwrapped.phase - _offset(unwrapped.phase, main)
+    start *= to_px
     start[~main] = np.nan
     displacement, undecided, moved = settle_orders(
         prepared, start, suspect=unwrapped.residues > 0 or not main.all()
     )
     reason[undecided] = Reason.ORDER_AMBIGUOUS
-    with np.errstate(divide="ignore", invalid="ignore"):
-        variance = 0.5 * (noise[0] / half_reference**2 + noise[1] / half_object**2)
+    amplitudes = (demodulated.reference_amplitude, demodulated.object_amplitude)
     return Solution(
         displacement_px=sealed(displacement),
-        sigma_px=sealed(np.sqrt(variance) * to_px),
+        sigma_px=sealed(_sigma(amplitudes, noise, to_px)),
         modulation_ratio=sealed(demodulated.modulation_ratio),
         reason=sealed(reason),
         noise_length_px=demodulated.noise_length_px,
@@ -119,6 +117,18 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
             "pixels_moved_by_counting": moved,
         },
     )
+
+
+def _sigma(amplitudes: tuple[FloatMap, FloatMap], noise: list[float], to_px: float) -> FloatMap:
+    """σ of the displacement from noise of the analytic signals, (h, w), px."""
+    variance: FloatMap = np.zeros(())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for amplitude, of_signal in zip(amplitudes, noise, strict=True):
+            share = amplitude * amplitude
+            # The signal has half the amplitude, and half of its complex variance turns its phase.
+            np.divide(2.0 * of_signal * to_px**2, share, out=share)
+            variance = share if variance.ndim == 0 else np.add(variance, share, out=variance)
+    return np.asarray(np.sqrt(variance, out=variance))
 
 
 def _unmeasured(reason: ByteMap, details: dict[str, Any]) -> Solution:
@@ -140,8 +150,8 @@ def _offset(phase: FloatMap, main: BoolMap) -> np.float64:
     over the whole region is used.
     """
     h, w = phase.shape
-    rim = np.ones(phase.shape, bool)
     by, bx = max(1, h // RIM_DIVISOR), max(1, w // RIM_DIVISOR)
-    rim[by : h - by, bx : w - bx] = False
-    where = main & rim if (main & rim).any() else main
-    return np.float64(2.0 * np.pi * np.round(np.median(phase[where]) / (2.0 * np.pi)))
+    sides = (np.s_[:by], np.s_[-by:], np.s_[by:-by, :bx], np.s_[by:-by, -bx:])
+    rim = np.concatenate([phase[side][main[side]] for side in sides])
+    values = rim if rim.size else phase[main]
+    return np.float64(2.0 * np.pi * np.round(np.median(values) / (2.0 * np.pi)))

@@ -16,7 +16,7 @@ from fringeworks.pair.albedo import paint_edges
 from fringeworks.pair.misfit import widened
 from fringeworks.pair.pixel_scatter import pixel_factor
 from fringeworks.pair.registry import Solution
-from fringeworks.pair.smoothed_away import smoothed_away
+from fringeworks.pair.smoothed_away import SmoothedAway, smoothed_away
 from fringeworks.signal.third_difference import (
     REACH,
     third_difference,
@@ -106,27 +106,37 @@ def with_measured_sigma(solution: Solution, period_px: float) -> Solution:
         factor = pixel_factor(u, stated, period_px)
         sigma = stated if factor is None else stated * factor
         return _with_sigma(solution, sigma, 1.0 if factor is None else _median(factor))
+    lost = _lost(solution, period_px)
     if not solution.is_filter:
         more = noise_factor(solution, period_px) or 1.0
-        return _with_sigma(solution, more * _with_lost(solution, stated, period_px), more)
+        return _with_sigma(solution, more * _with_lost(stated, lost), more)
     less = min(noise_factor(solution, period_px) or 1.0, 1.0)
     noise = less * stated
-    sigma = _with_lost(solution, noise, period_px)
+    sigma = _with_lost(noise, lost)
     more = max(noise_factor(replace(solution, sigma_px=sigma), period_px) or 1.0, 1.0)
     if more > 1.0:
         # A filter's noise is the same all over the frame: its excess is added everywhere.
         noise = np.sqrt(noise**2 + (more**2 - 1.0) * np.nanmedian(sigma) ** 2)
-        sigma = _with_lost(solution, noise, period_px)
+        sigma = _with_lost(noise, lost)
     return _with_sigma(solution, sigma, less * more)
 
 
-def _with_lost(solution: Solution, noise_px: FloatMap, period_px: float) -> FloatMap:
-    """σ of noise together with what is smoothed away, (h, w), px."""
+def _lost(solution: Solution, period_px: float) -> SmoothedAway | None:
+    """What the method smooths away, or None where it has no kernels."""
     if not solution.smoothing:
-        return noise_px
+        return None
     u, lengths = solution.displacement_px, solution.noise_length_px
-    lost = smoothed_away(u, noise_px, period_px, solution.smoothing, lengths)
-    return np.asarray(np.sqrt(noise_px**2 + lost))
+    known = np.isfinite(u) & np.isfinite(solution.sigma_px)
+    return smoothed_away(u, known, period_px, solution.smoothing, lengths)
+
+
+def _with_lost(noise_px: FloatMap, lost: SmoothedAway | None) -> FloatMap:
+    """σ of noise together with what is smoothed away, (h, w), px."""
+    if lost is None:
+        return noise_px
+    variance = lost.beside(noise_px)
+    variance += noise_px**2
+    return np.asarray(np.sqrt(variance, out=variance))
 
 
 def _with_sigma(solution: Solution, sigma_px: FloatMap, factor: float) -> Solution:

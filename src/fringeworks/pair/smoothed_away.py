@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from fringeworks.pair.registry import Smoothing
@@ -35,19 +37,50 @@ LARGEST_FREQUENCY = 3.0
 """Largest of these frequencies, rad over the smallest width; the noise has exp(−9) there."""
 
 
+@dataclass(frozen=True)
+class SmoothedAway:
+    """What a method smooths away of a curved surface; see ``smoothed_away``."""
+
+    lost: FloatMap
+    """Variance of what the kernels remove, noise included, (h, w), px²."""
+    rough: FloatMap
+    """Mean square of what changes within a rough result's width, noise included, (h, w), px²."""
+    noise_shares: tuple[float, float]
+    """Shares of the noise's variance that ``lost`` and ``rough`` contain."""
+
+    def beside(self, noise_px: FloatMap) -> FloatMap:
+        """Variance that is smoothed away of the surface alone, (h, w), px².
+
+        Parameters
+        ----------
+        noise_px : (h, w) float array
+            Standard deviation of the displacement's noise, px; NaN where unknown.
+        """
+        noise = np.where(np.isfinite(noise_px), noise_px, 0.0)
+        noise *= noise
+        of_lost, of_rough = self.noise_shares
+        variance = self.lost - of_lost * noise
+        noise *= of_rough
+        np.subtract(self.rough, noise, out=noise)
+        np.maximum(variance, noise, out=variance)
+        return np.asarray(np.maximum(variance, 0.0, out=variance))
+
+
 def smoothed_away(
     displacement_px: FloatMap,
-    noise_px: FloatMap,
+    known: BoolMap,
     period_px: float,
     smoothing: tuple[Smoothing, ...],
     noise_length_px: tuple[float, float],
-) -> FloatMap:
-    """Variance of what a method smooths away of a curved surface, (h, w), px².
+) -> SmoothedAway:
+    """Predict what a method smooths away of a curved surface.
 
     Parameters
     ----------
-    displacement_px, noise_px : (h, w) float arrays
-        Displacement and the standard deviation of its noise, px; NaN where unknown.
+    displacement_px : (h, w) float array
+        px.
+    known : (h, w) bool array
+        True where the displacement and the standard deviation of its noise are finite.
     period_px : float > 0
     smoothing : tuple of Smoothing
     noise_length_px : (float, float)
@@ -59,22 +92,21 @@ def smoothed_away(
     second order. A method that corrects for a curvature averaged by a kernel C leaves
     (1 − K)(1 − C)t. Where the displacement is rough, filters leak from edges, and the mean square
     of u − G∗u is taken if that is larger. The noise passes the same filters; its share is
-    subtracted.
+    subtracted (``SmoothedAway.beside``).
     """
-    known = np.isfinite(displacement_px) & np.isfinite(noise_px)
+    rough_px = _rough_width(smoothing, period_px)
+    shares = _noise_shares(smoothing, noise_length_px, rough_px)
     if not known.any():
-        return np.zeros(displacement_px.shape)
+        nothing = np.zeros(displacement_px.shape)
+        return SmoothedAway(nothing, nothing, shares)
     removed = np.abs(_removed(displacement_px, known, smoothing))
     removed[~known] = 0.0
     spread = SPREAD_PERIODS * period_px
-    magnitude = smooth_known(removed, known, (spread, spread))
+    lost = smooth_known(removed, known, (spread, spread))
     del removed
-    noise = np.where(known, noise_px, 0.0) ** 2
-    rough_px = _rough_width(smoothing, period_px)
-    shares = _noise_shares(smoothing, noise_length_px, rough_px)
-    lost = (MEAN_TO_SIGMA * magnitude) ** 2 - shares[0] * noise
-    rough = _roughness(displacement_px, known, rough_px, period_px) - shares[1] * noise
-    return np.asarray(np.maximum(np.maximum(lost, rough), 0.0))
+    lost *= MEAN_TO_SIGMA
+    lost *= lost
+    return SmoothedAway(lost, _roughness(displacement_px, known, rough_px, period_px), shares)
 
 
 def _roughness(u: FloatMap, known: BoolMap, rough_px: float, period_px: float) -> FloatMap:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
 import fringeworks as fw
+from fringeworks.cli.commands import run
 from fringeworks.patterns.plan import Uniform
 from fringeworks.simulate import Optics, Plane, interreflection, look, photograph, standard_rig
 from tests.rigs import ahead
@@ -154,3 +156,38 @@ def test_what_cannot_be_separated_is_refused():
         fw.separate_light([np.zeros((4, 4))] * 3, steps, contrast=0.0)
     with pytest.raises(fw.InputError, match="expected 3 as in the plan, got 2"):
         fw.separate_light([np.zeros((4, 4))] * 2, steps)
+
+
+def test_the_command_writes_light_picture_report_and_numbers(tmp_path, capsys):
+    seen, bounce = scene()
+    blocks = (fw.PhaseSteps("x", SHORTEST_PX, fw.equal_steps(4)), Uniform("black"))
+    plan = fw.PatternPlan(RIG.projector.width_px, RIG.projector.height_px, blocks)
+    frames = list(photograph(seen, plan, Optics(seed=3, noise=1.0), transport=(bounce,)))
+    fw.write_stack(tmp_path / "groove", frames, plan)
+    out, figure, report, numbers = (
+        tmp_path / name for name in ("light.npz", "light.png", "light.html", "light.json")
+    )
+    arguments = ["light", str(tmp_path / "groove"), "--contrast", "0.8", "--out", str(out)]
+    arguments += ["--figure", str(figure), "--report", str(report), "--json", str(numbers)]
+    assert run(arguments) == 0
+    expected = fw.separate_light(frames, plan, contrast=0.8)
+    found = fw.read_light(out)
+    for name in ("direct", "direct_sigma", "indirect", "indirect_sigma", "reason"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert (found.period_px, found.contrast, found.has_black) == (SHORTEST_PX, 0.8, True)
+    assert found.provenance is not None
+    said = json.loads(numbers.read_text())
+    assert said["indirect_share"] == pytest.approx(expected.indirect_share)
+    assert "indirect light:" in capsys.readouterr().out
+    assert figure.stat().st_size > 10_000
+    assert "indirect share" in report.read_text()
+    assert type(fw.load_result(out)) is fw.LightSeparation
+
+
+def test_the_command_refuses_what_it_cannot_do(tmp_path, capsys):
+    assert run(["light", str(tmp_path / "none"), "--out", str(tmp_path / "light.csv")]) == 2
+    assert "expected .npz" in capsys.readouterr().err
+    plan = fw.PatternPlan(64, 48, (fw.PhaseSteps("x", 8.0, fw.equal_steps(3)),))
+    fw.write_stack(tmp_path / "dark", np.zeros((3, 48, 64), np.uint8), plan)
+    assert run(["light", str(tmp_path / "dark"), "--min-modulation", "3"]) == 2
+    assert "leave it out" in capsys.readouterr().err

@@ -307,6 +307,10 @@ from .files.coordinates import (
     read_coordinates as read_coordinates,
     write_coordinates as write_coordinates,
 )
+from .files.light import (
+    read_light as read_light,
+    write_light as write_light,
+)
 from .files.wrapped import (
     read_phase as read_phase,
     write_phase as write_phase,
@@ -438,6 +442,7 @@ from .pipeline.stacks import (
     Measurement as Measurement,
     decode_stack as decode_stack,
     measure as measure,
+    light_from_stack as light_from_stack,
     phase_from_stack as phase_from_stack,
     response_from_stack as response_from_stack,
 )

@@ -22,6 +22,7 @@ TARGETS = {
     "board": "fringeworks.report.board_sheet",
     "coordinate": "fringeworks.files.coordinates",
     "figure": "fringeworks.report.figures",
+    "light": "fringeworks.files.light",
     "mesh": "fringeworks.files.mesh_writer",
     "merged": "fringeworks.files.merged",
     "points": "fringeworks.files.points",

@@ -1,4 +1,4 @@
-"""``fringeworks response | decode | calibrate | measure``: stacks of frames to points."""
+"""``fringeworks response | decode | light | calibrate | measure``: stacks of frames to points."""
 
 from __future__ import annotations
 
@@ -20,11 +20,12 @@ from fringeworks.cli.options import (
     JsonFile,
     Ply,
     PlyOption,
+    ResponseFile,
     depth_of,
     items,
 )
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_calibration, say_coordinates, say_phase
+from fringeworks.cli.words import say_calibration, say_coordinates, say_light, say_phase
 
 SECTION = "Stacks and rigs"
 
@@ -157,6 +158,49 @@ def _show_phase(
             f"unwrapped by {unwrapped.algorithm}: {unwrapped.residues} residues, "
             f"{int(unwrapped.region.max())} connected regions"
         )
+    words.wrote(out, show.figure, show.report)
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks light shots/ --out light.npz --figure light.png",
+)
+@grouped
+def light(
+    stack: StackArgument,
+    how: StackOptions,
+    response: ResponseFile = None,
+    contrast: Annotated[
+        float,
+        typer.Option(
+            help="Contrast of the finest fringes on a matte sheet without indirect light, 0…1. "
+            "What blur takes from it counts as indirect light otherwise."
+        ),
+    ] = 1.0,
+    out: Annotated[Path | None, typer.Option("--out", help="Light to write (.npz).")] = None,
+    *,
+    show: ShowOptions,
+) -> None:
+    """Separate light straight from the projector from light by way of other surfaces."""
+    words = output.Output(out, *show.targets)
+    output.check(out, "light")
+    show.check()
+    options = how.options
+    if "min_modulation" in options:
+        raise fw.InputError("--min-modulation: it has no meaning for `light`; leave it out")
+    found = fw.light_from_stack(
+        how.read(stack),
+        contrast=contrast,
+        noise=options.get("noise"),
+        saturation=options.get("saturation"),
+        response=None if response is None else fw.read_response(response),
+    )
+    if out is not None:
+        with output.target(out, ".npz") as place:
+            fw.write_light(place, found)
+    figures = fw.summarise(found)
+    show.write(found, figures, name=stack.name, provenance=found.provenance)
+    say_light(words, figures)
     words.wrote(out, show.figure, show.report)
 
 

@@ -68,6 +68,26 @@ def say_phase(words: Output, figures: dict[str, Any]) -> None:
     words.say(f"   failed: {figures['failed_fraction']:.2%} ({failed})")
 
 
+def say_light(words: Output, figures: dict[str, Any]) -> None:
+    """Direct and indirect light."""
+    say_notes(words, figures)
+    failed = failures(figures["reasons"])
+    if figures["indirect_share"] is None:
+        words.say(f"light: no pixel could be measured ({failed})")
+        return
+    words.say(
+        f"indirect light: {figures['indirect_share']:.1%} of all light; median "
+        f"{figures['median_indirect']:.3g} counts, σ {figures['median_indirect_sigma']:.2g}; "
+        f"direct {figures['median_direct']:.3g} counts"
+    )
+    if not figures["has_black"]:
+        words.say(
+            "note: the plan has no black frame, so indirect light contains twice the light of "
+            "the room and the black level"
+        )
+    words.say(f"   failed: {figures['failed_fraction']:.2%} ({failed})")
+
+
 def say_points(words: Output, figures: dict[str, Any]) -> None:
     """A point cloud."""
     say_notes(words, figures)

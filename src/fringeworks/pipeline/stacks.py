@@ -28,6 +28,7 @@ from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from fringeworks.stack.decode import decode
 from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
+from fringeworks.stack.light_separation import LightSeparation, separate_light
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.wrapped import WrappedPhase, steps_plan, wrapped_phase
 from fringeworks.types import (
@@ -290,6 +291,45 @@ def phase_from_stack(
         options={"shifts_rad": list(found.shifts_rad), **options},
         inputs=inputs_of(stack),
     )
+    return replace(found, notes=(*stack.notes, *found.notes), provenance=origin)
+
+
+def light_from_stack(
+    stack: Stack | StrPath,
+    *,
+    contrast: float = 1.0,
+    noise: CameraNoise | None = None,
+    saturation: float | None = None,
+    response: Response | None = None,
+) -> LightSeparation:
+    """Separate the direct from the indirect light of a stack; ``separate_light`` for arrays.
+
+    Parameters
+    ----------
+    stack : Stack or path
+        Frames and their plan, or a capture to read.
+    contrast, noise, saturation, response
+        As for ``separate_light``; the stack's own saturation holds where none is given.
+
+    Returns
+    -------
+    LightSeparation, with the notes of reading first and its provenance.
+
+    Raises
+    ------
+    InputError as ``read_stack`` and ``separate_light``, and for a response of other devices.
+    """
+    stack = stack_of(stack)
+    if response is not None:
+        check_devices(response, stack.camera, stack.projector)
+    options: dict[str, Any] = {
+        "contrast": contrast,
+        "noise": noise,
+        "saturation": stack.saturation if saturation is None else saturation,
+        "response": response,
+    }
+    found = separate_light(stack.frames, stack.plan, **options)
+    origin = made_by("light_from_stack", options=options, inputs=inputs_of(stack), plan=stack.plan)
     return replace(found, notes=(*stack.notes, *found.notes), provenance=origin)
 
 

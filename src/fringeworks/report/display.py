@@ -19,6 +19,7 @@ from fringeworks.report.profile_picture import profile_picture
 from fringeworks.report.setup_figures import setup_sheet
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.scan.setup import SetupTests
+from fringeworks.stack.light_separation import LightSeparation
 from fringeworks.stack.wrapped import WrappedPhase
 from fringeworks.surface.cloud import normals
 from fringeworks.types import (
@@ -47,8 +48,9 @@ def plot(result: object, name: str | None = None) -> Figure:
 
     Parameters
     ----------
-    result : HeightMap, PointCloud, DisplacementMap, CoordinateMap, Decoded, WrappedPhase, Profile,
-        PatternPlan, Calibration, CaptureComparison, Reconstruction or Measurement
+    result : HeightMap, PointCloud, DisplacementMap, CoordinateMap, Decoded, WrappedPhase,
+        LightSeparation, Profile, PatternPlan, Calibration, CaptureComparison,
+        Reconstruction or Measurement
     name : str, optional
         Name of the object or capture, put before the title.
 
@@ -215,6 +217,36 @@ def _(wrapped: WrappedPhase, name: str | None = None) -> Figure:
             Panel(REASONS, wrapped.reason, "reasons"),
         ],
         columns=2,
+    )
+
+
+@plot.register
+def _(light: LightSeparation, name: str | None = None) -> Figure:
+    total = light.direct + np.maximum(light.indirect, 0.0)
+    share = np.full(total.shape, np.nan)
+    np.divide(light.indirect, total, out=share, where=total > 0.0)
+    return sheet(
+        _titled(name, "Light straight from the projector, and by way of other surfaces"),
+        _facts(
+            1.0 - light.failed_fraction,
+            light.indirect_sigma,
+            "counts",
+            f"indirect share of all light {percent(light.indirect_share)}",
+            f"fringe period {light.period_px:.4g} projector px",
+        ),
+        [
+            Panel("direct light", light.direct, "grey", "counts"),
+            Panel("indirect light", light.indirect, "grey", "counts"),
+            Panel("indirect over all light", share, "values", "1"),
+            Panel(
+                "standard deviation σ of the indirect light",
+                light.indirect_sigma,
+                "sigma",
+                "counts",
+            ),
+            Panel(REASONS, light.reason, "reasons"),
+        ],
+        columns=3,
     )
 
 

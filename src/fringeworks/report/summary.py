@@ -11,6 +11,7 @@ import numpy as np
 from fringeworks.files.findings import findings_as_dicts
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.signal.response import Response
+from fringeworks.stack.light_separation import LightSeparation
 from fringeworks.stack.wrapped import WrappedPhase
 from fringeworks.types import (
     Decoded,
@@ -43,9 +44,9 @@ def summarise(result: object) -> dict[str, Any]:
 
     Parameters
     ----------
-    result : Reconstruction, Measurement, Decoded, WrappedPhase, Calibration, RigCheck,
-        PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection, HeightMap,
-        PointCloud, Points or SetupTests
+    result : Reconstruction, Measurement, Decoded, WrappedPhase, LightSeparation, Calibration,
+        RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection,
+        HeightMap, PointCloud, Points or SetupTests
 
     Returns
     -------
@@ -122,6 +123,28 @@ def _(wrapped: WrappedPhase) -> dict[str, Any]:
         "median_modulation": float(np.median(wrapped.modulation[ok])) if ok.any() else None,
         "notes": list(wrapped.notes),
         **origin(wrapped.provenance),
+    }
+
+
+@summary.register
+def _(light: LightSeparation) -> dict[str, Any]:
+    ok = light.reason == Reason.OK
+    maps = ("direct", "direct_sigma", "indirect", "indirect_sigma")
+    medians = {
+        f"median_{name}": float(np.median(getattr(light, name)[ok])) if ok.any() else None
+        for name in maps
+    }
+    return {
+        "shape": list(light.reason.shape),
+        "period_px": light.period_px,
+        "contrast": light.contrast,
+        "has_black": light.has_black,
+        "indirect_share": light.indirect_share if ok.any() else None,
+        **medians,
+        "failed_fraction": light.failed_fraction,
+        "reasons": count_reasons(light.reason),
+        "notes": list(light.notes),
+        **origin(light.provenance),
     }
 
 

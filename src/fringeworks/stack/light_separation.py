@@ -12,11 +12,21 @@ from numpy.typing import NDArray
 from fringeworks.patterns.plan import PatternPlan, PhaseSteps
 from fringeworks.signal.response import Response
 from fringeworks.stack.wrapped import wrapped_phase
-from fringeworks.types import ByteMap, CameraNoise, FloatMap, Frozen, InputError, Reason, sealed
+from fringeworks.types import (
+    ByteMap,
+    CameraNoise,
+    FloatMap,
+    Frozen,
+    InputError,
+    Plotted,
+    Provenance,
+    Reason,
+    sealed,
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LightSeparation(Frozen):
+class LightSeparation(Plotted, Frozen):
     """What a camera would see under a white projector: light that came straight, and all other."""
 
     direct: FloatMap
@@ -34,6 +44,16 @@ class LightSeparation(Frozen):
     """Period of the fringes that were used, projector px."""
     has_black: bool
     """Whether a black frame was subtracted."""
+    contrast: float = 1.0
+    """Contrast of the fringes on a surface without indirect light, as it was given."""
+    notes: tuple[str, ...] = ()
+    """What was found in the frames."""
+    provenance: Provenance | None = None
+
+    @property
+    def failed_fraction(self) -> float:
+        """Share of the pixels that could not be measured."""
+        return float(np.mean(self.reason != Reason.OK))
 
     @property
     def indirect_share(self) -> float:
@@ -129,4 +149,6 @@ def separate_light(
         found.reason,
         steps.period_px,
         has_black=at is not None,
+        contrast=contrast,
+        notes=found.notes,
     )

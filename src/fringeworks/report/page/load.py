@@ -11,6 +11,7 @@ from typing import Any
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.coordinates import read_coordinates
+from fringeworks.files.light import read_light
 from fringeworks.files.limits import existing_file, parsing, read_content
 from fringeworks.files.points import read_cloud, read_points
 from fringeworks.files.rig import OPENCV_SUFFIXES, read_rig
@@ -34,6 +35,7 @@ ARCHIVES: dict[str, Callable[[Path], Any]] = {
     "x_coordinate_px": read_coordinates,
     "y_coordinate_px": read_coordinates,
     "phase_rad": read_phase,
+    "indirect_sigma": read_light,
     "values": read_surface,
 }
 """Readers by the name of an array that an archive holds."""
@@ -46,12 +48,13 @@ def load_result(path: StrPath) -> Any:
     ----------
     path : path
         Points (``.ply``, ``.xyz``, ``.npz``), heights (``.tif``, ``.npz``, ``.x3p``, ``.gsf``),
-        coordinates or a phase (``.npz``), a rig (``.toml``, ``.xml``, ``.yml``), a set-up
-        (``.toml``), or the numerical results that a command wrote with ``--json``.
+        coordinates, a phase or separated light (``.npz``), a rig (``.toml``, ``.xml``, ``.yml``), a
+        set-up (``.toml``), or the numerical results that a command wrote with ``--json``.
 
     Returns
     -------
-    Points, PointCloud, HeightMap, Decoded, WrappedPhase, Rig, StoredSetup, or a dictionary.
+    Points, PointCloud, HeightMap, Decoded, WrappedPhase, LightSeparation, Rig, StoredSetup, or a
+    dictionary.
 
     Raises
     ------
@@ -82,8 +85,8 @@ def _archive(path: Path) -> Any:
         if name in names:
             return reader(path)
     raise FileProblem(
-        f"{path}: expected points, heights, coordinates or a phase, got arrays named "
-        f"{', '.join(sorted(names)[:8]) or 'nothing'}"
+        f"{path}: expected points, heights, coordinates, a phase or separated light, got arrays "
+        f"named {', '.join(sorted(names)[:8]) or 'nothing'}"
     )
 
 

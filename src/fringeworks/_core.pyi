@@ -31,6 +31,7 @@ __all__ = [
     "phase_residuals",
     "quantiles",
     "raise_factors",
+    "read_grey_png",
     "relocate_surfaces",
     "row_envelopes",
     "row_extrema",
@@ -167,6 +168,9 @@ def raise_factors(
     excess: float,
     shared: float,
 ) -> None: ...
+def read_grey_png(content: bytes) -> NDArray[Any] | None:
+    """uint8 or uint16, row after row; ``None`` for PNG that are not plain grey."""
+
 def typical_step(coordinate: NDArray[np.float32], *, repeats: float) -> float: ...
 def quantiles(values: NDArray[Any], shares: Sequence[float]) -> list[float]:
     """Quantiles of float32 or float64 values for rising shares; NaN where a value is NaN."""

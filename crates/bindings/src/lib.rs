@@ -9,6 +9,7 @@ mod inverse;
 mod isolated;
 mod measure;
 mod moving_mean;
+mod png;
 mod rig;
 mod rows;
 mod sample;
@@ -38,6 +39,8 @@ mod _core {
     use super::measure::measure_points;
     #[pymodule_export]
     use super::moving_mean::moving_means;
+    #[pymodule_export]
+    use super::png::read_grey_png;
     #[pymodule_export]
     use super::rig::{Triangles, Triangulation};
     #[pymodule_export]

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import tifffile
 import tomli_w
 from pydantic import Field
 
@@ -208,6 +207,8 @@ def write_patterns(
     with replacing_folder(folder, "patterns", index=(PLAN_FILE,), force=force) as writer:
         written = []
         if stack:
+            import tifffile  # 15 ms, for those only who write TIFF
+
             written.append(writer.file(PATTERNS_FILE))
             with replacing(written[0]) as temporary, tifffile.TiffWriter(temporary) as pages:
                 for label, picture in zip(labels, encode(plan), strict=True):

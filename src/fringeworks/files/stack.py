@@ -29,7 +29,6 @@ from fringeworks.files.npz import NUMBERS, read_npz
 from fringeworks.files.pair import CAPTURE_FILE, missing_description
 from fringeworks.files.plan import PLAN_FILE, read_plan
 from fringeworks.files.provenance import source_of
-from fringeworks.files.tiff import read_tiff
 from fringeworks.files.toml import kind_of, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Stack, step_of
@@ -276,6 +275,8 @@ def open_stack_file(path: Path) -> tuple[NDArray[Any], bool]:
     """
     suffix, lossy = path.suffix.lower(), False
     if suffix in TIFF_SUFFIXES:
+        from fringeworks.files.tiff import read_tiff  # 15 ms, for those only who read TIFF
+
         stack, lossy = read_tiff(path, on_disk=True)
     elif suffix == ".npy":
         with parsing(path, "a readable stack"):

@@ -23,7 +23,6 @@ from fringeworks.files.limits import (
 from fringeworks.files.npz import NUMBERS, TEXT, read_npz
 from fringeworks.files.ply import write_ply
 from fringeworks.files.provenance import KEY, comment_lines, from_json, json_line
-from fringeworks.files.tiff import opened_tiff
 from fringeworks.files.x3p import read_x3p, write_x3p
 from fringeworks.surface.height_map import height_map_points, height_map_triangles, known_pitch
 from fringeworks.types import FileProblem, HeightMap, InputError, Provenance, Reason
@@ -127,6 +126,8 @@ def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
 
 
 def _read_tiff(path: Path) -> HeightMap:
+    from fringeworks.files.tiff import opened_tiff  # 15 ms, for those only who read TIFF
+
     with parsing(path, "a height map as TIFF that fringeworks wrote"), opened_tiff(path) as file:
         content = json.loads(file.pages[0].description)  # type: ignore[union-attr]
         values, sigma, reason = (file.pages[k].asarray() for k in range(3))

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import RectBivariateSpline
 
 from fringeworks.rig.depth_interval import (
     NODES,
@@ -178,7 +178,7 @@ class DepthRange:
         """Values at the nodes, interpolated to every pixel."""
         h, w = self._rig.camera.shape
         v, u = np.linspace(0, h - 1, NODES[0]), np.linspace(0, w - 1, NODES[1])
-        spline = RectBivariateSpline(v, u, values.reshape(NODES))
+        spline = scipy.interpolate.RectBivariateSpline(v, u, values.reshape(NODES))
         return np.asarray(spline(np.arange(h), np.arange(w)), np.float32)
 
     def _refuse_long(self, axis: Axis, period: float) -> None:

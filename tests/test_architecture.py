@@ -99,6 +99,16 @@ def test_imports_run_one_way(path):
             assert module.split(".")[0] not in OUTER, f"{short(path)} imports {module}"
 
 
+@pytest.mark.parametrize("path", MODULES, ids=short)
+def test_parts_of_scipy_load_when_they_are_called(path):
+    # "import scipy" takes no time; scipy.interpolate alone takes 0.2 s of every command.
+    top = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.ImportFrom)]
+    assert not [node.module for node in top if (node.module or "").startswith("scipy")]
+    plain = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.Import)]
+    names = [alias.name for node in plain for alias in node.names]
+    assert not [name for name in names if name.startswith("scipy.")]
+
+
 def test_the_top_level_holds_rooms():
     assert {p.name for p in SOURCE.glob("*.py")} == {"__init__.py", "__main__.py"}
     assert {p.name for p in SOURCE.iterdir() if (p / "__init__.py").is_file()} == PLACE.keys() - {

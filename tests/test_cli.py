@@ -499,6 +499,25 @@ def test_light_imports():
     assert done.stdout.split() == []
 
 
+def test_png_to_coordinates_imports_what_it_uses(tmp_path):
+    plan = fw.PatternPlan(
+        160, 120, tuple(fw.PhaseSteps("x", p, fw.equal_steps(4)) for p in (160.0, 20.0))
+    )
+    fw.write_stack(tmp_path / "capture", list(fw.encode(plan)), plan)
+    script = (
+        "import sys; from fringeworks.cli.commands import run; import fringeworks.pipeline.stacks; "
+        "import fringeworks.files.points; code = run(sys.argv[1:]); heavy = {'PIL', 'tifffile', "
+        "'cv2', 'matplotlib', 'h5py', *('scipy.' + name for name in ('linalg', "
+        "'optimize', 'interpolate', 'sparse', 'fft', 'spatial'))}; "
+        "print(code, *heavy & set(sys.modules))"
+    )
+    words = ["-q", "decode", str(tmp_path / "capture"), "--out", str(tmp_path / "x.npz")]
+    done = subprocess.run(
+        [sys.executable, "-c", script, *words], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["0"]
+
+
 def test_start_is_quick():
     """``import fringeworks`` ≤ 2 × ``import numpy``, ``fringeworks --help`` ≤ 5 ×; best of five."""
 

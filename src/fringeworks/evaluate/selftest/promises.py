@@ -186,7 +186,7 @@ PROMISES: tuple[Promise, ...] = (
     ),
     Promise(
         "filters coverage mean",
-        "`fourier`, `windowed_fourier`, `wavelet`: the mean over all scenes of the share within 2 σ.",
+        "The other methods for two frames: the mean over all scenes of the share within 2 σ.",
         "within 2 σ",
         0.94,
         INFINITY,

@@ -205,7 +205,7 @@ PROMISES: tuple[Promise, ...] = (
         "pair measured",
         "Two frames: lit pixels are measured.",
         "measured",
-        0.97,
+        0.95,
         INFINITY,
         ways=PAIR_METHODS,
     ),

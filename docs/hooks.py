@@ -15,7 +15,7 @@ from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parent.parent
 STUB = ROOT / "src" / "fringeworks" / "__init__.pyi"
-CODE = re.compile(r"^(```.*?^```|(?:^ {4,}\S.*\n?)+)|(`[^`\n]+`)", re.M | re.S)
+CODE = re.compile(r"^(```.*?^```|(?:^ {4,}\S[^\n]*\n?)+)|(`[^`\n]+`)", re.M | re.S)
 BLOCK = re.compile(r"\$\$(.+?)\$\$", re.S)
 INLINE = re.compile(r"(?<![\\$\w])\$(?!\s)([^$\n]+?)(?<!\s)\$(?![\w$])")
 

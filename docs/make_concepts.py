@@ -37,17 +37,17 @@ def two_frames() -> Figure:
     return figure
 
 
-def stack() -> tuple[fw.PatternPlan, fw.Decoded]:
+def stack() -> fw.Decoded:
     """A bust before the virtual rig, decoded with all of its phases."""
     rig = standard_rig(scale=SCALE)
     plan = fringe_plan(rig, both=False)
     frames = list(photograph(look(rig, bust()), plan, Optics(noise=1.0)))
-    return plan, fw.decode(frames, plan, keep_phases=True)
+    return fw.decode(frames, plan, keep_phases=True)
 
 
 def orders() -> Figure:
     """Phases of three sets, their beat, and the coordinate without jumps."""
-    plan, found = stack()
+    found = stack()
     row = found.x.phase_rad.shape[1] // 2
     figure, axes = plt.subplots(1, 3, figsize=(9, 2.8), layout="constrained")
     phases = np.where(found.x.reason[row] == 0, found.x.phase_rad[:, row], np.nan)

@@ -1,9 +1,12 @@
-"""Code on the pages: Python runs, commands have the options that they use, links lead somewhere."""
+"""Pages: Python runs, commands have the options that they use, links lead somewhere."""
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import shlex
+import unicodedata
+import urllib.parse
 import webbrowser
 from pathlib import Path
 
@@ -28,6 +31,9 @@ from fringeworks.simulate import (
 from tests.walk import ROOT, commands, examples
 
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
+STUB = ROOT / "src" / "fringeworks" / "__init__.pyi"
+SOURCES = sorted((ROOT / "src").rglob("*.py"))
+ROW_METHODS = ("exact", "gsifa", "sifa", "ifa")
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.M | re.S)
 NOT_RUN = {
     ("batch.md", "import xarray as xr"): "the number of a scan is made up: tests/test_batch.py",
@@ -165,11 +171,15 @@ def test_commands_on_a_page_have_the_options_that_they_use(page):
 
 def anchors(page: Path) -> set[str]:
     """Names that headings of a page have as places, as the builder makes them."""
-    from markdown.extensions.toc import slugify
-
     text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
     titles = re.findall(r"^#+ (.*)$", text, re.M)
-    return {slugify(re.sub(r"[`*]|\]\(.*?\)|\[", "", t), "-") for t in titles}
+    return {slug(re.sub(r"[`*]|\]\(.*?\)|\[", "", t)) for t in titles}
+
+
+def slug(title: str) -> str:
+    """The place of a heading: ASCII letters in lower case, with hyphens."""
+    plain = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode()
+    return re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", plain).strip().lower())
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
@@ -183,3 +193,62 @@ def test_links_lead_somewhere(page):
         assert other.exists(), f"{page.name}: {target}"
         if place and other.suffix == ".md":
             assert place in anchors(other), f"{page.name}: {target}"
+
+
+def hooks():
+    """The builder's own steps; what they need is installed with the builder."""
+    pytest.importorskip("latex2mathml")
+    pytest.importorskip("mkdocs")
+    place = importlib.util.spec_from_file_location("hooks", ROOT / "docs" / "hooks.py")
+    assert place is not None
+    assert place.loader is not None
+    module = importlib.util.module_from_spec(place)
+    place.loader.exec_module(module)
+    return module
+
+
+def test_every_public_name_has_a_place_in_the_api():
+    found = [name for _, names in hooks().sections(STUB.read_text()) for name in names]
+    assert sorted(found) == sorted(fw.__all__)
+
+
+def test_equations_are_drawn_and_code_is_left():
+    made = hooks().with_equations(
+        "a $x^2$ b\n\n`$x$`\n\n$$ \\frac{1}{2} $$\n\n    cost $5 and $6\n"
+    )
+    assert made.count("<math") == 2
+    assert "<mfrac>" in made
+    assert "`$x$`" in made
+    assert "cost $5 and $6" in made
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_no_equation_is_left_as_text(page):
+    made = hooks().with_equations(page.read_text(encoding="utf-8"))
+    outside = re.sub(r"^```.*?^```|^    .*?$|`[^`]*`", "", made, flags=re.M | re.S)
+    assert not re.search(r"\\frac|\\sigma|\$\$", outside)
+
+
+def test_every_page_is_in_the_navigation_once():
+    listed = re.findall(r": ([\w/-]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M)
+    pages = [str(p.relative_to(ROOT / "docs")) for p in (ROOT / "docs").rglob("*.md")]
+    assert sorted(listed) == sorted(pages)
+
+
+def test_every_method_has_a_page_with_its_options():
+    for method in ("windowed", "fourier", "windowed_fourier", "wavelet", *ROW_METHODS):
+        text = (ROOT / "docs" / "methods" / f"{method}.md").read_text(encoding="utf-8")
+        for title in ("What it does", "When it wins", "When it fails", "Measured", "Options"):
+            assert f"\n## {title}\n" in text, (method, title)
+        for option in fw.get_method(method).options:
+            assert f"`{option}`" in text, (method, option)
+
+
+def test_pages_name_dois_once_and_in_form():
+    text = (ROOT / "docs" / "bibliography.md").read_text(encoding="utf-8")
+    for shown, linked in re.findall(r"\[(10\.[^\]]+)\]\(https://doi\.org/([^)]+)\)", text):
+        assert shown == urllib.parse.unquote(linked)
+    source = "".join(p.read_text(encoding="utf-8") for p in SOURCES)
+    cited = re.findall(r"doi:(10\.(?:\([^\s()]*\)|[^\s,;()])+)", source)
+    missing = {doi.rstrip(".") for doi in cited} - set(re.findall(r"\[(10\.[^\]]+)\]", text))
+    assert not missing

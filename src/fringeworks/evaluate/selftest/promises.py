@@ -176,8 +176,7 @@ PROMISES: tuple[Promise, ...] = (
     ),
     Promise(
         "windowed efficiency",
-        "`windowed`: half of the errors are below those of the best estimate from a window of a "
-        "quarter of a period.",
+        "`windowed`: the typical error is at most the bound of a window of a quarter of a period.",
         "typical error over bound",
         -INFINITY,
         1.0,

@@ -59,9 +59,10 @@ bench: $(BENCH_VENV)/.built
 docs: $(VENV)/.built
 	$(BIN)/python -m mkdocs build --strict --quiet --site-dir site
 
-# The page and the pictures of the examples.
+# The page and the pictures of the examples, and the pictures of docs/concepts.md.
 gallery: $(VENV)/.built
 	SOURCE_DATE_EPOCH=0 $(BIN)/python docs/make_gallery.py
+	$(BIN)/python docs/make_concepts.py
 
 # The pictures of docs/report.md, docs/viewer.md and docs/studio.md; wants Chromium.
 screenshots: $(VENV)/.built

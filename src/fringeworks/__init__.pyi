@@ -504,6 +504,18 @@ from .evaluate.inspect import (
     judge_part as judge_part,
     masked as masked,
 )
+from .evaluate.selftest.cases import (
+    CaseResult as CaseResult,
+)
+from .evaluate.selftest.promises import (
+    Judged as Judged,
+    Promise as Promise,
+    promise_table as promise_table,
+)
+from .evaluate.selftest.run import (
+    SelfTest as SelfTest,
+    selftest as selftest,
+)
 from .batch.scans import (
     Scan as Scan,
     find_scans as find_scans,

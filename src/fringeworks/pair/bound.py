@@ -91,7 +91,9 @@ def bound_px(
     variance = _variance(_moments(windows, u.astype(np.float32), width, step), windows, width)
     size = (u.shape[1], u.shape[0])
     to_pixels = np.array([[step, 0.0, 0.0], [0.0, step, 0.0]])
-    bound = cv2.warpAffine(np.sqrt(variance), to_pixels, size, borderMode=cv2.BORDER_REPLICATE)
+    # Windows without light have rounding in place of a variance.
+    deviation = np.sqrt(np.where(variance > 0, variance, np.nan))
+    bound = cv2.warpAffine(deviation, to_pixels, size, borderMode=cv2.BORDER_REPLICATE)
     return turn(np.where(np.isfinite(u), bound, np.nan))
 
 

@@ -1,0 +1,1 @@
+"""The self-test: what the documentation promises, measured on this machine."""

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.capture_writer import SettingsSection, settings_of, settings_table
+from fringeworks.files.limits import inside
 from fringeworks.files.plan import read_plan, write_plan
 from fringeworks.files.toml import Section, Size, read_toml
 from fringeworks.patterns.plan import PatternPlan
@@ -191,7 +192,7 @@ def read_setup(path: StrPath) -> StoredSetup:
         settings_of(content.settings),
         CameraNoise(content.noise.read_counts, content.noise.gain),
         delay,
-        read_plan(path.with_name(content.plan)),
+        read_plan(inside(path.parent, content.plan)),
         content.findings,
         content.projector.size_px,
         content.projector.min_period_px,

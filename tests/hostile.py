@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import random
 import struct
+import tempfile
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator
@@ -15,9 +17,11 @@ import h5py
 import numpy as np
 import scipy.io
 import tifffile
+import zarr
 from PIL import Image
 
 import fringeworks as fw
+from tests.hostile_structure import damaged
 
 FOLDER = "capture"
 TOML_WORDS = (
@@ -56,13 +60,19 @@ class Target(NamedTuple):
     read: Callable[[Path], Any]
     words: tuple[bytes, ...]
     beside: dict[str, bytes] = {}  # noqa: RUF012
-    slow: bool = False
+    share: float = 1.0
+    """Of the files: readers that start a process, or read many files, get fewer."""
 
 
 def mutations(target: Target, count: int, seed: int) -> Iterator[bytes]:
-    """Damaged versions of a good file: bytes, words, pieces, and the file's end."""
+    """Damaged versions of a good file: bytes, words, pieces, and the file's end; every other one by
+    its structure, where it has one that is known."""
     rng = np.random.default_rng([seed, *target.name.encode()])
-    for _ in range(count):
+    structured = random.Random(f"{seed} {target.name}")
+    for number in range(count):
+        if number % 2 and (found := damaged(target.content, target.name, structured)) is not None:
+            yield found
+            continue
         data = bytearray(target.content)
         for _ in range(int(rng.integers(1, 4))):
             # Headers decide on sizes: half of the damage is at the beginning.
@@ -176,6 +186,80 @@ PLY = b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty floa
 PLY += b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 2\n3 0 1 2\n"
 
 
+RECIPE = b"""kind = "recipe"
+method = "windowed"
+plan = "plan.toml"
+within = "face"
+risk = 0.05
+[options]
+degree = 3
+[areas.face]
+box = [1, 2, 10, 12]
+[areas.rim]
+polygon = [[0.0, 0.0], [9.0, 0.0], [5.0, 8.0]]
+[areas.hole]
+mask = "m.png"
+[[tolerances]]
+name = "step"
+quantity = "step_height"
+areas = ["face", "rim"]
+min = -0.1
+max = 0.1
+"""
+SETUP = b"""plan = "plan.toml"
+predicted_sigma_px = 0.05
+findings = ["the lamp flickers"]
+[projector]
+open = "window:0"
+name = "beamer"
+size_px = [64, 48]
+gamma = 2.2
+contrast = 0.9
+min_period_px = 4.0
+[camera]
+open = "webcam:0"
+name = "left"
+modulation = 40.0
+black_counts = 5.0
+[settings]
+exposure_ms = 16.0
+region = [0, 0, 64, 48]
+averaged = 2
+[noise]
+read_counts = 1.0
+gain = 0.02
+[delay]
+appears_s = 0.01
+absent_s = 0.02
+alone_s = 0.05
+left_s = 0.06
+refresh_s = 0.0166
+frame_s = 0.033
+transit_s = [0.01, 0.02]
+"""
+EXPOSURES = b"""kind = "exposures"
+[[exposures]]
+folder = "0"
+exposure_ms = 4.0
+[[exposures]]
+folder = "1"
+exposure_ms = 16.0
+gain_db = 0.0
+"""
+
+
+def _zarr_files(array: np.ndarray) -> dict[str, bytes]:
+    """The files of a Zarr array of format 3."""
+    with tempfile.TemporaryDirectory() as place:
+        zarr.create_array(f"{place}/a", data=array, chunks=(1, *array.shape[1:]))
+        files = (path for path in Path(place, "a").rglob("*") if path.is_file())
+        return {str(path.relative_to(f"{place}/a")): path.read_bytes() for path in files}
+
+
+def _frames_of(path: Path) -> int:
+    return sum(frame.size > 0 for frame in fw.read_sequence(path))
+
+
 def targets(folder: Path) -> list[Target]:
     """Every reader with a good file."""
     rng = np.random.default_rng(1)
@@ -210,6 +294,9 @@ def targets(folder: Path) -> list[Target]:
     surface, cloud = _surface(), _cloud()
     png, tif = _image("PNG", grey), _tiff(grey.astype(np.float64))
     planned = {"plan.toml": PLAN}
+    arrays = _zarr_files(frames)
+    shots = _tiff(frames, photometric="minisblack")
+    still = {"plan.toml": PLAN, "s.tif": shots, "capture.toml": stack}
 
     def npz(name: str, write: Callable[[Path], Any], read: Callable[[Path], Any]) -> Target:
         return Target(name, _written(folder, name, write), read, BYTE_WORDS)
@@ -230,7 +317,7 @@ def targets(folder: Path) -> list[Target]:
         Target("s.npz", _npz(frames=frames), fw.read_stack, BYTE_WORDS, planned),
         Target("p.mat", _mat(pair, False), fw.read_capture, BYTE_WORDS),
         Target("c.mat", _mat(pair, True), fw.read_capture, BYTE_WORDS),
-        Target("h.mat", _hdf5(pair), fw.read_capture, BYTE_WORDS, slow=True),
+        Target("h.mat", _hdf5(pair), fw.read_capture, BYTE_WORDS, share=0.02),
         Target("p.npz", _npz(reference=grey, object=grey, mask=grey > 3), fw.read_capture, BYTE_WORDS),
         Target("pair/capture.toml", capture, _parent(fw.read_capture), TOML_WORDS, {"pair/a.png": png, "pair/t.tif": tif}),
         Target("stack/capture.toml", stack, _parent(fw.read_capture), TOML_WORDS, {"stack/plan.toml": PLAN, "stack/s.tif": _tiff(frames, photometric="minisblack")}),
@@ -255,6 +342,15 @@ def targets(folder: Path) -> list[Target]:
         Target("mesh.ply", PLY, fw.read_mesh, TEXT_WORDS),
         Target("mesh.obj", b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", fw.read_mesh, TEXT_WORDS),
         Target("mesh.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", fw.read_mesh, TEXT_WORDS),
+        Target("r/recipe.toml", RECIPE, fw.read_recipe, TOML_WORDS, {"r/plan.toml": PLAN, "r/m.png": png}),
+        Target("setup.toml", SETUP, fw.read_setup, TOML_WORDS, planned),
+        Target("loaded.toml", SETUP, fw.load_result, TOML_WORDS, planned),
+        Target("figures.json", b'{"kind": "figures", "sigma_mm": 0.01, "rows": [1, 2.5, null], "n": {"a": "b"}}', fw.load_result, TEXT_WORDS),
+        Target("map2.npz", _written(folder, "map2.npz", lambda p: fw.write_surface(p, surface)), fw.load_result, BYTE_WORDS),
+        Target("e/capture.toml", EXPOSURES, _parent(fw.read_exposures), TOML_WORDS, {f"e/{k}/{n}": c for k in "01" for n, c in still.items()}, 0.25),
+        Target("f/a.png", png, _parent(_frames_of), BYTE_WORDS, {"f/b.png": png}),
+        Target("z/zarr.json", arrays.pop("zarr.json"), _parent(_frames_of), TEXT_WORDS, {f"z/{n}": c for n, c in arrays.items()}, 0.25),
+        Target("y/c/0/0/0", arrays["c/0/0/0"], lambda p: _frames_of(p.parents[3]), BYTE_WORDS, {f"y/{n}": c for n, c in _zarr_files(frames).items() if n != "c/0/0/0"}, 0.1),
         Target("mesh.stl", bytes(80) + struct.pack("<I12fH", 1, *range(12), 0), fw.read_mesh, BYTE_WORDS),
     ]  # fmt: skip
 

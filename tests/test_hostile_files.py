@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-import resource
 import struct
+import sys
 import time
 import zlib
 
@@ -18,10 +18,13 @@ from fringeworks import FileProblem, InputError
 from tests import hostile
 from tests.test_cli import run
 
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None
+
 MUTATIONS = int(os.environ.get("FRINGEWORKS_MUTATIONS", "2500"))
 """In all, over every reader; ``make fuzz`` takes more."""
-SLOW_SHARE = 0.05
-"""A reader that starts a process for each file gets this share of the others' number."""
 SECONDS = 5.0
 """Longest time that a small damaged file may take; a usual one takes milliseconds."""
 GROWTH_MB = 600
@@ -37,13 +40,17 @@ def place(folder, target, content):
     folder = folder / target.name.replace("/", "-")  # plans beside files matter
     folder.mkdir(exist_ok=True)
     for name, data in {target.name: content, **target.beside}.items():
-        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).parent.mkdir(exist_ok=True, parents=True)
         (folder / name).write_bytes(data)
     return folder / target.name
 
 
 def peak_mb():
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    """Peak memory of this process; 0 where the system does not tell it."""
+    if resource is None:
+        return 0.0
+    unit = 1 << 20 if sys.platform == "darwin" else 1 << 10  # bytes there, kilobytes elsewhere
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 
 
 def test_good_files_are_read(targets, tmp_path):
@@ -52,10 +59,10 @@ def test_good_files_are_read(targets, tmp_path):
 
 
 def test_mutations_raise_nothing_but_input_errors(targets, tmp_path, capfd):
-    before, each = peak_mb(), MUTATIONS / (len(targets) - 1)
+    before, each = peak_mb(), MUTATIONS / sum(target.share for target in targets)
     refused = longest = 0
     for target in targets:
-        count = max(int(each * (SLOW_SHARE if target.slow else 1.0)), 2) + 1
+        count = max(int(each * target.share), 2) + 1
         for content in hostile.mutations(target, count, seed=13):
             path = place(tmp_path, target, content)
             started = time.perf_counter()
@@ -243,6 +250,7 @@ def test_files_of_unreliable_kinds_print_nothing(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="the system lists no open files")
 def test_writing_keeps_the_umask_and_reaches_the_disk(tmp_path, monkeypatch):
     synced, renamed = [], []
     monkeypatch.setattr(os, "umask", lambda *_: pytest.fail("the umask belongs to the process"))
@@ -265,3 +273,32 @@ def test_writing_keeps_the_umask_and_reaches_the_disk(tmp_path, monkeypatch):
     assert renamed == [1]
     assert synced[1] == str(tmp_path)
     assert (tmp_path / "a.txt").read_text() == "a"
+
+
+def test_arrays_of_zarr_are_bounded_and_damage_is_told(tmp_path):
+    zarr = pytest.importorskip("zarr")
+    frames = np.random.default_rng(0).integers(0, 255, (3, 24, 32), dtype=np.uint8)
+    zarr.create_array(tmp_path / "a", data=frames, chunks=(1, 24, 32))
+    sequence = fw.read_sequence(tmp_path / "a")
+    assert len(sequence) == 3
+    np.testing.assert_array_equal(list(sequence), frames)
+    chunk = tmp_path / "a/c/1/0/0"
+    chunk.write_bytes(chunk.read_bytes()[:-9])
+    refused(
+        lambda path: list(fw.read_sequence(path)), tmp_path / "a", "a readable array of frames, got"
+    )
+    zarr.create_array(tmp_path / "b", shape=(2, 200_000, 200_000), chunks=(1, 64, 64), dtype="u1")
+    refused(
+        lambda path: list(fw.read_sequence(path)), tmp_path / "b", "one entry .* of at most 2 GB"
+    )
+    zarr.create_group(tmp_path / "c")
+    refused(fw.read_sequence, tmp_path / "c", "expected counts .* got no array")
+
+
+def test_set_ups_name_plans_in_their_folder(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "plan.toml").write_bytes(hostile.PLAN)
+    for name in ("../plan.toml", "", "/dev/zero", "a\\u0000b", "no.toml"):
+        text = hostile.SETUP.decode().replace('"plan.toml"', f'"{name}"')
+        (tmp_path / "a/setup.toml").write_text(text)
+        refused(fw.read_setup, tmp_path / "a/setup.toml", "expected")

@@ -16,7 +16,13 @@ import numpy as np
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.limits import read_content
 from fringeworks.files.pair import CAPTURE_FILE
-from fringeworks.files.zarr_array import INSTALL, ZARR_FILE, holds_counts, open_zarr_array
+from fringeworks.files.zarr_array import (
+    INSTALL,
+    ZARR_FILE,
+    holds_counts,
+    open_zarr_array,
+    read_entry,
+)
 from fringeworks.stack.frames import Stack
 from fringeworks.types import FileProblem, InputError, MissingPackage, Recipe
 
@@ -110,7 +116,7 @@ def opened_array(place: str) -> Any:
 def local(scan: Scan) -> Iterator[Path | Any]:
     """Lend a scan as a folder on this machine, or as an array of frames (frame, row, column)."""
     if scan.index is not None:
-        yield np.asarray(opened_array(scan.place)[scan.index])
+        yield read_entry(scan.place, opened_array(scan.place), scan.index)
     elif "://" not in scan.place:
         yield Path(scan.place)
     else:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from fringeworks.types import BoolMap, FloatMap, HeightMap, InputError, Reason
+from fringeworks.types import LARGEST, NUMBERS, BoolMap, FloatMap, HeightMap, InputError, Reason
 
 EDGE_BAND_PX = 5
 """Pixels to either side of a cliff whose errors are stated separately."""
@@ -39,12 +39,17 @@ def error_map(surface: HeightMap, truth_mm: FloatMap) -> FloatMap:
         raise InputError("errors: expected heights in mm, got displacements in px")
     if surface.values.shape != truth_mm.shape:
         raise InputError(f"truth: expected shape {surface.values.shape}, got {truth_mm.shape}")
-    return surface.values - truth_mm
+    if truth_mm.dtype.kind not in NUMBERS:
+        raise InputError(f"truth: expected real numbers, got {truth_mm.dtype}")
+    with np.errstate(all="ignore"):
+        return np.asarray(surface.values - truth_mm.astype(np.float64))
 
 
 def edge_band(truth_mm: FloatMap, pitch: float, width_px: int = EDGE_BAND_PX) -> BoolMap:
     """True within ``width_px`` of a cliff of the true surface, (h, w)."""
-    high = scipy.ndimage.maximum_filter(truth_mm, 2) - scipy.ndimage.minimum_filter(truth_mm, 2)
+    with np.errstate(all="ignore"):  # where the truth is not known, no cliff is
+        truth = truth_mm.astype(np.float64)
+        high = scipy.ndimage.maximum_filter(truth, 2) - scipy.ndimage.minimum_filter(truth, 2)
     cliff = high > EDGE_SLOPE * pitch
     if not cliff.any():
         return np.zeros(truth_mm.shape, bool)
@@ -70,7 +75,10 @@ def errors(surface: HeightMap, truth_mm: FloatMap) -> Errors:
     # Without a pitch, slopes are unknown, and so are the cliffs.
     band = None if surface.pitch is None else edge_band(truth_mm, surface.pitch)
     e = difference[valid]
-    ratio = np.abs(e) / surface.sigma[valid]
+    if np.abs(e).max() > LARGEST:
+        raise InputError(f"errors: expected errors up to {LARGEST:g} mm, got more")
+    with np.errstate(all="ignore"):  # without a σ, no error is within it
+        ratio = np.abs(e) / surface.sigma[valid]
 
     def mean_abs(*, edge: bool) -> float:
         chosen = difference[valid & (band == edge)] if band is not None else difference[:0]

@@ -26,6 +26,7 @@ from fringeworks.types import (
     Provenance,
     Source,
     fingerprint,
+    finite,
     made_by,
 )
 
@@ -161,7 +162,7 @@ def _notes(points: Points, common: FloatMap | None, forms: list[Form]) -> list[s
 
 def _cut(xyz: FloatMap, within: tuple[float, float, float, float]) -> BoolMap:
     """Which points lie in the ball."""
-    if len(within) != 4 or not within[3] > 0:
+    if len(within) != 4 or not finite(*within) or not within[3] > 0:
         raise InputError(f"within: expected x, y, z and a radius > 0, got {within}")
     inside: BoolMap = np.linalg.norm(xyz - np.asarray(within[:3]), axis=1) <= within[3]
     if inside.sum() < MIN_POINTS:

@@ -9,7 +9,17 @@ import numpy as np
 import scipy
 
 from fringeworks.evaluate.area_points import MIN_POINTS
-from fringeworks.types import Area, BoolMap, FloatMap, Frozen, InputError, PointCloud, Reason
+from fringeworks.types import (
+    LARGEST,
+    Area,
+    BoolMap,
+    FloatMap,
+    Frozen,
+    InputError,
+    PointCloud,
+    Reason,
+    finite,
+)
 
 FLOOR_BINS = 51
 """Neighbouring frequencies whose median amplitude is the floor: a peak spreads over four."""
@@ -32,6 +42,12 @@ FEWEST_MOMENTS = 16
 @dataclass(frozen=True, eq=False, repr=False)
 class Displacement(Frozen):
     """How an area has moved since the first moment, along its normal and towards the camera."""
+
+    layout = {  # noqa: RUF012
+        "time_s": "fiu n",
+        "distance_mm": "fiu n",
+        "sigma_mm": "fiu n",
+    }
 
     time_s: FloatMap
     """(n,), s; frames where no rate is known."""
@@ -167,6 +183,13 @@ def vibration(moved: Displacement) -> Vibration:
     appear too small. The drift is fitted together with the largest vibrations.
     """
     known = np.isfinite(moved.distance_mm)
+    if not finite(*moved.time_s) or not (np.diff(moved.time_s) > 0).all():
+        raise InputError("vibration: expected rising times, got others")
+    steps = np.diff(moved.time_s)
+    if not (np.abs(moved.distance_mm[known]) <= LARGEST).all():
+        raise InputError(f"vibration: expected distances up to {LARGEST:g} mm, got more")
+    if not (finite(moved.frames_shared) and moved.frames_shared > 0):
+        raise InputError(f"frames_shared: expected > 0, got {moved.frames_shared}")
     if known.sum() < FEWEST_MOMENTS or 2 * known.sum() < known.size:
         raise InputError(
             f"vibration: expected {FEWEST_MOMENTS} moments or more, half of them measured or more, "
@@ -175,12 +198,16 @@ def vibration(moved: Displacement) -> Vibration:
     time = moved.time_s - moved.time_s.mean()
     values = np.interp(moved.time_s, moved.time_s[known], moved.distance_mm[known])
     line = np.polyfit(time, values, 1)
-    rate = 1.0 / float(np.median(np.diff(moved.time_s)))
+    rate = 1.0 / float(np.median(steps))
     frequency, power = scipy.signal.periodogram(
         values - np.polyval(line, time), rate, window="hann", scaling="spectrum"
     )
     # Faster than half a cycle's rate, moments that share frames show noise as a tone of its own.
     count = int(np.searchsorted(frequency, 0.5 * rate / moved.frames_shared, side="right"))
+    if count < LOWEST_BIN:
+        raise InputError(
+            f"vibration: expected cycles of fewer moments, got {moved.frames_shared} a cycle"
+        )
     frequency, amplitude = frequency[:count], np.sqrt(2.0 * power[:count])
     # The lowest frequencies lose power with the line, and the window spreads that.
     low = min(LOWEST_BIN, count - 1)

@@ -28,11 +28,7 @@ def replacing(path: StrPath) -> Iterator[Path]:
     if target.is_dir():
         raise FileProblem(f"{target}: expected the name of a file, got a folder")
     try:
-        # Created here, so that the file has the permissions that the user's umask gives.
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-    except OSError as error:
-        raise FileProblem(f"{target}: expected a writable folder, got: {error.strerror}") from error
-    try:
+        _create(temporary, target)
         yield temporary
         # On the disk before the name is: a power cut leaves the old file or the new one.
         with temporary.open("rb") as file:
@@ -43,6 +39,14 @@ def replacing(path: StrPath) -> Iterator[Path]:
         raise FileProblem(f"{target}: could not be written: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _create(temporary: Path, target: Path) -> None:
+    """Create an empty file, so that it has the permissions that the user's umask gives."""
+    try:
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    except OSError as error:
+        raise FileProblem(f"{target}: expected a writable folder, got: {error.strerror}") from error
 
 
 def _keep(folder: Path) -> None:

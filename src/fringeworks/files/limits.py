@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from fringeworks.files.atomic import StrPath
-from fringeworks.types import FileProblem, InputError
+from fringeworks.types import MOST_PX, FileProblem, InputError, positive
 
 DEFAULT_MAX_GB = 2.0
 """Memory that the content of one file may take, 10⁹ bytes. A stack of 100 frames of 12 Mpx with 8
@@ -28,9 +28,8 @@ bits has 1.2 GB. Uncompressed stacks stay on disk and do not count."""
 MAX_DESCRIPTION_BYTES = 1 << 20
 """Size of a description (TOML, XML, YAML), bytes. Real ones have 1 to 100 kB, the largest those of
 responses. Parsers in Python take about a second for this size."""
-MAX_LENGTH_PX = 1 << 16
-"""Largest number of columns or rows of an image, a camera or a projector: that of JPEG, more than
-any has, and few enough for tables of one entry per column."""
+MAX_LENGTH_PX = MOST_PX
+"""Largest number of columns or rows of an image in a file."""
 FLOAT_BYTES = 8
 """Bytes of a pixel of a frame that is analysed, in double precision."""
 TOLD_LETTERS = 200
@@ -78,7 +77,7 @@ def file_limits(*, max_gb: float = DEFAULT_MAX_GB, outside: bool = False) -> Ite
     >>> with file_limits(max_gb=16):
     ...     pass  # stack = read_stack("huge.npz")
     """
-    if not (np.isfinite(max_gb) and max_gb > 0):
+    if not (positive(max_gb)):
         raise InputError(f"max_gb: expected > 0, got {max_gb}")
     token = _limits.set(_Limits(max_gb * 1e9, outside))
     try:

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, replacing
 from fringeworks.files.limits import check_bytes, existing_file, parsing, told
-from fringeworks.types import FileProblem, Reason
+from fringeworks.types import FileProblem, Reason, fits_axes, layout_words
 
 SUFFIX = ".npy"
 """Suffix of the members of an archive."""
 TEXT = "US"
 """Kinds of arrays that hold text."""
-NUMBERS = "fiu"
-"""Kinds of arrays that hold real numbers."""
 MAX_HEADER = 10_000
 """Bytes of the header of an array; those that NumPy writes have 128."""
 
@@ -91,9 +89,11 @@ def _member(
     with archive.open(info) as file:
         shape, fortran, dtype = _header(file)
         kinds, _, axes = form.partition(" ")
-        fits = any(_fits(shape, option, lengths) for option in axes.split("|"))
+        fits = any(fits_axes(shape, option, lengths) for option in axes.split("|"))
         if dtype.kind not in kinds or not fits:
-            raise FileProblem(f"expected {name} as {_said(kinds, axes)}, got {dtype} {shape}")
+            raise FileProblem(
+                f"expected {name} as {layout_words(kinds, axes)}, got {dtype} {shape}"
+            )
         size = dtype.itemsize * int(np.prod(shape, dtype=object))
         if size > info.file_size:
             raise FileProblem(f"expected {name} of {size} bytes, got {info.file_size}")
@@ -115,22 +115,3 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     if dtype.hasobject or any(length < 0 for length in shape):
         raise FileProblem(f"expected plain arrays, got {dtype} {shape}")
     return shape, fortran, dtype
-
-
-def _fits(shape: tuple[int, ...], axes: str, lengths: dict[str, int]) -> bool:
-    """Whether a shape follows a layout; its letters are then known."""
-    if len(shape) != len(axes):
-        return False
-    found = dict(lengths)
-    for length, axis in zip(shape, axes, strict=True):
-        if length != (int(axis) if axis.isdigit() else found.setdefault(axis, length)):
-            return False
-    lengths |= found
-    return True
-
-
-def _said(kinds: str, axes: str) -> str:
-    """A layout in words."""
-    words = {"f": "floats", "u": "unsigned integers", "b": "true or false", TEXT: "text"}
-    options = " or ".join(f"({', '.join(option)})" for option in axes.split("|"))
-    return f"{words.get(kinds, 'numbers')} of shape {options}"

@@ -14,10 +14,11 @@ from fringeworks.files.folder import incomplete, replacing_folder
 from fringeworks.files.images import holds_counts, read_frame, read_frames, write_frame
 from fringeworks.files.limits import inside, is_file, parsing
 from fringeworks.files.mat import read_mat
-from fringeworks.files.npz import NUMBERS, read_npz
+from fringeworks.files.npz import read_npz
 from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import Section
 from fringeworks.types import (
+    NUMBERS,
     Axis,
     FileProblem,
     InputError,

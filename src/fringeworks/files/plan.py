@@ -151,6 +151,14 @@ def format_plan(plan: PatternPlan) -> str:
     return tomli_w.dumps(content | {"sequence": sequence})
 
 
+def holds_plan(path: Path, plan: PatternPlan) -> bool:
+    """Whether a file is the description of this plan, letter by letter."""
+    try:
+        return path.read_text("utf-8") == format_plan(plan)
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
 def write_plan(path: StrPath, plan: PatternPlan) -> Path:
     """Write a plan as TOML, whole or not at all."""
     write_text(path, format_plan(plan))

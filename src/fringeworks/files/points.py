@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fringeworks.files.atomic import StrPath, check_target, replacing
 from fringeworks.files.findings import findings_as_dicts, findings_from_json
 from fringeworks.files.limits import existing_file, parsing, read_content
-from fringeworks.files.npz import NUMBERS, TEXT, read_npz
+from fringeworks.files.npz import TEXT, read_npz
 from fringeworks.files.pcd import write_pcd
 from fringeworks.files.ply import read_ply, write_ply
 from fringeworks.files.provenance import (
@@ -31,6 +31,7 @@ from fringeworks.files.white import eight_bits, white_of
 from fringeworks.surface.cloud import cloud_triangles, normals
 from fringeworks.surface.height_map import height_map_points, lateral_notes
 from fringeworks.types import (
+    NUMBERS,
     BoolMap,
     FileProblem,
     HeightMap,

@@ -11,11 +11,21 @@ import tomli_w
 from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.beside import drop_earlier, name_beside
 from fringeworks.files.images import read_frame, write_frame
 from fringeworks.files.limits import MAX_LENGTH_PX, told
-from fringeworks.files.plan import read_plan, write_plan
+from fringeworks.files.plan import holds_plan, read_plan, write_plan
 from fringeworks.files.toml import Section, read_toml
-from fringeworks.types import Area, FileProblem, InputError, PartTolerance, Recipe, Rig
+from fringeworks.types import (
+    Area,
+    BoolMap,
+    FileProblem,
+    InputError,
+    PartTolerance,
+    Recipe,
+    Rig,
+    fingerprint,
+)
 from fringeworks.types.recipe import USUAL_RISK, Quantity
 
 MOST_CORNERS = 10_000
@@ -115,8 +125,12 @@ def write_recipe(path: StrPath, recipe: Recipe) -> Path:
     if recipe.rig is not None:
         content["rig"] = _relative(path, recipe.rig)
     if recipe.plan is not None:
-        content["plan"] = f"{path.stem}.plan.toml"
-        write_plan(path.with_name(content["plan"]), recipe.plan)
+        plan = recipe.plan
+        target = name_beside(
+            path, _plan_name(path), fingerprint(plan), lambda p: holds_plan(p, plan)
+        )
+        write_plan(target, plan)
+        content["plan"] = target.name
     if recipe.within is not None:
         content["within"] = recipe.within
     if recipe.options:
@@ -126,7 +140,25 @@ def write_recipe(path: StrPath, recipe: Recipe) -> Path:
         for number, (name, area) in enumerate(recipe.areas.items(), 1)
     }
     content["tolerances"] = [_tolerance_table(one) for one in recipe.tolerances]
-    return write_text(path, HEADER + tomli_w.dumps(content))
+    write_text(path, HEADER + tomli_w.dumps(content))
+    kept = [area["mask"] for area in content["areas"].values() if "mask" in area]
+    names = [
+        _mask_name(path, number)
+        for number, area in enumerate(recipe.areas.values(), 1)
+        if area.mask is not None
+    ]
+    if recipe.plan is not None:
+        names, kept = [*names, _plan_name(path)], [*kept, content["plan"]]
+    drop_earlier(path, names, kept)
+    return path
+
+
+def _plan_name(recipe: Path) -> str:
+    return f"{recipe.stem}.plan.toml"
+
+
+def _mask_name(recipe: Path, number: int) -> str:
+    return f"{recipe.stem}-mask-{number}.png"
 
 
 def _area(recipe: Path, name: str, area: _Area) -> Area:
@@ -146,10 +178,21 @@ def _area_table(recipe: Path, number: int, area: Area) -> dict[str, Any]:
         return {"box": list(area.box)}
     if area.polygon is not None:
         return {"polygon": [list(corner) for corner in area.polygon]}
-    assert area.mask is not None
-    image = recipe.with_name(f"{recipe.stem}-mask-{number}.png")
-    write_frame(image, np.where(area.mask, np.uint8(255), np.uint8(0)))
+    mask = area.mask
+    assert mask is not None
+    image = name_beside(
+        recipe, _mask_name(recipe, number), fingerprint(mask), lambda p: _holds_mask(p, mask)
+    )
+    write_frame(image, np.where(mask, np.uint8(255), np.uint8(0)))
     return {"mask": image.name}
+
+
+def _holds_mask(path: Path, mask: BoolMap) -> bool:
+    """Whether an image is this mask."""
+    try:
+        return np.array_equal(read_frame(path)[0] > 0, mask)
+    except FileProblem:
+        return False
 
 
 def _tolerance_table(one: PartTolerance) -> dict[str, Any]:
@@ -165,7 +208,12 @@ def _tolerance_table(one: PartTolerance) -> dict[str, Any]:
 def _beside(recipe: Path, name: str) -> Path:
     """A file in the recipe's folder or below."""
     folder = recipe.parent.resolve()
-    found = (folder / name).resolve()
+    try:
+        found = (folder / name).resolve()
+    except (OSError, ValueError, RuntimeError) as error:  # too long, with a NUL, or a loop
+        raise FileProblem(
+            f"{told(recipe)}: expected the name of a file, got {told(repr(name))}"
+        ) from error
     if not found.is_relative_to(folder):
         raise FileProblem(
             f"{told(recipe)}: expected files in its folder or below, got {told(name)} outside"

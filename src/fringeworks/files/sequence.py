@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_frame
 from fringeworks.files.limits import existing_file, is_folder
 from fringeworks.files.stack import images_of, open_stack_file
-from fringeworks.files.zarr_array import ZARR_FILE, holds_counts, open_zarr_array
+from fringeworks.files.zarr_array import ZARR_FILE, holds_counts, open_zarr_array, read_entry
 from fringeworks.types import FileProblem
 
 FRAME_AXES = 3
@@ -30,17 +29,21 @@ class FrameSequence:
     """Paths of images, or an array (frame, row, column) that stays on disk."""
 
     def __len__(self) -> int:
-        return len(self.frames)
+        # Arrays of Zarr have no len().
+        return len(self.frames) if isinstance(self.frames, list) else int(self.frames.shape[0])
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
         """Read one frame after another.
 
         Raises
         ------
-        FileProblem for an image that cannot be read.
+        FileProblem for a frame that cannot be read.
         """
-        for frame in self.frames:
-            yield read_frame(frame)[0] if isinstance(frame, Path) else np.asarray(frame)
+        for number in range(len(self)):
+            if isinstance(self.frames, list):
+                yield read_frame(self.frames[number])[0]
+            else:
+                yield read_entry(str(self.source), self.frames, number)
 
 
 def read_sequence(path: StrPath) -> FrameSequence:
@@ -77,7 +80,6 @@ def read_sequence(path: StrPath) -> FrameSequence:
 
 def _checked(place: Path, array: Any) -> Any:
     if not holds_counts(array, FRAME_AXES):
-        raise FileProblem(
-            f"{place}: expected counts (frame, row, column), got {array.dtype} {array.shape}"
-        )
+        got = " ".join(str(getattr(array, name, "")) for name in ("dtype", "shape")).strip()
+        raise FileProblem(f"{place}: expected counts (frame, row, column), got {got or 'no array'}")
     return array

@@ -25,14 +25,14 @@ from fringeworks.files.limits import (
     parsing,
     told,
 )
-from fringeworks.files.npz import NUMBERS, read_npz
+from fringeworks.files.npz import read_npz
 from fringeworks.files.pair import CAPTURE_FILE, missing_description
 from fringeworks.files.plan import PLAN_FILE, read_plan
 from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import kind_of, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Stack, step_of
-from fringeworks.types import FileProblem, sealed
+from fringeworks.types import NUMBERS, FileProblem, sealed
 
 STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz")
 """Single files that hold a stack."""

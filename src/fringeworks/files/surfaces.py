@@ -20,12 +20,12 @@ from fringeworks.files.limits import (
     read_content,
     told,
 )
-from fringeworks.files.npz import NUMBERS, TEXT, read_npz
+from fringeworks.files.npz import TEXT, read_npz
 from fringeworks.files.ply import write_ply
 from fringeworks.files.provenance import KEY, comment_lines, from_json, json_line
 from fringeworks.files.x3p import read_x3p, write_x3p
 from fringeworks.surface.height_map import height_map_points, height_map_triangles, known_pitch
-from fringeworks.types import FileProblem, HeightMap, InputError, Provenance, Reason
+from fringeworks.types import NUMBERS, FileProblem, HeightMap, InputError, Provenance, Reason
 
 PlyKind = Literal["points", "normals", "mesh"]
 GSF_MAGIC = "Gwyddion Simple Field 1.0"

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.files.limits import check_bytes, parsing, told
 from fringeworks.types import FileProblem, MissingPackage
 
 INSTALL = "pip install 'fringeworks[batch]'"
@@ -26,9 +31,25 @@ def open_zarr_array(place: str) -> Any:
     try:
         return zarr.open(place, mode="r")
     except Exception as error:
-        raise FileProblem(f"{place}: could not be opened as Zarr: {error}") from error
+        raise FileProblem(f"{place}: could not be opened as Zarr: {told(error)}") from error
 
 
 def holds_counts(array: Any, axes: int) -> bool:
     """Whether an array has so many axes, and whole or real numbers."""
     return len(getattr(array, "shape", ())) == axes and array.dtype.kind in "uf"
+
+
+def read_entry(place: str, array: Any, index: int) -> NDArray[Any]:
+    """One entry along the first axis of an array on disk.
+
+    Raises
+    ------
+    FileProblem for a damaged array, and for an entry, or a piece in which it is stored, that takes
+    more memory than the limit.
+    """
+    with parsing(Path(place), "a readable array of frames"):
+        pieces = getattr(array, "shards", None) or getattr(array, "chunks", None) or (1,)
+        for shape in (array.shape[1:], pieces):
+            needed = float(np.prod(shape, dtype=float)) * array.dtype.itemsize
+            check_bytes(needed, "one entry of an array")
+        return np.asarray(array[index])

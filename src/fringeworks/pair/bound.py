@@ -99,7 +99,8 @@ def bound_px(
 
 def _moments(windows: Windows, u: NDArray[np.float32], width: float, step: int) -> Moments:
     """Means over the window of products with powers of the distance in widths, at nodes."""
-    value, slope, known = windows.warp(np.where(np.isfinite(u), u, np.float32(0)))
+    start = np.ascontiguousarray(np.where(np.isfinite(u), u, np.float32(0)))
+    value, slope, known = windows.warp(start)
     seen = (known > 0).astype(np.float32)
     d = windows.object
     if windows.albedo is not None:

@@ -17,6 +17,8 @@ from fringeworks.types import (
     Provenance,
     Reason,
     ReferencePlaneGeometry,
+    finite,
+    positive,
 )
 
 MAX_MISFIT = 0.1
@@ -55,6 +57,11 @@ class PixelCalibration(Frozen):
     distances. With pupils at equal distances α = l/d₀ and β = 1/d₀.
     """
 
+    layout = {  # noqa: RUF012
+        "slope": "fiu hw",
+        "bend": "fiu hw",
+    }
+
     slope: FloatMap
     """α, (h, w), mm/px; NaN where not calibrated."""
     bend: FloatMap
@@ -70,7 +77,7 @@ class PixelCalibration(Frozen):
     def __post_init__(self) -> None:
         super().__post_init__()
         pitch = self.pitch_mm_per_px
-        if pitch is not None and not (np.isfinite(pitch) and pitch > 0):
+        if pitch is not None and not positive(pitch):
             raise InputError(f"calibration: expected a pitch > 0, got {pitch}")
 
 
@@ -84,7 +91,7 @@ def _checked(
             f"planes: expected a height for each, got {len(displacements_px)} planes and "
             f"{heights.size} heights"
         )
-    if not np.isfinite(heights).all() or (heights == 0).any():
+    if not finite(*heights) or not positive(*np.abs(heights)):
         raise InputError(
             f"heights: expected finite values other than 0 (the reference), got {heights_mm}"
         )
@@ -140,7 +147,7 @@ def calibrate_reference_plane(
     (5000.0, 2000.0)
     """
     maps, heights = _checked(displacements_px, heights_mm, 2)
-    if not pitch_mm_per_px > 0:
+    if not positive(pitch_mm_per_px):
         raise InputError(f"pitch: expected > 0 mm/px, got {pitch_mm_per_px}")
     count = np.isfinite(maps).sum(axis=(1, 2))
     if count.min() < MIN_PLANE_PIXELS:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks.types import (
+    NUMBERS,
     DisplacementMap,
     FloatMap,
     HeightMap,
@@ -44,13 +45,16 @@ def displacement_from_height(height_mm: FloatMap, geometry: ReferencePlaneGeomet
     >>> displacement_from_height(np.array([100.0]), g).round(3)
     array([81.633])
     """
-    height = np.asarray(height_mm, np.float64)
+    height = _real(height_mm, "height")
     distance = geometry.distance_mm
     if np.any(height >= distance):
         raise InputError(
             f"height: expected below the pupils at l = {distance:g} mm, got {np.nanmax(height):g}"
         )
-    u_mm = geometry.baseline_mm * height / (distance - height)
+    with np.errstate(all="ignore"):
+        # Of a height that is not finite, or overflows, no displacement is known.
+        u_mm = geometry.baseline_mm * height / (distance - height)
+        u_mm = np.where(np.isfinite(u_mm), u_mm, np.nan)
     return geometry.sign * u_mm / geometry.pitch_mm_per_px
 
 
@@ -81,10 +85,21 @@ def height_from_displacement(
     >>> height_from_displacement(np.array([0.0, 2000 / 49, -2000.0]), g).round(6)
     array([  0., 100.,  nan])
     """
-    u_mm = geometry.sign * np.asarray(displacement_px, np.float64) * geometry.pitch_mm_per_px
-    possible = u_mm > -geometry.baseline_mm
-    base = np.where(possible, geometry.baseline_mm + u_mm, np.nan)
-    return geometry.distance_mm * u_mm / base
+    displacement = _real(displacement_px, "displacement")
+    with np.errstate(all="ignore"):
+        u_mm = geometry.sign * displacement * geometry.pitch_mm_per_px
+        possible = (u_mm > -geometry.baseline_mm) & np.isfinite(u_mm)
+        base = np.where(possible, geometry.baseline_mm + u_mm, np.nan)
+        height = geometry.distance_mm * u_mm / base
+    return np.where(np.isfinite(height), height, np.nan)
+
+
+def _real(values: FloatMap, name: str) -> FloatMap:
+    """Real numbers in double precision."""
+    array = np.asarray(values)
+    if array.dtype.kind not in NUMBERS:
+        raise InputError(f"{name}: expected real numbers, got {array.dtype}")
+    return array.astype(np.float64)
 
 
 def to_surface(displacement: DisplacementMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:
@@ -118,10 +133,12 @@ def to_surface(displacement: DisplacementMap, geometry: ReferencePlaneGeometry |
             converged=displacement.converged,
         )
     height = height_from_displacement(displacement.displacement_px, geometry)
-    u_mm = geometry.sign * displacement.displacement_px * geometry.pitch_mm_per_px
-    with np.errstate(divide="ignore", invalid="ignore"):
+    u_px = np.asarray(displacement.displacement_px, np.float64)
+    u_mm = geometry.sign * u_px * geometry.pitch_mm_per_px
+    with np.errstate(all="ignore"):
         rate = geometry.distance_mm * geometry.baseline_mm / (geometry.baseline_mm + u_mm) ** 2
-    beyond = np.isfinite(displacement.displacement_px) & ~np.isfinite(height)
+    ok = displacement.reason == Reason.OK
+    beyond = (np.isfinite(displacement.displacement_px) | ok) & ~np.isfinite(height)
     reason = displacement.reason.copy()
     reason[beyond] = Reason.BEYOND_GEOMETRY
     sigma = np.where(beyond, np.nan, rate * displacement.sigma_px * geometry.pitch_mm_per_px)

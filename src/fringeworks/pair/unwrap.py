@@ -181,13 +181,17 @@ def _checked(
         raise InputError(f"phase: expected real numbers, got {values.dtype}")
     valid = np.isfinite(values)
     if mask is not None:
-        if mask.shape != values.shape:
-            raise InputError(f"mask: expected shape {values.shape}, got {mask.shape}")
+        if mask.shape != values.shape or mask.dtype.kind not in "bui":
+            raise InputError(
+                f"mask: expected shape {values.shape} of bool, got {mask.shape} of {mask.dtype}"
+            )
         valid &= np.asarray(mask, bool)
     weight = None
     if quality is not None:
         if quality.shape != values.shape:
             raise InputError(f"quality: expected shape {values.shape}, got {quality.shape}")
+        if quality.dtype.kind not in "fiu":
+            raise InputError(f"quality: expected real numbers, got {quality.dtype}")
         with np.errstate(invalid="ignore"):
             valid &= np.isfinite(quality) & (quality > 0)
     if not valid.any():
@@ -251,7 +255,8 @@ def _roughness(phase: PhaseField, valid: BoolMap, weight: PhaseField) -> PhaseFi
         second += (_wrap(before - phase) - _wrap(phase - after)) ** 2
     square = np.where(valid, weight, 1.0) ** 2
     scale = float(np.median((second * square)[whole])) if whole.any() else 1.0
-    rough = np.where(whole, second, MAX_ROUGHNESS) + max(scale, TINY_ROUGHNESS) / square
+    with np.errstate(all="ignore"):  # a quality may be many powers of ten below the largest one
+        rough = np.where(whole, second, MAX_ROUGHNESS) + max(scale, TINY_ROUGHNESS) / square
     return np.ascontiguousarray(np.minimum(rough, MAX_ROUGHNESS), dtype=np.float32)
 
 

@@ -11,9 +11,20 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.chain_search import ROUNDING
+from fringeworks.patterns.gray_code import GrayCode as GrayCode
+from fringeworks.patterns.gray_code import check_axis
 from fringeworks.patterns.order_chain import TURN, OrderChain, order_chain, repeat_distance
-from fringeworks.types import Axis, FloatMap, Frozen, InputError, Plotted
+from fringeworks.types import (
+    MOST_PX,
+    Axis,
+    FloatMap,
+    Frozen,
+    InputError,
+    Plotted,
+    finite,
+    positive,
+    whole,
+)
 
 DEPTHS = (8, 10, 12, 16)
 """Depths of pictures that can be drawn, bits: those of common projectors and displays."""
@@ -23,19 +34,6 @@ MAX_STEPS = 64
 
 The decoding kernel marks the samples of a pixel in a 64-bit mask. More steps are hardly ever
 useful, because the precision grows only with √N.
-"""
-
-MAX_GRAY_BITS = 24
-"""Largest number of bits of a Gray code.
-
-The decoding kernel computes in single precision, which holds whole numbers exactly up to 2²⁴.
-"""
-
-MAX_GRAY_LEVELS = 16
-"""Largest number of brightness levels of a Gray code.
-
-With a modulation of 100 counts, 16 levels are 13 counts apart, which noise of 1 to 2 counts just
-keeps apart. An empirical choice.
 """
 
 MAX_SHIFT_CONDITION = 20.0
@@ -88,15 +86,15 @@ class PhaseSteps(Frozen):
     """Shifts δ_n, rad; 3 to 64, at least three of them different modulo 2π."""
 
     def __post_init__(self) -> None:
-        _check_axis(self.axis)
-        if not (math.isfinite(self.period_px) and self.period_px >= 2.0):
+        check_axis(self.axis)
+        if not (finite(self.period_px) and self.period_px >= 2.0):
             raise InputError(f"period: expected 2 px or more, got {self.period_px:g}")
         n = len(self.shifts_rad)
         if not 3 <= n <= MAX_STEPS:
             raise InputError(f"steps: expected 3 to {MAX_STEPS}, got {n}")
+        if not finite(*self.shifts_rad):
+            raise InputError(f"shifts: expected finite values, got {self.shifts_rad}")
         shifts = np.asarray(self.shifts_rad, float)
-        if not np.isfinite(shifts).all():
-            raise InputError("shifts: expected finite values, got NaN or infinity")
         if np.linalg.cond(step_design(shifts)) > MAX_SHIFT_CONDITION:
             degrees = ", ".join(f"{d:g}" for d in np.degrees(shifts))
             raise InputError(
@@ -135,86 +133,6 @@ class PhaseSteps(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GrayCode(Frozen):
-    """Gray code that numbers cells along one axis, the most significant bit first.
-
-    With more levels of brightness it is a reflected code of that base: digits instead of bits.
-    """
-
-    axis: Axis
-    step_px: float
-    """Width of a cell, projector px; ≥ 1. With fringes at most a period; half a period is best."""
-    length_px: int
-    """Length of the projector along the axis, px."""
-    inverse: bool = False
-    """Whether the inverse picture follows every bit; with two levels only."""
-    offset_px: float = 0.0
-    """Start of cell 0, projector px from the projector's edge; ≤ 0, such as −½ ``step_px``."""
-    levels: int = 2
-    """Number of levels of brightness, 2 to 16."""
-
-    def __post_init__(self) -> None:
-        _check_axis(self.axis)
-        if not (math.isfinite(self.step_px) and self.step_px >= 1.0):
-            raise InputError(f"Gray code: expected cells of 1 px or more, got {self.step_px:g} px")
-        if not (math.isfinite(self.offset_px) and self.offset_px <= 0.0):
-            raise InputError(
-                "Gray code: expected cell 0 to begin at the projector's edge or before it, at an "
-                f"offset of 0 px or less, got {self.offset_px:g} px"
-            )
-        most = 2 if self.inverse else MAX_GRAY_LEVELS
-        if not 2 <= self.levels <= most:
-            what = "2 levels with inverse pictures" if self.inverse else f"2 to {most} levels"
-            raise InputError(f"Gray code: expected {what}, got {self.levels}")
-        if self.cells < 2:
-            raise InputError(
-                f"Gray code: expected cells of less than the projector's {self.length_px} px, "
-                f"got {self.step_px:g} px"
-            )
-        if self.cells > 2**MAX_GRAY_BITS:
-            raise InputError(
-                f"Gray code: expected 2^{MAX_GRAY_BITS} cells or fewer, got {self.cells}"
-            )
-
-    @property
-    def cells(self) -> int:
-        """Number of cells; rounding adds none where the length is a whole number of them."""
-        return math.ceil((self.length_px - self.offset_px) / self.step_px - ROUNDING)
-
-    @property
-    def bits(self) -> int:
-        """Number of bits; of digits with more than two levels."""
-        return next(n for n in range(1, MAX_GRAY_BITS + 1) if self.levels**n >= self.cells)
-
-    @property
-    def frames(self) -> int:
-        """Number of frames."""
-        return self.bits * (2 if self.inverse else 1)
-
-    def values(self, position: FloatMap, frame: int) -> FloatMap:
-        """Light that one frame sends to projector positions, 0…1.
-
-        Parameters
-        ----------
-        position : float array of any shape, projector px
-        frame : int, 0 … ``frames`` − 1
-        """
-        bit = frame // 2 if self.inverse else frame
-        top = self.levels - 1
-        cell = np.floor((position + 0.5 - self.offset_px) / self.step_px).astype(np.int64)
-        before, digit = np.divmod(cell // self.levels ** (self.bits - 1 - bit), self.levels)
-        # A digit falls where the digits before it form an odd number: the code is reflected.
-        lit = np.where(before % 2, top - digit, digit) / top
-        return np.asarray(1.0 - lit if self.inverse and frame % 2 else lit)
-
-    def labels(self) -> list[str]:
-        """One name per frame."""
-        if not self.inverse:
-            return [f"{self.axis}-gray-{b}" for b in range(self.bits)]
-        return [f"{self.axis}-gray-{b}{i}" for b in range(self.bits) for i in ("", "-inverse")]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class Uniform(Frozen):
     """One white or black frame."""
 
@@ -240,11 +158,6 @@ class Uniform(Frozen):
 
 
 Block = PhaseSteps | GrayCode | Uniform
-
-
-def _check_axis(axis: str) -> None:
-    if axis not in ("x", "y"):
-        raise InputError(f"axis: expected x or y, got {axis!r}")
 
 
 def equal_steps(n: int) -> tuple[float, ...]:
@@ -283,14 +196,15 @@ class PatternPlan(Plotted, Frozen):
     """Whether an ordered dither over 8 × 8 pixels replaces the rounding to whole counts."""
 
     def __post_init__(self) -> None:
-        if self.width_px < 2 or self.height_px < 2:
+        if not (whole(self.width_px, 2, MOST_PX) and whole(self.height_px, 2, MOST_PX)):
             raise InputError(
-                f"projector: expected 2 × 2 px or more, got {self.width_px} × {self.height_px} px"
+                f"projector: expected 2 × 2 px to {MOST_PX} × {MOST_PX} px, got {self.width_px} × "
+                f"{self.height_px} px"
             )
         if self.bits not in DEPTHS:
             depths = ", ".join(str(depth) for depth in DEPTHS)
             raise InputError(f"bits: expected one of {depths}, got {self.bits}")
-        if not (math.isfinite(self.gamma) and self.gamma > 0):
+        if not positive(self.gamma):
             raise InputError(f"gamma: expected > 0, got {self.gamma}")
         if not any(isinstance(block, PhaseSteps | GrayCode) for block in self.blocks):
             raise InputError("plan: expected fringes or Gray code, got uniform frames only")

@@ -10,6 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from fringeworks.types import InputError
+
 TableFormat = Literal["text", "csv", "json", "markdown"]
 Row = dict[str, Any]
 
@@ -22,9 +24,16 @@ def to_json(content: Any) -> str:
             return {k: clean(v) for k, v in value.items()}
         if isinstance(value, (list, tuple)):
             return [clean(v) for v in value]
+        if isinstance(value, np.ndarray | np.generic):
+            return clean(value.tolist())
         return None if isinstance(value, float) and not np.isfinite(value) else value
 
-    return json.dumps(clean(content), indent=2, allow_nan=False) + "\n"
+    try:
+        return json.dumps(clean(content), indent=2, allow_nan=False) + "\n"
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"content: expected numbers, text, lists and dictionaries, got others: {error}"
+        ) from error
 
 
 def _cell(value: Any) -> str:

@@ -11,13 +11,15 @@ import tomli_w
 from pydantic import Field
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.beside import drop_earlier, name_beside
 from fringeworks.files.capture_writer import SettingsSection, settings_of, settings_table
-from fringeworks.files.plan import read_plan, write_plan
+from fringeworks.files.limits import inside
+from fringeworks.files.plan import holds_plan, read_plan, write_plan
 from fringeworks.files.toml import Section, Size, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.delay import Delay
 from fringeworks.scan.setup import Setup, dark_modulation
-from fringeworks.types import CameraNoise, CameraSettings, Frozen
+from fringeworks.types import CameraNoise, CameraSettings, Frozen, fingerprint
 
 PLAN_SUFFIX = ".plan.toml"
 """Suffix of the plan's file beside the set-up's."""
@@ -135,7 +137,9 @@ def write_setup(path: StrPath, setup: Setup, *, projector: str, camera: str) -> 
     Both files.
     """
     path = Path(path)
-    plan = path.with_name(path.stem + PLAN_SUFFIX)
+    usual = path.stem + PLAN_SUFFIX
+    proposed = setup.proposal.plan
+    plan = name_beside(path, usual, fingerprint(proposed), lambda p: holds_plan(p, proposed))
     content: dict[str, Any] = {
         "plan": plan.name,
         "predicted_sigma_px": setup.proposal.sigma_px,
@@ -159,8 +163,9 @@ def write_setup(path: StrPath, setup: Setup, *, projector: str, camera: str) -> 
     }
     if setup.delay is not None:
         content["delay"] = _delay_table(setup.delay)
-    write_plan(plan, setup.proposal.plan)
+    write_plan(plan, proposed)
     write_text(path, tomli_w.dumps(content))
+    drop_earlier(path, [usual], [plan.name])
     return [path, plan]
 
 
@@ -191,7 +196,7 @@ def read_setup(path: StrPath) -> StoredSetup:
         settings_of(content.settings),
         CameraNoise(content.noise.read_counts, content.noise.gain),
         delay,
-        read_plan(path.with_name(content.plan)),
+        read_plan(inside(path.parent, content.plan)),
         content.findings,
         content.projector.size_px,
         content.projector.min_period_px,

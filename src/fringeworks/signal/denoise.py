@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.signal.noise import noise_variance
-from fringeworks.types import FloatMap, Frozen, InputError, sealed
+from fringeworks.types import LARGEST, FloatMap, Frozen, InputError, positive, sealed, whole
 
 Denoiser = Literal["emd", "emd2d", "bemd"]
 DENOISERS = ("emd", "emd2d", "bemd")
@@ -37,6 +37,8 @@ It bounds the time. Rows of white noise and of noisy fringes meet both criteria 
 SIFT_LIMIT = 10_000
 """Largest ``max_sifts`` that is accepted, also by the kernel; it bounds the time of a call."""
 
+PATIENCE_LIMIT = 10_000
+"""Largest number of passes without progress: that of all passes."""
 FLAT = 0.2
 """Largest root mean square of an IMF's envelope mean, as a share of the IMF's own.
 
@@ -118,8 +120,8 @@ def _checked(frame: NDArray[np.generic]) -> NDArray[np.float64]:
         raise InputError(f"frame: expected shape (h, w), got {values.shape}")
     if values.dtype.kind not in "fiu":
         raise InputError(f"frame: expected real numbers, got {values.dtype}")
-    if not np.isfinite(values).all():
-        raise InputError("frame: expected finite values, got NaN or infinity")
+    if not (np.abs(values.astype(np.float64)) <= LARGEST).all():
+        raise InputError(f"frame: expected values up to {LARGEST:g}, got NaN, infinity or more")
     return np.ascontiguousarray(values, dtype=np.float64)
 
 
@@ -171,14 +173,14 @@ def decompose_rows(
     True
     """
     values = _checked(frame)
-    if not 1 <= max_imfs <= IMF_LIMIT:
+    if not whole(max_imfs, 1, IMF_LIMIT):
         raise InputError(f"max_imfs: expected 1 to {IMF_LIMIT}, got {max_imfs}")
-    if not 1 <= max_sifts <= SIFT_LIMIT:
+    if not whole(max_sifts, 1, SIFT_LIMIT):
         raise InputError(f"max_sifts: expected 1 to {SIFT_LIMIT}, got {max_sifts}")
-    if not flat > 0:
+    if not positive(flat):
         raise InputError(f"flat: expected > 0, got {flat}")
-    if not patience >= 0:
-        raise InputError(f"patience: expected ≥ 0, got {patience}")
+    if not whole(patience, 0, PATIENCE_LIMIT):
+        raise InputError(f"patience: expected 0 to {PATIENCE_LIMIT}, got {patience}")
     imfs, residue, counts, unfinished = _core.decompose_rows(
         values, max_imfs=max_imfs, max_sifts=max_sifts, flat=flat, patience=patience
     )

@@ -44,6 +44,7 @@ from fringeworks.types import (
     InputError,
     Reason,
     count_reasons,
+    positive,
     sealed,
 )
 
@@ -342,7 +343,7 @@ def _not_negative(min_modulation: float) -> float:
 
 
 def checked_count_step(count_step: float | None) -> float | None:
-    if count_step is not None and not 0 < count_step < np.inf:
+    if count_step is not None and not positive(count_step):
         raise InputError(f"count_step: expected > 0 counts, got {count_step}")
     return count_step
 

@@ -28,6 +28,7 @@ from fringeworks.stack.frames import Planes, check_frames, readable
 from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import (
+    MOST_PX,
     Axis,
     ByteMap,
     Decoded,
@@ -38,6 +39,7 @@ from fringeworks.types import (
     Reason,
     Rig,
     RigMismatch,
+    whole,
 )
 
 JUDGE_EVERY = 25
@@ -99,6 +101,8 @@ class Decoder:
         judge_every: int = JUDGE_EVERY,
         **options: Unpack[DecodeOptions],
     ) -> None:
+        if len(shape) != 2 or not all(whole(n, 1, MOST_PX) for n in shape):
+            raise InputError(f"shape: expected rows and columns, got {shape}")
         if judge_every < 1:
             raise InputError(f"judge_every: expected 1 or more, got {judge_every}")
         if options.get("estimate_response") and options.get("response") is not None:

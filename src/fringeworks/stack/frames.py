@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
-from fringeworks.types import FramesContradictPlan, Frozen, InputError, Source
+from fringeworks.types import FramesContradictPlan, Frozen, InputError, Source, positive
 
 FRAME_TYPES = ("uint8", "uint16", "float32", "float64")
 """Types of the counts that frames may have."""
@@ -213,7 +213,7 @@ def sample_of(frame: NDArray[Any], places: Places) -> NDArray[Any]:
 def saturation_of(dtype: np.dtype[Any], given: float | None) -> float:
     """Saturation: the given one, the largest count of an integer type, or infinity for floats."""
     if given is not None:
-        if not given > 0:
+        if not (positive(given) or given == np.inf):
             raise InputError(f"saturation: expected > 0 counts, got {given}")
         return float(given)
     return float(np.iinfo(dtype).max) if dtype.kind == "u" else float("inf")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import PatternPlan, PhaseSteps
 from fringeworks.signal.response import Response
+from fringeworks.stack.frames import check_frames
 from fringeworks.stack.wrapped import wrapped_phase
 from fringeworks.types import (
     ByteMap,
@@ -21,6 +22,7 @@ from fringeworks.types import (
     Plotted,
     Provenance,
     Reason,
+    positive,
     sealed,
 )
 
@@ -28,6 +30,14 @@ from fringeworks.types import (
 @dataclass(frozen=True, eq=False, repr=False)
 class LightSeparation(Plotted, Frozen):
     """What a camera would see under a white projector: light that came straight, and all other."""
+
+    layout = {  # noqa: RUF012
+        "direct": "fiu hw",
+        "direct_sigma": "fiu hw",
+        "indirect": "fiu hw",
+        "indirect_sigma": "fiu hw",
+        "reason": "ui hw",
+    }
 
     direct: FloatMap
     """Light that came straight from the projector, (h, w), counts; NaN where undetermined."""
@@ -112,8 +122,9 @@ def separate_light(
     >>> round(float(found.direct[20, 100])), round(float(found.indirect[20, 100]))
     (120, 60)
     """
-    if not 0.0 < contrast <= 1.0:
+    if not (positive(contrast) and contrast <= 1.0):
         raise InputError(f"contrast: expected above 0 and up to 1, got {contrast:g}")
+    frames = check_frames(frames, plan)
     sets = [(k, b) for k, b in plan.placed if isinstance(b, PhaseSteps)]
     if not sets:
         raise InputError("plan: expected a set of phase steps, got none")

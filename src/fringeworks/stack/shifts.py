@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import step_design
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import LARGEST, NUMBERS, FloatMap, InputError, finite
 
 MAX_ITERATIONS = 500
 """Largest number of iterations; most searches converge after tens of them. An empirical choice."""
@@ -76,14 +76,20 @@ def estimate_shifts(samples: FloatMap, shifts_rad: Sequence[float]) -> NDArray[n
     >>> bool(np.allclose(shifts - shifts[0], real, atol=1e-6))
     True
     """
+    if np.asarray(samples).dtype.kind not in NUMBERS:
+        raise InputError(f"samples: expected real numbers, got {np.asarray(samples).dtype}")
     values = np.asarray(samples, np.float64)
     nominal = np.asarray(shifts_rad, np.float64)
+    if nominal.ndim != 1 or nominal.size < 3:
+        raise InputError(f"shifts: expected 3 or more, got shape {nominal.shape}")
     if values.ndim != 2 or values.shape[0] != nominal.size:
         raise InputError(f"samples: expected shape ({nominal.size}, n), got {values.shape}")
     if values.shape[1] < MIN_SHIFT_PIXELS:
         raise InputError(
             f"steps: expected {MIN_SHIFT_PIXELS} pixels with fringes or more, got {values.shape[1]}"
         )
+    if not (np.isfinite(values).all() and np.abs(values).max() <= LARGEST and finite(*nominal)):
+        raise InputError("samples: expected finite values and shifts, got NaN, infinity or more")
     if nominal.size < 5:
         return _aligned(_by_components(values, nominal), nominal)
     components = _aligned(_by_components(values, nominal, strict=False), nominal)

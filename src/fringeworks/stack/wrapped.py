@@ -30,6 +30,14 @@ from fringeworks.types import (
 class WrappedPhase(Plotted, Frozen):
     """The phase of shifted fringes at every camera pixel, modulo 2π."""
 
+    layout = {  # noqa: RUF012
+        "phase_rad": "fiu hw",
+        "sigma_rad": "fiu hw",
+        "modulation": "fiu hw",
+        "background": "fiu hw",
+        "reason": "ui hw",
+    }
+
     phase_rad: FloatMap
     """φ of I_n = A + B cos(φ − δ_n), (h, w), −π…π rad; NaN where it cannot be measured."""
     sigma_rad: FloatMap

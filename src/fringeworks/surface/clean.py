@@ -8,7 +8,16 @@ import numpy as np
 import scipy
 
 from fringeworks.surface.cloud import cloud_triangles
-from fringeworks.types import BoolMap, FloatMap, InputError, PointCloud, Reason
+from fringeworks.types import (
+    NUMBERS,
+    BoolMap,
+    FloatMap,
+    InputError,
+    PointCloud,
+    Reason,
+    finite,
+    positive,
+)
 
 MIN_ISLAND_PX = 50
 """Smallest number of connected pixels that is kept. Empirical: dust and reflections give a few."""
@@ -40,9 +49,9 @@ def clean_cloud(
     ------
     InputError for limits out of range.
     """
-    if min_island_px < 1:
+    if not finite(min_island_px) or min_island_px < 1:
         raise InputError(f"min_island_px: expected 1 or more, got {min_island_px}")
-    if max_sigma_mm is not None and not max_sigma_mm > 0:
+    if max_sigma_mm is not None and not positive(max_sigma_mm):
         raise InputError(f"max_sigma_mm: expected > 0, got {max_sigma_mm}")
     kept = cloud.reason == Reason.OK
     if max_sigma_mm is not None:
@@ -82,17 +91,25 @@ def crop_cloud(
     kept = np.ones(cloud.shape, bool)
     with np.errstate(invalid="ignore"):
         if box_mm is not None:
-            box = np.asarray(box_mm, np.float64)
-            if box.shape != (2, 3) or not (box[0] < box[1]).all():
+            box = np.asarray(box_mm)
+            if box.dtype.kind not in NUMBERS or box.shape != (2, 3) or not (box[0] < box[1]).all():
                 raise InputError(
                     f"box_mm: expected smallest and largest x, y, z, got {box.tolist()}"
                 )
             kept &= ((cloud.xyz_mm >= box[0]) & (cloud.xyz_mm <= box[1])).all(axis=-1)
         if plane is not None:
+            if len(plane) != 2:
+                raise InputError(f"plane: expected a point and a normal, got {len(plane)} values")
             point, normal = (np.asarray(part, np.float64) for part in plane)
-            if point.shape != (3,) or normal.shape != (3,) or not np.linalg.norm(normal) > 0:
+            if (
+                point.shape != (3,)
+                or not finite(*point, *normal.ravel())
+                or normal.shape != (3,)
+                or not np.linalg.norm(normal) > 0
+            ):
                 raise InputError(
-                    f"plane: expected a point and a normal of 3 values, got {point} and {normal}"
+                    f"plane: expected a point and a normal of 3 values, got {point.shape} "
+                    f"and {normal.shape}"
                 )
             kept &= (cloud.xyz_mm - point) @ normal >= 0
     if mask is not None:

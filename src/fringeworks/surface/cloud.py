@@ -7,7 +7,17 @@ import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.types import FloatMap, HeightMap, InputError, PointCloud, Reason
+from fringeworks.types import (
+    MOST_PX,
+    FloatMap,
+    HeightMap,
+    InputError,
+    PointCloud,
+    Reason,
+    finite,
+    positive,
+    whole,
+)
 
 MIN_NORMAL_POINTS = 6
 """Smallest number of points in a window for a normal: a plane has three parameters, and twice as
@@ -51,15 +61,16 @@ def normals(cloud: PointCloud, *, window: int = 5) -> FloatMap:
     A plane n·P = 1 is linear in the inverse depth over image coordinates: 1/z = n·(x/z, y/z, 1).
     It is fitted by least squares, with sums that slide along with the window.
     """
-    if window < 3 or window % 2 == 0:
-        raise InputError(f"window: expected an odd number of 3 or more, got {window}")
+    if not whole(window, 3, MOST_PX) or window % 2 == 0:
+        raise InputError(f"window: expected an odd number of 3 to {MOST_PX}, got {window}")
     ok = cloud.reason == Reason.OK
     xyz = np.where(ok[..., None], cloud.xyz_mm, 1.0).astype(np.float64)
-    w = 1.0 / xyz[..., 2]
-    u, v = xyz[..., 0] * w, xyz[..., 1] * w
-    # Sums of squares lose small differences of large numbers, so the mean is subtracted first.
-    mean = [float(a[ok].mean()) if ok.any() else 0.0 for a in (u, v, w)]
-    u, v, w = (np.where(ok, a - m, 0.0) for a, m in zip((u, v, w), mean, strict=True))
+    with np.errstate(all="ignore"):
+        w = 1.0 / xyz[..., 2]
+        u, v = xyz[..., 0] * w, xyz[..., 1] * w
+        # Sums of squares lose small differences of large numbers: the mean is subtracted first.
+        mean = [float(a[ok].mean()) if ok.any() else 0.0 for a in (u, v, w)]
+        u, v, w = (np.where(ok, a - m, 0.0) for a, m in zip((u, v, w), mean, strict=True))
 
     def total(values: FloatMap) -> FloatMap:
         return np.asarray(scipy.ndimage.uniform_filter(values, window, mode="constant") * window**2)
@@ -107,14 +118,16 @@ def cloud_triangles(cloud: PointCloud) -> NDArray[np.uint32]:
     if not len(faces):
         return np.empty((0, 3), np.uint32)
     p, q, r = (points[faces[:, k]].astype(np.float64) for k in range(3))
-    normal = np.cross(q - p, r - p)
+    with np.errstate(all="ignore"):
+        normal = np.cross(q - p, r - p)
     length_product = np.linalg.norm(normal, axis=1) * np.linalg.norm(p, axis=1)
     grazing = np.abs(np.einsum("nk,nk->n", normal, p)) < GRAZING_COSINE * length_product
     longest_side = np.sqrt(
         np.max([np.sum((s - t) ** 2, axis=1) for s, t in ((p, q), (q, r), (r, p))], axis=0)
     )
     # A pixel sees a length in proportion to its depth.
-    per_depth = longest_side / p[:, 2]
+    with np.errstate(all="ignore"):
+        per_depth = longest_side / p[:, 2]
     faces = faces[~grazing & (per_depth < LONG_SIDE * np.median(per_depth))]
     return np.asarray(faces, np.uint32)
 
@@ -154,7 +167,7 @@ def height_over_plane(
     InputError for a plane, direction or pitch that defines no grid, a grid of more than 10⁸ nodes,
     and a cloud without triangles.
     """
-    if not pitch_mm > 0:
+    if not positive(pitch_mm):
         raise InputError(f"pitch_mm: expected > 0, got {pitch_mm}")
     origin = np.asarray(point_mm, np.float64)
     x, y, up = _plane_axes(origin, np.asarray(normal, np.float64), right)
@@ -182,12 +195,16 @@ def _plane_axes(
     origin: FloatMap, normal: FloatMap, right: FloatMap | None
 ) -> tuple[FloatMap, FloatMap, FloatMap]:
     """Unit vectors of a grid on a plane: columns, rows, and up towards the camera."""
-    if normal.shape != (3,) or origin.shape != (3,) or not np.linalg.norm(normal) > 0:
+    known = normal.shape == origin.shape == (3,) and finite(*normal, *origin)
+    if not known or not positive(np.linalg.norm(normal)):
         raise InputError(
-            f"plane: expected a point and a normal > 0 of 3 values each, got {origin} and {normal}"
+            "plane: expected a finite point and a normal > 0 of 3 values each, got shapes "
+            f"{origin.shape} and {normal.shape}"
         )
     up = normal / np.linalg.norm(normal) * (1.0 if normal @ -origin > 0 else -1.0)
     x = np.array([1.0, 0.0, 0.0]) if right is None else np.asarray(right, np.float64)
+    if x.shape != (3,) or not finite(*x):
+        raise InputError(f"right: expected a direction of 3 finite values, got shape {x.shape}")
     x = x - (x @ up) * up
     if not np.linalg.norm(x) > MIN_RIGHT_SINE:
         raise InputError("right: expected a direction that is not along the normal, got one")
@@ -203,7 +220,9 @@ def _topmost(
     used, local_faces = np.unique(faces, return_inverse=True)
     local = (cloud.xyz_mm.reshape(-1, 3)[used].astype(np.float64) - origin) @ axes.T
     low, high = local.min(axis=0), local.max(axis=0)
-    columns, rows = (int(n) for n in np.floor((high[:2] - low[:2]) / pitch_mm) + 1)
+    with np.errstate(all="ignore"):
+        lengths = np.floor((high[:2] - low[:2]) / pitch_mm) + 1
+    columns, rows = (int(min(n, 2.0 * MAX_NODES)) for n in lengths)
     if rows * columns > MAX_NODES:
         raise InputError(
             f"pitch_mm: expected a grid below {MAX_NODES:.0e} nodes, got {columns} × {rows} nodes "

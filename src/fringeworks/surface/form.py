@@ -9,8 +9,19 @@ import numpy as np
 import scipy
 
 from fringeworks.surface.form_geometry import GEOMETRIES, BodyKind, FormGeometry
-from fringeworks.types import MAD_TO_SIGMA, BoolMap, FloatMap, Frozen, InputError
+from fringeworks.types import (
+    LARGEST,
+    MAD_TO_SIGMA,
+    NUMBERS,
+    BoolMap,
+    FloatMap,
+    Frozen,
+    InputError,
+    whole,
+)
 
+MOST_SEED = 2**63 - 1
+"""Largest seed of the random choices: that of 64-bit whole numbers."""
 DISCARDED = 0.003
 """Share of the points that may be discarded before a range is taken, from VDI/VDE 2634 part 2."""
 MIN_POINTS = 10
@@ -170,6 +181,8 @@ def _find(points_mm: FloatMap, body: BodyKind, sigma_mm: FloatMap | None, seed: 
     """The body that is found among the points, whatever else is there."""
     points, geometry = _checked(points_mm, body)
     weight = _weights(sigma_mm, len(points))
+    if not whole(seed, 0, MOST_SEED):
+        raise InputError(f"seed: expected a whole number from 0 on, got {seed}")
     rng = np.random.default_rng(seed)
     sample = points
     if len(points) > START_POINTS:
@@ -283,8 +296,10 @@ def _radius_sigma(
 def _checked(points_mm: FloatMap, body: str) -> tuple[FloatMap, FormGeometry]:
     if body not in GEOMETRIES:
         raise InputError(f"fit: expected one of {', '.join(GEOMETRIES)}, got {body!r}")
+    if np.asarray(points_mm).dtype.kind not in NUMBERS:
+        raise InputError(f"points: expected real numbers, got {np.asarray(points_mm).dtype}")
     points = np.asarray(points_mm, np.float64)
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+    if points.ndim != 2 or points.shape[1] != 3 or not (np.abs(points) <= LARGEST).all():
         raise InputError(f"points: expected finite (n, 3), got shape {points.shape}")
     if len(points) < MIN_POINTS:
         raise InputError(f"fit: expected {MIN_POINTS} points or more, got {len(points)}")
@@ -296,7 +311,7 @@ def _weights(sigma_mm: FloatMap | None, n: int) -> FloatMap:
     if sigma_mm is None:
         return np.ones(n)
     sigma = np.asarray(sigma_mm, np.float64)
-    if sigma.shape != (n,) or not (sigma > 0).all():
+    if sigma.shape != (n,) or not ((sigma >= 1 / LARGEST) & (sigma <= LARGEST)).all():
         raise InputError(f"sigma: expected {n} values > 0, got shape {sigma.shape}")
     return np.asarray(np.median(sigma) / sigma)
 

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from fringeworks.surface.form import DISCARDED, MIN_POINTS, Form, fit_form
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import FloatMap, InputError, whole
 
+MOST_SPHERES = 1000
+"""Largest number of spheres that are looked for. Artefacts have up to some tens."""
 SPHERE_REGION = 1.1
 """Radius of the ball around a sphere's centre that is its region, in radii of the sphere: all of
 its dents, and bumps of up to a tenth of its radius."""
@@ -43,6 +45,12 @@ def find_spheres(
     InputError where fewer spheres are found.
     """
     points = np.asarray(points_mm, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"fit: expected points (n, 3), got shape {points.shape}")
+    if sigma_mm is not None and np.shape(sigma_mm) != (len(points),):
+        raise InputError(f"sigma_mm: expected ({len(points)},), got {np.shape(sigma_mm)}")
+    if not whole(count, 1, MOST_SPHERES):
+        raise InputError(f"count: expected 1 to {MOST_SPHERES}, got {count}")
     remaining = np.ones(len(points), bool)
     forms = []
     for k in range(count):

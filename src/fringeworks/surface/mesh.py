@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fringeworks.surface.cloud import cloud_triangles
 from fringeworks.types import (
+    LARGEST,
     BoolMap,
     FloatMap,
     InputError,
@@ -17,6 +18,7 @@ from fringeworks.types import (
     PointCloud,
     Reason,
     TriangleMesh,
+    finite,
 )
 
 MAX_RELIEF = 0.5
@@ -53,7 +55,7 @@ def cloud_mesh(cloud: PointCloud, *, fill_px: int = 0) -> TriangleMesh:
     In a hole, x/z, y/z and 1/z solve Laplace's equation with the values on its rim. On a plane all
     three are linear in the camera's rays, so that a hole in a plane is filled by the plane.
     """
-    if fill_px < 0:
+    if not finite(fill_px) or fill_px < 0:
         raise InputError(f"fill_px: expected 0 or more, got {fill_px}")
     filled = np.zeros(cloud.shape, bool)
     if fill_px:
@@ -100,10 +102,12 @@ def decimate(mesh: TriangleMesh, faces: int) -> TriangleMesh:
     Edges are collapsed by the quadric error of M. Garland and P. Heckbert, SIGGRAPH 1997,
     doi:10.1145/258734.258849.
     """
-    if faces < MIN_FACES:
+    if not finite(faces) or faces < MIN_FACES:
         raise InputError(f"faces: expected {MIN_FACES} or more, got {faces}")
     if len(mesh.faces) <= faces:
         return mesh
+    if mesh.vertices_mm.size and not np.abs(mesh.vertices_mm).max() <= LARGEST:
+        raise InputError(f"mesh: expected vertices within {LARGEST:g} mm, got others")
     try:
         import fast_simplification
     except ImportError as error:
@@ -115,7 +119,7 @@ def decimate(mesh: TriangleMesh, faces: int) -> TriangleMesh:
     # The package computes in single precision, which coordinates far from 0 would lose.
     middle = before.mean(axis=0)
     vertices, left = fast_simplification.simplify(
-        (before - middle).astype(np.float32), mesh.faces.astype(np.int32), target_count=faces
+        (before - middle).astype(np.float32), mesh.faces.astype(np.int32), target_count=int(faces)
     )
     after = np.asarray(vertices, np.float64) + middle
     near = scipy.spatial.cKDTree(before).query(after)[1]
@@ -174,6 +178,8 @@ def _harmonic(xyz: FloatMap, hole: BoolMap, ok: BoolMap) -> FloatMap | None:
     with np.errstate(invalid="ignore", divide="ignore"):
         values = np.stack((xyz[..., 0] / z, xyz[..., 1] / z, 1.0 / z), axis=-1)
     u, v, w = values[rim].T
+    if not np.isfinite(values[rim]).all():
+        return None
     design = np.column_stack((u - u.mean(), v - v.mean(), np.ones_like(u)))
     relief = np.abs(w - design @ np.linalg.lstsq(design, w, rcond=None)[0]).max() / w.mean()
     if relief > MAX_RELIEF * max(np.ptp(u), np.ptp(v)):

@@ -19,6 +19,7 @@ from fringeworks.types import (
     PointCloud,
     Profile,
     Reason,
+    finite,
 )
 
 MIN_LATERAL_SINE = 1e-6
@@ -133,7 +134,8 @@ def pixels_on_line(line: Line, shape: tuple[int, ...]) -> NDArray[np.int64]:
     ------
     InputError for anything but two different pixels of the frame.
     """
-    ends = np.asarray(line)
+    known = len(line) == 2 and all(len(end) == 2 and finite(*end) for end in line)
+    ends = np.asarray(line if known else ())
     if ends.shape != (2, 2) or not (ends == np.floor(ends)).all():
         raise InputError(f"line: expected ((x0, y0), (x1, y1)) in whole pixels, got {line}")
     rows, columns = shape[:2]
@@ -298,7 +300,8 @@ def difference(
     if isinstance(one, PointCloud) and isinstance(other, PointCloud):
         _check_alike("shape", one.shape, other.shape)
         a, b = organised_points(one), organised_points(other)
-        values = np.einsum("hwk,hwk->hw", b - a, a) / np.linalg.norm(a, axis=-1)
+        with np.errstate(all="ignore"):
+            values = np.einsum("hwk,hwk->hw", b - a, a) / np.linalg.norm(a, axis=-1)
         sigmas = one.sigma_mm, other.sigma_mm
     elif isinstance(one, HeightMap) and isinstance(other, HeightMap):
         for name in ("shape", "unit", "quantity", "pitch"):

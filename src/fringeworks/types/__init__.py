@@ -15,6 +15,17 @@ from fringeworks.types.arrays import (
     reason_counts,
 )
 from fringeworks.types.camera import CameraSettings, Region
+from fringeworks.types.checks import (
+    LARGEST,
+    MOST_PX,
+    NUMBERS,
+    check_layout,
+    finite,
+    fits_axes,
+    layout_words,
+    positive,
+    whole,
+)
 from fringeworks.types.coordinates import CoordinateMap, Decoded
 from fringeworks.types.displayed import Plotted, Sectioned
 from fringeworks.types.errors import (
@@ -40,7 +51,10 @@ from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
 from fringeworks.types.surface import HeightMap, PointCloud
 
 __all__ = [
+    "LARGEST",
     "MAD_TO_SIGMA",
+    "MOST_PX",
+    "NUMBERS",
     "RIG_PARAMETERS",
     "Area",
     "Axis",
@@ -82,13 +96,19 @@ __all__ = [
     "TriangleMesh",
     "UnknownMethod",
     "check_fields",
+    "check_layout",
     "check_reusable",
     "count_reasons",
     "fingerprint",
+    "finite",
+    "fits_axes",
+    "layout_words",
     "made_by",
+    "positive",
     "provenance_from",
     "reason_counts",
     "sealed",
     "today",
     "unsealed",
+    "whole",
 ]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.types.arrays import BoolMap
+from fringeworks.types.checks import MOST_PX, finite, whole
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 
@@ -35,15 +36,25 @@ class Area(Frozen):
                 f"area: expected a box, a polygon or a mask, got {' and '.join(given) or 'none'}"
             )
         if self.box is not None and not (
-            len(self.box) == 4 and self.box[2] >= self.box[0] and self.box[3] >= self.box[1]
+            len(self.box) == 4
+            and all(whole(v, -MOST_PX, MOST_PX) for v in self.box)
+            and self.box[2] >= self.box[0]
+            and self.box[3] >= self.box[1]
         ):
             raise InputError(
                 "area: expected a box as first column, first row, last column, last row, got "
                 f"{self.box}"
             )
-        if self.polygon is not None and len(self.polygon) < 3:
+        if self.polygon is not None and not (
+            len(self.polygon) >= 3 and all(len(c) == 2 and finite(*c) for c in self.polygon)
+        ):
             raise InputError(
-                f"area: expected a polygon of 3 corners or more, got {len(self.polygon)}"
+                "area: expected a polygon of 3 corners (column, row) or more, got "
+                f"{len(self.polygon)}: {str(self.polygon)[:100]}"
+            )
+        if self.mask is not None and (self.mask.ndim != 2 or self.mask.dtype != bool):
+            raise InputError(
+                f"area: expected a mask (h, w) of bool, got {self.mask.dtype} {self.mask.shape}"
             )
 
     def pixels(self, shape: tuple[int, int]) -> BoolMap:

@@ -8,6 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.types.errors import InputError
+
 Axis = Literal["x", "y"]
 """x: from column to column. y: from row to row."""
 FloatMap = NDArray[np.floating[Any]]
@@ -47,12 +49,23 @@ def count_reasons(reason: ByteMap) -> dict[str, int]:
     -------
     Number of pixels by the reason's name in lower case, without the reasons that do not occur.
 
+    Raises
+    ------
+    InputError for anything but whole numbers that are a ``Reason``.
+
     Examples
     --------
     >>> count_reasons(np.array([[0, 0, 3]], np.uint8))
     {'ok': 2, 'low_modulation': 1}
     """
-    return {Reason(k).name.lower(): int(n) for k, n in enumerate(reason_counts(reason)) if n}
+    codes = np.asarray(reason)
+    if codes.dtype.kind not in "ui" or (
+        codes.size and not 0 <= codes.min() <= codes.max() < len(Reason)
+    ):
+        raise InputError(
+            f"reason: expected whole numbers of 0 to {len(Reason) - 1}, got others ({codes.dtype})"
+        )
+    return {Reason(k).name.lower(): int(n) for k, n in enumerate(reason_counts(codes)) if n}
 
 
 def reason_counts(reason: ByteMap) -> NDArray[np.int64]:

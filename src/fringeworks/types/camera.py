@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
+from fringeworks.types.checks import MOST_PX, finite, positive, whole
 from fringeworks.types.errors import check_fields
 
 
@@ -31,10 +30,10 @@ class Region:
     def __post_init__(self) -> None:
         check_fields(
             self,
-            x_px=(self.x_px >= 0, ">= 0"),
-            y_px=(self.y_px >= 0, ">= 0"),
-            width_px=(self.width_px >= 1, ">= 1"),
-            height_px=(self.height_px >= 1, ">= 1"),
+            x_px=(whole(self.x_px, 0, MOST_PX), ">= 0"),
+            y_px=(whole(self.y_px, 0, MOST_PX), ">= 0"),
+            width_px=(whole(self.width_px, 1, MOST_PX), ">= 1"),
+            height_px=(whole(self.height_px, 1, MOST_PX), ">= 1"),
         )
 
 
@@ -65,8 +64,8 @@ class CameraSettings:
         exposure, gain = self.exposure_ms, self.gain_db
         check_fields(
             self,
-            exposure_ms=(exposure is None or (np.isfinite(exposure) and exposure > 0), "> 0"),
-            gain_db=(gain is None or np.isfinite(gain), "a finite value"),
+            exposure_ms=(exposure is None or positive(exposure), "> 0"),
+            gain_db=(gain is None or finite(gain), "a finite value"),
         )
 
     def given(self) -> dict[str, Any]:

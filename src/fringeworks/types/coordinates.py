@@ -21,6 +21,16 @@ from fringeworks.types.provenance import Provenance
 class CoordinateMap(Sectioned, Frozen):
     """The projector coordinate that lights every camera pixel, along one axis."""
 
+    layout = {  # noqa: RUF012
+        "coordinate_px": "fiu hw",
+        "sigma_px": "fiu hw",
+        "modulation": "fiu hw",
+        "background": "fiu hw",
+        "reason": "ui hw",
+        "phase_rad": "?fiu nhw",
+        "modulations": "?fiu nhw",
+    }
+
     coordinate_px: FloatMap
     """Projector coordinate, (h, w), px, centres on integers; NaN where it cannot be measured."""
     sigma_px: FloatMap

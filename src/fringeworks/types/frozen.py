@@ -6,11 +6,12 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import combinations
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.types.checks import check_layout
 from fringeworks.types.errors import InputError
 
 SHOWN_ITEMS = 6
@@ -28,11 +29,19 @@ class Frozen:
     Arrays are copied and made read-only when an object is made, so that nobody can change it from
     outside. Arrays that are read-only already, all the way down to the memory they view, are kept.
     Two objects are equal if their types and all fields are, with NaN equal to NaN.
+
+    Raises
+    ------
+    InputError for arrays that do not follow the layout of the type.
     """
+
+    layout: ClassVar[Mapping[str, str]] = {}
+    """Types and shapes of the arrays by name; see ``check_layout``."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
             object.__setattr__(self, field.name, _owned(getattr(self, field.name)))
+        check_layout(vars(self), self.layout)
 
     def __repr__(self) -> str:
         shown = [f"{f.name}={_short(getattr(self, f.name))}" for f in fields(self) if f.repr]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.types.arrays import FloatMap
+from fringeworks.types.checks import finite
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 
@@ -27,7 +28,7 @@ class CameraNoise(Frozen):
         super().__post_init__()
         for name in ("read_counts", "gain"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
+            if not (finite(value) and value >= 0):
                 raise InputError(f"noise: expected {name} >= 0, got {value}")
 
     def variance(self, brightness: FloatMap | float) -> FloatMap:

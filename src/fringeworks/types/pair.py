@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.types.arrays import Axis, BoolMap, ByteMap, FloatMap
+from fringeworks.types.checks import finite, positive
 from fringeworks.types.displayed import Sectioned
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
@@ -37,10 +38,10 @@ class ReferencePlaneGeometry(Frozen):
         super().__post_init__()
         for name in ("distance_mm", "baseline_mm", "pitch_mm_per_px"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
+            if not (positive(value)):
                 raise InputError(f"geometry: expected {name} > 0, got {value}")
         if self.principal_px is not None and not (
-            len(self.principal_px) == 2 and np.isfinite(self.principal_px).all()
+            len(self.principal_px) == 2 and finite(*self.principal_px)
         ):
             raise InputError(
                 f"geometry: expected principal_px as x and y, finite, got {self.principal_px}"
@@ -86,6 +87,16 @@ class Pair(Frozen):
 @dataclass(frozen=True, eq=False, repr=False)
 class DisplacementMap(Sectioned, Frozen):
     """Displacement of the fringes per pixel: d(x) = a + b·s(x − u), theory §2 and §4."""
+
+    layout = {  # noqa: RUF012
+        "displacement_px": "fiu hw",
+        "sigma_px": "fiu hw",
+        "modulation_ratio": "fiu hw",
+        "reason": "ui hw",
+        "iterations": "?ui hw",
+        "albedo": "?fiu hw",
+        "walls": "?ui hw",
+    }
 
     displacement_px: FloatMap
     """u along the carrier's axis, (h, w), px; NaN where it cannot be measured."""

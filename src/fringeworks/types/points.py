@@ -17,6 +17,14 @@ from fringeworks.types.provenance import Provenance
 class Points(Frozen):
     """Points without their place in a frame, as a file or several merged views have them."""
 
+    layout = {  # noqa: RUF012
+        "xyz_mm": "fiu n3",
+        "sigma_mm": "?fiu n",
+        "noise_mm": "?fiu n",
+        "normals": "?fiu n3",
+        "colour": "?fiu n|n3",
+    }
+
     xyz_mm: FloatMap
     """(n, 3), mm."""
     sigma_mm: FloatMap | None
@@ -74,9 +82,9 @@ class TriangleMesh(Frozen):
             )
         for name in ("sigma_mm", "colour", "filled"):
             values = getattr(self, name)
-            if values is not None and len(values) != len(vertices):
+            if values is not None and (not np.ndim(values) or len(values) != len(vertices)):
                 raise InputError(
-                    f"mesh: expected {name} of {len(vertices)} vertices, got {len(values)}"
+                    f"mesh: expected {name} of {len(vertices)} vertices, got {np.shape(values)}"
                 )
         object.__setattr__(self, "faces", faces.astype(np.uint32))
         super().__post_init__()

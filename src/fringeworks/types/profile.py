@@ -20,6 +20,15 @@ Line = tuple[tuple[int, int], tuple[int, int]]
 class Profile(Plotted, Frozen):
     """Samples of a map along a straight line of its pixels, with σ and reasons."""
 
+    layout = {  # noqa: RUF012
+        "pixels": "ui n2",
+        "along_px": "fiu n",
+        "along_mm": "?fiu n",
+        "values": "fiu n",
+        "sigma": "fiu n",
+        "reason": "ui n",
+    }
+
     pixels: NDArray[np.integer[Any]]
     """Column and row of every sample, (n, 2)."""
     along_px: FloatMap

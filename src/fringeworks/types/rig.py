@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.types.arrays import FloatMap
+from fringeworks.types.checks import MOST_PX, finite, positive, whole
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.provenance import Provenance
@@ -33,14 +34,15 @@ class Pinhole(Frozen):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.width_px < 2 or self.height_px < 2:
+        if not (whole(self.width_px, 2, MOST_PX) and whole(self.height_px, 2, MOST_PX)):
             raise InputError(
-                f"device: expected 2 × 2 px or more, got {self.width_px} × {self.height_px}"
+                f"device: expected 2 × 2 px to {MOST_PX} × {MOST_PX} px, got {self.width_px} × "
+                f"{self.height_px}"
             )
         values = (*self.focal_px, *self.principal_px, *self.distortion)
-        if len(values) != 9 or not np.isfinite(values).all():
+        if len(values) != 9 or not finite(*values):
             raise InputError(f"device: expected nine finite numbers, got {values}")
-        if min(self.focal_px) <= 0:
+        if not positive(*self.focal_px):
             raise InputError(f"device: expected focal lengths > 0, got {self.focal_px}")
 
     @property
@@ -87,7 +89,7 @@ class Rig(Frozen):
                 object.__setattr__(self, name, np.asarray(value, np.float64))
         super().__post_init__()
         pose = self.T_projector_camera
-        if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        if pose.shape != (4, 4) or not finite(*pose.ravel()):
             raise InputError(f"rig: expected a finite (4, 4) transform, got shape {pose.shape}")
         rotation = pose[:3, :3]
         off = np.abs(rotation @ rotation.T - np.eye(3)).max()

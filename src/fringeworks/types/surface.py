@@ -8,7 +8,9 @@ from typing import Literal
 import numpy as np
 
 from fringeworks.types.arrays import ByteMap, FloatMap, Reason
+from fringeworks.types.checks import finite, positive
 from fringeworks.types.displayed import Sectioned
+from fringeworks.types.errors import InputError
 from fringeworks.types.finding import FrameFinding
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.provenance import Provenance
@@ -17,6 +19,12 @@ from fringeworks.types.provenance import Provenance
 @dataclass(frozen=True, eq=False, repr=False)
 class HeightMap(Sectioned, Frozen):
     """Heights above the reference plane, or displacements where the geometry is unknown."""
+
+    layout = {  # noqa: RUF012
+        "values": "fiu hw",
+        "sigma": "fiu hw",
+        "reason": "ui hw",
+    }
 
     values: FloatMap
     """Height towards the camera in mm, or displacement in px; (h, w), NaN where not measured."""
@@ -41,6 +49,15 @@ class HeightMap(Sectioned, Frozen):
     findings: tuple[FrameFinding, ...] = ()
     """Likely faults of the capture: what was seen, and what to do about it."""
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.pitch is not None and not positive(self.pitch):
+            raise InputError(f"pitch: expected > 0, got {self.pitch}")
+        if self.pupil is not None and not (
+            len(self.pupil) == 3 and finite(*self.pupil) and positive(self.pupil[2])
+        ):
+            raise InputError(f"pupil: expected x, y and a distance > 0, got {self.pupil}")
+
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
@@ -57,6 +74,15 @@ class HeightMap(Sectioned, Frozen):
 @dataclass(frozen=True, eq=False, repr=False)
 class PointCloud(Sectioned, Frozen):
     """Points in camera coordinates, one per pixel: x right, y down, z away from the camera."""
+
+    layout = {  # noqa: RUF012
+        "xyz_mm": "fiu hw3",
+        "sigma_mm": "fiu hw",
+        "noise_mm": "fiu hw",
+        "reason": "ui hw",
+        "residual_px": "?fiu hw",
+        "colour": "?fiu hw|hw3",
+    }
 
     xyz_mm: FloatMap
     """(h, w, 3), mm; NaN where not measured."""

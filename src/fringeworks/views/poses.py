@@ -10,8 +10,11 @@ import numpy as np
 import scipy
 
 from fringeworks.rig.pinhole import inverse, pose, rotation, skew
-from fringeworks.types import FloatMap, Frozen, InputError
+from fringeworks.types import FloatMap, Frozen, InputError, finite
 
+MOST_SKEW = 1e-3
+"""Largest deviation of RᵀR from the identity. Measured poses, and files with few digits, are
+off by less; a matrix that is off by more is no rotation."""
 MIN_AXIS_POSES = 3
 """Smallest number of poses that determine an axis and leave something to check it with."""
 MIN_TURN_DEG = 5.0
@@ -113,6 +116,13 @@ def turntable_axis(
     poses = [np.asarray(T, np.float64) for T in poses]
     if len(poses) < MIN_AXIS_POSES:
         raise InputError(f"poses: expected {MIN_AXIS_POSES} or more, got {len(poses)}")
+    for T in poses:
+        if np.shape(T) != (4, 4) or not finite(*np.ravel(T)):
+            raise InputError(f"poses: expected finite (4, 4) transforms, got shape {np.shape(T)}")
+        if np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max() > MOST_SKEW:
+            raise InputError("poses: expected rotations, got a matrix that is none")
+    if angles_deg is not None and not finite(*angles_deg):
+        raise InputError(f"angles: expected finite values, got {angles_deg}")
     if angles_deg is not None and len(angles_deg) != len(poses):
         raise InputError(f"angles: expected {len(poses)}, one for each pose, got {len(angles_deg)}")
     point, direction, turned = _axis(poses)

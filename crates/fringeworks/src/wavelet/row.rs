@@ -96,10 +96,12 @@ impl Scratch {
         for (s, v) in self.signal[inside].iter_mut().zip(row) {
             s.re = v - mean;
         }
+        // Three scales at least: a peak between them is interpolated.
+        let coarse = COARSE_STRIDE.min((bank.scales.len() - 1) / 2);
         for _ in 0..CONTINUATIONS {
-            self.transform(bank, COARSE_STRIDE);
-            self.ridge(bank, COARSE_STRIDE, 0.0);
-            self.continue_row(bank, COARSE_STRIDE);
+            self.transform(bank, coarse);
+            self.ridge(bank, coarse, 0.0);
+            self.continue_row(bank, coarse);
         }
         self.transform(bank, 1);
         self.ridge(bank, 1, smoothness);

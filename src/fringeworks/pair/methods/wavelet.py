@@ -15,7 +15,7 @@ from fringeworks.pair.lattice import lattice_samples, samples_inside, shift_wave
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Smoothing, Solution, method
 from fringeworks.pair.ridge import CURVATURE_SMOOTHING, blend, curvature, strongest, window_factor
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import LARGEST, FloatMap, InputError, finite, positive, whole
 
 OMEGA = 6.0
 """Default ω₀ of the Morlet wavelet; its envelope is ω₀/ω px wide at the frequency ω rad/px.
@@ -69,6 +69,8 @@ PLANAR_SCALES = 12
 Fewer than along rows, because every scale is computed in every direction; peaks are interpolated.
 An empirical choice.
 """
+MOST_SCALES = 1000
+"""Largest number of frequencies of wavelets; memory and time grow with it, and 32 are usual."""
 PLANAR_MARGIN = 2.0
 """Width of the border of zeros around a frame, in envelopes at the carrier's frequency.
 
@@ -84,7 +86,7 @@ def wavelet_frequencies(frequency: float, scales: int = ROW_SCALES, span: float 
     frequency : float > 0
         Carrier, cycles/px.
     scales : int
-        Number of frequencies.
+        Number of frequencies, 3 to 1000.
     span : float > 1
         They reach from frequency / span to frequency · span, at most 0.45 cycles/px.
 
@@ -92,12 +94,32 @@ def wavelet_frequencies(frequency: float, scales: int = ROW_SCALES, span: float 
     -------
     (scales,) float array, rising, cycles/px
 
+    Raises
+    ------
+    InputError for values that make no three rising frequencies.
+
     Examples
     --------
     >>> wavelet_frequencies(0.1, 3)
     array([0.05, 0.1 , 0.2 ])
     """
+    if not (positive(frequency) and whole(scales, 3, MOST_SCALES) and finite(span) and span > 1):
+        raise InputError(
+            f"frequencies: expected a frequency > 0, 3 to {MOST_SCALES} scales and a span > 1, got "
+            f"{frequency}, {scales} and {span}"
+        )
+    if not frequency / span < MAX_FREQUENCY:
+        raise InputError(
+            f"frequencies: expected some below {MAX_FREQUENCY} cycles/px, got {frequency / span:g}"
+        )
+    frequency = float(frequency)
     return np.geomspace(frequency / span, min(frequency * span, MAX_FREQUENCY), scales)
+
+
+def _few(values: FloatMap) -> str:
+    """The first values, for messages."""
+    more = " …" if values.size > 4 else ""
+    return f"{values.ravel()[:4].tolist()}{more}"
 
 
 def _check_omega(omega: float) -> None:
@@ -162,17 +184,18 @@ def wavelet_ridge(
         )
     if values.dtype.kind not in "fiu":
         raise InputError(f"frame: expected real numbers, got {values.dtype}")
-    if not np.isfinite(values).all():
-        raise InputError("frame: expected finite values, got NaN or infinity")
+    if not (np.abs(values.astype(np.float64)) <= LARGEST).all():
+        raise InputError(f"frame: expected values up to {LARGEST:g}, got NaN, infinity or more")
     _check_omega(omega)
     f = np.asarray(frequencies, dtype=np.float64)
-    if f.ndim != 1 or f.size < 3 or not (np.diff(f) > 0).all() or not 0 < f[0] <= f[-1] <= 0.5:
+    known = f.ndim == 1 and f.size >= 3 and bool(np.isfinite(f).all())
+    if not known or not (np.diff(f) > 0).all() or not 0 < f[0] <= f[-1] <= 0.5:
         raise InputError(
             "frequencies: expected at least three rising values above 0 and up to 0.5 cycles/px, "
-            f"got {f.tolist()}"
+            f"got {_few(f)}"
         )
     if not np.allclose(np.diff(np.log(f), 2), 0.0, atol=1e-6):
-        raise InputError(f"frequencies: expected equal ratios between neighbours, got {f.tolist()}")
+        raise InputError(f"frequencies: expected equal ratios between neighbours, got {_few(f)}")
     return _core.wavelet_ridge_rows(
         np.ascontiguousarray(values, dtype=np.float32),
         frequencies=f.tolist(),

@@ -23,7 +23,7 @@ from fringeworks.pair.ridge import (
     window_factor,
 )
 from fringeworks.signal.noise import noise_variance
-from fringeworks.types import InputError
+from fringeworks.types import LARGEST, InputError, finite, positive
 
 SIGMA_PX = 10.0
 """Default width σ of the Gaussian window, px; a usual value (Qian Kemao 2007)."""
@@ -71,18 +71,18 @@ def _check(
 ) -> tuple[Analytic, tuple[int, int]]:
     """Check field and options; return the field as complex64, and its shape."""
     values = np.asarray(field)
-    if values.ndim != 2:
-        raise InputError(f"field: expected shape (h, w), got {values.shape}")
+    if values.ndim != 2 or min(values.shape) < 3:
+        raise InputError(f"field: expected 3 × 3 px or more, got shape {values.shape}")
     if values.dtype.kind not in "cfiu":
         raise InputError(f"field: expected numbers, got {values.dtype}")
-    if not np.isfinite(values).all():
-        raise InputError("field: expected finite values, got NaN or infinity")
+    if not (np.abs(values) <= LARGEST).all():
+        raise InputError(f"field: expected values up to {LARGEST:g}, got NaN, infinity or more")
     smallest, largest = SIGMA_LIMITS_PX
     if not smallest <= sigma_px <= largest:
         raise InputError(f"sigma_px: expected {smallest:g} to {largest:g} px, got {sigma_px}")
-    if not 0 < limit <= np.pi:
+    if not (finite(limit) and 0 < limit <= np.pi):
         raise InputError(f"limit: expected above 0 and up to π rad/px, got {limit}")
-    if not step > 0:
+    if not positive(step):
         raise InputError(f"step: expected > 0 rad/px, got {step}")
     h, w = values.shape
     return values.astype(np.complex64), (h, w)
@@ -92,7 +92,9 @@ def _demodulated(
     values: Analytic, shape: tuple[int, int], centre: tuple[float, float]
 ) -> tuple[Analytic, Analytic]:
     """The field without the wave of frequency ``centre`` (x, y), cycles/px, and that wave."""
-    if centre == (0.0, 0.0):
+    if len(centre) != 2 or not finite(*centre):
+        raise InputError(f"centre: expected two finite frequencies (x, y), got {centre}")
+    if tuple(centre) == (0.0, 0.0):
         return values, np.ones((1, 1), np.complex64)
     y, x = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
     wave = np.exp(2j * np.pi * (centre[0] * x + centre[1] * y)).astype(np.complex64)
@@ -161,6 +163,8 @@ def windowed_fourier_filter(
     True
     """
     values, shape = _check(field, sigma_px, limit, step)
+    if threshold is not None and not (finite(threshold) and threshold >= 0):
+        raise InputError(f"threshold: expected ≥ 0, got {threshold}")
     values, wave = _demodulated(values, shape, centre)
     cutoff = THRESHOLD_SIGMAS * _noise(values) if threshold is None else float(threshold)
     lattice = Lattice(shape, sigma_px, limit, step)

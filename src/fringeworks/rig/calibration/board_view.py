@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import FloatMap, Frozen
+from fringeworks.types import LARGEST, NUMBERS, FloatMap, Frozen, InputError
 
 MIN_CORNERS = 8
 """Smallest number of corners of a usable view. A pose has six parameters and a corner gives two
@@ -21,6 +21,8 @@ PAPER_WINDOWS_ACROSS = 12
 """How many such windows fit along the longer side of the frame. A board that fills a third of the
 frame with 8 squares then has white paper in every window, and the light is even within one.
 Empirical."""
+LEAST_IMAGE_PX = 16
+"""Smallest side of an image in which a board is looked for, px: three squares of five pixels."""
 SHRINKING = 4
 """Factor by which the image is made smaller before white paper is looked for: the light is smooth,
 and a large window is slow."""
@@ -57,7 +59,7 @@ def flattened(image: NDArray[Any]) -> NDArray[np.uint8]:
     -------
     (h, w) uint8 array, for OpenCV's detectors. Corners are fitted in the image itself.
     """
-    values = np.nan_to_num(image.astype(np.float32))
+    values = counts_of(image)
     values -= values.min()
     window = max(MIN_PAPER_WINDOW_PX, (max(image.shape) // PAPER_WINDOWS_ACROSS) | 1)
     scale = 1.0 / SHRINKING
@@ -68,6 +70,25 @@ def flattened(image: NDArray[Any]) -> NDArray[np.uint8]:
     paper = cv2.resize(paper, values.shape[::-1], interpolation=cv2.INTER_LINEAR)
     least = MIN_PAPER_SHARE * float(paper.max()) + 1e-6
     return np.minimum(values / np.maximum(paper, least) * PAPER_COUNTS, 255.0).astype(np.uint8)
+
+
+def counts_of(image: NDArray[Any]) -> NDArray[np.float32]:
+    """The counts of an image that is large enough for a board, single precision.
+
+    Raises
+    ------
+    InputError for other shapes and types, and counts that are far too large.
+    """
+    if image.ndim != 2 or min(image.shape) < LEAST_IMAGE_PX:
+        raise InputError(
+            f"image: expected {LEAST_IMAGE_PX} × {LEAST_IMAGE_PX} px or more, got {image.shape}"
+        )
+    if image.dtype.kind not in f"{NUMBERS}b":
+        raise InputError(f"image: expected real counts, got {image.dtype}")
+    values = np.where(np.isfinite(image), image, 0)
+    if np.abs(values).max() > LARGEST:
+        raise InputError(f"image: expected counts up to {LARGEST:g}, got more")
+    return values.astype(np.float32)
 
 
 def eight_bit(image: NDArray[Any]) -> NDArray[np.uint8]:

@@ -1,0 +1,114 @@
+"""Gray code of projector cells: what it is, and how it is drawn."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fringeworks.patterns.chain_search import ROUNDING
+from fringeworks.types import MOST_PX, Axis, FloatMap, Frozen, InputError, finite, whole
+
+MAX_GRAY_BITS = 24
+"""Largest number of bits of a Gray code.
+
+The decoding kernel computes in single precision, which holds whole numbers exactly up to 2²⁴.
+"""
+
+MAX_GRAY_LEVELS = 16
+"""Largest number of brightness levels of a Gray code.
+
+With a modulation of 100 counts, 16 levels are 13 counts apart, which noise of 1 to 2 counts just
+keeps apart. An empirical choice.
+"""
+
+
+def check_axis(axis: str) -> None:
+    """Refuse anything but x and y."""
+    if axis not in ("x", "y"):
+        raise InputError(f"axis: expected x or y, got {axis!r}")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GrayCode(Frozen):
+    """Gray code that numbers cells along one axis, the most significant bit first.
+
+    With more levels of brightness it is a reflected code of that base: digits instead of bits.
+    """
+
+    axis: Axis
+    step_px: float
+    """Width of a cell, projector px; ≥ 1. With fringes at most a period; half a period is best."""
+    length_px: int
+    """Length of the projector along the axis, px."""
+    inverse: bool = False
+    """Whether the inverse picture follows every bit; with two levels only."""
+    offset_px: float = 0.0
+    """Start of cell 0, projector px from the projector's edge; ≤ 0, such as −½ ``step_px``."""
+    levels: int = 2
+    """Number of levels of brightness, 2 to 16."""
+
+    def __post_init__(self) -> None:
+        check_axis(self.axis)
+        if not whole(self.length_px, 2, MOST_PX):
+            raise InputError(
+                f"Gray code: expected a length of 2 to {MOST_PX} px, got {self.length_px}"
+            )
+        if not (finite(self.step_px) and self.step_px >= 1.0):
+            raise InputError(f"Gray code: expected cells of 1 px or more, got {self.step_px:g} px")
+        if not (finite(self.offset_px) and self.offset_px <= 0.0):
+            raise InputError(
+                "Gray code: expected cell 0 to begin at the projector's edge or before it, at an "
+                f"offset of 0 px or less, got {self.offset_px:g} px"
+            )
+        most = 2 if self.inverse else MAX_GRAY_LEVELS
+        if not 2 <= self.levels <= most:
+            what = "2 levels with inverse pictures" if self.inverse else f"2 to {most} levels"
+            raise InputError(f"Gray code: expected {what}, got {self.levels}")
+        if self.cells < 2:
+            raise InputError(
+                f"Gray code: expected cells of less than the projector's {self.length_px} px, "
+                f"got {self.step_px:g} px"
+            )
+        if self.cells > 2**MAX_GRAY_BITS:
+            raise InputError(
+                f"Gray code: expected 2^{MAX_GRAY_BITS} cells or fewer, got {self.cells}"
+            )
+
+    @property
+    def cells(self) -> int:
+        """Number of cells; rounding adds none where the length is a whole number of them."""
+        return math.ceil((self.length_px - self.offset_px) / self.step_px - ROUNDING)
+
+    @property
+    def bits(self) -> int:
+        """Number of bits; of digits with more than two levels."""
+        return next(n for n in range(1, MAX_GRAY_BITS + 1) if self.levels**n >= self.cells)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return self.bits * (2 if self.inverse else 1)
+
+    def values(self, position: FloatMap, frame: int) -> FloatMap:
+        """Light that one frame sends to projector positions, 0…1.
+
+        Parameters
+        ----------
+        position : float array of any shape, projector px
+        frame : int, 0 … ``frames`` − 1
+        """
+        bit = frame // 2 if self.inverse else frame
+        top = self.levels - 1
+        cell = np.floor((position + 0.5 - self.offset_px) / self.step_px).astype(np.int64)
+        before, digit = np.divmod(cell // self.levels ** (self.bits - 1 - bit), self.levels)
+        # A digit falls where the digits before it form an odd number: the code is reflected.
+        lit = np.where(before % 2, top - digit, digit) / top
+        return np.asarray(1.0 - lit if self.inverse and frame % 2 else lit)
+
+    def labels(self) -> list[str]:
+        """One name per frame."""
+        if not self.inverse:
+            return [f"{self.axis}-gray-{b}" for b in range(self.bits)]
+        return [f"{self.axis}-gray-{b}{i}" for b in range(self.bits) for i in ("", "-inverse")]

@@ -1,0 +1,129 @@
+"""Public names with spoiled arguments: a result, or one sentence that says what was expected."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import random
+import time
+import warnings
+
+import numpy as np
+import pytest
+
+import fringeworks as fw
+from tests import hostile_calls as hostile
+
+CALLS = int(os.environ.get("FRINGEWORKS_CALLS", "12"))
+"""Calls of every quick case, and three of every slow one; ``make fuzz`` makes more."""
+SECONDS = 20.0
+"""Longest time of a call with small arguments; a usual one takes milliseconds."""
+ELSEWHERE = {
+    "test_hostile_files": ("read_", "load_result", "is_exposures", "find_scans", "file_limits", "FrameSequence"),
+    "test_kills": ("write_", "save_figure"),
+    "devices, in their own tests": (
+        "open_", "list_devices", "ListedDevice", "virtual_bench", "WindowProjector", "MemoryProjector", "WebcamCamera",
+        "GenicamCamera", "FolderCamera", "Camera", "CameraLimits", "Projector", "TriggeredCamera", "Clock", "VideoMode",
+        "Grab", "camera_kind", "projector_kind", "scanner_kind", "check_setup_target", "measure_delay", "Delay",
+        "take_frames", "capture", "capture_hdr", "live", "LiveCloud", "TakenPose", "calibrate_live", "PoseTaker",
+        "take_poses", "auto_exposure", "exposure_series", "Setup", "SetupStopped", "SetupTests", "StoredSetup", "set_up",
+        "setup_sheet",
+    ),
+    "minutes, in their own tests": (
+        "calibrate", "calibrate_stacks", "calibrate_plane", "observe", "observe_stack", "adjust_rig", "check_rig",
+        "diagnose", "verdict", "judge_poses", "response_from_stack", "phase_from_stack", "measure_pair",
+        "measure_sequence", "merge", "compare", "compare_captures", "compare_everywhere", "rows_of_captures",
+        "best_methods", "best_map", "format_map", "run_batch", "run_sequence", "run_studio", "board_sheet",
+        "viewer_fragment", "viewer_page", "viewer_script", "viewer_style", "apply_response",
+    ),
+    "registries": ("method", "methods", "load_plugin", "Method"),
+    "errors": (
+        "InputError", "FileProblem", "FolderInUse", "BoardNotFound", "DeviceProblem", "FramesContradictPlan",
+        "MissingPackage", "RigMismatch", "UnknownMethod",
+    ),
+}  # fmt: skip
+"""Public functions that are tried elsewhere, by their names or their beginnings."""
+
+
+@pytest.fixture(scope="module")
+def calls():
+    return hostile.calls()
+
+
+def test_every_public_function_is_tried_somewhere(calls):
+    here = {call.name for call in calls}
+    named = [name for names in ELSEWHERE.values() for name in names]
+    functions = {n for n in fw.__all__ if inspect.isfunction(getattr(fw, n))}
+    prefixes = tuple(name for name in named if name.endswith("_"))
+    missing = {n for n in functions - here - set(named) if not n.startswith(prefixes)}
+    assert not missing
+    assert not here & set(named)
+
+
+def test_good_arguments_are_accepted(calls):
+    for call in calls:
+        assert hostile.fault_of(call, call.arguments) is None, call.name
+
+
+def test_spoiled_arguments_give_a_result_or_an_input_error(calls):
+    tried = refused = 0
+    for call in calls:
+        for number in range(max(3, CALLS // 10) if call.slow else CALLS):
+            rng = random.Random(f"{call.name} {number}")
+            arguments = hostile.spoiled(call, rng)
+            tried += 1
+            if arguments is None:
+                refused += 1
+                continue
+            started = time.perf_counter()
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                fault = hostile.fault_of(call, arguments)
+            assert fault is None, f"{call.name}, {number}: {fault}"
+            assert time.perf_counter() - started < SECONDS, f"{call.name}, {number}"
+    assert tried > 4 * CALLS
+    assert refused > 0
+
+
+@pytest.mark.parametrize(
+    "value", [10**30, float("nan"), float("inf"), -float("inf"), 1e308, "a", None, 1j]
+)
+def test_types_refuse_numbers_that_describe_nothing(value):
+    for make in (
+        lambda: fw.CameraNoise(value),
+        lambda: fw.ReferencePlaneGeometry(value, 200.0),
+        lambda: fw.Pinhole(64, 48, (value, 90.0), (32.0, 24.0)),
+        lambda: fw.CameraSettings(exposure_ms=value if value is not None else "a"),
+        lambda: fw.Region(0, 0, value, 8),
+        lambda: fw.PatternPlan(value, 48, (fw.PhaseSteps("x", 16.0, fw.equal_steps(3)),)),
+        lambda: fw.GrayCode("x", 16.0, value),
+    ):
+        with pytest.raises(fw.InputError, match="expected"):
+            make()
+
+
+def test_maps_of_one_result_have_one_shape():
+    cloud = hostile.random_cloud(0)
+    good = {
+        "xyz_mm": cloud.xyz_mm,
+        "sigma_mm": cloud.sigma_mm,
+        "noise_mm": cloud.noise_mm,
+        "reason": cloud.reason,
+    }
+    for name, bad in (
+        ("xyz_mm", cloud.xyz_mm[..., :2]),
+        ("sigma_mm", cloud.sigma_mm[1:]),
+        ("noise_mm", cloud.noise_mm.astype(complex)),
+        ("reason", cloud.reason + 200),
+        ("reason", cloud.reason.astype(float)),
+    ):
+        with pytest.raises(fw.InputError, match=rf"^{name}: expected"):
+            fw.PointCloud(**good | {name: bad})
+
+
+def test_few_frequencies_of_wavelets():
+    """Fewer than nine used to panic in the kernel."""
+    row = 3.0 * np.cos(2 * np.pi * np.arange(200) / 12.5)[None]
+    for count in range(3, 12):
+        phasor, _ = fw.wavelet_ridge(row, frequencies=fw.wavelet_frequencies(1 / 12.5, count, 1.5))
+        assert abs(np.angle(phasor[0, 100])) < 0.02

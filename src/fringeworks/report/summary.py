@@ -30,6 +30,7 @@ ELSEWHERE = {
     "fringeworks.pair.plane_calibration.PixelCalibration": "pair_summary",
     "fringeworks.rig.calibration.calibrate.Calibration": "calibration_summary",
     "fringeworks.rig.calibration.drift.RigCheck": "calibration_summary",
+    "fringeworks.evaluate.deviation.Deviation": "evaluation_summary",
     "fringeworks.evaluate.form.FormEvaluation": "evaluation_summary",
     "fringeworks.evaluate.inspect.Inspection": "evaluation_summary",
     "fringeworks.scan.setup.SetupTests": "setup_summary",
@@ -44,8 +45,8 @@ def summarise(result: object) -> dict[str, Any]:
     Parameters
     ----------
     result : Reconstruction, Measurement, Decoded, WrappedPhase, Calibration, RigCheck,
-        PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection, HeightMap,
-        PointCloud, Points or SetupTests
+        PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection, Deviation,
+        HeightMap, PointCloud, Points or SetupTests
 
     Returns
     -------

@@ -4,6 +4,16 @@
 stacks. Frames are ``(h, w)``, pixel centres lie on integers, x is the column, y the row.
 """
 
+from fringeworks.types.alignment import (
+    AlignBy,
+    Alignment,
+    Ball,
+    BestFit,
+    DatumPlanes,
+    DatumPoints,
+    KnownPose,
+    Where,
+)
 from fringeworks.types.area import Area
 from fringeworks.types.arrays import (
     Axis,
@@ -35,21 +45,27 @@ from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile
 from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
-from fringeworks.types.recipe import PartTolerance, Recipe
+from fringeworks.types.recipe import PartModel, PartTolerance, Recipe
 from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
 from fringeworks.types.surface import HeightMap, PointCloud
 
 __all__ = [
     "MAD_TO_SIGMA",
     "RIG_PARAMETERS",
+    "AlignBy",
+    "Alignment",
     "Area",
     "Axis",
+    "Ball",
+    "BestFit",
     "BoardNotFound",
     "BoolMap",
     "ByteMap",
     "CameraNoise",
     "CameraSettings",
     "CoordinateMap",
+    "DatumPlanes",
+    "DatumPoints",
     "Decoded",
     "DeviceProblem",
     "DisplacementMap",
@@ -61,9 +77,11 @@ __all__ = [
     "Frozen",
     "HeightMap",
     "InputError",
+    "KnownPose",
     "Line",
     "MissingPackage",
     "Pair",
+    "PartModel",
     "PartTolerance",
     "Pinhole",
     "Plotted",
@@ -81,6 +99,7 @@ __all__ = [
     "Source",
     "TriangleMesh",
     "UnknownMethod",
+    "Where",
     "check_fields",
     "check_reusable",
     "count_reasons",

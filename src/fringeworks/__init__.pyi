@@ -4,12 +4,16 @@ __version__: str
 
 # Types.
 from .types import (
+    Alignment as Alignment,
     Area as Area,
     Axis as Axis,
+    BestFit as BestFit,
     BoardNotFound as BoardNotFound,
     CameraNoise as CameraNoise,
     CameraSettings as CameraSettings,
     CoordinateMap as CoordinateMap,
+    DatumPlanes as DatumPlanes,
+    DatumPoints as DatumPoints,
     Decoded as Decoded,
     DeviceProblem as DeviceProblem,
     DisplacementMap as DisplacementMap,
@@ -19,8 +23,10 @@ from .types import (
     FramesContradictPlan as FramesContradictPlan,
     HeightMap as HeightMap,
     InputError as InputError,
+    KnownPose as KnownPose,
     MissingPackage as MissingPackage,
     Pair as Pair,
+    PartModel as PartModel,
     PartTolerance as PartTolerance,
     Pinhole as Pinhole,
     PointCloud as PointCloud,
@@ -404,6 +410,7 @@ from .files.mesh_writer import (
 )
 from .files.mesh import (
     read_mesh as read_mesh,
+    read_model as read_model,
 )
 
 # Views of one part.
@@ -490,6 +497,14 @@ from .evaluate.best_method import (
     Cell as Cell,
     best_methods as best_methods,
     format_map as format_map,
+)
+from .evaluate.deviation import (
+    Deviation as Deviation,
+    deviation as deviation,
+)
+from .evaluate.spots import (
+    Spot as Spot,
+    find_spots as find_spots,
 )
 from .evaluate.vibration import (
     AreaTracker as AreaTracker,

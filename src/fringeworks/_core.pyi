@@ -361,6 +361,7 @@ class Triangles:
     def hit(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64], near: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int32]]: ...
+    def nearest(self, points: NDArray[np.float64], reach: float) -> NDArray[np.int32]: ...
 
 def relocate_surfaces(
     spline: NDArray[np.float32],

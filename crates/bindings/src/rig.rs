@@ -161,7 +161,7 @@ impl Triangulation {
     }
 }
 
-/// Triangles that rays can be cast at.
+/// Triangles that rays can be cast at, and that points have a distance from.
 #[pyclass(frozen, module = "fringeworks._core")]
 pub struct Triangles {
     inner: mesh::Triangles,
@@ -195,5 +195,18 @@ impl Triangles {
         let (o, d) = (rows_of(&origins)?, rows_of(&directions)?);
         detached(py, || self.inner.hit(o, d, near, &mut distance, &mut face))?;
         Ok((distance.into_pyarray(py), face.into_pyarray(py)))
+    }
+
+    /// Index of the triangle that is nearest to every point; −1 where none lies within `reach`.
+    fn nearest<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<'py, f64>,
+        reach: f64,
+    ) -> PyResult<Bound<'py, PyArray1<i32>>> {
+        let mut face = vec![0; points.shape()[0]];
+        let p = rows_of(&points)?;
+        detached(py, || self.inner.nearest(p, reach, &mut face))?;
+        Ok(face.into_pyarray(py))
     }
 }

@@ -9,7 +9,7 @@
 //! * [`inverse`]: inverse function analysis by rows (IFA, SIFA, GSIFA, exact).
 //! * [`isolated`]: pixels whose decoded coordinate no neighbour shares.
 //! * [`measure`]: frames to points in one pass.
-//! * [`mesh`]: intersection of rays with triangles, for the virtual rig.
+//! * [`mesh`]: intersection of rays with triangles, and triangles that are nearest to points.
 //! * [`moving_mean`]: moving means along both axes, which replace Gaussian kernels.
 //! * [`reason`]: why a pixel has no value.
 //! * [`sample`]: statistics of a sample of pixels, by which a stack is judged.
@@ -27,6 +27,7 @@ pub mod isolated;
 pub mod measure;
 pub mod mesh;
 pub mod moving_mean;
+mod nearest;
 pub mod reason;
 pub mod sample;
 pub mod scatter;

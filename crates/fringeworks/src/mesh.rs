@@ -3,7 +3,7 @@
 use crate::{check_length, check_value, Error};
 use rayon::prelude::*;
 
-type Point = [f64; 3];
+pub(crate) type Point = [f64; 3];
 /// Triangles per leaf: about where testing them costs as much as another box.
 const LEAF_TRIANGLES: usize = 4;
 
@@ -21,32 +21,32 @@ const RAYS_PER_TASK: usize = 1024;
 /// Nodes that can wait on the way down the tree.
 ///
 /// Halving makes a tree of n triangles log₂ n deep, and each level leaves one child waiting.
-const MAX_WAITING: usize = 2 * usize::BITS as usize;
+pub(crate) const MAX_WAITING: usize = 2 * usize::BITS as usize;
 
-struct Node {
-    low: Point,
-    high: Point,
+pub(crate) struct Node {
+    pub(crate) low: Point,
+    pub(crate) high: Point,
     /// Of a leaf, its first triangle. Of an inner node, its right child; the left child is the next
     /// node.
-    first: usize,
+    pub(crate) first: usize,
     /// Number of triangles of a leaf; 0 for an inner node.
-    count: usize,
+    pub(crate) count: usize,
 }
 
-/// Triangles that rays can be cast at.
+/// Triangles that rays can be cast at, and that points have a distance from.
 pub struct Triangles {
-    nodes: Vec<Node>,
+    pub(crate) nodes: Vec<Node>,
     /// A corner and the two sides from it, in the order of the tree.
-    triangles: Vec<[Point; 3]>,
+    pub(crate) triangles: Vec<[Point; 3]>,
     /// The caller's index of each triangle.
-    order: Vec<u32>,
+    pub(crate) order: Vec<u32>,
 }
 
-fn minus(a: Point, b: Point) -> Point {
+pub(crate) fn minus(a: Point, b: Point) -> Point {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-fn cross(a: Point, b: Point) -> Point {
+pub(crate) fn cross(a: Point, b: Point) -> Point {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -54,7 +54,7 @@ fn cross(a: Point, b: Point) -> Point {
     ]
 }
 
-fn dot(a: Point, b: Point) -> f64 {
+pub(crate) fn dot(a: Point, b: Point) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 

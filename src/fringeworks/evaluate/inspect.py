@@ -12,7 +12,10 @@ from typing import Literal
 import numpy as np
 
 from fringeworks.evaluate.area_points import AreaPoints, area_points
-from fringeworks.evaluate.quantities import MEASURED, Quantified
+from fringeworks.evaluate.deviation import Deviation, deviation
+from fringeworks.evaluate.model_quantities import area_deviation
+from fringeworks.evaluate.quantified import Quantified
+from fringeworks.evaluate.quantities import MEASURED
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.recipe import read_recipe
 from fringeworks.files.rig import read_rig
@@ -36,6 +39,7 @@ from fringeworks.types import (
     Rig,
     sealed,
 )
+from fringeworks.types.recipe import FROM_MODEL
 
 Verdict = Literal["pass", "fail", "undecided"]
 
@@ -124,12 +128,38 @@ def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, 
     """Judge the tolerances of a recipe on a surface; see ``inspect``."""
     # The errors of a rig show in points alone.
     rig = rig_of(recipe) if recipe.rig and isinstance(surface, PointCloud) else None
+    against: dict[str, Deviation] = {}
+
+    def points(name: str) -> AreaPoints:
+        return area_points(surface, recipe.areas[name], rig)
+
+    def distances(name: str) -> AreaPoints:
+        if not isinstance(surface, PointCloud):
+            raise InputError(
+                "deviation: expected a point cloud, got heights: give the recipe a rig"
+            )
+        assert recipe.model is not None
+        if not against:
+            mesh = recipe.model.mesh
+            how = {"align": recipe.model.align, "reach_mm": recipe.model.reach_mm}
+            against["model"] = deviation(surface, mesh, rig=rig, **how)
+        return area_deviation(against["model"], recipe.areas[name], rig)
+
+    of_area, of_model = _kept(points), _kept(distances)
+    return tuple(
+        _checked(one, of_model if one.quantity in FROM_MODEL else of_area, recipe.risk)
+        for one in recipe.tolerances
+    )
+
+
+def _kept(compute: Callable[[str], AreaPoints]) -> Callable[[str], AreaPoints]:
+    """Compute what is known of each area once; a problem names the area each time."""
     known: dict[str, AreaPoints | InputError] = {}
 
     def points(name: str) -> AreaPoints:
         if name not in known:
             try:
-                known[name] = area_points(surface, recipe.areas[name], rig)
+                known[name] = compute(name)
             except InputError as problem:
                 known[name] = problem
         found = known[name]
@@ -137,7 +167,7 @@ def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, 
             raise InputError(f"{name}: {found}")
         return found
 
-    return tuple(_checked(one, points, recipe.risk) for one in recipe.tolerances)
+    return points
 
 
 def decide(found: Quantified, tolerance: PartTolerance, risk: float) -> Verdict:

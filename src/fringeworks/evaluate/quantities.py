@@ -7,33 +7,23 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-import scipy
+from numpy.typing import NDArray
 
 from fringeworks.evaluate.area_points import AreaPoints, Term, sigma_of
-from fringeworks.surface.form import DISCARDED, Form, fit_region
+from fringeworks.evaluate.model_quantities import deviation_max, deviation_mean, deviation_rms
+from fringeworks.evaluate.quantified import Quantified, narrowest_range, noise_range, raised
+from fringeworks.surface.form import Form, fit_region
 from fringeworks.surface.form_geometry import BodyKind
 from fringeworks.types import FloatMap, InputError
 
-HALF_SIGMAS = 4.0
-"""Upper end of the search for half of a range, standard deviations: 0.006 % of normal errors lie
-beyond, which is less than the discarded 0.3 %."""
-MOST_SIGMAS = 10_000
-"""About as many points, evenly thinned, enter the range of the noise: all of them would change it
-by less than 1 %."""
+SECTION_POINTS = 300
+"""Number of points of a section of a cylinder: 0.3 % of them are one."""
+MOST_SECTIONS = 9
+"""Largest number of sections along a cylinder."""
+PARALLEL_SINE = 1e-9
+"""Sine of an angle below which two planes are parallel to rounding."""
 LEAST_SHARE_OF_VOLUME = 0.99
 """Smallest share of measured pixels of a volume: nothing is known about the rest."""
-
-
-@dataclass(frozen=True)
-class Quantified:
-    """A quantity that was measured."""
-
-    value: float
-    sigma: float
-    """Standard deviation, of noise and of calibration."""
-    unit: str
-    noise: float = 0.0
-    """By how much noise alone may have raised the value; 0 where it does not."""
 
 
 def flatness(part: AreaPoints) -> Quantified:
@@ -43,32 +33,81 @@ def flatness(part: AreaPoints) -> Quantified:
     alone would have.
     """
     plane = _Plane(part)
-    away = plane.heights(part.points)
-    order = np.argsort(away)
-    kept = max(int(np.ceil((1.0 - DISCARDED) * order.size)), 1)
-    ranges = away[order[kept - 1 :]] - away[order[: order.size - kept + 1]]
-    first = int(np.argmin(ranges))
-    value = float(ranges[first])
+    value, top, bottom = narrowest_range(plane.heights(part.points))
     sigma = np.abs(part.by_value @ plane.normal) * part.sigma
-    inner = float(np.sqrt(max(value**2 - noise_range(sigma) ** 2, 0.0)))
     # The range is the difference of its two ends; the plane between them follows all points.
-    ends = np.zeros(order.size)
-    ends[order[first + kept - 1]], ends[order[first]] = 1.0, -1.0
+    ends = np.zeros(len(part.points))
+    ends[top], ends[bottom] = 1.0, -1.0
     follows = (ends @ plane.at(part.points)) @ plane.inverse
+    terms = [Term(part, ends - follows, plane.normal)]
+    return Quantified(value, sigma_of(terms), "mm", raised(value, noise_range(sigma)))
+
+
+def parallelism(part: AreaPoints, base: AreaPoints) -> Quantified:
+    """Range of the distances from a plane parallel to the base, without the farthest 0.3 %."""
+    plane = _Plane(base)
+    value, top, bottom = narrowest_range(plane.heights(part.points))
+    sigma = np.abs(part.by_value @ plane.normal) * part.sigma
+    ends = np.zeros(len(part.points))
+    ends[top], ends[bottom] = 1.0, -1.0
+    follows = (ends @ plane.at(part.points)) @ plane.inverse
+    terms = [Term(part, ends, plane.normal), Term(base, -follows, plane.normal)]
+    return Quantified(value, sigma_of(terms), "mm", raised(value, noise_range(sigma)))
+
+
+def angle(one: AreaPoints, other: AreaPoints) -> Quantified:
+    """Angle between the planes of two areas, 0 … 180°: that of their normals to the camera."""
+    planes = _Plane(one), _Plane(other)
+    n, m = planes[0].normal, planes[1].normal
+    axis = np.cross(n, m)
+    sine = float(np.linalg.norm(axis))
+    value = float(np.degrees(np.arctan2(sine, n @ m)))
+    axis = axis / sine if sine > PARALLEL_SINE else planes[0].across[0]
+    # The angle grows with the rotation of the second plane about the axis, against the first.
+    # A rotation about the third direction raises an angle of 0 only.
+    middle = (n + m) / max(float(np.linalg.norm(n + m)), PARALLEL_SINE)
+    across = np.cross(axis, middle)
+    spread = []
+    for about in (axis, across):
+        terms = [
+            Term(area, sign * plane.turning(about), plane.normal)
+            for area, plane, sign in ((one, planes[0], -1.0), (other, planes[1], 1.0))
+        ]
+        spread.append(float(np.degrees(sigma_of(terms))))
+    return Quantified(value, spread[0], "°", raised(value, spread[1]) if value < 90.0 else 0.0)
+
+
+def roundness(part: AreaPoints) -> Quantified:
+    """Largest range of the radial distances in a section across the cylinder of least squares.
+
+    Each section has a circle of least squares of its own; its farthest 0.3 % do not count.
+    """
+    cylinder = _Cylinder(part)
+    count = int(np.clip(len(part.points) // SECTION_POINTS, 1, MOST_SECTIONS))
+    order = np.argsort(cylinder.along)
+    found = [_section(part, cylinder, index) for index in np.array_split(order, count)]
+    return max(found, key=lambda one: one.value - one.noise)
+
+
+def _section(part: AreaPoints, cylinder: _Cylinder, index: NDArray[np.intp]) -> Quantified:
+    """Roundness of the points of one section."""
+    slopes = np.column_stack((cylinder.across[index], np.ones(len(index))))
+    inverse = np.linalg.pinv(slopes)
+    away = cylinder.distance[index]
+    away = away - slopes @ (inverse @ away)
+    value, top, bottom = narrowest_range(away)
+    ends = np.zeros(len(index))
+    ends[top], ends[bottom] = 1.0, -1.0
+    weights = np.zeros(len(part.points))
+    weights[index] = ends - (ends @ slopes) @ inverse
+    normals = cylinder.normals[index]
+    sigma = np.abs(np.einsum("nc,nc->n", part.by_value[index], normals)) * part.sigma[index]
     return Quantified(
-        value, sigma_of([Term(part, ends - follows, plane.normal)]), "mm", noise=value - inner
+        value,
+        sigma_of([Term(part, weights, cylinder.normals)]),
+        "mm",
+        raised(value, noise_range(sigma)),
     )
-
-
-def noise_range(sigma: FloatMap) -> float:
-    """Return the range that holds 99.7 % of normal errors with these standard deviations."""
-    step = max(1, len(sigma) // MOST_SIGMAS)
-    known = np.maximum(sigma[::step], np.finfo(np.float64).tiny)
-
-    def beyond(half: float) -> float:
-        return float(np.mean(2.0 * scipy.special.ndtr(-half / known))) - DISCARDED
-
-    return 2.0 * float(scipy.optimize.brentq(beyond, 0.0, HALF_SIGMAS * float(known.max())))
 
 
 def step_height(part: AreaPoints, base: AreaPoints) -> Quantified:
@@ -119,18 +158,14 @@ def sphere_spacing(one: AreaPoints, other: AreaPoints) -> Quantified:
 
 def cylinder_diameter(part: AreaPoints) -> Quantified:
     """Diameter of the cylinder of least squares."""
-    form = _fitted(part, "cylinder")
-    radius = form.parameters["radius_mm"]
-    assert isinstance(radius, float)
-    axis = np.asarray(form.parameters["axis"])
-    out = part.points - np.asarray(form.parameters["point_mm"])
-    along = out @ axis
-    out = out - along[:, None] * axis
-    normals = out / np.linalg.norm(out, axis=1, keepdims=True)
-    across = normals @ np.linalg.svd(axis[None, :])[2][1:].T
-    slopes = np.column_stack((across, across * along[:, None], np.ones(len(along))))
-    weights = np.linalg.pinv(slopes * form.used[:, None])[-1]
-    return Quantified(2.0 * radius, 2.0 * sigma_of([Term(part, weights, normals)]), "mm")
+    found = _Cylinder(part)
+    slopes = np.column_stack(
+        (found.across, found.across * found.along[:, None], np.ones(len(found.along)))
+    )
+    weights = np.linalg.pinv(slopes * found.used[:, None])[-1]
+    return Quantified(
+        2.0 * found.radius, 2.0 * sigma_of([Term(part, weights, found.normals)]), "mm"
+    )
 
 
 def volume(part: AreaPoints, base: AreaPoints) -> Quantified:
@@ -174,8 +209,14 @@ MEASURED: Mapping[str, Callable[..., Quantified]] = MappingProxyType(
             sphere_spacing,
             cylinder_diameter,
             volume,
+            parallelism,
+            angle,
+            roundness,
             valid_share,
             median_sigma,
+            deviation_mean,
+            deviation_rms,
+            deviation_max,
         )
     }
 )
@@ -197,14 +238,22 @@ class _Plane:
         self.normal: FloatMap = normal if normal @ base.up > 0 else -normal
         """Towards the camera, (3,)."""
         self._point = np.asarray(form.parameters["point_mm"])
-        self._across = np.linalg.svd(normal[None, :])[2][1:]
+        self.across: FloatMap = np.linalg.svd(normal[None, :])[2][1:]
+        """Two directions in the plane, (2, 3)."""
         self.inverse: FloatMap = np.linalg.pinv(self.at(base.points) * form.used[:, None])
         """Derivative of the plane's three values by the displacement of each point, (3, n)."""
 
     def at(self, points: FloatMap) -> FloatMap:
         """Return the derivative of the plane's height at points by its three values, (n, 3)."""
-        places = (points - self._point) @ self._across.T
+        places = (points - self._point) @ self.across.T
         return np.column_stack((np.ones(len(points)), places))
+
+    def turning(self, axis: FloatMap) -> FloatMap:
+        """Return the derivative of a rotation of the plane about an axis by each point, (n,)."""
+        # A plane that rises along u turns its normal by −u. A rotation about the axis a turns the
+        # normal by a × n, so that it is the rise along n × a.
+        rise = self.across @ np.cross(self.normal, axis)
+        return np.asarray(rise @ self.inverse[1:])
 
     def heights(self, points: FloatMap) -> FloatMap:
         """Return the signed distances of points, (n,), mm."""
@@ -232,3 +281,25 @@ def _sphere(part: AreaPoints) -> _Sphere:
     normals = out / np.linalg.norm(out, axis=1, keepdims=True)
     slopes = np.column_stack((normals, np.ones(len(normals))))
     return _Sphere(centre, radius, normals, np.linalg.pinv(slopes * form.used[:, None]))
+
+
+class _Cylinder:
+    """The cylinder of least squares through an area."""
+
+    def __init__(self, part: AreaPoints) -> None:
+        form = _fitted(part, "cylinder")
+        radius = form.parameters["radius_mm"]
+        assert isinstance(radius, float)
+        self.radius = radius
+        self.used = form.used
+        self.distance: FloatMap = form.distance_mm
+        """Of each point, (n,), mm, outwards."""
+        axis = np.asarray(form.parameters["axis"])
+        out = part.points - np.asarray(form.parameters["point_mm"])
+        self.along: FloatMap = out @ axis
+        """Place of each point along the axis, (n,), mm."""
+        out = out - self.along[:, None] * axis
+        self.normals: FloatMap = out / np.linalg.norm(out, axis=1, keepdims=True)
+        """Outwards at each point, (n, 3)."""
+        self.across: FloatMap = self.normals @ np.linalg.svd(axis[None, :])[2][1:].T
+        """Normals in two directions across the axis, (n, 2)."""

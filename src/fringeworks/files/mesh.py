@@ -1,22 +1,32 @@
-"""Meshes of other programs for the virtual rig, read by the package trimesh."""
+"""Meshes of other programs, read by the package trimesh: for the virtual rig, and as models."""
 
 from __future__ import annotations
 
 from io import BytesIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.limits import existing_file, parsing, read_content
 from fringeworks.simulate.bodies import Mesh
-from fringeworks.types import FileProblem, InputError, MissingPackage
+from fringeworks.types import FileProblem, FloatMap, InputError, MissingPackage, TriangleMesh
 
 SUFFIXES = (".stl", ".ply", ".obj", ".off")
 """Kinds of files that are read."""
+INWARDS = "the triangles of the model pointed inwards and were turned over"
+"""Note on a closed model whose triangles run clockwise as seen from outside."""
+MIXED = "neighbouring triangles of the model point to opposite sides: signs may be wrong"
+"""Note on a model whose triangles do not all run the same way round."""
+OPEN = (
+    "the model is not closed: distances beyond its borders have no sure sign, and which side is "
+    "outside follows from its triangles alone"
+)
+"""Note on a model with borders."""
 
 
 def read_mesh(path: StrPath, *, scale: float = 1.0) -> Mesh:
-    """Read triangles from STL, PLY, OBJ or OFF.
+    """Read triangles from STL, PLY, OBJ or OFF for the virtual rig.
 
     Parameters
     ----------
@@ -29,10 +39,61 @@ def read_mesh(path: StrPath, *, scale: float = 1.0) -> Mesh:
     FileProblem for a missing or damaged file and one without triangles; MissingPackage where the
     package ``trimesh`` (the extra "mesh") is not installed.
     """
+    return Mesh(*_triangles(path, scale))
+
+
+def read_model(path: StrPath, *, scale: float = 1.0) -> TriangleMesh:
+    """Read the model of a part, as a drawing program writes it.
+
+    Parameters
+    ----------
+    path : Path
+        ``.stl`` (binary or text), ``.ply``, ``.obj`` or ``.off``.
+    scale : float > 0
+        mm per unit of the file: 25.4 for inches.
+
+    Returns
+    -------
+    TriangleMesh. Vertices at one place are one. Triangles of a closed model point outwards; notes
+    say where they did not, and where the model is open.
+
+    Raises
+    ------
+    FileProblem for a missing or damaged file and one without triangles; MissingPackage where the
+    package ``trimesh`` (the extra "mesh") is not installed.
+    """
+    vertices, faces = _triangles(path, scale)
+    vertices, number = np.unique(vertices, axis=0, return_inverse=True)
+    faces = number.reshape(-1)[faces]
+    faces = faces[np.all(faces != np.roll(faces, 1, axis=1), axis=1)]
+    if not len(faces):
+        raise FileProblem(f"{path}: expected triangles with an area, got none")
+    faces, notes = _outwards(vertices, faces)
+    return TriangleMesh(vertices, faces.astype(np.uint32), notes=notes)
+
+
+def _outwards(
+    vertices: FloatMap, faces: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+    """Triangles that point outwards, and what to know about them."""
+    sides = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    _, directed = np.unique(sides, axis=0, return_counts=True)
+    _, shared = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+    notes = [MIXED] if directed.max() > 1 else []
+    if (shared == 1).any():
+        return faces, (*notes, OPEN)
+    p, q, r = (vertices[faces[:, k]] - vertices.mean(axis=0) for k in range(3))
+    if not notes and float(np.einsum("nc,nc->", p, np.cross(q, r))) < 0:
+        return faces[:, ::-1], (INWARDS,)
+    return faces, tuple(notes)
+
+
+def _triangles(path: StrPath, scale: float) -> tuple[FloatMap, NDArray[np.int64]]:
+    """Vertices in mm and faces of a file."""
     path = existing_file(path, "a mesh file")
     if path.suffix.lower() not in SUFFIXES:
         raise FileProblem(f"{path}: expected one of {', '.join(SUFFIXES)}, got {path.suffix}")
-    if not scale > 0:
+    if not 0 < scale < np.inf:
         raise InputError(f"scale: expected > 0, got {scale}")
     try:
         import trimesh
@@ -53,4 +114,4 @@ def read_mesh(path: StrPath, *, scale: float = 1.0) -> Mesh:
             raise FileProblem("expected triangles of vertices in the file, got others")
         if not np.isfinite(vertices[faces]).all():
             raise FileProblem("expected finite vertices, got NaN or infinity")
-        return Mesh(scale * vertices, faces)
+        return scale * vertices, faces

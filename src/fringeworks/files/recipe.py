@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal
@@ -17,13 +18,21 @@ from fringeworks.files.limits import MAX_LENGTH_PX, told
 from fringeworks.files.plan import holds_plan, read_plan, write_plan
 from fringeworks.files.toml import Section, read_toml
 from fringeworks.types import (
+    AlignBy,
     Area,
+    BestFit,
     BoolMap,
+    DatumPlanes,
+    DatumPoints,
     FileProblem,
     InputError,
+    KnownPose,
+    PartModel,
     PartTolerance,
     Recipe,
     Rig,
+    TriangleMesh,
+    Where,
     fingerprint,
 )
 from fringeworks.types.recipe import USUAL_RISK, Quantity
@@ -32,6 +41,13 @@ MOST_CORNERS = 10_000
 """Largest number of corners of a polygon."""
 MOST_AREAS = 1000
 """Largest number of areas, and of tolerances."""
+MODEL_NEEDS = {
+    "best-fit": "an area to fit, and points to start from, or neither",
+    "datum-points": "points",
+    "datum-planes": "three planes",
+    "none": "neither points nor planes",
+}
+"""What each way of alignment is told."""
 HEADER = "# How parts are measured and judged (fringeworks). Areas are in camera pixels.\n"
 """Comment at the top of a recipe."""
 
@@ -55,6 +71,23 @@ class _Tolerance(Section):
     max: float | None = None
 
 
+class _Model(Section):
+    """``[model]``: the drawing, and how parts are brought to it."""
+
+    file: str
+    """Mesh file relative to the recipe."""
+    align: Literal["best-fit", "datum-points", "datum-planes", "none"] = "best-fit"
+    fit: str | None = None
+    """Area that is fitted, for best-fit."""
+    points: list[tuple[float, float, float, float, float, float]] = Field(
+        default_factory=list, max_length=MOST_CORNERS
+    )
+    """Datum points: x, y, z on the part and x, y, z on the model, mm. For best-fit, a start."""
+    planes: list[tuple[str, float, float, float]] = Field(default_factory=list, max_length=3)
+    """Datum planes: an area, and x, y, z of a point of the plane on the model, mm."""
+    reach_mm: float | None = None
+
+
 class RecipeFile(Section):
     """The whole of a recipe; unknown keys are refused."""
 
@@ -66,6 +99,7 @@ class RecipeFile(Section):
     """Plan of frames that have none of their own; its file relative to the recipe."""
     within: str | None = None
     risk: float = USUAL_RISK
+    model: _Model | None = None
     options: dict[str, Any] = Field(default_factory=dict)
     areas: dict[str, _Area] = Field(default_factory=dict, max_length=MOST_AREAS)
     tolerances: list[_Tolerance] = Field(default_factory=list, max_length=MOST_AREAS)
@@ -90,12 +124,14 @@ def read_recipe(path: StrPath) -> Recipe:
     path = Path(path)
     content = read_toml(path, RecipeFile)
     try:
+        areas = {name: _area(path, name, area) for name, area in content.areas.items()}
         return Recipe(
             method=content.method,
             options=content.options,
             rig=None if content.rig is None else _beside(path, content.rig),
             plan=None if content.plan is None else read_plan(_beside(path, content.plan)),
-            areas={name: _area(path, name, area) for name, area in content.areas.items()},
+            areas=areas,
+            model=None if content.model is None else _part_model(path, content.model, areas),
             within=content.within,
             tolerances=tuple(
                 PartTolerance(one.name, one.quantity, tuple(one.areas), one.min, one.max)
@@ -131,6 +167,8 @@ def write_recipe(path: StrPath, recipe: Recipe) -> Path:
         )
         write_plan(target, plan)
         content["plan"] = target.name
+    if recipe.model is not None:
+        content["model"] = _model_table(path, recipe.model, recipe.areas)
     if recipe.within is not None:
         content["within"] = recipe.within
     if recipe.options:
@@ -159,6 +197,83 @@ def _plan_name(recipe: Path) -> str:
 
 def _mask_name(recipe: Path, number: int) -> str:
     return f"{recipe.stem}-mask-{number}.png"
+
+
+def _part_model(recipe: Path, model: _Model, areas: Mapping[str, Area]) -> PartModel:
+    """The model of a recipe; it names areas and files that exist."""
+    for name in [*([] if model.fit is None else [model.fit]), *(p[0] for p in model.planes)]:
+        if name not in areas:
+            known = ", ".join(areas) or "none"
+            raise InputError(f"model: expected one of the recipe's areas ({known}), got {name!r}")
+    mesh = _beside(recipe, model.file)
+    if not mesh.is_file():
+        raise InputError(f"model: expected the file {model.file}, got no such file")
+    pairs = None
+    if model.points:
+        table = np.asarray(model.points, np.float64)
+        pairs = DatumPoints(table[:, :3], table[:, 3:])
+    used = {
+        "best-fit": bool(model.planes),
+        "datum-points": bool(model.planes or model.fit) or pairs is None,
+        "datum-planes": bool(model.points or model.fit) or len(model.planes) != 3,
+        "none": bool(model.points or model.planes or model.fit),
+    }
+    if used[model.align]:
+        raise InputError(
+            f"model: expected {MODEL_NEEDS[model.align]} for align = {model.align!r}, got others"
+        )
+    align: AlignBy = BestFit(pairs, None if model.fit is None else areas[model.fit])
+    if model.align == "none":
+        align = KnownPose(np.eye(4))
+    elif model.align == "datum-points" and pairs is not None:
+        align = pairs
+    elif model.align == "datum-planes":
+        one, two, three = (areas[plane[0]] for plane in model.planes)
+        align = DatumPlanes((one, two, three), np.array([plane[1:] for plane in model.planes]))
+    return PartModel(mesh, align, model.reach_mm)
+
+
+def _model_table(recipe: Path, model: PartModel, areas: Mapping[str, Area]) -> dict[str, Any]:
+    """The table of a model."""
+    if isinstance(model.mesh, TriangleMesh):
+        raise InputError(
+            "recipe: expected a model file, got a mesh: write it with write_mesh first"
+        )
+    table: dict[str, Any] = {"file": _relative(recipe, model.mesh, "model")}
+    if model.reach_mm is not None:
+        table["reach_mm"] = model.reach_mm
+    align = model.align
+    pairs = align if isinstance(align, DatumPoints) else None
+    if isinstance(align, BestFit):
+        table["align"] = "best-fit"
+        if align.within is not None:
+            table["fit"] = _name_of(align.within, areas)
+        if align.start is not None and not isinstance(align.start, DatumPoints):
+            raise InputError("recipe: expected datum points as the start of a fit, got a pose")
+        pairs = align.start
+    elif isinstance(align, DatumPlanes):
+        table["align"] = "datum-planes"
+        table["planes"] = [
+            [_name_of(where, areas), *map(float, point)]
+            for where, point in zip(align.where, align.model_mm, strict=True)
+        ]
+    elif isinstance(align, DatumPoints):
+        table["align"] = "datum-points"
+    else:
+        if not np.array_equal(align.T_model_part, np.eye(4)):
+            raise InputError("recipe: expected datums or a best fit, got a pose of the part")
+        table["align"] = "none"
+    if pairs is not None:
+        table["points"] = np.hstack((pairs.part_mm, pairs.model_mm)).tolist()
+    return table
+
+
+def _name_of(where: Where, areas: Mapping[str, Area]) -> str:
+    """The name of an area of the recipe."""
+    for name, area in areas.items():
+        if isinstance(where, Area) and area == where:
+            return name
+    raise InputError("recipe: expected an area of the recipe for its model, got another place")
 
 
 def _area(recipe: Path, name: str, area: _Area) -> Area:
@@ -221,8 +336,8 @@ def _beside(recipe: Path, name: str) -> Path:
     return found
 
 
-def _relative(recipe: Path, rig: PathLike[str]) -> str:
-    folder, found = recipe.parent.resolve(), Path(rig).resolve()
+def _relative(recipe: Path, file: PathLike[str], what: str = "rig") -> str:
+    folder, found = recipe.parent.resolve(), Path(file).resolve()
     if not found.is_relative_to(folder):
-        raise InputError(f"recipe: expected the rig in the folder of the recipe, got {rig}")
+        raise InputError(f"recipe: expected the {what} in the folder of the recipe, got {file}")
     return found.relative_to(folder).as_posix()

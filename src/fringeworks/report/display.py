@@ -8,11 +8,13 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fringeworks.evaluate.captures import CaptureComparison
+from fringeworks.evaluate.deviation import Deviation
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.calibration_picture import calibration_picture
 from fringeworks.report.comparison_picture import comparison_picture
+from fringeworks.report.deviation_picture import deviation_picture
 from fringeworks.report.maps import UNMEASURED_WORDS, Panel, percent, sheet
 from fringeworks.report.plan_picture import plan_picture
 from fringeworks.report.profile_picture import profile_picture
@@ -49,7 +51,7 @@ def plot(result: object, name: str | None = None) -> Figure:
     Parameters
     ----------
     result : HeightMap, PointCloud, DisplacementMap, CoordinateMap, Decoded, WrappedPhase,
-        LightSeparation, Profile, PatternPlan, Calibration, CaptureComparison,
+        LightSeparation, Profile, PatternPlan, Calibration, CaptureComparison, Deviation,
         Reconstruction or Measurement
     name : str, optional
         Name of the object or capture, put before the title.
@@ -261,6 +263,11 @@ def _(profile: Profile, name: str | None = None) -> Figure:
 def _(found: CaptureComparison, name: str | None = None) -> Figure:
     title = _titled(name, f"Methods compared on {found.name}")
     return comparison_picture(title, found)
+
+
+@plot.register
+def _(found: Deviation, name: str | None = None) -> Figure:
+    return deviation_picture(_titled(name, "Deviation from the model"), found)
 
 
 @plot.register

@@ -6,14 +6,39 @@ from typing import Any
 
 import numpy as np
 
+from fringeworks.evaluate.deviation import Deviation
 from fringeworks.evaluate.form import FormEvaluation
 from fringeworks.evaluate.inspect import Inspection
+from fringeworks.files.findings import findings_as_dicts
 from fringeworks.report.summary import origin, summarise, summary
 
 
 @summary.register
 def _(evaluation: FormEvaluation) -> dict[str, Any]:
     return evaluation.figures | origin(evaluation.provenance)
+
+
+@summary.register
+def _(found: Deviation) -> dict[str, Any]:
+    alignment = found.alignment
+    sigma = np.sqrt(np.diag(alignment.covariance))
+    return found.figures() | {
+        "alignment": {
+            "by": alignment.by,
+            "T_model_part": alignment.T_model_part.tolist(),
+            "covariance_rad_mm": alignment.covariance.tolist(),
+            "sigma_rotation_deg": np.degrees(sigma[:3]).tolist(),
+            "sigma_translation_mm": sigma[3:].tolist(),
+            "rms_mm": alignment.rms_mm,
+            "points": alignment.points,
+            "share": alignment.share,
+            "slides": alignment.slides,
+            "converged": alignment.converged,
+        },
+        "findings": findings_as_dicts(found.findings),
+        "notes": list(found.notes),
+        **origin(found.provenance),
+    }
 
 
 @summary.register

@@ -31,6 +31,7 @@ ELSEWHERE = {
     "fringeworks.pair.plane_calibration.PixelCalibration": "pair_summary",
     "fringeworks.rig.calibration.calibrate.Calibration": "calibration_summary",
     "fringeworks.rig.calibration.drift.RigCheck": "calibration_summary",
+    "fringeworks.evaluate.deviation.Deviation": "evaluation_summary",
     "fringeworks.evaluate.form.FormEvaluation": "evaluation_summary",
     "fringeworks.evaluate.inspect.Inspection": "evaluation_summary",
     "fringeworks.scan.setup.SetupTests": "setup_summary",
@@ -45,7 +46,7 @@ def summarise(result: object) -> dict[str, Any]:
     Parameters
     ----------
     result : Reconstruction, Measurement, Decoded, WrappedPhase, LightSeparation, Calibration,
-        RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection,
+        RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection, Deviation,
         HeightMap, PointCloud, Points or SetupTests
 
     Returns

@@ -123,7 +123,7 @@ def decimate(mesh: TriangleMesh, faces: int) -> TriangleMesh:
     )
     after = np.asarray(vertices, np.float64) + middle
     near = scipy.spatial.cKDTree(before).query(after)[1]
-    normals = _vertex_normals(before, mesh.faces)
+    normals = vertex_normals(before, mesh.faces)
     off = np.abs(np.sum((after - before[near]) * normals[near], axis=1))
     sigma = None if mesh.sigma_mm is None else np.hypot(mesh.sigma_mm[near], off)
     return replace(
@@ -136,7 +136,7 @@ def decimate(mesh: TriangleMesh, faces: int) -> TriangleMesh:
     )
 
 
-def _vertex_normals(vertices: FloatMap, faces: NDArray[np.uint32]) -> FloatMap:
+def vertex_normals(vertices: FloatMap, faces: NDArray[np.uint32]) -> FloatMap:
     """Unit normals of the vertices, weighted by the area of their triangles."""
     p, q, r = (vertices[faces[:, k]] for k in range(3))
     cross = np.cross(q - p, r - p)

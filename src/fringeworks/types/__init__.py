@@ -4,6 +4,16 @@
 stacks. Frames are ``(h, w)``, pixel centres lie on integers, x is the column, y the row.
 """
 
+from fringeworks.types.alignment import (
+    AlignBy,
+    Alignment,
+    Ball,
+    BestFit,
+    DatumPlanes,
+    DatumPoints,
+    KnownPose,
+    Where,
+)
 from fringeworks.types.area import Area
 from fringeworks.types.arrays import (
     Axis,
@@ -46,7 +56,7 @@ from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile
 from fringeworks.types.provenance import Provenance, Source, made_by, provenance_from, today
-from fringeworks.types.recipe import PartTolerance, Recipe
+from fringeworks.types.recipe import PartModel, PartTolerance, Recipe
 from fringeworks.types.rig import RIG_PARAMETERS, Pinhole, Rig
 from fringeworks.types.surface import HeightMap, PointCloud
 
@@ -56,14 +66,20 @@ __all__ = [
     "MOST_PX",
     "NUMBERS",
     "RIG_PARAMETERS",
+    "AlignBy",
+    "Alignment",
     "Area",
     "Axis",
+    "Ball",
+    "BestFit",
     "BoardNotFound",
     "BoolMap",
     "ByteMap",
     "CameraNoise",
     "CameraSettings",
     "CoordinateMap",
+    "DatumPlanes",
+    "DatumPoints",
     "Decoded",
     "DeviceProblem",
     "DisplacementMap",
@@ -75,9 +91,11 @@ __all__ = [
     "Frozen",
     "HeightMap",
     "InputError",
+    "KnownPose",
     "Line",
     "MissingPackage",
     "Pair",
+    "PartModel",
     "PartTolerance",
     "Pinhole",
     "Plotted",
@@ -95,6 +113,7 @@ __all__ = [
     "Source",
     "TriangleMesh",
     "UnknownMethod",
+    "Where",
     "check_fields",
     "check_layout",
     "check_reusable",

@@ -28,6 +28,7 @@ FrameFindingKind = Literal[
     "exposures",
     "depth range",
     "views",
+    "alignment",
 ]
 """What a finding is about."""
 

@@ -8,9 +8,11 @@ from os import PathLike
 from types import MappingProxyType
 from typing import Any, Literal
 
+from fringeworks.types.alignment import AlignBy, BestFit
 from fringeworks.types.area import Area
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
+from fringeworks.types.points import TriangleMesh
 from fringeworks.types.rig import Rig
 
 Quantity = Literal[
@@ -21,8 +23,14 @@ Quantity = Literal[
     "sphere_spacing",
     "cylinder_diameter",
     "volume",
+    "parallelism",
+    "angle",
+    "roundness",
     "valid_share",
     "median_sigma",
+    "deviation_mean",
+    "deviation_rms",
+    "deviation_max",
 ]
 QUANTITIES: Mapping[str, int] = MappingProxyType(
     {
@@ -33,11 +41,19 @@ QUANTITIES: Mapping[str, int] = MappingProxyType(
         "sphere_spacing": 2,
         "cylinder_diameter": 1,
         "volume": 2,
+        "parallelism": 2,
+        "angle": 2,
+        "roundness": 1,
         "valid_share": 1,
         "median_sigma": 1,
+        "deviation_mean": 1,
+        "deviation_rms": 1,
+        "deviation_max": 1,
     }
 )
 """Quantities that can have a tolerance, and how many areas each is measured on."""
+FROM_MODEL = frozenset({"deviation_mean", "deviation_rms", "deviation_max"})
+"""Quantities that need a model."""
 USUAL_RISK = 0.05
 """Probability of a wrong decision that ISO 14253-1:2017 takes unless another is agreed on."""
 
@@ -55,9 +71,10 @@ class PartTolerance(Frozen):
     """Name in tables."""
     quantity: Quantity
     areas: tuple[str, ...]
-    """Names of the areas that it is measured on; of a step or a volume, the second is the base."""
+    """Names of the areas that it is measured on; of a step, a volume or a
+    parallelism, the second is the base."""
     low: float | None = None
-    """Smallest allowed value; mm, mm³ or a share."""
+    """Smallest allowed value; mm, mm³, degrees or a share."""
     high: float | None = None
     """Largest allowed value."""
 
@@ -89,6 +106,28 @@ class PartTolerance(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class PartModel(Frozen):
+    """The model of a part, and how the part is brought to it.
+
+    Raises
+    ------
+    InputError for a reach that is not above 0.
+    """
+
+    mesh: TriangleMesh | PathLike[str]
+    """The drawing, or the path of its file."""
+    align: AlignBy = field(default_factory=BestFit)
+    """How the part is brought to it."""
+    reach_mm: float | None = None
+    """Points farther from the model do not belong to it, mm; None for 5 % of its size."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.reach_mm is not None and not self.reach_mm > 0:
+            raise InputError(f"model: expected a reach > 0 mm, got {self.reach_mm}")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Recipe(Frozen):
     """How parts of one kind are measured and judged.
 
@@ -110,6 +149,8 @@ class Recipe(Frozen):
     within: str | None = None
     """Area outside of which nothing is measured; None for everywhere."""
     tolerances: tuple[PartTolerance, ...] = ()
+    model: PartModel | None = None
+    """The model that deviations are measured from."""
     risk: float = USUAL_RISK
     """Probability up to which a part that breaks a limit passes, or a good one fails; 0…0.5."""
 
@@ -124,6 +165,9 @@ class Recipe(Frozen):
             if name not in self.areas:
                 known = ", ".join(self.areas) or "none"
                 raise InputError(f"area {name!r}: expected one of the recipe's, got {known}")
+        needy = [one.name for one in self.tolerances if one.quantity in FROM_MODEL]
+        if needy and self.model is None:
+            raise InputError(f"tolerance {needy[0]!r}: expected a recipe with a model, got none")
         names = [one.name for one in self.tolerances]
         if len(set(names)) < len(names):
             twice = next(name for name in names if names.count(name) > 1)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from fringeworks.types import MAD_TO_SIGMA, FloatMap, Frozen, InputError
 from fringeworks.views.poses import from_twist
@@ -32,12 +34,22 @@ MIN_EIGENVALUE = 2e-3
 displacement they cause at the overlap's size. Below it, the surface slides on itself in that
 direction. Noise in the normals keeps it above 0 for a sphere; between views of the bust 30° apart
 it is 6e-3 and more."""
+MIN_EXACT_EIGENVALUE = 1e-4
+"""The same against a model, whose normals have no noise. What triangles of a sphere leave, with
+interpolated normals, is below 1e-5."""
 PATCH_SHARE = 0.15
 """Side of a patch of the overlap, over its size. Errors of neighbours are alike in the calibration,
 the fringes and the normals; patches of about a sixth are independent to first order."""
 CALIBRATION_PATCHES = 9
 """Number of independent patches into which the stated error of the calibration divides an overlap
 (as ``surface/form.py``)."""
+
+
+MAX_ASIDE = 0.2
+"""Largest distance aside of the normal, over the whole distance, of a point that is matched with a
+model: the angle of 12° allows for triangles of a round surface, not for the edges of a body."""
+ROUNDING_MM = 1e-6
+"""Distance aside that rounding causes, mm."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,6 +74,9 @@ class Registration(Frozen):
     """The same over its standard deviation: 1 where σ explains the distances."""
     converged: bool
     """Whether the last step was below its limit."""
+    response: FloatMap | None = None
+    """(6, k), the errors ξ that the k parts of the points' ``errors`` cause; None where the points
+    have none. ``common`` is then response · responseᵀ."""
 
     @property
     def slides(self) -> int:
@@ -69,19 +84,47 @@ class Registration(Frozen):
         return 6 - int(self.determined.shape[1])
 
 
+class Target(Protocol):
+    """What points are registered to."""
+
+    @property
+    def exact(self) -> bool:
+        """Whether it is a model without noise, whose normals alone then count."""
+
+    def matched(self, xyz_mm: FloatMap, reach_mm: float) -> tuple[FloatMap, SurfacePoints]:
+        """Return the distance of each point, (n,), ∞ beyond the reach, and the nearest points of
+        those within it."""
+
+
+class ViewTarget:
+    """A view that another one is registered to."""
+
+    exact = False
+
+    def __init__(self, view: SurfacePoints) -> None:
+        self._view = view
+        self._tree = scipy.spatial.cKDTree(view.xyz_mm)
+
+    def matched(self, xyz_mm: FloatMap, reach_mm: float) -> tuple[FloatMap, SurfacePoints]:
+        near, index = self._tree.query(xyz_mm, distance_upper_bound=reach_mm, workers=1)
+        found: NDArray[np.intp] = index[np.isfinite(near)]
+        return near, self._view.at(found)
+
+
 def register(
     source: SurfacePoints,
-    target: SurfacePoints,
+    target: SurfacePoints | Target,
     start: FloatMap | None = None,
     *,
     reach_mm: float = START_MM,
     seed: int = 0,
 ) -> Registration:
-    """Bring a view to another one by the distances of their points along the normals.
+    """Bring a view to another one, or to a model, by distances along the normals.
 
     Parameters
     ----------
-    source, target : SurfacePoints
+    source : SurfacePoints
+    target : SurfacePoints or Target
         Each in coordinates of its own.
     start : (4, 4) array, optional
         T_target_source to start from; by default the same coordinates.
@@ -102,21 +145,24 @@ def register(
     -----
     Iterative closest points with the symmetric distance (p − q)·(n_p + n_q), which vanishes for two
     points of one surface up to its third derivative (Rusinkiewicz, ACM Transactions on Graphics 38,
-    2019). Matches are weighted by 1/σ², and left out by their normals and by their distance in
-    robust standard deviations. Every step moves only along directions that the shape determines.
+    2019); for a model, whose normals are exact, with (p − q)·n_q. Matches are weighted by 1/σ², and
+    left out by their normals and by their distance in robust standard deviations. Every step moves
+    only along directions that the shape determines.
     The covariance is that of sums over patches of the overlap (clustered errors, Liang and Zeger,
-    Biometrika 73, 1986), plus the stated error of the calibration.
+    Biometrika 73, 1986), plus the error of the calibration: by the parts of the points' ``errors``
+    where they are known, and else by their stated variance.
     """
     if not reach_mm > 0:
         raise InputError(f"reach_mm: expected > 0, got {reach_mm}")
     rng = np.random.default_rng(seed)
     if len(source.xyz_mm) > SAMPLES:
         source = source.at(np.sort(rng.choice(len(source.xyz_mm), SAMPLES, replace=False)))
-    tree = scipy.spatial.cKDTree(target.xyz_mm)
+    if isinstance(target, SurfacePoints):
+        target = ViewTarget(target)
     T = np.eye(4) if start is None else np.asarray(start, np.float64)
     reach, converged = reach_mm, False
     for _ in range(MAX_STEPS):
-        match = _matches(source.moved(T), target, tree, reach)
+        match = _matches(source.moved(T), target, reach)
         step, displacement = _step(match)
         T = from_twist(step) @ T
         if displacement < SETTLED_MM:
@@ -124,7 +170,7 @@ def register(
             break
         # Matches come nearer as the views do.
         reach = max(min(reach, 3.0 * displacement + 6.0 * match.typical_mm), match.spacing_mm)
-    return _result(T, _matches(source.moved(T), target, tree, reach), converged)
+    return _result(T, _matches(source.moved(T), target, reach), converged)
 
 
 @dataclass(frozen=True)
@@ -132,7 +178,7 @@ class _Matches:
     """Matched points: what the normal equations are made of."""
 
     points: FloatMap
-    """(n, 3), middle between the two, mm."""
+    """(n, 3), middle between the two, or on the model, mm."""
     normals: FloatMap
     distance: FloatMap
     """Of the source's point along the normal, (n,), mm."""
@@ -141,6 +187,10 @@ class _Matches:
     """Variance of the calibration's part, (n,), mm²."""
     overlap: float
     spacing_mm: float
+    least: float
+    """Smallest eigenvalue of a direction that the shape determines."""
+    errors: FloatMap | None
+    """Errors of the distances by the parts of the points' ``errors``, (n, k), mm."""
 
     @property
     def typical_mm(self) -> float:
@@ -162,26 +212,27 @@ class _Matches:
         return np.column_stack((np.cross(arm, self.normals), self.normals))
 
 
-def _matches(
-    source: SurfacePoints, target: SurfacePoints, tree: scipy.spatial.cKDTree, reach: float
-) -> _Matches:
-    near, index = tree.query(source.xyz_mm, distance_upper_bound=reach, workers=1)
+def _matches(source: SurfacePoints, target: Target, reach: float) -> _Matches:
+    near, found = target.matched(source.xyz_mm, reach)
     has = np.isfinite(near)
-    at = index[has]
-    n_source, n_target = source.normals[has], target.normals[at]
-    cosine = np.sum(n_source * n_target, axis=1)
-    offset = source.xyz_mm[has] - target.xyz_mm[at]
-    n = n_source + n_target
-    n /= np.linalg.norm(n, axis=1, keepdims=True) + 1e-12
+    near, seen = near[has], source.at(has)
+    offset = seen.xyz_mm - found.xyz_mm
+    n = found.normals if target.exact else seen.normals + found.normals
+    n = n / (np.linalg.norm(n, axis=1, keepdims=True) + 1e-12)
     distance = np.sum(offset * n, axis=1)
-    sigma2 = source.sigma_mm[has] ** 2 + target.sigma_mm[at] ** 2
-    calibration = sigma2 - source.noise_mm[has] ** 2 - target.noise_mm[at] ** 2
-    good = cosine > MAX_NORMAL_COSINE
+    sigma2 = seen.sigma_mm**2 + found.sigma_mm**2
+    calibration = sigma2 - seen.noise_mm**2 - found.noise_mm**2
+    good = np.sum(seen.normals * found.normals, axis=1) > MAX_NORMAL_COSINE
+    spacing = 0.0
     if np.count_nonzero(good) >= MIN_MATCHES:
         # A point that ends the overlap matches the other's border from aside.
-        aside = np.sqrt(np.maximum(near[has] ** 2 - distance**2, 0.0))
-        spacing = float(np.median(aside[good]))
-        good &= aside < 4.0 * spacing + 1e-9
+        aside = np.sqrt(np.maximum(near**2 - distance**2, 0.0))
+        if target.exact:
+            good &= aside <= MAX_ASIDE * near + ROUNDING_MM
+        else:
+            spacing = 4.0 * float(np.median(aside[good]))
+            good &= aside < spacing + 1e-9
+    if np.count_nonzero(good) >= MIN_MATCHES:
         ratio = np.abs(distance) / np.sqrt(sigma2)
         good &= ratio < END_SIGMAS * max(MAD_TO_SIGMA * float(np.median(ratio[good])), 1.0)
     if np.count_nonzero(good) < MIN_MATCHES:
@@ -189,14 +240,17 @@ def _matches(
             f"views: expected {MIN_MATCHES} matching points or more, got {np.count_nonzero(good)}: "
             "the views hardly overlap, or start too far from each other"
         )
+    errors = None if seen.errors is None else np.einsum("nc,nck->nk", n, seen.errors)[good]
     return _Matches(
-        points=(source.xyz_mm[has] - 0.5 * offset)[good],
+        points=(seen.xyz_mm - (1.0 if target.exact else 0.5) * offset)[good],
         normals=n[good],
         distance=distance[good],
         sigma=np.sqrt(sigma2[good]),
         calibration=np.maximum(calibration[good], 0.0),
         overlap=float(np.count_nonzero(good)) / len(has),
-        spacing_mm=4.0 * spacing,
+        spacing_mm=spacing,
+        least=MIN_EXACT_EIGENVALUE if target.exact else MIN_EIGENVALUE,
+        errors=errors,
     )
 
 
@@ -212,9 +266,10 @@ def _eigen(match: _Matches) -> tuple[FloatMap, FloatMap, FloatMap]:
 def _step(match: _Matches) -> tuple[FloatMap, float]:
     """The step ξ that lowers the distances, and how far it moves points, mm."""
     w, values, vectors = _eigen(match)
-    kept = vectors[:, values > MIN_EIGENVALUE]
+    good = values > match.least
+    kept = vectors[:, good]
     right = match.rows.T @ (w * match.distance)
-    local = -kept @ ((kept.T @ right) / values[values > MIN_EIGENVALUE])
+    local = -kept @ ((kept.T @ right) / values[good])
     xi = local / np.append(np.full(3, match.size), np.ones(3))
     return _about_origin(match) @ xi, float(np.linalg.norm(local))
 
@@ -234,7 +289,7 @@ def carried_matrix(centre: FloatMap) -> FloatMap:
 
 def _result(T: FloatMap, match: _Matches, converged: bool) -> Registration:
     w, values, vectors = _eigen(match)
-    good = values > MIN_EIGENVALUE
+    good = values > match.least
     kept = vectors[:, good]
     gain = kept / values[good] @ kept.T
     rows = match.rows * w[:, None]
@@ -253,6 +308,10 @@ def _result(T: FloatMap, match: _Matches, converged: bool) -> Registration:
         to_origin @ gain @ (k * part.T @ part) @ gain @ to_origin.T
         for part, k in ((sums, factor), (shares, enlarged))
     )
+    response = None
+    if match.errors is not None:
+        response = -to_origin @ gain @ (rows.T @ match.errors)
+        common = response @ response.T
     return Registration(
         T,
         noise,
@@ -262,4 +321,5 @@ def _result(T: FloatMap, match: _Matches, converged: bool) -> Registration:
         float(np.sqrt(np.mean(match.distance**2))),
         float(np.sqrt(np.mean((match.distance / match.sigma) ** 2))),
         converged,
+        response,
     )

@@ -38,6 +38,9 @@ class SurfacePoints(Frozen):
     """The part that is independent from point to point, (n,), mm."""
     colour: FloatMap | None
     """Brightness (n,) or colour (n, 3), counts."""
+    errors: FloatMap | None = None
+    """Errors that the rig's covariance stands for, (n, 3, k), mm: k independent parts, which all
+    points have in common. None where they are not known."""
 
     def moved(self, T: FloatMap) -> SurfacePoints:
         """The points in the coordinates that ``T`` (4, 4) maps to."""
@@ -47,6 +50,7 @@ class SurfacePoints(Frozen):
             self.sigma_mm,
             self.noise_mm,
             self.colour,
+            None if self.errors is None else np.einsum("ij,njk->nik", T[:3, :3], self.errors),
         )
 
     def at(self, index: NDArray[Any]) -> SurfacePoints:
@@ -57,6 +61,7 @@ class SurfacePoints(Frozen):
             self.sigma_mm[index],
             self.noise_mm[index],
             None if self.colour is None else self.colour[index],
+            None if self.errors is None else self.errors[index],
         )
 
 

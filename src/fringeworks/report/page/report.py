@@ -9,7 +9,7 @@ from typing import Any
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.rig import read_rig
-from fringeworks.report.page import others, surface_chapters  # noqa: F401, register chapters
+from fringeworks.report.page import deviation_chapter, others, surface_chapters  # noqa: F401, register chapters
 from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.both import compared
 from fringeworks.report.page.chapter import Context, chapter_of

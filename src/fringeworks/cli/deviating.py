@@ -1,0 +1,176 @@
+"""``fringeworks deviation``: a measured part against its model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+import fringeworks as fw
+from fringeworks.cli import output
+from fringeworks.cli.app import app
+from fringeworks.cli.grouped import grouped
+from fringeworks.cli.showing import ShowOptions
+
+SECTION = "Results"
+SPOT_COLUMNS = ["x / mm", "y / mm", "z / mm", "deviation / mm", "± σ", "area / mm²"]
+"""Columns of the table of dents and bumps."""
+
+
+class AlignName(StrEnum):
+    """How the part is brought to the model."""
+
+    best_fit = "best-fit"
+    points = "datum-points"
+    planes = "datum-planes"
+    none = "none"
+
+
+@dataclass(frozen=True)
+class AlignOptions:
+    """How the part is brought to the model."""
+
+    align: Annotated[
+        AlignName, typer.Option(help="Way of alignment; none: the coordinates are the model's.")
+    ] = AlignName.best_fit
+    point: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Datum point: x:y:z on the part and X:Y:Z on the model, mm, as x:y:z:X:Y:Z; "
+            "repeatable. For best-fit, three or more are the start."
+        ),
+    ] = None
+    plane: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Datum plane: its box of pixels and a point on it in the model, mm, as "
+            "column:row:column:row:X:Y:Z; three, the primary one first."
+        ),
+    ] = None
+    fit: Annotated[
+        str | None,
+        typer.Option(help="Box of pixels that is fitted, as column:row:column:row."),
+    ] = None
+
+    @property
+    def way(self) -> fw.BestFit | fw.DatumPoints | fw.DatumPlanes | fw.KnownPose:
+        """The way of alignment, as the library takes it."""
+        given = {"--point": self.point, "--plane": self.plane, "--fit": self.fit}
+        uses = {
+            AlignName.best_fit: ("--point", "--fit"),
+            AlignName.points: ("--point",),
+            AlignName.planes: ("--plane",),
+            AlignName.none: (),
+        }[self.align]
+        for name, value in given.items():
+            if value and name not in uses:
+                raise fw.InputError(f"{name} cannot be combined with --align {self.align.value}")
+        if self.align is AlignName.none:
+            return fw.KnownPose(np.eye(4))
+        if self.align is AlignName.planes:
+            return _planes(self.plane or [])
+        pairs = None
+        if self.point or self.align is AlignName.points:
+            table = np.array([_numbers(p, 6, "--point") for p in self.point or []]).reshape(-1, 6)
+            pairs = fw.DatumPoints(table[:, :3], table[:, 3:])
+        if self.align is AlignName.points and pairs is not None:
+            return pairs
+        return fw.BestFit(pairs, None if self.fit is None else _box(self.fit, "--fit"))
+
+
+def _numbers(text: str, count: int, option: str) -> list[float]:
+    try:
+        found = [float(part) for part in text.split(":")]
+    except ValueError:
+        found = []
+    if len(found) != count:
+        raise fw.InputError(f"{option}: expected {count} numbers with ':' between, got {text!r}")
+    return found
+
+
+def _box(text: str, option: str) -> fw.Area:
+    left, top, right, bottom = (round(v) for v in _numbers(text, 4, option))
+    return fw.Area(box=(left, top, right, bottom))
+
+
+def _planes(texts: list[str]) -> fw.DatumPlanes:
+    if len(texts) != 3:
+        raise fw.InputError(f"--plane: expected three datum planes, got {len(texts)}")
+    table = [_numbers(text, 7, "--plane") for text in texts]
+    one, two, three = (_box(":".join(f"{v:g}" for v in row[:4]), "--plane") for row in table)
+    return fw.DatumPlanes((one, two, three), np.array([row[4:] for row in table]))
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks deviation part.npz --model part.stl --rig rig.toml "
+    "--tolerance-mm 0.1 --figure deviation.png",
+)
+@grouped
+def deviation(
+    part: Annotated[Path, typer.Argument(help="Measured part: .npz, .ply or .xyz.")],
+    model: Annotated[Path, typer.Option(help="Drawing: .stl, .ply, .obj or .off, in mm.")],
+    *,
+    how: AlignOptions,
+    rig: Annotated[
+        Path | None, typer.Option(help="Rig that measured the part: σ is then smaller.")
+    ] = None,
+    reach_mm: Annotated[
+        float | None,
+        typer.Option(help="Points farther from the model do not belong to it, mm."),
+    ] = None,
+    tolerance_mm: Annotated[
+        float | None, typer.Option(help="Largest deviation that is allowed to either side, mm.")
+    ] = None,
+    scale: Annotated[float, typer.Option(help="mm per unit of the drawing; inches: 25.4.")] = 1.0,
+    show: ShowOptions,
+) -> None:
+    """Measure how far a part lies from its drawing."""
+    words = output.Output(*show.targets)
+    show.check()
+    way = how.way
+    known = None if rig is None else fw.read_rig(rig)
+    with output.progress() as progress:
+        found = fw.deviation(
+            part,
+            fw.read_model(model, scale=scale),
+            align=way,
+            rig=known,
+            reach_mm=reach_mm,
+            progress=progress,
+        )
+    figures = fw.summarise(found) | found.figures(tolerance_mm)
+    show.write(found, figures, name=part.name, provenance=found.provenance, rig=known)
+    _say(words, found, figures)
+    words.wrote(show.figure, show.report)
+
+
+def _say(words: output.Output, found: fw.Deviation, figures: dict[str, object]) -> None:
+    """Print what was found."""
+    sigma = figures["mean_sigma_mm"]
+    mean = f"{figures['mean_mm']:.4f} mm" + ("" if sigma is None else f" ± {sigma:.2g}")
+    words.say(f"{figures['points']} points; mean {mean}; rms {figures['rms_mm']:.4f} mm")
+    if figures["median_sigma_mm"] is not None:
+        words.say(f"median σ of a point {figures['median_sigma_mm']:.4f} mm")
+        spots = fw.find_spots(found)
+        if spots:
+            rows = [
+                [
+                    *(f"{v:.2f}" for v in spot.place_mm),
+                    f"{spot.depth_mm:+.4f}",
+                    f"{spot.sigma_mm:.2g}",
+                    f"{spot.area_mm2:.3g}",
+                ]
+                for spot in spots
+            ]
+            words.table(SPOT_COLUMNS, rows)
+    if "outside_share" in figures:
+        sure = figures["surely_outside_share"]
+        surely = "" if sure is None else f", {sure:.2%} surely (by 2 σ)"
+        words.say(f"{figures['outside_share']:.2%} outside the tolerance{surely}")
+    for finding in found.findings:
+        words.say(finding.text)

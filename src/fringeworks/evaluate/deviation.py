@@ -1,0 +1,351 @@
+"""A measured part against its model: signed distances with their standard deviation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fringeworks.evaluate.measured_part import MeasuredPart, measured_part, named_model, named_part
+from fringeworks.files.atomic import StrPath
+from fringeworks.files.rig import read_rig
+from fringeworks.rig.pinhole import transform
+from fringeworks.surface.closest import MeshDistance, Nearest
+from fringeworks.types import (
+    AlignBy,
+    Alignment,
+    BestFit,
+    ByteMap,
+    DatumPlanes,
+    DatumPoints,
+    FloatMap,
+    FrameFinding,
+    Frozen,
+    InputError,
+    KnownPose,
+    Plotted,
+    PointCloud,
+    Points,
+    Provenance,
+    Reason,
+    Rig,
+    TriangleMesh,
+    made_by,
+    sealed,
+)
+from fringeworks.views.alignment import (
+    REACH_SHARE,
+    align_by_fit,
+    align_planes,
+    align_points,
+    patches,
+)
+from fringeworks.views.model_target import ModelTarget
+
+CHUNK = 50_000
+"""Number of points whose errors are computed together; with 24 parameters they take 30 MB."""
+PERCENTILES = (1.0, 5.0, 50.0, 95.0, 99.0)
+"""Percentiles of the distances that are stated."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Deviation(Plotted, Frozen):
+    """Distances of a measured part from its model.
+
+    Maps have the shape of the part: (h, w) for a cloud of a camera, (n,) for other points.
+    """
+
+    distance_mm: FloatMap
+    """Signed distance of every point from the model, positive outside, mm; NaN without one."""
+    sigma_mm: FloatMap
+    """Standard deviation of the distance: noise, calibration and alignment, mm; NaN where the
+    points have none."""
+    noise_mm: FloatMap
+    """The part of σ that is independent from point to point, mm."""
+    reason: ByteMap
+    """``Reason`` of every point; ``OUTSIDE`` for points that lie beyond the reach of the model."""
+    points_mm: FloatMap
+    """(…, 3), the points in the model's coordinates, mm."""
+    normals: FloatMap
+    """(…, 3), directions out of the model at the nearest points, in the model's coordinates."""
+    alignment: Alignment
+    """How the part lies to the model."""
+    part: PointCloud | Points
+    """What was measured, in its own coordinates."""
+    model: TriangleMesh
+    """The model."""
+    mean_sigma_mm: float | None
+    """Standard deviation of the mean distance, mm; None where the points have no σ."""
+    findings: tuple[FrameFinding, ...] = ()
+    """What is likely wrong, and what to do about it."""
+    notes: tuple[str, ...] = ()
+    """What to know about the points and the model."""
+    provenance: Provenance | None = None
+    """How it was made."""
+
+    @property
+    def measured(self) -> FloatMap:
+        """The distances that are known, (n,), mm."""
+        return np.asarray(self.distance_mm[self.reason == Reason.OK], np.float64)
+
+    def figures(self, tolerance_mm: float | None = None) -> dict[str, Any]:
+        """Return the numerical results.
+
+        Parameters
+        ----------
+        tolerance_mm : float > 0, optional
+            Largest distance that is allowed on either side, mm.
+
+        Returns
+        -------
+        dict of JSON values, lengths in mm: ``points``, ``mean_mm`` with ``mean_sigma_mm``,
+        ``rms_mm``, percentiles, extremes, ``within_1_sigma`` and ``within_2_sigma``; with a
+        tolerance also ``outside_share``, and ``surely_outside_share`` of points that are outside by
+        more than 2 σ.
+
+        Raises
+        ------
+        InputError for a tolerance that is not above 0.
+        """
+        found = self.measured
+        sigma = np.asarray(self.sigma_mm[self.reason == Reason.OK], np.float64)
+        known = bool(np.isfinite(sigma).all())
+        size = np.abs(found)
+        figures: dict[str, Any] = {
+            "points": int(found.size),
+            "share_of_points": float(found.size / max(self._possible, 1)),
+            "mean_mm": float(found.mean()),
+            "mean_sigma_mm": self.mean_sigma_mm,
+            "rms_mm": float(np.sqrt(np.mean(found**2))),
+            "median_sigma_mm": float(np.median(sigma)) if known else None,
+            "smallest_mm": float(found.min()),
+            "largest_mm": float(found.max()),
+            "percentiles_mm": dict(
+                zip(
+                    (f"{p:g}" for p in PERCENTILES),
+                    map(float, np.percentile(found, PERCENTILES)),
+                    strict=True,
+                )
+            ),
+            "within_1_sigma": float(np.mean(size <= sigma)) if known else None,
+            "within_2_sigma": float(np.mean(size <= 2.0 * sigma)) if known else None,
+        }
+        if tolerance_mm is not None:
+            if not 0 < tolerance_mm < np.inf:
+                raise InputError(f"tolerance_mm: expected > 0 mm, got {tolerance_mm}")
+            figures["tolerance_mm"] = tolerance_mm
+            figures["outside_share"] = float(np.mean(size > tolerance_mm))
+            sure = float(np.mean(size - 2.0 * sigma > tolerance_mm)) if known else None
+            figures["surely_outside_share"] = sure
+        return figures
+
+    @property
+    def _possible(self) -> int:
+        """Points that were measured, near the model or not."""
+        return int(np.count_nonzero((self.reason == Reason.OK) | (self.reason == Reason.OUTSIDE)))
+
+
+def deviation(
+    part: PointCloud | Points | TriangleMesh | StrPath,
+    model: TriangleMesh | StrPath,
+    *,
+    align: AlignBy | None = None,
+    rig: Rig | StrPath | None = None,
+    reach_mm: float | None = None,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Deviation:
+    """Measure how far a part lies from its model.
+
+    Parameters
+    ----------
+    part : PointCloud, Points, TriangleMesh or path
+        What was measured; a path of a cloud (``.npz``) or of points (``.ply``, ``.xyz``). Filled
+        vertices of a mesh were not measured and are left out.
+    model : TriangleMesh or path
+        The drawing, closed and in mm; a path of ``.stl``, ``.ply``, ``.obj`` or ``.off``.
+    align : BestFit, DatumPoints, DatumPlanes or KnownPose
+        How the part is brought to the model; by default a best fit whose start is searched for.
+    rig : Rig or path, optional
+        The rig that measured a cloud. Its covariance tells which errors of the calibration the
+        alignment takes up; without it they are taken to be larger.
+    reach_mm : float > 0, optional
+        Points farther from the model do not belong to it, mm; by default 5 % of its size.
+    seed : int
+        Seed of the choice of points.
+    progress : callable
+        Called with what is done next.
+
+    Returns
+    -------
+    Deviation
+
+    Raises
+    ------
+    InputError for points that do not suit the way of alignment, points that cannot be aligned, and
+    where no point is within reach of the model; FileProblem for files that cannot be read.
+
+    Notes
+    -----
+    The distance d of a point is that to the nearest point of the model, with the sign of the side.
+    σ² is the sum of three parts: the noise of the point along the model's normal n; the noise of
+    the alignment, J C Jᵀ with J = (p × n, n); and the errors of the calibration E after the
+    alignment has followed them, |n·E + J ξ(E)|². A best fit takes up most of E, so that σ is then
+    much smaller than that of the points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import fringeworks as fw
+    >>> corners = np.array([[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0.0]])
+    >>> plate = fw.TriangleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> points = fw.Points(np.array([[2.0, 3, 0.25], [5, 6, -0.5]]), None)
+    >>> found = fw.deviation(points, plate, align=fw.KnownPose(np.eye(4)), reach_mm=1.0)
+    >>> found.distance_mm.tolist()
+    [0.25, -0.5]
+    """
+    align = BestFit() if align is None else align
+    known = rig if isinstance(rig, Rig) or rig is None else read_rig(rig)
+    surface, source = named_part(part)
+    drawn, drawn_source = named_model(model)
+    mesh = MeshDistance(drawn)
+    reach = REACH_SHARE * mesh.size_mm if reach_mm is None else float(reach_mm)
+    if not 0 < reach < np.inf:
+        raise InputError(f"reach_mm: expected > 0 mm, got {reach_mm}")
+    seen = measured_part(surface, known)
+    progress("alignment …")
+    alignment = aligned(seen, mesh, align, seed=seed)
+    progress("distances …")
+    placed = transform(alignment.T_model_part, seen.xyz_mm)
+    near = mesh.nearest(placed, reach)
+    if not (near.face >= 0).any():
+        raise InputError(
+            f"model: expected points within {reach:.4g} mm of it, got none; align the part, or "
+            "check the unit of the model"
+        )
+    extrapolates = not (isinstance(align, BestFit) and align.within is None)
+    sigma, noise, mean = _uncertainty(seen, alignment, placed, near, extrapolates=extrapolates)
+    origin = made_by(
+        "deviation",
+        options={"align": align, "reach_mm": reach_mm, "seed": seed},
+        inputs=(source, drawn_source),
+        rig=known,
+    )
+    return _assembled(seen, drawn, alignment, placed, near, (sigma, noise, mean), origin)
+
+
+def aligned(seen: MeasuredPart, mesh: MeshDistance, align: AlignBy, *, seed: int = 0) -> Alignment:
+    """Bring a part to its model; see ``deviation``."""
+    if isinstance(align, KnownPose):
+        none = np.zeros((6, 6))
+        return Alignment(
+            "known pose", align.T_model_part, none, none, np.eye(6), 0, 1.0, 0.0, converged=True
+        )
+    if isinstance(align, DatumPoints):
+        return align_points(align, seen.errors_at(align.part_mm), seen.common_at(align.part_mm))
+    if isinstance(align, DatumPlanes):
+        parts = [seen.within(where).plain() for where in align.where]
+        found = mesh.nearest(align.model_mm, REACH_SHARE * mesh.size_mm)
+        if (found.face < 0).any():
+            raise InputError(
+                "datum planes: expected points on the model, got one that lies "
+                f"{REACH_SHARE:.0%} of its size or more from it"
+            )
+        return align_planes(parts, found.point_mm, mesh.normals[found.face])
+    start = align.start
+    if isinstance(start, DatumPoints):
+        start = align_points(start, None, None).T_model_part
+    fitted = seen if align.within is None else seen.within(align.within)
+    return align_by_fit(
+        fitted.turned(seed), ModelTarget(mesh), start, one_view=seen.one_view, seed=seed
+    )
+
+
+def _uncertainty(
+    seen: MeasuredPart,
+    alignment: Alignment,
+    placed: FloatMap,
+    near: Nearest,
+    *,
+    extrapolates: bool,
+) -> tuple[FloatMap, FloatMap, float | None]:
+    """σ and noise of every distance, and σ of their mean."""
+    has = np.flatnonzero(near.face >= 0)
+    sigma, noise = (np.full(len(placed), np.nan) for _ in range(2))
+    if seen.sigma_mm is None or seen.noise_mm is None:
+        return sigma, noise, None
+    turn = alignment.T_model_part[:3, :3]
+    errors = alignment.response is not None or alignment.by == "known pose"
+    total, rows_total = 0.0, np.zeros(6)
+    patch = patches(seen.xyz_mm)
+    sums = np.zeros(patch.max() + 1)
+    for k in range(0, len(has), CHUNK):
+        at = has[k : k + CHUNK]
+        n = near.direction[at]
+        rows = np.column_stack((np.cross(placed[at], n), n))
+        along = seen.along(at, n @ turn)
+        noise[at] = along * seen.noise_mm[at]
+        by_pose = np.einsum("ni,ij,nj->n", rows, alignment.noise, rows)
+        moved = seen.errors_at(seen.xyz_mm[at]) if errors else None
+        if moved is not None:
+            parts = np.einsum("nc,nck->nk", n @ turn, moved)
+            if alignment.response is not None:
+                parts = parts + rows @ alignment.response
+            calibration = np.sum(parts**2, axis=1)
+            total = total + parts.sum(axis=0)
+        else:
+            shared = along * np.sqrt(np.maximum(seen.sigma_mm[at] ** 2 - seen.noise_mm[at] ** 2, 0))
+            calibration = shared**2
+            if extrapolates:
+                calibration += np.einsum("ni,ij,nj->n", rows, alignment.common, rows)
+            sums += np.bincount(patch[at], shared, len(sums))
+        rows_total += rows.sum(axis=0)
+        sigma[at] = np.sqrt(noise[at] ** 2 + by_pose + calibration)
+    variance = np.sum(noise[has] ** 2) + rows_total @ alignment.noise @ rows_total
+    variance += np.sum(np.square(total)) + np.sum(sums**2)
+    return sigma, noise, float(np.sqrt(variance)) / len(has)
+
+
+def _assembled(
+    seen: MeasuredPart,
+    model: TriangleMesh,
+    alignment: Alignment,
+    placed: FloatMap,
+    near: Nearest,
+    uncertainty: tuple[FloatMap, FloatMap, float | None],
+    origin: Provenance,
+) -> Deviation:
+    sigma, noise, mean = uncertainty
+
+    def spread(values: FloatMap) -> FloatMap:
+        full = np.full((seen.reason.size, *values.shape[1:]), np.nan, np.float32)
+        full[seen.index] = values
+        return sealed(full.reshape(*seen.reason.shape, *values.shape[1:]))
+
+    reason = seen.reason.ravel().copy()
+    reason[seen.index[near.face < 0]] = Reason.OUTSIDE
+    notes = [*seen.surface.notes, *model.notes]
+    if seen.rig is None and seen.sigma_mm is not None and isinstance(seen.surface, PointCloud):
+        notes.append(
+            "no rig was given: errors of the calibration count in full, although the alignment "
+            "takes up a part of them"
+        )
+    if seen.sigma_mm is None:
+        notes.append("the points have no σ, so that the distances have none")
+    return Deviation(
+        spread(near.distance_mm),
+        spread(sigma),
+        spread(noise),
+        sealed(reason.reshape(seen.reason.shape)),
+        spread(placed),
+        spread(near.direction),
+        alignment,
+        seen.surface,
+        model,
+        mean,
+        alignment.findings,
+        tuple(dict.fromkeys(notes)),
+        origin,
+    )

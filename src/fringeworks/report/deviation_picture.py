@@ -1,0 +1,102 @@
+"""The picture of a deviation from a model: maps of a camera's frame, or points seen from aside."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fringeworks.evaluate.deviation import Deviation
+from fringeworks.report.maps import (
+    COLOURS,
+    UNMEASURED_WORDS,
+    Panel,
+    PanelKind,
+    Picture,
+    limits_of,
+    percent,
+    sheet,
+    small_print,
+)
+from fringeworks.types import FloatMap, PointCloud, Reason
+
+MOST_DRAWN = 60_000
+"""Largest number of points of a picture: more lie on top of each other."""
+POINT_SIZE = 2.0
+"""Size of a drawn point, in squares of 1/72 inch."""
+WIDTH_INCH, HEIGHT_INCH = 11.0, 5.0
+"""Size of a picture of points, inches."""
+DEVIATION, SIGMA, RATIO = "deviation, positive outside", "standard deviation σ", "deviation over σ"
+"""Titles of the panels."""
+
+
+def deviation_picture(title: str, found: Deviation) -> Picture:
+    """Draw the deviation, its σ, and the ratio of the two."""
+    if isinstance(found.part, PointCloud):
+        return sheet(
+            title,
+            facts_of(found),
+            [
+                Panel(DEVIATION, found.distance_mm, "signed", "mm"),
+                Panel(SIGMA, found.sigma_mm, "sigma", "mm"),
+                Panel(RATIO, found.distance_mm / found.sigma_mm, "signed", "σ"),
+                Panel("measured, or why not", found.reason, "reasons"),
+            ],
+            columns=2,
+            findings=found.findings,
+        )
+    return _of_points(title, found)
+
+
+def facts_of(found: Deviation) -> str:
+    """Mean, rms, usual σ and share of points in one line."""
+    figures = found.figures()
+    parts = [
+        f"{figures['points']:,} points",
+        f"mean {figures['mean_mm']:.3g} mm",
+        f"rms {figures['rms_mm']:.3g} mm",
+    ]
+    if figures["median_sigma_mm"] is not None:
+        parts.append(f"median σ {figures['median_sigma_mm']:.2g} mm")
+    parts.append(f"aligned by {found.alignment.by}")
+    if figures["share_of_points"] < 1.0:
+        parts.append(f"{percent(figures['share_of_points'])} within reach of the model")
+    if isinstance(found.part, PointCloud):
+        parts.append(UNMEASURED_WORDS)
+    return "   ·   ".join(parts)
+
+
+def _of_points(title: str, found: Deviation) -> Picture:
+    """Points in the plane of their two longest axes, seen against the third."""
+    ok = np.flatnonzero(found.reason == Reason.OK)
+    some = ok[:: max(1, len(ok) // MOST_DRAWN)]
+    xyz = np.asarray(found.points_mm[some], np.float64)
+    axes_of = np.linalg.svd(xyz - xyz.mean(axis=0), full_matrices=False)[2]
+    # Points that face the viewer are drawn last.
+    toward = axes_of[2] * (1.0 if np.nanmean(found.normals[some] @ axes_of[2]) >= 0 else -1.0)
+    order = np.argsort(xyz @ toward)
+    known = bool(np.isfinite(found.sigma_mm[ok]).all())
+    shown: list[tuple[str, FloatMap, PanelKind]] = [(DEVIATION, found.distance_mm, "signed")]
+    if known:
+        shown.append((SIGMA, found.sigma_mm, "sigma"))
+    small = small_print([finding.seen for finding in found.findings], WIDTH_INCH)
+    figure = Picture(figsize=(WIDTH_INCH, HEIGHT_INCH), layout="constrained")
+    figure.suptitle(f"{title}\n{facts_of(found)}", fontsize=12)
+    if small:
+        figure.supxlabel(small, x=0.01, ha="left", fontsize=9)
+    for number, (name, values, kind) in enumerate(shown):
+        axes = figure.add_subplot(1, len(shown), number + 1)
+        low, high = limits_of(kind, [values])
+        drawn = axes.scatter(
+            *(xyz[order] @ axes_of[:2].T).T,
+            c=values[some][order],
+            s=POINT_SIZE,
+            cmap=COLOURS[kind],
+            vmin=low,
+            vmax=high,
+            linewidths=0,
+        )
+        axes.set_title(name, fontsize=11)
+        axes.set_xlabel("along the longest axis / mm")
+        axes.set_ylabel("across it / mm")
+        axes.set_aspect("equal")
+        figure.colorbar(drawn, ax=axes, extend="both", shrink=0.8).set_label("mm")
+    return figure

@@ -1,0 +1,223 @@
+"""The nearest point of a triangle mesh to any point, with the side that the point is on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks import _core
+from fringeworks.types import BoolMap, FloatMap, InputError, TriangleMesh
+
+ON_EDGE = 1e-9
+"""Barycentric coordinate below which a point of a triangle lies on an edge, to rounding."""
+SMOOTH_COSINE = 0.966
+"""Least cosine between the normals of a vertex and of a triangle for a round surface: 15°. Between
+triangles of a sharp edge the angle is larger."""
+FLAT_SHARE = 1e-12
+"""Smallest area of a triangle, over the square of its longest edge. A triangle below it has no
+normal."""
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The nearest points of a mesh."""
+
+    distance_mm: FloatMap
+    """Signed distance, positive outside, (n,), mm; NaN beyond the reach."""
+    point_mm: FloatMap
+    """The nearest point of the mesh, (n, 3), mm; NaN beyond the reach."""
+    direction: FloatMap
+    """Direction in which the signed distance grows fastest, (n, 3), of length 1."""
+    face: NDArray[np.int64]
+    """The face that the nearest point lies on, (n,); −1 beyond the reach."""
+    inside_face: BoolMap
+    """Whether the nearest point lies inside a face, not on an edge or a vertex, (n,)."""
+
+
+class MeshDistance:
+    """Distances from a triangle mesh, prepared for many points.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Triangles without area are left out.
+
+    Raises
+    ------
+    InputError for a mesh without a triangle that has an area.
+
+    Notes
+    -----
+    The nearest triangle is found by a tree of boxes. The sign is that of the normal at the nearest
+    point; on edges and vertices this is the normal weighted by angles (Bærentzen and Aanæs, IEEE
+    Transactions on Visualization and Computer Graphics 11, 2005, doi:10.1109/TVCG.2005.49).
+    """
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        vertices = np.asarray(mesh.vertices_mm, np.float64)
+        corners = vertices[mesh.faces.astype(np.int64)]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        double_area = np.linalg.norm(cross, axis=1)
+        longest = np.max(_sides(corners), axis=1) if len(corners) else np.empty(0)
+        good = double_area > FLAT_SHARE * longest**2
+        if not good.any():
+            raise InputError("model: expected triangles with an area, got none")
+        self.corners: FloatMap = corners[good]
+        """Corners of the triangles, (m, 3, 3), mm."""
+        self.normals: FloatMap = cross[good] / double_area[good, None]
+        """Unit normals of the triangles, (m, 3)."""
+        self.areas_mm2: FloatMap = 0.5 * double_area[good]
+        """Areas of the triangles, (m,), mm²."""
+        self.size_mm: float = float(np.linalg.norm(np.ptp(self.corners.reshape(-1, 3), axis=0)))
+        """Diagonal of the box around the mesh, mm."""
+        self._edge_normals, self._vertex_normals = _shared_normals(self.corners, self.normals)
+        cosine = np.einsum("mkc,mc->mk", _unit(self._vertex_normals), self.normals)
+        self._corner_normals = np.where(
+            (cosine > SMOOTH_COSINE)[..., None], _unit(self._vertex_normals), self.normals[:, None]
+        )
+        faces = np.arange(3 * len(self.corners), dtype=np.uint32).reshape(-1, 3)
+        self._tree = _core.Triangles(self.corners.reshape(-1, 3), faces)
+
+    def smooth_normals(self, found: Nearest) -> FloatMap:
+        """Return the normals at nearest points of the round surface that triangles stand for.
+
+        They are interpolated between the corners, but not across sharp edges; (n, 3), for points
+        within reach.
+        """
+        has = found.face >= 0
+        face = found.face[has]
+        share = _triangle_distance(found.point_mm[has], self.corners[face])[2]
+        return _unit(np.einsum("nk,nkc->nc", share, self._corner_normals[face]))
+
+    def nearest(self, points_mm: FloatMap, reach_mm: float) -> Nearest:
+        """Find the nearest points of the mesh.
+
+        Parameters
+        ----------
+        points_mm : (n, 3) array
+            Finite, mm.
+        reach_mm : float > 0
+            Distance beyond which nothing is searched, mm.
+
+        Returns
+        -------
+        Nearest
+        """
+        points = np.ascontiguousarray(points_mm, np.float64)
+        return self._signed(points, self._tree.nearest(points, reach_mm).astype(np.int64))
+
+    def _signed(self, points: FloatMap, face: NDArray[np.int64]) -> Nearest:
+        n = len(points)
+        signed, inside = np.full(n, np.nan), np.zeros(n, bool)
+        foot, direction = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+        has = np.flatnonzero(face >= 0)
+        if has.size:
+            at = face[has]
+            distance, foot[has], share = _triangle_distance(points[has], self.corners[at])
+            zero = share <= ON_EDGE
+            inside[has] = ~zero.any(axis=1)
+            normal = self.normals[at].copy()
+            edge, vertex = zero.sum(axis=1) == 1, zero.sum(axis=1) == 2
+            # Corner k has share 0 on the edge opposite to it.
+            normal[edge] = self._edge_normals[at[edge], np.argmax(zero[edge], axis=1)]
+            normal[vertex] = self._vertex_normals[at[vertex], np.argmax(share[vertex], axis=1)]
+            way = points[has] - foot[has]
+            sign = np.where(np.sum(way * normal, axis=1) < 0, -1.0, 1.0)
+            signed[has] = sign * distance
+            aside = ~inside[has] & (distance > 0)
+            normal[aside] = sign[aside, None] * way[aside] / distance[aside, None]
+            direction[has] = normal
+        return Nearest(signed, foot, direction, face, inside)
+
+
+def sampled(mesh: MeshDistance, count: int, rng: np.random.Generator) -> tuple[FloatMap, FloatMap]:
+    """Random points of a mesh, evenly over its area, with their normals; both (count, 3)."""
+    share = mesh.areas_mm2 / mesh.areas_mm2.sum()
+    face = rng.choice(len(share), count, p=share)
+    u, v = rng.random((2, count))
+    # Points beyond the diagonal of the parallelogram are turned back into the triangle.
+    over = u + v > 1.0
+    u, v = np.where(over, 1.0 - u, u), np.where(over, 1.0 - v, v)
+    p, q, r = np.moveaxis(mesh.corners[face], 1, 0)
+    return p + u[:, None] * (q - p) + v[:, None] * (r - p), mesh.normals[face]
+
+
+def _sides(corners: FloatMap) -> FloatMap:
+    """Lengths of the sides opposite to each corner, (m, 3)."""
+    return np.stack(
+        [
+            np.linalg.norm(corners[:, (k + 2) % 3] - corners[:, (k + 1) % 3], axis=1)
+            for k in range(3)
+        ],
+        axis=1,
+    )
+
+
+def _triangle_distance(points: FloatMap, corners: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Distance from a triangle each, its nearest point (n, 3), and barycentric shares (n, 3)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    ab, ac, ap = b - a, c - a, points - a
+    d00, d01, d11 = _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
+    d20, d21 = _dot(ap, ab), _dot(ap, ac)
+    scale = d00 * d11 - d01 * d01
+    v, w = (d11 * d20 - d01 * d21) / scale, (d00 * d21 - d01 * d20) / scale
+    share = np.stack((1.0 - v - w, v, w), axis=1)
+    out = np.flatnonzero((share < 0).any(axis=1))
+    if out.size:
+        share[out] = _on_border(points[out], corners[out])
+    foot = np.einsum("nk,nkc->nc", share, corners)
+    return np.linalg.norm(points - foot, axis=1), foot, share
+
+
+def _on_border(points: FloatMap, corners: FloatMap) -> FloatMap:
+    """Barycentric shares of the nearest point on a triangle's border, (n, 3)."""
+    nearest = np.full(len(points), np.inf)
+    share = np.zeros((len(points), 3))
+    for k in range(3):
+        p, q = corners[:, k], corners[:, (k + 1) % 3]
+        along = q - p
+        t = np.clip(_dot(points - p, along) / _dot(along, along), 0.0, 1.0)
+        off = points - p - t[:, None] * along
+        square = _dot(off, off)
+        nearer = square < nearest
+        nearest = np.where(nearer, square, nearest)
+        here = np.zeros_like(share)
+        here[:, k], here[:, (k + 1) % 3] = 1.0 - t, t
+        share[nearer] = here[nearer]
+    return share
+
+
+def _unit(vectors: FloatMap) -> FloatMap:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.maximum(length, np.finfo(np.float64).tiny))
+
+
+def _dot(p: FloatMap, q: FloatMap) -> FloatMap:
+    return np.asarray(np.einsum("nk,nk->n", p, q))
+
+
+def _shared_normals(corners: FloatMap, normals: FloatMap) -> tuple[FloatMap, FloatMap]:
+    """Normals of the edge opposite to each corner and of the vertex there, both (m, 3, 3).
+
+    Vertices at one place count as one, as STL files repeat them.
+    """
+    m = len(corners)
+    _, vertex = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    vertex = vertex.reshape(m, 3)
+    toward = [corners[:, (k + 1) % 3] - corners[:, k] for k in range(3)]
+    at_vertex = np.zeros((int(vertex.max()) + 1, 3))
+    ends = []
+    for k in range(3):
+        one, other = toward[k], -toward[(k + 2) % 3]
+        sine = np.linalg.norm(np.cross(one, other), axis=1)
+        angle = np.arctan2(sine, _dot(one, other))
+        np.add.at(at_vertex, vertex[:, k], angle[:, None] * normals)
+        ends.append(np.sort(vertex[:, [(k + 1) % 3, (k + 2) % 3]], axis=1))
+    _, edge = np.unique(np.concatenate(ends), axis=0, return_inverse=True)
+    edge = edge.reshape(3, m).T
+    at_edge = np.zeros((int(edge.max()) + 1, 3))
+    for k in range(3):
+        np.add.at(at_edge, edge[:, k], normals)
+    return at_edge[edge], at_vertex[vertex]

@@ -30,6 +30,7 @@ from fringeworks.types.errors import (
 )
 from fringeworks.types.finding import FrameFinding, FrameFindingKind
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
+from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
 from fringeworks.types.noise import MAD_TO_SIGMA, CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.points import Points, TriangleMesh
@@ -63,6 +64,7 @@ __all__ = [
     "InputError",
     "Line",
     "MissingPackage",
+    "MultiRig",
     "Pair",
     "PartTolerance",
     "Pinhole",
@@ -86,6 +88,7 @@ __all__ = [
     "count_reasons",
     "fingerprint",
     "made_by",
+    "multi_rig_parameters",
     "provenance_from",
     "reason_counts",
     "sealed",

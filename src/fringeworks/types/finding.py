@@ -28,6 +28,7 @@ FrameFindingKind = Literal[
     "exposures",
     "depth range",
     "views",
+    "cameras",
 ]
 """What a finding is about."""
 

@@ -25,6 +25,7 @@ from .types import (
     InputError as InputError,
     KnownPose as KnownPose,
     MissingPackage as MissingPackage,
+    MultiRig as MultiRig,
     Pair as Pair,
     PartModel as PartModel,
     PartTolerance as PartTolerance,
@@ -44,6 +45,7 @@ from .types import (
     UnknownMethod as UnknownMethod,
     count_reasons as count_reasons,
     made_by as made_by,
+    multi_rig_parameters as multi_rig_parameters,
     fingerprint as fingerprint,
 )
 
@@ -340,6 +342,10 @@ from .rig.calibration.calibrate import (
     calibrate as calibrate,
     observe as observe,
 )
+from .rig.calibration.cameras import (
+    MultiCalibration as MultiCalibration,
+    calibrate_cameras as calibrate_cameras,
+)
 from .rig.calibration.diagnosis import (
     Finding as Finding,
     diagnose as diagnose,
@@ -363,6 +369,16 @@ from .rig.depth_range import (
 from .rig.triangulate import (
     Triangulator as Triangulator,
     triangulate as triangulate,
+)
+from .rig.device_pairs import (
+    camera_pair as camera_pair,
+)
+from .rig.camera_points import (
+    CameraPoints as CameraPoints,
+)
+from .files.multi_rig import (
+    read_multi_rig as read_multi_rig,
+    write_multi_rig as write_multi_rig,
 )
 from .files.rig import (
     read_rig as read_rig,
@@ -460,6 +476,11 @@ from .pipeline.merging import (
 from .pipeline.boards import (
     calibrate_stacks as calibrate_stacks,
     observe_stack as observe_stack,
+)
+from .pipeline.cameras import (
+    MultiMeasurement as MultiMeasurement,
+    calibrate_camera_stacks as calibrate_camera_stacks,
+    measure_cameras as measure_cameras,
 )
 from .pipeline.rig_check import (
     adjust_rig as adjust_rig,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +16,7 @@ from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, existing_file, parsing, read_content
 from fringeworks.files.provenance import ProvenanceSection, toml_section
 from fringeworks.files.toml import Section, Size, read_toml
-from fringeworks.types import RIG_PARAMETERS, InputError, Pinhole, Rig
+from fringeworks.types import RIG_PARAMETERS, FloatMap, InputError, Pinhole, Provenance, Rig
 
 OPENCV_SUFFIXES = (".xml", ".yml", ".yaml")
 """Files of OpenCV's FileStorage."""
@@ -154,34 +155,56 @@ def _in_mm(rig: Rig, unit_mm: float) -> Rig:
 
 def format_rig(rig: Rig) -> str:
     """A rig as TOML."""
-    content: dict[str, Any] = {"kind": "rig"}
-    for k, (name, device) in enumerate((("camera", rig.camera), ("projector", rig.projector))):
-        content[name] = {
-            "size_px": [device.width_px, device.height_px],
-            "focal_px": _floats(device.focal_px),
-            "principal_px": _floats(device.principal_px),
-            "distortion": _floats(device.distortion),
-        }
-        if rig.residual_px is not None:
-            content[name]["residual_px"] = float(rig.residual_px[k])
-    T = rig.T_projector_camera
-    content["T_projector_camera"] = {
+    camera_px, projector_px = rig.residual_px or (None, None)
+    content: dict[str, Any] = {
+        "kind": "rig",
+        "camera": device_section(rig.camera, camera_px),
+        "projector": device_section(rig.projector, projector_px),
+        "T_projector_camera": pose_section(rig.T_projector_camera),
+    }
+    if rig.covariance is not None:
+        content["uncertainty"] = uncertainty_section(rig.covariance, RIG_PARAMETERS)
+    return toml_text(HEADER, content, rig.provenance)
+
+
+def device_section(device: Pinhole, residual_px: float | None) -> dict[str, Any]:
+    """A device as a table of a rig file."""
+    section: dict[str, Any] = {
+        "size_px": [device.width_px, device.height_px],
+        "focal_px": _floats(device.focal_px),
+        "principal_px": _floats(device.principal_px),
+        "distortion": _floats(device.distortion),
+    }
+    if residual_px is not None:
+        section["residual_px"] = float(residual_px)
+    return section
+
+
+def pose_section(T: FloatMap) -> dict[str, Any]:
+    """A transform (4, 4) as a table of a rig file."""
+    return {
         "rotation": [_floats(row) for row in T[:3, :3]],
         "translation_mm": _floats(T[:3, 3]),
     }
-    if rig.covariance is not None:
-        sigma = np.sqrt(np.diag(rig.covariance))
-        safe = np.where(sigma > 0, sigma, 1.0)
-        correlation = rig.covariance / np.outer(safe, safe)
-        content["uncertainty"] = {
-            "parameters": list(RIG_PARAMETERS),
-            "sigma": _floats(sigma),
-            "correlation": [[round(float(c), 12) for c in row] for row in correlation],
-        }
-    content |= toml_section(rig.provenance)
-    # A line for each row of numbers.
+
+
+def uncertainty_section(covariance: FloatMap, parameters: Sequence[str]) -> dict[str, Any]:
+    """A covariance as a table of a rig file."""
+    sigma = np.sqrt(np.diag(covariance))
+    safe = np.where(sigma > 0, sigma, 1.0)
+    correlation = covariance / np.outer(safe, safe)
+    return {
+        "parameters": list(parameters),
+        "sigma": _floats(sigma),
+        "correlation": [[round(float(c), 12) for c in row] for row in correlation],
+    }
+
+
+def toml_text(header: str, content: dict[str, Any], provenance: Provenance | None) -> str:
+    """A rig file: a line for each row of numbers."""
+    content |= toml_section(provenance)
     rows = re.compile(r"\[\s*((?:[^][,\"]+,\s*)+)\]")
-    return HEADER + rows.sub(
+    return header + rows.sub(
         lambda row: f"[{', '.join(part.strip() for part in row[1].split(',') if part.strip())}]",
         tomli_w.dumps(content),
     )
@@ -192,29 +215,44 @@ def _floats(values: Any) -> list[float]:
 
 
 def _from_toml(content: RigFile) -> Rig:
-    devices = [
-        Pinhole(*d.size_px, d.focal_px, d.principal_px, d.distortion)
-        for d in (content.camera, content.projector)
-    ]
-    T = np.eye(4)
-    T[:3, :3] = content.T_projector_camera.rotation
-    T[:3, 3] = content.T_projector_camera.translation_mm
     covariance = None
     if content.uncertainty is not None:
-        u = content.uncertainty
-        if tuple(u.parameters) != RIG_PARAMETERS:
-            raise InputError(
-                f"uncertainty.parameters: expected {', '.join(RIG_PARAMETERS)}, in this order"
-            )
-        n = len(RIG_PARAMETERS)
-        if len(u.sigma) != n or [len(row) for row in u.correlation] != [n] * n:
-            raise InputError(f"uncertainty: expected {n} sigmas and {n} × {n} correlations")
-        sigma = np.array(u.sigma)
-        if not (np.isfinite(sigma).all() and (sigma >= 0).all()):
-            raise InputError("uncertainty.sigma: expected values >= 0")
-        covariance = np.array(u.correlation) * np.outer(sigma, sigma)
+        covariance = covariance_of(content.uncertainty, RIG_PARAMETERS)
     camera_px, projector_px = content.camera.residual_px, content.projector.residual_px
     # One of the two alone does not say how well rays meet.
     residual = None if camera_px is None or projector_px is None else (camera_px, projector_px)
     origin = None if content.provenance is None else content.provenance.as_provenance()
-    return Rig(devices[0], devices[1], T, covariance, residual, origin)
+    return Rig(
+        pinhole_of(content.camera),
+        pinhole_of(content.projector),
+        transform_of(content.T_projector_camera),
+        covariance,
+        residual,
+        origin,
+    )
+
+
+def pinhole_of(device: DeviceSection) -> Pinhole:
+    """The device that a table of a rig file describes."""
+    return Pinhole(*device.size_px, device.focal_px, device.principal_px, device.distortion)
+
+
+def transform_of(pose: PoseSection) -> FloatMap:
+    """The transform (4, 4) that a table of a rig file describes, mm."""
+    T = np.eye(4)
+    T[:3, :3] = pose.rotation
+    T[:3, 3] = pose.translation_mm
+    return T
+
+
+def covariance_of(u: UncertaintySection, parameters: Sequence[str]) -> FloatMap:
+    """The covariance that a table of a rig file describes, of these parameters."""
+    if u.parameters != list(parameters):
+        raise InputError(f"uncertainty.parameters: expected {', '.join(parameters)}, in this order")
+    n = len(parameters)
+    if len(u.sigma) != n or [len(row) for row in u.correlation] != [n] * n:
+        raise InputError(f"uncertainty: expected {n} sigmas and {n} × {n} correlations")
+    sigma = np.array(u.sigma)
+    if not (np.isfinite(sigma).all() and (sigma >= 0).all()):
+        raise InputError("uncertainty.sigma: expected values >= 0")
+    return np.asarray(np.array(u.correlation) * np.outer(sigma, sigma))

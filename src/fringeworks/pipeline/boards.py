@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Unpack
 
 from fringeworks.files.atomic import StrPath
@@ -63,6 +63,40 @@ def calibrate_stacks(
     InputError where too few poses are left, a stack cannot be read, and as ``calibrate``.
     """
     board = parse_board(board) if isinstance(board, str) else board
+    seen = observe_poses(stacks, board, plan, progress, options)
+    progress("adjusting …")
+    found = calibrate(seen.observations, board, skipped=seen.skipped, distortion=distortion)
+    plans = seen.plans
+    origin = made_by(
+        "calibrate_stacks",
+        options={"board": board, "distortion": distortion, **options},
+        inputs=seen.inputs,
+        plan=plans[0] if len(plans) == 1 else plans,
+    )
+    return replace(found, rig=replace(found.rig, provenance=origin))
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedPoses:
+    """The poses of a board that one camera saw."""
+
+    observations: list[Observation]
+    skipped: dict[str, str]
+    """Names of the poses that could not be observed, with the reason."""
+    inputs: tuple[Source, ...]
+    """Every pose, by the hashes of its files."""
+    plans: tuple[PatternPlan, ...]
+    """The plans of the stacks, each once."""
+
+
+def observe_poses(
+    stacks: Iterable[tuple[str, Stack]] | StrPath,
+    board: Board,
+    plan: PatternPlan | StrPath | None,
+    progress: Callable[[str], None],
+    options: DecodeOptions,
+) -> ObservedPoses:
+    """Find a board in all poses of one camera; the options are those of ``calibrate_stacks``."""
     poses = read_poses(stacks, plan) if isinstance(stacks, (str, os.PathLike)) else stacks
     observations: list[Observation] = []
     skipped: dict[str, str] = {}
@@ -77,15 +111,7 @@ def calibrate_stacks(
             observations.append(observe_stack(stack, board, name=name, **options))
         except (BoardNotFound, FramesContradictPlan) as error:
             skipped[name] = str(error) if name in str(error) else f"{name}: {error}"
-    progress("adjusting …")
-    found = calibrate(observations, board, skipped=skipped, distortion=distortion)
-    origin = made_by(
-        "calibrate_stacks",
-        options={"board": board, "distortion": distortion, **options},
-        inputs=tuple(inputs),
-        plan=next(iter(plans)) if len(plans) == 1 else tuple(plans),
-    )
-    return replace(found, rig=replace(found.rig, provenance=origin))
+    return ObservedPoses(observations, skipped, tuple(inputs), tuple(plans))
 
 
 def observe_stack(

@@ -148,7 +148,7 @@ def measure(
         options.setdefault("absolute", not repeats(plan))
         found = depth.resolve(decoded_exposures(stacks, options))
     points = rig.triangulate(
-        found, axis=axis, epipolar_px=epipolar_px, colour=_colour(stacks, found)
+        found, axis=axis, epipolar_px=epipolar_px, colour=scene_brightness(stacks, found)
     )
     seconds = time.perf_counter() - started
     origin = made_by(
@@ -169,7 +169,7 @@ def measure(
     return Measurement(points, found, seconds)
 
 
-def _colour(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None:
+def scene_brightness(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None:
     """Brightness of the scene, (h, w), counts; None where the plan does not show it."""
     if len(stacks) > 1:
         return next(iter(found.maps.values())).background

@@ -46,8 +46,8 @@ def summarise(result: object) -> dict[str, Any]:
     Parameters
     ----------
     result : Reconstruction, Measurement, Decoded, WrappedPhase, LightSeparation, Calibration,
-        RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection, Deviation,
-        HeightMap, PointCloud, Points or SetupTests
+        RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection,
+        Deviation, HeightMap, PointCloud, Points or SetupTests
 
     Returns
     -------

@@ -10,7 +10,7 @@ from fringeworks.patterns.plan import PatternPlan, PhaseSteps, equal_steps
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.pinhole import look_at, pose, rotation
 from fringeworks.simulate.bodies import Body, Box, Cylinder, Paraboloid, Plane, Sphere
-from fringeworks.types import FloatMap, InputError, Pinhole, Rig
+from fringeworks.types import FloatMap, InputError, MultiRig, Pinhole, Rig
 
 DISTANCE_MM = 500.0
 """Distance from the camera to the middle of the field, mm: usual for a field of 200 mm."""
@@ -23,6 +23,11 @@ PERIODS_ACROSS_X = (59, 64, 70)
 are about 30 px, short enough for small noise."""
 PERIODS_ACROSS_Y = (37, 40, 44)
 """The same across the projector's rows: beats of 3, 4 and 1, and about 30 px on 1200 px."""
+CAMERA_ANGLE_DEG = 20.0
+"""Angle between the projector's axis and that of each camera of ``standard_cameras``, degrees. Two
+cameras on both sides are 40° apart, so that both see boards tilted by 35°."""
+CAMERA_PLACES = ((-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
+"""Places of the cameras of ``standard_cameras``, in these angles from the projector."""
 WALL_ALBEDO = 0.35
 """Reflectance of the wall behind the bust, 0…1: darker than the bust, as a laboratory's wall."""
 
@@ -64,6 +69,54 @@ def standard_rig(*, scale: float = 1.0, baseline_mm: float = 280.0) -> Rig:
     )
     middle = np.array([0.0, 0.0, DISTANCE_MM])
     return Rig(camera, projector, look_at(np.array([baseline_mm, 8.0, 0.0]), middle))
+
+
+def standard_cameras(*, scale: float = 1.0, cameras: int = 2) -> MultiRig:
+    """Build a rig of several standard cameras around a standard projector.
+
+    Parameters
+    ----------
+    scale : float > 0
+        As for ``standard_rig``.
+    cameras : int, 1…4
+        The second camera is on the projector's other side. The third and fourth stand above and
+        below the projector.
+
+    Returns
+    -------
+    MultiRig without a covariance. All devices look at the middle of the field, which is at the same
+    distance from all of them; neighbours are ``CAMERA_ANGLE_DEG`` apart.
+
+    Raises
+    ------
+    InputError for another number of cameras.
+
+    Examples
+    --------
+    >>> rig = standard_cameras(scale=0.5)
+    >>> len(rig.cameras), rig.cameras[1].shape
+    (2, (512, 640))
+    """
+    if not 1 <= cameras <= len(CAMERA_PLACES):
+        raise InputError(f"cameras: expected 1 to {len(CAMERA_PLACES)}, got {cameras}")
+    one = standard_rig(scale=scale)
+    middle = np.array([0.0, 0.0, DISTANCE_MM])
+
+    def seen_from(across: float, up: float) -> FloatMap:
+        """Pose of a device at two angles from the projector."""
+        a, b = np.radians(CAMERA_ANGLE_DEG * (across + 1.0)), np.radians(CAMERA_ANGLE_DEG * up)
+        eye = DISTANCE_MM * np.array([np.sin(a) * np.cos(b), -np.sin(b), -np.cos(a) * np.cos(b)])
+        return look_at(middle + eye, middle)
+
+    poses = np.stack([np.eye(4), *(seen_from(*place) for place in CAMERA_PLACES[1:cameras])])
+    # The further cameras differ a little from the first, as cameras of one type do.
+    devices = [one.camera]
+    for k in range(1, cameras):
+        x, y = one.camera.principal_px
+        moved = (x - 9.0 * k * scale, y + 7.0 * k * scale)
+        fx, fy = (f * (1.0 + 0.004 * k) for f in one.camera.focal_px)
+        devices.append(replace(one.camera, principal_px=moved, focal_px=(fx, fy)))
+    return MultiRig(tuple(devices), one.projector, seen_from(0.0, 0.0), poses)
 
 
 def cropped_field(

@@ -51,6 +51,7 @@ from fringeworks.types.errors import (
 )
 from fringeworks.types.finding import FrameFinding, FrameFindingKind
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
+from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
 from fringeworks.types.noise import MAD_TO_SIGMA, CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.points import Points, TriangleMesh
@@ -94,6 +95,7 @@ __all__ = [
     "KnownPose",
     "Line",
     "MissingPackage",
+    "MultiRig",
     "Pair",
     "PartModel",
     "PartTolerance",
@@ -123,6 +125,7 @@ __all__ = [
     "fits_axes",
     "layout_words",
     "made_by",
+    "multi_rig_parameters",
     "positive",
     "provenance_from",
     "reason_counts",

@@ -29,6 +29,7 @@ FrameFindingKind = Literal[
     "depth range",
     "views",
     "alignment",
+    "cameras",
 ]
 """What a finding is about."""
 

@@ -7,16 +7,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fringeworks.rig.calibration.adjusted import Adjusted, Weighting, Without
 from fringeworks.rig.calibration.board_shape import (
     BOW_SIZE,
     OFFSET_SIZE,
-    BoardPrior,
     BoardShape,
     estimated_prior,
     first_prior,
 )
 from fringeworks.rig.calibration.normal_equations import Covariance, NormalEquations
-from fringeworks.rig.calibration.parameters import POSE_SIZE, RIG_SIZE, RigPrior, State
+from fringeworks.rig.calibration.parameters import (
+    POSE_SIZE,
+    RIG_SIZE,
+    FurtherCamera,
+    RigPrior,
+    State,
+)
 from fringeworks.rig.calibration.residuals import (
     Corners,
     Residuals,
@@ -25,7 +31,7 @@ from fringeworks.rig.calibration.residuals import (
     corners_of,
     residuals_of,
 )
-from fringeworks.rig.calibration.robust import first_scatter, root_weights, scatter_of, weights_of
+from fringeworks.rig.calibration.robust import first_scatter, scatter_of, weights_of
 from fringeworks.types import BoolMap, FloatMap, InputError, Rig
 
 MAX_ROUNDS = 20
@@ -64,66 +70,6 @@ NEGLIGIBLE_PRIOR = 1e-5
 120 mm, below what corners show."""
 
 
-@dataclass(frozen=True, eq=False)
-class Weighting:
-    """How the residuals and the board's deviations count in the least-squares sum."""
-
-    scatter: FloatMap
-    """Standard deviation per coordinate of every corner's residuals, (n, 2), px."""
-    weights: FloatMap | None
-    """Huber's weights, (n, 2), 0 for outliers; None for 1."""
-    prior: BoardPrior
-
-    @property
-    def root(self) -> FloatMap:
-        """Factor of every residual, (n, 4), 1/px."""
-        return root_weights(self.scatter, self.weights)
-
-    def of_rows(self, kept: BoolMap) -> Weighting:
-        """The same for some of the corners."""
-        weights = None if self.weights is None else self.weights[kept]
-        return Weighting(self.scatter[kept], weights, self.prior)
-
-
-@dataclass(frozen=True, eq=False)
-class Adjusted:
-    """The result of a bundle adjustment."""
-
-    rig: Rig
-    """With the covariance of its 24 parameters and the root mean square residuals."""
-    poses: tuple[FloatMap, ...]
-    """T_camera_board of every sighting, (4, 4), mm."""
-    shape: BoardShape
-    """By how much the board deviates from its description."""
-    prior: BoardPrior
-    """The standard deviations of these deviations, as estimated."""
-    covariance: FloatMap
-    """Covariance of the rig's 24 parameters, then of every pose's 6 and the 3 bow coefficients,
-    square; 0 for parameters that were held fixed."""
-    camera_residual_px: tuple[FloatMap, ...]
-    """Measured minus predicted camera pixels, (m, 2) per sighting, px."""
-    projector_residual_px: tuple[FloatMap, ...]
-    """Measured minus predicted projector pixels, (m, 2) per sighting, px."""
-    used: tuple[BoolMap, ...]
-    """False for corners that were left out as outliers, (m,) per sighting."""
-    weighting: Weighting
-    """Scatter and weights of all corners."""
-    converged: bool
-    """False where scatter and weights still changed in the last round."""
-
-    @property
-    def bow_sigma_mm(self) -> FloatMap:
-        """Standard deviations of the bow coefficients, (3,), mm."""
-        return np.sqrt(np.diag(self.covariance)[-BOW_SIZE:])
-
-    @property
-    def scatter_px(self) -> tuple[tuple[float, float], ...]:
-        """Per sighting: standard deviation of a corner in the camera, and of the projector
-        coordinate read at the predicted camera pixel, per coordinate, px."""
-        firsts = np.cumsum([0, *(len(u) for u in self.used[:-1])])
-        return tuple((float(a), float(b)) for a, b in self.weighting.scatter[firsts])
-
-
 def adjust(
     sightings: Sequence[Sighting],
     rig: Rig,
@@ -131,6 +77,7 @@ def adjust(
     *,
     free: BoolMap | None = None,
     prior: RigPrior | None = None,
+    further: Sequence[FurtherCamera] = (),
 ) -> Adjusted:
     """Fit the rig, all poses and the board's shape to all corners by robust least squares.
 
@@ -140,11 +87,13 @@ def adjust(
     rig : Rig
         Start.
     poses : sequence of (4, 4) arrays
-        Start: T_camera_board of every sighting, mm.
-    free : (24,) bool array, optional
-        Which of the rig's parameters are estimated; the others keep their start. All by default.
+        Start: T_camera_board of the board in every pose before the first camera, mm.
+    free : (24 …,) bool array, optional
+        Which of the devices' parameters are estimated; the others keep their start. All by default.
     prior : RigPrior, optional
         What is known about the rig beside the sightings. With it, one sighting is enough.
+    further : sequence of FurtherCamera, optional
+        Start of the cameras after the first. Sightings name their camera and pose.
 
     Returns
     -------
@@ -170,11 +119,11 @@ def adjust(
     """
     corners = corners_of(sightings)
     shape = BoardShape(np.zeros(BOW_SIZE), np.zeros((corners.board_points, OFFSET_SIZE)))
-    state = State(rig, tuple(poses), shape)
-    free = np.ones(RIG_SIZE, bool) if free is None else free
+    state = State(rig, tuple(poses), shape, tuple(further))
+    free = np.ones(state.devices_size, bool) if free is None else free
     problem = _Problem(corners, free, state, prior)
     first = residuals_of(corners, state).independent
-    scatter = first_scatter(first, corners.rows, problem.of_rig_and_poses)
+    scatter = first_scatter(first, corners.rows, problem.of_rig_and_poses, corners.camera_of)
     weighting = Weighting(scatter, None, first_prior(corners.points_mm))
     converged = False
     for _ in range(MAX_ROUNDS):
@@ -187,31 +136,29 @@ def adjust(
     return problem.result(problem.minimise(state, weighting), weighting, converged)
 
 
-def without(
-    sightings: Sequence[Sighting], adjusted: Adjusted, k: int, *, free: BoolMap
-) -> tuple[Rig, FloatMap]:
-    """Fit again without the k-th sighting, with the same scatter, weights and prior.
-
-    Returns
-    -------
-    The rig with its covariance, and the board's places at the corners of the k-th sighting, (m, 3).
+def without(sightings: Sequence[Sighting], adjusted: Adjusted, k: int, *, free: BoolMap) -> Without:
+    """Fit again without the k-th pose of the board, with the same scatter, weights and prior.
 
     Raises
     ------
     InputError where the others do not determine the parameters.
     """
-    others = [s for n, s in enumerate(sightings) if n != k]
     every = corners_of(sightings)
+    others = [
+        s if s.pose is None else replace(s, pose=s.pose - int(s.pose > k))
+        for n, s in enumerate(sightings)
+        if every.pose_of[n] != k
+    ]
     left_out = every.pose == k
     poses = tuple(T for n, T in enumerate(adjusted.poses) if n != k)
-    state = State(adjusted.rig, poses, adjusted.shape)
+    state = State(adjusted.rig, poses, adjusted.shape, adjusted.further)
     problem = _Problem(corners_of(others), free, state)
     weighting = adjusted.weighting.of_rows(~left_out)
     at = problem.minimise(state, weighting)
     state = at.state
-    covariance = problem.covariance(at, weighting).shared[:RIG_SIZE, :RIG_SIZE]
-    rig = Rig(state.rig.camera, state.rig.projector, state.rig.T_projector_camera, covariance)
-    return rig, board_places(every, state.shape)[left_out]
+    size = state.devices_size
+    covariance = problem.covariance(at, weighting).shared[:size, :size]
+    return Without(state.rig, state.further, covariance, board_places(every, state.shape)[left_out])
 
 
 def refit(
@@ -224,7 +171,7 @@ def refit(
     The rig with its covariance; and the cost, the weighted sum of squares of all residuals and
     deviations from priors. Costs of several priors can be compared.
     """
-    state = State(adjusted.rig, adjusted.poses, adjusted.shape)
+    state = State(adjusted.rig, adjusted.poses, adjusted.shape, adjusted.further)
     problem = _Problem(corners_of(sightings), free, state, prior)
     at = problem.minimise(state, adjusted.weighting)
     covariance = problem.covariance(at, adjusted.weighting).shared[:RIG_SIZE, :RIG_SIZE]
@@ -281,7 +228,7 @@ class _Problem:
         leverage = covariance.of_residuals(self.corners, J)
         determined = 2.0 - leverage.reshape(-1, 2, 2).sum(axis=2)
         independent = at.residuals.independent
-        scatter = scatter_of(independent, self.corners.rows, determined)
+        scatter = scatter_of(independent, self.corners.rows, determined, self.corners.camera_of)
         prior = before.prior
         # The first scatter comes from a rough start and says little about the board.
         if before.weights is not None:
@@ -370,12 +317,14 @@ class _Problem:
         camera, projector = at.residuals.independent[:, :2], at.residuals.projector_seen
         kept = np.ones(camera.shape) if weighting.weights is None else weighting.weights
         used = np.asarray((kept > 0).all(axis=1))
+        by_camera = self.corners.camera_of[self.corners.sighting]
+        rms = [_rms_length(camera[used & (by_camera == k)]) for k in range(1 + len(state.further))]
         rig = Rig(
             state.rig.camera,
             state.rig.projector,
             state.rig.T_projector_camera,
             covariance[:RIG_SIZE, :RIG_SIZE],
-            (_rms_length(camera[used]), _rms_length(projector[used])),
+            (rms[0], _rms_length(projector[used])),
         )
         rows = self.corners.rows
         return Adjusted(
@@ -389,6 +338,8 @@ class _Problem:
             used=tuple(used[r] for r in rows),
             weighting=weighting,
             converged=converged,
+            further=state.further,
+            further_rms_px=tuple(rms[1:]),
         )
 
 

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.rig.calibration.adjusted import Adjusted
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView
-from fringeworks.rig.calibration.bundle import Adjusted, adjust
+from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.coefficients import free_parameters, without_useless
 from fringeworks.rig.calibration.corners import find_board
 from fringeworks.rig.calibration.correspondence import Correspondence, projector_at, spacing
@@ -207,8 +208,8 @@ def calibrate(
     No homographies of patches are used.
     """
     skipped = dict(skipped or {})
-    _check_poses(observations, board, skipped)
-    _check_orientation(observations)
+    check_poses(observations, board, skipped)
+    check_orientation(observations)
     free = free_parameters(distortion)
     sightings = [sighting_of(o, board) for o in observations]
     first = observations[0]
@@ -244,9 +245,7 @@ def _inflated(rig: Rig, factor: float) -> Rig:
     return replace(rig, covariance=rig.covariance * factor**2)
 
 
-def _check_poses(
-    observations: Sequence[Observation], board: Board, skipped: dict[str, str]
-) -> None:
+def check_poses(observations: Sequence[Observation], board: Board, skipped: dict[str, str]) -> None:
     if len(observations) < MIN_POSES:
         reasons = "".join(f"; {reason}" for reason in skipped.values())
         raise InputError(
@@ -291,7 +290,7 @@ def _same_poses(observations: Sequence[Observation], board: Board) -> list[list[
     return [names for _, names in groups]
 
 
-def _check_orientation(observations: Sequence[Observation]) -> None:
+def check_orientation(observations: Sequence[Observation]) -> None:
     """Refuse mirrored poses: seen from its front, a board has one orientation in both devices."""
     mirrored = []
     for o in observations:

@@ -6,9 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fringeworks.rig.calibration.bundle import Adjusted, adjust
+from fringeworks.rig.calibration.adjusted import Adjusted
+from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.leave_out import LeftOut, leave_poses_out
-from fringeworks.rig.calibration.parameters import DEVICE_SIZE, RIG_SIZE, pinhole_of
+from fringeworks.rig.calibration.parameters import (
+    DEVICE_SIZE,
+    FURTHER_SIZE,
+    RIG_SIZE,
+    FurtherCamera,
+    pinhole_of,
+)
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.types import BoolMap, FloatMap, InputError, Pinhole, Rig
 
@@ -23,13 +30,18 @@ out k₂, p₁ and p₂ as well made rigs from different poses of a real board d
 standard deviations, instead of 1.1 with all of them."""
 
 
-def free_parameters(distortion: int | None) -> BoolMap:
-    """Return which of the rig's parameters are estimated at first, (24,); None as 5."""
+def device_places(further: int) -> list[int]:
+    """Return where the parameters of every device begin, for a number of further cameras."""
+    return [0, DEVICE_SIZE, *(RIG_SIZE + FURTHER_SIZE * k for k in range(further))]
+
+
+def free_parameters(distortion: int | None, further: int = 0) -> BoolMap:
+    """Return which of the devices' parameters are estimated at first, (24 …,); None as 5."""
     if distortion not in (None, 0, 2, 4, 5):
         raise InputError(f"distortion: expected 0, 2, 4 or 5 coefficients, got {distortion}")
-    free = np.ones(RIG_SIZE, bool)
-    for device in (0, 1):
-        first = DEVICE_SIZE * device + FIRST_COEFFICIENT
+    free = np.ones(RIG_SIZE + FURTHER_SIZE * further, bool)
+    for place in device_places(further):
+        first = place + FIRST_COEFFICIENT
         free[first + (5 if distortion is None else distortion) : first + 5] = False
     return free
 
@@ -44,41 +56,53 @@ def without_useless(
     sightings : sequence of Sighting
     adjusted : Adjusted
         Their adjustment with all coefficients in ``free``.
-    free : (24,) bool array
+    free : (24 …,) bool array
 
     Returns
     -------
-    The adjustment without them, what leaving out poses shows, and what was estimated, (24,).
+    The adjustment without them, what leaving out poses shows, and what was estimated.
     """
     left_out = leave_poses_out(sightings, adjusted, free=free)
+    places = device_places(len(adjusted.further))
     useless = [
-        place
-        for place in (K3, DEVICE_SIZE + K3)
-        if free[place] and _is_useless(adjusted.rig, place, left_out)
+        place + K3
+        for place, device in zip(places, _devices(adjusted), strict=True)
+        if free[place + K3] and _is_useless(device, adjusted, place, left_out)
     ]
     if useless:
         free = free.copy()
         free[useless] = False
-        adjusted = adjust(sightings, _with_zeros(adjusted.rig, free), adjusted.poses, free=free)
+        rig, further = _with_zeros(adjusted, free)
+        adjusted = adjust(sightings, rig, adjusted.poses, free=free, further=further)
         left_out = leave_poses_out(sightings, adjusted, free=free)
     return adjusted, left_out, free
 
 
-def _is_useless(rig: Rig, place: int, left_out: LeftOut) -> bool:
-    """Whether a coefficient does not differ from zero."""
-    assert rig.covariance is not None
-    value = np.concatenate((rig.camera.parameters, rig.projector.parameters))[place]
-    sigma = np.sqrt(rig.covariance[place, place]) * left_out.inflation
+def _devices(adjusted: Adjusted) -> list[Pinhole]:
+    """Camera, projector and further cameras."""
+    rig = adjusted.rig
+    return [rig.camera, rig.projector, *(other.camera for other in adjusted.further)]
+
+
+def _is_useless(device: Pinhole, adjusted: Adjusted, place: int, left_out: LeftOut) -> bool:
+    """Whether k₃ of the device whose parameters begin at a place does not differ from zero."""
+    value = device.parameters[K3]
+    sigma = np.sqrt(adjusted.covariance[place + K3, place + K3]) * left_out.inflation
     return bool(abs(value) < USEFUL_SIGMAS * sigma)
 
 
-def _with_zeros(rig: Rig, free: BoolMap) -> Rig:
-    """The rig with all distortion that is not estimated at zero."""
+def _with_zeros(adjusted: Adjusted, free: BoolMap) -> tuple[Rig, tuple[FurtherCamera, ...]]:
+    """All devices with all distortion that is not estimated at zero."""
+    places = device_places(len(adjusted.further))
     devices = [
-        _device(device, free[DEVICE_SIZE * k : DEVICE_SIZE * (k + 1)])
-        for k, device in enumerate((rig.camera, rig.projector))
+        _device(device, free[place : place + DEVICE_SIZE])
+        for place, device in zip(places, _devices(adjusted), strict=True)
     ]
-    return Rig(devices[0], devices[1], rig.T_projector_camera)
+    further = tuple(
+        FurtherCamera(device, other.T_camera_first)
+        for device, other in zip(devices[2:], adjusted.further, strict=True)
+    )
+    return Rig(devices[0], devices[1], adjusted.rig.T_projector_camera), further
 
 
 def _device(device: Pinhole, free: BoolMap) -> Pinhole:

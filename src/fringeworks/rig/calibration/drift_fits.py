@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fringeworks.rig.calibration.bundle import Adjusted, adjust, refit
+from fringeworks.rig.calibration.adjusted import Adjusted
+from fringeworks.rig.calibration.bundle import adjust, refit
 from fringeworks.rig.calibration.parameters import (
     DEVICE_SIZE,
     RIG_SIZE,

@@ -7,9 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fringeworks.rig.calibration.adjusted import Adjusted, Without
 from fringeworks.rig.calibration.board_view import MIN_CORNERS
-from fringeworks.rig.calibration.bundle import Adjusted, without
-from fringeworks.rig.calibration.parameters import parameter_change
+from fringeworks.rig.calibration.bundle import without
+from fringeworks.rig.calibration.parameters import (
+    FurtherCamera,
+    further_change,
+    pair_rig,
+    parameter_change,
+)
 from fringeworks.rig.calibration.poses import fit_pose
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.pinhole import project, transform
@@ -43,8 +49,8 @@ def leave_poses_out(sightings: Sequence[Sighting], adjusted: Adjusted, *, free: 
     sightings : sequence of Sighting
     adjusted : Adjusted
         Their adjustment.
-    free : (24,) bool array
-        Which of the rig's parameters are estimated.
+    free : (24 …,) bool array
+        Which of the devices' parameters are estimated.
 
     Notes
     -----
@@ -58,49 +64,65 @@ def leave_poses_out(sightings: Sequence[Sighting], adjusted: Adjusted, *, free: 
     """
     squares, directions = 0.0, 0
     predicted = []
-    for k in range(len(sightings)):
+    for k in range(len(adjusted.poses)):
         try:
-            rig, places = without(sightings, adjusted, k, free=free)
+            left = without(sightings, adjusted, k, free=free)
         except InputError:
             predicted.append(float("nan"))
             continue
-        chi = _normalised_change(rig, adjusted.rig, free)
+        chi = _normalised_change(left, adjusted, free)
         squares, directions = squares + float(np.sum(chi**2)), directions + len(chi)
-        predicted.append(_prediction(k, sightings, adjusted, rig, places))
+        predicted.append(_prediction(k, sightings, adjusted, left))
     inflation = max(1.0, float(np.sqrt(squares / directions))) if directions else 1.0
-    enough = len(sightings) > MIN_PREDICTING
+    enough = len(adjusted.poses) > MIN_PREDICTING
     return LeftOut(inflation, tuple(predicted) if enough else ())
 
 
-def _normalised_change(without_pose: Rig, whole: Rig, free: BoolMap) -> FloatMap:
-    """Change of the rig in independent directions, over its expected standard deviation."""
-    assert without_pose.covariance is not None
-    assert whole.covariance is not None
-    C = whole.covariance[np.ix_(free, free)]
+def _normalised_change(left: Without, whole: Adjusted, free: BoolMap) -> FloatMap:
+    """Change of the devices in independent directions, over its expected standard deviation."""
+    known = whole.devices_covariance
+    C = known[np.ix_(free, free)]
     scale = np.sqrt(np.diag(C))
     L = np.linalg.cholesky(C / np.outer(scale, scale))
-    gain = (without_pose.covariance - whole.covariance)[np.ix_(free, free)]
+    gain = (left.covariance - known)[np.ix_(free, free)]
     half = np.linalg.solve(L, gain / np.outer(scale, scale))
     relative = np.linalg.solve(L, half.T)
     values, vectors = np.linalg.eigh(0.5 * (relative + relative.T))
-    change = np.linalg.solve(L, parameter_change(without_pose, whole)[free] / scale)
+    step = np.concatenate(
+        (parameter_change(left.rig, whole.rig), further_change(left.further, whole.further))
+    )
+    change = np.linalg.solve(L, step[free] / scale)
     counted = values > MIN_GAIN
     return np.asarray((vectors.T @ change)[counted] / np.sqrt(values[counted]))
 
 
-def _prediction(
-    k: int, sightings: Sequence[Sighting], adjusted: Adjusted, rig: Rig, places: FloatMap
-) -> float:
-    """Prediction error of the k-th pose, px; NaN where it cannot be computed."""
-    used = adjusted.used[k]
-    left_out = Sighting(*(getattr(sightings[k], f)[used] for f in Sighting.__dataclass_fields__))
-    left_out = replace(left_out, points_mm=places[used])
-    if len(left_out.points_mm) < MIN_CORNERS:
-        return float("nan")
-    T = fit_pose(left_out, rig, adjusted.poses[k])
+def _prediction(k: int, sightings: Sequence[Sighting], adjusted: Adjusted, left: Without) -> float:
+    """Prediction error of the k-th pose in all cameras, px; NaN where it cannot be computed."""
+    squares, corners, first = 0.0, 0, 0
+    for n, s in enumerate(sightings):
+        if (n if s.pose is None else s.pose) != k:
+            continue
+        places = left.places[first : first + len(s.index)]
+        first += len(s.index)
+        used = adjusted.used[n]
+        left_out = replace(s.at(used), points_mm=places[used])
+        if len(left_out.points_mm) < MIN_CORNERS:
+            continue
+        error = _errors(left_out, left.rig, left.further, adjusted.poses[k])
+        squares, corners = squares + float(np.sum(error**2)), corners + len(error)
+    return float(np.sqrt(squares / corners)) if corners else float("nan")
+
+
+def _errors(
+    seen: Sighting, first: Rig, further: Sequence[FurtherCamera], T_first_board: FloatMap
+) -> FloatMap:
+    """Projector coordinates of a sighting less those predicted from its camera corners, px."""
+    rig, start = pair_rig(first, further, seen.camera), T_first_board
+    if seen.camera:
+        start = further[seen.camera - 1].T_camera_first @ start
+    T = fit_pose(seen, rig, start)
     predicted = project(
         rig.projector,
-        transform(rig.T_projector_camera, transform(T, left_out.points_mm)),
+        transform(rig.T_projector_camera, transform(T, seen.points_mm)),
     )
-    error = left_out.projector_px - predicted
-    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+    return np.asarray(seen.projector_px - predicted)

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from fringeworks.rig.calibration.board_shape import BOW_SIZE, OFFSET_SIZE
-from fringeworks.rig.calibration.parameters import POSE_SIZE, RIG_SIZE
+from fringeworks.rig.calibration.parameters import POSE_SIZE
 from fringeworks.rig.calibration.residuals import Corners
 from fringeworks.types import BoolMap, FloatMap
 
@@ -61,8 +61,8 @@ class NormalEquations:
         Parameters
         ----------
         corners : Corners
-            n corners; every point at most once in a pose.
-        jacobian : (n, 4, 36) array
+            n corners; every point at most once in a sighting.
+        jacobian : (n, 4, 36 …) array
             As in ``Residuals``, weighted.
         residual : (n, 4) array
             Weighted.
@@ -79,7 +79,7 @@ class NormalEquations:
         across, points = np.zeros((p, free.size, OFFSET_SIZE)), np.zeros((p, 3, 3))
         right_points = np.zeros((p, OFFSET_SIZE))
         for k, rows in enumerate(corners.rows):
-            columns, index = shared_columns(k, corners.poses), corners.index[rows]
+            columns, index = shared_columns(corners, k, free.size), corners.index[rows]
             of_shared = jacobian[rows, :, : columns.size]
             of_point = jacobian[rows, :, columns.size :]
             flat, r = of_shared.reshape(-1, columns.size), residual[rows]
@@ -176,12 +176,12 @@ class Covariance:
         Parameters
         ----------
         corners : Corners
-        jacobian : (n, 4, 36) array
+        jacobian : (n, 4, 36 …) array
             The forms, as in ``Residuals``.
         """
         variance = np.empty(jacobian.shape[:2])
         for k, rows in enumerate(corners.rows):
-            columns, index = shared_columns(k, corners.poses), corners.index[rows]
+            columns, index = shared_columns(corners, k, len(self.shared)), corners.index[rows]
             of_shared = jacobian[rows, :, : columns.size]
             of_point = jacobian[rows, :, columns.size :]
             forms = of_shared @ self.shared[np.ix_(columns, columns)]
@@ -192,13 +192,19 @@ class Covariance:
         return variance
 
 
-def shared_columns(k: int, poses: int) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Return which shared parameters the corners of the k-th pose depend on, (33,)."""
-    bow = RIG_SIZE + POSE_SIZE * poses
+def shared_columns(
+    corners: Corners, k: int, shared: int
+) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    """Return which of the shared parameters the corners of the k-th sighting depend on.
+
+    They are those of all devices, the 6 of its pose and the 3 bow coefficients, (33 …,).
+    """
+    bow = shared - BOW_SIZE
+    devices = bow - POSE_SIZE * corners.poses
     return np.concatenate(
         (
-            np.arange(RIG_SIZE),
-            RIG_SIZE + POSE_SIZE * k + np.arange(POSE_SIZE),
+            np.arange(devices),
+            devices + POSE_SIZE * int(corners.pose_of[k]) + np.arange(POSE_SIZE),
             bow + np.arange(BOW_SIZE),
         )
     )

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.types import FloatMap
 
+IntMap = NDArray[np.intp]
 HUBER_SIGMAS = 2.5
 """Residual length in standard deviations beyond which a corner's weight falls (Huber). 4 % of the
 lengths of two normal coordinates are longer, so good corners lose almost nothing."""
@@ -29,7 +31,9 @@ MEDIAN_LENGTH = 1.1774
 """Median length of two independent standard normal coordinates: √(2 ln 2)."""
 
 
-def first_scatter(independent: FloatMap, rows: list[slice], parameters: int) -> FloatMap:
+def first_scatter(
+    independent: FloatMap, rows: list[slice], parameters: int, camera_of: IntMap | None = None
+) -> FloatMap:
     """Estimate the standard deviation of every corner's residuals by medians, to start from.
 
     Parameters
@@ -40,6 +44,8 @@ def first_scatter(independent: FloatMap, rows: list[slice], parameters: int) -> 
         Which corners belong to each pose.
     parameters : int
         Number of estimated parameters: they reduce the residuals.
+    camera_of : (poses,) array, optional
+        Number of the camera that saw each pose; one camera by default.
 
     Returns
     -------
@@ -52,10 +58,15 @@ def first_scatter(independent: FloatMap, rows: list[slice], parameters: int) -> 
     def rough(length: FloatMap, _: FloatMap) -> float:
         return float(np.median(length) / MEDIAN_LENGTH / np.sqrt(share))
 
-    return _by_pose(independent, rows, np.full((corners, 2), 2.0 * share), rough)
+    return _by_camera(independent, rows, np.full((corners, 2), 2.0 * share), rough, camera_of)
 
 
-def scatter_of(independent: FloatMap, rows: list[slice], determined: FloatMap) -> FloatMap:
+def scatter_of(
+    independent: FloatMap,
+    rows: list[slice],
+    determined: FloatMap,
+    camera_of: IntMap | None = None,
+) -> FloatMap:
     """Estimate the standard deviation of every corner's residuals, pose by pose.
 
     Parameters
@@ -67,6 +78,8 @@ def scatter_of(independent: FloatMap, rows: list[slice], determined: FloatMap) -
     determined : (n, 2) array
         Degrees of freedom of each corner's two coordinates in camera and projector, 0…2: 2 less
         the leverage that the estimated parameters take.
+    camera_of
+        As for ``first_scatter``.
 
     Returns
     -------
@@ -77,7 +90,27 @@ def scatter_of(independent: FloatMap, rows: list[slice], determined: FloatMap) -
     σ² = Σ r² / Σ (1 − leverage) over all but the outliers: Helmert's and Förstner's estimate of
     variance components (Förstner, Allgemeine Vermessungs-Nachrichten 86, 1979).
     """
-    return _by_pose(independent, rows, determined, _deviation)
+    return _by_camera(independent, rows, determined, _deviation, camera_of)
+
+
+def _by_camera(
+    independent: FloatMap,
+    rows: list[slice],
+    determined: FloatMap,
+    deviation: Callable[[FloatMap, FloatMap], float],
+    camera_of: IntMap | None,
+) -> FloatMap:
+    """Scatter of every pose, camera by camera: cameras differ in resolution and focus."""
+    if camera_of is None or not camera_of.any():
+        return _by_pose(independent, rows, determined, deviation)
+    scatter = np.empty((len(independent), 2))
+    for camera in np.unique(camera_of):
+        own = [rows[k] for k in np.flatnonzero(camera_of == camera)]
+        which = np.concatenate([np.arange(r.start, r.stop) for r in own])
+        ends = np.cumsum([r.stop - r.start for r in own])
+        moved = [slice(int(a), int(b)) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
+        scatter[which] = _by_pose(independent[which], moved, determined[which], deviation)
+    return scatter
 
 
 def _by_pose(

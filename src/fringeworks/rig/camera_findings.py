@@ -1,0 +1,85 @@
+"""What the disagreement of several cameras says about a rig."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fringeworks.rig.camera_points import CameraPoints
+from fringeworks.types import FrameFinding
+
+MAX_DISAGREEMENT = 2.0
+"""Root mean square difference of pairs of devices, over what σ says, from which on it is a finding.
+Errors of the calibration are common to all pixels, so one calibration in twenty reaches 2."""
+MIN_COMPARED = 100
+"""Smallest number of pixels that are compared; with fewer, chance decides."""
+HISTOGRAM_SIGMAS = 5.0
+"""Range of the histogram of differences, to both sides, in standard deviations."""
+HISTOGRAM_BINS = 20
+"""Number of its bins: half a standard deviation each."""
+
+
+def camera_findings(cameras: Sequence[CameraPoints]) -> tuple[FrameFinding, ...]:
+    """Return a finding for every camera whose pairs of devices disagree beyond their σ.
+
+    Examples
+    --------
+    >>> camera_findings([])
+    ()
+    """
+    findings = []
+    for number, found in enumerate(cameras, 1):
+        sigmas = found.difference_sigmas[np.isfinite(found.difference_sigmas)]
+        if len(found.devices) == 1:
+            continue
+        if sigmas.size < MIN_COMPARED:
+            findings.append(_unmatched(number))
+            continue
+        usual = float(np.sqrt(np.mean(np.clip(sigmas.astype(np.float64), -50.0, 50.0) ** 2)))
+        if usual <= MAX_DISAGREEMENT:
+            continue
+        mm = found.difference_mm[np.isfinite(found.difference_mm)]
+        median = float(np.median(mm))
+        findings.append(
+            FrameFinding(
+                "cameras",
+                f"camera {number}: points with the projector and with another camera differ by "
+                f"{usual:.1f} times their standard deviation, by {median:.3g} mm in the median",
+                (
+                    "a device that moved since the calibration",
+                    "light that reached one camera by a reflection",
+                ),
+                "calibrate again; the map of differences shows where they disagree",
+                figures={"disagreement_sigmas": usual, "median_difference_mm": median},
+            )
+        )
+    return tuple(findings)
+
+
+def _unmatched(number: int) -> FrameFinding:
+    return FrameFinding(
+        "cameras",
+        f"camera {number}: almost no point is seen by another camera as well, so its points come "
+        "from the projector alone",
+        ("cameras that look at different parts", "frames of different scenes"),
+        "check that all cameras see the part",
+    )
+
+
+def difference_histogram(found: CameraPoints) -> dict[str, list[float]]:
+    """Return the histogram of normalised differences between pairs of devices.
+
+    Returns
+    -------
+    ``edges_sigmas``, 21 values, and ``share``, 20 values that add up to 1; those beyond the ends
+    are in the outermost bins.
+    """
+    sigmas = found.difference_sigmas[np.isfinite(found.difference_sigmas)]
+    edges = np.linspace(-HISTOGRAM_SIGMAS, HISTOGRAM_SIGMAS, HISTOGRAM_BINS + 1)
+    inside = np.clip(sigmas, edges[0], np.nextafter(edges[-1], 0.0))
+    counts = np.histogram(inside, edges)[0]
+    return {
+        "edges_sigmas": [float(edge) for edge in edges],
+        "share": [float(count) / max(int(counts.sum()), 1) for count in counts],
+    }

@@ -17,11 +17,12 @@ use numpy::{
 };
 use pyo3::prelude::*;
 
-/// An array of floats of either precision.
+/// An array of floats of either precision. The usual one comes first: each type that does not fit
+/// costs as much as a small kernel.
 #[derive(FromPyObject)]
 pub enum Values<'py> {
-    Single(PyReadonlyArrayDyn<'py, f32>),
     Double(PyReadonlyArrayDyn<'py, f64>),
+    Single(PyReadonlyArrayDyn<'py, f32>),
 }
 
 type Array1<'py, T = f64> = Bound<'py, PyArray1<T>>;

@@ -16,6 +16,8 @@ from fringeworks.types import FramesContradictPlan, Frozen, InputError, Source, 
 
 FRAME_TYPES = ("uint8", "uint16", "float32", "float64")
 """Types of the counts that frames may have."""
+SHORT_TYPES = tuple(np.dtype(name).str[1:] for name in FRAME_TYPES)
+"""Their short forms without the byte order."""
 
 SAMPLE_PIXELS = 5_000
 """Smallest number of pixels in the sample that a whole stack is judged by.
@@ -120,13 +122,15 @@ def check_frame(
     """
     if frame.ndim != 2 or frame.size == 0:
         raise InputError(f"frame {label}: expected shape (h, w), got {frame.shape}")
-    if frame.dtype.name not in FRAME_TYPES:
+    # NumPy computes a type's name anew each time; its short form without byte order is at hand.
+    short = frame.dtype.str[1:]
+    if short not in SHORT_TYPES:
         raise InputError(f"frame {label}: expected {', '.join(FRAME_TYPES)}, got {frame.dtype}")
     if frame.shape != shape:
         raise FramesContradictPlan(
             f"frame {label}: expected the size of the first, {shape}, got {frame.shape}"
         )
-    if frame.dtype.name != kind.name:
+    if short != kind.str[1:]:
         raise FramesContradictPlan(
             f"frame {label}: expected the type of the first, {kind.name}, got {frame.dtype.name}"
         )
@@ -139,7 +143,7 @@ def step_of(kind: np.dtype[Any]) -> float | None:
 
 def kernel_type(kind: np.dtype[Any]) -> np.dtype[Any]:
     """The type that kernels read counts of a type in: native byte order, no double precision."""
-    return np.dtype(np.float32) if kind.name == "float64" else kind.newbyteorder("=")
+    return np.dtype(np.float32) if kind.str[1:] == "f8" else kind.newbyteorder("=")
 
 
 def readable(frame: NDArray[Any]) -> NDArray[Any]:

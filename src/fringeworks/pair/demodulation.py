@@ -10,6 +10,7 @@ import numpy as np
 from fringeworks.pair.bandpass import Analytic
 from fringeworks.pair.orders import settle_orders
 from fringeworks.pair.prepared import PreparedPair
+from fringeworks.pair.reference_phase import with_local_period
 from fringeworks.pair.registry import Smoothing, Solution
 from fringeworks.pair.unwrap import unwrap
 from fringeworks.types import BoolMap, ByteMap, FloatMap, Reason, sealed
@@ -75,7 +76,8 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     Notes
     -----
     Theory §5, "One path". The fringe order is set so that the rim of the frame lies on
-    the reference plane, and is then checked against fringe counting (``settle_orders``). σ is that
+    the reference plane, and is then checked against fringe counting (``settle_orders``). Phases
+    become displacements by the local period (``with_local_period``). σ is that
     of white noise after the filter: half of its complex variance acts on the phase, relative to
     the amplitude B/2.
     """
@@ -101,7 +103,7 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     reason[undecided] = Reason.ORDER_AMBIGUOUS
     amplitudes = (demodulated.reference_amplitude, demodulated.object_amplitude)
     return Solution(
-        displacement_px=sealed(displacement),
+        displacement_px=sealed(with_local_period(prepared, displacement)),
         sigma_px=sealed(_sigma(amplitudes, noise, to_px)),
         modulation_ratio=sealed(demodulated.modulation_ratio),
         reason=sealed(reason),

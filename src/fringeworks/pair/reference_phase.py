@@ -1,0 +1,162 @@
+"""How fringes on the reference differ from a plane wave, and what that does to displacements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.pair.prepared import PreparedPair
+from fringeworks.pair.unwrap import unwrap
+from fringeworks.types import FloatMap, Frozen
+
+DEGREE = 4
+"""Degree of the polynomial in x and y: perspective and lens distortion leave less than 0.01 rad."""
+NODES_PER_PERIOD = 2.0
+"""Nodes per period at which the phase is read; it changes little between them."""
+WIDTH_PERIODS = 1.0
+"""Width σ of the Gaussian of the average, periods: exp(−2π²) of the background is left."""
+BORDER_PERIODS = 2.0
+"""Width of the frame's border without nodes, periods: averages there see one side only."""
+MIN_AMPLITUDE = 0.3
+"""Amplitude of a node that is used, over the median: weaker ones see the border of the light."""
+MIN_NODES = 60
+"""Nodes that a fit needs, four for each coefficient."""
+SIGNIFICANT = 0.003
+"""Root mean square of the local frequency's change, as a share of the mean one, from which on it is
+corrected: below, the error is 0.3 % of a displacement."""
+MAX_RESIDUAL_RAD = 0.3
+"""Largest root mean square of the residuals: beyond, the reference is no smooth surface."""
+REJECTED_MADS = 5.0
+"""Residuals beyond this many median absolute deviations are left out of the second fit."""
+STEPS = 4
+"""Steps of the fixed point. Each is closer by the share of the local frequency's change, 10 % for
+strong perspective: four leave 1e-4 of the correction."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReferencePhase(Frozen):
+    """Phase of the reference beyond its carrier, as a polynomial."""
+
+    coefficients: FloatMap
+    """(degree + 1, degree + 1), rad: powers of y, then of x, both from −1 to 1 over the frame."""
+    shape: tuple[int, int]
+    """Rows and columns of the frame."""
+
+    def at(self, x: FloatMap) -> FloatMap:
+        """Return the phase at columns (h, w) of every row, rad."""
+        h, w = self.shape
+        across = 2.0 * np.arange(h) / max(h - 1, 1) - 1.0
+        rows = np.polynomial.polynomial.polyval(across, self.coefficients)
+        along = 2.0 * x / max(w - 1, 1) - 1.0
+        value = np.zeros_like(along)
+        for power in range(len(rows) - 1, -1, -1):
+            value = value * along + rows[power][:, None]
+        return value
+
+
+def reference_phase(prepared: PreparedPair) -> ReferencePhase | None:
+    """Measure how the phase of the reference differs from that of its carrier.
+
+    Parameters
+    ----------
+    prepared : PreparedPair
+
+    Returns
+    -------
+    ReferencePhase, or None where the fringes have one period, or are no smooth surface.
+
+    Notes
+    -----
+    The frame is multiplied by the carrier and averaged; a polynomial is fitted to the unwrapped
+    phase of the nodes, twice, the second time without outliers.
+    """
+    field, rows, columns = _nodes(prepared)
+    if field.size < MIN_NODES:
+        return None
+    amplitude = np.abs(field)
+    used = amplitude > MIN_AMPLITUDE * np.median(amplitude)
+    if used.sum() < MIN_NODES:
+        return None
+    unwrapped = unwrap(np.angle(field), used)
+    used &= unwrapped.region == 1
+    h, w = prepared.reference.shape
+    y, x = 2.0 * rows[:, None] / max(h - 1, 1) - 1.0, 2.0 * columns[None, :] / max(w - 1, 1) - 1.0
+    powers = [(j, i) for j in range(DEGREE + 1) for i in range(DEGREE + 1 - j)]
+    design = np.stack([(y**j * x**i)[used] for j, i in powers], axis=-1)
+    phase = np.asarray(unwrapped.phase, np.float64)[used]
+    keep = np.ones(phase.size, bool)
+    for _ in range(2):
+        if keep.sum() < MIN_NODES:
+            return None
+        found = np.linalg.lstsq(design[keep], phase[keep], rcond=None)[0]
+        residual = phase - design @ found
+        spread = np.median(np.abs(residual[keep]))
+        keep = np.abs(residual) <= REJECTED_MADS * max(float(spread), 1e-9)
+    if np.sqrt(np.mean(residual[keep] ** 2)) > MAX_RESIDUAL_RAD:
+        return None
+    slope = sum(
+        c * i * y**j * x ** (i - 1) for c, (j, i) in zip(found, powers, strict=True) if i > 0
+    )
+    per_px = np.asarray(slope) * 2.0 / max(w - 1, 1)
+    change = np.sqrt(np.mean(per_px[used] ** 2)) / (2.0 * np.pi * prepared.frequency[0])
+    if change < SIGNIFICANT:
+        return None
+    table = np.zeros((DEGREE + 1, DEGREE + 1))
+    for c, (j, i) in zip(found, powers, strict=True):
+        table[j, i] = c
+    return ReferencePhase(table, (h, w))
+
+
+def _nodes(prepared: PreparedPair) -> tuple[NDArray[np.complex128], FloatMap, FloatMap]:
+    """The reference times its carrier, averaged, at nodes; with their rows and columns."""
+    frame = prepared.reference
+    h, w = frame.shape
+    fx, fy = prepared.frequency
+    ok = prepared.reference_ok
+    centred = np.where(ok, frame - frame[ok].mean(), 0.0)
+    turn = np.exp(-2j * np.pi * (fx * np.arange(w) + fy * np.arange(h)[:, None]))
+    sigma = WIDTH_PERIODS * prepared.period
+    mixed = [
+        cv2.GaussianBlur(part.astype(np.float32), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+        for part in ((centred * turn).real, (centred * turn).imag)
+    ]
+    step = max(1, int(prepared.period / NODES_PER_PERIOD))
+    border = int(BORDER_PERIODS * prepared.period)
+    rows, columns = (np.arange(border, n - border, step) for n in (h, w))
+    field = np.asarray(mixed[0], np.complex128) + 1j * mixed[1]
+    return field[np.ix_(rows, columns)], rows.astype(np.float64), columns.astype(np.float64)
+
+
+def with_local_period(prepared: PreparedPair, displacement_px: FloatMap) -> FloatMap:
+    """Correct a displacement that was computed from a phase by the mean period of the reference.
+
+    Parameters
+    ----------
+    prepared : PreparedPair
+    displacement_px : (h, w) array
+        The phase φ as p φ/2π, px; NaN where unknown.
+
+    Returns
+    -------
+    (h, w) array, px.
+
+    Notes
+    -----
+    With the reference's phase 2π f x + P(x), φ(x) = 2π f u + P(x) − P(x − u). The fixed point
+    u = (φ − P(x) + P(x − u)) / (2π f) is found by iteration.
+    """
+    known = reference_phase(prepared)
+    if known is None:
+        return displacement_px
+    w = displacement_px.shape[1]
+    columns = np.broadcast_to(np.arange(w, dtype=np.float64), displacement_px.shape)
+    here = known.at(columns)
+    per_rad = 1.0 / (2.0 * np.pi * prepared.frequency[0])
+    u = displacement_px.astype(np.float64)
+    for _ in range(STEPS):
+        place = np.clip(columns - np.where(np.isfinite(u), u, 0.0), 0.0, w - 1.0)
+        u = displacement_px + (known.at(place) - here) * per_rad
+    return u

@@ -64,7 +64,7 @@ def standard_scene(
     (dtype('uint8'), (100, 100))
     """
     if not whole(size, MIN_SIZE_PX, MOST_PX):
-        raise InputError(f"size: expected {MIN_SIZE_PX} to {MOST_PX} px, got {size}")
+        raise InputError(f"size: expected at least {MIN_SIZE_PX} px, at most {MOST_PX}, got {size}")
     if not finite(height_mm):
         raise InputError(f"height_mm: expected a finite value, got {height_mm}")
     if sign not in (1, -1):

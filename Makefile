@@ -1,4 +1,4 @@
-# demo · test · long · faults · fuzz · check · bench · docs · gallery · screenshots · wheel · audit: the only entry points. Each makes its
+# demo · test · long · faults · fuzz · kills · check · bench · docs · gallery · screenshots · wheel · audit: the only entry points. Each makes its
 # own .venv and needs nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
@@ -13,7 +13,7 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo test long faults fuzz check bench docs gallery clean screenshots wheel audit
+.PHONY: demo test long faults fuzz kills check bench docs gallery clean screenshots wheel audit
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
@@ -22,16 +22,15 @@ demo: $(VENV)/.built
 ALONE := tests/test_memory.py
 OTHERS := -n 3 --dist worksteal --ignore tests/test_faults.py --ignore $(ALONE) -m "not long"
 
-# The release profile shares what the package was built from. Three workers for two cores: some tests
-# wait for cameras and pages. One BLAS thread for each: idle ones spin on the cores of the others.
+# The kernels are tested in Cargo's dev profile, which is optimised here and checks for overflow. Three workers for two
+# cores: some tests wait for cameras and pages. One BLAS thread for each: idle ones spin on the cores of the others.
 test: $(VENV)/.built
-	cargo test --release --quiet
+	cargo test --quiet
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest $(ALONE)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest $(OTHERS)
 
-# Statistics over many captures, which take minutes; the kernels with checks of overflow.
+# Statistics over many captures, which take minutes.
 long: $(VENV)/.built
-	cargo test --quiet
 	$(BIN)/python -m pytest -n 2 --ignore tests/test_faults.py -m long
 
 # The simulators of faults do what they say, and the table of faults for ten plans.
@@ -39,9 +38,20 @@ faults: $(VENV)/.built
 	$(BIN)/python -m pytest -n 2 tests/test_faults.py
 	$(BIN)/python -m benchmarks.fault_table --out benchmarks/faults.json
 
-# The readers on damaged files, more of them than in the tests.
+# What the tests do with few inputs, with many: damaged files for MINUTES minutes, spoiled calls, and spoiled arrays for
+# kernels that check for overflow (as a library in target/checked, on Linux). docs/trust.md says what has run.
+CHECKED := target/checked
 fuzz: $(VENV)/.built
-	FRINGEWORKS_MUTATIONS=$(or $(MUTATIONS),60000) $(BIN)/python -m pytest --timeout 3600 tests/test_hostile_files.py
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.fuzz_files --minutes $(or $(MINUTES),30)
+	OPENBLAS_NUM_THREADS=1 FRINGEWORKS_CALLS=$(or $(CALLS),1000) $(BIN)/python -m pytest --timeout 7200 tests/test_hostile_calls.py
+	cargo build --quiet --package fringeworks-bindings
+	rm -rf $(CHECKED) && mkdir -p $(CHECKED) && cp -r src/fringeworks $(CHECKED)/
+	cp target/debug/lib_core.so $(CHECKED)/fringeworks/_core.abi3.so
+	PYTHONPATH=$(CHECKED) FRINGEWORKS_KERNEL_CALLS=$(or $(KERNEL_CALLS),1000) $(BIN)/python -m pytest --timeout 7200 tests/test_hostile_kernels.py
+
+# Programs killed while they write, KILLS times in all.
+kills: $(VENV)/.built
+	SOURCE_DATE_EPOCH=0 OPENBLAS_NUM_THREADS=1 RAYON_NUM_THREADS=1 $(BIN)/python -W ignore::DeprecationWarning -m tests.kills --kills $(or $(KILLS),11500)
 
 check: $(VENV)/.built
 	cargo fmt --check

@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,10 +62,13 @@ def _mask(k: int) -> np.ndarray:
     return np.arange(600).reshape(20, 30) % 7 > 2 + k
 
 
+def _plan(k: int) -> fw.PatternPlan:
+    return fw.PatternPlan(64 + 2 * k, 48, (fw.PhaseSteps("x", 16.0, fw.equal_steps(3)),))
+
+
 def _write_recipe(path: Path, k: int) -> None:
-    plan = fw.PatternPlan(64 + 2 * k, 48, (fw.PhaseSteps("x", 16.0, fw.equal_steps(3)),))
     area = fw.Area(mask=_mask(k))
-    fw.write_recipe(path, fw.Recipe(method=f"m{k}", plan=plan, areas={f"a{k}": area}))
+    fw.write_recipe(path, fw.Recipe(method=f"m{k}", plan=_plan(k), areas={f"a{k}": area}))
 
 
 def _whole_recipe(folder: Path) -> bool:
@@ -73,8 +77,40 @@ def _whole_recipe(folder: Path) -> bool:
         return False
     found = fw.read_recipe(path)
     k = int(found.method[1:])
-    assert found.plan.width_px == 64 + 2 * k
+    assert found.plan == _plan(k)
     assert np.array_equal(found.areas[f"a{k}"].mask, _mask(k))
+    return True
+
+
+def _write_setup(path: Path, k: int) -> None:
+    """Write what a set-up of the studio holds; stand-ins for the tests that it keeps figures of."""
+    levels = SimpleNamespace(
+        gamma=2.2,
+        contrast=0.9,
+        brightness=np.zeros(3),
+        white=np.full((4, 5), 90.0),
+        lit=np.ones((4, 5), bool),
+    )
+    setup = SimpleNamespace(
+        proposal=SimpleNamespace(plan=_plan(k), sigma_px=0.05 + k),
+        findings=(),
+        projector="p",
+        camera="c",
+        size_px=(64, 48),
+        levels=levels,
+        stripes=[SimpleNamespace(min_period_px=4.0)],
+        settings=fw.CameraSettings(),
+        noise=fw.CameraNoise(1.0),
+        delay=None,
+    )
+    fw.write_setup(path, setup, projector=f"window:{k}", camera="webcam:0")  # type: ignore[arg-type]
+
+
+def _whole_setup(folder: Path) -> bool:
+    if not (folder / "setup.toml").exists():
+        return False
+    found = fw.read_setup(folder / "setup.toml")
+    assert found.plan == _plan(int(found.projector[-1]))
     return True
 
 
@@ -151,10 +187,7 @@ def writers() -> list[Writer]:
     T = np.eye(4)
     T[0, 3] = 100.0
     rigs = [fw.Rig(pinhole, pinholes[0], T, np.eye(24), (0.1, 0.2)) for pinhole in pinholes]
-    plans = [
-        fw.PatternPlan(64 + 2 * k, 48, (fw.PhaseSteps("x", 16.0, fw.equal_steps(3)),))
-        for k in (0, 1)
-    ]
+    plans = [_plan(k) for k in (0, 1)]
     flat = np.zeros((40, 50), np.float32)
     phases = [
         fw.WrappedPhase(
@@ -193,6 +226,7 @@ def writers() -> list[Writer]:
         _files("board.svg", lambda p, k: fw.write_board(p, f"chessboard:{5 + k}x4:12")),
         _files("report.html", lambda p, k: fw.write_report(p, surfaces[k])),
         Writer("recipe", lambda folder, k: _write_recipe(folder / "recipe.toml", k % 2), _whole_recipe),
+        Writer("setup", lambda folder, k: _write_setup(folder / "setup.toml", k % 2), _whole_setup),
         Writer("capture", lambda folder, k: capture_content(k)(folder / "capture"), _whole_capture),
         Writer("batch", _write_batch, _whole_batch),
         Writer("sequence", _write_sequence, _whole_sequence),

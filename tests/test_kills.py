@@ -22,6 +22,7 @@ QUICK = (
     "frame.png",
     "text.json",
     "recipe",
+    "setup",
     "capture",
     "sequence",
 )

@@ -121,7 +121,7 @@ def _checked(frame: NDArray[np.generic]) -> NDArray[np.float64]:
     if values.dtype.kind not in "fiu":
         raise InputError(f"frame: expected real numbers, got {values.dtype}")
     if not (np.abs(values.astype(np.float64)) <= LARGEST).all():
-        raise InputError(f"frame: expected values up to {LARGEST:g}, got NaN, infinity or more")
+        raise InputError(f"frame: expected finite values up to {LARGEST:g}, got others")
     return np.ascontiguousarray(values, dtype=np.float64)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fringeworks.pair.reference_plane import displacement_from_height
 from fringeworks.simulate.jpeg import jpeg_compressed
 from fringeworks.types import (
+    MOST_SEED,
     Axis,
     FloatMap,
     Frozen,
@@ -18,6 +19,9 @@ from fringeworks.types import (
     Pair,
     ReferencePlaneGeometry,
     check_fields,
+    finite,
+    positive,
+    whole,
 )
 
 BIT_DEPTHS = (0, 8, 10, 12, 16)
@@ -85,10 +89,11 @@ class PairSettings:
     def __post_init__(self) -> None:
         check_fields(
             self,
-            fringes=(self.fringes > 0, "> 0"),
-            gamma=(self.gamma > 0, "> 0"),
-            noise=(self.noise >= 0, ">= 0"),
-            gain=(self.gain >= 0, ">= 0"),
+            fringes=(positive(self.fringes), "> 0"),
+            gamma=(positive(self.gamma), "> 0"),
+            noise=(finite(self.noise) and self.noise >= 0, ">= 0"),
+            gain=(finite(self.gain) and self.gain >= 0, ">= 0"),
+            seed=(whole(self.seed, 0, MOST_SEED), "a whole number from 0 on"),
             bits=(self.bits in BIT_DEPTHS, f"one of {BIT_DEPTHS}"),
             ambient=(0 <= self.ambient < 1, "0 to 1"),
             contrast=(0 < self.contrast <= 1, "0 to 1"),

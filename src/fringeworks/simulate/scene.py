@@ -6,7 +6,7 @@ from typing import Literal, Unpack
 
 from fringeworks.simulate.fringes import PairOptions, PairSettings, capture_pair
 from fringeworks.simulate.objects import make_object, paint
-from fringeworks.types import InputError, Pair, ReferencePlaneGeometry
+from fringeworks.types import MOST_PX, InputError, Pair, ReferencePlaneGeometry, finite, whole
 
 STANDARD_GEOMETRY = ReferencePlaneGeometry(
     distance_mm=5000.0, baseline_mm=2000.0, pitch_mm_per_px=1.0
@@ -63,8 +63,12 @@ def standard_scene(
     >>> scene.reference.dtype, scene.object.shape
     (dtype('uint8'), (100, 100))
     """
-    if size < MIN_SIZE_PX:
-        raise InputError(f"size: expected at least {MIN_SIZE_PX} px, got {size}")
+    if not whole(size, MIN_SIZE_PX, MOST_PX):
+        raise InputError(f"size: expected at least {MIN_SIZE_PX} px, at most {MOST_PX}, got {size}")
+    if not finite(height_mm):
+        raise InputError(f"height_mm: expected a finite value, got {height_mm}")
+    if sign not in (1, -1):
+        raise InputError(f"sign: expected +1 or -1, got {sign}")
     scale = size / STANDARD_SIZE_PX
     geometry = ReferencePlaneGeometry(
         distance_mm=STANDARD_GEOMETRY.distance_mm,

@@ -12,6 +12,7 @@ from fringeworks.surface.form_geometry import GEOMETRIES, BodyKind, FormGeometry
 from fringeworks.types import (
     LARGEST,
     MAD_TO_SIGMA,
+    MOST_SEED,
     NUMBERS,
     BoolMap,
     FloatMap,
@@ -20,8 +21,6 @@ from fringeworks.types import (
     whole,
 )
 
-MOST_SEED = 2**63 - 1
-"""Largest seed of the random choices: that of 64-bit whole numbers."""
 DISCARDED = 0.003
 """Share of the points that may be discarded before a range is taken, from VDI/VDE 2634 part 2."""
 MIN_POINTS = 10

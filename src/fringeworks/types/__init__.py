@@ -28,6 +28,7 @@ from fringeworks.types.camera import CameraSettings, Region
 from fringeworks.types.checks import (
     LARGEST,
     MOST_PX,
+    MOST_SEED,
     NUMBERS,
     check_layout,
     finite,
@@ -65,6 +66,7 @@ __all__ = [
     "LARGEST",
     "MAD_TO_SIGMA",
     "MOST_PX",
+    "MOST_SEED",
     "NUMBERS",
     "RIG_PARAMETERS",
     "AlignBy",

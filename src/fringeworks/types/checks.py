@@ -16,6 +16,8 @@ one comes near it, and its square fits single precision."""
 MOST_PX = 1 << 16
 """Largest number of rows or columns of a frame, a camera or a projector: that of JPEG, more than
 any has, and few enough for tables of one entry per column."""
+MOST_SEED = 2**63 - 1
+"""Largest seed of random choices: that of 64-bit whole numbers."""
 NUMBERS = "fiu"
 """Kinds of arrays that hold real numbers: NumPy's letters."""
 

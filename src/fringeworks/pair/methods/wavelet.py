@@ -185,7 +185,7 @@ def wavelet_ridge(
     if values.dtype.kind not in "fiu":
         raise InputError(f"frame: expected real numbers, got {values.dtype}")
     if not (np.abs(values.astype(np.float64)) <= LARGEST).all():
-        raise InputError(f"frame: expected values up to {LARGEST:g}, got NaN, infinity or more")
+        raise InputError(f"frame: expected finite values up to {LARGEST:g}, got others")
     _check_omega(omega)
     f = np.asarray(frequencies, dtype=np.float64)
     known = f.ndim == 1 and f.size >= 3 and bool(np.isfinite(f).all())

@@ -72,11 +72,11 @@ def _check(
     """Check field and options; return the field as complex64, and its shape."""
     values = np.asarray(field)
     if values.ndim != 2 or min(values.shape) < 3:
-        raise InputError(f"field: expected 3 × 3 px or more, got shape {values.shape}")
+        raise InputError(f"field: expected shape (h, w) of 3 × 3 px or more, got {values.shape}")
     if values.dtype.kind not in "cfiu":
         raise InputError(f"field: expected numbers, got {values.dtype}")
     if not (np.abs(values) <= LARGEST).all():
-        raise InputError(f"field: expected values up to {LARGEST:g}, got NaN, infinity or more")
+        raise InputError(f"field: expected finite values up to {LARGEST:g}, got others")
     smallest, largest = SIGMA_LIMITS_PX
     if not smallest <= sigma_px <= largest:
         raise InputError(f"sigma_px: expected {smallest:g} to {largest:g} px, got {sigma_px}")

@@ -1,0 +1,66 @@
+"""The same bits from every kernel: on one thread or many, and for several callers at once."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.test_fork import EVERY_KERNEL, run
+
+PRINTED = EVERY_KERNEL.split("first = results()")[0] + "print(fw.fingerprint(tuple(results())))\n"
+AT_ONCE = (
+    EVERY_KERNEL.split("first = results()")[0]
+    + """
+from concurrent.futures import ThreadPoolExecutor
+
+expected = results()
+with ThreadPoolExecutor(2) as pool:
+    found = list(pool.map(lambda _: results(), range(2)))
+assert all(one == expected for one in found)
+print("equal")
+"""
+)
+SPAWNED = """
+import multiprocessing
+import fringeworks as fw
+from tests.stacks import multi, take
+
+plan = multi((1, 8), 4, (300, 40))
+
+def decoded(seed):
+    return fw.fingerprint(fw.decode(take(plan, seed=seed), plan))
+
+if __name__ == "__main__":
+    import tests.test_same_bits as module
+
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        found = pool.map(module.spawned, range(4))
+    assert found == [decoded(seed) for seed in range(4)]
+    print("equal")
+"""
+
+
+def spawned(seed):
+    """Decode in a process that was spawned."""
+    import fringeworks as fw
+    from tests.stacks import multi, take
+
+    plan = multi((1, 8), 4, (300, 40))
+    return fw.fingerprint(fw.decode(take(plan, seed=seed), plan))
+
+
+@pytest.fixture(scope="module")
+def on_one_thread():
+    return run(PRINTED, RAYON_NUM_THREADS="1")
+
+
+@pytest.mark.parametrize("threads", ["2", pytest.param("7", marks=pytest.mark.long)])
+def test_threads_give_the_same_bits(threads, on_one_thread):
+    assert run(PRINTED, RAYON_NUM_THREADS=threads) == on_one_thread
+
+
+def test_several_python_threads_at_once():
+    assert run(AT_ONCE).strip() == "equal"
+
+
+def test_spawned_children_give_the_same_bits():
+    assert run(SPAWNED).strip() == "equal"

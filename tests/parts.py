@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -73,22 +74,22 @@ def decoded(dent=0.0, turn_deg=(6.0, -5.0, 12.0), seed=0, noise=2.0, scale=0.5, 
     return fw.decode(frames, plan), T
 
 
+@lru_cache
 def covariance():
-    """Covariance of a calibration by the eight poses of ``rigs``."""
-    from tests.rigs import calibrated
+    """Covariance of a usual calibration of the rig, from boards; all parameters are correlated."""
+    sigma = np.array(
+        [0.15, 0.15, 0.1, 0.1, 2e-4, 2e-3, 2e-5, 2e-5, 0.0] * 2 + [1e-4] * 3 + [0.05, 0.05, 0.1]
+    )
+    mixing = np.random.default_rng(1).normal(size=(24, 24))
+    correlation = mixing @ mixing.T + 6.0 * np.eye(24)
+    scale = sigma / np.sqrt(np.diag(correlation))
+    return scale[:, None] * correlation * scale
 
-    return calibrated().rig.covariance
 
-
-def drawn(seed, scale=0.5):
-    """The rig as a calibration may have found it, with its covariance."""
-    from dataclasses import replace
-
-    C = covariance()
-    values, vectors = np.linalg.eigh(C)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    step = root @ np.random.default_rng(seed).standard_normal(len(C))
-    return replace(moved_rig(rig(scale), step), covariance=C)
+def drawn(seed, truth=None):
+    """A rig as a calibration may have found it, with its covariance."""
+    step = np.random.default_rng(seed).multivariate_normal(np.zeros(24), covariance())
+    return replace(moved_rig(truth or rig(), step), covariance=covariance())
 
 
 def measured(rig_used, **how):

@@ -12,6 +12,7 @@ from fringeworks.rig.calibration.parameters import moved_rig
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate import Optics, fringe_plan, look, photograph, standard_rig
 from fringeworks.simulate.bodies import Body, Mesh
+from tests.rigs import calibrated
 
 SIZE_MM = (80.0, 60.0)
 DENT_MM = (0.1, 4.0)
@@ -74,22 +75,16 @@ def decoded(dent=0.0, turn_deg=(6.0, -5.0, 12.0), seed=0, noise=2.0, scale=0.5, 
     return fw.decode(frames, plan), T
 
 
-@lru_cache
 def covariance():
-    """Covariance of a usual calibration of the rig, from boards; all parameters are correlated."""
-    sigma = np.array(
-        [0.15, 0.15, 0.1, 0.1, 2e-4, 2e-3, 2e-5, 2e-5, 0.0] * 2 + [1e-4] * 3 + [0.05, 0.05, 0.1]
-    )
-    mixing = np.random.default_rng(1).normal(size=(24, 24))
-    correlation = mixing @ mixing.T + 6.0 * np.eye(24)
-    scale = sigma / np.sqrt(np.diag(correlation))
-    return scale[:, None] * correlation * scale
+    """Covariance of a calibration of the rig by eight poses of a board."""
+    return calibrated().rig.covariance
 
 
-def drawn(seed, truth=None):
+def drawn(seed, truth=None, C=None):
     """A rig as a calibration may have found it, with its covariance."""
-    step = np.random.default_rng(seed).multivariate_normal(np.zeros(24), covariance())
-    return replace(moved_rig(truth or rig(), step), covariance=covariance())
+    C = covariance() if C is None else C
+    step = np.random.default_rng(seed).multivariate_normal(np.zeros(24), C)
+    return replace(moved_rig(truth or rig(), step), covariance=C)
 
 
 def measured(rig_used, **how):

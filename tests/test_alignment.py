@@ -149,7 +149,7 @@ def test_datum_points_give_the_pose_with_its_covariance(count):
 
 def test_datums_that_hold_nothing_are_refused():
     line = np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]])
-    points = made(0, np.eye(4), count=2000)
+    points = made(0, np.eye(4), count=40_000)
     with pytest.raises(fw.InputError, match="on a line"):
         fw.deviation(points, model(), align=fw.DatumPoints(line, line))
     with pytest.raises(fw.InputError, match="3 pairs or more"):

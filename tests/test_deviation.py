@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -11,6 +12,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
+from fringeworks.evaluate.model_quantities import area_deviation, deviation_mean
 from fringeworks.rig.pinhole import inverse, transform
 from fringeworks.surface.closest import MeshDistance
 from fringeworks.views.poses import carried, twist
@@ -140,7 +142,7 @@ def test_a_recipe_judges_the_deviation(tmp_path):
         tolerances=(
             fw.PartTolerance("mean", "deviation_mean", ("top",), -0.03, 0.03),
             fw.PartTolerance("rms", "deviation_rms", ("base",), None, 0.05),
-            fw.PartTolerance("dent", "deviation_max", ("dent",), None, 0.05),
+            fw.PartTolerance("dent", "deviation_max", ("dent",), None, 0.02),
             fw.PartTolerance("good", "deviation_max", ("base",), None, 0.2),
         ),
     )
@@ -158,10 +160,7 @@ def test_a_recipe_judges_the_deviation(tmp_path):
 
 
 def test_the_mean_of_an_area_is_within_its_sigma():
-    """All seeds differ in noise, calibration and pose."""
-    from fringeworks.evaluate.model_quantities import area_deviation, deviation_mean
-
-    cloud, _, used = seen()
+    _, _, used = seen()
     for name in ("top", "base"):
         one = deviation_mean(area_deviation(deviated(), areas()[name], used))
         assert abs(one.value) < 3.5 * one.sigma
@@ -176,7 +175,8 @@ def test_the_mean_of_an_area_is_within_its_sigma():
         ('[model]\nfile = "a.stl"\nalign = "datum-points"', "expected points"),
         ('[model]\nfile = "a.stl"\nalign = "datum-planes"', "three planes"),
         ('[model]\nfile = "a.stl"\nfit = "b"', "areas"),
-        ('[model]\nfile = "a.stl"\nalign = "none"\npoints = [[1,2,3,4,5,6]]', "neither"),
+        ('[model]\nfile = "a.stl"\nalign = "none"\npoints = [[0,0,0,0,0,0],[1,0,0,1,0,0],[0,1,0,0,1,0]]',
+         "neither"),
         ('[model]\nfile = "a.stl"\nreach_mm = -1', "reach"),
         ('[areas.a]\nbox=[0,0,5,5]\n[[tolerances]]\nname = "t"\nquantity = "deviation_max"\n'
          'areas = ["a"]\nmax = 1', "with a model"),
@@ -207,7 +207,7 @@ def test_the_command_writes_picture_report_and_figures(tmp_path, capsys):
     assert run(words) == 0
     said = capsys.readouterr().out
     assert "outside the tolerance" in said
-    assert "-0.1" in said
+    assert re.search(r"-0\.(09|10)", said)
     figures = json.loads((tmp_path / "d.json").read_text())
     assert figures["alignment"]["converged"] is True
     assert 0.6 < figures["within_1_sigma"] < 0.8

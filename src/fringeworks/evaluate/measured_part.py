@@ -128,12 +128,16 @@ class MeasuredPart:
         )
 
     def plain(self) -> SurfacePoints:
-        """Return the points without normals; σ is that along the ray."""
+        """Return the points with one rough normal out of the part; σ is that along the ray."""
         n = len(self.xyz_mm)
         unknown = np.zeros(n)
+        # Without normals, the points were seen from the origin.
+        out = -self.xyz_mm.mean(axis=0)
+        if isinstance(self.surface, Points) and self.surface.normals is not None:
+            out = np.asarray(self.surface.normals[self.index], np.float64).mean(axis=0)
         return SurfacePoints(
             self.xyz_mm,
-            np.full((n, 3), np.nan),
+            np.broadcast_to(out / np.linalg.norm(out), (n, 3)),
             unknown if self.sigma_mm is None else self.sigma_mm,
             unknown if self.noise_mm is None else self.noise_mm,
             None,

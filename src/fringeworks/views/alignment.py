@@ -133,7 +133,7 @@ def align_planes(
     Parameters
     ----------
     parts : three SurfacePoints
-        Points of each plane of the part; normals are not used.
+        Points of each plane of the part, with normals that point out of the part.
     model_points, model_normals : (3, 3) arrays
         A point on each plane of the model, mm, and its normal.
 
@@ -181,14 +181,14 @@ def _planes_start(datums: Sequence[_Datum]) -> FloatMap:
     own = []
     for datum in datums:
         form = fit_form(datum.points.xyz_mm, "plane")
-        own.append(np.asarray(form.parameters["normal"]))
+        normal = np.asarray(form.parameters["normal"])
+        own.append(normal if normal @ datum.points.normals[0] > 0 else -normal)
     wanted = np.stack([datum.normal for datum in datums])
     if abs(np.linalg.det(wanted)) < MIN_HOLD:
         raise InputError(
             "datum planes: expected three planes that hold all directions, got planes that are "
             "nearly parallel"
         )
-    # Normals of the part point towards the camera, and so out of the part, as the model's do.
     cross = wanted.T @ np.stack(own)
     U, _, Vt = np.linalg.svd(cross)
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt

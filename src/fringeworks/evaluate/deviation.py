@@ -58,6 +58,8 @@ FITTED_EDGE_SPACINGS = 2.0
 MOST_BESIDE = 0.5
 """Share of points beside sharp edges above which the edges are those of a rough mesh, not of the
 part."""
+DATUM_POINTS = 30
+"""Smallest number of points of a datum plane: ten for each of the directions that it may hold."""
 PERCENTILES = (1.0, 5.0, 50.0, 95.0, 99.0)
 """Percentiles of the distances that are stated."""
 
@@ -260,7 +262,7 @@ def aligned(seen: MeasuredPart, mesh: MeshDistance, align: AlignBy, *, seed: int
     if isinstance(align, DatumPoints):
         return align_points(align, seen.errors_at(align.part_mm), seen.common_at(align.part_mm))
     if isinstance(align, DatumPlanes):
-        parts = [seen.within(where).plain() for where in align.where]
+        parts = [seen.within(where, least=DATUM_POINTS).plain() for where in align.where]
         found = mesh.nearest(align.model_mm, REACH_SHARE * mesh.size_mm)
         if (found.face < 0).any():
             raise InputError(

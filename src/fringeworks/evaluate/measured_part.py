@@ -96,8 +96,8 @@ class MeasuredPart:
         variance = self.sigma_mm[near] ** 2 - self.noise_mm[near] ** 2
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
-    def within(self, where: Where) -> MeasuredPart:
-        """Return the points of an area of the image, or of a ball."""
+    def within(self, where: Where, *, least: int = MIN_POINTS) -> MeasuredPart:
+        """Return the points of an area of the image, or of a ball; ``least`` or more."""
         if isinstance(where, Area):
             if not isinstance(self.surface, PointCloud):
                 raise InputError(
@@ -109,10 +109,9 @@ class MeasuredPart:
             if len(where) != 4 or not where[3] > 0:
                 raise InputError(f"within: expected x, y, z and a radius > 0, got {where}")
             inside = np.linalg.norm(self.xyz_mm - np.asarray(where[:3]), axis=1) <= where[3]
-        if np.count_nonzero(inside) < MIN_POINTS:
+        if np.count_nonzero(inside) < least:
             raise InputError(
-                f"within: expected {MIN_POINTS} points or more there, got "
-                f"{np.count_nonzero(inside)}"
+                f"within: expected {least} points or more there, got {np.count_nonzero(inside)}"
             )
         outside = self.index[~inside]
         reason = self.reason.ravel().copy()

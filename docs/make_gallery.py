@@ -43,6 +43,7 @@ SECTIONS = {
     "calibrate.py": "Calibration",
     "measure.py": "Points in millimetres",
     "evaluate.py": "How good is it?",
+    "deviation.py": "A part and its drawing",
     "live.py": "Live",
     "notebook.ipynb": "In a notebook",
     "vendor_camera.py": "A camera with its maker's own library",

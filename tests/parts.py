@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +12,7 @@ from fringeworks.rig.calibration.parameters import moved_rig
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate import Optics, fringe_plan, look, photograph, standard_rig
 from fringeworks.simulate.bodies import Body, Mesh
+from tests.rigs import calibrated
 
 SIZE_MM = (80.0, 60.0)
 DENT_MM = (0.1, 4.0)
@@ -74,21 +76,15 @@ def decoded(dent=0.0, turn_deg=(6.0, -5.0, 12.0), seed=0, noise=2.0, scale=0.5, 
 
 
 def covariance():
-    """Covariance of a calibration by the eight poses of ``rigs``."""
-    from tests.rigs import calibrated
-
+    """Covariance of a calibration of the rig by eight poses of a board."""
     return calibrated().rig.covariance
 
 
-def drawn(seed, scale=0.5):
-    """The rig as a calibration may have found it, with its covariance."""
-    from dataclasses import replace
-
-    C = covariance()
-    values, vectors = np.linalg.eigh(C)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    step = root @ np.random.default_rng(seed).standard_normal(len(C))
-    return replace(moved_rig(rig(scale), step), covariance=C)
+def drawn(seed, truth=None, C=None):
+    """A rig as a calibration may have found it, with its covariance."""
+    C = covariance() if C is None else C
+    step = np.random.default_rng(seed).multivariate_normal(np.zeros(24), C)
+    return replace(moved_rig(truth or rig(), step), covariance=C)
 
 
 def measured(rig_used, **how):

@@ -140,9 +140,10 @@ def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, 
             )
         assert recipe.model is not None
         if not against:
-            mesh = recipe.model.mesh
-            how = {"align": recipe.model.align, "reach_mm": recipe.model.reach_mm}
-            against["model"] = deviation(surface, mesh, rig=rig, **how)
+            one = recipe.model
+            against["model"] = deviation(
+                surface, one.mesh, align=one.align, rig=rig, reach_mm=one.reach_mm
+            )
         return area_deviation(against["model"], recipe.areas[name], rig)
 
     of_area, of_model = _kept(points), _kept(distances)

@@ -35,6 +35,8 @@ from fringeworks.views.surface_points import MIN_POINTS, SurfacePoints, surface_
 
 NEIGHBOURS = 16
 """Number of neighbours through which a plane is laid for the normal of a point without one."""
+SPACING_POINTS = 2000
+"""About as many points tell the typical distance of neighbours."""
 UNKNOWN_SIGMA = 1e-6
 """Standard deviation, in sizes of the part, that points without one count with in a fit: all alike,
 and far below their scatter."""
@@ -66,11 +68,19 @@ class MeasuredPart:
         """Whether the points were seen from the origin of their coordinates."""
         return isinstance(self.surface, PointCloud)
 
+    @property
+    def spacing_mm(self) -> float:
+        """Typical distance of neighbouring points, mm."""
+        some = self.xyz_mm[:: max(1, len(self.xyz_mm) // SPACING_POINTS)]
+        if len(self.xyz_mm) < 2:
+            return 0.0
+        return float(np.median(scipy.spatial.cKDTree(self.xyz_mm).query(some, k=2)[0][:, 1]))
+
     def along(self, at: NDArray[np.intp], direction: FloatMap) -> FloatMap:
         """Return the share of the errors of some points that counts along directions, (n,)."""
         if self.ray is None:
             return np.ones(len(at))
-        return np.abs(np.einsum("nc,nc->n", self.ray[at], direction))
+        return np.asarray(np.abs(np.einsum("nc,nc->n", self.ray[at], direction)))
 
     def errors_at(self, points_mm: FloatMap) -> FloatMap | None:
         """Return the errors that the rig's covariance stands for, (n, 3, k), mm."""
@@ -83,10 +93,11 @@ class MeasuredPart:
         if self.sigma_mm is None or self.noise_mm is None:
             return None
         near = scipy.spatial.cKDTree(self.xyz_mm).query(points_mm)[1]
-        return np.sqrt(np.maximum(self.sigma_mm[near] ** 2 - self.noise_mm[near] ** 2, 0.0))
+        variance = self.sigma_mm[near] ** 2 - self.noise_mm[near] ** 2
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
-    def within(self, where: Where) -> MeasuredPart:
-        """Return the points of an area of the image, or of a ball."""
+    def within(self, where: Where, *, least: int = MIN_POINTS) -> MeasuredPart:
+        """Return the points of an area of the image, or of a ball; ``least`` or more."""
         if isinstance(where, Area):
             if not isinstance(self.surface, PointCloud):
                 raise InputError(
@@ -98,30 +109,34 @@ class MeasuredPart:
             if len(where) != 4 or not where[3] > 0:
                 raise InputError(f"within: expected x, y, z and a radius > 0, got {where}")
             inside = np.linalg.norm(self.xyz_mm - np.asarray(where[:3]), axis=1) <= where[3]
-        if np.count_nonzero(inside) < MIN_POINTS:
+        if np.count_nonzero(inside) < least:
             raise InputError(
-                f"within: expected {MIN_POINTS} points or more there, got "
-                f"{np.count_nonzero(inside)}"
+                f"within: expected {least} points or more there, got {np.count_nonzero(inside)}"
             )
         outside = self.index[~inside]
         reason = self.reason.ravel().copy()
         reason[outside] = Reason.MASKED
-        return MeasuredPart(
-            self.surface,
-            self.xyz_mm[inside],
-            self.index[inside],
-            reason.reshape(self.reason.shape),
-            *(None if v is None else v[inside] for v in (self.sigma_mm, self.noise_mm, self.ray)),
-            rig=self.rig,
+        return replace(
+            self,
+            xyz_mm=self.xyz_mm[inside],
+            index=self.index[inside],
+            reason=reason.reshape(self.reason.shape),
+            sigma_mm=None if self.sigma_mm is None else self.sigma_mm[inside],
+            noise_mm=None if self.noise_mm is None else self.noise_mm[inside],
+            ray=None if self.ray is None else self.ray[inside],
         )
 
     def plain(self) -> SurfacePoints:
-        """Return the points without normals; σ is that along the ray."""
+        """Return the points with one rough normal out of the part; σ is that along the ray."""
         n = len(self.xyz_mm)
         unknown = np.zeros(n)
+        # Without normals, the points were seen from the origin.
+        out = -self.xyz_mm.mean(axis=0)
+        if isinstance(self.surface, Points) and self.surface.normals is not None:
+            out = np.asarray(self.surface.normals[self.index], np.float64).mean(axis=0)
         return SurfacePoints(
             self.xyz_mm,
-            np.full((n, 3), np.nan),
+            np.broadcast_to(out / np.linalg.norm(out), (n, 3)),
             unknown if self.sigma_mm is None else self.sigma_mm,
             unknown if self.noise_mm is None else self.noise_mm,
             None,

@@ -233,7 +233,10 @@ def read_points(path: StrPath) -> Points:
             xyz = np.column_stack([table[name] for name in "xyz"])
             known = table.dtype.names or ()
             sigma, noise = (table[n] if n in known else None for n in ("sigma", "noise"))
-            return _finite(path, xyz, sigma, from_comments(comments), noise)
+            turned = None
+            if {"nx", "ny", "nz"} <= set(known):
+                turned = np.column_stack([table[name] for name in ("nx", "ny", "nz")])
+            return _finite(path, xyz, sigma, from_comments(comments), noise, turned)
     if suffix == ".xyz":
         return _read_xyz(path)
     expected = ", ".join([".ply", ".xyz", *SURFACE_READERS])
@@ -285,13 +288,19 @@ def _read_xyz(path: Path) -> Points:
 
 
 def _finite(
-    path: Path, xyz: Any, sigma: Any, origin: Provenance | None, noise: Any = None
+    path: Path,
+    xyz: Any,
+    sigma: Any,
+    origin: Provenance | None,
+    noise: Any = None,
+    turned: Any = None,
 ) -> Points:
     xyz = np.asarray(xyz, np.float64)
     good = np.isfinite(xyz).all(axis=1)
     if not good.any():
         raise FileProblem(f"{path}: {NO_POINTS}")
-    known, alone = (
-        None if part is None else np.asarray(part, np.float64)[good] for part in (sigma, noise)
+    known, alone, directions = (
+        None if part is None else np.asarray(part, np.float64)[good]
+        for part in (sigma, noise, turned)
     )
-    return Points(xyz[good], known, alone, provenance=origin)
+    return Points(xyz[good], known, alone, provenance=origin, normals=directions)

@@ -86,7 +86,8 @@ def _of_points(title: str, found: Deviation) -> Picture:
         axes = figure.add_subplot(1, len(shown), number + 1)
         low, high = limits_of(kind, [values])
         drawn = axes.scatter(
-            *(xyz[order] @ axes_of[:2].T).T,
+            xyz[order] @ axes_of[0],
+            xyz[order] @ axes_of[1],
             c=values[some][order],
             s=POINT_SIZE,
             cmap=COLOURS[kind],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
@@ -15,6 +16,8 @@ ON_EDGE = 1e-9
 SMOOTH_COSINE = 0.966
 """Least cosine between the normals of a vertex and of a triangle for a round surface: 15°. Between
 triangles of a sharp edge the angle is larger."""
+MOST_EDGE_POINTS = 1e6
+"""Largest number of points by which sharp edges are represented; they take 100 MB."""
 FLAT_SHARE = 1e-12
 """Smallest area of a triangle, over the square of its longest edge. A triangle below it has no
 normal."""
@@ -72,13 +75,47 @@ class MeshDistance:
         """Areas of the triangles, (m,), mm²."""
         self.size_mm: float = float(np.linalg.norm(np.ptp(self.corners.reshape(-1, 3), axis=0)))
         """Diagonal of the box around the mesh, mm."""
-        self._edge_normals, self._vertex_normals = _shared_normals(self.corners, self.normals)
+        self._edge_normals, self._vertex_normals, self._sharp = _shared(self.corners, self.normals)
         cosine = np.einsum("mkc,mc->mk", _unit(self._vertex_normals), self.normals)
         self._corner_normals = np.where(
             (cosine > SMOOTH_COSINE)[..., None], _unit(self._vertex_normals), self.normals[:, None]
         )
+        self._edge_trees: dict[float, tuple[scipy.spatial.cKDTree | None, float]] = {}
         faces = np.arange(3 * len(self.corners), dtype=np.uint32).reshape(-1, 3)
         self._tree = _core.Triangles(self.corners.reshape(-1, 3), faces)
+
+    def beside_edges(self, points_mm: FloatMap, limit_mm: float) -> BoolMap:
+        """Return which points lie near a sharp edge of the mesh, or near its border.
+
+        Parameters
+        ----------
+        points_mm : (n, 3) array
+            Finite, mm.
+        limit_mm : float > 0
+            Distance up to which a point counts as near, mm.
+        """
+        if limit_mm not in self._edge_trees:
+            self._edge_trees[limit_mm] = self._edge_tree(limit_mm)
+        tree, reach = self._edge_trees[limit_mm]
+        if tree is None:
+            return np.zeros(len(points_mm), bool)
+        near = tree.query(points_mm, distance_upper_bound=reach, workers=-1)[0]
+        return np.asarray(np.isfinite(near))
+
+    def _edge_tree(self, limit_mm: float) -> tuple[scipy.spatial.cKDTree | None, float]:
+        """Points along the sharp edges, and the distance from them that covers the limit."""
+        ends = self._sharp
+        if not len(ends):
+            return None, limit_mm
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        step = max(0.5 * limit_mm, float(length.sum()) / MOST_EDGE_POINTS)
+        count = np.ceil(length / step).astype(int) + 1
+        edge = np.repeat(np.arange(len(ends)), count)
+        first = np.repeat(np.cumsum(count) - count, count)
+        at = (np.arange(len(edge)) - first) / np.maximum(count[edge] - 1, 1)
+        samples = ends[edge, 0] + at[:, None] * (ends[edge, 1] - ends[edge, 0])
+        # Half a step along the edge, and the limit across it.
+        return scipy.spatial.cKDTree(samples), float(np.hypot(limit_mm, 0.5 * step))
 
     def smooth_normals(self, found: Nearest) -> FloatMap:
         """Return the normals at nearest points of the round surface that triangles stand for.
@@ -198,8 +235,13 @@ def _dot(p: FloatMap, q: FloatMap) -> FloatMap:
     return np.asarray(np.einsum("nk,nk->n", p, q))
 
 
-def _shared_normals(corners: FloatMap, normals: FloatMap) -> tuple[FloatMap, FloatMap]:
-    """Normals of the edge opposite to each corner and of the vertex there, both (m, 3, 3).
+def _shared(corners: FloatMap, normals: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """What neighbouring triangles share.
+
+    Returns
+    -------
+    normals of the edge opposite to each corner, and of the vertex there, both (m, 3, 3); ends of
+    the sharp edges and of the border, (k, 2, 3)
 
     Vertices at one place count as one, as STL files repeat them.
     """
@@ -220,4 +262,9 @@ def _shared_normals(corners: FloatMap, normals: FloatMap) -> tuple[FloatMap, Flo
     at_edge = np.zeros((int(edge.max()) + 1, 3))
     for k in range(3):
         np.add.at(at_edge, edge[:, k], normals)
-    return at_edge[edge], at_vertex[vertex]
+    # Two unit normals at an angle φ have a sum of 2 cos(φ/2); a single one, at a border, of 1.
+    smooth = np.linalg.norm(at_edge, axis=1) > 2.0 * np.sqrt(0.5 * (1.0 + SMOOTH_COSINE))
+    _, first = np.unique(edge, return_index=True)
+    face, k = np.divmod(first[~smooth], 3)
+    ends_of = np.stack((corners[face, (k + 1) % 3], corners[face, (k + 2) % 3]), axis=1)
+    return at_edge[edge], at_vertex[vertex], ends_of

@@ -149,10 +149,10 @@ class Recipe(Frozen):
     within: str | None = None
     """Area outside of which nothing is measured; None for everywhere."""
     tolerances: tuple[PartTolerance, ...] = ()
-    model: PartModel | None = None
-    """The model that deviations are measured from."""
     risk: float = USUAL_RISK
     """Probability up to which a part that breaks a limit passes, or a good one fails; 0…0.5."""
+    model: PartModel | None = None
+    """The model that deviations are measured from."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -91,7 +91,7 @@ def align_points(
         raise InputError("datum points: expected points that span a plane, got points on a line")
     T = rigid(part, model)
     placed = transform(T, part)
-    rows = np.concatenate([np.column_stack((-skew(p), np.eye(3))) for p in placed])
+    rows: FloatMap = np.concatenate([np.column_stack((-skew(p), np.eye(3))) for p in placed])
     left = (placed - model).ravel()
     sigma = datum.sigma_mm or float(np.sqrt(left @ left / (left.size - 6)))
     gain = np.linalg.pinv(rows)
@@ -133,7 +133,7 @@ def align_planes(
     Parameters
     ----------
     parts : three SurfacePoints
-        Points of each plane of the part; normals are not used.
+        Points of each plane of the part, with normals that point out of the part.
     model_points, model_normals : (3, 3) arrays
         A point on each plane of the model, mm, and its normal.
 
@@ -165,8 +165,8 @@ def align_planes(
     converged = False
     for _ in range(MAX_STEPS):
         gains, distances, size = _planes_gains(T, datums)
-        xi = sum(G @ d for G, d in zip(gains, distances, strict=True))
-        T = from_twist(np.asarray(xi)) @ T
+        xi = np.sum([G @ d for G, d in zip(gains, distances, strict=True)], axis=0)
+        T = from_twist(xi) @ T
         middle = np.mean([transform(T, d.points.xyz_mm).mean(axis=0) for d in datums], axis=0)
         if np.linalg.norm(xi[:3]) * size + np.linalg.norm(xi[3:] + np.cross(xi[:3], middle)) < (
             SETTLED_MM
@@ -181,14 +181,14 @@ def _planes_start(datums: Sequence[_Datum]) -> FloatMap:
     own = []
     for datum in datums:
         form = fit_form(datum.points.xyz_mm, "plane")
-        own.append(np.asarray(form.parameters["normal"]))
+        normal = np.asarray(form.parameters["normal"])
+        own.append(normal if normal @ datum.points.normals[0] > 0 else -normal)
     wanted = np.stack([datum.normal for datum in datums])
     if abs(np.linalg.det(wanted)) < MIN_HOLD:
         raise InputError(
             "datum planes: expected three planes that hold all directions, got planes that are "
             "nearly parallel"
         )
-    # Normals of the part point towards the camera, and so out of the part, as the model's do.
     cross = wanted.T @ np.stack(own)
     U, _, Vt = np.linalg.svd(cross)
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
@@ -209,7 +209,7 @@ def _planes_gains(
     # Rotations turn about the middle, so that the directions are of one kind.
     free = _about(everything.mean(axis=0)) @ free
     gains: list[FloatMap] = []
-    distances = []
+    distances: list[FloatMap] = []
     for k, (p, datum) in enumerate(zip(placed, datums, strict=True)):
         rows = np.column_stack((np.cross(p, datum.normal), np.broadcast_to(datum.normal, p.shape)))
         distances.append(p @ datum.normal - datum.offset)

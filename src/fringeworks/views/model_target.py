@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -46,16 +46,27 @@ stay where they are."""
 
 
 class ModelTarget:
-    """A model that points are registered to."""
+    """A model that points are registered to.
+
+    Parameters
+    ----------
+    mesh : MeshDistance
+    edge_mm : float ≥ 0
+        Points that are nearer to a sharp edge are not matched, mm: they are mixtures of its sides.
+    """
 
     exact = True
 
-    def __init__(self, mesh: MeshDistance) -> None:
+    def __init__(self, mesh: MeshDistance, edge_mm: float = 0.0) -> None:
         self.mesh = mesh
+        self._edge_mm = edge_mm
 
     def matched(self, xyz_mm: FloatMap, reach_mm: float) -> tuple[FloatMap, SurfacePoints]:
         found = self.mesh.nearest(xyz_mm, reach_mm)
         has = found.face >= 0
+        if self._edge_mm > 0:
+            has[has] = ~self.mesh.beside_edges(found.point_mm[has], self._edge_mm)
+            found = replace(found, face=np.where(has, found.face, -1))
         none = np.zeros(int(has.sum()))
         points = SurfacePoints(
             found.point_mm[has], self.mesh.smooth_normals(found), none, none, None

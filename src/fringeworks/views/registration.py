@@ -299,7 +299,11 @@ def _result(T: FloatMap, match: _Matches, converged: bool) -> Registration:
     count = int(patch.max()) + 1
     sums, shares = np.zeros((count, 6)), np.zeros((count, 6))
     np.add.at(sums, patch.ravel(), rows * left[:, None])
-    np.add.at(shares, patch.ravel(), rows * np.sqrt(match.calibration)[:, None])
+    alike = match.calibration
+    if match.errors is not None:
+        # What is left are errors that the rig's covariance does not stand for, such as blur.
+        alike = np.maximum(alike - np.sum(match.errors**2, axis=1), 0.0)
+    np.add.at(shares, patch.ravel(), rows * np.sqrt(alike)[:, None])
     factor = count / max(count - 6, 1)
     enlarged = max(1.0, count / CALIBRATION_PATCHES)
     scale = np.append(np.full(3, match.size), np.ones(3))
@@ -311,7 +315,7 @@ def _result(T: FloatMap, match: _Matches, converged: bool) -> Registration:
     response = None
     if match.errors is not None:
         response = -to_origin @ gain @ (rows.T @ match.errors)
-        common = response @ response.T
+        noise, common = noise + common, response @ response.T
     return Registration(
         T,
         noise,

@@ -12,7 +12,7 @@ from nicegui import ui
 from fringeworks.studio.steps.parts import Step, named, work
 from fringeworks.studio.worker import Job
 from fringeworks.types import Area, InputError, PartTolerance
-from fringeworks.types.recipe import QUANTITIES
+from fringeworks.types.recipe import FROM_MODEL, QUANTITIES
 
 EVERYWHERE = "everywhere"
 """Choice for measuring the whole frame."""
@@ -209,7 +209,8 @@ class Areas:
         if not recipe.areas:
             return
         with ui.row().classes("items-end"):
-            names = {name: name.replace("_", " ") for name in QUANTITIES}
+            known = [q for q in QUANTITIES if recipe.model is not None or q not in FROM_MODEL]
+            names = {name: name.replace("_", " ") for name in known}
             quantity = ui.select(names, value="flatness", label="Quantity").classes("w-44")
             names_of_areas = list(recipe.areas)
             area = ui.select(names_of_areas, value=names_of_areas[-1], label="Area").classes("w-40")

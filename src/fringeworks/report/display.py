@@ -9,9 +9,11 @@ from matplotlib.figure import Figure
 
 from fringeworks.evaluate.captures import CaptureComparison
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.pipeline.cameras import MultiMeasurement
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.calibration_picture import calibration_picture
+from fringeworks.report.camera_picture import cameras_picture
 from fringeworks.report.comparison_picture import comparison_picture
 from fringeworks.report.maps import UNMEASURED_WORDS, Panel, percent, sheet
 from fringeworks.report.plan_picture import plan_picture
@@ -48,7 +50,7 @@ def plot(result: object, name: str | None = None) -> Figure:
     Parameters
     ----------
     result : HeightMap, PointCloud, DisplacementMap, CoordinateMap, Decoded, WrappedPhase, Profile,
-        PatternPlan, Calibration, CaptureComparison, Reconstruction or Measurement
+        PatternPlan, Calibration, CaptureComparison, Reconstruction, Measurement or MultiMeasurement
     name : str, optional
         Name of the object or capture, put before the title.
 
@@ -234,6 +236,11 @@ def _(found: CaptureComparison, name: str | None = None) -> Figure:
 @plot.register
 def _(plan: PatternPlan, name: str | None = None) -> Figure:
     return plan_picture(_titled(name, "The light of every frame, in the order of projection"), plan)
+
+
+@plot.register
+def _(result: MultiMeasurement, name: str | None = None) -> Figure:
+    return cameras_picture(_titled(name, "Points of several cameras"), result)
 
 
 @plot.register

@@ -30,6 +30,8 @@ ELSEWHERE = {
     "fringeworks.pair.plane_calibration.PixelCalibration": "pair_summary",
     "fringeworks.rig.calibration.calibrate.Calibration": "calibration_summary",
     "fringeworks.rig.calibration.drift.RigCheck": "calibration_summary",
+    "fringeworks.rig.calibration.cameras.MultiCalibration": "camera_summary",
+    "fringeworks.pipeline.cameras.MultiMeasurement": "camera_summary",
     "fringeworks.evaluate.form.FormEvaluation": "evaluation_summary",
     "fringeworks.evaluate.inspect.Inspection": "evaluation_summary",
     "fringeworks.scan.setup.SetupTests": "setup_summary",
@@ -43,9 +45,9 @@ def summarise(result: object) -> dict[str, Any]:
 
     Parameters
     ----------
-    result : Reconstruction, Measurement, Decoded, WrappedPhase, Calibration, RigCheck,
-        PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection, HeightMap,
-        PointCloud, Points or SetupTests
+    result : Reconstruction, Measurement, MultiMeasurement, Decoded, WrappedPhase, Calibration,
+        MultiCalibration, RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation,
+        Inspection, HeightMap, PointCloud, Points or SetupTests
 
     Returns
     -------

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from fringeworks import decode
+from fringeworks import GrayCode, PatternPlan, PhaseSteps, Uniform, decode, equal_steps
 from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.cameras import multi_rig_of
 from fringeworks.rig.calibration.parameters import FurtherCamera, further_change, parameter_change
@@ -20,7 +21,6 @@ from fringeworks.simulate import (
     Plane,
     Sphere,
     board_poses,
-    fringe_plan,
     look,
     photograph,
     standard_cameras,
@@ -121,9 +121,20 @@ def numeric(view, rng, *, noise_px: float = 0.01) -> Decoded:
     return Decoded(maps["x"], maps["y"], CameraNoise(1.0, 0.0))
 
 
-def photographed(rig: MultiRig, views, optics: Optics, *, steps: int, both: bool = True):
+def gray_plan(rig: MultiRig, *, period_px: float, steps: int, axes: str = "x") -> PatternPlan:
+    """Fringes whose orders Gray code tells: a strong ripple cannot make wrong ones."""
+    size = {"x": rig.projector.width_px, "y": rig.projector.height_px}
+    blocks: list[Any] = [Uniform("white"), Uniform("black")]
+    for axis in axes:
+        blocks += [
+            PhaseSteps(axis, period_px, equal_steps(steps)),
+            GrayCode(axis, 0.5 * period_px, size[axis]),
+        ]
+    return PatternPlan(size["x"], size["y"], tuple(blocks))
+
+
+def photographed(views, plan: PatternPlan, optics: Optics):
     """Coordinates decoded from photographs of every camera."""
-    plan = fringe_plan(camera_pair(rig, 0), both=both, steps=steps)
     return [
         decode(
             list(photograph(view, plan, replace(optics, seed=10 * optics.seed + k))),

@@ -31,6 +31,7 @@ TARGETS = {
     "response": "fringeworks.files.response",
     "result": "fringeworks.files.results",
     "rig": "fringeworks.files.rig",
+    "multi_rig": "fringeworks.files.multi_rig",
     "surface": "fringeworks.files.surfaces",
 }
 """Modules that know where each kind of result can be written."""

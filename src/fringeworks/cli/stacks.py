@@ -11,6 +11,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
+from fringeworks.cli.cameras import calibrate_cameras, measure_cameras
 from fringeworks.cli.decoding import DecodingOptions, StackOptions
 from fringeworks.cli.devices import take_poses
 from fringeworks.cli.grouped import grouped
@@ -210,7 +211,13 @@ def light(
 )
 @grouped
 def calibrate(
-    folder: Annotated[Path, typer.Argument(help="Folder with one stack per pose of the board.")],
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Folder with one stack per pose of the board; several cameras: one folder for "
+            "each, with the same names of poses."
+        ),
+    ],
     board: Annotated[
         str,
         typer.Option(
@@ -233,7 +240,13 @@ def calibrate(
     *,
     show: ShowOptions,
 ) -> None:
-    """Calibrate a camera and projector with a board in several poses."""
+    """Calibrate one or several cameras and a projector with a board in several poses."""
+    if len(folders) > 1:
+        if live:
+            raise fw.InputError("--live: expected one folder, got several cameras")
+        calibrate_cameras(folders, board, out, how, distortion, show)
+        return
+    folder = folders[0]
     words = output.Output(out, *show.targets)
     from fringeworks.files.stack import pose_paths
 
@@ -264,7 +277,13 @@ def calibrate(
 )
 @grouped
 def measure(
-    stack: StackArgument,
+    stacks: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Folder of images with its plan, or a TIFF, .npy or .npz stack; several cameras: "
+            "one for each, in the order of the rig file."
+        ),
+    ],
     rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
     how: DecodingOptions,
     axis: Annotated[
@@ -285,7 +304,16 @@ def measure(
     *,
     show: ShowOptions,
 ) -> None:
-    """Measure the points of a stack of frames with a calibrated rig."""
+    """Measure the points of one or several cameras' frames with a calibrated rig."""
+    chosen = None if axis is None else axis.value
+    if len(stacks) > 1:
+        if epipolar_px is not None or depth is not None or ply != Ply.points:
+            raise fw.InputError(
+                "measure: --epipolar-px, --depth and --ply cannot be combined with several cameras"
+            )
+        measure_cameras(stacks, rig_file, out, how, chosen, show)
+        return
+    stack = stacks[0]
     words = output.Output(out, *show.targets)
     output.check(out, "points")
     show.check()
@@ -297,7 +325,7 @@ def measure(
         found: fw.Measurement | fw.PointCloud = fw.measure(
             loaded,
             calibrated,
-            axis=None if axis is None else axis.value,
+            axis=chosen,
             epipolar_px=epipolar_px,
             depth_mm=depth_of(depth),
             **options,

@@ -10,9 +10,11 @@ from matplotlib.figure import Figure
 from fringeworks.evaluate.captures import CaptureComparison
 from fringeworks.evaluate.deviation import Deviation
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.pipeline.cameras import MultiMeasurement
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.calibration_picture import calibration_picture
+from fringeworks.report.camera_picture import cameras_picture
 from fringeworks.report.comparison_picture import comparison_picture
 from fringeworks.report.deviation_picture import deviation_picture
 from fringeworks.report.maps import UNMEASURED_WORDS, Panel, percent, sheet
@@ -52,7 +54,7 @@ def plot(result: object, name: str | None = None) -> Figure:
     ----------
     result : HeightMap, PointCloud, DisplacementMap, CoordinateMap, Decoded, WrappedPhase,
         LightSeparation, Profile, PatternPlan, Calibration, CaptureComparison, Deviation,
-        Reconstruction or Measurement
+        Reconstruction, Measurement or MultiMeasurement
     name : str, optional
         Name of the object or capture, put before the title.
 
@@ -273,6 +275,11 @@ def _(found: Deviation, name: str | None = None) -> Figure:
 @plot.register
 def _(plan: PatternPlan, name: str | None = None) -> Figure:
     return plan_picture(_titled(name, "The light of every frame, in the order of projection"), plan)
+
+
+@plot.register
+def _(result: MultiMeasurement, name: str | None = None) -> Figure:
+    return cameras_picture(_titled(name, "Points of several cameras"), result)
 
 
 @plot.register

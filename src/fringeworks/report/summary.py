@@ -32,6 +32,8 @@ ELSEWHERE = {
     "fringeworks.rig.calibration.calibrate.Calibration": "calibration_summary",
     "fringeworks.rig.calibration.drift.RigCheck": "calibration_summary",
     "fringeworks.evaluate.deviation.Deviation": "evaluation_summary",
+    "fringeworks.rig.calibration.cameras.MultiCalibration": "camera_summary",
+    "fringeworks.pipeline.cameras.MultiMeasurement": "camera_summary",
     "fringeworks.evaluate.form.FormEvaluation": "evaluation_summary",
     "fringeworks.evaluate.inspect.Inspection": "evaluation_summary",
     "fringeworks.scan.setup.SetupTests": "setup_summary",
@@ -46,8 +48,8 @@ def summarise(result: object) -> dict[str, Any]:
     Parameters
     ----------
     result : Reconstruction, Measurement, Decoded, WrappedPhase, LightSeparation, Calibration,
-        RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection,
-        Deviation, HeightMap, PointCloud, Points or SetupTests
+        MultiCalibration, RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection,
+        Deviation, HeightMap, PointCloud, Points, MultiMeasurement or SetupTests
 
     Returns
     -------

@@ -57,6 +57,9 @@ def scatter_factor(values: FloatMap, sigma: FloatMap) -> FloatMap:
     parts = np.array_split(order, groups)
     places = np.array([np.median(level[part]) for part in parts])
     found = np.array([np.median(ratio[part]) for part in parts]) / MEDIAN_ABSOLUTE
+    # Groups of one σ are one group.
+    places, group = np.unique(places, return_inverse=True)
+    found = np.bincount(group, found) / np.bincount(group)
     factor[known] = np.interp(np.log(sigma[known]), places, found)
     return factor
 

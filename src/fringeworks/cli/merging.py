@@ -39,6 +39,14 @@ def merge(
     step_deg: Annotated[
         float | None, typer.Option(help="Angle of the turntable between two views, degrees.")
     ] = None,
+    rig_file: Annotated[
+        Path | None,
+        typer.Option("--rig", help="Rig of the views: removes the error of the camera's blur."),
+    ] = None,
+    blur_px: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of that blur, px; by default from the board."),
+    ] = None,
     voxel_mm: Annotated[
         float | None, typer.Option(help="Side of the voxels in which points are fused, mm.")
     ] = None,
@@ -52,6 +60,8 @@ def merge(
             poses=poses.value,
             board=board,
             step_deg=step_deg,
+            rig=rig_file,
+            blur_px=blur_px,
             voxel_mm=voxel_mm,
             progress=progress,
         )
@@ -63,6 +73,8 @@ def merge(
             f"the loop closes to {loop.translation_mm:.4f} mm and {loop.rotation_deg:.4f}° "
             f"(σ {loop.translation_sigma_mm:.4f} mm and {loop.rotation_sigma_deg:.4f}°)"
         )
+    if found.blur_px is not None:
+        words.say(f"the error of a blur of {found.blur_px:.2f} px was removed")
     words.say(f"{len(found.points.xyz_mm)} points of {len(views)} views")
     for finding in found.findings:
         words.say(finding.text)

@@ -234,6 +234,13 @@ def measure(
         ),
     ] = None,
     depth: DepthOption = None,
+    blur_px: Annotated[
+        float | None,
+        typer.Option(
+            help="Standard deviation of the camera's blur, px, whose error on curved surfaces is "
+            "removed; `merge` measures it on a board."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Points: .ply, .xyz or .npz; '-' is PLY.")
     ] = None,
@@ -256,6 +263,7 @@ def measure(
             axis=None if axis is None else axis.value,
             epipolar_px=epipolar_px,
             depth_mm=depth_of(depth),
+            blur_px=blur_px,
             **options,
         )
     if isinstance(found, fw.Measurement) and not show.draws:

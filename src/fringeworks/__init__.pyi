@@ -411,6 +411,9 @@ from .views.poses import (
 from .views.camera_blur import (
     remove_blur as remove_blur,
 )
+from .views.closed_mesh import (
+    closed_mesh as closed_mesh,
+)
 from .views.board_pose import (
     BoardPose as BoardPose,
     board_pose as board_pose,

@@ -130,7 +130,8 @@ def test_a_sphere_slides_on_itself_in_three_directions():
 
 def test_a_merged_ball_has_its_diameter_within_sigma():
     _, clouds = views("ball", (0.0, 45.0, 90.0, 135.0), 0)
-    part = fw.merge(clouds, board=BOARD)
+    part = fw.merge(clouds, board=BOARD, rig=rig())
+    assert 0.4 < part.blur_px < 0.6
     common = np.sqrt(np.median(part.points.sigma_mm**2 - part.points.noise_mm**2))
     form = fw.fit_form(
         part.points.xyz_mm, "sphere", sigma_mm=part.points.sigma_mm, common_mm=float(common)
@@ -163,6 +164,7 @@ def test_the_command_merges_files(tmp_path):
         ({"poses": "turntable"}, "the angle between two views"),
         ({"poses": "shape", "step_deg": 3.0}, "cannot be combined"),
         ({"poses": "guess"}, "expected board, turntable or shape"),
+        ({"board": BOARD, "blur_px": 0.5}, "expected the rig of the views"),
     ],
 )
 def test_options_that_do_not_belong_together(options, message):

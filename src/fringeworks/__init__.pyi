@@ -435,6 +435,12 @@ from .views.poses import (
     ViewPose as ViewPose,
     turntable_axis as turntable_axis,
 )
+from .views.camera_blur import (
+    remove_blur as remove_blur,
+)
+from .views.closed_mesh import (
+    closed_mesh as closed_mesh,
+)
 from .views.board_pose import (
     BoardPose as BoardPose,
     board_pose as board_pose,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +14,8 @@ from fringeworks.cli import output
 from fringeworks.cli.app import app
 
 SECTION = "Results"
+MESHES = (".stl", ".obj", ".glb")
+"""Kinds of files that hold a mesh and no points."""
 
 
 class PosesName(StrEnum):
@@ -29,7 +32,10 @@ class PosesName(StrEnum):
 )
 def merge(
     views: Annotated[list[Path], typer.Argument(help="Clouds of the part (.npz), in order.")],
-    out: Annotated[Path, typer.Option("--out", help="File to write: .ply.")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", help="Points (.ply), or a watertight mesh (.stl, .obj, .glb)."),
+    ],
     poses: Annotated[
         PosesName, typer.Option(help="Where the poses of the views come from.")
     ] = PosesName.board,
@@ -39,31 +45,57 @@ def merge(
     step_deg: Annotated[
         float | None, typer.Option(help="Angle of the turntable between two views, degrees.")
     ] = None,
+    rig_file: Annotated[
+        Path | None,
+        typer.Option("--rig", help="Rig of the views: removes the error of the camera's blur."),
+    ] = None,
+    blur_px: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of that blur, px; by default from the board."),
+    ] = None,
+    mesh: Annotated[
+        bool, typer.Option("--mesh", help="Write a watertight mesh where --out is .ply.")
+    ] = False,
     voxel_mm: Annotated[
         float | None, typer.Option(help="Side of the voxels in which points are fused, mm.")
     ] = None,
 ) -> None:
     """Merge point clouds of a part that was measured from several sides."""
     words = output.Output(out)
-    output.check(out, "merged")
+    solid = None
+    as_mesh = mesh or out.suffix.lower() in MESHES
+    output.check(out, "mesh" if as_mesh else "merged")
     with output.progress() as progress:
         found = fw.merge(
             list(views),
             poses=poses.value,
             board=board,
             step_deg=step_deg,
+            rig=rig_file,
+            blur_px=blur_px,
             voxel_mm=voxel_mm,
             progress=progress,
         )
+        if as_mesh:
+            progress("mesh …")
+            solid = fw.closed_mesh(replace(found.points, provenance=found.provenance))
     with output.target(out, ".ply") as place:
-        fw.write_merged_points(place, found.points, provenance=found.provenance)
+        if solid is None:
+            fw.write_merged_points(place, found.points, provenance=found.provenance)
+        else:
+            fw.write_mesh(place, solid)
     loop = found.closure
     if loop is not None and loop.directions:
         words.say(
             f"the loop closes to {loop.translation_mm:.4f} mm and {loop.rotation_deg:.4f}° "
             f"(σ {loop.translation_sigma_mm:.4f} mm and {loop.rotation_sigma_deg:.4f}°)"
         )
+    if found.blur_px is not None:
+        words.say(f"the error of a blur of {found.blur_px:.2f} px was removed")
     words.say(f"{len(found.points.xyz_mm)} points of {len(views)} views")
+    if solid is not None:
+        filled = 0.0 if solid.filled is None else float(solid.filled.mean())
+        words.say(f"{len(solid.faces)} triangles; {filled:.0%} of the surface was not measured")
     for finding in found.findings:
         words.say(finding.text)
     words.wrote(out)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -297,6 +297,13 @@ def measure(
         ),
     ] = None,
     depth: DepthOption = None,
+    blur_px: Annotated[
+        float | None,
+        typer.Option(
+            help="Standard deviation of the camera's blur, px, whose error on curved surfaces is "
+            "removed; `merge` measures it on a board."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Points: .ply, .xyz or .npz; '-' is PLY.")
     ] = None,
@@ -305,11 +312,12 @@ def measure(
     show: ShowOptions,
 ) -> None:
     """Measure the points of one or several cameras' frames with a calibrated rig."""
-    chosen = None if axis is None else axis.value
+    chosen: Literal["x", "y"] | None = None if axis is None else axis.value
     if len(stacks) > 1:
-        if epipolar_px is not None or depth is not None or ply != Ply.points:
+        if (epipolar_px, depth, blur_px) != (None, None, None) or ply != Ply.points:
             raise fw.InputError(
-                "measure: --epipolar-px, --depth and --ply cannot be combined with several cameras"
+                "measure: --epipolar-px, --depth, --blur-px and --ply cannot be combined with "
+                "several cameras"
             )
         measure_cameras(stacks, rig_file, out, how, chosen, show)
         return
@@ -328,6 +336,7 @@ def measure(
             axis=chosen,
             epipolar_px=epipolar_px,
             depth_mm=depth_of(depth),
+            blur_px=blur_px,
             **options,
         )
     if isinstance(found, fw.Measurement) and not show.draws:

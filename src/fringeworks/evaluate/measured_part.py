@@ -139,6 +139,7 @@ class MeasuredPart:
             np.broadcast_to(out / np.linalg.norm(out), (n, 3)),
             unknown if self.sigma_mm is None else self.sigma_mm,
             unknown if self.noise_mm is None else self.noise_mm,
+            np.zeros(n),
             None,
             self.errors_at(self.xyz_mm),
         )
@@ -164,6 +165,7 @@ class MeasuredPart:
             np.asarray(turned, np.float64),
             unknown if self.sigma_mm is None else self.sigma_mm,
             unknown if self.noise_mm is None else self.noise_mm,
+            np.zeros(len(self.xyz_mm)),
             None,
         )
         return found.at(good)

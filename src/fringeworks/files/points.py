@@ -25,6 +25,7 @@ from fringeworks.files.provenance import (
     from_json,
     json_line,
 )
+from fringeworks.files.ros import write_point_bag
 from fringeworks.files.surfaces import READERS as SURFACE_READERS
 from fringeworks.files.surfaces import read_surface
 from fringeworks.files.white import eight_bits, white_of
@@ -72,16 +73,17 @@ def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> 
     path : path
         ``.ply`` points or mesh with σ, noise and brightness; ``.xyz`` text, x y z σ in mm; ``.npz``
         everything, organised as the frame is; ``.mat`` the same arrays for MATLAB, with the names
-        of the reasons from 0 on; ``.pcd`` what PLY points have, for the Point Cloud Library.
+        of the reasons from 0 on; ``.pcd`` what PLY points have, for the Point Cloud Library;
+        ``.mcap`` the same as a ROS 2 bag with one PointCloud2, in metres.
     cloud : PointCloud
     kind : "points", "normals" or "mesh"
-        Content of a ``.ply`` or ``.pcd`` file: points alone, with their normals, or connected by
-        triangles, which PCD cannot hold.
+        Content of a ``.ply``, ``.pcd`` or ``.mcap`` file: points alone, with their normals, or
+        connected by triangles, which PLY only can hold.
 
     Raises
     ------
     FileProblem for another suffix and a folder that cannot be written to; InputError for a cloud
-    without points.
+    without points; MissingPackage where MCAP lacks the package ``rosbags`` (the extra "ros").
     """
     check_points_target(path)
     if not (cloud.reason == Reason.OK).any():
@@ -143,6 +145,13 @@ def _write_pcd(path: Path, cloud: PointCloud, kind: Kind) -> None:
     write_pcd(path, _vertices(cloud, ok, kind), int(np.count_nonzero(ok)), comments)
 
 
+def _write_mcap(path: Path, cloud: PointCloud, kind: Kind) -> None:
+    if kind == "mesh":
+        raise InputError(f"{path.suffix}: expected points, got triangles, which MCAP cannot hold")
+    ok = cloud.reason == Reason.OK
+    write_point_bag(path, np.concatenate(list(_vertices(cloud, ok, kind))))
+
+
 def _write_mat(path: Path, cloud: PointCloud, _: Kind) -> None:
     arrays = {
         name: value
@@ -175,6 +184,7 @@ WRITERS: dict[str, Writer] = {
     ".xyz": _write_xyz,
     ".npz": _write_npz,
     ".pcd": _write_pcd,
+    ".mcap": _write_mcap,
     ".mat": _write_mat,
 }
 """Writers by suffix."""

@@ -11,6 +11,7 @@ import scipy
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.points import read_cloud
+from fringeworks.files.rig import read_rig
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.pinhole import inverse, transform
 from fringeworks.types import (
@@ -22,17 +23,30 @@ from fringeworks.types import (
     PointCloud,
     Points,
     Provenance,
+    Rig,
     Source,
     fingerprint,
     made_by,
 )
 from fringeworks.views.board_pose import board_pose
+from fringeworks.views.camera_blur import remove_blur
 from fringeworks.views.features import align_by_shape
 from fringeworks.views.fusion import Fused, fuse_points
 from fringeworks.views.pose_graph import Closure, closure, solve_poses
-from fringeworks.views.poses import TurntableAxis, ViewPose, turned_pose, turntable_axis
+from fringeworks.views.poses import (
+    TurntableAxis,
+    ViewPose,
+    mean_pose,
+    turned_pose,
+    turntable_axis,
+)
 from fringeworks.views.registration import Registration, register
-from fringeworks.views.surface_points import SurfacePoints, surface_points
+from fringeworks.views.surface_points import (
+    BLUR_PX,
+    CORRECTED_PX,
+    SurfacePoints,
+    surface_points,
+)
 
 PosesFrom = Literal["board", "turntable", "shape"]
 ABOVE_MM = 1.0
@@ -61,6 +75,8 @@ class MergedPart(Frozen):
     """The points of all views, with how many views saw each."""
     pairs: dict[tuple[int, int], Registration]
     """Neighbouring views by their shape, by (target, source)."""
+    blur_px: float | None = None
+    """Standard deviation of the camera's blur that was removed, px; None where none was."""
     findings: tuple[FrameFinding, ...] = ()
     """What is likely wrong, and what to do about it."""
     provenance: Provenance | None = None
@@ -79,6 +95,8 @@ def merge(
     board: Board | str | None = None,
     step_deg: float | None = None,
     axis: TurntableAxis | None = None,
+    rig: Rig | StrPath | None = None,
+    blur_px: float | None = None,
     voxel_mm: float | None = None,
     above_mm: float = ABOVE_MM,
     progress: Callable[[str], None] = lambda _: None,
@@ -100,6 +118,11 @@ def merge(
         For "turntable": angle between two views, degrees, by the right-hand rule about the axis.
     axis : TurntableAxis, optional
         For "turntable", in camera coordinates; by default from the board in the views that show it.
+    rig : Rig or path, optional
+        The one that the views were measured with. The error of the camera's blur is then removed
+        (``remove_blur``) from views that were measured without ``blur_px``.
+    blur_px : float, optional
+        Standard deviation of that blur, px; by default from the board's corners in the first view.
     voxel_mm : float > 0, optional
         Side of the voxels in which points are fused; by default the distance of neighbours.
     above_mm : float
@@ -126,8 +149,9 @@ def merge(
     board = parse_board(board) if isinstance(board, str) else board
     _check(len(clouds), poses, board, step_deg, axis)
     progress("poses …")
-    known = _known(clouds, poses, board, step_deg, axis)
-    points = [surface_points(cloud) for cloud in clouds]
+    sharp, blur_px = _without_blur(clouds, rig, blur_px, board)
+    known = _known(sharp, poses, board, step_deg, axis)
+    points = [_surface_points(cloud, blur_px) for cloud in sharp]
     if board is not None and known:
         points = [_above(v, known[k], above_mm) for k, v in enumerate(points)]
     starts = {k: p.T_part_camera for k, p in known.items()}
@@ -136,21 +160,28 @@ def merge(
         starts = dict(enumerate(align_by_shape(points)))
     progress("pairs of views …")
     pairs = _pairs(points, starts, known)
-    solved = solve_poses(len(points), pairs, known, [starts[k] for k in range(len(points))])
     middle = np.mean(points[0].xyz_mm, axis=0)
+    solved = solve_poses(
+        len(points),
+        pairs,
+        known,
+        [starts[k] for k in range(len(points))],
+        middle_mm=transform(starts[0], middle),
+    )
     loop = closure(pairs, len(points), middle)
     progress("fusion …")
     fused = fuse_points(points, solved, voxel_mm=voxel_mm or _spacing(points))
     origin = made_by(
         "merge",
         options={"poses": poses, "board": board, "step_deg": step_deg, "axis": axis}
-        | {"voxel_mm": voxel_mm, "above_mm": above_mm},
+        | {"voxel_mm": voxel_mm, "above_mm": above_mm, "blur_px": blur_px},
         inputs=tuple(
             Source("view" if isinstance(v, PointCloud) else str(v), fingerprint(c))
             for v, c in zip(views, clouds, strict=True)
         ),
     )
-    return MergedPart(tuple(solved), loop, fused, pairs, _findings(loop, fused, pairs), origin)
+    found = _findings(loop, fused, pairs)
+    return MergedPart(tuple(solved), loop, fused, pairs, blur_px, found, origin)
 
 
 def _check(
@@ -176,6 +207,36 @@ def _check(
         )
 
 
+def _without_blur(
+    clouds: Sequence[PointCloud],
+    rig: Rig | StrPath | None,
+    blur_px: float | None,
+    board: Board | None,
+) -> tuple[list[PointCloud], float | None]:
+    """The views without the error of blur, where the rig is known, and that blur."""
+    if rig is None:
+        if blur_px is not None:
+            raise InputError("blur_px: expected the rig of the views to remove the blur with")
+        return list(clouds), None
+    rig = rig if isinstance(rig, Rig) else read_rig(rig)
+    if blur_px is None and board is not None:
+        blur_px = board_pose(clouds[0], board).blur_px
+    if blur_px is None:
+        raise InputError("rig: expected blur_px, or a board with squares to measure the blur by")
+    blur = float(blur_px)
+    return [c if _is_sharp(c) else remove_blur(c, rig, blur) for c in clouds], blur
+
+
+def _is_sharp(cloud: PointCloud) -> bool:
+    """Whether a view was measured with the error of blur removed."""
+    return cloud.provenance is not None and "blur_px" in cloud.provenance.options
+
+
+def _surface_points(cloud: PointCloud, blur_px: float | None) -> SurfacePoints:
+    sharp = blur_px is not None or _is_sharp(cloud)
+    return surface_points(cloud, blur_error_px=CORRECTED_PX if sharp else BLUR_PX)
+
+
 def _known(
     clouds: Sequence[PointCloud],
     poses: PosesFrom,
@@ -197,11 +258,10 @@ def _known(
     if axis is None:
         shown = {k: inverse(p.T_part_camera) for k, p in found.items()}
         axis = turntable_axis(list(shown.values()), [k * step_deg for k in shown])
-    first = min(found) if found else 0
-    to_part = np.eye(4)
+    to_part: FloatMap = np.eye(4)
     if found:
-        back = turned_pose(axis, first * step_deg).T_part_camera
-        to_part = found[first].T_part_camera @ inverse(back)
+        backs = {k: inverse(turned_pose(axis, k * step_deg).T_part_camera) for k in found}
+        to_part = mean_pose([p.T_part_camera @ backs[k] for k, p in found.items()])
     turned = {}
     for k in range(len(clouds)):
         pose = turned_pose(axis, k * step_deg)

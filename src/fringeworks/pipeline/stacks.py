@@ -45,6 +45,7 @@ from fringeworks.types import (
     made_by,
     sealed,
 )
+from fringeworks.views.camera_blur import remove_blur
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,6 +105,7 @@ def measure(
     axis: Axis | None = None,
     epipolar_px: float | None = None,
     depth_mm: DepthRange | Sequence[float] | None = None,
+    blur_px: float | None = None,
     **options: Unpack[DecodeOptions],
 ) -> Measurement:
     """Measure the points of a stack of frames with a calibrated rig.
@@ -123,6 +125,9 @@ def measure(
         Smallest and largest z of the points in camera coordinates, mm. It resolves the fringe
         orders of plans that repeat, such as one set of three or four steps; points outside are
         NaN. A ``DepthRange`` saves its preparation when many stacks are measured.
+    blur_px : float, optional
+        Standard deviation of the camera's blur, px, as ``board_pose`` measures it. Its error on
+        curved and unevenly lit surfaces is then removed (``remove_blur``).
     **options
         Of ``decode``.
 
@@ -150,12 +155,15 @@ def measure(
     points = rig.triangulate(
         found, axis=axis, epipolar_px=epipolar_px, colour=scene_brightness(stacks, found)
     )
+    if blur_px is not None:
+        points = _without_blur(points, rig.rig, blur_px, found, axis)
     seconds = time.perf_counter() - started
     origin = made_by(
         "measure",
         options={
             "axis": axis,
             "epipolar_px": epipolar_px,
+            "blur_px": blur_px,
             "depth_mm": None if depth is None else list(depth.depth_mm),
             **given_options(stacks[0], options),
         },
@@ -167,6 +175,16 @@ def measure(
     part = (*unit_notes(rig.rig), *part_notes(rig.rig, plan.height_px))
     points = replace(points, provenance=origin, remarks=(*part, *point_notes(points)))
     return Measurement(points, found, seconds)
+
+
+def _without_blur(
+    points: PointCloud, rig: Rig, blur_px: float, found: Decoded, axis: Axis | None
+) -> PointCloud:
+    """The points without the error of blur, by the axes that they come from."""
+    used = [m for m in found.maps.values() if axis is None or m.axis == axis]
+    only = used[0].axis if len(used) == 1 else None
+    period = min(p for m in used for p in m.periods_px)
+    return remove_blur(points, rig, blur_px, axis=only, period_px=period)
 
 
 def scene_brightness(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None:

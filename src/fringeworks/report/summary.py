@@ -48,8 +48,8 @@ def summarise(result: object) -> dict[str, Any]:
     Parameters
     ----------
     result : Reconstruction, Measurement, Decoded, WrappedPhase, LightSeparation, Calibration,
-        MultiCalibration, RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation, Inspection,
-        Deviation, HeightMap, PointCloud, Points, MultiMeasurement or SetupTests
+        MultiCalibration, RigCheck, PlaneCalibration, PixelCalibration, Response, FormEvaluation,
+        Inspection, Deviation, HeightMap, PointCloud, Points, MultiMeasurement or SetupTests
 
     Returns
     -------

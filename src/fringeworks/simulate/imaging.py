@@ -31,6 +31,7 @@ class Imaging:
         """Light of a picture (rows, columns) on the surface, (h, w), before shading."""
         self._reflected = optics.exposure * full * view.albedo
         self._blur_px = optics.blur_px
+        self._pixel_px = optics.pixel_px
         self._lens_px = _blur(optics.camera_lens, view.points_mm[..., 2], view.rig.camera.focal_px)
 
     def seen(self, arriving: FloatMap, mirrored: FloatMap | float = 0.0) -> FloatMap:
@@ -43,12 +44,23 @@ class Imaging:
         mirrored : (h, w) array or float
             Light of highlights, in units of ``full``, which is added before the camera's blur.
         """
-        light = self._reflected * arriving + mirrored
+        light = self._reflected * self._collected(arriving) + mirrored
         if self._lens_px is not None:
             return blurred_by_map(light, np.hypot(self._blur_px, self._lens_px))
         if self._blur_px:
             return np.asarray(scipy.ndimage.gaussian_filter(light, self._blur_px, mode="nearest"))
         return np.asarray(light)
+
+    def _collected(self, arriving: FloatMap) -> FloatMap:
+        """Light over a pixel's area, by a parabola through neighbouring centres (Simpson)."""
+        if not self._pixel_px:
+            return arriving
+        side = self._pixel_px**2 / 24.0
+        for axis in (0, 1):
+            arriving = scipy.ndimage.correlate1d(
+                arriving, [side, 1.0 - 2.0 * side, side], axis=axis, mode="nearest"
+            )
+        return arriving
 
 
 def _blur(

@@ -36,6 +36,10 @@ class Optics:
     Variances are added."""
     blur_px: float = 0.5
     """Standard deviation of the camera's blur in focus, camera px; ≥ 0."""
+    pixel_px: float = 0.0
+    """Side of the camera's pixels over which they collect the projector's light, px, 0…1; 0 for
+    light at their centres. Reflectances are always means over whole pixels. Real pixels collect
+    over nearly 1."""
     camera_lens: ThinLens | None = None
     """Blur of the camera by depth, which adds to ``blur_px``; None for the same everywhere."""
     exposure: float = 1.0
@@ -66,6 +70,7 @@ class Optics:
             fill=(0 < self.fill <= 1, "above 0, up to 1"),
             defocus_px=(self.defocus_px >= 0, ">= 0"),
             blur_px=(self.blur_px >= 0, ">= 0"),
+            pixel_px=(0 <= self.pixel_px <= 1, "0 to 1"),
             exposure=(self.exposure > 0, "> 0"),
             ambient=(self.ambient >= 0, ">= 0"),
             black=(0 <= self.black < 1, "0 to 1"),

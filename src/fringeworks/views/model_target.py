@@ -69,7 +69,7 @@ class ModelTarget:
             found = replace(found, face=np.where(has, found.face, -1))
         none = np.zeros(int(has.sum()))
         points = SurfacePoints(
-            found.point_mm[has], self.mesh.smooth_normals(found), none, none, None
+            found.point_mm[has], self.mesh.smooth_normals(found), none, none, none, None
         )
         return np.where(has, np.abs(found.distance_mm), np.inf), points
 

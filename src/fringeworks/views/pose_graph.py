@@ -20,7 +20,8 @@ FIXED = 1e-6
 """Standard deviation by which the first view is held where nothing ties the views to the part, rad
 and mm: it only chooses the coordinates."""
 MAX_UNKNOWN_MM = 1.0
-"""Largest standard deviation of a view's place, in mm at the part, that is no pose."""
+"""Standard deviation of a view's place, mm at the middle of the part, from which on it has no
+pose."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,6 +48,8 @@ def solve_poses(
     pairs: Mapping[tuple[int, int], Registration],
     known: Mapping[int, ViewPose],
     starts: Sequence[FloatMap],
+    *,
+    middle_mm: FloatMap | None = None,
 ) -> list[ViewPose]:
     """Find the poses that agree best with pairs of views and with poses that are known.
 
@@ -60,6 +63,9 @@ def solve_poses(
         part's.
     starts : sequence of (4, 4) arrays
         T_part_camera of every view to start from.
+    middle_mm : (3,) array, optional
+        Middle of the part in its coordinates, at which displacements of views are judged; by
+        default the origin.
 
     Returns
     -------
@@ -72,8 +78,10 @@ def solve_poses(
     Notes
     -----
     Least squares over SE(3), with residuals log(T̂⁻¹ T) weighted by their covariances and a Huber
-    loss. Covariances are propagated: independent parts add up, and common ones are bounded by the
-    case that all of them are the same error.
+    loss. Covariances are propagated. Independent parts add up. The calibration's error may be the
+    same in all known poses, so theirs counts twice: once as one error in camera coordinates, and
+    once as independent ones. For pairs it counts once: an error of all pairs alike changes no
+    shape (see ``closure``).
     """
     known = dict(known) or {
         0: ViewPose(np.asarray(starts[0]), FIXED**2 * np.eye(6), np.zeros((6, 6)))
@@ -98,7 +106,8 @@ def solve_poses(
     found = scipy.optimize.least_squares(
         residuals, np.zeros(6 * count), x_scale=scale, loss="huber", f_scale=HUBER
     )
-    return _with_covariance(poses(found.x), terms)
+    middle = np.zeros(3) if middle_mm is None else np.asarray(middle_mm, np.float64)
+    return _with_covariance(poses(found.x), terms, middle)
 
 
 @dataclass(frozen=True)
@@ -116,6 +125,16 @@ class _Term:
     def root(self) -> FloatMap:
         """Takes ξ to residuals of variance 1 along the determined directions, (k, 6)."""
         return _whitener(self.noise + self.common, self.determined)
+
+    @property
+    def common_root(self) -> FloatMap:
+        """Takes errors of variance 1 in the camera to the common part of a known pose, (6, 6)."""
+        to_camera = _adjoint(inverse(self.T))
+        scale = np.append(np.full(3, 100.0), np.ones(3))
+        inside = scale[:, None] * (to_camera @ self.common @ to_camera.T) * scale
+        values, vectors = np.linalg.eigh(0.5 * (inside + inside.T))
+        root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+        return np.asarray(np.linalg.solve(to_camera, root / scale[:, None]))
 
     def residual(self, poses: Sequence[FloatMap]) -> FloatMap:
         here = poses[self.source]
@@ -158,24 +177,33 @@ def _whitener(covariance: FloatMap, determined: FloatMap) -> FloatMap:
     return np.asarray((vectors / np.sqrt(values)).T @ basis.T * scale)
 
 
-def _with_covariance(poses: Sequence[FloatMap], terms: Sequence[_Term]) -> list[ViewPose]:
+def _with_covariance(
+    poses: Sequence[FloatMap], terms: Sequence[_Term], middle: FloatMap
+) -> list[ViewPose]:
     n = len(poses)
     rows = np.concatenate([term.root @ term.derivative(poses) for term in terms])
-    scale = np.tile(np.append(np.full(3, 0.01), np.ones(3)), n)
-    normal = scale[:, None] * (rows.T @ rows) * scale
+    # Unknowns: rotations in units of 0.01 rad, and displacements of the part's middle.
+    scaled = np.diag(np.append(np.full(3, 0.01), np.ones(3)))
+    from_middle = np.eye(4)
+    from_middle[:3, 3] = middle
+    scale = np.kron(np.eye(n), _adjoint(from_middle) @ scaled)
+    normal = scale.T @ (rows.T @ rows) @ scale
     values = np.linalg.eigvalsh(normal)
-    if values[0] < 1.0 / MAX_UNKNOWN_MM**2:
+    if values[0] < 1.0 / (n * MAX_UNKNOWN_MM**2):
         raise InputError(
             "views: expected views that are tied to each other by their shape, a board or a "
             "turntable, got at least one that can move against the others"
         )
-    inverse_normal = scale[:, None] * np.linalg.inv(normal) * scale
+    inverse_normal = scale @ np.linalg.inv(normal) @ scale.T
     noise, common = np.zeros((6 * n, 6 * n)), np.zeros((6 * n, 6 * n))
-    sharing = sum(bool(term.common.any()) for term in terms)
+    same = np.zeros((6 * n, 6))
     for term in terms:
         gain = inverse_normal @ term.derivative(poses).T @ term.root.T @ term.root
         noise += gain @ term.noise @ gain.T
-        common += sharing * gain @ term.common @ gain.T
+        common += gain @ term.common @ gain.T
+        if term.target is None:
+            same += gain @ term.common_root
+    common += same @ same.T
     blocks = [slice(6 * k, 6 * k + 6) for k in range(n)]
     return [ViewPose(T, noise[b, b], common[b, b]) for T, b in zip(poses, blocks, strict=True)]
 
@@ -199,8 +227,10 @@ def closure(
 
     Notes
     -----
-    The pairs' own noise adds up as independent; their common part may be the same error in every
-    pair, so its covariance counts n times.
+    The pairs' noise adds up as independent. Errors of the calibration do not open the loop: they
+    bend all views alike, so that a pair's pose T becomes D T D⁻¹ with the same D for all pairs, and
+    the product around the loop stays the identity. On the virtual rig with five calibrations the
+    closure error is that of an exact one.
     """
     steps = [(k, (k + 1) % count) for k in range(count)]
     if count < 3 or any(step not in pairs for step in steps):
@@ -210,7 +240,7 @@ def closure(
     free: FloatMap = np.zeros((6, 6))
     for step in steps:
         pair = pairs[step]
-        covariance += carried(T, pair.noise + count * pair.common)
+        covariance += carried(T, pair.noise)
         free += carried(T, _free(pair.determined))
         T = T @ pair.T_target_source
     to_middle = np.eye(4)

@@ -78,6 +78,18 @@ def from_twist(xi: FloatMap) -> FloatMap:
     return pose(rotation(xi[:3]), xi[3:])
 
 
+def mean_pose(poses: Sequence[FloatMap]) -> FloatMap:
+    """Return the mean of transforms (4, 4) that differ little, (4, 4).
+
+    Parameters
+    ----------
+    poses : sequence of (4, 4) arrays
+        Rigid transforms, mm.
+    """
+    turns = scipy.spatial.transform.Rotation.from_matrix([T[:3, :3] for T in poses])
+    return pose(turns.mean().as_matrix(), np.mean([T[:3, 3] for T in poses], axis=0))
+
+
 def carried(T: FloatMap, covariance: FloatMap) -> FloatMap:
     """Convert the covariance of an error ξ to the coordinates that ``T`` maps to, (6, 6)."""
     A = np.zeros((6, 6))

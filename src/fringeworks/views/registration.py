@@ -29,11 +29,11 @@ MAX_NORMAL_COSINE = 0.7
 """Least cosine between the normals of matched points: 45° apart they are of different surfaces."""
 MIN_MATCHES = 300
 """Smallest number of matches. Fewer determine a pose hardly better than a coarse alignment does."""
-MIN_EIGENVALUE = 2e-3
+MIN_EIGENVALUE = 5e-4
 """Smallest eigenvalue of the normal equations per match, with rotations measured by the
 displacement they cause at the overlap's size. Below it, the surface slides on itself in that
-direction. Noise in the normals keeps it above 0 for a sphere; between views of the bust 30° apart
-it is 6e-3 and more."""
+direction. Noise in the normals keeps it above 0 for a sphere, at 1e-5 on the virtual rig; between
+views of the bust 30° apart it is 3e-3 and more, with a board beside it 1e-3."""
 MIN_EXACT_EIGENVALUE = 1e-4
 """The same against a model, whose normals have no noise. What triangles of a sphere leave, with
 interpolated normals, is below 1e-5."""
@@ -43,6 +43,11 @@ the fringes and the normals; patches of about a sixth are independent to first o
 CALIBRATION_PATCHES = 9
 """Number of independent patches into which the stated error of the calibration divides an overlap
 (as ``surface/form.py``)."""
+
+CALIBRATION_SHARE = 0.5
+"""Error of a pair's pose by the calibration, over that of views whose calibrations differ. The
+calibration bends both views alike, so that most of it cancels. Empirical: five calibrations of the
+virtual rig give 0.2 … 0.6, depending on the direction."""
 
 
 MAX_ASIDE = 0.2
@@ -60,10 +65,10 @@ class Registration(Frozen):
     """(4, 4), maps the source's coordinates to the target's, mm."""
     noise: FloatMap
     """(6, 6) covariance of the error ξ = (ω, v) in the target's coordinates that is independent
-    from pair to pair; rad, mm. Directions that the shape does not determine have none: see
-    ``determined``."""
+    from pair to pair, by noise and blur; rad, mm. Directions that the shape does not determine have
+    none: see ``determined``."""
     common: FloatMap
-    """(6, 6) covariance that several pairs may share, as that of the calibration."""
+    """(6, 6) covariance that several pairs may share, by the calibration."""
     determined: FloatMap
     """(6, k), the directions of ξ that the shape determines, as columns."""
     overlap: float
@@ -149,8 +154,8 @@ def register(
     left out by their normals and by their distance in robust standard deviations. Every step moves
     only along directions that the shape determines.
     The covariance is that of sums over patches of the overlap (clustered errors, Liang and Zeger,
-    Biometrika 73, 1986), plus the error of the calibration: by the parts of the points' ``errors``
-    where they are known, and else by their stated variance.
+    Biometrika 73, 1986), plus the stated errors by blur and calibration. The latter is that of the
+    points' ``errors`` where they are known, and else of their variance.
     """
     if not reach_mm > 0:
         raise InputError(f"reach_mm: expected > 0, got {reach_mm}")
@@ -183,14 +188,21 @@ class _Matches:
     distance: FloatMap
     """Of the source's point along the normal, (n,), mm."""
     sigma: FloatMap
+    blur: FloatMap
+    """Variance of the part by blur, (n,), mm²."""
     calibration: FloatMap
     """Variance of the calibration's part, (n,), mm²."""
     overlap: float
     spacing_mm: float
-    least: float
-    """Smallest eigenvalue of a direction that the shape determines."""
+    exact: bool
+    """Whether the target is a model, without errors."""
     errors: FloatMap | None
     """Errors of the distances by the parts of the points' ``errors``, (n, k), mm."""
+
+    @property
+    def least(self) -> float:
+        """Smallest eigenvalue of a direction that the shape determines."""
+        return MIN_EXACT_EIGENVALUE if self.exact else MIN_EIGENVALUE
 
     @property
     def typical_mm(self) -> float:
@@ -221,7 +233,8 @@ def _matches(source: SurfacePoints, target: Target, reach: float) -> _Matches:
     n = n / (np.linalg.norm(n, axis=1, keepdims=True) + 1e-12)
     distance = np.sum(offset * n, axis=1)
     sigma2 = seen.sigma_mm**2 + found.sigma_mm**2
-    calibration = sigma2 - seen.noise_mm**2 - found.noise_mm**2
+    blur = seen.blur_mm**2 + found.blur_mm**2
+    calibration = sigma2 - seen.noise_mm**2 - found.noise_mm**2 - blur
     good = np.sum(seen.normals * found.normals, axis=1) > MAX_NORMAL_COSINE
     spacing = 0.0
     if np.count_nonzero(good) >= MIN_MATCHES:
@@ -246,10 +259,11 @@ def _matches(source: SurfacePoints, target: Target, reach: float) -> _Matches:
         normals=n[good],
         distance=distance[good],
         sigma=np.sqrt(sigma2[good]),
+        blur=blur[good],
         calibration=np.maximum(calibration[good], 0.0),
         overlap=float(np.count_nonzero(good)) / len(has),
         spacing_mm=spacing,
-        least=MIN_EXACT_EIGENVALUE if target.exact else MIN_EIGENVALUE,
+        exact=target.exact,
         errors=errors,
     )
 
@@ -297,21 +311,24 @@ def _result(T: FloatMap, match: _Matches, converged: bool) -> Registration:
     _, patch = np.unique(cell, axis=0, return_inverse=True)
     left = match.distance - match.rows @ (gain @ (rows.T @ match.distance))
     count = int(patch.max()) + 1
-    sums, shares = np.zeros((count, 6)), np.zeros((count, 6))
-    np.add.at(sums, patch.ravel(), rows * left[:, None])
     alike = match.calibration
     if match.errors is not None:
-        # What is left are errors that the rig's covariance does not stand for, such as blur.
+        # What is left are errors that the rig's covariance does not stand for.
         alike = np.maximum(alike - np.sum(match.errors**2, axis=1), 0.0)
-    np.add.at(shares, patch.ravel(), rows * np.sqrt(alike)[:, None])
-    factor = count / max(count - 6, 1)
-    enlarged = max(1.0, count / CALIBRATION_PATCHES)
     scale = np.append(np.full(3, match.size), np.ones(3))
     to_origin = _about_origin(match) / scale
-    noise, common = (
-        to_origin @ gain @ (k * part.T @ part) @ gain @ to_origin.T
-        for part, k in ((sums, factor), (shares, enlarged))
-    )
+
+    def covariance(errors: FloatMap, factor: float) -> FloatMap:
+        """Of the pose, for errors that are alike within a patch."""
+        sums = np.zeros((count, 6))
+        np.add.at(sums, patch.ravel(), rows * errors[:, None])
+        inner = gain @ (factor * sums.T @ sums) @ gain
+        return np.asarray(to_origin @ inner @ to_origin.T)
+
+    noise = covariance(left, count / max(count - 6, 1)) + covariance(np.sqrt(match.blur), 1.0)
+    # A model is not bent by the calibration: nothing cancels.
+    share = 1.0 if match.exact else CALIBRATION_SHARE
+    common = covariance(share * np.sqrt(alike), max(1.0, count / CALIBRATION_PATCHES))
     response = None
     if match.errors is not None:
         response = -to_origin @ gain @ (rows.T @ match.errors)

@@ -9,17 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.rig.pinhole import transform
+from fringeworks.surface.border import inside_surface
 from fringeworks.surface.cloud import normals
-from fringeworks.types import FloatMap, Frozen, InputError, PointCloud, Reason
+from fringeworks.types import FloatMap, Frozen, InputError, PointCloud
 
 MIN_FACING = 0.17
 """Smallest cosine between a normal and the camera's ray. Points seen at less than 10° are left out:
 pixels there cover a long stretch of the surface, and their normals are poor."""
 BLUR_PX = 0.01
-"""Standard deviation of an error that all views share, as a shift along the image, px. Empirical:
-on the virtual rig, pairs of views are off by about this beyond their noise. The likely cause is
-blur, which moves points towards brighter neighbours. A cloud's σ does not contain it, because it is
-far below the noise of one pixel; averages of many pixels see it."""
+"""Standard deviation of the error that blur causes, as a shift along the image, px, where it is not
+corrected (``remove_blur``). On the virtual rig, pairs of views are off by what this says, beyond
+their noise. A cloud's σ does not contain it, because it is far below the noise of one pixel;
+averages of many pixels see it."""
+CORRECTED_PX = 0.003
+"""The same where the blur is corrected, px: what creases and grazing views leave. Empirical."""
 MIN_POINTS = 200
 """Smallest number of points of a view: fewer determine no pose."""
 
@@ -36,6 +39,9 @@ class SurfacePoints(Frozen):
     """Standard deviation along the normal, of noise and calibration, (n,), mm."""
     noise_mm: FloatMap
     """The part that is independent from point to point, (n,), mm."""
+    blur_mm: FloatMap
+    """The part that the camera's blur causes, (n,), mm: alike in neighbouring points, but different
+    from view to view."""
     colour: FloatMap | None
     """Brightness (n,) or colour (n, 3), counts."""
     errors: FloatMap | None = None
@@ -49,6 +55,7 @@ class SurfacePoints(Frozen):
             self.normals @ T[:3, :3].T,
             self.sigma_mm,
             self.noise_mm,
+            self.blur_mm,
             self.colour,
             None if self.errors is None else np.einsum("ij,njk->nik", T[:3, :3], self.errors),
         )
@@ -60,22 +67,27 @@ class SurfacePoints(Frozen):
             self.normals[index],
             self.sigma_mm[index],
             self.noise_mm[index],
+            self.blur_mm[index],
             None if self.colour is None else self.colour[index],
             None if self.errors is None else self.errors[index],
         )
 
 
-def surface_points(cloud: PointCloud) -> SurfacePoints:
-    """The points of a cloud that have a normal and are not seen at a grazing angle.
+def surface_points(cloud: PointCloud, *, blur_error_px: float = BLUR_PX) -> SurfacePoints:
+    """The points inside a cloud's surface that are not seen at a grazing angle.
 
     Parameters
     ----------
     cloud : PointCloud
+    blur_error_px : float ≥ 0
+        Standard deviation of the error by the camera's blur, as a shift along the image, px.
 
     Returns
     -------
     SurfacePoints in camera coordinates. σ along the ray becomes σ along the normal by the cosine
-    between the two, and the error that blur causes in all views alike is added.
+    between the two, and the error by blur is added. Points beside a missing pixel or a step in
+    depth are left out: their light is mixed with that of another surface or of a shadow
+    (``inside_surface``).
 
     Raises
     ------
@@ -84,7 +96,7 @@ def surface_points(cloud: PointCloud) -> SurfacePoints:
     turned = normals(cloud)
     with np.errstate(invalid="ignore"):
         facing = -np.sum(turned * cloud.xyz_mm, axis=-1) / np.linalg.norm(cloud.xyz_mm, axis=-1)
-        ok = (cloud.reason == Reason.OK) & (facing > MIN_FACING)
+        ok = inside_surface(cloud) & (facing > MIN_FACING)
     if np.count_nonzero(ok) < MIN_POINTS:
         raise InputError(
             f"view: expected {MIN_POINTS} points with normals or more, got {np.count_nonzero(ok)}"
@@ -92,11 +104,12 @@ def surface_points(cloud: PointCloud) -> SurfacePoints:
     cosine = facing[ok].astype(np.float64)
     with np.errstate(invalid="ignore"):
         step = np.nanmedian(np.abs(np.diff(cloud.xyz_mm[..., 0] / cloud.xyz_mm[..., 2], axis=1)))
-    blur = BLUR_PX * float(step) * cloud.xyz_mm[ok][:, 2] * np.sqrt(1.0 - cosine**2)
+    blur = blur_error_px * float(step) * cloud.xyz_mm[ok][:, 2] * np.sqrt(1.0 - cosine**2)
     return SurfacePoints(
         cloud.xyz_mm[ok].astype(np.float64),
         turned[ok].astype(np.float64),
         np.hypot(cloud.sigma_mm[ok] * cosine, blur),
         cloud.noise_mm[ok] * cosine,
+        blur,
         None if cloud.colour is None else np.asarray(cloud.colour[ok], np.float64),
     )

@@ -46,6 +46,8 @@ class BoardView(Frozen):
     """Where they are, (m, 2), camera px."""
     ink_px: FloatMap | None = None
     """Areas of the circles, (m,), px²; None for other boards."""
+    blur_px: FloatMap | None = None
+    """Standard deviation of the blurred edges at each corner, (m,), px; None for circles."""
 
 
 def flattened(image: NDArray[Any]) -> NDArray[np.uint8]:

@@ -310,7 +310,7 @@ class _Lattice:
         numbered = _as_on_board(from_zero, size, pixels, saddles.contrast, board)
         index = numbered[:, 1] * across + numbered[:, 0]
         order = np.argsort(index)
-        return BoardView(index[order], pixels[order])
+        return BoardView(index[order], pixels[order], blur_px=saddles.blur_px[order])
 
 
 def _as_on_board(

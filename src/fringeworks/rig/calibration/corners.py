@@ -80,7 +80,7 @@ def refit(
         image.astype(np.float64), view.pixels, edges, window=_window(board), bends=bends
     )
     pixels = np.where(saddles.good[:, None], saddles.pixels, view.pixels)
-    return BoardView(view.index, pixels)
+    return BoardView(view.index, pixels, blur_px=saddles.blur_px)
 
 
 def _window(board: Board) -> float:
@@ -111,7 +111,8 @@ def _charuco(image: NDArray[Any], board: Board) -> BoardView:
     if good.sum() < MIN_CORNERS:
         raise BoardNotFound(f"expected {MIN_CORNERS} sharp corners or more, found {good.sum()}")
     wrong = off_board(board.points_mm[index[good], :2] / board.pitch_mm, saddles.pixels[good])
-    return BoardView(index[good][~wrong], saddles.pixels[good][~wrong])
+    pixels, blur = saddles.pixels[good][~wrong], saddles.blur_px[good][~wrong]
+    return BoardView(index[good][~wrong], pixels, blur_px=blur)
 
 
 def _edges_on_board(points_mm: FloatMap, pixels: FloatMap, pitch_mm: float) -> FloatMap:

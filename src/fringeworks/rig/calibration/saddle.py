@@ -60,6 +60,8 @@ class Saddles:
     normals of both edges, and the one opposite, are the bright ones."""
     residual: FloatMap
     """Root mean square residual of the fit, (n,), counts; NaN where it failed."""
+    blur_px: FloatMap
+    """Standard deviation of the blurred edges, (n,), px."""
     good: BoolMap
     """Whether the fit succeeded inside the image and near its start, (n,)."""
 
@@ -117,7 +119,7 @@ def fit_saddles(
     good = inside & np.isfinite(values).all(axis=1)
     good &= (np.abs(fitted[:, :2]) <= half).all(axis=1)
     good &= np.hypot(*shift.T) <= MAX_CORNER_SHIFT * np.maximum(length, 1.0)
-    return Saddles(fitted[:, :2] + centre, linear[:, 3], residual, good)
+    return Saddles(fitted[:, :2] + centre, linear[:, 3], residual, fitted[:, 4], good)
 
 
 def _windows(

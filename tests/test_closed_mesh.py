@@ -1,0 +1,82 @@
+"""Closed meshes of merged points: watertight, near the truth, open about what was not measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fringeworks as fw
+
+trimesh = pytest.importorskip("trimesh")
+pytest.importorskip("skimage")
+
+
+def ball(count=6000, radius_mm=10.0, noise_mm=0.01, lowest=-1.0, seed=0):
+    """Points spread evenly over a ball, above a height (in radii)."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * k
+    n = np.column_stack((np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z))
+    n = n[z > lowest]
+    off = noise_mm * np.random.default_rng(seed).standard_normal(len(n))
+    sigma = np.full(len(n), noise_mm)
+    return fw.Points(
+        n * (radius_mm + off)[:, None] + [5.0, -3.0, 40.0], sigma, sigma, normals=n, colour=sigma
+    )
+
+
+def distance(mesh, radius_mm=10.0):
+    return np.linalg.norm(mesh.vertices_mm - [5.0, -3.0, 40.0], axis=1) - radius_mm
+
+
+def test_a_ball_is_watertight_and_better_than_its_points():
+    found = fw.closed_mesh(ball())
+    shown = trimesh.Trimesh(found.vertices_mm, found.faces, process=False)
+    assert shown.is_watertight
+    assert shown.is_winding_consistent
+    assert abs(shown.volume / (4 / 3 * np.pi * 1000) - 1.0) < 3e-3
+    off = distance(found)
+    assert not found.filled.any()
+    assert abs(off.mean()) < 1e-3
+    assert np.sqrt(np.mean(off**2)) < 0.01
+    assert 0.7 < np.sqrt(np.mean((off / found.sigma_mm) ** 2)) < 1.3
+
+
+def test_what_no_point_is_near_is_marked(tmp_path):
+    found = fw.closed_mesh(ball(lowest=-0.7))
+    path = tmp_path / "ball.stl"
+    fw.write_mesh(path, found)
+    assert trimesh.load(path).is_watertight
+    low = (found.vertices_mm[:, 2] - 40.0) / 10.0 < -0.75
+    assert found.filled[low].all()
+    assert np.isnan(found.sigma_mm[found.filled]).all()
+    assert np.isfinite(found.sigma_mm[~found.filled]).all()
+    assert np.abs(distance(found)[~found.filled]).max() < 0.05
+
+
+def test_specks_are_left_out():
+    speck = ball(20, 0.5)
+    one = ball()
+    both = fw.Points(
+        np.concatenate((one.xyz_mm, speck.xyz_mm + 25.0)),
+        np.concatenate((one.sigma_mm, speck.sigma_mm)),
+        normals=np.concatenate((one.normals, speck.normals)),
+    )
+    shown = fw.closed_mesh(both, cell_mm=0.7)
+    assert np.ptp(shown.vertices_mm, axis=0).max() < 20.5
+
+
+@pytest.mark.parametrize(
+    ("change", "cell_mm", "message"),
+    [
+        ({"normals": None}, None, "with normals and σ"),
+        ({"sigma_mm": None}, None, "with normals and σ"),
+        ({}, -1.0, "expected > 0"),
+        ({}, 1e-3, "expected at most"),
+    ],
+)
+def test_points_that_make_no_mesh(change, cell_mm, message):
+    with pytest.raises(fw.InputError, match=message):
+        fw.closed_mesh(replace(ball(500), **change), cell_mm=cell_mm)

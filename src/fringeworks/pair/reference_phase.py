@@ -16,6 +16,8 @@ DEGREE = 4
 """Degree of the polynomial in x and y: perspective and lens distortion leave less than 0.01 rad."""
 NODES_PER_PERIOD = 2.0
 """Nodes per period at which the phase is read; it changes little between them."""
+BLOCKS_PER_PERIOD = 8.0
+"""Blocks per period that are summed before the average: half of a fringe has four."""
 WIDTH_PERIODS = 1.0
 """Width σ of the Gaussian of the average, periods: exp(−2π²) of the background is left."""
 BORDER_PERIODS = 2.0
@@ -110,24 +112,37 @@ def reference_phase(prepared: PreparedPair) -> ReferencePhase | None:
     return ReferencePhase(table, (h, w))
 
 
-def _nodes(prepared: PreparedPair) -> tuple[NDArray[np.complex128], FloatMap, FloatMap]:
-    """The reference times its carrier, averaged, at nodes; with their rows and columns."""
-    frame = prepared.reference
+def _nodes(prepared: PreparedPair) -> tuple[NDArray[np.complex64], FloatMap, FloatMap]:
+    """The reference times its carrier, averaged, at nodes; with their rows and columns.
+
+    Sums over small blocks come first, so that the average itself is one of few values.
+    """
+    frame, ok = prepared.reference, prepared.reference_ok
     h, w = frame.shape
     fx, fy = prepared.frequency
-    ok = prepared.reference_ok
-    centred = np.where(ok, frame - frame[ok].mean(), 0.0)
-    turn = np.exp(-2j * np.pi * (fx * np.arange(w) + fy * np.arange(h)[:, None]))
-    sigma = WIDTH_PERIODS * prepared.period
+    centred = np.subtract(frame, frame[ok].mean(), dtype=np.float32)
+    centred[~ok] = 0.0
+    side = max(1, int(prepared.period / BLOCKS_PER_PERIOD))
+    tops, lefts = (np.arange(0, n - n % side, side) for n in (h, w))
+    across = np.exp(-2j * np.pi * fx * np.arange(w)).astype(np.complex64)
+    down = np.exp(-2j * np.pi * fy * np.arange(h)).astype(np.complex64)
+    wide = lefts.size * side
+    turned = centred[:, :wide].reshape(h, lefts.size, side)
+    sums = np.einsum("yks,ks->yk", turned, across[:wide].reshape(-1, side))
+    sums *= down[:, None]
+    blocks = np.add.reduceat(sums[: tops.size * side], tops, axis=0)
+    # Blocks have a variance of their own, in squares of their side.
+    sigma = float(np.sqrt(max((WIDTH_PERIODS * prepared.period / side) ** 2 - 1.0 / 12.0, 0.01)))
     mixed = [
-        cv2.GaussianBlur(part.astype(np.float32), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-        for part in ((centred * turn).real, (centred * turn).imag)
+        cv2.GaussianBlur(part, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+        for part in (np.ascontiguousarray(blocks.real), np.ascontiguousarray(blocks.imag))
     ]
-    step = max(1, int(prepared.period / NODES_PER_PERIOD))
-    border = int(BORDER_PERIODS * prepared.period)
-    rows, columns = (np.arange(border, n - border, step) for n in (h, w))
-    field = np.asarray(mixed[0], np.complex128) + 1j * mixed[1]
-    return field[np.ix_(rows, columns)], rows.astype(np.float64), columns.astype(np.float64)
+    step = max(1, round(BLOCKS_PER_PERIOD / NODES_PER_PERIOD))
+    border = int(np.ceil(BORDER_PERIODS * prepared.period / side))
+    places = [np.arange(border, n.size - border, step) for n in (tops, lefts)]
+    field = (mixed[0] + 1j * mixed[1]).astype(np.complex64)[np.ix_(*places)]
+    middle = 0.5 * (side - 1)
+    return field, tops[places[0]] + middle, lefts[places[1]] + middle
 
 
 def with_local_period(prepared: PreparedPair, displacement_px: FloatMap) -> FloatMap:

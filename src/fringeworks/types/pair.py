@@ -130,5 +130,5 @@ class DisplacementMap(Sectioned, Frozen):
 
     @property
     def phase_rad(self) -> FloatMap:
-        """φ = 2π u / p with the mean period p, (h, w), rad: the phase difference if p is constant."""
+        """φ = 2π u / p, p the mean period, (h, w), rad: a phase difference where p is constant."""
         return self.displacement_px * (2.0 * np.pi / self.period_px)

@@ -171,3 +171,19 @@ def test_options_that_do_not_belong_together(options, message):
     _, clouds = views("bust", (0.0, 30.0), 0)
     with pytest.raises(fw.InputError, match=message):
         fw.merge(clouds, **options)
+
+
+def test_the_command_writes_a_closed_mesh(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("skimage")
+    from fringeworks.cli.commands import run
+
+    _, clouds = views("ball", (0.0, 45.0, 90.0, 135.0), 0)
+    paths = [str(tmp_path / f"{k}.npz") for k in range(2)]
+    for path, cloud in zip(paths, clouds, strict=False):
+        fw.write_points(path, cloud)
+    fw.write_rig(tmp_path / "rig.toml", rig())
+    out = tmp_path / "part.stl"
+    options = ["--board", BOARD.name, "--rig", str(tmp_path / "rig.toml"), "--out", str(out)]
+    assert run(["merge", *paths, *options]) == 0
+    assert trimesh.load(out).is_watertight

@@ -438,6 +438,9 @@ from .views.poses import (
 from .views.camera_blur import (
     remove_blur as remove_blur,
 )
+from .scan.turntable import (
+    scan_turntable as scan_turntable,
+)
 from .views.closed_mesh import (
     closed_mesh as closed_mesh,
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -212,12 +214,34 @@ def scan(
     taking: TakingOptions,
     plan: PlanOfSetup = None,
     ply: PlyOption = Ply.points,
+    turntable: Annotated[
+        float | None,
+        typer.Option(help="Angle between two views of a turntable, degrees; merges the views."),
+    ] = None,
+    board: Annotated[
+        str | None, typer.Option(help="Board that turns with the part, as for merge.")
+    ] = None,
+    turn: Annotated[
+        str | None,
+        typer.Option(
+            help="Command that turns the table, with {angle} in degrees; by default you turn it."
+        ),
+    ] = None,
     *,
     show: ShowOptions,
 ) -> None:
     """Take the frames of a plan and measure the points of the object."""
     output.check_folder(folder)
     words = output.Output(out, *show.targets)
+    if turntable is not None:
+        if any(target is not None for target in show.targets):
+            raise fw.InputError(
+                "--turntable cannot be combined with a figure, JSON or report of one view"
+            )
+        take_views(words, rig, out, folder, devices, taking, plan, (turntable, board, turn))
+        return
+    if board is not None or turn is not None:
+        raise fw.InputError("--board and --turn: expected together with --turntable")
     output.check(out, "points")
     show.check()
     known = fw.read_rig(rig)
@@ -226,6 +250,55 @@ def scan(
     found = fw.measure(folder, known)
     show.write_points(words, found, known, out, ply, name=folder.name)
     words.wrote(folder, out, *show.targets)
+
+
+def take_views(
+    words: output.Output,
+    rig: Path,
+    out: Path,
+    folder: Path,
+    devices: DeviceOptions,
+    taking: TakingOptions,
+    plan: Path | None,
+    table: tuple[float, str | None, str | None],
+) -> None:
+    """Take views of a part on a turntable, and write the merged part."""
+    step_deg, board, command = table
+    output.check(out, "merged")
+    with opened(devices) as bench:
+        found = fw.scan_turntable(
+            lambda place: _capture(bench, plan, place, taking),
+            lambda angle: _turn(angle, command),
+            folder,
+            rig,
+            step_deg=step_deg,
+            board=board,
+            progress=words.say,
+        )
+    with output.target(out, ".ply") as place:
+        fw.write_merged_points(place, found.points, provenance=found.provenance)
+    for finding in found.findings:
+        words.say(finding.text)
+    words.say(f"{len(found.points.xyz_mm)} points of {len(found.poses)} views")
+    words.wrote(folder, out)
+
+
+def _turn(angle_deg: float, command: str | None) -> None:
+    """Turn the table by a command, or wait until somebody has turned it."""
+    if command is None:
+        typer.prompt(
+            f"turn the table to {angle_deg:g}°, then Enter",
+            default="",
+            show_default=False,
+            err=True,
+        )
+        return
+    words = [word.replace("{angle}", f"{angle_deg:g}") for word in shlex.split(command)]
+    done = subprocess.run(words, check=False)
+    if done.returncode:
+        raise fw.InputError(
+            f"--turn: expected a command that ends with 0, got {done.returncode} from {words[0]}"
+        )
 
 
 def take_poses(setup: Path, plan: Path | None, board: fw.Board, folder: Path) -> None:

@@ -1,0 +1,70 @@
+"""Scans on a turntable: the table turns between captures, and the views become one part."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import fringeworks as fw
+from fringeworks.cli.devices import _turn
+from fringeworks.rig.pinhole import pose
+from fringeworks.simulate import (
+    Body,
+    Optics,
+    Sphere,
+    board_on_table,
+    fringe_plan,
+    look,
+    on_table,
+    photograph,
+    turned_poses,
+    turntable_pose,
+)
+from tests.test_merging import BOARD, T_table_board, rig
+
+
+class Table:
+    """A virtual table with a ball, and a camera that takes what stands there."""
+
+    def __init__(self):
+        self.angle_deg, self.taken = 0.0, []
+        ball = Body(Sphere(25.0), pose(np.eye(3), np.array([3.0, 2.0, -45.0])), 0.6)
+        self.bodies = [ball, board_on_table(BOARD, T_table_board)]
+
+    def turn(self, angle_deg):
+        self.angle_deg = angle_deg
+
+    def take(self, place):
+        self.taken.append((place.name, self.angle_deg))
+        (T,) = turned_poses(turntable_pose(distance_mm=520.0), [self.angle_deg])
+        plan = fringe_plan(rig(), both=False)
+        optics = Optics(exposure=1.1, noise=1.0, seed=int(self.angle_deg))
+        frames = photograph(look(rig(), on_table(self.bodies, T)), plan, optics)
+        fw.write_stack(place, frames, plan)
+
+
+def test_a_ball_is_scanned_from_four_sides(tmp_path):
+    table = Table()
+    part = fw.scan_turntable(
+        table.take, table.turn, tmp_path, rig(), step_deg=90.0, board=BOARD.name
+    )
+    assert table.taken == [(f"view_{k:02d}", 90.0 * k) for k in range(4)]
+    assert len(part.poses) == 4
+    form = fw.fit_form(part.points.xyz_mm, "sphere", sigma_mm=part.points.sigma_mm)
+    assert abs(2.0 * form.parameters["radius_mm"] - 50.0) < 0.02
+
+
+@pytest.mark.parametrize("step_deg", [0.0, 50.0, 180.0])
+def test_steps_divide_a_turn(tmp_path, step_deg):
+    table = Table()
+    with pytest.raises(fw.InputError, match="whole number of steps"):
+        fw.scan_turntable(table.take, table.turn, tmp_path, rig(), step_deg=step_deg)
+    assert not table.taken
+
+
+def test_a_command_turns_the_table(tmp_path):
+    place = tmp_path / "angle"
+    _turn(30.0, f"sh -c 'echo {{angle}} > {place}'")
+    assert place.read_text().strip() == "30"
+    with pytest.raises(fw.InputError, match="ends with 0, got 1"):
+        _turn(30.0, "false")

@@ -44,6 +44,15 @@ pub(crate) const MIN_WIDTH: usize = 8;
 /// Least fringe period, px: two samples per period, the sampling theorem's limit.
 pub(crate) const MIN_PERIOD: f64 = 2.0;
 
+/// Largest fringe period, px: far more than a frame has. Windows have a size in proportion to it.
+pub(crate) const MAX_PERIOD: f64 = 1e6;
+
+/// Refuse a period that no frame has.
+pub(crate) fn check_period(period: f64) -> Result<(), Error> {
+    let ok = (MIN_PERIOD..=MAX_PERIOD).contains(&period);
+    check_value("period", ok, "at least 2 px, at most 10^6", period)
+}
+
 /// Input that a kernel refuses. The bindings map it to `ValueError`.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum Error {

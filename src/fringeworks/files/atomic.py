@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fringeworks.types import FileProblem
@@ -38,7 +38,8 @@ def replacing(path: StrPath) -> Iterator[Path]:
     except OSError as error:
         raise FileProblem(f"{target}: could not be written: {error.strerror or error}") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # a read-only disk has none, and refuses to look
+            temporary.unlink(missing_ok=True)
 
 
 def _create(temporary: Path, target: Path) -> None:

@@ -14,7 +14,7 @@ mod polynomial;
 mod row;
 
 use crate::spline::{uniform_pivots, uniform_slopes, RowSpline};
-use crate::{check_length, check_value, reason, Error, MIN_PERIOD, MIN_WIDTH};
+use crate::{check_length, check_period, check_value, reason, Error, MIN_WIDTH};
 pub use extrema::Extremum;
 use extrema::Finder;
 use rayon::prelude::*;
@@ -94,7 +94,7 @@ fn check(
     }
     let (n_resample, period) = (options.n_resample, options.period);
     check_value("n_resample", n_resample >= 1, "at least 1", n_resample)?;
-    check_value("period", period >= MIN_PERIOD, "at least 2 px", period)
+    check_period(period)
 }
 
 /// Invert `height × width` frames row by row.
@@ -160,7 +160,7 @@ pub fn row_extrema(
         "at least 8 samples",
         row.len(),
     )?;
-    check_value("period", period >= MIN_PERIOD, "at least 2 px", period)?;
+    check_period(period)?;
     let mut slopes = vec![0.0; row.len()];
     uniform_slopes([row], [&mut slopes], &uniform_pivots(row.len()));
     let spline = RowSpline {

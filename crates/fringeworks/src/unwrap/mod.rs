@@ -40,6 +40,9 @@ pub struct Unwrapped {
     pub region: Vec<u32>,
 }
 
+/// Largest phase, rad in size: single precision holds phases to 0.06 rad there.
+const MAX_PHASE: f32 = 1e6;
+
 fn check(phase: &[f32], mask: &[u8], height: usize, width: usize) -> Result<(), Error> {
     check_length("phase", phase.len(), height * width)?;
     check_length("mask", mask.len(), height * width)?;
@@ -152,6 +155,14 @@ pub fn reliability(
             &second_differences
         }
     };
+    // Orders are whole numbers of 32 bits, and those of neighbours are subtracted.
+    let small = |(p, m): (&f32, &u8)| *m == 0 || p.is_nan() || p.abs() <= MAX_PHASE;
+    check_value(
+        "phase",
+        phase.iter().zip(mask).all(small),
+        "at most 10^6 rad",
+        "more",
+    )?;
     let map = tile::Map {
         phase,
         mask,

@@ -71,8 +71,8 @@ def _check(
 ) -> tuple[Analytic, tuple[int, int]]:
     """Check field and options; return the field as complex64, and its shape."""
     values = np.asarray(field)
-    if values.ndim != 2 or min(values.shape) < 3:
-        raise InputError(f"field: expected shape (h, w) of 3 × 3 px or more, got {values.shape}")
+    if values.ndim != 2 or values.size == 0:
+        raise InputError(f"field: expected shape (h, w) with a pixel or more, got {values.shape}")
     if values.dtype.kind not in "cfiu":
         raise InputError(f"field: expected numbers, got {values.dtype}")
     if not (np.abs(values) <= LARGEST).all():

@@ -261,7 +261,7 @@ def measure(
     show: ShowOptions,
 ) -> None:
     """Measure the points of one or several cameras' frames with a calibrated rig."""
-    chosen = None if axis is None else axis.value
+    chosen: fw.Axis | None = None if axis is None else axis.value
     if len(stacks) > 1:
         if epipolar_px is not None or depth is not None or ply != Ply.points:
             raise fw.InputError(

@@ -10,6 +10,7 @@ import numpy as np
 from fringeworks import GrayCode, PatternPlan, PhaseSteps, Uniform, decode, equal_steps
 from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.cameras import multi_rig_of
+from fringeworks.rig.calibration.leave_out import leave_poses_out
 from fringeworks.rig.calibration.parameters import FurtherCamera, further_change, parameter_change
 from fringeworks.rig.camera_points import camera_points
 from fringeworks.rig.device_pairs import camera_pair
@@ -29,8 +30,7 @@ from fringeworks.types import CameraNoise, CoordinateMap, Decoded, MultiRig, Rea
 from tests.rigs import ahead, sighting
 from tests.rigs import board as board_of
 
-BOARD = "chessboard:7x5:20"
-"""A board of few corners keeps the adjustments quick."""
+BOARD = "chessboard:11x8:12"
 FACING = -np.radians(20.0)
 """Turn about y by which a surface before the first camera faces the projector, rad."""
 
@@ -74,8 +74,10 @@ def adjusted(rig: MultiRig, seed: int, *, count: int = 8, **errors):
 
 
 def calibrated(rig: MultiRig, seed: int, **errors) -> MultiRig:
-    """A calibration from numerical corners, whose errors are independent."""
-    return multi_rig_of(adjusted(rig, seed, **errors)[0])
+    """A calibration from numerical corners, with poses left out as ``calibrate_cameras`` does."""
+    found, seen = adjusted(rig, seed, **errors)
+    free = np.ones(len(found.devices_covariance), bool)
+    return multi_rig_of(found, leave_poses_out(seen, found, free=free).inflation)
 
 
 def rig_errors(found: MultiRig, truth: MultiRig) -> np.ndarray:

@@ -211,7 +211,7 @@ def test_standard_deviations_cover_over_many_calibrations():
     truth = small_rig()
     within, chi = [], []
     for seed in range(CALIBRATIONS):
-        rig, rng = calibrated(truth, seed, count=6), np.random.default_rng(seed)
+        rig, rng = calibrated(truth, seed), np.random.default_rng(seed)
         name = ("plane", "tilted", "sphere")[seed % 3]
         views = views_of(truth, [surfaces(seed)[name]])
         decoded = [numeric(view, rng) for view in views]

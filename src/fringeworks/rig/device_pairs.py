@@ -40,6 +40,13 @@ def camera_pair(rig: MultiRig, camera: int, other: Device = "projector") -> Rig:
     Raises
     ------
     InputError for a camera that the rig does not have, and for one camera twice.
+
+    Examples
+    --------
+    >>> from fringeworks.simulate import standard_cameras
+    >>> rig = standard_cameras(scale=0.1)
+    >>> round(camera_pair(rig, 0).baseline_mm), round(camera_pair(rig, 0, 1).baseline_mm)
+    (174, 342)
     """
     devices = [_device(rig, camera), _device(rig, other)]
     if camera == other:

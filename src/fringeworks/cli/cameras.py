@@ -1,4 +1,4 @@
-"""Several cameras and one projector: what ``calibrate`` and ``measure`` do with a path for each."""
+"""``calibrate`` and ``measure`` for several cameras and one projector, a path for each camera."""
 
 from __future__ import annotations
 

@@ -117,11 +117,13 @@ def deviation(
     *,
     how: AlignOptions,
     rig: Annotated[
-        Path | None, typer.Option(help="Rig that measured the part: σ is then smaller.")
+        Path | None, typer.Option(help="Rig that measured the part; without it, σ is too large.")
     ] = None,
     reach_mm: Annotated[
         float | None,
-        typer.Option(help="Points farther from the model do not belong to it, mm."),
+        typer.Option(
+            help="Points farther from the model are left out, mm; by default 5 % of its size."
+        ),
     ] = None,
     tolerance_mm: Annotated[
         float | None, typer.Option(help="Largest deviation that is allowed to either side, mm.")

@@ -206,7 +206,13 @@ def capture(
 @grouped
 def scan(
     rig: Annotated[Path, typer.Option("--rig", help="Rig file.")],
-    out: Annotated[Path, typer.Option("--out", help="Points: .ply, .xyz or .npz.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            help="Points: .ply, .xyz, .npz, .pcd, .mat or .mcap; with --turntable .ply.",
+        ),
+    ],
     folder: Annotated[
         Path, typer.Option("--capture", help="Folder to write the frames to.", show_default=False)
     ],

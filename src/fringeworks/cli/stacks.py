@@ -182,7 +182,7 @@ def light(
     *,
     show: ShowOptions,
 ) -> None:
-    """Separate light straight from the projector from light by way of other surfaces."""
+    """Separate the projector's direct light from indirect light of other surfaces."""
     words = output.Output(out, *show.targets)
     output.check(out, "light")
     show.check()
@@ -305,7 +305,11 @@ def measure(
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Points: .ply, .xyz or .npz; '-' is PLY.")
+        Path | None,
+        typer.Option(
+            "--out",
+            help="Points: .ply, .xyz, .npz, .pcd, .mat, .mcap; '-' is PLY. Several cameras: PLY.",
+        ),
     ] = None,
     ply: PlyOption = Ply.points,
     *,

@@ -48,7 +48,7 @@ CHUNK = 50_000
 """Number of points whose errors are computed together; with 24 parameters they take 30 MB."""
 EDGE_SPACINGS = 1.5
 """Distance from a sharp edge, in distances of neighbouring points, up to which a point is a mixture
-of the two sides of the edge. On the virtual rig, errors are beyond σ up to there."""
+of the two sides of the edge. On the virtual rig, errors exceed σ up to this distance."""
 EDGE_SIGMA_SPACINGS = 0.25
 """Standard deviation of such mixtures, in distances of neighbouring points: a quarter of a pixel.
 Measured on the virtual rig: 0.09 mm beside the edge and 0.05 mm farther on, at 0.31 mm per
@@ -85,7 +85,7 @@ class Deviation(Plotted, Frozen):
     normals: FloatMap
     """(…, 3), directions out of the model at the nearest points, in the model's coordinates."""
     alignment: Alignment
-    """How the part lies to the model."""
+    """Pose of the part in the model's coordinates."""
     part: PointCloud | Points
     """What was measured, in its own coordinates."""
     model: TriangleMesh
@@ -184,7 +184,7 @@ def deviation(
         How the part is brought to the model; by default a best fit whose start is searched for.
     rig : Rig or path, optional
         The rig that measured a cloud. Its covariance tells which errors of the calibration the
-        alignment takes up; without it they are taken to be larger.
+        alignment absorbs; without it, the errors of all points count in full.
     reach_mm : float > 0, optional
         Points farther from the model do not belong to it, mm; by default 5 % of its size.
     seed : int
@@ -207,7 +207,7 @@ def deviation(
     σ² is the sum of four parts: the noise of the point along the model's normal n; the noise of
     the alignment, J C Jᵀ with J = (p × n, n); the errors of the calibration E after the alignment
     has followed them, |n·E + J ξ(E)|²; and, beside sharp edges of the model, the error of pixels
-    that mix the two sides. A best fit takes up most of E, so that σ is then much smaller than that
+    that mix the two sides. A best fit absorbs most of E, so that σ is then much smaller than that
     of the points.
 
     Examples

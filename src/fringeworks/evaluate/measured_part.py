@@ -36,10 +36,10 @@ from fringeworks.views.surface_points import MIN_POINTS, SurfacePoints, surface_
 NEIGHBOURS = 16
 """Number of neighbours through which a plane is laid for the normal of a point without one."""
 SPACING_POINTS = 2000
-"""About as many points tell the typical distance of neighbours."""
+"""Approximate number of points from which the typical distance of neighbours is taken."""
 UNKNOWN_SIGMA = 1e-6
-"""Standard deviation, in sizes of the part, that points without one count with in a fit: all alike,
-and far below their scatter."""
+"""Standard deviation that a fit uses for points without one, as a share of the part's size: the
+same for all, and far below their scatter."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class MeasuredPart:
     sigma_mm: FloatMap | None
     """(n,), along ``ray``; mm."""
     noise_mm: FloatMap | None
-    """(n,), mm; 0 where the noise is not told from the rest of σ."""
+    """(n,), mm; 0 where the noise is not known apart from the rest of σ."""
     ray: FloatMap | None
     """Direction in which a point errs, (n, 3); None where it is that of the normal."""
     rig: Rig | None
@@ -77,7 +77,7 @@ class MeasuredPart:
         return float(np.median(scipy.spatial.cKDTree(self.xyz_mm).query(some, k=2)[0][:, 1]))
 
     def along(self, at: NDArray[np.intp], direction: FloatMap) -> FloatMap:
-        """Return the share of the errors of some points that counts along directions, (n,)."""
+        """Return the share of the errors of some points that acts along directions, (n,)."""
         if self.ray is None:
             return np.ones(len(at))
         return np.asarray(np.abs(np.einsum("nc,nc->n", self.ray[at], direction)))

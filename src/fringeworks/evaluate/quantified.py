@@ -14,8 +14,8 @@ HALF_SIGMAS = 4.0
 """Upper end of the search for half of a range, standard deviations: 0.006 % of normal errors lie
 beyond, which is less than the discarded 0.3 %."""
 MOST_SIGMAS = 10_000
-"""About as many points, evenly thinned, enter the range of the noise: all of them would change it
-by less than 1 %."""
+"""Approximate number of points, evenly thinned, from which the range of the noise is computed. All
+points would change it by less than 1 %."""
 
 
 @dataclass(frozen=True)
@@ -56,5 +56,5 @@ def narrowest_range(values: FloatMap) -> tuple[float, int, int]:
 
 
 def raised(value: float, noise: float) -> float:
-    """Return by how much noise of a size has raised a value: squares of the two add up."""
+    """Return by how much noise has raised a value: squares of noise and true value add up."""
     return value - float(np.sqrt(max(value**2 - noise**2, 0.0)))

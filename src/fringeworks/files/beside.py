@@ -1,9 +1,9 @@
 """Files beside a description that belong to it, such as the plan of a set-up.
 
-A description and what it names cannot be replaced in one step. What is new gets a name of its own
-where an earlier file has other content; the description then names it, and only then is the earlier
-file deleted. Whoever reads in between, or after the program was killed, finds the old description
-with its files or the new one with its own.
+A description and what it names cannot be replaced in one step. Where an
+earlier file has other content, the new file gets another name. The description then names it, and
+only after that is the earlier file deleted. A reader in between, or after the program was killed,
+finds the old description with its files or the new one with its files.
 """
 
 from __future__ import annotations

@@ -46,7 +46,8 @@ class MultiMeasurement(Plotted, Frozen):
 
     points: Points
     """All points in coordinates of the first camera. A place that several cameras see appears once,
-    on the first camera that sees it."""
+    on the first camera that sees it. Within three pixels of an edge nothing is matched; there it
+    appears in every camera."""
     cameras: tuple[CameraPoints, ...]
     """Per camera: the points on its pixels, in its own coordinates, with all pairs and how far they
     disagree."""
@@ -79,7 +80,7 @@ def calibrate_camera_stacks(
     cameras : sequence, one entry per camera
         Each as ``stacks`` of ``calibrate_stacks``: a folder with a stack per pose, or pairs of name
         and Stack. Stacks with one name are of one pose of the board. A camera need not see all
-        poses; two in common with another camera are the least that is sensible.
+        poses, but must have one in common with an earlier camera; two or more are advisable.
     board, plan, distortion, progress, **options
         As for ``calibrate_stacks``.
 

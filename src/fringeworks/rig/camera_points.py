@@ -36,7 +36,7 @@ class CameraPoints(Frozen):
     points: PointCloud
     """Merged from all pairs, weighted by their covariance. σ is along the camera's ray."""
     devices: tuple[Device, ...]
-    """With which the camera makes pairs: the projector, then other cameras by number, from 0."""
+    """Devices that form pairs with the camera: the projector, then cameras by number, from 0."""
     pairs: tuple[PointCloud, ...]
     """The points of every pair."""
     weights: FloatMap

@@ -31,7 +31,8 @@ def scatter_factor(values: FloatMap, sigma: FloatMap) -> FloatMap:
 
     Returns
     -------
-    (h, w) array, 1 where too few pixels tell. It depends on the stated standard deviation only.
+    (h, w) array, 1 where there are too few pixels. It depends only on the stated standard
+    deviation.
 
     Notes
     -----

@@ -18,7 +18,7 @@ STEPS = 3
 DEPTH_MARGIN = 0.02
 """Share by which the table of calibration errors reaches beyond the measured inverse depths."""
 UNKNOWN_VARIANCE = 1e6
-"""Variance of a missing estimate over the largest of its pixel: its weight is then nothing."""
+"""Variance of a missing estimate over the largest of its pixel: its weight is then negligible."""
 
 
 @dataclass(frozen=True, eq=False)

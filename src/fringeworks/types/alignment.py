@@ -63,7 +63,7 @@ class DatumPoints(Frozen):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DatumPlanes(Frozen):
-    """Three planes of the part by rank, which hold three, two and one directions (3-2-1).
+    """Three planes of the part by rank, which fix three, two and one degrees of freedom (3-2-1).
 
     Raises
     ------
@@ -138,7 +138,7 @@ AlignedBy = Literal["best fit", "datum points", "datum planes", "known pose"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Alignment(Frozen):
-    """How a part lies to its model.
+    """Pose of a part in the coordinates of its model, with its covariance.
 
     An error ξ = (ω, v) turns and moves points of the part in the model's coordinates: p becomes
     p + ω × p + v.
@@ -150,12 +150,12 @@ class Alignment(Frozen):
     noise: FloatMap
     """(6, 6) covariance of ξ from errors that are independent from point to point; rad, mm."""
     common: FloatMap
-    """(6, 6) covariance of ξ from errors that points have in common, as those of the
+    """(6, 6) covariance of ξ from errors that points have in common, such as those of the
     calibration."""
     determined: FloatMap
     """(6, k), the directions of ξ that are determined, as columns."""
     points: int
-    """Number of points that it rests on."""
+    """Number of points that it was computed from."""
     share: float
     """Share of the points that could have been used, 0…1."""
     rms_mm: float

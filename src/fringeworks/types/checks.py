@@ -14,8 +14,8 @@ LARGEST = 1e15
 """Largest magnitude of a single number that describes a device, a length or a brightness. No real
 one comes near it, and its square fits single precision."""
 MOST_PX = 1 << 16
-"""Largest number of rows or columns of a frame, a camera or a projector: that of JPEG, more than
-any has, and few enough for tables of one entry per column."""
+"""Largest number of rows or columns of a frame, a camera or a projector: about that of JPEG. No
+device has more, and tables with one entry per column stay small."""
 MOST_SEED = 2**63 - 1
 """Largest seed of random choices: that of 64-bit whole numbers."""
 NUMBERS = "fiu"
@@ -44,7 +44,7 @@ def whole(value: object, low: float, high: float) -> bool:
 
 
 def check_layout(values: Mapping[str, Any], layout: Mapping[str, str]) -> None:
-    """Refuse arrays of other types or shapes than a layout has, and reasons that there are not.
+    """Refuse arrays whose type or shape differs from their layout, and reasons that do not exist.
 
     Parameters
     ----------

@@ -22,10 +22,10 @@ MAX_BLUR_PX = 3.0
 """Largest blur that is corrected, px. The correction is that of the first order in the variance of
 the blur; at 3 px the next order is no longer small."""
 BLUR_SHARE = 0.15
-"""Standard deviation of the correction, over the correction. The blur of a board's corners differs
-by a few percent over the image, and higher orders of the blur are left out."""
+"""Standard deviation of the correction, as a share of it. The blur of a board's corners differs by
+a few per cent over the image, and higher orders of the blur are left out."""
 REACH_PX = 3.0
-"""How far a correction is taken over by points that have none of their own, px: the margin of the
+"""Distance up to which points without a correction take over the nearest one, px: the margin of the
 smallest window inside a surface, and its diagonal."""
 STEP = 1e-3
 """Step for the derivative of the projector's coordinate by the distance, relative: small against
@@ -50,7 +50,7 @@ def remove_blur(
         The one that the points were measured with.
     blur_px : float, 0…3
         Standard deviation of the camera's blur, with that of the pixels themselves, px; as
-        ``board_blur`` measures it. 0.3 px is a perfect lens.
+        ``board_pose`` measures it. 0.3 px is a perfect lens.
     axis : "x" or "y", optional
         Axis of the fringes, where they ran along one only; by default the direction that depends on
         depth.
@@ -61,8 +61,8 @@ def remove_blur(
     Returns
     -------
     PointCloud. Where the surface ends within 2 px, points take over the nearest correction. σ grows
-    by 0.15 of the correction. σ and noise grow on creases by half of the difference that the window
-    makes, and where a correction is taken over by all of it.
+    by 0.15 of the correction. On creases, σ and noise also grow by half of the difference between
+    the two windows; where a correction is taken over, by the whole correction.
 
     Raises
     ------

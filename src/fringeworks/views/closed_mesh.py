@@ -20,9 +20,9 @@ MAX_CELLS = 4e7
 SMOOTHING_CELLS = 1.0
 """Standard deviation by which the normals are spread, cells: gaps of two cells are bridged."""
 AREA_NEIGHBOURS = 8
-"""Number of neighbours that tell the area of a point."""
+"""Number of neighbours from which the area of a point is estimated."""
 NEIGHBOURS = 16
-"""Number of points that a vertex is laid onto."""
+"""Largest number of points that determine a vertex."""
 REACH_SPACINGS = 2.0
 """How far a point may be from a vertex that it determines, in distances of neighbouring points;
 beyond, the vertex is not measured."""
@@ -31,7 +31,7 @@ MAX_ASIDE = 0.3
 points: farther away, the points lie on one side."""
 MIN_COSINE = 0.8
 """Smallest cosine between the normal of a vertex and of a point that determines it: points across a
-crease are of another surface."""
+crease belong to another surface."""
 MIN_POINTS = 3
 """Smallest number of points that determine a vertex."""
 NODE_SHARE = 0.03
@@ -47,14 +47,14 @@ def closed_mesh(points: Points, *, cell_mm: float | None = None) -> TriangleMesh
     Parameters
     ----------
     points : Points
-        With normals and σ, as of ``merge``.
+        With normals and σ, as ``merge`` returns them.
     cell_mm : float > 0, optional
         Side of the cells of the grid, mm; by default 1.5 distances of neighbouring points.
 
     Returns
     -------
-    TriangleMesh, watertight. Vertices that no point is near are marked in ``filled``; their σ is
-    NaN, because nothing was measured there.
+    TriangleMesh, watertight. Vertices without points around them are marked in ``filled``; their σ
+    is NaN, because nothing was measured there.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A model as what points are registered to, and a pose to start from where none is known."""
+"""A model as the target of a registration, and the search for a start where none is known."""
 
 from __future__ import annotations
 

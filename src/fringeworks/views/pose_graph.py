@@ -211,7 +211,7 @@ def _with_covariance(
 def closure(
     pairs: Mapping[tuple[int, int], Registration], count: int, middle_mm: FloatMap
 ) -> Closure | None:
-    """Put the pairs (0, 1), (1, 2) … (n − 1, 0) together, and judge what is left.
+    """Combine the pairs (0, 1), (1, 2) … (n − 1, 0), and judge how far they are from the identity.
 
     Parameters
     ----------

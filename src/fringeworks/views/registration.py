@@ -35,8 +35,8 @@ displacement they cause at the overlap's size. Below it, the surface slides on i
 direction. Noise in the normals keeps it above 0 for a sphere, at 1e-5 on the virtual rig; between
 views of the bust 30° apart it is 3e-3 and more, with a board beside it 1e-3."""
 MIN_EXACT_EIGENVALUE = 1e-4
-"""The same against a model, whose normals have no noise. What triangles of a sphere leave, with
-interpolated normals, is below 1e-5."""
+"""The same against a model, whose normals have no noise. A sphere of triangles with interpolated
+normals gives less than 1e-5."""
 PATCH_SHARE = 0.15
 """Side of a patch of the overlap, over its size. Errors of neighbours are alike in the calibration,
 the fringes and the normals; patches of about a sixth are independent to first order."""

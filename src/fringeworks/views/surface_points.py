@@ -18,7 +18,7 @@ MIN_FACING = 0.17
 pixels there cover a long stretch of the surface, and their normals are poor."""
 BLUR_PX = 0.01
 """Standard deviation of the error that blur causes, as a shift along the image, px, where it is not
-corrected (``remove_blur``). On the virtual rig, pairs of views are off by what this says, beyond
+corrected (``remove_blur``). On the virtual rig, this explains the errors of pairs of views beyond
 their noise. A cloud's σ does not contain it, because it is far below the noise of one pixel;
 averages of many pixels see it."""
 CORRECTED_PX = 0.003

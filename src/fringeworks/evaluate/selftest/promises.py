@@ -1,4 +1,4 @@
-"""What the documentation promises, as numbers that a self-test holds.
+"""What the documentation promises, as numbers that a self-test checks.
 
 ``docs/promises.md`` holds the table that ``promise_table`` writes; a test compares them.
 """
@@ -214,7 +214,7 @@ PROMISES: tuple[Promise, ...] = (
 
 @dataclass(frozen=True)
 class Judged:
-    """A promise, and what this machine makes of it."""
+    """A promise, and whether this machine keeps it."""
 
     promise: Promise
     kept: bool | None

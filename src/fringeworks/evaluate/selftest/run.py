@@ -70,7 +70,7 @@ def selftest(
     promises: tuple[Promise, ...] = PROMISES,
     progress: Callable[[str], None] = lambda _: None,
 ) -> SelfTest:
-    """Measure known bodies on the virtual rig, and hold the results against what is promised.
+    """Measure known bodies on the virtual rig, and judge the promises by the results.
 
     Parameters
     ----------
@@ -95,8 +95,8 @@ def selftest(
     -----
     A plane, a sphere and a step are measured by twelve frames and by two, under noise, strong
     noise, shot noise, a response of γ = 2.2, defocus, paint and JPEG. Truth and noise are those
-    that were simulated. Nothing that the package has estimated enters the judgement but the σ that
-    is judged, and the modulation in the bound of stacks.
+    that were simulated. The judgement uses only two values that the package has estimated: the σ
+    that is judged, and the modulation in the bound of stacks.
 
     Examples
     --------

@@ -16,9 +16,11 @@ from fringeworks.simulate.virtual_rig import View, look
 from fringeworks.types import FloatMap, Pinhole, Rig
 
 STACK_SCALE = 0.5
-"""Frames of stacks over 1280 × 1024 px: a case takes a second, and has 300 000 points."""
+"""Size of frames of stacks, as a share of 1280 × 1024 px: a case takes a second, and has 300 000
+points."""
 PAIR_SCALE = 0.35
-"""Frames of pairs over 1280 × 1024 px: a case takes a second, and has 27 fringes."""
+"""Size of frames of pairs, as a share of 1280 × 1024 px: a case takes a second, and has 27
+fringes."""
 WALL_MM = 520.0
 """Distance of the wall, which is the reference plane of pairs, mm."""
 TILT_RAD = (0.03, 0.05)

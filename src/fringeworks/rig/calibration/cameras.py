@@ -78,8 +78,8 @@ def calibrate_cameras(
 
     Raises
     ------
-    InputError as ``calibrate``, with the number of the camera, and for cameras that have no pose of
-    the board in common with the first.
+    InputError as ``calibrate``, with the number of the camera, and for a camera that has no pose of
+    the board in common with an earlier one.
 
     Notes
     -----

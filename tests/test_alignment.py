@@ -173,6 +173,7 @@ def planes(truth):
     )
 
 
+@pytest.mark.long
 def test_datum_planes_hold_three_two_and_one_directions():
     squares = []
     distance = MeshDistance(model())

@@ -37,6 +37,14 @@ SOURCES = sorted((ROOT / "src").rglob("*.py"))
 ROW_METHODS = ("exact", "gsifa", "sifa", "ifa")
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.M | re.S)
 NOT_RUN = {
+    (
+        "cameras.md",
+        "import fringeworks as fw",
+    ): "captures of two cameras: tests/test_cameras_files.py",
+    (
+        "deviation.md",
+        'part = fw.clean_cloud(fw.read_cloud("part.npz"))',
+    ): "a part with its drawing: tests/test_deviation.py",
     ("batch.md", "import xarray as xr"): "the number of a scan is made up: tests/test_batch.py",
     ("sequences.md", "import fringeworks as fw"): "a long sequence: tests/test_sequence.py",
     ("sequences.md", "decoder = fw.SequenceDecoder(plan)"): "a sketch: tests/test_sequence.py",

@@ -32,8 +32,10 @@ def run(script: str, **environment: str) -> str:
 
 
 EVERY_KERNEL = """
+import io
 import os
 import numpy as np
+from PIL import Image
 import fringeworks as fw
 from fringeworks import _core
 
@@ -86,6 +88,9 @@ def results():
     found += [fw.unwrap(phase, algorithm=name).phase for name in ("reliability", "guided")]
     found += [fw.decompose_rows(scene.object), fw.decompose_frame(scene.object)]
     found += [normalise(scene.object), find_extrema(scene.object[30], 10.0).position_px]
+    picture = io.BytesIO()
+    Image.fromarray(frames[0]).save(picture, "PNG")
+    found.append(_core.read_grey_png(picture.getvalue()))
     hill = height_field(np.hypot(*np.mgrid[-5:6, -5:6]), 1.0)
     found.append(hill.hit(np.array([0.1, 0.2, 50.0]), np.array([[0.0, 0.0, -1.0]])))
     return [fw.fingerprint(result) for result in found]

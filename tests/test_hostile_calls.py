@@ -34,7 +34,8 @@ ELSEWHERE = {
         "diagnose", "verdict", "judge_poses", "response_from_stack", "phase_from_stack", "measure_pair",
         "measure_sequence", "merge", "compare", "compare_captures", "compare_everywhere", "rows_of_captures",
         "best_methods", "best_map", "format_map", "run_batch", "run_sequence", "run_studio", "board_sheet",
-        "viewer_fragment", "viewer_page", "viewer_script", "viewer_style", "apply_response",
+        "calibrate_cameras", "calibrate_camera_stacks", "measure_cameras", "scan_turntable", "closed_mesh", "deviation",
+        "find_spots", "remove_blur", "camera_pair", "multi_rig_parameters", "selftest", "promise_table", "light_from_stack", "viewer_fragment", "viewer_page", "viewer_script", "viewer_style", "apply_response",
     ),
     "registries": ("method", "methods", "load_plugin", "Method"),
     "errors": (

@@ -191,15 +191,16 @@ def test_nothing_but_reasons():
     np.testing.assert_array_equal(unpacked(packed.data).reason, cloud.reason)
 
 
-def test_a_point_that_is_no_number_is_masked_and_unknown_reasons_stay_in_range():
+def test_a_point_that_is_no_number_is_masked_and_unknown_reasons_are_refused():
     cloud = random_cloud(0)
     xyz, reason = cloud.xyz_mm.copy(), cloud.reason.copy()
     ok = np.argwhere(reason == 0)
     xyz[tuple(ok[0])] = np.inf
-    reason[tuple(ok[1])] = 200
-    found = unpacked(fw.pack_surface(replace(cloud, xyz_mm=xyz, reason=reason)).data)
+    found = unpacked(fw.pack_surface(replace(cloud, xyz_mm=xyz)).data)
     assert found.reason[tuple(ok[0])] == fw.Reason.MASKED
-    assert found.reason.max() < len(fw.Reason)
+    reason[tuple(ok[1])] = 200
+    with pytest.raises(fw.InputError, match="reason: expected values of 0 to 12, got 0 to 200"):
+        replace(cloud, reason=reason)
 
 
 def test_a_hundred_million_points_are_refused_before_anything_is_computed():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import re
 from pathlib import Path
 
 import pytest
@@ -13,25 +12,17 @@ import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.devices.virtual_bench import POSES, RADIUS_MM, SCALE
 from fringeworks.simulate import fringe_plan, standard_rig
-
-PAGE = Path(__file__).parent.parent / "docs" / "start.md"
+from tests.walk import steps
 
 
 def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
     """Every command of the page, with virtual devices in place of real ones."""
     monkeypatch.chdir(tmp_path)
-    page = PAGE.read_text()
-    commands = re.findall(r"^    fringeworks (.*)$", page, flags=re.MULTILINE)
-    assert len(commands) >= 6
+    # The first three commands of the page are about two photographs: tests/test_walk.py.
+    commands = [step.run for step in steps("docs/start.md")[3:]]
+    assert len(commands) >= 6 + POSES
     for command in commands:
-        words = command.replace("screen:1", "virtual").replace("webcam:0", "virtual:sphere").split()
-        if "POSE" in command:
-            for k in range(POSES):
-                pose = [w.replace("POSE", f"{k}") for w in words]
-                assert (
-                    run([*pose, "--projector", "virtual", "--camera", f"virtual:board-{k}"]) == 0
-                ), pose
-            continue
+        words = command.replace("virtual:bust", "virtual:sphere").split()[1:]
         assert run(words) == 0, (words, capsys.readouterr())
     # The poses that lie there count; the user ends the taking of more.
     monkeypatch.setattr("sys.stdin", io.StringIO("q\n"))

@@ -21,6 +21,7 @@ def test_the_readme_works_as_it_is_printed(tmp_path):
     assert (folder / "scene.png").stat().st_size > 10_000
 
 
+@pytest.mark.long
 def test_two_photographs_in_five_minutes(tmp_path):
     walked = steps("docs/start.md")[:3]
     assert [step.run.split()[1] for step in walked] == ["simulate", "reconstruct", "reconstruct"]

@@ -1,8 +1,8 @@
 //! Grey PNG images, decoded by the crate `png` without the interpreter's lock.
 
+use crate::threads::alone;
 use numpy::PyArray1;
 use png::{BitDepth, ColorType, DecodeOptions, Decoder, Limits};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::io::Cursor;
 
@@ -18,9 +18,13 @@ enum Counts {
 /// size that the header states.
 #[pyfunction]
 pub fn read_grey_png(py: Python<'_>, content: &[u8]) -> PyResult<Option<Py<PyAny>>> {
-    let found = py
-        .detach(|| decode(content))
-        .map_err(|error| PyValueError::new_err(error.to_string()))?;
+    let found = alone(py, || {
+        decode(content).map_err(|error| fringeworks::Error::Value {
+            name: "PNG",
+            expected: "an image that can be decoded",
+            got: error.to_string(),
+        })
+    })?;
     Ok(found.map(|counts| match counts {
         Counts::Bytes(values) => PyArray1::from_vec(py, values).into_any().unbind(),
         Counts::Words(values) => PyArray1::from_vec(py, values).into_any().unbind(),

@@ -23,8 +23,6 @@ choice.
 """
 MIN_PERIOD_PX = 4.0
 """Shortest period that can be measured, px: four samples a period, half the Nyquist frequency."""
-LEAST_PX = 2
-"""Smallest side of a frame in which fringes are looked for, px: a spectrum needs two samples."""
 MIN_SAMPLES = 8
 """Shortest side along which a spectrum is used, px; a shorter one has too few lines to compare."""
 LINE_EXPONENT = 1.5
@@ -231,9 +229,9 @@ def find_carrier(frame: FloatMap, axis: Axis | None = None, *, name: str = "refe
     >>> carrier.axis, round(carrier.period_px, 2), round(1 / carrier.cross_frequency, 1)
     ('x', 17.3, 90.0)
     """
-    if frame.ndim != 2 or min(frame.shape) < LEAST_PX or max(frame.shape) < MIN_SAMPLES:
+    if frame.ndim != 2 or min(frame.shape) < 1 or max(frame.shape) < MIN_SAMPLES:
         raise InputError(
-            f"{name} frame: expected {LEAST_PX} × {MIN_SAMPLES} px or more, got shape {frame.shape}"
+            f"{name} frame: expected fringes over {MIN_SAMPLES} px or more, got shape {frame.shape}"
         )
     if float(np.ptp(frame)) == 0.0:
         raise InputError(f"{name} frame: expected fringes, got the constant {frame.flat[0]:g}")

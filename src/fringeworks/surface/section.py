@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -134,15 +135,16 @@ def pixels_on_line(line: Line, shape: tuple[int, ...]) -> NDArray[np.int64]:
     ------
     InputError for anything but two different pixels of the frame.
     """
-    known = len(line) == 2 and all(len(end) == 2 and finite(*end) for end in line)
-    ends = np.asarray(line if known else ())
-    if ends.shape != (2, 2) or not (ends == np.floor(ends)).all():
+    ends: FloatMap = np.empty(0)
+    with suppress(TypeError, ValueError):  # no pairs, or no numbers
+        ends = np.array([[float(v) for v in end] for end in line])
+    if ends.shape != (2, 2) or not finite(*ends.flat) or not (ends == np.floor(ends)).all():
         raise InputError(f"line: expected ((x0, y0), (x1, y1)) in whole pixels, got {line}")
     rows, columns = shape[:2]
     for x, y in ends:
         if not (0 <= x < columns and 0 <= y < rows):
             raise InputError(
-                f"line: expected pixels of a frame of {columns} × {rows}, got ({x}, {y})"
+                f"line: expected pixels of a frame of {columns} × {rows}, got ({x:g}, {y:g})"
             )
     a, b = ends.astype(np.float64)
     n = int(np.abs(b - a).max())

@@ -226,8 +226,7 @@ class _Matches:
 
 def _matches(source: SurfacePoints, target: Target, reach: float) -> _Matches:
     near, found = target.matched(source.xyz_mm, reach)
-    has = np.isfinite(near)
-    near, seen = near[has], source.at(has)
+    near, seen = near[np.isfinite(near)], source.at(np.isfinite(near))
     offset = seen.xyz_mm - found.xyz_mm
     n = found.normals if target.exact else seen.normals + found.normals
     n = n / (np.linalg.norm(n, axis=1, keepdims=True) + 1e-12)
@@ -240,11 +239,8 @@ def _matches(source: SurfacePoints, target: Target, reach: float) -> _Matches:
     if np.count_nonzero(good) >= MIN_MATCHES:
         # A point that ends the overlap matches the other's border from aside.
         aside = np.sqrt(np.maximum(near**2 - distance**2, 0.0))
-        if target.exact:
-            good &= aside <= MAX_ASIDE * near + ROUNDING_MM
-        else:
-            spacing = 4.0 * float(np.median(aside[good]))
-            good &= aside < spacing + 1e-9
+        spacing = 0.0 if target.exact else 4.0 * float(np.median(aside[good]))
+        good &= aside < (MAX_ASIDE * near + ROUNDING_MM if target.exact else spacing + 1e-9)
     if np.count_nonzero(good) >= MIN_MATCHES:
         ratio = np.abs(distance) / np.sqrt(sigma2)
         good &= ratio < END_SIGMAS * max(MAD_TO_SIGMA * float(np.median(ratio[good])), 1.0)
@@ -261,7 +257,7 @@ def _matches(source: SurfacePoints, target: Target, reach: float) -> _Matches:
         sigma=np.sqrt(sigma2[good]),
         blur=blur[good],
         calibration=np.maximum(calibration[good], 0.0),
-        overlap=float(np.count_nonzero(good)) / len(has),
+        overlap=float(np.count_nonzero(good)) / len(source.xyz_mm),
         spacing_mm=spacing,
         exact=target.exact,
         errors=errors,

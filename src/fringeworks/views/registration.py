@@ -205,6 +205,13 @@ class _Matches:
         return MIN_EXACT_EIGENVALUE if self.exact else MIN_EIGENVALUE
 
     @property
+    def unexplained(self) -> FloatMap:
+        """Variance of the calibration's part that ``errors`` do not stand for, (n,), mm²."""
+        if self.errors is None:
+            return self.calibration
+        return np.maximum(self.calibration - np.sum(self.errors**2, axis=1), 0.0)
+
+    @property
     def typical_mm(self) -> float:
         return float(MAD_TO_SIGMA * np.median(np.abs(self.distance)))
 
@@ -307,10 +314,6 @@ def _result(T: FloatMap, match: _Matches, converged: bool) -> Registration:
     _, patch = np.unique(cell, axis=0, return_inverse=True)
     left = match.distance - match.rows @ (gain @ (rows.T @ match.distance))
     count = int(patch.max()) + 1
-    alike = match.calibration
-    if match.errors is not None:
-        # What is left are errors that the rig's covariance does not stand for.
-        alike = np.maximum(alike - np.sum(match.errors**2, axis=1), 0.0)
     scale = np.append(np.full(3, match.size), np.ones(3))
     to_origin = _about_origin(match) / scale
 
@@ -324,7 +327,7 @@ def _result(T: FloatMap, match: _Matches, converged: bool) -> Registration:
     noise = covariance(left, count / max(count - 6, 1)) + covariance(np.sqrt(match.blur), 1.0)
     # A model is not bent by the calibration: nothing cancels.
     share = 1.0 if match.exact else CALIBRATION_SHARE
-    common = covariance(share * np.sqrt(alike), max(1.0, count / CALIBRATION_PATCHES))
+    common = covariance(share * np.sqrt(match.unexplained), max(1.0, count / CALIBRATION_PATCHES))
     response = None
     if match.errors is not None:
         response = -to_origin @ gain @ (rows.T @ match.errors)

@@ -209,7 +209,7 @@ class _Matches:
         """Variance of the calibration's part that ``errors`` do not stand for, (n,), mm²."""
         if self.errors is None:
             return self.calibration
-        return np.maximum(self.calibration - np.sum(self.errors**2, axis=1), 0.0)
+        return np.asarray(np.maximum(self.calibration - np.sum(self.errors**2, axis=1), 0.0))
 
     @property
     def typical_mm(self) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -68,3 +70,42 @@ def test_a_command_turns_the_table(tmp_path):
     assert place.read_text().strip() == "30"
     with pytest.raises(fw.InputError, match="ends with 0, got 1"):
         _turn(30.0, "false")
+
+
+def test_the_studio_merges_the_views_of_a_series(tmp_path):
+    pytest.importorskip("nicegui", reason="nicegui is not installed")
+    from fringeworks.studio.state import Studio
+
+    table = Table()
+    views = [f"ball-{angle:03d}" for angle in (0, 90, 180, 270)]
+    for k, view in enumerate(views):
+        table.turn(90.0 * k)
+        table.take(tmp_path / view)
+    studio = Studio(tmp_path)
+    try:
+        session = studio.session("one")
+        with pytest.raises(fw.InputError, match="no rig"):
+            studio.merge_views(session, views, BOARD.name, 90.0, "ball")
+        fw.write_rig(tmp_path / "rig.toml", rig())
+        with pytest.raises(fw.InputError, match="two views or more"):
+            studio.merge_views(session, views[:1], BOARD.name, 90.0, "ball")
+        with pytest.raises(fw.InputError, match="Turntable step: expected degrees"):
+            studio.merge_views(session, views, BOARD.name, 0.0, "ball")
+        with pytest.raises(fw.FileProblem, match="got one outside"):
+            studio.merge_views(session, [*views, "../other"], BOARD.name, 90.0, "ball")
+        job = studio.merge_views(session, views, BOARD.name, 90.0, "ball")
+        while job.open:
+            time.sleep(0.05)
+        assert job.state == "done", job.problem
+        assert job.result["file"] == "ball.ply"
+        assert job.result["views"] == 4
+        shown = studio.look(session, "ball.ply", "windowed", {})
+        while shown.open:
+            time.sleep(0.05)
+        assert shown.state == "done", shown.problem
+    finally:
+        studio.close()
+    points = fw.read_points(tmp_path / "ball.ply")
+    assert len(points.xyz_mm) == job.result["points"]
+    form = fw.fit_form(points.xyz_mm, "sphere", sigma_mm=points.sigma_mm)
+    assert abs(2.0 * form.parameters["radius_mm"] - 50.0) < 0.02

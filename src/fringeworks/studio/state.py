@@ -118,6 +118,21 @@ class Studio(Bench):
         board = self.board
         return self.log.note(job, lambda _: calibrate_command(board))
 
+    def merge_views(
+        self, session: Session, captures: list[str], board: str, step_deg: float, name: str
+    ) -> Job:
+        """Measure and merge the views of a part on a turntable; ``board`` may be empty."""
+        if not self.workspace.rig.is_file():
+            raise InputError("There is no rig: calibrate first.")
+        if len(captures) < 2:
+            raise InputError("Expected two views or more: take a series of scans first.")
+        if board and not step_deg:
+            raise InputError("Turntable step: expected degrees, got 0.")
+        places = [str(self.workspace.inside(capture)) for capture in captures]
+        target, rig = str(self.workspace.new(name, ".ply")), str(self.workspace.rig)
+        given = places, rig, board, step_deg, target
+        return self._compute(session, "merging", tasks.merge_views, *given, total=2 * len(places))
+
     def look(self, session: Session, source: str, method: str, options: dict[str, Any]) -> Job:
         """Compute a surface, and show it; the one before is kept for comparison."""
         self._replace(session)

@@ -18,6 +18,7 @@ from fringeworks.devices.listing import list_devices
 from fringeworks.devices.opening import open_devices
 from fringeworks.evaluate.inspect import inspect
 from fringeworks.files.exposures import is_exposures
+from fringeworks.files.merged import write_merged_points
 from fringeworks.files.pair import CAPTURE_FILE
 from fringeworks.files.results import write_result
 from fringeworks.files.rig import read_rig, write_rig
@@ -39,6 +40,7 @@ from fringeworks.scan.hdr import capture_hdr
 from fringeworks.scan.live_calibration import PoseTaker
 from fringeworks.scan.setup import SetupStopped, set_up
 from fringeworks.scan.setup_file import StoredSetup, read_setup, write_setup
+from fringeworks.scan.turntable import merge_turn
 from fringeworks.studio.worker import Link
 from fringeworks.types import Decoded, HeightMap, InputError, Pair, PointCloud, Points
 
@@ -184,6 +186,25 @@ def compute(link: Link, source: Source) -> Any:
         return reconstruct(source.path, source.method, **source.options)
     link.progress("decoding and measuring")
     return decode_stack(source.path) if source.rig is None else measure(source.path, source.rig)
+
+
+def merge_views(
+    link: Link, captures: list[str], rig: str, board: str, step_deg: float, target: str
+) -> dict[str, Any]:
+    """Measure the views of a part on a turntable, merge them, and write the points."""
+    known = read_rig(rig)
+    views = []
+    for place in captures:
+        link.progress(f"measuring {Path(place).name}")
+        views.append(measure(place, known).points)
+    found = merge_turn(views, known, step_deg=step_deg, board=board or None, progress=link.progress)
+    write_merged_points(target, found.points, provenance=found.provenance)
+    return {
+        "file": Path(target).name,
+        "views": len(views),
+        "points": len(found.points.xyz_mm),
+        "findings": [finding.text for finding in found.findings],
+    }
 
 
 def judge_part(link: Link, source: Source, recipe: str) -> dict[str, Any]:

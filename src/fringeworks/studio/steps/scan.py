@@ -9,6 +9,7 @@ from nicegui import ui
 
 from fringeworks.studio.steps.live import live_points
 from fringeworks.studio.steps.parts import UPDATE_S, Step, devices, work
+from fringeworks.studio.worker import Job
 
 
 def build(step: Step) -> None:
@@ -42,6 +43,12 @@ class _Scan:
         self._problem = ui.label().classes("text-negative").props('role="alert"')
         work(step, ("scan",), devices=True)
         ui.timer(UPDATE_S, self._update)
+        with ui.row().classes("items-end"):
+            self._board = ui.input("Board on the turntable; empty: merge by shape").classes("w-80")
+            merge = step.attempt(self._merge)
+            ui.button("Merge the views", on_click=merge).props("outline no-caps")
+        work(step, ("merging",), self._merged)
+        self._merging = ui.label().props('role="status"')
         self._taken()
         live_points(step)
 
@@ -76,6 +83,20 @@ class _Scan:
                 return
             self._name.set_value(self._next())
             self._taken.refresh()
+
+    def _merge(self) -> None:
+        """Merge the scans of the last series."""
+        series = self._studio.series
+        taken = [] if series is None or series.running else list(series.taken)
+        name = f"{taken[0].rpartition('-')[0]}-merged" if taken else ""
+        turn, board = float(self._turn.value or 0), str(self._board.value or "").strip()
+        self._studio.merge_views(self._step.session, taken, board, turn, name)
+
+    def _merged(self, job: Job) -> None:
+        found = job.result
+        said = f"{found['points']} points of {found['views']} views: {found['file']}."
+        self._merging.set_text(" ".join([said, *found["findings"]]))
+        self._step.attempt(partial(self._look, found["file"]))()
 
     def _look(self, capture: str) -> None:
         self._studio.look(self._step.session, capture, "windowed", {})

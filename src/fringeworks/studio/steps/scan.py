@@ -44,7 +44,7 @@ class _Scan:
         work(step, ("scan",), devices=True)
         ui.timer(UPDATE_S, self._update)
         with ui.row().classes("items-end"):
-            self._board = ui.input("Board on the turntable; empty: merge by shape").classes("w-80")
+            self._board = ui.input("Board on the turntable, if any").classes("w-80")
             merge = step.attempt(self._merge)
             ui.button("Merge the views", on_click=merge).props("outline no-caps")
         work(step, ("merging",), self._merged)

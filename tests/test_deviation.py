@@ -86,6 +86,7 @@ def test_the_pose_is_off_by_what_its_covariance_says():
     assert 0.2 < np.mean(squares) < 3.0
 
 
+@pytest.mark.long
 def test_a_part_that_is_turned_by_40_degrees_needs_no_start():
     cloud, T, used = seen()
     known = deviated()

@@ -15,6 +15,7 @@ from fringeworks.simulate import fringe_plan, standard_rig
 from tests.walk import steps
 
 
+@pytest.mark.long
 def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
     """Every command of the page, with virtual devices in place of real ones."""
     monkeypatch.chdir(tmp_path)

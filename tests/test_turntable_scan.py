@@ -45,6 +45,7 @@ class Table:
         fw.write_stack(place, frames, plan)
 
 
+@pytest.mark.long
 def test_a_ball_is_scanned_from_four_sides(tmp_path):
     table = Table()
     part = fw.scan_turntable(

@@ -123,14 +123,16 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
 
 def _sigma(amplitudes: tuple[FloatMap, FloatMap], noise: list[float], to_px: float) -> FloatMap:
     """σ of the displacement from noise of the analytic signals, (h, w), px."""
-    variance: FloatMap = np.zeros(())
+
+    def variance(amplitude: FloatMap, of_signal: float) -> FloatMap:
+        # The signal has half the amplitude, and half of its complex variance turns its phase.
+        square = amplitude * amplitude
+        return np.divide(2.0 * of_signal * to_px**2, square, out=square)
+
     with np.errstate(divide="ignore", invalid="ignore"):
-        for amplitude, of_signal in zip(amplitudes, noise, strict=True):
-            share = amplitude * amplitude
-            # The signal has half the amplitude, and half of its complex variance turns its phase.
-            np.divide(2.0 * of_signal * to_px**2, share, out=share)
-            variance = share if variance.ndim == 0 else np.add(variance, share, out=variance)
-    return np.asarray(np.sqrt(variance, out=variance))
+        total = variance(amplitudes[0], noise[0])
+        total += variance(amplitudes[1], noise[1])
+    return np.asarray(np.sqrt(total, out=total))
 
 
 def _unmeasured(reason: ByteMap, details: dict[str, Any]) -> Solution:

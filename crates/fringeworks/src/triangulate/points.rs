@@ -2,7 +2,7 @@
 
 use super::arithmetic::{fused, power_of_two};
 use super::depth::{meet, Goal, Met};
-use super::prepare::{Segment, Triangulation};
+use super::prepare::{Projector, Segment, Triangulation};
 use super::rays::{variable, SegmentSpread};
 use super::row::Decoded;
 use super::{Limits, Values, SEGMENT_PIXELS, SPREAD_COEFFICIENTS};
@@ -22,7 +22,7 @@ pub struct SegmentPoints {
     pub sigma: Values,
     pub noise: Values,
     pub residual: Values,
-    pub reason: [u32; SEGMENT_PIXELS],
+    pub reason: [u8; SEGMENT_PIXELS],
 }
 
 impl SegmentPoints {
@@ -36,6 +36,29 @@ impl SegmentPoints {
             noise: zero,
             residual: zero,
             reason: [0; SEGMENT_PIXELS],
+        }
+    }
+}
+
+/// What all segments have in common. It is copied for each row: what might change in memory between two
+/// segments would be loaded into registers for each of them.
+pub struct Constants {
+    projector: Projector,
+    /// Reciprocals of the projector's focal lengths, 1/px.
+    scale: [f32; 2],
+    /// Variable of the calibration's variance: offset and factor.
+    variable: [f32; 2],
+    /// Squares of the limits' number of standard deviations and of the calibration's share, px².
+    within: [f32; 2],
+}
+
+impl Constants {
+    pub fn new(rig: &Triangulation, limits: &Limits) -> Self {
+        Self {
+            projector: rig.projector,
+            scale: rig.projector.focal.map(|focal| 1.0 / focal),
+            variable: [rig.spread_variable.offset, rig.spread_variable.factor],
+            within: [limits.residual_sigmas, limits.residual_px].map(|limit| limit * limit),
         }
     }
 }
@@ -56,7 +79,7 @@ fn calibration_variance<const FMA: bool>(spread: &SegmentSpread, i: usize, varia
 #[inline(always)]
 fn epipolar_error(
     [focal_x, focal_y]: [f32; 2],
-    (sigmas, calibration): (f32, f32),
+    [sigmas, calibration]: [f32; 2],
     goal: &Goal,
     met: &Met,
 ) -> (f32, bool) {
@@ -71,6 +94,9 @@ fn epipolar_error(
 }
 
 /// Points, standard deviations and reasons of a segment.
+///
+/// One loop does it all. Short loops over reasons alone would be unrolled before the compiler looks for
+/// vectors, and end as one branch per pixel.
 #[inline(always)]
 pub fn points<
     const X: bool,
@@ -79,19 +105,18 @@ pub fn points<
     const STEPS: usize,
     const FMA: bool,
 >(
-    rig: &Triangulation,
+    constants: &Constants,
     segment: &Segment,
-    limits: &Limits,
     (along_x, along_y): (&Decoded, &Decoded),
     out: &mut SegmentPoints,
 ) {
-    let projector = &rig.projector;
-    let (offset, factor) = (rig.spread_variable.offset, rig.spread_variable.factor);
-    let (scale_x, scale_y) = (1.0 / projector.focal[0], 1.0 / projector.focal[1]);
+    let projector = &constants.projector;
+    let [scale_x, scale_y] = constants.scale;
     let [principal_x, principal_y] = projector.principal;
-    let sigmas = limits.residual_sigmas * limits.residual_sigmas;
-    let calibration_px = limits.residual_px * limits.residual_px;
+    let [offset, factor] = constants.variable;
     for i in 0..SEGMENT_PIXELS {
+        let before = reason_before::<X, Y>(along_x.reason[i], along_y.reason[i]);
+        let decoded = before == OK;
         let (x, y) = (along_x.coordinate[i], along_y.coordinate[i]);
         let (sx, sy) = (along_x.sigma[i] * scale_x, along_y.sigma[i] * scale_y);
         let goal = Goal {
@@ -108,12 +133,11 @@ pub fn points<
         let front = (met.w > 0.0) & (met.last.depth > 0.0) & (sigma < f32::INFINITY);
         let mut meets = true;
         if X && Y {
-            let within = (sigmas, calibration_px);
-            let (residual, near) = epipolar_error(projector.focal, within, &goal, &met);
+            let (residual, near) = epipolar_error(projector.focal, constants.within, &goal, &met);
             meets = near;
-            out.residual[i] = if front { residual } else { f32::NAN };
+            out.residual[i] = if front & decoded { residual } else { f32::NAN };
         }
-        let good = front & meets;
+        let good = front & meets & decoded;
         let keep = |value: f32| if good { value } else { f32::NAN };
         out.x[i] = keep(met.ray.0 * z);
         out.y[i] = keep(met.ray.1 * z);
@@ -121,6 +145,19 @@ pub fn points<
         out.noise[i] = keep(to_mm * met.last.noise.sqrt());
         out.sigma[i] = keep(sigma);
         let apart = if meets { OK } else { RAYS_APART };
-        out.reason[i] = if front { apart } else { BEYOND };
+        let triangulated = if front { apart } else { BEYOND };
+        out.reason[i] = if decoded { triangulated } else { before } as u8;
+    }
+}
+
+/// Reason of decoding: that of the columns first, then that of the rows.
+#[inline(always)]
+fn reason_before<const X: bool, const Y: bool>(columns: u8, rows: u8) -> u32 {
+    let columns = if X { u32::from(columns) } else { OK };
+    let rows = if Y { u32::from(rows) } else { OK };
+    if columns == OK {
+        rows
+    } else {
+        columns
     }
 }

@@ -16,6 +16,7 @@ pub struct Segment {
 }
 
 /// The projector and the pose in single precision.
+#[derive(Clone, Copy)]
 pub struct Projector {
     pub focal: [f32; 2],
     pub principal: [f32; 2],

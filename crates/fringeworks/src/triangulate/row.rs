@@ -1,7 +1,7 @@
 //! One row of the frame, segment by segment, compiled for several instruction sets.
 
 use super::lens::MAX_NEWTON_STEPS;
-use super::points::{points, SegmentPoints};
+use super::points::{points, Constants, SegmentPoints};
 use super::prepare::Triangulation;
 use super::{Axis, Limits, Points, Values, SEGMENT_PIXELS};
 use crate::reason;
@@ -16,12 +16,12 @@ pub struct Row<'a> {
     pub out: Points<'a>,
 }
 
-/// Decoded maps of one segment; the coordinate is NaN where it was not measured.
+/// Decoded maps of one segment.
 #[repr(align(64))]
 pub struct Decoded {
     pub coordinate: Values,
     pub sigma: Values,
-    reason: [u8; SEGMENT_PIXELS],
+    pub reason: [u8; SEGMENT_PIXELS],
 }
 
 impl Decoded {
@@ -38,25 +38,20 @@ impl Decoded {
         if n < SEGMENT_PIXELS {
             *self = Self::new();
         }
-        copy(&mut self.sigma, &axis.sigma[start..start + n]);
-        copy(&mut self.reason, &axis.reason[start..start + n]);
-        copy(&mut self.coordinate, &axis.coordinate[start..start + n]);
-        for i in 0..SEGMENT_PIXELS {
-            if self.reason[i] != reason::OK {
-                self.coordinate[i] = f32::NAN;
-            }
-        }
+        copy::<SEGMENT_PIXELS, _>(&mut self.sigma, &axis.sigma[start..start + n]);
+        copy::<SEGMENT_PIXELS, _>(&mut self.reason, &axis.reason[start..start + n]);
+        copy::<SEGMENT_PIXELS, _>(&mut self.coordinate, &axis.coordinate[start..start + n]);
     }
 }
 
-/// Copy the shorter of two slices. Whole segments are a few registers; only the end of a row is worth a
-/// call of the system's function.
+/// Copy the shorter of two slices, of `N` values at most. `N` values are a few registers; only the end
+/// of a row is worth a call of the system's function.
 #[inline(always)]
-fn copy<T: Copy>(to: &mut [T], from: &[T]) {
+fn copy<const N: usize, T: Copy>(to: &mut [T], from: &[T]) {
     let n = to.len().min(from.len());
     match (to.first_chunk_mut(), from.first_chunk()) {
-        (Some(to), Some(from)) if n == SEGMENT_PIXELS => {
-            let (to, from): (&mut [T; SEGMENT_PIXELS], &[T; SEGMENT_PIXELS]) = (to, from);
+        (Some(to), Some(from)) if n == N => {
+            let (to, from): (&mut [T; N], &[T; N]) = (to, from);
             *to = *from;
         }
         _ => to[..n].copy_from_slice(&from[..n]),
@@ -107,6 +102,7 @@ fn segments<
     mut row: Row<'_>,
 ) {
     let width = row.rig.shape().1;
+    let constants = Constants::new(row.rig, row.limits);
     let mut found = SegmentPoints::new();
     let (mut along_x, mut along_y) = (Decoded::new(), Decoded::new());
     for (k, segment) in row.rig.segments_of(row.index).iter().enumerate() {
@@ -119,32 +115,9 @@ fn segments<
             along_y.load(axis, first, n);
         }
         let axes = (&along_x, &along_y);
-        points::<X, Y, MAIN_X, STEPS, FMA>(row.rig, segment, row.limits, axes, &mut found);
-        let reasons = reasons::<X, Y>(&along_x, &along_y, &found);
-        store::<X, Y>(&mut row.out, &found, &reasons, first, n);
+        points::<X, Y, MAIN_X, STEPS, FMA>(&constants, segment, axes, &mut found);
+        store::<X, Y>(&mut row.out, &found, first, n);
     }
-}
-
-/// Reason of every pixel: that of the columns first, then of the rows, then of triangulation.
-#[inline(always)]
-fn reasons<const X: bool, const Y: bool>(
-    along_x: &Decoded,
-    along_y: &Decoded,
-    points: &SegmentPoints,
-) -> [u8; SEGMENT_PIXELS] {
-    let mut reasons = [0u8; SEGMENT_PIXELS];
-    for i in 0..SEGMENT_PIXELS {
-        let columns = if X { along_x.reason[i] } else { reason::OK };
-        let rows = if Y { along_y.reason[i] } else { reason::OK };
-        let decoded = if columns != reason::OK { columns } else { rows };
-        let triangulated = points.reason[i] as u8;
-        reasons[i] = if decoded != reason::OK {
-            decoded
-        } else {
-            triangulated
-        };
-    }
-    reasons
 }
 
 /// Copy the first `n` pixels of a segment into the row's maps.
@@ -152,21 +125,21 @@ fn reasons<const X: bool, const Y: bool>(
 fn store<const X: bool, const Y: bool>(
     out: &mut Points<'_>,
     points: &SegmentPoints,
-    reasons: &[u8; SEGMENT_PIXELS],
     first: usize,
     n: usize,
 ) {
     let range = first..first + n;
-    copy(&mut out.reason[range.clone()], reasons);
-    copy(&mut out.sigma[range.clone()], &points.sigma);
-    copy(&mut out.noise[range.clone()], &points.noise);
+    copy::<SEGMENT_PIXELS, _>(&mut out.reason[range.clone()], &points.reason);
+    copy::<SEGMENT_PIXELS, _>(&mut out.sigma[range.clone()], &points.sigma);
+    copy::<SEGMENT_PIXELS, _>(&mut out.noise[range.clone()], &points.noise);
     if X && Y {
-        copy(&mut out.residual[range], &points.residual);
+        copy::<SEGMENT_PIXELS, _>(&mut out.residual[range], &points.residual);
     }
-    let xyz = &mut out.xyz[3 * first..3 * (first + n)];
-    for (i, point) in xyz.chunks_exact_mut(3).enumerate() {
-        point[0] = points.x[i];
-        point[1] = points.y[i];
-        point[2] = points.z[i];
+    let mut xyz = [0.0; 3 * SEGMENT_PIXELS];
+    for i in 0..SEGMENT_PIXELS {
+        xyz[3 * i] = points.x[i];
+        xyz[3 * i + 1] = points.y[i];
+        xyz[3 * i + 2] = points.z[i];
     }
+    copy::<{ 3 * SEGMENT_PIXELS }, _>(&mut out.xyz[3 * first..3 * (first + n)], &xyz);
 }

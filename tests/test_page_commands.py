@@ -1,0 +1,83 @@
+"""Commands that pages show for files of the reader's own run as they are printed."""
+
+from __future__ import annotations
+
+import glob
+import shlex
+from pathlib import Path
+
+import pytest
+
+from tests.page_files import build
+from tests.test_cli import run
+from tests.test_doc_code import PAGES
+from tests.walk import examples
+
+ELSEWHERE = {
+    "fringeworks studio ": "serves a page until it is ended: tests/test_studio.py",
+    "fringeworks setup ": "wants devices: tests/test_walk.py",
+    "fringeworks scan ": "wants devices: tests/test_walk.py, tests/test_turntable_scan.py",
+    "fringeworks paper ": "takes a minute: tests/test_examples.py",
+    "fringeworks merge ": "many views: tests/test_merging.py",
+    "fringeworks calibrate left/ ": "two cameras: tests/test_cameras_files.py",
+    "fringeworks measure part/left ": "two cameras: tests/test_cameras_files.py",
+    "fringeworks measure part/ --rig rig.toml --out - ": "writes bytes: tests/test_cli.py",
+}
+"""Beginnings of commands that are not run here, and the tests that run such ones."""
+
+REPLACED = {"fringeworks decode shots/ --steps ": ("shots/", "four/")}
+"""Folders that hold one thing for one command of a page and another for the next."""
+NOT_WRITTEN = {"rig2.toml": "the rig holds: there is nothing to adjust"}
+LONG = (
+    "README.md",
+    "batch.md",
+    "deviation.md",
+    "methods.md",
+    "report.md",
+    "rig.md",
+    "sequences.md",
+)
+"""Pages that calibrate, compare many methods, or start workers."""
+
+
+def lines(page):
+    found = [line for line in examples(page.read_text(encoding="utf-8")) if "…" not in line]
+    return [one for one in found if "COMMAND" not in one and not one.startswith(tuple(ELSEWHERE))]
+
+
+def words(line, folder):
+    """Words of a command, with names that the shell completes; and the file that takes its output."""
+    for beginning, (before, after) in REPLACED.items():
+        line = line.replace(before, after) if line.startswith(beginning) else line
+    line, _, target = line.partition(" > ")
+    found = []
+    for word in shlex.split(line)[1:]:
+        matches = sorted(glob.glob(word, root_dir=folder)) if "*" in word else []
+        found += matches or [word]
+    return found, target.strip()
+
+
+def marked(page):
+    return pytest.param(page, marks=pytest.mark.long if page.name in LONG else (), id=page.name)
+
+
+@pytest.mark.parametrize("page", [marked(p) for p in PAGES if lines(p)])
+def test_commands_of_a_page_run(page, tmp_path):
+    build(page, tmp_path)
+    for line in lines(page):
+        given, target = words(line, tmp_path)
+        done = run(*given, cwd=tmp_path)
+        if target:
+            assert done.stdout, line
+            (tmp_path / target).write_bytes(done.stdout.encode(errors="surrogateescape"))
+        for option in ("--out", "--figure", "--report", "--json"):
+            name = given[given.index(option) + 1] if option in given else "-"
+            if name != "-" and name not in NOT_WRITTEN:
+                # Several captures have a picture each.
+                assert list(tmp_path.glob(f"{Path(name).stem}*{Path(name).suffix}")), line
+
+
+def test_each_reason_is_needed():
+    shown = [line for page in PAGES for line in examples(page.read_text(encoding="utf-8"))]
+    for beginning in ELSEWHERE:
+        assert any(line.startswith(beginning) for line in shown), beginning

@@ -210,6 +210,30 @@ def test_numbers_and_names_without_end(tmp_path):
     refused(fw.read_points, tmp_path / "p.ply", "vertices with x, y, z")
 
 
+READERS = sorted(
+    name
+    for name in fw.__all__
+    if name.startswith(("read_", "load_")) and name not in ("read_pair", "load_plugin")
+)
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_names_that_no_file_can_have_are_refused(name, tmp_path):
+    for letters in ("b" * 5000, "b\0"):
+        for path in (tmp_path / letters, f"a/{letters}.toml", f"{letters}.zarr", f"{letters}.png"):
+            with pytest.raises(fw.InputError):
+                next(iter(getattr(fw, name)(path)))
+
+
+def test_recipes_with_long_names_are_refused_in_a_sentence(tmp_path):
+    path = tmp_path / "recipe.toml"
+    for text in ('within = "{}"', '[areas.hole]\nmask = "{}"'):
+        path.write_text(f'kind = "recipe"\n{text.format("a" * 5000)}\n')
+        with pytest.raises(fw.FileProblem) as error:
+            fw.read_recipe(path)
+        assert len(str(error.value)) < 1500
+
+
 @pytest.mark.parametrize(("old", "new"), [("100.", ".Inf"), ("100.", "nan"), ("2000.", "-.Inf")])
 def test_rigs_without_finite_numbers(tmp_path, targets, old, new):
     (good,) = (t for t in targets if t.name == "other.xml")

@@ -16,6 +16,7 @@ from fringeworks.batch.store import Row, Store, check_store
 from fringeworks.evaluate.inspect import rig_of
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.folder import locked
+from fringeworks.files.limits import is_folder
 from fringeworks.files.recipe import read_recipe
 from fringeworks.types import FileProblem, Frozen, InputError, PartTolerance, Recipe, made_by
 
@@ -111,7 +112,7 @@ def run_batch(
     folder = Path(out)
     check_store(folder)
     store = Store(folder)
-    if (folder / "scans").is_dir() and not resume:
+    if is_folder(folder / "scans") and not resume:
         raise InputError(
             f"{folder}: expected a new folder, or to resume the batch there, got results"
         )
@@ -139,7 +140,7 @@ def _found(source: StrPath, watch: Callable[[], bool] | None) -> list[Scan]:
     try:
         return find_scans(source)
     except FileProblem:
-        if watch is None or not Path(source).is_dir():
+        if watch is None or not is_folder(Path(source)):
             raise
         return []
 

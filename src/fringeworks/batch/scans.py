@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.limits import read_content
+from fringeworks.files.limits import is_file, is_folder, read_content
 from fringeworks.files.pair import CAPTURE_FILE
 from fringeworks.files.zarr_array import (
     INSTALL,
@@ -60,9 +60,9 @@ def find_scans(source: StrPath) -> list[Scan]:
     if "://" in text:
         return _at_address(text)
     folder = Path(source)
-    if (folder / ZARR_FILE).is_file():
+    if is_file(folder / ZARR_FILE):
         return _of_array(text)
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise FileProblem(f"{folder}: expected a folder of captures or a Zarr array, got none")
     found = [
         Scan(path.parent.relative_to(folder).as_posix(), str(path.parent))
@@ -137,7 +137,7 @@ def content_hash(lent: Path | Any) -> str:
     """Return the SHA-256 of what a scan holds: names and bytes of its files, or its frames."""
     digest = hashlib.sha256()
     if isinstance(lent, Path):
-        for path in sorted(p for p in lent.rglob("*") if p.is_file()):
+        for path in sorted(p for p in lent.rglob("*") if is_file(p)):
             content = read_content(path, "a capture's file")
             digest.update(f"{path.relative_to(lent).as_posix()}\0{len(content)}\0".encode())
             digest.update(content)

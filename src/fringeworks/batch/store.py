@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.files.atomic import StrPath, replacing, write_text
+from fringeworks.files.limits import is_file, is_folder
 from fringeworks.files.results import write_result
 from fringeworks.files.zarr_array import INSTALL, ZARR_FILE
 from fringeworks.types import FileProblem, FloatMap, HeightMap, MissingPackage, PointCloud
@@ -67,7 +68,7 @@ class Store:
             (self.folder / SCANS).mkdir(parents=True, exist_ok=True)
             self.end()
             (self.folder / BEGUN).mkdir()
-            if not self.zarr and not (self.folder / ABOUT).is_file():
+            if not self.zarr and not is_file(self.folder / ABOUT):
                 write_text(self.folder / ABOUT, json.dumps(about, indent=1) + "\n")
         except OSError as error:
             raise FileProblem(f"{self.folder}: could not be written: {error.strerror}") from error
@@ -79,7 +80,7 @@ class Store:
 
     def has(self, address: str) -> bool:
         """Whether the result of an address is complete."""
-        return (self.folder / SCANS / address).is_dir()
+        return is_folder(self.folder / SCANS / address)
 
     def row(self, address: str) -> Row:
         """Return the figures of a complete result."""

@@ -25,7 +25,7 @@ def replacing(path: StrPath) -> Iterator[Path]:
     """
     target = Path(path)
     temporary = target.with_name(f"{TEMPORARY}{secrets.token_hex(6)}{target.suffix}")
-    if target.is_dir():
+    if os.path.isdir(target):
         raise FileProblem(f"{target}: expected the name of a file, got a folder")
     try:
         _create(temporary, target)
@@ -85,5 +85,5 @@ def check_target(path: StrPath, suffixes: Iterable[str]) -> None:
             f"{path}: expected {'one of ' if len(known) > 1 else ''}{', '.join(known)}, "
             f"got {path.suffix or 'no suffix'}"
         )
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         raise FileProblem(f"{path}: expected a writable folder, got none at {path.parent}")

@@ -45,7 +45,7 @@ def read_capture(path: StrPath) -> Pair | Stack:
     if is_folder(path):
         description = path / CAPTURE_FILE
         if not is_file(description):
-            if (path / PLAN_FILE).is_file():
+            if is_file(path / PLAN_FILE):
                 return read_stack(path)
             raise missing_description(path, f"{CAPTURE_FILE} or {PLAN_FILE}")
         if kind_of(description) in ("stack", "exposures"):
@@ -58,7 +58,7 @@ def read_capture(path: StrPath) -> Pair | Stack:
             f"{told(path)}: expected a capture folder or one of {_suffixes()}, got nothing there"
         )
     suffix = path.suffix.lower()
-    if suffix in STACK_SUFFIXES and (suffix != ".npz" or (path.parent / PLAN_FILE).is_file()):
+    if suffix in STACK_SUFFIXES and (suffix != ".npz" or is_file(path.parent / PLAN_FILE)):
         return read_stack(path)
     if suffix in PAIR_SUFFIXES:
         return read_pair_file(path)

@@ -15,6 +15,7 @@ from pydantic import Field
 from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.folder import FolderWriter, foreign_names, replacing_folder
 from fringeworks.files.images import holds_counts, read_frame, write_frame
+from fringeworks.files.limits import is_file
 from fringeworks.files.pair import CAPTURE_FILE, DevicesSection
 from fringeworks.files.plan import PLAN_FILE, format_plan, frame_names
 from fringeworks.files.toml import Section, read_toml
@@ -181,7 +182,7 @@ def settings_to_resume(folder: StrPath) -> CameraSettings:
 
 def refuse_unfinished(folder: Path) -> None:
     """Refuse to read a capture whose frames are not all taken."""
-    if (folder / UNFINISHED_FILE).is_file() and not (folder / CAPTURE_FILE).is_file():
+    if is_file(folder / UNFINISHED_FILE) and not is_file(folder / CAPTURE_FILE):
         raise FileProblem(
             f"{folder}: expected a complete capture, got one that was interrupted: finish it with "
             "resume, or capture it anew"
@@ -240,7 +241,7 @@ def _kept(
             f"{folder}: expected the settings of the capture that is there ({_told(before)}), got "
             f"others ({_told(wanted)})"
         )
-    if not (folder / PLAN_FILE).is_file():
+    if not is_file(folder / PLAN_FILE):
         raise FileProblem(
             f"{folder}: expected {PLAN_FILE} of the capture that is there, got no such file: "
             "capture it anew"
@@ -250,7 +251,7 @@ def _kept(
     foreign = set(foreign_names(folder))
     names = [stem + suffix for stem in stems for suffix in SUFFIXES]
     there = [n for n in names if n not in foreign and _whole(folder / n)]
-    described = [name for name in (CAPTURE_FILE, UNFINISHED_FILE) if (folder / name).is_file()]
+    described = [name for name in (CAPTURE_FILE, UNFINISHED_FILE) if is_file(folder / name)]
     return (*described, PLAN_FILE, *there)
 
 
@@ -266,7 +267,7 @@ def _whole(path: Path) -> bool:
 def _begun(folder: Path) -> UnfinishedFile:
     """The description of a capture that was begun, complete or not."""
     for name, kind in ((CAPTURE_FILE, StackFile), (UNFINISHED_FILE, UnfinishedFile)):
-        if (folder / name).is_file():
+        if is_file(folder / name):
             return read_toml(folder / name, kind)
     raise FileProblem(f"{folder}: expected an interrupted capture to resume, got none")
 

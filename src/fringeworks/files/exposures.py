@@ -13,7 +13,7 @@ from pydantic import Field
 from fringeworks.files.atomic import StrPath, write_text
 from fringeworks.files.capture_writer import UNFINISHED_FILE, refuse_unfinished
 from fringeworks.files.folder import FolderWriter, replacing_folder
-from fringeworks.files.limits import inside, is_file, parsing
+from fringeworks.files.limits import inside, is_file, is_folder, parsing
 from fringeworks.files.pair import CAPTURE_FILE, missing_description
 from fringeworks.files.stack import read_stack
 from fringeworks.files.toml import Section, kind_of, read_toml
@@ -176,14 +176,14 @@ def _kept(folder: Path, content: dict[str, Any]) -> tuple[str, ...]:
             f"({_told(before.exposures)}), got {_told(content['exposures'])}"
         )
     names = [one.folder for one in before.exposures]
-    described = [name for name in (CAPTURE_FILE, UNFINISHED_FILE) if (folder / name).is_file()]
-    return (*described, *(name for name in names if (folder / name).is_dir()))
+    described = [name for name in (CAPTURE_FILE, UNFINISHED_FILE) if is_file(folder / name)]
+    return (*described, *(name for name in names if is_folder(folder / name)))
 
 
 def _begun(folder: Path) -> ExposuresFile:
     """The description of a scan that was begun, complete or not."""
     for name in (CAPTURE_FILE, UNFINISHED_FILE):
-        if (folder / name).is_file():
+        if is_file(folder / name):
             return read_toml(folder / name, ExposuresFile)
     raise FileProblem(f"{folder}: expected an interrupted capture to resume, got none")
 

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fringeworks.files.atomic import TEMPORARY, StrPath, write_text
+from fringeworks.files.limits import is_file, is_folder
 from fringeworks.types import FileProblem
 
 try:
@@ -74,9 +75,9 @@ class FolderWriter:
         # Descriptions go first, so that nothing reads half of the folder.
         for name in sorted(self._before, key=lambda name: not name.endswith(".toml")):
             earlier = self.folder / name
-            if earlier.is_file():
+            if is_file(earlier):
                 earlier.unlink(missing_ok=True)
-            elif earlier.is_dir() and not foreign_names(earlier):
+            elif is_folder(earlier) and not foreign_names(earlier):
                 shutil.rmtree(earlier, ignore_errors=True)
         for unfinished in self.folder.glob(f"{TEMPORARY}*"):
             unfinished.unlink(missing_ok=True)
@@ -227,7 +228,7 @@ def incomplete(folder: Path) -> bool:
 
 def _hash(path: Path) -> str:
     """The hash of a file; of a folder its kind, since it has a manifest of its own."""
-    if path.is_dir():
+    if is_folder(path):
         return "folder"
     try:
         with path.open("rb") as file:
@@ -239,7 +240,7 @@ def _hash(path: Path) -> str:
 def _read_manifest(folder: Path) -> Manifest:
     try:
         lines = (folder / MANIFEST).read_text("utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
+    except (OSError, ValueError):
         return {}
     pairs = [line.partition(" ") for line in lines]
     kinds = {state: name for state, _, name in pairs if state == KIND}

@@ -14,7 +14,7 @@ from pydantic import Field
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.beside import drop_earlier, name_beside
 from fringeworks.files.images import read_frame, write_frame
-from fringeworks.files.limits import MAX_LENGTH_PX, told
+from fringeworks.files.limits import MAX_LENGTH_PX, MESSAGE_LETTERS, is_file, told
 from fringeworks.files.plan import holds_plan, read_plan, write_plan
 from fringeworks.files.toml import Section, read_toml
 from fringeworks.types import (
@@ -142,7 +142,7 @@ def read_recipe(path: StrPath) -> Recipe:
     except FileProblem:
         raise
     except InputError as problem:
-        raise FileProblem(f"{told(path)}: {problem}") from problem
+        raise FileProblem(f"{told(path)}: {told(problem, MESSAGE_LETTERS)}") from problem
 
 
 def write_recipe(path: StrPath, recipe: Recipe) -> Path:
@@ -206,7 +206,7 @@ def _part_model(recipe: Path, model: _Model, areas: Mapping[str, Area]) -> PartM
             known = ", ".join(areas) or "none"
             raise InputError(f"model: expected one of the recipe's areas ({known}), got {name!r}")
     mesh = _beside(recipe, model.file)
-    if not mesh.is_file():
+    if not is_file(mesh):
         raise InputError(f"model: expected the file {model.file}, got no such file")
     pairs = None
     if model.points:
@@ -279,7 +279,7 @@ def _name_of(where: Where, areas: Mapping[str, Area]) -> str:
 def _area(recipe: Path, name: str, area: _Area) -> Area:
     mask = None
     if area.mask is not None:
-        if not _beside(recipe, area.mask).is_file():
+        if not is_file(_beside(recipe, area.mask)):
             raise InputError(f"area {name!r}: expected the mask {area.mask}, got no such file")
         mask = np.asarray(read_frame(_beside(recipe, area.mask))[0] > 0)
     if area.box is not None and max(map(abs, area.box)) > MAX_LENGTH_PX:

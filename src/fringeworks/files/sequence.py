@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_frame
-from fringeworks.files.limits import existing_file, is_folder
+from fringeworks.files.limits import existing_file, is_file, is_folder
 from fringeworks.files.stack import images_of, open_stack_file
 from fringeworks.files.zarr_array import ZARR_FILE, holds_counts, open_zarr_array, read_entry
 from fringeworks.types import FileProblem
@@ -66,7 +66,7 @@ def read_sequence(path: StrPath) -> FrameSequence:
     Zarr array without the extra.
     """
     place = Path(path)
-    if is_folder(place) and (place / ZARR_FILE).is_file():
+    if is_folder(place) and is_file(place / ZARR_FILE):
         return FrameSequence(place, _checked(place, open_zarr_array(str(place))))
     if is_folder(place):
         images = images_of(place)

@@ -17,14 +17,7 @@ from fringeworks.files.images import (
     TIFF_SUFFIXES,
     read_frames,
 )
-from fringeworks.files.limits import (
-    existing_file,
-    inside,
-    is_file,
-    is_folder,
-    parsing,
-    told,
-)
+from fringeworks.files.limits import existing_file, inside, is_file, is_folder, parsing, told
 from fringeworks.files.npz import read_npz
 from fringeworks.files.pair import CAPTURE_FILE, missing_description
 from fringeworks.files.plan import PLAN_FILE, read_plan
@@ -77,7 +70,7 @@ def read_stack(path: StrPath, plan: StrPath | PatternPlan | None = None) -> Stac
         )
     if plan is None:
         plan = path.parent / PLAN_FILE
-        if not plan.is_file():
+        if not is_file(plan):
             raise FileProblem(f"{path}: expected a plan, or a file {PLAN_FILE} beside it; got none")
     frames, lossy = _read_file(path)
     return Stack(
@@ -111,7 +104,7 @@ def read_poses(
     """
     folder = Path(folder)
     paths = pose_paths(folder)
-    if plan is None and (folder / PLAN_FILE).is_file():
+    if plan is None and is_file(folder / PLAN_FILE):
         plan = folder / PLAN_FILE
     for path in paths:
         yield path.name, read_stack(path, plan)
@@ -120,13 +113,13 @@ def read_poses(
 def pose_paths(folder: StrPath) -> list[Path]:
     """The stacks in a folder of poses, by name."""
     folder = Path(folder)
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise FileProblem(f"{folder}: expected a folder with a stack per pose, got none")
     found = sorted(
         path
         for path in folder.iterdir()
         if not path.name.startswith(".")
-        and (path.is_dir() or path.suffix.lower() in STACK_SUFFIXES)
+        and (is_folder(path) or path.suffix.lower() in STACK_SUFFIXES)
     )
     if not found:
         raise FileProblem(f"{folder}: expected a stack per pose, got none")
@@ -187,7 +180,7 @@ def _plan_of(plan: StrPath | PatternPlan) -> PatternPlan:
 
 def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
     description = folder / CAPTURE_FILE
-    described = description.is_file()
+    described = is_file(description)
     content = _described(folder)
     if plan is None:
         plan = inside(folder, content.plan)
@@ -229,7 +222,7 @@ def _described(folder: Path) -> StackFile:
     """The description of a folder that holds a complete stack; an empty one where it has none."""
     refuse_unfinished(folder)
     description = folder / CAPTURE_FILE
-    if not description.is_file():
+    if not is_file(description):
         return StackFile(kind="stack")
     kind = kind_of(description)
     if kind == "pair":
@@ -249,7 +242,7 @@ def images_of(folder: Path) -> list[Path]:
         p
         for p in folder.iterdir()
         # Names that begin with a dot are unfinished files, and thumbnails of other programs.
-        if p.suffix.lower() in suffixes and p.is_file() and not p.name.startswith(".")
+        if p.suffix.lower() in suffixes and is_file(p) and not p.name.startswith(".")
     ]
     if len(found) == 1 and found[0].suffix.lower() in TIFF_SUFFIXES:
         raise FileProblem(

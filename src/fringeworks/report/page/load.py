@@ -12,7 +12,7 @@ from typing import Any
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.coordinates import read_coordinates
 from fringeworks.files.light import read_light
-from fringeworks.files.limits import existing_file, parsing, read_content
+from fringeworks.files.limits import existing_file, is_folder, parsing, read_content
 from fringeworks.files.points import read_cloud, read_points
 from fringeworks.files.rig import OPENCV_SUFFIXES, read_rig
 from fringeworks.files.surfaces import read_surface
@@ -60,7 +60,7 @@ def load_result(path: StrPath) -> Any:
     ------
     FileProblem for a missing or damaged file, and for one that holds no result.
     """
-    if Path(path).is_dir():
+    if is_folder(Path(path)):
         raise FileProblem(
             f"{path}: expected a result, got a folder; measure or reconstruct a capture first"
         )

@@ -15,8 +15,11 @@ use std::ops::Range;
 /// less than half of a second cache of 1 MB, for frames of 2000 columns.
 const STEP_ROWS: usize = 16;
 
-/// Rows of a task. The rows around it are decoded twice: four in 64.
-const TASK_ROWS: usize = 4 * STEP_ROWS;
+/// Most steps of a task. The four rows around a task are decoded twice.
+const TASK_STEPS: usize = 10;
+
+/// Tasks that each thread should have, so that all end at about the same time.
+const TASKS_PER_THREAD: usize = 2;
 
 /// Frames along one axis of the projector, and how they are decoded.
 pub struct Stack<'a, T> {
@@ -35,16 +38,21 @@ struct Rows {
 }
 
 impl Rows {
-    fn new(width: usize, first: usize) -> Self {
+    fn new(width: usize) -> Self {
         let pixels = (STEP_ROWS + 2 * REACH) * width;
         Self {
             width,
-            first,
-            end: first,
+            first: 0,
+            end: 0,
             coordinate: vec![0.0; pixels],
             sigma: vec![0.0; pixels],
             reason: vec![0; pixels],
         }
+    }
+
+    /// Go on from a row of another part of the frame.
+    fn restart(&mut self, first: usize) {
+        (self.first, self.end) = (first, first);
     }
 
     /// Places of rows of the camera.
@@ -124,11 +132,15 @@ pub fn measure<T: Sample>(
         limits,
         smooth,
     };
-    out.split_rows(width, TASK_ROWS)
+    let tasks = TASKS_PER_THREAD * rayon::current_num_threads();
+    let steps = height.div_ceil(STEP_ROWS).div_ceil(tasks).min(TASK_STEPS);
+    let task_rows = steps.max(1) * STEP_ROWS;
+    // Memory of a thread, which the system need not clear again for each task.
+    let axes = || [&x, &y].map(|stack| Some(Along::new(stack.as_ref()?, width)));
+    out.split_rows(width, task_rows)
         .into_par_iter()
-        .for_each(|(first, out)| {
-            let axes = [&x, &y].map(|stack| Some(Along::new(stack.as_ref()?, width, first)));
-            task.run(axes, first..(first + TASK_ROWS).min(height), out);
+        .for_each_init(axes, |axes, (first, out)| {
+            task.run(axes, first..(first + task_rows).min(height), out);
         });
     Ok(())
 }
@@ -140,10 +152,10 @@ struct Along<'a, T> {
 }
 
 impl<'a, T: Sample> Along<'a, T> {
-    fn new(stack: &'a Stack<'a, T>, width: usize, first: usize) -> Self {
+    fn new(stack: &'a Stack<'a, T>, width: usize) -> Self {
         Self {
             decoder: BandDecoder::new(stack.frames, stack.plan),
-            known: Rows::new(width, first.saturating_sub(REACH)),
+            known: Rows::new(width),
         }
     }
 }
@@ -159,11 +171,14 @@ impl Task<'_> {
     /// Measure some rows.
     fn run<T: Sample>(
         &self,
-        mut axes: [Option<Along<'_, T>>; 2],
+        axes: &mut [Option<Along<'_, T>>; 2],
         rows: Range<usize>,
         out: Points<'_>,
     ) {
         let (height, width) = self.rig.shape();
+        for axis in axes.iter_mut().flatten() {
+            axis.known.restart(rows.start.saturating_sub(REACH));
+        }
         let mut outputs = out.split_rows(width, 1).into_iter();
         for start in rows.clone().step_by(STEP_ROWS) {
             let end = (start + STEP_ROWS).min(rows.end);

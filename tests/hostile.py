@@ -17,10 +17,12 @@ import h5py
 import numpy as np
 import scipy.io
 import tifffile
+import trimesh
 import zarr
 from PIL import Image
 
 import fringeworks as fw
+from tests.cameras import small_rig
 from tests.hostile_structure import damaged
 
 FOLDER = "capture"
@@ -292,6 +294,10 @@ def targets(folder: Path) -> list[Target]:
     )
     law = fw.PixelCalibration(flat + 1, flat, (1.0, 9.0), pitch_mm_per_px=0.5)
     surface, cloud = _surface(), _cloud()
+    light = fw.LightSeparation(
+        flat, flat, flat, flat, flat.astype(np.uint8), 24.0, True, notes=("a",)
+    )
+    box = trimesh.creation.box((3.0, 4.0, 5.0))
     png, tif = _image("PNG", grey), _tiff(grey.astype(np.float64))
     planned = {"plan.toml": PLAN}
     arrays = _zarr_files(frames)
@@ -339,7 +345,11 @@ def targets(folder: Path) -> list[Target]:
         Target("text.ply", PLY, fw.read_points, TEXT_WORDS),
         npz("x.npz", lambda p: fw.write_coordinates(p, decoded), fw.read_coordinates),
         npz("phase.npz", lambda p: fw.write_phase(p, wrapped), fw.read_phase),
+        npz("light.npz", lambda p: fw.write_light(p, light), fw.read_light),
+        Target("rigs.toml", _written(folder, "rigs.toml", lambda p: fw.write_multi_rig(p, small_rig())), fw.read_multi_rig, TOML_WORDS),
         Target("mesh.ply", PLY, fw.read_mesh, TEXT_WORDS),
+        Target("model.stl", box.export(file_type="stl"), fw.read_model, BYTE_WORDS),
+        Target("model.obj", box.export(file_type="obj").encode(), fw.read_model, TEXT_WORDS, share=0.5),
         Target("mesh.obj", b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", fw.read_mesh, TEXT_WORDS),
         Target("mesh.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", fw.read_mesh, TEXT_WORDS),
         Target("r/recipe.toml", RECIPE, fw.read_recipe, TOML_WORDS, {"r/plan.toml": PLAN, "r/m.png": png}),

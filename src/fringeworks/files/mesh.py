@@ -110,6 +110,8 @@ def _triangles(path: StrPath, scale: float) -> tuple[FloatMap, NDArray[np.int64]
         faces = np.asarray(loaded.faces, np.int64)
         if not faces.size:
             raise FileProblem("expected triangles, got none")
+        if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+            raise FileProblem("expected triangles of vertices with x, y and z, got others")
         if not (faces.min() >= 0 and faces.max() < len(vertices)):
             raise FileProblem("expected triangles of vertices in the file, got others")
         if not np.isfinite(vertices[faces]).all():

@@ -1,5 +1,6 @@
 //! Bindings of inverse function analysis.
 
+use crate::moving_mean::Values;
 use crate::rows::rows_of;
 use crate::threads::detached;
 use fringeworks::inverse::{invert, Method, Options};
@@ -22,8 +23,8 @@ type Maps<'py> = (
 #[allow(clippy::too_many_arguments)]
 pub fn invert_rows<'py>(
     py: Python<'py>,
-    reference: PyReadonlyArray2<'py, f64>,
-    object: PyReadonlyArray2<'py, f64>,
+    reference: Values<'py>,
+    object: Values<'py>,
     mask: PyReadonlyArray2<'py, u8>,
     guide: Option<PyReadonlyArray2<'py, f32>>,
     method: &str,
@@ -60,10 +61,23 @@ pub fn invert_rows<'py>(
         tolerance,
         albedo_tolerance,
     };
-    let shape = (reference.shape()[0], reference.shape()[1]);
-    let (s, d, m) = (rows_of(&reference)?, rows_of(&object)?, rows_of(&mask)?);
+    let shape = (mask.shape()[0], mask.shape()[1]);
+    let m = rows_of(&mask)?;
     let g = guide.as_ref().map(rows_of).transpose()?;
-    let field = detached(py, || invert(s, d, m, g, shape.1, &options))?;
+    let field = match (&reference, &object) {
+        (Values::Double(reference), Values::Double(object)) => {
+            let (s, d) = (rows_of(reference)?, rows_of(object)?);
+            detached(py, || invert(s, d, m, g, shape.1, &options))?
+        }
+        (Values::Single(reference), Values::Single(object)) => {
+            let (s, d) = (rows_of(reference)?, rows_of(object)?);
+            detached(py, || invert(s, d, m, g, shape.1, &options))?
+        }
+        _ => {
+            let message = "reference, object: expected frames of the same precision";
+            return Err(PyValueError::new_err(message));
+        }
+    };
     let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
     let displacement =
         Array2::from_shape_vec(shape, field.displacement).expect("kernel keeps the shape");

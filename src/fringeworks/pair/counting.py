@@ -13,7 +13,7 @@ from fringeworks.pair.registry import Solution
 from fringeworks.signal.gamma import estimate_gamma
 from fringeworks.types import FloatMap, InputError, Reason, sealed
 
-Rows = NDArray[np.float64]
+Rows = FloatMap
 RowMethod = Literal["ifa", "sifa", "gsifa", "exact"]
 
 DEGREE = 9
@@ -99,13 +99,13 @@ def _linearised(prepared: PreparedPair) -> tuple[Rows, Rows, float]:
     if not (same_range and quiet):
         return s, d, 1.0
     sampled_rows = s[:: max(1, s.shape[0] // GAMMA_ROWS)]
-    gamma = estimate_gamma((sampled_rows - low) / (high - low), prepared.period)
+    gamma = estimate_gamma((sampled_rows.astype(np.float64) - low) / (high - low), prepared.period)
     if abs(gamma - 1.0) < MIN_GAMMA_CHANGE:
         return s, d, 1.0
 
     def linearise(frame: Rows) -> Rows:
         # The object's darkest sample may lie below the reference's by rounding.
-        share = np.maximum((frame - low) / (high - low), 0.0)
+        share = np.maximum((frame.astype(np.float64) - low) / (high - low), 0.0)
         return np.asarray(low + (high - low) * share ** (1.0 / gamma))
 
     return linearise(s), linearise(d), gamma
@@ -162,10 +162,11 @@ def invert_rows(
     if not limit > 0:
         raise InputError(f"max_displacement_px: expected > 0, got {max_displacement_px}")
     noise = float(np.sqrt(sum(prepared.noise)))
+    reference, object_, gamma = prepared.reference, prepared.object, 1.0
     if straighten:
         reference, object_, gamma = _linearised(prepared)
-    else:
-        reference, object_, gamma = prepared.reference, prepared.object, 1.0
+    if reference.dtype != object_.dtype:
+        reference, object_ = reference.astype(np.float64), object_.astype(np.float64)
     displacement, sigma, modulation_ratio, reason = _core.invert_rows(
         reference,
         object_,

@@ -128,7 +128,7 @@ def _odd(sides: tuple[int, int]) -> tuple[int, int]:
 def _box_variance(frame: FloatMap, sides: tuple[int, int]) -> FloatMap:
     """Variance of a frame in boxes of ``sides`` (rows, columns) around every pixel, counts²."""
     centred = np.empty(frame.shape, np.float32)
-    np.subtract(frame, frame.mean(), out=centred, casting="same_kind")
+    np.subtract(frame, frame.mean(dtype=np.float64), out=centred, casting="same_kind")
     mean = scipy.ndimage.uniform_filter(centred, sides, mode="nearest")
     centred *= centred
     variance = scipy.ndimage.uniform_filter(centred, sides, mode="nearest")

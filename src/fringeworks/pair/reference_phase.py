@@ -120,7 +120,7 @@ def _nodes(prepared: PreparedPair) -> tuple[NDArray[np.complex64], FloatMap, Flo
     frame, ok = prepared.reference, prepared.reference_ok
     h, w = frame.shape
     fx, fy = prepared.frequency
-    centred = np.subtract(frame, frame[ok].mean(), dtype=np.float32)
+    centred = np.subtract(frame, prepared.mean_brightness, dtype=np.float32)
     centred[~ok] = 0.0
     side = max(1, int(prepared.period / BLOCKS_PER_PERIOD))
     tops, lefts = (np.arange(0, n - n % side, side) for n in (h, w))

@@ -230,10 +230,13 @@ def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
     required = int(np.ceil(FILTER_REACH * width_px)) + 1
     top, left = (min(required, side - 1) for side in frame.shape)
     # Odd reflection keeps value and slope at the border; even reflection would flatten the fringe.
-    padded = np.pad(frame, ((top, top), (left, left)), mode="reflect", reflect_type="odd")
+    padded = np.pad(
+        frame.astype(np.float64), ((top, top), (left, left)), mode="reflect", reflect_type="odd"
+    )
     rows, columns = padded.shape
     shape = (scipy.fft.next_fast_len(rows, real=True), scipy.fft.next_fast_len(columns, real=True))
     spectrum = scipy.fft.rfft2(padded, s=shape, workers=-1)
+    del padded
     ky = 2.0 * np.pi * width_px * scipy.fft.fftfreq(shape[0])[:, None]
     kx = 2.0 * np.pi * width_px * scipy.fft.rfftfreq(shape[1])[None, :]
     q = 0.5 * (ky**2 + kx**2)

@@ -184,7 +184,7 @@ def wavelet_ridge(
         )
     if values.dtype.kind not in "fiu":
         raise InputError(f"frame: expected real numbers, got {values.dtype}")
-    if not (np.abs(values.astype(np.float64)) <= LARGEST).all():
+    if not (values.min() >= -LARGEST and values.max() <= LARGEST):
         raise InputError(f"frame: expected finite values up to {LARGEST:g}, got others")
     _check_omega(omega)
     f = np.asarray(frequencies, dtype=np.float64)
@@ -268,7 +268,7 @@ def _planar_coefficients(
     # The wavelet of the highest frequency has the widest band and needs the most samples.
     samples = [lattice_samples(n, omega / sizes[-1]) for n in lengths]
     padded = np.zeros(lengths, np.float32)
-    padded[:h, :w] = frame - frame.mean()
+    padded[:h, :w] = frame - frame.mean(dtype=np.float64)
     spectrum = scipy.fft.fft2(padded, workers=-1)
     pitch = (lengths[0] / samples[0], lengths[1] / samples[1])
     inside = [samples_inside(m, side, p) for m, side, p in zip(samples, (h, w), pitch, strict=True)]

@@ -110,7 +110,9 @@ def _lines(frame: FloatMap) -> tuple[_Line, _Line]:
     power /= frame.shape[0] * n**2
     # Contrast between the rows' means is not in the rows' spectra. It counts against the line, in
     # the units of the windowed spectrum (Parseval).
-    between_rows = 0.5 * float(np.mean(window**2)) * _fast_variance(frame.mean(axis=1, dtype=np.float64))
+    between_rows = (
+        0.5 * float(np.mean(window**2)) * _fast_variance(frame.mean(axis=1, dtype=np.float64))
+    )
     slowest = int(MIN_PERIODS)
     noise = float(np.median(power[slowest:])) if power.size > slowest else 0.0
     # Frequencies below the slowest fringe are shading and do not count against a measurable line.

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 BAND_BYTES = 4 << 20
 """Memory that the temporary arrays of a band take, bytes.
@@ -56,3 +59,36 @@ def row_bands(
         above = max(0, first - halo)
         inner = slice(first - above, end - above)
         yield Band(slice(first, end), slice(above, min(end + halo, height)), inner)
+
+
+def by_bands(
+    function: Callable[..., NDArray[Any]],
+    *maps: NDArray[Any],
+    dtype: DTypeLike,
+    bytes_per_px: float = 32.0,
+) -> NDArray[Any]:
+    """Apply a function of pixels to maps, a band of rows at a time.
+
+    Parameters
+    ----------
+    function : function of arrays (r, w), one for each map
+        Returns an array of that shape; every pixel depends on its own values only.
+    *maps : (h, w) arrays
+    dtype : type of the result
+    bytes_per_px : float > 0
+        Memory of the function's temporary arrays, bytes per pixel.
+
+    Returns
+    -------
+    (h, w) array
+
+    Examples
+    --------
+    >>> by_bands(lambda a, b: a + b, np.ones((2, 3)), np.ones((2, 3)), dtype=np.float32)
+    array([[2., 2., 2.],
+           [2., 2., 2.]], dtype=float32)
+    """
+    out = np.empty(maps[0].shape, dtype)
+    for band in row_bands(out.shape, bytes_per_px):
+        out[band.rows] = function(*(values[band.rows] for values in maps))
+    return out

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.pair.bandpass import Analytic
-from fringeworks.pair.demodulation import Demodulated, to_displacement
+from fringeworks.pair.demodulation import Demodulated, compared, to_displacement
 from fringeworks.pair.lattice import lattice_samples, samples_inside, shift_wave
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Smoothing, Solution, method
@@ -345,27 +345,34 @@ def wavelet(
     envelope = omega * pair.period / (2.0 * np.pi)
     if dimensions == 1:
         frequencies = wavelet_frequencies(pair.frequency[0])
-        reference, object_ = (
-            wavelet_ridge(
-                frame, frequencies=frequencies, omega=omega, smooth_path=path == "smooth"
-            )[0]
-            for frame in (pair.reference, pair.object)
-        )
+        smooth_path = path == "smooth"
+
+        def signals(rows: slice) -> tuple[Analytic, Analytic]:
+            reference, object_ = (
+                wavelet_ridge(
+                    frame[rows], frequencies=frequencies, omega=omega, smooth_path=smooth_path
+                )[0]
+                for frame in (pair.reference, pair.object)
+            )
+            return reference, object_
+
         share = 1.0 / (2.0 * np.sqrt(np.pi) * envelope)
     else:
-        reference, object_ = (
+        planes = [
             planar_ridge(frame, pair.frequency, omega=omega)
             for frame in (pair.reference, pair.object)
-        )
+        ]
+
+        def signals(rows: slice) -> tuple[Analytic, Analytic]:
+            return planes[0][rows], planes[1][rows]
+
         share = 1.0 / (4.0 * np.pi * envelope**2)
     length = (envelope if dimensions == 2 else 0.0, envelope)
     mean = ROW_CURVATURE_SMOOTHING if dimensions == 1 else CURVATURE_SMOOTHING
     return to_displacement(
         pair,
         Demodulated(
-            phasor=reference * np.conj(object_),
-            reference_amplitude=np.abs(reference),
-            object_amplitude=np.abs(object_),
+            **compared(pair.object.shape, signals),
             noise_share=share,
             noise_length_px=length,
             smoothing=(Smoothing(length, (mean * length[0], mean * length[1])),),

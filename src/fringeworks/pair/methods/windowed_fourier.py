@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.pair.bandpass import HALF_WIDTH, Analytic, band_kernel, band_pass
+from fringeworks.pair.bandpass import HALF_WIDTH, Analytic, band_kernel, pass_band
 from fringeworks.pair.demodulation import Demodulated, to_displacement
 from fringeworks.pair.lattice import Lattice, shift_wave
 from fringeworks.pair.prepared import PreparedPair
@@ -22,6 +22,7 @@ from fringeworks.pair.ridge import (
     strongest,
     window_factor,
 )
+from fringeworks.signal.bands import row_bands
 from fringeworks.signal.noise import noise_variance
 from fringeworks.types import LARGEST, InputError, finite, positive
 
@@ -313,6 +314,24 @@ def _strongest_waves(lattice: Lattice, padded: Analytic) -> tuple[Analytic, Maps
     return value, frequencies, offsets
 
 
+def _relative(pair: PreparedPair) -> tuple[Analytic, NDArray[np.float32], float]:
+    """The object's analytic signal relative to the phase of the reference, the reference's
+    amplitude B/2, and the share of the noise's variance in a signal."""
+    reference, object_ = (
+        pass_band(frame, pair.frequency) for frame in (pair.reference, pair.object)
+    )
+    smallest = np.float32(MIN_REFERENCE_SHARE * pair.modulation)
+    field = np.empty(pair.object.shape, np.complex64)
+    amplitude = np.empty(pair.object.shape, np.float32)
+    for band in row_bands(field.shape, bytes_per_px=48):
+        rows = reference.rows(band.rows)
+        np.abs(rows, out=amplitude[band.rows])
+        rows *= np.conj(object_.rows(band.rows))
+        rows /= np.maximum(amplitude[band.rows], smallest)
+        field[band.rows] = rows
+    return field, amplitude, reference.share
+
+
 @method("windowed_fourier")
 def windowed_fourier(
     pair: PreparedPair,
@@ -349,12 +368,7 @@ def windowed_fourier(
     """
     if algorithm not in ("ridge", "filter"):
         raise InputError(f"algorithm: expected ridge or filter, got {algorithm!r}")
-    (reference, share), (object_, _) = (
-        band_pass(frame, pair.frequency) for frame in (pair.reference, pair.object)
-    )
-    amplitude = np.abs(reference)
-    smallest = np.float32(MIN_REFERENCE_SHARE * pair.modulation)
-    field = reference * np.conj(object_) / np.maximum(amplitude, smallest)
+    field, amplitude, share = _relative(pair)
     # The band-pass leaves no frequencies beyond its half-width.
     limit = min(MAX_FREQUENCY_RAD, HALF_WIDTH * 2.0 * np.pi * float(np.hypot(*pair.frequency)))
     step = min(FREQUENCY_STEP_RAD, 1.0 / sigma_px)
@@ -372,7 +386,7 @@ def windowed_fourier(
     return to_displacement(
         pair,
         Demodulated(
-            phasor=phasor,
+            wrapped=np.angle(phasor),
             reference_amplitude=2.0 * amplitude,
             object_amplitude=2.0 * np.abs(phasor),
             noise_share=min(share, 1.0 / (4.0 * np.pi * sigma_px**2)),

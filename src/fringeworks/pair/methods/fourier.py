@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
-
 from fringeworks.pair.bandpass import (
     HALF_WIDTH,
     Analytic,

@@ -160,7 +160,7 @@ def _removed(u: FloatMap, known: BoolMap, smoothing: tuple[Smoothing, ...]) -> F
         total = part
     assert total is not None
     inner = tuple(slice(a, n - b) for (a, b), n in zip(margin, total.shape, strict=True))
-    return np.asarray(total[inner])
+    return np.ascontiguousarray(total[inner])
 
 
 def _single(u: FloatMap, known: BoolMap, level: float) -> FloatMap:

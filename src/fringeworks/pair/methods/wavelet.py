@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -302,6 +303,26 @@ def _coefficients(
     return np.asarray(coefficients * (shifts[0][:, None] * shifts[1]))
 
 
+def _signals(
+    pair: PreparedPair, dimensions: int, omega: float, path: str
+) -> Callable[[slice], tuple[Analytic, Analytic]]:
+    """Function that returns the ridges of reference and object in some rows."""
+    frames = (pair.reference, pair.object)
+    if dimensions == 2:
+        one, other = (planar_ridge(frame, pair.frequency, omega=omega) for frame in frames)
+        return lambda rows: (one[rows], other[rows])
+    frequencies, smooth = wavelet_frequencies(pair.frequency[0]), path == "smooth"
+
+    def along_rows(rows: slice) -> tuple[Analytic, Analytic]:
+        one, other = (
+            wavelet_ridge(frame[rows], frequencies=frequencies, omega=omega, smooth_path=smooth)[0]
+            for frame in frames
+        )
+        return one, other
+
+    return along_rows
+
+
 @method("wavelet")
 def wavelet(
     pair: PreparedPair,
@@ -343,36 +364,15 @@ def wavelet(
         raise InputError(f"path: expected largest or smooth, got {path!r}")
     _check_omega(omega)
     envelope = omega * pair.period / (2.0 * np.pi)
+    share = 1.0 / (4.0 * np.pi * envelope**2)
     if dimensions == 1:
-        frequencies = wavelet_frequencies(pair.frequency[0])
-        smooth_path = path == "smooth"
-
-        def signals(rows: slice) -> tuple[Analytic, Analytic]:
-            reference, object_ = (
-                wavelet_ridge(
-                    frame[rows], frequencies=frequencies, omega=omega, smooth_path=smooth_path
-                )[0]
-                for frame in (pair.reference, pair.object)
-            )
-            return reference, object_
-
         share = 1.0 / (2.0 * np.sqrt(np.pi) * envelope)
-    else:
-        planes = [
-            planar_ridge(frame, pair.frequency, omega=omega)
-            for frame in (pair.reference, pair.object)
-        ]
-
-        def signals(rows: slice) -> tuple[Analytic, Analytic]:
-            return planes[0][rows], planes[1][rows]
-
-        share = 1.0 / (4.0 * np.pi * envelope**2)
     length = (envelope if dimensions == 2 else 0.0, envelope)
     mean = ROW_CURVATURE_SMOOTHING if dimensions == 1 else CURVATURE_SMOOTHING
     return to_displacement(
         pair,
         Demodulated(
-            **compared(pair.object.shape, signals),
+            **compared(pair.object.shape, _signals(pair, dimensions, omega, path)),
             noise_share=share,
             noise_length_px=length,
             smoothing=(Smoothing(length, (mean * length[0], mean * length[1])),),

@@ -114,7 +114,12 @@ impl<'a> Grid<'a> {
         let near = walls.map(|walls| (walls, sums_near_walls(pair, u, walls, window)));
         let small = Cells::lattice(window, pair.height, pair.width);
         let cells = (near.as_ref()).map(|(walls, sums)| (*walls, Cells::new(small, sums, walls)));
-        let (mut nodes, mut priors) = (Vec::with_capacity(rows * columns), Vec::new());
+        let mut grid = Self {
+            lattice,
+            nodes: Vec::with_capacity(rows * columns),
+            priors: Vec::new(),
+            walls,
+        };
         let mut sums = BandSums::new(lattice);
         let height = sums.height().min(rows);
         let mut solved = vec![Node::undetermined(&LOOSE); height * columns];
@@ -141,16 +146,16 @@ impl<'a> Grid<'a> {
                     }
                 },
             );
-            nodes.extend(solved.iter().map(Kept::of));
-            if has_finer {
-                priors.extend(solved.iter().map(|node| node.prior));
-            }
+            grid.keep(solved, has_finer);
         }
-        Self {
-            lattice,
-            nodes,
-            priors,
-            walls,
+        grid
+    }
+
+    /// Append what is needed of solved windows.
+    fn keep(&mut self, solved: &[Node], has_finer: bool) {
+        self.nodes.extend(solved.iter().map(Kept::of));
+        if has_finer {
+            self.priors.extend(solved.iter().map(|node| node.prior));
         }
     }
 

@@ -260,7 +260,6 @@ fn refine<'a>(
     let mut u = start.to_vec();
     let mut misfit = Vec::new();
     let mut estimates: Vec<Estimate> = Vec::with_capacity(options.scales.len());
-    let mut known_before = None;
     for k in 0..options.scales.len() {
         let coarser = estimates.last().map(|estimate| &estimate.grid);
         let (grid, known) = descend(seen, walls, &mut u, k, coarser, &options);
@@ -274,28 +273,15 @@ fn refine<'a>(
             widening = options.limits.noise_correlation.sqrt() as f32;
         }
         let lattice = coarser.map_or(grid.lattice, |grid| grid.lattice);
-        let before = (estimates.last()).map_or(start, |last| last.displacement.as_slice());
-        let from_coarser = differences(
-            pair,
-            (before, known_before.as_deref()),
-            (&u, &known),
-            lattice,
-        );
-        if let Some(coarser) = estimates.last_mut() {
-            coarser.grid.without_priors();
-        }
-        let is_last = k + 1 == options.scales.len();
+        let from_coarser = differences(pair, start, estimates.last(), (&u, &known), lattice);
+        estimates.iter_mut().for_each(Estimate::without_finer);
         estimates.push(Estimate {
-            displacement: if is_last {
-                std::mem::take(&mut u)
-            } else {
-                u.clone()
-            },
+            displacement: u.clone(),
+            known,
             grid,
             widening: factor * widening,
             from_coarser,
         });
-        known_before = Some(known);
     }
     Refined {
         estimates,
@@ -304,16 +290,18 @@ fn refine<'a>(
     }
 }
 
-/// How far the displacement has moved from that of the last scale, or from the start: displacements,
-/// and where they are known.
+/// How far the displacement, where it is known, has moved from that of the last scale, or from the
+/// start.
 fn differences(
     pair: &Pair,
-    (before, known_before): (&[f32], Option<&[bool]>),
+    start: &[f32],
+    last: Option<&Estimate>,
     (u, known): (&[f32], &[bool]),
     lattice: Lattice,
 ) -> Differences {
     Differences::new(lattice, pair.height, pair.width, |i| {
-        (known_before.is_none_or(|known| known[i]) && known[i]).then(|| u[i] - before[i])
+        let before = last.map_or(start[i], |last| last.displacement[i]);
+        (last.is_none_or(|last| last.known[i]) && known[i]).then(|| u[i] - before)
     })
 }
 

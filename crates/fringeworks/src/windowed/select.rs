@@ -15,12 +15,22 @@ const LEFT_OF_START: f32 = 0.3;
 pub struct Estimate<'a> {
     /// Displacement of every pixel, px.
     pub displacement: Vec<f32>,
+    /// Whether the windows determine it, until the next finer ones are solved.
+    pub known: Vec<bool>,
     /// The windows.
     pub grid: Grid<'a>,
     /// Factor of the standard deviation that the windows state.
     pub widening: f32,
     /// Displacement of this scale minus that of the next coarser one, or of the start, px.
     pub from_coarser: Differences,
+}
+
+impl Estimate<'_> {
+    /// Free what only the next finer scale needs.
+    pub fn without_finer(&mut self) {
+        self.known = Vec::new();
+        self.grid.without_priors();
+    }
 }
 
 /// Differences between the estimates of neighbouring scales around the pixels of a row.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,7 +158,7 @@ class RowInversion:
             self.reference = self.reference.astype(np.float64)
             self.object = self.object.astype(np.float64)
         self.noise = float(np.sqrt(sum(prepared.noise)))
-        self._options = {
+        self._options: dict[str, Any] = {
             "method": name,
             "degree": degree,
             "n_resample": n_resample,
@@ -208,7 +208,10 @@ class RowInversion:
     def solution(self, found: Inverted) -> Solution:
         """The result of the whole frame, which is not changed any more."""
         return Solution(
-            *(sealed(values) for values in found),
+            displacement_px=sealed(found.displacement_px),
+            sigma_px=sealed(found.sigma_px),
+            modulation_ratio=sealed(found.modulation_ratio),
+            reason=sealed(found.reason),
             details={"noise_counts": self.noise, "linearised_gamma": self.gamma},
         )
 

@@ -168,8 +168,11 @@ def _invert_again(
     judged = _near(wrong, JUDGED_ROWS)
     for seen in _runs(_near(judged, 2 * JUDGED_ROWS)):
         again = counting.rows(seen, limit_px, guide_px)
-        for before, after in zip(found, again, strict=True):
-            before[seen][judged[seen]] = after[judged[seen]]
+        rows = judged[seen]
+        found.displacement_px[seen][rows] = again.displacement_px[rows]
+        found.sigma_px[seen][rows] = again.sigma_px[rows]
+        found.modulation_ratio[seen][rows] = again.modulation_ratio[rows]
+        found.reason[seen][rows] = again.reason[rows]
 
 
 def _near(rows: BoolMap, reach: int) -> BoolMap:
@@ -196,8 +199,11 @@ def _stray(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:
             jump = np.abs(counted[here] - counted[there]) > limit
             beside[here] |= jump
             beside[there] |= jump
-    sizes = np.bincount(label.ravel(), minlength=count + 1)
-    jumps = np.bincount(label.ravel(), beside.ravel(), minlength=count + 1)
+    sizes, jumps = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
+    for part in row_bands(label.shape, bytes_per_px=32):
+        here = label[part.rows]
+        sizes += np.bincount(here.ravel(), minlength=count + 1)
+        jumps += np.bincount(here[beside[part.rows]], minlength=count + 1)
     surrounded = jumps >= JUMPING * sizes
     small = sizes < np.where(surrounded, MIN_JUMPING_WITNESS, MIN_WITNESS) * period_px**2
     small[0] = False

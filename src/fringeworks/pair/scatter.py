@@ -139,8 +139,8 @@ def _with_lost(noise_px: FloatMap, lost: SmoothedAway | None, *, factor: float =
     if lost is None:
         return noise_px if factor == 1.0 else factor * noise_px
 
-    def together(noise: FloatMap, *maps: FloatMap) -> FloatMap:
-        variance = SmoothedAway(*maps, lost.noise_shares).beside(noise)
+    def together(noise: FloatMap, removed: FloatMap, rough: FloatMap) -> FloatMap:
+        variance = SmoothedAway(removed, rough, lost.noise_shares).beside(noise)
         variance += noise**2
         np.sqrt(variance, out=variance)
         variance *= factor

@@ -22,8 +22,10 @@ MIN_WEIGHT = 1e-6
 
 
 def smooth(values: FloatMap, width_px: tuple[float, float]) -> FloatMap:
-    """Smooth a map by a Gaussian of width σ along y and x, px, into a new one; the border's values go
-    on."""
+    """Smooth a map by a Gaussian of width σ along y and x, px, into a new map.
+
+    The border's values go on beyond it.
+    """
     sides: list[list[int]] = [[], []]
     smoothed = False
     for axis, width in enumerate(width_px):

@@ -32,6 +32,8 @@ ROUGH_SPREAD_PERIODS = 0.5
 """Width of the Gaussian over which the square of it is averaged, periods."""
 MARGIN_WIDTHS = 3.0
 """Width of the border by which the displacement is continued, widths of the widest kernel."""
+LEVEL_STEP = 4
+"""Every so many rows and columns determine the level that displacements are taken from."""
 FREQUENCIES = 96
 """Frequencies along each axis at which the spectrum of the noise is summed."""
 LARGEST_FREQUENCY = 3.0
@@ -100,7 +102,7 @@ def smoothed_away(
     if not known.any():
         nothing = np.zeros(displacement_px.shape)
         return SmoothedAway(nothing, nothing, shares)
-    level = float(np.median(displacement_px[known], overwrite_input=True))
+    level = _level(displacement_px, known)
     rough = _single(displacement_px, known, level)
     rough = _roughness(rough, known, rough_px, period_px)
     removed = _removed(_single(displacement_px, known, level), known, smoothing)
@@ -161,6 +163,12 @@ def _removed(u: FloatMap, known: BoolMap, smoothing: tuple[Smoothing, ...]) -> F
     assert total is not None
     inner = tuple(slice(a, n - b) for (a, b), n in zip(margin, total.shape, strict=True))
     return np.ascontiguousarray(total[inner])
+
+
+def _level(u: FloatMap, known: BoolMap) -> float:
+    """Median of some of the known pixels, px; any level near them keeps single precision."""
+    some = u[::LEVEL_STEP, ::LEVEL_STEP][known[::LEVEL_STEP, ::LEVEL_STEP]]
+    return float(np.median(some)) if some.size else 0.0
 
 
 def _single(u: FloatMap, known: BoolMap, level: float) -> FloatMap:

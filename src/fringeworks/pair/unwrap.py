@@ -210,7 +210,7 @@ def _checked(
 
 
 def _congruent(smooth: PhaseField, phase: PhaseField) -> PhaseField:
-    """Add to the phase the whole periods that bring it closest to a smooth one, which it replaces."""
+    """Phase plus the whole periods that bring it closest to a smooth one, which is overwritten."""
     period = np.float32(2.0 * np.pi)
     whole = np.subtract(smooth, phase, out=smooth)
     whole /= period

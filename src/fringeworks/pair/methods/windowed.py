@@ -160,7 +160,7 @@ def _steps(displacement_px: FloatMap, scale: ByteMap, scales: int, iterations: i
 
     def steps(u: FloatMap, scale: ByteMap) -> ByteMap:
         of_pixel = np.where(np.isfinite(u), scale + 1.0, scales) * iterations
-        return np.minimum(of_pixel, np.iinfo(np.uint8).max).astype(np.uint8)
+        return np.asarray(np.minimum(of_pixel, np.iinfo(np.uint8).max), np.uint8)
 
     return by_bands(steps, displacement_px, scale, dtype=np.uint8)
 
@@ -222,7 +222,7 @@ def _reasons(prepared: PreparedPair, displacement_px: FloatMap) -> ByteMap:
 
     def outside(u: FloatMap) -> BoolMap:
         column = columns - u
-        return (column < -OUTSIDE_PX) | (column > columns[-1] + OUTSIDE_PX)
+        return np.asarray((column < -OUTSIDE_PX) | (column > columns[-1] + OUTSIDE_PX))
 
     reason = np.where(kept, np.uint8(Reason.OK), np.uint8(Reason.UNDETERMINED))
     reason[kept & by_bands(outside, displacement_px, dtype=bool)] = Reason.OUTSIDE

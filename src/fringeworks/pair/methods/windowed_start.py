@@ -142,8 +142,8 @@ def _explained(
     d, s = (np.empty(displacement_px.shape, np.float32) for _ in range(2))
     for band in row_bands(d.shape, bytes_per_px=48):
         u = displacement_px[band.rows]
-        rows, columns = np.indices(u.shape, dtype=np.float64)
-        columns -= u
+        rows, columns = (np.asarray(at) for at in np.indices(u.shape, dtype=np.float64))
+        columns = columns - u
         counts = prepared.reference[band.rows].astype(np.float64)
         moved = scipy.ndimage.map_coordinates(counts, (rows, columns), order=1, mode="nearest")
         s[band.rows] = moved - prepared.mean_brightness

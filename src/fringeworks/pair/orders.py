@@ -147,7 +147,7 @@ def guided_count(
         if further_px > limit_px:
             # A wider search may change rows that were right.
             wrong[:] = True
-        _invert_again(counting, found, wrong, further_px, guide)
+        invert_again(counting, found, wrong, further_px, guide)
         with np.errstate(invalid="ignore"):
             undecided |= np.abs(found.displacement_px - guide) > 0.5 * period
         del guide
@@ -157,7 +157,7 @@ def guided_count(
     return counting.solution(found)
 
 
-def _invert_again(
+def invert_again(
     counting: RowInversion, found: Inverted, wrong: BoolMap, limit_px: float, guide_px: FloatMap
 ) -> None:
     """Invert the rows again that had wrong orders, in place, guided.
@@ -191,23 +191,29 @@ def _stray(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:
     limit = WHOLE_TOLERANCE * period_px
     with np.errstate(invalid="ignore"):
         strays = by_bands(lambda a, b: np.abs(a - b) > limit, counted, band, dtype=bool)
-        if not strays.any():
-            return strays
-        label, count = scipy.ndimage.label(strays)
-        beside = np.zeros(counted.shape, bool)
-        for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-            jump = np.abs(counted[here] - counted[there]) > limit
-            beside[here] |= jump
-            beside[there] |= jump
+    if not strays.any():
+        return strays
+    label, count = scipy.ndimage.label(strays)
     sizes, jumps = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
-    for part in row_bands(label.shape, bytes_per_px=32):
-        here = label[part.rows]
-        sizes += np.bincount(here.ravel(), minlength=count + 1)
-        jumps += np.bincount(here[beside[part.rows]], minlength=count + 1)
+    for part in row_bands(label.shape, bytes_per_px=48, halo=1):
+        labels, beside = label[part.rows], _beside_jumps(counted[part.seen], limit)[part.inner]
+        sizes += np.bincount(labels.ravel(), minlength=count + 1)
+        jumps += np.bincount(labels[beside], minlength=count + 1)
     surrounded = jumps >= JUMPING * sizes
     small = sizes < np.where(surrounded, MIN_JUMPING_WITNESS, MIN_WITNESS) * period_px**2
     small[0] = False
     return np.asarray(small[label])
+
+
+def _beside_jumps(u: FloatMap, limit_px: float) -> BoolMap:
+    """Pixels that differ from a neighbour by more than a limit, (r, w)."""
+    beside = np.zeros(u.shape, bool)
+    for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        with np.errstate(invalid="ignore"):
+            jump = np.abs(u[here] - u[there]) > limit_px
+        beside[here] |= jump
+        beside[there] |= jump
+    return beside
 
 
 def continues(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:

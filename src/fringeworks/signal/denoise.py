@@ -6,12 +6,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.signal.bands import row_bands
 from fringeworks.signal.noise import noise_variance
+from fringeworks.signal.running_envelopes import (
+    GROWTH,
+    envelope_mean,
+    most_modes,
+    odd,
+    spacing,
+)
 from fringeworks.types import LARGEST, FloatMap, Frozen, InputError, positive, sealed, whole
 
 Denoiser = Literal["emd", "emd2d", "bemd"]
@@ -85,18 +91,6 @@ NOISE_MODES = 3
 """Number of modes of a frame that may count as noise.
 
 The first three hold more than 90 % of the energy of white noise (trial with 300 × 300 px).
-"""
-
-GROWTH = 1.5
-"""Smallest ratio of the windows of successive modes of a frame.
-
-Without it, successive modes could use the same window and hold the same waves. An empirical choice.
-"""
-
-MIN_EXTREMA = 8
-"""Smallest number of maxima and of minima in a frame that has another mode.
-
-With fewer, their mean distance does not determine a window. An empirical choice.
 """
 
 
@@ -226,20 +220,20 @@ def decompose_frame(frame: NDArray[np.generic], *, max_imfs: int = MAX_PLANAR) -
         raise InputError(f"max_imfs: expected 1 to {IMF_LIMIT}, got {max_imfs}")
     windows: list[int] = []
     # Memory that no mode is written to is never taken from the system.
-    stack = np.empty((_most_modes(values.shape, max_imfs), *values.shape))
+    stack = np.empty((most_modes(values.shape, max_imfs), *values.shape))
     residue = np.array(values)
     while len(windows) < len(stack):
-        window = _spacing(residue)
+        window = spacing(residue)
         if window is None:
             break
         if windows:
-            window = max(window, _odd(GROWTH * windows[-1]))
+            window = max(window, odd(GROWTH * windows[-1]))
         if window > min(values.shape):
             break
         mode = stack[len(windows)]
         mode[:] = residue
         for _ in range(MAX_PLANAR_SIFTS):
-            mean = _envelope_mean(mode, window)
+            mean = envelope_mean(mode, window)
             mode -= mean
             removed = np.vdot(mean, mean)
             del mean
@@ -249,47 +243,6 @@ def decompose_frame(frame: NDArray[np.generic], *, max_imfs: int = MAX_PLANAR) -
         windows.append(window)
     count = np.array([len(windows)], np.uint32)
     return Decomposition(sealed(stack[: len(windows)]), sealed(residue), sealed(count))
-
-
-def _most_modes(shape: tuple[int, ...], max_imfs: int) -> int:
-    """Largest number of modes of a frame, whose windows grow from 3 px to its shorter side."""
-    growing = np.log(max(min(shape), 3) / 3.0) / np.log(GROWTH)
-    return min(max_imfs, 1 + int(growing))
-
-
-def _odd(width: float) -> int:
-    """The smallest odd whole number that is not below a width."""
-    return 2 * int(np.ceil(0.5 * (width - 1.0))) + 1
-
-
-def _spacing(frame: FloatMap) -> int | None:
-    """Mean distance of extrema as an odd number of px; None where there are too few."""
-    if min(frame.shape) < 3 or float(np.ptp(frame)) == 0.0:
-        return None
-    counts = [0, 0]
-    for band in row_bands(frame.shape, bytes_per_px=32, halo=1):
-        part = frame[band.seen]
-        ends = scipy.ndimage.maximum_filter(part, 3), scipy.ndimage.minimum_filter(part, 3)
-        varying = ends[0] > ends[1]
-        for k, end in enumerate(ends):
-            counts[k] += int(np.count_nonzero(((part == end) & varying)[band.inner]))
-    count = min(counts)
-    if count < MIN_EXTREMA:
-        return None
-    return max(3, _odd(float(np.sqrt(frame.size / count))))
-
-
-def _envelope_mean(frame: FloatMap, window: int) -> NDArray[np.float64]:
-    """Mean of the upper and the lower running envelope."""
-    mean = np.empty(frame.shape)
-    for band in row_bands(frame.shape, bytes_per_px=32, halo=window, least=4 * window):
-        part = frame[band.seen]
-        upper = scipy.ndimage.uniform_filter(scipy.ndimage.maximum_filter(part, window), window)
-        lower = scipy.ndimage.uniform_filter(scipy.ndimage.minimum_filter(part, window), window)
-        upper += lower
-        upper *= 0.5
-        mean[band.rows] = upper[band.inner]
-    return mean
 
 
 def denoise(

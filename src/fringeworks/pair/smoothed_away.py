@@ -138,6 +138,7 @@ def _removed(u: FloatMap, known: BoolMap, smoothing: tuple[Smoothing, ...]) -> F
     """What the kernels remove, (h, w), px; the surface goes on with its slope at the border."""
     margin = [(min(int(MARGIN_WIDTHS * _widest(smoothing)) + 1, n - 1),) * 2 for n in u.shape]
     padded = np.pad(u, margin, mode="reflect", reflect_type="odd")
+    del u
     where = np.pad(known, margin, mode="reflect")
 
     def without(v: FloatMap, width_px: tuple[float, float]) -> FloatMap:

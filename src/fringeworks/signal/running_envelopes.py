@@ -58,6 +58,7 @@ def envelope_mean(frame: FloatMap, window: int) -> NDArray[np.float64]:
         upper = scipy.ndimage.uniform_filter(scipy.ndimage.maximum_filter(part, window), window)
         lower = scipy.ndimage.uniform_filter(scipy.ndimage.minimum_filter(part, window), window)
         upper += lower
+        del lower
         upper *= 0.5
         mean[band.rows] = upper[band.inner]
     return mean

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import Pair, Reason, analyse
-from fringeworks.pair.orders import compare_orders
+from fringeworks import Pair, Reason, analyse, standard_scene
+from fringeworks.pair.counting import Inverted, RowInversion
+from fringeworks.pair.orders import compare_orders, invert_again
+from fringeworks.pair.prepared import prepare
 
 PERIOD = 20.0
 
@@ -87,3 +89,25 @@ def test_the_chosen_algorithm_is_reported():
 
     result = reconstruct(scene("parabola", size=160, fringes=8, height_mm=20.0), "fourier")
     assert any("unwrapped by reliability: 0 residues, 1 connected" in note for note in result.notes)
+
+
+@pytest.mark.parametrize("rows", [[0], [2, 3], [50, 51, 70], [118, 119], range(120)])
+def test_rows_that_are_inverted_again_are_those_of_the_whole_frame(rows):
+    scene = standard_scene("parabola", height_mm=30, size=120, fringes=8, noise=2, bits=8, seed=1)
+    counting = RowInversion(prepare(scene), "gsifa")
+    limit_px = counting.limit_px(None)
+    first = counting.rows(slice(None), limit_px)
+    whole = counting.rows(slice(None), limit_px, first.displacement_px)
+    wrong = np.zeros(120, bool)
+    wrong[list(rows)] = True
+    found = Inverted(*(np.array(values) for values in first))
+    # What a slip leaves: its own rows are wrong, and those nearby were judged by them.
+    for row in np.flatnonzero(wrong):
+        near = slice(max(0, row - 3), row + 4)
+        found.displacement_px[near] = np.nan
+        found.sigma_px[near] = 1e3
+        found.modulation_ratio[near] = 1e3
+        found.reason[near] = Reason.ORDER_AMBIGUOUS
+    invert_again(counting, found, wrong, limit_px, first.displacement_px)
+    for name in Inverted._fields:
+        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name), name)

@@ -84,6 +84,30 @@ def test_bad_masks_are_refused():
         prepare(Pair(frame, frame, mask=np.zeros(frame.shape, bool)))
 
 
+@pytest.mark.parametrize(
+    ("kind", "held"),
+    [
+        ("u1", "f4"),
+        ("u2", "f4"),
+        (">u2", "f4"),
+        ("i2", "f4"),
+        ("f4", "f4"),
+        ("u4", "f8"),
+        ("i8", "f8"),
+        ("f8", "f8"),
+    ],
+)
+def test_frames_are_held_exactly(kind, held):
+    frame = np.rint(fringes()).astype(kind)
+    if kind == "f8":
+        frame += 1e-9
+    if kind == "u4":
+        frame += 2**24 + 1
+    prepared = prepare(Pair(frame, frame))
+    assert prepared.object.dtype == prepared.reference.dtype == held
+    np.testing.assert_array_equal(prepared.object, frame.astype(np.float64))
+
+
 def test_pair_is_turned_and_turned_back():
     pair = scene("parabola", size=100, fringes=5, axis="y")
     prepared = prepare(pair)

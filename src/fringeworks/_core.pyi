@@ -56,8 +56,8 @@ optimised: bool
 version: str
 
 def invert_rows(
-    reference: NDArray[np.float64],
-    object: NDArray[np.float64],
+    reference: NDArray[Any],
+    object: NDArray[Any],
     mask: NDArray[np.uint8],
     *,
     guide: NDArray[np.float32] | None = None,

@@ -1,11 +1,15 @@
 //! Bindings of inverse function analysis.
 
+use crate::moving_mean::Values;
 use crate::rows::rows_of;
 use crate::threads::detached;
-use fringeworks::inverse::{invert, Method, Options};
+use fringeworks::inverse::{invert, Field, Method, Options};
+use fringeworks::moving_mean::Number;
 use numpy::ndarray::Array2;
 use numpy::PyArray1;
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{
+    Element, IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -22,8 +26,8 @@ type Maps<'py> = (
 #[allow(clippy::too_many_arguments)]
 pub fn invert_rows<'py>(
     py: Python<'py>,
-    reference: PyReadonlyArray2<'py, f64>,
-    object: PyReadonlyArray2<'py, f64>,
+    reference: Values<'py>,
+    object: Values<'py>,
     mask: PyReadonlyArray2<'py, u8>,
     guide: Option<PyReadonlyArray2<'py, f32>>,
     method: &str,
@@ -37,19 +41,8 @@ pub fn invert_rows<'py>(
     tolerance: f64,
     albedo_tolerance: f64,
 ) -> PyResult<Maps<'py>> {
-    let method = match method {
-        "ifa" => Method::Polynomial,
-        "sifa" => Method::PartSpline,
-        "gsifa" => Method::GlobalSpline,
-        "exact" => Method::Exact,
-        other => {
-            return Err(PyValueError::new_err(format!(
-                "method: expected ifa, sifa, gsifa or exact, got {other:?}"
-            )))
-        }
-    };
     let options = Options {
-        method,
+        method: method_of(method)?,
         degree,
         n_resample,
         period,
@@ -60,10 +53,15 @@ pub fn invert_rows<'py>(
         tolerance,
         albedo_tolerance,
     };
-    let shape = (reference.shape()[0], reference.shape()[1]);
-    let (s, d, m) = (rows_of(&reference)?, rows_of(&object)?, rows_of(&mask)?);
-    let g = guide.as_ref().map(rows_of).transpose()?;
-    let field = detached(py, || invert(s, d, m, g, shape.1, &options))?;
+    let shape = (mask.shape()[0], mask.shape()[1]);
+    let field = match (&reference, &object) {
+        (Values::Double(s), Values::Double(d)) => of_rows(py, s, d, &mask, &guide, &options)?,
+        (Values::Single(s), Values::Single(d)) => of_rows(py, s, d, &mask, &guide, &options)?,
+        _ => {
+            let message = "reference, object: expected frames of the same precision";
+            return Err(PyValueError::new_err(message));
+        }
+    };
     let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
     let displacement =
         Array2::from_shape_vec(shape, field.displacement).expect("kernel keeps the shape");
@@ -74,6 +72,33 @@ pub fn invert_rows<'py>(
         map(field.modulation_ratio).into_pyarray(py),
         reason.into_pyarray(py),
     ))
+}
+
+fn method_of(name: &str) -> PyResult<Method> {
+    match name {
+        "ifa" => Ok(Method::Polynomial),
+        "sifa" => Ok(Method::PartSpline),
+        "gsifa" => Ok(Method::GlobalSpline),
+        "exact" => Ok(Method::Exact),
+        other => Err(PyValueError::new_err(format!(
+            "method: expected ifa, sifa, gsifa or exact, got {other:?}"
+        ))),
+    }
+}
+
+/// Invert frames of either precision.
+fn of_rows<T: Number + Element>(
+    py: Python<'_>,
+    reference: &PyReadonlyArray2<'_, T>,
+    object: &PyReadonlyArray2<'_, T>,
+    mask: &PyReadonlyArray2<'_, u8>,
+    guide: &Option<PyReadonlyArray2<'_, f32>>,
+    options: &Options,
+) -> PyResult<Field> {
+    let width = mask.shape()[1];
+    let (s, d, m) = (rows_of(reference)?, rows_of(object)?, rows_of(mask)?);
+    let g = guide.as_ref().map(rows_of).transpose()?;
+    detached(py, || invert(s, d, m, g, width, options))
 }
 
 /// Position, value and kind (1 for a maximum) of every extremum.

@@ -88,9 +88,9 @@ def analyse(
     chosen = get_method(method)
     _check_options(chosen, options)
     prepared = pair if isinstance(pair, PreparedPair) else prepare(pair)
-    returned = _run(chosen, prepared, options)
-    _check_solution(chosen, returned, prepared.object.shape)
-    solution = with_measured_sigma(_mark(prepared, _painted(prepared, returned)), prepared.period)
+    solution = _painted(prepared, _run(chosen, prepared, options))
+    solution = _mark(prepared, solution)
+    solution = with_measured_sigma(solution, prepared.period)
     turn = prepared.to_capture
     return DisplacementMap(
         displacement_px=turn(solution.displacement_px),
@@ -109,10 +109,11 @@ def analyse(
     )
 
 
-def _run(chosen: Method, prepared: PreparedPair, options: dict[str, MethodOption]) -> Any:
-    """Call a method; a fault in one from outside is told in a sentence that names it."""
+def _run(chosen: Method, prepared: PreparedPair, options: dict[str, MethodOption]) -> Solution:
+    """Call a method and check what it returns; a fault in one from outside is told in a sentence
+    that names it."""
     try:
-        return chosen.function(prepared, **options)
+        returned = chosen.function(prepared, **options)
     except InputError:
         raise
     except Exception as error:
@@ -122,6 +123,7 @@ def _run(chosen: Method, prepared: PreparedPair, options: dict[str, MethodOption
         raise InputError(
             f"method {chosen.name}, from outside ({module}): {type(error).__name__}: {error}"
         ) from error
+    return _checked(chosen, returned, prepared.object.shape)
 
 
 def _check_options(chosen: Method, options: dict[str, MethodOption]) -> None:
@@ -141,7 +143,7 @@ def _check_options(chosen: Method, options: dict[str, MethodOption]) -> None:
                 break
 
 
-def _check_solution(chosen: Method, returned: Any, shape: tuple[int, ...]) -> None:
+def _checked(chosen: Method, returned: Any, shape: tuple[int, ...]) -> Solution:
     """Refuse what a method must not return, in one sentence that names the method."""
     if not isinstance(returned, Solution):
         raise InputError(
@@ -165,6 +167,7 @@ def _check_solution(chosen: Method, returned: Any, shape: tuple[int, ...]) -> No
             raise InputError(
                 f"method {chosen.name}: expected {name} as {wanted} of shape {shape}, got {came}"
             )
+    return returned
 
 
 def _painted(pair: PreparedPair, solution: Solution) -> Solution:

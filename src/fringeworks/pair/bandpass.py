@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from fringeworks.signal.bands import row_bands
 from fringeworks.types import FloatMap, InputError
 
 Shape = Literal["hann", "gaussian", "tukey", "rectangular"]
@@ -121,27 +123,65 @@ def band_pass(
     >>> round(2 * float(np.abs(analytic[32, 64])), 3)
     40.0
     """
+    band = pass_band(frame, frequency, width=width, dimensions=dimensions, window=window)
+    return band.rows(slice(None)), band.share
+
+
+@dataclass(frozen=True, eq=False)
+class PassBand:
+    """The columns of a frame's spectrum, along its rows, that lie in the band of the fringes."""
+
+    columns: NDArray[np.complex64]
+    """(h, n) filtered spectra of the rows."""
+    first: int
+    """Bin of the first column."""
+    width: int
+    """Number of columns of the frame, px."""
+    share: float
+    """Complex variance that white noise of variance 1 has after the filter."""
+
+    def rows(self, part: slice) -> Analytic:
+        """Analytic signal of some rows, (r, w)."""
+        columns = self.columns[part]
+        spectrum = np.zeros((columns.shape[0], self.width), np.complex64)
+        spectrum[:, self.first : self.first + columns.shape[1]] = columns
+        return np.asarray(scipy.fft.ifft(spectrum, axis=1, overwrite_x=True, workers=-1))
+
+
+def pass_band(
+    frame: FloatMap,
+    frequency: tuple[float, float],
+    *,
+    width: float = HALF_WIDTH,
+    dimensions: Literal[1, 2] = 2,
+    window: Shape = "hann",
+) -> PassBand:
+    """Filter the spectrum of a frame, as ``band_pass`` does, without the signal at every pixel.
+
+    The columns in the band are a small part of the spectrum.
+    """
     h, w = frame.shape
     fx, fy = frequency
     radius = width * (fx if dimensions == 1 else float(np.hypot(fx, fy)))
     first = max(0, int(np.ceil((fx - radius) * w)))
     last = min(w // 2, int(np.floor((fx + radius) * w)))
     along_x = (np.arange(first, last + 1) / w - fx) / radius
-    values = np.ascontiguousarray(frame, dtype=np.float32)
     if dimensions == 1:
-        mean = values.mean(axis=1, keepdims=True)
         response = band_response(np.abs(along_x), window)[None, :]
     else:
-        mean = values.mean()
         along_y = (scipy.fft.fftfreq(h) - fy) / radius
         response = band_response(np.hypot(along_x[None, :], along_y[:, None]), window)
-    columns = scipy.fft.rfft(values - mean, axis=1, workers=-1)[:, first : last + 1]
+    columns = np.empty((h, last + 1 - first), np.complex64)
+    mean = None if dimensions == 1 else np.ascontiguousarray(frame, dtype=np.float32).mean()
+    for band in row_bands((h, w), bytes_per_px=16):
+        rows = np.ascontiguousarray(frame[band.rows], dtype=np.float32)
+        rows = rows - (rows.mean(axis=1, keepdims=True) if mean is None else mean)
+        columns[band.rows] = scipy.fft.rfft(rows, axis=1, workers=-1)[:, first : last + 1]
     if dimensions == 1:
-        columns = columns * response.astype(np.float32)
+        columns *= response.astype(np.float32)
     else:
-        columns = scipy.fft.fft(columns, axis=0, workers=-1) * response.astype(np.float32)
+        columns = scipy.fft.fft(columns, axis=0, overwrite_x=True, workers=-1)
+        columns *= response.astype(np.float32)
         columns = scipy.fft.ifft(columns, axis=0, overwrite_x=True, workers=-1)
-    spectrum = np.zeros((h, w), np.complex64)
-    spectrum[:, first : last + 1] = columns
-    analytic = scipy.fft.ifft(spectrum, axis=1, overwrite_x=True, workers=-1)
-    return np.asarray(analytic), float(np.sum(response**2)) / (w * response.shape[0])
+    share = float(np.sum(response**2)) / (w * response.shape[0])
+    return PassBand(np.asarray(columns), first, w, share)

@@ -74,7 +74,7 @@ def _without_slope(rows: FloatMap) -> FloatMap:
     """
     n = rows.shape[1]
     t = np.arange(n) - 0.5 * (n - 1)
-    centred = rows - rows.mean(axis=1, keepdims=True)
+    centred = rows - rows.mean(axis=1, keepdims=True, dtype=np.float64)
     slope = centred @ t / (t @ t)
     for row, rise in zip(centred, slope, strict=True):  # a whole plane would be one more frame
         row -= rise * t
@@ -110,7 +110,9 @@ def _lines(frame: FloatMap) -> tuple[_Line, _Line]:
     power /= frame.shape[0] * n**2
     # Contrast between the rows' means is not in the rows' spectra. It counts against the line, in
     # the units of the windowed spectrum (Parseval).
-    between_rows = 0.5 * float(np.mean(window**2)) * _fast_variance(frame.mean(axis=1))
+    between_rows = (
+        0.5 * float(np.mean(window**2)) * _fast_variance(frame.mean(axis=1, dtype=np.float64))
+    )
     slowest = int(MIN_PERIODS)
     noise = float(np.median(power[slowest:])) if power.size > slowest else 0.0
     # Frequencies below the slowest fringe are shading and do not count against a measurable line.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
+from fringeworks.signal.bands import row_bands
 from fringeworks.signal.gamma import estimate_gamma
-from fringeworks.types import FloatMap, InputError, Reason, sealed
+from fringeworks.types import ByteMap, FloatMap, InputError, Reason, sealed
 
-Rows = NDArray[np.float64]
+Rows = FloatMap
 RowMethod = Literal["ifa", "sifa", "gsifa", "exact"]
 
 DEGREE = 9
@@ -99,110 +100,135 @@ def _linearised(prepared: PreparedPair) -> tuple[Rows, Rows, float]:
     if not (same_range and quiet):
         return s, d, 1.0
     sampled_rows = s[:: max(1, s.shape[0] // GAMMA_ROWS)]
-    gamma = estimate_gamma((sampled_rows - low) / (high - low), prepared.period)
+    gamma = estimate_gamma((sampled_rows.astype(np.float64) - low) / (high - low), prepared.period)
     if abs(gamma - 1.0) < MIN_GAMMA_CHANGE:
         return s, d, 1.0
 
     def linearise(frame: Rows) -> Rows:
         # The object's darkest sample may lie below the reference's by rounding.
-        share = np.maximum((frame - low) / (high - low), 0.0)
+        share = np.maximum((frame.astype(np.float64) - low) / (high - low), 0.0)
         return np.asarray(low + (high - low) * share ** (1.0 / gamma))
 
     return linearise(s), linearise(d), gamma
 
 
-def invert_rows(
-    prepared: PreparedPair,
-    name: RowMethod,
-    *,
-    max_displacement_px: float | None = None,
-    degree: int = DEGREE,
-    n_resample: int = RESAMPLES_PER_PX,
-    guide_px: FloatMap | None = None,
-    straighten: bool = True,
-) -> Solution:
-    """Match the extrema of both frames row by row and invert the reference between them.
+class Inverted(NamedTuple):
+    """Result of row methods that may still be changed; (h, w) maps as in ``Solution``."""
+
+    displacement_px: NDArray[np.float64]
+    sigma_px: NDArray[np.float32]
+    modulation_ratio: NDArray[np.float32]
+    reason: ByteMap
+
+
+class RowInversion:
+    """A row method with its options, applied to some or all rows of a pair.
 
     Parameters
     ----------
     prepared : PreparedPair
     name : "ifa", "sifa", "gsifa" or "exact"
         How a monotone part is inverted.
-    max_displacement_px : float > 0, optional
-        Largest |u| considered, px; six periods by default.
     degree : int
         Largest degree of the polynomials ("ifa").
     n_resample : int
         Samples of the row's spline per pixel ("gsifa").
-    guide_px : (h, w) float array, optional
-        Expected displacement, px, NaN where unknown. It affects the fringe orders only, not the
-        values.
     straighten : bool
         Whether the response of ideal frames is linearised first (see ``details``).
-
-    Returns
-    -------
-    Solution
-
-    Raises
-    ------
-    InputError
-        If ``max_displacement_px`` is not positive.
 
     Notes
     -----
     Theory §4.
     """
-    period = prepared.period
-    limit = (
-        MAX_DISPLACEMENT_PERIODS * period
-        if max_displacement_px is None
-        else float(max_displacement_px)
-    )
-    if not limit > 0:
-        raise InputError(f"max_displacement_px: expected > 0, got {max_displacement_px}")
-    noise = float(np.sqrt(sum(prepared.noise)))
-    if straighten:
-        reference, object_, gamma = _linearised(prepared)
-    else:
-        reference, object_, gamma = prepared.reference, prepared.object, 1.0
-    displacement, sigma, modulation_ratio, reason = _core.invert_rows(
-        reference,
-        object_,
-        prepared.wanted.astype(np.uint8),
-        guide=None if guide_px is None else guide_px.astype(np.float32),
-        method=name,
-        degree=degree,
-        n_resample=n_resample,
-        period=period,
-        prominence=PROMINENCE,
-        floor=MIN_SWING_SIGMAS * noise,
-        noise=noise,
-        max_displacement=limit,
-        tolerance=RANGE_TOLERANCE,
-        # Noise alone moves the extrema by a few σ, without any change of albedo.
-        albedo_tolerance=max(
-            ALBEDO_TOLERANCE, MIN_SWING_SIGMAS * noise / (2.0 * prepared.modulation)
-        ),
-    )
-    return Solution(
-        displacement_px=sealed(displacement),
-        sigma_px=sealed(sigma),
-        modulation_ratio=sealed(modulation_ratio),
-        reason=sealed(reason),
-        details={"noise_counts": noise, "linearised_gamma": gamma},
-    )
+
+    def __init__(
+        self,
+        prepared: PreparedPair,
+        name: RowMethod,
+        *,
+        degree: int = DEGREE,
+        n_resample: int = RESAMPLES_PER_PX,
+        straighten: bool = True,
+    ) -> None:
+        self.wanted, self.period = prepared.wanted, prepared.period
+        self.reference, self.object, self.gamma = prepared.reference, prepared.object, 1.0
+        if straighten:
+            self.reference, self.object, self.gamma = _linearised(prepared)
+        if self.reference.dtype != self.object.dtype:
+            self.reference = self.reference.astype(np.float64)
+            self.object = self.object.astype(np.float64)
+        self.noise = float(np.sqrt(sum(prepared.noise)))
+        self._options: dict[str, Any] = {
+            "method": name,
+            "degree": degree,
+            "n_resample": n_resample,
+            "period": self.period,
+            "prominence": PROMINENCE,
+            "floor": MIN_SWING_SIGMAS * self.noise,
+            "noise": self.noise,
+            "tolerance": RANGE_TOLERANCE,
+            # Noise alone moves the extrema by a few σ, without any change of albedo.
+            "albedo_tolerance": max(
+                ALBEDO_TOLERANCE, MIN_SWING_SIGMAS * self.noise / (2.0 * prepared.modulation)
+            ),
+        }
+
+    def limit_px(self, max_displacement_px: float | None) -> float:
+        """Largest |u| considered, px: the caller's, or six periods; InputError unless > 0."""
+        if max_displacement_px is None:
+            return MAX_DISPLACEMENT_PERIODS * self.period
+        if not float(max_displacement_px) > 0:
+            raise InputError(f"max_displacement_px: expected > 0, got {max_displacement_px}")
+        return float(max_displacement_px)
+
+    def rows(self, part: slice, limit_px: float, guide_px: FloatMap | None = None) -> Inverted:
+        """Match the extrema of both frames row by row and invert the reference between them.
+
+        Parameters
+        ----------
+        part : slice
+            Rows; the orders of each are compared with those of the three on either side.
+        limit_px : float > 0
+            Largest |u| considered, px.
+        guide_px : (h, w) float array, optional
+            Expected displacement of the whole frame, px, NaN where unknown. It affects the fringe
+            orders only, not the values.
+        """
+        return Inverted(
+            *_core.invert_rows(
+                self.reference[part],
+                self.object[part],
+                self.wanted[part].view(np.uint8),
+                guide=None if guide_px is None else guide_px[part].astype(np.float32, copy=False),
+                max_displacement=limit_px,
+                **self._options,
+            )
+        )
+
+    def solution(self, found: Inverted) -> Solution:
+        """The result of the whole frame, which is not changed any more."""
+        return Solution(
+            displacement_px=sealed(found.displacement_px),
+            sigma_px=sealed(found.sigma_px),
+            modulation_ratio=sealed(found.modulation_ratio),
+            reason=sealed(found.reason),
+            details={"noise_counts": self.noise, "linearised_gamma": self.gamma},
+        )
 
 
-def count_fringes(prepared: PreparedPair) -> Solution:
-    """Measure the displacement by counting fringes; only its fringe orders are meant to be used."""
-    return invert_rows(prepared, "sifa")
+def count_fringes(prepared: PreparedPair) -> FloatMap:
+    """Displacement by counting fringes, (h, w), px; only its fringe orders are meant to be used."""
+    counting = RowInversion(prepared, "sifa")
+    return counting.rows(slice(None), counting.limit_px(None)).displacement_px
 
 
-def slips(solution: Solution, period_px: float) -> bool:
+def slips(found: Inverted, period_px: float) -> bool:
     """Whether neighbouring rows differ by about a period anywhere, or an order is ambiguous."""
-    if bool((solution.reason == Reason.ORDER_AMBIGUOUS).any()):
+    if bool((found.reason == Reason.ORDER_AMBIGUOUS).any()):
         return True
+    u, limit = found.displacement_px, SLIP_PERIODS * period_px
     with np.errstate(invalid="ignore"):
-        steps = np.abs(np.diff(solution.displacement_px, axis=0))
-        return bool((steps > SLIP_PERIODS * period_px).any())
+        return any(
+            bool((np.abs(np.diff(u[band.seen], axis=0)) > limit).any())
+            for band in row_bands(u.shape, bytes_per_px=24, halo=1)
+        )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.reference_phase import with_local_period
 from fringeworks.pair.registry import Smoothing, Solution
 from fringeworks.pair.unwrap import unwrap
+from fringeworks.signal.bands import by_bands, row_bands
 from fringeworks.types import BoolMap, ByteMap, FloatMap, Reason, sealed
 
 MIN_MODULATION_RATIO = 0.05
@@ -37,8 +39,8 @@ choice.
 class Demodulated:
     """Result of a demodulating method, in the orientation of the prepared pair."""
 
-    phasor: Analytic
-    """(h, w) complex; its argument is the wrapped phase φ = 2π u / p, rad."""
+    wrapped: FloatMap
+    """Wrapped phase φ = 2π u / p, (h, w), rad."""
     reference_amplitude: FloatMap
     """Modulation of the reference after the filter, (h, w), counts."""
     object_amplitude: FloatMap
@@ -57,6 +59,46 @@ class Demodulated:
         """Modulation of the object over that of the reference, (h, w)."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.object_amplitude / self.reference_amplitude
+
+
+class Compared(TypedDict):
+    """The phase difference of two analytic signals, and their amplitudes; fields of
+    ``Demodulated``."""
+
+    wrapped: FloatMap
+    reference_amplitude: FloatMap
+    object_amplitude: FloatMap
+
+
+def compared(
+    shape: tuple[int, ...],
+    signals: Callable[[slice], tuple[Analytic, Analytic]],
+    *,
+    bytes_per_px: float = 48.0,
+) -> Compared:
+    """Compare the analytic signals of reference and object, a band of rows at a time.
+
+    Parameters
+    ----------
+    shape : (h, w)
+    signals : function
+        Returns the signals B exp(iφ) of some rows, (r, w) complex64, which may be overwritten.
+    bytes_per_px : float > 0
+        Memory that a band of the signals and their computation take, bytes per pixel.
+    """
+    wrapped, of_reference, of_object = (np.empty(shape, np.float32) for _ in range(3))
+    for band in row_bands(shape, bytes_per_px):
+        reference, object_ = signals(band.rows)
+        np.abs(reference, out=of_reference[band.rows])
+        np.abs(object_, out=of_object[band.rows])
+        np.conj(object_, out=object_)
+        reference *= object_
+        wrapped[band.rows] = np.angle(reference)
+    return {
+        "wrapped": wrapped,
+        "reference_amplitude": of_reference,
+        "object_amplitude": of_object,
+    }
 
 
 def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solution:
@@ -90,16 +132,23 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
     usable = ~weak & prepared.wanted
     if not usable.any():
         return _unmeasured(reason, demodulated.details)
-    unwrapped = unwrap(np.angle(demodulated.phasor), usable)
+    unwrapped = unwrap(demodulated.wrapped, usable)
     main = unwrapped.region == 1
     reason[usable & ~main] = Reason.ORDER_AMBIGUOUS
     to_px = prepared.period / (2.0 * np.pi)
     start = unwrapped.phase - _offset(unwrapped.phase, main)
+    details = {
+        **demodulated.details,
+        "regions": int(unwrapped.region.max()),
+        "residues": unwrapped.residues,
+        "unwrapping": unwrapped.algorithm,
+    }
+    converged, suspect = unwrapped.converged, unwrapped.residues > 0 or not main.all()
+    del unwrapped
     start *= to_px
     start[~main] = np.nan
-    displacement, undecided, moved = settle_orders(
-        prepared, start, suspect=unwrapped.residues > 0 or not main.all()
-    )
+    displacement, undecided, moved = settle_orders(prepared, start, suspect=suspect)
+    del start
     reason[undecided] = Reason.ORDER_AMBIGUOUS
     amplitudes = (demodulated.reference_amplitude, demodulated.object_amplitude)
     return Solution(
@@ -109,15 +158,9 @@ def to_displacement(prepared: PreparedPair, demodulated: Demodulated) -> Solutio
         reason=sealed(reason),
         noise_length_px=demodulated.noise_length_px,
         smoothing=demodulated.smoothing,
-        converged=unwrapped.converged,
+        converged=converged,
         is_filter=True,
-        details={
-            **demodulated.details,
-            "regions": int(unwrapped.region.max()),
-            "residues": unwrapped.residues,
-            "unwrapping": unwrapped.algorithm,
-            "pixels_moved_by_counting": moved,
-        },
+        details={**details, "pixels_moved_by_counting": moved},
     )
 
 
@@ -129,10 +172,13 @@ def _sigma(amplitudes: tuple[FloatMap, FloatMap], noise: list[float], to_px: flo
         square = amplitude * amplitude
         return np.divide(2.0 * of_signal * to_px**2, square, out=square)
 
+    def sigma(reference: FloatMap, object_: FloatMap) -> FloatMap:
+        total = variance(reference, noise[0])
+        total += variance(object_, noise[1])
+        return np.asarray(np.sqrt(total, out=total))
+
     with np.errstate(divide="ignore", invalid="ignore"):
-        total = variance(amplitudes[0], noise[0])
-        total += variance(amplitudes[1], noise[1])
-    return np.asarray(np.sqrt(total, out=total))
+        return by_bands(sigma, *amplitudes, dtype=amplitudes[0].dtype)
 
 
 def _unmeasured(reason: ByteMap, details: dict[str, Any]) -> Solution:

@@ -138,9 +138,9 @@ class Lattice:
 
         Each item has the shape (frequencies along x, samples along y, samples along x). The
         coefficients are demodulated by the bin of their first sample (``shift_wave``), and are
-        ``density`` times as large as those of a window of unit energy.
+        ``density`` times as large as those of a window of unit energy. The field is overwritten.
         """
-        spectrum = scipy.fft.fft2(padded, workers=-1)
+        spectrum = scipy.fft.fft2(padded, overwrite_x=True, workers=-1)
         for rows, window in zip(self.y.bins, self.y.windows, strict=True):
             part = spectrum[rows] * window[:, None]
             stack = part[:, self.x.bins].transpose(1, 0, 2) * self.x.windows[:, None, :]
@@ -155,7 +155,8 @@ class Lattice:
     def filtered(self, padded: Analytic, threshold: float) -> Analytic:
         """Sum of the coefficients above a threshold, each reduced by it (soft threshold).
 
-        ``threshold`` is in units of a coefficient of a window of unit energy.
+        ``threshold`` is in units of a coefficient of a window of unit energy. The field is
+        overwritten.
         """
         out = np.zeros_like(padded)
         limit = np.float32(max(threshold * self.density, SMALLEST_THRESHOLD))
@@ -169,7 +170,9 @@ class Lattice:
             out[self.y.bins[k]] += rows * self.y.windows[k][:, None]
         steps = (float(np.diff(axis.frequencies[:2])[0]) for axis in (self.y, self.x))
         scale = np.float32(np.prod(list(steps)) / (2.0 * np.pi) ** 2)
-        return np.asarray(scipy.fft.ifft2(out, overwrite_x=True, workers=-1) * scale)
+        summed = scipy.fft.ifft2(out, overwrite_x=True, workers=-1)
+        summed *= scale
+        return np.asarray(summed)
 
     def extended(self, field: Analytic, threshold: float) -> Analytic:
         """Add a border that continues the field, taken from its own filtered version.
@@ -182,10 +185,11 @@ class Lattice:
         lattice = Lattice(self.shape, self.sigma_px, wider, self.step)
         plain_wave = 2.0 * self.sigma_px * np.sqrt(np.pi) * float(np.median(np.abs(field)))
         smooth = lattice.filtered(self.pad(field), max(threshold, CONTINUED_SHARE * plain_wave))
-        size = np.abs(smooth)
         h, w = self.shape
-        usual = float(np.median(size[:h, :w]))
+        usual = float(np.median(np.abs(smooth[:h, :w])))
         if usual > 0:
-            smooth *= usual / np.maximum(size, np.float32(MIN_BORDER_SHARE * usual))
+            for rows, columns in ((slice(h, None), slice(None)), (slice(0, h), slice(w, None))):
+                border = smooth[rows, columns]
+                border *= usual / np.maximum(np.abs(border), np.float32(MIN_BORDER_SHARE * usual))
         smooth[:h, :w] = field
         return smooth

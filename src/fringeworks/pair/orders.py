@@ -8,22 +8,23 @@ two differ by whole periods over a region, the estimate that continues the surro
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from fringeworks.pair.counting import (
-    MAX_DISPLACEMENT_PERIODS,
+    Inverted,
+    RowInversion,
     RowMethod,
     count_fringes,
-    invert_rows,
     slips,
 )
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution
-from fringeworks.types import BoolMap, FloatMap, Reason, sealed
+from fringeworks.signal.bands import by_bands, row_bands
+from fringeworks.types import BoolMap, FloatMap, Reason
 
 WHOLE_TOLERANCE = 0.35
 """Largest deviation of a difference from whole periods at which the orders are compared, periods.
@@ -59,6 +60,11 @@ JUMPING = 0.05
 The border of a round region of four square periods is about a tenth of its pixels. An empirical
 choice.
 """
+MAX_ORDER = 10_000
+"""Largest difference of two fringe orders that is compared: more than any frame has periods."""
+JUDGED_ROWS = 3
+"""Rows on either side that the kernel compares the orders of a row with; twice as many at the ends
+of the frame."""
 BORDER_PX = 2
 """Margin around a region's bounding box that holds the pixels beyond its border, px; at least 1."""
 
@@ -89,9 +95,10 @@ def settle_orders(
     nowhere = np.zeros(displacement_px.shape, bool)
     if not suspect:
         return displacement_px, nowhere, 0
-    counted = count_fringes(prepared).displacement_px
+    counted = count_fringes(prepared)
     orders, undecided = compare_orders(displacement_px, counted, prepared.period)
-    moved = displacement_px + orders * prepared.period
+    period = prepared.period
+    moved = by_bands(lambda u, n: u + n * period, displacement_px, orders, dtype=np.float64)
     moved[undecided] = np.nan
     return moved, undecided, int(np.count_nonzero(orders))
 
@@ -112,62 +119,101 @@ def guided_count(
     band_pass : function without arguments
         Returns the displacement of the band-pass, (h, w), px; called only if counting slipped.
     name, max_displacement_px, options
-        As in ``invert_rows``.
+        As in ``RowInversion`` and its ``limit_px``.
 
     Returns
     -------
     Solution
         NaN (``ORDER_AMBIGUOUS``) where the orders stay open in spite of the guide.
     """
-
-    def count(limit_px: float | None, guide: FloatMap | None = None) -> Solution:
-        return invert_rows(prepared, name, max_displacement_px=limit_px, guide_px=guide, **options)
-
-    period = prepared.period
-    unguided = count(max_displacement_px)
-    if not slips(unguided, period):
-        return unguided
+    counting, period = RowInversion(prepared, name, **options), prepared.period
+    limit_px = counting.limit_px(max_displacement_px)
+    found = counting.rows(slice(None), limit_px)
+    if not slips(found, period):
+        return counting.solution(found)
     band = band_pass()
-    orders, undecided = compare_orders(unguided.displacement_px, band, period)
-    if not (orders.any() or undecided.any()):
-        return _without(unguided, _stray(unguided.displacement_px, band, period))
-    guide = unguided.displacement_px + orders * period
-    with np.errstate(invalid="ignore"):
-        guide[undecided | (np.abs(band - guide) > 0.5 * period)] = np.nan
-    limit_px = max_displacement_px
-    if limit_px is None and np.isfinite(guide).any():
-        largest = float(np.nanmax(np.abs(guide)))
-        limit_px = max(MAX_DISPLACEMENT_PERIODS * period, largest + period)
-    guided = count(limit_px, guide)
-    with np.errstate(invalid="ignore"):
-        still_open = undecided | (np.abs(guided.displacement_px - guide) > 0.5 * period)
-    return _without(guided, still_open | _stray(guided.displacement_px, band, period))
+    orders, undecided = compare_orders(found.displacement_px, band, period)
+    wrong = np.any((orders != 0) | undecided, axis=1)
+    if wrong.any():
+        guide = by_bands(
+            lambda u, n: u + n * period, found.displacement_px, orders, dtype=np.float32
+        )
+        with np.errstate(invalid="ignore"):
+            guide[undecided | (np.abs(band - guide) > 0.5 * period)] = np.nan
+        further_px = limit_px
+        if max_displacement_px is None and np.isfinite(guide).any():
+            largest = max(float(np.nanmax(guide)), -float(np.nanmin(guide)))
+            further_px = max(limit_px, largest + period)
+        if further_px > limit_px:
+            # A wider search may change rows that were right.
+            wrong[:] = True
+        invert_again(counting, found, wrong, further_px, guide)
+        with np.errstate(invalid="ignore"):
+            undecided |= np.abs(found.displacement_px - guide) > 0.5 * period
+        del guide
+    undecided |= _stray(found.displacement_px, band, period)
+    found.displacement_px[undecided] = np.nan
+    found.reason[undecided & (found.reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
+    return counting.solution(found)
+
+
+def invert_again(
+    counting: RowInversion, found: Inverted, wrong: BoolMap, limit_px: float, guide_px: FloatMap
+) -> None:
+    """Invert the rows again that had wrong orders, in place, guided.
+
+    ``wrong`` is True for these rows, (h,). The other rows would come out the same: the guide is
+    their own displacement. Those nearby were judged by the wrong ones, and are judged again.
+    """
+    judged = _near(wrong, JUDGED_ROWS)
+    for seen in _runs(_near(judged, 2 * JUDGED_ROWS)):
+        again = counting.rows(seen, limit_px, guide_px)
+        rows = judged[seen]
+        found.displacement_px[seen][rows] = again.displacement_px[rows]
+        found.sigma_px[seen][rows] = again.sigma_px[rows]
+        found.modulation_ratio[seen][rows] = again.modulation_ratio[rows]
+        found.reason[seen][rows] = again.reason[rows]
+
+
+def _near(rows: BoolMap, reach: int) -> BoolMap:
+    """Rows within a distance of those that are marked, (h,)."""
+    return np.asarray(scipy.ndimage.maximum_filter1d(rows, 2 * reach + 1, mode="constant"))
+
+
+def _runs(rows: BoolMap) -> list[slice]:
+    """Stretches of neighbouring rows that are marked."""
+    ends = np.flatnonzero(np.diff(rows.astype(np.int8), prepend=0, append=0))
+    return [slice(int(a), int(b)) for a, b in ends.reshape(-1, 2)]
 
 
 def _stray(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:
     """Find the small regions where counting strays from the band-pass."""
     limit = WHOLE_TOLERANCE * period_px
     with np.errstate(invalid="ignore"):
-        label, count = scipy.ndimage.label(np.abs(counted - band) > limit)
-        beside = np.zeros(counted.shape, bool)
-        for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-            jump = np.abs(counted[here] - counted[there]) > limit
-            beside[here] |= jump
-            beside[there] |= jump
-    sizes = np.bincount(label.ravel(), minlength=count + 1)
-    jumps = np.bincount(label.ravel(), beside.ravel(), minlength=count + 1)
+        strays = by_bands(lambda a, b: np.abs(a - b) > limit, counted, band, dtype=bool)
+    if not strays.any():
+        return strays
+    label, count = scipy.ndimage.label(strays)
+    sizes, jumps = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
+    for part in row_bands(label.shape, bytes_per_px=48, halo=1):
+        labels, beside = label[part.rows], _beside_jumps(counted[part.seen], limit)[part.inner]
+        sizes += np.bincount(labels.ravel(), minlength=count + 1)
+        jumps += np.bincount(labels[beside], minlength=count + 1)
     surrounded = jumps >= JUMPING * sizes
     small = sizes < np.where(surrounded, MIN_JUMPING_WITNESS, MIN_WITNESS) * period_px**2
     small[0] = False
     return np.asarray(small[label])
 
 
-def _without(solution: Solution, ambiguous: BoolMap) -> Solution:
-    """The solution without the pixels whose fringe order is ambiguous."""
-    displacement, reason = solution.displacement_px.copy(), solution.reason.copy()
-    displacement[ambiguous] = np.nan
-    reason[ambiguous & (reason == Reason.OK)] = Reason.ORDER_AMBIGUOUS
-    return replace(solution, displacement_px=sealed(displacement), reason=sealed(reason))
+def _beside_jumps(u: FloatMap, limit_px: float) -> BoolMap:
+    """Pixels that differ from a neighbour by more than a limit, (r, w)."""
+    beside = np.zeros(u.shape, bool)
+    for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        with np.errstate(invalid="ignore"):
+            jump = np.abs(u[here] - u[there]) > limit_px
+        beside[here] |= jump
+        beside[there] |= jump
+    return beside
 
 
 def continues(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:
@@ -210,7 +256,32 @@ def continues(counted: FloatMap, band: FloatMap, period_px: float) -> BoolMap:
     return np.asarray(right[label])
 
 
-def compare_orders(first: FloatMap, second: FloatMap, period_px: float) -> tuple[FloatMap, BoolMap]:
+def _whole_periods(
+    first: FloatMap, second: FloatMap, period_px: float
+) -> tuple[NDArray[np.int16], BoolMap]:
+    """Whole periods between two estimates, (h, w), and where they differ by about that."""
+    whole = np.zeros(first.shape, np.int16)
+    comparable = np.zeros(first.shape, bool)
+    for band in row_bands(first.shape, bytes_per_px=40):
+        difference = (second[band.rows] - first[band.rows]) / period_px
+        nearest = np.round(difference)
+        with np.errstate(invalid="ignore"):
+            near = np.abs(difference - nearest) <= WHOLE_TOLERANCE
+            near &= np.abs(nearest) <= MAX_ORDER
+        comparable[band.rows] = near
+        whole[band.rows][near] = nearest[near]
+    return whole, comparable
+
+
+def _middle(orders: NDArray[np.int16]) -> int:
+    """Median of whole numbers; the lower of the two in the middle where these differ."""
+    counts = np.bincount(orders.astype(np.int32) + MAX_ORDER)
+    return int(np.searchsorted(np.cumsum(counts), (orders.size + 1) // 2)) - MAX_ORDER
+
+
+def compare_orders(
+    first: FloatMap, second: FloatMap, period_px: float
+) -> tuple[NDArray[np.int16], BoolMap]:
     """Find the whole periods to add where ``second`` continues the surroundings better.
 
     Parameters
@@ -221,24 +292,22 @@ def compare_orders(first: FloatMap, second: FloatMap, period_px: float) -> tuple
 
     Returns
     -------
-    orders : (h, w) float array
+    orders : (h, w) int16 array
         Whole numbers of periods, 0 where ``first`` is right or the two cannot be compared.
     undecided : (h, w) bool array
         True in regions whose border supports neither estimate.
     """
-    difference = (second - first) / period_px
-    orders = np.zeros(first.shape)
+    orders: NDArray[np.int16] = np.zeros(first.shape, np.int16)
     undecided = np.zeros(first.shape, bool)
-    whole = np.round(difference)
-    with np.errstate(invalid="ignore"):
-        comparable = np.abs(difference - whole) <= WHOLE_TOLERANCE
+    order, comparable = _whole_periods(first, second, period_px)
     if not comparable.any():
         return orders, undecided
     # A common offset is no disagreement, because the two estimates are anchored independently.
-    order = np.where(comparable, whole - np.median(whole[comparable]), 0.0)
+    order -= _middle(order[comparable])
+    order[~comparable] = 0
     trusted = comparable & (order == 0)
     smallest = MIN_REGION * period_px**2
-    for value in np.unique(order[order != 0]):
+    for value in np.unique(order[order != 0]).tolist():
         label, count = scipy.ndimage.label(order == value)
         sizes = np.bincount(label.ravel(), minlength=count + 1)
         boxes = scipy.ndimage.find_objects(label)

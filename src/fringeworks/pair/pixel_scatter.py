@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -36,10 +37,24 @@ MIN_PIXELS = 2000
 """Smallest number of pixels from which the factors are determined. An empirical choice."""
 
 
+@dataclass(frozen=True)
+class PixelFactor:
+    """Ratio of the scatter of single pixels to their stated standard deviation."""
+
+    stated_px: list[float]
+    """Stated σ in the middle of every class, px, rising."""
+    factors: list[float]
+    """Factor ≥ 1 of every class."""
+
+    def at(self, sigma_px: FloatMap) -> FloatMap:
+        """Factor of pixels with a stated σ; it is linear between the classes."""
+        return np.interp(sigma_px, self.stated_px, self.factors)
+
+
 def pixel_factor(
     displacement_px: FloatMap, sigma_px: FloatMap, period_px: float
-) -> FloatMap | None:
-    """Ratio of the scatter of single pixels to their stated standard deviation, (h, w).
+) -> PixelFactor | None:
+    """Compare the scatter of single pixels with their stated standard deviation.
 
     Parameters
     ----------
@@ -49,7 +64,7 @@ def pixel_factor(
 
     Returns
     -------
-    (h, w) float array ≥ 1, or None where there are too few pixels.
+    PixelFactor, or None where there are too few pixels.
     """
     width = SMOOTHING_PERIODS * period_px
     # An odd step meets all rows of the blocks of 8 px that JPEG has.
@@ -62,11 +77,10 @@ def pixel_factor(
         return None
     if at.size > SAMPLES:
         at = at[np.random.default_rng(0).integers(at.size, size=SAMPLES)]
-    centres, factors = _factors(sigma.flat[at], error.flat[at])
-    return np.interp(sigma_px, centres, factors)
+    return _factors(sigma.flat[at], error.flat[at])
 
 
-def _factors(stated: FloatMap, error: FloatMap) -> tuple[list[float], list[float]]:
+def _factors(stated: FloatMap, error: FloatMap) -> PixelFactor:
     """Median stated σ and factor of every class, in rising order of σ."""
     order = np.argsort(stated)
     stated, error = stated[order], error[order]
@@ -79,17 +93,27 @@ def _factors(stated: FloatMap, error: FloatMap) -> tuple[list[float], list[float
             one, two = np.quantile(error[first:end] / stated[first:end], QUANTILES)
             centres.append(float(stated[(first + end) // 2]))
             factors.append(float(max(one, 0.5 * two, 1.0)))
-    return centres, factors
+    return PixelFactor(centres, factors)
 
 
 def _about_surface(u: FloatMap, sigma: FloatMap, width: tuple[float, float]) -> FloatMap:
     """Difference from a smooth surface, to which precise pixels contribute most, px."""
     known = np.isfinite(u) & (sigma > 0)
-    weight = np.where(known, 1.0 / np.where(known, sigma, 1.0) ** 2, 0.0)
+    weight = np.where(known, sigma, 1.0)
+    weight **= 2
+    np.divide(1.0, weight, out=weight)
+    weight[~known] = 0.0
     weight /= max(float(weight.max(initial=0.0)), np.finfo(float).tiny)
-    total = np.maximum(smooth(weight, width), np.finfo(float).tiny)
+    total = smooth(weight, width)
+    np.maximum(total, np.finfo(total.dtype).tiny, out=total)
     values = np.where(known, u, 0.0)
-    once = smooth(weight * values, width) / total
+    once = smooth(weight * values, width)
+    once /= total
     # The second pass gives back what the first one removes from a curved surface.
-    removed = smooth(weight * (values - once), width) / total
-    return np.asarray(u - once - removed)
+    values -= once
+    values *= weight
+    removed = smooth(values, width)
+    removed /= total
+    np.subtract(u, once, out=once)
+    once -= removed
+    return np.asarray(once)

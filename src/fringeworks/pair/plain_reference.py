@@ -111,7 +111,7 @@ def plain_reference(frame: FloatMap, finite: BoolMap, pair: Pair) -> tuple[Carri
     )
     if not (np.diff(plane, axis=1) > 0).mean() > MIN_RISING:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
-    mean_brightness = float(turned[background].mean())
+    mean_brightness = float(turned[background].mean(dtype=np.float64))
     modulation = 2.0 * float(np.median(amplitude[background]))
     reference = mean_brightness + modulation * np.cos(plane)
     fx = float(np.median(np.diff(plane, axis=1))) / (2.0 * np.pi)

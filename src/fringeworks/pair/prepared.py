@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -14,6 +15,7 @@ from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.plain_reference import plain_reference
 from fringeworks.pair.presence import without_fringes
 from fringeworks.pair.projector_light import ProjectorLight, projector_light
+from fringeworks.signal.bands import row_bands
 from fringeworks.signal.noise import noise_variance
 from fringeworks.signal.response import Response, check_devices, linearise
 from fringeworks.signal.saturated import saturated_squares
@@ -36,15 +38,16 @@ About the resolution of single precision (6e-8). It keeps σ above 0 on frames w
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PreparedPair(Frozen):
-    """Checked reference and object frame, (h, w) float64, turned so that the carrier runs along x.
+    """Checked reference and object frame, (h, w), turned so that the carrier runs along x.
 
-    All maps have the shape (h, w) of the turned frames.
+    All maps have the shape (h, w) of the turned frames. The frames are float32 where that holds all
+    captured counts exactly, and float64 otherwise.
     """
 
-    reference: NDArray[np.float64]
+    reference: FloatMap
     """Counts as captured, or linearised; for a single frame, the plain fringes that fit its
     background."""
-    object: NDArray[np.float64]
+    object: FloatMap
     """Counts as captured, or linearised; with a black frame less its light, and with a white frame
     divided by the albedo."""
     reference_ok: BoolMap
@@ -79,12 +82,22 @@ class PreparedPair(Frozen):
     @cached_property
     def modulation(self) -> float:
         """Mean amplitude B of the reference's fringes, counts: √2 × the standard deviation."""
-        return float(np.sqrt(2.0) * self.reference[self.reference_ok].std())
+        mean = self.mean_brightness
+        square = self._mean_of_reference(lambda counts: np.square(counts - mean))
+        return float(np.sqrt(2.0 * square))
 
     @cached_property
     def mean_brightness(self) -> float:
         """Mean of the reference, counts."""
-        return float(self.reference[self.reference_ok].mean())
+        return self._mean_of_reference(lambda counts: counts)
+
+    def _mean_of_reference(self, of: Callable[[FloatMap], FloatMap]) -> float:
+        """Mean of a function of the reference's usable counts."""
+        total = 0.0
+        for band in row_bands(self.reference.shape, bytes_per_px=16):
+            counts = self.reference[band.rows][self.reference_ok[band.rows]]
+            total += float(of(counts.astype(np.float64)).sum())
+        return total / max(int(np.count_nonzero(self.reference_ok)), 1)
 
     @cached_property
     def noise(self) -> tuple[float, float]:
@@ -124,10 +137,16 @@ class _Frame(NamedTuple):
     """One checked frame; all maps are (h, w)."""
 
     values: FloatMap
-    """Counts, float64; pixels that are not finite have the value of the nearest finite one."""
+    """Counts, of the type of ``_exact_type``; pixels that are not finite have the value of the
+    nearest finite one."""
     finite: BoolMap
     saturated: BoolMap
     integer: bool
+
+
+def _exact_type(kind: np.dtype[Any]) -> type[np.floating[Any]]:
+    """The smaller of single and double precision that holds all counts of a type exactly."""
+    return np.float32 if np.can_cast(kind, np.float32, "safe") else np.float64
 
 
 def _checked_frame(name: str, frame: NDArray[Any]) -> _Frame:
@@ -137,7 +156,7 @@ def _checked_frame(name: str, frame: NDArray[Any]) -> _Frame:
         raise InputError(f"{name} frame: expected shape (h, w), got {array.shape}")
     if array.dtype.kind not in "uif":
         raise InputError(f"{name} frame: expected integer or float counts, got {array.dtype}")
-    values: FloatMap = array.astype(np.float64)
+    values: FloatMap = array.astype(_exact_type(array.dtype))
     finite = np.isfinite(values)
     if not finite.any():
         raise InputError(f"{name} frame: expected finite values, got none")
@@ -184,12 +203,16 @@ def _light_of(pair: Pair, object_: _Frame, response: Response | None) -> Project
 
     A response is that of the projector's light alone, without ambient light and paint.
     """
-    if pair.white is None:
-        light = projector_light(object_.values, pair.black, None, None)
+    if pair.white is None and pair.black is None:
+        light = ProjectorLight(object_.values, None, np.ones(object_.values.shape, bool))
+    elif pair.white is None:
+        light = projector_light(object_.values.astype(np.float64), pair.black, None, None)
     else:
         white = _checked_frame("white", pair.white)
         usable = white.finite & ~white.saturated
-        light = projector_light(object_.values, pair.black, white.values, usable)
+        light = projector_light(
+            object_.values.astype(np.float64), pair.black, white.values.astype(np.float64), usable
+        )
     return light if response is None else light._replace(object=linearise(light.object, response))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from fringeworks.signal.bands import row_bands
 from fringeworks.types import BoolMap, FloatMap
 
 MIN_LOCAL_SHARE = 0.1
@@ -78,15 +79,19 @@ def without_fringes(
     side = max(3, round(BOX_PERIODS * period_px))
     wide = (side, max(3, round(period_px)))
     contrast = _box_variance(frame, wide)
-    usual = np.maximum(_surrounding_median(contrast, period_px) - noise_variance, 0.0)
+    around = _Surroundings(contrast, period_px)
     whole = max(float(np.median(contrast)) - noise_variance, 0.0)
     # In a wide shadow only fringes that would stand out from the noise can be said to be missing.
     in_frame = MIN_FRAME_SHARE**2 * whole
     in_frame = in_frame if in_frame > noise_variance else 0.0
-    least = np.maximum(MIN_LOCAL_SHARE**2 * usual, in_frame)
-    clear = (usual > MIN_VARIANCE_RATIO * noise_variance) | (in_frame > 0.0)
-    limit = np.where(clear, noise_variance + least, -1.0)
-    flat = contrast <= limit
+    flat = np.empty(frame.shape, bool)
+    for band in row_bands(frame.shape, bytes_per_px=24):
+        usual = np.maximum(around.median(band.rows) - noise_variance, 0.0)
+        least = np.maximum(MIN_LOCAL_SHARE**2 * usual, in_frame)
+        clear = (usual > MIN_VARIANCE_RATIO * noise_variance) | (in_frame > 0.0)
+        limit = np.where(clear, noise_variance + least, -1.0)
+        flat[band.rows] = contrast[band.rows] <= limit
+    del contrast
     if not ok.all():
         flat &= ~scipy.ndimage.maximum_filter(~ok, _odd(wide))
     if not flat.any():
@@ -127,20 +132,31 @@ def _odd(sides: tuple[int, int]) -> tuple[int, int]:
 
 def _box_variance(frame: FloatMap, sides: tuple[int, int]) -> FloatMap:
     """Variance of a frame in boxes of ``sides`` (rows, columns) around every pixel, counts²."""
-    centred = np.empty(frame.shape, np.float32)
-    np.subtract(frame, frame.mean(), out=centred, casting="same_kind")
-    mean = scipy.ndimage.uniform_filter(centred, sides, mode="nearest")
-    centred *= centred
-    variance = scipy.ndimage.uniform_filter(centred, sides, mode="nearest")
-    mean *= mean
-    variance -= mean
-    return np.asarray(np.maximum(variance, 0.0, out=variance))
+    variance = np.empty(frame.shape, np.float32)
+    mean_counts = frame.mean(dtype=np.float64)
+    for band in row_bands(frame.shape, bytes_per_px=16, halo=sides[0]):
+        centred = np.empty(frame[band.seen].shape, np.float32)
+        np.subtract(frame[band.seen], mean_counts, out=centred, casting="same_kind")
+        mean = scipy.ndimage.uniform_filter(centred, sides, mode="nearest")
+        centred *= centred
+        square = scipy.ndimage.uniform_filter(centred, sides, mode="nearest")
+        mean *= mean
+        square -= mean
+        variance[band.rows] = np.maximum(square, 0.0, out=square)[band.inner]
+    return variance
 
 
-def _surrounding_median(values: FloatMap, period_px: float) -> FloatMap:
+class _Surroundings:
     """Median of a map over squares of ``SURROUNDINGS_PERIODS``, computed on a coarser lattice."""
-    step = max(1, round(BOX_PERIODS * period_px))
-    side = max(3, round(SURROUNDINGS_PERIODS * period_px / step))
-    coarse = scipy.ndimage.median_filter(values[::step, ::step], side, mode="nearest")
-    rows, columns = (np.minimum(np.arange(n) // step, -(-n // step) - 1) for n in values.shape)
-    return np.asarray(coarse[np.ix_(rows, columns)])
+
+    def __init__(self, values: FloatMap, period_px: float) -> None:
+        step = max(1, round(BOX_PERIODS * period_px))
+        side = max(3, round(SURROUNDINGS_PERIODS * period_px / step))
+        self._coarse = scipy.ndimage.median_filter(values[::step, ::step], side, mode="nearest")
+        self._rows, self._columns = (
+            np.minimum(np.arange(n) // step, -(-n // step) - 1) for n in values.shape
+        )
+
+    def median(self, rows: slice) -> FloatMap:
+        """Median around the pixels of some rows, (r, w)."""
+        return np.asarray(self._coarse[np.ix_(self._rows[rows], self._columns)])

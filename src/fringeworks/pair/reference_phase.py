@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.unwrap import unwrap
+from fringeworks.signal.bands import row_bands
 from fringeworks.types import FloatMap, Frozen
 
 DEGREE = 4
@@ -47,10 +48,10 @@ class ReferencePhase(Frozen):
     shape: tuple[int, int]
     """Rows and columns of the frame."""
 
-    def at(self, x: FloatMap) -> FloatMap:
-        """Return the phase at columns (h, w) of every row, rad."""
+    def at(self, x: FloatMap, part: slice = slice(None)) -> FloatMap:
+        """Return the phase at columns (r, w) of some rows, rad."""
         h, w = self.shape
-        across = 2.0 * np.arange(h) / max(h - 1, 1) - 1.0
+        across = 2.0 * np.arange(h)[part] / max(h - 1, 1) - 1.0
         rows = np.polynomial.polynomial.polyval(across, self.coefficients)
         along = 2.0 * x / max(w - 1, 1) - 1.0
         value = np.zeros_like(along)
@@ -120,7 +121,7 @@ def _nodes(prepared: PreparedPair) -> tuple[NDArray[np.complex64], FloatMap, Flo
     frame, ok = prepared.reference, prepared.reference_ok
     h, w = frame.shape
     fx, fy = prepared.frequency
-    centred = np.subtract(frame, frame[ok].mean(), dtype=np.float32)
+    centred = np.subtract(frame, prepared.mean_brightness, dtype=np.float32)
     centred[~ok] = 0.0
     side = max(1, int(prepared.period / BLOCKS_PER_PERIOD))
     tops, lefts = (np.arange(0, n - n % side, side) for n in (h, w))
@@ -166,12 +167,22 @@ def with_local_period(prepared: PreparedPair, displacement_px: FloatMap) -> Floa
     known = reference_phase(prepared)
     if known is None:
         return displacement_px
+    per_rad = 1.0 / (2.0 * np.pi * prepared.frequency[0])
+    corrected = np.empty(displacement_px.shape, np.float64)
+    for band in row_bands(corrected.shape, bytes_per_px=56):
+        corrected[band.rows] = _fixed_point(known, displacement_px[band.rows], band.rows, per_rad)
+    return corrected
+
+
+def _fixed_point(
+    known: ReferencePhase, displacement_px: FloatMap, rows: slice, per_rad: float
+) -> FloatMap:
+    """The corrected displacement of some rows, (r, w), px."""
     w = displacement_px.shape[1]
     columns = np.broadcast_to(np.arange(w, dtype=np.float64), displacement_px.shape)
-    here = known.at(columns)
-    per_rad = 1.0 / (2.0 * np.pi * prepared.frequency[0])
+    here = known.at(columns, rows)
     u = displacement_px.astype(np.float64)
     for _ in range(STEPS):
         place = np.clip(columns - np.where(np.isfinite(u), u, 0.0), 0.0, w - 1.0)
-        u = displacement_px + (known.at(place) - here) * per_rad
+        u = displacement_px + (known.at(place, rows) - here) * per_rad
     return u

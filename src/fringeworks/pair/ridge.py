@@ -157,6 +157,7 @@ def blend(
     hessian: Hessian,
     pitch: tuple[float, ...],
     shape: tuple[int, int],
+    part: slice = slice(None),
 ) -> tuple[Analytic, FloatMap, FloatMap]:
     """Interpolate every pixel from the local waves of the four lattice points around it.
 
@@ -170,20 +171,24 @@ def blend(
         Distance of the lattice points along y and x, px.
     shape : (h, w)
         Shape of the frame, px.
+    part : slice
+        Rows to interpolate, all by default.
 
     Returns
     -------
-    phasor : (h, w) complex64 array
-    frequency_y, frequency_x : (h, w) float32 arrays, rad/px
+    phasor : (r, w) complex64 array
+    frequency_y, frequency_x : (r, w) float32 arrays, rad/px
     """
     h, w = local.shape
     y, x = (np.arange(side) / p for side, p in zip(shape, pitch, strict=True))
+    y = y[part]
     y0 = np.minimum(y.astype(np.intp), max(h - 2, 0))
     x0 = np.minimum(x.astype(np.intp), max(w - 2, 0))
     wy, wx = (f.astype(np.float32) for f in frequencies)
     cyy, cxx, cxy = (c.astype(np.float32) for c in hessian)
-    phasor = np.zeros(shape, np.complex64)
-    fy, fx = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    size = (y.size, x.size)
+    phasor = np.zeros(size, np.complex64)
+    fy, fx = np.zeros(size, np.float32), np.zeros(size, np.float32)
     for j in (0, 1):
         for i in (0, 1):
             at = np.ix_(np.minimum(y0 + j, h - 1), np.minimum(x0 + i, w - 1))

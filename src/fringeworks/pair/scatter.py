@@ -17,6 +17,7 @@ from fringeworks.pair.misfit import widened
 from fringeworks.pair.pixel_scatter import pixel_factor
 from fringeworks.pair.registry import Solution
 from fringeworks.pair.smoothed_away import SmoothedAway, smoothed_away
+from fringeworks.signal.bands import by_bands
 from fringeworks.signal.third_difference import (
     REACH,
     third_difference,
@@ -104,19 +105,22 @@ def with_measured_sigma(solution: Solution, period_px: float) -> Solution:
     u, stated = solution.displacement_px, solution.sigma_px
     if not any(solution.noise_length_px):
         factor = pixel_factor(u, stated, period_px)
-        sigma = stated if factor is None else stated * factor
-        return _with_sigma(solution, sigma, 1.0 if factor is None else _median(factor))
+        if factor is None:
+            return _with_sigma(solution, stated, 1.0)
+        sigma = by_bands(lambda s: s * factor.at(s), stated, dtype=stated.dtype)
+        return _with_sigma(solution, sigma, _median(factor.at(_sampled(stated))))
     lost = _lost(solution, period_px)
     if not solution.is_filter:
         more = noise_factor(solution, period_px) or 1.0
-        return _with_sigma(solution, more * _with_lost(stated, lost), more)
+        return _with_sigma(solution, _with_lost(stated, lost, factor=more), more)
     less = min(noise_factor(solution, period_px) or 1.0, 1.0)
-    noise = less * stated
-    sigma = _with_lost(noise, lost)
+    noise = stated if less == 1.0 else less * stated
+    sigma = sealed(_with_lost(noise, lost))
     more = max(noise_factor(replace(solution, sigma_px=sigma), period_px) or 1.0, 1.0)
     if more > 1.0:
         # A filter's noise is the same all over the frame: its excess is added everywhere.
-        noise = np.sqrt(noise**2 + (more**2 - 1.0) * np.nanmedian(sigma) ** 2)
+        excess = (more**2 - 1.0) * np.nanmedian(sigma) ** 2
+        noise = by_bands(lambda s: np.sqrt(s**2 + excess), noise, dtype=noise.dtype)
         sigma = _with_lost(noise, lost)
     return _with_sigma(solution, sigma, less * more)
 
@@ -130,13 +134,19 @@ def _lost(solution: Solution, period_px: float) -> SmoothedAway | None:
     return smoothed_away(u, known, period_px, solution.smoothing, lengths)
 
 
-def _with_lost(noise_px: FloatMap, lost: SmoothedAway | None) -> FloatMap:
-    """σ of noise together with what is smoothed away, (h, w), px."""
+def _with_lost(noise_px: FloatMap, lost: SmoothedAway | None, *, factor: float = 1.0) -> FloatMap:
+    """σ of noise together with what is smoothed away, times a factor, (h, w), px."""
     if lost is None:
-        return noise_px
-    variance = lost.beside(noise_px)
-    variance += noise_px**2
-    return np.asarray(np.sqrt(variance, out=variance))
+        return noise_px if factor == 1.0 else factor * noise_px
+
+    def together(noise: FloatMap, removed: FloatMap, rough: FloatMap) -> FloatMap:
+        variance = SmoothedAway(removed, rough, lost.noise_shares).beside(noise)
+        variance += noise**2
+        np.sqrt(variance, out=variance)
+        variance *= factor
+        return variance
+
+    return by_bands(together, noise_px, lost.lost, lost.rough, dtype=noise_px.dtype)
 
 
 def _with_sigma(solution: Solution, sigma_px: FloatMap, factor: float) -> Solution:
@@ -147,11 +157,15 @@ def _with_sigma(solution: Solution, sigma_px: FloatMap, factor: float) -> Soluti
     )
 
 
+def _sampled(values: FloatMap) -> FloatMap:
+    """Some pixels of a map, enough for a median."""
+    step = max(1, round((values.size / MEDIAN_PIXELS) ** 0.5))
+    return values[::step, ::step]
+
+
 def _median(factor: FloatMap) -> float:
-    """Median of a map, from some of its pixels where they are many."""
-    step = max(1, round((factor.size / MEDIAN_PIXELS) ** 0.5))
-    part = factor[::step, ::step]
-    known = part[np.isfinite(part)]
+    """Median of the finite factors."""
+    known = factor[np.isfinite(factor)]
     return float(np.median(known)) if known.size else 1.0
 
 
@@ -181,7 +195,7 @@ def noise_factor(solution: Solution, period_px: float) -> float | None:
     # Filters have larger errors near the frame's border.
     margin = [min(int(period_px), side // 8) for side in solution.sigma_px.shape]
     inner = tuple(slice(m, -m if m else None) for m in margin)
-    u = np.where(_at_edges(solution, period_px), np.nan, solution.displacement_px)[inner]
+    u = _away_from_edges(solution, period_px)[inner]
     sigma = solution.sigma_px[inner]
     walls = None if solution.walls is None else solution.walls[inner]
     most_growth = MAX_FILTER_GROWTH if solution.is_filter else MAX_WINDOW_GROWTH
@@ -204,14 +218,17 @@ def noise_factor(solution: Solution, period_px: float) -> float | None:
     return float(np.clip(WINDOW_TAIL * max(found), *WINDOW_FACTORS))
 
 
-def _at_edges(solution: Solution, period_px: float) -> BoolMap:
-    """Pixels near cliffs and edges of paint, (h, w), where the method has found any."""
-    edges = np.zeros(solution.displacement_px.shape, bool)
+def _away_from_edges(solution: Solution, period_px: float) -> FloatMap:
+    """The displacement, (h, w), NaN near cliffs and edges of paint that the method has found."""
+    edges: BoolMap = np.zeros((), bool)
     if solution.walls is not None:
-        edges |= solution.walls > 0
+        edges = edges | (solution.walls > 0)
     if solution.albedo is not None:
-        edges |= paint_edges(solution.albedo)
-    return widened(edges, int(EDGE_PERIODS * period_px)) if edges.any() else edges
+        edges = edges | paint_edges(solution.albedo)
+    if not edges.any():
+        return solution.displacement_px
+    near = widened(edges, int(EDGE_PERIODS * period_px))
+    return np.where(near, np.nan, solution.displacement_px)
 
 
 def _scatter(

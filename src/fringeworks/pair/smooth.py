@@ -22,17 +22,22 @@ MIN_WEIGHT = 1e-6
 
 
 def smooth(values: FloatMap, width_px: tuple[float, float]) -> FloatMap:
-    """Smooth a map by a Gaussian of width σ along y and x, px; the border's values go on."""
+    """Smooth a map by a Gaussian of width σ along y and x, px, into a new map.
+
+    The border's values go on beyond it.
+    """
     sides: list[list[int]] = [[], []]
+    smoothed = False
     for axis, width in enumerate(width_px):
         if width >= WIDE_PX:
             sides[axis] = _sides(width)
         elif width > 0:
+            smoothed = True
             values = scipy.ndimage.gaussian_filter1d(
                 values, width, axis, mode="nearest", truncate=REACH_WIDTHS
             )
     if not any(sides):
-        return values
+        return values if smoothed else values.copy()
     whole = np.ascontiguousarray(values)
     return _core.moving_means(whole, sides_y=sides[0], sides_x=sides[1])
 
@@ -42,7 +47,10 @@ def smooth_known(values: FloatMap, known: BoolMap, width_px: tuple[float, float]
     if known.all():
         return smooth(values, width_px)
     weight = smooth(known.astype(values.dtype), width_px)
-    return np.asarray(smooth(np.where(known, values, 0), width_px) / np.maximum(weight, MIN_WEIGHT))
+    np.maximum(weight, MIN_WEIGHT, out=weight)
+    mean = smooth(np.where(known, values, 0), width_px)
+    mean /= weight
+    return mean
 
 
 def _sides(width_px: float) -> list[int]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from fringeworks.pair.registry import Smoothing
 from fringeworks.pair.smooth import smooth_known
+from fringeworks.signal.bands import by_bands
 from fringeworks.types import BoolMap, FloatMap
 
 SPREAD_PERIODS = 1.0
@@ -31,6 +32,8 @@ ROUGH_SPREAD_PERIODS = 0.5
 """Width of the Gaussian over which the square of it is averaged, periods."""
 MARGIN_WIDTHS = 3.0
 """Width of the border by which the displacement is continued, widths of the widest kernel."""
+LEVEL_STEP = 4
+"""Every so many rows and columns determine the level that displacements are taken from."""
 FREQUENCIES = 96
 """Frequencies along each axis at which the spectrum of the noise is summed."""
 LARGEST_FREQUENCY = 3.0
@@ -99,20 +102,23 @@ def smoothed_away(
     if not known.any():
         nothing = np.zeros(displacement_px.shape)
         return SmoothedAway(nothing, nothing, shares)
-    removed = np.abs(_removed(displacement_px, known, smoothing))
+    level = _level(displacement_px, known)
+    rough = _single(displacement_px, known, level)
+    rough = _roughness(rough, known, rough_px, period_px)
+    removed = _removed(_single(displacement_px, known, level), known, smoothing)
+    np.abs(removed, out=removed)
     removed[~known] = 0.0
     spread = SPREAD_PERIODS * period_px
     lost = smooth_known(removed, known, (spread, spread))
     del removed
     lost *= MEAN_TO_SIGMA
     lost *= lost
-    return SmoothedAway(lost, _roughness(displacement_px, known, rough_px, period_px), shares)
+    return SmoothedAway(lost, rough, shares)
 
 
-def _roughness(u: FloatMap, known: BoolMap, rough_px: float, period_px: float) -> FloatMap:
-    """Mean square of what changes within a width, (h, w), px²."""
+def _roughness(rough: FloatMap, known: BoolMap, rough_px: float, period_px: float) -> FloatMap:
+    """Mean square of what changes within a width, (h, w), px²; overwrites the displacement."""
     spread = ROUGH_SPREAD_PERIODS * period_px
-    rough = np.where(known, u, 0.0)
     rough -= smooth_known(rough, known, (rough_px, rough_px))
     rough[~known] = 0.0
     rough *= rough
@@ -131,27 +137,44 @@ def _rough_width(smoothing: tuple[Smoothing, ...], period_px: float) -> float:
 def _removed(u: FloatMap, known: BoolMap, smoothing: tuple[Smoothing, ...]) -> FloatMap:
     """What the kernels remove, (h, w), px; the surface goes on with its slope at the border."""
     margin = [(min(int(MARGIN_WIDTHS * _widest(smoothing)) + 1, n - 1),) * 2 for n in u.shape]
-    # Without their median the values keep single precision.
-    values = np.where(known, u - np.median(u[known]), 0).astype(np.float32)
-    padded = np.pad(values, margin, mode="reflect", reflect_type="odd")
+    padded = np.pad(u, margin, mode="reflect", reflect_type="odd")
+    del u
     where = np.pad(known, margin, mode="reflect")
 
     def without(v: FloatMap, width_px: tuple[float, float]) -> FloatMap:
-        rest = v - smooth_known(v, where, width_px)
+        rest = smooth_known(v, where, width_px)
+        np.subtract(v, rest, out=rest)
         rest[~where] = 0.0
         return rest
 
-    total = np.zeros_like(padded)
+    total: FloatMap | None = None
     for kernel in smoothing:
         once = without(padded, kernel.width_px)
+        if kernel is smoothing[-1]:
+            del padded
         over = kernel.corrected_over_px
         part = without(once, kernel.width_px if over is None else over)
         if over is None:
             part += once
+        del once
         part *= np.float32(kernel.share)
-        total += part
-    inner = tuple(slice(a, n - b) for (a, b), n in zip(margin, padded.shape, strict=True))
-    return np.asarray(total[inner])
+        if total is not None:
+            part += total
+        total = part
+    assert total is not None
+    inner = tuple(slice(a, n - b) for (a, b), n in zip(margin, total.shape, strict=True))
+    return np.ascontiguousarray(total[inner])
+
+
+def _level(u: FloatMap, known: BoolMap) -> float:
+    """Median of some of the known pixels, px; any level near them keeps single precision."""
+    some = u[::LEVEL_STEP, ::LEVEL_STEP][known[::LEVEL_STEP, ::LEVEL_STEP]]
+    return float(np.median(some)) if some.size else 0.0
+
+
+def _single(u: FloatMap, known: BoolMap, level: float) -> FloatMap:
+    """Values above a level in single precision, 0 where unknown."""
+    return by_bands(lambda v, ok: np.where(ok, v - level, 0), u, known, dtype=np.float32)
 
 
 def _noise_shares(

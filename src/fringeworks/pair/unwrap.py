@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks.signal.bands import by_bands, row_bands
 from fringeworks.types import BoolMap, FloatMap, InputError
 
 Algorithm = Literal["auto", "reliability", "guided", "least_squares"]
@@ -136,7 +137,7 @@ def unwrap(
     if algorithm not in ALGORITHMS:
         raise InputError(f"algorithm: expected one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
     phase, valid, weight = _checked(phase_rad, mask, quality)
-    residues = _core.count_residues(phase, valid.astype(np.uint8))
+    residues = _core.count_residues(phase, valid.view(np.uint8))
     if algorithm == "auto" and residues == 0:
         algorithm = "reliability"
     if algorithm == "reliability":  # one candidate: nothing to compare
@@ -204,14 +205,14 @@ def _checked(
     if quality is not None:
         weight = np.where(valid, quality, 0.0)
         weight = np.ascontiguousarray(weight / weight.max(), dtype=np.float32)
-    filled = np.where(valid, values, 0.0)
+    filled = values if valid.all() else np.where(valid, values, 0.0)
     return np.ascontiguousarray(filled, dtype=np.float32), valid, weight
 
 
 def _congruent(smooth: PhaseField, phase: PhaseField) -> PhaseField:
-    """Add to the phase the whole periods that bring it closest to a smooth one."""
+    """Phase plus the whole periods that bring it closest to a smooth one, which is overwritten."""
     period = np.float32(2.0 * np.pi)
-    whole = smooth - phase
+    whole = np.subtract(smooth, phase, out=smooth)
     whole /= period
     np.round(whole, out=whole)
     whole *= period
@@ -222,10 +223,16 @@ def _congruent(smooth: PhaseField, phase: PhaseField) -> PhaseField:
 def _jumps(unwrapped: PhaseField, weight: PhaseField) -> float:
     """Weighted number of neighbours that differ by more than π."""
     total = 0.0
-    for here, there in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        # NaN compares false: links to masked pixels do not count.
-        jump = np.abs(unwrapped[here] - unwrapped[there]) > np.pi
-        total += float(np.sum(np.minimum(weight[here], weight[there])[jump] ** 2))
+    for band in row_bands(unwrapped.shape, bytes_per_px=24, halo=1):
+        below = slice(band.rows.start, band.seen.stop)
+        for axis, rows in ((0, below), (1, band.rows)):
+            phase, quality = (
+                np.moveaxis(unwrapped[rows], axis, 0),
+                np.moveaxis(weight[rows], axis, 0),
+            )
+            # NaN compares false: links to masked pixels do not count.
+            jump = np.abs(np.diff(phase, axis=0)) > np.pi
+            total += float(np.sum(np.minimum(quality[1:], quality[:-1])[jump] ** 2))
     return total
 
 
@@ -234,7 +241,7 @@ def _by_reliability(
 ) -> tuple[PhaseField, Regions]:
     """Unwrapped phase by sorting by reliability, and its regions."""
     rough = None if weight is None else _roughness(phase, valid, weight)
-    return _core.unwrap_reliability(phase, valid.astype(np.uint8), rough)
+    return _core.unwrap_reliability(phase, valid.view(np.uint8), rough)
 
 
 def _roughness(phase: PhaseField, valid: BoolMap, weight: PhaseField) -> PhaseField:
@@ -265,8 +272,10 @@ def _guided(
 ) -> tuple[PhaseField, Regions]:
     """Phase with the orders of the locally averaged phasor, and its regions."""
     sigma, reach = window
-    average = np.angle(_core.average_phasor(phase, weight, sigma=sigma, reach=reach))
-    smooth, region = _core.unwrap_reliability(average, valid.astype(np.uint8), None)
+    average = _core.average_phasor(phase, weight, sigma=sigma, reach=reach)
+    angle = by_bands(np.angle, average, dtype=np.float32)
+    del average
+    smooth, region = _core.unwrap_reliability(angle, valid.view(np.uint8), None)
     return _congruent(smooth, phase), region
 
 

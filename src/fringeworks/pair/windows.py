@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.pair.prepared import PreparedPair
+from fringeworks.signal.bands import by_bands, row_bands
 from fringeworks.signal.noise import noise_variance
 from fringeworks.types import BoolMap, ByteMap, FloatMap
 
@@ -126,9 +127,15 @@ class Windows:
             object_noise = noise_variance(captured, pair.object_ok)
         unit = modulation**2
         smooth = smooth_reference(pair.reference, REFERENCE_SMOOTHING * pair.period)
+        smooth -= mean
+        smooth /= modulation
+
+        def normalised(counts: FloatMap) -> FloatMap:
+            return (counts.astype(np.float64) - mean) / modulation
+
         return Windows(
-            spline_coefficients((smooth - mean) / modulation),
-            ((captured - mean) / modulation).astype(np.float32),
+            spline_coefficients(smooth),
+            by_bands(normalised, captured, dtype=np.float32),
             (pair.reference_ok & ~pair.reference_empty).astype(np.uint8),
             (pair.object_ok & ~pair.object_empty).astype(np.uint8),
             pair.period,
@@ -196,10 +203,14 @@ class Windows:
         """What the kept windows leave of the object, (h, w), in modulations; NaN without data."""
         albedo = self.albedo if albedo is None else albedo
         value, _, known = self.warp(fitted.displacement_px)
-        model = fitted.offset + fitted.modulation_ratio * value
+        model = value
+        model *= fitted.modulation_ratio
+        model += fitted.offset
         if albedo is not None:
             model *= albedo
-        return np.where(known > 0, self.object - model, np.float32(np.nan))
+        np.subtract(self.object, model, out=model)
+        model[known == 0] = np.nan
+        return model
 
     def warp(
         self, displacement_px: NDArray[np.float32]
@@ -230,10 +241,13 @@ def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:
     required = int(np.ceil(FILTER_REACH * width_px)) + 1
     top, left = (min(required, side - 1) for side in frame.shape)
     # Odd reflection keeps value and slope at the border; even reflection would flatten the fringe.
-    padded = np.pad(frame, ((top, top), (left, left)), mode="reflect", reflect_type="odd")
+    padded = np.pad(
+        frame.astype(np.float64), ((top, top), (left, left)), mode="reflect", reflect_type="odd"
+    )
     rows, columns = padded.shape
     shape = (scipy.fft.next_fast_len(rows, real=True), scipy.fft.next_fast_len(columns, real=True))
     spectrum = scipy.fft.rfft2(padded, s=shape, workers=-1)
+    del padded
     ky = 2.0 * np.pi * width_px * scipy.fft.fftfreq(shape[0])[:, None]
     kx = 2.0 * np.pi * width_px * scipy.fft.rfftfreq(shape[1])[None, :]
     q = 0.5 * (ky**2 + kx**2)
@@ -248,6 +262,9 @@ def spline_coefficients(rows: FloatMap) -> NDArray[np.float32]:
 
     Returns an (h, w + 3) float32 array for (h, w) rows.
     """
-    coefficients = scipy.ndimage.spline_filter1d(rows, 3, axis=1, mode="mirror")
-    padded = np.pad(coefficients, ((0, 0), (1, 2)), mode="reflect")
-    return np.ascontiguousarray(padded, dtype=np.float32)
+    h, w = rows.shape
+    padded = np.empty((h, w + 3), np.float32)
+    for band in row_bands((h, w), bytes_per_px=24):
+        coefficients = scipy.ndimage.spline_filter1d(rows[band.rows], 3, axis=1, mode="mirror")
+        padded[band.rows] = np.pad(coefficients, ((0, 0), (1, 2)), mode="reflect")
+    return padded

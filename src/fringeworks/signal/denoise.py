@@ -6,11 +6,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks.signal.bands import row_bands
 from fringeworks.signal.noise import noise_variance
+from fringeworks.signal.running_envelopes import (
+    GROWTH,
+    envelope_mean,
+    most_modes,
+    odd,
+    spacing,
+)
 from fringeworks.types import LARGEST, FloatMap, Frozen, InputError, positive, sealed, whole
 
 Denoiser = Literal["emd", "emd2d", "bemd"]
@@ -86,18 +93,6 @@ NOISE_MODES = 3
 The first three hold more than 90 % of the energy of white noise (trial with 300 × 300 px).
 """
 
-GROWTH = 1.5
-"""Smallest ratio of the windows of successive modes of a frame.
-
-Without it, successive modes could use the same window and hold the same waves. An empirical choice.
-"""
-
-MIN_EXTREMA = 8
-"""Smallest number of maxima and of minima in a frame that has another mode.
-
-With fewer, their mean distance does not determine a window. An empirical choice.
-"""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Decomposition(Frozen):
@@ -120,7 +115,7 @@ def _checked(frame: NDArray[np.generic]) -> NDArray[np.float64]:
         raise InputError(f"frame: expected shape (h, w), got {values.shape}")
     if values.dtype.kind not in "fiu":
         raise InputError(f"frame: expected real numbers, got {values.dtype}")
-    if not (np.abs(values.astype(np.float64)) <= LARGEST).all():
+    if not (values.min() >= -LARGEST and values.max() <= LARGEST):
         raise InputError(f"frame: expected finite values up to {LARGEST:g}, got others")
     return np.ascontiguousarray(values, dtype=np.float64)
 
@@ -224,51 +219,30 @@ def decompose_frame(frame: NDArray[np.generic], *, max_imfs: int = MAX_PLANAR) -
     if not 1 <= max_imfs <= IMF_LIMIT:
         raise InputError(f"max_imfs: expected 1 to {IMF_LIMIT}, got {max_imfs}")
     windows: list[int] = []
-    modes: list[NDArray[np.float64]] = []
-    residue = values
-    while len(modes) < max_imfs:
-        window = _spacing(residue)
+    # Memory that no mode is written to is never taken from the system.
+    stack = np.empty((most_modes(values.shape, max_imfs), *values.shape))
+    residue = np.array(values)
+    while len(windows) < len(stack):
+        window = spacing(residue)
         if window is None:
             break
         if windows:
-            window = max(window, _odd(GROWTH * windows[-1]))
+            window = max(window, odd(GROWTH * windows[-1]))
         if window > min(values.shape):
             break
-        mode = residue
+        mode = stack[len(windows)]
+        mode[:] = residue
         for _ in range(MAX_PLANAR_SIFTS):
-            mean = _envelope_mean(mode, window)
-            mode = mode - mean
-            if np.sum(mean**2) <= FLAT**2 * np.sum(mode**2):
+            mean = envelope_mean(mode, window)
+            mode -= mean
+            removed = np.vdot(mean, mean)
+            del mean
+            if removed <= FLAT**2 * np.vdot(mode, mode):
                 break
-        modes.append(mode)
-        residue = residue - mode
+        residue -= mode
         windows.append(window)
-    stack = np.stack(modes) if modes else np.zeros((0, *values.shape))
-    return Decomposition(stack, residue, np.array([len(modes)], np.uint32))
-
-
-def _odd(width: float) -> int:
-    """The smallest odd whole number that is not below a width."""
-    return 2 * int(np.ceil(0.5 * (width - 1.0))) + 1
-
-
-def _spacing(frame: FloatMap) -> int | None:
-    """Mean distance of extrema as an odd number of px; None where there are too few."""
-    if min(frame.shape) < 3 or float(np.ptp(frame)) == 0.0:
-        return None
-    top, bottom = scipy.ndimage.maximum_filter(frame, 3), scipy.ndimage.minimum_filter(frame, 3)
-    varying = top > bottom
-    count = min(int(np.count_nonzero((frame == end) & varying)) for end in (top, bottom))
-    if count < MIN_EXTREMA:
-        return None
-    return max(3, _odd(float(np.sqrt(frame.size / count))))
-
-
-def _envelope_mean(frame: FloatMap, window: int) -> NDArray[np.float64]:
-    """Mean of the upper and the lower running envelope."""
-    upper = scipy.ndimage.uniform_filter(scipy.ndimage.maximum_filter(frame, window), window)
-    lower = scipy.ndimage.uniform_filter(scipy.ndimage.minimum_filter(frame, window), window)
-    return np.asarray(0.5 * (upper + lower))
+    count = np.array([len(windows)], np.uint32)
+    return Decomposition(sealed(stack[: len(windows)]), sealed(residue), sealed(count))
 
 
 def denoise(
@@ -317,26 +291,36 @@ def denoise(
 
 def _without_row_noise(values: FloatMap, variance: float) -> NDArray[np.float64]:
     """The frame without the IMFs of its rows that count as noise."""
-    modes = decompose_rows(np.ascontiguousarray(values))
-    energy = np.mean(modes.imfs**2, axis=2)
-    k = np.arange(1, modes.imfs.shape[1] + 1)
-    expected = FIRST_SHARE / FIRST_RATIO * DECAY ** (-k.astype(float))
-    expected[:1] = FIRST_SHARE
-    dropped = energy <= CONFIDENCE * variance * expected
-    return np.asarray(values - np.einsum("hkw,hk->hw", modes.imfs, dropped))
+    smooth = np.empty(values.shape)
+    for band in row_bands(values.shape, bytes_per_px=64):
+        rows = np.ascontiguousarray(values[band.rows])
+        modes = decompose_rows(rows).imfs
+        energy = np.mean(modes**2, axis=2)
+        k = np.arange(1, modes.shape[1] + 1)
+        expected = FIRST_SHARE / FIRST_RATIO * DECAY ** (-k.astype(float))
+        expected[:1] = FIRST_SHARE
+        dropped = energy <= CONFIDENCE * variance * expected
+        smooth[band.rows] = rows - np.einsum("hkw,hk->hw", modes, dropped)
+    return smooth
 
 
 def _without_planar_noise(values: FloatMap, variance: float) -> NDArray[np.float64]:
     """The frame without the fastest of its modes, as long as they count as noise."""
-    modes = decompose_frame(values, max_imfs=NOISE_MODES)
     white = np.random.default_rng(0).standard_normal(values.shape)
-    expected = np.mean(decompose_frame(white, max_imfs=NOISE_MODES).imfs ** 2, axis=(1, 2))
-    out = np.asarray(values, dtype=np.float64)
-    for mode, share in zip(modes.imfs, expected, strict=False):
-        if np.mean(mode**2) > CONFIDENCE * variance * share:
+    expected = _energies(decompose_frame(white, max_imfs=NOISE_MODES))
+    del white
+    modes = decompose_frame(values, max_imfs=NOISE_MODES)
+    out = np.array(values, dtype=np.float64)
+    for mode, energy, share in zip(modes.imfs, _energies(modes), expected, strict=False):
+        if energy > CONFIDENCE * variance * share:
             break  # all slower modes hold fringes
-        out = out - mode
+        out -= mode
     return out
+
+
+def _energies(modes: Decomposition) -> list[float]:
+    """Mean square of every mode of a frame, counts²."""
+    return [float(np.vdot(mode, mode)) / mode.size for mode in modes.imfs]
 
 
 def remove_trend(frame: NDArray[np.generic]) -> NDArray[np.float64]:

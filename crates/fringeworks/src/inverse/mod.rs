@@ -13,6 +13,7 @@ mod part;
 mod polynomial;
 mod row;
 
+use crate::moving_mean::Number;
 use crate::spline::{uniform_pivots, uniform_slopes, RowSpline};
 use crate::{check_length, check_period, check_value, reason, Error, MIN_WIDTH};
 pub use extrema::Extremum;
@@ -72,9 +73,9 @@ pub struct Field {
     pub reason: Vec<u8>,
 }
 
-fn check(
-    reference: &[f64],
-    object: &[f64],
+fn check<T>(
+    reference: &[T],
+    object: &[T],
     mask: &[u8],
     guide: Option<&[f32]>,
     width: usize,
@@ -97,13 +98,13 @@ fn check(
     check_period(period)
 }
 
-/// Invert `height × width` frames row by row.
+/// Invert `height × width` frames row by row, in double precision.
 ///
 /// `mask` is 1 where the object pixel is wanted. `guide` is the expected displacement, NaN where
 /// unknown; it decides fringe orders, not values.
-pub fn invert(
-    reference: &[f64],
-    object: &[f64],
+pub fn invert<T: Number>(
+    reference: &[T],
+    object: &[T],
     mask: &[u8],
     guide: Option<&[f32]>,
     width: usize,

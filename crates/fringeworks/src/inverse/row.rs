@@ -5,16 +5,17 @@ use super::matched::{matched_parts, MatchedPart};
 use super::matching::match_orders;
 use super::part::{spans, Inverse, Span};
 use super::Options;
+use crate::moving_mean::Number;
 use crate::reason;
 use crate::spline::{uniform_pivots, uniform_slopes, Place, RowSpline};
 
 /// Upper bound on σ, in periods: where the slope vanishes, the neighbouring parts bound the error.
 const MAX_SIGMA_PERIODS: f64 = 0.25;
 
-/// One row of the frames.
-pub struct RowIn<'a> {
-    pub reference: &'a [f64],
-    pub object: &'a [f64],
+/// One row of the frames, in either precision.
+pub struct RowIn<'a, T> {
+    pub reference: &'a [T],
+    pub object: &'a [T],
     pub mask: &'a [u8],
     pub guide: Option<&'a [f32]>,
 }
@@ -29,6 +30,8 @@ pub struct RowOut<'a> {
 
 /// Arrays that are used again from row to row, and what all rows share.
 pub struct Scratch {
+    /// Reference and object in double precision.
+    frames: [Vec<f64>; 2],
     slopes: Slopes,
     finder: Finder,
 }
@@ -42,18 +45,19 @@ struct Slopes {
 
 impl Slopes {
     /// Splines of the reference row and of the object row.
-    fn splines<'a>(&'a mut self, frames: &RowIn<'a>) -> (RowSpline<'a>, RowSpline<'a>) {
+    fn splines<'a>(&'a mut self, frames: &'a [Vec<f64>; 2]) -> (RowSpline<'a>, RowSpline<'a>) {
+        let [reference, object] = frames;
         uniform_slopes(
-            [frames.reference, frames.object],
+            [reference, object],
             [&mut self.reference, &mut self.object],
             &self.pivots,
         );
         let reference = RowSpline {
-            y: frames.reference,
+            y: reference,
             slopes: &self.reference,
         };
         let object = RowSpline {
-            y: frames.object,
+            y: object,
             slopes: &self.object,
         };
         (reference, object)
@@ -63,6 +67,7 @@ impl Slopes {
 impl Scratch {
     pub fn new(width: usize, options: &Options) -> Self {
         Self {
+            frames: [vec![0.0; width], vec![0.0; width]],
             slopes: Slopes {
                 reference: vec![0.0; width],
                 object: vec![0.0; width],
@@ -73,8 +78,16 @@ impl Scratch {
     }
 
     /// Invert one row; `s` and `d` are the splines of reference and object, as in theory §2.
-    pub fn invert_row(&mut self, frames: &RowIn, options: &Options, out: &mut RowOut) {
-        let (s, d) = self.slopes.splines(frames);
+    pub fn invert_row<T: Number>(
+        &mut self,
+        frames: &RowIn<T>,
+        options: &Options,
+        out: &mut RowOut,
+    ) {
+        let [reference, object] = &mut self.frames;
+        widen(frames.reference, reference);
+        widen(frames.object, object);
+        let (s, d) = self.slopes.splines(&self.frames);
         let (s_extrema, d_extrema) = (self.finder.find(&s), self.finder.find(&d));
         let orders = match_orders(
             &s_extrema,
@@ -101,14 +114,19 @@ impl Scratch {
                         inverse,
                         at_end: matched.part == 0 || matched.part + 1 == parts.len(),
                     };
-                    invert_part(&reference, frames.object, matched, options, out);
+                    invert_part(&reference, d.y, matched, options, out);
                 }
-                None => {
-                    out.reason[matched.pixels(frames.object.len())].fill(reason::LOW_MODULATION)
-                }
+                None => out.reason[matched.pixels(d.y.len())].fill(reason::LOW_MODULATION),
             }
         }
         apply_mask(frames.mask, out);
+    }
+}
+
+/// The values in double precision.
+fn widen<T: Number>(values: &[T], out: &mut [f64]) {
+    for (out, value) in out.iter_mut().zip(values) {
+        *out = value.wide();
     }
 }
 

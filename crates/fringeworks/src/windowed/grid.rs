@@ -6,6 +6,7 @@ use super::sight::{Cells, Sight};
 use super::solve::{solve, Limits, Node, Prior};
 use super::walls::Walls;
 use super::warp::Pair;
+use super::LOOSE;
 use rayon::prelude::*;
 
 /// Distances, in blocks, within which nodes are searched near a wall: the nearest that has any.
@@ -21,15 +22,44 @@ fn sums_near_walls(pair: &Pair, u: &[f32], walls: &Walls, window: &Window) -> Ve
     })
 }
 
-/// The solved windows of one scale.
+/// What pixels need of a solved window.
+struct Kept {
+    delta: f32,
+    slope: [f32; 2],
+    /// Infinite where the window does not determine the displacement.
+    sigma: f32,
+    offset: f32,
+    modulation_ratio: f32,
+}
+
+impl Kept {
+    fn of(node: &Node) -> Self {
+        Self {
+            delta: node.delta,
+            slope: node.slope,
+            sigma: if node.determined {
+                node.sigma
+            } else {
+                f32::INFINITY
+            },
+            offset: node.prior.offset,
+            modulation_ratio: node.modulation_ratio,
+        }
+    }
+}
+
+/// The solved windows of one scale. Pixels are interpolated row by row whenever they are needed: maps of
+/// all scales would take more memory than everything else.
 pub struct Grid<'a> {
     pub lattice: Lattice,
-    nodes: Vec<Node>,
+    nodes: Vec<Kept>,
+    /// Priors of the next finer windows, until these are solved.
+    priors: Vec<Prior>,
     walls: Option<&'a Walls<'a>>,
 }
 
-/// What the windows of a scale say of every pixel, or of the pixels of a row; where none determines the
-/// displacement, σ is infinite, and offset and modulation ratio are NaN.
+/// What the windows of a scale say of the pixels of a row; where none determines the displacement, σ is
+/// infinite, and offset and modulation ratio are NaN.
 pub struct Blended {
     /// Correction of the displacement, px; 0 where none is determined.
     pub delta: Vec<f32>,
@@ -39,15 +69,18 @@ pub struct Blended {
     pub modulation_ratio: Vec<f32>,
 }
 
-/// A row of [`Blended`].
-struct BlendedRow<'r> {
-    delta: &'r mut [f32],
-    sigma: &'r mut [f32],
-    offset: &'r mut [f32],
-    modulation_ratio: &'r mut [f32],
-}
+impl Blended {
+    /// Arrays for a row of `width` pixels.
+    pub fn new(width: usize) -> Self {
+        let row = || vec![0.0f32; width];
+        Self {
+            delta: row(),
+            sigma: row(),
+            offset: row(),
+            modulation_ratio: row(),
+        }
+    }
 
-impl BlendedRow<'_> {
     fn set(&mut self, x: usize, mean: &Mean) {
         if mean.total > 0.0 {
             let share = mean.total.recip();
@@ -66,14 +99,14 @@ impl BlendedRow<'_> {
 
 impl<'a> Grid<'a> {
     /// One Gauss–Newton step: solve every window of this scale about the displacement `u`. No window
-    /// sees through `walls`.
+    /// sees through `walls`. With `has_finer`, the priors of finer windows are kept.
     pub fn solve(
         pair: &Pair,
         walls: Option<&'a Walls<'a>>,
         u: &[f32],
         window: &Window,
         coarser: Option<&Grid>,
-        start: &Prior,
+        has_finer: bool,
         limits: &Limits,
     ) -> Self {
         let lattice = window.lattice(pair.height, pair.width);
@@ -81,12 +114,19 @@ impl<'a> Grid<'a> {
         let near = walls.map(|walls| (walls, sums_near_walls(pair, u, walls, window)));
         let small = Cells::lattice(window, pair.height, pair.width);
         let cells = (near.as_ref()).map(|(walls, sums)| (*walls, Cells::new(small, sums, walls)));
-        let mut nodes = vec![Node::undetermined(start); rows * columns];
+        let mut grid = Self {
+            lattice,
+            nodes: Vec::with_capacity(rows * columns),
+            priors: Vec::new(),
+            walls,
+        };
         let mut sums = BandSums::new(lattice);
-        let height = sums.height();
-        for (band, nodes) in nodes.chunks_mut(height * columns).enumerate() {
-            sums.move_to(pair, u, band * height);
-            nodes.par_chunks_mut(columns).enumerate().for_each_init(
+        let height = sums.height().min(rows);
+        let mut solved = vec![Node::undetermined(&LOOSE); height * columns];
+        for (band, first) in (0..rows).step_by(height).enumerate() {
+            sums.move_to(pair, u, first);
+            let solved = &mut solved[..(rows - first).min(height) * columns];
+            solved.par_chunks_mut(columns).enumerate().for_each_init(
                 || {
                     let sight =
                         (cells.as_ref()).map(|(walls, cells)| Sight::new(cells, walls, window));
@@ -101,20 +141,30 @@ impl<'a> Grid<'a> {
                     let y = lattice.centre(row);
                     for (i, node) in out.iter_mut().enumerate() {
                         let prior =
-                            coarser.map_or(*start, |grid| grid.prior_at(lattice.centre(i), y));
+                            coarser.map_or(LOOSE, |grid| grid.prior_at(lattice.centre(i), y));
                         *node = solve(gathered, i, window, &prior, limits);
                     }
                 },
             );
+            grid.keep(solved, has_finer);
         }
-        Self {
-            lattice,
-            nodes,
-            walls,
+        grid
+    }
+
+    /// Append what is needed of solved windows.
+    fn keep(&mut self, solved: &[Node], has_finer: bool) {
+        self.nodes.extend(solved.iter().map(Kept::of));
+        if has_finer {
+            self.priors.extend(solved.iter().map(|node| node.prior));
         }
     }
 
-    fn node(&self, row: usize, column: usize) -> &Node {
+    /// Free what only the next finer windows need.
+    pub fn without_priors(&mut self) {
+        self.priors = Vec::new();
+    }
+
+    fn node(&self, row: usize, column: usize) -> &Kept {
         &self.nodes[row * self.lattice.columns + column]
     }
 
@@ -124,7 +174,7 @@ impl<'a> Grid<'a> {
         let mix = |field: fn(&Prior) -> f32| -> f32 {
             corners
                 .iter()
-                .map(|(r, c, w)| w * field(&self.node(*r, *c).prior))
+                .map(|(r, c, w)| w * field(&self.priors[r * self.lattice.columns + c]))
                 .sum()
         };
         Prior {
@@ -136,35 +186,9 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// Interpolate the windows at every pixel of a frame.
-    pub fn blend(&self, height: usize, width: usize) -> Blended {
-        let map = || vec![0.0f32; height * width];
-        let mut out = Blended {
-            delta: map(),
-            sigma: map(),
-            offset: map(),
-            modulation_ratio: map(),
-        };
-        (out.delta.par_chunks_mut(width))
-            .zip(out.sigma.par_chunks_mut(width))
-            .zip(out.offset.par_chunks_mut(width))
-            .zip(out.modulation_ratio.par_chunks_mut(width))
-            .enumerate()
-            .for_each_init(Vec::new, |means, (y, (((delta, sigma), offset), ratio))| {
-                let mut row = BlendedRow {
-                    delta,
-                    sigma,
-                    offset,
-                    modulation_ratio: ratio,
-                };
-                self.blend_row(y, means, &mut row);
-            });
-        out
-    }
-
     /// Interpolate the affine solutions of the four nodes around every pixel of a row, without those
     /// that do not determine the displacement. `means` is room to work in.
-    fn blend_row(&self, y: usize, means: &mut Vec<Mean>, out: &mut BlendedRow) {
+    pub fn blend_row(&self, y: usize, means: &mut Vec<Mean>, out: &mut Blended) {
         let Lattice { columns, block, .. } = self.lattice;
         means.clear();
         means.extend((0..columns).map(|column| self.mean_of_column(y, column)));
@@ -197,7 +221,7 @@ impl<'a> Grid<'a> {
         let mut mean = Mean::default();
         for (row, weight) in [(above, 1.0 - share), (below, share)] {
             let node = self.node(row, column);
-            if node.determined && weight > 0.0 {
+            if node.sigma.is_finite() && weight > 0.0 {
                 let dy = self.lattice.offset((0, y), (row, column)).1;
                 mean.add(node, (0.0, dy), weight, node.sigma);
             }
@@ -234,7 +258,7 @@ impl<'a> Grid<'a> {
             let (dx, dy) = self.lattice.offset((x, y), (r, c));
             let near = (1.0 - dx.abs() / scale).max(0.0) * (1.0 - dy.abs() / scale).max(0.0);
             let hidden = || !walls.open_between((x, y), walls.pixel_of(block, r, c));
-            if !node.determined || near <= 0.0 || hidden() {
+            if !node.sigma.is_finite() || near <= 0.0 || hidden() {
                 continue;
             }
             // A slope is about as uncertain as the displacement over the window's width.
@@ -248,7 +272,7 @@ impl<'a> Grid<'a> {
 
 /// Sums of what nodes say of a pixel, times their weights.
 #[derive(Clone, Copy, Default)]
-struct Mean {
+pub struct Mean {
     delta: f32,
     /// Slope of delta along x.
     slope: f32,
@@ -260,11 +284,11 @@ struct Mean {
 
 impl Mean {
     /// Add a node that is (dx, dy) px before the pixel.
-    fn add(&mut self, node: &Node, (dx, dy): (f32, f32), weight: f32, sigma: f32) {
+    fn add(&mut self, node: &Kept, (dx, dy): (f32, f32), weight: f32, sigma: f32) {
         self.delta += weight * (node.delta + node.slope[0] * dx + node.slope[1] * dy);
         self.slope += weight * node.slope[0];
         self.sigma += weight * sigma;
-        self.offset += weight * node.prior.offset;
+        self.offset += weight * node.offset;
         self.modulation_ratio += weight * node.modulation_ratio;
         self.total += weight;
     }

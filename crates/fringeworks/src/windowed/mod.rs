@@ -165,48 +165,60 @@ pub fn invert(
     Ok(field)
 }
 
-/// The Gauss–Newton steps of one scale. Updates `u` and returns the windows of the last step, and what
-/// they say of every pixel.
+/// The Gauss–Newton steps of one scale. Updates `u` and returns the windows of the last step, and
+/// whether they determine the displacement of each pixel.
 fn descend<'a>(
     pair: &Pair,
     walls: Option<&'a Walls<'a>>,
     u: &mut [f32],
-    sigma: f64,
+    scale: usize,
     coarser: Option<&Grid>,
     options: &Options,
-) -> (Grid<'a>, Blended) {
-    let window = Window::new(sigma);
+) -> (Grid<'a>, Vec<bool>) {
+    let window = Window::new(options.scales[scale]);
+    let has_finer = scale + 1 < options.scales.len();
     let max_step = MAX_STEP_PERIODS as f32 * options.period as f32;
+    let mut determined = vec![false; u.len()];
     let mut last = None;
     for _ in 0..options.iterations {
-        let grid = Grid::solve(pair, walls, u, &window, coarser, &LOOSE, &options.limits);
-        let blended = grid.blend(pair.height, pair.width);
-        u.par_iter_mut()
-            .zip(&blended.delta)
-            .with_min_len(pair.width)
-            .for_each(|(u, delta)| *u += delta.clamp(-max_step, max_step));
-        last = Some((grid, blended));
+        let grid = Grid::solve(pair, walls, u, &window, coarser, has_finer, &options.limits);
+        u.par_chunks_mut(pair.width)
+            .zip(determined.par_chunks_mut(pair.width))
+            .enumerate()
+            .for_each_init(
+                || (Vec::new(), Blended::new(pair.width)),
+                |(means, blended), (y, (u, determined))| {
+                    grid.blend_row(y, means, blended);
+                    for (x, u) in u.iter_mut().enumerate() {
+                        *u += blended.delta[x].clamp(-max_step, max_step);
+                        determined[x] = blended.sigma[x].is_finite();
+                    }
+                },
+            );
+        last = Some(grid);
     }
-    last.expect("there is at least one step")
+    (last.expect("there is at least one step"), determined)
 }
 
 /// Residual of every pixel at displacement `u`, with offset and modulation ratio of the windows; NaN
 /// without data.
-fn residuals(pair: &Pair, u: &[f32], windows: &Blended) -> Vec<f32> {
+fn residuals(pair: &Pair, u: &[f32], grid: &Grid) -> Vec<f32> {
     let or = |value: f32, other: f32| if value.is_nan() { other } else { value };
     let mut out = vec![f32::NAN; pair.object.len()];
-    out.par_chunks_mut(pair.width)
-        .enumerate()
-        .for_each(|(y, row)| {
+    out.par_chunks_mut(pair.width).enumerate().for_each_init(
+        || (Vec::new(), Blended::new(pair.width)),
+        |(means, windows), (y, row)| {
+            grid.blend_row(y, means, windows);
             for (x, residual) in row.iter_mut().enumerate() {
                 let i = y * pair.width + x;
                 if let Some((value, _)) = pair.reference_at(x, y, u[i]) {
-                    let ratio = or(windows.modulation_ratio[i], LOOSE.modulation_ratio);
-                    let expected = or(windows.offset[i], LOOSE.offset) + ratio * value;
+                    let ratio = or(windows.modulation_ratio[x], LOOSE.modulation_ratio);
+                    let expected = or(windows.offset[x], LOOSE.offset) + ratio * value;
                     *residual = pair.object[i] - pair.albedo_at(i) * expected;
                 }
             }
-        });
+        },
+    );
     out
 }
 
@@ -228,52 +240,48 @@ fn misfit_scale(options: &Options) -> usize {
 }
 
 /// What the descent over the scales found.
-struct Refined {
-    estimates: Vec<Estimate>,
+struct Refined<'a> {
+    estimates: Vec<Estimate<'a>>,
     noise_correlation: f64,
     misfit: Vec<f32>,
 }
 
 /// The descent over the scales; windows use the pixels that are `seen`.
-fn refine(
+fn refine<'a>(
     pair: &Pair,
     seen: &Pair,
-    walls: Option<&Walls>,
+    walls: Option<&'a Walls<'a>>,
     start: &[f32],
     options: &Options,
-) -> Refined {
+) -> Refined<'a> {
     let factor = noise_amplification(options.iterations) as f32;
     let mut options = options.clone();
     let told = misfit_scale(&options);
     let mut u = start.to_vec();
     let mut misfit = Vec::new();
-    let mut coarser: Option<Grid> = None;
     let mut estimates: Vec<Estimate> = Vec::with_capacity(options.scales.len());
-    for (k, sigma) in options.scales.clone().into_iter().enumerate() {
-        let (grid, mut windows) = descend(seen, walls, &mut u, sigma, coarser.as_ref(), &options);
+    for k in 0..options.scales.len() {
+        let coarser = estimates.last().map(|estimate| &estimate.grid);
+        let (grid, known) = descend(seen, walls, &mut u, k, coarser, &options);
         let mut widening = 1.0;
         if k == 0 || k == told {
-            misfit = residuals(pair, &u, &windows);
+            misfit = residuals(pair, &u, &grid);
         }
         if k == 0 {
             options.limits.noise_correlation = noise_correlation(pair, &misfit, &options.limits);
             // The first windows assumed independent noise.
             widening = options.limits.noise_correlation.sqrt() as f32;
         }
-        windows
-            .sigma
-            .par_iter_mut()
-            .for_each(|sigma| *sigma *= factor * widening);
-        let lattice = coarser.as_ref().map_or(grid.lattice, |grid| grid.lattice);
-        let from_coarser = differences(pair, start, estimates.last(), &u, &windows, lattice);
+        let lattice = coarser.map_or(grid.lattice, |grid| grid.lattice);
+        let from_coarser = differences(pair, start, estimates.last(), (&u, &known), lattice);
+        estimates.iter_mut().for_each(Estimate::without_finer);
         estimates.push(Estimate {
             displacement: u.clone(),
-            sigma: windows.sigma,
-            modulation_ratio: windows.modulation_ratio,
-            offset: windows.offset,
+            known,
+            grid,
+            widening: factor * widening,
             from_coarser,
         });
-        coarser = Some(grid);
     }
     Refined {
         estimates,
@@ -282,19 +290,18 @@ fn refine(
     }
 }
 
-/// How far the displacement has moved from that of the last scale, or from the start.
+/// How far the displacement, where it is known, has moved from that of the last scale, or from the
+/// start.
 fn differences(
     pair: &Pair,
     start: &[f32],
     last: Option<&Estimate>,
-    u: &[f32],
-    windows: &Blended,
+    (u, known): (&[f32], &[bool]),
     lattice: Lattice,
 ) -> Differences {
     Differences::new(lattice, pair.height, pair.width, |i| {
         let before = last.map_or(start[i], |last| last.displacement[i]);
-        let known = last.is_none_or(|last| last.sigma[i].is_finite());
-        (known && windows.sigma[i].is_finite()).then(|| u[i] - before)
+        (last.is_none_or(|last| last.known[i]) && known[i]).then(|| u[i] - before)
     })
 }
 

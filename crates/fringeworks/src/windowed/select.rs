@@ -1,5 +1,6 @@
 //! Choice of the window of every pixel (Lepski's rule).
 
+use super::grid::{Blended, Grid};
 use super::lattice::Differences;
 use super::{Field, NO_SCALE};
 use rayon::prelude::*;
@@ -10,16 +11,26 @@ use rayon::prelude::*;
 /// and a part is left: 0.02 to 0.14 on simulated curved surfaces, more on peaks.
 const LEFT_OF_START: f32 = 0.3;
 
-/// Estimates of one scale, one value per pixel.
-pub struct Estimate {
-    /// Displacement, px.
+/// Estimates of one scale.
+pub struct Estimate<'a> {
+    /// Displacement of every pixel, px.
     pub displacement: Vec<f32>,
-    /// Standard deviation, px; infinite where the window does not determine the displacement.
-    pub sigma: Vec<f32>,
-    pub modulation_ratio: Vec<f32>,
-    pub offset: Vec<f32>,
+    /// Whether the windows determine it, until the next finer ones are solved.
+    pub known: Vec<bool>,
+    /// The windows.
+    pub grid: Grid<'a>,
+    /// Factor of the standard deviation that the windows state.
+    pub widening: f32,
     /// Displacement of this scale minus that of the next coarser one, or of the start, px.
     pub from_coarser: Differences,
+}
+
+impl Estimate<'_> {
+    /// Free what only the next finer scale needs.
+    pub fn without_finer(&mut self) {
+        self.known = Vec::new();
+        self.grid.without_priors();
+    }
 }
 
 /// Differences between the estimates of neighbouring scales around the pixels of a row.
@@ -44,26 +55,32 @@ impl RowDifferences {
 }
 
 /// The estimates of a row of pixels.
-struct Row<'a> {
-    estimates: &'a [Estimate],
+struct Row {
+    /// What the windows of every scale say; σ is infinite where they do not determine the displacement.
+    windows: Vec<Blended>,
     /// Of every scale from the coarser one.
     differences: Vec<RowDifferences>,
-    /// Index of the first pixel.
-    first: usize,
 }
 
-impl<'a> Row<'a> {
-    fn new(estimates: &'a [Estimate], y: usize, width: usize) -> Self {
+impl Row {
+    fn new(estimates: &[Estimate], y: usize, width: usize) -> Self {
+        let mut means = Vec::new();
+        let windows = estimates.iter().map(|estimate| {
+            let mut windows = Blended::new(width);
+            estimate.grid.blend_row(y, &mut means, &mut windows);
+            let sigma = windows.sigma.iter_mut();
+            sigma.for_each(|sigma| *sigma *= estimate.widening);
+            windows
+        });
         let differences = estimates.iter().map(|e| RowDifferences::at(e, y, width));
         Self {
-            estimates,
+            windows: windows.collect(),
             differences: differences.collect(),
-            first: y * width,
         }
     }
 
     fn sigma(&self, k: usize, x: usize) -> f32 {
-        self.estimates[k].sigma[self.first + x]
+        self.windows[k].sigma[x]
     }
 
     /// Whether the estimate of scale `k` agrees with those of all finer scales at pixel `x`.
@@ -75,7 +92,7 @@ impl<'a> Row<'a> {
             return false;
         }
         let mut difference = 0.0;
-        (k + 1..self.estimates.len()).all(|finer| {
+        (k + 1..self.windows.len()).all(|finer| {
             difference += self.differences[finer].mean[x];
             difference.abs() <= confidence * self.sigma(finer, x)
         })
@@ -89,7 +106,7 @@ impl<'a> Row<'a> {
     /// that led here.
     fn variance(&self, k: usize, x: usize) -> f32 {
         let finer = k + 1;
-        let known = finer < self.estimates.len() && self.sigma(finer, x).is_finite();
+        let known = finer < self.windows.len() && self.sigma(finer, x).is_finite();
         let bias = if known {
             (self.differences[finer].mean_square[x] - self.sigma(finer, x).powi(2)).max(0.0)
         } else {
@@ -128,11 +145,11 @@ pub fn select(estimates: &[Estimate], width: usize, confidence: f32) -> Field {
                 let Some(k) = (0..estimates.len()).find(|k| row.agrees(*k, x, confidence)) else {
                     continue;
                 };
-                let (kept, i) = (&estimates[k], row.first + x);
-                displacement[x] = kept.displacement[i];
+                let kept = &row.windows[k];
+                displacement[x] = estimates[k].displacement[y * width + x];
                 sigma[x] = row.variance(k, x).sqrt();
-                ratio[x] = kept.modulation_ratio[i];
-                offset[x] = kept.offset[i];
+                ratio[x] = kept.modulation_ratio[x];
+                offset[x] = kept.offset[x];
                 scale[x] = k as u8;
             }
         });

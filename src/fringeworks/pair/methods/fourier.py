@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
-
-from fringeworks.pair.bandpass import HALF_WIDTH, Shape, band_kernel, band_pass, check_band
-from fringeworks.pair.demodulation import Demodulated, to_displacement
+from fringeworks.pair.bandpass import (
+    HALF_WIDTH,
+    Analytic,
+    Shape,
+    band_kernel,
+    check_band,
+    pass_band,
+)
+from fringeworks.pair.demodulation import Demodulated, compared, to_displacement
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Smoothing, Solution, method
 
@@ -54,20 +59,20 @@ def fourier(
 def _demodulated(
     pair: PreparedPair, dimensions: Literal[1, 2], width: float, window: Shape
 ) -> Demodulated:
-    """Phase difference and amplitudes in the band; the analytic signals are not kept."""
-    (reference, share), (object_, _) = (
-        band_pass(frame, pair.frequency, width=width, dimensions=dimensions, window=window)
+    """Phase difference and amplitudes in the band."""
+    reference, object_ = (
+        pass_band(frame, pair.frequency, width=width, dimensions=dimensions, window=window)
         for frame in (pair.reference, pair.object)
     )
     kernel = band_kernel(pair.frequency, width, dimensions)
-    reference_amplitude, object_amplitude = 2.0 * np.abs(reference), 2.0 * np.abs(object_)
-    np.conj(object_, out=object_)
-    reference *= object_
+
+    def signals(rows: slice) -> tuple[Analytic, Analytic]:
+        # B exp(iφ) from B/2 exp(iφ): a power of two does not round.
+        return 2.0 * reference.rows(rows), 2.0 * object_.rows(rows)
+
     return Demodulated(
-        phasor=reference,
-        reference_amplitude=reference_amplitude,
-        object_amplitude=object_amplitude,
-        noise_share=share,
+        **compared(pair.object.shape, signals),
+        noise_share=reference.share,
         noise_length_px=kernel,
         smoothing=(Smoothing(kernel),),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.pair.bandpass import Analytic
-from fringeworks.pair.demodulation import Demodulated, to_displacement
+from fringeworks.pair.demodulation import Demodulated, compared, to_displacement
 from fringeworks.pair.lattice import lattice_samples, samples_inside, shift_wave
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Smoothing, Solution, method
@@ -184,7 +185,7 @@ def wavelet_ridge(
         )
     if values.dtype.kind not in "fiu":
         raise InputError(f"frame: expected real numbers, got {values.dtype}")
-    if not (np.abs(values.astype(np.float64)) <= LARGEST).all():
+    if not (values.min() >= -LARGEST and values.max() <= LARGEST):
         raise InputError(f"frame: expected finite values up to {LARGEST:g}, got others")
     _check_omega(omega)
     f = np.asarray(frequencies, dtype=np.float64)
@@ -268,7 +269,7 @@ def _planar_coefficients(
     # The wavelet of the highest frequency has the widest band and needs the most samples.
     samples = [lattice_samples(n, omega / sizes[-1]) for n in lengths]
     padded = np.zeros(lengths, np.float32)
-    padded[:h, :w] = frame - frame.mean()
+    padded[:h, :w] = frame - frame.mean(dtype=np.float64)
     spectrum = scipy.fft.fft2(padded, workers=-1)
     pitch = (lengths[0] / samples[0], lengths[1] / samples[1])
     inside = [samples_inside(m, side, p) for m, side, p in zip(samples, (h, w), pitch, strict=True)]
@@ -300,6 +301,26 @@ def _coefficients(
     scale = 2.0 * np.prod(samples) / spectrum.size
     coefficients = scipy.fft.ifft2(part, overwrite_x=True, workers=-1) * np.float32(scale)
     return np.asarray(coefficients * (shifts[0][:, None] * shifts[1]))
+
+
+def _signals(
+    pair: PreparedPair, dimensions: int, omega: float, path: str
+) -> Callable[[slice], tuple[Analytic, Analytic]]:
+    """Function that returns the ridges of reference and object in some rows."""
+    frames = (pair.reference, pair.object)
+    if dimensions == 2:
+        one, other = (planar_ridge(frame, pair.frequency, omega=omega) for frame in frames)
+        return lambda rows: (one[rows], other[rows])
+    frequencies, smooth = wavelet_frequencies(pair.frequency[0]), path == "smooth"
+
+    def along_rows(rows: slice) -> tuple[Analytic, Analytic]:
+        one, other = (
+            wavelet_ridge(frame[rows], frequencies=frequencies, omega=omega, smooth_path=smooth)[0]
+            for frame in frames
+        )
+        return one, other
+
+    return along_rows
 
 
 @method("wavelet")
@@ -343,29 +364,15 @@ def wavelet(
         raise InputError(f"path: expected largest or smooth, got {path!r}")
     _check_omega(omega)
     envelope = omega * pair.period / (2.0 * np.pi)
+    share = 1.0 / (4.0 * np.pi * envelope**2)
     if dimensions == 1:
-        frequencies = wavelet_frequencies(pair.frequency[0])
-        reference, object_ = (
-            wavelet_ridge(
-                frame, frequencies=frequencies, omega=omega, smooth_path=path == "smooth"
-            )[0]
-            for frame in (pair.reference, pair.object)
-        )
         share = 1.0 / (2.0 * np.sqrt(np.pi) * envelope)
-    else:
-        reference, object_ = (
-            planar_ridge(frame, pair.frequency, omega=omega)
-            for frame in (pair.reference, pair.object)
-        )
-        share = 1.0 / (4.0 * np.pi * envelope**2)
     length = (envelope if dimensions == 2 else 0.0, envelope)
     mean = ROW_CURVATURE_SMOOTHING if dimensions == 1 else CURVATURE_SMOOTHING
     return to_displacement(
         pair,
         Demodulated(
-            phasor=reference * np.conj(object_),
-            reference_amplitude=np.abs(reference),
-            object_amplitude=np.abs(object_),
+            **compared(pair.object.shape, _signals(pair, dimensions, omega, path)),
             noise_share=share,
             noise_length_px=length,
             smoothing=(Smoothing(length, (mean * length[0], mean * length[1])),),

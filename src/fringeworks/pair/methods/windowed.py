@@ -13,6 +13,7 @@ from fringeworks.pair.methods.windowed_start import start_field
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Solution, method
 from fringeworks.pair.windows import CONFIDENCE, MIN_RATIO, SCALE_LIMITS_PX, Windows
+from fringeworks.signal.bands import by_bands, row_bands
 from fringeworks.types import BoolMap, ByteMap, FloatMap, InputError, Reason, sealed
 
 SCALES_PX = (32.0, 16.0, 8.0, 4.0, 2.0)
@@ -129,15 +130,18 @@ def windowed(
     start_px = float(
         np.hypot(_start_width(pair, widths), band_kernel(pair.frequency, HALF_WIDTH, 2)[1])
     )
-    of_start = np.where(scale == 0, _start_variance(windows, ratio, start_px), 0)
-    steps = np.where(np.isfinite(displacement), scale + 1.0, len(widths)) * iterations
+
+    def with_start(sigma: FloatMap, scale: ByteMap, ratio: FloatMap) -> FloatMap:
+        of_start = np.where(scale == 0, _start_variance(windows, ratio, start_px), 0)
+        return np.sqrt(sigma**2 + of_start)
+
     return Solution(
         displacement_px=sealed(displacement),
-        sigma_px=sealed(np.sqrt(found.sigma_px**2 + of_start)),
+        sigma_px=sealed(by_bands(with_start, found.sigma_px, scale, ratio, dtype=np.float32)),
         modulation_ratio=sealed(ratio),
         reason=_reasons(pair, displacement),
         noise_length_px=(start_px, start_px),
-        iterations=np.minimum(steps, np.iinfo(np.uint8).max).astype(np.uint8),
+        iterations=_steps(displacement, scale, len(widths), iterations),
         albedo=albedo,
         walls=None if edges is None or edges.walls is None else edges.walls.astype(np.uint8),
         details={
@@ -149,6 +153,16 @@ def windowed(
             "cliffs": edges is not None and edges.walls is not None,
         },
     )
+
+
+def _steps(displacement_px: FloatMap, scale: ByteMap, scales: int, iterations: int) -> ByteMap:
+    """Refinement steps of every pixel, (h, w), at most 255."""
+
+    def steps(u: FloatMap, scale: ByteMap) -> ByteMap:
+        of_pixel = np.where(np.isfinite(u), scale + 1.0, scales) * iterations
+        return np.asarray(np.minimum(of_pixel, np.iinfo(np.uint8).max), np.uint8)
+
+    return by_bands(steps, displacement_px, scale, dtype=np.uint8)
 
 
 def _check_options(
@@ -204,12 +218,16 @@ def _start_variance(windows: Windows, modulation_ratio: FloatMap, start_px: floa
 def _reasons(prepared: PreparedPair, displacement_px: FloatMap) -> ByteMap:
     """``Reason`` of every pixel: outside the reference, too dark, or undetermined."""
     kept = np.isfinite(displacement_px)
-    reason = np.where(kept, Reason.OK, Reason.UNDETERMINED).astype(np.uint8)
-    width = displacement_px.shape[1]
-    column = np.arange(width) - displacement_px
-    outside = (column < -OUTSIDE_PX) | (column > width - 1 + OUTSIDE_PX)
-    reason[kept & outside] = Reason.OUTSIDE
-    reason[~kept & _dark(prepared)] = Reason.LOW_MODULATION
+    columns = np.arange(displacement_px.shape[1])
+
+    def outside(u: FloatMap) -> BoolMap:
+        column = columns - u
+        return np.asarray((column < -OUTSIDE_PX) | (column > columns[-1] + OUTSIDE_PX))
+
+    reason = np.where(kept, np.uint8(Reason.OK), np.uint8(Reason.UNDETERMINED))
+    reason[kept & by_bands(outside, displacement_px, dtype=bool)] = Reason.OUTSIDE
+    if not kept.all():
+        reason[~kept & _dark(prepared)] = Reason.LOW_MODULATION
     return reason
 
 
@@ -224,7 +242,12 @@ def _far_from_data(prepared: PreparedPair) -> BoolMap:
 def _dark(prepared: PreparedPair) -> BoolMap:
     """True where the local contrast of the object frame is not distinguishable from noise."""
     size = max(3, int(np.ceil(prepared.period)))
-    mean = scipy.ndimage.uniform_filter(prepared.object, size)
-    variance = scipy.ndimage.uniform_filter(prepared.object**2, size) - mean**2
     weak_fringe = 0.5 * (DARK_RATIO * prepared.modulation) ** 2
-    return np.asarray(variance < weak_fringe + DARK_NOISE_FACTOR * prepared.noise[1])
+    limit = weak_fringe + DARK_NOISE_FACTOR * prepared.noise[1]
+    dark = np.empty(prepared.object.shape, bool)
+    for band in row_bands(dark.shape, bytes_per_px=40, halo=size, least=size):
+        counts = prepared.object[band.seen].astype(np.float64)
+        mean = scipy.ndimage.uniform_filter(counts, size)
+        variance = scipy.ndimage.uniform_filter(counts**2, size) - mean**2
+        dark[band.rows] = (variance < limit)[band.inner]
+    return dark

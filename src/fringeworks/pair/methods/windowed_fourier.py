@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.pair.bandpass import HALF_WIDTH, Analytic, band_kernel, band_pass
+from fringeworks.pair.bandpass import HALF_WIDTH, Analytic, band_kernel, pass_band
 from fringeworks.pair.demodulation import Demodulated, to_displacement
-from fringeworks.pair.lattice import Lattice, shift_wave
+from fringeworks.pair.lattice import Lattice
+from fringeworks.pair.local_waves import measured_waves
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.registry import Smoothing, Solution, method
-from fringeworks.pair.ridge import (
-    CURVATURE_SMOOTHING,
-    Hessian,
-    MapsYX,
-    blend,
-    curvature,
-    strongest,
-    window_factor,
-)
+from fringeworks.pair.ridge import CURVATURE_SMOOTHING
+from fringeworks.signal.bands import row_bands
 from fringeworks.signal.noise import noise_variance
 from fringeworks.types import LARGEST, InputError, finite, positive
 
@@ -54,11 +48,6 @@ THRESHOLD_SIGMAS = 4.0
 
 Complex noise alone exceeds it with a probability of exp(−16), about 10⁻⁷.
 """
-CONTINUATION_DEPTH = 2.0
-"""Distance from the field's end of the waves that continue it into the border, σ.
-
-Waves closer to the end are measured with windows that reach into the border. An empirical choice.
-"""
 MIN_REFERENCE_SHARE = 0.02
 """Smallest amplitude that the reference's analytic signal is divided by, share of the modulation.
 
@@ -85,7 +74,7 @@ def _check(
     if not positive(step):
         raise InputError(f"step: expected > 0 rad/px, got {step}")
     h, w = values.shape
-    return values.astype(np.complex64), (h, w)
+    return values.astype(np.complex64, copy=False), (h, w)
 
 
 def _demodulated(
@@ -169,7 +158,8 @@ def windowed_fourier_filter(
     cutoff = THRESHOLD_SIGMAS * _noise(values) if threshold is None else float(threshold)
     lattice = Lattice(shape, sigma_px, limit, step)
     smooth = lattice.filtered(lattice.extended(values, cutoff), cutoff)
-    return np.asarray(smooth[: shape[0], : shape[1]] * wave)
+    inside = smooth[: shape[0], : shape[1]]
+    return np.ascontiguousarray(inside) if wave.size == 1 else np.asarray(inside * wave)
 
 
 class Ridge(NamedTuple):
@@ -230,87 +220,57 @@ def windowed_fourier_ridge(
     values, shape = _check(field, sigma_px, limit, step)
     values, wave = _demodulated(values, shape, centre)
     lattice = Lattice(shape, sigma_px, limit, step)
-    waves = _local_waves(lattice, lattice.extended(values, THRESHOLD_SIGMAS * _noise(values)))
-    # With frequency and curvature known, the border can be continued more accurately.
-    waves = _local_waves(lattice, _continued(lattice, values, waves))
-    phasor, fy, fx = blend(waves.phasor, waves.frequencies, waves.hessian, lattice.pitch, shape)
+    waves = measured_waves(lattice, values, THRESHOLD_SIGMAS * _noise(values))
+    phasor = np.empty(shape, np.complex64)
+    frequency_x, frequency_y = np.empty(shape, np.float32), np.empty(shape, np.float32)
     turn = 2.0 * np.pi
-    return Ridge(
-        np.asarray(phasor * wave),
-        (fx + turn * centre[0]).astype(np.float32),
-        (fy + turn * centre[1]).astype(np.float32),
+    for band in row_bands(shape, bytes_per_px=64):
+        rows = band.rows
+        value, fy, fx = waves.at(lattice, rows)
+        phasor[rows] = value * (wave if wave.size == 1 else wave[rows])
+        frequency_x[rows] = fx + turn * centre[0]
+        frequency_y[rows] = fy + turn * centre[1]
+    return Ridge(phasor, frequency_x, frequency_y)
+
+
+def _relative(pair: PreparedPair) -> tuple[Analytic, NDArray[np.float32], float]:
+    """The object's analytic signal relative to the phase of the reference, the reference's
+    amplitude B/2, and the share of the noise's variance in a signal."""
+    reference, object_ = (
+        pass_band(frame, pair.frequency) for frame in (pair.reference, pair.object)
     )
+    smallest = np.float32(MIN_REFERENCE_SHARE * pair.modulation)
+    field = np.empty(pair.object.shape, np.complex64)
+    amplitude = np.empty(pair.object.shape, np.float32)
+    for band in row_bands(field.shape, bytes_per_px=48):
+        rows = reference.rows(band.rows)
+        np.abs(rows, out=amplitude[band.rows])
+        rows *= np.conj(object_.rows(band.rows))
+        rows /= np.maximum(amplitude[band.rows], smallest)
+        field[band.rows] = rows
+    return field, amplitude, reference.share
 
 
-@dataclass(frozen=True)
-class _Waves:
-    """The strongest wave at every lattice point on the field."""
-
-    phasor: Analytic
-    """Phase and amplitude."""
-    frequencies: MapsYX
-    """Along y and x, rad/px."""
-    hessian: Hessian
-    """Second derivatives of the phase (yy, xx, xy), rad/px²."""
+def _ridge(
+    field: Analytic, sigma_px: float, limit: float, step: float
+) -> Callable[[slice], Analytic]:
+    """Function that returns the ridge's phasor in some rows."""
+    values, shape = _check(field, sigma_px, limit, step)
+    lattice = Lattice(shape, sigma_px, limit, step)
+    waves = measured_waves(lattice, values, THRESHOLD_SIGMAS * _noise(values))
+    return lambda rows: waves.at(lattice, rows)[0]
 
 
-def _local_waves(lattice: Lattice, padded: Analytic) -> _Waves:
-    """Find the strongest waves and remove the window's factor from their coefficients."""
-    coefficient, frequencies, offsets = _strongest_waves(lattice, padded)
-    hessian = curvature(frequencies, lattice.pitch, lattice.sigma_px)
-    # A window of unit energy turns an amplitude of 1 into 2σ√π.
-    scale = 2.0 * lattice.sigma_px * np.sqrt(np.pi) * lattice.density
-    factor = window_factor(offsets, hessian, lattice.sigma_px)
-    return _Waves((coefficient / (scale * factor)).astype(np.complex64), frequencies, hessian)
-
-
-def _continued(lattice: Lattice, field: Analytic, waves: _Waves) -> Analytic:
-    """Add a border that continues the field by the waves some distance inside it."""
-    padded = lattice.pad(field)
-    h, w = lattice.shape
-    sides = []
-    for axis, side, pitch in zip((lattice.y, lattice.x), (h, w), lattice.pitch, strict=True):
-        # The lattice is periodic: the second half of the border precedes the field.
-        at = np.arange(axis.length)
-        at = np.where(at >= (side + axis.length) / 2, at - axis.length, at)
-        depth = min(CONTINUATION_DEPTH * lattice.sigma_px, 0.5 * (side - 1))
-        node = np.round(np.clip(at, depth, side - 1 - depth) / pitch).astype(np.intp)
-        node = np.minimum(node, int((side - 1) / pitch))
-        sides.append((node, (at - node * pitch).astype(np.float32)))
-    (node_y, dy), (node_x, dx) = sides
-    wy, wx = waves.frequencies
-    cyy, cxx, cxy = waves.hessian
-    for rows, columns in ((slice(h, None), slice(None)), (slice(0, h), slice(w, None))):
-        nodes = np.ix_(node_y[rows], node_x[columns])
-        y, x = dy[rows][:, None], dx[columns][None, :]
-        phase = wy[nodes] * y + wx[nodes] * x
-        phase = phase + 0.5 * (cyy[nodes] * y * y + cxx[nodes] * x * x) + cxy[nodes] * y * x
-        padded[rows, columns] = waves.phasor[nodes] * np.exp(1j * phase)
-    return padded
-
-
-def _strongest_waves(lattice: Lattice, padded: Analytic) -> tuple[Analytic, MapsYX, MapsYX]:
-    """Find the largest coefficient at every lattice point.
-
-    Returns the coefficient, the frequency of the peak, and the distance of the peak from the
-    coefficient's own frequency, both along (y, x), rad/px.
-    """
-    # Undo the demodulation by whole bins, so that the phase is that of the lattice point.
-    columns = np.stack([shift_wave(first, lattice.x.samples) for first in lattice.x.first])
-    inside = lattice.inside
-    stacks = []
-    for first, spectra in zip(lattice.y.first, lattice.spectra(padded), strict=True):
-        rows = shift_wave(first, lattice.y.samples)
-        shifted = spectra * rows[None, :, None] * columns[:, None, :]
-        stacks.append(shifted[:, : inside[0], : inside[1]])
-    value, j, i, dj, di = strongest(np.stack(stacks))
-    steps = [float(np.diff(axis.frequencies[:2])[0]) for axis in (lattice.y, lattice.x)]
-    offsets = (dj * steps[0], di * steps[1])
-    frequencies = (
-        lattice.y.frequencies[j] + offsets[0],
-        lattice.x.frequencies[i] + offsets[1],
-    )
-    return value, frequencies, offsets
+def _polar(
+    shape: tuple[int, ...], rows_of: Callable[[slice], Analytic]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Phase, rad, and amplitude of a field, (h, w), a band of rows at a time."""
+    phase, amplitude = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    for band in row_bands(shape, bytes_per_px=64):
+        phasor = rows_of(band.rows)
+        phase[band.rows] = np.angle(phasor)
+        np.abs(phasor, out=amplitude[band.rows])
+    return phase, amplitude
 
 
 @method("windowed_fourier")
@@ -349,22 +309,21 @@ def windowed_fourier(
     """
     if algorithm not in ("ridge", "filter"):
         raise InputError(f"algorithm: expected ridge or filter, got {algorithm!r}")
-    (reference, share), (object_, _) = (
-        band_pass(frame, pair.frequency) for frame in (pair.reference, pair.object)
-    )
-    amplitude = np.abs(reference)
-    smallest = np.float32(MIN_REFERENCE_SHARE * pair.modulation)
-    field = reference * np.conj(object_) / np.maximum(amplitude, smallest)
+    field, amplitude, share = _relative(pair)
     # The band-pass leaves no frequencies beyond its half-width.
     limit = min(MAX_FREQUENCY_RAD, HALF_WIDTH * 2.0 * np.pi * float(np.hypot(*pair.frequency)))
     step = min(FREQUENCY_STEP_RAD, 1.0 / sigma_px)
     if algorithm == "ridge":
-        phasor = windowed_fourier_ridge(field, sigma_px=sigma_px, limit=limit, step=step).phasor
+        rows_of = _ridge(field, sigma_px, limit, step)
     else:
         noise = THRESHOLD_SIGMAS * float(np.sqrt(sum(pair.noise)))
-        phasor = windowed_fourier_filter(
+        rows_of = windowed_fourier_filter(
             field, sigma_px=sigma_px, limit=limit, step=step, threshold=noise
-        )
+        ).__getitem__
+    del field
+    wrapped, object_amplitude = _polar(pair.object.shape, rows_of)
+    amplitude *= 2.0
+    object_amplitude *= 2.0
     smoothing = [Smoothing(band_kernel(pair.frequency, HALF_WIDTH, 2))]
     if algorithm == "ridge":
         mean = CURVATURE_SMOOTHING * sigma_px
@@ -372,9 +331,9 @@ def windowed_fourier(
     return to_displacement(
         pair,
         Demodulated(
-            phasor=phasor,
-            reference_amplitude=2.0 * amplitude,
-            object_amplitude=2.0 * np.abs(phasor),
+            wrapped=wrapped,
+            reference_amplitude=amplitude,
+            object_amplitude=object_amplitude,
             noise_share=min(share, 1.0 / (4.0 * np.pi * sigma_px**2)),
             noise_length_px=(NOISE_LENGTH * sigma_px, NOISE_LENGTH * sigma_px),
             smoothing=tuple(smoothing),

@@ -9,6 +9,7 @@ import scipy
 from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import continues, guided_count
 from fringeworks.pair.prepared import QUANTISATION_VARIANCE, PreparedPair, fill_nearest
+from fringeworks.signal.bands import row_bands
 from fringeworks.types import BoolMap, FloatMap
 
 MIN_START_EXPLAINED = 0.15
@@ -138,11 +139,15 @@ def _explained(
     The object is compared with offset and modulation ratio times the moved reference over a
     Gaussian window of ``window_periods``; 0…1. A negative ratio explains nothing.
     """
-    rows, columns = np.indices(displacement_px.shape, dtype=np.float64)
-    moved = scipy.ndimage.map_coordinates(
-        prepared.reference, (rows, columns - displacement_px), order=1, mode="nearest"
-    )
-    d, s = prepared.object - prepared.mean_brightness, moved - prepared.mean_brightness
+    d, s = (np.empty(displacement_px.shape, np.float32) for _ in range(2))
+    for band in row_bands(d.shape, bytes_per_px=48):
+        u = displacement_px[band.rows]
+        rows, columns = (np.asarray(at) for at in np.indices(u.shape, dtype=np.float64))
+        columns = columns - u
+        counts = prepared.reference[band.rows].astype(np.float64)
+        moved = scipy.ndimage.map_coordinates(counts, (rows, columns), order=1, mode="nearest")
+        s[band.rows] = moved - prepared.mean_brightness
+        d[band.rows] = prepared.object[band.rows] - prepared.mean_brightness
     width = window_periods * prepared.period
     mean_d, mean_s = _local_mean(d, width), _local_mean(s, width)
     covariance = np.maximum(_local_mean(d * s, width) - mean_d * mean_s, 0.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 from fringeworks.files.atomic import StrPath
 from fringeworks.types import MissingPackage
 
@@ -29,6 +31,8 @@ def run_studio(
     be used; DeviceProblem where the address cannot.
     """
     try:
+        for needed in ("cv2", "matplotlib"):
+            import_module(needed)
         from fringeworks.studio.server import serve
     except ModuleNotFoundError as error:
         raise MissingPackage(

@@ -7,6 +7,25 @@ from typing import Any
 
 from fringeworks.types import MissingPackage
 
+__all__ = [
+    "Affine2D",
+    "Axes",
+    "AxesImage",
+    "BoundaryNorm",
+    "Figure",
+    "FontProperties",
+    "ListedColormap",
+    "Outline",
+    "Patch",
+    "PathPatch",
+    "Rectangle",
+    "TextPath",
+    "need_plots",
+    "plots_installed",
+    "rc_context",
+    "to_rgba",
+]
+
 
 def need_plots(what: str) -> None:
     """Refuse what draws where Matplotlib is not installed.
@@ -60,27 +79,5 @@ try:
     from matplotlib.transforms import Affine2D
 except ModuleNotFoundError:
     # Modules of pictures load without it, because results name the types of pictures.
-    for _name in (
-        *("Affine2D", "Axes", "AxesImage", "BoundaryNorm", "Figure", "FontProperties", "Outline"),
-        *("ListedColormap", "Patch", "PathPatch", "Rectangle", "TextPath", "rc_context", "to_rgba"),
-    ):
+    for _name in set(__all__) - {"need_plots", "plots_installed"}:
         globals()[_name] = _Missing(_name, (), {})
-
-__all__ = [
-    "Affine2D",
-    "Axes",
-    "AxesImage",
-    "BoundaryNorm",
-    "Figure",
-    "FontProperties",
-    "ListedColormap",
-    "Outline",
-    "Patch",
-    "PathPatch",
-    "Rectangle",
-    "TextPath",
-    "need_plots",
-    "plots_installed",
-    "rc_context",
-    "to_rgba",
-]

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
 from fringeworks.files.provenance import json_line
@@ -120,7 +119,7 @@ def frame(title: str, values: FloatMap) -> Figure:
     return figure
 
 
-def _perspective(axes: Axes3D, values: FloatMap, pitch: float, unit: str) -> None:
+def _perspective(axes: Any, values: FloatMap, pitch: float, unit: str) -> None:
     step = max(1, int(np.ceil(max(values.shape) / MAX_SURFACE_POINTS)))
     z = values[::step, ::step]
     rows_, columns = z.shape
@@ -143,7 +142,6 @@ def perspective(title: str, values: FloatMap, *, pitch: float = 1.0, unit: str =
     need_plots("a picture")
     figure = Figure(figsize=(7.0, 5.2), layout="constrained")
     axes = figure.add_subplot(projection="3d")
-    assert isinstance(axes, Axes3D)
     axes.set_title(title)
     _perspective(axes, values, pitch, unit)
     return figure

@@ -35,11 +35,14 @@ def run_studio(
             import_module(needed)
         from fringeworks.studio.server import serve
     except ModuleNotFoundError as error:
+        name = error.name or "nicegui"
         raise MissingPackage(
-            f"studio: expected the package {error.name}, got none: {INSTALL}"
+            f"studio: expected the package {PACKAGES.get(name, name)}, got none: {INSTALL}"
         ) from error
     serve(folder, host=host, port=port, show=show)
 
 
+PACKAGES = {"cv2": "opencv-python-headless"}
+"""Names of packages whose modules are called otherwise."""
 INSTALL = "pip install 'fringeworks[studio]'"
 """How the packages of the studio are installed."""

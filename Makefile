@@ -87,7 +87,7 @@ wheel: $(VENV)/.ready
 	VIRTUAL_ENV=$(VENV) $(BIN)/maturin build --release --locked --quiet --sdist --out dist
 	$(PYTHON) -m venv $(WHEEL_VENV)
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: dist/*.whl
-	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python -I release/installed.py --most-mb 520
+	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python -I release/installed.py --most-mb 250
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: -r requirements/test.txt
 	OPENBLAS_NUM_THREADS=1 $(WHEEL_VENV)/bin/python -m pytest $(OTHERS) tests
 
@@ -124,8 +124,8 @@ $(BENCH_VENV)/.ready: requirements/bench.txt constraints.txt
 	$(BENCH_VENV)/bin/python $(PIP) -r requirements/bench.txt
 	@touch $@
 
-# The package installs OpenCV without its extra modules, and a peer is one of those. Both are the same Python module: the one
-# that is installed last counts.
+# Peers may install OpenCV without its extra modules, and a peer is one of those. Both are the same Python module: the one that
+# is installed last counts.
 $(BENCH_VENV)/.built: $(BENCH_VENV)/.ready pyproject.toml $(RUST)
 	VIRTUAL_ENV=$(BENCH_VENV) $(BENCH_VENV)/bin/maturin develop --release --locked --quiet
 	$(BENCH_VENV)/bin/python $(PIP) --force-reinstall --no-deps opencv-contrib-python-headless

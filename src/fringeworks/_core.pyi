@@ -14,18 +14,22 @@ __all__ = [
     "DecodeSettings",
     "Triangles",
     "Triangulation",
+    "area_means",
     "average_phasor",
+    "box_means",
     "count_residues",
     "decode_frames",
     "decompose_rows",
     "fit_samples",
     "fitted_inside",
     "harmonic_sums",
+    "interpolate_linear",
     "invert_rows",
     "invert_windowed",
     "joint_albedo",
     "mark_isolated",
     "measure_points",
+    "median_of_nine",
     "moving_means",
     "optimised",
     "phase_residuals",
@@ -49,6 +53,8 @@ __all__ = [
     "wall_sides",
     "warp_windowed",
     "wavelet_ridge_rows",
+    "weighted_sums",
+    "widen",
     "window_sums",
     "without_series",
 ]
@@ -155,6 +161,43 @@ def moving_means(
     """Means of neighbours, once for each of the odd sides along y and x.
 
     ``values`` and the result are float32 or float64 (h, w). The border's values go on beyond it.
+    """
+
+def box_means(values: NDArray[Any], *, side: int, border: str = "edge") -> NDArray[Any]:
+    """Means of squares of an odd side; float32 or float64 (h, w).
+
+    ``border`` is "edge" (the border's values go on), "mirror" (without the border itself) or
+    "zero". A value that is not finite spoils the rest of its column.
+    """
+
+def weighted_sums(
+    values: NDArray[np.float32],
+    *,
+    weights_y: Sequence[float],
+    weights_x: Sequence[float],
+    border: str = "edge",
+    step: int = 1,
+) -> NDArray[np.float32]:
+    """Weighted sums of the neighbours of every ``step``-th pixel along y and x, from the first on.
+
+    Odd numbers of weights; the middle one is that of the pixel.
+    """
+
+def median_of_nine(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Medians of squares of 3 px; NaN where one is."""
+
+def widen(marks: NDArray[np.bool_], *, reach: int) -> NDArray[np.bool_]:
+    """What is within a distance of a mark along rows, columns and diagonals."""
+
+def area_means(values: NDArray[np.float32], *, rows: int, columns: int) -> NDArray[np.float32]:
+    """A smaller map, whose pixels are means of the areas that they cover."""
+
+def interpolate_linear(
+    values: NDArray[Any], *, rows: NDArray[np.float64], columns: NDArray[np.float64]
+) -> NDArray[Any]:
+    """Values at all pairs of some rows and columns; float32 or float64.
+
+    The border's values go on beyond it. A NaN among the places gives NaN.
     """
 
 def raise_factors(

@@ -5,6 +5,7 @@ mod albedo;
 mod cliffs;
 mod decode;
 mod emd;
+mod filters;
 mod inverse;
 mod isolated;
 mod measure;
@@ -31,6 +32,10 @@ mod _core {
     use super::decode::{decode_frames, DecodeSettings};
     #[pymodule_export]
     use super::emd::{decompose_rows, row_envelopes};
+    #[pymodule_export]
+    use super::filters::{
+        area_means, box_means, interpolate_linear, median_of_nine, weighted_sums, widen,
+    };
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]

@@ -6,6 +6,7 @@
 //! * [`albedo`]: albedo of an object with sharp edges, from two frames.
 //! * [`decode`]: shifted fringes and Gray code to projector coordinates, in one pass.
 //! * [`emd`]: empirical mode decomposition of rows, and their envelopes.
+//! * [`filters`]: filters of images, and what lies beyond their borders.
 //! * [`inverse`]: inverse function analysis by rows (IFA, SIFA, GSIFA, exact).
 //! * [`isolated`]: pixels whose decoded coordinate no neighbour shares.
 //! * [`measure`]: frames to points in one pass.
@@ -22,6 +23,7 @@
 pub mod albedo;
 pub mod decode;
 pub mod emd;
+pub mod filters;
 pub mod inverse;
 pub mod isolated;
 pub mod measure;

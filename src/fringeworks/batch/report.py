@@ -10,6 +10,7 @@ import numpy as np
 from fringeworks.batch.run import BatchResult
 from fringeworks.files.atomic import StrPath
 from fringeworks.report.control_chart import control_chart
+from fringeworks.report.drawing import need_plots
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Text
 from fringeworks.report.page.parts import dict_table
 from fringeworks.report.page.report import write_page
@@ -38,6 +39,7 @@ def write_batch_report(path: StrPath, result: BatchResult, *, title: str = "") -
     ------
     FileProblem for another suffix, or a folder that cannot be written to.
     """
+    need_plots("a report")
     origin = made_by("write_batch_report", options={"results": str(result.folder)})
     title = title or result.folder.stem
     chapters = [

@@ -23,6 +23,7 @@ from fringeworks.files.sequence import FrameSequence, read_sequence
 from fringeworks.pipeline.sequences import measure_sequence
 from fringeworks.stack.sequence import SequenceOptions, check_every
 from fringeworks.types import Frozen, InputError, PointCloud, Recipe, Rig, made_by
+from fringeworks.types.packages import need_opencv
 
 OPTIONS = frozenset(SequenceOptions.__annotations__) - {"every", "noise"}
 """Options of a recipe that sequences know."""
@@ -126,6 +127,7 @@ def moments_of(frames: FrameSequence, recipe: Recipe, every: int) -> int:
 
 
 def _checked(recipe: Recipe, place: Path, rate_hz: float | None) -> tuple[Rig, Path]:
+    need_opencv("a sequence")
     if recipe.rig is None or recipe.plan is None:
         missing = "a rig" if recipe.rig is None else "a plan"
         raise InputError(f"recipe: expected {missing} for a sequence, got none")

@@ -7,6 +7,7 @@ from typing import Any
 
 from fringeworks.batch.sequence import SequenceResult
 from fringeworks.files.atomic import StrPath
+from fringeworks.report.drawing import need_plots
 from fringeworks.report.motion_chart import motion_chart
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Text
 from fringeworks.report.page.parts import dict_table
@@ -36,6 +37,7 @@ def write_sequence_report(path: StrPath, result: SequenceResult, *, title: str =
     ------
     FileProblem for another suffix, or a folder that cannot be written to.
     """
+    need_plots("a report")
     origin = made_by("write_sequence_report", options={"results": str(result.folder)})
     title = title or result.folder.stem
     chapters = [_area(name, result) for name in result.displacements]

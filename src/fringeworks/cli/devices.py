@@ -149,15 +149,18 @@ def setup(
     ] = None,
 ) -> None:
     """Find out what a projector and a camera can do together, and propose a plan."""
-    figure = figure or out.with_suffix(".png")
     words = output.Output(json_file, figure)
+    beside = out.with_suffix(".png")
+    if figure is None and output.draws(words, beside):
+        figure = beside
     fw.check_setup_target(out)
     output.check(figure, "figure")
     devices = DeviceOptions(**vars(settings), projector=projector, camera=camera)
 
     def show(tests: fw.SetupTests) -> None:
         figures = fw.summarise(tests)
-        output.draw(fw.setup_sheet(tests), figure, None)
+        if figure is not None:
+            output.draw(fw.setup_sheet(tests), figure, None)
         output.write_json(json_file, figures)
         say_setup(words, figures)
 

@@ -35,8 +35,12 @@ TARGETS = {
     "surface": "fringeworks.files.surfaces",
 }
 """Modules that know where each kind of result can be written."""
+DRAWN = {"board", "figure", "report"}
+"""Kinds of results that need Matplotlib."""
 STDOUT = "-"
 """Name that stands for standard output."""
+DRAWING = "fringeworks.report.drawing"
+"""Module that refuses what draws where Matplotlib is not installed."""
 LINE_EVERY_S = 20.0
 """Seconds between two lines of progress where stderr is no terminal: often enough to see life, rare
 enough for a log."""
@@ -137,8 +141,22 @@ def check(path: Path | None, kind: str) -> None:
     kind : str
         A key of ``TARGETS``. Its module is imported only where there is a file to check: some draw.
     """
-    if path is not None and not is_stdout(path):
+    if path is None:
+        return
+    if kind in DRAWN:
+        import_module(DRAWING).need_plots(f"{path}")
+    if not is_stdout(path):
         getattr(import_module(TARGETS[kind]), f"check_{kind}_target")(path)
+
+
+def draws(words: Output, path: Path) -> bool:
+    """Whether a picture that nobody asked for can be drawn; says so where it is left out."""
+    try:
+        check(path, "figure")
+    except fw.MissingPackage as missing:
+        words.say(f"left out {missing}")
+        return False
+    return True
 
 
 def check_folder(path: Path) -> None:

@@ -249,7 +249,9 @@ def calibrate(
     folder = folders[0]
     words = output.Output(out, *show.targets)
     from fringeworks.files.stack import pose_paths
+    from fringeworks.types.packages import need_opencv
 
+    need_opencv("a calibration")
     output.check(out, "rig")
     show.check()
     known = fw.parse_board(board)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.types import InputError
+from fringeworks.types.packages import need_opencv
 
 Channel = Literal["luminance", "red", "green", "blue"]
 """What is made of a frame of a colour camera. Luminance has the weights of ITU-R BT.601."""
@@ -98,6 +99,7 @@ def to_grey(raw: NDArray[Any], name: str, channel: Channel = "luminance") -> NDA
         raise InputError(f"channel: expected one of {get_args(Channel)}, got {channel!r}")
     if kind == "Mono":
         return raw
+    need_opencv("the frame of a colour camera")
     import cv2
 
     # OpenCV names a pattern by the second and third pixel of the second row.

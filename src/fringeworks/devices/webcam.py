@@ -17,6 +17,7 @@ from fringeworks.devices.frame_reader import FrameReader
 from fringeworks.devices.pixel_formats import Channel
 from fringeworks.devices.protocols import CameraLimits, Closing, Grab
 from fringeworks.types import CameraSettings, DeviceProblem, InputError, Region
+from fringeworks.types.packages import need_opencv
 
 FIRST_FRAME_S = 10.0
 """Longest wait for the first frame, s. Some webcams need three seconds to start."""
@@ -88,6 +89,7 @@ class WebcamCamera(Closing):
         channel: Channel = "luminance",
         size_px: tuple[int, int] | None = None,
     ) -> None:
+        need_opencv("a webcam")
         if channel not in get_args(Channel):
             raise InputError(f"channel: expected one of {get_args(Channel)}, got {channel!r}")
         self._channel = channel

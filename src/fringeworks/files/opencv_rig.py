@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 
 from fringeworks.files.limits import MAX_LENGTH_PX, told
 from fringeworks.files.provenance import KEY, comment_lines, from_comments
 from fringeworks.types import FloatMap, InputError, Pinhole, Rig
+from fringeworks.types.packages import cv2, need_opencv
 
 MAX_VALUES = 64
 """Largest number of values of a matrix. A rig's matrices have 2 to 14."""
@@ -103,6 +103,7 @@ means different things in different programs."""
 
 def format_opencv(rig: Rig, suffix: str) -> str:
     """A rig as OpenCV's XML (suffix ``.xml``) or YAML."""
+    need_opencv("a rig file of OpenCV")
     kind = cv2.FILE_STORAGE_FORMAT_XML if suffix == ".xml" else cv2.FILE_STORAGE_FORMAT_YAML
     storage = cv2.FileStorage("", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | kind)
     for name, device in (("camera", rig.camera), ("projector", rig.projector)):
@@ -144,6 +145,7 @@ def parse_opencv(
     ------
     InputError for another kind of file, missing or damaged matrices, and unknown sizes.
     """
+    need_opencv("a rig file of OpenCV")
     try:
         storage = cv2.FileStorage(
             content.decode("utf-8"), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY

@@ -17,6 +17,7 @@ from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, existing_file, parsi
 from fringeworks.files.provenance import ProvenanceSection, toml_section
 from fringeworks.files.toml import Section, Size, read_toml
 from fringeworks.types import RIG_PARAMETERS, FloatMap, InputError, Pinhole, Provenance, Rig
+from fringeworks.types.packages import need_opencv
 
 OPENCV_SUFFIXES = (".xml", ".yml", ".yaml")
 """Files of OpenCV's FileStorage."""
@@ -95,6 +96,8 @@ def write_rig(path: StrPath, rig: Rig) -> Path:
 def check_rig_target(path: StrPath) -> None:
     """Refuse a file that ``write_rig`` cannot write, before anything is computed for it."""
     check_target(path, (TOML_SUFFIX, *OPENCV_SUFFIXES))
+    if Path(path).suffix.lower() in OPENCV_SUFFIXES:
+        need_opencv("a rig file of OpenCV")
 
 
 def read_rig(

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.pair.cliffs import Cliffs
-from fringeworks.pair.misfit import PATCH_PX, unexplained, widened
+from fringeworks.pair.misfit import PATCH_PX, unexplained
 from fringeworks.pair.windows import Fitted, Windows
+from fringeworks.signal.filters import box_mean, enlarged, widened
 from fringeworks.types import BoolMap, FloatMap
 
 STILL_MISFIT = 8.0
@@ -104,7 +104,7 @@ def explained(
     else:
         side = 2 * int(PLACE_PERIODS * windows.period_px) + 1
         around, not_yet = (
-            cv2.blur(where.astype(np.float32), (side, side)) for where in (poor, still & ~mixed)
+            box_mean(where.astype(np.float32), side) for where in (poor, still & ~mixed)
         )
         refused = np.asarray(not_yet > MAX_STILL_POOR * around + MIN_SHARE)
     if albedo is not None and windows.albedo is None:
@@ -120,7 +120,7 @@ def albedo_error(before: Fitted, after: Fitted, period_px: float) -> NDArray[np.
     change = after.displacement_px - before.displacement_px
     square = np.where(np.isfinite(change), change**2, np.float32(0))
     side = 2 * int(period_px) + 1
-    return np.asarray(np.float32(ERROR_SHARE**2) * cv2.blur(square, (side, side)))
+    return np.asarray(np.float32(ERROR_SHARE**2) * box_mean(square, side))
 
 
 def fringe_share(
@@ -139,7 +139,7 @@ def fringe_share(
     side = 2 * int(FRINGE_BOX_PERIODS * windows.period_px / 2) + 1
 
     def mean(values: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.asarray(cv2.blur(values, (side, side)))
+        return box_mean(values, side)
 
     def centred(values: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.where(known > 0, values - mean(values), np.float32(0))
@@ -173,9 +173,7 @@ def light_level(fitted: Fitted, period_px: float) -> NDArray[np.float32]:
 
     square = smooth(b * b)
     level = np.where(square > 0, smooth(a * b) / np.where(square > 0, square, 1), 0)
-    whole = cv2.resize(
-        level.astype(np.float32), (columns * size, rows * size), interpolation=cv2.INTER_LINEAR
-    )
+    whole = enlarged(level, (rows * size, columns * size))
     return np.ascontiguousarray(whole[:h, :w])
 
 

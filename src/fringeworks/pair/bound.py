@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.pair.prepared import PreparedPair, prepare
 from fringeworks.pair.windows import MIN_RATIO, SCALE_LIMITS_PX, Windows
+from fringeworks.signal.filters import weighted_sum
 from fringeworks.types import FloatMap, InputError, Pair
 
 WINDOW_PERIODS = 0.25
@@ -89,11 +90,10 @@ def bound_px(
     windows = Windows.of(prepared)
     step = max(1, int(width / NODES_PER_WIDTH))
     variance = _variance(_moments(windows, u.astype(np.float32), width, step), windows, width)
-    size = (u.shape[1], u.shape[0])
-    to_pixels = np.array([[step, 0.0, 0.0], [0.0, step, 0.0]])
     # Windows without light have rounding in place of a variance.
     deviation = np.sqrt(np.where(variance > 0, variance, np.nan))
-    bound = cv2.warpAffine(deviation, to_pixels, size, borderMode=cv2.BORDER_REPLICATE)
+    rows, columns = (np.arange(n) / step for n in u.shape)
+    bound = _core.interpolate_linear(deviation, rows=rows, columns=columns)
     return turn(np.where(np.isfinite(u), bound, np.nan))
 
 
@@ -115,9 +115,9 @@ def _moments(windows: Windows, u: NDArray[np.float32], width: float, step: int) 
     weight /= weight.sum()
     kernels = [weight * t**power for power in range(3)]
     return {
-        (name, j, i): cv2.sepFilter2D(
-            values, cv2.CV_32F, kernels[i], kernels[j], borderType=cv2.BORDER_CONSTANT
-        )[::step, ::step].astype(np.float64)
+        (name, j, i): weighted_sum(values, kernels[j], kernels[i], border="zero", step=step).astype(
+            np.float64
+        )
         for name, values in products.items()
         for j, i in _ORDERS[name]
     }

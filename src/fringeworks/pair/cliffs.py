@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.pair.jumps import Jumps
-from fringeworks.pair.misfit import unexplained, widened
+from fringeworks.pair.misfit import unexplained
 from fringeworks.pair.surfaces import Offers, Surfaces
 from fringeworks.pair.windows import Fitted, Windows
+from fringeworks.signal.filters import widened
 from fringeworks.types import BoolMap
 
 SMEAR_WIDTHS = 2

@@ -18,8 +18,9 @@ from fringeworks.pair.albedo import (
     paint_edges,
 )
 from fringeworks.pair.cliffs import NEAR_WALL_PX, Cliffs, find_cliffs
-from fringeworks.pair.misfit import is_rare, mean_square, unexplained, widened
+from fringeworks.pair.misfit import is_rare, mean_square, unexplained
 from fringeworks.pair.windows import CONFIDENCE, FINEST, Fitted, Windows
+from fringeworks.signal.filters import widened
 from fringeworks.types import BoolMap, ByteMap
 
 SMALL_WINDOW_PERIODS = 0.5

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.signal.filters import box_mean, opened
 from fringeworks.types import BoolMap
 
 PATCH_PX = 7
@@ -25,7 +25,7 @@ MEDIAN_STEP = 4
 def mean_square(misfit: NDArray[np.float32], side_px: int = PATCH_PX) -> NDArray[np.float32]:
     """Mean square over squares of a side, (h, w); pixels without data count as 0."""
     square = np.where(np.isfinite(misfit), misfit**2, np.float32(0))
-    return np.asarray(cv2.blur(square, (side_px, side_px), borderType=cv2.BORDER_REPLICATE))
+    return box_mean(square, side_px, "edge")
 
 
 def usual_noise(patches: NDArray[np.float32], noise: float) -> float:
@@ -43,15 +43,3 @@ def unexplained(misfit: NDArray[np.float32], noise: float, most: float = MIN_MIS
 def is_rare(places: BoolMap) -> bool:
     """Whether so few pixels are marked that nothing is searched there."""
     return int(np.count_nonzero(places)) < MIN_POOR_PIXELS
-
-
-def opened(mask: BoolMap, side_px: int) -> BoolMap:
-    """Without what no square of a side fits into."""
-    square = np.ones((side_px, side_px), np.uint8)
-    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, square), dtype=bool)
-
-
-def widened(mask: BoolMap, reach_px: int) -> BoolMap:
-    """With what is within a distance along rows, columns and diagonals."""
-    square = np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), square), dtype=bool)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.signal.filters import box_mean
 from fringeworks.types import BoolMap, FloatMap, InputError
 
 MIN_WHITE = 0.02
@@ -115,9 +115,6 @@ def noise_factor(albedo: FloatMap, usable: BoolMap, width_px: float) -> FloatMap
     """
     square = np.where(usable, 1.0 / albedo**2, 0.0)
     side = 2 * int(width_px) + 1
-    around, share = (
-        cv2.blur(np.ascontiguousarray(values, np.float64), (side, side))
-        for values in (square, usable.astype(np.float64))
-    )
+    around, share = (box_mean(values, side) for values in (square, usable.astype(np.float64)))
     typical = float(np.median(square[usable])) if usable.any() else 1.0
     return np.asarray(np.sqrt(around / np.maximum(share, 1e-6) / typical))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.pair.prepared import PreparedPair
 from fringeworks.pair.unwrap import unwrap
 from fringeworks.signal.bands import row_bands
+from fringeworks.signal.filters import gaussian
 from fringeworks.types import FloatMap, Frozen
 
 DEGREE = 4
@@ -23,6 +23,8 @@ WIDTH_PERIODS = 1.0
 """Width σ of the Gaussian of the average, periods: exp(−2π²) of the background is left."""
 BORDER_PERIODS = 2.0
 """Width of the frame's border without nodes, periods: averages there see one side only."""
+CUT_WIDTHS = 4.0
+"""Distance at which that Gaussian is cut off, widths: 6e-5 of it lie beyond."""
 MIN_AMPLITUDE = 0.3
 """Amplitude of a node that is used, over the median: weaker ones see the border of the light."""
 MIN_NODES = 60
@@ -134,10 +136,8 @@ def _nodes(prepared: PreparedPair) -> tuple[NDArray[np.complex64], FloatMap, Flo
     blocks = np.add.reduceat(sums[: tops.size * side], tops, axis=0)
     # Blocks have a variance of their own, in squares of their side.
     sigma = float(np.sqrt(max((WIDTH_PERIODS * prepared.period / side) ** 2 - 1.0 / 12.0, 0.01)))
-    mixed = [
-        cv2.GaussianBlur(part, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-        for part in (np.ascontiguousarray(blocks.real), np.ascontiguousarray(blocks.imag))
-    ]
+    reach = (round(2.0 * CUT_WIDTHS * sigma) + 1) // 2
+    mixed = [gaussian(part, sigma, reach, "zero") for part in (blocks.real, blocks.imag)]
     step = max(1, round(BLOCKS_PER_PERIOD / NODES_PER_PERIOD))
     border = int(np.ceil(BORDER_PERIODS * prepared.period / side))
     places = [np.arange(border, n.size - border, step) for n in (tops, lefts)]

@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from fringeworks.pair.albedo import paint_edges
-from fringeworks.pair.misfit import widened
 from fringeworks.pair.pixel_scatter import pixel_factor
 from fringeworks.pair.registry import Solution
 from fringeworks.pair.smoothed_away import SmoothedAway, smoothed_away
 from fringeworks.signal.bands import by_bands
+from fringeworks.signal.filters import widened
 from fringeworks.signal.third_difference import (
     REACH,
     third_difference,

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.pair.misfit import mean_square, usual_noise, widened
+from fringeworks.pair.misfit import mean_square, usual_noise
 from fringeworks.pair.windows import Fitted, Windows
+from fringeworks.signal.filters import box_mean, median_of_nine, widened
 from fringeworks.types import BoolMap
 
 IMPROVEMENT = 0.6
@@ -37,8 +37,6 @@ MAX_CHANGE_PERIODS = 0.5
 """Largest correction of a displacement: a larger one would change the fringe order."""
 SAME_PERIODS = 1.0 / 300.0
 """Difference up to which two surfaces at a pixel count as the same one."""
-MEDIAN_PX = 3
-"""Side of the squares whose median removes single wrong surfaces."""
 
 
 class Surfaces(NamedTuple):
@@ -126,7 +124,7 @@ class Offers:
     def continued(self, where: BoolMap) -> Surfaces:
         """The same without single pixels that took another surface than those around them."""
         taken = self.taken(where)
-        median = cv2.medianBlur(taken.u, MEDIAN_PX)
+        median = median_of_nine(taken.u)
         return taken._replace(u=np.where(where & ~self.clean, median, taken.u))
 
 
@@ -136,6 +134,6 @@ def _steep(u: NDArray[np.float32], width_px: float) -> BoolMap:
     steep = np.zeros(u.shape, bool)
     for axis in (0, 1):
         slope: NDArray[np.float32] = np.gradient(u, axis=axis)
-        around = cv2.blur(slope, (side, side), borderType=cv2.BORDER_REPLICATE)
+        around = box_mean(slope, side, "edge")
         steep |= np.abs(slope - around) > STEEP
     return steep

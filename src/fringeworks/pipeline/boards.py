@@ -24,6 +24,7 @@ from fringeworks.types import (
     fingerprint,
     made_by,
 )
+from fringeworks.types.packages import need_opencv
 
 
 def calibrate_stacks(
@@ -62,6 +63,7 @@ def calibrate_stacks(
     ------
     InputError where too few poses are left, a stack cannot be read, and as ``calibrate``.
     """
+    need_opencv("a calibration")
     board = parse_board(board) if isinstance(board, str) else board
     seen = observe_poses(stacks, board, plan, progress, options)
     progress("adjusting …")
@@ -97,6 +99,7 @@ def observe_poses(
     options: DecodeOptions,
 ) -> ObservedPoses:
     """Find a board in all poses of one camera; the options are those of ``calibrate_stacks``."""
+    need_opencv("a calibration")
     poses = read_poses(stacks, plan) if isinstance(stacks, (str, os.PathLike)) else stacks
     observations: list[Observation] = []
     skipped: dict[str, str] = {}
@@ -133,6 +136,7 @@ def observe_stack(
     ------
     BoardNotFound where the board is not found; InputError as ``decode``.
     """
+    need_opencv("a calibration")
     size = (stack.plan.width_px, stack.plan.height_px)
     image = texture(stack.frames, stack.plan)
     return observe(image, decoded(stack, options), board, projector_size=size, name=name)

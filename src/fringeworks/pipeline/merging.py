@@ -28,6 +28,7 @@ from fringeworks.types import (
     fingerprint,
     made_by,
 )
+from fringeworks.types.packages import need_opencv
 from fringeworks.views.board_pose import board_pose
 from fringeworks.views.camera_blur import remove_blur
 from fringeworks.views.features import align_by_shape
@@ -145,6 +146,8 @@ def merge(
     Poses minimise the errors of known poses and of pairs, weighted by their covariances
     (``solve_poses``). Points are fused by their σ (``fuse_points``).
     """
+    if board is not None:
+        need_opencv("a board among the views")
     clouds = [v if isinstance(v, PointCloud) else read_cloud(v) for v in views]
     board = parse_board(board) if isinstance(board, str) else board
     _check(len(clouds), poses, board, step_deg, axis)

@@ -17,6 +17,7 @@ from fringeworks.rig.calibration.drift import RigCheck, adjust_to, check_observa
 from fringeworks.stack.frames import Stack
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import Provenance, Rig, Source, fingerprint, made_by
+from fringeworks.types.packages import need_opencv
 
 
 def check_rig(
@@ -48,6 +49,7 @@ def check_rig(
     BoardNotFound where the board is not found; RigMismatch for frames of other sizes; InputError
     as ``decode``.
     """
+    need_opencv("the check of a rig")
     rig = rig if isinstance(rig, Rig) else read_rig(rig)
     seen, known, origin = _observed("check_rig", rig, stack, board, options)
     return replace(check_observations(rig, seen, known), provenance=origin)
@@ -76,6 +78,7 @@ def adjust_rig(
     InputError where rotation and translation do not explain the drift, such as for a camera that
     was refocused; and as ``check_rig``.
     """
+    need_opencv("the check of a rig")
     rig = rig if isinstance(rig, Rig) else read_rig(rig)
     seen, known, origin = _observed("adjust_rig", rig, stack, board, options)
     return replace(adjust_to(rig, seen, known), provenance=origin)

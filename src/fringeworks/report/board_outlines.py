@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
-from matplotlib.path import Path as Outline
-from matplotlib.transforms import Affine2D
 
+from fringeworks.report.drawing import Affine2D, Outline
 from fringeworks.rig.calibration.board import ASYMMETRIC_CIRCLE_RADIUS, CIRCLE_RADIUS, Board
 from fringeworks.types import BoolMap, FloatMap
+from fringeworks.types.packages import cv2
 
 MARKER_BORDER = 1
 """Width of the black border of an ArUco marker, in cells: the value that OpenCV's detector expects

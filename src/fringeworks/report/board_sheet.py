@@ -5,18 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from matplotlib import rc_context
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
-from matplotlib.patches import Patch, PathPatch, Rectangle
-from matplotlib.path import Path as Outline
-from matplotlib.textpath import TextPath
-from matplotlib.transforms import Affine2D
-
 from fringeworks import _core
 from fringeworks.files.atomic import StrPath, check_target, replacing
 from fringeworks.report.board_outlines import board_ink
+from fringeworks.report.drawing import (
+    Affine2D,
+    Axes,
+    Figure,
+    FontProperties,
+    Outline,
+    Patch,
+    PathPatch,
+    Rectangle,
+    TextPath,
+    need_plots,
+    rc_context,
+)
 from fringeworks.report.figures import FORMATS
 from fringeworks.report.papers import (
     BOTTOM_STRIP_MM,
@@ -118,6 +122,7 @@ def board_sheet(
     >>> [round(float(25.4 * side), 3) for side in sheet.get_size_inches()]
     [297.0, 210.0]
     """
+    need_plots("a board to print")
     board = parse_board(board) if isinstance(board, str) else board
     if white_on_black and board.kind not in ("circles", "asymmetric-circles"):
         raise InputError(
@@ -185,6 +190,7 @@ def write_board(
 
 def check_board_target(path: StrPath) -> None:
     """Refuse a file that ``write_board`` cannot write, before anything is drawn for it."""
+    need_plots("a board to print")
     check_target(path, FORMATS)
 
 

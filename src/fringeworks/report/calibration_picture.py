@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 
+from fringeworks.report.drawing import Axes
 from fringeworks.report.maps import SMALL_INCH, Picture, percent, small_print
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import coverage, diagnose, pose_figures

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from fringeworks.pipeline.cameras import MultiMeasurement
+from fringeworks.report.drawing import Figure
 from fringeworks.report.maps import Panel, percent, sheet
 from fringeworks.types import Reason
 

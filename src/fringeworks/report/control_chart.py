@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from fringeworks.report.drawing import Figure
 from fringeworks.types import FloatMap
 
 SIZE_INCH = (9.0, 3.4)

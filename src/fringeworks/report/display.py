@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import singledispatch
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from fringeworks.evaluate.captures import CaptureComparison
 from fringeworks.evaluate.deviation import Deviation
@@ -17,6 +16,7 @@ from fringeworks.report.calibration_picture import calibration_picture
 from fringeworks.report.camera_picture import cameras_picture
 from fringeworks.report.comparison_picture import comparison_picture
 from fringeworks.report.deviation_picture import deviation_picture
+from fringeworks.report.drawing import Figure, need_plots
 from fringeworks.report.maps import UNMEASURED_WORDS, Panel, percent, sheet
 from fringeworks.report.plan_picture import plan_picture
 from fringeworks.report.profile_picture import profile_picture
@@ -46,7 +46,6 @@ LIGHT = (-0.5, -0.5, -0.7)
 pictures of relief are lit by custom."""
 
 
-@singledispatch
 def plot(result: object, name: str | None = None) -> Figure:
     """Draw a result as one picture.
 
@@ -64,8 +63,14 @@ def plot(result: object, name: str | None = None) -> Figure:
 
     Raises
     ------
-    InputError for anything else.
+    InputError for anything else; MissingPackage without the extra ``plots``.
     """
+    need_plots("a picture")
+    return _drawn(result, name)
+
+
+@singledispatch
+def _drawn(result: object, name: str | None = None) -> Figure:
     what = f"{name}: " if name else ""
     raise InputError(f"{what}expected a result of fringeworks, got {type(result).__name__}")
 
@@ -84,7 +89,7 @@ def _facts(measured: float, sigma: FloatMap, unit: str, *more: str) -> str:
     return "   ·   ".join(part for part in parts if part)
 
 
-@plot.register
+@_drawn.register
 def _(surface: HeightMap, name: str | None = None) -> Figure:
     return _of_surface(surface, name)
 
@@ -108,7 +113,7 @@ def _of_surface(surface: HeightMap, name: str | None, *more: Panel) -> Figure:
     )
 
 
-@plot.register
+@_drawn.register
 def _(found: DisplacementMap, name: str | None = None) -> Figure:
     return sheet(
         _titled(name, f"Displacement of the fringes along {found.axis}"),
@@ -140,17 +145,17 @@ def _edges(found: DisplacementMap) -> list[Panel]:
     return panels
 
 
-@plot.register
+@_drawn.register
 def _(cloud: PointCloud, name: str | None = None) -> Figure:
     return _of_points(cloud, name)
 
 
-@plot.register
+@_drawn.register
 def _(result: Measurement, name: str | None = None) -> Figure:
     return _of_points(result.points, name)
 
 
-@plot.register
+@_drawn.register
 def _(result: Reconstruction, name: str | None = None) -> Figure:
     return _of_surface(result.surface, name, *_edges(result.displacement))
 
@@ -181,7 +186,7 @@ def _coordinate_panels(found: CoordinateMap) -> list[Panel]:
     ]
 
 
-@plot.register
+@_drawn.register
 def _(found: CoordinateMap, name: str | None = None) -> Figure:
     what = "column" if found.axis == "x" else "row"
     return sheet(
@@ -192,7 +197,7 @@ def _(found: CoordinateMap, name: str | None = None) -> Figure:
     )
 
 
-@plot.register
+@_drawn.register
 def _(decoded: Decoded, name: str | None = None) -> Figure:
     maps = list(decoded.maps.values())
     facts = "\n".join(
@@ -209,7 +214,7 @@ def _(decoded: Decoded, name: str | None = None) -> Figure:
     )
 
 
-@plot.register
+@_drawn.register
 def _(wrapped: WrappedPhase, name: str | None = None) -> Figure:
     return sheet(
         _titled(name, "Phase of the fringes, wrapped to −π … π"),
@@ -224,7 +229,7 @@ def _(wrapped: WrappedPhase, name: str | None = None) -> Figure:
     )
 
 
-@plot.register
+@_drawn.register
 def _(light: LightSeparation, name: str | None = None) -> Figure:
     total = light.direct + np.maximum(light.indirect, 0.0)
     share = np.full(total.shape, np.nan)
@@ -254,39 +259,39 @@ def _(light: LightSeparation, name: str | None = None) -> Figure:
     )
 
 
-@plot.register
+@_drawn.register
 def _(profile: Profile, name: str | None = None) -> Figure:
     (x0, y0), (x1, y1) = profile.pixels[0], profile.pixels[-1]
     title = f"{profile.quantity} from pixel ({x0}, {y0}) to pixel ({x1}, {y1})"
     return profile_picture(_titled(name, title[0].upper() + title[1:]), profile)
 
 
-@plot.register
+@_drawn.register
 def _(found: CaptureComparison, name: str | None = None) -> Figure:
     title = _titled(name, f"Methods compared on {found.name}")
     return comparison_picture(title, found)
 
 
-@plot.register
+@_drawn.register
 def _(found: Deviation, name: str | None = None) -> Figure:
     return deviation_picture(_titled(name, "Deviation from the model"), found)
 
 
-@plot.register
+@_drawn.register
 def _(plan: PatternPlan, name: str | None = None) -> Figure:
     return plan_picture(_titled(name, "The light of every frame, in the order of projection"), plan)
 
 
-@plot.register
+@_drawn.register
 def _(result: MultiMeasurement, name: str | None = None) -> Figure:
     return cameras_picture(_titled(name, "Points of several cameras"), result)
 
 
-@plot.register
+@_drawn.register
 def _(calibration: Calibration, name: str | None = None) -> Figure:
     return calibration_picture(_titled(name, "Calibration of camera and projector"), calibration)
 
 
-@plot.register
+@_drawn.register
 def _(tests: SetupTests, name: str | None = None) -> Figure:  # noqa: ARG001, it names its devices
     return setup_sheet(tests)

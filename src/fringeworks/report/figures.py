@@ -7,15 +7,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
 from fringeworks.files.provenance import json_line
 from fringeworks.pair.methods.inverse_function import Extrema
+from fringeworks.report.drawing import (
+    Axes,
+    BoundaryNorm,
+    Figure,
+    ListedColormap,
+    need_plots,
+    rc_context,
+)
 from fringeworks.report.maps import DPI, Panel, PanelKind, draw_map, limits_of, sheet
 from fringeworks.types import FloatMap, Provenance
 
@@ -27,6 +30,7 @@ FORMATS = (".png", ".pdf", ".svg")
 
 def check_figure_target(path: StrPath) -> None:
     """Refuse a picture that ``save_figure`` cannot write, before anything is computed for it."""
+    need_plots("a picture")
     check_target(path, FORMATS)
 
 
@@ -115,7 +119,7 @@ def frame(title: str, values: FloatMap) -> Figure:
     return figure
 
 
-def _perspective(axes: Axes3D, values: FloatMap, pitch: float, unit: str) -> None:
+def _perspective(axes: Any, values: FloatMap, pitch: float, unit: str) -> None:
     step = max(1, int(np.ceil(max(values.shape) / MAX_SURFACE_POINTS)))
     z = values[::step, ::step]
     rows_, columns = z.shape
@@ -135,9 +139,9 @@ def _perspective(axes: Axes3D, values: FloatMap, pitch: float, unit: str) -> Non
 
 def perspective(title: str, values: FloatMap, *, pitch: float = 1.0, unit: str = "mm") -> Figure:
     """A surface in perspective."""
+    need_plots("a picture")
     figure = Figure(figsize=(7.0, 5.2), layout="constrained")
     axes = figure.add_subplot(projection="3d")
-    assert isinstance(axes, Axes3D)
     axes.set_title(title)
     _perspective(axes, values, pitch, unit)
     return figure
@@ -160,6 +164,7 @@ def overview(title: str, cells: Sequence[Sequence[tuple[str, FloatMap, str]]]) -
     Kinds: "frame" in grey counts, "height" in mm, "error" in mm about zero. Heights of a line have
     one scale, and errors have another one.
     """
+    need_plots("a picture")
     columns = max(len(line) for line in cells)
     figure = Figure(figsize=(3.6 * columns, 3.2 * len(cells) + 0.4), layout="constrained")
     figure.suptitle(title)
@@ -201,6 +206,7 @@ def best_map(title: str, cells: Sequence[Any]) -> Figure:
 
     ``cells`` are those of ``best_methods``; the number in each is that error, mm.
     """
+    need_plots("a picture")
     columns = sorted({cell.scene["fringes"] for cell in cells})
     lines = list(
         dict.fromkeys(tuple(v for k, v in cell.scene.items() if k != "fringes") for cell in cells)

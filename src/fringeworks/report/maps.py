@@ -9,12 +9,9 @@ from io import BytesIO
 from typing import Any, Literal
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from fringeworks.report.drawing import Axes, BoundaryNorm, Figure, ListedColormap, Patch
 from fringeworks.report.reason_words import REASON_COLOURS, REASON_WORDS
 from fringeworks.types import ByteMap, FloatMap, FrameFinding, Reason, reason_counts
 

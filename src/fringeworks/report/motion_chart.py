@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from fringeworks.evaluate.vibration import Displacement, Vibration
+from fringeworks.report.drawing import Figure
 
 SIZE_INCH = (9.0, 5.2)
 """Width and height of the figure, inches."""

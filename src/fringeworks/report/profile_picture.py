@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from fringeworks.report.drawing import Axes
 from fringeworks.report.maps import Picture, percent
 from fringeworks.report.reason_words import REASON_COLOURS, REASON_WORDS
 from fringeworks.types import BoolMap, FloatMap, Profile, Reason

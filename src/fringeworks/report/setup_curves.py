@@ -5,8 +5,8 @@ from __future__ import annotations
 import textwrap
 
 import numpy as np
-from matplotlib.axes import Axes
 
+from fringeworks.report.drawing import Axes
 from fringeworks.scan.setup import SetupTests
 from fringeworks.types import FloatMap
 

@@ -6,11 +6,8 @@ import textwrap
 from collections.abc import Callable
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import to_rgba
-from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 
+from fringeworks.report.drawing import Axes, AxesImage, Figure, need_plots, to_rgba
 from fringeworks.report.maps import UNMEASURED
 from fringeworks.report.setup_curves import (
     BLUE,
@@ -60,6 +57,7 @@ def setup_sheet(tests: SetupTests) -> Figure:
     -------
     matplotlib Figure. Titles of tests with a finding are red.
     """
+    need_plots("a picture")
     words = [line for text in _texts(tests) for line in textwrap.wrap(text, LINE_LETTERS)]
     below = LINE_IN * (len(words) + 1)
     figure = Figure(figsize=(WIDTH_IN, 3 * PANEL_IN + below + 0.6), layout="constrained")

@@ -26,6 +26,7 @@ from fringeworks.types import (
     Frozen,
     InputError,
 )
+from fringeworks.types.packages import need_opencv
 
 MOST_POSES = 40
 """Largest number of poses that are taken. Twelve to twenty are enough for someone who follows the
@@ -72,6 +73,7 @@ def calibrate_live(
     -------
     Calibration from all poses in the folder.
     """
+    need_opencv("a calibration")
     board = parse_board(board) if isinstance(board, str) else board
     take_poses(
         projector,
@@ -131,6 +133,7 @@ def take_poses(
     ------
     InputError for a plan with one axis; DeviceProblem where frames do not come.
     """
+    need_opencv("a calibration")
     poses = PoseTaker(folder, board, **options)
     while not poses.enough and ready(poses.judgement):
         taken(poses.take(projector, camera, plan, settings=settings, delay=delay))

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_view import BoardView
 from fringeworks.rig.calibration.calibrate import Observation, unmoved
 from fringeworks.types import BoolMap, FloatMap, Frozen, InputError
+from fringeworks.types.packages import cv2, need_opencv
 
 CELLS = 6
 """Cells along each side of the field in which corners are counted; every region has 2 × 2 cells."""
@@ -151,6 +151,7 @@ def judge_poses(observations: Sequence[Observation], board: Board) -> PoseJudgem
     poses on. Where the projector lights the camera's image is estimated by one homography through
     all corners, as if the boards were one plane.
     """
+    need_opencv("judging poses")
     _check_sizes(observations)
     if not observations:
         nothing = np.zeros((CELLS, CELLS), bool)
@@ -192,6 +193,7 @@ def rough_focal_px(observations: Sequence[Observation], board: Board) -> float:
     Each homography H from the board to the image, with its origin in the middle, gives
     h₁ᵀωh₂ = 0 and h₁ᵀωh₁ = h₂ᵀωh₂ with ω = diag(1/f², 1/f², 1): linear in 1/f².
     """
+    need_opencv("judging poses")
     side = max(observations[0].camera_size)
     above, below = FOCAL_WEIGHT / USUAL_FOCAL**2, FOCAL_WEIGHT
     for o in observations:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from matplotlib.figure import Figure
-
+from fringeworks.report.drawing import Figure
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Text
 from fringeworks.report.page.parts import dict_table
 

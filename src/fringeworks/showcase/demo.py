@@ -18,10 +18,12 @@ from fringeworks.files.pair import read_pair, write_pair
 from fringeworks.files.surfaces import write_surface
 from fringeworks.pipeline.pairs import Reconstruction, reconstruct
 from fringeworks.report import figures
+from fringeworks.report.drawing import need_plots
 from fringeworks.report.tables import format_table
 from fringeworks.showcase.demo_rig import rig_demo
 from fringeworks.simulate.scene import standard_scene
 from fringeworks.types import HeightMap, Pair, made_by
+from fringeworks.types.packages import need_opencv
 
 BODIES = ("parabola", "cube", "cylinder")
 """Artificial objects, as in the dissertation."""
@@ -86,6 +88,8 @@ def write_demo(
     -------
     DemoResult
     """
+    need_plots("the demonstration")
+    need_opencv("the demonstration")
     rows: list[Row] = []
     pictures: list[Path] = []
     origin = made_by("write_demo", options={"size": size})

@@ -7,7 +7,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from fringeworks.evaluate.captures import Row
 from fringeworks.evaluate.compare import compare
@@ -17,6 +16,7 @@ from fringeworks.files.folder import replacing_folder
 from fringeworks.pair.methods.inverse_function import Extrema, find_extrema
 from fringeworks.pipeline.pairs import Reconstruction, reconstruct
 from fringeworks.report import figures
+from fringeworks.report.drawing import Figure, need_plots
 from fringeworks.report.page.html import page_html
 from fringeworks.report.page.pdf import write_pdf
 from fringeworks.report.tables import TableFormat, format_table
@@ -76,6 +76,7 @@ def write_paper(
     -------
     Paths of all files written.
     """
+    need_plots("the figures of the dissertation")
     written: list[Path] = []
     drawn: dict[str, Figure] = {}
     origin = made_by("write_paper", options={"size": size})

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import cv2
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from fringeworks.patterns.order_chain import TURN
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.stack.frames import Planes
 from fringeworks.types import Axis, BoolMap, FloatMap, Frozen
+from fringeworks.types.packages import cv2
 
 CHANGE_WINDOW = 7
 """Side of the window in which changes, residuals and slopes are averaged, px. Empirical."""

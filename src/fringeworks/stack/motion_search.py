@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
 import numpy as np
 
 from fringeworks.patterns.order_chain import TURN
@@ -21,6 +20,7 @@ from fringeworks.stack.motion import (
     phase_sets,
 )
 from fringeworks.types import Axis, BoolMap, FloatMap, FramesContradictPlan
+from fringeworks.types.packages import cv2
 
 MOST_PERIODS = 2
 """Periods of the finest fringes that a surface may move along the projector during a cycle."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import replace
 
-import cv2
 import numpy as np
 
 from fringeworks.patterns.plan import PatternPlan
@@ -13,6 +12,7 @@ from fringeworks.stack.frames import Planes
 from fringeworks.stack.motion import Motion, late_frames, warped
 from fringeworks.stack.motion_search import motion_between
 from fringeworks.types import Axis, FloatMap, sealed
+from fringeworks.types.packages import cv2, need_opencv
 
 KEPT = 3
 """Pairs of cycles whose motion is kept: three determine a parabola in time."""
@@ -37,6 +37,7 @@ class MotionTrack:
     """
 
     def __init__(self, plan: PatternPlan) -> None:
+        need_opencv("a sequence")
         self._plan = plan
         self._late = {axis: late_frames(plan, axis) / plan.frames for axis in plan.axes}
         self._motions: deque[Motion] = deque(maxlen=KEPT)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+
 from fringeworks.files.atomic import StrPath
 from fringeworks.types import MissingPackage
 
@@ -29,13 +31,18 @@ def run_studio(
     be used; DeviceProblem where the address cannot.
     """
     try:
+        for needed in ("cv2", "matplotlib"):
+            import_module(needed)
         from fringeworks.studio.server import serve
     except ModuleNotFoundError as error:
+        name = error.name or "nicegui"
         raise MissingPackage(
-            f"studio: expected the package {error.name}, got none: {INSTALL}"
+            f"studio: expected the package {PACKAGES.get(name, name)}, got none: {INSTALL}"
         ) from error
     serve(folder, host=host, port=port, show=show)
 
 
+PACKAGES = {"cv2": "opencv-python-headless"}
+"""Names of packages whose modules are called otherwise."""
 INSTALL = "pip install 'fringeworks[studio]'"
 """How the packages of the studio are installed."""

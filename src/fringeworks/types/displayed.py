@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 DRAWING_ROOM = "fringeworks.report.display"
 """Module whose ``plot`` draws every result. It is loaded by name when a picture is asked for,
 because a type may not import the rooms behind its own."""
+DRAWING_LIBRARY = "fringeworks.report.drawing"
+"""Module that tells whether pictures can be drawn, loaded in the same way."""
 PAGES = "fringeworks.report.interactive"
 """Module whose ``show`` and ``repr_html`` make pages, loaded in the same way."""
 SECTIONS = "fringeworks.surface.section"
@@ -36,6 +38,10 @@ class Plotted:
         -------
         matplotlib Figure. Notebooks show it; ``figure.savefig`` or ``fringeworks.save_figure``
         write it to a file.
+
+        Raises
+        ------
+        MissingPackage where the package ``matplotlib`` (the extra "plots") is not installed.
 
         Examples
         --------
@@ -59,6 +65,10 @@ class Plotted:
         Returns
         -------
         The temporary file; ``fringeworks.write_report`` writes one to keep.
+
+        Raises
+        ------
+        MissingPackage where the package ``matplotlib`` (the extra "plots") is not installed.
         """
         path: Path = import_module(PAGES).show(self, every=every)
         return path
@@ -68,8 +78,11 @@ class Plotted:
         frame: str | None = import_module(PAGES).repr_html(self)
         return frame
 
-    def _repr_png_(self) -> bytes:
-        """Notebooks that show no frames, and results that are no surfaces, get the picture."""
+    def _repr_png_(self) -> bytes | None:
+        """Notebooks that show no frames, and results that are no surfaces, get the picture. Without
+        the extra ``plots``, they show text."""
+        if not import_module(DRAWING_LIBRARY).plots_installed():
+            return None
         picture: bytes = self.plot()._repr_png_()  # type: ignore[attr-defined]
         return picture
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import scipy
 
@@ -10,6 +9,7 @@ from fringeworks.pair.methods.fourier import fourier
 from fringeworks.pair.orders import continues, guided_count
 from fringeworks.pair.prepared import QUANTISATION_VARIANCE, PreparedPair, fill_nearest
 from fringeworks.signal.bands import row_bands
+from fringeworks.signal.filters import enlarged, gaussian, reduced
 from fringeworks.types import BoolMap, FloatMap
 
 MIN_START_EXPLAINED = 0.15
@@ -49,23 +49,15 @@ MIN_SHARE_COUNTED = 1e-6
 
 def _gaussian(values: FloatMap, width_px: float) -> FloatMap:
     """Smooth a map with a Gaussian of σ = ``width_px``."""
-    side = 2 * int(TRUNCATION * width_px + 0.5) + 1
-    return np.asarray(
-        cv2.GaussianBlur(
-            values.astype(np.float32), (side, side), width_px, borderType=cv2.BORDER_REPLICATE
-        )
-    )
+    return gaussian(values, width_px, int(TRUNCATION * width_px + 0.5))
 
 
 def _local_mean(values: FloatMap, width_px: float) -> FloatMap:
     """About the same, fast for large widths: on blocks of a quarter of the width."""
     h, w = values.shape
     block = min(max(1, int(width_px / BLOCKS_PER_WIDTH)), h, w)
-    blocks = cv2.resize(
-        values.astype(np.float32), (w // block, h // block), interpolation=cv2.INTER_AREA
-    )
-    smooth = _gaussian(np.asarray(blocks, np.float32), width_px / block)
-    return np.asarray(cv2.resize(smooth, (w, h), interpolation=cv2.INTER_LINEAR))
+    blocks = reduced(values, (h // block, w // block))
+    return enlarged(_gaussian(blocks, width_px / block), (h, w))
 
 
 def start_field(prepared: PreparedPair, width_px: float) -> FloatMap:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from matplotlib.figure import Figure
-
+from fringeworks.report.drawing import Figure
 from fringeworks.report.viewer.pack import PackedSurface
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from fringeworks.report.drawing import Figure
 from fringeworks.types import FloatMap
 
 BINS = 80

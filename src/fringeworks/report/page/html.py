@@ -13,8 +13,8 @@ from itertools import groupby
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined
-from matplotlib import rc_context
 
+from fringeworks.report.drawing import rc_context
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
 from fringeworks.report.viewer.page import (
     LAYERS,

@@ -5,12 +5,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-
-from matplotlib.backends.backend_pdf import PdfPages
-from matplotlib.figure import Figure
+from typing import Any
 
 from fringeworks.files.atomic import replacing
 from fringeworks.files.provenance import json_line
+from fringeworks.report.drawing import Figure
 from fringeworks.report.page.blocks import (
     Block,
     Chapter,
@@ -41,6 +40,8 @@ def write_pdf(
     notes: Sequence[str] = (),
 ) -> Path:
     """Write chapters as a PDF, whole or not at all."""
+    from matplotlib.backends.backend_pdf import PdfPages
+
     # Dates would make every file differ from the last.
     metadata = {"Title": title, "Subject": json_line(origin), "CreationDate": None}
     with replacing(path) as temporary, PdfPages(temporary, metadata=metadata) as pdf:
@@ -57,7 +58,7 @@ def write_pdf(
     return path
 
 
-def _flush(pdf: PdfPages, lines: list[str]) -> list[str]:
+def _flush(pdf: Any, lines: list[str]) -> list[str]:
     """Write lines on as many pages as they need."""
     wrapped = [part for line in lines for part in textwrap.wrap(line, LETTERS) or [""]]
     while wrapped and not wrapped[0].strip():
@@ -71,8 +72,8 @@ def _flush(pdf: PdfPages, lines: list[str]) -> list[str]:
     return []
 
 
-def _add(pdf: PdfPages, figure: Figure) -> None:
-    pdf.savefig(figure)  # type: ignore[no-untyped-call]
+def _add(pdf: Any, figure: Figure) -> None:
+    pdf.savefig(figure)
 
 
 def _text(block: Block) -> list[str]:

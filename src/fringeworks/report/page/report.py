@@ -9,6 +9,7 @@ from typing import Any
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.rig import read_rig
+from fringeworks.report.drawing import need_plots
 from fringeworks.report.page import deviation_chapter, others, surface_chapters  # noqa: F401, register chapters
 from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.both import compared
@@ -111,6 +112,7 @@ def write_page(
     kept: bool = True,
 ) -> Path:
     """Write chapters as a page or, for a name that ends with ``.pdf``, as a document."""
+    need_plots("a report")
     check_report_target(path)
     place = Path(path)
     if place.suffix.lower() == ".pdf":
@@ -121,6 +123,7 @@ def write_page(
 
 def check_report_target(path: StrPath) -> None:
     """Refuse a file that ``write_report`` cannot write, before anything is computed for it."""
+    need_plots("a report")
     check_target(path, SUFFIXES)
 
 

@@ -6,12 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from matplotlib.figure import Figure
-
 from fringeworks.files.findings import findings_as_dicts
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.display import plot
+from fringeworks.report.drawing import Figure
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface, Text
 from fringeworks.report.page.chapter import Context, chapter_of, judged_block
 from fringeworks.report.page.charts import histogram

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 
 from fringeworks.types import FloatMap, InputError
+from fringeworks.types.packages import cv2, need_opencv
 
 BoardKind = Literal["chessboard", "charuco", "circles", "asymmetric-circles"]
 DICTIONARY = "4X4_250"
@@ -82,6 +82,7 @@ class Board:
                     f"board: expected markers smaller than the squares of {self.pitch_mm:g} mm, "
                     f"got {self.marker_mm}"
                 )
+            need_opencv("a ChArUco board")
             if not hasattr(cv2.aruco, f"DICT_{self.dictionary}"):
                 raise InputError(
                     "board: expected the name of an ArUco dictionary such as "

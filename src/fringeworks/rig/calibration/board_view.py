@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.types import LARGEST, NUMBERS, FloatMap, Frozen, InputError
+from fringeworks.types.packages import cv2
 
 MIN_CORNERS = 8
 """Smallest number of corners of a usable view. A pose has six parameters and a corner gives two

@@ -31,6 +31,7 @@ from fringeworks.types import (
     Reason,
     Rig,
 )
+from fringeworks.types.packages import need_opencv
 
 MIN_POSES = 3
 """Smallest number of different poses of the board. Two determine a device only with assumptions
@@ -118,6 +119,7 @@ def observe(
     InputError, with the name, where the board or the projector coordinates of its corners are not
     found.
     """
+    need_opencv("a calibration")
     photograph = np.asarray(image)
     for coordinates in decoded.maps.values():
         if coordinates.coordinate_px.shape != photograph.shape:
@@ -207,6 +209,7 @@ def calibrate(
     (``leave_poses_out``).
     No homographies of patches are used.
     """
+    need_opencv("a calibration")
     skipped = dict(skipped or {})
     check_poses(observations, board, skipped)
     check_orientation(observations)

@@ -25,6 +25,7 @@ from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.calibration.start import start
 from fringeworks.rig.pinhole import inverse
 from fringeworks.types import FloatMap, Frozen, InputError, MultiRig, Pinhole, Rig
+from fringeworks.types.packages import need_opencv
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,6 +88,7 @@ def calibrate_cameras(
     cameras see ties them to each other, and their errors are correlated in the covariance. The
     further steps are those of ``calibrate``.
     """
+    need_opencv("a calibration")
     skipped = dict(skipped or {})
     for number, seen in enumerate(observations, 1):
         try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +13,7 @@ from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView, flatt
 from fringeworks.rig.calibration.outliers import off_board
 from fringeworks.rig.calibration.saddle import MIN_CONTRAST, fit_saddles
 from fringeworks.types import BoardNotFound, FloatMap
+from fringeworks.types.packages import cv2
 
 PART_SIZES = ((5, 5), (3, 3), (4, 4), (4, 3))
 """Sizes of the part of a chessboard that OpenCV looks for, columns and rows, in the order in which
@@ -28,8 +28,6 @@ light of a room is a tenth of the projector's. Empirical."""
 NEARLY_ALL = 0.9
 """Share of a board's corners that is enough to search no further where OpenCV saw the whole board:
 the others are hidden."""
-OLD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-"""Options of OpenCV's older detector: its defaults, and a quick end where nothing is seen."""
 RETRY_PX = 1.0
 """How far a new guess of a corner must lie from the one that failed for another trial, px. The fit
 converges from a quarter of a square, so a nearer guess would fail again."""
@@ -82,7 +80,9 @@ def _parts(grey: NDArray[np.uint8], board: Board) -> Iterator[FloatMap]:
         if found:
             yield np.asarray(corners, np.float64).reshape(*meta.shape, 2)
     # The older detector finds complete boards in clutter, where parts may lie beside the board.
-    found, corners = cv2.findChessboardCorners(grey, board.grid, flags=OLD_FLAGS)
+    # The older detector: its defaults, and a quick end where nothing is seen.
+    old = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
+    found, corners = cv2.findChessboardCorners(grey, board.grid, flags=old)
     if found:
         yield np.asarray(corners, np.float64).reshape(*board.grid[::-1], 2)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import cv2
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView, eight_bit, flattened
 from fringeworks.rig.calibration.outliers import mapped, off_board
 from fringeworks.types import BoardNotFound, BoolMap, FloatMap
+from fringeworks.types.packages import cv2
 
 MIN_CIRCLE_PX2 = 20.0
 """Smallest area of a circle that is looked for, px²: five pixels across. Smaller ones have no

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +14,7 @@ from fringeworks.rig.calibration.circles import circles_view
 from fringeworks.rig.calibration.outliers import mapped, off_board
 from fringeworks.rig.calibration.saddle import CORNER_WINDOW, MIN_CONTRAST, fit_saddles
 from fringeworks.types import BoardNotFound, FloatMap, InputError
+from fringeworks.types.packages import cv2, need_opencv
 
 MARKER_GAP = 0.4
 """Half side of the window around a ChArUco corner, over the two white margins beside a marker taken
@@ -45,6 +45,7 @@ def find_board(image: NDArray[Any], board: Board) -> BoardView:
     of gravity (theory §8). On the virtual rig corners are exact to 0.004 px, circles to 0.007 px
     after perspective is corrected.
     """
+    need_opencv("finding a board")
     photograph = np.asarray(image)
     if photograph.ndim != 2 or photograph.dtype.kind not in "uif":
         raise InputError(f"image: expected a grey (h, w) array, got shape {photograph.shape}")

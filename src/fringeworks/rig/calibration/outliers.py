@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from fringeworks.types import BoolMap, FloatMap
+from fringeworks.types.packages import cv2
 
 MIN_POINTS = 8
 """Smallest number of corners that are compared with each other: a homography has eight unknowns,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from fringeworks.rig.calibration.parameters import pinhole_of
@@ -13,6 +12,7 @@ from fringeworks.rig.calibration.poses import relative_pose, tilts_deg
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.pinhole import pose, rays
 from fringeworks.types import FloatMap, InputError, Pinhole, Rig
+from fringeworks.types.packages import cv2
 
 MIN_TILT_DEG = 5.0
 """The two boards that differ most must be tilted against each other by this, degrees. Parallel

@@ -122,7 +122,9 @@ def _place(request, files, tmp_path, monkeypatch):
 
 
 # Seen once in seven runs, on report.md: a warning of Matplotlib's layout, which nobody could repeat.
-@pytest.mark.filterwarnings("ignore::UserWarning")
+# These are the texts of a figure whose layout finds no room; every other warning is an error.
+@pytest.mark.filterwarnings("ignore:constrained_layout not applied:UserWarning")
+@pytest.mark.filterwarnings("ignore:Tight layout not applied:UserWarning")
 @pytest.mark.usefixtures("_place")
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive")
 @pytest.mark.parametrize(

@@ -25,10 +25,10 @@ OTHERS := -n 3 --dist worksteal --ignore tests/test_faults.py --ignore $(ALONE) 
 # Workers and child interpreters share the bytecode of the package and of the tests, whatever the caller's environment says.
 TESTED := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1
 
-# The kernels are tested in Cargo's dev profile, which is optimised here and checks for overflow. Three workers for two
+# Cargo's test profile checks for overflow; the bindings have no tests of their own. Three workers for two
 # cores: some tests wait for cameras and pages. One BLAS thread for each: idle ones spin on the cores of the others.
 test: $(VENV)/.built
-	cargo test --quiet
+	cargo test --quiet --package fringeworks
 	$(TESTED) $(BIN)/python -m pytest $(ALONE)
 	$(TESTED) $(BIN)/python -m pytest $(OTHERS)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -156,7 +157,7 @@ def test_other_boards_calibrate_as_well(text):
 
 @pytest.mark.parametrize("distortion", [0, 2, 4, 5])
 def test_coefficients_that_are_not_estimated_are_zero(distortion):
-    found = calibrate(observations(), board(), distortion=distortion).rig
+    found = calibrate(observations()[:5], board(), distortion=distortion).rig
     sigma = np.sqrt(np.diag(found.covariance))
     for first, device in ((4, found.camera), (13, found.projector)):
         assert all(k == 0.0 for k in device.distortion[distortion:])
@@ -295,7 +296,7 @@ def test_identical_poses_are_named():
 
 
 def test_a_pose_taken_twice_is_mentioned():
-    o = observations()
+    o = observations()[:5]
     found = calibrate([*o, replace(o[2], name="again")], board())
     messages = [f.message for f in diagnose(found)]
     expected = "the board did not move between pose2 and again: they count as one pose"
@@ -306,7 +307,7 @@ def test_parallel_poses_are_named():
     target = board()
     middle = target.points_mm.mean(axis=0)
     seen = []
-    for k, (x, y, z) in enumerate([(0, 0, 500), (10, 5, 480), (-12, 8, 530), (5, -10, 510)]):
+    for k, (x, y, z) in enumerate([(0, 0, 500), (10, 5, 480), (-12, 8, 530)]):
         T = pose(np.eye(3), np.array([x, y, z]) - middle)
         seen.append(see(T, f"pose{k}", optics=Optics(seed=k)))
     with pytest.raises(InputError, match="parallel"):
@@ -334,10 +335,16 @@ def test_mixed_sizes_are_named():
         calibrate(o, board())
 
 
+@lru_cache
+def first_pose():
+    """Plan, frames and coordinates of the board in its first pose."""
+    _, plan, frames = shoot([board_body(board(), poses()[0])], Optics())
+    return plan, frames, decode(frames, plan)
+
+
 def test_weak_fringes_on_a_lit_board_are_named():
     """Where coarse fringes are seen and fine ones are not, the projector lights the board."""
-    _, plan, frames = shoot([board_body(board(), poses()[0])], Optics())
-    found = decode(frames, plan)
+    plan, frames, found = first_pose()
     weak = {
         axis: replace(
             m,
@@ -352,8 +359,7 @@ def test_weak_fringes_on_a_lit_board_are_named():
 
 
 def test_a_board_that_only_the_camera_sees_is_named():
-    _, plan, frames = shoot([board_body(board(), poses()[0])], Optics())
-    found = decode(frames, plan)
+    plan, frames, found = first_pose()
     dark = {
         axis: replace(m, coordinate_px=np.full_like(m.coordinate_px, np.nan))
         for axis, m in found.maps.items()

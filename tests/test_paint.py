@@ -154,7 +154,7 @@ def plain_cone(real_data):
     return fw.analyse(pair, "windowed", paint=False).displacement_px
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.long), 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.long) for k in (2, 3))])
 def test_paint_on_a_photographed_cone(real_data, plain_cone, seed):
     pair, plain = photographs(real_data, "pair_cone"), plain_cone
     albedo = stripes(pair.object.shape, seed)

@@ -441,12 +441,18 @@ def test_methods_from_outside(capture, tmp_path):
         "expected a name that is free, got that of"
         in run("--plugin", taken, "methods", code=2).stderr
     )
-    for text, words in (("x = 1", "with the decorator"), ("1 / 0", "ZeroDivisionError")):
-        taken.write_text(text)
-        assert words in run("--plugin", taken, "methods", code=2).stderr
+    # Files of their own: Python takes one of the same size, written in the same second, for the other.
+    for name, text, words in (
+        ("none", "x = 1", "with the decorator"),
+        ("fails", "1 / 0", "ZeroDivisionError"),
+    ):
+        other = tmp_path / f"{name}.py"
+        other.write_text(text)
+        assert words in run("--plugin", other, "methods", code=2).stderr
     assert "no such file" in run("--plugin", "none.py", "methods", code=2).stderr
-    taken.write_text(PLUGIN.replace("zero = ", "zero = 1 / "))
-    broken = ("--plugin", taken, "reconstruct", capture, "--method", "still")
+    broken = tmp_path / "broken.py"
+    broken.write_text(PLUGIN.replace("zero = ", "zero = 1 / "))
+    broken = ("--plugin", broken, "reconstruct", capture, "--method", "still")
     assert "method still, from outside" in run_alone(*broken, code=2).stderr
 
 

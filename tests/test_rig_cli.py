@@ -17,9 +17,9 @@ from tests.test_cli import run
 
 @pytest.fixture(scope="module")
 def shots(tmp_path_factory):
-    """Four poses of a board, and a ball."""
+    """Five poses of a board, and a ball."""
     folder = tmp_path_factory.mktemp("shots")
-    for k, T in enumerate(poses(4, 9)):
+    for k, T in enumerate(poses(5, 9)):
         _, plan, frames = shoot([board_body(board(), T)], Optics(seed=k))
         write_stack(folder / "board" / f"pose{k}", frames, plan)
     view, plan, frames = shoot([ahead(Sphere(25.0), 5, 3)], Optics(seed=50), both=False)
@@ -45,14 +45,14 @@ def calibrated(shots):
     assert (shots / "calibration.png").stat().st_size > 10_000
     assert "wrote" in done.stdout
     assert "baseline" in done.stdout
-    assert "pose3" in done.stdout
+    assert "pose4" in done.stdout
     return out
 
 
 def test_chain_from_boards_to_a_diameter(shots, calibrated, tmp_path):
     content = json.loads((shots / "calibration.json").read_text())
     assert content["baseline_mm"] == pytest.approx(rig().baseline_mm, rel=3e-4)
-    assert len(content["poses"]) == 4
+    assert len(content["poses"]) == 5
     assert {f["cause"] for f in content["findings"]} <= {"poses", "corners"}
     out, figure = tmp_path / "ball.ply", tmp_path / "ball.png"
     done = run("measure", shots / "ball", "--rig", calibrated, "--out", out, "--figure", figure)

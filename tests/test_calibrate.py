@@ -180,9 +180,10 @@ def test_a_moved_board_is_named():
     """The board moved by 0.3 mm between the photograph and the frames of the fringes."""
     o, T = observations()[4], poses()[4]
     _, plan, frames = shoot([board_body(board(), T)], Optics(seed=4))
-    moved = see(pose(T[:3, :3], T[:3, 3] + [0.0, 0.0, 0.3]), "pose4", optics=Optics(seed=4))
+    moved = board_body(board(), pose(T[:3, :3], T[:3, 3] + [0.0, 0.0, 0.3]))
+    image = texture(shoot([moved], Optics(seed=4))[2], plan)
     inconsistent = observe(
-        moved.image, decode(frames, plan), board(), projector_size=o.projector_size, name="pose4"
+        image, decode(frames, plan), board(), projector_size=o.projector_size, name="pose4"
     )
     found = calibrate([inconsistent if x.name == o.name else x for x in observations()], board())
     messages = [f.message for f in diagnose(found) if f.cause == "pose"]
@@ -414,7 +415,9 @@ def test_gray_code_alone_lights_a_board():
     lit = replace(GRAY_ALONE, blocks=(*GRAY_ALONE.blocks, Uniform("white"), Uniform("black")))
     _, _, frames = shoot([board_body(board(), poses()[0])], Optics(seed=1), plan=lit)
     alone = see(poses()[0], "pose0", optics=Optics(seed=1), plan=GRAY_ALONE)
-    with_light = see(poses()[0], "pose0", optics=Optics(seed=1), plan=lit)
+    with_light = observe(
+        texture(frames, lit), decode(frames, lit), board(), projector_size=(960, 600), name="pose0"
+    )
     assert len(alone.view.index) == len(with_light.view.index) == 88
     assert np.abs(alone.view.pixels - with_light.view.pixels).max() < 0.1
     off = alone.found.projector_px - with_light.found.projector_px

@@ -22,12 +22,15 @@ demo: $(VENV)/.built
 ALONE := tests/test_memory.py
 OTHERS := -n 3 --dist worksteal --ignore tests/test_faults.py --ignore $(ALONE) -m "not long"
 
-# The kernels are tested in Cargo's dev profile, which is optimised here and checks for overflow. Three workers for two
+# Workers and child interpreters share the bytecode of the package and of the tests, whatever the caller's environment says.
+TESTED := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1
+
+# Cargo's test profile checks for overflow; the bindings have no tests of their own. Three workers for two
 # cores: some tests wait for cameras and pages. One BLAS thread for each: idle ones spin on the cores of the others.
 test: $(VENV)/.built
-	cargo test --quiet
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest $(ALONE)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest $(OTHERS)
+	cargo test --quiet --package fringeworks
+	$(TESTED) $(BIN)/python -m pytest $(ALONE)
+	$(TESTED) $(BIN)/python -m pytest $(OTHERS)
 
 # Statistics over many captures, which take minutes.
 long: $(VENV)/.built

@@ -12,6 +12,7 @@ import pytest
 
 from fringeworks.simulate import standard_scene
 from fringeworks.types import Pair
+from tests import shared
 
 DATA_VARIABLE = "FRINGEWORKS_DATA"
 
@@ -26,6 +27,14 @@ def real_data() -> Path:
     if not path.is_dir():
         pytest.fail(f"{DATA_VARIABLE}={folder} is no folder")
     return path
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _shared_folder(tmp_path_factory):
+    """Workers of one run share what they compute, in the folder of temporary files of this run."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared.FOLDER = tmp_path_factory.getbasetemp().parent / "shared"
+        shared.FOLDER.mkdir(exist_ok=True)
 
 
 @cache

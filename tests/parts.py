@@ -13,6 +13,7 @@ from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate import Optics, fringe_plan, look, photograph, standard_rig
 from fringeworks.simulate.bodies import Body, Mesh
 from tests.rigs import calibrated
+from tests.shared import shared
 
 SIZE_MM = (80.0, 60.0)
 DENT_MM = (0.1, 4.0)
@@ -64,7 +65,7 @@ def placed(turn_deg=(0.0, 0.0, 0.0)):
     return pose(R, np.array([0.0, 0.0, 510.0]) - R @ np.array([40.0, 30.0, 10.0]))
 
 
-@lru_cache(maxsize=4)
+@shared
 def decoded(dent=0.0, turn_deg=(6.0, -5.0, 12.0), seed=0, noise=2.0, scale=0.5, pitch=0.25):
     """Coordinates of the part before the true rig, and the true pose."""
     T = placed(turn_deg)

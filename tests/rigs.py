@@ -1,4 +1,4 @@
-"""Small virtual rigs for the tests, with boards and captures; each is computed once."""
+"""Small virtual rigs for the tests, with boards and captures; each is computed once in a run."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ from fringeworks.simulate import (
 )
 from fringeworks.stack.even_light import texture
 from fringeworks.types import Rig
+from tests.shared import shared
 
 SCALE = 0.5
 """Frame sizes over those of the standard rig: a quarter of the pixels keeps the tests quick."""
@@ -68,7 +69,7 @@ def see(T, name: str, *, text: str = BOARD, optics: Optics | None = None, plan=N
     return observe(texture(frames, plan), decoded, board(text), projector_size=size, name=name)
 
 
-@lru_cache
+@shared
 def observations(count: int = 8, seed: int = 0):
     """Observations of the board in several poses."""
     return tuple(
@@ -77,7 +78,7 @@ def observations(count: int = 8, seed: int = 0):
     )
 
 
-@lru_cache
+@shared
 def calibrated():
     """Calibration from the eight poses."""
     from fringeworks.rig.calibration.calibrate import calibrate

@@ -9,6 +9,7 @@ import numpy as np
 
 import fringeworks as fw
 from fringeworks.simulate import Optics, bust, fringe_plan, look, photograph, standard_rig
+from tests.shared import shared
 
 HOSTILE = "</script><script>window.hacked = 1</script><img src=x onerror='window.hacked = 1'>"
 
@@ -19,7 +20,7 @@ def small_rig() -> fw.Rig:
     return standard_rig(scale=0.25)
 
 
-@cache
+@shared
 def measured_bust() -> fw.Measurement:
     rig = small_rig()
     plan = fringe_plan(rig, both=False)

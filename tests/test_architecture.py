@@ -8,6 +8,7 @@ import importlib
 import inspect
 import re
 import typing
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -58,21 +59,27 @@ def room(path: Path) -> str:
     return path.relative_to(SOURCE).with_suffix("").parts[0]
 
 
-def without_annotations(tree: ast.Module) -> ast.Module:
+@cache
+def tree(path: Path) -> ast.Module:
+    """A file as Python reads it; nobody changes it."""
+    return ast.parse(path.read_text())
+
+
+def without_annotations(whole: ast.Module) -> ast.Module:
     """A file without what it imports for its annotations only, which never runs."""
-    tree.body = [
+    body = [
         node
-        for node in tree.body
+        for node in whole.body
         if not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
     ]
-    return tree
+    return ast.Module(body, whole.type_ignores)
 
 
 def imports(path: Path, *, running: bool = False) -> list[tuple[str, str]]:
     """Modules and names that a file imports from the package, and other modules."""
     found = []
-    tree = ast.parse(path.read_text())
-    for node in ast.walk(without_annotations(tree) if running else tree):
+    whole = tree(path)
+    for node in ast.walk(without_annotations(whole) if running else whole):
         if isinstance(node, ast.Import):
             found += [(alias.name, "") for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module == "fringeworks":
@@ -82,31 +89,40 @@ def imports(path: Path, *, running: bool = False) -> list[tuple[str, str]]:
     return found
 
 
-@pytest.mark.parametrize("path", MODULES, ids=short)
-def test_imports_run_one_way(path):
+def wrong_imports(path: Path) -> list[str]:
+    """Imports of a file that do not run one way, with the reason."""
     here = room(path)
-    if here in ("__init__", "__main__"):
-        return
+    wrong = []
     for module, name in imports(path):
-        if module.startswith("fringeworks."):
-            other = module.split(".")[1]
-            if other == here:
-                continue
-            assert PLACE[other] < PLACE[here], f"{short(path)} imports {module}"
-            assert not name.startswith("_"), f"{short(path)} imports {name} of {module}"
-    for module, _ in imports(path, running=True):
-        if here in PURE:
-            assert module.split(".")[0] not in OUTER, f"{short(path)} imports {module}"
+        if not module.startswith("fringeworks.") or module.split(".")[1] == here:
+            continue
+        if PLACE[module.split(".")[1]] >= PLACE[here]:
+            wrong.append(f"{short(path)} imports {module}")
+        if name.startswith("_"):
+            wrong.append(f"{short(path)} imports {name} of {module}")
+    if here in PURE:
+        outer = [module for module, _ in imports(path, running=True)]
+        wrong += [f"{short(path)} imports {m}" for m in outer if m.split(".")[0] in OUTER]
+    return wrong
 
 
-@pytest.mark.parametrize("path", MODULES, ids=short)
-def test_parts_of_scipy_load_when_they_are_called(path):
+def test_imports_run_one_way():
+    rooms = [path for path in MODULES if room(path) not in ("__init__", "__main__")]
+    assert len(rooms) > 300
+    assert not [wrong for path in rooms for wrong in wrong_imports(path)]
+
+
+def test_parts_of_scipy_load_when_they_are_called():
     # "import scipy" takes no time; scipy.interpolate alone takes 0.2 s of every command.
-    top = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.ImportFrom)]
-    assert not [node.module for node in top if (node.module or "").startswith("scipy")]
-    plain = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.Import)]
-    names = [alias.name for node in plain for alias in node.names]
-    assert not [name for name in names if name.startswith("scipy.")]
+    early = []
+    for path in MODULES:
+        for node in tree(path).body:
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("scipy"):
+                early.append(f"{short(path)}: {node.module}")
+            elif isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+                early += [f"{short(path)}: {n}" for n in names if n.startswith("scipy.")]
+    assert not early
 
 
 def test_the_top_level_holds_rooms():
@@ -116,14 +132,15 @@ def test_the_top_level_holds_rooms():
     }
 
 
-@pytest.mark.parametrize("path", [*MODULES, *RUST], ids=short)
-def test_files_are_short(path):
-    assert len(path.read_text().splitlines()) <= MAX_FILE
+def test_files_are_short():
+    lengths = {short(p): len(p.read_text().splitlines()) for p in [*MODULES, *RUST]}
+    assert len(lengths) > 400
+    assert not {name: length for name, length in lengths.items() if length > MAX_FILE}
 
 
 def python_functions(path: Path):
     """Names and lengths of functions, docstrings not counted."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             body = node.body[1:] if ast.get_docstring(node) is not None else node.body
             if body:
@@ -143,18 +160,21 @@ def rust_functions(path: Path):
             yield head[2], end - start - 1
 
 
-@pytest.mark.parametrize("path", [*MODULES, *RUST], ids=short)
-def test_functions_read_in_one_look(path):
-    functions = python_functions(path) if path.suffix == ".py" else rust_functions(path)
-    for name, length in functions:
-        key = f"{short(path)}:{name}"
-        assert length <= MAX_FUNCTION or key in LONG, f"{key} has {length} lines"
+def test_functions_read_in_one_look():
+    long = {}
+    for path in [*MODULES, *RUST]:
+        functions = python_functions(path) if path.suffix == ".py" else rust_functions(path)
+        for name, length in functions:
+            key = f"{short(path)}:{name}"
+            if length > MAX_FUNCTION and key not in LONG:
+                long[key] = length
+    assert not long
 
 
 def test_every_chosen_number_has_a_docstring():
     bare = []
     for path in MODULES:
-        body = ast.parse(path.read_text()).body
+        body = tree(path).body
         for node, following in zip(body, [*body[1:], None], strict=True):
             if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
                 continue

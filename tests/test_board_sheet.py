@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -42,6 +43,13 @@ def pixels(figure, dpi=DPI):
     return cv2.imdecode(np.frombuffer(buffer.getvalue(), np.uint8), cv2.IMREAD_GRAYSCALE)
 
 
+@lru_cache
+def sheet(text, paper, white):
+    """The figure of a board, and its page as grey pixels."""
+    figure = fw.board_sheet(fw.parse_board(text), paper, white_on_black=white)
+    return figure, pixels(figure)
+
+
 def check_distances(image, board, mm_per_px=25.4 / DPI):
     """Every corner is found, and lies where it belongs against all others."""
     view = fw.find_board(image, board)
@@ -54,9 +62,9 @@ def check_distances(image, board, mm_per_px=25.4 / DPI):
 @pytest.mark.parametrize(("text", "paper", "white"), BOARDS)
 def test_boards_are_exact_and_found(text, paper, white):
     board = fw.parse_board(text)
-    figure = fw.board_sheet(board, paper, white_on_black=white)
+    figure, image = sheet(text, paper, white)
     assert sorted(25.4 * figure.get_size_inches()) == pytest.approx(sorted(paper_size(paper)))
-    check_distances(pixels(figure), board)
+    check_distances(image, board)
     names = [t.get_text() for t in figure.axes[0].texts]
     assert [fw.parse_board(n) for n in names if ":" in n and n.startswith(board.kind)] == [board]
 
@@ -65,9 +73,8 @@ def test_boards_are_exact_and_found(text, paper, white):
 def test_the_drawing_is_the_simulated_board(text, paper, white):
     """Cell by cell what the virtual rig photographs, and white beyond the board's ink."""
     board = fw.parse_board(text)
-    figure = fw.board_sheet(board, paper, white_on_black=white)
+    figure, image = sheet(text, paper, white)
     width, height = 25.4 * figure.get_size_inches()
-    image = pixels(figure)
     x0, y0 = place_on_sheet(board, (width, height), white)
     left, top, right, bottom = board.extent_mm
     rng = np.random.default_rng(0)

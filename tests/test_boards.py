@@ -29,7 +29,7 @@ def errors(view, taken):
 
 @pytest.mark.parametrize(
     "first",
-    [0, 12, *(pytest.param(k, marks=pytest.mark.long) for k in (24, 36))],
+    [0, *(pytest.param(k, marks=pytest.mark.long) for k in (12, 24, 36))],
 )
 def test_random_photographs(first):
     missed, wrong = [], []

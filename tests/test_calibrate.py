@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -156,7 +157,7 @@ def test_other_boards_calibrate_as_well(text):
 
 @pytest.mark.parametrize("distortion", [0, 2, 4, 5])
 def test_coefficients_that_are_not_estimated_are_zero(distortion):
-    found = calibrate(observations(), board(), distortion=distortion).rig
+    found = calibrate(observations()[:5], board(), distortion=distortion).rig
     sigma = np.sqrt(np.diag(found.covariance))
     for first, device in ((4, found.camera), (13, found.projector)):
         assert all(k == 0.0 for k in device.distortion[distortion:])
@@ -179,9 +180,10 @@ def test_a_moved_board_is_named():
     """The board moved by 0.3 mm between the photograph and the frames of the fringes."""
     o, T = observations()[4], poses()[4]
     _, plan, frames = shoot([board_body(board(), T)], Optics(seed=4))
-    moved = see(pose(T[:3, :3], T[:3, 3] + [0.0, 0.0, 0.3]), "pose4", optics=Optics(seed=4))
+    moved = board_body(board(), pose(T[:3, :3], T[:3, 3] + [0.0, 0.0, 0.3]))
+    image = texture(shoot([moved], Optics(seed=4))[2], plan)
     inconsistent = observe(
-        moved.image, decode(frames, plan), board(), projector_size=o.projector_size, name="pose4"
+        image, decode(frames, plan), board(), projector_size=o.projector_size, name="pose4"
     )
     found = calibrate([inconsistent if x.name == o.name else x for x in observations()], board())
     messages = [f.message for f in diagnose(found) if f.cause == "pose"]
@@ -295,7 +297,7 @@ def test_identical_poses_are_named():
 
 
 def test_a_pose_taken_twice_is_mentioned():
-    o = observations()
+    o = observations()[:5]
     found = calibrate([*o, replace(o[2], name="again")], board())
     messages = [f.message for f in diagnose(found)]
     expected = "the board did not move between pose2 and again: they count as one pose"
@@ -306,7 +308,7 @@ def test_parallel_poses_are_named():
     target = board()
     middle = target.points_mm.mean(axis=0)
     seen = []
-    for k, (x, y, z) in enumerate([(0, 0, 500), (10, 5, 480), (-12, 8, 530), (5, -10, 510)]):
+    for k, (x, y, z) in enumerate([(0, 0, 500), (10, 5, 480), (-12, 8, 530)]):
         T = pose(np.eye(3), np.array([x, y, z]) - middle)
         seen.append(see(T, f"pose{k}", optics=Optics(seed=k)))
     with pytest.raises(InputError, match="parallel"):
@@ -334,10 +336,16 @@ def test_mixed_sizes_are_named():
         calibrate(o, board())
 
 
+@lru_cache
+def first_pose():
+    """Plan, frames and coordinates of the board in its first pose."""
+    _, plan, frames = shoot([board_body(board(), poses()[0])], Optics())
+    return plan, frames, decode(frames, plan)
+
+
 def test_weak_fringes_on_a_lit_board_are_named():
     """Where coarse fringes are seen and fine ones are not, the projector lights the board."""
-    _, plan, frames = shoot([board_body(board(), poses()[0])], Optics())
-    found = decode(frames, plan)
+    plan, frames, found = first_pose()
     weak = {
         axis: replace(
             m,
@@ -352,8 +360,7 @@ def test_weak_fringes_on_a_lit_board_are_named():
 
 
 def test_a_board_that_only_the_camera_sees_is_named():
-    _, plan, frames = shoot([board_body(board(), poses()[0])], Optics())
-    found = decode(frames, plan)
+    plan, frames, found = first_pose()
     dark = {
         axis: replace(m, coordinate_px=np.full_like(m.coordinate_px, np.nan))
         for axis, m in found.maps.items()
@@ -408,7 +415,9 @@ def test_gray_code_alone_lights_a_board():
     lit = replace(GRAY_ALONE, blocks=(*GRAY_ALONE.blocks, Uniform("white"), Uniform("black")))
     _, _, frames = shoot([board_body(board(), poses()[0])], Optics(seed=1), plan=lit)
     alone = see(poses()[0], "pose0", optics=Optics(seed=1), plan=GRAY_ALONE)
-    with_light = see(poses()[0], "pose0", optics=Optics(seed=1), plan=lit)
+    with_light = observe(
+        texture(frames, lit), decode(frames, lit), board(), projector_size=(960, 600), name="pose0"
+    )
     assert len(alone.view.index) == len(with_light.view.index) == 88
     assert np.abs(alone.view.pixels - with_light.view.pixels).max() < 0.1
     off = alone.found.projector_px - with_light.found.projector_px

@@ -381,7 +381,7 @@ def test_standard_output_takes_any_result(capture):
 
 def test_an_interrupt_is_answered(tmp_path):
     folder = tmp_path / "figures"
-    command = [sys.executable, "-m", "fringeworks", "paper", "--out", folder]
+    command = [sys.executable, "-m", "fringeworks", "paper", "--size", "160", "--out", folder]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         while not list(folder.glob("*.svg")):
             time.sleep(0.05)
@@ -434,18 +434,25 @@ def test_methods_from_outside(capture, tmp_path):
     assert (content["maximum"], content["failed_fraction"]) == (0.0, 0.0)
     refused = run_alone(*own, "reconstruct", capture, "--method", "wrong", code=2).stderr
     assert "method wrong: expected a fringeworks.Solution to be returned, got ndarray" in refused
+    # Files that register nothing are refused in this process.
     taken = tmp_path / "taken.py"
     taken.write_text(PLUGIN.replace('"still"', '"fourier"'))
     assert (
         "expected a name that is free, got that of"
-        in run_alone("--plugin", taken, "methods", code=2).stderr
+        in run("--plugin", taken, "methods", code=2).stderr
     )
-    for text, words in (("x = 1", "with the decorator"), ("1 / 0", "ZeroDivisionError")):
-        taken.write_text(text)
-        assert words in run_alone("--plugin", taken, "methods", code=2).stderr
-    assert "no such file" in run_alone("--plugin", "none.py", "methods", code=2).stderr
-    taken.write_text(PLUGIN.replace("zero = ", "zero = 1 / "))
-    broken = ("--plugin", taken, "reconstruct", capture, "--method", "still")
+    # Files of their own: Python takes one of the same size, written in the same second, for the other.
+    for name, text, words in (
+        ("none", "x = 1", "with the decorator"),
+        ("fails", "1 / 0", "ZeroDivisionError"),
+    ):
+        other = tmp_path / f"{name}.py"
+        other.write_text(text)
+        assert words in run("--plugin", other, "methods", code=2).stderr
+    assert "no such file" in run("--plugin", "none.py", "methods", code=2).stderr
+    broken = tmp_path / "broken.py"
+    broken.write_text(PLUGIN.replace("zero = ", "zero = 1 / "))
+    broken = ("--plugin", broken, "reconstruct", capture, "--method", "still")
     assert "method still, from outside" in run_alone(*broken, code=2).stderr
 
 

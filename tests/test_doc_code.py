@@ -86,7 +86,7 @@ def poses(tmp_path_factory):
     place = tmp_path_factory.mktemp("poses")
     rig = standard_rig(scale=0.4)
     board, plan = fw.parse_board("chessboard:11x8:12"), fringe_plan(rig)
-    for k, T in enumerate(board_poses(board, 6, seed=1)):
+    for k, T in enumerate(board_poses(board, 4, seed=1)):
         frames = list(photograph(look(rig, [board_body(board, T)]), plan, Optics(seed=k)))
         fw.write_stack(place / f"pose_{k}", frames, plan)
     fw.write_stack(place / "part", list(photograph(look(rig, bust()), plan, Optics())), plan)
@@ -122,7 +122,9 @@ def _place(request, files, tmp_path, monkeypatch):
 
 
 # Seen once in seven runs, on report.md: a warning of Matplotlib's layout, which nobody could repeat.
-@pytest.mark.filterwarnings("ignore::UserWarning")
+# These are the texts of a figure whose layout finds no room; every other warning is an error.
+@pytest.mark.filterwarnings("ignore:constrained_layout not applied:UserWarning")
+@pytest.mark.filterwarnings("ignore:Tight layout not applied:UserWarning")
 @pytest.mark.usefixtures("_place")
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive")
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def found(seed):
     }
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_quantities_have_their_true_value(seed):
     for key, one in found(seed).items():
         assert abs(one.value - true_value(key)) <= 3.5 * one.sigma + one.noise, key

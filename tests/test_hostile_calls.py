@@ -14,7 +14,7 @@ import pytest
 import fringeworks as fw
 from tests import hostile_calls as hostile
 
-CALLS = int(os.environ.get("FRINGEWORKS_CALLS", "12"))
+CALLS = int(os.environ.get("FRINGEWORKS_CALLS", "6"))
 """Calls of every quick case, and three of every slow one; ``make fuzz`` makes more."""
 SECONDS = 20.0
 """Longest time of a call with small arguments; a usual one takes milliseconds."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tests.test_fork import EVERY_KERNEL
 
-CALLS = int(os.environ.get("FRINGEWORKS_KERNEL_CALLS", "25"))
+CALLS = int(os.environ.get("FRINGEWORKS_KERNEL_CALLS", "12"))
 """Calls of every kernel; ``make fuzz`` makes more."""
 SPOIL = """
 import copy, faulthandler, random, sys

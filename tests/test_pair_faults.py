@@ -113,9 +113,14 @@ def test_photographed_fine_fringes(real_data):
 
 @pytest.mark.parametrize("shape", ["plane", "curved"])
 @pytest.mark.parametrize("fault", ["clean", "JPEG 50", "JPEG 75", "pixel grid", "flicker"])
-def test_sigma_covers_the_errors(shape, fault):
-    """Mean over seeds with different noise, γ and surfaces; the benchmark prints all periods."""
-    found = mean_coverage(shape, fault, (14.0,), (1, 2, 3), SIGMA_METHODS)
+@pytest.mark.parametrize("seeds", [(3,), pytest.param((1, 2, 3), marks=pytest.mark.long)], ids=len)
+def test_sigma_covers_the_errors(shape, fault, seeds):
+    """Mean over seeds with different noise, γ and surfaces; the benchmark prints all periods.
+
+    The bars are those of the mean over three seeds, which the long tests take; cells of one seed
+    scatter by some per cent, so that one seed shows large faults only.
+    """
+    found = mean_coverage(shape, fault, (14.0,), seeds, SIGMA_METHODS)
     for name, share in found.items():
         bars = LOWER_BARS.get((name, shape, fault), (0.60, 0.90))
         assert share.within_1 >= bars[0], name

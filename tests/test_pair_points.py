@@ -47,8 +47,9 @@ def decoded(name, seed=1):
     return fw.decode(list(photograph(view(name), plan, Optics(seed=seed))), plan)
 
 
-def pair(name, seed=3, **optics):
-    return photograph_pair(view("wall"), view(name), PERIOD, Optics(seed=seed, **optics))
+@cache
+def pair(name):
+    return photograph_pair(view("wall"), view(name), PERIOD, Optics(seed=3))
 
 
 def far_from_cliffs(name):

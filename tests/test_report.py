@@ -20,6 +20,7 @@ from fringeworks.simulate import (
     photograph,
     standard_rig,
 )
+from tests.virtual_devices import Screen, bench
 
 RIG = standard_rig(scale=0.3)
 NAUGHTY = '<script>alert(1)</script> & "quotes" $x$ </style>'
@@ -198,9 +199,10 @@ def test_the_command(results, tmp_path, monkeypatch, capsys):
     assert run([*command, "--title", "Part 7", "--note", "first", "--pdf", "r.pdf"]) == 0
     assert capsys.readouterr().out.splitlines() == ["wrote r.html", "wrote r.pdf"]
     assert "<title>Part 7</title>" in (tmp_path / "r.html").read_text()
-    assert run(["report", "p.npz", "--out", "r.html", "--tolerance", "points<=1"]) == 3
+    (tmp_path / "m.json").write_text(fw.to_json(results["figures"]))
+    assert run(["report", "m.json", "--out", "r.html", "--tolerance", "points<=1"]) == 3
     assert "not all tolerances are kept" in capsys.readouterr().out
-    assert run(["report", "p.npz", "--out", "r.html", "--tolerance", "nonsense<=1"]) == 2
+    assert run(["report", "m.json", "--out", "r.html", "--tolerance", "nonsense<=1"]) == 2
     assert "tolerance: expected one of shape.0" in capsys.readouterr().err
 
 
@@ -251,10 +253,8 @@ def test_large_surfaces_are_thinned_in_notebooks(results, monkeypatch):
 
 
 def test_set_ups_calibrations_and_phases_have_chapters(tmp_path):
-    from fringeworks.devices.clock import SimulatedClock
-
-    projector, camera = fw.virtual_bench("plane", clock=SimulatedClock())
-    found = fw.set_up(projector, camera)
+    devices = bench({"width_px": 192, "height_px": 120}, scene=Screen(120, 192))
+    found = fw.set_up(devices.projector, devices.camera)
     fw.write_setup(tmp_path / "s.toml", found, projector="virtual", camera="virtual:plane")
     stored = fw.read_setup(tmp_path / "s.toml")
     fw.write_report(

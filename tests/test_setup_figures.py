@@ -56,7 +56,12 @@ def test_a_clean_setup_has_twelve_panels_without_a_fault(tmp_path):
 @pytest.mark.parametrize("kind", PLACES)
 def test_the_panel_of_a_fault_is_marked(kind):
     projector, camera, expected = PLACES[kind]
-    figure = fw.setup_sheet(fw.set_up(*opened(projector, camera)))
+    measured = fw.set_up(*opened(projector, camera))
+    assert [f.kind for f in measured.findings] == [kind]
+    text = measured.findings[0].text
+    assert "likely" in text
+    assert text.count(";") >= 2
+    figure = fw.setup_sheet(measured)
     marked = [title for title, fault in titles(figure).items() if fault]
     assert len(marked) == len(expected)
     for title, beginning in zip(marked, expected, strict=True):

@@ -176,6 +176,12 @@ def test_a_response_that_is_no_power_is_named(response):
 
 
 @lru_cache
+def within(scene: str, spread_mm: float):
+    """Light that spreads in the material of a scene."""
+    return subsurface(view(scene)[1], spread_mm=spread_mm, share=0.7)
+
+
+@lru_cache
 def bounce(scene: str):
     """One diffuse bounce in a scene; the groove's crease needs small patches."""
     return interreflection(view(scene)[1], SCENES[scene], patch_px=8 if scene == "groove" else 16)
@@ -191,8 +197,7 @@ def test_one_bounce_does_no_harm(scene, name):
 @pytest.mark.parametrize("name", ["sets", "gray"])
 @pytest.mark.parametrize("spread", [0.3, 1.0])
 def test_light_within_a_plane_does_no_harm(name, spread):
-    within = subsurface(view("plane")[1], spread_mm=spread, share=0.7)
-    right_or_refused("plane", name, Optics(), (within,))
+    right_or_refused("plane", name, Optics(), (within("plane", spread),))
 
 
 @pytest.mark.parametrize("axis", ["columns", "rows"])
@@ -217,17 +222,16 @@ def test_the_edge_of_the_field_on_a_sheet_is_no_measurement(axis):
 )
 @pytest.mark.parametrize("name", ["sets", "gray"])
 def test_light_within_a_round_body_does_no_harm(name):
-    within = subsurface(view("bust")[1], spread_mm=1.0, share=0.7)
-    right_or_refused("bust", name, Optics(), (within,))
+    right_or_refused("bust", name, Optics(), (within("bust", 1.0),))
 
 
 def test_light_within_a_round_body_shifts_what_gray_code_reads_to_its_own_mean():
     """The coordinates are those of the light that leaves, as far as the decoder can know."""
     seen, wide = view("bust")
-    within = subsurface(wide, spread_mm=1.0, share=0.7)
+    spread = within("bust", 1.0)
     column = np.nan_to_num(wide.projector_px[..., 0])
-    mean = within(wide.shading * column) / np.maximum(within(wide.shading), 1e-9)
-    found = decoded("bust", plans()["gray"], Optics(), (within,)).x
+    mean = spread(wide.shading * column) / np.maximum(spread(wide.shading), 1e-9)
+    found = decoded("bust", plans()["gray"], Optics(), (spread,)).x
     near_edges = ndimage.binary_dilation(
         ndimage.morphological_gradient(np.where(seen.lit, seen.body, -1), 3) > 0, iterations=4
     )
@@ -279,6 +283,12 @@ def pair_under(optics: Optics, transport=None, height_mm: float = 10.0):
     return pair, pair_displacement(*pair_views(height_mm, 0)[0])
 
 
+@lru_cache
+def pair_of(fault: str):
+    """A pair of the bump under the optics of this name, and its true displacement."""
+    return pair_under(PAIR_OPTICS[fault])
+
+
 def pair_beyond_5(pair: Pair, truth: np.ndarray, method: str) -> float:
     """Share of a method's pixels beyond five standard deviations, a period from the border."""
     found = analyse(pair, method)
@@ -292,7 +302,7 @@ def pair_beyond_5(pair: Pair, truth: np.ndarray, method: str) -> float:
 
 @pytest.mark.parametrize("fault", PAIR_OPTICS)
 def test_pairs_under_real_optics_are_right(fault):
-    pair, truth = pair_under(PAIR_OPTICS[fault])
+    pair, truth = pair_of(fault)
     for method in GOOD:
         assert pair_beyond_5(pair, truth, method) <= BEYOND_5, method
 
@@ -304,16 +314,16 @@ def test_pairs_of_a_hollow_that_lights_itself_are_right():
 
 
 def test_pairs_of_a_material_that_light_enters_are_right():
-    def within(seen: View, _: list[Body]):
+    def spread(seen: View, _: list[Body]):
         return subsurface(seen, spread_mm=1.0, share=0.7)
 
-    pair, truth = pair_under(Optics(), within)
+    pair, truth = pair_under(Optics(), spread)
     for method in GOOD:
         assert pair_beyond_5(pair, truth, method) <= BEYOND_5, method
 
 
 def test_the_wavelet_is_right_on_a_bump():
-    pair, truth = pair_under(Optics())
+    pair, truth = pair_of("nothing")
     assert pair_beyond_5(pair, truth, "wavelet") <= BEYOND_5
 
 
@@ -323,7 +333,7 @@ def test_a_pair_of_raw_frames_is_named():
         "raw frame of a colour camera" in note for note in reconstruct(pair, "fourier").notes
     )
     for fault in ("nothing", "compressed colour", "unbalanced filters"):
-        notes = reconstruct(pair_under(PAIR_OPTICS[fault])[0], "fourier").notes
+        notes = reconstruct(pair_of(fault)[0], "fourier").notes
         assert not any("colour camera" in note for note in notes), fault
 
 

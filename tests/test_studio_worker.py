@@ -52,11 +52,29 @@ def slow(_, seconds):
     time.sleep(seconds)
 
 
-@pytest.fixture
-def worker():
+@pytest.fixture(scope="module")
+def process():
+    """One process for all tests: it takes seconds to start, and what kills it is tested too."""
     made = Worker()
     yield made
     made.close()
+
+
+@pytest.fixture
+def worker(process):
+    yield process
+    process.cancel()
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """A stack without a rig."""
+    rig = standard_rig(scale=0.25)
+    plan = fringe_plan(rig, both=False)
+    frames = list(photograph(look(rig, bust()), plan, Optics(seed=1)))
+    folder = tmp_path_factory.mktemp("stack") / "c"
+    fw.write_stack(folder, frames, plan)
+    return folder
 
 
 def ended(job, timeout_s=60):
@@ -133,14 +151,10 @@ def test_a_missing_package_is_named(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".npz", ".html"])
-def test_coordinates_without_a_rig(worker, tmp_path, suffix):
+def test_coordinates_without_a_rig(worker, capture, tmp_path, suffix):
     """A stack without a rig has coordinates, which are written as they can be."""
-    rig = standard_rig(scale=0.25)
-    plan = fringe_plan(rig, both=False)
-    frames = list(photograph(look(rig, bust()), plan, Optics(seed=1)))
-    fw.write_stack(tmp_path / "c", frames, plan)
     target = tmp_path / f"c{suffix}"
-    source = tasks.Source(tmp_path / "c", None, "windowed", {})
+    source = tasks.Source(capture, None, "windowed", {})
     job = ended(worker.start("writing", tasks.export, source, str(target), ""))
     if suffix == ".ply":
         assert "coordinates are written as .npz" in job.problem

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import random
 import struct
 import tempfile
@@ -259,7 +260,8 @@ def _zarr_files(array: np.ndarray) -> dict[str, bytes]:
 
 
 def _frames_of(path: Path) -> int:
-    return sum(frame.size > 0 for frame in fw.read_sequence(path))
+    """Read the first frames: a sequence may be of any length, and frames of zeros take no space."""
+    return sum(frame.size > 0 for frame in itertools.islice(fw.read_sequence(path), 20))
 
 
 def targets(folder: Path) -> list[Target]:

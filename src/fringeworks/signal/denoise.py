@@ -216,7 +216,7 @@ def decompose_frame(frame: NDArray[np.generic], *, max_imfs: int = MAX_PLANAR) -
     True
     """
     values = _checked(frame)
-    if not 1 <= max_imfs <= IMF_LIMIT:
+    if not whole(max_imfs, 1, IMF_LIMIT):
         raise InputError(f"max_imfs: expected 1 to {IMF_LIMIT}, got {max_imfs}")
     windows: list[int] = []
     # Memory that no mode is written to is never taken from the system.

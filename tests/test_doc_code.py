@@ -55,6 +55,14 @@ ELSEWHERE = {"gallery.md"}
 """Pages whose code is made from the examples, which tests/test_examples.py runs."""
 
 
+LONG = ("tutorial-rig.md",)
+"""Pages that calibrate anew what another page calibrates."""
+
+
+def marked(page: Path):
+    return pytest.param(page, marks=pytest.mark.long if page.name in LONG else (), id=page.name)
+
+
 def blocks(page: Path) -> list[str]:
     found = PYTHON.findall(page.read_text(encoding="utf-8"))
     return [one for one in found if (page.name, one.split("\n", 1)[0]) not in NOT_RUN]
@@ -128,7 +136,7 @@ def _place(request, files, tmp_path, monkeypatch):
 @pytest.mark.usefixtures("_place")
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive")
 @pytest.mark.parametrize(
-    "page", [p for p in PAGES if p.name not in ELSEWHERE and blocks(p)], ids=lambda p: p.name
+    "page", [marked(p) for p in PAGES if p.name not in ELSEWHERE and blocks(p)]
 )
 def test_python_on_a_page_runs(page, tmp_path):
     known: dict[str, object] = {"fw": fw, "np": np}

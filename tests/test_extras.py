@@ -195,6 +195,7 @@ def test_commands_that_need_a_package_say_so_in_one_line(captures, words, said):
     assert not [path.name for path in captures.iterdir() if path.name.startswith("x")]
 
 
+@pytest.mark.long
 def test_a_set_up_without_its_picture(tmp_path):
     """The picture beside a set-up file is a by-product: it is left out, which is said in one line."""
     out = tmp_path / "setup.toml"

@@ -32,10 +32,13 @@ LONG = (
     "README.md",
     "batch.md",
     "deviation.md",
+    "few-frames.md",
+    "files.md",
     "methods.md",
     "report.md",
     "rig.md",
     "sequences.md",
+    "stacks.md",
 )
 """Pages that calibrate, compare many methods, or start workers."""
 

@@ -73,6 +73,7 @@ def test_a_command_turns_the_table(tmp_path):
         _turn(30.0, "false")
 
 
+@pytest.mark.long
 def test_the_studio_merges_the_views_of_a_series(tmp_path):
     pytest.importorskip("nicegui", reason="nicegui is not installed")
     from fringeworks.studio.state import Studio

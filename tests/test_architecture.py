@@ -18,8 +18,8 @@ import fringeworks as fw
 from fringeworks import _core
 from fringeworks.types import Frozen
 
-SOURCE = Path(fw.__file__).parent
-ROOT = SOURCE.parent.parent
+ROOT = Path(__file__).parent.parent
+SOURCE = ROOT / "src" / "fringeworks"
 MODULES = sorted(SOURCE.rglob("*.py"))
 RUST = sorted((ROOT / "crates").rglob("*.rs"))
 

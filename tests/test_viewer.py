@@ -32,7 +32,7 @@ from tests.surfaces import (
 )
 
 chromium, pages = browser.chromium, browser.pages  # fixtures
-SOURCE = Path(fw.__file__).parent / "report" / "viewer"
+SOURCE = Path(__file__).parent.parent / "src" / "fringeworks" / "report" / "viewer"
 
 
 @cache

@@ -50,7 +50,7 @@ fuzz: $(VENV)/.built
 	cargo build --quiet --package fringeworks-bindings
 	rm -rf $(CHECKED) && mkdir -p $(CHECKED) && cp -r src/fringeworks $(CHECKED)/
 	cp target/debug/lib_core.so $(CHECKED)/fringeworks/_core.abi3.so
-	PYTHONPATH=$(CHECKED) FRINGEWORKS_KERNEL_CALLS=$(or $(KERNEL_CALLS),1000) $(BIN)/python -m pytest --timeout 7200 tests/test_hostile_kernels.py
+	PYTHONPATH=$(CHECKED) FRINGEWORKS_KERNEL_CALLS=$(or $(KERNEL_CALLS),1000) $(BIN)/python -m pytest --timeout 7200 -W "ignore:fringeworks runs on a debug build:RuntimeWarning" tests/test_hostile_kernels.py
 
 # Programs killed while they write, KILLS times in all.
 kills: $(VENV)/.built

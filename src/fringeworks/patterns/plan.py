@@ -178,6 +178,15 @@ def equal_steps(n: int) -> tuple[float, ...]:
     return tuple(TURN * k / n for k in range(n))
 
 
+def check_projector(width_px: int, height_px: int) -> None:
+    """Refuse sizes that no projector has."""
+    if not (whole(width_px, 2, MOST_PX) and whole(height_px, 2, MOST_PX)):
+        raise InputError(
+            f"projector: expected 2 × 2 px to {MOST_PX} × {MOST_PX} px, got {width_px} × "
+            f"{height_px} px"
+        )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class PatternPlan(Plotted, Frozen):
     """A sequence of patterns for a projector, in the order of projection and of the frames."""
@@ -196,11 +205,7 @@ class PatternPlan(Plotted, Frozen):
     """Whether an ordered dither over 8 × 8 pixels replaces the rounding to whole counts."""
 
     def __post_init__(self) -> None:
-        if not (whole(self.width_px, 2, MOST_PX) and whole(self.height_px, 2, MOST_PX)):
-            raise InputError(
-                f"projector: expected 2 × 2 px to {MOST_PX} × {MOST_PX} px, got {self.width_px} × "
-                f"{self.height_px} px"
-            )
+        check_projector(self.width_px, self.height_px)
         if self.bits not in DEPTHS:
             depths = ", ".join(str(depth) for depth in DEPTHS)
             raise InputError(f"bits: expected one of {depths}, got {self.bits}")

@@ -9,8 +9,16 @@ from itertools import islice
 
 import numpy as np
 
+from fringeworks.patterns.frame_share import checked_share
 from fringeworks.patterns.order_chain import TURN, separation
-from fringeworks.patterns.plan import Block, GrayCode, PatternPlan, PhaseSteps, equal_steps
+from fringeworks.patterns.plan import (
+    Block,
+    GrayCode,
+    PatternPlan,
+    PhaseSteps,
+    check_projector,
+    equal_steps,
+)
 from fringeworks.types import Axis, Frozen, InputError
 
 MIN_MARGIN = 6.0
@@ -166,9 +174,9 @@ def propose(
     if robust:
         max_period_px = min(max_period_px, ROBUST_BAND * min_period_px)
     band = min_period_px, max_period_px
-    share = _checked_share(frames, axes, noise, modulation, band)
-    ratio = noise / modulation
-    absolute = range_px is None
+    share = checked_share(frames, axes, noise, modulation, band)
+    check_projector(width_px, height_px)
+    ratio, absolute = noise / modulation, range_px is None
     lengths = {"x": float(width_px), "y": float(height_px)} if range_px is None else range_px
     proposals: list[Proposal] = []
     for kind in KINDS if absolute else PHASE_KINDS:
@@ -193,35 +201,6 @@ def propose(
             f"expected more frames or light{longer}"
         )
     return sorted(proposals, key=lambda proposal: proposal.sigma_px)
-
-
-def _checked_share(
-    frames: int,
-    axes: Sequence[Axis],
-    noise: float,
-    modulation: float,
-    band: tuple[float, float],
-) -> int:
-    """Frames for each axis; refuses arguments that are out of range."""
-    if not axes or any(axis not in ("x", "y") for axis in axes):
-        raise InputError(f"axes: expected x, y or both, got {', '.join(axes) or 'none'}")
-    for name, value in (("noise", noise), ("modulation", modulation)):
-        if not (math.isfinite(value) and value > 0):
-            raise InputError(f"{name}: expected > 0 counts, got {value}")
-    min_period_px, max_period_px = band
-    if not min_period_px >= 2:
-        raise InputError(f"min_period_px: expected 2 px or more, got {min_period_px}")
-    if not max_period_px >= min_period_px:
-        raise InputError(
-            f"max_period_px: expected {min_period_px:g} px or more, like min_period_px, got "
-            f"{max_period_px:g}"
-        )
-    share = frames // len(axes)
-    if share < 3:
-        raise InputError(
-            f"frames: expected 3 or more for each axis, got {frames} for {len(axes)} axes"
-        )
-    return share
 
 
 def _reason(max_period_px: float) -> str:

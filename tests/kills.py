@@ -120,7 +120,10 @@ def _write_batch(folder: Path, k: int) -> None:
     store.write(f"scan-{k % 40}", _surface(), {"value": k % 40})
     store.write_summary([{"name": f"scan-{n}", "value": n} for n in range(k % 40)])
     if k % 40 > 37:
-        shutil.rmtree(store.folder)
+        # A kill while the folder is deleted would leave half of it, which no writer has written.
+        gone = store.folder.with_name(f".gone-{os.getpid()}-{k}")
+        store.folder.rename(gone)
+        shutil.rmtree(gone)
 
 
 def _whole_batch(folder: Path) -> bool:

@@ -113,7 +113,7 @@ def cloud_triangles(cloud: PointCloud) -> NDArray[np.uint32]:
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     faces = np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, c, b), (b, c, d))])
     points = cloud.xyz_mm.reshape(-1, 3)
-    ok = (cloud.reason == Reason.OK).reshape(-1)
+    ok = (cloud.reason == Reason.OK).reshape(-1) & np.isfinite(points).all(axis=1)
     faces = faces[ok[faces].all(axis=1)]
     if not len(faces):
         return np.empty((0, 3), np.uint32)

@@ -1,10 +1,9 @@
 //! Bindings of the joint albedo.
 
-use crate::rows::rows_of;
+use crate::rows::{array_of, rows_of};
 use crate::threads::detached;
 use fringeworks::albedo::{solve, Model, Options};
-use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 type Maps<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<f32>>);
@@ -39,9 +38,5 @@ pub fn joint_albedo<'py>(
         iterations,
     };
     let (albedo, correction) = detached(py, || solve(&model, &options))?;
-    let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
-    Ok((
-        map(albedo).into_pyarray(py),
-        map(correction).into_pyarray(py),
-    ))
+    Ok((array_of(py, shape, albedo), array_of(py, shape, correction)))
 }

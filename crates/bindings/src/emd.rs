@@ -1,9 +1,9 @@
 //! Bindings of empirical mode decomposition.
 
-use crate::rows::rows_of;
+use crate::rows::{array_of, rows_of};
 use crate::threads::detached;
 use fringeworks::emd::{decompose, envelopes, Options};
-use numpy::ndarray::{Array2, Array3};
+use numpy::ndarray::Array3;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -35,10 +35,9 @@ pub fn decompose_rows<'py>(
     };
     let out = detached(py, || decompose(values, w, &options))?;
     let imfs = Array3::from_shape_vec((h, out.count, w), out.imfs).expect("kernel keeps the shape");
-    let residue = Array2::from_shape_vec((h, w), out.residue).expect("kernel keeps the shape");
     Ok((
         imfs.into_pyarray(py),
-        residue.into_pyarray(py),
+        array_of(py, (h, w), out.residue),
         out.counts.into_pyarray(py),
         out.unfinished,
     ))
@@ -55,6 +54,5 @@ pub fn row_envelopes<'py>(
     let shape = (rows.shape()[0], rows.shape()[1]);
     let values = rows_of(&rows)?;
     let (upper, lower) = detached(py, || envelopes(values, shape.1))?;
-    let map = |v: Vec<f64>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
-    Ok((map(upper).into_pyarray(py), map(lower).into_pyarray(py)))
+    Ok((array_of(py, shape, upper), array_of(py, shape, lower)))
 }

@@ -1,12 +1,11 @@
 //! Bindings of the filters of images.
 
 use crate::moving_mean::Values;
-use crate::rows::rows_of;
+use crate::rows::{array_of, rows_of};
 use crate::threads::detached;
 use fringeworks::filters::{self, Border, Real, Weights};
-use numpy::ndarray::Array2;
 use numpy::PyUntypedArrayMethods;
-use numpy::{Element, IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{Element, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -20,15 +19,6 @@ pub fn border_of(name: &str) -> PyResult<Border> {
             "border: expected \"edge\", \"mirror\" or \"zero\", got {name:?}"
         ))),
     }
-}
-
-fn array_of<T: Element>(
-    py: Python<'_>,
-    shape: (usize, usize),
-    values: Vec<T>,
-) -> Bound<'_, PyArray2<T>> {
-    let map = Array2::from_shape_vec(shape, values).expect("kernel keeps the shape");
-    map.into_pyarray(py)
 }
 
 #[pyfunction]

@@ -1,10 +1,9 @@
 //! Binding of moving means.
 
-use crate::rows::rows_of;
+use crate::rows::{array_of, rows_of};
 use crate::threads::detached;
 use fringeworks::moving_mean::{self, Number};
-use numpy::ndarray::Array2;
-use numpy::{Element, IntoPyArray, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{Element, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 /// A map in either precision.
@@ -39,6 +38,5 @@ fn means_of<'py, T: Number + Element>(
     let means = detached(py, || {
         moving_mean::moving_means(values, width, sides_y, sides_x)
     })?;
-    let means = Array2::from_shape_vec((height, width), means).expect("kernel keeps the shape");
-    Ok(means.into_pyarray(py).into_any())
+    Ok(array_of(py, (height, width), means).into_any())
 }

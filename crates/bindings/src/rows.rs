@@ -1,7 +1,9 @@
 //! The values of NumPy's arrays as slices, row after row, and errors as Python's.
 
-use numpy::ndarray::Dimension;
-use numpy::{Element, PyReadonlyArray, PyReadwriteArray, PyUntypedArrayMethods};
+use numpy::ndarray::{Array2, Dimension};
+use numpy::{
+    Element, IntoPyArray, PyArray2, PyReadonlyArray, PyReadwriteArray, PyUntypedArrayMethods,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -31,6 +33,16 @@ pub fn rows_of_mut<'a, T: Element, D: Dimension>(
 ) -> PyResult<&'a mut [T]> {
     check_rows(&***array)?;
     Ok(array.as_slice_mut()?)
+}
+
+/// A kernel's map as an array.
+pub fn array_of<T: Element>(
+    py: Python<'_>,
+    shape: (usize, usize),
+    values: Vec<T>,
+) -> Bound<'_, PyArray2<T>> {
+    let map = Array2::from_shape_vec(shape, values).expect("kernel keeps the shape");
+    map.into_pyarray(py)
 }
 
 /// A kernel's error as a `ValueError`.

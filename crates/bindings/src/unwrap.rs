@@ -1,9 +1,8 @@
 //! Bindings of phase unwrapping.
 
-use crate::rows::rows_of;
+use crate::rows::{array_of, rows_of};
 use crate::threads::detached;
-use numpy::ndarray::Array2;
-use numpy::{Complex32, IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{Complex32, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 /// Unwrapped phase, and region of every pixel.
@@ -23,9 +22,10 @@ pub fn unwrap_reliability<'py>(
     let out = detached(py, || {
         fringeworks::unwrap::reliability(p, m, r, shape.0, shape.1)
     })?;
-    let phase = Array2::from_shape_vec(shape, out.phase).expect("kernel keeps the shape");
-    let region = Array2::from_shape_vec(shape, out.region).expect("kernel keeps the shape");
-    Ok((phase.into_pyarray(py), region.into_pyarray(py)))
+    Ok((
+        array_of(py, shape, out.phase),
+        array_of(py, shape, out.region),
+    ))
 }
 
 #[pyfunction]
@@ -54,6 +54,5 @@ pub fn average_phasor<'py>(
         fringeworks::unwrap::average(p, w, shape.0, shape.1, sigma, reach)
     })?;
     let phasors = out.into_iter().map(|[re, im]| Complex32::new(re, im));
-    let map = Array2::from_shape_vec(shape, phasors.collect()).expect("kernel keeps the shape");
-    Ok(map.into_pyarray(py))
+    Ok(array_of(py, shape, phasors.collect()))
 }

@@ -1,10 +1,9 @@
 //! Bindings of the wavelet ridge.
 
-use crate::rows::rows_of;
+use crate::rows::{array_of, rows_of};
 use crate::threads::detached;
 use fringeworks::wavelet::{ridge, Options};
-use numpy::ndarray::Array2;
-use numpy::{Complex32, IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{Complex32, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 /// Phasor and local frequency.
@@ -31,7 +30,8 @@ pub fn wavelet_ridge_rows<'py>(
         .phasor
         .into_iter()
         .map(|[re, im]| Complex32::new(re, im));
-    let phasor = Array2::from_shape_vec(shape, phasors.collect()).expect("kernel keeps the shape");
-    let frequency = Array2::from_shape_vec(shape, out.frequency).expect("kernel keeps the shape");
-    Ok((phasor.into_pyarray(py), frequency.into_pyarray(py)))
+    Ok((
+        array_of(py, shape, phasors.collect()),
+        array_of(py, shape, out.frequency),
+    ))
 }

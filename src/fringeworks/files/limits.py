@@ -123,18 +123,12 @@ def existing_file(path: StrPath, expected: str) -> Path:
 
 def is_file(path: Path) -> bool:
     """Whether there is such a file; False for a name that no file can have."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # too long, or with a NUL
-        return False
+    return os.path.isfile(path)
 
 
 def is_folder(path: Path) -> bool:
     """Whether there is such a folder; False for a name that no folder can have."""
-    try:
-        return path.is_dir()
-    except (OSError, ValueError):
-        return False
+    return os.path.isdir(path)
 
 
 def _opened(path: str, flags: int) -> int:

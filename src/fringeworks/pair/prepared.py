@@ -203,16 +203,12 @@ def _light_of(pair: Pair, object_: _Frame, response: Response | None) -> Project
 
     A response is that of the projector's light alone, without ambient light and paint.
     """
-    if pair.white is None and pair.black is None:
-        light = ProjectorLight(object_.values, None, np.ones(object_.values.shape, bool))
-    elif pair.white is None:
-        light = projector_light(object_.values.astype(np.float64), pair.black, None, None)
+    if pair.white is None:
+        light = projector_light(object_.values, pair.black, None, None)
     else:
         white = _checked_frame("white", pair.white)
         usable = white.finite & ~white.saturated
-        light = projector_light(
-            object_.values.astype(np.float64), pair.black, white.values.astype(np.float64), usable
-        )
+        light = projector_light(object_.values, pair.black, white.values, usable)
     return light if response is None else light._replace(object=linearise(light.object, response))
 
 

@@ -44,7 +44,7 @@ def without_light(name: str, black: NDArray[Any] | float, frame: FloatMap) -> Fl
     level = np.asarray(black, np.float64)
     if level.ndim and level.shape != frame.shape:
         raise InputError(f"black frame: expected shape {frame.shape}, got {level.shape}")
-    lit = frame - level
+    lit = frame.astype(np.float64) - level
     if not np.nanmedian(lit) > 0:
         raise InputError(
             f"black: expected less light than in the {name} frame, got a median of "
@@ -85,7 +85,7 @@ def projector_light(
         return ProjectorLight(frame, None, usable)
     if white.shape != frame.shape:
         raise InputError(f"white frame: expected shape {frame.shape}, got {white.shape}")
-    lit = white if black is None else without_light("white", black, white)
+    lit = white.astype(np.float64) if black is None else without_light("white", black, white)
     usable &= white_usable & np.isfinite(lit)
     if not usable.any():
         raise InputError("white frame: expected pixels below the sensor's limit, got none")

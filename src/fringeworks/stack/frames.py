@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
+from fringeworks.signal.bands import row_bands
 from fringeworks.types import FramesContradictPlan, Frozen, InputError, Source, positive
 
 FRAME_TYPES = ("uint8", "uint16", "float32", "float64")
@@ -40,13 +41,6 @@ stretches do not miss a small object.
 
 GOLDEN = 0.6180339887498949
 """Golden ratio of a cycle. Starts that shift by it from row to row cover all columns evenly."""
-
-BAND_BYTES = 4 << 20
-"""Memory for copies of frames that the kernels cannot read directly, bytes.
-
-It fits the second- or third-level cache of common processors, and is large enough for the kernels
-to work on many rows at once. An empirical choice.
-"""
 
 Planes = list[NDArray[Any]]
 """Frames as (h, w) arrays of one size and type, in the order of the plan."""
@@ -239,14 +233,11 @@ def in_bands(
     if all(_is_readable(plane) for plane in planes):
         run(planes, maps)
         return
-    height, width = planes[0].shape
-    per_row = max(1, len(planes) * width * kernel_type(planes[0].dtype).itemsize)
-    rows = max(1, BAND_BYTES // per_row)
-    for start in range(0, height, rows):
-        part = slice(start, start + rows)
+    bytes_per_px = len(planes) * kernel_type(planes[0].dtype).itemsize
+    for band in row_bands(planes[0].shape, bytes_per_px):
         run(
-            [readable(plane[part]) for plane in planes],
-            {name: _cut(value, part) for name, value in maps.items()},
+            [readable(plane[band.rows]) for plane in planes],
+            {name: _cut(value, band.rows) for name, value in maps.items()},
         )
 
 

@@ -92,7 +92,7 @@ wheel: $(VENV)/.ready
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: dist/*.whl
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python -I release/installed.py --most-mb 250
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: -r requirements/test.txt
-	OPENBLAS_NUM_THREADS=1 $(WHEEL_VENV)/bin/python -m pytest $(OTHERS) tests
+	$(TESTED) $(WHEEL_VENV)/bin/python -m pytest $(OTHERS) tests
 
 # Known weaknesses of what is installed and compiled, and a list of it in dist/. Says so and ends without error where no network
 # or no cargo-audit is at hand.

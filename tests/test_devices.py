@@ -192,7 +192,6 @@ def test_a_plugin_file_may_bring_a_method_too(tmp_path):
     path = tmp_path / "method.py"
     path.write_text("import fringeworks as fw\n@fw.method('calm')\ndef calm(pair, *, a=1): ...\n")
     assert load_plugin(path) == ["calm"]
-    del fw.pair.registry.REGISTERED["calm"]
 
 
 def test_installed_plugins_bring_kinds(monkeypatch):

@@ -9,6 +9,7 @@ import shutil
 import unicodedata
 import urllib.parse
 import webbrowser
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,6 @@ from PIL import Image
 import fringeworks as fw
 from fringeworks.cli import commands as all_commands  # noqa: F401, registers them
 from fringeworks.cli.app import app
-from fringeworks.pair.registry import REGISTERED
 from fringeworks.simulate import (
     Optics,
     board_body,
@@ -59,8 +59,12 @@ LONG = ("tutorial-rig.md",)
 """Pages that calibrate anew what another page calibrates."""
 
 
-def marked(page: Path):
-    return pytest.param(page, marks=pytest.mark.long if page.name in LONG else (), id=page.name)
+def marked(pages: Iterable[Path], long: Collection[str]) -> list:
+    """Pages as parameters of a test, by their names; those in ``long`` run with the long tests."""
+    return [
+        pytest.param(page, marks=pytest.mark.long if page.name in long else (), id=page.name)
+        for page in pages
+    ]
 
 
 def blocks(page: Path) -> list[str]:
@@ -125,8 +129,6 @@ def _place(request, files, tmp_path, monkeypatch):
         assert not (tmp_path / made).exists()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(webbrowser, "open", lambda *_, **__: True)
-    yield
-    REGISTERED.pop("lowpass", None)
 
 
 # Seen once in seven runs, on report.md: a warning of Matplotlib's layout, which nobody could repeat.
@@ -136,7 +138,7 @@ def _place(request, files, tmp_path, monkeypatch):
 @pytest.mark.usefixtures("_place")
 @pytest.mark.filterwarnings("ignore:FigureCanvasAgg is non-interactive")
 @pytest.mark.parametrize(
-    "page", [marked(p) for p in PAGES if p.name not in ELSEWHERE and blocks(p)]
+    "page", marked((p for p in PAGES if p.name not in ELSEWHERE and blocks(p)), LONG)
 )
 def test_python_on_a_page_runs(page, tmp_path):
     known: dict[str, object] = {"fw": fw, "np": np}

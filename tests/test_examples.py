@@ -10,8 +10,6 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from fringeworks.pair.registry import REGISTERED
-
 ROOT = Path(__file__).parent.parent
 specification = importlib.util.spec_from_file_location(
     "make_gallery", ROOT / "docs" / "make_gallery.py"
@@ -28,10 +26,8 @@ ELSEWHERE = {"vendor_camera.py", "live.py"}
 
 @pytest.fixture
 def _clean(tmp_path, monkeypatch):
-    """An empty folder to work in; the method that an example registers is forgotten."""
+    """An empty folder to work in."""
     monkeypatch.chdir(tmp_path)
-    yield
-    REGISTERED.pop("lowpass", None)
 
 
 @pytest.mark.usefixtures("_clean")

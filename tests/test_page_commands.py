@@ -10,7 +10,7 @@ import pytest
 
 from tests.page_files import build
 from tests.test_cli import run
-from tests.test_doc_code import PAGES
+from tests.test_doc_code import PAGES, marked
 from tests.walk import examples
 
 ELSEWHERE = {
@@ -60,11 +60,7 @@ def words(line, folder):
     return found, target.strip()
 
 
-def marked(page):
-    return pytest.param(page, marks=pytest.mark.long if page.name in LONG else (), id=page.name)
-
-
-@pytest.mark.parametrize("page", [marked(p) for p in PAGES if lines(p)])
+@pytest.mark.parametrize("page", marked((p for p in PAGES if lines(p)), LONG))
 def test_commands_of_a_page_run(page, tmp_path):
     build(page, tmp_path)
     for line in lines(page):

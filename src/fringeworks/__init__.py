@@ -1,16 +1,18 @@
 """Fringe projection profilometry: from photographs of projected fringes to heights and points.
 
-``__init__.pyi`` lists the public names and the file that each one is loaded from on first use, so
-that ``import fringeworks`` stays quick.
+The top level has what a first week needs, one verb for each stage: ``propose`` a plan, ``capture``
+its pictures, ``calibrate`` a rig, ``measure`` points (or ``reconstruct`` heights from two frames),
+``inspect`` a part. The submodules hold the rest, one for each stage: ``patterns``, ``devices``,
+``scan``, ``signal``, ``pair``, ``stack``, ``rig``, ``views``, ``surface``, ``evaluate``,
+``simulate``, ``files``, ``report`` and ``batch``. ``dir()`` of each lists its public names.
 """
 
 import warnings as _warnings
 
-import lazy_loader as _lazy
-
 from fringeworks import _core
+from fringeworks._lazy import face as _face
 
-__getattr__, __dir__, __all__ = _lazy.attach_stub(__name__, __file__)
+__getattr__, __dir__ = _face(__name__)
 __version__ = _core.version
 
 if not _core.optimised:

@@ -47,9 +47,9 @@ class FormEvaluation(Frozen):
     """How it was made."""
 
 
-def evaluate_form(
+def fit(
     points: Points | PointCloud | HeightMap | FloatMap | StrPath,
-    fit: BodyKind,
+    body: BodyKind,
     *,
     diameter_mm: float | None = None,
     count: int = 1,
@@ -63,7 +63,7 @@ def evaluate_form(
     points : Points, PointCloud, HeightMap in mm, (n, 3) array in mm, or path
         A file of points or a height map. Their common error, such as that of the calibration, is
         part of the radius's σ where they carry it.
-    fit : "plane", "sphere" or "cylinder"
+    body : "plane", "sphere" or "cylinder"
     diameter_mm : float > 0, optional
         Calibrated diameter: the probing error size PS is measured against it.
     count : int
@@ -85,7 +85,7 @@ def evaluate_form(
     not found or that the points do not determine, and a region in which more than a tenth of the
     points lie off the body.
     """
-    if count < 1 or (count > 1 and fit != "sphere"):
+    if count < 1 or (count > 1 and body != "sphere"):
         raise InputError(f"count: expected 1, or more for spheres, got {count}")
     if spacing_mm is not None and count != 2:
         raise InputError(f"spacing: expected with two spheres, got it with {count}")
@@ -98,7 +98,7 @@ def evaluate_form(
         xyz, common = xyz[inside], None if common is None else common[inside]
     rms = 0.0 if common is None else float(np.sqrt(np.mean(common**2)))
     if count == 1:
-        forms = [fit_region(xyz, fit, common_mm=rms)]
+        forms = [fit_region(xyz, body, common_mm=rms)]
     else:
         forms = find_spheres(xyz, count, common_mm=rms)
     bodies = [form_report(form, diameter_mm=diameter_mm) for form in forms]
@@ -108,9 +108,9 @@ def evaluate_form(
         figures["sphere_spacing_mm"] = float(np.linalg.norm(centres[0] - centres[1]))
         if spacing_mm is not None:
             figures["sphere_spacing_error_SD_mm"] = figures["sphere_spacing_mm"] - spacing_mm
-    options: dict[str, Any] = {"fit": fit, "diameter_mm": diameter_mm, "count": count}
+    options: dict[str, Any] = {"body": body, "diameter_mm": diameter_mm, "count": count}
     options |= {"spacing_mm": spacing_mm, "within": within}
-    origin = made_by("evaluate_form", options=options, inputs=sources)
+    origin = made_by("fit", options=options, inputs=sources)
     return FormEvaluation(tuple(forms), figures, origin)
 
 

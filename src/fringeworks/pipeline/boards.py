@@ -70,7 +70,7 @@ def calibrate_stacks(
     found = calibrate(seen.observations, board, skipped=seen.skipped, distortion=distortion)
     plans = seen.plans
     origin = made_by(
-        "calibrate_stacks",
+        "calibrate",
         options={"board": board, "distortion": distortion, **options},
         inputs=seen.inputs,
         plan=plans[0] if len(plans) == 1 else plans,

@@ -109,7 +109,7 @@ def calibrate_camera_stacks(
     )
     plans = list(dict.fromkeys(p for one in seen for p in one.plans))
     origin = made_by(
-        "calibrate_camera_stacks",
+        "calibrate",
         options={"board": board, "distortion": distortion, **options},
         inputs=tuple(
             replace(source, name=f"camera {number}: {source.name}")
@@ -178,7 +178,7 @@ def measure_cameras(
         seen.append(camera_points(rig, k, found, cloud, others, axes, doubtful=doubtful[k]))
     seconds = time.perf_counter() - started
     origin = made_by(
-        "measure_cameras",
+        "measure",
         options={"axis": axis, **given_options(shots[0][0], options)},
         inputs=tuple(
             replace(source, name=f"camera {number}: {source.name}")

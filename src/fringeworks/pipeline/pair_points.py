@@ -98,7 +98,7 @@ def measure_pair(
     )
     seconds = time.perf_counter() - started
     origin = made_by(
-        "measure_pair",
+        "measure",
         options={
             "method": method,
             "plane": None if plane is None else [float(v) for v in plane],

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from fringeworks.files.atomic import StrPath
 from fringeworks.pair.analyse import analyse
 from fringeworks.pair.plane_calibration import (
@@ -27,6 +29,7 @@ from fringeworks.signal.response import Response, response_note
 from fringeworks.surface.height_map import lateral_notes
 from fringeworks.types import (
     DisplacementMap,
+    FloatMap,
     FrameFinding,
     Frozen,
     HeightMap,
@@ -34,6 +37,7 @@ from fringeworks.types import (
     Pair,
     Plotted,
     ReferencePlaneGeometry,
+    Source,
     made_by,
 )
 
@@ -149,7 +153,7 @@ def _on_rays(surface: HeightMap, geometry: ReferencePlaneGeometry | None) -> Hei
 
 
 def calibrate_plane(
-    planes: Sequence[Pair | StrPath],
+    planes: Sequence[Pair | StrPath | FloatMap],
     heights_mm: Sequence[float],
     *,
     pitch_mm_per_px: float | None = None,
@@ -160,8 +164,9 @@ def calibrate_plane(
 
     Parameters
     ----------
-    planes : sequence of Pair or path
-        The same reference frame, and the plane at each height as object frame.
+    planes : sequence of Pair, path, or (h, w) array
+        The same reference frame, and the plane at each height as object frame; or the displacement
+        of the fringes at each height, px.
     heights_mm : sequence of float
         Height of each plane above the reference plane, towards the camera, mm; not 0.
     pitch_mm_per_px : float > 0, optional
@@ -171,7 +176,7 @@ def calibrate_plane(
         or more, which needs the pitch. By default a geometry where the pitch is given. A law keeps
         the pitch for the distances between pixels; without it they stay unknown.
     method : str
-        A name from ``fringeworks.methods()``.
+        A name from ``fringeworks.methods()``, for pairs.
 
     Returns
     -------
@@ -182,9 +187,16 @@ def calibrate_plane(
     InputError for too few heights, frames that do not fit, and displacements that no geometry
     explains.
     """
-    pairs = [pair_of(pair) for pair in planes]
-    maps = [reconstruct(pair, method).displacement.displacement_px for pair in pairs]
-    sources = {s.sha256: s for pair in pairs for s in pair.sources}
+    maps: list[FloatMap] = []
+    sources: dict[str, Source] = {}
+    for number, plane in enumerate(planes, 1):
+        if isinstance(plane, np.ndarray):
+            maps.append(plane)
+            sources |= {s.sha256: s for s in sources_of(**{f"displacement {number}": plane})}
+        else:
+            pair = pair_of(plane)
+            maps.append(reconstruct(pair, method).displacement.displacement_px)
+            sources |= {s.sha256: s for s in pair.sources}
     origin = made_by(
         "calibrate_plane",
         options={

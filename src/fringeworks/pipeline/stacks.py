@@ -19,11 +19,8 @@ from fringeworks.pipeline.inputs import inputs_of, stack_of, stacks_of
 from fringeworks.rig.depth_range import DepthRange, depth_range_of
 from fringeworks.rig.point_findings import part_notes, point_notes, unit_notes
 from fringeworks.rig.triangulate import Triangulator
-from fringeworks.signal.response import (
-    Response,
-    check_devices,
-    measure_response,
-)
+from fringeworks.signal.response import Response, check_devices
+from fringeworks.signal.response import measure_response as response_of_frames
 from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from fringeworks.stack.decode import decode
 from fringeworks.stack.even_light import texture
@@ -90,7 +87,7 @@ def decode_stack(
     stacks = stacks_of(stack)
     found = decoded_exposures(stacks, options)
     origin = made_by(
-        "decode_stack",
+        "decode",
         options=given_options(stacks[0], options),
         inputs=inputs_of(*stacks),
         plan=stacks[0].plan,
@@ -197,7 +194,7 @@ def scene_brightness(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None
         return None  # the plan shows the scene under fringes only
 
 
-def response_from_stack(
+def measure_response(
     stack: Stack | StrPath,
     *,
     camera: str | None = None,
@@ -243,7 +240,7 @@ def response_from_stack(
     if limit is not None:
         coordinate[(frames >= limit).any(axis=0)] = np.nan
     phase = 2.0 * np.pi / steps.period_px * smooth_coordinate(coordinate, np.isfinite(coordinate))
-    found = measure_response(
+    found = response_of_frames(
         frames,
         phase,
         camera=names["camera"] or "",
@@ -252,7 +249,7 @@ def response_from_stack(
         pattern_exponent=1.0 / stack.plan.gamma,
     )
     origin = made_by(
-        "response_from_stack",
+        "measure_response",
         options={**names, "number": number, **given},
         inputs=inputs_of(stack),
         plan=stack.plan,
@@ -305,7 +302,7 @@ def phase_from_stack(
     }
     found = wrapped_phase(stack.frames, shifts_rad, **options)
     origin = made_by(
-        "phase_from_stack",
+        "wrapped_phase",
         options={"shifts_rad": list(found.shifts_rad), **options},
         inputs=inputs_of(stack),
     )
@@ -347,7 +344,7 @@ def light_from_stack(
         "response": response,
     }
     found = separate_light(stack.frames, stack.plan, **options)
-    origin = made_by("light_from_stack", options=options, inputs=inputs_of(stack), plan=stack.plan)
+    origin = made_by("separate_light", options=options, inputs=inputs_of(stack), plan=stack.plan)
     return replace(found, notes=(*stack.notes, *found.notes), provenance=origin)
 
 

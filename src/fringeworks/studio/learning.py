@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fringeworks.evaluate.errors import error_map
+from fringeworks.evaluate.truth_errors import error_map
 from fringeworks.pair.analyse import analyse
 from fringeworks.pipeline.pairs import reconstruct
 from fringeworks.pipeline.stacks import measure

@@ -19,7 +19,7 @@ from fringeworks.rig.pinhole import pose
 from fringeworks.simulate.bodies import Body, Box, Plane
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import fringe_plan, standard_rig
+from fringeworks.simulate.standard import fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 
 DISTINCT = 8

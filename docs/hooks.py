@@ -1,7 +1,8 @@
 """What the builder of the documentation does beside Markdown: equations as MathML, and the API.
 
 Equations stand between ``$…$`` or ``$$…$$``. They become MathML, which browsers draw themselves: no
-script and no network. The pages of the API are made from ``__init__.pyi``, in its order.
+script and no network. The pages of the API are made from the stubs ``__init__.pyi``: one page for
+the top level, and one for each public submodule.
 """
 
 from __future__ import annotations
@@ -20,17 +21,20 @@ BLOCK = re.compile(r"\$\$(.+?)\$\$", re.S)
 INLINE = re.compile(r"(?<![\\$\w])\$(?!\s)([^$\n]+?)(?<!\s)\$(?![\w$])")
 
 
-def sections(stub: str) -> list[tuple[str, list[str]]]:
-    """Titles of the stub's comments, and the public names below each; equal titles are joined."""
-    found: dict[str, list[str]] = {}
-    title = ""
-    for line in stub.splitlines():
-        if line.startswith("# "):
-            title = re.split(r"[:.]", line[2:])[0].strip()
-            found.setdefault(title, [])
-        elif name := re.search(r"(\w+) as \1", line):
-            found[title].append(name[1])
-    return [(title, names) for title, names in found.items() if names]
+def names_in(stub: Path) -> list[str]:
+    """The names that a stub imports, in its order."""
+    return re.findall(r"^ +(\w+) as \1,$", stub.read_text(encoding="utf-8"), re.M)
+
+
+def sections() -> list[tuple[str, list[str]]]:
+    """Title of every page of the API and its public names, as users write them after ``fw.``."""
+    top = names_in(STUB)
+    rooms = [name for name in top if (STUB.parent / name / "__init__.pyi").exists()]
+    found = [("fringeworks", [name for name in top if name not in rooms])]
+    for room in rooms:
+        inner = names_in(STUB.parent / room / "__init__.pyi")
+        found.append((f"fringeworks.{room}", [f"{room}.{name}" for name in inner]))
+    return found
 
 
 def place(title: str) -> str:
@@ -45,7 +49,7 @@ def page(title: str, names: list[str]) -> str:
 
 def on_config(config: Any) -> Any:
     """Add the API to the navigation's group *Reference*."""
-    pages = [{title: place(title)} for title, _ in sections(STUB.read_text(encoding="utf-8"))]
+    pages = [{title: place(title)} for title, _ in sections()]
     for group in config["nav"]:
         if "Reference" in group:
             group["Reference"].append({"Python API": pages})
@@ -54,7 +58,7 @@ def on_config(config: Any) -> Any:
 
 def on_files(files: Any, config: Any) -> Any:
     """Make the pages of the API."""
-    for title, names in sections(STUB.read_text(encoding="utf-8")):
+    for title, names in sections():
         files.append(File.generated(config, place(title), content=page(title, names)))
     return files
 

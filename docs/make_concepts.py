@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 import fringeworks as fw
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 
 PICTURES = Path(__file__).parent / "images" / "concepts"

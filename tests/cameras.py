@@ -21,7 +21,7 @@ from fringeworks.rig.triangulate import triangulate
 from fringeworks.simulate.bodies import Plane, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import board_poses, standard_cameras
+from fringeworks.simulate.standard import board_poses, standard_cameras
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import CameraNoise, CoordinateMap, Decoded, MultiRig, Reason
 from tests.rigs import ahead, sighting

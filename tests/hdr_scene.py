@@ -13,7 +13,7 @@ from fringeworks.rig.pinhole import pose
 from fringeworks.simulate.bodies import Body, Sphere
 from fringeworks.simulate.highlight import highlight
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import standard_rig
+from fringeworks.simulate.standard import standard_rig
 from fringeworks.simulate.virtual_rig import look
 from tests.virtual_devices import bench
 

@@ -177,7 +177,7 @@ SMALL = multi((1, 4), 3, (48, 16))
 @cache
 def _parts() -> dict[str, Any]:
     """What the calls are made of; computed once."""
-    from fringeworks.simulate.standard_rig import standard_rig
+    from fringeworks.simulate.standard import standard_rig
 
     rig = standard_rig(scale=0.1)
     frames = take(PLAN)
@@ -370,7 +370,7 @@ def _decoder(plan: Any, frames: Any, shape: Any) -> Any:
 def _stack_of(rig: fw.Rig) -> fw.Stack:
     from fringeworks.simulate.exposure import photograph
     from fringeworks.simulate.optics import Optics
-    from fringeworks.simulate.standard_rig import bust
+    from fringeworks.simulate.standard import bust
     from fringeworks.simulate.virtual_rig import look
 
     plan = multi((1, 5), 4, (rig.projector.width_px, rig.projector.height_px))

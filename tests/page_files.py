@@ -20,7 +20,7 @@ from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.fringes import PairSettings, capture_pair
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.rig_pair import photograph_pair
-from fringeworks.simulate.standard_rig import (
+from fringeworks.simulate.standard import (
     board_body,
     board_poses,
     bust,

@@ -13,7 +13,7 @@ from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate.bodies import Body, Mesh
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import fringe_plan, standard_rig
+from fringeworks.simulate.standard import fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from tests.rigs import calibrated
 from tests.shared import shared

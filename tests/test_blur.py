@@ -12,7 +12,7 @@ from fringeworks.rig.pinhole import pose
 from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import board_body, board_poses, fringe_plan, standard_rig
+from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.surface.border import inside_surface
 

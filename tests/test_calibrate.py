@@ -17,7 +17,7 @@ from fringeworks.rig.calibration.leave_out import leave_poses_out
 from fringeworks.rig.pinhole import pose, project, transform
 from fringeworks.simulate.boards import BoardErrors, real_points
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import board_body, board_poses, fringe_plan
+from fringeworks.simulate.standard import board_body, board_poses, fringe_plan
 from fringeworks.stack.even_light import texture
 from tests.rigs import (
     board,

@@ -22,7 +22,7 @@ from fringeworks.rig.ray_estimates import combined, errors_over, estimates_of
 from fringeworks.rig.stereo_match import CoordinateField
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import truth_distance
+from fringeworks.simulate.standard import truth_distance
 from tests.cameras import (
     adjusted,
     calibrated,

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import FileProblem, InputError
+from fringeworks import FileProblem, InputError, measure
 from fringeworks.files import read_multi_rig, read_rig, write_multi_rig
 from fringeworks.files.stack import write_stack
 from fringeworks.rig.device_pairs import camera_pair
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import board_body, fringe_plan
+from fringeworks.simulate.standard import board_body, fringe_plan
 from tests.cameras import BOARD, facing_poses, small_rig, surfaces, views_of
 from tests.rigs import board
 from tests.test_cli import run

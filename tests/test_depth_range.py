@@ -16,7 +16,7 @@ from fringeworks.rig.ray_depth import inverse_depth
 from fringeworks.simulate.bodies import Box, Cylinder, Paraboloid, Plane, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig, truth_distance
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig, truth_distance
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import Reason
 from tests.rigs import ahead

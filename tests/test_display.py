@@ -16,7 +16,7 @@ from fringeworks.report.display import plot
 from fringeworks.report.maps import COLOURS, REASON_COLOURS, limits_of
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import board_body, board_poses, fringe_plan, standard_rig
+from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import FrameFinding, Reason
 from tests.test_profiles import heights, plane_cloud
@@ -27,7 +27,7 @@ DIVERGING = {"coolwarm"}
 @cache
 def stack():
     rig = standard_rig(scale=0.25)
-    from fringeworks.simulate.standard_rig import bust
+    from fringeworks.simulate.standard import bust
 
     plan = fringe_plan(rig)
     return rig, fw.Stack(list(photograph(look(rig, bust()), plan, Optics(seed=3))), plan)

@@ -14,7 +14,7 @@ import fringeworks as fw
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 
 ROOT = Path(__file__).parent.parent

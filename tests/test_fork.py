@@ -56,7 +56,7 @@ from fringeworks.simulate.bodies import height_field
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.pair.methods.inverse_function import find_extrema
 from fringeworks.signal.denoise import normalise

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import HeightMap, InputError, reconstruct
+from fringeworks import HeightMap, InputError, fit, reconstruct
 from fringeworks.files import (
     read_capture,
     read_reference_plane,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
-from fringeworks.simulate.standard_rig import standard_rig
+from fringeworks.simulate.standard import standard_rig
 from fringeworks.types import fingerprint, sealed, unsealed
 from tests.conftest import scene
 from tests.stacks import multi, take

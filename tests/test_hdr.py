@@ -20,7 +20,7 @@ from fringeworks.scan.exposure import auto_exposure, exposure_series
 from fringeworks.scan.hdr import capture_hdr
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import truth_distance
+from fringeworks.simulate.standard import truth_distance
 from fringeworks.types import CameraSettings, DeviceProblem, Reason
 from tests.hdr_scene import RIG, glossy_view, hdr_bench, hdr_plan
 from tests.test_scan_capture import Interrupting

@@ -15,7 +15,7 @@ from fringeworks.simulate.bodies import Plane
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.interreflection import interreflection
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import standard_rig
+from fringeworks.simulate.standard import standard_rig
 from fringeworks.simulate.virtual_rig import look
 from tests.rigs import ahead
 from tests.test_simulated_faults import groove

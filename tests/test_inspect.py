@@ -19,7 +19,7 @@ from fringeworks.simulate.bodies import Body, Box, Cylinder, Plane, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.simulate.standard_rig import fringe_plan, standard_rig
+from fringeworks.simulate.standard import fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.stack.frames import Stack
 from fringeworks.types.recipe import QUANTITIES

@@ -18,7 +18,7 @@ from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.scan.poses import judge_poses, rough_focal_px
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import board_poses, cropped_field
+from fringeworks.simulate.standard import board_poses, cropped_field
 from tests.rigs import board, rig, rig_errors, see, sighting
 
 GOOD = {

@@ -26,7 +26,7 @@ from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.projected_light import blurred_profile
 from fringeworks.simulate.response_curve import DLP_BRIGHT, LCD, SCurve, TabulatedResponse
 from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
-from fringeworks.simulate.standard_rig import cropped_field, standard_rig
+from fringeworks.simulate.standard import cropped_field, standard_rig
 from fringeworks.simulate.subsurface import subsurface
 from fringeworks.simulate.virtual_rig import look
 from tests.rigs import ahead

@@ -12,7 +12,7 @@ import pytest
 import fringeworks as fw
 from fringeworks.devices.bench import RADIUS_MM, SCALE, virtual_bench
 from fringeworks.devices.clock import SimulatedClock
-from fringeworks.simulate.standard_rig import fringe_plan, standard_rig
+from fringeworks.simulate.standard import fringe_plan, standard_rig
 
 RIG = standard_rig(scale=SCALE)
 PLAN = fringe_plan(RIG, both=False)

@@ -14,7 +14,7 @@ from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.scan.live_calibration import calibrate_live
 from fringeworks.simulate.bodies import Body, Sphere
-from fringeworks.simulate.standard_rig import board_body, board_poses, fringe_plan, standard_rig
+from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 
 RIG = standard_rig(scale=0.3)

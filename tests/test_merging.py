@@ -13,7 +13,7 @@ from fringeworks.rig.pinhole import inverse, pose, rotation
 from fringeworks.simulate.bodies import Body, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import fringe_plan, standard_rig
+from fringeworks.simulate.standard import fringe_plan, standard_rig
 from fringeworks.simulate.turntable import (
     TurntableErrors,
     board_on_table,

@@ -18,7 +18,7 @@ from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.rig_pair import photograph_pair
-from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig, truth_distance
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig, truth_distance
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import InputError
 from tests.test_cli import run

@@ -11,7 +11,7 @@ from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate.bodies import Body, Plane
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
-from fringeworks.simulate.standard_rig import standard_rig
+from fringeworks.simulate.standard import standard_rig
 from fringeworks.simulate.virtual_rig import look
 
 BIAS_OF_RIDGE = "the ridge of a tilted plane has a bias as large as its σ: docs/promises.md"

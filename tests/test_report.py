@@ -14,7 +14,7 @@ from fringeworks.cli.commands import run
 from fringeworks.report.page.tolerances import judge, parse_tolerance
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from tests.virtual_devices import Screen, bench
 

@@ -20,7 +20,7 @@ from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate.bodies import Plane
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import board_body, board_poses, fringe_plan, standard_rig
+from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import RIG_PARAMETERS
 from tests.rigs import ahead, board, sighting

@@ -11,7 +11,7 @@ import pytest
 import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.devices.bench import POSES, RADIUS_MM, SCALE
-from fringeworks.simulate.standard_rig import fringe_plan, standard_rig
+from fringeworks.simulate.standard import fringe_plan, standard_rig
 from tests.walk import steps
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.rig.pinhole import rays
-from fringeworks.simulate.standard_rig import standard_rig
+from fringeworks.simulate.standard import standard_rig
 
 
 def plane_cloud(shift_mm=0.0, tilt=0.3):

@@ -15,7 +15,7 @@ from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.exposure import photograph_moving
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import bust, standard_rig
+from fringeworks.simulate.standard import bust, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.stack.motion_search import distance_of
 

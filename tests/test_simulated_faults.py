@@ -34,7 +34,7 @@ from fringeworks.simulate.lens import ThinLens
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.response_curve import DLP_BRIGHT, LCD
 from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
-from fringeworks.simulate.standard_rig import (
+from fringeworks.simulate.standard import (
     board_body,
     bust,
     cropped_field,

@@ -16,7 +16,7 @@ from fringeworks.files.findings import findings_as_dicts
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.studio.state import Studio
 from fringeworks.studio.steps.look import judged_notes

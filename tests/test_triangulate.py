@@ -17,7 +17,7 @@ from fringeworks.rig.triangulate import triangulate
 from fringeworks.signal import CameraNoise
 from fringeworks.simulate.bodies import Box, Plane, Sphere
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import truth_distance
+from fringeworks.simulate.standard import truth_distance
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.surface.cloud import cloud_triangles, height_over_plane, normals
 from fringeworks.surface.form import fit_form

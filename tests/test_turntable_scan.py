@@ -13,7 +13,7 @@ from fringeworks.rig.pinhole import pose
 from fringeworks.simulate.bodies import Body, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import fringe_plan
+from fringeworks.simulate.standard import fringe_plan
 from fringeworks.simulate.turntable import board_on_table, on_table, turned_poses, turntable_pose
 from fringeworks.simulate.virtual_rig import look
 from tests.test_merging import BOARD, T_table_board, rig

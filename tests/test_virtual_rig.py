@@ -27,7 +27,7 @@ from fringeworks.simulate.bodies import (
 )
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import board_body, bust, standard_rig
+from fringeworks.simulate.standard import board_body, bust, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import Pinhole, Rig
 from tests.rigs import ahead, board, rig, shoot

@@ -15,7 +15,7 @@ from fringeworks.scan.frames import take_frames
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.highlight import highlight
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import bust, standard_rig
+from fringeworks.simulate.standard import bust, standard_rig
 from fringeworks.simulate.virtual_rig import look
 
 PLAN = PatternPlan(192, 120, (PhaseSteps("x", 16.0, equal_steps(3)),))

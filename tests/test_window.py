@@ -20,7 +20,7 @@ from fringeworks.rig.pinhole import pose
 from fringeworks.scan.capture import capture
 from fringeworks.simulate.bodies import Body, Plane
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import standard_rig
+from fringeworks.simulate.standard import standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import CameraSettings, DeviceProblem, InputError
 

@@ -18,7 +18,7 @@ from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.simulate.bodies import Body, Sphere
 from fringeworks.simulate.highlight import highlight
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import standard_rig
+from fringeworks.simulate.standard import standard_rig
 from fringeworks.simulate.virtual_rig import look
 
 REFRESH_S = 1 / 60

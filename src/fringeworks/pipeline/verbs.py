@@ -201,7 +201,7 @@ def measure(capture: Any, rig: Any, **options: Any) -> Measurement | MultiMeasur
     Examples
     --------
     >>> import fringeworks as fw
-    >>> from fringeworks.simulate.standard_rig import fringe_plan, standard_rig
+    >>> from fringeworks.simulate.standard import fringe_plan, standard_rig
     >>> rig, plan = standard_rig(scale=0.1), fringe_plan(scale=0.1)
     """
     if is_path(rig):

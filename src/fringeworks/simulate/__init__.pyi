@@ -36,22 +36,22 @@ from .optics import (
 from .scene import (
     standard_scene as standard_scene,
 )
-from .standard_rig import (
+from .standard import (
     board_body as board_body,
 )
-from .standard_rig import (
+from .standard import (
     board_poses as board_poses,
 )
-from .standard_rig import (
+from .standard import (
     bust as bust,
 )
-from .standard_rig import (
+from .standard import (
     fringe_plan as fringe_plan,
 )
-from .standard_rig import (
+from .standard import (
     standard_cameras as standard_cameras,
 )
-from .standard_rig import (
+from .standard import (
     standard_rig as standard_rig,
 )
 from .virtual_rig import (

@@ -23,7 +23,7 @@ from fringeworks.simulate.objects import OBJECTS
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.simulate.standard_rig import (
+from fringeworks.simulate.standard import (
     WALL_ALBEDO,
     bust,
     fringe_plan,

@@ -16,16 +16,11 @@ import numpy as np
 
 import fringeworks as fw
 from fringeworks.rig.pinhole import pose
-from fringeworks.simulate import (
-    Body,
-    Box,
-    Optics,
-    Plane,
-    fringe_plan,
-    look,
-    photograph,
-    standard_rig,
-)
+from fringeworks.simulate.bodies import Body, Box, Plane
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 
 DISTINCT = 8
 """Captures that are simulated; the others are the same frames under another description."""
@@ -41,7 +36,7 @@ def captures(folder: Path, count: int) -> None:
     view = look(rig, [Body(Plane(), place[0], 0.7), Body(Box((40.0, 40.0, 10.0)), place[1], 0.8)])
     for k in range(min(DISTINCT, count)):
         frames = list(photograph(view, plan, Optics(seed=k)))
-        fw.write_stack(folder / "in" / f"{k:04d}", frames, plan)
+        fw.files.write_stack(folder / "in" / f"{k:04d}", frames, plan)
     for k in range(DISTINCT, count):
         source, target = folder / "in" / f"{k % DISTINCT:04d}", folder / "in" / f"{k:04d}"
         shutil.copytree(source, target, copy_function=os.link)
@@ -49,11 +44,14 @@ def captures(folder: Path, count: int) -> None:
         text = description.read_text()
         description.unlink()
         description.write_text(f"{text}\n# {k}\n")
-    fw.write_rig(folder / "rig.toml", rig)
-    areas = {"top": fw.Area(box=(560, 440, 740, 580)), "base": fw.Area(box=(60, 60, 360, 960))}
-    step = fw.PartTolerance("step", "step_height", ("top", "base"), 9.9, 10.1)
+    fw.files.write_rig(folder / "rig.toml", rig)
+    areas = {
+        "top": fw.evaluate.Area(box=(560, 440, 740, 580)),
+        "base": fw.evaluate.Area(box=(60, 60, 360, 960)),
+    }
+    step = fw.evaluate.PartTolerance("step", "step_height", ("top", "base"), 9.9, 10.1)
     recipe = fw.Recipe(rig=folder / "rig.toml", areas=areas, tolerances=(step,))
-    fw.write_recipe(folder / "recipe.toml", recipe)
+    fw.files.write_recipe(folder / "recipe.toml", recipe)
 
 
 def resident_mb(pid: int) -> float:
@@ -93,7 +91,7 @@ def measured(folder: Path, workers: int, scheduler: str | None) -> float:
         first.append(time.perf_counter())
         memory.pids.add(int(str(row["worker"])))
 
-    found = fw.run_batch(
+    found = fw.batch.run_batch(
         folder / "in",
         folder / "recipe.toml",
         out,

@@ -23,7 +23,10 @@ from benchmarks.harness import (
     streamer,
     work,
 )
-from fringeworks import CameraNoise, Decoder, PatternPlan, PhaseSteps, decode, encode
+from fringeworks import PatternPlan, decode, encode
+from fringeworks.patterns import PhaseSteps
+from fringeworks.signal import CameraNoise
+from fringeworks.stack import Decoder
 
 WIDTH, HEIGHT, STEPS = 1920, 1200, 4
 OUTPUTS = (np.float32, np.float32, np.float32, np.float32, np.uint8)
@@ -127,7 +130,7 @@ def against_stream(counts: tuple[int, ...]) -> Result:
 
 FIRST = """
 import time, numpy as np, fringeworks as fw
-sets = tuple(fw.PhaseSteps("x", {width} / v, fw.equal_steps(4)) for v in (59, 64, 70))
+sets = tuple(fw.patterns.PhaseSteps("x", {width} / v, fw.patterns.equal_steps(4)) for v in (59, 64, 70))
 plan = fw.PatternPlan({width}, {height}, sets)
 frames = list(fw.encode(plan))
 started = time.perf_counter()

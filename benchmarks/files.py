@@ -15,14 +15,10 @@ import numpy as np
 from benchmarks.decoding import noisy
 from benchmarks.harness import PeerMissing, Result, compared, peer_module, rows, work
 from benchmarks.triangulation import HEIGHT, WIDTH, rig, surface
-from fringeworks import (
-    PatternPlan,
-    PhaseSteps,
-    equal_steps,
-    write_rig,
-    write_stack,
-)
+from fringeworks import PatternPlan
+from fringeworks.files import write_rig, write_stack
 from fringeworks.files.ply import read_ply
+from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.rig.pinhole import project
 
 COUNTS = (1, 8, 64)

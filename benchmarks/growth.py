@@ -15,25 +15,14 @@ from benchmarks.harness import Growth, grown, work
 from benchmarks.phases import hill
 from benchmarks.triangulation import NEVER
 from benchmarks.triangulation import rig as rig_of_benchmarks
-from fringeworks import (
-    CameraNoise,
-    Decoder,
-    PatternPlan,
-    PhaseSteps,
-    Pinhole,
-    Rig,
-    Triangulator,
-    analyse,
-    decompose_rows,
-    encode,
-    equal_steps,
-    standard_scene,
-    unwrap,
-    wavelet_frequencies,
-    wavelet_ridge,
-    windowed_fourier_filter,
-)
+from fringeworks import PatternPlan, Rig, analyse, encode, unwrap
+from fringeworks.pair import wavelet_frequencies, wavelet_ridge, windowed_fourier_filter
 from fringeworks.pair.prepared import prepare
+from fringeworks.patterns import PhaseSteps, equal_steps
+from fringeworks.rig import Pinhole, Triangulator
+from fringeworks.signal import CameraNoise, decompose_rows
+from fringeworks.simulate.scene import standard_scene
+from fringeworks.stack import Decoder
 
 MEGAPIXELS = (0.25, 1.0, 4.0, 16.0)
 FEW_MEGAPIXELS = (0.25, 1.0, 4.0)
@@ -172,7 +161,8 @@ ONE = """
 import sys, time, statistics
 from benchmarks.growth import stack
 from benchmarks.triangulation import NEVER
-from fringeworks import CameraNoise, Decoder
+from fringeworks.signal import CameraNoise
+from fringeworks.stack import Decoder
 plan, frames = stack(2000)
 live = Decoder(plan, frames[0].shape, noise=CameraNoise(2.0), judge_every=NEVER)
 times = []

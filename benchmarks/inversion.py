@@ -8,8 +8,10 @@ import numpy as np
 
 from benchmarks.harness import Result, against, work
 from benchmarks.peers import gsifa_scipy_rows
-from fringeworks import analyse, displacement_from_height, standard_scene
+from fringeworks import analyse
+from fringeworks.pair import displacement_from_height
 from fringeworks.pair.prepared import prepare
+from fringeworks.simulate.scene import standard_scene
 
 
 @work

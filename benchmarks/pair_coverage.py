@@ -13,9 +13,11 @@ from itertools import product
 
 import numpy as np
 
-from fringeworks import analyse, displacement_from_height
+from fringeworks import analyse
+from fringeworks.pair import displacement_from_height
 from fringeworks.pair.prepared import PreparedPair, prepare
-from fringeworks.simulate import STANDARD_GEOMETRY, PairSettings, capture_pair
+from fringeworks.simulate.fringes import PairSettings, capture_pair
+from fringeworks.simulate.scene import STANDARD_GEOMETRY
 from fringeworks.types import FloatMap, Pair
 
 FAULTS: dict[str, dict[str, float]] = {

@@ -14,7 +14,8 @@ import numpy as np
 
 from benchmarks.harness import Result, against, peer_module, rows, work
 from benchmarks.peers import cwt_fcwt_rows, cwt_scipy, fourier_scipy_rows, wff_scipy
-from fringeworks import unwrap, wavelet_frequencies, wavelet_ridge, windowed_fourier_filter
+from fringeworks import unwrap
+from fringeworks.pair import wavelet_frequencies, wavelet_ridge, windowed_fourier_filter
 from fringeworks.pair.bandpass import band_pass
 from fringeworks.signal.denoise import decompose_rows
 

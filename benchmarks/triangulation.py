@@ -11,18 +11,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import Result, against, compared, peak_mb, peer_module, rows, streamer, work
-from fringeworks import (
-    CameraNoise,
-    Decoded,
-    Decoder,
-    PatternPlan,
-    PhaseSteps,
-    Pinhole,
-    Rig,
-    Triangulator,
-    equal_steps,
-)
+from fringeworks import Decoded, PatternPlan, Rig
+from fringeworks.patterns import PhaseSteps, equal_steps
+from fringeworks.rig import Pinhole, Triangulator
 from fringeworks.rig.pinhole import look_at, project, rays, transform
+from fringeworks.signal import CameraNoise
+from fringeworks.stack import Decoder
 from fringeworks.types import CoordinateMap, FloatMap
 
 WIDTH, HEIGHT = 1920, 1200

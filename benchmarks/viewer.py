@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks import pack_surface, viewer_page
+from fringeworks.report import pack_surface
+from fringeworks.report.viewer.page import viewer_page
 from fringeworks.rig.pinhole import rays
-from fringeworks.simulate import standard_rig
+from fringeworks.simulate.standard import standard_rig
 from fringeworks.types import PointCloud, Rig
 
 SCALE = 1.25

@@ -13,7 +13,10 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 import fringeworks as fw
-from fringeworks.simulate import Optics, bust, fringe_plan, look, photograph, standard_rig
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 
 PICTURES = Path(__file__).parent / "images" / "concepts"
 SCALE = 0.4
@@ -22,7 +25,9 @@ SCALE = 0.4
 
 def two_frames() -> Figure:
     """A reference row and an object row, and what their distance makes."""
-    scene = fw.standard_scene("parabola", size=400, fringes=12, height_mm=60, noise=1, bits=8)
+    scene = fw.simulate.standard_scene(
+        "parabola", size=400, fringes=12, height_mm=60, noise=1, bits=8
+    )
     found = fw.reconstruct(scene, "windowed").surface
     figure, (frames, rows, heights) = plt.subplots(1, 3, figsize=(9, 2.8), layout="constrained")
     frames.imshow(scene.object, cmap="gray")
@@ -66,10 +71,10 @@ def ripple() -> Figure:
     phase = np.linspace(-np.pi, np.pi, 400)[None, :]
     figure, axis = plt.subplots(figsize=(6, 2.8), layout="constrained")
     for steps in (3, 4, 7):
-        shifts = fw.equal_steps(steps)
+        shifts = fw.patterns.equal_steps(steps)
         frames = [200.0 * (0.5 + 0.5 * np.cos(phase - s)) ** 2.2 + 20 for s in shifts]
         frames = [np.repeat(frame, 8, axis=0) for frame in frames]
-        found = fw.wrapped_phase(frames, shifts).phase_rad[0]
+        found = fw.stack.wrapped_phase(frames, shifts).phase_rad[0]
         axis.plot(phase[0], np.angle(np.exp(1j * (found - phase[0]))), label=f"{steps} steps")
     axis.set(title="error of the phase at γ = 2.2", xlabel="phase / rad", ylabel="rad")
     axis.legend(fontsize=8, loc="upper right")

@@ -10,7 +10,7 @@ from fringeworks.simulate import (
     standard_rig,
 )
 
-board = fw.parse_board("chessboard:11x8:12")  # inner corners, and the side of a square in mm
+board = fw.rig.parse_board("chessboard:11x8:12")  # inner corners, and the side of a square in mm
 rig = standard_rig(scale=0.3)
 plan = fringe_plan(rig)
 poses = {}
@@ -18,12 +18,12 @@ for number, pose in enumerate(board_poses(board, 6)):
     view = look(rig, [board_body(board, pose)])
     poses[f"pose {number}"] = fw.Stack(list(photograph(view, plan)), plan)
 
-# Your own: found = fw.calibrate_stacks("board/", board), a folder with one stack for each pose.
-found = fw.calibrate_stacks(poses.items(), board)
-print(fw.verdict(found).text)
-for finding in fw.diagnose(found):
+# Your own: found = fw.calibrate("board/", board), a folder with one stack for each pose.
+found = fw.calibrate(poses.items(), board)
+print(fw.rig.verdict(found).text)
+for finding in fw.rig.diagnose(found):
     print(finding.message)
-fw.write_rig("rig.toml", found.rig)
+fw.files.write_rig("rig.toml", found.rig)
 
 figure = found.plot()
 fw.save_figure(figure, "calibrate.png")

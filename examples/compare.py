@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import fringeworks as fw
 
-# Your own: pairs = ["part/", "cup/"], folders that `fw.write_pair` or you have described.
-scene = fw.standard_scene("sphere", size=160, fringes=10, height_mm=30, noise=2, bits=8, seed=1)
+# Your own: pairs = ["part/", "cup/"], folders that `fw.files.write_pair` or you have described.
+scene = fw.simulate.standard_scene(
+    "sphere", size=160, fringes=10, height_mm=30, noise=2, bits=8, seed=1
+)
 pairs = {"sphere": replace(scene, truth_mm=None)}
-found = fw.compare_captures(pairs, ["windowed", "fourier", "wavelet"])
+found = fw.evaluate.compare_captures(pairs, ["windowed", "fourier", "wavelet"])
 columns = ("method", "measured_fraction", "median_sigma", "median_abs_difference")
-print(fw.format_table([{name: row[name] for name in columns} for row in found[0].rows()]))
+print(fw.report.format_table([{name: row[name] for name in columns} for row in found[0].rows()]))
 
 figure = found[0].plot()
 fw.save_figure(figure, "compare.png")

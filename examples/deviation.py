@@ -15,13 +15,13 @@ rig = make_rig(scale=0.4)
 plan = fringe_plan(rig, both=False)
 view = look(rig, [Body(height_field(dented, 0.5), T, 0.75)])
 stack = fw.Stack(list(photograph(view, plan, Optics(noise=1.0, seed=0))), plan)
-part = fw.clean_cloud(fw.measure(stack, rig).points)
+part = fw.surface.clean_cloud(fw.measure(stack, rig).points)
 
-# Your own: part = fw.read_cloud("part.npz"); model = fw.read_model("part.stl").
+# Your own: part = fw.files.read_cloud("part.npz"); model = fw.files.read_model("part.stl").
 shape = height_field(drawn, 0.5)
 model = fw.TriangleMesh(shape.vertices_mm, shape.faces)
 found = fw.deviation(part, model)  # where it lies is searched for
-for spot in fw.find_spots(found):
+for spot in fw.evaluate.find_spots(found):
     print(f"{spot.depth_mm:.3f} ± {spot.sigma_mm:.3f} mm at {np.round(spot.place_mm, 1)}")
 
 figure = found.plot("part")

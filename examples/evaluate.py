@@ -12,8 +12,8 @@ plan = fringe_plan(rig, both=False)
 frames = list(photograph(look(rig, [Body(Sphere(25.0), ball)]), plan, Optics(seed=1)))
 points = fw.measure(fw.Stack(frames, plan), rig).points
 
-# Your own: fw.evaluate_form("ball.ply", "sphere", diameter_mm=50.0) with your ball's diameter.
-found = fw.evaluate_form(points, "sphere", diameter_mm=50.0)
+# Your own: fw.fit("ball.ply", "sphere", diameter_mm=50.0) with your ball's diameter.
+found = fw.fit(points, "sphere", diameter_mm=50.0)
 print(found.figures["bodies"][0])
 
 figure = points.profile(((150, 155), (255, 155)), level=True).plot("ball of 50 mm")

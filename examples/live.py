@@ -3,11 +3,11 @@
 from itertools import islice
 
 import fringeworks as fw
-from fringeworks.devices.virtual_bench import SCALE
+from fringeworks.devices.bench import SCALE
 from fringeworks.simulate import fringe_plan, standard_rig
 
-rig = standard_rig(scale=SCALE)  # or fw.read_rig("rig.toml")
-plan = fringe_plan(rig, both=False)  # or fw.read_plan("plan.toml")
+rig = standard_rig(scale=SCALE)  # or fw.files.read_rig("rig.toml")
+plan = fringe_plan(rig, both=False)  # or fw.files.read_plan("plan.toml")
 projector, camera = fw.open_devices("virtual", "virtual:bust")  # or "screen", "webcam:0"
 with projector, camera:
     for cloud in islice(fw.live(projector, camera, plan, rig), 5):

@@ -2,8 +2,10 @@
 
 import fringeworks as fw
 
-# Your own: frame, _ = fw.read_frame("part.jpg"), and its geometry or None, which gives px.
-scene = fw.standard_scene("cylinder", size=200, fringes=10, height_mm=20, noise=2, bits=8, seed=1)
+# Your own: frame, _ = fw.files.read_frame("part.jpg"), and its geometry or None, which gives px.
+scene = fw.simulate.standard_scene(
+    "cylinder", size=200, fringes=10, height_mm=20, noise=2, bits=8, seed=1
+)
 single = fw.Pair(None, scene.object, geometry=scene.geometry)
 result = fw.reconstruct(single, "fourier")
 print(*result.notes, sep="\n")

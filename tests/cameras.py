@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks import GrayCode, PatternPlan, PhaseSteps, Uniform, decode, equal_steps
+from fringeworks import PatternPlan, decode
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.cameras import multi_rig_of
 from fringeworks.rig.calibration.leave_out import leave_poses_out
@@ -17,15 +18,11 @@ from fringeworks.rig.device_pairs import camera_pair
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.rig.stereo_match import CoordinateField
 from fringeworks.rig.triangulate import triangulate
-from fringeworks.simulate import (
-    Optics,
-    Plane,
-    Sphere,
-    board_poses,
-    look,
-    photograph,
-    standard_cameras,
-)
+from fringeworks.simulate.bodies import Plane, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_poses, standard_cameras
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import CameraNoise, CoordinateMap, Decoded, MultiRig, Reason
 from tests.rigs import ahead, sighting
 from tests.rigs import board as board_of

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fringeworks.simulate import standard_scene
+from fringeworks.simulate.scene import standard_scene
 from fringeworks.types import Pair
 from tests import shared
 

@@ -12,7 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from fringeworks import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps, propose
+from fringeworks import PatternPlan, propose
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 
 SIZE = (480, 640)
 """Rows and columns of the camera."""

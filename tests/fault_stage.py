@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 from scipy import ndimage
 
-from fringeworks import PatternPlan, PhaseSteps
+from fringeworks import PatternPlan
+from fringeworks.patterns import PhaseSteps
 from tests.fault_scenes import Seen, see
 
 EXPOSURE = 200.0

@@ -18,7 +18,7 @@ import numpy as np
 from PIL import Image
 from scipy import ndimage
 
-from fringeworks import PhaseSteps
+from fringeworks.patterns import PhaseSteps
 from tests.fault_scenes import pixels, see_fine
 from tests.fault_stage import (
     AMBIENT,

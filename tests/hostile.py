@@ -23,6 +23,8 @@ import zarr
 from PIL import Image
 
 import fringeworks as fw
+from fringeworks.types import made_by
+from fringeworks.types.finding import FrameFinding
 from tests.cameras import small_rig
 from tests.hostile_structure import damaged
 
@@ -115,7 +117,7 @@ def _surface() -> fw.HeightMap:
     rng = np.random.default_rng(0)
     values = rng.random((9, 12))
     reason = np.zeros((9, 12), np.uint8)
-    origin = fw.made_by("reconstruct", options={"method": "fourier"})
+    origin = made_by("reconstruct", options={"method": "fourier"})
     return fw.HeightMap(values, values, reason, "height", "mm", 0.5, "fourier", origin)
 
 
@@ -261,7 +263,7 @@ def _zarr_files(array: np.ndarray) -> dict[str, bytes]:
 
 def _frames_of(path: Path) -> int:
     """Read the first frames: a sequence may be of any length, and frames of zeros take no space."""
-    return sum(frame.size > 0 for frame in itertools.islice(fw.read_sequence(path), 20))
+    return sum(frame.size > 0 for frame in itertools.islice(fw.files.read_sequence(path), 20))
 
 
 def targets(folder: Path) -> list[Target]:
@@ -277,26 +279,26 @@ def targets(folder: Path) -> list[Target]:
     )
     stack = b'kind = "stack"\nplan = "plan.toml"\nframes = "s.tif"\nsaturation = 255\n'
     rig = fw.Rig(
-        *(fw.Pinhole(640, 480, (900.0, 900.0), (320.0, 240.0)) for _ in range(2)),
+        *(fw.rig.Pinhole(640, 480, (900.0, 900.0), (320.0, 240.0)) for _ in range(2)),
         np.array([[1.0, 0, 0, 100], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
         np.eye(24),
         (0.1, 0.2),
-        fw.made_by("calibrate", options={}),
+        made_by("calibrate", options={}),
     )
     response = fw.Response("left", "bench", 2.2, 3, 1.0, np.zeros((2, 256)), (10.0, 200.0), 0.01)
     from fringeworks.types import CameraNoise
 
     flat = np.zeros((5, 6), np.float32)
-    codes = fw.CoordinateMap(
+    codes = fw.stack.CoordinateMap(
         flat, flat, flat, flat, flat.astype(np.uint8), "x", (16.0, 90.0), np.stack([flat] * 2)
     )
-    decoded = fw.Decoded(codes, None, CameraNoise(1.0), (fw.FrameFinding("noise", "seen"),))
-    wrapped = fw.WrappedPhase(
+    decoded = fw.Decoded(codes, None, CameraNoise(1.0), (FrameFinding("noise", "seen"),))
+    wrapped = fw.stack.WrappedPhase(
         flat, flat, flat, flat, flat.astype(np.uint8), (0.0, 1.0, 2.0), CameraNoise(1.0), ("a",)
     )
-    law = fw.PixelCalibration(flat + 1, flat, (1.0, 9.0), pitch_mm_per_px=0.5)
+    law = fw.pair.PixelCalibration(flat + 1, flat, (1.0, 9.0), pitch_mm_per_px=0.5)
     surface, cloud = _surface(), _cloud()
-    light = fw.LightSeparation(
+    light = fw.stack.LightSeparation(
         flat, flat, flat, flat, flat.astype(np.uint8), 24.0, True, notes=("a",)
     )
     box = trimesh.creation.box((3.0, 4.0, 5.0))
@@ -310,60 +312,60 @@ def targets(folder: Path) -> list[Target]:
         return Target(name, _written(folder, name, write), read, BYTE_WORDS)
 
     def on_surface(path: Path) -> fw.HeightMap:
-        found = fw.read_surface(path)
+        found = fw.files.read_surface(path)
         assert found.values.ndim == 2
         return found
 
     return [
-        Target("a.png", png, fw.read_frame, BYTE_WORDS),
-        Target("a.jpg", _image("JPEG", grey), fw.read_frame, BYTE_WORDS),
-        Target("a.bmp", _image("BMP", grey), fw.read_frame, BYTE_WORDS),
-        Target("a.tif", _tiff(grey), fw.read_frame, BYTE_WORDS),
-        Target("z.tif", _tiff(grey, compression="zlib"), fw.read_frame, BYTE_WORDS),
-        Target("s.tif", _tiff(frames, photometric="minisblack"), fw.read_stack, BYTE_WORDS, planned),
-        Target("s.npy", _npy(frames), fw.read_stack, BYTE_WORDS, planned),
-        Target("s.npz", _npz(frames=frames), fw.read_stack, BYTE_WORDS, planned),
-        Target("p.mat", _mat(pair, False), fw.read_capture, BYTE_WORDS),
-        Target("c.mat", _mat(pair, True), fw.read_capture, BYTE_WORDS),
-        Target("h.mat", _hdf5(pair), fw.read_capture, BYTE_WORDS, share=0.02),
-        Target("p.npz", _npz(reference=grey, object=grey, mask=grey > 3), fw.read_capture, BYTE_WORDS),
-        Target("pair/capture.toml", capture, _parent(fw.read_capture), TOML_WORDS, {"pair/a.png": png, "pair/t.tif": tif}),
-        Target("stack/capture.toml", stack, _parent(fw.read_capture), TOML_WORDS, {"stack/plan.toml": PLAN, "stack/s.tif": _tiff(frames, photometric="minisblack")}),
-        Target("plan.toml", PLAN, fw.read_plan, TOML_WORDS),
-        Target("rig.toml", _written(folder, "rig.toml", lambda p: fw.write_rig(p, rig)), fw.read_rig, TOML_WORDS),
-        Target("rig.xml", _written(folder, "rig.xml", lambda p: fw.write_rig(p, rig)), fw.read_rig, TEXT_WORDS),
-        Target("other.xml", _opencv("Kc kc Kp kp Rp Tp", ".xml", frameWidth=640, frameHeight=480, screenResX=64, screenResY=48), fw.read_rig, TEXT_WORDS),
-        Target("other.yml", _opencv("cam_K cam_kc pro_K pro_kc R T", ".yml", cam_size=np.array([[64], [48]]), pro_size=np.array([[64], [48]]), stereo_rms=0.3), fw.read_rig, TEXT_WORDS),
-        Target("response.toml", _written(folder, "r.toml", lambda p: fw.write_response(p, response)), fw.read_response, TOML_WORDS),
-        Target("geometry.toml", _written(folder, "g.toml", lambda p: fw.write_reference_plane(p, fw.ReferencePlaneGeometry(500.0, 200.0))), fw.read_reference_plane, TOML_WORDS),
-        npz("law.npz", lambda p: fw.write_reference_plane(p, law), fw.read_reference_plane),
-        npz("map.npz", lambda p: fw.write_surface(p, surface), on_surface),
-        npz("map.tif", lambda p: fw.write_surface(p, surface), on_surface),
-        npz("map.x3p", lambda p: fw.write_surface(p, surface), on_surface),
-        npz("map.gsf", lambda p: fw.write_surface(p, surface), on_surface),
-        npz("cloud.npz", lambda p: fw.write_points(p, cloud), fw.read_points),
-        npz("cloud.ply", lambda p: fw.write_points(p, cloud), fw.read_points),
-        npz("cloud.xyz", lambda p: fw.write_points(p, cloud), fw.read_points)._replace(words=TEXT_WORDS),
-        Target("text.ply", PLY, fw.read_points, TEXT_WORDS),
-        npz("x.npz", lambda p: fw.write_coordinates(p, decoded), fw.read_coordinates),
-        npz("phase.npz", lambda p: fw.write_phase(p, wrapped), fw.read_phase),
-        npz("light.npz", lambda p: fw.write_light(p, light), fw.read_light),
-        Target("rigs.toml", _written(folder, "rigs.toml", lambda p: fw.write_multi_rig(p, small_rig())), fw.read_multi_rig, TOML_WORDS),
-        Target("mesh.ply", PLY, fw.read_mesh, TEXT_WORDS),
-        Target("model.stl", box.export(file_type="stl"), fw.read_model, BYTE_WORDS),
-        Target("model.obj", box.export(file_type="obj").encode(), fw.read_model, TEXT_WORDS, share=0.5),
-        Target("mesh.obj", b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", fw.read_mesh, TEXT_WORDS),
-        Target("mesh.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", fw.read_mesh, TEXT_WORDS),
-        Target("r/recipe.toml", RECIPE, fw.read_recipe, TOML_WORDS, {"r/plan.toml": PLAN, "r/m.png": png}),
-        Target("setup.toml", SETUP, fw.read_setup, TOML_WORDS, planned),
-        Target("loaded.toml", SETUP, fw.load_result, TOML_WORDS, planned),
-        Target("figures.json", b'{"kind": "figures", "sigma_mm": 0.01, "rows": [1, 2.5, null], "n": {"a": "b"}}', fw.load_result, TEXT_WORDS),
-        Target("map2.npz", _written(folder, "map2.npz", lambda p: fw.write_surface(p, surface)), fw.load_result, BYTE_WORDS),
-        Target("e/capture.toml", EXPOSURES, _parent(fw.read_exposures), TOML_WORDS, {f"e/{k}/{n}": c for k in "01" for n, c in still.items()}, 0.25),
+        Target("a.png", png, fw.files.read_frame, BYTE_WORDS),
+        Target("a.jpg", _image("JPEG", grey), fw.files.read_frame, BYTE_WORDS),
+        Target("a.bmp", _image("BMP", grey), fw.files.read_frame, BYTE_WORDS),
+        Target("a.tif", _tiff(grey), fw.files.read_frame, BYTE_WORDS),
+        Target("z.tif", _tiff(grey, compression="zlib"), fw.files.read_frame, BYTE_WORDS),
+        Target("s.tif", _tiff(frames, photometric="minisblack"), fw.files.read_stack, BYTE_WORDS, planned),
+        Target("s.npy", _npy(frames), fw.files.read_stack, BYTE_WORDS, planned),
+        Target("s.npz", _npz(frames=frames), fw.files.read_stack, BYTE_WORDS, planned),
+        Target("p.mat", _mat(pair, False), fw.files.read_capture, BYTE_WORDS),
+        Target("c.mat", _mat(pair, True), fw.files.read_capture, BYTE_WORDS),
+        Target("h.mat", _hdf5(pair), fw.files.read_capture, BYTE_WORDS, share=0.02),
+        Target("p.npz", _npz(reference=grey, object=grey, mask=grey > 3), fw.files.read_capture, BYTE_WORDS),
+        Target("pair/capture.toml", capture, _parent(fw.files.read_capture), TOML_WORDS, {"pair/a.png": png, "pair/t.tif": tif}),
+        Target("stack/capture.toml", stack, _parent(fw.files.read_capture), TOML_WORDS, {"stack/plan.toml": PLAN, "stack/s.tif": _tiff(frames, photometric="minisblack")}),
+        Target("plan.toml", PLAN, fw.files.read_plan, TOML_WORDS),
+        Target("rig.toml", _written(folder, "rig.toml", lambda p: fw.files.write_rig(p, rig)), fw.files.read_rig, TOML_WORDS),
+        Target("rig.xml", _written(folder, "rig.xml", lambda p: fw.files.write_rig(p, rig)), fw.files.read_rig, TEXT_WORDS),
+        Target("other.xml", _opencv("Kc kc Kp kp Rp Tp", ".xml", frameWidth=640, frameHeight=480, screenResX=64, screenResY=48), fw.files.read_rig, TEXT_WORDS),
+        Target("other.yml", _opencv("cam_K cam_kc pro_K pro_kc R T", ".yml", cam_size=np.array([[64], [48]]), pro_size=np.array([[64], [48]]), stereo_rms=0.3), fw.files.read_rig, TEXT_WORDS),
+        Target("response.toml", _written(folder, "r.toml", lambda p: fw.files.write_response(p, response)), fw.files.read_response, TOML_WORDS),
+        Target("geometry.toml", _written(folder, "g.toml", lambda p: fw.files.write_reference_plane(p, fw.pair.ReferencePlaneGeometry(500.0, 200.0))), fw.files.read_reference_plane, TOML_WORDS),
+        npz("law.npz", lambda p: fw.files.write_reference_plane(p, law), fw.files.read_reference_plane),
+        npz("map.npz", lambda p: fw.files.write_surface(p, surface), on_surface),
+        npz("map.tif", lambda p: fw.files.write_surface(p, surface), on_surface),
+        npz("map.x3p", lambda p: fw.files.write_surface(p, surface), on_surface),
+        npz("map.gsf", lambda p: fw.files.write_surface(p, surface), on_surface),
+        npz("cloud.npz", lambda p: fw.files.write_points(p, cloud), fw.files.read_points),
+        npz("cloud.ply", lambda p: fw.files.write_points(p, cloud), fw.files.read_points),
+        npz("cloud.xyz", lambda p: fw.files.write_points(p, cloud), fw.files.read_points)._replace(words=TEXT_WORDS),
+        Target("text.ply", PLY, fw.files.read_points, TEXT_WORDS),
+        npz("x.npz", lambda p: fw.files.write_coordinates(p, decoded), fw.files.read_coordinates),
+        npz("phase.npz", lambda p: fw.files.write_phase(p, wrapped), fw.files.read_phase),
+        npz("light.npz", lambda p: fw.files.write_light(p, light), fw.files.read_light),
+        Target("rigs.toml", _written(folder, "rigs.toml", lambda p: fw.files.write_multi_rig(p, small_rig())), fw.files.read_multi_rig, TOML_WORDS),
+        Target("mesh.ply", PLY, fw.files.read_mesh, TEXT_WORDS),
+        Target("model.stl", box.export(file_type="stl"), fw.files.read_model, BYTE_WORDS),
+        Target("model.obj", box.export(file_type="obj").encode(), fw.files.read_model, TEXT_WORDS, share=0.5),
+        Target("mesh.obj", b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", fw.files.read_mesh, TEXT_WORDS),
+        Target("mesh.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", fw.files.read_mesh, TEXT_WORDS),
+        Target("r/recipe.toml", RECIPE, fw.files.read_recipe, TOML_WORDS, {"r/plan.toml": PLAN, "r/m.png": png}),
+        Target("setup.toml", SETUP, fw.files.read_setup, TOML_WORDS, planned),
+        Target("loaded.toml", SETUP, fw.read, TOML_WORDS, planned),
+        Target("figures.json", b'{"kind": "figures", "sigma_mm": 0.01, "rows": [1, 2.5, null], "n": {"a": "b"}}', fw.read, TEXT_WORDS),
+        Target("map2.npz", _written(folder, "map2.npz", lambda p: fw.files.write_surface(p, surface)), fw.read, BYTE_WORDS),
+        Target("e/capture.toml", EXPOSURES, _parent(fw.files.read_exposures), TOML_WORDS, {f"e/{k}/{n}": c for k in "01" for n, c in still.items()}, 0.25),
         Target("f/a.png", png, _parent(_frames_of), BYTE_WORDS, {"f/b.png": png}),
         Target("z/zarr.json", arrays.pop("zarr.json"), _parent(_frames_of), TEXT_WORDS, {f"z/{n}": c for n, c in arrays.items()}, 0.25),
         Target("y/c/0/0/0", arrays["c/0/0/0"], lambda p: _frames_of(p.parents[3]), BYTE_WORDS, {f"y/{n}": c for n, c in _zarr_files(frames).items() if n != "c/0/0/0"}, 0.1),
-        Target("mesh.stl", bytes(80) + struct.pack("<I12fH", 1, *range(12), 0), fw.read_mesh, BYTE_WORDS),
+        Target("mesh.stl", bytes(80) + struct.pack("<I12fH", 1, *range(12), 0), fw.files.read_mesh, BYTE_WORDS),
     ]  # fmt: skip
 
 

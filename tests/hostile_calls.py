@@ -176,7 +176,7 @@ SMALL = multi((1, 4), 3, (48, 16))
 @cache
 def _parts() -> dict[str, Any]:
     """What the calls are made of; computed once."""
-    from fringeworks.simulate import standard_rig
+    from fringeworks.simulate.standard import standard_rig
 
     rig = standard_rig(scale=0.1)
     frames = take(PLAN)
@@ -192,9 +192,9 @@ def _parts() -> dict[str, Any]:
     T[0, 3] = 100.0
     return {
         "rig": rig, "frames": frames, "decoded": decoded, "pair": pair, "displacement": displacement, "cloud": cloud,
-        "points": points.reshape(-1, 3), "grid": points, "T": T, "map": height_map(), "noise": fw.CameraNoise(2.0, 0.05),
-        "geometry": fw.ReferencePlaneGeometry(500.0, 200.0, 0.5), "mesh": fw.cloud_mesh(cloud),
-        "board": fw.parse_board("chessboard:5x4:12"),
+        "points": points.reshape(-1, 3), "grid": points, "T": T, "map": height_map(), "noise": fw.signal.CameraNoise(2.0, 0.05),
+        "geometry": fw.pair.ReferencePlaneGeometry(500.0, 200.0, 0.5), "mesh": fw.surface.cloud_mesh(cloud),
+        "board": fw.rig.parse_board("chessboard:5x4:12"),
     }  # fmt: skip
 
 
@@ -217,15 +217,15 @@ def calls() -> list[Call]:
     zeros = np.zeros((24, 96), np.float32)
     u, h = p["displacement"].displacement_px, p["map"].values
     recipe = fw.Recipe(
-        areas={"a": fw.Area(box=(2, 2, 9, 9))},
-        tolerances=(fw.PartTolerance("n", "flatness", ("a",), high=1.0),),
+        areas={"a": fw.evaluate.Area(box=(2, 2, 9, 9))},
+        tolerances=(fw.evaluate.PartTolerance("n", "flatness", ("a",), high=1.0),),
     )
     levels = [
         np.full((12, 15), v) + np.random.default_rng(k).normal(0, 0.01, (12, 15))
         for k, v in enumerate((1.0, 2.0, 3.0))
     ]
     pupil = {"T_part_camera": p["T"], "noise": np.eye(6), "common": np.eye(6)}
-    wrapped = fw.wrapped_phase(p["frames"][4:], fw.equal_steps(4))
+    wrapped = fw.stack.wrapped_phase(p["frames"][4:], fw.patterns.equal_steps(4))
 
     def call(name: str, /, **arguments: Any) -> Call:
         return Call(name, getattr(fw, name), arguments)
@@ -243,15 +243,15 @@ def calls() -> list[Call]:
         call("Area", mask=np.ones((5, 6), bool)),
         call("Board", kind="chessboard", columns=5, rows=4, pitch_mm=12.0),
         call("CameraNoise", read_counts=2.0, gain=0.1),
-        call("CameraSettings", exposure_ms=10.0, gain_db=1.0, region=fw.Region(0, 0, 8, 8)),
+        call("CameraSettings", exposure_ms=10.0, gain_db=1.0, region=fw.devices.Region(0, 0, 8, 8)),
         call("GrayCode", axis="x", step_px=16.0, length_px=96, inverse=True, offset_px=-1.0, levels=2),
         call("Pair", reference=frame, object=frame, black=1.0, white=frame + 300, mask=frame > 0, axis="x", geometry=p["geometry"]),
         call("PartTolerance", name="n", quantity="flatness", areas=("a",), low=0.0, high=1.0),
         call("PatternPlan", width_px=96, height_px=24, blocks=PLAN.blocks, bits=8, gamma=1.0, dither=False),
-        call("PhaseSteps", axis="x", period_px=12.0, shifts_rad=fw.equal_steps(3)),
+        call("PhaseSteps", axis="x", period_px=12.0, shifts_rad=fw.patterns.equal_steps(3)),
         call("Pinhole", width_px=64, height_px=48, focal_px=(90.0, 90.0), principal_px=(32.0, 24.0), distortion=(0.01, 0.0, 0.0, 0.0, 0.0)),
         call("ReferencePlaneGeometry", distance_mm=500.0, baseline_mm=200.0, pitch_mm_per_px=0.5, sign=1, principal_px=(1.0, 2.0)),
-        call("Recipe", method="windowed", options={"degree": 3}, areas={"a": fw.Area(box=(1, 2, 9, 10))}, within="a", tolerances=recipe.tolerances, risk=0.05),
+        call("Recipe", method="windowed", options={"degree": 3}, areas={"a": fw.evaluate.Area(box=(1, 2, 9, 10))}, within="a", tolerances=recipe.tolerances, risk=0.05),
         call("Region", x_px=0, y_px=0, width_px=8, height_px=8),
         call("Rig", camera=p["rig"].camera, projector=p["rig"].projector, T_projector_camera=p["T"], covariance=np.eye(24), residual_px=(0.1, 0.1)),
         call("Stack", frames=tuple(p["frames"]), plan=PLAN, saturation=255.0),
@@ -282,7 +282,7 @@ def calls() -> list[Call]:
         call("unwrap", phase_rad=phase, mask=phase > -3, quality=np.abs(phase), algorithm="reliability"),
         call("unwrap", phase_rad=phase.astype(np.float32), mask=phase > -3, algorithm="guided"),
         call("wavelet_frequencies", frequency=0.1, scales=8, span=2.0),
-        call("wavelet_ridge", frame=frame[:8], frequencies=fw.wavelet_frequencies(0.1, 6), omega=6.0, smooth_path=True),
+        call("wavelet_ridge", frame=frame[:8], frequencies=fw.pair.wavelet_frequencies(0.1, 6), omega=6.0, smooth_path=True),
         slow("windowed_fourier_filter", field=np.exp(1j * phase), sigma_px=3.0, limit=0.5, step=0.2, threshold=1.0, centre=(0.0, 0.0)),
         slow("windowed_fourier_ridge", field=np.exp(1j * phase), sigma_px=3.0, limit=0.5, step=0.2, centre=(0.0, 0.0)),
         call("displacement_from_height", height_mm=h, geometry=p["geometry"]),
@@ -290,27 +290,27 @@ def calls() -> list[Call]:
         call("to_surface", displacement=p["displacement"], geometry=p["geometry"]),
         call("calibrate_pixels", displacements_px=levels, heights_mm=(0.0, 1.0, 2.0), pitch_mm_per_px=0.5),
         call("calibrate_reference_plane", displacements_px=levels, heights_mm=(10.0, 20.0, 30.0), pitch_mm_per_px=0.5),
-        call("height_by_pixel", displacement=p["displacement"], calibration=fw.PixelCalibration(np.ones_like(u), np.zeros_like(u), (0.0, 9.0))),
+        call("height_by_pixel", displacement=p["displacement"], calibration=fw.pair.PixelCalibration(np.ones_like(u), np.zeros_like(u), (0.0, 9.0))),
         slow("reconstruct", pair=p["pair"], method="windowed", geometry=p["geometry"]),
         # Stack.
         call("decode", frames=p["frames"], plan=PLAN, noise=p["noise"], saturation=255.0, count_step=1.0, min_modulation=2.0),
         call("decode", frames=list(p["frames"]), plan=PLAN, keep_phases=True),
         call("decode_stack", stack=fw.Stack(tuple(p["frames"]), PLAN)),
         each("decode_sequence", frames=list(np.concatenate([p["frames"]] * 2)), plan=PLAN, noise=p["noise"], saturation=255.0, min_modulation=1.0, every=2),
-        Call("SequenceDecoder", fw.SequenceDecoder, {"plan": PLAN, "noise": p["noise"], "saturation": 255.0, "min_modulation": 1.0, "every": 2}),
+        Call("SequenceDecoder", fw.stack.SequenceDecoder, {"plan": PLAN, "noise": p["noise"], "saturation": 255.0, "min_modulation": 1.0, "every": 2}),
         Call("StreamingDecoder", _stream, {"plan": PLAN, "frames": p["frames"]}),
         Call("Decoder", _decoder, {"plan": PLAN, "frames": p["frames"], "shape": (24, 96)}),
         call("fuse", decoded=[p["decoded"], p["decoded"]]),
-        call("estimate_shifts", samples=p["frames"][4:].reshape(4, -1).astype(float), shifts_rad=fw.equal_steps(4)),
+        call("estimate_shifts", samples=p["frames"][4:].reshape(4, -1).astype(float), shifts_rad=fw.patterns.equal_steps(4)),
         call("separate_light", frames=p["frames"], plan=PLAN, contrast=1.0, noise=p["noise"], saturation=255.0),
-        call("wrapped_phase", frames=p["frames"][4:], shifts_rad=fw.equal_steps(4), noise=p["noise"], saturation=255.0, min_modulation=1.0),
+        call("wrapped_phase", frames=p["frames"][4:], shifts_rad=fw.patterns.equal_steps(4), noise=p["noise"], saturation=255.0, min_modulation=1.0),
         call("texture", frames=p["frames"], plan=PLAN),
         call("Motion", velocity_px={"x": zeros}, flow_px=np.stack([zeros] * 2, -1)),
         # Rig.
         call("parse_board", text="chessboard:5x4:12"),
         call("find_board", image=frame, board=p["board"]),
         call("triangulate", decoded=_seen(p["rig"]), rig=p["rig"], residual_sigmas=5.0, epipolar_px=1.0),
-        Call("Triangulator", lambda rig, decoded: fw.Triangulator(rig).triangulate(decoded), {"rig": p["rig"], "decoded": _seen(p["rig"])}),
+        Call("Triangulator", lambda rig, decoded: fw.rig.Triangulator(rig).triangulate(decoded), {"rig": p["rig"], "decoded": _seen(p["rig"])}),
         slow("measure", stack=_stack_of(p["rig"]), rig=p["rig"], epipolar_px=1.0),
         # Surfaces.
         call("clean_cloud", cloud=p["cloud"], min_island_px=5, max_sigma_mm=0.5),
@@ -334,11 +334,11 @@ def calls() -> list[Call]:
         # Evaluation.
         call("errors", surface=p["map"], truth_mm=np.nan_to_num(h)),
         call("judge_part", surface=p["map"], recipe=recipe),
-        call("masked", surface=p["map"], area=fw.Area(box=(2, 2, 9, 9))),
+        call("masked", surface=p["map"], area=fw.evaluate.Area(box=(2, 2, 9, 9))),
         call("inspect", capture=p["map"], recipe=recipe),
         call("Displacement", time_s=np.arange(64.0), distance_mm=np.sin(np.arange(64.0)), sigma_mm=np.full(64, 0.1)),
-        call("vibration", moved=fw.Displacement(np.arange(64.0), np.sin(np.arange(64.0)), np.full(64, 0.1))),
-        call("AreaTracker", areas={"a": fw.Area(box=(2, 2, 9, 9))}),
+        call("vibration", moved=fw.evaluate.Displacement(np.arange(64.0), np.sin(np.arange(64.0)), np.full(64, 0.1))),
+        call("AreaTracker", areas={"a": fw.evaluate.Area(box=(2, 2, 9, 9))}),
         # Reports.
         call("summarise", result=p["cloud"]),
         call("summarise", result=p["map"]),
@@ -355,19 +355,22 @@ def calls() -> list[Call]:
 
 
 def _stream(plan: Any, frames: Any) -> Any:
-    decoder = fw.StreamingDecoder(plan)
+    decoder = fw.stack.StreamingDecoder(plan)
     for frame in np.atleast_1d(frames):
         decoder.add(frame)
     return decoder.result()
 
 
 def _decoder(plan: Any, frames: Any, shape: Any) -> Any:
-    return fw.Decoder(plan, shape).decode(frames)
+    return fw.stack.Decoder(plan, shape).decode(frames)
 
 
 @cache
 def _stack_of(rig: fw.Rig) -> fw.Stack:
-    from fringeworks.simulate import Optics, bust, look, photograph
+    from fringeworks.simulate.exposure import photograph
+    from fringeworks.simulate.optics import Optics
+    from fringeworks.simulate.standard import bust
+    from fringeworks.simulate.virtual_rig import look
 
     plan = multi((1, 5), 4, (rig.projector.width_px, rig.projector.height_px))
     return fw.Stack(tuple(photograph(look(rig, bust()), plan, Optics(seed=1))), plan)
@@ -375,7 +378,7 @@ def _stack_of(rig: fw.Rig) -> fw.Stack:
 
 @cache
 def _seen(rig: fw.Rig) -> fw.Decoded:
-    return fw.decode_stack(_stack_of(rig))
+    return fw.decode(_stack_of(rig))
 
 
 def _turned() -> list[np.ndarray]:

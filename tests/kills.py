@@ -63,19 +63,21 @@ def _mask(k: int) -> np.ndarray:
 
 
 def _plan(k: int) -> fw.PatternPlan:
-    return fw.PatternPlan(64 + 2 * k, 48, (fw.PhaseSteps("x", 16.0, fw.equal_steps(3)),))
+    return fw.PatternPlan(
+        64 + 2 * k, 48, (fw.patterns.PhaseSteps("x", 16.0, fw.patterns.equal_steps(3)),)
+    )
 
 
 def _write_recipe(path: Path, k: int) -> None:
-    area = fw.Area(mask=_mask(k))
-    fw.write_recipe(path, fw.Recipe(method=f"m{k}", plan=_plan(k), areas={f"a{k}": area}))
+    area = fw.evaluate.Area(mask=_mask(k))
+    fw.files.write_recipe(path, fw.Recipe(method=f"m{k}", plan=_plan(k), areas={f"a{k}": area}))
 
 
 def _whole_recipe(folder: Path) -> bool:
     path = folder / "recipe.toml"
     if not path.exists():
         return False
-    found = fw.read_recipe(path)
+    found = fw.files.read_recipe(path)
     k = int(found.method[1:])
     assert found.plan == _plan(k)
     assert np.array_equal(found.areas[f"a{k}"].mask, _mask(k))
@@ -99,17 +101,17 @@ def _write_setup(path: Path, k: int) -> None:
         size_px=(64, 48),
         levels=levels,
         stripes=[SimpleNamespace(min_period_px=4.0)],
-        settings=fw.CameraSettings(),
-        noise=fw.CameraNoise(1.0),
+        settings=fw.devices.CameraSettings(),
+        noise=fw.signal.CameraNoise(1.0),
         delay=None,
     )
-    fw.write_setup(path, setup, projector=f"window:{k}", camera="webcam:0")  # type: ignore[arg-type]
+    fw.files.write_setup(path, setup, projector=f"window:{k}", camera="webcam:0")  # type: ignore[arg-type]
 
 
 def _whole_setup(folder: Path) -> bool:
     if not (folder / "setup.toml").exists():
         return False
-    found = fw.read_setup(folder / "setup.toml")
+    found = fw.files.read_setup(folder / "setup.toml")
     assert found.plan == _plan(int(found.projector[-1]))
     return True
 
@@ -141,7 +143,7 @@ def _whole_batch(folder: Path) -> bool:
                 values = zarr.open(place, mode="r")["values"][...]
                 assert np.array_equal(values, _surface().values), place
             else:
-                assert fw.read_surface(place / "result.npz") == _surface()
+                assert fw.files.read_surface(place / "result.npz") == _surface()
             assert store.row(place.name)["value"] == int(place.name[5:])
             found = True
         if store.summary.exists():
@@ -181,48 +183,54 @@ def writers() -> list[Writer]:
     """Every writer of the package that writes in less than a second."""
     surfaces = [_surface(), replace(_surface(), values=_surface().values + 1)]
     clouds = [_cloud(), replace(_cloud(), xyz_mm=_cloud().xyz_mm + 1)]
-    meshes = [fw.cloud_mesh(cloud) for cloud in clouds]
-    pinholes = [fw.Pinhole(640 + k, 480, (900.0, 900.0), (320.0, 240.0)) for k in (0, 1)]
+    meshes = [fw.surface.cloud_mesh(cloud) for cloud in clouds]
+    pinholes = [fw.rig.Pinhole(640 + k, 480, (900.0, 900.0), (320.0, 240.0)) for k in (0, 1)]
     T = np.eye(4)
     T[0, 3] = 100.0
     rigs = [fw.Rig(pinhole, pinholes[0], T, np.eye(24), (0.1, 0.2)) for pinhole in pinholes]
     plans = [_plan(k) for k in (0, 1)]
     flat = np.zeros((40, 50), np.float32)
     phases = [
-        fw.WrappedPhase(
-            flat + k, flat, flat, flat, flat.astype(np.uint8), (0.0, 1.0, 2.0), fw.CameraNoise(1.0)
+        fw.stack.WrappedPhase(
+            flat + k,
+            flat,
+            flat,
+            flat,
+            flat.astype(np.uint8),
+            (0.0, 1.0, 2.0),
+            fw.signal.CameraNoise(1.0),
         )
         for k in (0, 1)
     ]
     codes = [
-        fw.Decoded(fw.CoordinateMap(flat + k, flat, flat, flat, flat.astype(np.uint8), "x", (16.0,)), None, fw.CameraNoise(1.0))
+        fw.Decoded(fw.stack.CoordinateMap(flat + k, flat, flat, flat, flat.astype(np.uint8), "x", (16.0,)), None, fw.signal.CameraNoise(1.0))
         for k in (0, 1)
     ]  # fmt: skip
     frames = [np.full((60, 80), 7 + k, np.uint8) for k in (0, 1)]
-    planes = [fw.ReferencePlaneGeometry(500.0 + k, 200.0) for k in (0, 1)]
-    laws = [fw.PixelCalibration(flat + 1 + k, flat, (1.0, 9.0)) for k in (0, 1)]
+    planes = [fw.pair.ReferencePlaneGeometry(500.0 + k, 200.0) for k in (0, 1)]
+    laws = [fw.pair.PixelCalibration(flat + 1 + k, flat, (1.0, 9.0)) for k in (0, 1)]
     responses = [
         fw.Response("c", "p", 2.2, 3, 1.0, np.zeros((2, 256)) + k, (10.0, 200.0), 0.01)
         for k in (0, 1)
     ]
-    points = [fw.Points(cloud.xyz_mm.reshape(-1, 3), None) for cloud in clouds]
+    points = [fw.surface.Points(cloud.xyz_mm.reshape(-1, 3), None) for cloud in clouds]
     found = [
-        *[_files(f"map{s}", lambda p, k: fw.write_surface(p, surfaces[k])) for s in (".npz", ".tif", ".x3p", ".gsf", ".ply")],
-        *[_files(f"cloud{s}", lambda p, k: fw.write_points(p, clouds[k])) for s in (".ply", ".xyz", ".npz", ".pcd", ".mat")],
-        *[_files(f"mesh{s}", lambda p, k: fw.write_mesh(p, meshes[k])) for s in (".stl", ".obj", ".ply", ".glb")],
-        *[_files(f"rig{s}", lambda p, k: fw.write_rig(p, rigs[k])) for s in (".toml", ".xml", ".yml")],
-        _files("plan.toml", lambda p, k: fw.write_plan(p, plans[k])),
-        _files("phase.npz", lambda p, k: fw.write_phase(p, phases[k])),
-        _files("codes.npz", lambda p, k: fw.write_coordinates(p, codes[k])),
-        _files("frame.png", lambda p, k: fw.write_frame(p, frames[k])),
-        _files("frame.tif", lambda p, k: fw.write_frame(p, frames[k] * 1.5)),
-        _files("plane.toml", lambda p, k: fw.write_reference_plane(p, planes[k])),
-        _files("law.npz", lambda p, k: fw.write_reference_plane(p, laws[k])),
-        _files("response.toml", lambda p, k: fw.write_response(p, responses[k])),
-        _files("merged.ply", lambda p, k: fw.write_merged_points(p, points[k])),
-        _files("result.tif", lambda p, k: fw.write_result(p, surfaces[k])),
+        *[_files(f"map{s}", lambda p, k: fw.files.write_surface(p, surfaces[k])) for s in (".npz", ".tif", ".x3p", ".gsf", ".ply")],
+        *[_files(f"cloud{s}", lambda p, k: fw.files.write_points(p, clouds[k])) for s in (".ply", ".xyz", ".npz", ".pcd", ".mat")],
+        *[_files(f"mesh{s}", lambda p, k: fw.files.write_mesh(p, meshes[k])) for s in (".stl", ".obj", ".ply", ".glb")],
+        *[_files(f"rig{s}", lambda p, k: fw.files.write_rig(p, rigs[k])) for s in (".toml", ".xml", ".yml")],
+        _files("plan.toml", lambda p, k: fw.files.write_plan(p, plans[k])),
+        _files("phase.npz", lambda p, k: fw.files.write_phase(p, phases[k])),
+        _files("codes.npz", lambda p, k: fw.files.write_coordinates(p, codes[k])),
+        _files("frame.png", lambda p, k: fw.files.write_frame(p, frames[k])),
+        _files("frame.tif", lambda p, k: fw.files.write_frame(p, frames[k] * 1.5)),
+        _files("plane.toml", lambda p, k: fw.files.write_reference_plane(p, planes[k])),
+        _files("law.npz", lambda p, k: fw.files.write_reference_plane(p, laws[k])),
+        _files("response.toml", lambda p, k: fw.files.write_response(p, responses[k])),
+        _files("merged.ply", lambda p, k: fw.files.write_merged_points(p, points[k])),
+        _files("result.tif", lambda p, k: fw.write(p, surfaces[k])),
         _files("text.json", lambda p, k: write_text(p, json.dumps([k] * 5000))),
-        _files("board.svg", lambda p, k: fw.write_board(p, f"chessboard:{5 + k}x4:12")),
+        _files("board.svg", lambda p, k: fw.report.write_board(p, f"chessboard:{5 + k}x4:12")),
         _files("report.html", lambda p, k: fw.write_report(p, surfaces[k])),
         Writer("recipe", lambda folder, k: _write_recipe(folder / "recipe.toml", k % 2), _whole_recipe),
         Writer("setup", lambda folder, k: _write_setup(folder / "setup.toml", k % 2), _whole_setup),

@@ -71,9 +71,13 @@ def stacks() -> Calls:
     plan = fw.PatternPlan(
         WIDTH,
         HEIGHT,
-        tuple(fw.PhaseSteps("x", WIDTH / v, fw.equal_steps(4)) for v in (1, 8, 64)),
+        tuple(
+            fw.patterns.PhaseSteps("x", WIDTH / v, fw.patterns.equal_steps(4)) for v in (1, 8, 64)
+        ),
     )
-    camera = fw.Pinhole(WIDTH, HEIGHT, (4000.0, 4000.0), (960.0, 600.0), (-0.1, 0.1, 0.0, 0.0, 0.0))
+    camera = fw.rig.Pinhole(
+        WIDTH, HEIGHT, (4000.0, 4000.0), (960.0, 600.0), (-0.1, 0.1, 0.0, 0.0, 0.0)
+    )
     pose = look_at(np.array([200.0, 0.0, 0.0]), np.array([0.0, 0.0, 500.0]))
     rig = fw.Rig(camera, camera, pose, np.eye(24) * 1e-8, (0.01, 0.01))
     v, u = np.mgrid[:HEIGHT, :WIDTH].astype(float)
@@ -82,16 +86,16 @@ def stacks() -> Calls:
     seen = project(camera, transform(rig.T_projector_camera, points))[..., 0]
     frames = []
     for block in plan.blocks:
-        assert isinstance(block, fw.PhaseSteps)
+        assert isinstance(block, fw.patterns.PhaseSteps)
         for k in range(block.frames):
             light = 20.0 + 200.0 * block.values(seen, k) + 2.0 * rng.standard_normal(seen.shape)
             frames.append(np.clip(np.rint(light), 0, 255).astype(np.uint8))
     floats = [frame.astype(np.float32) for frame in frames]
     decoded = fw.decode(frames, plan)
-    decoder = fw.Decoder(plan, (HEIGHT, WIDTH), rig=rig)
+    decoder = fw.stack.Decoder(plan, (HEIGHT, WIDTH), rig=rig)
 
     def streamed() -> Any:
-        stream = fw.StreamingDecoder(plan)
+        stream = fw.stack.StreamingDecoder(plan)
         for frame in frames:
             stream.add(frame)
         return stream.result(), frames  # as much as the copies that it keeps
@@ -102,7 +106,7 @@ def stacks() -> Calls:
         "StreamingDecoder": streamed,
         "Decoder.points": lambda: decoder.points(frames),
         "triangulate": lambda: fw.triangulate(decoded, rig),
-        "wrapped_phase": lambda: fw.wrapped_phase(frames[:4], fw.equal_steps(4)),
+        "wrapped_phase": lambda: fw.stack.wrapped_phase(frames[:4], fw.patterns.equal_steps(4)),
     }
 
 
@@ -115,13 +119,13 @@ def waves() -> Calls:
     rough = np.angle(np.exp(1j * (phase + 0.8 * rng.standard_normal(x.shape)))).astype(np.float32)
     frame = 127.0 + 100.0 * np.cos(phase) + 2.0 * rng.standard_normal(x.shape)
     field = np.exp(1j * smooth).astype(np.complex64)
-    frequencies = fw.wavelet_frequencies(1 / 16, 32, 1.8)
+    frequencies = fw.pair.wavelet_frequencies(1 / 16, 32, 1.8)
     return {
-        "wavelet_ridge": lambda: fw.wavelet_ridge(frame, frequencies=frequencies),
-        "decompose_rows": lambda: fw.decompose_rows(frame),
+        "wavelet_ridge": lambda: fw.pair.wavelet_ridge(frame, frequencies=frequencies),
+        "decompose_rows": lambda: fw.signal.decompose_rows(frame),
         "denoise": lambda: fw.denoise(frame),
-        "decompose_frame": lambda: fw.decompose_frame(frame),
-        "windowed_fourier_filter": lambda: fw.windowed_fourier_filter(field),
+        "decompose_frame": lambda: fw.signal.decompose_frame(frame),
+        "windowed_fourier_filter": lambda: fw.pair.windowed_fourier_filter(field),
         "unwrap, smooth": lambda: fw.unwrap(smooth),
         "unwrap, noisy": lambda: fw.unwrap(rough),
     }
@@ -129,7 +133,7 @@ def waves() -> Calls:
 
 def pairs() -> Calls:
     """Both frames of 1000 × 1000, by every method."""
-    scene = fw.standard_scene(
+    scene = fw.simulate.standard_scene(
         "parabola", height_mm=30.0, fringes=40, gamma=2.2, noise=2.0, bits=8, seed=1
     )
     return {f"analyse, {name}": lambda name=name: fw.analyse(scene, name) for name in fw.methods()}

@@ -15,25 +15,16 @@ import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.patterns.plan import Uniform
 from fringeworks.rig.pinhole import pose
-from fringeworks.simulate import (
-    Body,
-    Optics,
-    PairSettings,
-    Plane,
-    Sphere,
-    board_body,
-    board_poses,
-    bust,
-    capture_pair,
-    fringe_plan,
-    look,
-    photograph,
-    photograph_pair,
-    standard_rig,
-)
+from fringeworks.simulate.bodies import Body, Plane, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.fringes import PairSettings, capture_pair
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.rig_pair import photograph_pair
+from fringeworks.simulate.standard import board_body, board_poses, bust, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from tests.test_inspect import scene, step
 
-BOARD = fw.parse_board("chessboard:11x8:12")
+BOARD = fw.rig.parse_board("chessboard:11x8:12")
 PHOTOGRAPHS = ("a.jpg", "b.jpg", "plane.jpg", "part.jpg", "cup.jpg")
 HEIGHTS = (0, 4, 8, 12)
 
@@ -65,16 +56,16 @@ def bodies(name: str) -> list[Body]:
 def stack(name: str, path: Path, plan: fw.PatternPlan, seed: int = 0, **optics) -> None:
     seen = look(rig(), bodies(name))
     light = Optics(seed=seed, **{"noise": 1.0, "exposure": 1.5, **optics})
-    fw.write_stack(path, list(photograph(seen, plan, light)), plan)
+    fw.files.write_stack(path, list(photograph(seen, plan, light)), plan)
 
 
 def pair(path: Path, seed: int) -> None:
-    scene = fw.standard_scene("parabola", size=200, fringes=10, noise=1, bits=8, seed=seed)
-    fw.write_pair(path, scene)
+    scene = fw.simulate.standard_scene("parabola", size=200, fringes=10, noise=1, bits=8, seed=seed)
+    fw.files.write_pair(path, scene)
 
 
 def photographs(folder: Path) -> None:
-    scene = fw.standard_scene("parabola", size=200, fringes=10, noise=1, bits=8)
+    scene = fw.simulate.standard_scene("parabola", size=200, fringes=10, noise=1, bits=8)
     for name in PHOTOGRAPHS:
         frame = scene.reference if name in ("a.jpg", "plane.jpg") else scene.object
         Image.fromarray(frame).save(folder / name, quality=95)
@@ -82,13 +73,13 @@ def photographs(folder: Path) -> None:
 
 def planes(folder: Path) -> None:
     """Photographs of a plane at known heights, and of a part."""
-    truth = fw.ReferencePlaneGeometry(800.0, 100.0, 0.2)
+    truth = fw.pair.ReferencePlaneGeometry(800.0, 100.0, 0.2)
     settings = PairSettings(fringes=12, noise=1.0, bits=8, seed=1)
     v, u = np.mgrid[:200, :240]
     part = 6.0 * np.exp(-((v - 100.0) ** 2 + (u - 120.0) ** 2) / 2000.0)
     shapes = {f"{h}mm.png": np.full((200, 240), float(h)) for h in HEIGHTS}
     for name, height in {**shapes, "object.png": part}.items():
-        fw.write_frame(folder / name, capture_pair(height, truth, settings).object)
+        fw.files.write_frame(folder / name, capture_pair(height, truth, settings).object)
 
 
 def poses(folder: Path, count: int) -> None:
@@ -96,12 +87,12 @@ def poses(folder: Path, count: int) -> None:
     for k, T in enumerate(board_poses(BOARD, count, seed=1)):
         view = look(rig(), [board_body(BOARD, T)])
         frames = list(photograph(view, plan(), Optics(seed=k)))
-        fw.write_stack(folder / f"pose_{k}", frames, plan())
+        fw.files.write_stack(folder / f"pose_{k}", frames, plan())
 
 
 def cloud(path: Path) -> None:
     frames = np.stack(list(photograph(look(rig(), bust()), plan(), Optics(exposure=1.5))))
-    fw.write_points(path, fw.measure(fw.Stack(frames, plan()), rig()).points)
+    fw.files.write_points(path, fw.measure(fw.Stack(frames, plan()), rig()).points)
 
 
 def inspected(*names: str) -> Callable[[Path], None]:
@@ -109,10 +100,12 @@ def inspected(*names: str) -> Callable[[Path], None]:
 
     def build(folder: Path) -> None:
         rig, plan, view = scene()
-        fw.write_rig(folder / "rig.toml", rig)
-        fw.write_recipe(folder / "recipe.toml", replace(step(9.9, 10.1), rig=folder / "rig.toml"))
+        fw.files.write_rig(folder / "rig.toml", rig)
+        fw.files.write_recipe(
+            folder / "recipe.toml", replace(step(9.9, 10.1), rig=folder / "rig.toml")
+        )
         for k, name in enumerate(names):
-            fw.write_stack(folder / name, list(photograph(view, plan, Optics(seed=k))), plan)
+            fw.files.write_stack(folder / name, list(photograph(view, plan, Optics(seed=k))), plan)
 
     return build
 
@@ -124,11 +117,11 @@ def followed(folder: Path) -> None:
     (folder / "frames").mkdir()
     for k in range(3):
         for n, frame in enumerate(photograph(seen, repeated, Optics(seed=k, noise=1.0))):
-            fw.write_frame(folder / f"frames/{100 * k + n:04d}.png", frame)
-    fw.write_rig(folder / "rig.toml", rig())
-    areas = {"wing": fw.Area(box=(150, 130, 180, 160))}
+            fw.files.write_frame(folder / f"frames/{100 * k + n:04d}.png", frame)
+    fw.files.write_rig(folder / "rig.toml", rig())
+    areas = {"wing": fw.evaluate.Area(box=(150, 130, 180, 160))}
     known = fw.Recipe(rig=folder / "rig.toml", plan=repeated, areas=areas)
-    fw.write_recipe(folder / "recipe.toml", known)
+    fw.files.write_recipe(folder / "recipe.toml", known)
 
 
 def models(folder: Path) -> None:
@@ -139,9 +132,9 @@ def models(folder: Path) -> None:
 
 def few_frames(folder: Path) -> None:
     """Four frames of a known range of depths, as the page plans them; many short steps beside them."""
-    few = fw.propose_for_depth(rig(), (450.0, 560.0), 4)[0].plan
+    few = fw.patterns.propose_for_depth(rig(), (450.0, 560.0), 4)[0].plan
     stack("bust", folder / "shots", few)
-    short = fw.PhaseSteps("x", 24.0, fw.equal_steps(6))
+    short = fw.patterns.PhaseSteps("x", 24.0, fw.patterns.equal_steps(6))
     lit = fw.PatternPlan(
         rig().projector.width_px, rig().projector.height_px, (short, Uniform("black"))
     )
@@ -150,18 +143,18 @@ def few_frames(folder: Path) -> None:
 
 def four_steps(folder: Path) -> None:
     """Four steps of one period, which are not known to belong to a plan."""
-    steps = fw.PhaseSteps("x", 30.0, fw.equal_steps(4))
+    steps = fw.patterns.PhaseSteps("x", 30.0, fw.patterns.equal_steps(4))
     few = fw.PatternPlan(rig().projector.width_px, rig().projector.height_px, (steps,))
     (folder / "four").mkdir()
     for k, frame in enumerate(photograph(look(rig(), bust()), few, Optics())):
-        fw.write_frame(folder / f"four/{k}.png", frame)
+        fw.files.write_frame(folder / f"four/{k}.png", frame)
 
 
 def response(folder: Path) -> None:
     """A plane in light that is not linear, in many steps, with a Gray code."""
     width, height = rig().projector.width_px, rig().projector.height_px
-    steps = fw.PhaseSteps("x", 30.0, fw.equal_steps(16))
-    code = fw.GrayCode("x", 15.0, width)
+    steps = fw.patterns.PhaseSteps("x", 30.0, fw.patterns.equal_steps(16))
+    code = fw.patterns.GrayCode("x", 15.0, width)
     many = fw.PatternPlan(width, height, (code, Uniform("white"), Uniform("black"), steps))
     stack("plane", folder / "plane", many, gamma=2.2)
 
@@ -196,13 +189,13 @@ def one_pose(folder: Path) -> None:
 def pair_on_rig(folder: Path) -> None:
     """Two photographs by the rig: of the plane, and of a sphere before it."""
     seen = [look(rig(), bodies(name)) for name in ("plane", "cap")]
-    fw.write_pair(folder / "pair", photograph_pair(seen[0], seen[1], 10.0, Optics(seed=3)))
+    fw.files.write_pair(folder / "pair", photograph_pair(seen[0], seen[1], 10.0, Optics(seed=3)))
 
 
 def ball(folder: Path) -> None:
     frames = np.stack(list(photograph(look(rig(), bodies("ball")), plan(), Optics(exposure=1.5))))
     found = fw.measure(fw.Stack(frames, plan()), rig()).points
-    fw.write_points(folder / "ball.ply", found)
+    fw.files.write_points(folder / "ball.ply", found)
 
 
 FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
@@ -233,6 +226,6 @@ FILES: dict[str, tuple[Callable[[Path], None], ...]] = {
 
 def build(page: Path, folder: Path) -> None:
     """The files of a page in a folder, with the rig that they were made with."""
-    fw.write_rig(folder / "rig.toml", rig())
+    fw.files.write_rig(folder / "rig.toml", rig())
     for one in FILES.get(page.name, (pairs("scene"),)):
         one(folder)

@@ -10,8 +10,11 @@ import numpy as np
 import fringeworks as fw
 from fringeworks.rig.calibration.parameters import moved_rig
 from fringeworks.rig.pinhole import pose, rotation
-from fringeworks.simulate import Optics, fringe_plan, look, photograph, standard_rig
 from fringeworks.simulate.bodies import Body, Mesh
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from tests.rigs import calibrated
 from tests.shared import shared
 
@@ -91,4 +94,4 @@ def drawn(seed, truth=None, C=None):
 def measured(rig_used, **how):
     """The cloud that a rig makes of the part, cleaned, and the true pose."""
     found, T = decoded(**how)
-    return fw.clean_cloud(fw.triangulate(found, rig_used)), T
+    return fw.surface.clean_cloud(fw.triangulate(found, rig_used)), T

@@ -13,18 +13,11 @@ from fringeworks.rig.calibration.calibrate import observe
 from fringeworks.rig.calibration.parameters import parameter_change
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.pinhole import pose, project_with_derivatives, transform
-from fringeworks.simulate import (
-    Body,
-    Optics,
-    Plane,
-    Sphere,
-    board_body,
-    board_poses,
-    fringe_plan,
-    look,
-    photograph,
-    standard_rig,
-)
+from fringeworks.simulate.bodies import Body, Plane, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.stack.even_light import texture
 from fringeworks.types import Rig
 from tests.shared import shared

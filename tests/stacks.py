@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fringeworks import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
+from fringeworks import PatternPlan
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 
 
 def multi(

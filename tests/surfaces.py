@@ -8,7 +8,10 @@ from functools import cache
 import numpy as np
 
 import fringeworks as fw
-from fringeworks.simulate import Optics, bust, fringe_plan, look, photograph, standard_rig
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from tests.shared import shared
 
 HOSTILE = "</script><script>window.hacked = 1</script><img src=x onerror='window.hacked = 1'>"
@@ -56,7 +59,7 @@ def height_map(seed: int = 0, *, pupil=True) -> fw.HeightMap:
     return fw.HeightMap(values, sigma, reason, "height", "mm", 0.25, pupil=where)
 
 
-def coordinate_map() -> fw.CoordinateMap:
+def coordinate_map() -> fw.stack.CoordinateMap:
     return measured_bust().decoded.maps["x"]
 
 

@@ -36,7 +36,7 @@ def made(seed, T, count=8000, mesh=None):
     p = p + rng.normal(0.0, SIGMA, len(p))[:, None] * n
     back = inverse(T)
     sigma = np.full(len(p), SIGMA)
-    return fw.Points(transform(back, p), sigma, sigma, normals=n @ back[:3, :3].T)
+    return fw.surface.Points(transform(back, p), sigma, sigma, normals=n @ back[:3, :3].T)
 
 
 def somewhere(seed, turn_deg=40.0):
@@ -74,7 +74,7 @@ def test_the_covariance_of_a_best_fit_is_that_of_its_errors():
     squares = []
     for seed in range(20):
         truth = somewhere(seed, 3.0)
-        align = fw.BestFit(start=truth)
+        align = fw.evaluate.BestFit(start=truth)
         found = fw.deviation(made(seed, truth, count=4000), model(), align=align).alignment
         squares.append(off_in_sigmas(found, truth))
     # The mean of 120 squares of normal numbers is 1 ± 0.13.
@@ -89,8 +89,8 @@ def test_symmetric_parts_say_that_they_fit_in_several_poses():
     found = fw.deviation(points, mesh)
     assert any("equally well" in finding.text for finding in found.findings)
     assert np.sqrt(np.mean(found.measured**2)) < 2 * SIGMA
-    start = fw.DatumPoints(box.vertices[:4], box.vertices[:4])
-    known = fw.deviation(points, mesh, align=fw.BestFit(start=start))
+    start = fw.evaluate.DatumPoints(box.vertices[:4], box.vertices[:4])
+    known = fw.deviation(points, mesh, align=fw.evaluate.BestFit(start=start))
     assert not known.findings
 
 
@@ -99,7 +99,7 @@ def test_a_ball_slides_on_itself():
     ball = trimesh.creation.icosphere(3, 20.0)
     mesh = fw.TriangleMesh(ball.vertices, ball.faces.astype(np.uint32))
     points = made(0, np.eye(4), mesh=MeshDistance(mesh), count=6000)
-    found = fw.deviation(points, mesh, align=fw.BestFit(start=np.eye(4)))
+    found = fw.deviation(points, mesh, align=fw.evaluate.BestFit(start=np.eye(4)))
     assert found.alignment.slides == 3
     assert any("slides" in finding.text for finding in found.findings)
 
@@ -108,9 +108,9 @@ def test_points_far_from_the_model_cannot_be_aligned():
     points = made(0, np.eye(4), count=4000)
     far = pose(np.eye(3), np.array([0.0, 0.0, 300.0]))
     with pytest.raises(fw.InputError, match="matching points"):
-        fw.deviation(points, model(), align=fw.BestFit(start=far))
+        fw.deviation(points, model(), align=fw.evaluate.BestFit(start=far))
     with pytest.raises(fw.InputError, match="within"):
-        fw.deviation(points, model(), align=fw.KnownPose(far))
+        fw.deviation(points, model(), align=fw.evaluate.KnownPose(far))
 
 
 def test_a_fit_within_a_ball_follows_that_part_alone():
@@ -122,12 +122,14 @@ def test_a_fit_within_a_ball_follows_that_part_alone():
     moved[block] += 0.4 * truth[:3, :3].T @ np.array([0.0, 0.0, 1.0])
     bent = replace(points, xyz_mm=moved)
     middle = transform(inverse(truth), np.array([[60.0, 30.0, 10.0]]))[0]
-    align = fw.BestFit(start=truth, within=(*middle, 32.0))
+    align = fw.evaluate.BestFit(start=truth, within=(*middle, 32.0))
     found = fw.deviation(bent, model(), align=align)
     top = np.abs(found.points_mm[:, :2] - (16.0, 44.0)).max(axis=1) < 8.0
     assert np.median(found.distance_mm[top]) == pytest.approx(0.4, abs=0.01)
     with pytest.raises(fw.InputError, match="area"):
-        fw.deviation(bent, model(), align=fw.BestFit(within=fw.Area(box=(0, 0, 9, 9))))
+        fw.deviation(
+            bent, model(), align=fw.evaluate.BestFit(within=fw.evaluate.Area(box=(0, 0, 9, 9)))
+        )
 
 
 @pytest.mark.parametrize("count", [3, 6])
@@ -140,7 +142,7 @@ def test_datum_points_give_the_pose_with_its_covariance(count):
         truth = somewhere(seed)
         rng = np.random.default_rng(seed)
         seen = transform(inverse(truth), corners) + rng.normal(0, 0.05, corners.shape)
-        datum = fw.DatumPoints(seen, corners, sigma_mm=0.05)
+        datum = fw.evaluate.DatumPoints(seen, corners, sigma_mm=0.05)
         found = align_points(datum, None, None)
         squares.append(off_in_sigmas(found, truth))
     # The mean of 240 squares of normal numbers is 1 ± 0.09.
@@ -151,24 +153,24 @@ def test_datums_that_hold_nothing_are_refused():
     line = np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]])
     points = made(0, np.eye(4), count=40_000)
     with pytest.raises(fw.InputError, match="on a line"):
-        fw.deviation(points, model(), align=fw.DatumPoints(line, line))
+        fw.deviation(points, model(), align=fw.evaluate.DatumPoints(line, line))
     with pytest.raises(fw.InputError, match="3 pairs or more"):
-        fw.DatumPoints(line[:2], line[:2])
+        fw.evaluate.DatumPoints(line[:2], line[:2])
     with pytest.raises(fw.InputError, match="shape"):
-        fw.DatumPoints(line, line[:2])
+        fw.evaluate.DatumPoints(line, line[:2])
     same = ((60.0, 12.0, 10.0, 9.0),) * 3
     on_model = np.array([[60.0, 12, 10], [70, 10, 10], [70, 20, 10]])
     with pytest.raises(fw.InputError, match="nearly parallel"):
-        fw.deviation(points, model(), align=fw.DatumPlanes(same, on_model))
+        fw.deviation(points, model(), align=fw.evaluate.DatumPlanes(same, on_model))
     with pytest.raises(fw.InputError, match="rotation"):
-        fw.KnownPose(2.0 * np.eye(4))
+        fw.evaluate.KnownPose(2.0 * np.eye(4))
 
 
 def planes(truth):
     """Balls around three faces in the part's coordinates, and points of the faces."""
     on_model = np.array([[60.0, 12.0, 10.0], [40.0, 0.0, 5.0], [0.0, 30.0, 5.0]])
     centres = transform(inverse(truth), on_model)
-    return fw.DatumPlanes(
+    return fw.evaluate.DatumPlanes(
         tuple((*c, r) for c, r in zip(centres, (9.0, 4.9, 4.9), strict=True)), on_model
     )
 

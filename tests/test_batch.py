@@ -20,7 +20,8 @@ import pytest
 import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.report.control_chart import control_limits
-from fringeworks.simulate import Optics, photograph
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
 from tests.test_inspect import scene, step
 
 zarr = pytest.importorskip("zarr", reason="zarr is not installed")
@@ -40,9 +41,9 @@ def line(tmp_path_factory):
     rig, plan, view = scene()
     for seed in range(COUNT):
         frames = list(photograph(view, plan, Optics(seed=seed)))
-        fw.write_stack(made / "in" / f"part-{seed}", frames, plan)
-    fw.write_rig(made / "rig.toml", rig)
-    fw.write_recipe(made / "recipe.toml", replace(step(9.9, 10.1), rig=made / "rig.toml"))
+        fw.files.write_stack(made / "in" / f"part-{seed}", frames, plan)
+    fw.files.write_rig(made / "rig.toml", rig)
+    fw.files.write_recipe(made / "recipe.toml", replace(step(9.9, 10.1), rig=made / "rig.toml"))
     return made
 
 
@@ -83,7 +84,7 @@ def check_whole(folder, names):
 def test_batches_are_equal_to_single_measurements(line, tmp_path, scheduler):
     out = tmp_path / "out.zarr"
     told = []
-    found = fw.run_batch(
+    found = fw.batch.run_batch(
         line / "in",
         line / "recipe.toml",
         out,
@@ -109,14 +110,14 @@ def test_batches_are_equal_to_single_measurements(line, tmp_path, scheduler):
         assert group.xyz_mm.dims == ("y", "x", "coordinate")
         assert group.sigma_mm.units == "mm"
         # The same bytes again, and nothing is measured twice.
-        fw.run_batch(line / "in", line / "recipe.toml", tmp_path / "again.zarr", workers=2)
+        fw.batch.run_batch(line / "in", line / "recipe.toml", tmp_path / "again.zarr", workers=2)
         one, two = (contents(f / "scans") for f in (out, tmp_path / "again.zarr"))
         assert one == two
         before = [p.stat().st_mtime_ns for p in sorted((out / "scans").iterdir())]
-        fw.run_batch(line / "in", line / "recipe.toml", out, workers=2, resume=True)
+        fw.batch.run_batch(line / "in", line / "recipe.toml", out, workers=2, resume=True)
         assert before == [p.stat().st_mtime_ns for p in sorted((out / "scans").iterdir())]
         with pytest.raises(fw.InputError, match="resume"):
-            fw.run_batch(line / "in", line / "recipe.toml", out)
+            fw.batch.run_batch(line / "in", line / "recipe.toml", out)
 
 
 def test_problems_are_tabled(line, tmp_path, capsys):
@@ -155,7 +156,7 @@ def test_a_watched_folder(line, tmp_path):
         return len(rounds) < 3
 
     out = tmp_path / "out"
-    found = fw.run_batch(filled, line / "recipe.toml", out, workers=1, watch=watch)
+    found = fw.batch.run_batch(filled, line / "recipe.toml", out, workers=1, watch=watch)
     assert [row["scan"] for row in found.rows] == ["part-0", "part-1"]
     assert set(table(found.summary)) == {"part-0", "part-1"}
 
@@ -167,7 +168,7 @@ def test_archives_without_zarr_and_control_charts(line, tmp_path):
     rows = table(tmp_path / "o" / "summary.csv")
     assert len(rows) == COUNT
     for row in rows.values():
-        cloud = fw.load_result(tmp_path / "o" / "scans" / row["address"] / "result.npz")
+        cloud = fw.read(tmp_path / "o" / "scans" / row["address"] / "result.npz")
         assert (cloud.reason == 0).sum() > 50_000
     text = report.read_text("utf-8")
     assert text.count("<img") + text.count("<svg") >= 2
@@ -189,27 +190,31 @@ def test_archives_without_zarr_and_control_charts(line, tmp_path):
 def test_exit_codes_are_those_of_parts(line, tmp_path):
     for limits, code in (((9.9, 10.1), 0), ((10.5, 11.0), 3)):
         recipe = replace(step(*limits), rig=line / "rig.toml")
-        fw.write_recipe(line / "other.toml", recipe)
+        fw.files.write_recipe(line / "other.toml", recipe)
         words = ["batch", str(line / "in"), "--recipe", str(line / "other.toml"), "--workers", "2"]
         assert run([*words, "--out", str(tmp_path / f"{code}.zarr")]) == code
 
 
 @pytest.mark.long
 def test_arrays_and_addresses(line, tmp_path):
-    frames = [fw.read_stack(line / "in" / f"part-{k}").frames for k in range(2)]
+    frames = [fw.files.read_stack(line / "in" / f"part-{k}").frames for k in range(2)]
     stack = np.array([list(one) for one in frames])
     made = zarr.create_array(tmp_path / "frames.zarr", data=stack, chunks=(1, 1, *stack.shape[2:]))
     assert made.shape[0] == 2
-    recipe = replace(fw.read_recipe(line / "recipe.toml"), plan=scene()[1])
-    fw.write_recipe(line / "arrays.toml", recipe)
-    assert fw.read_recipe(line / "arrays.toml").plan == recipe.plan
-    found = fw.run_batch(tmp_path / "frames.zarr", line / "arrays.toml", tmp_path / "a", workers=1)
-    at = fw.run_batch((line / "in").as_uri(), line / "recipe.toml", tmp_path / "b.zarr", workers=1)
+    recipe = replace(fw.files.read_recipe(line / "recipe.toml"), plan=scene()[1])
+    fw.files.write_recipe(line / "arrays.toml", recipe)
+    assert fw.files.read_recipe(line / "arrays.toml").plan == recipe.plan
+    found = fw.batch.run_batch(
+        tmp_path / "frames.zarr", line / "arrays.toml", tmp_path / "a", workers=1
+    )
+    at = fw.batch.run_batch(
+        (line / "in").as_uri(), line / "recipe.toml", tmp_path / "b.zarr", workers=1
+    )
     single = fw.inspect(line / "in" / "part-1", line / "recipe.toml").checks[0].value
     assert found.rows[1]["step"] == pytest.approx(single, abs=1e-9)
     assert at.rows[1]["step"] == single
     with pytest.raises(fw.InputError, match="plan"):
-        rows = fw.run_batch(
+        rows = fw.batch.run_batch(
             tmp_path / "frames.zarr", line / "recipe.toml", tmp_path / "c", workers=1
         ).rows
         raise fw.InputError(rows[0]["error"])
@@ -220,14 +225,14 @@ def test_sources_that_are_none(line, tmp_path, source):
     (tmp_path / "empty").mkdir()
     place = source if "://" in source else tmp_path / source
     with pytest.raises(fw.InputError, match="expected|opened"):
-        fw.run_batch(place, line / "recipe.toml", tmp_path / "out.zarr")
+        fw.batch.run_batch(place, line / "recipe.toml", tmp_path / "out.zarr")
 
 
 @quiet
 def test_a_scheduler_that_is_not_there(line, tmp_path):
     begun = time.monotonic()
     with pytest.raises(fw.DeviceProblem, match="scheduler"):
-        fw.run_batch(
+        fw.batch.run_batch(
             line / "in",
             line / "recipe.toml",
             tmp_path / "out.zarr",
@@ -243,10 +248,10 @@ def test_one_batch_at_a_time(line, tmp_path):
     def second(*_):
         if not refused:
             with pytest.raises(fw.InputError, match="nothing else writes"):
-                fw.run_batch(line / "in", line / "recipe.toml", out, workers=1, resume=True)
+                fw.batch.run_batch(line / "in", line / "recipe.toml", out, workers=1, resume=True)
             refused.append(True)
 
-    fw.run_batch(line / "in", line / "recipe.toml", out, workers=1, progress=second)
+    fw.batch.run_batch(line / "in", line / "recipe.toml", out, workers=1, progress=second)
     assert refused
 
 
@@ -281,11 +286,15 @@ class Killer(threading.Thread):
 @pytest.mark.long
 @pytest.mark.parametrize("scheduler", [None, "local"])
 def test_a_scan_that_kills_its_workers_is_set_aside(line, tmp_path, scheduler):
-    clean = fw.run_batch(line / "in", line / "recipe.toml", tmp_path / "clean.zarr", workers=2)
+    clean = fw.batch.run_batch(
+        line / "in", line / "recipe.toml", tmp_path / "clean.zarr", workers=2
+    )
     poison = clean.rows[2]["address"]
     out = tmp_path / "out.zarr"
     with Killer(out, every_s=0.002, address=poison) as killer:
-        found = fw.run_batch(line / "in", line / "recipe.toml", out, workers=2, scheduler=scheduler)
+        found = fw.batch.run_batch(
+            line / "in", line / "recipe.toml", out, workers=2, scheduler=scheduler
+        )
     assert killer.killed >= 2
     rows = check_whole(out, [f"part-{k}" for k in range(COUNT)])
     assert "workers died" in rows["part-2"]["error"]
@@ -304,7 +313,7 @@ def test_workers_that_die_lose_nothing(line, tmp_path, scheduler, seed):
     out = tmp_path / "out.zarr"
     with Killer(out, every_s=2.0) as killer:
         killer.rng = np.random.default_rng(seed)
-        fw.run_batch(line / "in", line / "recipe.toml", out, workers=2, scheduler=scheduler)
+        fw.batch.run_batch(line / "in", line / "recipe.toml", out, workers=2, scheduler=scheduler)
     rows = check_whole(out, [f"part-{k}" for k in range(COUNT)])
     assert not any(row["error"] for row in rows.values())
 
@@ -351,7 +360,7 @@ def small_disk(tmp_path):
 def test_a_full_disk_leaves_nothing_half(line, small_disk):
     out = small_disk / "out.zarr"
     with contextlib.suppress(fw.InputError):
-        found = fw.run_batch(line / "in", line / "recipe.toml", out, workers=2)
+        found = fw.batch.run_batch(line / "in", line / "recipe.toml", out, workers=2)
         assert found.failed
         assert all("could not be written" in row["error"] for row in found.rows if row["error"])
     for place in (out / "scans").iterdir():
@@ -359,5 +368,5 @@ def test_a_full_disk_leaves_nothing_half(line, small_disk):
             assert not place.name.startswith(".")
             zarr.open(place, mode="r")["xyz_mm"][...]
     subprocess.run(["mount", "-o", "remount,size=100m", str(small_disk)], check=True)
-    fw.run_batch(line / "in", line / "recipe.toml", out, workers=2, resume=True)
+    fw.batch.run_batch(line / "in", line / "recipe.toml", out, workers=2, resume=True)
     check_whole(out, [f"part-{k}" for k in range(COUNT)])

@@ -9,22 +9,15 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.rig.pinhole import pose
-from fringeworks.simulate import (
-    Body,
-    Optics,
-    Plane,
-    Sphere,
-    board_body,
-    board_poses,
-    fringe_plan,
-    look,
-    photograph,
-    standard_rig,
-)
+from fringeworks.simulate.bodies import Body, Plane, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.surface.border import inside_surface
 
 RADIUS_MM = 25.0
-BOARD = fw.parse_board("charuco:10x10:20:15")
+BOARD = fw.rig.parse_board("charuco:10x10:20:15")
 
 
 @cache
@@ -77,7 +70,7 @@ def test_a_ball_gets_its_size_back(sigma_px):
 def test_the_correction_hardly_adds_noise():
     _, shots = ball(Optics(blur_px=0.5, noise=1.0))
     plain = fw.measure(shots[0], rig()).points
-    found = fw.remove_blur(plain, rig(), 0.46)
+    found = fw.views.remove_blur(plain, rig(), 0.46)
     inner = inside_surface(plain, 3)
     scatter = [
         np.std(np.diff(np.where(inner, p.xyz_mm[..., 2], np.nan), 2, axis=1)[:, ::3][
@@ -106,7 +99,7 @@ def test_a_plane_of_one_brightness_stays_where_it_is():
     wall = Body(Plane(400.0, 300.0), pose(np.eye(3), np.array([0.0, 0.0, 500.0])), 0.6)
     _, shots = ball(Optics(blur_px=0.8, noise=0.5), 1, wall)
     plain = fw.measure(shots[0], rig()).points
-    found = fw.remove_blur(plain, rig(), 0.8)
+    found = fw.views.remove_blur(plain, rig(), 0.8)
     inner = inside_surface(plain, 3)
     moved = found.xyz_mm[inner][:, 2] - plain.xyz_mm[inner][:, 2]
     assert abs(float(np.mean(moved))) < 2e-3
@@ -119,7 +112,7 @@ def test_a_board_measures_the_blur():
     for sigma_px in (0.5, 0.9):
         frames = np.stack(list(photograph(view, plan, Optics(blur_px=sigma_px, noise=1.0))))
         cloud = fw.measure(fw.Stack(frames, plan), rig()).points
-        found.append(fw.board_pose(cloud, BOARD).blur_px)
+        found.append(fw.views.board_pose(cloud, BOARD).blur_px)
     # Reflectances are means over pixels, so that edges show the pixel's own blur as well.
     expected = [np.sqrt(blur_of(s) ** 2 + 1 / 12) for s in (0.5, 0.9)]
     assert np.abs(np.array(found) / expected - 1.0).max() < 0.15, (found, expected)
@@ -132,4 +125,4 @@ def test_a_blur_out_of_range_is_refused(blur_px, message):
     _, shots = ball(Optics(blur_px=0.5, noise=1.0))
     cloud = fw.measure(shots[0], rig()).points
     with pytest.raises(fw.InputError, match=message):
-        fw.remove_blur(cloud, rig(), blur_px)
+        fw.views.remove_blur(cloud, rig(), blur_px)

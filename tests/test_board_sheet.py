@@ -17,7 +17,7 @@ from matplotlib import rc_context
 import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.report.board_outlines import board_ink, cells_outline
-from fringeworks.report.board_sheet import TICK_MM
+from fringeworks.report.boards import TICK_MM
 from fringeworks.report.papers import PAPERS, needed_mm, paper_size, place_on_sheet
 
 DPI = 300
@@ -46,13 +46,13 @@ def pixels(figure, dpi=DPI):
 @lru_cache
 def sheet(text, paper, white):
     """The figure of a board, and its page as grey pixels."""
-    figure = fw.board_sheet(fw.parse_board(text), paper, white_on_black=white)
+    figure = fw.report.board_sheet(fw.rig.parse_board(text), paper, white_on_black=white)
     return figure, pixels(figure)
 
 
 def check_distances(image, board, mm_per_px=25.4 / DPI):
     """Every corner is found, and lies where it belongs against all others."""
-    view = fw.find_board(image, board)
+    view = fw.rig.find_board(image, board)
     assert len(view.index) == len(board.points_mm)
     nominal, found = board.points_mm[view.index, :2], view.pixels * mm_per_px
     distance = [np.linalg.norm(p[:, None] - p[None], axis=2) for p in (nominal, found)]
@@ -61,18 +61,20 @@ def check_distances(image, board, mm_per_px=25.4 / DPI):
 
 @pytest.mark.parametrize(("text", "paper", "white"), BOARDS)
 def test_boards_are_exact_and_found(text, paper, white):
-    board = fw.parse_board(text)
+    board = fw.rig.parse_board(text)
     figure, image = sheet(text, paper, white)
     assert sorted(25.4 * figure.get_size_inches()) == pytest.approx(sorted(paper_size(paper)))
     check_distances(image, board)
     names = [t.get_text() for t in figure.axes[0].texts]
-    assert [fw.parse_board(n) for n in names if ":" in n and n.startswith(board.kind)] == [board]
+    assert [fw.rig.parse_board(n) for n in names if ":" in n and n.startswith(board.kind)] == [
+        board
+    ]
 
 
 @pytest.mark.parametrize(("text", "paper", "white"), BOARDS)
 def test_the_drawing_is_the_simulated_board(text, paper, white):
     """Cell by cell what the virtual rig photographs, and white beyond the board's ink."""
-    board = fw.parse_board(text)
+    board = fw.rig.parse_board(text)
     figure, image = sheet(text, paper, white)
     width, height = 25.4 * figure.get_size_inches()
     x0, y0 = place_on_sheet(board, (width, height), white)
@@ -96,7 +98,7 @@ def test_the_drawing_is_the_simulated_board(text, paper, white):
 
 @pytest.mark.parametrize(("paper", "across", "up"), [("A4", 100, 100), ("100x140", 70, 100)])
 def test_rulers_have_their_length(paper, across, up):
-    figure = fw.board_sheet("chessboard:3x3:10", paper, landscape=False)
+    figure = fw.report.board_sheet("chessboard:3x3:10", paper, landscape=False)
     texts = [t.get_text() for t in figure.axes[0].texts]
     assert f"{across} mm across, {up} mm up" in texts[-1]
     image = pixels(figure).astype(float)
@@ -123,9 +125,9 @@ def length_of(marks, px):
 @pytest.mark.parametrize("suffix", ["pdf", "svg", "png"])
 def test_equal_runs_write_equal_bytes(tmp_path, suffix):
     a, b = tmp_path / f"a.{suffix}", tmp_path / f"b.{suffix}"
-    fw.write_board(a, "charuco:7x5:20:15", dpi=100)
+    fw.report.write_board(a, "charuco:7x5:20:15", dpi=100)
     with rc_context({"savefig.bbox": "tight", "svg.fonttype": "none", "pdf.fonttype": 42}):
-        fw.write_board(b, "charuco:7x5:20:15", dpi=100)
+        fw.report.write_board(b, "charuco:7x5:20:15", dpi=100)
     assert a.read_bytes() == b.read_bytes()
     content = a.read_bytes()
     assert b"charuco:7x5:20:15" in content
@@ -134,10 +136,10 @@ def test_equal_runs_write_equal_bytes(tmp_path, suffix):
 
 
 def test_vector_files_have_the_size_of_the_paper(tmp_path):
-    fw.write_board(tmp_path / "b.pdf", "chessboard:11x8:15", "A4", landscape=True)
+    fw.report.write_board(tmp_path / "b.pdf", "chessboard:11x8:15", "A4", landscape=True)
     box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", (tmp_path / "b.pdf").read_bytes())
     assert [float(v) * 25.4 / 72 for v in box.groups()] == pytest.approx([297, 210], abs=1e-4)
-    fw.write_board(tmp_path / "b.svg", "chessboard:11x8:15", "A4", landscape=True)
+    fw.report.write_board(tmp_path / "b.svg", "chessboard:11x8:15", "A4", landscape=True)
     found = re.search(r'width="([\d.]+)pt"', (tmp_path / "b.svg").read_text())
     assert float(found[1]) * 25.4 / 72 == pytest.approx(297, abs=1e-4)
 
@@ -145,8 +147,8 @@ def test_vector_files_have_the_size_of_the_paper(tmp_path):
 @pytest.mark.parametrize(("text", "paper", "white"), BOARDS)
 def test_lines_of_the_vectors_are_exact(tmp_path, text, paper, white):
     """The outline in the SVG, which has the same vectors as the PDF, in mm."""
-    board = fw.parse_board(text)
-    fw.write_board(tmp_path / "b.svg", board, paper, white_on_black=white)
+    board = fw.rig.parse_board(text)
+    fw.report.write_board(tmp_path / "b.svg", board, paper, white_on_black=white)
     group = (tmp_path / "b.svg").read_text().partition('<g id="board">')[2]
     numbers = re.search(r'd="([^"]+)"', group)[1]
     found = np.array([float(v) for v in re.findall(r"-?\d+\.?\d*", numbers)]).reshape(-1, 2)
@@ -160,8 +162,8 @@ def test_lines_of_the_vectors_are_exact(tmp_path, text, paper, white):
 @pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm (poppler) is not installed")
 @pytest.mark.parametrize(("text", "paper", "white"), BOARDS)
 def test_another_program_draws_the_same(tmp_path, text, paper, white):
-    board = fw.parse_board(text)
-    fw.write_board(tmp_path / "b.pdf", board, paper, white_on_black=white)
+    board = fw.rig.parse_board(text)
+    fw.report.write_board(tmp_path / "b.pdf", board, paper, white_on_black=white)
     command = ["pdftoppm", "-r", str(DPI), "-gray", "-png", "-singlefile", "b.pdf", "b"]
     subprocess.run(command, cwd=tmp_path, check=True)
     check_distances(cv2.imread(str(tmp_path / "b.png"), cv2.IMREAD_GRAYSCALE), board)
@@ -169,8 +171,8 @@ def test_another_program_draws_the_same(tmp_path, text, paper, white):
 
 def test_no_text_inside_the_board():
     for text, paper, white in BOARDS:
-        board = fw.parse_board(text)
-        figure = fw.board_sheet(board, paper, white_on_black=white)
+        board = fw.rig.parse_board(text)
+        figure = fw.report.board_sheet(board, paper, white_on_black=white)
         width, height = 25.4 * figure.get_size_inches()
         x, y = place_on_sheet(board, (width, height), white)
         left, top, right, bottom = board.extent_mm
@@ -189,11 +191,11 @@ def test_no_text_inside_the_board():
 
 def test_huge_boards_are_refused_at_once():
     with pytest.raises(fw.InputError, match="largest that fits: "):
-        fw.board_sheet("chessboard:100000x100000:1", "A0")
+        fw.report.board_sheet("chessboard:100000x100000:1", "A0")
     with pytest.raises(fw.InputError, match="at most 10000 squares or circles"):
-        fw.board_sheet("circles:1000x1000:0.1", "A4")
+        fw.report.board_sheet("circles:1000x1000:0.1", "A4")
     with pytest.raises(fw.InputError, match="at most 250 markers, .* 30 × 20 squares with 300"):
-        fw.parse_board("charuco:30x20:20:15")
+        fw.rig.parse_board("charuco:30x20:20:15")
 
 
 def test_outlines_of_cells():
@@ -213,10 +215,10 @@ def test_boards_that_do_not_fit_are_refused_with_those_that_do(paper):
         "asymmetric-circles:20x30:40",
     ):
         with pytest.raises(fw.InputError, match="largest that fits: ") as caught:
-            fw.board_sheet(text, paper)
+            fw.report.board_sheet(text, paper)
         for name in str(caught.value).partition("largest that fits: ")[2].split(" or "):
-            board = fw.parse_board(name)
-            fw.board_sheet(board, paper)
+            board = fw.rig.parse_board(name)
+            fw.report.board_sheet(board, paper)
             more = board.pitch_mm + 0.1 if name.split(":")[1] == text.split(":")[1] else None
             if more is not None:
                 width, height = sorted(needed_mm(replace(board, pitch_mm=more)))
@@ -227,20 +229,26 @@ def test_boards_that_do_not_fit_are_refused_with_those_that_do(paper):
     ("call", "message"),
     [
         (
-            lambda: fw.board_sheet("chessboard:11x8:15", "B4"),
+            lambda: fw.report.board_sheet("chessboard:11x8:15", "B4"),
             "expected A5, A4, .* or width x height",
         ),
-        (lambda: fw.board_sheet("chessboard:11x8:15", "20x30"), "60…5000 mm"),
-        (lambda: fw.board_sheet("chessboard:11x8:15", "nanxinf"), "60…5000 mm"),
-        (lambda: fw.board_sheet("board:11x8:15"), "expected chessboard:9x7:75"),
-        (lambda: fw.board_sheet("chessboard:11x8:15", white_on_black=True), "grid of circles"),
+        (lambda: fw.report.board_sheet("chessboard:11x8:15", "20x30"), "60…5000 mm"),
+        (lambda: fw.report.board_sheet("chessboard:11x8:15", "nanxinf"), "60…5000 mm"),
+        (lambda: fw.report.board_sheet("board:11x8:15"), "expected chessboard:9x7:75"),
         (
-            lambda: fw.board_sheet("chessboard:11x8:16", "A4", landscape=False),
+            lambda: fw.report.board_sheet("chessboard:11x8:15", white_on_black=True),
+            "grid of circles",
+        ),
+        (
+            lambda: fw.report.board_sheet("chessboard:11x8:16", "A4", landscape=False),
             "fits: chessboard:11x8:15 or chessboard:10x8:16",
         ),
-        (lambda: fw.write_board("b.jpg", "chessboard:11x8:15"), "one of .png, .pdf, .svg"),
-        (lambda: fw.write_board("b.png", "chessboard:11x8:15", dpi=10), "72…2400"),
-        (lambda: fw.write_board("b.png", "chessboard:11x8:15", "A0", dpi=600), "at most 439"),
+        (lambda: fw.report.write_board("b.jpg", "chessboard:11x8:15"), "one of .png, .pdf, .svg"),
+        (lambda: fw.report.write_board("b.png", "chessboard:11x8:15", dpi=10), "72…2400"),
+        (
+            lambda: fw.report.write_board("b.png", "chessboard:11x8:15", "A0", dpi=600),
+            "at most 439",
+        ),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(call, message, tmp_path, monkeypatch):
@@ -260,7 +268,7 @@ def test_what_cannot_be_drawn_is_refused(call, message, tmp_path, monkeypatch):
     ],
 )
 def test_names_read_back(text):
-    assert fw.parse_board(text).name == text
+    assert fw.rig.parse_board(text).name == text
 
 
 def test_the_command(tmp_path, capsys):

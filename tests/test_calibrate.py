@@ -8,29 +8,16 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from fringeworks import (
-    GrayCode,
-    InputError,
-    PatternPlan,
-    PhaseSteps,
-    Reason,
-    Uniform,
-    decode,
-    encode,
-)
+from fringeworks import InputError, PatternPlan, Reason, decode, encode
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform
 from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.diagnosis import diagnose
 from fringeworks.rig.calibration.leave_out import leave_poses_out
 from fringeworks.rig.pinhole import pose, project, transform
-from fringeworks.simulate import (
-    BoardErrors,
-    Optics,
-    board_body,
-    board_poses,
-    fringe_plan,
-    real_points,
-)
+from fringeworks.simulate.boards import BoardErrors, real_points
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_body, board_poses, fringe_plan
 from fringeworks.stack.even_light import texture
 from tests.rigs import (
     board,

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import scipy
 
-from fringeworks import InputError, MultiRig, Reason
+from fringeworks import InputError, Reason
+from fringeworks.rig import MultiRig
 from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.parameters import FurtherCamera, moved_rig
 from fringeworks.rig.camera_findings import camera_findings, difference_histogram
@@ -20,7 +21,8 @@ from fringeworks.rig.local_scatter import scatter_factor
 from fringeworks.rig.ray_estimates import combined, errors_over, estimates_of
 from fringeworks.rig.stereo_match import CoordinateField
 from fringeworks.rig.triangulate import triangulate
-from fringeworks.simulate import Optics, truth_distance
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import truth_distance
 from tests.cameras import (
     adjusted,
     calibrated,

@@ -8,17 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import (
-    FileProblem,
-    InputError,
-    measure_cameras,
-    read_multi_rig,
-    read_rig,
-    write_multi_rig,
-)
+from fringeworks import FileProblem, InputError, measure
+from fringeworks.files import read_multi_rig, read_rig, write_multi_rig
 from fringeworks.files.stack import write_stack
 from fringeworks.rig.device_pairs import camera_pair
-from fringeworks.simulate import Optics, board_body, fringe_plan, photograph
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_body, fringe_plan
 from tests.cameras import BOARD, facing_poses, small_rig, surfaces, views_of
 from tests.rigs import board
 from tests.test_cli import run
@@ -93,7 +89,7 @@ def test_measure_takes_a_capture_for_each_camera(capture, tmp_path):
 
 def test_captures_that_do_not_belong_to_a_rig_are_refused(capture):
     with pytest.raises(InputError, match="each of the rig's 2 cameras, got 1"):
-        measure_cameras([capture / "camera1"], capture / "rig.toml")
+        measure([capture / "camera1"], capture / "rig.toml")
     done = run(
         *("measure", capture / "camera1", capture / "camera2"),
         *("--rig", capture / "rig.toml", "--depth", "400,600"),

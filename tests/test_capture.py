@@ -8,15 +8,8 @@ import scipy.io
 import tifffile
 from PIL import Image
 
-from fringeworks import (
-    FileProblem,
-    InputError,
-    Pair,
-    file_limits,
-    read_capture,
-    read_pair,
-    write_pair,
-)
+from fringeworks import FileProblem, InputError, Pair
+from fringeworks.files import file_limits, read_capture, read_pair, write_pair
 from fringeworks.files.atomic import replacing
 from fringeworks.files.images import read_frame, read_frames, write_frame
 from tests.conftest import scene

@@ -409,11 +409,11 @@ import numpy as np
 import fringeworks as fw
 
 @fw.method("still")
-def still(pair: fw.PreparedPair, *, sigma: float = 0.5) -> fw.Solution:
+def still(pair: fw.pair.PreparedPair, *, sigma: float = 0.5) -> fw.pair.Solution:
     """Finds no displacement anywhere."""
     zero = np.zeros(pair.object.shape)
     reason = np.zeros(zero.shape, np.uint8)
-    return fw.Solution(zero, zero + sigma, zero + 1, reason)
+    return fw.pair.Solution(zero, zero + sigma, zero + 1, reason)
 
 @fw.method("wrong")
 def wrong(pair):
@@ -433,7 +433,9 @@ def test_methods_from_outside(capture, tmp_path):
     content = json.loads(figures.stdout)
     assert (content["maximum"], content["failed_fraction"]) == (0.0, 0.0)
     refused = run_alone(*own, "reconstruct", capture, "--method", "wrong", code=2).stderr
-    assert "method wrong: expected a fringeworks.Solution to be returned, got ndarray" in refused
+    assert (
+        "method wrong: expected a fringeworks.pair.Solution to be returned, got ndarray" in refused
+    )
     # Files that register nothing are refused in this process.
     taken = tmp_path / "taken.py"
     taken.write_text(PLUGIN.replace('"still"', '"fourier"'))
@@ -508,9 +510,11 @@ def test_light_imports():
 
 def test_png_to_coordinates_imports_what_it_uses(tmp_path):
     plan = fw.PatternPlan(
-        160, 120, tuple(fw.PhaseSteps("x", p, fw.equal_steps(4)) for p in (160.0, 20.0))
+        160,
+        120,
+        tuple(fw.patterns.PhaseSteps("x", p, fw.patterns.equal_steps(4)) for p in (160.0, 20.0)),
     )
-    fw.write_stack(tmp_path / "capture", list(fw.encode(plan)), plan)
+    fw.files.write_stack(tmp_path / "capture", list(fw.encode(plan)), plan)
     script = (
         "import sys; from fringeworks.cli.commands import run; import fringeworks.pipeline.stacks; "
         "import fringeworks.files.points; code = run(sys.argv[1:]); heavy = {'PIL', 'tifffile', "
@@ -563,7 +567,10 @@ def test_paths_are_read_where_captures_are_wanted(capture, tmp_path):
         (lambda: fw.measure(capture, "rig.toml"), "expected a stack of frames, got a pair"),
         (lambda: fw.analyse("folder"), "pair: expected a Pair, got str"),
         (lambda: fw.decode("folder", fw.propose(640, 480, 9)[0].plan), "got the path folder"),
-        (lambda: fw.summarise("folder"), "result: expected a result of fringeworks, got str"),
+        (
+            lambda: fw.report.summarise("folder"),
+            "result: expected a result of fringeworks, got str",
+        ),
     ):
         with pytest.raises(fw.InputError, match=words):
             call()
@@ -573,7 +580,7 @@ def test_errors_say_their_kind(capture, tmp_path):
     plan = fw.propose(640, 480, 9)[0].plan
     frames = list(fw.encode(plan))
     for error, call in (
-        (fw.FileProblem, lambda: fw.read_capture(tmp_path / "none")),
+        (fw.FileProblem, lambda: fw.files.read_capture(tmp_path / "none")),
         (fw.FramesContradictPlan, lambda: fw.decode(frames[:-1], plan)),
         (fw.UnknownMethod, lambda: fw.reconstruct(capture, "magic")),
         (fw.UnknownMethod, lambda: fw.reconstruct(capture, "fourier", magic=1)),

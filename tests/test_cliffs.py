@@ -234,7 +234,9 @@ def test_a_crease_is_no_cliff():
 
 
 def test_smooth_surfaces_have_no_edges():
-    scene = fw.standard_scene("parabola", size=300, fringes=12, height_mm=15.0, noise=2.0, bits=8)
+    scene = fw.simulate.standard_scene(
+        "parabola", size=300, fringes=12, height_mm=15.0, noise=2.0, bits=8
+    )
     found = fw.analyse(scene, "windowed")
     assert found.walls is None
     assert found.albedo is None

@@ -22,7 +22,7 @@ def ball(count=6000, radius_mm=10.0, noise_mm=0.01, lowest=-1.0, seed=0):
     n = n[z > lowest]
     off = noise_mm * np.random.default_rng(seed).standard_normal(len(n))
     sigma = np.full(len(n), noise_mm)
-    return fw.Points(
+    return fw.surface.Points(
         n * (radius_mm + off)[:, None] + [5.0, -3.0, 40.0], sigma, sigma, normals=n, colour=sigma
     )
 
@@ -32,7 +32,7 @@ def distance(mesh, radius_mm=10.0):
 
 
 def test_a_ball_is_watertight_and_better_than_its_points():
-    found = fw.closed_mesh(ball())
+    found = fw.views.closed_mesh(ball())
     shown = trimesh.Trimesh(found.vertices_mm, found.faces, process=False)
     assert shown.is_watertight
     assert shown.is_winding_consistent
@@ -45,9 +45,9 @@ def test_a_ball_is_watertight_and_better_than_its_points():
 
 
 def test_what_no_point_is_near_is_marked(tmp_path):
-    found = fw.closed_mesh(ball(lowest=-0.7))
+    found = fw.views.closed_mesh(ball(lowest=-0.7))
     path = tmp_path / "ball.stl"
-    fw.write_mesh(path, found)
+    fw.files.write_mesh(path, found)
     assert trimesh.load(path).is_watertight
     low = (found.vertices_mm[:, 2] - 40.0) / 10.0 < -0.75
     assert found.filled[low].all()
@@ -59,12 +59,12 @@ def test_what_no_point_is_near_is_marked(tmp_path):
 def test_specks_are_left_out():
     speck = ball(20, 0.5)
     one = ball()
-    both = fw.Points(
+    both = fw.surface.Points(
         np.concatenate((one.xyz_mm, speck.xyz_mm + 25.0)),
         np.concatenate((one.sigma_mm, speck.sigma_mm)),
         normals=np.concatenate((one.normals, speck.normals)),
     )
-    shown = fw.closed_mesh(both, cell_mm=0.7)
+    shown = fw.views.closed_mesh(both, cell_mm=0.7)
     assert np.ptp(shown.vertices_mm, axis=0).max() < 20.5
 
 
@@ -79,4 +79,4 @@ def test_specks_are_left_out():
 )
 def test_points_that_make_no_mesh(change, cell_mm, message):
     with pytest.raises(fw.InputError, match=message):
-        fw.closed_mesh(replace(ball(500), **change), cell_mm=cell_mm)
+        fw.views.closed_mesh(replace(ball(500), **change), cell_mm=cell_mm)

@@ -94,11 +94,11 @@ def test_models_come_from_files(tmp_path, suffix, kind):
     path = tmp_path / f"box{suffix}"
     content = trimesh.creation.box((40.0, 30.0, 20.0)).export(file_type=kind)
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    model = fw.read_model(path)
+    model = fw.files.read_model(path)
     assert (len(model.vertices_mm), len(model.faces)) == (8, 12)
     assert model.notes == ()
     assert MeshDistance(model).nearest(np.zeros((1, 3)), 50.0).distance_mm[0] == -10.0
-    inches = fw.read_model(path, scale=25.4)
+    inches = fw.files.read_model(path, scale=25.4)
     np.testing.assert_allclose(np.ptp(inches.vertices_mm, axis=0), 25.4 * np.array([40, 30, 20]))
 
 
@@ -108,16 +108,16 @@ def test_models_say_what_is_wrong_with_them(tmp_path):
     (tmp_path / "b.stl").write_bytes(
         trimesh.Trimesh(vertices, faces[:, ::-1]).export(file_type="stl")
     )
-    turned = fw.read_model(tmp_path / "b.stl")
+    turned = fw.files.read_model(tmp_path / "b.stl")
     assert "inwards" in turned.notes[0]
     assert MeshDistance(turned).nearest(np.zeros((1, 3)), 50.0).distance_mm[0] < 0
     (tmp_path / "o.stl").write_bytes(trimesh.Trimesh(vertices, faces[2:]).export(file_type="stl"))
-    assert "not closed" in fw.read_model(tmp_path / "o.stl").notes[0]
+    assert "not closed" in fw.files.read_model(tmp_path / "o.stl").notes[0]
     mixed = faces.copy()
     mixed[3] = mixed[3, ::-1]
     made = trimesh.Trimesh(vertices, mixed, process=False)
     (tmp_path / "m.ply").write_bytes(made.export(file_type="ply"))
-    assert "opposite sides" in fw.read_model(tmp_path / "m.ply").notes[0]
+    assert "opposite sides" in fw.files.read_model(tmp_path / "m.ply").notes[0]
 
 
 @pytest.mark.parametrize(
@@ -128,18 +128,18 @@ def test_damaged_models_are_refused(tmp_path, content):
         path = tmp_path / f"bad{suffix}"
         path.write_bytes(content)
         with pytest.raises(fw.FileProblem, match="bad"):
-            fw.read_model(path)
+            fw.files.read_model(path)
 
 
 def test_models_that_cannot_be_read(tmp_path):
     with pytest.raises(fw.FileProblem, match="no such file"):
-        fw.read_model(tmp_path / "none.stl")
+        fw.files.read_model(tmp_path / "none.stl")
     (tmp_path / "a.step").write_text("x")
     with pytest.raises(fw.FileProblem, match=r"\.stl"):
-        fw.read_model(tmp_path / "a.step")
+        fw.files.read_model(tmp_path / "a.step")
     path = tmp_path / "big.stl"
     path.write_bytes(trimesh.creation.icosphere(4).export(file_type="stl"))
-    with fw.file_limits(max_gb=1e-5), pytest.raises(fw.FileProblem, match="GB"):
-        fw.read_model(path)
+    with fw.files.file_limits(max_gb=1e-5), pytest.raises(fw.FileProblem, match="GB"):
+        fw.files.read_model(path)
     with pytest.raises(fw.InputError, match="scale"):
-        fw.read_model(path, scale=0.0)
+        fw.files.read_model(path, scale=0.0)

@@ -26,7 +26,7 @@ def without_truth(pair):
 
 
 def test_each_method_is_compared_with_the_median_of_the_others():
-    (found,) = fw.compare_captures([without_truth(small())], METHODS)
+    (found,) = fw.evaluate.compare_captures([without_truth(small())], METHODS)
     values = {m: s.values.astype(float) for m, s in found.surfaces.items()}
     middle = np.median([values["windowed"], values["wavelet"]], axis=0)
     assert np.allclose(found.difference["fourier"], values["fourier"] - middle, equal_nan=True)
@@ -51,12 +51,12 @@ def test_one_wrong_method_does_not_move_the_others_reference():
     @fw.method("off_by_far")
     def off_by_far(prepared):
         """Fourier, and 100 px in addition."""
-        right = fw.get_method("fourier").function(prepared)
+        right = fw.pair.get_method("fourier").function(prepared)
         return replace(right, displacement_px=right.displacement_px + 100.0)
 
     pair = replace(without_truth(small()), geometry=None)
-    (alone,) = fw.compare_captures([pair], METHODS)
-    (found,) = fw.compare_captures([pair], [*METHODS, "off_by_far"])
+    (alone,) = fw.evaluate.compare_captures([pair], METHODS)
+    (found,) = fw.evaluate.compare_captures([pair], [*METHODS, "off_by_far"])
     rows = {row["method"]: row for row in found.rows()}
     assert rows["off_by_far"]["median_abs_difference"] == pytest.approx(100.0, abs=0.5)
     assert rows["off_by_far"]["agree_within_2_sigma"] < 0.01
@@ -65,7 +65,7 @@ def test_one_wrong_method_does_not_move_the_others_reference():
 
 
 def test_against_a_method_it_is_not_compared_with_itself():
-    (found,) = fw.compare_captures([small()], ["fourier"], against="windowed")
+    (found,) = fw.evaluate.compare_captures([small()], ["fourier"], against="windowed")
     one, other = found.rows()
     assert (one["method"], other["method"]) == ("fourier", "windowed")
     assert one["against"] == "windowed"
@@ -73,7 +73,7 @@ def test_against_a_method_it_is_not_compared_with_itself():
     assert np.isnan(other["median_abs_difference"])
     assert other["compared_fraction"] == 0.0
     assert np.isfinite(other["mean_abs_error_mm"])
-    (single,) = fw.compare_captures([small()], ["fourier"])
+    (single,) = fw.evaluate.compare_captures([small()], ["fourier"])
     assert np.isnan(single.rows()[0]["median_abs_difference"])
 
 
@@ -82,7 +82,7 @@ def test_errors_and_coverage_where_there_is_a_truth():
     rows = fw.compare(captures={"known": pair, "unknown": without_truth(pair)}, methods=METHODS)
     assert [row["capture"] for row in rows] == ["known"] * 3 + ["unknown"] * 3
     result = fw.reconstruct(pair, "windowed")
-    errors = fw.errors(result.surface, pair.truth_mm)
+    errors = fw.evaluate.errors(result.surface, pair.truth_mm)
     known = next(row for row in rows if row["method"] == "windowed")
     assert known["mean_abs_error_mm"] == errors.mean_abs_error_mm
     assert known["within_1_sigma"] == errors.within_1_sigma
@@ -130,12 +130,12 @@ def test_a_capture_that_fails_is_named():
         pair, object=np.full_like(pair.object, 7), reference=np.full_like(pair.object, 7)
     )
     with pytest.raises(fw.InputError, match=r"^flat: "):
-        fw.compare_captures({"good": pair, "flat": flat}, ["fourier"])
+        fw.evaluate.compare_captures({"good": pair, "flat": flat}, ["fourier"])
 
 
 def test_stacks_are_refused(tmp_path):
-    plan = fw.PatternPlan(64, 48, (fw.PhaseSteps("x", 32.0, fw.equal_steps(3)),))
-    fw.write_stack(tmp_path / "shots", list(fw.encode(plan)), plan)
+    plan = fw.PatternPlan(64, 48, (fw.patterns.PhaseSteps("x", 32.0, fw.patterns.equal_steps(3)),))
+    fw.files.write_stack(tmp_path / "shots", list(fw.encode(plan)), plan)
     with pytest.raises(fw.InputError, match="expected a pair of frames, got a stack"):
         fw.compare(captures=[tmp_path / "shots"])
 
@@ -147,7 +147,7 @@ def test_short_names():
 
 
 def test_the_picture_has_one_scale():
-    (found,) = fw.compare_captures([small()], METHODS, against="windowed")
+    (found,) = fw.evaluate.compare_captures([small()], METHODS, against="windowed")
     figure = found.plot()
     maps = {axes.get_title(): axes for axes in figure.axes if axes.get_title()}
     assert set(maps) == {
@@ -168,7 +168,7 @@ def test_the_picture_has_one_scale():
 
 def test_on_the_command_line(tmp_path):
     for k, name in enumerate(("a", "b")):
-        fw.write_pair(tmp_path / name, fw.standard_scene(seed=k, bits=8, **SMALL))
+        fw.files.write_pair(tmp_path / name, fw.simulate.standard_scene(seed=k, bits=8, **SMALL))
     table = tmp_path / "t.json"
     shown = run(
         *("compare", tmp_path / "a", tmp_path / "b", "--method", "fourier,windowed"),
@@ -187,9 +187,9 @@ def test_on_the_command_line(tmp_path):
 
 
 def test_two_images_on_the_command_line(tmp_path):
-    pair = fw.standard_scene(bits=8, **SMALL)
-    fw.write_frame(tmp_path / "plane.png", pair.reference)
-    fw.write_frame(tmp_path / "cup.png", pair.object)
+    pair = fw.simulate.standard_scene(bits=8, **SMALL)
+    fw.files.write_frame(tmp_path / "plane.png", pair.reference)
+    fw.files.write_frame(tmp_path / "cup.png", pair.object)
     images = ("--reference", tmp_path / "plane.png", "--object", tmp_path / "cup.png")
     shown = run("compare", *images, "--method", "fourier,windowed", "--against", "windowed").stdout
     assert "cup      fourier   px" in shown

@@ -11,7 +11,8 @@ from fringeworks import InputError
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.calibration.corners import find_board
 from fringeworks.rig.pinhole import project, transform
-from fringeworks.simulate import Optics, board_body
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_body
 from tests.rigs import board, poses, rig, shoot
 
 FORMS = [

@@ -5,20 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import (
-    CameraNoise,
-    GrayCode,
-    InputError,
-    PatternPlan,
-    PhaseSteps,
-    Reason,
-    StreamingDecoder,
-    decode,
-    encode,
-    equal_steps,
-)
+from fringeworks import InputError, PatternPlan, Reason, decode, encode
+from fringeworks.patterns import GrayCode, PhaseSteps, equal_steps
+from fringeworks.signal import CameraNoise
 from fringeworks.signal.noise import noise_of_residuals
 from fringeworks.signal.response import Response
+from fringeworks.stack import StreamingDecoder
 from tests.oracles.phase_shift import decode_pixel
 from tests.stacks import guarded, multi, take
 

@@ -16,7 +16,11 @@ def plan_of(axes="x", width=640, height=400, steps=4):
     return fw.PatternPlan(
         width,
         height,
-        tuple(fw.PhaseSteps(a, length[a] / v, fw.equal_steps(steps)) for a in axes for v in COUNTS),
+        tuple(
+            fw.patterns.PhaseSteps(a, length[a] / v, fw.patterns.equal_steps(steps))
+            for a in axes
+            for v in COUNTS
+        ),
     )
 
 
@@ -25,8 +29,10 @@ def rig_of(shape=(161, 233)):
     from fringeworks.rig.pinhole import look_at
 
     h, w = shape
-    camera = fw.Pinhole(w, h, (1900.0, 1900.0), (w / 2, h / 2), (-0.1, 0.1, 1e-4, 1e-4, 0.0))
-    projector = fw.Pinhole(640, 400, (1300.0, 1300.0), (320.0, 200.0), (-0.05, 0.04, 1e-4, 1e-4, 0))
+    camera = fw.rig.Pinhole(w, h, (1900.0, 1900.0), (w / 2, h / 2), (-0.1, 0.1, 1e-4, 1e-4, 0.0))
+    projector = fw.rig.Pinhole(
+        640, 400, (1300.0, 1300.0), (320.0, 200.0), (-0.05, 0.04, 1e-4, 1e-4, 0)
+    )
     sigma = np.array([0.05, 0.05, 0.1, 0.1, *[1e-4] * 5] * 2 + [1e-6] * 3 + [1e-3] * 3)
     pose = look_at(np.array([150.0, 20.0, 0.0]), np.array([0.0, 0.0, 500.0]))
     return fw.Rig(camera, projector, pose, np.diag(sigma**2), (0.01, 0.01))
@@ -65,7 +71,7 @@ def same_maps(a, b, names):
 def same_points(one, two, frames, names):
     """Frames measured by one decoder in one pass and by another in two steps; their points."""
     cloud = one.points(frames)
-    expected = fw.Triangulator(rig_of(cloud.shape)).triangulate(
+    expected = fw.rig.Triangulator(rig_of(cloud.shape)).triangulate(
         two.decode(frames), epipolar_px=two.epipolar_px
     )
     same_maps(cloud, expected, names)
@@ -81,7 +87,7 @@ def test_the_first_stack_is_decoded_as_by_decode(axes):
     rig, plan = rig_of(), plan_of(axes)
     frames = captured(plan, rig)
     expected = fw.decode(frames, plan)
-    found = fw.Decoder(plan, rig.camera.shape).decode(frames)
+    found = fw.stack.Decoder(plan, rig.camera.shape).decode(frames)
     assert found.findings == expected.findings
     for axis in axes:
         same_maps(getattr(found, axis), getattr(expected, axis), MAPS)
@@ -96,7 +102,7 @@ def test_points_are_those_of_two_steps_to_the_bit(axes, kind):
         [(scale * frame.astype(np.int32)).astype(kind) for frame in captured(plan, rig, seed=k)]
         for k in range(3)
     ]
-    one, two = (fw.Decoder(plan, rig.camera.shape, kind, rig=rig) for _ in range(2))
+    one, two = (fw.stack.Decoder(plan, rig.camera.shape, kind, rig=rig) for _ in range(2))
     for k, frames in enumerate(stacks):
         cloud = same_points(one, two, frames, CLOUD if axes == "xy" else CLOUD[:4])
         isolated = np.sum(cloud.reason == fw.Reason.ISOLATED)
@@ -107,7 +113,9 @@ def test_points_are_those_of_two_steps_to_the_bit(axes, kind):
 @pytest.mark.parametrize("shape", [(3, 240), (5, 133), (66, 91), (130, 480)])
 def test_points_of_any_shape(shape):
     rig, plan = rig_of(shape), plan_of()
-    one, two = (fw.Decoder(plan, shape, rig=rig, noise=fw.CameraNoise(2.0)) for _ in range(2))
+    one, two = (
+        fw.stack.Decoder(plan, shape, rig=rig, noise=fw.signal.CameraNoise(2.0)) for _ in range(2)
+    )
     for seed in range(2):
         same_points(one, two, captured(plan, rig, seed=seed, step_mm=0.0), CLOUD[:4])
 
@@ -116,7 +124,7 @@ def test_saturated_pixels_do_not_depend_on_their_neighbours():
     """One pass and two passes cut frames into other blocks."""
     rig, plan = rig_of(), plan_of()
     one, two = (
-        fw.Decoder(plan, rig.camera.shape, rig=rig, saturation=220.0, remove_isolated=False)
+        fw.stack.Decoder(plan, rig.camera.shape, rig=rig, saturation=220.0, remove_isolated=False)
         for _ in range(2)
     )
     for seed in range(2):
@@ -125,7 +133,7 @@ def test_saturated_pixels_do_not_depend_on_their_neighbours():
 
 def test_frames_are_judged_every_so_often():
     rig, plan = rig_of(), plan_of()
-    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig, judge_every=3)
+    decoder = fw.stack.Decoder(plan, rig.camera.shape, rig=rig, judge_every=3)
     assert decoder.findings == ()
     judged = []
     for seed in range(5):
@@ -143,7 +151,7 @@ def test_frames_whose_orders_become_ambiguous_are_judged_at_once(call):
     rig, plan = rig_of(), plan_of()
     good = captured(plan, rig)
     swapped = [*good[:8], good[9], good[8], *good[10:]]
-    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    decoder = fw.stack.Decoder(plan, rig.camera.shape, rig=rig)
     measure = getattr(decoder, call)
     for _ in range(2):
         measure(good)
@@ -170,7 +178,7 @@ def test_ambiguous_orders_along_both_axes_are_compared_with_their_like(call):
             frames.append(np.clip(np.rint(np.where(where, dim, frame)), 0, 255).astype(np.uint8))
         return frames
 
-    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    decoder = fw.stack.Decoder(plan, rig.camera.shape, rig=rig)
     measure = getattr(decoder, call)
     measure(weak(80, 1))
     measure(weak(80, 2))
@@ -181,7 +189,7 @@ def test_ambiguous_orders_along_both_axes_are_compared_with_their_like(call):
 
 def test_a_scene_that_moves_between_its_frames_is_judged_at_once():
     rig, plan = rig_of(), plan_of()
-    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    decoder = fw.stack.Decoder(plan, rig.camera.shape, rig=rig)
     decoder.points(captured(plan, rig))
     before, after = (captured(plan, rig, seed=1, shift_mm=z) for z in (0.0, 1.5))
     moved = [*before[:8], *after[8:]]
@@ -194,7 +202,7 @@ def test_a_scene_that_moves_between_its_frames_is_judged_at_once():
 def test_memory_is_used_again():
     rig, plan = rig_of(), plan_of()
     frames = captured(plan, rig)
-    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    decoder = fw.stack.Decoder(plan, rig.camera.shape, rig=rig)
     first = decoder.points(frames).xyz_mm
     assert np.shares_memory(decoder.points(frames).xyz_mm, first)
     first = decoder.decode(frames).x.coordinate_px
@@ -203,7 +211,7 @@ def test_memory_is_used_again():
 
 def test_a_moving_surface_is_followed():
     rig, plan = rig_of(), plan_of()
-    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    decoder = fw.stack.Decoder(plan, rig.camera.shape, rig=rig)
     for shift in (0.0, 3.0, -5.0):
         cloud = decoder.points(captured(plan, rig, seed=7, shift_mm=shift))
         u = np.arange(rig.camera.shape[1], dtype=float)
@@ -215,7 +223,7 @@ def test_a_moving_surface_is_followed():
 def test_other_frames_are_refused():
     rig, plan = rig_of(), plan_of()
     frames = captured(plan, rig)
-    decoder = fw.Decoder(plan, rig.camera.shape)
+    decoder = fw.stack.Decoder(plan, rig.camera.shape)
     with pytest.raises(fw.InputError, match="rig"):
         decoder.points(frames)
     with pytest.raises(fw.InputError, match="decoder is for uint8"):
@@ -223,14 +231,14 @@ def test_other_frames_are_refused():
     with pytest.raises(fw.InputError, match="missing"):
         decoder.decode(frames[1:])
     with pytest.raises(fw.RigMismatch, match="161"):
-        fw.Decoder(plan, (10, 20), rig=rig)
+        fw.stack.Decoder(plan, (10, 20), rig=rig)
     with pytest.raises(fw.InputError, match="judge_every"):
-        fw.Decoder(plan, (10, 20), judge_every=0)
+        fw.stack.Decoder(plan, (10, 20), judge_every=0)
 
 
 def test_a_stream_is_used_for_the_next_stack():
     rig, plan = rig_of(), plan_of()
-    stream, earlier = fw.StreamingDecoder(plan), None
+    stream, earlier = fw.stack.StreamingDecoder(plan), None
     for seed in range(2):
         frames = captured(plan, rig, seed=seed)
         for frame in frames:
@@ -249,7 +257,7 @@ def test_points_take_one_pass(monkeypatch):
     from fringeworks import _core
 
     rig, plan = rig_of(), plan_of()
-    decoder = fw.Decoder(plan, rig.camera.shape, rig=rig)
+    decoder = fw.stack.Decoder(plan, rig.camera.shape, rig=rig)
     decoder.points(captured(plan, rig))
     monkeypatch.setattr(_core, "decode_frames", None)
     cloud = decoder.points(captured(plan, rig, seed=1))

@@ -13,20 +13,11 @@ import fringeworks as fw
 from fringeworks.rig.calibration.parameters import moved_rig
 from fringeworks.rig.depth_interval import coordinates_at
 from fringeworks.rig.ray_depth import inverse_depth
-from fringeworks.simulate import (
-    Box,
-    Cylinder,
-    Optics,
-    Paraboloid,
-    Plane,
-    Sphere,
-    bust,
-    fringe_plan,
-    look,
-    photograph,
-    standard_rig,
-    truth_distance,
-)
+from fringeworks.simulate.bodies import Box, Cylinder, Paraboloid, Plane, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig, truth_distance
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import Reason
 from tests.rigs import ahead
 from tests.test_cli import run
@@ -122,7 +113,7 @@ def test_no_order_is_wrong_and_sigma_covers(name, frames):
     inner = ~near_edges(seen)
     for seed in range(2):
         rig, range_mm = calibrated(seed), depths(seen)
-        plan = fw.propose_for_depth(rig, range_mm, frames, modulation=20)[0].plan
+        plan = fw.patterns.propose_for_depth(rig, range_mm, frames, modulation=20)[0].plan
         assert plan.frames == frames
         found = fw.measure(stack(seen, plan, seed), rig, depth_mm=range_mm)
         x = found.decoded.x.coordinate_px
@@ -141,7 +132,7 @@ def test_no_order_is_wrong_and_sigma_covers(name, frames):
 @pytest.mark.parametrize("name", ["blocks", "ball", "domes"])
 def test_four_frames_and_twelve_find_the_same_points(name):
     seen, range_mm = view(name), depths(view(name))
-    plan = fw.propose_for_depth(RIG, range_mm, 4, modulation=20)[0].plan
+    plan = fw.patterns.propose_for_depth(RIG, range_mm, 4, modulation=20)[0].plan
     few = fw.measure(stack(seen, plan, 1), RIG, depth_mm=range_mm).points
     many = fw.measure(stack(seen, fringe_plan(RIG, both=False), 2), RIG).points
     both = np.isfinite(few.sigma_mm) & np.isfinite(many.sigma_mm) & ~near_edges(seen)
@@ -157,12 +148,14 @@ def test_outside_the_range_is_nan_with_its_reason():
     """A wall behind the range, near enough to be told from it."""
     seen = look(RIG, [wall(540), ahead(Box((60.0, 60.0, 20.0)), z=500)])
     range_mm = (480.0, 500.0)
-    plan = fw.propose_for_depth(RIG, range_mm, 4)[0].plan
-    depth = fw.DepthRange(RIG, range_mm)
+    plan = fw.patterns.propose_for_depth(RIG, range_mm, 4)[0].plan
+    depth = fw.rig.DepthRange(RIG, range_mm)
     nearest, farthest = depth.clear_mm("x", plan.blocks[0].period_px)
     assert nearest < 480.0 < 500.0 < farthest
     wide = fw.PatternPlan(
-        plan.width_px, plan.height_px, (fw.PhaseSteps("x", 120.0, fw.equal_steps(4)),)
+        plan.width_px,
+        plan.height_px,
+        (fw.patterns.PhaseSteps("x", 120.0, fw.patterns.equal_steps(4)),),
     )
     assert depth.clear_mm("x", 120.0)[1] > 541.0
     found = fw.measure(stack(seen, wide, 0), RIG, depth_mm=depth).decoded
@@ -189,14 +182,14 @@ def test_absolute_coordinates_are_only_compared_with_the_range():
 
 
 def test_a_period_without_room_is_ambiguous_or_refused():
-    depth = fw.DepthRange(RIG, (480.0, 520.0))
+    depth = fw.rig.DepthRange(RIG, (480.0, 520.0))
     span = depth.period_px("x")
     seen = view("plane")
     for share, refused in ((0.97, False), (0.5, True)):
         plan = fw.PatternPlan(
             RIG.projector.width_px,
             RIG.projector.height_px,
-            (fw.PhaseSteps("x", share * span, fw.equal_steps(4)),),
+            (fw.patterns.PhaseSteps("x", share * span, fw.patterns.equal_steps(4)),),
         )
         shot = stack(seen, plan, 0)
         if refused:
@@ -208,7 +201,7 @@ def test_a_period_without_room_is_ambiguous_or_refused():
             assert np.nanmax(np.abs(off)) < 0.2 * span
     longest = depth.longest_mm("x", 0.5 * span)
     assert 480 < longest < 520
-    assert fw.DepthRange(RIG, (480.0, longest)).period_px("x") == pytest.approx(0.5 * span)
+    assert fw.rig.DepthRange(RIG, (480.0, longest)).period_px("x") == pytest.approx(0.5 * span)
 
 
 def test_the_interval_holds_the_coordinates_of_its_depths():
@@ -219,7 +212,9 @@ def test_the_interval_holds_the_coordinates_of_its_depths():
             back = 1.0 / inverse_depth(RIG, pixels, c, axis)
             if axis == "x":
                 np.testing.assert_allclose(back, z, rtol=1e-6)
-    assert fw.DepthRange(RIG, depth).period_px("x") > 10 * fw.DepthRange(RIG, depth).period_px("y")
+    assert fw.rig.DepthRange(RIG, depth).period_px("x") > 10 * fw.rig.DepthRange(
+        RIG, depth
+    ).period_px("y")
 
 
 @pytest.mark.parametrize(
@@ -227,46 +222,46 @@ def test_the_interval_holds_the_coordinates_of_its_depths():
 )
 def test_bad_ranges_are_refused(range_mm):
     with pytest.raises(fw.InputError, match="depth range: expected two depths in mm"):
-        fw.DepthRange(RIG, range_mm)
+        fw.rig.DepthRange(RIG, range_mm)
 
 
 def test_ranges_of_other_rigs_and_sizes_are_refused():
-    other = fw.DepthRange(standard_rig(scale=0.5), (480.0, 520.0))
-    plan = fw.propose_for_depth(RIG, (480.0, 520.0), 4)[0].plan
+    other = fw.rig.DepthRange(standard_rig(scale=0.5), (480.0, 520.0))
+    plan = fw.patterns.propose_for_depth(RIG, (480.0, 520.0), 4)[0].plan
     shot = stack(view("plane"), plan, 0)
     with pytest.raises(fw.InputError, match="expected one for the same rig"):
         fw.measure(shot, RIG, depth_mm=other)
     with pytest.raises(fw.RigMismatch, match="it is for a camera of"):
         other.resolve(fw.decode(shot.frames, plan, absolute=False))
     with pytest.raises(fw.InputError, match="depth_mm: expected together with a rig"):
-        fw.Decoder(plan, RIG.camera.shape, depth_mm=(480.0, 520.0))
+        fw.stack.Decoder(plan, RIG.camera.shape, depth_mm=(480.0, 520.0))
     with pytest.raises(fw.InputError, match="expected another period, a Gray code, or a rig"):
         fw.measure(shot, RIG)
 
 
 def test_the_decoder_and_measure_agree():
     range_mm = depths(view("ball"))
-    plan = fw.propose_for_depth(RIG, range_mm, 4)[0].plan
+    plan = fw.patterns.propose_for_depth(RIG, range_mm, 4)[0].plan
     shot = stack(view("ball"), plan, 3)
     expected = fw.measure(shot, RIG, depth_mm=range_mm).points
-    decoder = fw.Decoder(plan, RIG.camera.shape, rig=RIG, depth_mm=range_mm)
+    decoder = fw.stack.Decoder(plan, RIG.camera.shape, rig=RIG, depth_mm=range_mm)
     for _ in range(3):
         np.testing.assert_array_equal(decoder.points(shot.frames).xyz_mm, expected.xyz_mm)
 
 
 def test_plans_for_a_range_have_room_for_it():
     range_mm = (470.0, 540.0)
-    span = fw.DepthRange(RIG, range_mm).period_px("x")
+    span = fw.rig.DepthRange(RIG, range_mm).period_px("x")
     for frames in (3, 4, 6, 9, 12):
-        for proposal in fw.propose_for_depth(RIG, range_mm, frames):
+        for proposal in fw.patterns.propose_for_depth(RIG, range_mm, frames):
             assert proposal.margin >= 6.0
             assert proposal.plan.frames <= frames
             assert proposal.plan.chain("x", absolute=False).high_px + 0.5 > span
             assert "depth range of 470 to 540 mm" in proposal.reason
     with pytest.raises(fw.InputError, match="noise: expected room for 6 standard deviations"):
-        fw.propose_for_depth(RIG, range_mm, 4, noise=60.0)
+        fw.patterns.propose_for_depth(RIG, range_mm, 4, noise=60.0)
     with pytest.raises(fw.InputError, match="expected points that the projector lights"):
-        fw.propose_for_depth(RIG, (20.0, 25.0), 4)
+        fw.patterns.propose_for_depth(RIG, (20.0, 25.0), 4)
 
 
 def test_plans_of_short_periods():
@@ -282,14 +277,14 @@ def test_plans_of_short_periods():
 
 def test_the_command_line_measures_with_a_range(tmp_path):
     rig, plan, shots, out = (tmp_path / n for n in ("rig.toml", "plan.toml", "shots", "p.ply"))
-    fw.write_rig(rig, RIG)
+    fw.files.write_rig(rig, RIG)
     near, far = depths(view("ball"))
     depth = f"{near:.1f}:{far:.1f}"
     said = run("plan", "--frames", "4", "--rig", rig, "--depth", depth, "--out", plan)
     assert "the depth range of" in said.stdout + said.stderr
-    made = fw.read_plan(plan)
+    made = fw.files.read_plan(plan)
     assert made.frames == 4
-    fw.write_stack(shots, list(stack(view("ball"), made, 0).frames), made)
+    fw.files.write_stack(shots, list(stack(view("ball"), made, 0).frames), made)
     figures = tmp_path / "m.json"
     run("measure", shots, "--rig", rig, "--depth", depth, "--out", out, "--json", figures)
     assert out.exists()

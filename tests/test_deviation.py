@@ -35,7 +35,9 @@ def deviated(seed=0, dent=parts.DENT_MM[0]):
     """Its deviation, aligned from a start that is off by some mm and degrees."""
     cloud, T, used = seen(seed, dent)
     off = parts.placed((2.0, -1.0, 3.0)) @ inverse(parts.placed())
-    return fw.deviation(cloud, parts.model(), align=fw.BestFit(start=inverse(T) @ off), rig=used)
+    return fw.deviation(
+        cloud, parts.model(), align=fw.evaluate.BestFit(start=inverse(T) @ off), rig=used
+    )
 
 
 def flat(found):
@@ -49,7 +51,7 @@ LONG = [pytest.param(seed, marks=pytest.mark.long) for seed in range(1, 9)]
 
 @pytest.mark.parametrize("seed", [0, *LONG])
 def test_a_dent_is_found_at_its_place_with_its_depth(seed):
-    spots = fw.find_spots(deviated(seed))
+    spots = fw.evaluate.find_spots(deviated(seed))
     dents = [s for s in spots if np.linalg.norm(s.place_mm[:2] - parts.PLACE_MM) < 0.5]
     assert len(dents) == 1
     dent = dents[0]
@@ -104,7 +106,7 @@ def test_a_part_that_is_turned_by_40_degrees_needs_no_start():
 
 def test_a_known_pose_keeps_all_errors_of_the_calibration():
     cloud, T, used = seen()
-    found = fw.deviation(cloud, parts.model(), align=fw.KnownPose(inverse(T)), rig=used)
+    found = fw.deviation(cloud, parts.model(), align=fw.evaluate.KnownPose(inverse(T)), rig=used)
     assert np.nanmedian(found.sigma_mm) > np.nanmedian(deviated().sigma_mm)
     assert found.mean_sigma_mm > 5.0 * deviated().mean_sigma_mm
     assert abs(found.figures()["mean_mm"]) < 3.0 * found.mean_sigma_mm
@@ -112,7 +114,7 @@ def test_a_known_pose_keeps_all_errors_of_the_calibration():
 
 def test_without_a_rig_sigma_is_larger_and_that_is_said():
     cloud, T, _ = seen()
-    found = fw.deviation(cloud, parts.model(), align=fw.BestFit(start=inverse(T)))
+    found = fw.deviation(cloud, parts.model(), align=fw.evaluate.BestFit(start=inverse(T)))
     assert np.nanmedian(found.sigma_mm) > np.nanmedian(deviated().sigma_mm)
     assert any("no rig" in note for note in found.notes)
 
@@ -122,9 +124,11 @@ def areas():
     p = deviated().points_mm
     x, y, z = np.moveaxis(np.nan_to_num(p), -1, 0)
     return {
-        "top": fw.Area(mask=(np.abs(x - 16) < 8) & (np.abs(y - 44) < 8) & (z > 15)),
-        "base": fw.Area(mask=(x > 42) & (x < 52) & (y > 5) & (y < 24) & (np.abs(z - 10) < 1)),
-        "dent": fw.Area(mask=np.linalg.norm(p[..., :2] - parts.PLACE_MM, axis=-1) < 4.0),
+        "top": fw.evaluate.Area(mask=(np.abs(x - 16) < 8) & (np.abs(y - 44) < 8) & (z > 15)),
+        "base": fw.evaluate.Area(
+            mask=(x > 42) & (x < 52) & (y > 5) & (y < 24) & (np.abs(z - 10) < 1)
+        ),
+        "dent": fw.evaluate.Area(mask=np.linalg.norm(p[..., :2] - parts.PLACE_MM, axis=-1) < 4.0),
     }
 
 
@@ -132,32 +136,32 @@ def test_a_recipe_judges_the_deviation(tmp_path):
     trimesh = pytest.importorskip("trimesh")
     del trimesh
     cloud, T, used = seen()
-    fw.write_mesh(tmp_path / "part.stl", parts.model())
-    fw.write_rig(tmp_path / "rig.toml", used)
+    fw.files.write_mesh(tmp_path / "part.stl", parts.model())
+    fw.files.write_rig(tmp_path / "rig.toml", used)
     on_part = np.array([[0, 0, 10], [80, 0, 10], [80, 60, 10.0]])
-    start = fw.DatumPoints(np.round(transform(T, on_part), 1), on_part)
+    start = fw.evaluate.DatumPoints(np.round(transform(T, on_part), 1), on_part)
     recipe = fw.Recipe(
         rig=tmp_path / "rig.toml",
         areas=areas(),
-        model=fw.PartModel(tmp_path / "part.stl", fw.BestFit(start=start)),
+        model=fw.evaluate.PartModel(tmp_path / "part.stl", fw.evaluate.BestFit(start=start)),
         tolerances=(
-            fw.PartTolerance("mean", "deviation_mean", ("top",), -0.03, 0.03),
-            fw.PartTolerance("rms", "deviation_rms", ("base",), None, 0.05),
-            fw.PartTolerance("dent", "deviation_max", ("dent",), None, 0.02),
-            fw.PartTolerance("good", "deviation_max", ("base",), None, 0.2),
+            fw.evaluate.PartTolerance("mean", "deviation_mean", ("top",), -0.03, 0.03),
+            fw.evaluate.PartTolerance("rms", "deviation_rms", ("base",), None, 0.05),
+            fw.evaluate.PartTolerance("dent", "deviation_max", ("dent",), None, 0.02),
+            fw.evaluate.PartTolerance("good", "deviation_max", ("base",), None, 0.2),
         ),
     )
-    fw.write_recipe(tmp_path / "recipe.toml", recipe)
-    assert fw.read_recipe(tmp_path / "recipe.toml") == recipe
-    checks = fw.judge_part(cloud, fw.read_recipe(tmp_path / "recipe.toml"))
+    fw.files.write_recipe(tmp_path / "recipe.toml", recipe)
+    assert fw.files.read_recipe(tmp_path / "recipe.toml") == recipe
+    checks = fw.evaluate.judge_part(cloud, fw.files.read_recipe(tmp_path / "recipe.toml"))
     assert [check.verdict for check in checks] == ["pass", "pass", "fail", "pass"]
     assert checks[2].value == pytest.approx(0.1, abs=0.06)
     heights = fw.HeightMap(cloud.xyz_mm[..., 2], cloud.sigma_mm, cloud.reason, "height", "mm", 0.3)
-    assert fw.judge_part(heights, recipe)[0].verdict == "undecided"
+    assert fw.evaluate.judge_part(heights, recipe)[0].verdict == "undecided"
     near = replace(
-        recipe, model=replace(recipe.model, reach_mm=0.02, align=fw.KnownPose(np.eye(4)))
+        recipe, model=replace(recipe.model, reach_mm=0.02, align=fw.evaluate.KnownPose(np.eye(4)))
     )
-    assert all(check.verdict == "undecided" for check in fw.judge_part(cloud, near))
+    assert all(check.verdict == "undecided" for check in fw.evaluate.judge_part(cloud, near))
 
 
 def test_the_mean_of_an_area_is_within_its_sigma():
@@ -187,15 +191,15 @@ def test_models_of_recipes_that_cannot_be_used(tmp_path, text, said):
     (tmp_path / "a.stl").write_text("solid")
     (tmp_path / "r.toml").write_text(f'kind = "recipe"\n{text}')
     with pytest.raises(fw.InputError, match=said):
-        fw.read_recipe(tmp_path / "r.toml")
+        fw.files.read_recipe(tmp_path / "r.toml")
 
 
 def test_the_command_writes_picture_report_and_figures(tmp_path, capsys):
     pytest.importorskip("trimesh")
     cloud, T, used = seen()
-    fw.write_points(tmp_path / "part.npz", cloud)
-    fw.write_mesh(tmp_path / "part.stl", parts.model())
-    fw.write_rig(tmp_path / "rig.toml", used)
+    fw.files.write_points(tmp_path / "part.npz", cloud)
+    fw.files.write_mesh(tmp_path / "part.stl", parts.model())
+    fw.files.write_rig(tmp_path / "rig.toml", used)
     on_part = np.array([[0, 0, 10], [80, 0, 10], [80, 60, 10.0]])
     pairs = np.hstack((np.round(transform(T, on_part), 1), on_part))
     words = ["deviation", str(tmp_path / "part.npz"), "--model", str(tmp_path / "part.stl")]
@@ -223,21 +227,21 @@ def test_the_command_writes_picture_report_and_figures(tmp_path, capsys):
 
 def test_points_and_meshes_are_compared_as_well():
     cloud, T, _ = seen()
-    mesh = fw.cloud_mesh(cloud)
-    align = fw.BestFit(start=inverse(T))
+    mesh = fw.surface.cloud_mesh(cloud)
+    align = fw.evaluate.BestFit(start=inverse(T))
     found = fw.deviation(mesh, parts.model(), align=align)
     assert found.distance_mm.shape == (len(mesh.vertices_mm),)
     assert np.median(np.abs(found.measured)) < 0.03
-    bare = fw.Points(np.asarray(cloud.xyz_mm[cloud.reason == 0], float), None)
+    bare = fw.surface.Points(np.asarray(cloud.xyz_mm[cloud.reason == 0], float), None)
     plain = fw.deviation(bare, parts.model(), align=align)
     assert np.isnan(plain.sigma_mm).all()
     assert plain.figures()["within_1_sigma"] is None
     assert any("no σ" in note for note in plain.notes)
     with pytest.raises(fw.InputError, match="with σ"):
-        fw.find_spots(plain)
+        fw.evaluate.find_spots(plain)
     titles = [axes.get_title() for axes in plain.plot().axes if axes.get_title()]
     assert titles == ["deviation, positive outside"]
-    assert fw.summarise(found)["alignment"]["by"] == "best fit"
+    assert fw.report.summarise(found)["alignment"]["by"] == "best fit"
 
 
 def test_figures_are_those_of_the_distances():
@@ -246,8 +250,8 @@ def test_figures_are_those_of_the_distances():
     )
     z = np.array([0.3, -0.1, 0.1, -0.1])
     xyz = np.column_stack((np.full(4, 4.0), np.arange(4) + 2.0, z))
-    points = fw.Points(xyz, np.full(4, 0.1), np.full(4, 0.1))
-    found = fw.deviation(points, plate, align=fw.KnownPose(np.eye(4)), reach_mm=0.25)
+    points = fw.surface.Points(xyz, np.full(4, 0.1), np.full(4, 0.1))
+    found = fw.deviation(points, plate, align=fw.evaluate.KnownPose(np.eye(4)), reach_mm=0.25)
     assert found.reason.tolist() == [fw.Reason.OUTSIDE, 0, 0, 0]
     figures = found.figures(0.05)
     assert figures["points"] == 3

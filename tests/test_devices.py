@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
-from fringeworks import InputError, read_stack, write_patterns
+from fringeworks import InputError
 from fringeworks.devices import kinds, plugins, registry
 from fringeworks.devices.folder_camera import FolderCamera
 from fringeworks.devices.listing import list_devices
@@ -31,6 +31,7 @@ from fringeworks.devices.plugins import load_plugin
 from fringeworks.devices.protocols import Camera, CameraLimits
 from fringeworks.devices.registry import ListedDevice
 from fringeworks.devices.webcam import Webcam
+from fringeworks.files import read_stack, write_patterns
 from fringeworks.types import CameraSettings, DeviceProblem, MissingPackage
 from tests.virtual_devices import plan
 
@@ -272,7 +273,7 @@ def test_the_vendors_camera_captures(tmp_path):
     stack = read_stack(tmp_path / "c")
     assert stack.camera == "Acme SN1"
     assert len(ran.stdout.splitlines()) == len(stack.frames) == 12
-    decoded = fw.decode_stack(stack)
+    decoded = fw.decode(stack)
     assert np.isfinite(decoded.x.coordinate_px).mean() > 0.2
     assert load_plugin(EXAMPLE) == ["acme"]
     with open_camera("acme:SN1") as camera:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
+from fringeworks.types import fingerprint
 from tests.stacks import multi, take
 
 ROOT = Path(__file__).parents[1]
@@ -114,16 +115,16 @@ def test_full_and_read_only_disks_leave_the_result_before(small_disk):
 
 def test_folders_on_a_full_disk_hold_no_half_result(small_disk):
     plan = multi((1, 8), 4, (300, 40))
-    fw.write_stack(small_disk / "c", take(plan), plan)
+    fw.files.write_stack(small_disk / "c", take(plan), plan)
     (small_disk / "junk").write_bytes(bytes(4_000_000 - (240 << 10)))
     noise = np.random.default_rng(0).integers(0, 255, (8, 400, 300), dtype=np.uint8)
     with pytest.raises(fw.FileProblem, match="could not be written"):
-        fw.write_stack(small_disk / "c", noise, plan, force=True)
+        fw.files.write_stack(small_disk / "c", noise, plan, force=True)
     with pytest.raises(fw.FileProblem, match="a complete capture, got one that was interrupted"):
-        fw.read_capture(small_disk / "c")
+        fw.files.read_capture(small_disk / "c")
     (small_disk / "junk").unlink()
-    fw.write_stack(small_disk / "c", take(plan), plan)
-    assert len(fw.read_stack(small_disk / "c").frames) == 8
+    fw.files.write_stack(small_disk / "c", take(plan), plan)
+    assert len(fw.files.read_stack(small_disk / "c").frames) == 8
 
 
 def test_clocks_that_jump_change_nothing_but_dates(tmp_path, monkeypatch):
@@ -137,9 +138,9 @@ def test_clocks_that_jump_change_nothing_but_dates(tmp_path, monkeypatch):
     assert waits == ["genicam.py"]
     plan = multi((1, 8), 4, (300, 40))
     frames = take(plan)
-    expected = fw.fingerprint(fw.decode(frames, plan))
+    expected = fingerprint(fw.decode(frames, plan))
     jumps = iter(1e9 * np.sin(np.arange(10**6)) + 1e9)
     monkeypatch.setattr(time, "time", lambda: float(next(jumps)))
-    assert fw.fingerprint(fw.decode(frames, plan)) == expected
-    fw.write_stack(tmp_path / "c", frames, plan)
-    assert len(fw.read_capture(tmp_path / "c").frames) == 8
+    assert fingerprint(fw.decode(frames, plan)) == expected
+    fw.files.write_stack(tmp_path / "c", frames, plan)
+    assert len(fw.files.read_capture(tmp_path / "c").frames) == 8

@@ -14,15 +14,10 @@ from PIL import Image
 import fringeworks as fw
 from fringeworks.report.display import plot
 from fringeworks.report.maps import COLOURS, REASON_COLOURS, limits_of
-from fringeworks.simulate import (
-    Optics,
-    board_body,
-    board_poses,
-    fringe_plan,
-    look,
-    photograph,
-    standard_rig,
-)
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import FrameFinding, Reason
 from tests.test_profiles import heights, plane_cloud
 
@@ -32,7 +27,7 @@ DIVERGING = {"coolwarm"}
 @cache
 def stack():
     rig = standard_rig(scale=0.25)
-    from fringeworks.simulate import bust
+    from fringeworks.simulate.standard import bust
 
     plan = fringe_plan(rig)
     return rig, fw.Stack(list(photograph(look(rig, bust()), plan, Optics(seed=3))), plan)
@@ -41,7 +36,7 @@ def stack():
 @cache
 def calibration():
     rig = standard_rig(scale=0.25)
-    plan, board = fringe_plan(rig), fw.parse_board("chessboard:11x8:12")
+    plan, board = fringe_plan(rig), fw.rig.parse_board("chessboard:11x8:12")
     stacks = (
         (
             f"pose {k}",
@@ -51,15 +46,15 @@ def calibration():
         )
         for k, T in enumerate(board_poses(board, 4, seed=1))
     )
-    return fw.calibrate_stacks(stacks, board)
+    return fw.calibrate(stacks, board)
 
 
 @cache
 def results():
-    pair = fw.reconstruct(fw.standard_scene("parabola", size=100, fringes=8), "fourier")
+    pair = fw.reconstruct(fw.simulate.standard_scene("parabola", size=100, fringes=8), "fourier")
     rig, frames = stack()
-    decoded = fw.decode_stack(frames)
-    phase = fw.wrapped_phase(frames.frames[:4], fw.equal_steps(4))
+    decoded = fw.decode(frames)
+    phase = fw.stack.wrapped_phase(frames.frames[:4], fw.patterns.equal_steps(4))
     cloud = plane_cloud()
     return {
         "pair": pair,
@@ -188,8 +183,11 @@ def test_a_profile_has_gaps_a_band_and_reasons():
 
 
 def test_a_plan_shows_every_frame_along_its_axis():
-    steps, code = fw.PhaseSteps("x", 32.0, fw.equal_steps(3)), fw.GrayCode("y", 8.0, 48)
-    plan = fw.PatternPlan(64, 48, (steps, code, fw.Uniform("white")))
+    steps, code = (
+        fw.patterns.PhaseSteps("x", 32.0, fw.patterns.equal_steps(3)),
+        fw.patterns.GrayCode("y", 8.0, 48),
+    )
+    plan = fw.PatternPlan(64, 48, (steps, code, fw.patterns.Uniform("white")))
     across, down = plan.plot().axes
     assert [len(axes.get_yticks()) for axes in (across, down)] == [4, code.frames]
     light = across.images[0].get_array()

@@ -19,16 +19,10 @@ from PIL import Image
 import fringeworks as fw
 from fringeworks.cli import commands as all_commands  # noqa: F401, registers them
 from fringeworks.cli.app import app
-from fringeworks.simulate import (
-    Optics,
-    board_body,
-    board_poses,
-    bust,
-    fringe_plan,
-    look,
-    photograph,
-    standard_rig,
-)
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_body, board_poses, bust, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from tests.walk import ROOT, commands, examples
 
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
@@ -43,11 +37,14 @@ NOT_RUN = {
     ): "captures of two cameras: tests/test_cameras_files.py",
     (
         "deviation.md",
-        'part = fw.clean_cloud(fw.read_cloud("part.npz"))',
+        'part = fw.surface.clean_cloud(fw.files.read_cloud("part.npz"))',
     ): "a part with its drawing: tests/test_deviation.py",
     ("batch.md", "import xarray as xr"): "the number of a scan is made up: tests/test_batch.py",
     ("sequences.md", "import fringeworks as fw"): "a long sequence: tests/test_sequence.py",
-    ("sequences.md", "decoder = fw.SequenceDecoder(plan)"): "a sketch: tests/test_sequence.py",
+    (
+        "sequences.md",
+        "decoder = fw.stack.SequenceDecoder(plan)",
+    ): "a sketch: tests/test_sequence.py",
     ("sequences.md", "import xarray as xr"): "a long sequence: tests/test_sequence.py",
 }
 """Blocks that are not run, by page and first line, and the test that holds them."""
@@ -76,18 +73,18 @@ def blocks(page: Path) -> list[str]:
 def files(tmp_path_factory):
     """The files that the pages speak of: a pair, a stack, a rig, poses of a board, results."""
     place = tmp_path_factory.mktemp("files")
-    scene = fw.standard_scene("parabola", size=160, fringes=12, noise=1, bits=8)
-    fw.write_pair(place / "scene", scene)
+    scene = fw.simulate.standard_scene("parabola", size=160, fringes=12, noise=1, bits=8)
+    fw.files.write_pair(place / "scene", scene)
     for name, frame in (("reference", scene.reference), ("object", scene.object)):
         Image.fromarray(frame).save(place / f"{name}.jpg", quality=95)
-    fw.write_surface(place / "part.tif", fw.reconstruct(scene, "fourier").surface)
+    fw.files.write_surface(place / "part.tif", fw.reconstruct(scene, "fourier").surface)
     rig = standard_rig(scale=0.25)
-    fw.write_rig(place / "rig.toml", rig)
+    fw.files.write_rig(place / "rig.toml", rig)
     plan = fringe_plan(rig, both=False)
-    fw.write_plan(place / "plan.toml", plan)
+    fw.files.write_plan(place / "plan.toml", plan)
     frames = list(photograph(look(rig, bust()), plan, Optics(noise=1)))
-    fw.write_stack(place / "part", frames, plan)
-    fw.write_points(place / "part.npz", fw.measure(place / "part", rig).points)
+    fw.files.write_stack(place / "part", frames, plan)
+    fw.files.write_points(place / "part.npz", fw.measure(place / "part", rig).points)
     (place / "recipe.toml").write_text('kind = "recipe"\nrig = "rig.toml"\n')
     return place
 
@@ -97,11 +94,11 @@ def poses(tmp_path_factory):
     """A folder of poses of a board, small ones."""
     place = tmp_path_factory.mktemp("poses")
     rig = standard_rig(scale=0.4)
-    board, plan = fw.parse_board("chessboard:11x8:12"), fringe_plan(rig)
+    board, plan = fw.rig.parse_board("chessboard:11x8:12"), fringe_plan(rig)
     for k, T in enumerate(board_poses(board, 4, seed=1)):
         frames = list(photograph(look(rig, [board_body(board, T)]), plan, Optics(seed=k)))
-        fw.write_stack(place / f"pose_{k}", frames, plan)
-    fw.write_stack(place / "part", list(photograph(look(rig, bust()), plan, Optics())), plan)
+        fw.files.write_stack(place / f"pose_{k}", frames, plan)
+    fw.files.write_stack(place / "part", list(photograph(look(rig, bust()), plan, Optics())), plan)
     return place
 
 
@@ -267,7 +264,7 @@ def test_every_method_has_a_page_with_its_options():
         text = (ROOT / "docs" / "methods" / f"{method}.md").read_text(encoding="utf-8")
         for title in ("What it does", "When it wins", "When it fails", "Measured", "Options"):
             assert f"\n## {title}\n" in text, (method, title)
-        for option in fw.get_method(method).options:
+        for option in fw.pair.get_method(method).options:
             assert f"`{option}`" in text, (method, option)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fringeworks import HeightMap, InputError, Reason, compare
-from fringeworks.evaluate.errors import edge_band, errors
+from fringeworks.evaluate.truth_errors import edge_band, errors
 from fringeworks.report.tables import format_table
 from tests.map_fits import fit_cone, fit_plane
 

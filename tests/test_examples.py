@@ -69,7 +69,7 @@ def test_every_picture_is_there_and_small():
 def test_pictures_are_the_same_every_time():
     import fringeworks as fw
 
-    scene = fw.standard_scene("parabola", size=64, fringes=6)
+    scene = fw.simulate.standard_scene("parabola", size=64, fringes=6)
     drawn = [gallery.small_png(fw.reconstruct(scene, "fourier").plot()) for _ in range(2)]
     assert drawn[0] == drawn[1]
 

@@ -11,15 +11,11 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
-from fringeworks.simulate import (
-    Optics,
-    bust,
-    fringe_plan,
-    look,
-    photograph,
-    standard_rig,
-    standard_scene,
-)
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.scene import standard_scene
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 
 ROOT = Path(__file__).parent.parent
 BLOCK = "import sys\nfor name in ('cv2', 'matplotlib'): sys.modules[name] = None\n"
@@ -54,10 +50,10 @@ def captures(tmp_path_factory):
     plan = fringe_plan(rig, both=False)
     assert plan.frames == 12
     frames = list(photograph(look(rig, bust()), plan, Optics()))
-    fw.write_stack(folder / "part", frames, plan)
-    fw.write_rig(folder / "rig.toml", rig)
+    fw.files.write_stack(folder / "part", frames, plan)
+    fw.files.write_rig(folder / "rig.toml", rig)
     scene = standard_scene("parabola", size=120, fringes=8, noise=1, bits=8, seed=1, painted=True)
-    fw.write_pair(folder / "pair", scene)
+    fw.files.write_pair(folder / "pair", scene)
     return folder
 
 
@@ -66,11 +62,11 @@ def test_twelve_pictures_to_points(captures, tmp_path):
     out = tmp_path / "part.ply"
     done = command("measure", captures / "part", "--rig", captures / "rig.toml", "--out", out)
     assert done.returncode == 0, done.stderr
-    found = fw.read_points(out)
+    found = fw.files.read_points(out)
     expected = tmp_path / "expected.ply"
-    measured = fw.measure(fw.read_stack(captures / "part"), captures / "rig.toml")
-    fw.write_points(expected, measured.points)
-    other = fw.read_points(expected)
+    measured = fw.measure(fw.files.read_stack(captures / "part"), captures / "rig.toml")
+    fw.files.write_points(expected, measured.points)
+    other = fw.files.read_points(expected)
     assert len(found.xyz_mm) > 10_000
     np.testing.assert_array_equal(found.xyz_mm, other.xyz_mm)
 
@@ -80,8 +76,8 @@ def test_two_photographs_to_a_map(captures, tmp_path, method):
     out = tmp_path / "map.tif"
     done = command("reconstruct", captures / "pair", "--method", method, "--out", out)
     assert done.returncode == 0, done.stderr
-    here = fw.reconstruct(fw.read_capture(captures / "pair"), method).surface
-    np.testing.assert_array_equal(fw.read_surface(out).values, here.values.astype(np.float32))
+    here = fw.reconstruct(fw.files.read_capture(captures / "pair"), method).surface
+    np.testing.assert_array_equal(fw.files.read_surface(out).values, here.values.astype(np.float32))
 
 
 def test_coordinates_live_points_and_all_methods(captures, tmp_path):
@@ -90,17 +86,17 @@ def test_coordinates_live_points_and_all_methods(captures, tmp_path):
     done = python(
         "import fringeworks as fw\n"
         "part, pair, rig = sys.argv[1:]\n"
-        "stack, pair = fw.read_stack(part), fw.read_capture(pair)\n"
+        "stack, pair = fw.files.read_stack(part), fw.files.read_capture(pair)\n"
         "frames = list(stack.frames)\n"
-        "live = fw.Decoder(stack.plan, frames[0].shape, rig=fw.read_rig(rig))\n"
+        "live = fw.stack.Decoder(stack.plan, frames[0].shape, rig=fw.files.read_rig(rig))\n"
         "assert (live.points(frames).reason == 0).any()\n"
         "for name in fw.methods(): fw.analyse(pair, name)\n"
-        "assert fw.bound_px(pair, fw.analyse(pair, 'fourier').displacement_px).any()\n"
+        "assert fw.pair.bound_px(pair, fw.analyse(pair, 'fourier').displacement_px).any()\n"
         "for name in fw.__all__: getattr(fw, name)\n"
         "result = fw.reconstruct(pair, 'fourier')\n"
         "assert result._repr_png_() is None\n"
         "assert result._repr_html_()\n"
-        "print(*fw.summarise(result))\n",
+        "print(*fw.report.summarise(result))\n",
         captures / "part",
         captures / "pair",
         captures / "rig.toml",
@@ -114,27 +110,27 @@ CALLS = {
     "fw.reconstruct(scene, 'fourier').surface.show()": f"a report: {PLOTS}",
     "fw.write_report(out / 'x.html', fw.reconstruct(scene, 'fourier'))": f"a report: {PLOTS}",
     "fw.save_figure(None, out / 'x.png')": f"a picture: {PLOTS}",
-    "fw.best_map('', [])": f"a picture: {PLOTS}",
-    "fw.setup_sheet(None)": f"a picture: {PLOTS}",
-    "fw.write_board(out / 'x.pdf', 'chessboard:9x7:20')": f"a board to print: {PLOTS}",
-    "fw.board_sheet(fw.parse_board('chessboard:9x7:20'))": f"a board to print: {PLOTS}",
+    "fw.report.best_map('', [])": f"a picture: {PLOTS}",
+    "fw.report.setup_sheet(None)": f"a picture: {PLOTS}",
+    "fw.report.write_board(out / 'x.pdf', 'chessboard:9x7:20')": f"a board to print: {PLOTS}",
+    "fw.report.board_sheet(fw.rig.parse_board('chessboard:9x7:20'))": f"a board to print: {PLOTS}",
     "fw.write_demo(out / 'demo')": f"the demonstration: {PLOTS}",
     "fw.write_paper(out / 'paper')": f"the figures of the dissertation: {PLOTS}",
-    "fw.write_batch_report(out / 'x.html', None)": f"a report: {PLOTS}",
-    "fw.write_sequence_report(out / 'x.html', None)": f"a report: {PLOTS}",
-    "fw.parse_board('charuco:8x6:30:22')": f"a ChArUco board: {OPENCV}",
-    "fw.find_board(None, None)": f"finding a board: {OPENCV}",
-    "fw.observe(None, None, None, projector_size=None)": f"a calibration: {OPENCV}",
+    "fw.batch.write_batch_report(out / 'x.html', None)": f"a report: {PLOTS}",
+    "fw.batch.write_sequence_report(out / 'x.html', None)": f"a report: {PLOTS}",
+    "fw.rig.parse_board('charuco:8x6:30:22')": f"a ChArUco board: {OPENCV}",
+    "fw.rig.find_board(None, None)": f"finding a board: {OPENCV}",
+    "fw.rig.observe(None, None, None, projector_size=None)": f"a calibration: {OPENCV}",
     "fw.calibrate(None, None)": f"a calibration: {OPENCV}",
-    "fw.calibrate_cameras(None, None)": f"a calibration: {OPENCV}",
-    "fw.calibrate_stacks(out / 'none', fw.parse_board('chessboard:9x7:20'))": f"a calibration: {OPENCV}",
-    "fw.check_rig(None, None, None)": f"the check of a rig: {OPENCV}",
-    "fw.judge_poses(None, None)": f"judging poses: {OPENCV}",
-    "fw.write_rig(out / 'x.xml', standard_rig())": f"a rig file of OpenCV: {OPENCV}",
-    "fw.read_rig(made('x.yml'))": f"a rig file of OpenCV: {OPENCV}",
-    "fw.open_camera('webcam:0')": f"a webcam: {OPENCV}",
-    "fw.WebcamCamera(made('x.avi'))": f"a webcam: {OPENCV}",
-    "next(iter(fw.decode_sequence([], fw.read_plan(plan))))": f"a sequence: {OPENCV}",
+    "fw.calibrate(None, None)": f"a calibration: {OPENCV}",
+    "fw.calibrate(out / 'none', fw.rig.parse_board('chessboard:9x7:20'))": f"a calibration: {OPENCV}",
+    "fw.rig.check_rig(None, None, None)": f"the check of a rig: {OPENCV}",
+    "fw.scan.judge_poses(None, None)": f"judging poses: {OPENCV}",
+    "fw.files.write_rig(out / 'x.xml', standard_rig())": f"a rig file of OpenCV: {OPENCV}",
+    "fw.files.read_rig(made('x.yml'))": f"a rig file of OpenCV: {OPENCV}",
+    "fw.devices.open_camera('webcam:0')": f"a webcam: {OPENCV}",
+    "fw.devices.WebcamCamera(made('x.avi'))": f"a webcam: {OPENCV}",
+    "next(iter(fw.stack.decode_sequence([], fw.files.read_plan(plan))))": f"a sequence: {OPENCV}",
     "fw.merge(['a', 'b'], board='chessboard:9x7:20')": f"a board among the views: {OPENCV}",
     "fw.run_studio(out)": "studio: expected the package opencv-python-headless, got none: "
     "pip install 'fringeworks[studio]'",
@@ -202,7 +198,7 @@ def test_a_set_up_without_its_picture(tmp_path):
     done = command("setup", "--projector", "virtual", "--camera", "virtual", "--out", out)
     assert done.returncode == 0, done.stderr
     assert f"left out {tmp_path / 'setup.png'}: {PLOTS}" in " ".join(done.stdout.split())
-    assert fw.read_setup(out) is not None
+    assert fw.files.read_setup(out) is not None
     assert not (tmp_path / "setup.png").exists()
 
 

@@ -5,17 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import (
-    CameraNoise,
-    InputError,
-    PatternPlan,
-    PhaseSteps,
-    Reason,
-    decode,
-    equal_steps,
-    propose,
-)
+from fringeworks import InputError, PatternPlan, Reason, decode, propose
+from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.patterns.order_chain import order_chain
+from fringeworks.signal import CameraNoise
 from tests.stacks import multi, take
 
 # Columns, periods, steps and modulation over noise: the noise limit of each plan.

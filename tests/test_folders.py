@@ -21,62 +21,62 @@ def test_things_of_others_are_safe(tmp_path):
     (tmp_path / "capture.toml").write_text("mine")
     (tmp_path / "photo.jpg").write_bytes(b"mine too")
     for write in (
-        lambda **k: fw.write_pair(tmp_path, scene("cube", size=64, fringes=4), **k),
-        lambda **k: fw.write_patterns(tmp_path, PLANS[0], **k),
-        lambda **k: fw.write_stack(tmp_path, take(PLANS[0]), PLANS[0], **k),
+        lambda **k: fw.files.write_pair(tmp_path, scene("cube", size=64, fringes=4), **k),
+        lambda **k: fw.files.write_patterns(tmp_path, PLANS[0], **k),
+        lambda **k: fw.files.write_stack(tmp_path, take(PLANS[0]), PLANS[0], **k),
     ):
-        with pytest.raises(fw.FolderInUse, match="it holds capture.toml, photo.jpg"):
+        with pytest.raises(fw.files.FolderInUse, match="it holds capture.toml, photo.jpg"):
             write()
         assert sorted(p.name for p in tmp_path.iterdir()) == ["capture.toml", "photo.jpg"]
     assert (tmp_path / "capture.toml").read_text() == "mine"
-    fw.write_stack(tmp_path, take(PLANS[0]), PLANS[0], force=True)
+    fw.files.write_stack(tmp_path, take(PLANS[0]), PLANS[0], force=True)
     assert (tmp_path / "photo.jpg").read_bytes() == b"mine too"
     # The photograph is not among the frames that capture.toml names.
-    assert len(fw.read_stack(tmp_path).frames) == 8
+    assert len(fw.files.read_stack(tmp_path).frames) == 8
 
 
 def test_an_earlier_result_is_replaced_whole(tmp_path):
-    fw.write_patterns(tmp_path / "p", PLANS[1])
-    fw.write_patterns(tmp_path / "p", PLANS[0])
+    fw.files.write_patterns(tmp_path / "p", PLANS[1])
+    fw.files.write_patterns(tmp_path / "p", PLANS[0])
     after = {p.name for p in (tmp_path / "p").iterdir()}
     assert len([n for n in after if n.endswith(".png")]) == PLANS[0].frames
-    assert fw.read_stack(tmp_path / "p").plan == PLANS[0]
+    assert fw.files.read_stack(tmp_path / "p").plan == PLANS[0]
 
 
 def test_photographs_in_the_place_of_pictures_are_safe(tmp_path):
-    written = fw.write_patterns(tmp_path, PLANS[0])
+    written = fw.files.write_patterns(tmp_path, PLANS[0])
     written[3].write_bytes(written[4].read_bytes())  # a photograph with the picture's name
-    for write in (fw.write_patterns, lambda f, p: fw.write_stack(f, take(p), p)):
-        with pytest.raises(fw.FolderInUse, match=written[3].name + r" \(changed since\)"):
+    for write in (fw.files.write_patterns, lambda f, p: fw.files.write_stack(f, take(p), p)):
+        with pytest.raises(fw.files.FolderInUse, match=written[3].name + r" \(changed since\)"):
             write(tmp_path, PLANS[0])
-    assert len(fw.read_stack(tmp_path).frames) == 8
-    fw.write_patterns(tmp_path, PLANS[0], force=True)
-    np.testing.assert_array_equal(fw.read_stack(tmp_path).frames, list(fw.encode(PLANS[0])))
+    assert len(fw.files.read_stack(tmp_path).frames) == 8
+    fw.files.write_patterns(tmp_path, PLANS[0], force=True)
+    np.testing.assert_array_equal(fw.files.read_stack(tmp_path).frames, list(fw.encode(PLANS[0])))
 
 
 def test_another_kind_of_result_is_not_replaced_unasked(tmp_path):
-    fw.write_patterns(tmp_path, PLANS[0])
-    with pytest.raises(fw.FolderInUse, match="of the same kind; it holds a result: patterns"):
-        fw.write_stack(tmp_path, take(PLANS[1]), PLANS[1])
-    fw.write_stack(tmp_path, take(PLANS[1]), PLANS[1], force=True)
-    assert fw.read_capture(tmp_path).plan == PLANS[1]
+    fw.files.write_patterns(tmp_path, PLANS[0])
+    with pytest.raises(fw.files.FolderInUse, match="of the same kind; it holds a result: patterns"):
+        fw.files.write_stack(tmp_path, take(PLANS[1]), PLANS[1])
+    fw.files.write_stack(tmp_path, take(PLANS[1]), PLANS[1], force=True)
+    assert fw.files.read_capture(tmp_path).plan == PLANS[1]
 
 
 def test_another_capture_leaves_nothing_behind(tmp_path):
-    fw.write_stack(tmp_path / "c", take(PLANS[0]), PLANS[0])
-    fw.write_pair(tmp_path / "c", scene("cube", size=64, fringes=4))
+    fw.files.write_stack(tmp_path / "c", take(PLANS[0]), PLANS[0])
+    fw.files.write_pair(tmp_path / "c", scene("cube", size=64, fringes=4))
     names = sorted(p.name for p in (tmp_path / "c").iterdir())
     assert names == [".fringeworks", "capture.toml", "object.tif", "reference.tif", "truth.tif"]
-    assert isinstance(fw.read_capture(tmp_path / "c"), fw.Pair)
+    assert isinstance(fw.files.read_capture(tmp_path / "c"), fw.Pair)
 
 
 def test_a_failed_write_is_no_result(tmp_path):
     with pytest.raises(fw.FramesContradictPlan, match="the plan has 8, got 7"):
-        fw.write_stack(tmp_path / "c", take(PLANS[0])[:7], PLANS[0])
+        fw.files.write_stack(tmp_path / "c", take(PLANS[0])[:7], PLANS[0])
     with pytest.raises(fw.FileProblem, match="a complete capture, got one that was interrupted"):
-        fw.read_capture(tmp_path / "c")
-    fw.write_stack(tmp_path / "c", take(PLANS[0]), PLANS[0])
-    assert fw.read_capture(tmp_path / "c").plan == PLANS[0]
+        fw.files.read_capture(tmp_path / "c")
+    fw.files.write_stack(tmp_path / "c", take(PLANS[0]), PLANS[0])
+    assert fw.files.read_capture(tmp_path / "c").plan == PLANS[0]
 
 
 def test_a_forged_list_does_not_lead_out_of_the_folder(tmp_path):
@@ -84,7 +84,7 @@ def test_a_forged_list_does_not_lead_out_of_the_folder(tmp_path):
     folder = tmp_path / "c"
     folder.mkdir()
     (folder / ".fringeworks").write_text("- ../precious.txt\n- ..\n- /etc/passwd\n")
-    fw.write_pair(folder, scene("cube", size=64, fringes=4))
+    fw.files.write_pair(folder, scene("cube", size=64, fringes=4))
     assert (tmp_path / "precious.txt").read_text() == "mine"
 
 
@@ -122,18 +122,18 @@ def content(k):
         frames = [
             np.full(shape, k % 251, np.uint8) + np.arange(shape[1], dtype=np.uint8) % 4
         ] * plan.frames
-        return lambda folder: fw.write_stack(folder, frames, plan, force=True)
+        return lambda folder: fw.files.write_stack(folder, frames, plan, force=True)
     if k % 3 == 1:
         frame = np.full((40, 50), k % 251, np.uint8)
         pair = fw.Pair(frame, frame + 1, mask=frame > 0)
-        return lambda folder: fw.write_pair(folder, pair, force=True)
-    return lambda folder: fw.write_patterns(folder, plan, force=True)
+        return lambda folder: fw.files.write_pair(folder, pair, force=True)
+    return lambda folder: fw.files.write_patterns(folder, plan, force=True)
 
 
 def check(folder):
     """Whatever can be read is one thing, as one call wrote it; true where there is something."""
     try:
-        found = fw.read_capture(folder)
+        found = fw.files.read_capture(folder)
     except fw.FileProblem:
         return False
     if isinstance(found, fw.Pair):

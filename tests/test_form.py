@@ -7,20 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import (
-    HeightMap,
-    InputError,
-    ReferencePlaneGeometry,
-    evaluate_form,
+from fringeworks import HeightMap, InputError, fit, reconstruct
+from fringeworks.files import (
     read_capture,
     read_reference_plane,
-    reconstruct,
-    standard_scene,
     write_pair,
     write_reference_plane,
     write_surface,
 )
-from fringeworks.simulate import PairSettings, capture_pair, make_object
+from fringeworks.pair import ReferencePlaneGeometry
+from fringeworks.simulate.fringes import PairSettings, capture_pair
+from fringeworks.simulate.objects import make_object
+from fringeworks.simulate.scene import standard_scene
 from fringeworks.surface.form import fit_form, fit_region
 from fringeworks.surface.form_report import find_spheres, report
 from fringeworks.surface.height_map import height_map_points
@@ -140,7 +138,7 @@ def test_a_dent_shows_in_the_flatness():
     assert found["flatness_error_F_mm"] > 9.5
     assert found["discarded_share"] <= 0.003
     assert found["far_share"] == pytest.approx(dent.mean(), abs=0.002)
-    notes = evaluate_form(points, "plane").figures["notes"]
+    notes = fit(points, "plane").figures["notes"]
     assert any("% of the points lie up to 9." in note for note in notes)
 
 
@@ -156,8 +154,8 @@ def test_a_few_wrong_points_are_discarded_and_stated():
 def test_a_region_that_shows_more_than_the_body_is_refused():
     points = np.concatenate((ball([0, 0, 500], 25.0), sheet(5000)))
     with pytest.raises(InputError, match=r"of one sphere alone, got .* give the region"):
-        evaluate_form(points, "sphere")
-    figures = evaluate_form(points, "sphere", within=(0, 0, 500, 26)).figures
+        fit(points, "sphere")
+    figures = fit(points, "sphere", within=(0, 0, 500, 26)).figures
     assert figures["bodies"][0]["probing_error_form_PF_mm"] < 0.1
 
 
@@ -206,12 +204,12 @@ def test_points_in_px_are_not_called_mm(tmp_path):
     for suffix in (".ply", ".tif", ".npz", ".gsf"):
         path = write_read(tmp_path / f"px{suffix}", in_px)
         with pytest.raises(InputError, match="expected points in mm, got displacements in px"):
-            evaluate_form(path, "plane")
+            fit(path, "plane")
     with pytest.raises(InputError, match="expected points in mm, got displacements in px"):
-        evaluate_form(in_px, "plane")
+        fit(in_px, "plane")
     for suffix in (".ply", ".tif", ".npz", ".gsf", ".x3p"):
         path = write_read(tmp_path / f"mm{suffix}", in_mm)
-        figures = evaluate_form(path, "plane").figures
+        figures = fit(path, "plane").figures
         assert figures["bodies"][0]["points"] == values.size
         assert figures["bodies"][0]["flatness_error_F_mm"] < 1e-5
 
@@ -238,15 +236,15 @@ def test_points_lie_on_the_rays_of_the_camera(tmp_path):
     sigma = np.where(np.isfinite(values), 0.01, np.nan)
     straight = HeightMap(values, sigma, reason, "height", "mm", pitch)
     seen = replace(straight, pupil=pupil)
-    body = evaluate_form(seen, "sphere", diameter_mm=50.0).figures["bodies"][0]
+    body = fit(seen, "sphere", diameter_mm=50.0).figures["bodies"][0]
     assert abs(body["probing_error_size_PS_mm"]) < 1e-6
     np.testing.assert_allclose(body["centre_mm"], [60, -60, 5], atol=1e-6)
-    wrong = evaluate_form(straight, "sphere").figures
+    wrong = fit(straight, "sphere").figures
     assert wrong["bodies"][0]["probing_error_form_PF_mm"] > 0.5
     assert "straight above their pixels" in wrong["notes"][0]
     for suffix in (".tif", ".npz", ".ply"):
         write_surface(tmp_path / f"s{suffix}", seen)
-        body = evaluate_form(tmp_path / f"s{suffix}", "sphere").figures["bodies"][0]
+        body = fit(tmp_path / f"s{suffix}", "sphere").figures["bodies"][0]
         assert body["radius_mm"] == pytest.approx(25.0, abs=1e-4)
 
 
@@ -289,11 +287,11 @@ def test_a_small_deep_dent_is_noted_even_if_it_is_discarded():
     """VDI/VDE 2634 lets 0.3 % of the points go, but a dent of 10 mm must not go unsaid."""
     rng = np.random.default_rng(0)
     points = np.column_stack((rng.uniform(-80, 80, (40_000, 2)), 0.02 * rng.normal(size=40_000)))
-    assert evaluate_form(points, "plane").figures["notes"] == []
+    assert fit(points, "plane").figures["notes"] == []
     dent = np.hypot(points[:, 0] - 20, points[:, 1]) < 4.0
     points[dent, 2] += 10.0
     assert 0 < dent.mean() < 0.003
-    (note,) = evaluate_form(points, "plane").figures["notes"]
+    (note,) = fit(points, "plane").figures["notes"]
     assert "up to 10" in note
     assert "discarded" in note
 
@@ -302,9 +300,9 @@ def test_lengths_that_are_no_numbers_are_refused():
     points = np.concatenate((ball([-50, 0, 500], 25.0), ball([50, 5, 510], 25.0)))
     for length in (np.nan, np.inf, 0.0, -1.0):
         with pytest.raises(InputError, match="spacing: expected > 0 mm"):
-            evaluate_form(points, "sphere", count=2, spacing_mm=length)
+            fit(points, "sphere", count=2, spacing_mm=length)
         with pytest.raises(InputError, match="diameter_mm: expected > 0 mm"):
-            evaluate_form(points, "sphere", count=2, diameter_mm=length)
+            fit(points, "sphere", count=2, diameter_mm=length)
 
 
 def test_weights_count():

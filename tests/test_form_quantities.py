@@ -11,8 +11,11 @@ import fringeworks as fw
 from fringeworks.evaluate.area_points import area_points
 from fringeworks.evaluate.quantities import MEASURED
 from fringeworks.rig.pinhole import pose, rotation
-from fringeworks.simulate import Optics, fringe_plan, look, photograph, standard_rig
 from fringeworks.simulate.bodies import Body, Box, Cylinder, Plane
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from tests import parts
 
 ANGLE_DEG = 20.0
@@ -58,10 +61,10 @@ def areas(xyz):
         < 1e-6
     )
     return {
-        "top": fw.Area(mask=flat & (np.abs(x) < 17) & (np.abs(y) < 17)),
-        "base": fw.Area(mask=(np.abs(z - 520.0) < 1e-6) & (x < -45) & (x > -80)),
-        "plate": fw.Area(mask=plate & (np.abs(x - 55) < 15) & (np.abs(y) < 17)),
-        "tube": fw.Area(mask=tube & (x > -42) & (x < 12)),
+        "top": fw.evaluate.Area(mask=flat & (np.abs(x) < 17) & (np.abs(y) < 17)),
+        "base": fw.evaluate.Area(mask=(np.abs(z - 520.0) < 1e-6) & (x < -45) & (x > -80)),
+        "plate": fw.evaluate.Area(mask=plate & (np.abs(x - 55) < 15) & (np.abs(y) < 17)),
+        "tube": fw.evaluate.Area(mask=tube & (x > -42) & (x < 12)),
     }
 
 

@@ -11,7 +11,8 @@ import pytest
 import tifffile
 
 import fringeworks as fw
-from fringeworks import HeightMap, InputError, Reason, write_surface
+from fringeworks import HeightMap, InputError, Reason
+from fringeworks.files import write_surface
 from fringeworks.files.ply import read_ply as own_read_ply
 from fringeworks.files.surfaces import WRITERS, read_surface
 from fringeworks.surface.height_map import height_map_points
@@ -158,6 +159,6 @@ def test_white_of_a_cloud_is_that_of_its_bright_points(tmp_path, part):
     reason[part] = 0
     xyz = np.ones((*shape, 3), np.float32)
     cloud = fw.PointCloud(xyz, xyz[..., 0], xyz[..., 0], reason, None, colour)
-    fw.write_points(tmp_path / "cloud.ply", cloud)
+    fw.files.write_points(tmp_path / "cloud.ply", cloud)
     vertices, _ = own_read_ply(tmp_path / "cloud.ply")
     assert sorted(set(vertices["red"].tolist())) == [26, 255]

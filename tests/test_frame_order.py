@@ -18,7 +18,7 @@ GRAY = guarded(steps=3, size=(320, 24), inverse=True)
 
 def shoot(folder, names, plan=PLAN):
     """Frames of a plan under these names."""
-    fw.write_plan(folder / "plan.toml", plan)
+    fw.files.write_plan(folder / "plan.toml", plan)
     for name, frame in zip(names, take(plan), strict=True):
         write_frame(folder / name, frame)
     return folder
@@ -26,7 +26,7 @@ def shoot(folder, names, plan=PLAN):
 
 def refusal(folder):
     with pytest.raises(fw.FramesContradictPlan) as caught:
-        fw.read_stack(folder)
+        fw.files.read_stack(folder)
     return str(caught.value)
 
 
@@ -93,7 +93,7 @@ def test_labels_outrank_the_order_of_names(tmp_path):
     """Files that were renamed, or that another program numbered in its own order."""
     labels = GRAY.labels()
     names = [f"{len(labels) - k:02d}-{label}-left.png" for k, label in enumerate(labels)]
-    stack = fw.read_stack(shoot(tmp_path, names, GRAY))
+    stack = fw.files.read_stack(shoot(tmp_path, names, GRAY))
     np.testing.assert_array_equal(np.stack(stack.frames), take(GRAY))
     assert stack.notes == ("frames put into the order of the plan by the labels in their names",)
     assert [source.name.split("/")[-1] for source in stack.sources[:3]] == names[:3]
@@ -103,7 +103,7 @@ def test_a_word_that_is_also_a_label_is_no_label(tmp_path):
     """A white figure: "white" in all names tells nothing about the frames."""
     plan = guarded(steps=3, size=(320, 24))
     names = [f"white-figure-{k}.png" for k in range(plan.frames)]
-    stack = fw.read_stack(shoot(tmp_path, names, plan))
+    stack = fw.files.read_stack(shoot(tmp_path, names, plan))
     np.testing.assert_array_equal(np.stack(stack.frames), take(plan))
     (tmp_path / names[1]).unlink()
     assert "missing: x-phase-32px-1 (white-figure-1.png)" in refusal(tmp_path)
@@ -125,9 +125,9 @@ def test_a_list_that_contradicts_its_labels_is_refused(tmp_path):
 
 def test_written_stacks_and_pictures_keep_their_order(tmp_path):
     plan = multi((1, 8), 12, (300, 40))
-    folder = fw.write_stack(tmp_path / "stack", take(plan), plan)
-    np.testing.assert_array_equal(np.stack(fw.read_stack(folder).frames), take(plan))
+    folder = fw.files.write_stack(tmp_path / "stack", take(plan), plan)
+    np.testing.assert_array_equal(np.stack(fw.files.read_stack(folder).frames), take(plan))
     (folder / "capture.toml").unlink()
-    stack = fw.read_stack(folder)
+    stack = fw.files.read_stack(folder)
     np.testing.assert_array_equal(np.stack(stack.frames), take(plan))
     assert stack.notes == ()

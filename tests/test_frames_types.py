@@ -11,15 +11,11 @@ import tifffile
 from PIL import Image
 
 import fringeworks as fw
-from fringeworks.simulate import (
-    Optics,
-    bust,
-    fringe_plan,
-    look,
-    photograph,
-    standard_rig,
-    standard_scene,
-)
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.scene import standard_scene
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from tests.stacks import guarded, multi, take
 
 PLAN = multi((1, 8), 4, (300, 40))
@@ -56,7 +52,7 @@ LAYOUTS = (plain, columns_first, turned, every_second, unaligned)
 
 
 def streamed(frames, plan):
-    decoder = fw.StreamingDecoder(plan)
+    decoder = fw.stack.StreamingDecoder(plan)
     for frame in frames:
         decoder.add(frame)
     return decoder.result()
@@ -73,10 +69,8 @@ def test_stacks_of_every_type_order_and_stride(plan, kind, order, layout):
     expected = fw.decode(native, plan)
     assert fw.decode(frames, plan) == expected
     assert streamed(frames, plan) == expected
-    np.testing.assert_array_equal(fw.texture(frames, plan), fw.texture(native, plan))
-    np.testing.assert_array_equal(
-        fw.decode_stack(fw.Stack(frames, plan)).x.sigma_px, expected.x.sigma_px
-    )
+    np.testing.assert_array_equal(fw.stack.texture(frames, plan), fw.stack.texture(native, plan))
+    np.testing.assert_array_equal(fw.decode(fw.Stack(frames, plan)).x.sigma_px, expected.x.sigma_px)
     np.testing.assert_array_equal(frames, before)
 
 
@@ -92,7 +86,7 @@ PAIR_FUNCTIONS = {
     "analyse": lambda pair: fw.analyse(pair, "fourier").displacement_px,
     "reconstruct": lambda pair: fw.reconstruct(pair, "gsifa").surface.values,
     "denoise": lambda pair: fw.denoise(pair.object),
-    "decompose_frame": lambda pair: fw.decompose_frame(pair.object).imfs,
+    "decompose_frame": lambda pair: fw.signal.decompose_frame(pair.object).imfs,
     "unwrap": lambda pair: fw.unwrap(pair.object).phase,
 }
 
@@ -117,7 +111,7 @@ def test_pairs_of_every_type_order_and_stride(name, kind, layout):
 def test_other_types_get_one_clear_error(kind):
     frames = take(PLAN).astype(kind)
     words = "frame x-phase-300px-0: expected uint8, uint16, float32, float64, got"
-    for call in (fw.decode, streamed, fw.texture):
+    for call in (fw.decode, streamed, fw.stack.texture):
         with pytest.raises(fw.InputError, match=words):
             call(frames, PLAN)
 
@@ -126,16 +120,16 @@ def test_a_board_is_found_in_every_byte_order():
     rng = np.random.default_rng(0)
     squares = np.kron(np.indices((8, 9)).sum(axis=0) % 2, np.ones((30, 30))) * 150 + 50
     image = np.pad(squares, 40, constant_values=200) + rng.normal(0, 1, (320, 350))
-    board = fw.parse_board("chessboard:8x7:10")
-    expected = fw.find_board(np.rint(image).astype(np.uint8), board).pixels
+    board = fw.rig.parse_board("chessboard:8x7:10")
+    expected = fw.rig.find_board(np.rint(image).astype(np.uint8), board).pixels
     for kind in (">u2", ">f4", ">f8"):
-        found = fw.find_board(np.asfortranarray(np.rint(image).astype(kind)), board)
+        found = fw.rig.find_board(np.asfortranarray(np.rint(image).astype(kind)), board)
         np.testing.assert_allclose(found.pixels, expected, atol=1e-3)
 
 
 @pytest.mark.parametrize("plan", [PLAN, GRAY], ids=["phases", "gray"])
 def test_a_stream_keeps_no_frame(plan):
-    decoder = fw.StreamingDecoder(plan)
+    decoder = fw.stack.StreamingDecoder(plan)
     alive = []
     for picture in take(plan):
         frame = picture.copy()
@@ -147,7 +141,7 @@ def test_a_stream_keeps_no_frame(plan):
 
 def test_a_stream_does_not_follow_changes_of_a_frame():
     frames = take(GRAY)
-    decoder = fw.StreamingDecoder(GRAY)
+    decoder = fw.stack.StreamingDecoder(GRAY)
     buffer = np.empty_like(frames[0])
     for frame in frames:
         buffer[...] = frame
@@ -160,7 +154,7 @@ def test_a_stream_does_not_follow_changes_of_a_frame():
 def test_files_of_both_byte_orders(tmp_path, suffix, order):
     native = take(PLAN, kind=np.uint16)
     frames = native.astype(f"{order}u2")
-    fw.write_plan(tmp_path / "plan.toml", PLAN)
+    fw.files.write_plan(tmp_path / "plan.toml", PLAN)
     path = tmp_path / f"stack.{suffix}"
     if suffix == "npy":
         np.save(path, frames)
@@ -170,7 +164,7 @@ def test_files_of_both_byte_orders(tmp_path, suffix, order):
         path = tmp_path
         for k, frame in enumerate(frames):
             tifffile.imwrite(tmp_path / f"shot{k}.tif", frame, byteorder=order)
-    stack = fw.read_stack(path)
+    stack = fw.files.read_stack(path)
     assert fw.decode(stack.frames, PLAN) == fw.decode(native, PLAN)
     assert (stack.count_step, stack.lossy) == (1.0, False)
 
@@ -178,10 +172,10 @@ def test_files_of_both_byte_orders(tmp_path, suffix, order):
 @pytest.mark.parametrize("kind", [">u2", ">f4", "<u2"])
 def test_written_frames_are_the_same_in_every_byte_order(tmp_path, kind):
     frames = take(PLAN, kind=np.uint16).astype(kind)
-    folder = fw.write_stack(tmp_path / "stack", frames, PLAN)
+    folder = fw.files.write_stack(tmp_path / "stack", frames, PLAN)
     names = {path.suffix for path in folder.glob("*-x-phase-*")}
     assert names == ({".png"} if kind.endswith("u2") else {".tif"})
-    np.testing.assert_array_equal(np.stack(fw.read_stack(folder).frames), frames)
+    np.testing.assert_array_equal(np.stack(fw.files.read_stack(folder).frames), frames)
 
 
 # The memory of an earlier result.
@@ -243,7 +237,7 @@ def test_memory_that_is_shared_or_read_only_is_refused(measured, tmp_path):
 
 def save(folder, frames, suffix="png", colours=None, **options):
     """Write frames as images; ``colours`` scales red, green and blue."""
-    fw.write_plan(folder / "plan.toml", GRAY)
+    fw.files.write_plan(folder / "plan.toml", GRAY)
     for k, frame in enumerate(frames):
         if colours is not None:
             frame = np.rint(frame[..., None] * np.asarray(colours)).astype(np.uint8)
@@ -255,28 +249,28 @@ def test_a_stack_with_colour_is_converted_as_one(tmp_path):
     """The black frame has equal channels; it is luminance like the others."""
     frames = take(GRAY, noise=0.0, a=100.0)
     frames[-1] = 0
-    stack = fw.read_stack(save(tmp_path, frames, colours=(1.0, 0.9, 0.7)))
+    stack = fw.files.read_stack(save(tmp_path, frames, colours=(1.0, 0.9, 0.7)))
     assert {frame.dtype for frame in stack.frames} == {np.dtype(np.float32)}
     assert stack.count_step == 1.0
     assert len(stack.notes) == 2
     assert stack.notes[1] == f"the same holds for {GRAY.frames - 1} other frames"
     Image.fromarray(frames[-1]).save(tmp_path / f"shot{GRAY.frames - 1:02d}.png")  # a grey file
-    assert {frame.dtype.name for frame in fw.read_stack(tmp_path).frames} == {"float32"}
+    assert {frame.dtype.name for frame in fw.files.read_stack(tmp_path).frames} == {"float32"}
 
 
 @pytest.mark.parametrize("colours", [(1.0, 0.9, 0.7), (1.0, 1.0, 1.0)])
 def test_saturated_colour_is_left_out(tmp_path, colours):
     """Red is clipped while the luminance is still below the limit."""
     plan = multi((1, 5, 20), 6, (640, 30))
-    fw.write_plan(tmp_path / "plan.toml", plan)
+    fw.files.write_plan(tmp_path / "plan.toml", plan)
     rng = np.random.default_rng(0)
     for k, frame in enumerate(take(plan, noise=0.0, a=150.0, b=140.0, kind=np.float32)):
         seen = frame[..., None] * colours + rng.normal(0, 1.5, (*frame.shape, 3))
         picture = np.clip(np.rint(seen), 0, 255).astype(np.uint8)
         Image.fromarray(picture).save(tmp_path / f"{k:02d}.png")
-    stack = fw.read_stack(tmp_path)
+    stack = fw.files.read_stack(tmp_path)
     assert stack.saturation == 255.0
-    found = fw.decode_stack(stack).x
+    found = fw.decode(stack).x
     off = np.abs(found.coordinate_px - np.arange(640)) / found.sigma_px
     measured = found.reason == fw.Reason.OK
     assert measured.mean() > 0.95
@@ -285,7 +279,7 @@ def test_saturated_colour_is_left_out(tmp_path, colours):
 
 def test_neutral_stacks_keep_their_counts(tmp_path):
     frames = take(GRAY)
-    stack = fw.read_stack(save(tmp_path, frames, colours=(1.0, 1.0, 1.0)))
+    stack = fw.files.read_stack(save(tmp_path, frames, colours=(1.0, 1.0, 1.0)))
     np.testing.assert_array_equal(np.stack(stack.frames), frames)
 
 
@@ -296,13 +290,13 @@ def test_another_depth_is_told_with_the_file(tmp_path):
         fw.FramesContradictPlan,
         match=r"shot03.png: expected counts of the type in shot00.png, uint8, got uint16",
     ):
-        fw.read_stack(tmp_path)
+        fw.files.read_stack(tmp_path)
 
 
 def test_colour_keeps_the_noise_of_rounding(tmp_path):
     """Without noise of the camera, that of rounding to 8 bits is left."""
     frames = take(GRAY, noise=0.0, a=100.0, b=80.0)
-    found = fw.decode_stack(save(tmp_path, frames, colours=(1.0, 0.9, 0.7)))
+    found = fw.decode(save(tmp_path, frames, colours=(1.0, 0.9, 0.7)))
     assert found.noise.read_counts >= 0.99 * 12**-0.5
 
 
@@ -317,11 +311,11 @@ def test_colour_keeps_the_noise_of_rounding(tmp_path):
 )
 def test_the_step_of_the_counts_is_the_smallest_noise(kind, step, floor):
     frames = np.rint(take(PLAN, noise=0.0, kind=np.float64)).astype(kind)
-    known = fw.CameraNoise(1e-3)
+    known = fw.signal.CameraNoise(1e-3)
     found = fw.decode(frames, PLAN, noise=known, count_step=step)
     # The rounding of frames without noise repeats with the fringes, which raises it a little.
     assert floor / 12**0.5 * 0.999 < found.noise.read_counts < 2.0 * floor / 12**0.5
-    decoder = fw.StreamingDecoder(PLAN, noise=known, count_step=step)
+    decoder = fw.stack.StreamingDecoder(PLAN, noise=known, count_step=step)
     for frame in frames:
         decoder.add(frame)
     assert decoder.result() == found
@@ -329,14 +323,14 @@ def test_the_step_of_the_counts_is_the_smallest_noise(kind, step, floor):
 
 def test_floats_between_whole_counts_have_no_step():
     frames = take(PLAN, noise=0.0, kind=np.float32)
-    assert fw.decode(frames, PLAN, noise=fw.CameraNoise(0.05)).noise.read_counts == 0.05
+    assert fw.decode(frames, PLAN, noise=fw.signal.CameraNoise(0.05)).noise.read_counts == 0.05
 
 
 @pytest.mark.parametrize("step", [0.0, -1.0, float("nan"), float("inf")])
 def test_steps_that_are_none_are_refused(step):
     for call in (
         lambda: fw.decode(take(PLAN), PLAN, count_step=step),
-        lambda: fw.StreamingDecoder(PLAN, count_step=step),
+        lambda: fw.stack.StreamingDecoder(PLAN, count_step=step),
     ):
         with pytest.raises(fw.InputError, match="count_step: expected > 0 counts"):
             call()
@@ -344,10 +338,10 @@ def test_steps_that_are_none_are_refused(step):
 
 def test_lossy_files_are_known(tmp_path):
     frames = take(GRAY)
-    assert not fw.read_stack(save(tmp_path, frames)).lossy
+    assert not fw.files.read_stack(save(tmp_path, frames)).lossy
     for path in tmp_path.glob("*.png"):
         path.unlink()
-    stack = fw.read_stack(save(tmp_path, frames, "jpg", quality=80))
+    stack = fw.files.read_stack(save(tmp_path, frames, "jpg", quality=80))
     assert stack.lossy
     assert stack.count_step == 1.0
 
@@ -359,6 +353,6 @@ def test_a_pair_with_colour_is_converted_as_one(tmp_path):
     Image.fromarray(
         np.rint(np.asarray(scene.object)[..., None] * [1.0, 0.9, 0.7]).astype(np.uint8)
     ).save(tmp_path / "object.png")
-    pair = fw.read_pair(tmp_path / "reference.png", tmp_path / "object.png")
+    pair = fw.files.read_pair(tmp_path / "reference.png", tmp_path / "object.png")
     assert pair.reference.dtype == pair.object.dtype == np.float32
     np.testing.assert_array_equal(pair.reference, reference)

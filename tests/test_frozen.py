@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
-from fringeworks.simulate import standard_rig
-from fringeworks.types import sealed, unsealed
+from fringeworks.simulate.standard import standard_rig
+from fringeworks.types import fingerprint, sealed, unsealed
 from tests.conftest import scene
 from tests.stacks import multi, take
 
@@ -26,7 +26,7 @@ def results():
     cloud = fw.PointCloud(
         *(np.zeros(s, np.float32) for s in ((4, 5, 3), (4, 5), (4, 5))), np.zeros((4, 5), np.uint8)
     )
-    board = fw.parse_board("chessboard:9x7:12")
+    board = fw.rig.parse_board("chessboard:9x7:12")
     response = fw.Response("a", "b", 2.2, 3, 1.0, np.zeros((2, 256)), (100.0, 200.0), 0.01)
     some = [
         pair,
@@ -39,7 +39,12 @@ def results():
         PLAN,
         fw.propose(640, 480, 9)[0],
     ]
-    return [*some, fw.Stack(list(take(PLAN)), PLAN), PLAN.chain("x"), fw.Source("a.png", "00")]
+    return [
+        *some,
+        fw.Stack(list(take(PLAN)), PLAN),
+        PLAN.chain("x"),
+        fw.files.Source("a.png", "00"),
+    ]
 
 
 @pytest.mark.parametrize("value", results(), ids=lambda v: type(v).__name__)
@@ -52,7 +57,7 @@ def test_repr_equality_and_hash(value):
     assert again == value
     assert hash(again) == hash(value)
     assert value != 3
-    assert fw.fingerprint(again) == fw.fingerprint(value)
+    assert fingerprint(again) == fingerprint(value)
 
 
 def test_arrays_are_copied_and_read_only():
@@ -96,6 +101,6 @@ def test_values_count_not_places():
     assert one != replace(one, values=nan + 1)
     assert one != replace(one, values=nan.astype(np.float32))
     assert one != replace(one, pitch=2.0)
-    assert fw.fingerprint(one) != fw.fingerprint(replace(one, pitch=2.0))
+    assert fingerprint(one) != fingerprint(replace(one, pitch=2.0))
     big = one.values.astype(">f8")
-    assert fw.fingerprint(big) == fw.fingerprint(nan)
+    assert fingerprint(big) == fingerprint(nan)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks.stack.fuse import fuse
+from fringeworks.stack.fusing import fuse
 from fringeworks.types import CameraNoise, CoordinateMap, Decoded, InputError, Reason
 
 SHAPE = (120, 160)

@@ -9,18 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fringeworks import (
-    InputError,
-    MissingPackage,
-    PatternPlan,
-    PhaseSteps,
-    encode,
-    equal_steps,
-    read_stack,
-)
+from fringeworks import InputError, MissingPackage, PatternPlan, encode
 from fringeworks.devices.listing import list_devices
 from fringeworks.devices.opening import open_camera
 from fringeworks.devices.protocols import Camera, Closing, TriggeredCamera
+from fringeworks.files import read_stack
+from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.exposure_proof import exposure_obeys

@@ -32,7 +32,9 @@ from tests.wire_rig import RIG, SPHERE_MM, Board, Screen, frame_of, scene_named
 
 ROOT = Path(__file__).parent.parent
 PLAN = fw.PatternPlan(
-    384, 240, tuple(fw.PhaseSteps("x", 384 / n, fw.equal_steps(4)) for n in (27, 5.2, 1))
+    384,
+    240,
+    tuple(fw.patterns.PhaseSteps("x", 384 / n, fw.patterns.equal_steps(4)) for n in (27, 5.2, 1)),
 )
 FIXED = CameraSettings(exposure_ms=16.666, gain_db=0.0)
 
@@ -44,8 +46,8 @@ class Wire(CameraProcess):
         folder.mkdir()
         self.folder, self.scene = folder, scene_named(scene)
         Board.make(folder)
-        fw.write_plan(folder / "plan.toml", PLAN)
-        fw.write_rig(folder / "rig.toml", RIG)
+        fw.files.write_plan(folder / "plan.toml", PLAN)
+        fw.files.write_rig(folder / "rig.toml", RIG)
         super().__init__("Rig", "tests.wire_rig", folder, scene, "Rig", lost)
 
     def begin(self, place, *options):
@@ -141,11 +143,13 @@ def test_a_scan_with_a_killed_camera_equals_an_undisturbed_one(tmp_path):
         # Between one and two refresh periods, gain makes up for the rest; the camera rounds it.
         assert settings["exposure_ms"] == pytest.approx(1e3 / 60, abs=0.001)
         assert settings["gain_db"] == 1.0
-        stack = fw.read_stack(folder)
+        stack = fw.files.read_stack(folder)
         white = np.max(stack.frames, axis=0)
         assert 0.75 * 255 < np.quantile(white[white > 20], 0.99) < 255
         made.check_exact(stack, settings)
-        found = fw.fit_region(fw.read_points(tmp_path / "a" / "part.ply").xyz_mm, "sphere")
+        found = fw.surface.fit_region(
+            fw.files.read_points(tmp_path / "a" / "part.ply").xyz_mm, "sphere"
+        )
         assert found.parameters["radius_mm"] == pytest.approx(SPHERE_MM, abs=0.1)
         check_killed(made.killed_after(5, "part", tmp_path / "b", "--auto-exposure"))
         kept = frames_in(tmp_path / "b" / "part")
@@ -182,7 +186,7 @@ def test_a_full_disk_loses_nothing_and_no_camera_is_said_so(tmp_path, monkeypatc
             assert not list((tmp_path / "c").glob(".fringeworks-*"))
             fw.capture(*where, settings=FIXED, resume=True)
         assert kept.items() <= frames_in(tmp_path / "c").items()
-        made.check_exact(fw.read_stack(tmp_path / "c"), vars(FIXED))
+        made.check_exact(fw.files.read_stack(tmp_path / "c"), vars(FIXED))
         made.stop()
         error = refused("genicam", capsys)
     assert "camera: expected one that is connected and not in use (No supported" in error
@@ -197,7 +201,7 @@ def test_lost_packets_do_not_change_the_points(tmp_path):
         with wire(tmp_path / f"wire-{name}", lost=lost) as made:
             found.append(made.scanned(tmp_path / name, "--auto-exposure"))
             settings = described(tmp_path / name / "part")["settings"]
-            made.check_exact(fw.read_stack(tmp_path / name / "part"), settings)
+            made.check_exact(fw.files.read_stack(tmp_path / name / "part"), settings)
     assert frames_in(tmp_path / "a" / "part") == frames_in(tmp_path / "b" / "part")
     assert found[0] == found[1]
 
@@ -213,7 +217,9 @@ def test_several_exposures_and_a_killed_camera(tmp_path):
         assert len(exposures) == 3
         for one, stack in zip(exposures, read_exposures(folder), strict=True):
             made.check_exact(stack, one)
-        one, three = (len(fw.read_points(tmp_path / n / "part.ply").xyz_mm) for n in ("one", "a"))
+        one, three = (
+            len(fw.files.read_points(tmp_path / n / "part.ply").xyz_mm) for n in ("one", "a")
+        )
         size = RIG.camera.width_px * RIG.camera.height_px
         assert one < 0.8 * size
         assert three >= 0.97 * size

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fringeworks import (
+from fringeworks import InputError, Reason
+from fringeworks.pair import (
     DisplacementMap,
-    InputError,
-    Reason,
     ReferencePlaneGeometry,
     displacement_from_height,
     height_from_displacement,

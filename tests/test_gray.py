@@ -5,20 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fringeworks import (
-    CameraNoise,
-    GrayCode,
-    InputError,
-    PatternPlan,
-    PhaseSteps,
-    Reason,
-    StreamingDecoder,
-    Uniform,
-    decode,
-    equal_steps,
-    read_plan,
-    write_plan,
-)
+from fringeworks import InputError, PatternPlan, Reason, decode
+from fringeworks.files import read_plan, write_plan
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
+from fringeworks.signal import CameraNoise
+from fringeworks.stack import StreamingDecoder
 from tests.oracles.gray_code import levels_of_cells, nearest_coordinate, start_of_pixel
 from tests.oracles.phase_shift import fit
 from tests.stacks import take

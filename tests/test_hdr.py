@@ -7,25 +7,20 @@ import shutil
 import numpy as np
 import pytest
 
-from fringeworks import (
-    FileProblem,
-    FramesContradictPlan,
-    InputError,
-    PatternPlan,
-    PhaseSteps,
-    decode,
-    equal_steps,
-    read_stack,
-)
+from fringeworks import FileProblem, FramesContradictPlan, InputError, PatternPlan, decode
+from fringeworks.devices.bench import virtual_bench
 from fringeworks.devices.clock import SimulatedClock
-from fringeworks.devices.virtual_bench import virtual_bench
+from fringeworks.files import read_stack
 from fringeworks.files.capture import read_capture
 from fringeworks.files.exposures import is_exposures, read_exposures
+from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.pipeline.stacks import decode_stack, measure
 from fringeworks.scan.capture import capture
 from fringeworks.scan.exposure import auto_exposure, exposure_series
 from fringeworks.scan.hdr import capture_hdr
-from fringeworks.simulate import Optics, photograph, truth_distance
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import truth_distance
 from fringeworks.types import CameraSettings, DeviceProblem, Reason
 from tests.hdr_scene import RIG, glossy_view, hdr_bench, hdr_plan
 from tests.test_scan_capture import Interrupting

@@ -91,13 +91,15 @@ def test_spoiled_arguments_give_a_result_or_an_input_error(calls):
 )
 def test_types_refuse_numbers_that_describe_nothing(value):
     for make in (
-        lambda: fw.CameraNoise(value),
-        lambda: fw.ReferencePlaneGeometry(value, 200.0),
-        lambda: fw.Pinhole(64, 48, (value, 90.0), (32.0, 24.0)),
-        lambda: fw.CameraSettings(exposure_ms=value if value is not None else "a"),
-        lambda: fw.Region(0, 0, value, 8),
-        lambda: fw.PatternPlan(value, 48, (fw.PhaseSteps("x", 16.0, fw.equal_steps(3)),)),
-        lambda: fw.GrayCode("x", 16.0, value),
+        lambda: fw.signal.CameraNoise(value),
+        lambda: fw.pair.ReferencePlaneGeometry(value, 200.0),
+        lambda: fw.rig.Pinhole(64, 48, (value, 90.0), (32.0, 24.0)),
+        lambda: fw.devices.CameraSettings(exposure_ms=value if value is not None else "a"),
+        lambda: fw.devices.Region(0, 0, value, 8),
+        lambda: fw.PatternPlan(
+            value, 48, (fw.patterns.PhaseSteps("x", 16.0, fw.patterns.equal_steps(3)),)
+        ),
+        lambda: fw.patterns.GrayCode("x", 16.0, value),
     ):
         with pytest.raises(fw.InputError, match="expected"):
             make()
@@ -126,5 +128,7 @@ def test_few_frequencies_of_wavelets():
     """Fewer than nine used to panic in the kernel."""
     row = 3.0 * np.cos(2 * np.pi * np.arange(200) / 12.5)[None]
     for count in range(3, 12):
-        phasor, _ = fw.wavelet_ridge(row, frequencies=fw.wavelet_frequencies(1 / 12.5, count, 1.5))
+        phasor, _ = fw.pair.wavelet_ridge(
+            row, frequencies=fw.pair.wavelet_frequencies(1 / 12.5, count, 1.5)
+        )
         assert abs(np.angle(phasor[0, 100])) < 0.02

@@ -109,15 +109,15 @@ def png_of(width, height):
 def test_huge_pictures_need_a_raised_limit(tmp_path, capfd):
     path = tmp_path / "a.png"
     path.write_bytes(png_of(6000, 6000))
-    with fw.file_limits(max_gb=0.1):
-        refused(fw.read_frame, path, "6000 × 6000 px.* of at most 0.1 GB, got 0.288 GB")
-    assert fw.read_frame(path)[0].shape == (6000, 6000)
+    with fw.files.file_limits(max_gb=0.1):
+        refused(fw.files.read_frame, path, "6000 × 6000 px.* of at most 0.1 GB, got 0.288 GB")
+    assert fw.files.read_frame(path)[0].shape == (6000, 6000)
     whole = bytearray(png_of(64, 64))
     whole[16:24] = struct.pack(">II", 60000, 60000)
     whole[29:33] = struct.pack(">I", zlib.crc32(bytes(whole[12:29])))
     path.write_bytes(whole)
-    refused(fw.read_frame, path, "raise the limit", growth_mb=50)
-    with pytest.raises(InputError, match="max_gb: expected > 0"), fw.file_limits(max_gb=0):
+    refused(fw.files.read_frame, path, "raise the limit", growth_mb=50)
+    with pytest.raises(InputError, match="max_gb: expected > 0"), fw.files.file_limits(max_gb=0):
         pass
     assert capfd.readouterr() == ("", "")
 
@@ -134,7 +134,7 @@ def looping_tiff():
 def test_tiffs_that_loop_or_unpack_to_gigabytes(tmp_path):
     path = tmp_path / "a.tif"
     path.write_bytes(looping_tiff())
-    refused(fw.read_frame, path, "pages one after the other, got more or a loop")
+    refused(fw.files.read_frame, path, "pages one after the other, got more or a loop")
     tifffile.imwrite(path, np.zeros((64, 64), np.uint8), compression="zlib")
     with tifffile.TiffFile(path) as file:
         tags = file.pages[0].tags
@@ -144,7 +144,7 @@ def test_tiffs_that_loop_or_unpack_to_gigabytes(tmp_path):
     for at, value in zip(places, (len(content), len(bomb)), strict=True):
         content[at : at + 4] = struct.pack("<I", value)
     path.write_bytes(bytes(content) + bomb)
-    refused(fw.read_frame, path, "no larger than the image", growth_mb=64)
+    refused(fw.files.read_frame, path, "no larger than the image", growth_mb=64)
 
 
 def test_variables_that_unpack_to_gigabytes(tmp_path):
@@ -161,7 +161,7 @@ def test_variables_that_unpack_to_gigabytes(tmp_path):
     )
     start = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
     path.write_bytes(start + struct.pack("<2I", 15, len(data)) + data)
-    refused(fw.read_capture, path, "raise the limit of memory", growth_mb=100)
+    refused(fw.files.read_capture, path, "raise the limit of memory", growth_mb=100)
 
 
 def test_archives_that_declare_more_than_they_hold(tmp_path, targets):
@@ -174,19 +174,19 @@ def test_archives_that_declare_more_than_they_hold(tmp_path, targets):
         )
 
     path.write_bytes(hostile.repacked(good.content, "values.npy", claimed))
-    refused(fw.read_surface, path, "expected values of .* bytes, got")
+    refused(fw.files.read_surface, path, "expected values of .* bytes, got")
     path.write_bytes(
         hostile.repacked(good.content, "reason.npy", lambda _: hostile._npy(np.zeros((3, 3), "u1")))
     )
     refused(
-        fw.read_surface,
+        fw.files.read_surface,
         path,
         r"expected reason as unsigned integers of shape \(h, w\), got uint8 \(3, 3\)",
     )
     path.write_bytes(
         hostile.repacked(good.content, "sigma.npy", lambda _: hostile._npy(np.zeros((9, 12), "c8")))
     )
-    refused(fw.read_surface, path, "expected sigma as floats")
+    refused(fw.files.read_surface, path, "expected sigma as floats")
 
 
 def test_numbers_and_names_without_end(tmp_path):
@@ -203,11 +203,11 @@ def test_numbers_and_names_without_end(tmp_path):
         ("kind", "# " + "a" * (1 << 20) + "\nkind", "at most 1 MB"),
     ):
         (tmp_path / "plan.toml").write_text(good.replace(old, new, 1))
-        refused(fw.read_plan, tmp_path / "plan.toml", words)
-    refused(fw.read_plan, tmp_path / ("a" * 5000), "no such file")
-    refused(fw.read_capture, tmp_path / "a\0b", "nothing there")
+        refused(fw.files.read_plan, tmp_path / "plan.toml", words)
+    refused(fw.files.read_plan, tmp_path / ("a" * 5000), "no such file")
+    refused(fw.files.read_capture, tmp_path / "a\0b", "nothing there")
     (tmp_path / "p.ply").write_bytes(hostile.PLY.replace(b"vertex 4", b"vertex 1" + b"0" * 30))
-    refused(fw.read_points, tmp_path / "p.ply", "vertices with x, y, z")
+    refused(fw.files.read_points, tmp_path / "p.ply", "vertices with x, y, z")
 
 
 READERS = sorted(
@@ -230,7 +230,7 @@ def test_recipes_with_long_names_are_refused_in_a_sentence(tmp_path):
     for text in ('within = "{}"', '[areas.hole]\nmask = "{}"'):
         path.write_text(f'kind = "recipe"\n{text.format("a" * 5000)}\n')
         with pytest.raises(fw.FileProblem) as error:
-            fw.read_recipe(path)
+            fw.files.read_recipe(path)
         assert len(str(error.value)) < 1500
 
 
@@ -239,7 +239,7 @@ def test_rigs_without_finite_numbers(tmp_path, targets, old, new):
     (good,) = (t for t in targets if t.name == "other.xml")
     path = tmp_path / "rig.xml"
     path.write_text(good.content.decode().replace(old, new, 1))
-    refused(fw.read_rig, path, "expected")
+    refused(fw.files.read_rig, path, "expected")
 
 
 def test_captures_stay_in_their_folder(tmp_path):
@@ -249,16 +249,16 @@ def test_captures_stay_in_their_folder(tmp_path):
     folder.mkdir()
     for name in ("../secret.toml", str(secret)):
         (folder / "capture.toml").write_text(f'kind = "stack"\nplan = "{name}"\n')
-        error = refused(fw.read_capture, folder, "expected files inside this folder")
+        error = refused(fw.files.read_capture, folder, "expected files inside this folder")
         assert "1234" not in str(error)
-        with fw.file_limits(outside=True):
-            refused(fw.read_capture, folder, "kind")
+        with fw.files.file_limits(outside=True):
+            refused(fw.files.read_capture, folder, "kind")
     Image.fromarray(np.arange(1024, dtype=np.uint8).reshape(32, 32)).save(tmp_path / "a.png")
     (folder / "link.png").symlink_to(tmp_path / "a.png")
     (folder / "capture.toml").write_text('kind = "pair"\n[frames]\nobject = "link.png"\n')
-    refused(fw.read_capture, folder, "inside this folder")
-    with fw.file_limits(outside=True):
-        assert fw.read_capture(folder).object.shape == (32, 32)
+    refused(fw.files.read_capture, folder, "inside this folder")
+    with fw.files.file_limits(outside=True):
+        assert fw.files.read_capture(folder).object.shape == (32, 32)
     for arguments, code in ((("--outside",), 0), ((), 2)):
         done = run(*arguments, "reconstruct", folder, code=code)
         assert len(done.stderr.splitlines()) == (code == 2)
@@ -267,10 +267,10 @@ def test_captures_stay_in_their_folder(tmp_path):
 
 def test_files_of_unreliable_kinds_print_nothing(tmp_path, capfd):
     (tmp_path / "empty.xyz").write_text("# nothing\n")
-    refused(fw.read_points, tmp_path / "empty.xyz", "expected")
+    refused(fw.files.read_points, tmp_path / "empty.xyz", "expected")
     with pytest.raises(FileProblem, match="PNG, JPEG or BMP"):
         (tmp_path / "a.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n")
-        fw.read_frame(tmp_path / "a.png")
+        fw.files.read_frame(tmp_path / "a.png")
     assert capfd.readouterr() == ("", "")
 
 
@@ -303,20 +303,24 @@ def test_arrays_of_zarr_are_bounded_and_damage_is_told(tmp_path):
     zarr = pytest.importorskip("zarr")
     frames = np.random.default_rng(0).integers(0, 255, (3, 24, 32), dtype=np.uint8)
     zarr.create_array(tmp_path / "a", data=frames, chunks=(1, 24, 32))
-    sequence = fw.read_sequence(tmp_path / "a")
+    sequence = fw.files.read_sequence(tmp_path / "a")
     assert len(sequence) == 3
     np.testing.assert_array_equal(list(sequence), frames)
     chunk = tmp_path / "a/c/1/0/0"
     chunk.write_bytes(chunk.read_bytes()[:-9])
     refused(
-        lambda path: list(fw.read_sequence(path)), tmp_path / "a", "a readable array of frames, got"
+        lambda path: list(fw.files.read_sequence(path)),
+        tmp_path / "a",
+        "a readable array of frames, got",
     )
     zarr.create_array(tmp_path / "b", shape=(2, 200_000, 200_000), chunks=(1, 64, 64), dtype="u1")
     refused(
-        lambda path: list(fw.read_sequence(path)), tmp_path / "b", "one entry .* of at most 2 GB"
+        lambda path: list(fw.files.read_sequence(path)),
+        tmp_path / "b",
+        "one entry .* of at most 2 GB",
     )
     zarr.create_group(tmp_path / "c")
-    refused(fw.read_sequence, tmp_path / "c", "expected counts .* got no array")
+    refused(fw.files.read_sequence, tmp_path / "c", "expected counts .* got no array")
 
 
 def test_set_ups_name_plans_in_their_folder(tmp_path):
@@ -325,4 +329,4 @@ def test_set_ups_name_plans_in_their_folder(tmp_path):
     for name in ("../plan.toml", "", "/dev/zero", "a\\u0000b", "no.toml"):
         text = hostile.SETUP.decode().replace('"plan.toml"', f'"{name}"')
         (tmp_path / "a/setup.toml").write_text(text)
-        refused(fw.read_setup, tmp_path / "a/setup.toml", "expected")
+        refused(fw.files.read_setup, tmp_path / "a/setup.toml", "expected")

@@ -11,7 +11,12 @@ import pytest
 import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.patterns.plan import Uniform
-from fringeworks.simulate import Optics, Plane, interreflection, look, photograph, standard_rig
+from fringeworks.simulate.bodies import Plane
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.interreflection import interreflection
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import standard_rig
+from fringeworks.simulate.virtual_rig import look
 from tests.rigs import ahead
 from tests.test_simulated_faults import groove
 
@@ -55,12 +60,14 @@ def test_robust_plans_measure_a_groove_that_bends_hierarchical_ones(kind):
 def bent_px(period_px):
     """Shift of the phase by the bounce, as a coordinate, px rms."""
     seen, bounce = scene()
-    steps = fw.PhaseSteps("x", period_px, fw.equal_steps(4))
+    steps = fw.patterns.PhaseSteps("x", period_px, fw.patterns.equal_steps(4))
     plan = fw.PatternPlan(RIG.projector.width_px, RIG.projector.height_px, (steps,))
     phases = []
     for transport in ((), (bounce,)):
         frames = list(photograph(seen, plan, Optics(seed=2, noise=0.3), transport=transport))
-        phases.append(fw.wrapped_phase(frames, steps.shifts_rad, estimate_steps=False).phase_rad)
+        phases.append(
+            fw.stack.wrapped_phase(frames, steps.shifts_rad, estimate_steps=False).phase_rad
+        )
     turned = np.angle(np.exp(1j * (phases[1] - phases[0])))[seen.lit]
     return float(np.sqrt(np.nanmean(turned**2))) * period_px / (2 * np.pi)
 
@@ -72,10 +79,13 @@ def test_short_periods_bend_less():
 
 def separated(transport, *, black=True, seed=0, **optics):
     seen, _ = scene()
-    blocks = (fw.PhaseSteps("x", SHORTEST_PX, fw.equal_steps(6)), *([Uniform("black")] * black))
+    blocks = (
+        fw.patterns.PhaseSteps("x", SHORTEST_PX, fw.patterns.equal_steps(6)),
+        *([Uniform("black")] * black),
+    )
     plan = fw.PatternPlan(RIG.projector.width_px, RIG.projector.height_px, blocks)
     light = Optics(seed=seed, noise=1.0, **optics)
-    return fw.separate_light(
+    return fw.stack.separate_light(
         list(photograph(seen, plan, light, transport=transport)), plan, contrast=contrast()
     )
 
@@ -84,12 +94,12 @@ def separated(transport, *, black=True, seed=0, **optics):
 def contrast():
     """Of the fringes on a flat sheet."""
     seen = look(RIG, [ahead_plane()])
-    steps = fw.PhaseSteps("x", SHORTEST_PX, fw.equal_steps(6))
+    steps = fw.patterns.PhaseSteps("x", SHORTEST_PX, fw.patterns.equal_steps(6))
     plan = fw.PatternPlan(
         RIG.projector.width_px, RIG.projector.height_px, (steps, Uniform("black"))
     )
     frames = list(photograph(seen, plan, Optics(seed=9, noise=1.0)))
-    found = fw.separate_light(frames, plan)
+    found = fw.stack.separate_light(frames, plan)
     ok = np.isfinite(found.direct)
     return float(found.direct[ok].sum() / (found.direct + found.indirect)[ok].sum())
 
@@ -101,7 +111,7 @@ def ahead_plane():
 def whites(transport):
     """Light of a white and a black frame, without noise."""
     seen, _ = scene()
-    steps = fw.PhaseSteps("x", SHORTEST_PX, fw.equal_steps(3))
+    steps = fw.patterns.PhaseSteps("x", SHORTEST_PX, fw.patterns.equal_steps(3))
     plan = fw.PatternPlan(
         RIG.projector.width_px, RIG.projector.height_px, (Uniform("white"), Uniform("black"), steps)
     )
@@ -148,30 +158,35 @@ def test_without_a_black_frame_the_room_counts_as_indirect():
 
 
 def test_what_cannot_be_separated_is_refused():
-    plan = fw.PatternPlan(64, 48, (fw.GrayCode("x", 8.0, 64), Uniform("white"), Uniform("black")))
+    plan = fw.PatternPlan(
+        64, 48, (fw.patterns.GrayCode("x", 8.0, 64), Uniform("white"), Uniform("black"))
+    )
     with pytest.raises(fw.InputError, match="expected a set of phase steps"):
-        fw.separate_light([np.zeros((4, 4))] * plan.frames, plan)
-    steps = fw.PatternPlan(64, 48, (fw.PhaseSteps("x", 8.0, fw.equal_steps(3)),))
+        fw.stack.separate_light([np.zeros((4, 4))] * plan.frames, plan)
+    steps = fw.PatternPlan(64, 48, (fw.patterns.PhaseSteps("x", 8.0, fw.patterns.equal_steps(3)),))
     with pytest.raises(fw.InputError, match="contrast: expected above 0 and up to 1, got 0"):
-        fw.separate_light([np.zeros((4, 4))] * 3, steps, contrast=0.0)
+        fw.stack.separate_light([np.zeros((4, 4))] * 3, steps, contrast=0.0)
     with pytest.raises(fw.InputError, match="the plan has 3, got 2; missing: x-phase-8px-2"):
-        fw.separate_light([np.zeros((4, 4))] * 2, steps)
+        fw.stack.separate_light([np.zeros((4, 4))] * 2, steps)
 
 
 def test_the_command_writes_light_picture_report_and_numbers(tmp_path, capsys):
     seen, bounce = scene()
-    blocks = (fw.PhaseSteps("x", SHORTEST_PX, fw.equal_steps(4)), Uniform("black"))
+    blocks = (
+        fw.patterns.PhaseSteps("x", SHORTEST_PX, fw.patterns.equal_steps(4)),
+        Uniform("black"),
+    )
     plan = fw.PatternPlan(RIG.projector.width_px, RIG.projector.height_px, blocks)
     frames = list(photograph(seen, plan, Optics(seed=3, noise=1.0), transport=(bounce,)))
-    fw.write_stack(tmp_path / "groove", frames, plan)
+    fw.files.write_stack(tmp_path / "groove", frames, plan)
     out, figure, report, numbers = (
         tmp_path / name for name in ("light.npz", "light.png", "light.html", "light.json")
     )
     arguments = ["light", str(tmp_path / "groove"), "--contrast", "0.8", "--out", str(out)]
     arguments += ["--figure", str(figure), "--report", str(report), "--json", str(numbers)]
     assert run(arguments) == 0
-    expected = fw.separate_light(frames, plan, contrast=0.8)
-    found = fw.read_light(out)
+    expected = fw.stack.separate_light(frames, plan, contrast=0.8)
+    found = fw.files.read_light(out)
     for name in ("direct", "direct_sigma", "indirect", "indirect_sigma", "reason"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
     assert (found.period_px, found.contrast, found.has_black) == (SHORTEST_PX, 0.8, True)
@@ -181,13 +196,13 @@ def test_the_command_writes_light_picture_report_and_numbers(tmp_path, capsys):
     assert "indirect light:" in capsys.readouterr().out
     assert figure.stat().st_size > 10_000
     assert "indirect share" in report.read_text()
-    assert type(fw.load_result(out)) is fw.LightSeparation
+    assert type(fw.read(out)) is fw.stack.LightSeparation
 
 
 def test_the_command_refuses_what_it_cannot_do(tmp_path, capsys):
     assert run(["light", str(tmp_path / "none"), "--out", str(tmp_path / "light.csv")]) == 2
     assert "expected .npz" in capsys.readouterr().err
-    plan = fw.PatternPlan(64, 48, (fw.PhaseSteps("x", 8.0, fw.equal_steps(3)),))
-    fw.write_stack(tmp_path / "dark", np.zeros((3, 48, 64), np.uint8), plan)
+    plan = fw.PatternPlan(64, 48, (fw.patterns.PhaseSteps("x", 8.0, fw.patterns.equal_steps(3)),))
+    fw.files.write_stack(tmp_path / "dark", np.zeros((3, 48, 64), np.uint8), plan)
     assert run(["light", str(tmp_path / "dark"), "--min-modulation", "3"]) == 2
     assert "leave it out" in capsys.readouterr().err

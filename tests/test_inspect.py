@@ -12,22 +12,25 @@ import pytest
 import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.evaluate.area_points import area_points
-from fringeworks.evaluate.inspect import decide
+from fringeworks.evaluate.inspect import decide, masked
 from fringeworks.evaluate.quantities import MEASURED, Quantified
 from fringeworks.rig.pinhole import pose, rotation
-from fringeworks.simulate import Optics, fringe_plan, look, photograph, standard_rig
 from fringeworks.simulate.bodies import Body, Box, Cylinder, Plane, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.scene import standard_scene
+from fringeworks.simulate.standard import fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.stack.frames import Stack
 from fringeworks.types.recipe import QUANTITIES
 
 SHAPE = (60, 80)
 AREAS = {
-    "top": fw.Area(box=(165, 130, 225, 175)),
-    "base": fw.Area(box=(20, 20, 100, 285)),
-    "ball": fw.Area(polygon=((275, 131), (320, 131), (320, 176), (275, 176))),
-    "other": fw.Area(box=(283, 235, 312, 264)),
-    "tube": fw.Area(box=(140, 226, 190, 250)),
+    "top": fw.evaluate.Area(box=(165, 130, 225, 175)),
+    "base": fw.evaluate.Area(box=(20, 20, 100, 285)),
+    "ball": fw.evaluate.Area(polygon=((275, 131), (320, 131), (320, 176), (275, 176))),
+    "other": fw.evaluate.Area(box=(283, 235, 312, 264)),
+    "tube": fw.evaluate.Area(box=(140, 226, 190, 250)),
 }
 """Areas of the scene below."""
 TRUE = {
@@ -72,30 +75,35 @@ def measured(surface, key):
 
 
 def test_areas_are_pixels():
-    box = fw.Area(box=(2, 3, 5, 7)).pixels(SHAPE)
+    box = fw.evaluate.Area(box=(2, 3, 5, 7)).pixels(SHAPE)
     assert box.sum() == 4 * 5
     assert box[3:8, 2:6].all()
     # Pixels whose centre lies inside; corners may lie between pixels, or outside of the frame.
-    polygon = fw.Area(polygon=((1.5, 2.5), (5.5, 2.5), (5.5, 7.5), (1.5, 7.5))).pixels(SHAPE)
+    polygon = fw.evaluate.Area(polygon=((1.5, 2.5), (5.5, 2.5), (5.5, 7.5), (1.5, 7.5))).pixels(
+        SHAPE
+    )
     np.testing.assert_array_equal(polygon, box)
-    triangle = fw.Area(polygon=((-10, -10), (200, -10), (-10, 200))).pixels(SHAPE)
+    triangle = fw.evaluate.Area(polygon=((-10, -10), (200, -10), (-10, 200))).pixels(SHAPE)
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     np.testing.assert_array_equal(triangle, x + y < 190)
     ring = ((0, 0), (20, 0), (20, 20), (0, 20), (0, 0), (5, 5), (5, 15), (15, 15), (15, 5), (5, 5))
-    assert not fw.Area(polygon=ring).pixels(SHAPE)[10, 10]
+    assert not fw.evaluate.Area(polygon=ring).pixels(SHAPE)[10, 10]
     mask = y > 20
-    np.testing.assert_array_equal(fw.Area(mask=mask).pixels(SHAPE), mask)
+    np.testing.assert_array_equal(fw.evaluate.Area(mask=mask).pixels(SHAPE), mask)
 
 
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: fw.Area(), "a box, a polygon or a mask, got none"),
-        (lambda: fw.Area(box=(0, 0, 1, 1), polygon=((0, 0), (1, 0), (1, 1))), "box and polygon"),
-        (lambda: fw.Area(box=(5, 0, 1, 1)), "first column"),
-        (lambda: fw.Area(polygon=((0, 0), (1, 1))), "3 corners"),
-        (lambda: fw.Area(box=(100, 0, 120, 9)).pixels(SHAPE), "80 × 60, got none"),
-        (lambda: fw.Area(mask=np.ones((3, 3), bool)).pixels(SHAPE), "shape"),
+        (lambda: fw.evaluate.Area(), "a box, a polygon or a mask, got none"),
+        (
+            lambda: fw.evaluate.Area(box=(0, 0, 1, 1), polygon=((0, 0), (1, 0), (1, 1))),
+            "box and polygon",
+        ),
+        (lambda: fw.evaluate.Area(box=(5, 0, 1, 1)), "first column"),
+        (lambda: fw.evaluate.Area(polygon=((0, 0), (1, 1))), "3 corners"),
+        (lambda: fw.evaluate.Area(box=(100, 0, 120, 9)).pixels(SHAPE), "80 × 60, got none"),
+        (lambda: fw.evaluate.Area(mask=np.ones((3, 3), bool)).pixels(SHAPE), "shape"),
     ],
 )
 def test_areas_that_are_none(make, said):
@@ -158,10 +166,13 @@ def test_errors_in_common_do_not_average_out():
 
 def test_heights_over_a_plane_are_judged_as_well():
     found = fw.reconstruct(standard_scene("cube", size=300, bits=8, noise=1.0, seed=2)).surface
-    areas = {"top": fw.Area(box=(130, 130, 170, 170)), "base": fw.Area(box=(3, 3, 30, 296))}
-    one = fw.PartTolerance("height", "step_height", ("top", "base"), 99.0, 101.0)
-    two = fw.PartTolerance("volume", "volume", ("top", "base"), 1.0, None)
-    checks = fw.judge_part(found, fw.Recipe(areas=areas, tolerances=(one, two)))
+    areas = {
+        "top": fw.evaluate.Area(box=(130, 130, 170, 170)),
+        "base": fw.evaluate.Area(box=(3, 3, 30, 296)),
+    }
+    one = fw.evaluate.PartTolerance("height", "step_height", ("top", "base"), 99.0, 101.0)
+    two = fw.evaluate.PartTolerance("volume", "volume", ("top", "base"), 1.0, None)
+    checks = fw.evaluate.judge_part(found, fw.Recipe(areas=areas, tolerances=(one, two)))
     assert abs(checks[0].value - 100.0) <= 2 * checks[0].sigma
     # Rays run through the camera's pupil: what is nearer is smaller.
     area_mm2 = 41 * 41 * (found.pitch * (1 - checks[0].value / 5000.0)) ** 2
@@ -187,7 +198,7 @@ def test_heights_over_a_plane_are_judged_as_well():
 )
 def test_decisions_keep_a_guard_band(value, noise, low, high, expected):
     found = Quantified(value, 0.1, "mm", noise)
-    tolerance = fw.PartTolerance("t", "flatness", ("a",), low, high)
+    tolerance = fw.evaluate.PartTolerance("t", "flatness", ("a",), low, high)
     assert decide(found, tolerance, 0.05) == expected
 
 
@@ -216,16 +227,19 @@ def plate(height_mm, sigma_mm, rng):
 def test_parts_near_their_limits_are_accepted_within_the_risk(risk, count):
     """Parts whose step breaks a limit by up to two standard deviations, or keeps it by that."""
     rng = np.random.default_rng(5)
-    areas = {"top": fw.Area(box=(2, 2, 37, 57)), "base": fw.Area(box=(42, 2, 77, 57))}
-    limits = fw.PartTolerance("step", "step_height", ("top", "base"), 0.9, 1.1)
+    areas = {
+        "top": fw.evaluate.Area(box=(2, 2, 37, 57)),
+        "base": fw.evaluate.Area(box=(42, 2, 77, 57)),
+    }
+    limits = fw.evaluate.PartTolerance("step", "step_height", ("top", "base"), 0.9, 1.1)
     recipe = fw.Recipe(areas=areas, tolerances=(limits,), risk=risk)
-    sigma = fw.judge_part(plate(1.0, 0.05, rng), recipe)[0].sigma
+    sigma = fw.evaluate.judge_part(plate(1.0, 0.05, rng), recipe)[0].sigma
     wrong, decided = {"accepted": [], "refused": []}, 0
     for k in range(count):
         limit = (0.9, 1.1)[k % 2]
         outward = (-1, 1)[k % 2]
         over = rng.uniform(-2.0, 2.0)
-        (check,) = fw.judge_part(plate(limit + outward * over * sigma, 0.05, rng), recipe)
+        (check,) = fw.evaluate.judge_part(plate(limit + outward * over * sigma, 0.05, rng), recipe)
         decided += check.verdict != "undecided"
         if over > 0:
             wrong["accepted"].append(check.verdict == "pass")
@@ -241,9 +255,9 @@ def test_too_little_measured_is_undecided():
     cloud = points(0)
     dark = np.where(np.arange(cloud.shape[1]) < 101, np.uint8(fw.Reason.SHADOW), cloud.reason)
     cloud = replace(cloud, reason=dark.astype(np.uint8))
-    flat = fw.PartTolerance("flat", "flatness", ("base",), None, 1.0)
-    share = fw.PartTolerance("share", "valid_share", ("base",), 0.9, None)
-    checks = fw.judge_part(cloud, fw.Recipe(areas=AREAS, tolerances=(flat, share)))
+    flat = fw.evaluate.PartTolerance("flat", "flatness", ("base",), None, 1.0)
+    share = fw.evaluate.PartTolerance("share", "valid_share", ("base",), 0.9, None)
+    checks = fw.evaluate.judge_part(cloud, fw.Recipe(areas=AREAS, tolerances=(flat, share)))
     assert [check.verdict for check in checks] == ["undecided", "undecided"]
     assert "base: " in checks[0].why
     assert np.isnan(checks[1].value)
@@ -253,16 +267,16 @@ def test_volumes_need_all_of_their_area():
     cloud = points(0)
     hole = cloud.reason.copy()
     hole[140:150, 170:180] = fw.Reason.SATURATED
-    tolerance = fw.PartTolerance("v", "volume", ("top", "base"), 1.0, None)
+    tolerance = fw.evaluate.PartTolerance("v", "volume", ("top", "base"), 1.0, None)
     recipe = fw.Recipe(areas=AREAS, tolerances=(tolerance,))
-    (check,) = fw.judge_part(replace(cloud, reason=hole), recipe)
+    (check,) = fw.evaluate.judge_part(replace(cloud, reason=hole), recipe)
     assert check.verdict == "undecided"
     assert "99%" in check.why
 
 
 def test_only_the_area_is_measured():
     cloud = points(0)
-    found = fw.masked(cloud, AREAS["top"])
+    found = masked(cloud, AREAS["top"])
     inside = AREAS["top"].pixels(cloud.shape)
     assert (found.reason[~inside] == fw.Reason.MASKED).all()
     assert np.isnan(found.xyz_mm[~inside]).all()
@@ -275,14 +289,14 @@ def folder(tmp_path_factory):
     """A capture of the scene, its rig, and recipes."""
     made = tmp_path_factory.mktemp("parts")
     rig, plan, view = scene()
-    fw.write_stack(made / "part", list(photograph(view, plan, Optics(seed=3))), plan)
-    fw.write_rig(made / "rig.toml", rig)
-    fw.write_pair(made / "pair", standard_scene("cube", size=200, bits=8, noise=1.0, seed=2))
+    fw.files.write_stack(made / "part", list(photograph(view, plan, Optics(seed=3))), plan)
+    fw.files.write_rig(made / "rig.toml", rig)
+    fw.files.write_pair(made / "pair", standard_scene("cube", size=200, bits=8, noise=1.0, seed=2))
     return made
 
 
 def step(low, high):
-    tolerance = fw.PartTolerance("step", "step_height", ("top", "base"), low, high)
+    tolerance = fw.evaluate.PartTolerance("step", "step_height", ("top", "base"), low, high)
     return fw.Recipe(areas=AREAS, tolerances=(tolerance,), risk=0.01)
 
 
@@ -294,8 +308,8 @@ def test_the_command_says_it_by_its_exit_code(folder, tmp_path, capsys, low, hig
         free = replace(step(0.0, 11.0), rig=folder / "rig.toml")
         low = fw.inspect(folder / "part", free).checks[0].value
     recipe = replace(step(low, high), rig=folder / "rig.toml")
-    fw.write_recipe(folder / "recipe.toml", recipe)
-    assert fw.read_recipe(folder / "recipe.toml") == recipe
+    fw.files.write_recipe(folder / "recipe.toml", recipe)
+    assert fw.files.read_recipe(folder / "recipe.toml") == recipe
     figures = tmp_path / "f.json"
     words = ["inspect", str(folder / "part"), "--recipe", str(folder / "recipe.toml")]
     target = tmp_path / "part.ply"
@@ -303,7 +317,7 @@ def test_the_command_says_it_by_its_exit_code(folder, tmp_path, capsys, low, hig
     found = json.loads(figures.read_text())
     assert found["verdict"] == {0: "pass", 3: "fail", 4: "undecided"}[code]
     assert found["checks"][0]["value"] == pytest.approx(10.0, abs=0.01)
-    assert len(fw.read_points(target).xyz_mm) == found["points"]
+    assert len(fw.files.read_points(target).xyz_mm) == found["points"]
     assert "step" in capsys.readouterr().out
 
 
@@ -313,8 +327,8 @@ def test_a_stack_needs_a_rig(folder):
 
 
 def test_pairs_are_measured_within_the_area(folder):
-    area = fw.Area(box=(60, 60, 140, 140))
-    flat = fw.PartTolerance("flat", "valid_share", ("part",), 0.5, None)
+    area = fw.evaluate.Area(box=(60, 60, 140, 140))
+    flat = fw.evaluate.PartTolerance("flat", "valid_share", ("part",), 0.5, None)
     recipe = fw.Recipe(method="fourier", areas={"part": area}, within="part", tolerances=(flat,))
     found = fw.inspect(folder / "pair", recipe)
     assert found.verdict == "pass"
@@ -325,9 +339,9 @@ def test_pairs_are_measured_within_the_area(folder):
 def test_masks_lie_beside_the_recipe(tmp_path):
     mask = np.zeros(SHAPE, bool)
     mask[10:20, 30:50] = True
-    recipe = fw.Recipe(areas={"m": fw.Area(mask=mask)}, within="m")
-    fw.write_recipe(tmp_path / "r.toml", recipe)
-    assert fw.read_recipe(tmp_path / "r.toml") == recipe
+    recipe = fw.Recipe(areas={"m": fw.evaluate.Area(mask=mask)}, within="m")
+    fw.files.write_recipe(tmp_path / "r.toml", recipe)
+    assert fw.files.read_recipe(tmp_path / "r.toml") == recipe
 
 
 @pytest.mark.parametrize(
@@ -352,13 +366,13 @@ def test_masks_lie_beside_the_recipe(tmp_path):
 def test_recipes_that_cannot_be_used(tmp_path, text, said):
     (tmp_path / "r.toml").write_text(text)
     with pytest.raises(fw.InputError, match=said):
-        fw.read_recipe(tmp_path / "r.toml")
+        fw.files.read_recipe(tmp_path / "r.toml")
 
 
 def test_results_are_converted(tmp_path, capsys):
-    fw.write_result(tmp_path / "a.npz", points(0))
+    fw.write(tmp_path / "a.npz", points(0))
     assert run(["convert", str(tmp_path / "a.npz"), str(tmp_path / "b.ply")]) == 0
-    assert len(fw.read_points(tmp_path / "b.ply").xyz_mm) == (points(0).reason == 0).sum()
+    assert len(fw.files.read_points(tmp_path / "b.ply").xyz_mm) == (points(0).reason == 0).sum()
     assert run(["convert", str(tmp_path / "b.ply"), str(tmp_path / "c.npz")]) == 2
     assert "expected points or heights" in capsys.readouterr().err
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fringeworks import Pair, Reason, _core, analyse, reconstruct
-from fringeworks.evaluate.errors import errors
+from fringeworks.evaluate.truth_errors import errors
 from fringeworks.pair.methods.inverse_function import find_extrema
 from fringeworks.signal.gamma import estimate_gamma
 from tests.conftest import scene

@@ -10,18 +10,11 @@ import pytest
 from fringeworks import Reason, StreamingDecoder, _core, decode
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.rig.triangulate import triangulate
-from fringeworks.simulate import (
-    Body,
-    Box,
-    Cylinder,
-    Optics,
-    Plane,
-    Sphere,
-    fringe_plan,
-    look,
-    photograph,
-    standard_rig,
-)
+from fringeworks.simulate.bodies import Body, Box, Cylinder, Plane, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from tests.oracles.isolated import isolated
 
 GROSS_MM = 1.0

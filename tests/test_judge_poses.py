@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import InputError, Observation
+from fringeworks import InputError
+from fringeworks.rig import Observation
 from fringeworks.rig.calibration.board_view import BoardView
 from fringeworks.rig.calibration.bundle import adjust
 from fringeworks.rig.calibration.calibrate import calibrate
@@ -16,7 +17,8 @@ from fringeworks.rig.calibration.diagnosis import diagnose
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.scan.poses import judge_poses, rough_focal_px
-from fringeworks.simulate import Optics, board_poses, cropped_field
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_poses, cropped_field
 from tests.rigs import board, rig, rig_errors, see, sighting
 
 GOOD = {

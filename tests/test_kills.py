@@ -54,8 +54,8 @@ def test_recipes_keep_their_masks_and_plans(tmp_path):
         assert _whole_recipe(tmp_path)
         assert len(list(tmp_path.iterdir())) == 3
     (tmp_path / "recipe-mask-2.png").write_bytes(b"mine")
-    area = fw.Area(box=(0, 0, 3, 3))
-    fw.write_recipe(tmp_path / "recipe.toml", fw.Recipe(areas={"a": area, "b": area}))
+    area = fw.evaluate.Area(box=(0, 0, 3, 3))
+    fw.files.write_recipe(tmp_path / "recipe.toml", fw.Recipe(areas={"a": area, "b": area}))
     assert (tmp_path / "recipe-mask-2.png").read_bytes() == b"mine"
 
 

@@ -7,34 +7,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import InputError, PatternPlan, PhaseSteps, Uniform, equal_steps
+from fringeworks import InputError, PatternPlan
+from fringeworks.patterns import PhaseSteps, Uniform, equal_steps
 from fringeworks.rig.pinhole import pose, rotation
-from fringeworks.simulate import (
-    DLP_BRIGHT,
-    LCD,
+from fringeworks.simulate.bayer import (
+    LUMINANCE_SHARES,
+    OF_GREEN,
+    OF_RED_AND_BLUE,
     Bayer,
-    Body,
-    Box,
-    Optics,
-    Plane,
-    SCurve,
-    Sphere,
-    TabulatedResponse,
-    ThinLens,
-    cropped_field,
     demosaiced,
-    interreflection,
-    look,
     mosaic,
-    pair_displacement,
-    photograph,
-    photograph_pair,
-    standard_rig,
-    subsurface,
 )
-from fringeworks.simulate.bayer import LUMINANCE_SHARES, OF_GREEN, OF_RED_AND_BLUE
-from fringeworks.simulate.lens import blurred_by_map
+from fringeworks.simulate.bodies import Body, Box, Plane, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.interreflection import interreflection
+from fringeworks.simulate.lens import ThinLens, blurred_by_map
+from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.projected_light import blurred_profile
+from fringeworks.simulate.response_curve import DLP_BRIGHT, LCD, SCurve, TabulatedResponse
+from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
+from fringeworks.simulate.standard import cropped_field, standard_rig
+from fringeworks.simulate.subsurface import subsurface
+from fringeworks.simulate.virtual_rig import look
 from tests.rigs import ahead
 from tests.test_virtual_rig import head_on
 

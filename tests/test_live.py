@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
+from fringeworks.devices.bench import RADIUS_MM, SCALE, virtual_bench
 from fringeworks.devices.clock import SimulatedClock
-from fringeworks.devices.virtual_bench import RADIUS_MM, SCALE, virtual_bench
-from fringeworks.simulate import fringe_plan, standard_rig
+from fringeworks.simulate.standard import fringe_plan, standard_rig
 
 RIG = standard_rig(scale=SCALE)
 PLAN = fringe_plan(RIG, both=False)
@@ -21,11 +21,11 @@ PLAN = fringe_plan(RIG, both=False)
 @pytest.mark.parametrize("fast", [False, True])
 def test_every_cloud_is_the_sphere_in_the_same_memory(fast):
     projector, camera = virtual_bench("sphere", clock=SimulatedClock())
-    delay = fw.measure_delay(projector, camera, triggered=True) if fast else None
+    delay = fw.scan.measure_delay(projector, camera, triggered=True) if fast else None
     memory, judged = set(), []
     for cloud in islice(fw.live(projector, camera, PLAN, RIG, delay=delay), 3):
         xyz = cloud.points.xyz_mm[cloud.points.reason == 0]
-        found = fw.fit_region(np.array(xyz, float), "sphere")
+        found = fw.surface.fit_region(np.array(xyz, float), "sphere")
         assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.05)
         assert cloud.points_per_s > 0
         judged.append(cloud.judged)

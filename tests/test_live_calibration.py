@@ -6,22 +6,16 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError
+from fringeworks.devices.bench import BOARD, MODEL
 from fringeworks.devices.clock import SimulatedClock
-from fringeworks.devices.virtual_bench import BOARD, MODEL
 from fringeworks.devices.virtual_camera import VirtualCamera
 from fringeworks.devices.virtual_projector import ProjectorModel, VirtualProjector
 from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.scan.live_calibration import calibrate_live
-from fringeworks.simulate import (
-    Body,
-    Sphere,
-    board_body,
-    board_poses,
-    fringe_plan,
-    look,
-    standard_rig,
-)
+from fringeworks.simulate.bodies import Body, Sphere
+from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 
 RIG = standard_rig(scale=0.3)
 PLACES = board_poses(parse_board(BOARD), 14, seed=3)

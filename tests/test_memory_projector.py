@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import FileProblem, InputError, encode, read_stack, write_patterns
+from fringeworks import FileProblem, InputError, encode
 from fringeworks.devices.memory_projector import MemoryProjector
 from fringeworks.devices.protocols import Projector
+from fringeworks.files import read_stack, write_patterns
 from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.exposure import auto_exposure

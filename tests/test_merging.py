@@ -10,26 +10,24 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.rig.pinhole import inverse, pose, rotation
-from fringeworks.simulate import (
-    Body,
-    Optics,
-    Sphere,
+from fringeworks.simulate.bodies import Body, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import fringe_plan, standard_rig
+from fringeworks.simulate.turntable import (
     TurntableErrors,
     board_on_table,
     bust_on_table,
-    fringe_plan,
-    look,
     on_table,
-    photograph,
-    standard_rig,
     turned_poses,
     turntable_pose,
 )
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.views.poses import carried, from_twist, twist
 from fringeworks.views.registration import register
 from fringeworks.views.surface_points import surface_points
 
-BOARD = fw.parse_board("charuco:10x10:20:15")
+BOARD = fw.rig.parse_board("charuco:10x10:20:15")
 T_table_board = pose(rotation(np.array([0.0, 0.0, 0.2])), np.array([-97.0, -103.0, 0.0]))
 ERRORS = TurntableErrors(angle_deg=0.05, wobble_deg=0.1, runout_mm=0.01)
 
@@ -71,7 +69,7 @@ def test_a_boards_pose_is_off_by_what_its_covariance_says(seed):
     poses, clouds = views("ball", (0.0, 45.0, 90.0, 135.0), seed)
     squares = []
     for T, cloud in zip(poses, clouds, strict=True):
-        found = fw.board_pose(cloud, BOARD).pose
+        found = fw.views.board_pose(cloud, BOARD).pose
         squares.append(
             error_in_sigmas(found.T_part_camera, inverse(T @ T_table_board), found.covariance)
         )
@@ -81,8 +79,8 @@ def test_a_boards_pose_is_off_by_what_its_covariance_says(seed):
 def test_the_axis_of_a_turntable_is_found_within_its_sigma():
     angles = (0.0, 45.0, 90.0, 135.0)
     _, clouds = views("ball", angles, 0)
-    found = fw.turntable_axis(
-        [inverse(fw.board_pose(c, BOARD).pose.T_part_camera) for c in clouds], angles
+    found = fw.views.turntable_axis(
+        [inverse(fw.views.board_pose(c, BOARD).pose.T_part_camera) for c in clouds], angles
     )
     true = turntable_pose(distance_mm=520.0)
     assert found.direction @ true[:3, 2] > 0
@@ -90,9 +88,9 @@ def test_the_axis_of_a_turntable_is_found_within_its_sigma():
     assert off < 0.02
     assert np.linalg.norm(np.cross(found.point_mm - true[:3, 3], true[:3, 2])) < 0.03
     with pytest.raises(fw.InputError, match="expected 3 or more, got 1"):
-        fw.turntable_axis([true])
+        fw.views.turntable_axis([true])
     with pytest.raises(fw.InputError, match="rotations of 5°"):
-        fw.turntable_axis([true, true, true])
+        fw.views.turntable_axis([true, true, true])
 
 
 def bust_pair():
@@ -133,7 +131,7 @@ def test_a_merged_ball_has_its_diameter_within_sigma():
     part = fw.merge(clouds, board=BOARD, rig=rig())
     assert 0.4 < part.blur_px < 0.6
     common = np.sqrt(np.median(part.points.sigma_mm**2 - part.points.noise_mm**2))
-    form = fw.fit_form(
+    form = fw.surface.fit_form(
         part.points.xyz_mm, "sphere", sigma_mm=part.points.sigma_mm, common_mm=float(common)
     )
     assert abs(2.0 * form.parameters["radius_mm"] - 50.0) < 3.0 * 2.0 * form.sigma_mm
@@ -148,11 +146,11 @@ def test_the_command_merges_files(tmp_path):
     _, clouds = views("bust", (0.0, 30.0), 0)
     paths = [tmp_path / f"{k}.npz" for k in range(2)]
     for path, cloud in zip(paths, clouds, strict=True):
-        fw.write_points(path, cloud)
+        fw.files.write_points(path, cloud)
     out = tmp_path / "part.ply"
     assert run(["merge", *map(str, paths), "--board", BOARD.name, "--out", str(out)]) == 0
     merged = fw.merge(paths, board=BOARD)
-    read = fw.read_points(out)
+    read = fw.files.read_points(out)
     assert np.allclose(read.xyz_mm, merged.points.xyz_mm, atol=1e-4)
     assert np.allclose(read.sigma_mm, merged.points.sigma_mm, rtol=1e-5)
 
@@ -181,8 +179,8 @@ def test_the_command_writes_a_closed_mesh(tmp_path):
     _, clouds = views("ball", (0.0, 45.0, 90.0, 135.0), 0)
     paths = [str(tmp_path / f"{k}.npz") for k in range(2)]
     for path, cloud in zip(paths, clouds, strict=False):
-        fw.write_points(path, cloud)
-    fw.write_rig(tmp_path / "rig.toml", rig())
+        fw.files.write_points(path, cloud)
+    fw.files.write_rig(tmp_path / "rig.toml", rig())
     out = tmp_path / "part.stl"
     options = ["--board", BOARD.name, "--rig", str(tmp_path / "rig.toml"), "--out", str(out)]
     assert run(["merge", *paths, *options]) == 0

@@ -28,7 +28,7 @@ def test_a_hole_in_a_plane_is_filled_by_the_plane_and_marked():
     u, v = (x - W / 2) / 500, (y - H / 2) / 500
     depth = 500.0 / (1 + 0.8 * u - 0.3 * v)
     depth[20:27, 30:41] = np.nan
-    found = fw.cloud_mesh(cloud_of(depth), fill_px=77)
+    found = fw.surface.cloud_mesh(cloud_of(depth), fill_px=77)
     assert np.count_nonzero(found.filled) == 77
     points = found.vertices_mm[found.filled]
     # The plane is z + 0.8 x − 0.3 y = 500.
@@ -36,13 +36,13 @@ def test_a_hole_in_a_plane_is_filled_by_the_plane_and_marked():
     assert np.abs(off).max() < 1e-3
     assert np.isnan(found.sigma_mm[found.filled]).all()
     assert np.isfinite(found.sigma_mm[~found.filled]).all()
-    assert fw.cloud_mesh(cloud_of(depth), fill_px=76).filled is None
+    assert fw.surface.cloud_mesh(cloud_of(depth), fill_px=76).filled is None
 
 
 def test_holes_in_a_sphere_are_filled_close_to_it():
     depth = sphere_depth()
     depth[25:31, 35:41] = np.nan
-    found = fw.cloud_mesh(cloud_of(depth), fill_px=40)
+    found = fw.surface.cloud_mesh(cloud_of(depth), fill_px=40)
     points = found.vertices_mm[found.filled]
     assert len(points) == 36
     # The membrane over a square of side a = 7 mm lies 0.0737 a² · 2/R below the middle of a sphere
@@ -56,7 +56,7 @@ def test_a_hole_beside_a_step_in_depth_stays_open():
     depth = np.full((H, W), 500.0)
     depth[:, 40:] = 560.0
     depth[20:24, 38:42] = np.nan
-    found = fw.cloud_mesh(cloud_of(depth), fill_px=100)
+    found = fw.surface.cloud_mesh(cloud_of(depth), fill_px=100)
     assert found.filled is None
     z = found.vertices_mm[found.faces][..., 2]
     assert np.ptp(z, axis=1).max() < 1.0
@@ -65,34 +65,34 @@ def test_a_hole_beside_a_step_in_depth_stays_open():
 def test_holes_at_the_frames_border_stay_open():
     depth = np.full((H, W), 500.0)
     depth[:5, :5] = np.nan
-    assert fw.cloud_mesh(cloud_of(depth), fill_px=100).filled is None
+    assert fw.surface.cloud_mesh(cloud_of(depth), fill_px=100).filled is None
 
 
 def test_triangles_face_the_camera():
-    found = fw.cloud_mesh(cloud_of(sphere_depth()))
+    found = fw.surface.cloud_mesh(cloud_of(sphere_depth()))
     p, q, r = found.vertices_mm[found.faces].transpose(1, 0, 2)
     assert (np.sum(np.cross(q - p, r - p) * p, axis=1) < 0).all()
 
 
 def test_fewer_triangles_keep_the_surface_within_their_sigma():
     pytest.importorskip("fast_simplification")
-    full = fw.cloud_mesh(cloud_of(sphere_depth()))
-    few = fw.decimate(full, 500)
+    full = fw.surface.cloud_mesh(cloud_of(sphere_depth()))
+    few = fw.surface.decimate(full, 500)
     assert 400 < len(few.faces) <= 500
     off = np.abs(np.linalg.norm(few.vertices_mm - [0, 0, 560.0], axis=1) - 60.0)
     assert np.mean(off <= 2 * few.sigma_mm) > 0.9
-    assert fw.decimate(full, len(full.faces)) is full
+    assert fw.surface.decimate(full, len(full.faces)) is full
     with pytest.raises(fw.InputError, match="faces: expected 4 or more, got 3"):
-        fw.decimate(full, 3)
+        fw.surface.decimate(full, 3)
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "glb", "ply"])
 def test_meshes_come_back_from_files(tmp_path, suffix):
-    mesh = fw.cloud_mesh(cloud_of(sphere_depth()))
+    mesh = fw.surface.cloud_mesh(cloud_of(sphere_depth()))
     brightness = np.linspace(10.0, 200.0, len(mesh.vertices_mm))
     mesh = replace(mesh, colour=np.column_stack((brightness, brightness / 2, brightness / 4)))
     path = tmp_path / f"part.{suffix}"
-    fw.write_mesh(path, mesh)
+    fw.files.write_mesh(path, mesh)
     loaded = trimesh.load(path, force="mesh", process=False)
     wanted = mesh.vertices_mm[mesh.faces]
     if suffix == "glb":
@@ -110,8 +110,8 @@ def test_meshes_come_back_from_files(tmp_path, suffix):
 def test_a_ply_keeps_sigma_and_what_was_filled(tmp_path):
     depth = sphere_depth()
     depth[25:31, 35:41] = np.nan
-    mesh = fw.cloud_mesh(cloud_of(depth), fill_px=40)
-    fw.write_mesh(tmp_path / "part.ply", mesh)
+    mesh = fw.surface.cloud_mesh(cloud_of(depth), fill_px=40)
+    fw.files.write_mesh(tmp_path / "part.ply", mesh)
     table, comments = read_ply(tmp_path / "part.ply")
     assert (table["filled"].astype(bool) == mesh.filled).all()
     np.testing.assert_allclose(table["sigma"], mesh.sigma_mm)
@@ -120,14 +120,14 @@ def test_a_ply_keeps_sigma_and_what_was_filled(tmp_path):
 
 def test_what_is_no_mesh_is_refused(tmp_path):
     with pytest.raises(fw.InputError, match="expected neighbouring points, got none"):
-        fw.cloud_mesh(cloud_of(np.full((H, W), np.nan)))
+        fw.surface.cloud_mesh(cloud_of(np.full((H, W), np.nan)))
     with pytest.raises(fw.InputError, match="fill_px: expected 0 or more, got -1"):
-        fw.cloud_mesh(cloud_of(np.full((H, W), 500.0)), fill_px=-1)
-    mesh = fw.cloud_mesh(cloud_of(np.full((H, W), 500.0)))
+        fw.surface.cloud_mesh(cloud_of(np.full((H, W), 500.0)), fill_px=-1)
+    mesh = fw.surface.cloud_mesh(cloud_of(np.full((H, W), 500.0)))
     with pytest.raises(fw.FileProblem, match="expected"):
-        fw.write_mesh(tmp_path / "part.step", mesh)
+        fw.files.write_mesh(tmp_path / "part.step", mesh)
     with pytest.raises(fw.InputError, match="expected triangles to write, got none"):
-        fw.write_mesh(tmp_path / "part.stl", replace(mesh, faces=np.empty((0, 3), np.uint32)))
+        fw.files.write_mesh(tmp_path / "part.stl", replace(mesh, faces=np.empty((0, 3), np.uint32)))
     assert not list(tmp_path.iterdir())
 
 
@@ -154,27 +154,27 @@ def read_pcd(path):
 def test_a_pcd_holds_the_points_with_sigma_normals_and_brightness(tmp_path):
     cloud = bright_cloud()
     ok = cloud.reason == fw.Reason.OK
-    fw.write_points(tmp_path / "part.pcd", cloud, kind="normals")
+    fw.files.write_points(tmp_path / "part.pcd", cloud, kind="normals")
     table = read_pcd(tmp_path / "part.pcd")
     np.testing.assert_array_equal(np.column_stack([table[n] for n in "xyz"]), cloud.xyz_mm[ok])
     np.testing.assert_array_equal(table["sigma"], cloud.sigma_mm[ok])
     np.testing.assert_allclose(
         np.column_stack([table[n] for n in ("normal_x", "normal_y", "normal_z")]),
-        np.nan_to_num(fw.normals(cloud)[ok]),
+        np.nan_to_num(fw.surface.normals(cloud)[ok]),
     )
     grey = table["rgb"] & 0xFF
     assert ((table["rgb"] >> 16) == grey).all()
     assert (table["rgb"] >> 8 & 0xFF == grey).all()
     assert np.corrcoef(grey, cloud.colour[ok])[0, 1] > 0.999
     with pytest.raises(fw.InputError, match="expected points, got triangles"):
-        fw.write_points(tmp_path / "mesh.pcd", cloud, kind="mesh")
+        fw.files.write_points(tmp_path / "mesh.pcd", cloud, kind="mesh")
     assert not (tmp_path / "mesh.pcd").exists()
 
 
 def test_a_mat_holds_the_frame_as_matlab_sees_it(tmp_path):
     scipy_io = pytest.importorskip("scipy.io")
     cloud = bright_cloud()
-    fw.write_points(tmp_path / "part.mat", cloud)
+    fw.files.write_points(tmp_path / "part.mat", cloud)
     found = scipy_io.loadmat(tmp_path / "part.mat")
     for name in ("xyz_mm", "sigma_mm", "noise_mm", "reason", "colour"):
         np.testing.assert_array_equal(found[name], getattr(cloud, name))
@@ -187,7 +187,7 @@ def test_the_command_cleans_crops_fills_and_reduces(tmp_path):
     depth = np.full((H, W), 500.0)
     depth[30:33, 40:43] = np.nan  # a hole of 9 px
     depth[5:8, 70:78] = 450.0  # a speck before the surface
-    fw.write_points(tmp_path / "seen.npz", cloud_of(depth))
+    fw.files.write_points(tmp_path / "seen.npz", cloud_of(depth))
     done = run(
         "mesh",
         tmp_path / "seen.npz",

@@ -176,7 +176,9 @@ def test_shift_equivariance(name, shift):
 )
 def test_encode_decode_identity(name, height, gamma, x):
     """The analysis returns the height that the forward model encoded."""
-    from fringeworks.simulate import STANDARD_GEOMETRY, PairSettings, capture_pair, make_object
+    from fringeworks.simulate.fringes import PairSettings, capture_pair
+    from fringeworks.simulate.objects import make_object
+    from fringeworks.simulate.scene import STANDARD_GEOMETRY
 
     body = make_object("parabola", (64, 240), height_mm=height / 5, radius_px=60, centre_px=(x, 32))
     pair = capture_pair(body, STANDARD_GEOMETRY, PairSettings(fringes=12, gamma=gamma))
@@ -186,7 +188,8 @@ def test_encode_decode_identity(name, height, gamma, x):
 
 
 def test_one_row_is_enough():
-    from fringeworks.simulate import deformed_row, parabola_1d
+    from fringeworks.simulate.fringes import deformed_row
+    from fringeworks.simulate.objects import parabola_1d
     from fringeworks.types import ReferencePlaneGeometry
 
     geometry = ReferencePlaneGeometry(distance_mm=800.0, baseline_mm=300.0)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import Pair, Reason, analyse, standard_scene
+from fringeworks import Pair, Reason, analyse
 from fringeworks.pair.counting import Inverted, RowInversion
 from fringeworks.pair.orders import compare_orders, invert_again
 from fringeworks.pair.prepared import prepare
+from fringeworks.simulate.scene import standard_scene
 
 PERIOD = 20.0
 

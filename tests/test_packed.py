@@ -11,6 +11,7 @@ import pytest
 import fringeworks as fw
 from fringeworks.files.points import Points
 from fringeworks.report.viewer.coding import FINEST_RATIO, coded, deflated, geometric, logarithms
+from fringeworks.report.viewer.page import viewer_fragment, viewer_page
 from fringeworks.report.viewer.placing import camera_lattice
 from fringeworks.rig.pinhole import rays
 from fringeworks.surface.section import organised_points
@@ -42,7 +43,7 @@ def assert_within(found, points, sigma, reason):
 @pytest.mark.parametrize("on_rays", [True, False])
 def test_random_clouds_stay_within_an_eighth_of_sigma(seed, on_rays):
     cloud = random_cloud(seed, on_rays=on_rays)
-    packed = fw.pack_surface(cloud)
+    packed = fw.report.pack_surface(cloud)
     assert packed.header["points"]["coding"] == ("z" if on_rays else "xyz")
     assert_within(unpacked(packed.data), organised_points(cloud), cloud.sigma_mm, cloud.reason)
 
@@ -50,7 +51,7 @@ def test_random_clouds_stay_within_an_eighth_of_sigma(seed, on_rays):
 @pytest.mark.parametrize("camera", [True, False], ids=["camera given", "camera fitted"])
 def test_a_measured_bust(camera):
     measured = measured_bust()
-    packed = fw.pack_surface(measured, camera=small_rig() if camera else None, title="bust")
+    packed = fw.report.pack_surface(measured, camera=small_rig() if camera else None, title="bust")
     cloud = measured.points
     found = unpacked(packed.data)
     assert packed.header["points"]["coding"] == "z"
@@ -70,7 +71,7 @@ def test_a_measured_bust(camera):
 @pytest.mark.parametrize("pupil", [True, False])
 def test_height_maps(pupil):
     surface = height_map(pupil=pupil)
-    packed = fw.pack_surface(surface)
+    packed = fw.report.pack_surface(surface)
     assert packed.header["points"]["coding"] == "z"
     assert packed.header["metric"]
     assert_within(unpacked(packed.data), organised_points(surface), surface.sigma, surface.reason)
@@ -82,7 +83,7 @@ def test_heights_of_unknown_pitch_and_displacements_are_no_lengths_in_space():
         replace(surface, pitch=None, pupil=None),
         replace(surface, quantity="displacement", unit="px", pitch=1.0, pupil=None),
     ):
-        packed = fw.pack_surface(other)
+        packed = fw.report.pack_surface(other)
         assert not packed.header["metric"]
         assert packed.header["lateral_unit"] == "px"
         assert packed.header["stretch"] == pytest.approx(0.25 * 29 / 5, rel=0.2)
@@ -90,7 +91,7 @@ def test_heights_of_unknown_pitch_and_displacements_are_no_lengths_in_space():
 
 def test_coordinate_maps():
     found = coordinate_map()
-    read = unpacked(fw.pack_surface(found).data)
+    read = unpacked(fw.report.pack_surface(found).data)
     row, column = np.indices(found.reason.shape)
     points = np.stack((column, -row, found.coordinate_px), axis=-1).astype(float)
     assert_within(read, points, found.sigma_px, found.reason)
@@ -100,20 +101,20 @@ def test_lists_of_points_and_unknown_sigma_are_exact():
     xyz = np.random.default_rng(0).normal(0, 100, (50, 3))
     single = xyz.astype(np.float32)
     for points, coding in ((single, "float32"), (xyz, "float64")):
-        packed = fw.pack_surface(Points(points, None))
+        packed = fw.report.pack_surface(Points(points, None))
         assert packed.header["points"]["coding"] == coding
         np.testing.assert_array_equal(unpacked(packed.data).points[0], points)
     cloud = random_cloud(0)
     for sigma in (np.nan, 0.0):
         unknown = replace(cloud, sigma_mm=np.full(cloud.shape, sigma, np.float32))
-        found = unpacked(fw.pack_surface(unknown).data)
+        found = unpacked(fw.report.pack_surface(unknown).data)
         np.testing.assert_array_equal(found.points, organised_points(unknown))
 
 
 def test_points_with_sigma_stay_within_an_eighth():
     xyz = np.random.default_rng(0).normal(0, 100, (400, 3))
     sigma = np.random.default_rng(1).uniform(0.01, 1, 400)
-    found = unpacked(fw.pack_surface(Points(xyz, sigma)).data)
+    found = unpacked(fw.report.pack_surface(Points(xyz, sigma)).data)
     assert_within(found, xyz[None], sigma[None], np.zeros((1, 400)))
 
 
@@ -121,7 +122,7 @@ def test_some_unknown_sigma_take_the_finest_step():
     cloud = random_cloud(3)
     sigma = cloud.sigma_mm.copy()
     sigma[::2] = np.nan
-    found = unpacked(fw.pack_surface(replace(cloud, sigma_mm=sigma)).data)
+    found = unpacked(fw.report.pack_surface(replace(cloud, sigma_mm=sigma)).data)
     ok = cloud.reason == 0
     error = np.linalg.norm(found.points - cloud.xyz_mm, axis=-1)
     assert (error[ok] <= np.where(np.isnan(sigma), np.nanmin(sigma), sigma)[ok] / 8).all()
@@ -132,18 +133,18 @@ def test_deviations_are_as_exact_as_points():
     cloud = random_cloud(1)
     deviation = np.random.default_rng(2).normal(0, 0.3, cloud.shape)
     deviation[5] = np.nan
-    found = unpacked(fw.pack_surface(cloud, deviation=deviation).data).layers["deviation"]
+    found = unpacked(fw.report.pack_surface(cloud, deviation=deviation).data).layers["deviation"]
     known = (cloud.reason == 0) & np.isfinite(deviation)
     assert (np.abs(found - deviation)[known] <= cloud.sigma_mm[known] / 8 * 1.0001).all()
     assert np.isnan(found[~known]).all()
     blind = replace(cloud, sigma_mm=np.full(cloud.shape, np.nan, np.float32))
-    found = unpacked(fw.pack_surface(blind, deviation=deviation).data).layers["deviation"]
+    found = unpacked(fw.report.pack_surface(blind, deviation=deviation).data).layers["deviation"]
     assert np.abs(found - deviation)[known].max() < 2e-5 * np.ptp(deviation[known])
 
 
 def test_polynomials_follow_the_rays_of_a_strong_lens():
     lens = (-0.3, 0.12, 1e-3, -5e-4, -0.02)
-    camera = fw.Pinhole(640, 480, (620.0, 618.0), (305.0, 251.0), lens)
+    camera = fw.rig.Pinhole(640, 480, (620.0, 618.0), (305.0, 251.0), lens)
     for every in (1, 4):
         shape = (480 // every, 640 // every)
         row, column = (every * index.astype(float) for index in np.indices(shape))
@@ -154,12 +155,12 @@ def test_polynomials_follow_the_rays_of_a_strong_lens():
 
 def test_every_second_pixel():
     measured = measured_bust()
-    found = unpacked(fw.pack_surface(measured, camera=small_rig(), every=2).data)
+    found = unpacked(fw.report.pack_surface(measured, camera=small_rig(), every=2).data)
     cloud = measured.points
     points = organised_points(cloud)[::2, ::2]
     assert_within(found, points, cloud.sigma_mm[::2, ::2], cloud.reason[::2, ::2])
     surface = height_map()
-    found = unpacked(fw.pack_surface(surface, every=3).data)
+    found = unpacked(fw.report.pack_surface(surface, every=3).data)
     points = organised_points(surface)[::3, ::3]
     assert_within(found, points, surface.sigma[::3, ::3], surface.reason[::3, ::3])
 
@@ -167,7 +168,7 @@ def test_every_second_pixel():
 def test_colours_keep_their_channels():
     cloud = random_cloud(0)
     colour = np.random.default_rng(0).integers(0, 256, (*cloud.shape, 3)).astype(np.float32)
-    found = unpacked(fw.pack_surface(replace(cloud, colour=colour)).data).layers["texture"]
+    found = unpacked(fw.report.pack_surface(replace(cloud, colour=colour)).data).layers["texture"]
     assert np.abs(found - np.minimum(colour, found.max())).max() <= 0.51
 
 
@@ -180,13 +181,13 @@ def test_the_smallest_rasters(shape):
         xyz_mm=np.ones((*shape, 3), np.float32),
         sigma_mm=np.full(shape, 0.1, np.float32),
     )
-    found = unpacked(fw.pack_surface(cloud).data)
+    found = unpacked(fw.report.pack_surface(cloud).data)
     assert_within(found, organised_points(cloud), cloud.sigma_mm, cloud.reason)
 
 
 def test_nothing_but_reasons():
     cloud = without_values(random_cloud(0))
-    packed = fw.pack_surface(cloud, deviation=np.full(cloud.shape, np.nan))
+    packed = fw.report.pack_surface(cloud, deviation=np.full(cloud.shape, np.nan))
     assert packed.header["count"] == 0
     np.testing.assert_array_equal(unpacked(packed.data).reason, cloud.reason)
 
@@ -196,7 +197,7 @@ def test_a_point_that_is_no_number_is_masked_and_unknown_reasons_are_refused():
     xyz, reason = cloud.xyz_mm.copy(), cloud.reason.copy()
     ok = np.argwhere(reason == 0)
     xyz[tuple(ok[0])] = np.inf
-    found = unpacked(fw.pack_surface(replace(cloud, xyz_mm=xyz)).data)
+    found = unpacked(fw.report.pack_surface(replace(cloud, xyz_mm=xyz)).data)
     assert found.reason[tuple(ok[0])] == fw.Reason.MASKED
     reason[tuple(ok[1])] = 200
     with pytest.raises(fw.InputError, match="reason: expected values of 0 to 12, got 0 to 200"):
@@ -211,18 +212,18 @@ def test_a_hundred_million_points_are_refused_before_anything_is_computed():
     reason.base.setflags(write=False)
     surface = fw.HeightMap(many, many, reason, "height", "mm", 1.0)
     with pytest.raises(fw.InputError, match=r"8,000,000 pixels .* got 100,000,000; .* every = 4"):
-        fw.pack_surface(surface)
+        fw.report.pack_surface(surface)
 
 
 def test_names_and_notes_are_bounded_and_stay_text():
-    packed = fw.pack_surface(
+    packed = fw.report.pack_surface(
         random_cloud(0), title=HOSTILE * 10, notes=tuple(f"{k} {HOSTILE}" for k in range(10_000))
     )
     assert len(packed.header["title"]) == 200
     assert packed.header["note_count"] == 10_000
     assert len(packed.header["notes"]) == 201
     assert packed.header["notes"][-1] == "… and 9800 more notes"
-    page = fw.viewer_page(packed, title=HOSTILE)
+    page = viewer_page(packed, title=HOSTILE)
     assert "window.hacked" not in page.replace("&lt;script&gt;window.hacked", "").replace(
         "onerror=&#x27;window.hacked", ""
     )
@@ -243,17 +244,17 @@ def test_names_and_notes_are_bounded_and_stay_text():
 )
 def test_refusals(options, message):
     with pytest.raises(fw.InputError, match=message):
-        fw.pack_surface(random_cloud(0), **options)
+        fw.report.pack_surface(random_cloud(0), **options)
 
 
 def test_a_camera_that_has_not_seen_the_cloud_is_refused():
     other = replace(small_rig().camera, principal_px=(140.0, 100.0))
     with pytest.raises(fw.RigMismatch, match="rays pass the points at"):
-        fw.pack_surface(measured_bust(), camera=other)
+        fw.report.pack_surface(measured_bust(), camera=other)
     with pytest.raises(fw.InputError, match="camera: expected none for a HeightMap"):
-        fw.pack_surface(height_map(), camera=small_rig())
+        fw.report.pack_surface(height_map(), camera=small_rig())
     with pytest.raises(fw.InputError, match="got str"):
-        fw.pack_surface("bust")
+        fw.report.pack_surface("bust")
 
 
 def test_codes():
@@ -276,14 +277,14 @@ def test_codes():
 
 
 def test_the_header_says_its_length():
-    packed = fw.pack_surface(random_cloud(0))
+    packed = fw.report.pack_surface(random_cloud(0))
     (size,) = struct.unpack("<I", packed.data[8:12])
     assert packed.data[12 : 12 + size].decode().startswith("{")
 
 
 def test_fragments_hold_one_or_two_surfaces():
-    packed = fw.pack_surface(random_cloud(0))
-    assert fw.viewer_fragment(packed, packed).count("<script") == 2
+    packed = fw.report.pack_surface(random_cloud(0))
+    assert viewer_fragment(packed, packed).count("<script") == 2
     for wrong in ((), (packed,) * 3):
         with pytest.raises(fw.InputError, match="expected one or two"):
-            fw.viewer_fragment(*wrong)
+            viewer_fragment(*wrong)

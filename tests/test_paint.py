@@ -67,7 +67,7 @@ def test_the_kernel_refuses_what_does_not_fit():
 
 
 def test_windows_divide_by_a_known_albedo():
-    scene = fw.standard_scene("parabola", **{**CAMERA, "size": 200, "fringes": 8}, seed=1)
+    scene = fw.simulate.standard_scene("parabola", **{**CAMERA, "size": 200, "fringes": 8}, seed=1)
     windows = Windows.of(prepare(scene)).above_dark()
     start = start_field(prepare(scene), 12.0).astype(np.float32)
     plain = windows.fit(start, [16.0, 8.0, 4.0])
@@ -89,13 +89,15 @@ def test_windows_divide_by_a_known_albedo():
     ("fringes", "seed"), [(10, 1), pytest.param(20, 2, marks=pytest.mark.long)]
 )
 def test_hard_paint_leaves_no_marks(fringes, seed):
-    scene = fw.standard_scene("parabola", **{**CAMERA, "fringes": fringes}, painted=True, seed=seed)
+    scene = fw.simulate.standard_scene(
+        "parabola", **{**CAMERA, "fringes": fringes}, painted=True, seed=seed
+    )
     before, _ = error(scene, paint=False)
     after, found = error(scene)
     assert found.details["painted"]
     assert after < 0.4 * before
     assert np.mean(found.reason != fw.Reason.OK) <= 0.006
-    truth = fw.displacement_from_height(scene.truth_mm, scene.geometry)
+    truth = fw.pair.displacement_from_height(scene.truth_mm, scene.geometry)
     rim = int(found.period_px)
     z = (np.abs(found.displacement_px - truth) / found.sigma_px)[rim:-rim, rim:-rim]
     assert np.nanmean(z < 1) > 0.55
@@ -103,7 +105,7 @@ def test_hard_paint_leaves_no_marks(fringes, seed):
 
 
 def test_the_albedo_is_that_of_the_paint():
-    scene = fw.standard_scene("parabola", **CAMERA, seed=3)
+    scene = fw.simulate.standard_scene("parabola", **CAMERA, seed=3)
     albedo = stripes(scene.object.shape, 4)
     painted = np.clip(np.rint(scene.object * albedo), 0, 255).astype(np.uint8)
     found = fw.analyse(replace(scene, object=painted), "windowed").albedo
@@ -115,7 +117,7 @@ def test_the_albedo_is_that_of_the_paint():
 
 @pytest.mark.parametrize("body", ["parabola", "sphere"])
 def test_smooth_unpainted_objects_are_measured_as_before(body):
-    scene = fw.standard_scene(body, **CAMERA, seed=1)
+    scene = fw.simulate.standard_scene(body, **CAMERA, seed=1)
     before, found = error(scene, paint=False), error(scene)
     assert not found[1].details["painted"]
     np.testing.assert_array_equal(found[1].displacement_px, before[1].displacement_px)
@@ -123,19 +125,19 @@ def test_smooth_unpainted_objects_are_measured_as_before(body):
 
 @pytest.mark.parametrize("body", ["cylinder", pytest.param("cube", marks=pytest.mark.long)])
 def test_cliffs_are_not_taken_for_paint(body):
-    scene = fw.standard_scene(body, **CAMERA, seed=1)
+    scene = fw.simulate.standard_scene(body, **CAMERA, seed=1)
     assert error(scene)[0] < 1.02 * error(scene, paint=False)[0]
 
 
 @pytest.mark.parametrize("light", [{"ambient": 0.3, "contrast": 0.6}, {"jpeg": 75}])
 def test_paint_in_other_light(light):
-    scene = fw.standard_scene("parabola", **CAMERA, painted=True, seed=2, **light)
+    scene = fw.simulate.standard_scene("parabola", **CAMERA, painted=True, seed=2, **light)
     assert error(scene)[0] < 0.6 * error(scene, paint=False)[0]
 
 
 def test_an_object_in_its_own_light_is_painted_too():
     """Offset and gain do not belong together: the camera's black level, a lamp on the object."""
-    scene = fw.standard_scene("parabola", **CAMERA, seed=2)
+    scene = fw.simulate.standard_scene("parabola", **CAMERA, seed=2)
     albedo = stripes(scene.object.shape, 5)
     lit = 12 + albedo * (0.7 * scene.object.astype(float) + 25)
     painted = replace(scene, object=np.clip(np.rint(lit), 0, 255).astype(np.uint8))
@@ -144,7 +146,7 @@ def test_an_object_in_its_own_light_is_painted_too():
 
 def photographs(real_data, name):
     folder = real_data / name
-    return fw.read_pair(folder / "reference.jpg", folder / "object.jpg")
+    return fw.files.read_pair(folder / "reference.jpg", folder / "object.jpg")
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,11 @@ import pytest
 from scipy import ndimage
 
 from benchmarks.pair_coverage import mean_coverage
-from fringeworks import Pair, Reason, analyse, read_pair, reconstruct, standard_scene
+from fringeworks import Pair, Reason, analyse, reconstruct
+from fringeworks.files import read_pair
 from fringeworks.pair.presence import without_fringes
-from fringeworks.simulate import STANDARD_GEOMETRY, PairSettings, capture_pair
+from fringeworks.simulate.fringes import PairSettings, capture_pair
+from fringeworks.simulate.scene import STANDARD_GEOMETRY, standard_scene
 
 SIZE = 240
 METHODS = ("fourier", "wavelet", "windowed_fourier", "windowed", "exact")

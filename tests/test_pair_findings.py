@@ -10,13 +10,16 @@ import pytest
 from typer.testing import CliRunner
 
 import fringeworks as fw
-from fringeworks import Pair, read_surface, reconstruct, standard_scene, summarise, unwrap
+from fringeworks import Pair, reconstruct, unwrap
 from fringeworks.cli import (
     app,
     commands,  # noqa: F401, registers them
 )
+from fringeworks.files import read_surface
 from fringeworks.pair import plain_reference
 from fringeworks.pair.unwrap import MAX_CG_STEPS
+from fringeworks.report import summarise
+from fringeworks.simulate.scene import standard_scene
 
 
 def small_scene(**settings):
@@ -142,7 +145,7 @@ def test_findings_travel_through_files(tmp_path, suffix):
     unsteady = replace(surface, converged=False)
     for written in (surface, unsteady):
         path = tmp_path / f"height{suffix}"
-        fw.write_surface(path, written)
+        fw.files.write_surface(path, written)
         read = read_surface(path)
         assert read.converged is written.converged
         assert read.findings == written.findings != ()
@@ -151,13 +154,13 @@ def test_findings_travel_through_files(tmp_path, suffix):
 @pytest.mark.parametrize("suffix", [".x3p", ".gsf"])
 def test_formats_without_findings_leave_them_unknown(tmp_path, suffix):
     path = tmp_path / f"height{suffix}"
-    fw.write_surface(path, reconstruct(small_scene(), "fourier").surface)
+    fw.files.write_surface(path, reconstruct(small_scene(), "fourier").surface)
     assert read_surface(path).converged is None
 
 
 def test_the_command_line_tells_and_writes_findings(tmp_path):
     capture, json_file = tmp_path / "capture", tmp_path / "result.json"
-    fw.write_pair(capture, small_scene(noise=3))
+    fw.files.write_pair(capture, small_scene(noise=3))
     result = CliRunner().invoke(
         app.app, ["reconstruct", str(capture), "--method", "exact", "--json", str(json_file)]
     )

@@ -14,8 +14,12 @@ import fringeworks as fw
 from fringeworks.pipeline.pair_points import measure_pair
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.rig.plane_coordinates import plane_coordinates
-from fringeworks.simulate import Body, Optics, Plane, Sphere, look, photograph, photograph_pair
-from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig, truth_distance
+from fringeworks.simulate.bodies import Body, Plane, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.rig_pair import photograph_pair
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig, truth_distance
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import InputError
 from tests.test_cli import run
 
@@ -97,7 +101,7 @@ def test_points_of_two_frames(name, known):
     assert 0.55 < np.mean(error[where] < found.sigma_mm[where]) < 0.9
     if name == "sphere":
         ball = where & (view(name).body == 0)
-        form = fw.evaluate_form(found.xyz_mm[ball].astype(float), "sphere")
+        form = fw.fit(found.xyz_mm[ball].astype(float), "sphere")
         assert form.figures["bodies"][0]["radius_mm"] == pytest.approx(60.0, abs=0.1)
 
 
@@ -117,15 +121,15 @@ def test_on_the_command_line(tmp_path):
     one = pair("plane")
     for name in ("reference", "object"):
         Image.fromarray(getattr(one, name)).save(tmp_path / f"{name}.png")
-    fw.write_rig(tmp_path / "rig.toml", RIG)
-    fw.write_coordinates(tmp_path / "wall.npz", decoded("wall"))
+    fw.files.write_rig(tmp_path / "rig.toml", RIG)
+    fw.files.write_coordinates(tmp_path / "wall.npz", decoded("wall"))
     frames = ("--reference", tmp_path / "reference.png", "--object", tmp_path / "object.png")
     rig = ("--rig", tmp_path / "rig.toml")
     known = (("--plane-coordinates", tmp_path / "wall.npz"), ("--plane", f"0,0,1,{WALL_MM}"))
     for k, reference in enumerate(known):
         out = tmp_path / f"{k}.ply"
         run("reconstruct", *frames, *rig, *reference, "--out", out, "--json", tmp_path / "f.json")
-        xyz = np.asarray(fw.read_points(out).xyz_mm)
+        xyz = np.asarray(fw.files.read_points(out).xyz_mm)
         assert abs(np.median(xyz[:, 2]) - (WALL_MM - 3)) < 0.2
     message = run("reconstruct", *frames, "--plane", "0,0,1,560", code=2).stderr
     assert "--plane: expected together with --rig" in message

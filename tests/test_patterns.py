@@ -8,19 +8,10 @@ import numpy as np
 import pytest
 import tifffile
 
-from fringeworks import (
-    GrayCode,
-    InputError,
-    PatternPlan,
-    PhaseSteps,
-    Uniform,
-    encode,
-    equal_steps,
-    read_plan,
-    write_patterns,
-    write_plan,
-)
+from fringeworks import InputError, PatternPlan, encode
+from fringeworks.files import read_plan, write_patterns, write_plan
 from fringeworks.files.images import read_frame
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 
 PLAN = PatternPlan(
     40,

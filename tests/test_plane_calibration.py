@@ -8,27 +8,21 @@ import zipfile
 import numpy as np
 import pytest
 
-from fringeworks import (
-    InputError,
-    ReferencePlaneGeometry,
-    displacement_from_height,
-    errors,
-    read_pair,
-    read_surface,
-    reconstruct,
-    write_surface,
-)
+from fringeworks import InputError, reconstruct
+from fringeworks.evaluate import errors
+from fringeworks.files import read_pair, read_surface, write_surface
 from fringeworks.files.images import write_frame
 from fringeworks.files.reference_plane import (
     read_reference_plane,
     write_reference_plane,
 )
+from fringeworks.pair import ReferencePlaneGeometry, displacement_from_height
 from fringeworks.pair.plane_calibration import (
     calibrate_pixels,
     calibrate_reference_plane,
     height_by_pixel,
 )
-from fringeworks.simulate import PairSettings, capture_pair
+from fringeworks.simulate.fringes import PairSettings, capture_pair
 from fringeworks.types import DisplacementMap
 from tests.test_cli import run
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import CameraNoise, InputError, PhaseSteps, decode, propose
+from fringeworks import InputError, decode, propose
+from fringeworks.patterns import PhaseSteps
+from fringeworks.signal import CameraNoise
 from tests.stacks import take
 
 

@@ -39,7 +39,7 @@ def test_counts_are_those_that_were_written(kind, shape, level, tmp_path):
     assert found.dtype == kind
     np.testing.assert_array_equal(found.reshape(shape), values)
     (tmp_path / "frame.png").write_bytes(content)
-    frame, notes = fw.read_frame(tmp_path / "frame.png")
+    frame, notes = fw.files.read_frame(tmp_path / "frame.png")
     assert frame.dtype == kind
     assert frame.dtype.isnative
     assert not notes
@@ -90,7 +90,7 @@ def test_other_kinds_are_left_to_pillow(mode, tmp_path):
     image = Image.fromarray(pixels((20, 30), np.uint8)).convert(mode)
     image.save(tmp_path / "frame.png")
     assert _core.read_grey_png((tmp_path / "frame.png").read_bytes()) is None
-    assert fw.read_frame(tmp_path / "frame.png")[0].shape == (20, 30)
+    assert fw.files.read_frame(tmp_path / "frame.png")[0].shape == (20, 30)
 
 
 def test_damaged_files_are_refused_as_a_whole(tmp_path):
@@ -101,14 +101,14 @@ def test_damaged_files_are_refused_as_a_whole(tmp_path):
     for cut in (len(content) // 2, len(content) - 20, 30, 20):
         path.write_bytes(content[:cut])
         with pytest.raises(fw.FileProblem):
-            fw.read_frame(path)
+            fw.files.read_frame(path)
     for place in rng.integers(middle, len(content) - 20, 40):
         damaged = bytearray(content)
         damaged[place] ^= 1 << int(rng.integers(8))
         path.write_bytes(damaged)
         # The check sum of the data does not hold any more.
         with pytest.raises(fw.FileProblem):
-            fw.read_frame(path)
+            fw.files.read_frame(path)
 
 
 def test_a_size_beyond_the_limit_is_refused_before_it_is_allocated(tmp_path):
@@ -116,4 +116,4 @@ def test_a_size_beyond_the_limit_is_refused_before_it_is_allocated(tmp_path):
     path = tmp_path / "bomb.png"
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", size) + chunk(b"IEND", b""))
     with pytest.raises(fw.FileProblem, match="60000 × 60000"):
-        fw.read_frame(path)
+        fw.files.read_frame(path)

@@ -187,10 +187,10 @@ def test_difference_of_clouds_is_along_the_ray():
     one = plane_cloud()
     ray = one.xyz_mm / np.linalg.norm(one.xyz_mm, axis=-1, keepdims=True)
     other = PointCloud(one.xyz_mm + 0.3 * ray, one.sigma_mm, one.noise_mm, one.reason)
-    values, sigma = fw.difference(one, other)
+    values, sigma = fw.surface.difference(one, other)
     assert np.allclose(values, 0.3)
     assert np.allclose(sigma, 0.05 * np.sqrt(2))
     with pytest.raises(fw.InputError, match="two point clouds or two height maps"):
-        fw.difference(one, heights(np.zeros((31, 41))))
+        fw.surface.difference(one, heights(np.zeros((31, 41))))
     with pytest.raises(fw.InputError, match="same pitch twice, got 2.0 and 1.0"):
-        fw.difference(heights(np.zeros((2, 2))), heights(np.zeros((2, 2)), pitch=1.0))
+        fw.surface.difference(heights(np.zeros((2, 2))), heights(np.zeros((2, 2)), pitch=1.0))

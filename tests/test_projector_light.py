@@ -104,7 +104,7 @@ def test_a_black_frame_takes_the_edge_of_a_shadow_away():
 
 def test_a_black_level_is_a_number():
     pair, _, _ = scene(7, ambient=False)
-    level = fw.prepare(replace(pair, black=8.0, white=None)).object
+    level = fw.pair.prepare(replace(pair, black=8.0, white=None)).object
     np.testing.assert_allclose(level, pair.object - 8.0)
 
 
@@ -123,20 +123,20 @@ def test_what_does_not_fit_is_refused():
 def test_captures_keep_black_and_white(tmp_path):
     pair, _, _ = scene(9)
     folder = tmp_path / "capture"
-    fw.write_pair(folder, pair)
-    again = fw.read_capture(folder)
+    fw.files.write_pair(folder, pair)
+    again = fw.files.read_capture(folder)
     np.testing.assert_array_equal(again.black, pair.black)
     np.testing.assert_array_equal(again.white, pair.white)
-    fw.write_pair(folder, replace(pair, black=8.0))
-    assert fw.read_capture(folder).black == 8.0
+    fw.files.write_pair(folder, replace(pair, black=8.0))
+    assert fw.files.read_capture(folder).black == 8.0
     np.savez(tmp_path / "pair.npz", reference=pair.reference, object=pair.object, white=pair.white)
-    assert fw.read_capture(tmp_path / "pair.npz").white is not None
+    assert fw.files.read_capture(tmp_path / "pair.npz").white is not None
 
 
 def test_the_command_takes_black_and_white(tmp_path):
     pair, truth, _ = scene(10)
     for name in ("reference", "object", "black", "white"):
-        fw.write_frame(tmp_path / f"{name}.png", getattr(pair, name))
+        fw.files.write_frame(tmp_path / f"{name}.png", getattr(pair, name))
     frames = [word for n in ("reference", "object") for word in (f"--{n}", tmp_path / f"{n}.png")]
     means = []
     for more in ([], ["--black", tmp_path / "black.png", "--white", tmp_path / "white.png"]):
@@ -153,7 +153,7 @@ def test_figure_and_page_show_the_albedo():
     result = fw.reconstruct(pair)
     titles = [axes.get_title() for axes in result.plot().axes]
     assert "albedo, object over reference" in titles
-    packed = fw.pack_surface(result)
+    packed = fw.report.pack_surface(result)
     layer = next(one for one in packed.header["layers"] if one["name"] == "albedo")
     assert layer["unit"] == ""
     assert not any(one["name"] == "walls" for one in packed.header["layers"])
@@ -168,7 +168,7 @@ def test_a_response_is_of_the_light_without_paint():
         plain, object=10 + paint * (20 + light), black=10 + paint * 20, white=10 + paint * 170
     )
     response = Response("c", "p", 2.2, 4, 1.0, np.zeros((1, 8)), (1.0,), 0.0)
-    one, other = (fw.prepare(p, response=response).object for p in (plain, painted))
+    one, other = (fw.pair.prepare(p, response=response).object for p in (plain, painted))
     # A root of almost 0 multiplies rounding.
     np.testing.assert_allclose(other / one, np.full(SHAPE, np.mean(other / one)), rtol=1e-5)
 

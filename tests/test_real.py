@@ -10,23 +10,12 @@ import tifffile
 from matplotlib.path import Path
 from scipy import ndimage
 
-from fringeworks import (
-    GrayCode,
-    InputError,
-    Pair,
-    PatternPlan,
-    PhaseSteps,
-    Reason,
-    Uniform,
-    analyse,
-    decode,
-    equal_steps,
-    read_pair,
-    reconstruct,
-)
+from fringeworks import InputError, Pair, PatternPlan, Reason, analyse, decode, reconstruct
+from fringeworks.files import read_pair
 from fringeworks.files.images import read_frame
 from fringeworks.pair.bandpass import band_pass
 from fringeworks.pair.prepared import prepare
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.calibration.calibrate import calibrate, observe

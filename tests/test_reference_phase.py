@@ -8,15 +8,11 @@ import pytest
 import fringeworks as fw
 from fringeworks.pair.reference_phase import reference_phase, with_local_period
 from fringeworks.rig.pinhole import pose, rotation
-from fringeworks.simulate import (
-    Body,
-    Optics,
-    Plane,
-    look,
-    pair_displacement,
-    photograph_pair,
-    standard_rig,
-)
+from fringeworks.simulate.bodies import Body, Plane
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
+from fringeworks.simulate.standard import standard_rig
+from fringeworks.simulate.virtual_rig import look
 
 BIAS_OF_RIDGE = "the ridge of a tilted plane has a bias as large as its σ: docs/promises.md"
 
@@ -44,7 +40,7 @@ def test_a_period_that_changes_does_not_bend_the_displacement(method):
 
 
 def test_the_phase_of_the_reference_is_that_which_was_made():
-    known = reference_phase(fw.prepare(chirped(noise=3.0)))
+    known = reference_phase(fw.pair.prepare(chirped(noise=3.0)))
     columns = np.tile(np.arange(240.0), (240, 1))
     made = 3.0 * (2 * columns / 240 - 1) ** 2
     error = (known.at(columns) - made)[30:-30, 30:-30]
@@ -66,7 +62,7 @@ def test_the_phase_of_the_reference_is_that_which_was_made():
     ids=str,
 )
 def test_fringes_of_one_period_stay_as_they_are(settings):
-    pair = fw.prepare(fw.standard_scene("parabola", size=240, fringes=14, **settings))
+    pair = fw.pair.prepare(fw.simulate.standard_scene("parabola", size=240, fringes=14, **settings))
     assert reference_phase(pair) is None
     u = np.ones(pair.object.shape)
     assert with_local_period(pair, u) is u
@@ -75,7 +71,7 @@ def test_fringes_of_one_period_stay_as_they_are(settings):
 def test_a_reference_without_a_smooth_phase_is_not_fitted():
     y, x = np.mgrid[:240, :240].astype(np.float64)
     rough = 120 + 90 * np.cos(2 * np.pi * x / 12 + 1.5 * np.sin(y / 9) * np.sin(x / 11))
-    assert reference_phase(fw.prepare(fw.Pair(rough, rough.copy(), axis="x"))) is None
+    assert reference_phase(fw.pair.prepare(fw.Pair(rough, rough.copy(), axis="x"))) is None
 
 
 @pytest.fixture(scope="module")

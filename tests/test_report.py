@@ -12,14 +12,11 @@ import pytest
 import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.report.page.tolerances import judge, parse_tolerance
-from fringeworks.simulate import (
-    Optics,
-    bust,
-    fringe_plan,
-    look,
-    photograph,
-    standard_rig,
-)
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
+from fringeworks.types.finding import FrameFinding
 from tests.virtual_devices import Screen, bench
 
 RIG = standard_rig(scale=0.3)
@@ -33,7 +30,7 @@ def results():
     frames = tuple(photograph(look(RIG, bust()), plan, Optics(seed=1)))
     stack = fw.Stack(frames, plan)
     measured = fw.measure(stack, RIG)
-    scene = fw.standard_scene("parabola", size=120, noise=1.0, bits=8)
+    scene = fw.simulate.standard_scene("parabola", size=120, noise=1.0, bits=8)
     pair = fw.reconstruct(scene, "windowed")
     rng = np.random.default_rng(0)
     directions = rng.standard_normal((400, 3))
@@ -44,10 +41,10 @@ def results():
         "coordinates": measured.decoded,
         "pair": pair,
         "heights": pair.surface,
-        "form": fw.evaluate_form(ball, "sphere", diameter_mm=40),
+        "form": fw.fit(ball, "sphere", diameter_mm=40),
         "rig": RIG,
         "table": fw.compare(["parabola"], ["windowed", "fourier"], size=80),
-        "figures": fw.summarise(measured),
+        "figures": fw.report.summarise(measured),
     }
 
 
@@ -94,7 +91,7 @@ def test_surfaces_without_values_and_of_one_pixel(results, tmp_path):
     empty = fw.HeightMap(nothing, nothing, reason, "height", "mm", 0.1)
     one = np.ones((1, 1), np.float32)
     pixel = fw.HeightMap(one, 0.1 * one, np.zeros((1, 1), np.uint8), "displacement", "px", None)
-    finding = fw.FrameFinding("noise", "seen", ("a cause",), "do it")
+    finding = FrameFinding("noise", "seen", ("a cause",), "do it")
     many = replace(results["heights"], findings=(finding,) * 10_000)
     fw.write_report(
         tmp_path / "r.html", {"empty": empty, "pixel": pixel, "many": many}, pdf=tmp_path / "r.pdf"
@@ -142,13 +139,13 @@ def test_tolerances_are_judged(results, tmp_path):
 
 def test_results_are_read_from_files(results, tmp_path):
     cloud = results["cloud"]
-    fw.write_points(tmp_path / "p.ply", cloud)
-    fw.write_points(tmp_path / "p.npz", cloud)
-    fw.write_surface(tmp_path / "h.npz", results["heights"])
-    fw.write_surface(tmp_path / "h.tif", results["heights"])
-    fw.write_coordinates(tmp_path / "c.npz", results["coordinates"])
-    fw.write_rig(tmp_path / "rig.toml", RIG)
-    (tmp_path / "m.json").write_text(fw.to_json(results["figures"]))
+    fw.files.write_points(tmp_path / "p.ply", cloud)
+    fw.files.write_points(tmp_path / "p.npz", cloud)
+    fw.files.write_surface(tmp_path / "h.npz", results["heights"])
+    fw.files.write_surface(tmp_path / "h.tif", results["heights"])
+    fw.files.write_coordinates(tmp_path / "c.npz", results["coordinates"])
+    fw.files.write_rig(tmp_path / "rig.toml", RIG)
+    (tmp_path / "m.json").write_text(fw.report.to_json(results["figures"]))
     names = ["p.ply", "p.npz", "h.npz", "h.tif", "c.npz", "rig.toml", "m.json"]
     fw.write_report(
         tmp_path / "r.html", [tmp_path / n for n in names], rig=tmp_path / "rig.toml", every=2
@@ -193,13 +190,13 @@ def test_what_is_no_result(tmp_path):
 
 def test_the_command(results, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    fw.write_points("p.npz", results["cloud"])
-    fw.write_rig("rig.toml", RIG)
+    fw.files.write_points("p.npz", results["cloud"])
+    fw.files.write_rig("rig.toml", RIG)
     command = ["report", "p.npz", "rig.toml", "--rig", "rig.toml", "--out", "r.html"]
     assert run([*command, "--title", "Part 7", "--note", "first", "--pdf", "r.pdf"]) == 0
     assert capsys.readouterr().out.splitlines() == ["wrote r.html", "wrote r.pdf"]
     assert "<title>Part 7</title>" in (tmp_path / "r.html").read_text()
-    (tmp_path / "m.json").write_text(fw.to_json(results["figures"]))
+    (tmp_path / "m.json").write_text(fw.report.to_json(results["figures"]))
     assert run(["report", "m.json", "--out", "r.html", "--tolerance", "points<=1"]) == 3
     assert "not all tolerances are kept" in capsys.readouterr().out
     assert run(["report", "m.json", "--out", "r.html", "--tolerance", "nonsense<=1"]) == 2
@@ -255,8 +252,8 @@ def test_large_surfaces_are_thinned_in_notebooks(results, monkeypatch):
 def test_set_ups_calibrations_and_phases_have_chapters(tmp_path):
     devices = bench({"width_px": 192, "height_px": 120}, scene=Screen(120, 192))
     found = fw.set_up(devices.projector, devices.camera)
-    fw.write_setup(tmp_path / "s.toml", found, projector="virtual", camera="virtual:plane")
-    stored = fw.read_setup(tmp_path / "s.toml")
+    fw.files.write_setup(tmp_path / "s.toml", found, projector="virtual", camera="virtual:plane")
+    stored = fw.files.read_setup(tmp_path / "s.toml")
     fw.write_report(
         tmp_path / "r.html", {"measured": found, "stored": stored, "plan": found.proposal.plan}
     )

@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fringeworks import InputError, analyse, prepare, reconstruct
+from fringeworks import InputError, analyse, reconstruct
 from fringeworks.files.response import read_response, write_response
+from fringeworks.pair import prepare
 from fringeworks.signal.gamma import gamma_of_frames, harmonic_distortion
 from fringeworks.signal.phase_table import phase_table
 from fringeworks.signal.response import (

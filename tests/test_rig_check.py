@@ -17,16 +17,11 @@ from fringeworks.rig.calibration.drift_words import with_sigma
 from fringeworks.rig.calibration.parameters import moved_rig, parameter_change
 from fringeworks.rig.calibration.start import first_pose
 from fringeworks.rig.pinhole import pose, rotation
-from fringeworks.simulate import (
-    Optics,
-    Plane,
-    board_body,
-    board_poses,
-    fringe_plan,
-    look,
-    photograph,
-    standard_rig,
-)
+from fringeworks.simulate.bodies import Plane
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import RIG_PARAMETERS
 from tests.rigs import ahead, board, sighting
 from tests.test_cli import run
@@ -74,7 +69,7 @@ def board_stack(rig, seed=0, number=0, **optics):
 @pytest.mark.parametrize("axis", "xyz")
 def test_a_knock_is_found_and_named(axis, seed):
     now = knocked(**{f"rotation_{axis}": KNOCK})
-    found = fw.check_rig(calibration(seed), board_stack(now, seed, seed), board())
+    found = fw.rig.check_rig(calibration(seed), board_stack(now, seed, seed), board())
     assert found.verdict == "has moved"
     assert found.excess > 20
     assert [cause.name for cause in found.causes] == ["rotation"]
@@ -98,7 +93,7 @@ def test_independent_noise_is_no_drift(seeds):
 
 
 def test_a_rig_that_holds_is_left_alone():
-    found = fw.check_rig(calibration(), board_stack(truth()), board())
+    found = fw.rig.check_rig(calibration(), board_stack(truth()), board())
     assert found.verdict == "holds"
     assert found.excess < 1
     assert found.causes == ()
@@ -118,7 +113,7 @@ def test_the_corrected_rig_measures_as_before():
     good = flatness(calibration(), shoot(truth(), plane))
     for axis in "xyz":
         now = knocked(**{f"rotation_{axis}": KNOCK})
-        corrected = fw.adjust_rig(calibration(), board_stack(now), board())
+        corrected = fw.rig.adjust_rig(calibration(), board_stack(now), board())
         assert flatness(corrected, shoot(now, plane)) < 1.2 * good
         assert corrected.residual_px[1] < 0.1
         assert corrected.provenance.call == "adjust_rig"
@@ -130,7 +125,7 @@ def test_the_corrected_rigs_covariance_holds():
     for seed in range(4):
         now = knocked(rotation_y=KNOCK, translation_x=0.4)
         stacks = [board_stack(now, seed, k) for k in (0, 3)[: 1 + seed % 2]]
-        found = fw.adjust_rig(calibration(seed), stacks, board())
+        found = fw.rig.adjust_rig(calibration(seed), stacks, board())
         error = parameter_change(found, now)
         free = np.diag(found.covariance) > 0
         squares.append(
@@ -149,7 +144,7 @@ def test_the_corrected_rigs_covariance_holds():
     ],
 )
 def test_other_changes_are_told_apart(steps, cause, words):
-    found = fw.check_rig(calibration(), board_stack(knocked(**steps)), board())
+    found = fw.rig.check_rig(calibration(), board_stack(knocked(**steps)), board())
     assert found.verdict == "has moved"
     assert found.causes[0].name == cause
     assert words in found.text
@@ -158,7 +153,7 @@ def test_other_changes_are_told_apart(steps, cause, words):
 def test_a_longer_baseline_may_be_a_smaller_board():
     longer = 0.003 * truth().T_projector_camera[:3, 3]
     steps = {f"translation_{a}": v for a, v in zip("xyz", longer, strict=True)}
-    found = fw.check_rig(calibration(), board_stack(knocked(**steps)), board())
+    found = fw.rig.check_rig(calibration(), board_stack(knocked(**steps)), board())
     assert found.causes[0].name == "baseline"
     assert "longer, or the board's squares are so much smaller" in found.text
     assert found.scale == pytest.approx(0.997, abs=3e-4)
@@ -167,16 +162,16 @@ def test_a_longer_baseline_may_be_a_smaller_board():
 def test_a_refocused_camera_is_not_adjusted():
     stack = board_stack(knocked(camera_fx=16.0, camera_fy=16.0))
     with pytest.raises(fw.InputError, match=r"rotation and translation do not explain .*refocused"):
-        fw.adjust_rig(calibration(), stack, board())
+        fw.rig.adjust_rig(calibration(), stack, board())
 
 
 def test_a_pose_that_says_little_gives_no_verdict():
     """A small board straight ahead, in noise, does not notice what matters."""
-    small = fw.parse_board("chessboard:5x4:6")
+    small = fw.rig.parse_board("chessboard:5x4:6")
     place = pose(rotation(np.zeros(3)), np.array([-12.0, -9.0, 500.0]))
     wall = ahead(Plane(), z=510)
     stack = shoot(truth(), [board_body(small, place), wall], noise=4.0)
-    found = fw.check_rig(calibration(), stack, small)
+    found = fw.rig.check_rig(calibration(), stack, small)
     assert found.verdict == "cannot tell"
     assert "blind" in {f.cause for f in found.findings}
     assert "would have been noticed" in found.text
@@ -185,11 +180,11 @@ def test_a_pose_that_says_little_gives_no_verdict():
 def test_a_rig_without_covariance():
     plain = replace(calibration(), covariance=None, residual_px=None)
     small = knocked(rotation_x=0.1 * KNOCK)
-    found = fw.check_rig(plain, board_stack(small), board())
+    found = fw.rig.check_rig(plain, board_stack(small), board())
     assert found.verdict == "cannot tell"
     assert "uncertainty" in {f.cause for f in found.findings}
     large = knocked(rotation_x=4 * KNOCK)
-    assert fw.check_rig(plain, board_stack(large), board()).verdict == "has moved"
+    assert fw.rig.check_rig(plain, board_stack(large), board()).verdict == "has moved"
 
 
 def test_uncorrected_response_is_reported():
@@ -197,18 +192,18 @@ def test_uncorrected_response_is_reported():
     plan = fringe_plan(truth(), steps=3)
     view = look(truth(), [board_body(board(), place)])
     stack = fw.Stack(list(photograph(view, plan, Optics(gamma=2.2))), plan)
-    found = fw.check_rig(calibration(), stack, board())
+    found = fw.rig.check_rig(calibration(), stack, board())
     assert "ripple" in {f.cause for f in found.findings}
 
 
 def test_what_cannot_be_checked_is_refused():
     with pytest.raises(fw.InputError, match="one pose or more, got none"):
-        fw.check_rig(calibration(), [], board())
+        fw.rig.check_rig(calibration(), [], board())
     with pytest.raises(fw.BoardNotFound):
-        fw.check_rig(calibration(), shoot(truth(), [ahead(Plane(140, 100))]), board())
+        fw.rig.check_rig(calibration(), shoot(truth(), [ahead(Plane(140, 100))]), board())
     camera = replace(calibration().camera, width_px=300)
     with pytest.raises(fw.RigMismatch, match=r"camera of 300 × 256 px, got pose 1"):
-        fw.check_rig(replace(calibration(), camera=camera), board_stack(truth()), board())
+        fw.rig.check_rig(replace(calibration(), camera=camera), board_stack(truth()), board())
 
 
 def test_scale_and_flatness_of_points():
@@ -226,8 +221,8 @@ def test_on_the_command_line(tmp_path):
     now = knocked(rotation_y=KNOCK)
     for name, rig in (("good", truth()), ("bad", now)):
         stack = board_stack(rig)
-        fw.write_stack(tmp_path / name, stack.frames, stack.plan)
-    fw.write_rig(tmp_path / "rig.toml", calibration())
+        fw.files.write_stack(tmp_path / name, stack.frames, stack.plan)
+    fw.files.write_rig(tmp_path / "rig.toml", calibration())
     checking = ("--rig", tmp_path / "rig.toml", "--board", BOARD)
     kept = tmp_path / "kept.toml"
     done = run("rig", "check", tmp_path / "good", *checking, "--adjust", "--out", kept)

@@ -10,7 +10,9 @@ import pytest
 
 from fringeworks.files.rig import read_rig, write_rig
 from fringeworks.files.stack import write_stack
-from fringeworks.simulate import Optics, Sphere, board_body
+from fringeworks.simulate.bodies import Sphere
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_body
 from tests.rigs import ahead, board, poses, rig, shoot
 from tests.test_cli import run
 

@@ -27,7 +27,7 @@ def test_a_bag_holds_the_points_in_metres(tmp_path, kind):
     depth[:5] = np.nan
     cloud = cloud_of(depth)
     path = tmp_path / "part.mcap"
-    fw.write_points(path, cloud, kind=kind)
+    fw.files.write_points(path, cloud, kind=kind)
     assert [p.name for p in tmp_path.iterdir()] == ["part.mcap"]
     topic, message = read_bag(path)
     assert topic == "/points"
@@ -44,5 +44,5 @@ def test_a_bag_holds_the_points_in_metres(tmp_path, kind):
 
 def test_triangles_have_no_place_in_a_bag(tmp_path):
     with pytest.raises(fw.InputError, match="MCAP cannot hold"):
-        fw.write_points(tmp_path / "part.mcap", cloud_of(np.full((H, W), 500.0)), kind="mesh")
+        fw.files.write_points(tmp_path / "part.mcap", cloud_of(np.full((H, W), 500.0)), kind="mesh")
     assert not list(tmp_path.iterdir())

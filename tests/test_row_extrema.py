@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import Pair, analyse, height_from_displacement, read_pair
+from fringeworks import Pair, analyse
+from fringeworks.files import read_pair
+from fringeworks.pair import height_from_displacement
 from fringeworks.pair.methods.inverse_function import find_extrema
-from fringeworks.simulate import STANDARD_GEOMETRY, PairSettings, capture_pair
+from fringeworks.simulate.fringes import PairSettings, capture_pair
+from fringeworks.simulate.scene import STANDARD_GEOMETRY
 from tests.oracles import inverse_function as oracle
 
 HEIGHT, WIDTH = 72, 240

@@ -6,7 +6,7 @@ import pytest
 
 from tests.test_fork import EVERY_KERNEL, run
 
-PRINTED = EVERY_KERNEL.split("first = results()")[0] + "print(fw.fingerprint(tuple(results())))\n"
+PRINTED = EVERY_KERNEL.split("first = results()")[0] + "print(fingerprint(tuple(results())))\n"
 AT_ONCE = (
     EVERY_KERNEL.split("first = results()")[0]
     + """
@@ -16,18 +16,19 @@ expected = results()
 with ThreadPoolExecutor(2) as pool:
     found = list(pool.map(lambda _: results(), range(2)))
 assert all(one == expected for one in found)
-print(fw.fingerprint(tuple(expected)))
+print(fingerprint(tuple(expected)))
 """
 )
 SPAWNED = """
 import multiprocessing
 import fringeworks as fw
+from fringeworks.types import fingerprint
 from tests.stacks import multi, take
 
 plan = multi((1, 8), 4, (300, 40))
 
 def decoded(seed):
-    return fw.fingerprint(fw.decode(take(plan, seed=seed), plan))
+    return fingerprint(fw.decode(take(plan, seed=seed), plan))
 
 if __name__ == "__main__":
     import tests.test_same_bits as module
@@ -45,7 +46,7 @@ def spawned(seed):
     from tests.stacks import multi, take
 
     plan = multi((1, 8), 4, (300, 40))
-    return fw.fingerprint(fw.decode(take(plan, seed=seed), plan))
+    return fingerprint(fw.decode(take(plan, seed=seed), plan))
 
 
 @pytest.fixture(scope="module")

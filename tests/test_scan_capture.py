@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import FileProblem, InputError, encode, read_stack
+from fringeworks import FileProblem, InputError, encode
+from fringeworks.files import read_stack
 from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.frames import take_frames

@@ -10,8 +10,8 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
-from fringeworks.devices.virtual_bench import POSES, RADIUS_MM, SCALE
-from fringeworks.simulate import fringe_plan, standard_rig
+from fringeworks.devices.bench import POSES, RADIUS_MM, SCALE
+from fringeworks.simulate.standard import fringe_plan, standard_rig
 from tests.walk import steps
 
 
@@ -31,11 +31,11 @@ def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
     live = "calibrate board/ --live --setup setup.toml --board chessboard:11x8:12 --out live.toml"
     assert run(live.split()) == 0
     assert f"{POSES} poses" in capsys.readouterr().out
-    focal = [fw.read_rig(name).camera.focal_px for name in ("live.toml", "rig.toml")]
+    focal = [fw.files.read_rig(name).camera.focal_px for name in ("live.toml", "rig.toml")]
     # The set-up's noise weighs the frames a little differently from their own.
     assert focal[0] == pytest.approx(focal[1], rel=1e-5)
     assert json.loads(Path("part.json").read_text())["points"] > 3000
-    found = fw.fit_region(fw.read_points("part.ply").xyz_mm, "sphere")
+    found = fw.surface.fit_region(fw.files.read_points("part.ply").xyz_mm, "sphere")
     assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.1)
     # Plans take the set-up, too: the one of 24 frames is that of the set-up.
     plan = [
@@ -50,7 +50,7 @@ def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
         "again.toml",
     ]
     assert run(plan) == 0
-    assert fw.read_plan("again.toml") == fw.read_setup("setup.toml").plan
+    assert fw.files.read_plan("again.toml") == fw.files.read_setup("setup.toml").plan
     assert run(["plan", "--frames", "24"]) == 2
     assert "--projector-size: expected, or --setup" in capsys.readouterr().err
 
@@ -105,11 +105,11 @@ from pathlib import Path
 import fringeworks as fw
 from fringeworks.devices.clock import SimulatedClock
 
-@fw.camera_kind("wired")
+@fw.devices.camera_kind("wired")
 def open_wired(folder):
     "A camera whose trigger output advances a projector that plays from its memory."
-    plan = fw.read_plan(Path(folder) / "plan.toml")
-    projector, camera = fw.virtual_bench("sphere", clock=SimulatedClock())
+    plan = fw.files.read_plan(Path(folder) / "plan.toml")
+    projector, camera = fw.devices.virtual_bench("sphere", clock=SimulatedClock())
     pictures, trigger, count = list(fw.encode(plan)), camera.trigger, [0]
 
     def advanced():
@@ -128,16 +128,16 @@ def test_a_scan_from_a_projectors_memory(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("hardware.py").write_text(HARDWARE)
     rig = standard_rig(scale=SCALE)
-    fw.write_rig("rig.toml", rig)
-    fw.write_plan("plan.toml", fringe_plan(rig, both=False))
+    fw.files.write_rig("rig.toml", rig)
+    fw.files.write_plan("plan.toml", fringe_plan(rig, both=False))
     assert run(["patterns", "plan.toml", "--out", "pictures"]) == 0
     devices = ["--projector", "memory:pictures", "--camera", "wired:pictures"]
     plugin = ["--plugin", "hardware.py"]
     scan = ["scan", "--rig", "rig.toml", "--capture", "part", "--out", "part.ply", *devices]
     assert run([*plugin, *scan]) == 0, capsys.readouterr()
-    found = fw.fit_region(fw.read_points("part.ply").xyz_mm, "sphere")
+    found = fw.surface.fit_region(fw.files.read_points("part.ply").xyz_mm, "sphere")
     assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.1)
-    fw.write_plan("other.toml", fringe_plan(rig))
+    fw.files.write_plan("other.toml", fringe_plan(rig))
     capsys.readouterr()
     assert run([*plugin, "capture", "other.toml", "--out", "other", *devices]) == 2
     assert "expected the plan whose pictures the projector memory holds" in capsys.readouterr().err
@@ -150,7 +150,7 @@ def test_an_interrupted_scan_goes_on_with_its_own_exposures(tmp_path, monkeypatc
 
     monkeypatch.chdir(tmp_path)
     rig = standard_rig(scale=SCALE)
-    fw.write_plan("plan.toml", fringe_plan(rig, both=False))
+    fw.files.write_plan("plan.toml", fringe_plan(rig, both=False))
     devices = ["--projector", "virtual", "--camera", "virtual:sphere"]
     command = ["capture", "plan.toml", "--out", "part", "--hdr", "2", *devices]
     whole = VirtualCamera.grab
@@ -169,4 +169,4 @@ def test_an_interrupted_scan_goes_on_with_its_own_exposures(tmp_path, monkeypatc
     assert taken
     assert run([*command, "--resume"]) == 0, capsys.readouterr()
     assert all(path.read_bytes() == content for path, content in taken.items())
-    assert len(fw.read_exposures("part")) == 2
+    assert len(fw.files.read_exposures("part")) == 2

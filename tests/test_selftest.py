@@ -11,6 +11,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.evaluate.selftest import cases, promises, run
+from fringeworks.evaluate.selftest.cases import CaseResult
 from fringeworks.evaluate.selftest.scenes import BODIES, DISTURBANCES, pair_rig, view_of
 from fringeworks.pipeline import decoding
 from fringeworks.stack import examine
@@ -18,7 +19,7 @@ from fringeworks.types import CameraNoise
 from tests.test_cli import run as run_command
 
 PAGE = Path(__file__).parent.parent / "docs" / "promises.md"
-GOOD = fw.CaseResult(
+GOOD = CaseResult(
     "stack", "sphere", "noise", "mm", 1.0, 0.0, 0.01, 0.01, 0.01, 0.01, 0.68, 0.95, 0.0
 )
 
@@ -107,7 +108,7 @@ def named(name):
 
 
 def test_promises_are_judged_by_their_worst_case():
-    one = fw.Promise("bias", "Small.", "size of the bias", -np.inf, 0.1)
+    one = fw.evaluate.Promise("bias", "Small.", "size of the bias", -np.inf, 0.1)
     poor = replace(GOOD, body="step", bias=-0.3)
     found = promises.judge(one, [GOOD, poor])
     assert (found.kept, found.value, found.case) == (False, 0.3, "stack, step, noise")
@@ -128,7 +129,7 @@ def test_frames_that_give_nothing_break_promises():
 
 
 def test_the_page_holds_the_promises_of_the_code():
-    assert fw.promise_table() in PAGE.read_text()
+    assert fw.evaluate.promise_table() in PAGE.read_text()
     names = [one.name for one in promises.PROMISES]
     assert len(set(names)) == len(names)
     for one in promises.PROMISES:

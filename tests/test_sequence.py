@@ -9,11 +9,14 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
-from fringeworks.evaluate.vibration import Displacement
+from fringeworks.evaluate.vibrations import Displacement
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
 from fringeworks.rig.pinhole import pose, rotation
-from fringeworks.simulate import Body, Optics, Plane, Sphere, bust, look, standard_rig
+from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.exposure import photograph_moving
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import bust, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.stack.motion_search import distance_of
 
 SCALE = 0.25
@@ -102,7 +105,7 @@ def compared(scene, plan, cycle):
     """Rms errors of both ways on pixels that both measure, and what each measures."""
     n = plan.frames
     frames, truth = taken(scene, plan, 3 * n)
-    moments = {m.first_frame: m for m in fw.decode_sequence(frames, plan, every=n)}
+    moments = {m.first_frame: m for m in fw.stack.decode_sequence(frames, plan, every=n)}
     moment = moments[cycle * n]
     moved = errors(moment.decoded.x.coordinate_px, moment.time_frames, truth)
     plain = fw.decode(frames[cycle * n : (cycle + 1) * n], plan).x.coordinate_px
@@ -140,7 +143,7 @@ def test_what_plain_decoding_refuses_is_measured():
     frames, truth = taken(receding, FOUR, 36)
     with pytest.raises(fw.InputError, match="order_ambiguous"):
         fw.decode(frames[12:24], FOUR)
-    moment = list(fw.decode_sequence(frames, FOUR, every=12))[1]
+    moment = list(fw.stack.decode_sequence(frames, FOUR, every=12))[1]
     found = errors(moment.decoded.x.coordinate_px, moment.time_frames, truth)
     lit = np.isfinite(errors(0.0, moment.time_frames, truth))
     assert np.isfinite(found).sum() > 0.98 * lit.sum()
@@ -152,7 +155,7 @@ def test_what_plain_decoding_refuses_is_measured():
 @pytest.mark.long
 def test_gray_code_of_a_scene_that_moves():
     frames, truth = taken(receding, GRAY, 36)
-    for moment in fw.decode_sequence(frames, GRAY, every=5):
+    for moment in fw.stack.decode_sequence(frames, GRAY, every=5):
         found = errors(moment.decoded.x.coordinate_px, moment.time_frames, truth)
         lit = np.isfinite(errors(0.0, moment.time_frames, truth))
         assert np.isfinite(found).sum() > 0.95 * lit.sum()
@@ -163,7 +166,7 @@ def test_gray_code_of_a_scene_that_moves():
 @pytest.mark.long
 def test_vibration_is_followed():
     frames, truth = taken(shaking, THREE, 72)
-    moments = list(fw.decode_sequence(frames, THREE, every=2))
+    moments = list(fw.stack.decode_sequence(frames, THREE, every=2))
     off = [errors(m.decoded.x.coordinate_px, m.time_frames, truth) for m in moments]
     middle = [np.nanmedian(np.abs(e)) for e in off[5:-5]]
     assert np.median(middle) < 0.05
@@ -175,7 +178,7 @@ def test_vibration_is_followed():
 def test_still_scenes_are_unharmed():
     frames, truth = taken(still, FOUR, 36, noise=1.0)
     plain = fw.decode(frames[12:24], FOUR).x
-    for moment in fw.decode_sequence(frames, FOUR, every=6):
+    for moment in fw.stack.decode_sequence(frames, FOUR, every=6):
         found = moment.decoded.x
         assert (
             np.isfinite(found.coordinate_px).sum() > 0.995 * np.isfinite(plain.coordinate_px).sum()
@@ -190,7 +193,7 @@ def test_still_scenes_are_unharmed():
 
 def test_moments_come_as_soon_as_their_motion_is_known():
     frames, _ = taken(still, FOUR, 36, noise=1.0)
-    decoder = fw.SequenceDecoder(FOUR)
+    decoder = fw.stack.SequenceDecoder(FOUR)
     come = {}
     for k, frame in enumerate(frames):
         for moment in decoder.add(frame):
@@ -205,7 +208,7 @@ def test_a_lost_frame_is_told():
     frames, _ = taken(still, FOUR, 36, noise=1.0)
     rolled = [*frames, *frames[:7], *frames[8:], *frames]
     with pytest.raises(fw.InputError, match=r"frames \d+ to \d+: "):
-        list(fw.decode_sequence(rolled, FOUR, every=4))
+        list(fw.stack.decode_sequence(rolled, FOUR, every=4))
 
 
 @pytest.mark.parametrize(
@@ -219,17 +222,17 @@ def test_a_lost_frame_is_told():
 def test_bad_frames_are_named(change, message):
     frames, _ = taken(still, FOUR, 36, noise=1.0)
     with pytest.raises(fw.InputError, match=message):
-        list(fw.decode_sequence(change(list(frames)), FOUR))
+        list(fw.stack.decode_sequence(change(list(frames)), FOUR))
 
 
 def test_bad_options_are_refused():
     with pytest.raises(
         fw.InputError, match="every: expected a whole number of 1 or more frames, got 0"
     ):
-        fw.SequenceDecoder(FOUR, every=0)
+        fw.stack.SequenceDecoder(FOUR, every=0)
     gray = PatternPlan(64, 40, (GrayCode("x", 2.0, 64), Uniform("white"), Uniform("black")))
     with pytest.raises(fw.InputError, match="expected fringes along x, got Gray code only"):
-        fw.SequenceDecoder(gray)
+        fw.stack.SequenceDecoder(gray)
 
 
 def test_distance_of_is_that_on_which_the_sets_agree():
@@ -249,7 +252,7 @@ def vibrating(amplitude, frequency, *, rate=100.0, n=400, drift=0.0, noise=0.001
 
 
 def test_spectrum_finds_vibrations_and_drift():
-    found = fw.vibration(vibrating(0.02, 7.3, drift=0.05))
+    found = fw.evaluate.vibration(vibrating(0.02, 7.3, drift=0.05))
     frequency, amplitude = found.peaks[0]
     assert abs(frequency - 7.3) < 0.02
     assert abs(amplitude - 0.02) < 0.0008
@@ -268,7 +271,7 @@ def test_noise_alone_is_no_vibration(count, shared):
         moved = vibrating(0.0, 1.0, n=count + shared - 1, seed=seed)
         mean = np.convolve(moved.distance_mm, np.ones(shared) / shared, "valid")
         time = moved.time_s[:count]
-        found = fw.vibration(Displacement(time, mean, np.ones(count), float(shared)))
+        found = fw.evaluate.vibration(Displacement(time, mean, np.ones(count), float(shared)))
         spurious += bool(found.peaks)
     assert spurious <= 6
 
@@ -279,7 +282,7 @@ def test_drift_is_as_certain_as_stated():
     for seed in range(200):
         moved = vibrating(0.01, 1.7, n=411, seed=seed)
         mean = np.convolve(moved.distance_mm, np.ones(12) / 12, "valid")
-        found = fw.vibration(Displacement(moved.time_s[:400], mean, np.ones(400), 12.0))
+        found = fw.evaluate.vibration(Displacement(moved.time_s[:400], mean, np.ones(400), 12.0))
         off.append(found.drift_mm_per_s / found.drift_sigma)
     assert 0.75 < np.std(off) < 1.35
     assert np.abs(np.mean(off)) < 0.3
@@ -289,13 +292,16 @@ def test_gaps_are_bridged_and_too_many_refused():
     moved = vibrating(0.02, 7.3)
     gaps = moved.distance_mm.copy()
     gaps[50:60] = np.nan
-    assert fw.vibration(Displacement(moved.time_s, gaps, moved.sigma_mm)).peaks
+    assert fw.evaluate.vibration(Displacement(moved.time_s, gaps, moved.sigma_mm)).peaks
     gaps[60:300] = np.nan
     with pytest.raises(fw.InputError, match="half of them measured or more, got 150 of 400"):
-        fw.vibration(Displacement(moved.time_s, gaps, moved.sigma_mm))
+        fw.evaluate.vibration(Displacement(moved.time_s, gaps, moved.sigma_mm))
 
 
-AREAS = {"chin": fw.Area(box=(165, 133, 180, 150)), "wall": fw.Area(box=(240, 60, 270, 100))}
+AREAS = {
+    "chin": fw.evaluate.Area(box=(165, 133, 180, 150)),
+    "wall": fw.evaluate.Area(box=(240, 60, 270, 100)),
+}
 
 
 def recipe(**changes) -> fw.Recipe:
@@ -312,14 +318,14 @@ def test_a_sequence_is_written_as_it_comes(tmp_path):
         group = zarr.open_group(out, mode="r")
         seen.append((done, whole, group.attrs["moments"], group.attrs["complete"]))
 
-    found = fw.run_sequence(frames, recipe(), out, rate_hz=50.0, every=6, progress=watched)
+    found = fw.batch.run_sequence(frames, recipe(), out, rate_hz=50.0, every=6, progress=watched)
     assert seen == [(k, None, k, False) for k in range(1, 6)]
     group = zarr.open_group(out, mode="r")
     assert group.attrs["complete"]
     assert group["xyz_mm"].shape == (5, *RIG.camera.shape, 3)
     assert group["xyz_mm"].shards == (1, 256, 512, 3)
     np.testing.assert_allclose(group["time"][:], (5.5 + 6 * np.arange(5)) / 50.0)
-    moments = list(fw.measure_sequence(frames, RIG, FOUR, every=6))
+    moments = list(fw.stack.measure_sequence(frames, RIG, FOUR, every=6))
     np.testing.assert_array_equal(group["xyz_mm"][3], moments[3].points.xyz_mm)
     np.testing.assert_array_equal(group["reason"][3], moments[3].points.reason)
     for moved in found.displacements.values():
@@ -336,7 +342,7 @@ def test_what_was_measured_stays_when_frames_end_in_an_error(tmp_path):
     out = tmp_path / "head.zarr"
     broken = [*frames, *frames[:6], frames[6][:9]]
     with pytest.raises(fw.InputError, match="frame 42 "):
-        fw.run_sequence(broken, recipe(), out, every=3)
+        fw.batch.run_sequence(broken, recipe(), out, every=3)
     group = zarr.open_group(out, mode="r")
     assert not group.attrs["complete"]
     assert group.attrs["moments"] == len(out.with_suffix(".csv").read_text().splitlines()) - 1 > 0
@@ -352,11 +358,11 @@ def test_what_was_measured_stays_when_frames_end_in_an_error(tmp_path):
 )
 def test_recipes_that_do_not_suit_are_refused(tmp_path, changes, message):
     with pytest.raises(fw.InputError, match=message):
-        fw.run_sequence([], recipe(**changes), tmp_path / "a.zarr")
+        fw.batch.run_sequence([], recipe(**changes), tmp_path / "a.zarr")
     with pytest.raises(fw.InputError, match="expected a name that ends with"):
-        fw.run_sequence([], recipe(), tmp_path / "a")
+        fw.batch.run_sequence([], recipe(), tmp_path / "a")
     with pytest.raises(fw.InputError, match="expected > 0 frames per second, got -1"):
-        fw.run_sequence([], recipe(), tmp_path / "a.zarr", rate_hz=-1)
+        fw.batch.run_sequence([], recipe(), tmp_path / "a.zarr", rate_hz=-1)
     assert not list(tmp_path.iterdir())
 
 
@@ -367,29 +373,29 @@ def test_sequences_are_read_from_folders_stacks_and_arrays(tmp_path):
     folder = tmp_path / "images"
     folder.mkdir()
     for k, frame in enumerate(frames):
-        fw.write_frame(folder / f"frame-{k}.png", frame)
+        fw.files.write_frame(folder / f"frame-{k}.png", frame)
     np.save(tmp_path / "frames.npy", frames)
     tifffile.imwrite(tmp_path / "frames.tif", frames)
     sources = [folder, tmp_path / "frames.npy", tmp_path / "frames.tif"]
     for source in sources:
-        found = fw.read_sequence(source)
+        found = fw.files.read_sequence(source)
         assert len(found) == 12
         np.testing.assert_array_equal(np.stack(list(found)), frames)
     with pytest.raises(fw.FileProblem, match=r"expected counts \(frame, row, column\)"):
         np.save(tmp_path / "one.npy", frames[0])
-        fw.read_sequence(tmp_path / "one.npy")
+        fw.files.read_sequence(tmp_path / "one.npy")
     with pytest.raises(fw.FileProblem, match="expected images, got none"):
         (tmp_path / "empty").mkdir()
-        fw.read_sequence(tmp_path / "empty")
+        fw.files.read_sequence(tmp_path / "empty")
 
 
 def test_command_and_report(tmp_path):
     frames, _ = taken(still, FOUR, 36, noise=1.0)
     pytest.importorskip("zarr")
     np.save(tmp_path / "frames.npy", np.stack([*frames, *frames[:12]]))
-    fw.write_rig(tmp_path / "rig.toml", RIG)
+    fw.files.write_rig(tmp_path / "rig.toml", RIG)
     written = recipe(rig=tmp_path / "rig.toml")
-    fw.write_recipe(tmp_path / "recipe.toml", written)
+    fw.files.write_recipe(tmp_path / "recipe.toml", written)
     out = tmp_path / "head.zarr"
     command = ["sequence", tmp_path / "frames.npy", "--recipe", tmp_path / "recipe.toml"]
     command += ["--out", out, "--fps", 50, "--every", 2, "--report", tmp_path / "head.html"]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fringeworks.devices.bench import virtual_bench
 from fringeworks.devices.clock import SimulatedClock
 from fringeworks.devices.protocols import VideoMode
-from fringeworks.devices.virtual_bench import virtual_bench
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.setup import SetupStopped, set_up
 from fringeworks.scan.setup_file import read_setup, write_setup

@@ -40,7 +40,7 @@ def titles(figure):
 
 @pytest.mark.long
 def test_a_clean_setup_has_twelve_panels_without_a_fault(tmp_path):
-    figure = fw.setup_sheet(fw.set_up(*opened({}, {})))
+    figure = fw.report.setup_sheet(fw.set_up(*opened({}, {})))
     found = titles(figure)
     assert len(found) == 12
     assert not any(found.values())
@@ -61,7 +61,7 @@ def test_the_panel_of_a_fault_is_marked(kind):
     text = measured.findings[0].text
     assert "likely" in text
     assert text.count(";") >= 2
-    figure = fw.setup_sheet(measured)
+    figure = fw.report.setup_sheet(measured)
     marked = [title for title, fault in titles(figure).items() if fault]
     assert len(marked) == len(expected)
     for title, beginning in zip(marked, expected, strict=True):

@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError
-from fringeworks.simulate import (
-    OBJECTS,
-    STANDARD_GEOMETRY,
-    PairSettings,
-    capture_pair,
-    deformed_row,
-    make_object,
-    paint,
-    parabola_1d,
-    standard_scene,
-)
+from fringeworks.simulate.fringes import PairSettings, capture_pair, deformed_row
+from fringeworks.simulate.objects import OBJECTS, make_object, paint, parabola_1d
+from fringeworks.simulate.scene import STANDARD_GEOMETRY, standard_scene
 from fringeworks.types import ReferencePlaneGeometry
 
 

@@ -12,49 +12,39 @@ from scipy import ndimage
 
 from fringeworks import (
     BoardNotFound,
-    CoordinateMap,
-    GrayCode,
     InputError,
     Pair,
     PatternPlan,
-    PhaseSteps,
     Reason,
     Rig,
-    Uniform,
     analyse,
     decode,
-    equal_steps,
     reconstruct,
 )
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.corners import find_board
 from fringeworks.rig.pinhole import pose, project, rotation, transform
-from fringeworks.simulate import (
-    DLP_BRIGHT,
-    LCD,
-    Bayer,
-    BoardErrors,
-    Body,
-    Optics,
-    Plane,
-    ThinLens,
-    View,
+from fringeworks.simulate.bayer import Bayer
+from fringeworks.simulate.boards import BoardErrors, real_board_body, real_points
+from fringeworks.simulate.bodies import Body, Plane, height_field
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.interreflection import interreflection
+from fringeworks.simulate.lens import ThinLens
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.response_curve import DLP_BRIGHT, LCD
+from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
+from fringeworks.simulate.standard import (
     board_body,
     bust,
     cropped_field,
     fringe_plan,
-    height_field,
-    interreflection,
-    look,
-    pair_displacement,
-    photograph,
-    photograph_pair,
-    real_board_body,
-    real_points,
     standard_rig,
-    subsurface,
     widened_frame,
 )
+from fringeworks.simulate.subsurface import subsurface
+from fringeworks.simulate.virtual_rig import View, look
+from fringeworks.stack import CoordinateMap
 from fringeworks.stack.even_light import texture
 from tests.fault_measure import errors
 from tests.fault_stage import at_edges

@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fringeworks import InputError, Pair, analyse, methods, read_capture, reconstruct, write_pair
+from fringeworks import InputError, Pair, analyse, methods, reconstruct
+from fringeworks.files import read_capture, write_pair
 from tests.conftest import scene, true_displacement
 
 

@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from fringeworks import (
-    InputError,
-    Reason,
-    decode,
-    read_coordinates,
-    read_stack,
-    write_coordinates,
-    write_plan,
-)
+from fringeworks import InputError, Reason, decode
+from fringeworks.files import read_coordinates, read_stack, write_coordinates, write_plan
 from fringeworks.files.images import write_frame
 from tests.stacks import guarded, multi, take
 from tests.test_cli import run

@@ -11,10 +11,13 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
-from fringeworks.devices.virtual_bench import RADIUS_MM, SCALE
+from fringeworks.devices.bench import RADIUS_MM, SCALE
 from fringeworks.files.findings import findings_as_dicts
-from fringeworks.simulate import Optics, bust, fringe_plan, look, photograph, standard_rig
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.scene import standard_scene
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.studio.state import Studio
 from fringeworks.studio.steps.look import judged_notes
 from fringeworks.studio.steps.scan import series_names
@@ -70,7 +73,7 @@ def test_from_an_empty_table_to_a_part(studio, visitor, tmp_path, monkeypatch):
         paths.append(tmp_path / download.value.suggested_filename)
         download.value.save_as(paths[-1])
     assert time.monotonic() - begun < 180
-    found = fw.fit_region(fw.read_points(paths[0]).xyz_mm, "sphere")
+    found = fw.surface.fit_region(fw.files.read_points(paths[0]).xyz_mm, "sphere")
     assert found.parameters["radius_mm"] == pytest.approx(RADIUS_MM, abs=0.2)
     space = studio.folder
     again = tmp_path / "again.ply"
@@ -90,8 +93,8 @@ def test_from_an_empty_table_to_a_part(studio, visitor, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path / "python")
     exec(python, {})
     for name in ("shell", "python"):
-        points = fw.read_points(tmp_path / name / "scan-001.ply")
-        radius = fw.fit_region(points.xyz_mm, "sphere").parameters["radius_mm"]
+        points = fw.files.read_points(tmp_path / name / "scan-001.ply")
+        radius = fw.surface.fit_region(points.xyz_mm, "sphere").parameters["radius_mm"]
         assert radius == pytest.approx(RADIUS_MM, abs=0.2)
 
 
@@ -101,12 +104,12 @@ def shared(tmp_path_factory):
     folder = tmp_path_factory.mktemp("shared") / "work"
     folder.mkdir()
     scene = standard_scene("parabola", size=200, fringes=12, bits=8, noise=1.0, seed=1)
-    fw.write_pair(folder / "pair", scene)
-    fw.write_pair(folder / "broken", scene)
+    fw.files.write_pair(folder / "pair", scene)
+    fw.files.write_pair(folder / "broken", scene)
     next((folder / "broken").glob("object*")).unlink()
     outside = folder.parent / "secret.png"
-    fw.write_frame(outside, np.zeros((8, 8), np.uint8))
-    fw.write_pair(folder / "sneaky", scene)
+    fw.files.write_frame(outside, np.zeros((8, 8), np.uint8))
+    fw.files.write_pair(folder / "sneaky", scene)
     description = folder / "sneaky" / "capture.toml"
     text = description.read_text()
     name = next((folder / "sneaky").glob("object*")).name
@@ -229,7 +232,7 @@ def test_a_series_of_scans(studio, visitor):
     visitor.sees("2 left")
     visitor.sees("scan-001-002")
     visitor.page.get_by_role("button", name="Look", exact=True).nth(1).wait_for()
-    assert len(fw.read_stack(studio.folder / "scan-001-002").frames) == 12
+    assert len(fw.files.read_stack(studio.folder / "scan-001-002").frames) == 12
     visitor.page.get_by_label("Name").fill("../out")
     visitor.page.get_by_label("Scans", exact=True).fill("1")
     visitor.click("Scan (space)")
@@ -289,11 +292,11 @@ def test_what_a_folder_holds_is_no_code(pages, shared):
     hostile = 'x" :y="window.hit=1" z="'
     (shared.folder / "board" / hostile).mkdir(parents=True)
     (shared.folder / "board" / hostile / "capture.toml").write_text('kind = "stack"')
-    area = fw.Area(box=(1, 1, 9, 9))
-    tolerance = fw.PartTolerance(hostile, "flatness", (hostile,), None, 1.0)
+    area = fw.evaluate.Area(box=(1, 1, 9, 9))
+    tolerance = fw.evaluate.PartTolerance(hostile, "flatness", (hostile,), None, 1.0)
     recipe = fw.Recipe(areas={hostile: area, "<img src=x onerror=window.hit=1>": area})
     recipe = replace(recipe, tolerances=(tolerance,))
-    fw.write_recipe(shared.folder / "recipe.toml", recipe)
+    fw.files.write_recipe(shared.folder / "recipe.toml", recipe)
     visitor = pages()
     visitor.step("Calibrate")
     visitor.page.wait_for_timeout(500)
@@ -330,7 +333,7 @@ def test_areas_are_drawn_and_parts_judged(pages, shared):
     visitor.sees("area-1 ✕")
     drag(visitor, (5, 5, 30, 190))
     visitor.sees("area-2 ✕")
-    recipe = fw.read_recipe(shared.folder / "recipe.toml")
+    recipe = fw.files.read_recipe(shared.folder / "recipe.toml")
     assert recipe.areas["area-1"].box == pytest.approx((80, 80, 120, 110), abs=1)
     visitor.choose("Quantity", "step height")
     visitor.choose("Area", "area-1")
@@ -355,13 +358,13 @@ def test_areas_are_drawn_and_parts_judged(pages, shared):
     target = shared.folder.parent / "same.npz"
     words = ["inspect", str(shared.folder / "pair"), "--recipe", str(shared.folder / "recipe.toml")]
     assert run([*words, "--out", str(target)]) == 4
-    one, other = (fw.read_surface(p) for p in (target, shared.folder / "pair.npz"))
+    one, other = (fw.files.read_surface(p) for p in (target, shared.folder / "pair.npz"))
     np.testing.assert_array_equal(one.values, other.values)
     visitor.step("Look")
     live(visitor, "Areas and tolerances")
     visitor.page.get_by_role("button", name="Delete area-1").click()
     visitor.page.get_by_text("at least 10").wait_for(state="hidden")
-    assert list(fw.read_recipe(shared.folder / "recipe.toml").areas) == ["area-2"]
+    assert list(fw.files.read_recipe(shared.folder / "recipe.toml").areas) == ["area-2"]
     (shared.folder / "recipe.toml").unlink()
 
 
@@ -391,7 +394,7 @@ def test_live_board_and_live_points(studio, visitor):
     space = studio.folder
     words = "setup --projector virtual --camera virtual:plane --frames 24 --axes x,y --out"
     assert run([*words.split(), str(space / "setup.toml")]) == 0
-    fw.write_rig(space / "rig.toml", standard_rig(scale=SCALE))
+    fw.files.write_rig(space / "rig.toml", standard_rig(scale=SCALE))
     visitor.page.reload()
     visitor.step("Calibrate")
     visitor.choose("Virtual scene", "board-0")
@@ -477,10 +480,10 @@ def two_megapixels(tmp_path_factory):
     folder.mkdir()
     rig = standard_rig(scale=1.25)
     plan = fringe_plan(rig, both=False)
-    fw.write_stack(
+    fw.files.write_stack(
         folder / "large", list(photograph(look(rig, bust()), plan, Optics(seed=1))), plan
     )
-    fw.write_rig(folder / "rig.toml", rig)
+    fw.files.write_rig(folder / "rig.toml", rig)
     running = Running(folder)
     yield running
     running.close()

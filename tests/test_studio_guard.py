@@ -223,7 +223,7 @@ def test_odd_entries_do_not_stop_the_lists(tmp_path):
     begun = time.monotonic()
     assert space.captures() == ["good"]
     with pytest.raises(FileProblem, match="file"):
-        fw.read_stack(tmp_path / "pipe")
+        fw.files.read_stack(tmp_path / "pipe")
     assert time.monotonic() - begun < 5
     (tmp_path / "closed").chmod(0o700)
 

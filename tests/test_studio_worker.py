@@ -12,7 +12,10 @@ import time
 import pytest
 
 import fringeworks as fw
-from fringeworks.simulate import Optics, bust, fringe_plan, look, photograph, standard_rig
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.studio import tasks
 from fringeworks.studio.worker import Worker
 from fringeworks.types import InputError
@@ -73,7 +76,7 @@ def capture(tmp_path_factory):
     plan = fringe_plan(rig, both=False)
     frames = list(photograph(look(rig, bust()), plan, Optics(seed=1)))
     folder = tmp_path_factory.mktemp("stack") / "c"
-    fw.write_stack(folder, frames, plan)
+    fw.files.write_stack(folder, frames, plan)
     return folder
 
 

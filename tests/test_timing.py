@@ -16,7 +16,8 @@ from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.fast import FastTaker
 from fringeworks.scan.frame_noise import noise_between
 from fringeworks.scan.frames import take_frames
-from fringeworks.simulate import bust, look, standard_rig
+from fringeworks.simulate.standard import bust, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import CameraSettings, DeviceProblem
 from tests.virtual_devices import Screen, bench, plan
 

@@ -7,13 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import CameraNoise, GrayCode, InputError, PatternPlan, Reason, Stack, decode
+from fringeworks import InputError, PatternPlan, Reason, Stack, decode
+from fringeworks.patterns import GrayCode
 from fringeworks.pipeline.stacks import check_projector
 from fringeworks.rig.epipolar import calibration_share
 from fringeworks.rig.pinhole import look_at, pose, project, rays, rotation, transform
 from fringeworks.rig.point_findings import part_notes, point_notes
 from fringeworks.rig.triangulate import triangulate
-from fringeworks.simulate import Box, Optics, Plane, Sphere, look, truth_distance
+from fringeworks.signal import CameraNoise
+from fringeworks.simulate.bodies import Box, Plane, Sphere
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import truth_distance
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.surface.cloud import cloud_triangles, height_over_plane, normals
 from fringeworks.surface.form import fit_form
 from fringeworks.types import CoordinateMap, Decoded, Pinhole, Rig

@@ -10,18 +10,12 @@ import pytest
 import fringeworks as fw
 from fringeworks.cli.devices import _turn
 from fringeworks.rig.pinhole import pose
-from fringeworks.simulate import (
-    Body,
-    Optics,
-    Sphere,
-    board_on_table,
-    fringe_plan,
-    look,
-    on_table,
-    photograph,
-    turned_poses,
-    turntable_pose,
-)
+from fringeworks.simulate.bodies import Body, Sphere
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import fringe_plan
+from fringeworks.simulate.turntable import board_on_table, on_table, turned_poses, turntable_pose
+from fringeworks.simulate.virtual_rig import look
 from tests.test_merging import BOARD, T_table_board, rig
 
 
@@ -42,18 +36,18 @@ class Table:
         plan = fringe_plan(rig(), both=False)
         optics = Optics(exposure=1.1, noise=1.0, seed=int(self.angle_deg))
         frames = photograph(look(rig(), on_table(self.bodies, T)), plan, optics)
-        fw.write_stack(place, frames, plan)
+        fw.files.write_stack(place, frames, plan)
 
 
 @pytest.mark.long
 def test_a_ball_is_scanned_from_four_sides(tmp_path):
     table = Table()
-    part = fw.scan_turntable(
+    part = fw.scan.scan_turntable(
         table.take, table.turn, tmp_path, rig(), step_deg=90.0, board=BOARD.name
     )
     assert table.taken == [(f"view_{k:02d}", 90.0 * k) for k in range(4)]
     assert len(part.poses) == 4
-    form = fw.fit_form(part.points.xyz_mm, "sphere", sigma_mm=part.points.sigma_mm)
+    form = fw.surface.fit_form(part.points.xyz_mm, "sphere", sigma_mm=part.points.sigma_mm)
     assert abs(2.0 * form.parameters["radius_mm"] - 50.0) < 0.02
 
 
@@ -61,7 +55,7 @@ def test_a_ball_is_scanned_from_four_sides(tmp_path):
 def test_steps_divide_a_turn(tmp_path, step_deg):
     table = Table()
     with pytest.raises(fw.InputError, match="whole number of steps"):
-        fw.scan_turntable(table.take, table.turn, tmp_path, rig(), step_deg=step_deg)
+        fw.scan.scan_turntable(table.take, table.turn, tmp_path, rig(), step_deg=step_deg)
     assert not table.taken
 
 
@@ -88,7 +82,7 @@ def test_the_studio_merges_the_views_of_a_series(tmp_path):
         session = studio.session("one")
         with pytest.raises(fw.InputError, match="no rig"):
             studio.merge_views(session, views, BOARD.name, 90.0, "ball")
-        fw.write_rig(tmp_path / "rig.toml", rig())
+        fw.files.write_rig(tmp_path / "rig.toml", rig())
         with pytest.raises(fw.InputError, match="two views or more"):
             studio.merge_views(session, views[:1], BOARD.name, 90.0, "ball")
         with pytest.raises(fw.InputError, match="Turntable step: expected degrees"):
@@ -107,7 +101,7 @@ def test_the_studio_merges_the_views_of_a_series(tmp_path):
         assert shown.state == "done", shown.problem
     finally:
         studio.close()
-    points = fw.read_points(tmp_path / "ball.ply")
+    points = fw.files.read_points(tmp_path / "ball.ply")
     assert len(points.xyz_mm) == job.result["points"]
-    form = fw.fit_form(points.xyz_mm, "sphere", sigma_mm=points.sigma_mm)
+    form = fw.surface.fit_form(points.xyz_mm, "sphere", sigma_mm=points.sigma_mm)
     assert abs(2.0 * form.parameters["radius_mm"] - 50.0) < 0.02

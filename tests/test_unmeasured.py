@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fringeworks import Reason, Stack, measure
-from fringeworks.simulate import Optics, Plane
+from fringeworks.simulate.bodies import Plane
+from fringeworks.simulate.optics import Optics
 from fringeworks.stack.unmeasured import WORDS, unmeasured
 from tests.rigs import ahead, rig, scene, shoot
 

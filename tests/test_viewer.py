@@ -16,7 +16,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.files.points import Points
-from fringeworks.report.viewer.page import MODULES
+from fringeworks.report.viewer.page import MODULES, viewer_fragment, viewer_page
 from fringeworks.surface.cloud import cloud_triangles
 from fringeworks.surface.height_map import height_map_points, height_map_triangles
 from fringeworks.surface.section import organised_points
@@ -37,7 +37,7 @@ SOURCE = Path(__file__).parent.parent / "src" / "fringeworks" / "report" / "view
 
 @cache
 def bust_page() -> str:
-    return fw.viewer_page(fw.pack_surface(measured_bust(), camera=small_rig(), title="bust"))
+    return viewer_page(fw.report.pack_surface(measured_bust(), camera=small_rig(), title="bust"))
 
 
 def bust() -> fw.PointCloud:
@@ -66,7 +66,7 @@ def points_of(opened, surface="V.surfaces[0]") -> np.ndarray:
 def test_points_read_back_within_an_eighth_of_sigma(pages, result, options):
     found = result()
     surface = found.points if isinstance(found, fw.Measurement) else found
-    opened = pages.open(fw.viewer_page(fw.pack_surface(found, **options)))
+    opened = pages.open(viewer_page(fw.report.pack_surface(found, **options)))
     points = points_of(opened).reshape(*surface.reason.shape, 3)
     sigma = surface.sigma if isinstance(surface, fw.HeightMap) else surface.sigma_mm
     ok = surface.reason == 0
@@ -78,7 +78,7 @@ def test_points_read_back_within_an_eighth_of_sigma(pages, result, options):
 
 def test_a_list_of_points_is_shown_as_it_is(pages):
     xyz = np.random.default_rng(0).normal(0, 20, (500, 3)) + np.array([0, 0, 400])
-    opened = pages.open(fw.viewer_page(fw.pack_surface(Points(xyz, None))))
+    opened = pages.open(viewer_page(fw.report.pack_surface(Points(xyz, None))))
     np.testing.assert_array_equal(points_of(opened), xyz)
     assert coloured(opened.picture(), opened) > 0.001
 
@@ -97,7 +97,7 @@ def test_triangles_are_those_of_the_library(pages):
     # Coordinates differ by up to σ/8, so that a triangle at a limit may fall to the other side.
     assert opened.js(count) == pytest.approx(len(cloud_triangles(bust())), rel=2e-3)
     surface = height_map()
-    opened = pages.open(fw.viewer_page(fw.pack_surface(surface)))
+    opened = pages.open(viewer_page(fw.report.pack_surface(surface)))
     index = height_map_points(surface)[2]
     assert opened.js(count) == len(height_map_triangles(surface, index))
 
@@ -110,7 +110,7 @@ def normals_of(opened) -> np.ndarray:
 def test_normals_agree_with_the_library(pages):
     opened = pages.open(bust_page())
     opened.rest()
-    expected = fw.normals(bust()).reshape(-1, 3)
+    expected = fw.surface.normals(bust()).reshape(-1, 3)
     found = normals_of(opened)
     both = np.isfinite(expected[:, 0]) & (np.abs(found).max(axis=1) > 0)
     assert both.mean() > 0.3
@@ -223,9 +223,9 @@ def test_a_region_fits_what_the_library_fits(pages, body, window):
     found = opened.js("({...V.tools.result, distances: Array.from(V.tools.result.distances)})")
     assert "mm" in opened.text("result")
     # On the page's own points: the same least squares, stopped at other places.
-    own = fw.fit_region(points_of(opened)[pixels], body)
+    own = fw.surface.fit_region(points_of(opened)[pixels], body)
     # On the measured ones: σ/8 in every point, which leaves less in their mean.
-    measured = fw.fit_region(organised_points(bust()).reshape(-1, 3)[pixels], body)
+    measured = fw.surface.fit_region(organised_points(bust()).reshape(-1, 3)[pixels], body)
     sigma = float(np.median(bust().sigma_mm.ravel()[pixels]))
     for form, tolerance in ((own, 2e-5), (measured, sigma / 8)):
         assert found["deviation"] == pytest.approx(form.deviation_mm, abs=tolerance)
@@ -268,10 +268,10 @@ def test_what_cannot_be_fitted_says_why(pages):
 def test_two_results_side_by_side_and_as_the_difference_of_the_library(pages):
     other = worn(bust())
     one, two = (
-        fw.pack_surface(cloud, camera=small_rig(), title=name)
+        fw.report.pack_surface(cloud, camera=small_rig(), title=name)
         for cloud, name in ((bust(), "new"), (other, "worn"))
     )
-    opened = pages.open(fw.viewer_page(one, two))
+    opened = pages.open(viewer_page(one, two))
     alone = opened.picture()
     opened.ui("show").select_option("both")
     beside = opened.picture()
@@ -282,7 +282,7 @@ def test_two_results_side_by_side_and_as_the_difference_of_the_library(pages):
     assert np.mean(halves.max(axis=-1) > 60) < 0.02
     opened.ui("show").select_option("difference")
     assert opened.text("title") == "worn − new"
-    values, sigma = fw.difference(bust(), other)
+    values, sigma = fw.surface.difference(bust(), other)
     found = opened.js("V.gap.layers.find(({ name }) => name === 'difference').values.join(' ')")
     found = np.array(found.split(), float).reshape(values.shape)
     known = np.isfinite(values)
@@ -294,8 +294,8 @@ def test_two_results_side_by_side_and_as_the_difference_of_the_library(pages):
 
 
 def test_a_difference_of_unlike_surfaces_is_refused_in_words(pages):
-    page = fw.viewer_page(
-        fw.pack_surface(bust(), camera=small_rig()), fw.pack_surface(height_map())
+    page = viewer_page(
+        fw.report.pack_surface(bust(), camera=small_rig()), fw.report.pack_surface(height_map())
     )
     opened = pages.open(page)
     opened.ui("show").select_option("difference")
@@ -395,8 +395,8 @@ def test_schemes_and_widths(pages, dark, width):
 
 def test_hostile_names_are_shown_as_text(pages):
     notes = tuple(f"{k} {HOSTILE}" for k in range(10_000))
-    packed = fw.pack_surface(bust(), camera=small_rig(), title=HOSTILE, notes=notes)
-    opened = pages.open(fw.viewer_page(packed, title=HOSTILE))
+    packed = fw.report.pack_surface(bust(), camera=small_rig(), title=HOSTILE, notes=notes)
+    opened = pages.open(viewer_page(packed, title=HOSTILE))
     assert opened.page.title() == HOSTILE
     assert opened.text("title") == HOSTILE
     opened.ui("notesTitle").click()
@@ -415,7 +415,7 @@ def test_surfaces_with_hardly_anything(pages, kind):
         xyz = np.array([[[1, 2, 400], [2, 2, 401]]], np.float32)[:, : shape[1]]
         sigma = np.full(shape, 0.1, np.float32)
         cloud = fw.PointCloud(xyz, sigma, sigma, np.zeros(shape, np.uint8))
-    opened = pages.open(fw.viewer_page(fw.pack_surface(cloud)))
+    opened = pages.open(viewer_page(fw.report.pack_surface(cloud)))
     opened.rest()
     if kind == "nothing":
         assert "No pixel has a value." in opened.text("readout")
@@ -440,8 +440,8 @@ def damaged(data: bytes, kind: str) -> bytes:
 
 @pytest.mark.parametrize("kind", ["cut off", "another magic", "too many pixels"])
 def test_damaged_content_is_refused_in_words(pages, kind):
-    packed = fw.pack_surface(random_cloud(0))
-    opened = pages.open(fw.viewer_page(replace(packed, data=damaged(packed.data, kind))))
+    packed = fw.report.pack_surface(random_cloud(0))
+    opened = pages.open(viewer_page(replace(packed, data=damaged(packed.data, kind))))
     words = {"another magic": "not a packed surface", "too many pixels": "a page shows at most"}
     assert words.get(kind, "") in opened.text("readout")
     assert opened.ui("readout").get_attribute("role") == "alert"
@@ -449,9 +449,9 @@ def test_damaged_content_is_refused_in_words(pages, kind):
 
 
 def test_a_page_of_somebody_elses_holds_two_viewers(pages):
-    fragments = [fw.viewer_fragment(fw.pack_surface(s)) for s in (height_map(), bust())]
-    style = f"<style>{fw.viewer_style()} .fringe-viewer-mount {{ height: 400px }}</style>"
-    script = f"<script>{fw.viewer_script()}</script>"
+    fragments = [viewer_fragment(fw.report.pack_surface(s)) for s in (height_map(), bust())]
+    style = f"<style>{viewer_style()} .fringe-viewer-mount {{ height: 400px }}</style>"
+    script = f"<script>{viewer_script()}</script>"
     opened = pages.open(
         f"<!doctype html><meta charset=utf-8>{style}{fragments[0]}<p>text{fragments[1]}{script}"
     )

@@ -9,34 +9,26 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from fringeworks import (
-    InputError,
-    PatternPlan,
-    PhaseSteps,
-    Uniform,
-    decode,
-    equal_steps,
-    read_stack,
-)
+from fringeworks import InputError, PatternPlan, decode
+from fringeworks.files import read_stack
 from fringeworks.files.mesh import read_mesh
 from fringeworks.files.stack import write_stack
+from fringeworks.patterns import PhaseSteps, Uniform, equal_steps
 from fringeworks.rig.pinhole import inverse, pose, project, rays, rotation, transform
-from fringeworks.simulate import (
+from fringeworks.simulate.bodies import (
     Body,
     Box,
     Cylinder,
     Mesh,
-    Optics,
     Paraboloid,
     Plane,
     Sphere,
-    board_body,
-    bust,
     height_field,
-    look,
-    photograph,
-    standard_rig,
 )
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import board_body, bust, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import Pinhole, Rig
 from tests.rigs import ahead, board, rig, shoot
 

@@ -5,13 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import InputError, PatternPlan, PhaseSteps, encode, equal_steps
+from fringeworks import InputError, PatternPlan, encode
 from fringeworks.devices.clock import SimulatedClock
 from fringeworks.devices.virtual_camera import CameraModel, VirtualCamera
 from fringeworks.devices.virtual_projector import ProjectorModel, VirtualProjector
 from fringeworks.devices.virtual_scene import RigScene
+from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.scan.frames import take_frames
-from fringeworks.simulate import Optics, bust, highlight, look, photograph, standard_rig
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.highlight import highlight
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import bust, standard_rig
+from fringeworks.simulate.virtual_rig import look
 
 PLAN = PatternPlan(192, 120, (PhaseSteps("x", 16.0, equal_steps(3)),))
 

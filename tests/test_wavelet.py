@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import InputError, analyse, wavelet_frequencies, wavelet_ridge
+from fringeworks import InputError, analyse
+from fringeworks.pair import wavelet_frequencies, wavelet_ridge
 from tests.conftest import scene, true_displacement
 
 

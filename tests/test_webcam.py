@@ -11,19 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
-from fringeworks import (
-    InputError,
-    PatternPlan,
-    PhaseSteps,
-    Uniform,
-    encode,
-    equal_steps,
-    read_stack,
-)
+from fringeworks import InputError, PatternPlan, encode
 from fringeworks.devices import frame_reader, webcam
 from fringeworks.devices.protocols import Camera, Closing, TriggeredCamera
 from fringeworks.devices.webcam import WebcamCamera, grey_of, linux_webcams, webcams
+from fringeworks.files import read_stack
 from fringeworks.files.images import read_frame, read_frames
+from fringeworks.patterns import PhaseSteps, Uniform, equal_steps
 from fringeworks.scan.capture import capture
 from fringeworks.types import CameraSettings, DeviceProblem, Region
 

@@ -10,14 +10,18 @@ import time
 import numpy as np
 import pytest
 
-from fringeworks import PatternPlan, PhaseSteps, encode, equal_steps
+from fringeworks import PatternPlan, encode
 from fringeworks.devices.protocols import Closing, Grab, Projector
 from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.devices.window import Monitor, WindowProjector, chosen_monitor, monitors
+from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.pipeline.stacks import measure
 from fringeworks.rig.pinhole import pose
 from fringeworks.scan.capture import capture
-from fringeworks.simulate import Body, Optics, Plane, look, standard_rig
+from fringeworks.simulate.bodies import Body, Plane
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import standard_rig
+from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import CameraSettings, DeviceProblem, InputError
 
 glfw = pytest.importorskip("glfw")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import InputError, windowed_fourier_filter, windowed_fourier_ridge
+from fringeworks import InputError
+from fringeworks.pair import windowed_fourier_filter, windowed_fourier_ridge
 from fringeworks.pair.lattice import Lattice
 from tests.oracles import windowed_fourier as oracle
 

@@ -5,8 +5,10 @@ import pytest
 import typer
 
 import fringeworks as fw
-from fringeworks import GrayCode, InputError, PhaseSteps, Reason, equal_steps, wrapped_phase
+from fringeworks import InputError, Reason
 from fringeworks.cli import commands
+from fringeworks.patterns import GrayCode, PhaseSteps, equal_steps
+from fringeworks.stack import wrapped_phase
 from tests.oracles.phase_shift import fit
 from tests.stacks import take
 
@@ -41,7 +43,7 @@ def test_the_phase_and_its_error_are_right(steps):
 def test_unequal_shifts_against_the_oracle():
     shifts = np.radians([0.0, 80.0, 190.0, 275.0])
     frames, _ = scene(shifts)
-    found = wrapped_phase(frames, shifts, noise=fw.CameraNoise(2.0))
+    found = wrapped_phase(frames, shifts, noise=fw.signal.CameraNoise(2.0))
     for y, x in [(3, 5), (40, 120), (77, 250)]:
         expected, modulation, unit = fit(frames[:, y, x].astype(float), shifts, 255.0)
         assert wrapped(found.phase_rad[y, x] - expected) == pytest.approx(0.0, abs=1e-4)
@@ -54,7 +56,7 @@ def test_pixels_that_cannot_be_measured_have_a_reason():
     frames = frames.astype(np.float32)
     frames[:, :10] = 30.0 + np.random.default_rng(1).normal(0.0, 2.0, (4, 10, SHAPE[1]))
     frames[2, 50, 60] = np.nan
-    found = wrapped_phase(frames, equal_steps(4), noise=fw.CameraNoise(2.0))
+    found = wrapped_phase(frames, equal_steps(4), noise=fw.signal.CameraNoise(2.0))
     assert (found.reason[:10] == Reason.SHADOW).mean() > 0.98
     assert found.reason[50, 60] == Reason.MASKED
     assert np.array_equal(np.isnan(found.phase_rad), found.reason != Reason.OK)
@@ -73,7 +75,7 @@ def test_frames_that_do_not_fit_are_refused():
 def written(folder, frames):
     folder.mkdir()
     for k, frame in enumerate(frames):
-        fw.write_frame(folder / f"{k}.png", frame)
+        fw.files.write_frame(folder / f"{k}.png", frame)
     return folder
 
 
@@ -84,13 +86,13 @@ def test_the_command_needs_no_plan(tmp_path, capsys):
     options = ["--steps", "0,90,180,270", "--unwrap", "--out", str(out)]
     assert commands.run(["decode", str(shots), *options]) == 0
     assert "median σ" in capsys.readouterr().out
-    found = fw.read_phase(out)
+    found = fw.files.read_phase(out)
     assert found.provenance is not None
     assert np.nanmax(np.abs(wrapped(found.phase_rad - phase))) < 0.2
     unwrapped = np.load(out)["unwrapped_rad"]
     off = unwrapped - phase
     assert np.ptp(off) < 0.3
-    again = fw.phase_from_stack(shots, equal_steps(4))
+    again = fw.stack.wrapped_phase(shots, equal_steps(4))
     assert np.array_equal(again.phase_rad, found.phase_rad, equal_nan=True)
 
 
@@ -120,7 +122,7 @@ def test_every_command_that_decodes_has_the_options_of_decoding(command):
 
 def test_the_lens_is_measured_without_a_plan(real_data):
     folder = real_data / "lens_4step"
-    frames = [fw.read_frame(folder / f"lens_crop_{a:03d}.jpg")[0] for a in (0, 90, 180, 270)]
+    frames = [fw.files.read_frame(folder / f"lens_crop_{a:03d}.jpg")[0] for a in (0, 90, 180, 270)]
     found = wrapped_phase(frames, equal_steps(4), estimate_steps=False)
     c, s = (np.asarray(a, float) - b for a, b in ((frames[0], frames[2]), (frames[1], frames[3])))
     ok = found.reason == Reason.OK
@@ -130,17 +132,19 @@ def test_the_lens_is_measured_without_a_plan(real_data):
 
 def test_the_response_of_a_stack_takes_the_options_of_decoding():
     blocks = (PhaseSteps("x", 32.0, equal_steps(4)), GrayCode("x", 4.0, 960))
-    plan = fw.PatternPlan(960, 80, (*blocks, fw.Uniform("white"), fw.Uniform("black")))
+    plan = fw.PatternPlan(
+        960, 80, (*blocks, fw.patterns.Uniform("white"), fw.patterns.Uniform("black"))
+    )
     y, x = np.mgrid[:80, :900] * 1.0
     frames = take(plan, a=120.0, b=100.0, noise=1.0, at=(y, 10.0 + x + 0.1 * y))
     stack = fw.Stack(frames, plan, camera="a", projector="b")
-    assert fw.response_from_stack(stack).gamma == pytest.approx(1.0, abs=0.05)
+    assert fw.signal.measure_response(stack).gamma == pytest.approx(1.0, abs=0.05)
     # Without the samples above the limit no pixel has a bright phase; with the limits of
     # modulation and noise no pixel is left.
     for options in (
         {"saturation": 150.0},
         {"min_modulation": 150.0},
-        {"noise": fw.CameraNoise(60.0)},
+        {"noise": fw.signal.CameraNoise(60.0)},
     ):
         with pytest.raises(InputError):
-            fw.response_from_stack(stack, **options)
+            fw.signal.measure_response(stack, **options)

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fringeworks import PatternPlan, PhaseSteps, equal_steps
+from fringeworks import PatternPlan
 from fringeworks.devices.clock import SimulatedClock
 from fringeworks.devices.virtual_camera import CameraModel, VirtualCamera
 from fringeworks.devices.virtual_projector import ProjectorModel, VirtualProjector
+from fringeworks.patterns import PhaseSteps, equal_steps
 
 
 class Screen:

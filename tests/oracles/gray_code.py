@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fringeworks import GrayCode
+from fringeworks.patterns import GrayCode
 
 
 def levels_of_cells(code: GrayCode) -> np.ndarray:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fringeworks.batch.sequence_store import SequenceStore
 from fringeworks.evaluate.inspect import masked, rig_of
-from fringeworks.evaluate.vibration import AreaTracker, Displacement, Vibration, vibration
+from fringeworks.evaluate.vibrations import AreaTracker, Displacement, Vibration, vibration
 from fringeworks.files.atomic import StrPath, write_text
 from fringeworks.files.recipe import read_recipe
 from fringeworks.files.sequence import FrameSequence, read_sequence

@@ -77,6 +77,6 @@ def all_commands(
     output.configure(quiet=quiet, log=log)
     if max_gb is not None or outside:
         limit = {} if max_gb is None else {"max_gb": max_gb}
-        context.with_resource(fw.file_limits(**limit, outside=outside))
+        context.with_resource(fw.files.file_limits(**limit, outside=outside))
     for path in plugin or []:
         fw.load_plugin(path)

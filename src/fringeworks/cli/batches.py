@@ -57,7 +57,7 @@ def batch(
     """Measure and judge many captures; exit code 0 all pass, 3 some fail, 4 undecided, 5 errors."""
     words = output.Output()
     output.check(report, "report")
-    with output.progress(None if watch else len(fw.find_scans(source))) as show:
+    with output.progress(None if watch else len(fw.batch.find_scans(source))) as show:
 
         def told(row: dict[str, Any], _: int) -> None:
             show(f"{row['scan']}: {row.get('verdict') or row['error']}")
@@ -66,7 +66,7 @@ def batch(
             if engine.dashboard:
                 words.say(f"workers: {engine.dashboard}")
 
-        found = fw.run_batch(
+        found = fw.batch.run_batch(
             source,
             recipe,
             out,
@@ -87,7 +87,7 @@ def batch(
     told_counts = ", ".join(f"{count} {name}" for name, count in counts.items())
     words.say(f"{len(found.rows)} scans: {told_counts}, {found.failed} not measured")
     if report is not None:
-        fw.write_batch_report(report, found)
+        fw.batch.write_batch_report(report, found)
     words.wrote(out, found.summary, report)
     code = 3 if counts["fail"] else 4 if counts["undecided"] else 0
     raise typer.Exit(NOT_MEASURED if found.failed else code)

@@ -44,9 +44,9 @@ def board(
     """Draw a calibration board to print, with rulers that check the printer's scale."""
     words = output.Output(out)
     output.check(out, "board")
-    known = fw.parse_board(kind)
+    known = fw.rig.parse_board(kind)
     with output.target(out, ".pdf") as place:
-        fw.write_board(
+        fw.report.write_board(
             place, known, paper, landscape=landscape, white_on_black=white_on_black, dpi=dpi
         )
     words.wrote(out)

@@ -23,21 +23,19 @@ def calibrate_cameras(
     words = output.Output(out, *show.targets)
     output.check(out, "multi_rig")
     _refuse(show, figure="a calibration of several cameras has no picture")
-    known = fw.parse_board(board)
+    known = fw.rig.parse_board(board)
     from fringeworks.files.stack import pose_paths
 
     steps = sum(len(pose_paths(folder)) for folder in folders) + 1
     with output.progress(steps) as progress:
         poses = [
-            ((name, how.named(stack)) for name, stack in fw.read_poses(folder, how.plan))
+            ((name, how.named(stack)) for name, stack in fw.files.read_poses(folder, how.plan))
             for folder in folders
         ]
-        found = fw.calibrate_camera_stacks(
-            poses, known, distortion=distortion, progress=progress, **how.options
-        )
+        found = fw.calibrate(poses, known, distortion=distortion, progress=progress, **how.options)
     with output.target(out, ".toml") as place:
-        fw.write_multi_rig(place, found.rig)
-    figures = fw.summarise(found)
+        fw.files.write_multi_rig(place, found.rig)
+    figures = fw.report.summarise(found)
     output.write_json(show.json_file, figures)
     _say_calibration(words, figures)
     words.wrote(out)
@@ -48,7 +46,7 @@ def measure_cameras(
     rig_file: Path,
     out: Path | None,
     how: DecodingOptions,
-    axis: fw.Axis | None,
+    axis: fw.patterns.Axis | None,
     show: ShowOptions,
 ) -> None:
     """Measure what several cameras saw, each from its own capture."""
@@ -59,13 +57,13 @@ def measure_cameras(
     with output.progress() as progress:
         progress("reading …")
         loaded = [how.read_captured(stack) for stack in stacks]
-        rig = fw.read_multi_rig(rig_file)
+        rig = fw.files.read_multi_rig(rig_file)
         progress("measuring …")
-        found = fw.measure_cameras(loaded, rig, axis=axis, **how.options)
+        found = fw.measure(loaded, rig, axis=axis, **how.options)
     if out is not None:
         with output.target(out, ".ply") as place:
-            fw.write_merged_points(place, found.points, provenance=found.points.provenance)
-    figures = fw.summarise(found)
+            fw.files.write_merged_points(place, found.points, provenance=found.points.provenance)
+    figures = fw.report.summarise(found)
     show.write(found, figures, name=stacks[0].name, provenance=found.points.provenance)
     _say_points(words, figures)
     words.wrote(out, show.figure)

@@ -23,7 +23,7 @@ def run(arguments: Sequence[str]) -> int:
     try:
         # A bare call is a question, not a mistake.
         code = face.app(list(arguments) or ["--help"], standalone_mode=False)
-    except fw.FolderInUse as error:
+    except fw.files.FolderInUse as error:
         return output.fail(f"{error}; choose another folder, or add --force to write into it")
     except fw.InputError as error:
         return output.fail(str(error))

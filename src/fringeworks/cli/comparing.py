@@ -14,6 +14,9 @@ from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import DenoiseOption, Figure, JsonFile, items
+from fringeworks.evaluate.best_method import Cell, format_map
+from fringeworks.evaluate.captures import rows_of_captures
+from fringeworks.types import made_by
 
 SECTION = "Results"
 SHOWN = (
@@ -67,13 +70,13 @@ class OwnPairs:
         from fringeworks.evaluate.captures import short_names
 
         named = zip(short_names(self.object), self.object, strict=True)
-        return {name: fw.read_pair(self.reference, path) for name, path in named}
+        return {name: fw.files.read_pair(self.reference, path) for name, path in named}
 
     @property
     def options(self) -> dict[str, Any]:
         """What else was given, as the library takes it."""
         found = {} if self.against is None else {"against": self.against}
-        known = None if self.geometry is None else fw.read_reference_plane(self.geometry)
+        known = None if self.geometry is None else fw.files.read_reference_plane(self.geometry)
         return found | ({} if known is None else {"geometry": known})
 
 
@@ -134,8 +137,8 @@ class Results:
 
     def write(self, rows: list[dict[str, Any]], origin: fw.Provenance) -> None:
         """Write the table in every form that is asked for."""
-        output.write_text(self.csv, fw.format_table(rows, "csv"))
-        output.write_text(self.markdown, fw.format_table(rows, "markdown"))
+        output.write_text(self.csv, fw.report.format_table(rows, "csv"))
+        output.write_text(self.markdown, fw.report.format_table(rows, "markdown"))
         output.write_json(self.json_file, {"rows": rows, "provenance": origin.as_dict()})
 
 
@@ -185,12 +188,12 @@ def _on_pairs(
             f"--figure -: expected one pair, got {len(pairs)}, which make a picture each"
         )
     with output.progress() as progress:
-        found = fw.compare_captures(pairs, progress=progress, **options)
-    rows = fw.rows_of_captures(found, timing=results.timing)
-    origin = fw.made_by("compare_captures", options={"pairs": [str(p) for p in pairs], **options})
+        found = fw.evaluate.compare_captures(pairs, progress=progress, **options)
+    rows = rows_of_captures(found, timing=results.timing)
+    origin = made_by("compare_captures", options={"pairs": [str(p) for p in pairs], **options})
     results.write(rows, origin)
     shown = [{name: row[name] for name in SHOWN if name in row} for row in rows]
-    words.say(fw.format_table(shown).rstrip("\n"))
+    words.say(fw.report.format_table(shown).rstrip("\n"))
     words.say(
         f"differences are from {found[0].against}; methods that agree may share an error, so "
         "agreement is not accuracy"
@@ -214,26 +217,26 @@ def _on_scenes(
     if figure is not None and not matrix:
         raise fw.InputError("--figure: expected together with --matrix, or with pairs of one's own")
     with output.progress() as progress:
-        rows = (fw.compare_everywhere if matrix else fw.compare)(
+        rows = (fw.evaluate.compare_everywhere if matrix else fw.compare)(
             timing=results.timing,
             on_result=lambda row, _: progress(f"{row['object']} {row['method']}"),
             **options,
         )
-    origin = fw.made_by("compare", options={"matrix": matrix, **options})
+    origin = made_by("compare", options={"matrix": matrix, **options})
     results.write(rows, origin)
     if not matrix:
-        words.say(fw.format_table(rows).rstrip("\n"))
+        words.say(fw.report.format_table(rows).rstrip("\n"))
         return
-    cells = fw.best_methods(rows)
+    cells = fw.evaluate.best_methods(rows)
     if figure is not None:
-        output.draw(fw.best_map("Method with the lowest mean error", cells), figure, origin)
+        output.draw(fw.report.best_map("Method with the lowest mean error", cells), figure, origin)
     _say_map(words, cells)
     words.wrote(figure)
 
 
-def _say_map(words: output.Output, cells: Sequence[fw.Cell]) -> None:
+def _say_map(words: output.Output, cells: Sequence[Cell]) -> None:
     """The winners as a table, and every scene that ``windowed`` lost, with the reason."""
-    words.say(fw.format_table(fw.format_map(cells)).rstrip("\n"))
+    words.say(fw.report.format_table(format_map(cells)).rstrip("\n"))
     disturbed = [cell for cell in cells if cell.disturbed]
     lost = [cell for cell in disturbed if cell.why]
     words.say(

@@ -10,6 +10,7 @@ import typer
 
 import fringeworks as fw
 from fringeworks.cli.options import Camera, PlanFile, Projector, ResponseFile
+from fringeworks.files.exposures import is_exposures
 
 
 @dataclass(frozen=True)
@@ -36,35 +37,35 @@ class StackOptions:
     projector: Projector = None
 
     @property
-    def options(self) -> fw.DecodeOptions:
+    def options(self) -> fw.stack.DecodeOptions:
         """As the library takes them."""
         if self.noise is None and self.gain is not None:
             raise fw.InputError("--gain: expected together with --noise")
-        found: fw.DecodeOptions = {}
+        found: fw.stack.DecodeOptions = {}
         if self.min_modulation:
             found["min_modulation"] = self.min_modulation
         if self.noise is not None:
-            found["noise"] = fw.CameraNoise(self.noise, self.gain or 0.0)
+            found["noise"] = fw.signal.CameraNoise(self.noise, self.gain or 0.0)
         elif self.setup is not None:
-            found["noise"] = fw.read_setup(self.setup).noise
+            found["noise"] = fw.files.read_setup(self.setup).noise
         if self.saturation is not None:
             found["saturation"] = self.saturation
         return found
 
     def read(self, path: Path) -> fw.Stack:
         """Read a stack."""
-        return self.named(fw.read_stack(path, self.plan))
+        return self.named(fw.files.read_stack(path, self.plan))
 
     def read_captured(self, path: Path) -> fw.Stack | tuple[fw.Stack, ...]:
         """Read a stack, or the stacks of several exposures of a scene."""
-        if self.plan is not None or not fw.is_exposures(path):
+        if self.plan is not None or not is_exposures(path):
             return self.read(path)
         if self.setup is not None:
             raise fw.InputError(
                 "--setup: expected frames of one exposure, the set-up's; got several exposures, "
                 "whose noise differs"
             )
-        return tuple(self.named(stack) for stack in fw.read_exposures(path))
+        return tuple(self.named(stack) for stack in fw.files.read_exposures(path))
 
     def named(self, stack: fw.Stack) -> fw.Stack:
         """Return the stack with the names of its devices, where they are given."""
@@ -94,7 +95,7 @@ class DecodingOptions(StackOptions):
     response: ResponseFile = None
 
     @property
-    def options(self) -> fw.DecodeOptions:
+    def options(self) -> fw.stack.DecodeOptions:
         """As the library takes them."""
         found = super().options
         if not self.estimate_steps:
@@ -102,5 +103,5 @@ class DecodingOptions(StackOptions):
         if self.estimate_response:
             found["estimate_response"] = True
         if self.response is not None:
-            found["response"] = fw.read_response(self.response)
+            found["response"] = fw.files.read_response(self.response)
         return found

@@ -57,7 +57,14 @@ class AlignOptions:
     ] = None
 
     @property
-    def way(self) -> fw.BestFit | fw.DatumPoints | fw.DatumPlanes | fw.KnownPose:
+    def way(
+        self,
+    ) -> (
+        fw.evaluate.BestFit
+        | fw.evaluate.DatumPoints
+        | fw.evaluate.DatumPlanes
+        | fw.evaluate.KnownPose
+    ):
         """The way of alignment, as the library takes it."""
         given = {"--point": self.point, "--plane": self.plane, "--fit": self.fit}
         uses = {
@@ -70,16 +77,16 @@ class AlignOptions:
             if value and name not in uses:
                 raise fw.InputError(f"{name} cannot be combined with --align {self.align.value}")
         if self.align is AlignName.none:
-            return fw.KnownPose(np.eye(4))
+            return fw.evaluate.KnownPose(np.eye(4))
         if self.align is AlignName.planes:
             return _planes(self.plane or [])
         pairs = None
         if self.point or self.align is AlignName.points:
             table = np.array([_numbers(p, 6, "--point") for p in self.point or []]).reshape(-1, 6)
-            pairs = fw.DatumPoints(table[:, :3], table[:, 3:])
+            pairs = fw.evaluate.DatumPoints(table[:, :3], table[:, 3:])
         if self.align is AlignName.points and pairs is not None:
             return pairs
-        return fw.BestFit(pairs, None if self.fit is None else _box(self.fit, "--fit"))
+        return fw.evaluate.BestFit(pairs, None if self.fit is None else _box(self.fit, "--fit"))
 
 
 def _numbers(text: str, count: int, option: str) -> list[float]:
@@ -92,17 +99,17 @@ def _numbers(text: str, count: int, option: str) -> list[float]:
     return found
 
 
-def _box(text: str, option: str) -> fw.Area:
+def _box(text: str, option: str) -> fw.evaluate.Area:
     left, top, right, bottom = (round(v) for v in _numbers(text, 4, option))
-    return fw.Area(box=(left, top, right, bottom))
+    return fw.evaluate.Area(box=(left, top, right, bottom))
 
 
-def _planes(texts: list[str]) -> fw.DatumPlanes:
+def _planes(texts: list[str]) -> fw.evaluate.DatumPlanes:
     if len(texts) != 3:
         raise fw.InputError(f"--plane: expected three datum planes, got {len(texts)}")
     table = [_numbers(text, 7, "--plane") for text in texts]
     one, two, three = (_box(":".join(f"{v:g}" for v in row[:4]), "--plane") for row in table)
-    return fw.DatumPlanes((one, two, three), np.array([row[4:] for row in table]))
+    return fw.evaluate.DatumPlanes((one, two, three), np.array([row[4:] for row in table]))
 
 
 @app.command(
@@ -135,30 +142,30 @@ def deviation(
     words = output.Output(*show.targets)
     show.check()
     way = how.way
-    known = None if rig is None else fw.read_rig(rig)
+    known = None if rig is None else fw.files.read_rig(rig)
     with output.progress() as progress:
         found = fw.deviation(
             part,
-            fw.read_model(model, scale=scale),
+            fw.files.read_model(model, scale=scale),
             align=way,
             rig=known,
             reach_mm=reach_mm,
             progress=progress,
         )
-    figures = fw.summarise(found) | found.figures(tolerance_mm)
+    figures = fw.report.summarise(found) | found.figures(tolerance_mm)
     show.write(found, figures, name=part.name, provenance=found.provenance, rig=known)
     _say(words, found, figures)
     words.wrote(show.figure, show.report)
 
 
-def _say(words: output.Output, found: fw.Deviation, figures: dict[str, object]) -> None:
+def _say(words: output.Output, found: fw.evaluate.Deviation, figures: dict[str, object]) -> None:
     """Print what was found."""
     sigma = figures["mean_sigma_mm"]
     mean = f"{figures['mean_mm']:.4f} mm" + ("" if sigma is None else f" ± {sigma:.2g}")
     words.say(f"{figures['points']} points; mean {mean}; rms {figures['rms_mm']:.4f} mm")
     if figures["median_sigma_mm"] is not None:
         words.say(f"median σ of a point {figures['median_sigma_mm']:.4f} mm")
-        spots = fw.find_spots(found)
+        spots = fw.evaluate.find_spots(found)
         if spots:
             rows = [
                 [

@@ -19,6 +19,7 @@ from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Ply, PlyOption, items
 from fringeworks.cli.showing import ShowOptions
 from fringeworks.cli.words import say_setup
+from fringeworks.scan.setup_file import check_setup_target
 
 SECTION = "Devices"
 
@@ -46,9 +47,9 @@ class CameraOptions:
     ] = None
 
     @property
-    def settings(self) -> fw.CameraSettings:
+    def settings(self) -> fw.devices.CameraSettings:
         """As the library takes them."""
-        return fw.CameraSettings(
+        return fw.devices.CameraSettings(
             exposure_ms=self.exposure_ms, gain_db=self.gain_db, pixel_format=self.pixel_format
         )
 
@@ -93,7 +94,7 @@ class _Bench:
 
     projector: Any
     camera: Any
-    settings: fw.CameraSettings
+    settings: fw.devices.CameraSettings
     setup: Any
     """StoredSetup, or None."""
 
@@ -101,7 +102,7 @@ class _Bench:
 @contextmanager
 def opened(devices: DeviceOptions) -> Iterator[_Bench]:
     """The devices that options or a set-up name; options hold before the set-up."""
-    stored = None if devices.setup is None else fw.read_setup(devices.setup)
+    stored = None if devices.setup is None else fw.files.read_setup(devices.setup)
     projector = devices.projector or (stored.projector if stored else None)
     camera = devices.camera or (stored.camera if stored else None)
     if projector is None or camera is None:
@@ -118,7 +119,7 @@ def opened(devices: DeviceOptions) -> Iterator[_Bench]:
 def devices() -> None:
     """List the projectors and cameras that are there, with their limits."""
     words = output.Output()
-    for role, found in zip(("projectors", "cameras"), fw.list_devices(), strict=True):
+    for role, found in zip(("projectors", "cameras"), fw.devices.list_devices(), strict=True):
         words.say(f"{role}:")
         for device in found:
             words.say(f"  {device}")
@@ -153,14 +154,14 @@ def setup(
     beside = out.with_suffix(".png")
     if figure is None and output.draws(words, beside):
         figure = beside
-    fw.check_setup_target(out)
+    check_setup_target(out)
     output.check(figure, "figure")
     devices = DeviceOptions(**vars(settings), projector=projector, camera=camera)
 
-    def show(tests: fw.SetupTests) -> None:
-        figures = fw.summarise(tests)
+    def show(tests: fw.scan.SetupTests) -> None:
+        figures = fw.report.summarise(tests)
         if figure is not None:
-            output.draw(fw.setup_sheet(tests), figure, None)
+            output.draw(fw.report.setup_sheet(tests), figure, None)
         output.write_json(json_file, figures)
         say_setup(words, figures)
 
@@ -174,14 +175,14 @@ def setup(
                 axes=tuple(axis.value for axis in items(AxisName, axes, "axes")),
                 progress=step,
             )
-    except fw.SetupStopped as error:
+    except fw.scan.SetupStopped as error:
         show(error.tests)
         words.wrote(figure, json_file)
         raise
     show(found)
     assert projector is not None
     assert camera is not None
-    written = fw.write_setup(out, found, projector=projector, camera=camera)
+    written = fw.files.write_setup(out, found, projector=projector, camera=camera)
     words.wrote(*written, figure, json_file)
 
 
@@ -253,7 +254,7 @@ def scan(
         raise fw.InputError("--board and --turn: expected together with --turntable")
     output.check(out, "points")
     show.check()
-    known = fw.read_rig(rig)
+    known = fw.files.read_rig(rig)
     with opened(devices) as bench:
         _capture(bench, plan, folder, taking)
     found = fw.measure(folder, known)
@@ -275,7 +276,7 @@ def take_views(
     step_deg, board, command = table
     output.check(out, "merged")
     with opened(devices) as bench:
-        found = fw.scan_turntable(
+        found = fw.scan.scan_turntable(
             lambda place: _capture(bench, plan, place, taking),
             lambda angle: _turn(angle, command),
             folder,
@@ -285,7 +286,7 @@ def take_views(
             progress=words.say,
         )
     with output.target(out, ".ply") as place:
-        fw.write_merged_points(place, found.points, provenance=found.provenance)
+        fw.files.write_merged_points(place, found.points, provenance=found.provenance)
     for finding in found.findings:
         words.say(finding.text)
     words.say(f"{len(found.points.xyz_mm)} points of {len(found.poses)} views")
@@ -310,10 +311,10 @@ def _turn(angle_deg: float, command: str | None) -> None:
         )
 
 
-def take_poses(setup: Path, plan: Path | None, board: fw.Board, folder: Path) -> None:
+def take_poses(setup: Path, plan: Path | None, board: fw.rig.Board, folder: Path) -> None:
     """Take poses of a board until they are enough; the user presses Enter for each."""
 
-    def ready(judgement: fw.PoseJudgement) -> bool:
+    def ready(judgement: fw.scan.PoseJudgement) -> bool:
         typer.echo(f"{judgement}")
         try:
             answer = typer.prompt(
@@ -325,7 +326,7 @@ def take_poses(setup: Path, plan: Path | None, board: fw.Board, folder: Path) ->
         return not str(answer).strip().lower().startswith("q")
 
     with opened(DeviceOptions(setup=setup)) as bench:
-        fw.take_poses(
+        fw.scan.take_poses(
             bench.projector,
             bench.camera,
             _plan(bench, plan),
@@ -340,8 +341,8 @@ def take_poses(setup: Path, plan: Path | None, board: fw.Board, folder: Path) ->
 def _plan(bench: _Bench, plan: Path | None) -> fw.PatternPlan:
     """The plan of a file, of a projector that plays one from its memory, or of the set-up."""
     if plan is not None:
-        return fw.read_plan(plan)
-    if isinstance(bench.projector, fw.MemoryProjector):
+        return fw.files.read_plan(plan)
+    if isinstance(bench.projector, fw.devices.MemoryProjector):
         held: fw.PatternPlan = bench.projector.plan
         return held
     if bench.setup is None:
@@ -372,7 +373,7 @@ def _capture(bench: _Bench, plan: Path | None, folder: Path, how: TakingOptions)
     with output.progress(chosen.frames * how.hdr) as step:
         if how.hdr > 1:
             bench.camera.configure(bench.settings)
-            fw.capture_hdr(*where, how.hdr, progress=step, **common)
+            fw.scan.capture_hdr(*where, how.hdr, progress=step, **common)
             return
         fw.capture(
             *where,

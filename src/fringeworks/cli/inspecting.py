@@ -45,14 +45,14 @@ def inspect_part(
     show.check()
     with output.progress() as progress:
         progress("measuring …")
-        known = fw.read_recipe(recipe)
+        known = fw.files.read_recipe(recipe)
         found = fw.inspect(capture, known)
     if out is not None:
         with output.target(out, ".ply") as place:
-            fw.write_result(place, found.surface, kind=ply.value)
+            fw.write(place, found.surface, kind=ply.value)
     show.write(
         found.surface,
-        fw.summarise(found),
+        fw.report.summarise(found),
         name=capture.name,
         provenance=found.surface.provenance,
         rig=None if known.rig is None else rig_of(known),
@@ -65,7 +65,7 @@ def inspect_part(
     raise typer.Exit(EXIT_CODES[found.verdict])
 
 
-def _row(check: fw.Check) -> list[str]:
+def _row(check: fw.evaluate.Check) -> list[str]:
     one = check.tolerance
     low, high = ("" if v is None else f"{v:g}" for v in (one.low, one.high))
     measured = check.value == check.value  # not NaN
@@ -86,5 +86,5 @@ def convert(
 ) -> None:
     """Write a result in another format."""
     output.check(target, "result")
-    fw.write_result(target, fw.load_result(source), kind=ply.value)
+    fw.write(target, fw.read(source), kind=ply.value)
     output.Output().wrote(target)

@@ -78,12 +78,12 @@ def merge(
         )
         if as_mesh:
             progress("mesh …")
-            solid = fw.closed_mesh(replace(found.points, provenance=found.provenance))
+            solid = fw.views.closed_mesh(replace(found.points, provenance=found.provenance))
     with output.target(out, ".ply") as place:
         if solid is None:
-            fw.write_merged_points(place, found.points, provenance=found.provenance)
+            fw.files.write_merged_points(place, found.points, provenance=found.provenance)
         else:
-            fw.write_mesh(place, solid)
+            fw.files.write_mesh(place, solid)
     loop = found.closure
     if loop is not None and loop.directions:
         words.say(

@@ -50,23 +50,23 @@ def mesh(
     output.check(out, "mesh")
     if not clean and (island is not None or max_sigma is not None):
         raise fw.InputError("--no-clean: expected none of --island and --max-sigma beside it")
-    seen = fw.read_cloud(cloud)
+    seen = fw.files.read_cloud(cloud)
     start = seen.reason == fw.Reason.OK
     with output.progress() as progress:
         if box is not None:
-            seen = fw.crop_cloud(seen, box_mm=_box(box))
+            seen = fw.surface.crop_cloud(seen, box_mm=_box(box))
         cropped = seen.reason == fw.Reason.OK
         if clean:
             progress("cleaning …")
             limit = {} if island is None else {"min_island_px": island}
-            seen = fw.clean_cloud(seen, max_sigma_mm=max_sigma, **limit)
+            seen = fw.surface.clean_cloud(seen, max_sigma_mm=max_sigma, **limit)
         progress("triangles …")
-        found = fw.cloud_mesh(seen, fill_px=fill)
+        found = fw.surface.cloud_mesh(seen, fill_px=fill)
         if faces is not None:
             progress("fewer triangles …")
-            found = fw.decimate(found, faces)
+            found = fw.surface.decimate(found, faces)
     with output.target(out, ".ply") as place:
-        fw.write_mesh(place, found)
+        fw.files.write_mesh(place, found)
     kept = seen.reason == fw.Reason.OK
     words.say(
         f"{kept.sum()} of {start.sum()} points ({start.sum() - cropped.sum()} outside the box, "

@@ -19,7 +19,7 @@ import typer
 import fringeworks as fw
 
 TARGETS = {
-    "board": "fringeworks.report.board_sheet",
+    "board": "fringeworks.report.boards",
     "coordinate": "fringeworks.files.coordinates",
     "figure": "fringeworks.report.figures",
     "light": "fringeworks.files.light",
@@ -181,7 +181,7 @@ def write_text(path: Path | None, text: str) -> None:
 def write_json(path: Path | None, content: Any) -> None:
     """Write figures as JSON, where they are asked for."""
     if path is not None:
-        write_text(path, fw.to_json(content))
+        write_text(path, fw.report.to_json(content))
 
 
 def draw(figure: Any, path: Path, provenance: fw.Provenance | None) -> None:

@@ -57,9 +57,9 @@ class RigOptions:
     def measure(self, pair: fw.Pair, method: str, **options: Any) -> tuple[fw.Measurement, fw.Rig]:
         """Measure the points of a pair; return them with the rig."""
         assert self.rig is not None
-        rig = fw.read_rig(self.rig)
+        rig = fw.files.read_rig(self.rig)
         plane = None if self.plane is None else items(float, self.plane, "plane")
-        found = fw.measure_pair(
+        found = fw.measure(
             pair, rig, reference=self.plane_coordinates, plane=plane, method=method, **options
         )
         return found, rig
@@ -141,9 +141,9 @@ def reconstruct(
         _read(capture, reference, object),
         axis=None if axis is None else axis.value,
         black=None if black is None else _black(black),
-        white=None if white is None else fw.read_frame(white)[0],
-        mask=None if mask is None else fw.read_frame(mask)[0] != 0,
-        background=None if background is None else fw.read_frame(background)[0] != 0,
+        white=None if white is None else fw.files.read_frame(white)[0],
+        mask=None if mask is None else fw.files.read_frame(mask)[0] != 0,
+        background=None if background is None else fw.files.read_frame(background)[0] != 0,
         camera=camera,
         projector=projector,
     )
@@ -152,7 +152,7 @@ def reconstruct(
         known = _with_principal(known or pair.geometry, principal_px)
     on_rig.check(known)
     options: dict[str, Any] = {
-        "response": None if response is None else fw.read_response(response),
+        "response": None if response is None else fw.files.read_response(response),
         "denoise": None if denoise is None else denoise.value,
         **_method_options(method, option or []),
     }
@@ -166,7 +166,7 @@ def reconstruct(
         result = fw.reconstruct(pair, method, geometry=known, **options)
     if out is not None:
         with output.target(out, ".tif") as place:
-            fw.write_surface(place, result.surface, ply=ply.value)
+            fw.files.write_surface(place, result.surface, ply=ply.value)
     figures = _figures(result, pair)
     show.write(result, figures, name=name, provenance=result.surface.provenance)
     say_surface(words, figures)
@@ -175,9 +175,9 @@ def reconstruct(
 
 def _figures(result: fw.Reconstruction, pair: fw.Pair) -> dict[str, Any]:
     """What is said of a surface, with its errors where the truth is known."""
-    figures = fw.summarise(result)
+    figures = fw.report.summarise(result)
     if pair.truth_mm is not None and result.surface.unit == "mm":
-        figures["errors"] = asdict(fw.errors(result.surface, pair.truth_mm))
+        figures["errors"] = asdict(fw.evaluate.errors(result.surface, pair.truth_mm))
     return figures
 
 
@@ -188,8 +188,8 @@ def _black(named: str) -> Any:
     except ValueError:
         pass
     if Path(named).suffix.lower() != ".toml":
-        return fw.read_frame(named)[0]
-    level = fw.read_setup(named).black_counts
+        return fw.files.read_frame(named)[0]
+    level = fw.files.read_setup(named).black_counts
     if level is None:
         raise fw.InputError(f"{named}: expected black_counts in [camera]; make the set-up anew")
     return level
@@ -206,7 +206,7 @@ def _read(capture: Path | None, reference: Path | None, object: Path | None) -> 
     if (capture is None) == (reference is None and object is None):
         raise fw.InputError("expected either a capture, or --reference and --object")
     if capture is not None:
-        found = fw.read_capture(capture)
+        found = fw.files.read_capture(capture)
         if not isinstance(found, fw.Pair):
             raise fw.InputError(
                 f"{capture}: expected a pair of frames, got a stack; use `fringeworks measure`, or "
@@ -215,7 +215,7 @@ def _read(capture: Path | None, reference: Path | None, object: Path | None) -> 
         return found
     if object is None:
         raise fw.InputError("expected two images, got one: --object is missing")
-    return fw.read_pair(reference, object)
+    return fw.files.read_pair(reference, object)
 
 
 def _changed(pair: fw.Pair, **changes: Any) -> fw.Pair:
@@ -229,7 +229,7 @@ def _geometry(
     baseline_mm: float | None,
     pitch_mm_per_px: float | None,
     sign: int | None,
-) -> fw.ReferencePlaneGeometry | fw.PixelCalibration | None:
+) -> fw.pair.ReferencePlaneGeometry | fw.pair.PixelCalibration | None:
     """The geometry by its file or by its numbers."""
     numbers = {
         "--distance-mm": distance_mm,
@@ -240,7 +240,7 @@ def _geometry(
     if path is not None:
         if given:
             raise fw.InputError(f"--geometry cannot be combined with {given[0]}")
-        return fw.read_reference_plane(path)
+        return fw.files.read_reference_plane(path)
     if not given:
         return None
     if distance_mm is None or baseline_mm is None or pitch_mm_per_px is None:
@@ -250,14 +250,14 @@ def _geometry(
             f"{', '.join(missing)} missing"
         )
     side: Any = 1 if sign is None else sign
-    return fw.ReferencePlaneGeometry(distance_mm, baseline_mm, pitch_mm_per_px, side)
+    return fw.pair.ReferencePlaneGeometry(distance_mm, baseline_mm, pitch_mm_per_px, side)
 
 
 def _with_principal(
-    geometry: fw.ReferencePlaneGeometry | fw.PixelCalibration | None, text: str
-) -> fw.ReferencePlaneGeometry:
+    geometry: fw.pair.ReferencePlaneGeometry | fw.pair.PixelCalibration | None, text: str
+) -> fw.pair.ReferencePlaneGeometry:
     """The geometry with another principal point."""
-    if not isinstance(geometry, fw.ReferencePlaneGeometry):
+    if not isinstance(geometry, fw.pair.ReferencePlaneGeometry):
         raise fw.InputError(
             "--principal-px: expected a geometry (--distance-mm, --baseline-mm and "
             "--pitch-mm-per-px, a .toml or that of the capture), got none"
@@ -268,10 +268,10 @@ def _with_principal(
     return replace(geometry, principal_px=(place[0], place[1]))
 
 
-def _method_options(method: str, settings: list[str]) -> dict[str, fw.MethodOption]:
+def _method_options(method: str, settings: list[str]) -> dict[str, fw.pair.MethodOption]:
     """``name=value`` pairs: words where the method expects one, numbers and lists else."""
-    known = fw.get_method(method).options
-    options: dict[str, fw.MethodOption] = {}
+    known = fw.pair.get_method(method).options
+    options: dict[str, fw.pair.MethodOption] = {}
     for setting in settings:
         name, separator, text = setting.partition("=")
         if not separator:
@@ -338,15 +338,15 @@ def calibrate_plane(
             raise fw.InputError(f"--plane: expected mm=image, got {text!r}") from error
         if not separator:
             raise fw.InputError(f"--plane: expected mm=image, got {text!r}")
-        pairs.append(fw.read_pair(reference, name))
+        pairs.append(fw.files.read_pair(reference, name))
     with output.progress() as progress:
         progress(f"{method} …")
-        found = fw.calibrate_plane(
+        found = fw.pair.calibrate_plane(
             pairs, heights, pitch_mm_per_px=pitch_mm_per_px, by_pixel=by_pixel, method=method
         )
     with output.target(out, ".toml") as place:
-        fw.write_reference_plane(place, found)
-    figures = fw.summarise(found)
+        fw.files.write_reference_plane(place, found)
+    figures = fw.report.summarise(found)
     output.write_json(json_file, figures)
     for name, value in figures.items():
         if name != "provenance":

@@ -13,6 +13,7 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.options import Folder, Force, JsonFile, depth_of, size_of
+from fringeworks.types import made_by
 
 SECTION = "Patterns"
 
@@ -25,7 +26,11 @@ class Axes(StrEnum):
     xy = "xy"
 
 
-AXES: dict[Axes, tuple[fw.Axis, ...]] = {Axes.x: ("x",), Axes.y: ("y",), Axes.xy: ("x", "y")}
+AXES: dict[Axes, tuple[fw.patterns.Axis, ...]] = {
+    Axes.x: ("x",),
+    Axes.y: ("y",),
+    Axes.xy: ("x", "y"),
+}
 """The axes as the library takes them."""
 
 
@@ -91,8 +96,8 @@ def plan(
 ) -> None:
     """Propose plans for a projector and a number of frames, the smallest error first."""
     words = output.Output(out, json_file)
-    known = None if setup is None else fw.read_setup(setup)
-    rig = None if rig_file is None else fw.read_rig(rig_file)
+    known = None if setup is None else fw.files.read_setup(setup)
+    rig = None if rig_file is None else fw.files.read_rig(rig_file)
     given = {
         "noise": noise,
         "modulation": modulation,
@@ -107,19 +112,19 @@ def plan(
     if depth is None:
         options["width_px"], options["height_px"] = _size(projector_size, known, rig)
         found = fw.propose(**options)
-        origin = fw.made_by("propose", options=options)
+        origin = made_by("propose", options=options)
     elif rig is None or projector_size is not None:
         raise fw.InputError("--depth: expected with --rig and without --projector-size")
     else:
         options["depth_mm"] = depth_of(depth)
-        found = fw.propose_for_depth(rig, **options)
-        origin = fw.made_by("propose_for_depth", options=options, rig=rig)
+        found = fw.patterns.propose_for_depth(rig, **options)
+        origin = made_by("propose_for_depth", options=options, rig=rig)
     chosen = [p for p in found if p.kind == kind] if kind else found[:1]
     if not chosen:
         raise fw.InputError(f"--kind: expected {', '.join(p.kind for p in found)}, got {kind!r}")
     if out is not None:
         with output.target(out, ".toml") as place:
-            fw.write_plan(place, chosen[0].plan)
+            fw.files.write_plan(place, chosen[0].plan)
     proposals = [_figures(p) for p in found]
     output.write_json(json_file, {"proposals": proposals, "provenance": origin.as_dict()})
     _say(words, found)
@@ -127,7 +132,7 @@ def plan(
         words.say(f"wrote {out} ({chosen[0].kind})")
 
 
-def _say(words: output.Output, found: list[fw.Proposal]) -> None:
+def _say(words: output.Output, found: list[fw.patterns.Proposal]) -> None:
     """Print proposals as a table, and why they have such periods."""
     words.table(
         ["kind", "σ / px", "margin / σ", "frames", "periods × steps"],
@@ -140,7 +145,9 @@ def _say(words: output.Output, found: list[fw.Proposal]) -> None:
         words.say(found[0].reason)
 
 
-def _size(text: str | None, setup: fw.StoredSetup | None, rig: fw.Rig | None) -> tuple[int, int]:
+def _size(
+    text: str | None, setup: fw.scan.StoredSetup | None, rig: fw.Rig | None
+) -> tuple[int, int]:
     """Columns and rows of the projector, from the first that is given."""
     if text is not None:
         return size_of(text, "projector-size")
@@ -151,7 +158,7 @@ def _size(text: str | None, setup: fw.StoredSetup | None, rig: fw.Rig | None) ->
     raise fw.InputError("--projector-size: expected, or --setup or --rig; got none of them")
 
 
-def _of_setup(setup: fw.StoredSetup) -> dict[str, float]:
+def _of_setup(setup: fw.scan.StoredSetup) -> dict[str, float]:
     """What a set-up has measured, as ``propose`` takes it."""
     return {
         "noise": setup.noise_counts,
@@ -160,7 +167,7 @@ def _of_setup(setup: fw.StoredSetup) -> dict[str, float]:
     }
 
 
-def _figures(proposal: fw.Proposal) -> dict[str, Any]:
+def _figures(proposal: fw.patterns.Proposal) -> dict[str, Any]:
     return {
         "kind": proposal.kind,
         "sigma_px": proposal.sigma_px,
@@ -182,9 +189,9 @@ def patterns(
 ) -> None:
     """Draw the pictures of a plan in the order of projection."""
     output.check_folder(out)
-    layout = fw.read_plan(plan_file)
+    layout = fw.files.read_plan(plan_file)
     with output.progress(layout.frames) as progress:
-        written = fw.write_patterns(
+        written = fw.files.write_patterns(
             out, layout, stack=format is PictureFormat.tiff, force=force, progress=progress
         )
     place = out if len(written) > 1 else written[0]

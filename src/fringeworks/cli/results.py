@@ -52,7 +52,7 @@ def evaluate(
 ) -> None:
     """Fit a body to points: form and size errors in the terms of VDI/VDE 2634."""
     ball: Any = None if within is None else tuple(items(float, within, "within"))
-    found = fw.evaluate_form(
+    found = fw.fit(
         points,
         fit.value,
         diameter_mm=diameter_mm,
@@ -60,6 +60,6 @@ def evaluate(
         spacing_mm=spacing_mm,
         within=ball,
     )
-    figures = fw.summarise(found)
+    figures = fw.report.summarise(found)
     output.write_json(json_file, figures)
     say_forms(output.Output(json_file), figures)

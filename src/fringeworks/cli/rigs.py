@@ -54,21 +54,21 @@ def check(
         raise fw.InputError("--adjust: expected together with --out")
     output.check(out, "rig")
     options = how.options
-    rig = fw.read_rig(rig_file)
+    rig = fw.files.read_rig(rig_file)
     with output.progress() as progress:
         progress("reading …")
         stacks = [how.read(path) for path in captures]
         progress("checking …")
-        found = fw.check_rig(rig, stacks, board, **options)
-    output.write_json(json_file, fw.summarise(found))
+        found = fw.rig.check_rig(rig, stacks, board, **options)
+    output.write_json(json_file, fw.report.summarise(found))
     words.say(str(found))
     if out is None or found.verdict == "holds":
         if out is not None:
             words.say(f"{out}: not written, because the rig holds")
         raise typer.Exit(EXIT_CODES[found.verdict])
-    adjusted = fw.adjust_rig(rig, stacks, board, **options)
+    adjusted = fw.rig.adjust_rig(rig, stacks, board, **options)
     with output.target(out, ".toml") as place:
-        fw.write_rig(place, adjusted)
+        fw.files.write_rig(place, adjusted)
     words.wrote(out)
 
 
@@ -99,8 +99,10 @@ def convert(
         for name, given in (("camera-size", camera_size), ("projector-size", projector_size))
     ]
     with output.target(out, ".toml") as place:
-        found = fw.read_rig(source, camera_size=sizes[0], projector_size=sizes[1], unit_mm=unit_mm)
-        fw.write_rig(place, found)
+        found = fw.files.read_rig(
+            source, camera_size=sizes[0], projector_size=sizes[1], unit_mm=unit_mm
+        )
+        fw.files.write_rig(place, found)
     for note in unit_notes(found):
         words.say(f"note: {note}")
     words.wrote(out)

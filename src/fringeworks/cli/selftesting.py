@@ -48,7 +48,7 @@ def selftest(
         found = fw.selftest(quick=quick, seed=seed, progress=progress)
     output.write_json(json_file, found.as_dict())
     rows = [{title: row[name] for name, title in COLUMNS.items()} for row in found.rows()]
-    words.say(fw.format_table(rows))
+    words.say(fw.report.format_table(rows))
     for one in found.judged:
         words.say(one.sentence)
     kept = sum(one.kept is True for one in found.judged)

@@ -42,9 +42,9 @@ def sequence(
     from fringeworks.files.sequence import read_sequence
 
     output.check(report, "report")
-    frames, known = read_sequence(source), fw.read_recipe(recipe)
+    frames, known = read_sequence(source), fw.files.read_recipe(recipe)
     with output.progress(max(1, moments_of(frames, known, every))) as show:
-        found = fw.run_sequence(
+        found = fw.batch.run_sequence(
             frames,
             known,
             out,
@@ -59,5 +59,5 @@ def sequence(
         words.table(columns, [[str(row[name]) for name in columns] for row in rows])
     words.say(f"{found.moments} moments")
     if report is not None:
-        fw.write_sequence_report(report, found)
+        fw.batch.write_sequence_report(report, found)
     words.wrote(found.folder, found.table, report)

@@ -71,7 +71,7 @@ class ShowOptions:
         points = found if isinstance(found, fw.PointCloud) else found.points
         if out is not None:
             with output.target(out, ".ply") as place:
-                fw.write_points(place, points, kind=ply.value)
-        figures = fw.summarise(points)
+                fw.files.write_points(place, points, kind=ply.value)
+        figures = fw.report.summarise(points)
         self.write(found, figures, name=name, provenance=points.provenance, rig=rig)
         say_points(words, figures)

@@ -10,6 +10,9 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Size
+from fringeworks.showcase.demo import write_demo
+from fringeworks.showcase.dissertation import write_paper
+from fringeworks.types import made_by
 
 SECTION = "Simulation"
 SHOWN = (
@@ -49,7 +52,7 @@ def simulate(
 ) -> None:
     """Write a pair of frames of an artificial object, with its true heights."""
     output.check_folder(out)
-    scene = fw.standard_scene(
+    scene = fw.simulate.standard_scene(
         shape,
         size=size,
         height_mm=height_mm,
@@ -64,7 +67,7 @@ def simulate(
         axis=axis.value,
         seed=seed,
     )
-    output.Output().wrote(fw.write_pair(out, scene, force=force))
+    output.Output().wrote(fw.files.write_pair(out, scene, force=force))
 
 
 @app.command(rich_help_panel=SECTION, epilog="Example: fringeworks paper --out figures/")
@@ -72,7 +75,7 @@ def paper(out: Folder, size: Size = 1000, force: Force = False) -> None:
     """Make all figures of the dissertation's chapter 4, and its table of errors."""
     output.check_folder(out)
     with output.progress() as progress:
-        written = fw.write_paper(out, size=size, force=force, progress=progress)
+        written = write_paper(out, size=size, force=force, progress=progress)
     output.Output().say(f"wrote {len(written)} files to {out}")
 
 
@@ -82,14 +85,14 @@ def demo(out: Folder, size: Size = 1000, force: Force = False, json_file: JsonFi
     words = output.Output(json_file)
     output.check_folder(out)
     with output.progress() as progress:
-        result = fw.write_demo(out, size=size, force=force, progress=progress)
-    origin = fw.made_by("write_demo", options={"size": size})
+        result = write_demo(out, size=size, force=force, progress=progress)
+    origin = made_by("write_demo", options={"size": size})
     rows = [*result.rows, *result.rig_rows]
     output.write_json(json_file, {"rows": rows, "provenance": origin.as_dict()})
     shown = [{name: row[name] for name in SHOWN} for row in result.rows]
-    words.say(fw.format_table(shown))
+    words.say(fw.report.format_table(shown))
     words.say("with a calibrated rig:")
-    words.say(fw.format_table(list(result.rig_rows)))
+    words.say(fw.report.format_table(list(result.rig_rows)))
     if not result.has_photographs:
         words.say("no real captures: set FRINGEWORKS_DATA to a folder that holds pair_cone/")
     for path in result.pictures:

@@ -54,10 +54,10 @@ def response(
     """Measure the response of camera and projector on a white plane."""
     words = output.Output(out, json_file)
     output.check(out, "response")
-    found = fw.response_from_stack(how.read(stack), number=number, **how.options)
+    found = fw.signal.measure_response(how.read(stack), number=number, **how.options)
     with output.target(out, ".toml") as place:
-        fw.write_response(place, found)
-    output.write_json(json_file, fw.summarise(found))
+        fw.files.write_response(place, found)
+    output.write_json(json_file, fw.report.summarise(found))
     words.say(
         f"γ = {found.gamma:.3f}; residual phase error after correction "
         f"{found.residual_rad:.4f} rad rms"
@@ -106,7 +106,7 @@ def decode(
                 "--plan, --relative, --phases beside it"
             )
         given: dict[str, Any] = {"camera": how.camera, "projector": how.projector, **options}
-        phase = fw.phase_from_stack(stack, _shifts(steps), **given)
+        phase = fw.stack.wrapped_phase(stack, _shifts(steps), **given)
         _show_phase(words, stack.name, phase, unwrap, out, show)
         return
     if unwrap:
@@ -119,11 +119,11 @@ def decode(
             options["absolute"] = False
         if phases:
             options["keep_phases"] = True
-        found = fw.decode_stack(loaded, **options)
+        found = fw.decode(loaded, **options)
     if out is not None:
         with output.target(out, ".npz") as place:
-            fw.write_coordinates(place, found)
-    figures = fw.summarise(found)
+            fw.files.write_coordinates(place, found)
+    figures = fw.report.summarise(found)
     show.write(found, figures, name=stack.name, provenance=found.provenance)
     say_coordinates(words, figures)
     words.wrote(out, show.figure, show.report)
@@ -132,14 +132,14 @@ def decode(
 def _shifts(steps: str) -> tuple[float, ...]:
     """Shifts in rad, from a number of equal steps or from degrees."""
     if steps.strip().isdigit():
-        return fw.equal_steps(int(steps))
+        return fw.patterns.equal_steps(int(steps))
     return tuple(math.radians(d) for d in items(float, steps, "steps"))
 
 
 def _show_phase(
     words: output.Output,
     name: str,
-    phase: fw.WrappedPhase,
+    phase: fw.stack.WrappedPhase,
     unwrap: bool,
     out: Path | None,
     show: ShowOptions,
@@ -150,8 +150,8 @@ def _show_phase(
         unwrapped = fw.unwrap(phase.phase_rad, quality=phase.modulation)
     if out is not None:
         with output.target(out, ".npz") as place:
-            fw.write_phase(place, phase, unwrapped)
-    figures = fw.summarise(phase)
+            fw.files.write_phase(place, phase, unwrapped)
+    figures = fw.report.summarise(phase)
     show.write(phase, figures, name=name, provenance=phase.provenance)
     say_phase(words, figures)
     if unwrapped is not None:
@@ -189,17 +189,17 @@ def light(
     options = how.options
     if "min_modulation" in options:
         raise fw.InputError("--min-modulation: it has no meaning for `light`; leave it out")
-    found = fw.light_from_stack(
+    found = fw.stack.separate_light(
         how.read(stack),
         contrast=contrast,
         noise=options.get("noise"),
         saturation=options.get("saturation"),
-        response=None if response is None else fw.read_response(response),
+        response=None if response is None else fw.files.read_response(response),
     )
     if out is not None:
         with output.target(out, ".npz") as place:
-            fw.write_light(place, found)
-    figures = fw.summarise(found)
+            fw.files.write_light(place, found)
+    figures = fw.report.summarise(found)
     show.write(found, figures, name=stack.name, provenance=found.provenance)
     say_light(words, figures)
     words.wrote(out, show.figure, show.report)
@@ -254,20 +254,18 @@ def calibrate(
     need_opencv("a calibration")
     output.check(out, "rig")
     show.check()
-    known = fw.parse_board(board)
+    known = fw.rig.parse_board(board)
     if live:
         if how.setup is None:
             raise fw.InputError("--live: expected together with --setup")
         take_poses(how.setup, how.plan, known, folder)
     options = how.options
     with output.progress(len(pose_paths(folder)) + 1) as progress:
-        poses = ((name, how.named(stack)) for name, stack in fw.read_poses(folder, how.plan))
-        found = fw.calibrate_stacks(
-            poses, known, distortion=distortion, progress=progress, **options
-        )
+        poses = ((name, how.named(stack)) for name, stack in fw.files.read_poses(folder, how.plan))
+        found = fw.calibrate(poses, known, distortion=distortion, progress=progress, **options)
     with output.target(out, ".toml") as place:
-        fw.write_rig(place, found.rig)
-    figures = fw.summarise(found)
+        fw.files.write_rig(place, found.rig)
+    figures = fw.report.summarise(found)
     show.write(found, figures, name=folder.name, provenance=found.rig.provenance)
     say_calibration(words, figures)
     words.wrote(out, show.figure, show.report)
@@ -334,7 +332,7 @@ def measure(
     options = how.options
     with output.progress() as progress:
         progress("reading …")
-        loaded, calibrated = how.read_captured(stack), fw.read_rig(rig_file)
+        loaded, calibrated = how.read_captured(stack), fw.files.read_rig(rig_file)
         progress("measuring …")
         found: fw.Measurement | fw.PointCloud = fw.measure(
             loaded,

@@ -92,8 +92,8 @@ def open_folder(folder: str) -> Camera:
 @registering(BOTH_KINDS, "scanner", "virtual", None)
 def open_virtual(scene: str) -> Both:
     """``virtual`` or ``virtual:SCENE``: devices in memory, on a clock that nobody waits for."""
+    from fringeworks.devices.bench import virtual_bench
     from fringeworks.devices.clock import SimulatedClock
-    from fringeworks.devices.virtual_bench import virtual_bench
 
     return virtual_bench(scene, clock=SimulatedClock())
 

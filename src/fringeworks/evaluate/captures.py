@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.evaluate.errors import Errors, errors
+from fringeworks.evaluate.truth_errors import Errors, errors
 from fringeworks.files.atomic import StrPath
 from fringeworks.pair.analyse import get_method
 from fringeworks.pair.analyse import methods as all_methods

@@ -8,7 +8,7 @@ from itertools import product
 from typing import TypedDict, Unpack
 
 from fringeworks.evaluate.captures import Captures, Row, compare_captures, rows_of_captures
-from fringeworks.evaluate.errors import errors
+from fringeworks.evaluate.truth_errors import errors
 from fringeworks.pair.analyse import get_method
 from fringeworks.pair.analyse import methods as all_methods
 from fringeworks.pipeline.pairs import Reconstruction, reconstruct

@@ -216,8 +216,8 @@ def deviation(
     >>> import fringeworks as fw
     >>> corners = np.array([[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0.0]])
     >>> plate = fw.TriangleMesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
-    >>> points = fw.Points(np.array([[2.0, 3, 0.25], [5, 6, -0.5]]), None)
-    >>> found = fw.deviation(points, plate, align=fw.KnownPose(np.eye(4)), reach_mm=1.0)
+    >>> points = fw.surface.Points(np.array([[2.0, 3, 0.25], [5, 6, -0.5]]), None)
+    >>> found = fw.deviation(points, plate, align=fw.evaluate.KnownPose(np.eye(4)), reach_mm=1.0)
     >>> found.distance_mm.tolist()
     [0.25, -0.5]
     """

@@ -147,7 +147,7 @@ def _checked(chosen: Method, returned: Any, shape: tuple[int, ...]) -> Solution:
     """Refuse what a method must not return, in one sentence that names the method."""
     if not isinstance(returned, Solution):
         raise InputError(
-            f"method {chosen.name}: expected a fringeworks.Solution to be returned, got "
+            f"method {chosen.name}: expected a fringeworks.pair.Solution to be returned, got "
             f"{type(returned).__name__}"
         )
     floats = ("displacement_px", "sigma_px", "modulation_ratio", "albedo")

@@ -41,11 +41,11 @@ def method(name: str) -> Callable[[Analysis], Analysis]:
     >>> import numpy as np
     >>> import fringeworks as fw
     >>> @fw.method("still")
-    ... def still(pair: fw.PreparedPair, *, sigma: float = 0.5) -> fw.Solution:
+    ... def still(pair: fw.pair.PreparedPair, *, sigma: float = 0.5) -> fw.pair.Solution:
     ...     "Finds no displacement anywhere."
     ...     zero = np.zeros(pair.object.shape)
-    ...     return fw.Solution(zero, zero + sigma, zero + 1, np.zeros(zero.shape, np.uint8))
-    >>> fw.get_method("still").options
+    ...     return fw.pair.Solution(zero, zero + sigma, zero + 1, np.zeros(zero.shape, np.uint8))
+    >>> fw.pair.get_method("still").options
     {'sigma': 0.5}
     """
     _load_own()

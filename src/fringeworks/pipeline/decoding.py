@@ -9,7 +9,7 @@ from typing import Any
 from fringeworks.signal.response import check_devices
 from fringeworks.stack.decode import decode
 from fringeworks.stack.frames import Stack
-from fringeworks.stack.fuse import fuse
+from fringeworks.stack.fusing import fuse
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.unmeasured import unmeasured
 from fringeworks.types import Decoded, FrameFinding, FramesContradictPlan, InputError

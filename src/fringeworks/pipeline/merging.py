@@ -29,7 +29,7 @@ from fringeworks.types import (
     made_by,
 )
 from fringeworks.types.packages import need_opencv
-from fringeworks.views.board_pose import board_pose
+from fringeworks.views.board_views import board_pose
 from fringeworks.views.camera_blur import remove_blur
 from fringeworks.views.features import align_by_shape
 from fringeworks.views.fusion import Fused, fuse_points

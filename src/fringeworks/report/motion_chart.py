@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fringeworks.evaluate.vibration import Displacement, Vibration
+from fringeworks.evaluate.vibrations import Displacement, Vibration
 from fringeworks.report.drawing import Figure
 
 SIZE_INCH = (9.0, 5.2)

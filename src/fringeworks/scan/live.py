@@ -88,7 +88,7 @@ def live(
     Examples
     --------
     >>> from fringeworks.devices.clock import SimulatedClock
-    >>> from fringeworks.devices.virtual_bench import SCALE, virtual_bench
+    >>> from fringeworks.devices.bench import SCALE, virtual_bench
     >>> from fringeworks.simulate import fringe_plan, standard_rig
     >>> rig = standard_rig(scale=SCALE)
     >>> projector, camera = virtual_bench("sphere", clock=SimulatedClock())

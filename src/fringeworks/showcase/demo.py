@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.evaluate.captures import Row
-from fringeworks.evaluate.errors import error_map, errors
+from fringeworks.evaluate.truth_errors import error_map, errors
 from fringeworks.files.atomic import StrPath, write_text
 from fringeworks.files.folder import FolderWriter, replacing_folder
 from fringeworks.files.pair import read_pair, write_pair

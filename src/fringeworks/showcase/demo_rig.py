@@ -27,7 +27,7 @@ from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import (
+from fringeworks.simulate.standard import (
     board_body,
     board_poses,
     bust,

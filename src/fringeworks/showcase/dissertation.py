@@ -10,7 +10,7 @@ import numpy as np
 
 from fringeworks.evaluate.captures import Row
 from fringeworks.evaluate.compare import compare
-from fringeworks.evaluate.errors import error_map, errors
+from fringeworks.evaluate.truth_errors import error_map, errors
 from fringeworks.files.atomic import StrPath, write_text
 from fringeworks.files.folder import replacing_folder
 from fringeworks.pair.methods.inverse_function import Extrema, find_extrema

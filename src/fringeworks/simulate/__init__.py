@@ -29,7 +29,7 @@ from fringeworks.simulate.response_curve import (
 )
 from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
 from fringeworks.simulate.scene import STANDARD_GEOMETRY, standard_scene
-from fringeworks.simulate.standard_rig import (
+from fringeworks.simulate.standard import (
     board_body,
     board_poses,
     bust,

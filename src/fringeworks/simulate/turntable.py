@@ -10,7 +10,7 @@ import numpy as np
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.pinhole import inverse, pose, rotation
 from fringeworks.simulate.bodies import Body
-from fringeworks.simulate.standard_rig import DISTANCE_MM, board_body, bust
+from fringeworks.simulate.standard import DISTANCE_MM, board_body, bust
 from fringeworks.types import FloatMap, InputError
 
 BUST_FOOT_MM = (83.0, 18.0)

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fringeworks.evaluate.errors import error_map
+from fringeworks.evaluate.truth_errors import error_map
 from fringeworks.pair.analyse import analyse
 from fringeworks.pipeline.pairs import reconstruct
 from fringeworks.pipeline.stacks import measure
@@ -23,7 +23,7 @@ from fringeworks.simulate.objects import OBJECTS
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.simulate.standard_rig import (
+from fringeworks.simulate.standard import (
     WALL_ALBEDO,
     bust,
     fringe_plan,

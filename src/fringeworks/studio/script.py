@@ -28,7 +28,7 @@ def set_up_command(words: tuple[str, str], frames: int) -> Command:
         _with_devices(
             words,
             f"found = fw.set_up(projector, camera, frames={frames}, axes=('x', 'y'))",
-            f"fw.write_setup('setup.toml', found, projector={words[0]!r}, camera={words[1]!r})",
+            f"fw.files.write_setup('setup.toml', found, projector={words[0]!r}, camera={words[1]!r})",
         ),
     )
 
@@ -37,7 +37,7 @@ def board_command(board: str) -> Command:
     """What draws a board to print."""
     return _command(
         f"board --kind {_quoted(board)} --paper A4 --out board.pdf",
-        f"fw.write_board('board.pdf', {board!r})",
+        f"fw.report.write_board('board.pdf', {board!r})",
     )
 
 
@@ -52,11 +52,11 @@ def capture_command(
     taking = (
         f"fw.capture({given}, settings=stored.settings{averaged})"
         if exposures == 1
-        else f"fw.capture_hdr({given}, {exposures}{averaged})"
+        else f"fw.scan.capture_hdr({given}, {exposures}{averaged})"
     )
     return _command(
         f"capture --setup setup.toml --camera {_quoted(words[1])}{more} --out {_quoted(name)}",
-        "stored = fw.read_setup('setup.toml')\n" + _with_devices(words, taking),
+        "stored = fw.files.read_setup('setup.toml')\n" + _with_devices(words, taking),
     )
 
 
@@ -64,7 +64,7 @@ def calibrate_command(board: str) -> Command:
     """What calibrates with the poses of a board."""
     return _command(
         f"calibrate board/ --board {_quoted(board)} --out rig.toml",
-        f"fw.write_rig('rig.toml', fw.calibrate_stacks('board', {board!r}).rig)",
+        f"fw.files.write_rig('rig.toml', fw.calibrate('board', {board!r}).rig)",
     )
 
 
@@ -113,7 +113,7 @@ def export_command(
         f"report {_quoted(source)} --out {_quoted(name)}"
         if report
         else f"convert {_quoted(source)} {_quoted(name)}{mesh}",
-        _written(name, kind, f"fw.load_result({source!r})", ""),
+        _written(name, kind, f"fw.read({source!r})", ""),
     )
 
 
@@ -132,7 +132,7 @@ def _written(name: str, kind: str, result: str, part: str) -> str:
     if name.endswith((".html", ".pdf")):
         return f"fw.write_report({name!r}, {result})"
     mesh = ", kind='mesh'" if kind == "mesh" else ""
-    return f"fw.write_result({name!r}, {result}{part}{mesh})"
+    return f"fw.write({name!r}, {result}{part}{mesh})"
 
 
 def _quoted(text: str) -> str:

@@ -27,7 +27,7 @@ from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.pipeline.inputs import capture_of
 from fringeworks.pipeline.pairs import reconstruct
 from fringeworks.pipeline.stacks import decode_stack, measure
-from fringeworks.report.board_sheet import write_board
+from fringeworks.report.boards import write_board
 from fringeworks.report.display import plot
 from fringeworks.report.figures import save_figure
 from fringeworks.report.page.load import load_result

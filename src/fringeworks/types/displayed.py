@@ -46,7 +46,7 @@ class Plotted:
         Examples
         --------
         >>> import fringeworks as fw
-        >>> scene = fw.standard_scene("parabola", size=100, fringes=8)
+        >>> scene = fw.simulate.standard_scene("parabola", size=100, fringes=8)
         >>> figure = fw.reconstruct(scene, "fourier").surface.plot()
         >>> [axes.get_title() for axes in figure.axes if axes.get_title()]
         ['height', 'standard deviation σ', 'measured, or why not']
@@ -115,7 +115,7 @@ class Sectioned(Plotted):
         Examples
         --------
         >>> import fringeworks as fw
-        >>> scene = fw.standard_scene("parabola", size=100, fringes=8)
+        >>> scene = fw.simulate.standard_scene("parabola", size=100, fringes=8)
         >>> found = fw.reconstruct(scene, "fourier").surface.profile(((10, 50), (90, 50)))
         >>> found.values.shape, round(float(found.along_mm[-1]))
         ((81,), 800)

@@ -17,7 +17,7 @@ from fringeworks.types import (
     FrameFinding,
     InputError,
 )
-from fringeworks.views.board_pose import rigid
+from fringeworks.views.board_views import rigid
 from fringeworks.views.model_target import ModelTarget, search_pose
 from fringeworks.views.poses import from_twist
 from fringeworks.views.registration import SAMPLES, Registration, register

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fringeworks.rig.pinhole import transform
 from fringeworks.types import FloatMap, InputError
-from fringeworks.views.board_pose import rigid
+from fringeworks.views.board_views import rigid
 from fringeworks.views.registration import register
 from fringeworks.views.surface_points import SurfacePoints
 

@@ -20,7 +20,7 @@ from fringeworks.rig.triangulate import triangulate
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
-from fringeworks.simulate.standard_rig import fringe_plan, truth_distance
+from fringeworks.simulate.standard import fringe_plan, truth_distance
 from fringeworks.simulate.virtual_rig import View
 from fringeworks.stack.frames import Stack
 from fringeworks.types import BoolMap, CoordinateMap, Decoded, FloatMap, InputError, Pair

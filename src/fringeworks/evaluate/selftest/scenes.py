@@ -11,7 +11,7 @@ import numpy as np
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.simulate.bodies import Albedo, Body, Box, Plane, Sphere
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard_rig import standard_rig
+from fringeworks.simulate.standard import standard_rig
 from fringeworks.simulate.virtual_rig import View, look
 from fringeworks.types import FloatMap, Pinhole, Rig
 

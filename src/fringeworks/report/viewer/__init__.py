@@ -12,9 +12,9 @@ writes them into HTML, with the viewer. The viewer itself:
 
 For a page that is written elsewhere (the HTML report, a notebook, the studio)::
 
-    packed = fw.pack_surface(measurement, camera=rig, title="part 7")
-    html = f"<style>{fw.viewer_style()}</style>{fw.viewer_fragment(packed)}"
-    html += f"<script>{fw.viewer_script()}</script>"
+    packed = fw.report.pack_surface(measurement, camera=rig, title="part 7")
+    html = f"<style>{viewer_style()}</style>{viewer_fragment(packed)}"
+    html += f"<script>{viewer_script()}</script>"
 
 The script starts a viewer in every fragment of the page and defines ``FringeViewer``, nothing else.
 ``new FringeViewer(element, [payload])`` mounts one into an element of a page that is open already,

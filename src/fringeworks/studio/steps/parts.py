@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
-from fringeworks.devices.virtual_bench import POSES, SCENES
+from fringeworks.devices.bench import POSES, SCENES
 from fringeworks.studio.bench import VIRTUAL
 from fringeworks.studio.session import Session
 from fringeworks.studio.state import Studio

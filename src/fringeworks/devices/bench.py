@@ -14,7 +14,7 @@ from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.rig.calibration.board import parse_board
 from fringeworks.rig.pinhole import pose
 from fringeworks.simulate.bodies import Body, Plane, Sphere
-from fringeworks.simulate.standard_rig import board_body, board_poses, bust, standard_rig
+from fringeworks.simulate.standard import board_body, board_poses, bust, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import DeviceProblem, FloatMap
 

@@ -23,7 +23,7 @@ from fringeworks.files.reference_plane import (
     read_reference_plane,
     write_reference_plane,
 )
-from fringeworks.pair.plane_calibration import (
+from fringeworks.rig.calibration.planes import (
     calibrate_pixels,
     calibrate_reference_plane,
     height_by_pixel,

@@ -27,7 +27,10 @@ RUST = sorted((ROOT / "crates").rglob("*.rs"))
 ROOMS = [
     ["_core"],
     ["types"],
-    ["patterns", "surface", "rig"],
+    ["statistics"],
+    ["patterns"],
+    ["rig"],
+    ["surface"],
     ["signal", "views"],
     ["pair", "stack"],
     ["simulate"],
@@ -42,7 +45,18 @@ ROOMS = [
 ]
 PLACE = {room: line for line, rooms in enumerate(ROOMS) for room in rooms}
 # Rooms that compute: they know neither disk nor screen.
-PURE = {"types", "patterns", "surface", "rig", "signal", "stack", "simulate", "pair", "views"}
+PURE = {
+    "types",
+    "statistics",
+    "patterns",
+    "surface",
+    "rig",
+    "signal",
+    "stack",
+    "simulate",
+    "pair",
+    "views",
+}
 OUTER = {"PIL", "tifffile", "h5py", "matplotlib", "rich", "typer", "pydantic", "tomli_w", "pathlib"}
 
 MAX_FILE = 400

@@ -253,7 +253,7 @@ from .pair.reference_plane import (
     height_from_displacement as height_from_displacement,
     to_surface as to_surface,
 )
-from .pair.plane_calibration import (
+from .rig.calibration.planes import (
     PixelCalibration as PixelCalibration,
     PlaneCalibration as PlaneCalibration,
     calibrate_pixels as calibrate_pixels,
@@ -360,7 +360,7 @@ from .rig.calibration.verdict import (
     Verdict as Verdict,
     verdict as verdict,
 )
-from .stack.depth_plan import (
+from .rig.depth_plan import (
     propose_for_depth as propose_for_depth,
 )
 from .rig.depth_range import (
@@ -435,7 +435,7 @@ from .views.poses import (
     ViewPose as ViewPose,
     turntable_axis as turntable_axis,
 )
-from .views.camera_blur import (
+from .surface.camera_blur import (
     remove_blur as remove_blur,
 )
 from .scan.turntable import (

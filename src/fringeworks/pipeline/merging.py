@@ -14,6 +14,7 @@ from fringeworks.files.points import read_cloud
 from fringeworks.files.rig import read_rig
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.pinhole import inverse, transform
+from fringeworks.surface.camera_blur import remove_blur
 from fringeworks.types import (
     BoardNotFound,
     FloatMap,
@@ -30,7 +31,6 @@ from fringeworks.types import (
 )
 from fringeworks.types.packages import need_opencv
 from fringeworks.views.board_views import board_pose
-from fringeworks.views.camera_blur import remove_blur
 from fringeworks.views.features import align_by_shape
 from fringeworks.views.fusion import Fused, fuse_points
 from fringeworks.views.pose_graph import Closure, closure, solve_poses

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.signal.quantile import quantile
 from fringeworks.stack import words
 from fringeworks.stack.agreement import (
     Agreement,
@@ -32,6 +31,7 @@ from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import exceeds
 from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
+from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, CameraNoise, FrameFinding, FramesContradictPlan
 
 RELATED = 2.5

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fringeworks.signal.chi_square import chi_square_quantile
-from fringeworks.stack.common_error import common_variance, differences
 from fringeworks.stack.kernel_settings import LOST_SHARE
+from fringeworks.statistics.chi_square import chi_square_quantile
+from fringeworks.statistics.common_error import common_variance, differences
 from fringeworks.types import (
     Axis,
     BoolMap,

@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.signal.noise import noise_of_residuals, noise_variance, residual_variance
-from fringeworks.signal.quantile import quantile
+from fringeworks.signal.noise import noise_of_residuals, noise_variance
 from fringeworks.stack.fits import DesignRows, SampleFit, fit_matrices, times
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.ripple import harmonics
 from fringeworks.stack.sample import Sample
+from fringeworks.statistics.chi_square import residual_variance
+from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
 
 MIN_JUDGED_PIXELS = 200

@@ -9,20 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import GRAY_REACH, TURN
-from fringeworks.signal.noise import NORMAL_MEDIAN
-from fringeworks.signal.quantile import median
 from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
-from fringeworks.stack.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple
 from fringeworks.stack.ripple_removal import without_ripples
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.set_residuals import Known, set_residuals
-from fringeworks.stack.surface_scatter import scatters
+from fringeworks.statistics.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
+from fringeworks.statistics.surface_scatter import scatters
 from fringeworks.types import Axis, CameraNoise, FrameFinding
 
 MAX_OFFSET_TURNS = 0.15

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks.stack.kernel_settings import PhaseFrames
-from fringeworks.stack.phase_errors import PhaseErrors
 from fringeworks.stack.real_frames import RealFrames
 from fringeworks.stack.shifts import step_errors
+from fringeworks.statistics.phase_errors import PhaseErrors
 from fringeworks.types import Axis, CameraNoise, FrameFinding
 
 STEADY = 0.8

@@ -53,7 +53,7 @@ from fringeworks.types.errors import (
 from fringeworks.types.finding import FrameFinding, FrameFindingKind
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
 from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
-from fringeworks.types.noise import MAD_TO_SIGMA, CameraNoise
+from fringeworks.types.noise import CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile
@@ -64,7 +64,6 @@ from fringeworks.types.surface import HeightMap, PointCloud
 
 __all__ = [
     "LARGEST",
-    "MAD_TO_SIGMA",
     "MOST_PX",
     "MOST_SEED",
     "NUMBERS",

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from fringeworks.scan.checks.finding import SetupFinding
 from fringeworks.scan.checks.levels import Levels
 from fringeworks.scan.checks.orientation import Orientation
-from fringeworks.types import MAD_TO_SIGMA, CameraNoise, FloatMap, Frozen
+from fringeworks.statistics.quantiles import robust_sigma
+from fringeworks.types import CameraNoise, FloatMap, Frozen
 
 CELLS = 24
 """Cells along the projector's longer side. A cell's median over many camera pixels has little
@@ -185,7 +186,7 @@ def _fit(x: FloatMap, y: FloatMap, value: FloatMap) -> tuple[FloatMap, float]:
         root = np.sqrt(weight)
         found = np.linalg.lstsq(design * root[:, None], value * root, rcond=None)[0]
         off = value - design @ found
-        sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(off))), MIN_SIGMA)
+        sigma = max(robust_sigma(off), MIN_SIGMA)
         weight = np.maximum(1.0 - (off / (TUKEY * sigma)) ** 2, 0.0) ** 2
     return found, float(np.std(off))
 

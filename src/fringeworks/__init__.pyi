@@ -18,8 +18,7 @@ from .types import (
     DeviceProblem as DeviceProblem,
     DisplacementMap as DisplacementMap,
     FileProblem as FileProblem,
-    FrameFinding as FrameFinding,
-    FrameFindingKind as FrameFindingKind,
+    Finding as Finding,
     FramesContradictPlan as FramesContradictPlan,
     HeightMap as HeightMap,
     InputError as InputError,
@@ -347,7 +346,6 @@ from .rig.calibration.cameras import (
     calibrate_cameras as calibrate_cameras,
 )
 from .rig.calibration.diagnosis import (
-    Finding as Finding,
     diagnose as diagnose,
 )
 from .rig.calibration.drift import (

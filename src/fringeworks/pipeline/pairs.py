@@ -29,8 +29,8 @@ from fringeworks.signal.response import Response, response_note
 from fringeworks.surface.height_map import lateral_notes
 from fringeworks.types import (
     DisplacementMap,
+    Finding,
     FloatMap,
-    FrameFinding,
     Frozen,
     HeightMap,
     InputError,
@@ -56,7 +56,7 @@ class Reconstruction(Plotted, Frozen):
     """What was found in the frames, and what was decided because of it; with the findings' text."""
 
     @property
-    def findings(self) -> tuple[FrameFinding, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """Likely faults of the capture: what was seen, and what to do about it."""
         return self.surface.findings
 

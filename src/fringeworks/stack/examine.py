@@ -32,7 +32,7 @@ from fringeworks.stack.saturation import exceeds
 from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
 from fringeworks.statistics.quantiles import quantile
-from fringeworks.types import Axis, CameraNoise, FrameFinding, FramesContradictPlan
+from fringeworks.types import Axis, CameraNoise, Finding, FramesContradictPlan
 
 RELATED = 2.5
 """Disagreement of the sets above which it is compared with that of unrelated phases.
@@ -81,7 +81,7 @@ class Judgement:
     """The limits; the saturation is infinite if samples only touch the sensor's limit."""
     axes: dict[Axis, Refined]
     """Decoding of each axis, with its real frames and the floor of its phase errors."""
-    findings: tuple[FrameFinding, ...]
+    findings: tuple[Finding, ...]
     """What was measured or decided, for the user."""
 
     @cached_property
@@ -127,7 +127,7 @@ def examine(
     InputError
         If the frames contradict the plan, for example because two of them are swapped.
     """
-    findings: list[FrameFinding] = []
+    findings: list[Finding] = []
     # A response was measured with the real steps: it contains the ripple that they make.
     estimate_steps &= not any(s.table_turns for d in decodings.values() for s in d.sets)
     start = noise or spatial_noise(sample.patch)
@@ -187,7 +187,7 @@ def _refuse_unlike(decoding: Decoding, plan: PatternPlan) -> None:
             )
 
 
-def _of_steps(decoding: Decoding, plan: PatternPlan) -> list[FrameFinding]:
+def _of_steps(decoding: Decoding, plan: PatternPlan) -> list[Finding]:
     """Findings about steps and gains that differ from the plan."""
     found = [words.real_frames(s, decoding.axis, plan.labels()) for s in decoding.sets]
     return [finding for finding in found if finding is not None]

@@ -22,7 +22,7 @@ from fringeworks.stack.set_residuals import Known, set_residuals
 from fringeworks.statistics.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
 from fringeworks.statistics.surface_scatter import scatters
-from fringeworks.types import Axis, CameraNoise, FrameFinding
+from fringeworks.types import Axis, CameraNoise, Finding
 
 MAX_OFFSET_TURNS = 0.15
 """Largest error of a rounding that constant offsets between the sets may make, turns.
@@ -65,7 +65,7 @@ class Refined:
     """The decoding of an axis with the errors of its phases, and what was found."""
 
     decoding: Decoding
-    findings: tuple[FrameFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     ratio: float = 1.0
     """Median χ² of the sets over its expectation for noise alone."""
     uneven: bool = False
@@ -92,7 +92,7 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
     planes = [sample.points[k] for k in decoding.frames]
     decoding, ripples = without_ripples(decoding, lines, planes, known)
-    findings: list[FrameFinding] = []
+    findings: list[Finding] = []
     sets = []
     for phases, ripple in zip(decoding.sets, ripples, strict=True):
         floored, found = _with_harmonics(phases, ripple, decoding.axis, known.estimate_steps)
@@ -156,7 +156,7 @@ def scaled(noise: CameraNoise, factor: float) -> CameraNoise:
 
 def _with_harmonics(
     phases: PhaseFrames, ripple: Ripple | None, axis: Axis, removed: bool
-) -> tuple[PhaseFrames, list[FrameFinding]]:
+) -> tuple[PhaseFrames, list[Finding]]:
     """The set with the remaining ripple in its floor, and what was found."""
     if ripple is None:
         return phases, []

@@ -50,7 +50,7 @@ from fringeworks.types.errors import (
     UnknownMethod,
     check_fields,
 )
-from fringeworks.types.finding import FrameFinding, FrameFindingKind
+from fringeworks.types.finding import Finding, Pixels, Severity
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
 from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
 from fringeworks.types.noise import CameraNoise
@@ -86,9 +86,8 @@ __all__ = [
     "DeviceProblem",
     "DisplacementMap",
     "FileProblem",
+    "Finding",
     "FloatMap",
-    "FrameFinding",
-    "FrameFindingKind",
     "FramesContradictPlan",
     "Frozen",
     "HeightMap",
@@ -101,6 +100,7 @@ __all__ = [
     "PartModel",
     "PartTolerance",
     "Pinhole",
+    "Pixels",
     "Plotted",
     "PointCloud",
     "Points",
@@ -113,6 +113,7 @@ __all__ = [
     "Rig",
     "RigMismatch",
     "Sectioned",
+    "Severity",
     "Source",
     "TriangleMesh",
     "UnknownMethod",

@@ -31,6 +31,7 @@ from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import exceeds
 from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
+from fringeworks.stack.step_convention import refuse_other_steps
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, CameraNoise, Finding, FramesContradictPlan
 
@@ -141,6 +142,8 @@ def examine(
     for decoding in decodings.values():
         if decoding.gray is not None:
             refuse_unequal_levels(decoding.gray, sample.points, rough)
+    for axis, decoding in decodings.items():
+        refuse_other_steps(decoding, sample.lines[axis], plan.labels())
     _check_order(plan, sample, decodings, limits, rough)
     if estimate_steps:
         decodings = _with_real_frames(decodings, sample, limits)

@@ -55,7 +55,6 @@ from fringeworks.simulate import (
     Optics, bust, fringe_plan, height_field, look, photograph, standard_rig, standard_scene
 )
 from fringeworks.pair.methods.inverse_function import find_extrema
-from fringeworks.signal.denoise import normalise
 from tests.stacks import multi, take
 from tests.test_cliffs import boxes
 from tests.test_decoder import captured, plan_of, rig_of
@@ -87,7 +86,7 @@ def results():
     found += [fw.analyse(painted), fw.analyse(cliffs)]
     found += [fw.unwrap(phase, algorithm=name).phase for name in ("reliability", "guided")]
     found += [fw.decompose_rows(scene.object), fw.decompose_frame(scene.object)]
-    found += [normalise(scene.object), find_extrema(scene.object[30], 10.0).position_px]
+    found += [*_core.row_envelopes(np.asarray(scene.object, float)), find_extrema(scene.object[30], 10.0).position_px]
     picture = io.BytesIO()
     Image.fromarray(frames[0]).save(picture, "PNG")
     found.append(_core.read_grey_png(picture.getvalue()))

@@ -205,30 +205,6 @@ def measure_response(
     return replace(response, residual_rad=float(np.nanstd(residual)))
 
 
-def predistort(values: FloatMap, response: Response) -> FloatMap:
-    """Values to send so that the observed light is proportional to ``values``.
-
-    Parameters
-    ----------
-    values : float array of any shape, 0…1
-    response : Response
-
-    Returns
-    -------
-    float array of the same shape, 0…1
-
-    Raises
-    ------
-    InputError
-        If a value lies outside 0…1.
-    """
-    if values.size and not (values.min() >= 0.0 and values.max() <= 1.0):
-        raise InputError(
-            f"pattern: expected values from 0 to 1, got {values.min():g} to {values.max():g}"
-        )
-    return np.asarray(values ** (1.0 / response.gamma))
-
-
 def linearise(frame: NDArray[np.generic], response: Response) -> NDArray[np.float64]:
     """Convert a frame to what a projector with γ = 1 would have produced.
 

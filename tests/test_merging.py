@@ -14,20 +14,22 @@ from fringeworks.simulate import (
     Body,
     Optics,
     Sphere,
-    TurntableErrors,
-    board_on_table,
-    bust_on_table,
     fringe_plan,
     look,
-    on_table,
     photograph,
     standard_rig,
-    turned_poses,
-    turntable_pose,
 )
 from fringeworks.views.poses import carried, from_twist, twist
 from fringeworks.views.registration import register
 from fringeworks.views.surface_points import surface_points
+from tests.turntable import (
+    TurntableErrors,
+    board_on_table,
+    bust_on_table,
+    on_table,
+    turned_poses,
+    turntable_pose,
+)
 
 BOARD = fw.parse_board("charuco:10x10:20:15")
 T_table_board = pose(rotation(np.array([0.0, 0.0, 0.2])), np.array([-97.0, -103.0, 0.0]))

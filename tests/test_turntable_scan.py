@@ -14,15 +14,12 @@ from fringeworks.simulate import (
     Body,
     Optics,
     Sphere,
-    board_on_table,
     fringe_plan,
     look,
-    on_table,
     photograph,
-    turned_poses,
-    turntable_pose,
 )
 from tests.test_merging import BOARD, T_table_board, rig
+from tests.turntable import board_on_table, on_table, turned_poses, turntable_pose
 
 
 class Table:

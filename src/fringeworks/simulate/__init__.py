@@ -41,14 +41,6 @@ from fringeworks.simulate.standard_rig import (
     widened_frame,
 )
 from fringeworks.simulate.subsurface import subsurface
-from fringeworks.simulate.turntable import (
-    TurntableErrors,
-    board_on_table,
-    bust_on_table,
-    on_table,
-    turned_poses,
-    turntable_pose,
-)
 from fringeworks.simulate.virtual_rig import View, look
 
 __all__ = [
@@ -73,13 +65,10 @@ __all__ = [
     "TabulatedResponse",
     "ThinLens",
     "Transport",
-    "TurntableErrors",
     "View",
     "board_body",
-    "board_on_table",
     "board_poses",
     "bust",
-    "bust_on_table",
     "capture_pair",
     "cropped_field",
     "deformed_row",
@@ -92,7 +81,6 @@ __all__ = [
     "look",
     "make_object",
     "mosaic",
-    "on_table",
     "paint",
     "pair_displacement",
     "parabola_1d",
@@ -106,7 +94,5 @@ __all__ = [
     "standard_scene",
     "subsurface",
     "truth_distance",
-    "turned_poses",
-    "turntable_pose",
     "widened_frame",
 ]

@@ -21,7 +21,7 @@ from fringeworks.simulate import (
     photograph,
     standard_rig,
 )
-from fringeworks.surface.border import inside_surface
+from fringeworks.surface.clean import inside_surface
 
 RADIUS_MM = 25.0
 BOARD = fw.parse_board("charuco:10x10:20:15")

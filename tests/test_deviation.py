@@ -12,7 +12,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
-from fringeworks.evaluate.model_quantities import area_deviation, deviation_mean
+from fringeworks.evaluate.quantities import area_deviation, deviation_mean
 from fringeworks.rig.pinhole import inverse, transform
 from fringeworks.surface.closest import MeshDistance
 from fringeworks.views.poses import carried, twist

@@ -18,8 +18,7 @@ from fringeworks import (
     equal_steps,
     read_stack,
 )
-from fringeworks.devices.listing import list_devices
-from fringeworks.devices.opening import open_camera
+from fringeworks.devices.opening import list_devices, open_camera
 from fringeworks.devices.protocols import Camera, Closing, TriggeredCamera
 from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import measure_delay

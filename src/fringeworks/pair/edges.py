@@ -19,8 +19,15 @@ from fringeworks.pair.albedo import (
     paint_edges,
 )
 from fringeworks.pair.cliffs import NEAR_WALL_PX, Cliffs, find_cliffs
-from fringeworks.pair.misfit import is_rare, mean_square, unexplained
-from fringeworks.pair.windows import CONFIDENCE, FINEST, Fitted, Windows
+from fringeworks.pair.windows import (
+    CONFIDENCE,
+    FINEST,
+    Fitted,
+    Windows,
+    is_rare,
+    mean_square,
+    unexplained,
+)
 from fringeworks.signal.filters import widened
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import BoolMap, ByteMap

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import SINGULAR_CONDITION, step_design
+from fringeworks.signal.filters import saturated_squares
 from fringeworks.signal.gamma import gamma_of_frames, shifts_or_equal
 from fringeworks.signal.phase_table import TABLE_BINS, table_position, tables_by_brightness
-from fringeworks.signal.saturated import saturated_squares
 from fringeworks.types import FloatMap, Frozen, InputError, Pair, Provenance
 
 DARK_PERCENT = 0.1

@@ -14,7 +14,6 @@ from fringeworks.simulate.bodies import (
 )
 from fringeworks.simulate.exposure import Transport, photograph, photograph_moving
 from fringeworks.simulate.fringes import PairSettings, Row, capture_pair, deformed_row
-from fringeworks.simulate.highlight import highlight
 from fringeworks.simulate.interreflection import interreflection
 from fringeworks.simulate.jpeg import jpeg_compressed
 from fringeworks.simulate.lens import ThinLens
@@ -41,7 +40,7 @@ from fringeworks.simulate.standard_rig import (
     widened_frame,
 )
 from fringeworks.simulate.subsurface import subsurface
-from fringeworks.simulate.virtual_rig import View, look
+from fringeworks.simulate.virtual_rig import View, highlight, look
 
 __all__ = [
     "DLP_BRIGHT",

@@ -59,7 +59,7 @@ PURE = {
 }
 OUTER = {"PIL", "tifffile", "h5py", "matplotlib", "rich", "typer", "pydantic", "tomli_w", "pathlib"}
 
-MAX_FILE = 400
+MAX_FILE = 600
 MAX_FUNCTION = 40
 # Functions that are longer, with the reason.
 LONG: dict[str, str] = {}

@@ -8,14 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from fringeworks import InputError, Reason
+from fringeworks import FrameFinding, InputError, Reason
 from fringeworks.cli.commands import run
 from fringeworks.files.points import read_cloud, read_points, write_points
 from fringeworks.files.rig import format_rig, read_rig, write_rig
 from fringeworks.rig.point_findings import unit_notes
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.surface.cloud import cloud_triangles
-from fringeworks.types import FrameFinding
 from tests.rigs import calibrated, rig, scene
 
 

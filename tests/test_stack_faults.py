@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import FramesContradictPlan, InputError, PatternPlan, decode
+from fringeworks import FrameFinding, FramesContradictPlan, InputError, PatternPlan, decode
 from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.signal import CameraNoise
 from fringeworks.signal.noise import noise_of_residuals
-from fringeworks.types import FrameFinding
 from tests.fault_measure import run
 from tests.fault_scenes import plans
 from tests.stacks import guarded, multi, take

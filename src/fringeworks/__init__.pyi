@@ -141,7 +141,7 @@ from .devices.opening import (
     projector_kind as projector_kind,
     scanner_kind as scanner_kind,
 )
-from .devices.listing import (
+from .devices.opening import (
     list_devices as list_devices,
 )
 from .devices.registry import (
@@ -225,7 +225,7 @@ from .pair.registry import (
 from .pair.plugins import (
     method as method,
 )
-from .devices.plugins import (
+from .devices.registry import (
     load_plugin as load_plugin,
 )
 from .pair.prepared import (
@@ -353,7 +353,7 @@ from .rig.calibration.diagnosis import (
 from .rig.calibration.drift import (
     RigCheck as RigCheck,
 )
-from .rig.calibration.drift_words import (
+from .rig.calibration.drift import (
     Cause as Cause,
 )
 from .rig.calibration.verdict import (

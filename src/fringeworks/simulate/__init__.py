@@ -14,7 +14,6 @@ from fringeworks.simulate.bodies import (
 )
 from fringeworks.simulate.exposure import Transport, photograph, photograph_moving
 from fringeworks.simulate.fringes import PairSettings, Row, capture_pair, deformed_row
-from fringeworks.simulate.highlight import highlight
 from fringeworks.simulate.interreflection import interreflection
 from fringeworks.simulate.jpeg import jpeg_compressed
 from fringeworks.simulate.lens import ThinLens
@@ -41,15 +40,7 @@ from fringeworks.simulate.standard import (
     widened_frame,
 )
 from fringeworks.simulate.subsurface import subsurface
-from fringeworks.simulate.turntable import (
-    TurntableErrors,
-    board_on_table,
-    bust_on_table,
-    on_table,
-    turned_poses,
-    turntable_pose,
-)
-from fringeworks.simulate.virtual_rig import View, look
+from fringeworks.simulate.virtual_rig import View, highlight, look
 
 __all__ = [
     "DLP_BRIGHT",
@@ -73,13 +64,10 @@ __all__ = [
     "TabulatedResponse",
     "ThinLens",
     "Transport",
-    "TurntableErrors",
     "View",
     "board_body",
-    "board_on_table",
     "board_poses",
     "bust",
-    "bust_on_table",
     "capture_pair",
     "cropped_field",
     "deformed_row",
@@ -92,7 +80,6 @@ __all__ = [
     "look",
     "make_object",
     "mosaic",
-    "on_table",
     "paint",
     "pair_displacement",
     "parabola_1d",
@@ -106,7 +93,5 @@ __all__ = [
     "standard_scene",
     "subsurface",
     "truth_distance",
-    "turned_poses",
-    "turntable_pose",
     "widened_frame",
 ]

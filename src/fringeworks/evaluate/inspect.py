@@ -13,9 +13,7 @@ import numpy as np
 
 from fringeworks.evaluate.area_points import AreaPoints, area_points
 from fringeworks.evaluate.deviation import Deviation, deviation
-from fringeworks.evaluate.model_quantities import area_deviation
-from fringeworks.evaluate.quantified import Quantified
-from fringeworks.evaluate.quantities import MEASURED
+from fringeworks.evaluate.quantities import MEASURED, Quantified, area_deviation
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.recipe import read_recipe
 from fringeworks.files.rig import read_rig

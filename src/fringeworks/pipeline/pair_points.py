@@ -13,7 +13,6 @@ from fringeworks.files.coordinates import read_coordinates
 from fringeworks.files.rig import read_rig
 from fringeworks.pair.object_coordinates import object_coordinates
 from fringeworks.pair.registry import MethodOption
-from fringeworks.pair.smooth import smooth
 from fringeworks.pipeline.inputs import pair_of
 from fringeworks.pipeline.pairs import Reconstruction, reconstruct
 from fringeworks.pipeline.stacks import Measurement
@@ -21,6 +20,7 @@ from fringeworks.rig.plane_coordinates import plane_coordinates
 from fringeworks.rig.point_findings import part_notes, point_notes, unit_notes
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.signal.denoise import Denoiser
+from fringeworks.signal.filters import smooth
 from fringeworks.signal.response import Response
 from fringeworks.types import (
     Axis,

@@ -12,8 +12,7 @@ import numpy as np
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.rig import read_rig
 from fringeworks.files.stack import read_stack
-from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
-from fringeworks.patterns.repeats import repeats
+from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, repeats
 from fringeworks.pipeline.decoding import decoded_exposures, given_options
 from fringeworks.pipeline.inputs import inputs_of, stack_of, stacks_of
 from fringeworks.rig.depth_range import DepthRange, depth_range_of

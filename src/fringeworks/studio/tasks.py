@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fringeworks.devices.listing import list_devices
-from fringeworks.devices.opening import open_devices
+from fringeworks.devices.opening import list_devices, open_devices
 from fringeworks.evaluate.inspect import inspect
 from fringeworks.files.exposures import is_exposures
 from fringeworks.files.merged import write_merged_points

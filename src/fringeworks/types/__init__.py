@@ -24,7 +24,7 @@ from fringeworks.types.arrays import (
     count_reasons,
     reason_counts,
 )
-from fringeworks.types.camera import CameraSettings, Region
+from fringeworks.types.camera import CameraNoise, CameraSettings, Region
 from fringeworks.types.checks import (
     LARGEST,
     MOST_PX,
@@ -53,7 +53,6 @@ from fringeworks.types.errors import (
 from fringeworks.types.finding import Finding, Pixels, Severity
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
 from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
-from fringeworks.types.noise import CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile

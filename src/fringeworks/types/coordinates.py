@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from fringeworks.types.arrays import Axis, ByteMap, FloatMap, Reason
+from fringeworks.types.camera import CameraNoise
 from fringeworks.types.displayed import Plotted, Sectioned
 from fringeworks.types.errors import InputError
 from fringeworks.types.finding import Finding
 from fringeworks.types.frozen import Frozen
-from fringeworks.types.noise import CameraNoise
 from fringeworks.types.profile import Line, Profile
 from fringeworks.types.provenance import Provenance
 

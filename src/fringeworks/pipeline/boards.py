@@ -19,9 +19,11 @@ from fringeworks.stack.frames import Stack
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import (
     BoardNotFound,
+    Finding,
     FramesContradictPlan,
     Source,
     fingerprint,
+    found_before,
     made_by,
 )
 from fringeworks.types.packages import need_opencv
@@ -67,7 +69,8 @@ def calibrate_stacks(
     board = parse_board(board) if isinstance(board, str) else board
     seen = observe_poses(stacks, board, plan, progress, options)
     progress("adjusting …")
-    found = calibrate(seen.observations, board, skipped=seen.skipped, distortion=distortion)
+    with found_before(seen.findings):
+        found = calibrate(seen.observations, board, skipped=seen.skipped, distortion=distortion)
     plans = seen.plans
     origin = made_by(
         "calibrate_stacks",
@@ -89,6 +92,8 @@ class ObservedPoses:
     """Every pose, by the hashes of its files."""
     plans: tuple[PatternPlan, ...]
     """The plans of the stacks, each once."""
+    findings: tuple[Finding, ...]
+    """What was found in the frames of the poses that could not be observed."""
 
 
 def observe_poses(
@@ -103,6 +108,7 @@ def observe_poses(
     poses = read_poses(stacks, plan) if isinstance(stacks, (str, os.PathLike)) else stacks
     observations: list[Observation] = []
     skipped: dict[str, str] = {}
+    findings: list[Finding] = []
     inputs: list[Source] = []
     plans: dict[PatternPlan, None] = {}
     for name, stack in poses:
@@ -113,8 +119,10 @@ def observe_poses(
         try:
             observations.append(observe_stack(stack, board, name=name, **options))
         except (BoardNotFound, FramesContradictPlan) as error:
-            skipped[name] = str(error) if name in str(error) else f"{name}: {error}"
-    return ObservedPoses(observations, skipped, tuple(inputs), tuple(plans))
+            error = error if name in str(error) else error.at(name)
+            skipped[name] = str(error)
+            findings += error.findings
+    return ObservedPoses(observations, skipped, tuple(inputs), tuple(plans), tuple(findings))
 
 
 def observe_stack(

@@ -21,6 +21,7 @@ from fringeworks.types import (
     BoardNotFound,
     Finding,
     FramesContradictPlan,
+    InputError,
     Source,
     fingerprint,
     found_before,
@@ -119,8 +120,7 @@ def observe_poses(
         try:
             observations.append(observe_stack(stack, board, name=name, **options))
         except (BoardNotFound, FramesContradictPlan) as error:
-            error = error if name in str(error) else error.at(name)
-            skipped[name] = str(error)
+            skipped[name] = str(error) if name in str(error) else f"{name}: {error}"
             findings += error.findings
     return ObservedPoses(observations, skipped, tuple(inputs), tuple(plans), tuple(findings))
 
@@ -147,4 +147,8 @@ def observe_stack(
     need_opencv("a calibration")
     size = (stack.plan.width_px, stack.plan.height_px)
     image = texture(stack.frames, stack.plan)
-    return observe(image, decoded(stack, options), board, projector_size=size, name=name)
+    try:
+        coordinates = decoded(stack, options)
+    except InputError as error:
+        raise error.at(name) from error
+    return observe(image, coordinates, board, projector_size=size, name=name)

@@ -18,6 +18,7 @@ from fringeworks.types import (
     FramesContradictPlan,
     InputError,
     as_notes,
+    explained,
     found_before,
 )
 
@@ -93,6 +94,6 @@ def decoded_exposures(stacks: Sequence[Stack], options: DecodeOptions) -> Decode
         for number, error in problems
     ]
     if not results:
-        raise problems[0][1].after(unused[1:])
+        raise explained(problems[0][1], unused[1:])
     found = fuse(results)
     return replace(found, findings=(*unused, *found.findings, *unmeasured(found)))

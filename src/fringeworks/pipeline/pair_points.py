@@ -131,7 +131,7 @@ def _decoded(pair: Pair, found: Reconstruction, known: CoordinateMap) -> Decoded
         x=coordinates if known.axis == "x" else None,
         y=coordinates if known.axis == "y" else None,
         noise=CameraNoise(float(moved.details.get("noise_counts", 0.0))),
-        findings=tuple(finding for finding in found.findings if finding.rank),
+        findings=found.warnings,
     )
 
 

@@ -36,6 +36,7 @@ from fringeworks.types import (
     Plotted,
     ReferencePlaneGeometry,
     as_notes,
+    explained,
     made_by,
 )
 
@@ -115,7 +116,7 @@ def reconstruct(
     try:
         displacement = _displacement(pair, method, response, denoise, options)
     except InputError as error:
-        error.after((*as_notes(pair.notes), *frame_findings(pair)))
+        explained(error, (*as_notes(pair.notes), *frame_findings(pair)))
         raise
     if response is not None:
         pair = replace(pair, notes=(*pair.notes, response_note(response)))

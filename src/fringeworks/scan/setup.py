@@ -29,6 +29,7 @@ from fringeworks.types import (
     FloatMap,
     Frozen,
     InputError,
+    explained,
 )
 
 DARK_QUANTILE = 0.1
@@ -161,12 +162,12 @@ def set_up(
     try:
         tests.run(settings or CameraSettings(), progress)
     except DeviceProblem as error:
-        raise SetupStopped(str(error), tests.done).after(error.findings) from error
+        raise explained(SetupStopped(str(error), tests.done), error.findings) from error
     done = tests.done
     try:
         proposal = _proposed(done, frames, axes)
     except InputError as error:
-        raise SetupStopped(str(error), done).after(error.findings) from error
+        raise explained(SetupStopped(str(error), done), error.findings) from error
     return Setup(
         **{f.name: getattr(done, f.name) for f in fields(done)},
         proposal=proposal,

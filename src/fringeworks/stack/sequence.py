@@ -39,6 +39,7 @@ from fringeworks.types import (
     Frozen,
     InputError,
     Reason,
+    explained,
 )
 
 MOST_CONTRADICTING = 2
@@ -327,7 +328,7 @@ class SequenceDecoder:
             if self._judgement is None or start - self._judgement[0] > longest:
                 last = start + self._plan.frames - 1
                 before = () if self._judgement is None else self._judgement[1].findings
-                raise error.at(f"frames {start} to {last}").after(before) from error
+                raise explained(error.at(f"frames {start} to {last}"), before) from error
             return self._judgement[1], False
         self._judgement = start, judged
         return judged, True

@@ -49,6 +49,7 @@ from fringeworks.types.errors import (
     RigMismatch,
     UnknownMethod,
     check_fields,
+    explained,
     found_before,
 )
 from fringeworks.types.finding import (
@@ -134,6 +135,7 @@ __all__ = [
     "check_layout",
     "check_reusable",
     "count_reasons",
+    "explained",
     "fingerprint",
     "finite",
     "fits_axes",

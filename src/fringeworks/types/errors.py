@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, TypeVar
 
 if TYPE_CHECKING:
     from fringeworks.types.finding import Finding
@@ -25,18 +25,13 @@ class InputError(ValueError):
         super().__init__(message)
         self.findings: tuple[Finding, ...] = ()
         """What was found before the call could not go on, in the order of the chain."""
-        self.after(findings)
+        self._keep(findings)
 
     @property
     def lines(self) -> tuple[str, ...]:
         """What to read, a line each: the findings, the most severe first, then the message."""
         worst = sorted(self.findings, key=lambda finding: -finding.rank)
         return (*(finding.line for finding in worst), str(self))
-
-    def after(self, findings: Iterable[Finding]) -> Self:
-        """Add what was found earlier, and return the error."""
-        self._keep((*findings, *self.findings))
-        return self
 
     def at(self, place: str) -> Self:
         """Return the same error, said of a place such as "camera 2", and so its findings."""
@@ -50,13 +45,22 @@ class InputError(ValueError):
         self.__notes__ = [finding.text for finding in self.findings]
 
 
+Refusal = TypeVar("Refusal", bound=InputError)
+
+
+def explained(error: Refusal, findings: Iterable[Finding]) -> Refusal:
+    """Add what was found earlier to an error, and return it."""
+    error._keep((*findings, *error.findings))
+    return error
+
+
 @contextmanager
 def found_before(findings: Iterable[Finding]) -> Iterator[None]:
     """Add findings to the errors of the block: what a chain has found until then."""
     try:
         yield
     except InputError as error:
-        error.after(findings)
+        explained(error, findings)
         raise
 
 

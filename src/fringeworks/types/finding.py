@@ -112,9 +112,14 @@ def numbered(name: str, results: Iterable[_Found]) -> tuple[Finding, ...]:
 
 
 class Noted:
-    """Base of results with ``findings``: their text."""
+    """Base of results with ``findings``: their text, and those that warn."""
 
     @property
     def notes(self: _Found) -> tuple[str, ...]:
         """The findings in one line each."""
         return tuple(finding.text for finding in self.findings)
+
+    @property
+    def warnings(self: _Found) -> tuple[Finding, ...]:
+        """The findings that are more than notes."""
+        return tuple(finding for finding in self.findings if finding.rank)

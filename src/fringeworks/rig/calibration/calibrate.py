@@ -30,6 +30,7 @@ from fringeworks.types import (
     Plotted,
     Reason,
     Rig,
+    explained,
 )
 from fringeworks.types.packages import need_opencv
 
@@ -131,7 +132,7 @@ def observe(
         view = find_board(photograph, board)
         correspondence = projector_at(decoded, view.pixels, spacing(view.pixels))
     except InputError as error:
-        raise error.after(decoded.findings).at(name) from error
+        raise explained(error, decoded.findings).at(name) from error
     lit = np.asarray(np.isfinite(correspondence.projector_px).all(axis=1))
     if lit.sum() < MIN_CORNERS:
         raise BoardNotFound(

@@ -22,7 +22,7 @@ for number, pose in enumerate(board_poses(board, 6)):
 found = fw.calibrate_stacks(poses.items(), board)
 print(fw.verdict(found).text)
 for finding in fw.diagnose(found):
-    print(finding.message)
+    print(finding.line)
 fw.write_rig("rig.toml", found.rig)
 
 figure = found.plot()

@@ -58,11 +58,8 @@ def names_the_range(line: str) -> bool:
 def test_a_finding_is_one_line():
     assert ERROR.text == "they are turned; likely a wrong file; turn them"
     assert NOTE.text == "noise of 2 counts"
-    assert [f.line.partition(":")[0] for f in (NOTE, WARNING, ERROR)] == [
-        "note",
-        "warning",
-        "error",
-    ]
+    assert NOTE.line == "note (noise): noise of 2 counts"
+    assert WARNING.line == "warning (steps): steps are off"
     assert NOTE.rank < WARNING.rank < ERROR.rank
 
 
@@ -86,7 +83,7 @@ def test_errors_tell_the_most_severe_finding_first_and_the_refusal_last():
     assert error.__notes__ == [NOTE.text, WARNING.text, ERROR.text]
     placed = error.at("camera 2")
     assert type(placed) is fw.FileProblem
-    assert placed.lines[0] == f"error: camera 2: {ERROR.text}"
+    assert placed.lines[0] == f"error (frames): camera 2: {ERROR.text}"
     assert str(placed) == "camera 2: expected points, got none"
     again = pickle.loads(pickle.dumps(placed))
     assert (str(again), again.findings) == (str(placed), placed.findings)
@@ -102,7 +99,7 @@ def test_a_depth_range_in_cm_is_the_first_thing_that_is_said(tmp_path, capsys):
     command += ["--depth", "45:56", "--out", tmp_path / "p.ply", "--json", figures]
     assert run([str(word) for word in command]) == 2
     said = capsys.readouterr().err.splitlines()
-    assert said[0].startswith("error: all ")
+    assert said[0].startswith("error (depth range): all ")
     assert names_the_range(said[0])
     assert "likely the range was given in cm" in said[0]
     assert said[-1] == f"fringeworks: {tmp_path / 'p.ply'}: expected points to write, got none"
@@ -125,7 +122,7 @@ def test_a_range_that_holds_the_part_is_a_note():
 def test_merging_empty_views_names_their_cause():
     with pytest.raises(InputError) as raised:
         fw.merge([nowhere(), nowhere()], poses="shape")
-    assert raised.value.lines[0].startswith("error: view 1: all ")
+    assert raised.value.lines[0].startswith("error (depth range): view 1: all ")
     assert names_the_range(raised.value.lines[0])
 
 
@@ -167,7 +164,7 @@ def test_a_calibration_with_overexposed_frames_names_the_pose_and_the_cause():
     bright = tuple(np.clip(2.5 * f, 0, 255).astype(np.uint8) for f in frames)
     with pytest.raises(InputError, match="pose0: frames along x: expected pixels") as raised:
         fw.calibrate_stacks([("pose0", fw.Stack(bright, plan))], BOARD)
-    assert raised.value.lines[0].startswith("warning: pose0: ")
+    assert raised.value.lines[0].startswith("warning (unmeasured): pose0: ")
     assert "saturated" in raised.value.lines[0]
     assert "likely the exposure is too long" in raised.value.lines[0]
 
@@ -197,7 +194,7 @@ def test_a_batch_tables_the_cause(tmp_path):
     store = Store(tmp_path / "results")
     store.begin({})
     row = measure_scan(Scan("part", str(tmp_path / "part")), job_of(recipe, str(store.folder)))
-    assert row["error"].startswith("error: all ")
+    assert row["error"].startswith("error (depth range): all ")
     assert names_the_range(row["error"])
     assert row["error"].endswith("expected points to write, got none")
 

@@ -196,7 +196,10 @@ def test_findings_are_told_from_notes():
     finding = Finding("steps", "fringes differ", ("vibration",), "keep still")
     note = Finding("noise", "noise of 1", severity="note")
     figures = {"findings": findings_as_dicts([finding, note])}
-    expected = [(f"warning: {finding.text}", True), ("note: noise of 1", False)]
+    expected = [
+        ("warning (steps): fringes differ; likely vibration; keep still", True),
+        ("note (noise): noise of 1", False),
+    ]
     assert finding_lines(figures) == expected
 
 

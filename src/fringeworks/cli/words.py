@@ -7,6 +7,7 @@ from typing import Any
 
 import fringeworks as fw
 from fringeworks.cli.output import Output
+from fringeworks.files.findings import finding_from_dict
 
 
 def failures(reasons: dict[str, int]) -> str:
@@ -23,8 +24,7 @@ def say_findings(words: Output, found: Iterable[fw.Finding]) -> None:
 
 def say_found(words: Output, figures: dict[str, Any]) -> None:
     """The findings among a result's figures."""
-    for finding in figures["findings"]:
-        words.say(f"{finding['severity']}: {finding['text']}")
+    say_findings(words, map(finding_from_dict, figures["findings"]))
 
 
 def say_surface(words: Output, figures: dict[str, Any]) -> None:

@@ -78,8 +78,8 @@ class Finding(Frozen):
 
     @property
     def line(self) -> str:
-        """The severity and the finding in one line, as commands, logs and pages print it."""
-        return f"{self.severity}: {self.text}"
+        """Severity, kind and text in one line, as commands, logs and pages print it."""
+        return f"{self.severity} ({self.kind}): {self.text}"
 
     @property
     def text(self) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from fringeworks.devices.virtual_bench import POSES, SCENES
+from fringeworks.files.findings import finding_from_dict
 from fringeworks.studio.bench import VIRTUAL
 from fringeworks.studio.session import Session
 from fringeworks.studio.state import Studio
@@ -118,10 +119,8 @@ def _progress(job: Job) -> str:
 
 def finding_lines(figures: dict[str, Any]) -> list[tuple[str, bool]]:
     """The findings of a result in a line each, and whether it is more than a note."""
-    return [
-        (f"{found['severity']}: {found['text']}", found["severity"] != "note")
-        for found in figures.get("findings", [])
-    ]
+    found = map(finding_from_dict, figures.get("findings", []))
+    return [(finding.line, bool(finding.rank)) for finding in found]
 
 
 def show_findings(figures: dict[str, Any]) -> None:

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.files.findings import findings_as_dicts
 from fringeworks.pair.plane_calibration import PixelCalibration, PlaneCalibration
 from fringeworks.pipeline.pairs import Reconstruction
-from fringeworks.report.summary import of_heights, origin, summary
+from fringeworks.report.summary import of_heights, origin, summary, told
 
 
 @summary.register
@@ -20,8 +19,7 @@ def _(result: Reconstruction) -> dict[str, Any]:
         "period_px": result.displacement.period_px,
         "tilt_deg": result.displacement.tilt_deg,
         "converged": result.converged,
-        "findings": findings_as_dicts(result.findings),
-        "notes": list(result.notes),
+        **told(result),
         **origin(result.surface.provenance),
     }
 

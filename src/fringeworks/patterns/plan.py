@@ -308,7 +308,7 @@ class PatternPlan(Plotted, Frozen):
         try:
             return _chain(tuple(periods), bounds, tuple(weights), step, not absolute)
         except InputError as error:
-            raise InputError(f"plan along {axis}: {error}") from error
+            raise error.at(f"plan along {axis}") from error
 
 
 @lru_cache(maxsize=64)

@@ -49,8 +49,18 @@ from fringeworks.types.errors import (
     RigMismatch,
     UnknownMethod,
     check_fields,
+    explained,
+    found_before,
 )
-from fringeworks.types.finding import Finding, Pixels, Severity
+from fringeworks.types.finding import (
+    Finding,
+    Noted,
+    Pixels,
+    Severity,
+    as_notes,
+    numbered,
+    region_of,
+)
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
 from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
@@ -95,6 +105,7 @@ __all__ = [
     "Line",
     "MissingPackage",
     "MultiRig",
+    "Noted",
     "Pair",
     "PartModel",
     "PartTolerance",
@@ -117,19 +128,24 @@ __all__ = [
     "TriangleMesh",
     "UnknownMethod",
     "Where",
+    "as_notes",
     "check_fields",
     "check_layout",
     "check_reusable",
     "count_reasons",
+    "explained",
     "fingerprint",
     "finite",
     "fits_axes",
+    "found_before",
     "layout_words",
     "made_by",
     "multi_rig_parameters",
+    "numbered",
     "positive",
     "provenance_from",
     "reason_counts",
+    "region_of",
     "sealed",
     "today",
     "unsealed",

@@ -431,7 +431,8 @@ def adjust_to(rig: Rig, observations: Sequence[Observation], board: Board) -> Ri
         likely = f" (likely {names[0]})" if names else ""
         raise InputError(
             "rig: expected a change of the relative pose of camera and projector, got one that "
-            f"rotation and translation do not explain{likely}; calibrate again"
+            f"rotation and translation do not explain{likely}; calibrate again",
+            findings=ripple_findings(observations),
         )
     found = seen.fits["pose"].rig
     residual = [_rms(r) for r in _residuals(found, seen)]
@@ -535,38 +536,38 @@ def _findings(
     """What makes a check less certain, and what it cannot tell."""
     findings = list(ripple_findings(observations))
     if rig.covariance is None:
-        seen = (
+        what = (
             "the rig states no uncertainty, so errors of its calibration cannot be told from a "
             "drift"
         )
         advice = "calibrate it with fringeworks for a sharper check"
-        findings.append(Finding("uncertainty", seen, advice=advice))
+        findings.append(Finding("uncertainty", what, advice=advice))
     if rig.residual_px is not None:
         for name, now, then in zip(
             ("camera", "projector"), seen.scatter_px, rig.residual_px, strict=True
         ):
             if now > LARGE_SCATTER * then:
-                seen = (
+                what = (
                     f"corners scatter by {now:.3f} px in the {name}, at the calibration they did "
                     f"by {then:.3f} px"
                 )
                 causes = ("the board is blurred, badly lit or another", "the lens has changed")
                 figures = {"scatter_px": now, "calibration_px": then}
-                findings.append(Finding("scatter", seen, causes, figures=figures))
+                findings.append(Finding("scatter", what, causes, figures=figures))
     if len(checked.causes) > 1:
         names = " and ".join(cause.name for cause in checked.causes)
-        seen = f"{names} cannot be told apart by this pose"
+        what = f"{names} cannot be told apart by this pose"
         advice = "tilt the board more, move it nearer or further, or add poses"
-        findings.append(Finding("cause", seen, advice=advice))
+        findings.append(Finding("cause", what, advice=advice))
     if checked.excess <= 1.0 and checked.verdict == "cannot tell":
-        seen = f"a drift of up to {checked.noticeable_mm:.2g} mm would go unnoticed"
+        what = f"a drift of up to {checked.noticeable_mm:.2g} mm would go unnoticed"
         advice = "fill the frame with a tilted board, take sharper frames, or add poses"
         figures = {"noticeable_mm": checked.noticeable_mm}
-        findings.append(Finding("blind", seen, advice=advice, figures=figures))
+        findings.append(Finding("blind", what, advice=advice, figures=figures))
     off = abs(checked.scale - 1.0)
     if off > LARGE_SCALE_SIGMAS * checked.scale_sigma and checked.excess > 1.0:
         size = with_sigma(100.0 * checked.scale, 100.0 * checked.scale_sigma)
-        seen = f"measured with this rig, the board has {size} % of its stated size"
+        what = f"measured with this rig, the board has {size} % of its stated size"
         figures = {"scale": checked.scale, "sigma": checked.scale_sigma}
-        findings.append(Finding("scale", seen, figures=figures, severity="error"))
+        findings.append(Finding("scale", what, figures=figures, severity="error"))
     return tuple(findings)

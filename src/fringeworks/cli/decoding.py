@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 import fringeworks as fw
-from fringeworks.cli.options import Camera, PlanFile, Projector, ResponseFile
+from fringeworks.cli.options import CameraName, PlanFile, ProjectorName, ResponseFile
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class StackOptions:
         float | None, typer.Option(help="Counts from which on a sample is not trusted.")
     ] = None
     min_modulation: Annotated[float, typer.Option(help="Least modulation, counts.")] = 0.0
-    camera: Camera = None
-    projector: Projector = None
+    camera_name: CameraName = None
+    projector_name: ProjectorName = None
 
     @property
     def options(self) -> fw.DecodeOptions:
@@ -70,8 +70,8 @@ class StackOptions:
         """Return the stack with the names of its devices, where they are given."""
         return replace(
             stack,
-            camera=self.camera or stack.camera,
-            projector=self.projector or stack.projector,
+            camera=self.camera_name or stack.camera,
+            projector=self.projector_name or stack.projector,
         )
 
 

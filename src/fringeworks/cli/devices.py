@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import shlex
 import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -16,20 +15,22 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.grouped import grouped
-from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Ply, PlyOption, items
+from fringeworks.cli.options import (
+    AxisName,
+    CameraWords,
+    Folder,
+    Force,
+    JsonFile,
+    Ply,
+    PlyOption,
+    ProjectorWords,
+    items,
+)
 from fringeworks.cli.showing import ShowOptions
 from fringeworks.cli.words import say_setup
 
 SECTION = "Devices"
 
-ProjectorWords = Annotated[
-    str | None,
-    typer.Option("--projector", help="screen, screen:NAME, memory:FOLDER or virtual[:SCENE]."),
-]
-CameraWords = Annotated[
-    str | None,
-    typer.Option("--camera", help="webcam:NUMBER, genicam[:NAME], folder:PATH or virtual[:SCENE]."),
-]
 PlanOfSetup = Annotated[
     Path | None, typer.Argument(help="Plan file; by default the plan of the set-up.")
 ]
@@ -87,31 +88,15 @@ class TakingOptions:
     force: Force = False
 
 
-@dataclass(frozen=True)
-class _Bench:
-    """Open devices, and what the set-up knows of them."""
-
-    projector: Any
-    camera: Any
-    settings: fw.CameraSettings
-    setup: Any
-    """StoredSetup, or None."""
-
-
-@contextmanager
-def opened(devices: DeviceOptions) -> Iterator[_Bench]:
+def opened(devices: DeviceOptions, plan: Path | None = None) -> AbstractContextManager[fw.Bench]:
     """The devices that options or a set-up name; options hold before the set-up."""
-    stored = None if devices.setup is None else fw.read_setup(devices.setup)
-    projector = devices.projector or (stored.projector if stored else None)
-    camera = devices.camera or (stored.camera if stored else None)
-    if projector is None or camera is None:
-        raise fw.InputError("devices: expected --projector and --camera, or --setup")
-    settings = devices.settings
-    if stored is not None:
-        settings = settings.over(stored.settings)
-    shows, films = fw.open_devices(projector, camera)
-    with shows, films:
-        yield _Bench(shows, films, settings, stored)
+    return fw.open_bench(
+        devices.setup,
+        projector=devices.projector,
+        camera=devices.camera,
+        settings=devices.settings,
+        plan=plan,
+    )
 
 
 @app.command(rich_help_panel=SECTION, epilog="Example: fringeworks devices")
@@ -196,8 +181,8 @@ def capture(
     """Show the pictures of a plan and take a frame of each."""
     output.check_folder(out)
     words = output.Output()
-    with opened(devices) as bench:
-        _capture(bench, plan, out, taking)
+    with opened(devices, plan) as bench:
+        _take(bench, out, fw.Take(**vars(taking)))
     words.wrote(out)
 
 
@@ -254,8 +239,8 @@ def scan(
     output.check(out, "points")
     show.check()
     known = fw.read_rig(rig)
-    with opened(devices) as bench:
-        _capture(bench, plan, folder, taking)
+    with opened(devices, plan) as bench:
+        _take(bench, folder, fw.Take(**vars(taking)))
     found = fw.measure(folder, known)
     show.write_points(words, found, known, out, ply, name=folder.name)
     words.wrote(folder, out, *show.targets)
@@ -274,9 +259,10 @@ def take_views(
     """Take views of a part on a turntable, and write the merged part."""
     step_deg, board, command = table
     output.check(out, "merged")
-    with opened(devices) as bench:
+    how = fw.Take(**vars(taking))
+    with opened(devices, plan) as bench:
         found = fw.scan_turntable(
-            lambda place: _capture(bench, plan, place, taking),
+            lambda place: _take(bench, place, how),
             lambda angle: _turn(angle, command),
             folder,
             rig,
@@ -310,7 +296,13 @@ def _turn(angle_deg: float, command: str | None) -> None:
         )
 
 
-def take_poses(setup: Path, plan: Path | None, board: fw.Board, folder: Path) -> None:
+def take_poses(
+    devices: DeviceOptions,
+    plan: Path | None,
+    board: fw.Board,
+    folder: Path,
+    options: fw.DecodeOptions,
+) -> None:
     """Take poses of a board until they are enough; the user presses Enter for each."""
 
     def ready(judgement: fw.PoseJudgement) -> bool:
@@ -324,62 +316,18 @@ def take_poses(setup: Path, plan: Path | None, board: fw.Board, folder: Path) ->
             raise
         return not str(answer).strip().lower().startswith("q")
 
-    with opened(DeviceOptions(setup=setup)) as bench:
+    with opened(devices, plan) as bench:
         fw.take_poses(
-            bench.projector,
-            bench.camera,
-            _plan(bench, plan),
+            bench,
             board,
             folder,
             ready=ready,
             taken=lambda pose: typer.echo(f"{pose}"),
-            settings=bench.settings,
+            **options,
         )
 
 
-def _plan(bench: _Bench, plan: Path | None) -> fw.PatternPlan:
-    """The plan of a file, of a projector that plays one from its memory, or of the set-up."""
-    if plan is not None:
-        return fw.read_plan(plan)
-    if isinstance(bench.projector, fw.MemoryProjector):
-        held: fw.PatternPlan = bench.projector.plan
-        return held
-    if bench.setup is None:
-        raise fw.InputError("plan: expected a plan file, or --setup with its plan; got neither")
-    proposed: fw.PatternPlan = bench.setup.plan
-    return proposed
-
-
-def _delay(bench: _Bench, how: TakingOptions) -> Any:
-    """The delay of the set-up, where the fast way is asked for."""
-    if not how.fast:
-        return None
-    if bench.setup is None or bench.setup.delay is None:
-        raise fw.InputError("--fast: expected a set-up with a measured delay, got none")
-    if how.hdr > 1 or how.auto_exposure:
-        raise fw.InputError(
-            "--fast cannot be combined with --hdr or --auto-exposure: the delay depends on the "
-            "exposure"
-        )
-    return bench.setup.delay
-
-
-def _capture(bench: _Bench, plan: Path | None, folder: Path, how: TakingOptions) -> None:
-    """Take the frames of a plan into a folder."""
-    chosen, delay = _plan(bench, plan), _delay(bench, how)
-    common: dict[str, Any] = {"average": how.average, "resume": how.resume, "force": how.force}
-    where = (bench.projector, bench.camera, chosen, folder)
-    with output.progress(chosen.frames * how.hdr) as step:
-        if how.hdr > 1:
-            bench.camera.configure(bench.settings)
-            fw.capture_hdr(*where, how.hdr, progress=step, **common)
-            return
-        fw.capture(
-            *where,
-            settings=bench.settings,
-            exposure="auto" if how.auto_exposure else "given",
-            delay=delay,
-            most_saturated=how.most_saturated,
-            progress=step,
-            **common,
-        )
+def _take(bench: fw.Bench, folder: Path, how: fw.Take) -> None:
+    """Take the frames of the bench's plan into a folder, and show how far they are."""
+    with output.progress(bench.plan.frames * how.hdr) as step:
+        fw.take(bench, folder, how, progress=step)

@@ -15,12 +15,12 @@ from fringeworks.cli.app import app
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import (
     AxisName,
-    Camera,
+    CameraName,
     DenoiseOption,
     JsonFile,
     Ply,
     PlyOption,
-    Projector,
+    ProjectorName,
     ResponseFile,
     items,
 )
@@ -116,8 +116,8 @@ def reconstruct(
     ] = None,
     denoise: DenoiseOption = None,
     response: ResponseFile = None,
-    camera: Camera = None,
-    projector: Projector = None,
+    camera_name: CameraName = None,
+    projector_name: ProjectorName = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -144,8 +144,8 @@ def reconstruct(
         white=None if white is None else fw.read_frame(white)[0],
         mask=None if mask is None else fw.read_frame(mask)[0] != 0,
         background=None if background is None else fw.read_frame(background)[0] != 0,
-        camera=camera,
-        projector=projector,
+        camera=camera_name,
+        projector=projector_name,
     )
     known = _geometry(geometry, distance_mm, baseline_mm, pitch_mm_per_px, sign)
     if principal_px is not None:

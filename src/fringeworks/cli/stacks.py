@@ -13,14 +13,16 @@ from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.cameras import calibrate_cameras, measure_cameras
 from fringeworks.cli.decoding import DecodingOptions, StackOptions
-from fringeworks.cli.devices import take_poses
+from fringeworks.cli.devices import DeviceOptions, take_poses
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import (
     AxisName,
+    CameraWords,
     DepthOption,
     JsonFile,
     Ply,
     PlyOption,
+    ProjectorWords,
     ResponseFile,
     depth_of,
     items,
@@ -38,8 +40,8 @@ StackArgument = Annotated[
 
 @app.command(
     rich_help_panel=SECTION,
-    epilog="Example: fringeworks response plane/ --camera left --projector bench "
-    "--out response.toml",
+    epilog="Example: fringeworks response plane/ --camera-name left "
+    "--projector-name bench --out response.toml",
 )
 @grouped
 def response(
@@ -105,7 +107,11 @@ def decode(
                 "--steps: it takes the place of a plan and gives a phase; expected none of "
                 "--plan, --relative, --phases beside it"
             )
-        given: dict[str, Any] = {"camera": how.camera, "projector": how.projector, **options}
+        given: dict[str, Any] = {
+            "camera": how.camera_name,
+            "projector": how.projector_name,
+            **options,
+        }
         phase = fw.phase_from_stack(stack, _shifts(steps), **given)
         _show_phase(words, stack.name, phase, unwrap, out, show)
         return
@@ -237,10 +243,18 @@ def calibrate(
         bool,
         typer.Option("--live", help="Take the poses first, each judged at once; with --setup."),
     ] = False,
+    projector: ProjectorWords = None,
+    camera: CameraWords = None,
     *,
     show: ShowOptions,
 ) -> None:
     """Calibrate one or several cameras and a projector with a board in several poses."""
+    for name, words in (("projector", projector), ("camera", camera)):
+        if words is not None and not live:
+            raise fw.InputError(
+                f"--{name}: expected together with --live, for which it opens the device; the name "
+                f"of the {name} is --{name}-name"
+            )
     if len(folders) > 1:
         if live:
             raise fw.InputError("--live: expected one folder, got several cameras")
@@ -258,7 +272,8 @@ def calibrate(
     if live:
         if how.setup is None:
             raise fw.InputError("--live: expected together with --setup")
-        take_poses(how.setup, how.plan, known, folder)
+        devices = DeviceOptions(setup=how.setup, projector=projector, camera=camera)
+        take_poses(devices, how.plan, known, folder, how.options)
     options = how.options
     with output.progress(len(pose_paths(folder)) + 1) as progress:
         poses = ((name, how.named(stack)) for name, stack in fw.read_poses(folder, how.plan))

@@ -16,14 +16,15 @@ SECTION = "Stacks and rigs"
 
 @app.command(
     rich_help_panel=SECTION,
-    epilog="Example: fringeworks board --kind charuco:11x8:15:11 --paper A4 --out board.pdf",
+    epilog="Example: fringeworks board charuco:11x8:15:11 --paper A4 --out board.pdf",
 )
 def board(
     kind: Annotated[
         str,
-        typer.Option(
+        typer.Argument(
+            metavar="BOARD",
             help="chessboard:9x7:75 (inner corners, mm), charuco:8x6:30:22[:dictionary][:legacy] "
-            "(squares, mm), circles:9x7:30 or asymmetric-circles:4x11:20."
+            "(squares, mm), circles:9x7:30 or asymmetric-circles:4x11:20.",
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="File to print: .pdf, .svg or .png.")],

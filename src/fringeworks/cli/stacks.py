@@ -249,8 +249,8 @@ def calibrate(
     show: ShowOptions,
 ) -> None:
     """Calibrate one or several cameras and a projector with a board in several poses."""
-    for name, words in (("projector", projector), ("camera", camera)):
-        if words is not None and not live:
+    for name, device in (("projector", projector), ("camera", camera)):
+        if device is not None and not live:
             raise fw.InputError(
                 f"--{name}: expected together with --live, for which it opens the device; the name "
                 f"of the {name} is --{name}-name"

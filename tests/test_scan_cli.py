@@ -45,7 +45,7 @@ def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
         "--frames",
         "24",
         "--axes",
-        "xy",
+        "x,y",
         "--out",
         "again.toml",
     ]

@@ -48,10 +48,14 @@ def batch(
         bool, typer.Option("--watch", help="Go on with captures that come, until Ctrl-C.")
     ] = False,
     report: Annotated[
-        Path | None, typer.Option(help="Write control charts and what to look at: .html or .pdf.")
+        Path | None,
+        typer.Option(help="Write a report: control charts and what to look at, .html or .pdf."),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Measure only what is missing in the results.")
+        bool,
+        typer.Option(
+            "--resume", help="Go on where an interrupted run ended: measure what is missing."
+        ),
     ] = False,
 ) -> None:
     """Measure and judge many captures; exit code 0 all pass, 3 some fail, 4 undecided, 5 errors."""

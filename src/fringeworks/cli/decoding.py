@@ -19,7 +19,7 @@ class StackOptions:
     plan: PlanFile = None
     setup: Annotated[
         Path | None,
-        typer.Option(help="Set-up file; its noise is used and not measured in the frames."),
+        typer.Option(help="Set-up file: its noise is used and not measured in the frames."),
     ] = None
     noise: Annotated[
         float | None,

@@ -14,9 +14,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
-from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import (
-    AxisName,
     CameraWords,
     Folder,
     Force,
@@ -24,7 +22,7 @@ from fringeworks.cli.options import (
     Ply,
     PlyOption,
     ProjectorWords,
-    items,
+    axes_of,
 )
 from fringeworks.cli.showing import ShowOptions
 from fringeworks.cli.words import say_setup
@@ -83,7 +81,8 @@ class TakingOptions:
         float, typer.Option(help="Share of the lit pixels that may be saturated, 0 to 1.")
     ] = 0.5
     resume: Annotated[
-        bool, typer.Option("--resume", help="Keep the frames of an interrupted capture.")
+        bool,
+        typer.Option("--resume", help="Go on where an interrupted run ended: keep its frames."),
     ] = False
     force: Force = False
 
@@ -114,22 +113,21 @@ def devices() -> None:
     rich_help_panel=SECTION,
     epilog="Example: fringeworks setup --projector screen:1 --camera webcam:0 --out setup.toml",
 )
-@grouped
 def setup(
     out: Annotated[Path, typer.Option("--out", help="Set-up file to write (TOML).")],
     projector: ProjectorWords = None,
     camera: CameraWords = None,
     settings: CameraOptions = CameraOptions(),
-    frames: Annotated[int, typer.Option(help="Frames of the plan that is proposed.")] = 12,
+    frames: Annotated[int, typer.Option(help="Frames of the plan.")] = 12,
     axes: Annotated[
-        str, typer.Option(help="Axes of that plan: x, y or x,y; a calibration needs both.")
+        str, typer.Option(help="Axes of the plan, as x,y; a calibration needs both.")
     ] = "x",
     json_file: JsonFile = None,
     figure: Annotated[
         Path | None,
         typer.Option(
             "--figure",
-            help="Picture of every test: .png, .pdf or .svg; by default beside the set-up file.",
+            help="Draw a picture: of every test, .png, .pdf or .svg; by default beside --out.",
         ),
     ] = None,
 ) -> None:
@@ -156,7 +154,7 @@ def setup(
                 bench.camera,
                 settings=bench.settings,
                 frames=frames,
-                axes=tuple(axis.value for axis in items(AxisName, axes, "axes")),
+                axes=axes_of(axes),
                 progress=step,
             )
     except fw.SetupStopped as error:
@@ -174,7 +172,6 @@ def setup(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks capture plan.toml --setup setup.toml --out part/",
 )
-@grouped
 def capture(
     out: Folder, devices: DeviceOptions, taking: TakingOptions, plan: PlanOfSetup = None
 ) -> None:
@@ -191,9 +188,8 @@ def capture(
     epilog="Example: fringeworks scan --setup setup.toml --rig rig.toml --capture part/ "
     "--out part.ply",
 )
-@grouped
 def scan(
-    rig: Annotated[Path, typer.Option("--rig", help="Rig file.")],
+    rig: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
     out: Annotated[
         Path,
         typer.Option(
@@ -213,7 +209,7 @@ def scan(
         typer.Option(help="Angle between two views of a turntable, degrees; merges the views."),
     ] = None,
     board: Annotated[
-        str | None, typer.Option(help="Board that turns with the part, as for merge.")
+        str | None, typer.Option(help="Board: as for `calibrate`; it turns with the part.")
     ] = None,
     turn: Annotated[
         str | None,

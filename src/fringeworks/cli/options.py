@@ -115,6 +115,11 @@ def items(kind: Callable[[str], Item], text: str, name: str) -> list[Item]:
     return found
 
 
+def axes_of(text: str) -> tuple[fw.Axis, ...]:
+    """Axes of the projector from ``x,y``."""
+    return tuple(axis.value for axis in items(AxisName, text, "axes"))  # type: ignore[misc]
+
+
 def size_of(text: str, name: str) -> tuple[int, int]:
     """Columns and rows from ``1920x1080``."""
     width, cross, height = text.lower().replace("×", "x").partition("x")

@@ -9,16 +9,15 @@ import typer
 
 import fringeworks as fw
 from fringeworks.cli import output
-from fringeworks.cli.app import app
+from fringeworks.cli.app import Commands, app
 from fringeworks.cli.decoding import DecodingOptions
-from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import JsonFile, size_of
 
 SECTION = "Stacks and rigs"
 EXIT_CODES = {"holds": 0, "has moved": 3, "cannot tell": 4}
 """As those of ``inspect``: pass, fail, undecided."""
 
-rigs = typer.Typer(
+rigs = Commands(
     help="Check a calibrated rig, or convert its file.",
     epilog="Example: fringeworks rig check pose/ --rig rig.toml --board chessboard:11x8:12",
     rich_markup_mode=None,
@@ -31,15 +30,12 @@ app.add_typer(rigs, name="rig", rich_help_panel=SECTION)
     epilog="Example: fringeworks rig check pose/ --rig rig.toml --board chessboard:11x8:12 "
     "--adjust --out rig2.toml",
 )
-@grouped
 def check(
     captures: Annotated[
         list[Path], typer.Argument(help="The board in one pose, or in several, a stack each.")
     ],
     rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
-    board: Annotated[
-        str, typer.Option(help="The board, as for `calibrate`: chessboard:11x8:12, …")
-    ],
+    board: Annotated[str, typer.Option(help="Board: as for `calibrate`.")],
     how: DecodingOptions,
     adjust: Annotated[
         bool,
@@ -80,10 +76,12 @@ def convert(
     out: Annotated[Path, typer.Option("--out", help="Rig file of another kind.")],
     projector_size: Annotated[
         str | None,
-        typer.Option(help="Columns x rows, as 1024x768, where a file of OpenCV has none."),
+        typer.Option(
+            help="Projector's columns x rows, as 1920x1080; where a file of OpenCV has none."
+        ),
     ] = None,
     camera_size: Annotated[
-        str | None, typer.Option(help="The same for the camera, as 1280x1024.")
+        str | None, typer.Option(help="Camera's columns x rows, as 1280x1024; as above.")
     ] = None,
     unit_mm: Annotated[
         float | None, typer.Option(help="Unit of OpenCV's file in mm, such as 1000 for metres.")

@@ -32,7 +32,7 @@ def sequence(
         bool, typer.Option("--maps/--areas-only", help="Store the points of all pixels.")
     ] = True,
     report: Annotated[
-        Path | None, typer.Option(help="Write displacement and spectra: .html or .pdf.")
+        Path | None, typer.Option(help="Write a report: displacement and spectra, .html or .pdf.")
     ] = None,
 ) -> None:
     """Measure a scene that moves, frame by frame, and how its areas drift and vibrate."""

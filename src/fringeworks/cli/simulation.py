@@ -30,21 +30,26 @@ SHOWN = (
 )
 def simulate(
     out: Folder,
-    shape: Annotated[str, typer.Option(help="parabola, cube, cylinder, sphere, …")] = "parabola",
+    shape: Annotated[
+        str, typer.Option(help="Artificial object: parabola, cube, cylinder, sphere, …")
+    ] = "parabola",
     size: Size = 1000,
     height_mm: Annotated[float, typer.Option(help="Largest height, mm.")] = 100.0,
     fringes: Annotated[float, typer.Option(help="Periods across the frame.")] = 10.0,
     gamma: Annotated[float, typer.Option(help="Exponent of the projector's response.")] = 1.0,
     noise: Annotated[
-        float, typer.Option(help="Standard deviation of the camera's noise, counts of 8 bit.")
+        float,
+        typer.Option(help="Standard deviation of the camera's noise, counts; those of 8 bit."),
     ] = 0.0,
     gain: Annotated[float, typer.Option(help="Shot noise, variance per count.")] = 0.0,
     bits: Annotated[int, typer.Option(help="Quantisation: 0 (none), 8, 10, 12, 16.")] = 0,
     ambient: Annotated[float, typer.Option(help="Ambient light, share of the range.")] = 0.0,
     paint: Annotated[bool, typer.Option("--paint", help="Paint the object.")] = False,
-    axis: Annotated[AxisName, typer.Option(help="Direction of the fringes.")] = AxisName.x,
+    axis: Annotated[
+        AxisName, typer.Option(help="Axis along which the fringes vary, x or y.")
+    ] = AxisName.x,
     sign: Annotated[int, typer.Option(help="Side of the projector, 1 or -1.")] = 1,
-    seed: Annotated[int, typer.Option(help="Seed of noise and paint.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the noise; and of the paint.")] = 0,
     force: Force = False,
 ) -> None:
     """Write a pair of frames of an artificial object, with its true heights."""

@@ -14,7 +14,6 @@ from fringeworks.cli.app import app
 from fringeworks.cli.cameras import calibrate_cameras, measure_cameras
 from fringeworks.cli.decoding import DecodingOptions, StackOptions
 from fringeworks.cli.devices import DeviceOptions, take_poses
-from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import (
     AxisName,
     CameraWords,
@@ -43,7 +42,6 @@ StackArgument = Annotated[
     epilog="Example: fringeworks response plane/ --camera-name left "
     "--projector-name bench --out response.toml",
 )
-@grouped
 def response(
     stack: StackArgument,
     out: Annotated[Path, typer.Option("--out", help="Response file to write (TOML).")],
@@ -71,7 +69,6 @@ def response(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks decode shots/ --out coordinates.npz --figure x.png",
 )
-@grouped
 def decode(
     stack: StackArgument,
     how: DecodingOptions,
@@ -172,7 +169,6 @@ def _show_phase(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks light shots/ --out light.npz --figure light.png",
 )
-@grouped
 def light(
     stack: StackArgument,
     how: StackOptions,
@@ -215,7 +211,6 @@ def light(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks calibrate board/ --board chessboard:11x8:12 --out rig.toml",
 )
-@grouped
 def calibrate(
     folders: Annotated[
         list[Path],
@@ -227,8 +222,8 @@ def calibrate(
     board: Annotated[
         str,
         typer.Option(
-            help="chessboard:9x7:75 (inner corners, mm), charuco:8x6:30:22[:dictionary][:legacy] "
-            "(squares, mm), circles:9x7:30 or asymmetric-circles:4x11:20."
+            help="Board: chessboard:9x7:75 (inner corners, mm), "
+            "charuco:8x6:30:22[:dictionary][:legacy] (squares, mm), circles:9x7:30 or asymmetric-circles:4x11:20."
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Rig file: .toml, or .xml, .yml (OpenCV).")],
@@ -292,7 +287,6 @@ def calibrate(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks measure part/ --rig rig.toml --out part.ply",
 )
-@grouped
 def measure(
     stacks: Annotated[
         list[Path],
@@ -304,7 +298,10 @@ def measure(
     rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
     how: DecodingOptions,
     axis: Annotated[
-        AxisName | None, typer.Option(help="Use this axis of the projector only, x or y.")
+        AxisName | None,
+        typer.Option(
+            help="Axis along which the fringes vary, x or y; those of the other are left."
+        ),
     ] = None,
     epipolar_px: Annotated[
         float | None,
@@ -317,8 +314,8 @@ def measure(
     blur_px: Annotated[
         float | None,
         typer.Option(
-            help="Standard deviation of the camera's blur, px, whose error on curved surfaces is "
-            "removed; `merge` measures it on a board."
+            help="Standard deviation of the camera's blur, px; its error on curved surfaces is "
+            "removed. `merge` measures it on a board."
         ),
     ] = None,
     out: Annotated[

@@ -80,17 +80,17 @@ class OwnPairs:
 class Scenes:
     """Artificial scenes; every combination of the lists is run."""
 
-    shape: Annotated[str, typer.Option(help="Artificial object: several, separated by commas.")] = (
-        ""
-    )
+    shape: Annotated[
+        str, typer.Option(help="Artificial object: parabola, cube, …; several by commas.")
+    ] = ""
     gamma: Annotated[
         str,
-        typer.Option(help="Exponent of the projector's response; several, separated by commas."),
+        typer.Option(help="Exponent of the projector's response; several by commas."),
     ] = ""
     noise: Annotated[
         str,
         typer.Option(
-            help="Standard deviation of the camera's noise, counts; those of 8 bit, several."
+            help="Standard deviation of the camera's noise, counts; on the scale of 8 bit."
         ),
     ] = ""
     bits: Annotated[str, typer.Option(help="Quantisation: 0 (none), 8, 10, 12, 16.")] = ""
@@ -156,7 +156,8 @@ def compare(
     scenes: Scenes,
     results: Results,
     method: Annotated[
-        str, typer.Option(help="Method, see `fringeworks methods`; several, or all by default.")
+        str,
+        typer.Option(help="Method, see `fringeworks methods`; several by commas, all by default."),
     ] = "",
     denoise: DenoiseOption = None,
 ) -> None:

@@ -117,7 +117,7 @@ def items(kind: Callable[[str], Item], text: str, name: str) -> list[Item]:
 
 def axes_of(text: str) -> tuple[fw.Axis, ...]:
     """Axes of the projector from ``x,y``."""
-    return tuple(axis.value for axis in items(AxisName, text, "axes"))  # type: ignore[misc]
+    return tuple(axis.value for axis in items(AxisName, text, "axes"))
 
 
 def size_of(text: str, name: str) -> tuple[int, int]:

@@ -55,8 +55,8 @@ class PanelCommand(TyperCommand):
             "Arguments": [name for name in known if name not in options],
             "Options": [*first, "--help"],
         }
-        for title, names in PANELS.items():
-            panels[title] = [f"--{name}" for name in names.split() if f"--{name}" not in first]
+        for title, names_in in PANELS.items():
+            panels[title] = [f"--{name}" for name in names_in.split() if f"--{name}" not in first]
         for title, names in panels.items():
             shown = [known[name].get_help_record(ctx) for name in names if name in known]
             if shown:

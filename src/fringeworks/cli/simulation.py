@@ -39,7 +39,9 @@ def simulate(
     gamma: Annotated[float, typer.Option(help="Exponent of the projector's response.")] = 1.0,
     noise: Annotated[
         float,
-        typer.Option(help="Standard deviation of the camera's noise, counts; those of 8 bit."),
+        typer.Option(
+            help="Standard deviation of the camera's noise, counts; on the scale of 8 bit."
+        ),
     ] = 0.0,
     gain: Annotated[float, typer.Option(help="Shot noise, variance per count.")] = 0.0,
     bits: Annotated[int, typer.Option(help="Quantisation: 0 (none), 8, 10, 12, 16.")] = 0,

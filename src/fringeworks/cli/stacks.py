@@ -223,7 +223,8 @@ def calibrate(
         str,
         typer.Option(
             help="Board: chessboard:9x7:75 (inner corners, mm), "
-            "charuco:8x6:30:22[:dictionary][:legacy] (squares, mm), circles:9x7:30 or asymmetric-circles:4x11:20."
+            "charuco:8x6:30:22[:dictionary][:legacy] (squares, mm), "
+            "circles:9x7:30 or asymmetric-circles:4x11:20."
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Rig file: .toml, or .xml, .yml (OpenCV).")],

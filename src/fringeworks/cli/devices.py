@@ -1,4 +1,4 @@
-"""``fringeworks devices | setup | capture | scan``: projectors and cameras."""
+"""``fringeworks devices | setup | capture | scan | studio``: projectors and cameras."""
 
 from __future__ import annotations
 
@@ -327,3 +327,19 @@ def _take(bench: fw.Bench, folder: Path, how: fw.Take) -> None:
     """Take the frames of the bench's plan into a folder, and show how far they are."""
     with output.progress(bench.plan.frames * how.hdr) as step:
         fw.take(bench, folder, how, progress=step)
+
+
+@app.command(rich_help_panel=SECTION, epilog="Example: fringeworks studio measurements/")
+def studio(
+    folder: Annotated[Path, typer.Argument(help="Folder that is read and written.")] = Path("."),
+    host: Annotated[
+        str | None,
+        typer.Option(help="Address to serve other machines on; the page then needs a token."),
+    ] = None,
+    port: Annotated[int | None, typer.Option(help="Port; by default 8137, or a free one.")] = None,
+    show: Annotated[
+        bool, typer.Option("--show/--no-show", help="Open the page in the browser.")
+    ] = True,
+) -> None:
+    """Set up, calibrate, scan, look and export on a page in the browser."""
+    fw.run_studio(folder, host=host, port=port, show=show)

@@ -12,11 +12,10 @@ from fringeworks.scan.bench import Take
 from fringeworks.scan.setup_file import StoredSetup, read_setup
 from fringeworks.studio import live, tasks
 from fringeworks.studio.actions import Action, CommandLog, Scan, SetUp, TakePose, perform
-from fringeworks.studio.device_words import Words, checked_words
 from fringeworks.studio.series import Series
 from fringeworks.studio.session import Session
 from fringeworks.studio.worker import Job, Task, Worker
-from fringeworks.studio.workspace import Workspace, open_workspace
+from fringeworks.studio.workspace import Words, Workspace, checked_words, open_workspace
 from fringeworks.types import InputError
 
 VIRTUAL = "virtual"

@@ -174,6 +174,12 @@ from .scan.frames import (
 from .scan.capture import (
     capture as capture,
 )
+from .scan.bench import (
+    Bench as Bench,
+    Take as Take,
+    open_bench as open_bench,
+    take as take,
+)
 from .scan.live import (
     LiveCloud as LiveCloud,
     live as live,

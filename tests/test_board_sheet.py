@@ -273,8 +273,8 @@ def test_names_read_back(text):
 
 def test_the_command(tmp_path, capsys):
     out = tmp_path / "board.pdf"
-    assert run(["board", "--kind", "charuco:11x8:15:11", "--paper", "A4", "--out", str(out)]) == 0
+    assert run(["board", "charuco:11x8:15:11", "--paper", "A4", "--out", str(out)]) == 0
     assert out.read_bytes().startswith(b"%PDF")
     assert "--board charuco:11x8:15:11" in capsys.readouterr().out
-    assert run(["board", "--kind", "chessboard:11x8:50", "--out", str(out)]) == 2
+    assert run(["board", "chessboard:11x8:50", "--out", str(out)]) == 2
     assert "largest that fits: chessboard:11x8:18.6" in capsys.readouterr().err

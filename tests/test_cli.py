@@ -325,7 +325,7 @@ def test_response_is_applied(tmp_path):
     out = write_response(
         tmp_path / "response.toml", Response("left", "bench", 2.2, 3, 1.0, table, (200.0,), 0.0)
     )
-    devices = ("--camera", "left", "--projector", "bench")
+    devices = ("--camera-name", "left", "--projector-name", "bench")
     run(
         "simulate",
         "--out",
@@ -345,7 +345,7 @@ def test_response_is_applied(tmp_path):
     assert "a response with γ = 2.2" in ok
     for given, words in (
         ((), "does not name its camera"),
-        (("--camera", "right", "--projector", "bench"), "the capture is of 'right'"),
+        (("--camera-name", "right", "--projector-name", "bench"), "the capture is of 'right'"),
     ):
         refused = run("reconstruct", tmp_path / "s", "--response", out, *given, code=2)
         assert words in refused.stderr

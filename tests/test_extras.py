@@ -170,7 +170,7 @@ def test_calls_that_need_a_package_say_so(captures, tmp_path):
         (["reconstruct", "pair", "--out", "x.tif", "--figure", "x.png"], f"x.png: {PLOTS}"),
         (["reconstruct", "pair", "--figure", "-"], f"-: {PLOTS}"),
         (["measure", "part", "--rig", "rig.toml", "--report", "x.html"], f"x.html: {PLOTS}"),
-        (["board", "--kind", "chessboard:9x7:20", "--out", "x.pdf"], f"x.pdf: {PLOTS}"),
+        (["board", "chessboard:9x7:20", "--out", "x.pdf"], f"x.pdf: {PLOTS}"),
         (["demo", "--out", "x"], f"the demonstration: {PLOTS}"),
         (["rig", "convert", "rig.toml", "--out", "x.xml"], f"a rig file of OpenCV: {OPENCV}"),
         (

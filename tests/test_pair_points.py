@@ -125,13 +125,16 @@ def test_on_the_command_line(tmp_path):
     fw.files.write_coordinates(tmp_path / "wall.npz", decoded("wall"))
     frames = ("--reference", tmp_path / "reference.png", "--object", tmp_path / "object.png")
     rig = ("--rig", tmp_path / "rig.toml")
-    known = (("--plane-coordinates", tmp_path / "wall.npz"), ("--plane", f"0,0,1,{WALL_MM}"))
+    known = (
+        ("--plane-coordinates", tmp_path / "wall.npz"),
+        ("--plane-equation", f"0,0,1,{WALL_MM}"),
+    )
     for k, reference in enumerate(known):
         out = tmp_path / f"{k}.ply"
         run("reconstruct", *frames, *rig, *reference, "--out", out, "--json", tmp_path / "f.json")
         xyz = np.asarray(fw.files.read_points(out).xyz_mm)
         assert abs(np.median(xyz[:, 2]) - (WALL_MM - 3)) < 0.2
-    message = run("reconstruct", *frames, "--plane", "0,0,1,560", code=2).stderr
-    assert "--plane: expected together with --rig" in message
+    message = run("reconstruct", *frames, "--plane-equation", "0,0,1,560", code=2).stderr
+    assert "--plane-equation: expected together with --rig" in message
     message = run("reconstruct", *frames, *rig, code=2).stderr
     assert "expected coordinates of the reference plane or a plane" in message

@@ -78,7 +78,9 @@ def command(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
 
     def call(projector, camera, *options):
-        monkeypatch.setattr(fw, "open_devices", lambda *_: opened(projector, camera))
+        monkeypatch.setattr(
+            "fringeworks.scan.bench.open_devices", lambda *_: opened(projector, camera)
+        )
         devices = ["--projector", "virtual", "--camera", "virtual"]
         code = run(["setup", *devices, "--out", "s.toml", "--json", "s.json", *options])
         said = capsys.readouterr()
@@ -133,6 +135,6 @@ def test_a_setup_that_stops_still_shows_what_it_has_measured(command, tmp_path):
 )
 def test_targets_are_checked_first(options, said, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delattr(fw, "open_devices", raising=False)
+    monkeypatch.delattr("fringeworks.scan.bench.open_devices")
     assert run(["setup", "--projector", "virtual", "--camera", "virtual", *options]) == 2
     assert said in capsys.readouterr().err

@@ -31,7 +31,7 @@ from fringeworks.simulate import (
     photograph_pair,
     standard_rig,
 )
-from tests.test_inspect import scene, step
+from tests.inspected import scene, step
 
 BOARD = fw.parse_board("chessboard:11x8:12")
 PHOTOGRAPHS = ("a.jpg", "b.jpg", "plane.jpg", "part.jpg", "cup.jpg")

@@ -112,6 +112,15 @@ def test_imports_run_one_way():
     assert not [wrong for path in rooms for wrong in wrong_imports(path)]
 
 
+def test_files_of_tests_import_from_helpers_only():
+    # What a file of tests imports from another one runs, marks and breaks with that one.
+    wrong = []
+    for path in sorted((ROOT / "tests").rglob("*.py")):
+        found = re.findall(r"(?:from|import) tests(?:\.| import )(test_\w+)", path.read_text())
+        wrong += [f"{short(path)} imports {name}" for name in found]
+    assert not wrong
+
+
 def test_parts_of_scipy_load_when_they_are_called():
     # "import scipy" takes no time; scipy.interpolate alone takes 0.2 s of every command.
     early = []

@@ -21,7 +21,7 @@ import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.report.control_chart import control_limits
 from fringeworks.simulate import Optics, photograph
-from tests.test_inspect import scene, step
+from tests.inspected import scene, step
 
 zarr = pytest.importorskip("zarr", reason="zarr is not installed")
 pytest.importorskip("distributed", reason="distributed is not installed")

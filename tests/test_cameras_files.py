@@ -20,8 +20,8 @@ from fringeworks.files.stack import write_stack
 from fringeworks.rig.device_pairs import camera_pair
 from fringeworks.simulate import Optics, board_body, fringe_plan, photograph
 from tests.cameras import BOARD, facing_poses, small_rig, surfaces, views_of
+from tests.commands import run
 from tests.rigs import board
-from tests.test_cli import run
 
 
 def known_rig(cameras: int = 3):

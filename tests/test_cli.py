@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import os
@@ -19,51 +18,11 @@ import tifffile
 from PIL import Image
 
 import fringeworks as fw
-from fringeworks.cli import commands
 from fringeworks.files.response import write_response
 from fringeworks.files.surfaces import read_surface
 from fringeworks.showcase.chapter4 import PARTS
 from fringeworks.signal.response import Response
-from tests.test_evaluate import KEYS
-
-
-def run(*arguments, cwd=None, code=0):
-    """Run a command in this process: a process of its own would import everything again."""
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
-    with (
-        contextlib.redirect_stdout(out),
-        contextlib.redirect_stderr(err),
-        contextlib.chdir(cwd or "."),
-    ):
-        returned = commands.run([str(a) for a in arguments])
-        said = []
-        for stream in (out, err):
-            stream.flush()
-            said.append(stream.buffer.getvalue().decode())
-    done = subprocess.CompletedProcess(arguments, returned, *said)
-    return checked(done, code)
-
-
-def run_alone(*arguments, code=0):
-    """Run a command in a process of its own."""
-    command = [sys.executable, "-W", "error", "-m", "fringeworks", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    return checked(done, code)
-
-
-def checked(done, code):
-    assert done.returncode == code, done.stderr
-    if code == 2:
-        # On a slow machine lines of progress may stand before the one of the error.
-        said = [
-            line
-            for line in done.stderr.splitlines()
-            if not re.search(r"\(\d+ s(, \d+ s left)?\)$", line)
-        ]
-        assert len(said) == 1, done.stderr
-        assert said[0].startswith("fringeworks: ")
-        assert "Traceback" not in done.stderr
-    return done
+from tests.commands import COLUMNS, run, run_alone
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +98,7 @@ def test_compare(tmp_path):
     )
     rows = json.loads(table.read_text())["rows"]
     assert [row["method"] for row in rows] == ["ifa", "sifa", "gsifa", "exact", "windowed"]
-    assert all(set(row) >= KEYS for row in rows)
+    assert all(set(row) >= COLUMNS for row in rows)
     assert len(done.stdout.splitlines()) == 6
     assert (tmp_path / "t.csv").read_text().startswith("object,method,gamma")
     assert (tmp_path / "t.md").read_text().startswith("| object |")
@@ -485,7 +444,6 @@ def test_installed_methods_are_found(tmp_path):
 
 
 def test_every_command_has_an_example():
-    from fringeworks.cli import commands  # noqa: F401, registers them
     from fringeworks.cli.app import SECTIONS, app
 
     for command in [*app.registered_commands, *app.registered_groups]:

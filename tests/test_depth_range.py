@@ -28,8 +28,8 @@ from fringeworks.simulate import (
     truth_distance,
 )
 from fringeworks.types import Reason
+from tests.commands import run
 from tests.rigs import ahead
-from tests.test_cli import run
 
 RIG = standard_rig(scale=0.25)
 

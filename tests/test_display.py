@@ -24,7 +24,7 @@ from fringeworks.simulate import (
     standard_rig,
 )
 from fringeworks.types import FrameFinding, Reason
-from tests.test_profiles import heights, plane_cloud
+from tests.surfaces import heights, plane_cloud
 
 DIVERGING = {"coolwarm"}
 

@@ -28,8 +28,7 @@ from fringeworks.scan.hdr import capture_hdr
 from fringeworks.simulate import Optics, photograph, truth_distance
 from fringeworks.types import CameraSettings, DeviceProblem, Reason
 from tests.hdr_scene import RIG, glossy_view, hdr_bench, hdr_plan
-from tests.test_scan_capture import Interrupting
-from tests.virtual_devices import Screen, bench, plan
+from tests.virtual_devices import Interrupting, Screen, bench, plan
 
 TWO = (CameraSettings(exposure_ms=1e3 / 60), CameraSettings(exposure_ms=2e3 / 60))
 

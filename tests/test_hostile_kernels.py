@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.test_fork import EVERY_KERNEL
+from tests.kernels import EVERY_KERNEL
 
 CALLS = int(os.environ.get("FRINGEWORKS_KERNEL_CALLS", "12"))
 """Calls of every kernel; ``make fuzz`` makes more."""

@@ -12,8 +12,7 @@ import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.patterns.plan import Uniform
 from fringeworks.simulate import Optics, Plane, interreflection, look, photograph, standard_rig
-from tests.rigs import ahead
-from tests.test_simulated_faults import groove
+from tests.rigs import ahead, groove
 
 RIG = standard_rig(scale=0.5)
 SHORTEST_PX = 12.0

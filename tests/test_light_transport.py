@@ -35,8 +35,7 @@ from fringeworks.simulate import (
 from fringeworks.simulate.bayer import LUMINANCE_SHARES, OF_GREEN, OF_RED_AND_BLUE
 from fringeworks.simulate.lens import blurred_by_map
 from fringeworks.simulate.projected_light import blurred_profile
-from tests.rigs import ahead
-from tests.test_virtual_rig import head_on
+from tests.rigs import ahead, head_on
 
 RIG = standard_rig(scale=0.25)
 QUIET = Optics(defocus_px=0.5, blur_px=0, ambient=0, black=0, noise=0, bits=16)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
-from fringeworks.rig.pinhole import inverse, pose, rotation
+from fringeworks.rig.pinhole import inverse, pose
 from fringeworks.simulate import (
     Body,
     Optics,
@@ -21,27 +21,15 @@ from fringeworks.simulate import (
     look,
     on_table,
     photograph,
-    standard_rig,
     turned_poses,
     turntable_pose,
 )
 from fringeworks.views.poses import carried, from_twist, twist
 from fringeworks.views.registration import register
 from fringeworks.views.surface_points import surface_points
+from tests.turntables import BOARD, T_table_board, rig
 
-BOARD = fw.parse_board("charuco:10x10:20:15")
-T_table_board = pose(rotation(np.array([0.0, 0.0, 0.2])), np.array([-97.0, -103.0, 0.0]))
 ERRORS = TurntableErrors(angle_deg=0.05, wobble_deg=0.1, runout_mm=0.01)
-
-
-@cache
-def rig():
-    base = standard_rig(scale=0.4)
-    camera, projector = (
-        replace(d, focal_px=tuple(0.75 * f for f in d.focal_px))
-        for d in (base.camera, base.projector)
-    )
-    return fw.Rig(camera, projector, base.T_projector_camera)
 
 
 @cache

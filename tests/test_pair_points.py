@@ -17,7 +17,7 @@ from fringeworks.rig.plane_coordinates import plane_coordinates
 from fringeworks.simulate import Body, Optics, Plane, Sphere, look, photograph, photograph_pair
 from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig, truth_distance
 from fringeworks.types import InputError
-from tests.test_cli import run
+from tests.commands import run
 
 RIG = standard_rig(scale=0.5)
 WALL_MM = 560.0

@@ -28,8 +28,8 @@ from fringeworks.simulate import (
     standard_rig,
 )
 from fringeworks.types import RIG_PARAMETERS
+from tests.commands import run
 from tests.rigs import ahead, board, sighting
-from tests.test_cli import run
 
 SCALE = 0.25
 KNOCK = np.radians(0.2)

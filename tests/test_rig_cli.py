@@ -11,8 +11,8 @@ import pytest
 from fringeworks.files.rig import read_rig, write_rig
 from fringeworks.files.stack import write_stack
 from fringeworks.simulate import Optics, Sphere, board_body
+from tests.commands import run
 from tests.rigs import ahead, board, poses, rig, shoot
-from tests.test_cli import run
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from fringeworks.evaluate.selftest.scenes import BODIES, DISTURBANCES, pair_rig,
 from fringeworks.pipeline import decoding
 from fringeworks.stack import examine
 from fringeworks.types import CameraNoise
-from tests.test_cli import run as run_command
+from tests.commands import run as run_command
 
 PAGE = Path(__file__).parent.parent / "docs" / "promises.md"
 GOOD = fw.CaseResult(

@@ -58,22 +58,12 @@ from fringeworks.simulate import (
 from fringeworks.stack.even_light import texture
 from tests.fault_measure import errors
 from tests.fault_stage import at_edges
-from tests.rigs import ahead, board, poses, rig, rig_errors
+from tests.rigs import ahead, board, groove, poses, rig, rig_errors
 
 MARGIN = 16
 """Pixels around the frame that the simulated blurs take light from."""
 BEYOND_5 = 100e-6
 """Largest share of measured pixels beyond five standard deviations."""
-
-
-def groove(turn: float = np.pi / 4, side: float = 110.0) -> list[Body]:
-    """Two plates that open towards the camera, with a vertical edge between them."""
-    plates = []
-    for sign in (-1, 1):
-        R = rotation(np.array([0.0, sign * turn, 0.0]))
-        middle = np.array([0.0, 0.0, 520.0]) + R @ np.array([sign * side / 2, 0.0, 0.0])
-        plates.append(Body(Plane(side, side), pose(R, middle), 0.8))
-    return plates
 
 
 SCENES = {

@@ -18,8 +18,8 @@ from fringeworks import (
     write_plan,
 )
 from fringeworks.files.images import write_frame
+from tests.commands import run
 from tests.stacks import guarded, multi, take
-from tests.test_cli import run
 
 PLAN = multi((1, 8), 4, (300, 40))
 

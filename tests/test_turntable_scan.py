@@ -22,7 +22,7 @@ from fringeworks.simulate import (
     turned_poses,
     turntable_pose,
 )
-from tests.test_merging import BOARD, T_table_board, rig
+from tests.turntables import BOARD, T_table_board, rig
 
 
 class Table:

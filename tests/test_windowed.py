@@ -13,14 +13,7 @@ from fringeworks.pair.reference_plane import to_surface
 from fringeworks.pair.windows import smooth_reference, spline_coefficients
 from tests.conftest import scene, true_displacement
 from tests.oracles import windowed as oracle
-
-LIMITS = {
-    "object_noise": 2.5e-4,
-    "reference_noise": 2.5e-4,
-    "drift": 0.01,
-    "max_sigma": 0.8,
-    "min_explained": 0.3,
-}
+from tests.oracles.windowed import LIMITS
 
 
 def _problem(size=(60, 90), period=20.0, seed=3):

@@ -51,3 +51,15 @@ def thinned(*, strength: int = 2, **axes: Mapping[str, Any] | Collection[Any]) -
         for case in product(*(range(len(v)) for v in values))
     ]
     return pytest.mark.parametrize(tuple(axes), cases)
+
+
+def quick(values: Collection[Any], *chosen: Any) -> list[Any]:
+    """Parameters of one axis in their order; those that are not chosen are long."""
+    unknown = [value for value in chosen if value not in values]
+    assert not unknown, f"no values of the test: {unknown}"
+    return [
+        pytest.param(
+            *(v if isinstance(v, tuple) else (v,)), marks=() if v in chosen else pytest.mark.long
+        )
+        for v in values
+    ]

@@ -23,6 +23,8 @@ from fringeworks.simulate import (
 )
 from fringeworks.surface.border import inside_surface
 
+pytestmark = pytest.mark.statistical
+
 RADIUS_MM = 25.0
 BOARD = fw.parse_board("charuco:10x10:20:15")
 

@@ -23,6 +23,8 @@ from tests.cameras import BOARD, facing_poses, small_rig, surfaces, views_of
 from tests.commands import run
 from tests.rigs import board
 
+pytestmark = pytest.mark.statistical
+
 
 def known_rig(cameras: int = 3):
     """A rig with a covariance and residuals."""

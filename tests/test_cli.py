@@ -205,6 +205,7 @@ def test_unwritable_folder(capture, tmp_path):
     run("reconstruct", capture, "--out", tmp_path / "x.tif", code=2)
 
 
+@pytest.mark.system
 def test_anything_else_is_exit_code_1():
     command = [
         sys.executable,
@@ -223,6 +224,7 @@ def shown(name, folder):
     return {p.name for p in folder.iterdir()}
 
 
+@pytest.mark.system
 def test_demo(tmp_path):
     assert shown("demo", tmp_path / "demo") >= {
         "ideal.png",
@@ -235,6 +237,7 @@ def test_demo(tmp_path):
     }
 
 
+@pytest.mark.system
 @pytest.mark.long
 def test_paper(tmp_path):
     shown("paper", tmp_path)
@@ -265,6 +268,7 @@ def test_options_may_be_words_or_numbers(capture, tmp_path):
     assert "path: expected largest or smooth, got 'magic'" in wrong.stderr
 
 
+@pytest.mark.system
 def test_matrix_prints_and_draws_a_map(tmp_path):
     picture = tmp_path / "map.png"
     shown = run(
@@ -323,6 +327,7 @@ def test_version_quiet_and_log(capture, tmp_path):
     assert "could not be written" in run("--log", tmp_path, "methods", code=2).stderr
 
 
+@pytest.mark.system
 def test_standard_output_takes_any_result(capture):
     command = [sys.executable, "-m", "fringeworks", "reconstruct", capture, "--method", "fourier"]
 
@@ -338,6 +343,7 @@ def test_standard_output_takes_any_result(capture):
     assert "one result on standard output, got 2" in run(*both, code=2).stderr
 
 
+@pytest.mark.system
 def test_an_interrupt_is_answered(tmp_path):
     folder = tmp_path / "figures"
     command = [sys.executable, "-m", "fringeworks", "paper", "--size", "160", "--out", folder]
@@ -381,6 +387,7 @@ def wrong(pair):
 '''
 
 
+@pytest.mark.system
 def test_methods_from_outside(capture, tmp_path):
     plugin = tmp_path / "mine.py"
     plugin.write_text(PLUGIN)
@@ -427,6 +434,7 @@ def test_the_reference_page_is_complete():
             assert f"| `{group.name} {command.callback.__name__}` |" in page
 
 
+@pytest.mark.system
 def test_installed_methods_are_found(tmp_path):
     (tmp_path / "theirs.py").write_text(PLUGIN)
     info = tmp_path / "theirs-1.0.dist-info"
@@ -453,6 +461,7 @@ def test_every_command_has_an_example():
         assert command.epilog.startswith("Example: fringeworks "), command.name
 
 
+@pytest.mark.system
 def test_light_imports():
     script = (
         "import sys, fringeworks; heavy = {'numpy', 'h5py', 'typer', 'rich', 'matplotlib', 'scipy',"
@@ -464,6 +473,7 @@ def test_light_imports():
     assert done.stdout.split() == []
 
 
+@pytest.mark.system
 def test_png_to_coordinates_imports_what_it_uses(tmp_path):
     plan = fw.PatternPlan(
         160, 120, tuple(fw.PhaseSteps("x", p, fw.equal_steps(4)) for p in (160.0, 20.0))
@@ -483,6 +493,7 @@ def test_png_to_coordinates_imports_what_it_uses(tmp_path):
     assert done.stdout.split() == ["0"]
 
 
+@pytest.mark.system
 def test_start_is_quick():
     """``import fringeworks`` ≤ 2 × ``import numpy``, ``fringeworks --help`` ≤ 5 ×; best of five."""
 

@@ -18,6 +18,8 @@ from tests.oracles import cliffs as oracle
 from tests.oracles import windowed
 from tests.oracles.windowed import LIMITS
 
+pytestmark = pytest.mark.statistical
+
 PERIOD = 20.0
 
 

@@ -14,6 +14,8 @@ from fringeworks.rig.pinhole import project, transform
 from fringeworks.simulate import Optics, board_body
 from tests.rigs import board, poses, rig, shoot
 
+pytestmark = pytest.mark.statistical
+
 FORMS = [
     "chessboard:11x8:12",
     "chessboard:8x8:15",

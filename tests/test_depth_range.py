@@ -31,6 +31,8 @@ from fringeworks.types import Reason
 from tests.commands import run
 from tests.rigs import ahead
 
+pytestmark = pytest.mark.statistical
+
 RIG = standard_rig(scale=0.25)
 
 

@@ -14,6 +14,8 @@ import pytest
 import fringeworks as fw
 from tests.stacks import multi, take
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parents[1]
 SCRIPT = """
 import resource, sys

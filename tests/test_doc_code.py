@@ -53,7 +53,7 @@ ELSEWHERE = {"gallery.md"}
 """Pages whose code is made from the examples, which tests/test_examples.py runs."""
 
 
-LONG = ("tutorial-rig.md",)
+LONG = ("tutorial-rig.md", "rig.md")
 """Pages that calibrate anew what another page calibrates."""
 
 

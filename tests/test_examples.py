@@ -10,6 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parent.parent
 specification = importlib.util.spec_from_file_location(
     "make_gallery", ROOT / "docs" / "make_gallery.py"

@@ -21,6 +21,8 @@ from fringeworks.simulate import (
     standard_scene,
 )
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parent.parent
 BLOCK = "import sys\nfor name in ('cv2', 'matplotlib'): sys.modules[name] = None\n"
 """Both packages are missing in a process that begins so, whether they are installed or not."""

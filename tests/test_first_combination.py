@@ -18,6 +18,8 @@ from fringeworks import (
 from fringeworks.patterns.order_chain import order_chain
 from tests.stacks import multi, take
 
+pytestmark = pytest.mark.statistical
+
 # Columns, periods, steps and modulation over noise: the noise limit of each plan.
 PLANS = {
     "co-prime": (1280, (16.0, 17.0, 19.0), (6, 3, 3), 15.0),

@@ -115,6 +115,7 @@ print(complete)
 """
 
 
+@pytest.mark.system
 def test_kills_leave_nothing_half_and_nothing_mixed(tmp_path):
     root = os.path.dirname(os.path.dirname(__file__))
     # A process of its own that starts no threads, so that it may fork.

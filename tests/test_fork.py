@@ -12,7 +12,10 @@ from tests.kernels import EVERY_KERNEL, run
 
 BINDINGS = Path(__file__).parents[1] / "crates/bindings/src"
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork")
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork"),
+]
 
 
 def test_every_kernel_works_in_a_forked_process():

@@ -15,6 +15,8 @@ from fringeworks.simulate import Optics, fringe_plan, look, photograph, standard
 from fringeworks.simulate.bodies import Body, Box, Cylinder, Plane
 from tests import parts
 
+pytestmark = pytest.mark.statistical
+
 ANGLE_DEG = 20.0
 """Tilt of the plate against the base."""
 KEYS = (

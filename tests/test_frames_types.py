@@ -20,6 +20,7 @@ from fringeworks.simulate import (
     standard_rig,
     standard_scene,
 )
+from tests.grids import thinned
 from tests.stacks import guarded, multi, take
 
 PLAN = multi((1, 8), 4, (300, 40))
@@ -62,10 +63,7 @@ def streamed(frames, plan):
     return decoder.result()
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("order", "<>")
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("plan", [PLAN, GRAY], ids=["phases", "gray"])
+@thinned(plan={"phases": PLAN, "gray": GRAY}, kind=KINDS, order="<>", layout=LAYOUTS)
 def test_stacks_of_every_type_order_and_stride(plan, kind, order, layout):
     native = take(plan, kind=kind)
     frames = layout(native.astype(np.dtype(kind).newbyteorder(order)))
@@ -97,9 +95,7 @@ PAIR_FUNCTIONS = {
 }
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", PAIR_FUNCTIONS)
+@thinned(name=list(PAIR_FUNCTIONS), kind=KINDS, layout=LAYOUTS)
 def test_pairs_of_every_type_order_and_stride(name, kind, layout):
     scene = standard_scene("parabola", size=64, fringes=6, bits=8, noise=1, seed=1)
     both = np.stack((scene.reference, scene.object)).astype(kind)

@@ -30,6 +30,8 @@ from fringeworks.types import CameraSettings, DeviceProblem, Reason
 from tests.hdr_scene import RIG, glossy_view, hdr_bench, hdr_plan
 from tests.virtual_devices import Interrupting, Screen, bench, plan
 
+pytestmark = pytest.mark.statistical
+
 TWO = (CameraSettings(exposure_ms=1e3 / 60), CameraSettings(exposure_ms=2e3 / 60))
 
 

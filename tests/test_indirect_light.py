@@ -14,6 +14,8 @@ from fringeworks.patterns.plan import Uniform
 from fringeworks.simulate import Optics, Plane, interreflection, look, photograph, standard_rig
 from tests.rigs import ahead, groove
 
+pytestmark = pytest.mark.statistical
+
 RIG = standard_rig(scale=0.5)
 SHORTEST_PX = 12.0
 

@@ -20,6 +20,8 @@ from fringeworks.simulate.scene import standard_scene
 from fringeworks.types.recipe import QUANTITIES
 from tests.inspected import AREAS, TRUE, measured, points, scene, step
 
+pytestmark = pytest.mark.statistical
+
 SHAPE = (60, 80)
 
 

@@ -19,6 +19,8 @@ from fringeworks.scan.poses import judge_poses, rough_focal_px
 from fringeworks.simulate import Optics, board_poses, cropped_field
 from tests.rigs import board, rig, rig_errors, see, sighting
 
+pytestmark = pytest.mark.statistical
+
 GOOD = {
     # Name: tilt of the top, then of the right side, towards the camera, degrees; place x, y, z, mm.
     "top": (25, 3, -4, 0, 500),

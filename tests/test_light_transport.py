@@ -37,6 +37,8 @@ from fringeworks.simulate.lens import blurred_by_map
 from fringeworks.simulate.projected_light import blurred_profile
 from tests.rigs import ahead, head_on
 
+pytestmark = pytest.mark.statistical
+
 RIG = standard_rig(scale=0.25)
 QUIET = Optics(defocus_px=0.5, blur_px=0, ambient=0, black=0, noise=0, bits=16)
 

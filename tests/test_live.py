@@ -14,6 +14,8 @@ from fringeworks.devices.clock import SimulatedClock
 from fringeworks.devices.virtual_bench import RADIUS_MM, SCALE, virtual_bench
 from fringeworks.simulate import fringe_plan, standard_rig
 
+pytestmark = pytest.mark.system
+
 RIG = standard_rig(scale=SCALE)
 PLAN = fringe_plan(RIG, both=False)
 

@@ -23,6 +23,8 @@ from fringeworks.simulate import (
     standard_rig,
 )
 
+pytestmark = pytest.mark.system
+
 RIG = standard_rig(scale=0.3)
 PLACES = board_poses(parse_board(BOARD), 14, seed=3)
 

@@ -29,6 +29,8 @@ from fringeworks.views.registration import register
 from fringeworks.views.surface_points import surface_points
 from tests.turntables import BOARD, T_table_board, rig
 
+pytestmark = pytest.mark.statistical
+
 ERRORS = TurntableErrors(angle_deg=0.05, wobble_deg=0.1, runout_mm=0.01)
 
 

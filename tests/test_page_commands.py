@@ -12,6 +12,8 @@ from tests.commands import run
 from tests.page_files import build
 from tests.walk import PAGES, examples, marked
 
+pytestmark = pytest.mark.system
+
 ELSEWHERE = {
     "fringeworks studio ": "serves a page until it is ended: tests/test_studio.py",
     "fringeworks setup ": "wants devices: tests/test_walk.py",

@@ -18,6 +18,8 @@ from fringeworks.cli import (
 from fringeworks.pair import plain_reference
 from fringeworks.pair.unwrap import MAX_CG_STEPS
 
+pytestmark = pytest.mark.statistical
+
 
 def small_scene(**settings):
     chosen = {"size": 160, "height_mm": 50, "fringes": 8, "bits": 8, "noise": 1, **settings}

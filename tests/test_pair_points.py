@@ -19,6 +19,8 @@ from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig, t
 from fringeworks.types import InputError
 from tests.commands import run
 
+pytestmark = pytest.mark.statistical
+
 RIG = standard_rig(scale=0.5)
 WALL_MM = 560.0
 PERIOD = 16.0

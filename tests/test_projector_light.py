@@ -12,6 +12,8 @@ import fringeworks as fw
 from fringeworks.signal.response import Response
 from tests.commands import run
 
+pytestmark = pytest.mark.statistical
+
 SHAPE = (220, 320)
 PERIOD = 20.0
 

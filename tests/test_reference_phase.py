@@ -18,6 +18,8 @@ from fringeworks.simulate import (
     standard_rig,
 )
 
+pytestmark = pytest.mark.statistical
+
 BIAS_OF_RIDGE = "the ridge of a tilted plane has a bias as large as its σ: docs/promises.md"
 
 

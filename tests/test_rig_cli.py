@@ -14,6 +14,8 @@ from fringeworks.simulate import Optics, Sphere, board_body
 from tests.commands import run
 from tests.rigs import ahead, board, poses, rig, shoot
 
+pytestmark = pytest.mark.statistical
+
 
 @pytest.fixture(scope="module")
 def shots(tmp_path_factory):

@@ -6,6 +6,8 @@ import pytest
 
 from tests.kernels import EVERY_KERNEL, run
 
+pytestmark = pytest.mark.system
+
 PRINTED = EVERY_KERNEL.split("first = results()")[0] + "print(fw.fingerprint(tuple(results())))\n"
 AT_ONCE = (
     EVERY_KERNEL.split("first = results()")[0]

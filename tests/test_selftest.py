@@ -17,6 +17,8 @@ from fringeworks.stack import examine
 from fringeworks.types import CameraNoise
 from tests.commands import run as run_command
 
+pytestmark = pytest.mark.statistical
+
 PAGE = Path(__file__).parent.parent / "docs" / "promises.md"
 GOOD = fw.CaseResult(
     "stack", "sphere", "noise", "mm", 1.0, 0.0, 0.01, 0.01, 0.01, 0.01, 0.68, 0.95, 0.0

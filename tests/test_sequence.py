@@ -16,6 +16,8 @@ from fringeworks.simulate import Body, Optics, Plane, Sphere, bust, look, standa
 from fringeworks.simulate.exposure import photograph_moving
 from fringeworks.stack.motion_search import distance_of
 
+pytestmark = pytest.mark.statistical
+
 SCALE = 0.25
 RIG = standard_rig(scale=SCALE)
 WIDTH, HEIGHT = RIG.projector.width_px, RIG.projector.height_px

@@ -21,6 +21,8 @@ from fringeworks.files.images import write_frame
 from tests.commands import run
 from tests.stacks import guarded, multi, take
 
+pytestmark = pytest.mark.statistical
+
 PLAN = multi((1, 8), 4, (300, 40))
 
 

@@ -24,6 +24,8 @@ from fringeworks.simulate import (
 )
 from tests.turntables import BOARD, T_table_board, rig
 
+pytestmark = pytest.mark.statistical
+
 
 class Table:
     """A virtual table with a ball, and a camera that takes what stands there."""

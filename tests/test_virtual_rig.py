@@ -39,6 +39,8 @@ from fringeworks.simulate import (
 )
 from tests.rigs import ahead, board, head_on, rig, shoot
 
+pytestmark = pytest.mark.statistical
+
 TINY = standard_rig(scale=0.1)
 TURN = rotation(np.array([0.4, -0.3, 0.2]))
 

@@ -6,6 +6,8 @@ import pytest
 
 from tests.walk import NOT_RUN, ROOT, commands, steps, substitutions, walk
 
+pytestmark = pytest.mark.system
+
 LONG_PAGES = ["docs/start.md"]
 """Pages that set up, calibrate and scan, which takes minutes."""
 

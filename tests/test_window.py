@@ -20,6 +20,8 @@ from fringeworks.scan.capture import capture
 from fringeworks.simulate import Body, Optics, Plane, look, standard_rig
 from fringeworks.types import CameraSettings, DeviceProblem, InputError
 
+pytestmark = pytest.mark.system
+
 glfw = pytest.importorskip("glfw")
 mss = pytest.importorskip("mss")
 pytest.importorskip("moderngl")

@@ -22,6 +22,7 @@ import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.report.control_chart import control_limits
 from fringeworks.simulate import Optics, photograph
+from tests.grids import quick
 from tests.inspected import scene, step
 
 # Both packages take a second to import, which every worker would pay that only collects these tests.
@@ -86,7 +87,7 @@ def check_whole(folder, names):
 
 
 @quiet
-@pytest.mark.parametrize("scheduler", [None, "local"])
+@pytest.mark.parametrize("scheduler", quick([None, "local"], None))
 def test_batches_are_equal_to_single_measurements(line, tmp_path, scheduler):
     import zarr
 

@@ -142,9 +142,8 @@ def test_coordinates_between_pixels_are_exact():
         assert np.median(np.abs(error) / o.found.sigma_px) < 2.0
 
 
-@pytest.mark.parametrize(
-    "text", ["charuco:12x9:12:8.5", pytest.param("circles:9x7:15", marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("text", ["charuco:12x9:12:8.5", "circles:9x7:15"])
 def test_other_boards_calibrate_as_well(text):
     seen = [
         see(T, f"pose{k}", text=text, optics=Optics(seed=k))
@@ -194,6 +193,7 @@ def test_a_moved_board_is_named():
     assert all(m.startswith("pose4: the ") for m in messages)
 
 
+@pytest.mark.long
 def test_ripple_of_an_uncorrected_projector_is_named():
     one = Optics(gamma=1.25, seed=1)
     full = fringe_plan(rig(), steps=3)

@@ -29,6 +29,7 @@ from fringeworks.simulate import (
 )
 from fringeworks.types import Reason
 from tests.commands import run
+from tests.grids import thinned
 from tests.rigs import ahead
 
 pytestmark = pytest.mark.statistical
@@ -117,8 +118,7 @@ def stack(seen, plan, seed, **optics):
     return fw.Stack(tuple(photograph(seen, plan, Optics(seed=seed, **optics))), plan)
 
 
-@pytest.mark.parametrize("frames", [3, 4])
-@pytest.mark.parametrize("name", SCENES)
+@thinned(strength=1, name=list(SCENES), frames=[3, 4])
 def test_no_order_is_wrong_and_sigma_covers(name, frames):
     seen, errors = view(name), []
     inner = ~near_edges(seen)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from fringeworks.simulate import Body, Optics, Plane, Sphere, look, photograph, 
 from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig, truth_distance
 from fringeworks.types import InputError
 from tests.commands import run
+from tests.shared import shared
 
 pytestmark = pytest.mark.statistical
 
@@ -38,18 +38,18 @@ SCENES = {
 }
 
 
-@cache
+@shared
 def view(name):
     return look(RIG, [WALL] if name == "wall" else SCENES[name])
 
 
-@cache
+@shared
 def decoded(name, seed=1):
     plan = fringe_plan(RIG, both=False)
     return fw.decode(list(photograph(view(name), plan, Optics(seed=seed))), plan)
 
 
-@cache
+@shared
 def pair(name):
     return photograph_pair(view("wall"), view(name), PERIOD, Optics(seed=3))
 

@@ -56,7 +56,8 @@ def test_a_clean_setup_has_twelve_panels_without_a_fault(tmp_path):
         fw.save_figure(figure, tmp_path / f"setup.{suffix}")
 
 
-@pytest.mark.parametrize("kind", quick(list(PLACES), "flicker"))
+# test_setup.py finds the other three, too.
+@pytest.mark.parametrize("kind", quick(list(PLACES), "mirrored", "exposure"))
 def test_the_panel_of_a_fault_is_marked(kind):
     projector, camera, expected = PLACES[kind]
     measured = fw.set_up(*opened(projector, camera))

@@ -9,7 +9,6 @@ import shutil
 import unicodedata
 import urllib.parse
 import webbrowser
-from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +22,8 @@ from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, board_poses, bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
-from tests.walk import ROOT, commands, examples
+from tests.walk import PAGES, ROOT, commands, examples, marked
 
-PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 STUB = ROOT / "src" / "fringeworks" / "__init__.pyi"
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 ROW_METHODS = ("exact", "gsifa", "sifa", "ifa")
@@ -52,16 +50,8 @@ ELSEWHERE = {"gallery.md"}
 """Pages whose code is made from the examples, which tests/test_examples.py runs."""
 
 
-LONG = ("tutorial-rig.md",)
+LONG = ("tutorial-rig.md", "rig.md")
 """Pages that calibrate anew what another page calibrates."""
-
-
-def marked(pages: Iterable[Path], long: Collection[str]) -> list:
-    """Pages as parameters of a test, by their names; those in ``long`` run with the long tests."""
-    return [
-        pytest.param(page, marks=pytest.mark.long if page.name in long else (), id=page.name)
-        for page in pages
-    ]
 
 
 def blocks(page: Path) -> list[str]:

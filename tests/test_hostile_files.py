@@ -16,7 +16,7 @@ from PIL import Image
 import fringeworks as fw
 from fringeworks import FileProblem, InputError
 from tests import hostile
-from tests.test_cli import run
+from tests.commands import run
 
 try:
     import resource

@@ -20,6 +20,8 @@ from fringeworks.studio import tasks
 from fringeworks.studio.worker import Worker
 from fringeworks.types import InputError
 
+pytestmark = pytest.mark.system
+
 
 def counted(link, count):
     for k in range(count):

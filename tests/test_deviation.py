@@ -18,6 +18,8 @@ from fringeworks.surface.closest import MeshDistance
 from fringeworks.views.poses import carried, twist
 from tests import parts
 
+pytestmark = pytest.mark.statistical
+
 TURNS = ((6.0, -5.0, 12.0), (-8.0, 3.0, 70.0), (2.0, 12.0, -30.0))
 """Rotations of the part before the camera, degrees."""
 

@@ -17,6 +17,8 @@ from fringeworks.simulate.scene import standard_scene
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parent.parent
 BLOCK = "import sys\nfor name in ('cv2', 'matplotlib'): sys.modules[name] = None\n"
 """Both packages are missing in a process that begins so, whether they are installed or not."""

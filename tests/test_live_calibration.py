@@ -18,6 +18,8 @@ from fringeworks.simulate.bodies import Body, Sphere
 from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 
+pytestmark = pytest.mark.system
+
 RIG = standard_rig(scale=0.3)
 PLACES = board_poses(parse_board(BOARD), 14, seed=3)
 

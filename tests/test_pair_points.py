@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -21,7 +20,10 @@ from fringeworks.simulate.rig_pair import photograph_pair
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig, truth_distance
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import InputError
-from tests.test_cli import run
+from tests.commands import run
+from tests.shared import shared
+
+pytestmark = pytest.mark.statistical
 
 RIG = standard_rig(scale=0.5)
 WALL_MM = 560.0
@@ -40,18 +42,18 @@ SCENES = {
 }
 
 
-@cache
+@shared
 def view(name):
     return look(RIG, [WALL] if name == "wall" else SCENES[name])
 
 
-@cache
+@shared
 def decoded(name, seed=1):
     plan = fringe_plan(RIG, both=False)
     return fw.decode(list(photograph(view(name), plan, Optics(seed=seed))), plan)
 
 
-@cache
+@shared
 def pair(name):
     return photograph_pair(view("wall"), view(name), PERIOD, Optics(seed=3))
 

@@ -14,6 +14,8 @@ from fringeworks.devices.bench import POSES, RADIUS_MM, SCALE
 from fringeworks.simulate.standard import fringe_plan, standard_rig
 from tests.walk import steps
 
+pytestmark = pytest.mark.statistical
+
 
 @pytest.mark.long
 def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):

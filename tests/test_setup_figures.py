@@ -10,7 +10,10 @@ from PIL import Image
 import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.report.setup_curves import FAULT
+from tests.grids import quick
 from tests.virtual_devices import Screen, bench
+
+pytestmark = pytest.mark.statistical
 
 ROWS, COLUMNS = 120, 192
 PLACES = {
@@ -53,7 +56,8 @@ def test_a_clean_setup_has_twelve_panels_without_a_fault(tmp_path):
         fw.save_figure(figure, tmp_path / f"setup.{suffix}")
 
 
-@pytest.mark.parametrize("kind", PLACES)
+# test_setup.py finds the other three, too.
+@pytest.mark.parametrize("kind", quick(list(PLACES), "mirrored", "exposure"))
 def test_the_panel_of_a_fault_is_marked(kind):
     projector, camera, expected = PLACES[kind]
     measured = fw.set_up(*opened(projector, camera))

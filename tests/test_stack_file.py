@@ -11,8 +11,10 @@ import tifffile
 from fringeworks import InputError, Reason, decode
 from fringeworks.files import read_coordinates, read_stack, write_coordinates, write_plan
 from fringeworks.files.images import write_frame
+from tests.commands import run
 from tests.stacks import guarded, multi, take
-from tests.test_cli import run
+
+pytestmark = pytest.mark.statistical
 
 PLAN = multi((1, 8), 4, (300, 40))
 

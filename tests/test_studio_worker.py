@@ -22,6 +22,8 @@ from fringeworks.studio.worker import Worker
 from fringeworks.studio.workspace import open_workspace
 from fringeworks.types import InputError
 
+pytestmark = pytest.mark.system
+
 
 def counted(link, count):
     for k in range(count):

@@ -17,8 +17,10 @@ from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import fringe_plan
 from fringeworks.simulate.virtual_rig import look
-from tests.test_merging import BOARD, T_table_board, rig
 from tests.turntable import board_on_table, on_table, turned_poses, turntable_pose
+from tests.turntables import BOARD, T_table_board, rig
+
+pytestmark = pytest.mark.statistical
 
 
 class Table:

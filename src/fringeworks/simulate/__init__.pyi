@@ -1,5 +1,8 @@
 """Simulation: artificial objects and bodies, and the frames that a camera would deliver of them."""
 
+from .bayer import (
+    Bayer as Bayer,
+)
 from .bodies import (
     Body as Body,
 )
@@ -25,13 +28,34 @@ from .bodies import (
     height_field as height_field,
 )
 from .exposure import (
+    Transport as Transport,
+)
+from .exposure import (
     photograph as photograph,
+)
+from .exposure import (
+    photograph_moving as photograph_moving,
 )
 from .fringes import (
     PairOptions as PairOptions,
 )
+from .lens import (
+    ThinLens as ThinLens,
+)
 from .optics import (
     Optics as Optics,
+)
+from .response_curve import (
+    SCurve as SCurve,
+)
+from .response_curve import (
+    TabulatedResponse as TabulatedResponse,
+)
+from .rig_pair import (
+    pair_displacement as pair_displacement,
+)
+from .rig_pair import (
+    photograph_pair as photograph_pair,
 )
 from .scene import (
     standard_scene as standard_scene,
@@ -46,6 +70,9 @@ from .standard import (
     bust as bust,
 )
 from .standard import (
+    cropped_field as cropped_field,
+)
+from .standard import (
     fringe_plan as fringe_plan,
 )
 from .standard import (
@@ -53,6 +80,12 @@ from .standard import (
 )
 from .standard import (
     standard_rig as standard_rig,
+)
+from .standard import (
+    truth_distance as truth_distance,
+)
+from .standard import (
+    widened_frame as widened_frame,
 )
 from .virtual_rig import (
     View as View,

@@ -28,7 +28,10 @@ RUST = sorted((ROOT / "crates").rglob("*.rs"))
 ROOMS = [
     ["_core"],
     ["types"],
-    ["patterns", "surface", "rig"],
+    ["statistics"],
+    ["patterns"],
+    ["rig"],
+    ["surface"],
     ["signal", "views"],
     ["pair", "stack"],
     ["simulate"],
@@ -45,7 +48,18 @@ PLACE = {room: line for line, rooms in enumerate(ROOMS) for room in rooms}
 # What every public room loads its names with.
 LAZY = "fringeworks._lazy"
 # Rooms that compute: they know neither disk nor screen.
-PURE = {"types", "patterns", "surface", "rig", "signal", "stack", "simulate", "pair", "views"}
+PURE = {
+    "types",
+    "statistics",
+    "patterns",
+    "surface",
+    "rig",
+    "signal",
+    "stack",
+    "simulate",
+    "pair",
+    "views",
+}
 OUTER = {"PIL", "tifffile", "h5py", "matplotlib", "rich", "typer", "pydantic", "tomli_w", "pathlib"}
 
 MAX_FILE = 600

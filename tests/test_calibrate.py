@@ -159,7 +159,7 @@ def test_other_numbers_of_coefficients_are_refused():
 
 
 def test_a_good_calibration_has_only_minor_findings():
-    causes = {f.cause for f in diagnose(calibrated())}
+    causes = {f.kind for f in diagnose(calibrated())}
     assert causes <= {"poses", "corners"}
 
 
@@ -173,7 +173,7 @@ def test_a_moved_board_is_named():
         image, decode(frames, plan), board(), projector_size=o.projector_size, name="pose4"
     )
     found = calibrate([inconsistent if x.name == o.name else x for x in observations()], board())
-    messages = [f.message for f in diagnose(found) if f.cause == "pose"]
+    messages = [f.text for f in diagnose(found) if f.kind == "pose"]
     assert messages
     assert all(m.startswith("pose4: the ") for m in messages)
 
@@ -185,9 +185,9 @@ def test_ripple_of_an_uncorrected_projector_is_named():
         see(T, f"pose{k}", optics=replace(one, seed=k), plan=full)
         for k, T in enumerate(poses(4, 6))
     ]
-    found = [f for f in diagnose(calibrate(seen, board())) if f.cause == "ripple"]
+    found = [f for f in diagnose(calibrate(seen, board())) if f.kind == "ripple"]
     assert found
-    assert "γ" in found[0].message
+    assert "γ" in found[0].text
 
 
 def test_a_bent_board_is_named():
@@ -202,7 +202,7 @@ def test_a_bent_board_is_named():
     assert np.abs(bow[1:]).max() < 0.03
     assert abs(bow[0]) > 6 * sigma[0]
     worse = replace(calibrated(), bow_mm=bow, bow_sigma_mm=sigma)
-    assert any("not flat" in f.message for f in diagnose(worse))
+    assert any("not flat" in f.text for f in diagnose(worse))
     straight = adjust([sighting(rig(), board(), T, rng) for T in places], rig(), places)
     assert (np.abs(straight.shape.bow_mm) < 5 * straight.bow_sigma_mm).all()
 
@@ -286,7 +286,7 @@ def test_identical_poses_are_named():
 def test_a_pose_taken_twice_is_mentioned():
     o = observations()[:5]
     found = calibrate([*o, replace(o[2], name="again")], board())
-    messages = [f.message for f in diagnose(found)]
+    messages = [f.text for f in diagnose(found)]
     expected = "the board did not move between pose2 and again: they count as one pose"
     assert any(m.startswith(expected) for m in messages)
 

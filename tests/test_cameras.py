@@ -17,12 +17,12 @@ from fringeworks.rig.camera_findings import camera_findings, difference_histogra
 from fringeworks.rig.camera_points import joined_points
 from fringeworks.rig.device_errors import DeviceErrors, pixel_errors
 from fringeworks.rig.device_pairs import camera_pair, pair_by_parameters
-from fringeworks.rig.local_scatter import scatter_factor
 from fringeworks.rig.ray_estimates import combined, errors_over, estimates_of
 from fringeworks.rig.stereo_match import CoordinateField
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import truth_distance
+from fringeworks.statistics.local_scatter import scatter_factor
 from tests.cameras import (
     adjusted,
     calibrated,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from scipy import special
 
-from fringeworks.signal.chi_square import chi_square_above, chi_square_quantile
+from fringeworks.statistics.chi_square import chi_square_above, chi_square_quantile
 
 FREEDOM = [1, 2, 3, 4, 5, 8, 21, 62, 200]
 

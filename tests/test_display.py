@@ -18,7 +18,7 @@ from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
-from fringeworks.types import FrameFinding, Reason
+from fringeworks.types import Finding, Reason
 from tests.test_profiles import heights, plane_cloud
 
 DIVERGING = {"coolwarm"}
@@ -142,7 +142,7 @@ def test_the_legend_lists_reasons_that_occur_only():
 
 
 def test_findings_are_in_the_picture():
-    found = (FrameFinding("row method", "the carrier is tilted by 12°"),) * 6
+    found = (Finding("row method", "the carrier is tilted by 12°"),) * 6
     text = text_of(replace(heights(np.zeros((10, 10))), findings=found).plot())
     assert text.count("the carrier is tilted by 12°") == 4
     assert "not shown here: 2" in text

@@ -222,4 +222,4 @@ def test_photographed_poses_that_are_enough_calibrate_the_rig():
     assert judge_poses(observations, board()).enough
     found = calibrate(observations, board())
     check_accuracy(found.rig, rig())
-    assert {f.cause for f in diagnose(found)} <= {"corners"}
+    assert {f.kind for f in diagnose(found)} <= {"corners"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
-from fringeworks.stack.phase_errors import non_negative
+from fringeworks.statistics.phase_errors import non_negative
 
 
 def test_least_squares_that_are_not_negative():

@@ -17,7 +17,7 @@ from fringeworks.files.reference_plane import (
     write_reference_plane,
 )
 from fringeworks.pair import ReferencePlaneGeometry, displacement_from_height
-from fringeworks.pair.plane_calibration import (
+from fringeworks.rig.calibration.planes import (
     calibrate_pixels,
     calibrate_reference_plane,
     height_by_pixel,

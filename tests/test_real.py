@@ -355,7 +355,7 @@ def test_board_calibrates_better_than_published(procam):
     # The published rig: a narrow camera; the projector's image is shifted far up.
     assert found.rig.camera.focal_px[0] == pytest.approx(3452, rel=0.02)
     assert found.rig.camera.focal_px[1] == pytest.approx(found.rig.camera.focal_px[0], rel=2e-3)
-    assert {"poses", "corners"} <= {f.cause for f in diagnose(found)}
+    assert {"poses", "corners"} <= {f.kind for f in diagnose(found)}
 
 
 @pytest.mark.long

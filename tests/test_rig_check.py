@@ -173,7 +173,7 @@ def test_a_pose_that_says_little_gives_no_verdict():
     stack = shoot(truth(), [board_body(small, place), wall], noise=4.0)
     found = fw.rig.check_rig(calibration(), stack, small)
     assert found.verdict == "cannot tell"
-    assert "blind" in {f.cause for f in found.findings}
+    assert "blind" in {f.kind for f in found.findings}
     assert "would have been noticed" in found.text
 
 
@@ -182,7 +182,7 @@ def test_a_rig_without_covariance():
     small = knocked(rotation_x=0.1 * KNOCK)
     found = fw.rig.check_rig(plain, board_stack(small), board())
     assert found.verdict == "cannot tell"
-    assert "uncertainty" in {f.cause for f in found.findings}
+    assert "uncertainty" in {f.kind for f in found.findings}
     large = knocked(rotation_x=4 * KNOCK)
     assert fw.rig.check_rig(plain, board_stack(large), board()).verdict == "has moved"
 
@@ -193,7 +193,7 @@ def test_uncorrected_response_is_reported():
     view = look(truth(), [board_body(board(), place)])
     stack = fw.Stack(list(photograph(view, plan, Optics(gamma=2.2))), plan)
     found = fw.rig.check_rig(calibration(), stack, board())
-    assert "ripple" in {f.cause for f in found.findings}
+    assert "ripple" in {f.kind for f in found.findings}
 
 
 def test_what_cannot_be_checked_is_refused():

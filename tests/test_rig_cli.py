@@ -55,7 +55,7 @@ def test_chain_from_boards_to_a_diameter(shots, calibrated, tmp_path):
     content = json.loads((shots / "calibration.json").read_text())
     assert content["baseline_mm"] == pytest.approx(rig().baseline_mm, rel=3e-4)
     assert len(content["poses"]) == 5
-    assert {f["cause"] for f in content["findings"]} <= {"poses", "corners"}
+    assert {f["kind"] for f in content["findings"]} <= {"poses", "corners"}
     out, figure = tmp_path / "ball.ply", tmp_path / "ball.png"
     done = run("measure", shots / "ball", "--rig", calibrated, "--out", out, "--figure", figure)
     assert "points: x" in done.stdout

@@ -7,9 +7,9 @@ import pytest
 
 from fringeworks import CameraNoise, _core
 from fringeworks.patterns.plan import step_design
-from fringeworks.signal.noise import residual_variance
-from fringeworks.signal.quantile import median, quantile
 from fringeworks.stack.fits import fit_matrices, fit_samples
+from fringeworks.statistics.chi_square import residual_variance
+from fringeworks.statistics.quantiles import median, quantile
 from tests.oracles import sample as oracle
 
 ORDERS = [1, 2, 3, 4, 8]

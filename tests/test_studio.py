@@ -21,7 +21,7 @@ from fringeworks.simulate.virtual_rig import look
 from fringeworks.studio.state import Studio
 from fringeworks.studio.steps.look import judged_notes
 from fringeworks.studio.steps.scan import series_names
-from fringeworks.types import FrameFinding, InputError
+from fringeworks.types import Finding, InputError
 from tests import browser
 from tests.studio_page import Running, Visitor
 
@@ -196,7 +196,7 @@ def test_methods_change_the_surface_and_are_compared(shared, pages):
 
 
 def test_findings_are_told_from_other_notes():
-    finding = FrameFinding("noise", "fringes differ", ("vibration",), "keep still")
+    finding = Finding("noise", "fringes differ", ("vibration",), "keep still")
     figures = {"findings": findings_as_dicts([finding]), "notes": [finding.text, "noise of 1"]}
     assert judged_notes(figures) == [(finding.text, True), ("noise of 1", False)]
 

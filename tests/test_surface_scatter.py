@@ -7,7 +7,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks import _core
-from fringeworks.stack.surface_scatter import SCALES, cover_scatter, scatters
+from fringeworks.statistics.surface_scatter import SCALES, cover_scatter, scatters
 from tests.fault_measure import capture, errors
 from tests.fault_scenes import plans
 from tests.fault_stage import Stage
@@ -138,7 +138,7 @@ def test_faults_that_shift_all_sets_alike_are_covered(fault, plan):
 def test_change_of_brightness_is_that_of_filters():
     from scipy import ndimage
 
-    from fringeworks.stack.surface_scatter import _squared_change
+    from fringeworks.statistics.surface_scatter import _squared_change
 
     background = np.random.default_rng(4).uniform(1.0, 9.0, (37, 53)).astype(np.float32)
     spread = ndimage.maximum_filter(background, 3) - ndimage.minimum_filter(background, 3)

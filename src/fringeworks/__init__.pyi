@@ -53,10 +53,8 @@ from .pipeline.pairs import (
 from .rig.calibration.calibrate import (
     Calibration as Calibration,
 )
-from .rig.calibration.diagnosis import (
-    Finding as Finding,
-)
 from .types import (
+    Finding as Finding,
     Reason as Reason,
     Provenance as Provenance,
 )

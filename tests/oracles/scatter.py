@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from fringeworks.signal.third_difference import third_difference, third_difference_variance
+from fringeworks.statistics.third_difference import third_difference, third_difference_variance
 
 
 def mean_chi(coordinate, sigma, scale, most_px, excess, shared) -> np.ndarray:

@@ -124,7 +124,7 @@ def say_calibration(words: Output, figures: dict[str, Any]) -> None:
         f"projector {figures['projector_rms_px']:.3f} px"
     )
     for found in figures["findings"]:
-        words.say(f"{found['cause']}: {found['message']}")
+        words.say(f"{found['kind']}: {found['text']}")
     words.say(f"verdict: {figures['verdict']['text']} (one standard deviation, calibration alone)")
 
 

@@ -15,9 +15,9 @@ from fringeworks.files.atomic import StrPath
 from fringeworks.pair.analyse import get_method
 from fringeworks.pair.analyse import methods as all_methods
 from fringeworks.pair.bound import bound_px
-from fringeworks.pair.plane_calibration import PixelCalibration
 from fringeworks.pipeline.inputs import pair_of
 from fringeworks.pipeline.pairs import Reconstruction, reconstruct
+from fringeworks.rig.calibration.planes import PixelCalibration
 from fringeworks.signal.denoise import Denoiser
 from fringeworks.types import (
     FloatMap,

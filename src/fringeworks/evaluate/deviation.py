@@ -20,8 +20,8 @@ from fringeworks.types import (
     ByteMap,
     DatumPlanes,
     DatumPoints,
+    Finding,
     FloatMap,
-    FrameFinding,
     Frozen,
     InputError,
     KnownPose,
@@ -92,7 +92,7 @@ class Deviation(Plotted, Frozen):
     """The model."""
     mean_sigma_mm: float | None
     """Standard deviation of the mean distance, mm; None where the points have no σ."""
-    findings: tuple[FrameFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     """What is likely wrong, and what to do about it."""
     notes: tuple[str, ...] = ()
     """What to know about the points and the model."""

@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fringeworks.evaluate.deviation import Deviation
+from fringeworks.statistics.quantiles import robust_sigma
 from fringeworks.types import FloatMap, Frozen, InputError, Reason
 
 CELL_SPACINGS = 3.0
@@ -178,7 +179,7 @@ def _peak(
     for _ in range(3):
         values = np.linalg.lstsq(rows[used], distance[used], rcond=None)[0]
         left = distance - rows @ values
-        scatter = 1.4826 * float(np.median(np.abs(left[used])))
+        scatter = robust_sigma(left[used])
         used = np.abs(left) <= FAR_SIGMAS * max(scatter, 1e-12)
         if used.sum() < LEAST_FITTED:
             used[:] = True

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fringeworks.files.atomic import StrPath, check_target
-from fringeworks.files.findings import findings_as_dicts, findings_from_json
+from fringeworks.files.findings import findings_as_json, findings_from_json
 from fringeworks.files.limits import parsing
 from fringeworks.files.npz import TEXT, read_npz, write_npz
 from fringeworks.files.provenance import KEY, from_json, json_line
@@ -58,7 +57,7 @@ def write_coordinates(path: StrPath, decoded: Decoded) -> Path:
     arrays: dict[str, Any] = {
         "noise": np.array([noise.read_counts, noise.gain]),
         "notes": np.array(decoded.notes, dtype=np.str_),
-        "findings": np.array(json.dumps(findings_as_dicts(decoded.findings))),
+        "findings": np.array(findings_as_json(decoded.findings)),
     }
     for axis, found in decoded.maps.items():
         arrays[f"{axis}_periods_px"] = np.array(found.periods_px)

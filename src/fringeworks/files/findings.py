@@ -1,36 +1,49 @@
-"""Findings as JSON, inside the files of results."""
+"""Findings as JSON values: in the files of results, in logs and in what commands print."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any, get_args
 
-from fringeworks.types import FrameFinding, FrameFindingKind
+from fringeworks.types import Finding, Pixels, Region, Severity
 
 LISTS = ("causes", "frames")
 """Fields of a finding that hold several texts."""
 
 
-def findings_as_dicts(findings: Sequence[FrameFinding]) -> list[dict[str, Any]]:
-    """Findings as JSON values."""
-    return [asdict(finding) for finding in findings]
+def findings_as_dicts(findings: Iterable[Finding]) -> list[dict[str, Any]]:
+    """Findings as JSON values: all fields, and the text in one line."""
+    return [asdict(finding) | {"text": finding.text} for finding in findings]
 
 
-def findings_from_json(text: str) -> tuple[FrameFinding, ...]:
+def findings_as_json(findings: Iterable[Finding]) -> str:
+    """Findings as text for ``findings_from_json``."""
+    return json.dumps(findings_as_dicts(findings))
+
+
+def findings_from_json(text: str) -> tuple[Finding, ...]:
     """Findings as they were written.
 
     Raises
     ------
     ValueError, TypeError or KeyError for anything else.
     """
-    items: list[dict[str, Any]] = json.loads(text)
-    found = [
-        FrameFinding(**item | {name: tuple(map(str, item[name])) for name in LISTS})
-        for item in items
-    ]
-    kinds = get_args(FrameFindingKind)
-    if not all(f.kind in kinds and isinstance(f.seen, str) for f in found):
+    return tuple(map(_finding, json.loads(text)))
+
+
+def _finding(item: dict[str, Any]) -> Finding:
+    """A finding from its JSON values."""
+    given = {name: value for name, value in item.items() if name != "text"}
+    given |= {name: tuple(map(str, item[name])) for name in LISTS}
+    if given["pixels"] is not None:
+        region = given["pixels"]["region"]
+        region = None if region is None else Region(**region)
+        given["pixels"] = Pixels(**given["pixels"] | {"region": region})
+    found = Finding(**given)
+    if not (isinstance(found.kind, str) and isinstance(found.seen, str)):
         raise ValueError("findings of another kind")
-    return tuple(found)
+    if found.severity not in get_args(Severity):
+        raise ValueError(f"severity: expected one of {get_args(Severity)}, got {found.severity}")
+    return found

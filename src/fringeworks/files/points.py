@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
-from fringeworks.files.findings import findings_as_dicts, findings_from_json
+from fringeworks.files.findings import findings_as_json, findings_from_json
 from fringeworks.files.limits import existing_file, parsing, read_content
 from fringeworks.files.npz import TEXT, read_npz
 from fringeworks.files.pcd import write_pcd
@@ -172,7 +172,7 @@ def _write_npz(path: Path, cloud: PointCloud, _: Kind) -> None:
     }
     if KEY in arrays:
         arrays[KEY] = json_line(cloud.provenance)
-    arrays["findings"] = json.dumps(findings_as_dicts(cloud.findings))
+    arrays["findings"] = findings_as_json(cloud.findings)
     arrays["remarks"] = json.dumps(cloud.remarks)
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays)

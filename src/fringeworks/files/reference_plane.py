@@ -14,7 +14,7 @@ from fringeworks.files.npz import TEXT, read_npz, write_npz
 from fringeworks.files.pair import GeometrySection, geometry_section
 from fringeworks.files.provenance import KEY, ProvenanceSection, from_json, json_line, toml_section
 from fringeworks.files.toml import Section, read_toml
-from fringeworks.pair.plane_calibration import PixelCalibration, PlaneCalibration
+from fringeworks.rig.calibration.planes import PixelCalibration, PlaneCalibration
 from fringeworks.types import ReferencePlaneGeometry
 
 GEOMETRY_SUFFIX, PIXELS_SUFFIX = ".toml", ".npz"

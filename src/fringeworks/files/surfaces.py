@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
-from fringeworks.files.findings import findings_as_dicts, findings_from_json
+from fringeworks.files.findings import findings_as_json, findings_from_json
 from fringeworks.files.limits import (
     MAX_DESCRIPTION_BYTES,
     check_frame_size,
@@ -112,7 +112,7 @@ def _write_tiff(path: Path, surface: HeightMap, _: PlyKind) -> None:
     if surface.converged is not None:
         description["converged"] = surface.converged
     if surface.findings:
-        description["findings"] = json.dumps(findings_as_dicts(surface.findings))
+        description["findings"] = findings_as_json(surface.findings)
     origin = surface.provenance
     if origin is not None:
         description[KEY] = origin.as_dict()
@@ -144,7 +144,7 @@ def _write_npz(path: Path, surface: HeightMap, _: PlyKind) -> None:
     for name in ("pupil", "converged"):
         if arrays[name] is None:
             del arrays[name]
-    arrays["findings"] = json.dumps(findings_as_dicts(surface.findings))
+    arrays["findings"] = findings_as_json(surface.findings)
     origin = json_line(arrays.pop(KEY))
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays | ({} if origin is None else {KEY: origin}))

@@ -3,6 +3,15 @@
 from ..pipeline.pairs import (
     calibrate_plane as calibrate_plane,
 )
+from ..rig.calibration.planes import (
+    PixelCalibration as PixelCalibration,
+)
+from ..rig.calibration.planes import (
+    PlaneCalibration as PlaneCalibration,
+)
+from ..rig.calibration.planes import (
+    height_by_pixel as height_by_pixel,
+)
 from ..types import (
     DisplacementMap as DisplacementMap,
 )
@@ -32,15 +41,6 @@ from .methods.windowed_fourier import (
 )
 from .methods.windowed_fourier import (
     windowed_fourier_ridge as windowed_fourier_ridge,
-)
-from .plane_calibration import (
-    PixelCalibration as PixelCalibration,
-)
-from .plane_calibration import (
-    PlaneCalibration as PlaneCalibration,
-)
-from .plane_calibration import (
-    height_by_pixel as height_by_pixel,
 )
 from .prepared import (
     PreparedPair as PreparedPair,

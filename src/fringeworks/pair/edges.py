@@ -21,6 +21,7 @@ from fringeworks.pair.cliffs import NEAR_WALL_PX, Cliffs, find_cliffs
 from fringeworks.pair.misfit import is_rare, mean_square, unexplained
 from fringeworks.pair.windows import CONFIDENCE, FINEST, Fitted, Windows
 from fringeworks.signal.filters import widened
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import BoolMap, ByteMap
 
 SMALL_WINDOW_PERIODS = 0.5
@@ -34,8 +35,6 @@ MIN_EDGE_PIXELS = 20
 """Number of pixels on edges from which the object counts as painted."""
 MEDIAN_STEP = 7
 """Every so many values determine a median."""
-NORMAL_MEDIAN = 0.6745
-"""Median of |z| for a standard normal variable z."""
 MIN_EDGE_SHARE = 0.05
 """Number of such pixels over that of those which windows of no size explain. Paint has 0.2 to 0.5;
 creases of a surface have up to 0.01."""

@@ -18,12 +18,8 @@ from fringeworks.pair.registry import Solution
 from fringeworks.pair.smoothed_away import SmoothedAway, smoothed_away
 from fringeworks.signal.bands import by_bands
 from fringeworks.signal.filters import widened
-from fringeworks.signal.third_difference import (
-    REACH,
-    third_difference,
-    third_difference_variance,
-)
-from fringeworks.types import BoolMap, ByteMap, FloatMap, sealed
+from fringeworks.statistics.third_difference import scatter_ratio
+from fringeworks.types import BoolMap, FloatMap, sealed
 
 LAG_PERIODS = 1.5
 """Smallest distance at which displacements are compared, periods.
@@ -59,18 +55,8 @@ MAX_AXIS_RATIO = 4.0
 It is up to 2 in simulated frames of JPEG quality 50 and 3.1 on a photographed plane. Waves of the
 surface, whose differences stop growing at half their length, reach 20 and more.
 """
-MIN_DIFFERENCES = 2000
-"""Smallest number of differences that determine the scatter. An empirical choice."""
-MIN_INDEPENDENT = 30
-"""The same in squares of the distance, over which differences share their errors."""
-SAMPLES_PER_LAG = 8
-"""Samples per distance; errors of filters are smooth, so that more hold the same information."""
-QUIET = 0.5
-"""Share of the pixels, those of the smallest stated σ, whose scatter is taken."""
 MEDIAN_PIXELS = 60_000
 """Approximate number of pixels that a median factor is taken of; it is then known to 1 %."""
-NORMAL_MEDIAN = 0.6745
-"""Median of |z| for a standard normal variable z."""
 EDGE_PERIODS = 0.5
 """Distance from cliffs and edges of paint within which scatter is not counted, periods:
 errors of the model are larger there, and σ contains them."""
@@ -201,7 +187,9 @@ def noise_factor(solution: Solution, period_px: float) -> float | None:
     most_growth = MAX_FILTER_GROWTH if solution.is_filter else MAX_WINDOW_GROWTH
     found: list[float] = []
     for axes in DIRECTIONS:
-        near, far = (_scatter(u, sigma, at, lengths, axes, walls) for at in (lag, LONGER * lag))
+        near, far = (
+            scatter_ratio(u, sigma, at, lengths, axes, walls) for at in (lag, LONGER * lag)
+        )
         if near is None or far is None:
             continue
         if far <= most_growth * near:
@@ -229,60 +217,3 @@ def _away_from_edges(solution: Solution, period_px: float) -> FloatMap:
         return solution.displacement_px
     near = widened(edges, int(EDGE_PERIODS * period_px))
     return np.where(near, np.nan, solution.displacement_px)
-
-
-def _scatter(
-    u: FloatMap,
-    sigma: FloatMap,
-    lag_px: float,
-    lengths: tuple[float, float],
-    axes: tuple[int, ...],
-    walls: ByteMap | None = None,
-) -> float | None:
-    """Median of |third difference| over its stated standard deviation, for normal errors 1.
-
-    The variance of a third difference of noise of variance 1 and correlation ρ is
-    20 − 30 ρ(L) + 12 ρ(2L) − 2 ρ(3L), with ρ(d) = exp(−d²/4σ²) for a Gaussian kernel of width σ.
-    """
-    step = max(1, int(lag_px / SAMPLES_PER_LAG))
-    lag = max(1, round(lag_px / step))
-    if any(u.shape[axis] <= REACH * lag * step for axis in axes):
-        return None
-    difference: FloatMap = u[::step, ::step]
-    variance: FloatMap = sigma[::step, ::step].astype(np.float64) ** 2
-    for axis in axes:
-        difference = third_difference(difference, lag, axis)
-        variance = third_difference_variance(variance, lag, axis)
-    if walls is not None:
-        difference = np.where(_crossed(walls, step, lag, axes), np.nan, difference)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.abs(difference) / np.sqrt(variance)
-    known = np.isfinite(ratio)
-    least = max(MIN_DIFFERENCES, MIN_INDEPENDENT * (lag * step) ** 2)
-    if np.count_nonzero(known) * step**2 < least:
-        return None
-    ratio = ratio[known & (variance <= np.quantile(variance[known], QUIET))]
-    seen = float(np.prod([_seen(lag * step, lengths[axis]) for axis in axes]))
-    return float(np.median(ratio)) / NORMAL_MEDIAN / float(np.sqrt(seen))
-
-
-def _crossed(walls: ByteMap, step: int, lag: int, axes: tuple[int, ...]) -> BoolMap:
-    """Where a third difference of every ``step``-th pixel compares two sides of a wall."""
-    crossed: FloatMap = np.zeros(())
-    for axis in axes:
-        count = np.moveaxis(np.cumsum(walls, axis, dtype=np.int32)[::step, ::step], axis, 0)
-        apart = (count[REACH * lag :] != count[: -REACH * lag]).astype(np.float64)
-        along = np.moveaxis(apart, 0, axis)
-        for other in axes:
-            if other != axis:
-                along = third_difference_variance(along, lag, other)
-        crossed = crossed + along
-    return crossed > 0
-
-
-def _seen(lag: int, width_px: float) -> float:
-    """Share of the variance of errors with a Gaussian kernel that third differences show."""
-    if width_px <= 0:
-        return 1.0
-    first, second, third = (np.exp(-((k * lag / (2.0 * width_px)) ** 2)) for k in (1, 2, 3))
-    return max(float(1.0 - 1.5 * first + 0.6 * second - 0.1 * third), 0.1)

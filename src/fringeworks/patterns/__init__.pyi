@@ -1,6 +1,6 @@
 """What the projector shows: plans of shifted fringes and Gray code, and their pictures."""
 
-from ..stack.depth_plan import (
+from ..rig.depth_plan import (
     propose_for_depth as propose_for_depth,
 )
 from ..types import (

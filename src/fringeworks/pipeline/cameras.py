@@ -29,7 +29,7 @@ from fringeworks.types import (
     Axis,
     BoolMap,
     Decoded,
-    FrameFinding,
+    Finding,
     Frozen,
     InputError,
     MultiRig,
@@ -53,7 +53,7 @@ class MultiMeasurement(Plotted, Frozen):
     disagree."""
     decoded: tuple[Decoded, ...]
     """Projector coordinates of every camera."""
-    findings: tuple[FrameFinding, ...]
+    findings: tuple[Finding, ...]
     """What was found in the frames of the cameras and in how they agree."""
     seconds: float
     """Time that decoding and triangulation took."""
@@ -232,7 +232,7 @@ def _decoded(
     return decoded, doubtful
 
 
-def _numbered(decoded: Sequence[Decoded]) -> list[FrameFinding]:
+def _numbered(decoded: Sequence[Decoded]) -> list[Finding]:
     """The findings of all cameras, with the camera's number."""
     return [
         replace(finding, seen=f"camera {number}: {finding.seen}")

@@ -12,7 +12,7 @@ from fringeworks.stack.frames import Stack
 from fringeworks.stack.fusing import fuse
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.unmeasured import unmeasured
-from fringeworks.types import Decoded, FrameFinding, FramesContradictPlan, InputError
+from fringeworks.types import Decoded, Finding, FramesContradictPlan, InputError
 
 
 def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
@@ -25,12 +25,12 @@ def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
     return replace(found, findings=findings)
 
 
-def _of_files(stack: Stack) -> tuple[FrameFinding, ...]:
+def _of_files(stack: Stack) -> tuple[Finding, ...]:
     """What reading the files found."""
-    findings = [FrameFinding("files", note) for note in stack.notes]
+    findings = [Finding("files", note) for note in stack.notes]
     if stack.lossy:
         findings.append(
-            FrameFinding(
+            Finding(
                 "files",
                 "the frames were compressed with loss (JPEG)",
                 advice="store them without loss: the compression makes errors that no average "
@@ -84,7 +84,7 @@ def decoded_exposures(stacks: Sequence[Stack], options: DecodeOptions) -> Decode
         raise problems[0][1]
     found = fuse(results)
     unused = [
-        FrameFinding("exposures", f"exposure {number} of {len(stacks)} is not used: {error}")
+        Finding("exposures", f"exposure {number} of {len(stacks)} is not used: {error}")
         for number, error in problems
     ]
     return replace(found, findings=(*unused, *found.findings, *unmeasured(found)))

@@ -14,10 +14,11 @@ from fringeworks.files.points import read_cloud
 from fringeworks.files.rig import read_rig
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.pinhole import inverse, transform
+from fringeworks.surface.camera_blur import remove_blur
 from fringeworks.types import (
     BoardNotFound,
+    Finding,
     FloatMap,
-    FrameFinding,
     Frozen,
     InputError,
     PointCloud,
@@ -30,7 +31,6 @@ from fringeworks.types import (
 )
 from fringeworks.types.packages import need_opencv
 from fringeworks.views.board_views import board_pose
-from fringeworks.views.camera_blur import remove_blur
 from fringeworks.views.features import align_by_shape
 from fringeworks.views.fusion import Fused, fuse_points
 from fringeworks.views.pose_graph import Closure, closure, solve_poses
@@ -78,7 +78,7 @@ class MergedPart(Frozen):
     """Neighbouring views by their shape, by (target, source)."""
     blur_px: float | None = None
     """Standard deviation of the camera's blur that was removed, px; None where none was."""
-    findings: tuple[FrameFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     """What is likely wrong, and what to do about it."""
     provenance: Provenance | None = None
     """How it was made."""
@@ -323,11 +323,11 @@ def _spacing(points: Sequence[SurfacePoints]) -> float:
 
 def _findings(
     loop: Closure | None, fused: Fused, pairs: dict[tuple[int, int], Registration]
-) -> tuple[FrameFinding, ...]:
+) -> tuple[Finding, ...]:
     found = []
     if loop is not None and loop.sigmas > MAX_CLOSURE_SIGMAS:
         found.append(
-            FrameFinding(
+            Finding(
                 "views",
                 f"the loop of views misses itself by {loop.translation_mm:.3g} mm and "
                 f"{loop.rotation_deg:.2g}°, {loop.sigmas:.1f} times its standard deviation",
@@ -338,7 +338,7 @@ def _findings(
         )
     if fused.disagreement > MAX_DISAGREEMENT:
         found.append(
-            FrameFinding(
+            Finding(
                 "views",
                 f"views differ where they overlap by {fused.disagreement:.1f} times their σ",
                 ("a part that moved on the table", "a rig that has changed since its calibration"),
@@ -349,7 +349,7 @@ def _findings(
     sliding = [pair for pair in pairs.values() if pair.slides]
     if sliding:
         found.append(
-            FrameFinding(
+            Finding(
                 "views",
                 f"the shape slides on itself in {len(sliding)} of {len(pairs)} pairs of views, so "
                 "their poses come from the board or the turntable in those directions",

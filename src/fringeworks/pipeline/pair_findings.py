@@ -11,7 +11,7 @@ from fringeworks.pair.counting import RowMethod
 from fringeworks.types import (
     Axis,
     DisplacementMap,
-    FrameFinding,
+    Finding,
     InputError,
     Pair,
     Reason,
@@ -48,7 +48,7 @@ from which a frame is a mosaic of colour filters. Raw frames under white light h
 other frames less than 0.02."""
 
 
-def pair_findings(pair: Pair, found: DisplacementMap) -> tuple[FrameFinding, ...]:
+def pair_findings(pair: Pair, found: DisplacementMap) -> tuple[Finding, ...]:
     """Find likely faults of a capture: what was seen, and what to do about it.
 
     Parameters
@@ -59,7 +59,7 @@ def pair_findings(pair: Pair, found: DisplacementMap) -> tuple[FrameFinding, ...
 
     Returns
     -------
-    tuple of FrameFinding; empty where nothing was found.
+    tuple of Finding; empty where nothing was found.
     """
     seen = (
         _mosaic(pair),
@@ -72,7 +72,7 @@ def pair_findings(pair: Pair, found: DisplacementMap) -> tuple[FrameFinding, ...
     return tuple(finding for finding in seen if finding is not None)
 
 
-def _mosaic(pair: Pair) -> FrameFinding | None:
+def _mosaic(pair: Pair) -> Finding | None:
     """Frames of a colour camera before the channels are separated."""
     frame = np.nan_to_num(np.asarray(pair.object, dtype=np.float64), posinf=0.0, neginf=0.0)
     if min(frame.shape) < 2:
@@ -81,7 +81,7 @@ def _mosaic(pair: Pair) -> FrameFinding | None:
     step = float(np.ptp(means) / max(means.mean(), np.finfo(float).tiny))
     if not np.isfinite(step) or step < MOSAIC_STEP:
         return None
-    return FrameFinding(
+    return Finding(
         "raw colours",
         f"pixels of even and odd rows and columns differ in brightness by {100 * step:.0f} %",
         causes=("the object frame is a raw frame of a colour camera",),
@@ -90,7 +90,7 @@ def _mosaic(pair: Pair) -> FrameFinding | None:
     )
 
 
-def _turned(pair: Pair, found: DisplacementMap) -> FrameFinding | None:
+def _turned(pair: Pair, found: DisplacementMap) -> Finding | None:
     """Fringes of the two frames that run in different directions."""
     if pair.reference is None:
         return None
@@ -103,7 +103,7 @@ def _turned(pair: Pair, found: DisplacementMap) -> FrameFinding | None:
     angle = abs((turn + 90.0) % 180.0 - 90.0)
     if angle < TURNED_DEG:
         return None
-    return FrameFinding(
+    return Finding(
         "turned frame",
         f"the fringes of the object frame are turned by {angle:.0f}° against those of the "
         f"reference, which vary along {found.axis}",
@@ -118,7 +118,7 @@ def _direction(axis: Axis, tilt_deg: float) -> float:
     return tilt_deg if axis == "x" else 90.0 - tilt_deg
 
 
-def _swapped(pair: Pair, found: DisplacementMap) -> FrameFinding | None:
+def _swapped(pair: Pair, found: DisplacementMap) -> Finding | None:
     """An object that lies behind the reference plane nearly everywhere."""
     if pair.geometry is None:
         return None
@@ -132,7 +132,7 @@ def _swapped(pair: Pair, found: DisplacementMap) -> FrameFinding | None:
     behind = float(np.mean(u[clear] < 0))
     if behind < ONE_SIDED:
         return None
-    return FrameFinding(
+    return Finding(
         "swapped frames",
         f"{100 * behind:.0f} % of the object lies behind the reference plane",
         causes=("the two frames are swapped", "the projector is on the other side (sign)"),
@@ -141,7 +141,7 @@ def _swapped(pair: Pair, found: DisplacementMap) -> FrameFinding | None:
     )
 
 
-def _row_method(pair: Pair, found: DisplacementMap) -> FrameFinding | None:
+def _row_method(pair: Pair, found: DisplacementMap) -> Finding | None:
     """A method of single pixels on frames with noise."""
     ok = np.isfinite(found.sigma_px)
     if found.method not in get_args(RowMethod) or not ok.any():
@@ -153,7 +153,7 @@ def _row_method(pair: Pair, found: DisplacementMap) -> FrameFinding | None:
     sigma = float(np.median(found.sigma_px[ok]))
     if sigma < NOISY_ROWS * found.period_px:
         return None
-    return FrameFinding(
+    return Finding(
         "row method",
         f"{found.method} uses single pixels and averages no noise: the median standard deviation "
         f"is {sigma:.2f} px",
@@ -162,7 +162,7 @@ def _row_method(pair: Pair, found: DisplacementMap) -> FrameFinding | None:
     )
 
 
-def _lost_pixels(found: DisplacementMap) -> FrameFinding | None:
+def _lost_pixels(found: DisplacementMap) -> Finding | None:
     """A result that most of the wanted pixels do not have."""
     wanted = found.reason != Reason.MASKED
     if not wanted.any():
@@ -172,7 +172,7 @@ def _lost_pixels(found: DisplacementMap) -> FrameFinding | None:
         return None
     reasons = count_reasons(found.reason[wanted])
     main = max((name for name in reasons if name != "ok"), key=lambda name: reasons[name])
-    return FrameFinding(
+    return Finding(
         "lost pixels",
         f"only {100 * measured:.0f} % of the pixels are measured; the most frequent reason is "
         f"{main.replace('_', ' ')}",
@@ -182,11 +182,11 @@ def _lost_pixels(found: DisplacementMap) -> FrameFinding | None:
     )
 
 
-def _not_converged(found: DisplacementMap) -> FrameFinding | None:
+def _not_converged(found: DisplacementMap) -> Finding | None:
     """An iteration that ended at its largest number of steps."""
     if found.converged:
         return None
-    return FrameFinding(
+    return Finding(
         "convergence",
         "an iteration of the analysis ended before its result was steady",
         causes=("the frame shows too little plane background", "the fringes are too noisy"),

@@ -11,26 +11,26 @@ import numpy as np
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.pair.analyse import analyse
-from fringeworks.pair.plane_calibration import (
+from fringeworks.pair.prepared import prepare
+from fringeworks.pair.reference_plane import to_surface
+from fringeworks.pair.registry import MethodOption
+from fringeworks.pipeline.inputs import pair_of, sources_of
+from fringeworks.pipeline.pair_findings import pair_findings
+from fringeworks.rig.calibration.planes import (
     PixelCalibration,
     PlaneCalibration,
     calibrate_pixels,
     calibrate_reference_plane,
     height_by_pixel,
 )
-from fringeworks.pair.prepared import prepare
-from fringeworks.pair.reference_plane import to_surface
-from fringeworks.pair.registry import MethodOption
-from fringeworks.pipeline.inputs import pair_of, sources_of
-from fringeworks.pipeline.pair_findings import pair_findings
 from fringeworks.signal.denoise import Denoiser
 from fringeworks.signal.denoise import denoise as denoise_frame
 from fringeworks.signal.response import Response, response_note
 from fringeworks.surface.height_map import lateral_notes
 from fringeworks.types import (
     DisplacementMap,
+    Finding,
     FloatMap,
-    FrameFinding,
     Frozen,
     HeightMap,
     InputError,
@@ -56,7 +56,7 @@ class Reconstruction(Plotted, Frozen):
     """What was found in the frames, and what was decided because of it; with the findings' text."""
 
     @property
-    def findings(self) -> tuple[FrameFinding, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """Likely faults of the capture: what was seen, and what to do about it."""
         return self.surface.findings
 

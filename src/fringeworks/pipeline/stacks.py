@@ -28,6 +28,7 @@ from fringeworks.stack.frames import Stack
 from fringeworks.stack.light_separation import LightSeparation, separate_light
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.wrapped import WrappedPhase, steps_plan, wrapped_phase
+from fringeworks.surface.camera_blur import remove_blur
 from fringeworks.types import (
     Axis,
     CameraNoise,
@@ -42,7 +43,6 @@ from fringeworks.types import (
     made_by,
     sealed,
 )
-from fringeworks.views.camera_blur import remove_blur
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -45,7 +45,7 @@ def calibration_picture(title: str, calibration: Calibration) -> Picture:
     -------
     Picture, with the verdict below the title, and what was found at its foot.
     """
-    small = small_print([found.message for found in diagnose(calibration)], SIZE_INCH[0])
+    small = small_print([found.text for found in diagnose(calibration)], SIZE_INCH[0])
     width, height = SIZE_INCH
     figure = Picture(figsize=(width, height + SMALL_INCH * small.count("\n")), layout="constrained")
     poses = len(calibration.observations)

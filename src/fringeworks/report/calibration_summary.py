@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from fringeworks.files.findings import findings_as_dicts
 from fringeworks.report.summary import origin, summary
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import coverage, diagnose, pose_figures
@@ -37,9 +38,7 @@ def _(calibration: Calibration) -> dict[str, Any]:
         "camera_coverage": camera,
         "projector_coverage": projector,
         "poses": pose_figures(calibration),
-        "findings": [
-            {"cause": found.cause, "message": found.message} for found in diagnose(calibration)
-        ],
+        "findings": findings_as_dicts(diagnose(calibration)),
         "print_error_mm": calibration.adjusted.prior.print_mm,
         "sigma_inflation": calibration.inflation,
         "converged": calibration.adjusted.converged,
@@ -66,6 +65,6 @@ def _(checked: RigCheck) -> dict[str, Any]:
         **{name: getattr(checked, name) for name in numbers},
         **{name: getattr(checked, name).tolist() for name in vectors},
         "causes": [{"name": cause.name, "text": cause.text} for cause in checked.causes],
-        "findings": [{"cause": f.cause, "message": f.message} for f in checked.findings],
+        "findings": findings_as_dicts(checked.findings),
         **origin(checked.provenance),
     }

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fringeworks.report.drawing import Axes, BoundaryNorm, Figure, ListedColormap, Patch
 from fringeworks.report.reason_words import REASON_COLOURS, REASON_WORDS
-from fringeworks.types import ByteMap, FloatMap, FrameFinding, Reason, reason_counts
+from fringeworks.types import ByteMap, Finding, FloatMap, Reason, reason_counts
 
 DPI = 110
 """Dots per inch of a PNG: text of 10 points is then 15 px high, easily read at full size."""
@@ -92,7 +92,7 @@ def sheet(
     panels: Sequence[Panel | None],
     *,
     columns: int,
-    findings: Sequence[FrameFinding] = (),
+    findings: Sequence[Finding] = (),
 ) -> Picture:
     """Draw maps in rows on one sheet.
 
@@ -104,7 +104,7 @@ def sheet(
         Of one shape, line by line; None leaves a place empty.
     columns : int
         Panels on a line.
-    findings : sequence of FrameFinding
+    findings : sequence of Finding
         Listed below the maps in one line each.
 
     Returns

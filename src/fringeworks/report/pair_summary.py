@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from fringeworks.files.findings import findings_as_dicts
-from fringeworks.pair.plane_calibration import PixelCalibration, PlaneCalibration
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.report.summary import of_heights, origin, summary
+from fringeworks.rig.calibration.planes import PixelCalibration, PlaneCalibration
 
 
 @summary.register

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fringeworks.files.findings import findings_as_dicts
 from fringeworks.report.summary import summary
 from fringeworks.scan.delay import Delay
 from fringeworks.scan.exposure_proof import ExposureProof
@@ -42,7 +43,7 @@ def _(tests: SetupTests) -> dict[str, Any]:
         },
         "vignetting": _vignetting(tests),
         "delay": None if tests.delay is None else _delay(tests.delay),
-        "findings": [asdict(finding) for finding in tests.findings],
+        "findings": findings_as_dicts(tests.findings),
     }
     if isinstance(tests, Setup):
         proposal = tests.proposal

@@ -27,8 +27,8 @@ from fringeworks.types import (
 
 ELSEWHERE = {
     "fringeworks.pipeline.pairs.Reconstruction": "pair_summary",
-    "fringeworks.pair.plane_calibration.PlaneCalibration": "pair_summary",
-    "fringeworks.pair.plane_calibration.PixelCalibration": "pair_summary",
+    "fringeworks.rig.calibration.planes.PlaneCalibration": "pair_summary",
+    "fringeworks.rig.calibration.planes.PixelCalibration": "pair_summary",
     "fringeworks.rig.calibration.calibrate.Calibration": "calibration_summary",
     "fringeworks.rig.calibration.drift.RigCheck": "calibration_summary",
     "fringeworks.evaluate.deviation.Deviation": "evaluation_summary",

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fringeworks.rig.camera_points import CameraPoints
-from fringeworks.types import FrameFinding
+from fringeworks.types import Finding
 
 MAX_DISAGREEMENT = 2.0
 """Root mean square difference of pairs of devices, over what σ says, from which on it is a finding.
@@ -20,7 +20,7 @@ HISTOGRAM_BINS = 20
 """Number of its bins: half a standard deviation each."""
 
 
-def camera_findings(cameras: Sequence[CameraPoints]) -> tuple[FrameFinding, ...]:
+def camera_findings(cameras: Sequence[CameraPoints]) -> tuple[Finding, ...]:
     """Return a finding for every camera whose pairs of devices disagree beyond their σ.
 
     Examples
@@ -42,7 +42,7 @@ def camera_findings(cameras: Sequence[CameraPoints]) -> tuple[FrameFinding, ...]
         mm = found.difference_mm[np.isfinite(found.difference_mm)]
         median = float(np.median(mm))
         findings.append(
-            FrameFinding(
+            Finding(
                 "cameras",
                 f"camera {number}: points with the projector and with another camera differ by "
                 f"{usual:.1f} times their standard deviation, by {median:.3g} mm in the median",
@@ -57,8 +57,8 @@ def camera_findings(cameras: Sequence[CameraPoints]) -> tuple[FrameFinding, ...]
     return tuple(findings)
 
 
-def _unmatched(number: int) -> FrameFinding:
-    return FrameFinding(
+def _unmatched(number: int) -> Finding:
+    return Finding(
         "cameras",
         f"camera {number}: almost no point is seen by another camera as well, so its points come "
         "from the projector alone",

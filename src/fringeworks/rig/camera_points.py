@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.rig.device_pairs import Device
-from fringeworks.rig.local_scatter import scatter_factor
 from fringeworks.rig.pinhole import inverse, transform
 from fringeworks.rig.ray_estimates import Estimates, combined, errors_over, estimates_of
 from fringeworks.rig.stereo_match import CoordinateField
 from fringeworks.rig.triangulate import RESIDUAL_SIGMAS
+from fringeworks.statistics.local_scatter import scatter_factor
 from fringeworks.types import (
     Axis,
     BoolMap,

@@ -24,8 +24,8 @@ from fringeworks.types import (
     Axis,
     CoordinateMap,
     Decoded,
+    Finding,
     FloatMap,
-    FrameFinding,
     InputError,
     Reason,
     Rig,
@@ -82,7 +82,7 @@ class DepthRange:
         self._nodes = node_pixels(rig)
         self._at_nodes: dict[Axis, Interval] = {}
         self._at_pixels: dict[Axis, Interval] = {}
-        self._words: dict[tuple[Axis, float], FrameFinding] = {}
+        self._words: dict[tuple[Axis, float], Finding] = {}
 
     @property
     def rig(self) -> Rig:
@@ -249,7 +249,7 @@ class DepthRange:
             farthest = max(farthest, float(np.max(w[w < far], initial=0.0)))
         return 1.0 / nearest, float("inf") if farthest <= 0.0 else 1.0 / farthest
 
-    def _finding(self, found: CoordinateMap, period: float | None) -> FrameFinding:
+    def _finding(self, found: CoordinateMap, period: float | None) -> Finding:
         """What the range did to a map."""
         counts = np.bincount(found.reason.ravel(), minlength=len(Reason))
         outside = counts[Reason.OUTSIDE_DEPTH] / max(
@@ -259,7 +259,7 @@ class DepthRange:
         share = f"{outside:.1%} of the pixels measured along {found.axis} lie outside"
         figures = {"outside": float(outside), "near_mm": near, "far_mm": far}
         if period is None:
-            return FrameFinding(
+            return Finding(
                 "depth range",
                 f"{share} {near:g} to {far:g} mm of depth",
                 (),
@@ -276,7 +276,7 @@ class DepthRange:
             words, seen=f"{words.seen}; {share}", figures={**words.figures, "outside": outside}
         )
 
-    def _of_period(self, axis: Axis, period: float) -> FrameFinding:
+    def _of_period(self, axis: Axis, period: float) -> Finding:
         """What a period and the range mean for a capture."""
         near, far = self._depth
         nearest, farthest = self.clear_mm(axis, period)
@@ -301,7 +301,7 @@ class DepthRange:
             "nearest_mm": nearest,
             "farthest_mm": farthest,
         }
-        return FrameFinding("depth range", seen, (), advice, axis, (), figures)
+        return Finding("depth range", seen, (), advice, axis, (), figures)
 
 
 def depth_range_of(depth_mm: DepthRange | Sequence[float] | None, rig: Rig) -> DepthRange | None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks.rig.ray_depth import inverse_depth, main_axis, projector_by_parameters
-from fringeworks.types import MAD_TO_SIGMA, Axis, CoordinateMap, Rig
+from fringeworks.statistics.quantiles import robust_sigma
+from fringeworks.types import Axis, CoordinateMap, Rig
 
 SAMPLES = 2000
 """Approximate number of pixels of the frame that are sampled. Where all are decoded, the median of
@@ -65,7 +66,7 @@ def calibration_share(rig: Rig, maps: dict[Axis, CoordinateMap]) -> float:
         return residual
     if covariance is None:
         error = np.einsum("ni,ni->n", goal - seen, across)[good]
-        return min(MAD_TO_SIGMA * float(np.median(np.abs(error))), MAX_UNKNOWN_PX)
+        return min(robust_sigma(error), MAX_UNKNOWN_PX)
     by_error = np.einsum("nij,ni->nj", by, across)[good]
     variance = np.einsum("nj,nj->n", np.einsum("ni,ij->nj", by_error, covariance), by_error)
     return float(np.sqrt(residual**2 + max(np.quantile(variance, COVERED), 0.0)))

@@ -17,8 +17,8 @@ from fringeworks.types import (
     ByteMap,
     CoordinateMap,
     Decoded,
+    Finding,
     FloatMap,
-    FrameFinding,
     InputError,
     PointCloud,
     Reason,
@@ -125,7 +125,7 @@ def measured_points(
     *,
     typical_px: Mapping[Axis, float] | None,
     epipolar_px: float,
-    findings: tuple[FrameFinding, ...],
+    findings: tuple[Finding, ...],
     out: PointCloud | None,
 ) -> PointCloud:
     """Points from frames in one pass, without maps of coordinates.
@@ -252,7 +252,7 @@ def _chosen(decoded: Decoded, rig: Rig, axis: Axis | None) -> dict[Axis, Coordin
 
 
 def _cloud(
-    results: dict[str, Any], colour: FloatMap | None, findings: tuple[FrameFinding, ...]
+    results: dict[str, Any], colour: FloatMap | None, findings: tuple[Finding, ...]
 ) -> PointCloud:
     """The kernel's results as a point cloud."""
     residual = results["residual"]

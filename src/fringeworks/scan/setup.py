@@ -12,7 +12,6 @@ from fringeworks.devices.protocols import Camera, Projector, VideoMode, video_mo
 from fringeworks.patterns.propose import Proposal, propose
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.checks.exposure import Exposing, check_exposure
-from fringeworks.scan.checks.finding import SetupFinding
 from fringeworks.scan.checks.flicker import Flicker, check_flicker
 from fringeworks.scan.checks.frames import check_frames
 from fringeworks.scan.checks.levels import Levels, check_levels
@@ -26,6 +25,7 @@ from fringeworks.types import (
     CameraNoise,
     CameraSettings,
     DeviceProblem,
+    Finding,
     FloatMap,
     Frozen,
     InputError,
@@ -83,7 +83,7 @@ class SetupTests(Frozen):
     vignetting: Vignetting | None = None
     delay: Delay | None = None
     """None also where it could not be measured."""
-    findings: tuple[SetupFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     """What makes measurements worse, the most important first; empty where all is well."""
 
 
@@ -226,18 +226,18 @@ class _Tests:
             self._add((), delay=measure_delay(self._projector, self._camera))
         except DeviceProblem as error:
             causes = ("frames that arrive irregularly", "a delay that changes")
-            self._add((SetupFinding("delay", str(error), causes, DELAY_ADVICE),))
+            self._add((Finding("delay", str(error), causes, DELAY_ADVICE, severity="note"),))
 
-    def _add(self, findings: tuple[SetupFinding, ...], **measured: Any) -> None:
+    def _add(self, findings: tuple[Finding, ...], **measured: Any) -> None:
         """Keep what a test has measured, and what it has found."""
         found = _kept((*self.done.findings, *findings))
         self.done = replace(self.done, findings=found, **measured)
 
 
-def _kept(findings: tuple[SetupFinding, ...]) -> tuple[SetupFinding, ...]:
+def _kept(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """The findings that hold beside the others, those of one cause in one, by importance."""
     kinds = {finding.kind for finding in findings}
-    kept: dict[tuple[str, str], SetupFinding] = {}
+    kept: dict[tuple[str, str], Finding] = {}
     for new in findings:
         # Light that flickers changes levels and contrast from picture to picture.
         if new.kind in STEADY_KINDS and "flicker" in kinds:
@@ -276,7 +276,7 @@ def _proposed(done: SetupTests, frames: int, axes: tuple[Axis, ...]) -> Proposal
     )[0]
 
 
-def _explained(error: InputError, findings: tuple[SetupFinding, ...]) -> str:
+def _explained(error: InputError, findings: tuple[Finding, ...]) -> str:
     """The error of a check, after what the checks before have found."""
     if not findings:
         return str(error)

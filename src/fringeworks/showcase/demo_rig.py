@@ -143,7 +143,7 @@ def _calibrated(truth: Rig, writer: FolderWriter, progress: Callable[[str], None
     )
     write_rig(writer.file("rig.toml"), calibration.rig)
     findings = summarise(calibration)["findings"]
-    lines = [f"- {f['cause']}: {f['message']}" for f in findings]
+    lines = [f"- {f['text']}" for f in findings]
     text = "\n".join(["# Calibration", "", *lines, ""])
     write_text(writer.file("calibration.md"), text)
     return calibration

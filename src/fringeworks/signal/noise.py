@@ -6,12 +6,10 @@ import numpy as np
 import scipy
 
 from fringeworks import _core
-from fringeworks.signal.chi_square import chi_square_above, chi_square_quantile
-from fringeworks.signal.quantile import median
+from fringeworks.statistics.chi_square import residual_variance
+from fringeworks.statistics.groups import similar_groups
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
 from fringeworks.types import BoolMap, CameraNoise, FloatMap
-
-NORMAL_MEDIAN = 0.6745
-"""Median of |z| for a standard normal variable z."""
 
 BRIGHTNESS_GROUPS = 8
 """Number of groups of equal size and similar brightness in which the noise is measured.
@@ -44,16 +42,6 @@ At three, noise without a gain is given one in 0.1 % of the cases.
 NO_NOISE = 1e-6
 """Variance of a group, over that of the noisiest one, below which it has no noise at all."""
 
-TRIMMED = 0.9995
-"""Share of Gaussian residuals that the variance is computed from; larger ones count as outliers.
-
-The trimming costs next to no precision (0.05 % of the samples) and removes residuals above 3.5
-standard deviations, such as those of moving edges. An empirical choice.
-"""
-
-TRIMMING_STEPS = 3
-"""Steps of the trimmed variance; it starts at the median and changes little after the second."""
-
 
 def noise_variance(frame: FloatMap, ok: BoolMap) -> float:
     """Variance of the white noise in a frame of smooth fringes.
@@ -82,36 +70,6 @@ def noise_variance(frame: FloatMap, ok: BoolMap) -> float:
     return (median(second) / NORMAL_MEDIAN) ** 2 / 36.0 if second.size else 0.0
 
 
-def residual_variance(square: FloatMap, freedom: int) -> float:
-    """Variance of a residual, from sums of squared residuals, insensitive to outliers.
-
-    Parameters
-    ----------
-    square : (n,) float array, counts²
-        Sums of squared residuals.
-    freedom : int ≥ 1
-        Degrees of freedom of each sum.
-
-    Returns
-    -------
-    float ≥ 0, counts².
-
-    Notes
-    -----
-    The mean over all sums below a quantile of χ², corrected for the trimming. It starts from the
-    median.
-    """
-    limit = chi_square_quantile(TRIMMED, freedom)
-    share = (1.0 - chi_square_above(limit, freedom + 2)) / TRIMMED
-    return _core.trimmed_variance(
-        np.ascontiguousarray(square, np.float64),
-        median=chi_square_quantile(0.5, freedom),
-        limit=limit,
-        mean=freedom * share,
-        steps=TRIMMING_STEPS,
-    )
-
-
 def noise_of_residuals(
     brightness: FloatMap, square: FloatMap, freedom: int, floor_counts: float = 0.0
 ) -> CameraNoise:
@@ -138,11 +96,7 @@ def noise_of_residuals(
     set to zero where it is below three of its standard errors. Where the dark noise would be below
     that of rounding, it is set to it, and the gain is fitted alone.
     """
-    parts = (
-        np.array_split(part, BRIGHTNESS_GROUPS)
-        for part in _core.similar_groups(brightness, square, BRIGHTNESS_GROUPS)
-    )
-    groups = [group for group in zip(*parts, strict=True) if group[0].size >= MIN_GROUP_PIXELS]
+    groups = similar_groups(brightness, square, BRIGHTNESS_GROUPS, MIN_GROUP_PIXELS)
 
     def constant() -> CameraNoise:
         return CameraNoise(residual_variance(square, freedom) ** 0.5)

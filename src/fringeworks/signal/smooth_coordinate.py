@@ -6,7 +6,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fringeworks.types import MAD_TO_SIGMA, BoolMap, FloatMap, InputError
+from fringeworks.statistics.quantiles import MAD_TO_SIGMA, robust_sigma
+from fringeworks.types import BoolMap, FloatMap, InputError
 
 SMOOTHING_PX = 15.0
 """Default standard deviation of the Gaussian smoothing, camera px.
@@ -105,6 +106,6 @@ def _surface(coordinate: FloatMap, places: NDArray[np.intp]) -> tuple[FloatMap, 
         off = np.abs(values - design @ coefficients)
         limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * float(np.median(off[kept]))
         kept = off <= max(limit, NO_SPREAD_PX)
-    spread = MAD_TO_SIGMA * float(np.median(off[kept]))
+    spread = robust_sigma(off[kept])
     terms = (c * x**i * y**j for c, (i, j) in zip(coefficients, powers, strict=True))
     return np.asarray(sum(terms)), spread

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.patterns.order_chain import GRAY_REACH
-from fringeworks.signal.chi_square import chi_square_quantile
-from fringeworks.signal.quantile import median, quantile
 from fringeworks.stack.fits import SampleFit
 from fringeworks.stack.gray_frames import WIDE_CELL_TURNS, GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps, lit_pixels
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.sample import Sample
+from fringeworks.statistics.chi_square import chi_square_quantile
+from fringeworks.statistics.quantiles import median, quantile
 from fringeworks.types import BoolMap, CameraNoise, FloatMap, Reason
 
 UNRELATED_RESIDUAL = 0.5

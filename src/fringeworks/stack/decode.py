@@ -34,7 +34,7 @@ from fringeworks.stack.local_errors import inflation
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.refine import Refined
 from fringeworks.stack.sample import take_sample
-from fringeworks.stack.surface_scatter import cover_scatter
+from fringeworks.statistics.surface_scatter import cover_scatter
 from fringeworks.types import (
     Axis,
     CameraNoise,

@@ -32,7 +32,7 @@ from fringeworks.types import (
     Axis,
     ByteMap,
     Decoded,
-    FrameFinding,
+    Finding,
     FramesContradictPlan,
     InputError,
     PointCloud,
@@ -135,7 +135,7 @@ class Decoder:
         self._cloud: PointCloud | None = None
 
     @property
-    def findings(self) -> tuple[FrameFinding, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """What the last judgement found; empty before the first stack."""
         return () if self._found is None else self._found.findings
 

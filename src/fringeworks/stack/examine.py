@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.signal.quantile import quantile
 from fringeworks.stack import words
 from fringeworks.stack.agreement import (
     Agreement,
@@ -32,7 +31,9 @@ from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import exceeds
 from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
-from fringeworks.types import Axis, CameraNoise, FrameFinding, FramesContradictPlan
+from fringeworks.stack.step_convention import refuse_other_steps
+from fringeworks.statistics.quantiles import quantile
+from fringeworks.types import Axis, CameraNoise, Finding, FramesContradictPlan
 
 RELATED = 2.5
 """Disagreement of the sets above which it is compared with that of unrelated phases.
@@ -81,7 +82,7 @@ class Judgement:
     """The limits; the saturation is infinite if samples only touch the sensor's limit."""
     axes: dict[Axis, Refined]
     """Decoding of each axis, with its real frames and the floor of its phase errors."""
-    findings: tuple[FrameFinding, ...]
+    findings: tuple[Finding, ...]
     """What was measured or decided, for the user."""
 
     @cached_property
@@ -127,7 +128,7 @@ def examine(
     InputError
         If the frames contradict the plan, for example because two of them are swapped.
     """
-    findings: list[FrameFinding] = []
+    findings: list[Finding] = []
     # A response was measured with the real steps: it contains the ripple that they make.
     estimate_steps &= not any(s.table_turns for d in decodings.values() for s in d.sets)
     start = noise or spatial_noise(sample.patch)
@@ -141,6 +142,8 @@ def examine(
     for decoding in decodings.values():
         if decoding.gray is not None:
             refuse_unequal_levels(decoding.gray, sample.points, rough)
+    for axis, decoding in decodings.items():
+        refuse_other_steps(decoding, sample.lines[axis], plan.labels())
     _check_order(plan, sample, decodings, limits, rough)
     if estimate_steps:
         decodings = _with_real_frames(decodings, sample, limits)
@@ -187,7 +190,7 @@ def _refuse_unlike(decoding: Decoding, plan: PatternPlan) -> None:
             )
 
 
-def _of_steps(decoding: Decoding, plan: PatternPlan) -> list[FrameFinding]:
+def _of_steps(decoding: Decoding, plan: PatternPlan) -> list[Finding]:
     """Findings about steps and gains that differ from the plan."""
     found = [words.real_frames(s, decoding.axis, plan.labels()) for s in decoding.sets]
     return [finding for finding in found if finding is not None]

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fringeworks.signal.chi_square import chi_square_quantile
-from fringeworks.stack.common_error import common_variance, differences
 from fringeworks.stack.kernel_settings import LOST_SHARE
+from fringeworks.statistics.chi_square import chi_square_quantile
+from fringeworks.statistics.common_error import common_variance, differences
 from fringeworks.types import (
     Axis,
     BoolMap,
     ByteMap,
     CoordinateMap,
     Decoded,
+    Finding,
     FloatMap,
-    FrameFinding,
     InputError,
     Reason,
     sealed,
@@ -252,7 +252,7 @@ def _phases(
     }
 
 
-def _finding(axis: Axis, maps: list[CoordinateMap], fused: _Fused) -> FrameFinding:
+def _finding(axis: Axis, maps: list[CoordinateMap], fused: _Fused) -> Finding:
     """What the fusion gained, and how many pixels disagree."""
     alone = [1.0 - m.failed_fraction for m in maps]
     together = 1.0 - fused.map.failed_fraction
@@ -262,7 +262,7 @@ def _finding(axis: Axis, maps: list[CoordinateMap], fused: _Fused) -> FrameFindi
         f"{axis}, {together:.0%} together; {fused.disagree} pixels disagree and are left out"
     )
     many = share > MANY_DISAGREE
-    return FrameFinding(
+    return Finding(
         "exposures",
         seen,
         ("something moved between the exposures", "wrong fringe orders") if many else (),

@@ -12,10 +12,10 @@ from fringeworks import _core
 from fringeworks.patterns.chain_search import ALTERNATIVE_SIGMAS, ORDER_SIGMAS
 from fringeworks.patterns.order_chain import TURN, OrderChain
 from fringeworks.patterns.plan import PatternPlan, step_design
-from fringeworks.signal.chi_square import chi_square_quantile
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.signal.response import Response
 from fringeworks.stack.gray_frames import GrayFrames, gray_frames
+from fringeworks.statistics.chi_square import chi_square_quantile
 from fringeworks.types import (
     Axis,
     BoolMap,

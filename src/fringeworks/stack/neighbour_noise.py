@@ -11,10 +11,10 @@ from fringeworks.signal.noise import (
     BRIGHTNESS_GROUPS,
     GAIN_SIGMAS,
     MIN_BRIGHTNESS_SPREAD,
-    NORMAL_MEDIAN,
 )
 from fringeworks.stack.kernel_settings import Limits
 from fringeworks.stack.noise import CLIPPED_SIGMAS, MIN_JUDGED_PIXELS
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import CameraNoise, FloatMap
 
 DIFFERENCE_GAIN = 36.0

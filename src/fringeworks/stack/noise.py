@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.signal.noise import noise_of_residuals, noise_variance, residual_variance
-from fringeworks.signal.quantile import quantile
+from fringeworks.signal.noise import noise_of_residuals, noise_variance
 from fringeworks.stack.fits import DesignRows, SampleFit, fit_matrices, times
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.ripple import harmonics
 from fringeworks.stack.sample import Sample
+from fringeworks.statistics.chi_square import residual_variance
+from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
 
 MIN_JUDGED_PIXELS = 200
@@ -65,6 +66,9 @@ EXPLAINED_BY_HARMONICS = 0.7
 
 ROUGH_STRIDE = 4
 """Every so many pixels give the rough noise that ``CLIPPED_SIGMAS`` needs; a quarter suffices."""
+
+EXPOSURE_PASSES = 2
+"""Number of estimates of the exposures: the first one takes the light from uneven sums."""
 
 BACKGROUND_PASSES = 2
 """Number of estimates from backgrounds: one from all pixels, one without those near the limits."""
@@ -143,17 +147,40 @@ def _pair_noise(decoding: Decoding, sample: Sample) -> CameraNoise | None:
     gray = decoding.gray
     if decoding.sets or gray is None or len(gray.inverse) < 2:
         return None
-    pairs = zip(gray.bits, gray.inverse, strict=True)
-    sums = np.stack(
-        [sample.points[a][0].astype(np.float64) + sample.points[b][0] for a, b in pairs]
+    bits, inverse = (
+        np.stack([sample.points[k][0].astype(np.float64) for k in frames])
+        for frames in (gray.bits, gray.inverse)
     )
-    sums = sums[:, np.isfinite(sums).all(axis=0)]
-    if sums.shape[1] < MIN_JUDGED_PIXELS:
+    known = np.isfinite(bits).all(axis=0) & np.isfinite(inverse).all(axis=0)
+    if np.count_nonzero(known) < MIN_JUDGED_PIXELS:
         return None
-    data = sums[:, _lit(sums.mean(axis=0))]
+    bits, inverse = bits[:, known], inverse[:, known]
+    lit = _lit(np.asarray((bits + inverse).mean(axis=0)))
+    data = _of_one_exposure(bits[:, lit], inverse[:, lit])
     mean = data.mean(axis=0)
     square = np.sum((data - mean) ** 2, axis=0) / 2.0
+    sums = data
     return noise_of_residuals(mean / 2.0, square, len(sums) - 1, QUANTISATION_VARIANCE**0.5)
+
+
+def _of_one_exposure(bits: FloatMap, inverse: FloatMap) -> FloatMap:
+    """Sums of bits and their inverse, (pairs, n), as if all frames had one exposure.
+
+    A bit and its inverse add up to the light S of the white and the black frame. Where the exposure
+    or the lamp changes from frame to frame, to gains e and e', their sum is
+    ½ (e + e') S + ½ (e − e') D', with the difference D' that both would have. Least squares over
+    all pixels gives both factors, also where bits are blurred.
+    """
+    sums = bits + inverse
+    even = sums
+    for _ in range(EXPOSURE_PASSES):
+        light, last = even.mean(axis=0), np.empty_like(sums)
+        for k, difference in enumerate(bits - inverse):
+            design = np.stack((light, difference))
+            share, tilt = np.linalg.solve(design @ design.T, design @ sums[k])
+            last[k] = (sums[k] - tilt * difference) / share
+        even = last
+    return even
 
 
 def spatial_noise(patch: Sequence[FloatMap]) -> CameraNoise:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.signal.chi_square import chi_square_quantile
 from fringeworks.stack.kernel_settings import LOST_SHARE, Decoding
 from fringeworks.stack.motion import Motion, warped
 from fringeworks.stack.set_residuals import phase_variance
+from fringeworks.statistics.chi_square import chi_square_quantile
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap, Reason
 
 SAME_PERIODS = 0.25

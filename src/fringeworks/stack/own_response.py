@@ -16,7 +16,7 @@ from fringeworks.stack.ripple import Ripple
 from fringeworks.stack.ripple_removal import line_ripple
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.set_residuals import Known
-from fringeworks.types import FrameFinding, InputError
+from fringeworks.types import Finding, InputError
 
 RESPONSE_PASSES = 3
 """Passes of measuring and subtracting the ripple. Its size is known to a tenth after the first one,
@@ -28,7 +28,7 @@ FIRST_ORDER = 3
 
 def with_own_response(
     decoding: Decoding, sample: Sample, known: Known
-) -> tuple[Decoding, list[FrameFinding]]:
+) -> tuple[Decoding, list[Finding]]:
     """The decoding with tables that subtract the ripple of a response that is not linear.
 
     Parameters
@@ -40,7 +40,7 @@ def with_own_response(
     Returns
     -------
     decoding : Decoding
-    findings : list of FrameFinding
+    findings : list of Finding
 
     Raises
     ------

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.signal.quantile import median
 from fringeworks.stack.fits import fit_samples
+from fringeworks.statistics.quantiles import median
 
 SIGNIFICANT_DECREASE = 6.0
 """Decrease of the residuals that counts as significant, in standard deviations of its value under

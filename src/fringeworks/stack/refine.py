@@ -9,21 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import GRAY_REACH, TURN
-from fringeworks.signal.noise import NORMAL_MEDIAN
-from fringeworks.signal.quantile import median
 from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
-from fringeworks.stack.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple
 from fringeworks.stack.ripple_removal import without_ripples
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.set_residuals import Known, set_residuals
-from fringeworks.stack.surface_scatter import scatters
-from fringeworks.types import Axis, CameraNoise, FrameFinding
+from fringeworks.statistics.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
+from fringeworks.statistics.surface_scatter import scatters
+from fringeworks.types import Axis, CameraNoise, Finding
 
 MAX_OFFSET_TURNS = 0.15
 """Largest error of a rounding that constant offsets between the sets may make, turns.
@@ -66,7 +65,7 @@ class Refined:
     """The decoding of an axis with the errors of its phases, and what was found."""
 
     decoding: Decoding
-    findings: tuple[FrameFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     ratio: float = 1.0
     """Median χ² of the sets over its expectation for noise alone."""
     uneven: bool = False
@@ -93,7 +92,7 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
     planes = [sample.points[k] for k in decoding.frames]
     decoding, ripples = without_ripples(decoding, lines, planes, known)
-    findings: list[FrameFinding] = []
+    findings: list[Finding] = []
     sets = []
     for phases, ripple in zip(decoding.sets, ripples, strict=True):
         floored, found = _with_harmonics(phases, ripple, decoding.axis, known.estimate_steps)
@@ -157,7 +156,7 @@ def scaled(noise: CameraNoise, factor: float) -> CameraNoise:
 
 def _with_harmonics(
     phases: PhaseFrames, ripple: Ripple | None, axis: Axis, removed: bool
-) -> tuple[PhaseFrames, list[FrameFinding]]:
+) -> tuple[PhaseFrames, list[Finding]]:
     """The set with the remaining ripple in its floor, and what was found."""
     if ripple is None:
         return phases, []

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.signal.quantile import median, quantile
-from fringeworks.types import MAD_TO_SIGMA, BoolMap, FloatMap
+from fringeworks.statistics.quantiles import MAD_TO_SIGMA, median, quantile
+from fringeworks.types import BoolMap, FloatMap
 
 WINDOW_FRINGES = 3.0
 """Length of a window along a line, fringes.

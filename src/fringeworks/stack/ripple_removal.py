@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.signal.quantile import median
 from fringeworks.stack.agreement import decode_sample
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames, lit_pixels
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import Ripple, measure_ripple, ripple_of_residuals
 from fringeworks.stack.set_residuals import Known, phase_variance, set_residuals
+from fringeworks.statistics.quantiles import median
 from fringeworks.types import FloatMap
 
 MAX_ORDER = 8

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fringeworks.types import Decoded, FrameFinding, Reason, reason_counts
+from fringeworks.types import Decoded, Finding, Reason, reason_counts
 
 LARGE_SHARE = 0.1
 """Share of the lit pixels from which on a reason is reported. Edges of shadows, dark paint and
@@ -39,7 +39,7 @@ WORDS: dict[Reason, tuple[str, tuple[str, ...], str]] = {
 """For every reason that decoding gives: what was seen, likely causes, what to do."""
 
 
-def unmeasured(decoded: Decoded) -> tuple[FrameFinding, ...]:
+def unmeasured(decoded: Decoded) -> tuple[Finding, ...]:
     """Return a finding for every reason that takes a large share of the lit pixels."""
     findings = []
     for axis, found in decoded.maps.items():
@@ -50,5 +50,5 @@ def unmeasured(decoded: Decoded) -> tuple[FrameFinding, ...]:
             if share > LARGE_SHARE:
                 seen = f"{share:.0%} of the lit pixels along {axis} have {what}"
                 figures = {"share": share}
-                findings.append(FrameFinding("unmeasured", seen, causes, advice, axis, (), figures))
+                findings.append(Finding("unmeasured", seen, causes, advice, axis, (), figures))
     return tuple(findings)

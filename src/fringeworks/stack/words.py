@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks.stack.kernel_settings import PhaseFrames
-from fringeworks.stack.phase_errors import PhaseErrors
 from fringeworks.stack.real_frames import RealFrames
 from fringeworks.stack.shifts import step_errors
-from fringeworks.types import Axis, CameraNoise, FrameFinding
+from fringeworks.statistics.phase_errors import PhaseErrors
+from fringeworks.types import Axis, CameraNoise, Finding
 
 STEADY = 0.8
 """Correlation with the number of the frame above which a change over the frames is steady."""
@@ -20,15 +20,15 @@ NOTABLE_GAIN = 0.003
 """Change of the light from frame to frame from which on it is reported as one. Empirical."""
 
 
-def noise(found: CameraNoise, source: str) -> FrameFinding:
+def noise(found: CameraNoise, source: str) -> Finding:
     """The measured noise."""
     shot = f", {found.gain:.3g} counts² per count" if found.gain else ""
     figures = {"read_counts": found.read_counts, "gain": found.gain}
     seen = f"noise of {found.read_counts:.3g} counts{shot}, from {source}"
-    return FrameFinding("noise", seen, figures=figures)
+    return Finding("noise", seen, figures=figures)
 
 
-def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> FrameFinding | None:
+def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> Finding | None:
     """Steps and gains that differ from the plan; None where they hardly do."""
     if not phases.design:
         return None
@@ -55,21 +55,21 @@ def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> FrameFind
     if np.abs(off).max() > NOTABLE_DEG and abs(np.corrcoef(number, off)[0, 1]) > STEADY:
         causes = ("motion during the capture", "a step that is wrong by the same amount each time")
         advice = "keep the scene at rest or take the frames faster"
-        return FrameFinding("motion", seen, causes, advice, axis, named, figures)
+        return Finding("motion", seen, causes, advice, axis, named, figures)
     if np.radians(np.abs(off).max()) > np.abs(light).max():
         sources = ("wrong steps of the projector", "vibration", "a response that is not linear")
         advice = "check the patterns that are really shown and the mounts of the devices"
-        return FrameFinding("steps", seen, sources, advice, axis, named, figures)
+        return Finding("steps", seen, sources, advice, axis, named, figures)
     steady = abs(np.corrcoef(number, light)[0, 1]) > STEADY
     causes = ("flicker of the projector against the exposure", "a change of the light in the room")
     causes = causes[::-1] if steady else causes
     advice = "expose for whole periods of the projector's refresh, and keep the light constant"
-    return FrameFinding("flicker", seen, causes, advice, axis, named, figures)
+    return Finding("flicker", seen, causes, advice, axis, named, figures)
 
 
 def ripple(
     harmonics: dict[int, complex], phases: PhaseFrames, axis: Axis, rms_rad: float
-) -> FrameFinding:
+) -> Finding:
     """Ripple of the phase that stays in the result; one of the harmonics at least is not zero."""
     steps = len(phases.frames)
     largest = max(harmonics, key=lambda k: abs(harmonics[k]))
@@ -85,19 +85,19 @@ def ripple(
     else:
         causes = ("wrong steps", "flicker or a change of the light between frames")
         advice = "estimate the real steps"
-    return FrameFinding("ripple", seen, causes, advice, axis, (), figures)
+    return Finding("ripple", seen, causes, advice, axis, (), figures)
 
 
-def own_response(phases: PhaseFrames, rms_rad: float, axis: Axis) -> FrameFinding:
+def own_response(phases: PhaseFrames, rms_rad: float, axis: Axis) -> Finding:
     """A response that was measured from the stack itself and subtracted."""
     seen = (
         f"response: ripple of {rms_rad:.3f} rad rms in the phases of {phases.period_px:g} px along "
         f"{axis}, measured from the stack itself and subtracted"
     )
-    return FrameFinding("ripple", seen, axis=axis, figures={"rms_rad": rms_rad})
+    return Finding("ripple", seen, axis=axis, figures={"rms_rad": rms_rad})
 
 
-def disagreement(errors: PhaseErrors, axis: Axis) -> FrameFinding:
+def disagreement(errors: PhaseErrors, axis: Axis) -> Finding:
     """Sets that disagree by more than the noise."""
     seen = f"phases along {axis} disagree by {errors.ratio**0.5:.1f} times their noise"
     if errors.noise_factor > 1.0:
@@ -117,10 +117,10 @@ def disagreement(errors: PhaseErrors, axis: Axis) -> FrameFinding:
         "light between surfaces",
     )
     advice = "standard deviations contain it"
-    return FrameFinding("disagreement", seen, causes, advice, axis, (), figures)
+    return Finding("disagreement", seen, causes, advice, axis, (), figures)
 
 
-def correlated_noise(factor: float, axis: Axis) -> FrameFinding:
+def correlated_noise(factor: float, axis: Axis) -> Finding:
     """Phases along smooth lines that are noisier than the noise of the camera."""
     seen = (
         f"phases along {axis} scatter {factor**0.5:.1f} times as much along smooth lines as the "
@@ -132,10 +132,10 @@ def correlated_noise(factor: float, axis: Axis) -> FrameFinding:
         "a surface that is rough everywhere",
     )
     advice = "store frames without loss and leave the projector time to change"
-    return FrameFinding("correlated noise", seen, causes, advice, axis, (), {"factor": factor})
+    return Finding("correlated noise", seen, causes, advice, axis, (), {"factor": factor})
 
 
-def scatter(axis: Axis) -> FrameFinding:
+def scatter(axis: Axis) -> Finding:
     """Coordinates that differ from their neighbours by more than their standard deviations."""
     seen = (
         f"coordinates along {axis} differ from their neighbours by more than their standard "
@@ -148,4 +148,4 @@ def scatter(axis: Axis) -> FrameFinding:
         "a surface that is rough from pixel to pixel",
     )
     advice = "store frames without loss, focus the camera, and keep everything at rest"
-    return FrameFinding("scatter", seen, causes, advice, axis)
+    return Finding("scatter", seen, causes, advice, axis)

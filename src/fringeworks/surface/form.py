@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from fringeworks.statistics.quantiles import robust_sigma
 from fringeworks.surface.form_geometry import GEOMETRIES, BodyKind, FormGeometry
 from fringeworks.types import (
     LARGEST,
-    MAD_TO_SIGMA,
     MOST_SEED,
     NUMBERS,
     BoolMap,
@@ -360,7 +360,7 @@ def _fit(
             return None
         values, unit = _refine(values, scaled[used], weight[used], geometry)
         distance = geometry.distance(values, scaled)
-        spread = MAD_TO_SIGMA * float(np.median(np.abs(distance * weight)[used]))
+        spread = robust_sigma((distance * weight)[used])
         if np.array_equal(before, used):
             break
     return values, unit, distance, used

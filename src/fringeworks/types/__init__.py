@@ -50,10 +50,10 @@ from fringeworks.types.errors import (
     UnknownMethod,
     check_fields,
 )
-from fringeworks.types.finding import FrameFinding, FrameFindingKind
+from fringeworks.types.finding import Finding, Pixels, Severity
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
 from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
-from fringeworks.types.noise import MAD_TO_SIGMA, CameraNoise
+from fringeworks.types.noise import CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile
@@ -64,7 +64,6 @@ from fringeworks.types.surface import HeightMap, PointCloud
 
 __all__ = [
     "LARGEST",
-    "MAD_TO_SIGMA",
     "MOST_PX",
     "MOST_SEED",
     "NUMBERS",
@@ -87,9 +86,8 @@ __all__ = [
     "DeviceProblem",
     "DisplacementMap",
     "FileProblem",
+    "Finding",
     "FloatMap",
-    "FrameFinding",
-    "FrameFindingKind",
     "FramesContradictPlan",
     "Frozen",
     "HeightMap",
@@ -102,6 +100,7 @@ __all__ = [
     "PartModel",
     "PartTolerance",
     "Pinhole",
+    "Pixels",
     "Plotted",
     "PointCloud",
     "Points",
@@ -114,6 +113,7 @@ __all__ = [
     "Rig",
     "RigMismatch",
     "Sectioned",
+    "Severity",
     "Source",
     "TriangleMesh",
     "UnknownMethod",

@@ -10,7 +10,7 @@ import numpy as np
 from fringeworks.types.area import Area
 from fringeworks.types.arrays import FloatMap
 from fringeworks.types.errors import InputError
-from fringeworks.types.finding import FrameFinding
+from fringeworks.types.finding import Finding
 from fringeworks.types.frozen import Frozen
 
 Ball = tuple[float, float, float, float]
@@ -165,7 +165,7 @@ class Alignment(Frozen):
     response: FloatMap | None = None
     """(6, k), errors ξ by the k independent parts of the rig's covariance; None where they are not
     known."""
-    findings: tuple[FrameFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     """What is likely wrong, and what to do about it."""
 
     @property

@@ -10,7 +10,7 @@ import numpy as np
 from fringeworks.types.arrays import Axis, ByteMap, FloatMap, Reason
 from fringeworks.types.displayed import Plotted, Sectioned
 from fringeworks.types.errors import InputError
-from fringeworks.types.finding import FrameFinding
+from fringeworks.types.finding import Finding
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.noise import CameraNoise
 from fringeworks.types.profile import Line, Profile
@@ -68,7 +68,7 @@ class Decoded(Plotted, Frozen):
     """Along projector rows."""
     noise: CameraNoise
     """Noise of the camera, from which the standard deviations come."""
-    findings: tuple[FrameFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     """What was found in the frames, with its likely causes, and what was decided because of it."""
     details: dict[str, Any] = field(default_factory=dict)
     """Figures per axis: disagreement of the sets, estimated shifts."""

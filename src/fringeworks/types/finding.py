@@ -1,4 +1,4 @@
-"""What was found in the frames of a stack or a pair, as data and as text."""
+"""What was found in a capture, a set-up, a calibration or a result: as data and as text."""
 
 from __future__ import annotations
 
@@ -6,39 +6,43 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from fringeworks.types.arrays import Axis
+from fringeworks.types.camera import Region
 from fringeworks.types.frozen import Frozen
 
-FrameFindingKind = Literal[
-    "noise",
-    "steps",
-    "flicker",
-    "motion",
-    "ripple",
-    "disagreement",
-    "correlated noise",
-    "scatter",
-    "files",
-    "unmeasured",
-    "turned frame",
-    "swapped frames",
-    "row method",
-    "lost pixels",
-    "convergence",
-    "raw colours",
-    "exposures",
-    "depth range",
-    "views",
-    "alignment",
-    "cameras",
-]
-"""What a finding is about."""
+Severity = Literal["note", "warning", "error"]
+"""How much a finding matters, in rising order.
+
+- note: nothing is wrong. It tells how the result came about, such as which noise was measured.
+- warning: results are less exact or less complete than they could be, or may be wrong. What was
+  seen says in which way, and whether the standard deviations contain it.
+- error: results, or the part of them that the finding names, are wrong or missing; do not use them
+  before its cause is removed.
+"""
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """Which pixels a finding concerns: how many, and where."""
+
+    count: int
+    """Number of pixels that the finding concerns."""
+    of: int
+    """Number of pixels that were looked at."""
+    region: Region | None = None
+    """The smallest rectangle that holds them; None where their places are not known."""
+
+    @property
+    def share(self) -> float:
+        """Share of the pixels that were looked at, 0…1."""
+        return self.count / max(self.of, 1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrameFinding(Frozen):
-    """Something that was seen in the frames: its likely causes, and what to do about it."""
+class Finding(Frozen):
+    """Something that was seen: its likely causes, and what to do about it."""
 
-    kind: FrameFindingKind
+    kind: str
+    """What it is about, in one or two words; every kind is named where it is found."""
     seen: str
     """What was seen, with its figures, and what was decided because of it."""
     causes: tuple[str, ...] = ()
@@ -51,6 +55,9 @@ class FrameFinding(Frozen):
     """Labels of the frames that it concerns; empty for all."""
     figures: dict[str, float] = field(default_factory=dict)
     """The figures by name, with their units."""
+    severity: Severity = "warning"
+    pixels: Pixels | None = None
+    """The pixels that it concerns; None for all, and where they are not known."""
 
     @property
     def text(self) -> str:

@@ -11,9 +11,6 @@ from fringeworks.types.checks import finite
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
 
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CameraNoise(Frozen):

@@ -11,7 +11,7 @@ from fringeworks.types.arrays import ByteMap, FloatMap, Reason
 from fringeworks.types.checks import finite, positive
 from fringeworks.types.displayed import Sectioned
 from fringeworks.types.errors import InputError
-from fringeworks.types.finding import FrameFinding
+from fringeworks.types.finding import Finding
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.provenance import Provenance
 
@@ -46,7 +46,7 @@ class HeightMap(Sectioned, Frozen):
     where it is unknown."""
     converged: bool | None = None
     """Whether all iterations of the analysis converged; None where unknown."""
-    findings: tuple[FrameFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     """Likely faults of the capture: what was seen, and what to do about it."""
 
     def __post_init__(self) -> None:
@@ -99,7 +99,7 @@ class PointCloud(Sectioned, Frozen):
     """Brightness (h, w) or colour (h, w, 3) of the surface, counts."""
     provenance: Provenance | None = None
     """How it was made; None where the caller built it."""
-    findings: tuple[FrameFinding, ...] = ()
+    findings: tuple[Finding, ...] = ()
     """Likely faults of the capture: what was seen, and what to do about it."""
     remarks: tuple[str, ...] = ()
     """What else to know about the points, such as parts that the rig was not calibrated for."""

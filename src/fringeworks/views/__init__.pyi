@@ -3,14 +3,14 @@
 from ..pipeline.merging import (
     MergedPart as MergedPart,
 )
+from ..surface.camera_blur import (
+    remove_blur as remove_blur,
+)
 from .board_views import (
     BoardPose as BoardPose,
 )
 from .board_views import (
     board_pose as board_pose,
-)
-from .camera_blur import (
-    remove_blur as remove_blur,
 )
 from .closing import (
     closed_mesh as closed_mesh,

@@ -13,8 +13,8 @@ from fringeworks.surface.form import fit_form
 from fringeworks.types import (
     Alignment,
     DatumPoints,
+    Finding,
     FloatMap,
-    FrameFinding,
     InputError,
 )
 from fringeworks.views.board_views import rigid
@@ -297,7 +297,7 @@ def align_by_fit(
     ------
     InputError where too few points lie near the model, and where no pose is found.
     """
-    findings: list[FrameFinding] = []
+    findings: list[Finding] = []
     if start is None:
         searched = search_pose(part, target, one_view=one_view, seed=seed)
         start = searched.found.T_target_source
@@ -321,8 +321,8 @@ def align_by_fit(
     )
 
 
-def _ambiguous(others: int) -> FrameFinding:
-    return FrameFinding(
+def _ambiguous(others: int) -> Finding:
+    return Finding(
         "alignment",
         f"the points fit the model in {others + 1} poses equally well; one of them was taken",
         ("a part that looks alike after a rotation", "too little of the part in view"),
@@ -331,11 +331,11 @@ def _ambiguous(others: int) -> FrameFinding:
     )
 
 
-def _findings(found: Registration) -> list[FrameFinding]:
+def _findings(found: Registration) -> list[Finding]:
     findings = []
     if found.slides:
         findings.append(
-            FrameFinding(
+            Finding(
                 "alignment",
                 f"the surface slides on itself in {found.slides} of 6 directions, as a plane, "
                 "sphere or cylinder does; the pose stays as it started in these directions",
@@ -345,7 +345,7 @@ def _findings(found: Registration) -> list[FrameFinding]:
         )
     if found.overlap < MIN_SHARE:
         findings.append(
-            FrameFinding(
+            Finding(
                 "alignment",
                 f"only {found.overlap:.0%} of the fitted points lie on the model",
                 ("points that do not belong to the part", "a wrong pose"),
@@ -356,11 +356,11 @@ def _findings(found: Registration) -> list[FrameFinding]:
     return findings
 
 
-def _unconverged(*, converged: bool) -> tuple[FrameFinding, ...]:
+def _unconverged(*, converged: bool) -> tuple[Finding, ...]:
     if converged:
         return ()
     return (
-        FrameFinding(
+        Finding(
             "alignment",
             "the alignment has not converged: its last step was above its limit",
             ("a start that is far off",),

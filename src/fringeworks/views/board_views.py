@@ -9,8 +9,8 @@ import numpy as np
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.corners import find_board
 from fringeworks.rig.pinhole import skew, transform
+from fringeworks.statistics.quantiles import MAD_TO_SIGMA
 from fringeworks.types import (
-    MAD_TO_SIGMA,
     BoardNotFound,
     FloatMap,
     Frozen,

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import MAD_TO_SIGMA, FloatMap, Frozen, InputError, Points
+from fringeworks.statistics.quantiles import robust_sigma
+from fringeworks.types import FloatMap, Frozen, InputError, Points
 from fringeworks.views.poses import ViewPose
 from fringeworks.views.surface_points import SurfacePoints
 
@@ -138,4 +139,4 @@ def _disagreement(
     if not several.any():
         return float("nan")
     ratio = np.abs(mean[several]) / np.sqrt(expected[several])
-    return float(MAD_TO_SIGMA * np.median(ratio))
+    return robust_sigma(ratio)

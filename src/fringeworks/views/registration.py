@@ -9,7 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fringeworks.types import MAD_TO_SIGMA, FloatMap, Frozen, InputError
+from fringeworks.statistics.quantiles import robust_sigma
+from fringeworks.types import FloatMap, Frozen, InputError
 from fringeworks.views.poses import from_twist
 from fringeworks.views.surface_points import SurfacePoints
 
@@ -213,7 +214,7 @@ class _Matches:
 
     @property
     def typical_mm(self) -> float:
-        return float(MAD_TO_SIGMA * np.median(np.abs(self.distance)))
+        return robust_sigma(self.distance)
 
     @property
     def centre(self) -> FloatMap:
@@ -250,7 +251,7 @@ def _matches(source: SurfacePoints, target: Target, reach: float) -> _Matches:
         good &= aside < (MAX_ASIDE * near + ROUNDING_MM if target.exact else spacing + 1e-9)
     if np.count_nonzero(good) >= MIN_MATCHES:
         ratio = np.abs(distance) / np.sqrt(sigma2)
-        good &= ratio < END_SIGMAS * max(MAD_TO_SIGMA * float(np.median(ratio[good])), 1.0)
+        good &= ratio < END_SIGMAS * max(robust_sigma(ratio[good]), 1.0)
     if np.count_nonzero(good) < MIN_MATCHES:
         raise InputError(
             f"views: expected {MIN_MATCHES} matching points or more, got {np.count_nonzero(good)}: "

@@ -23,6 +23,7 @@ from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
 from fringeworks.simulate.standard import fringe_plan, truth_distance
 from fringeworks.simulate.virtual_rig import View
 from fringeworks.stack.frames import Stack
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import BoolMap, CoordinateMap, Decoded, FloatMap, InputError, Pair
 
 PERIOD_PX = 20.0
@@ -30,8 +31,6 @@ PERIOD_PX = 20.0
 STEP_PX = 0.01
 """Change of the projector coordinate from which the change of depth is taken, px: small against a
 period, large against rounding."""
-NORMAL_MEDIAN = 0.6745
-"""Median of the absolute values of normal errors, in standard deviations."""
 ROUNDING = 1.0 / 12.0
 """Variance of rounding to whole counts, counts²."""
 BORDER_PERIODS = 2.0

@@ -15,8 +15,9 @@ import numpy as np
 from fringeworks.report.reason_words import REASON_COLOURS
 from fringeworks.report.viewer.content import MAX_PIXELS
 from fringeworks.report.viewer.pack import PackedSurface
+from fringeworks.statistics.quantiles import MAD_TO_SIGMA
 from fringeworks.surface import form
-from fringeworks.types import MAD_TO_SIGMA, InputError, Reason
+from fringeworks.types import InputError, Reason
 
 MODULES = (
     "numbers",

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fringeworks.statistics.quantiles import robust_sigma
 from fringeworks.types import (
-    MAD_TO_SIGMA,
     Axis,
     BoolMap,
     CoordinateMap,
@@ -197,7 +197,7 @@ def _robust_fit(
             return None
         coefficients = np.linalg.solve(normal, q @ weighted)
         deviation = np.abs(q - design @ coefficients) * inverse_sigma
-        scale = max(MAD_TO_SIGMA * float(np.median(deviation)), 1e-9)
+        scale = max(robust_sigma(deviation), 1e-9)
         if step < REWEIGHTINGS // 2:
             # Least absolute deviations first: outliers of any size lose their influence.
             weight = inverse_sigma / np.sqrt(np.maximum(deviation, MIN_ABSOLUTE * scale))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import scipy
 from fringeworks.rig.calibration.calibrate import Calibration, Observation, unmoved
 from fringeworks.rig.calibration.parameters import DEVICE_SIZE
 from fringeworks.rig.calibration.poses import tilts_deg
-from fringeworks.types import Axis, FloatMap
+from fringeworks.types import Axis, Finding, FloatMap
 
 USUAL_POSES = 10
 """Number of poses from which on a calibration is not called short of poses: the usual advice for
@@ -45,17 +44,6 @@ LARGE_INFLATION = 2.0
 errors of corners give 0.9 to 1.3 with three to eight poses."""
 LISTED_CORNERS = 8
 """Largest number of corners that one finding lists by column and row; a line holds no more."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that makes a calibration worse than it could be."""
-
-    cause: str
-    """Short name: pose, corners, coverage, ripple, board, poses, tilt, weak, disagreement,
-    convergence or skipped."""
-    message: str
-    """What was seen, the likely cause, and what to do."""
 
 
 def pose_figures(calibration: Calibration) -> list[dict[str, Any]]:
@@ -124,7 +112,9 @@ def diagnose(calibration: Calibration) -> list[Finding]:
 
     Returns
     -------
-    list of Finding, the most important first; empty for a calibration without fault.
+    list of Finding, the most important first; empty for a calibration without fault. Their kinds
+    are pose, ripple, board, tilt, poses, coverage, weak, disagreement, convergence, corners and
+    skipped.
     """
     return [
         *_odd_poses(calibration),
@@ -148,12 +138,14 @@ def _odd_poses(calibration: Calibration) -> list[Finding]:
         usual = float(np.median(values))
         for row, value in zip(rows, values, strict=True):
             if value > ODD_POSE_RATIO * usual:
-                message = (
+                seen = (
                     f"{row['pose']}: the {device}'s residual is {value:.3f} px, in most poses it "
-                    f"is {usual:.3f} px; the board was probably moved, blurred or partly hidden: "
-                    "photograph this pose again, or leave it out"
+                    f"is {usual:.3f} px"
                 )
-                findings.append(Finding("pose", message))
+                causes = ("the board was moved, blurred or partly hidden",)
+                advice = "photograph this pose again, or leave it out"
+                figures = {"residual_px": float(value), "usual_px": usual}
+                findings.append(Finding("pose", seen, causes, advice, figures=figures))
     return findings
 
 
@@ -169,13 +161,14 @@ def ripple_findings(observations: Sequence[Observation]) -> list[Finding]:
         amplitude = float(np.median([r.amplitude_px for r in ripples]))
         sigma = float(np.median([r.sigma_px for r in ripples]))
         if amplitude > RIPPLE_PX and amplitude > RIPPLE_SIGMAS * sigma:
-            message = (
+            seen = (
                 f"coordinates along {axis} have an error of ±{amplitude:.3f} px that repeats with "
-                "the fringes; the projector's response (γ) is probably not corrected, or frames "
-                "are saturated: measure and correct the response, lower the exposure, or use more "
-                "phase steps"
+                "the fringes"
             )
-            findings.append(Finding("ripple", message))
+            causes = ("the projector's response (γ) is not corrected", "frames are saturated")
+            advice = "measure and correct the response, lower the exposure, or use more phase steps"
+            figures = {"amplitude_px": amplitude, "sigma_px": sigma}
+            findings.append(Finding("ripple", seen, causes, advice, axis, (), figures))
     return findings
 
 
@@ -186,38 +179,41 @@ def _bent_board(calibration: Calibration) -> list[Finding]:
     largest = float(np.abs(bow).max())
     if not (abs(bow[worst]) > BENT_SIGMAS * sigma[worst] and largest > BENT_SHARE * size):
         return []
-    message = (
+    seen = (
         f"the board is not flat: half its size from its middle it deviates by {largest:.3f} mm ± "
-        f"{sigma[worst]:.3f} mm from a plane; this makes poses and all lengths wrong: use a "
-        "stiffer board, or glue the pattern onto a flat plate"
+        f"{sigma[worst]:.3f} mm from a plane; this makes poses and all lengths wrong"
     )
-    return [Finding("board", message)]
+    advice = "use a stiffer board, or glue the pattern onto a flat plate"
+    figures = {"largest_mm": largest, "sigma_mm": float(sigma[worst])}
+    return [Finding("board", seen, advice=advice, figures=figures)]
 
 
 def _low_tilt(calibration: Calibration) -> list[Finding]:
     tilt = float(tilts_deg(calibration.adjusted.poses).max())
     if tilt >= USUAL_TILT_DEG:
         return []
-    message = (
+    seen = (
         f"the boards are tilted against each other by {tilt:.0f}° at most, so focal lengths are "
-        f"weakly determined: tilt the board by 15° to 35° to all sides, so that poses differ by "
+        "weakly determined"
+    )
+    advice = (
+        f"tilt the board by 15° to 35° to all sides, so that poses differ by "
         f"{USUAL_TILT_DEG:.0f}° or more"
     )
-    return [Finding("tilt", message)]
+    return [Finding("tilt", seen, advice=advice, figures={"tilt_deg": tilt})]
 
 
 def _few_poses(calibration: Calibration) -> list[Finding]:
     findings = []
     n = len(calibration.observations)
     if n < USUAL_POSES:
-        message = f"{n} poses are few: {USUAL_POSES} or more are usual; photograph more"
-        findings.append(Finding("poses", message))
+        seen = f"{n} poses are few: {USUAL_POSES} or more are usual"
+        figures = {"poses": float(n)}
+        findings.append(Finding("poses", seen, advice="photograph more", figures=figures))
     for names in unmoved(calibration.observations, calibration.board):
-        message = (
-            f"the board did not move between {' and '.join(names)}: they count as one pose; move "
-            "the board between photographs"
-        )
-        findings.append(Finding("poses", message))
+        seen = f"the board did not move between {' and '.join(names)}: they count as one pose"
+        advice = "move the board between photographs"
+        findings.append(Finding("poses", seen, advice=advice))
     return findings
 
 
@@ -225,11 +221,12 @@ def _low_coverage(calibration: Calibration) -> list[Finding]:
     findings = []
     for name, share in zip(("camera", "projector"), coverage(calibration), strict=True):
         if share < MIN_COVERAGE:
-            message = (
+            seen = (
                 f"corners span {share:.0%} of the {name}'s frame: lens distortion is extrapolated "
-                "outside; move the board into the corners of the frame"
+                "outside"
             )
-            findings.append(Finding("coverage", message))
+            advice = "move the board into the corners of the frame"
+            findings.append(Finding("coverage", seen, advice=advice, figures={"share": share}))
     return findings
 
 
@@ -241,30 +238,30 @@ def _weak_focal_lengths(calibration: Calibration) -> list[Finding]:
     for k, (name, device) in enumerate((("camera", rig.camera), ("projector", rig.projector))):
         relative = float(sigma[DEVICE_SIZE * k] / device.focal_px[0])
         if relative > WEAK_FOCAL:
-            message = (
-                f"the {name}'s focal length is only known to {relative:.2%}; the poses are "
-                "probably too similar: add poses that are nearer, further away and tilted more"
-            )
-            findings.append(Finding("weak", message))
+            seen = f"the {name}'s focal length is only known to {relative:.2%}"
+            causes = ("the poses are too similar",)
+            advice = "add poses that are nearer, further away and tilted more"
+            figures = {"relative_sigma": relative}
+            findings.append(Finding("weak", seen, causes, advice, figures=figures))
     return findings
 
 
 def _poses_that_disagree(calibration: Calibration) -> list[Finding]:
     findings = []
     if calibration.inflation > LARGE_INFLATION:
-        message = (
+        seen = (
             f"leaving out a pose changes the rig by {calibration.inflation:.1f} times what the "
             "scatter of corners explains, so all standard deviations were raised by this factor; "
-            "corners of one pose share errors, probably from uncorrected response, blur, or lenses "
-            "that the model does not describe: correct the response, or add poses"
+            "corners of one pose share errors"
         )
-        findings.append(Finding("disagreement", message))
+        causes = ("uncorrected response", "blur", "lenses that the model does not describe")
+        advice = "correct the response, or add poses"
+        figures = {"inflation": calibration.inflation}
+        findings.append(Finding("disagreement", seen, causes, advice, figures=figures))
     if not calibration.adjusted.converged:
-        message = (
-            "the adjustment did not settle, so weights and standard deviations are not final; "
-            "look for a pose that stands out, and leave it out"
-        )
-        findings.append(Finding("convergence", message))
+        seen = "the adjustment did not settle, so weights and standard deviations are not final"
+        advice = "look for a pose that stands out, and leave it out"
+        findings.append(Finding("convergence", seen, advice=advice, severity="error"))
     return findings
 
 
@@ -281,11 +278,12 @@ def _outlying_corners(calibration: Calibration) -> list[Finding]:
         if more > 0:
             places += f" and {more} more"
         corners = "1 corner was" if len(outliers) == 1 else f"{len(outliers)} corners were"
-        message = (
-            f"{observation.name}: {corners} left out as too far from the fit (column/row {places}"
-            "); probably glare, dirt or something in front of the board"
+        seen = (
+            f"{observation.name}: {corners} left out as too far from the fit (column/row {places})"
         )
-        findings.append(Finding("corners", message))
+        causes = ("glare, dirt or something in front of the board",)
+        figures = {"corners": float(len(outliers))}
+        findings.append(Finding("corners", seen, causes, figures=figures))
     return findings
 
 

@@ -18,14 +18,23 @@ from fringeworks.rig.calibration.board_points import (
     scale_of,
 )
 from fringeworks.rig.calibration.calibrate import Observation, refined, sighting_of
-from fringeworks.rig.calibration.diagnosis import Finding, ripple_findings
+from fringeworks.rig.calibration.diagnosis import ripple_findings
 from fringeworks.rig.calibration.drift_fits import EVERYTHING, Fit, fit_changes
 from fringeworks.rig.calibration.drift_words import Cause, cause_of, with_sigma
 from fringeworks.rig.calibration.poses import fit_pose
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.calibration.start import first_pose
 from fringeworks.rig.pinhole import project, transform
-from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, Provenance, Rig, RigMismatch
+from fringeworks.types import (
+    BoolMap,
+    Finding,
+    FloatMap,
+    Frozen,
+    InputError,
+    Provenance,
+    Rig,
+    RigMismatch,
+)
 
 FALSE_ALARM = 1e-4
 """Probability that a rig which holds is said to have moved."""
@@ -110,7 +119,7 @@ class RigCheck(Frozen):
         return f"cannot tell whether the rig holds: drift of points at the board {drift}; {noticed}"
 
     def __str__(self) -> str:
-        return "\n".join([self.text, *(f"{f.cause}: {f.message}" for f in self.findings)])
+        return "\n".join([self.text, *(f.text for f in self.findings)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,38 +323,38 @@ def _findings(
     """What makes a check less certain, and what it cannot tell."""
     findings = list(ripple_findings(observations))
     if rig.covariance is None:
-        message = (
+        seen = (
             "the rig states no uncertainty, so errors of its calibration cannot be told from a "
-            "drift; calibrate it with fringeworks for a sharper check"
+            "drift"
         )
-        findings.append(Finding("uncertainty", message))
+        advice = "calibrate it with fringeworks for a sharper check"
+        findings.append(Finding("uncertainty", seen, advice=advice))
     if rig.residual_px is not None:
         for name, now, then in zip(
             ("camera", "projector"), seen.scatter_px, rig.residual_px, strict=True
         ):
             if now > LARGE_SCATTER * then:
-                message = (
+                seen = (
                     f"corners scatter by {now:.3f} px in the {name}, at the calibration they did "
-                    f"by {then:.3f} px: the board is blurred, badly lit or another, or the lens "
-                    "has changed"
+                    f"by {then:.3f} px"
                 )
-                findings.append(Finding("scatter", message))
+                causes = ("the board is blurred, badly lit or another", "the lens has changed")
+                figures = {"scatter_px": now, "calibration_px": then}
+                findings.append(Finding("scatter", seen, causes, figures=figures))
     if len(checked.causes) > 1:
         names = " and ".join(cause.name for cause in checked.causes)
-        message = (
-            f"{names} cannot be told apart by this pose; tilt the board more, move it nearer or "
-            "further, or add poses"
-        )
-        findings.append(Finding("cause", message))
+        seen = f"{names} cannot be told apart by this pose"
+        advice = "tilt the board more, move it nearer or further, or add poses"
+        findings.append(Finding("cause", seen, advice=advice))
     if checked.excess <= 1.0 and checked.verdict == "cannot tell":
-        message = (
-            f"a drift of up to {checked.noticeable_mm:.2g} mm would go unnoticed; fill the frame "
-            "with a tilted board, take sharper frames, or add poses"
-        )
-        findings.append(Finding("blind", message))
+        seen = f"a drift of up to {checked.noticeable_mm:.2g} mm would go unnoticed"
+        advice = "fill the frame with a tilted board, take sharper frames, or add poses"
+        figures = {"noticeable_mm": checked.noticeable_mm}
+        findings.append(Finding("blind", seen, advice=advice, figures=figures))
     off = abs(checked.scale - 1.0)
     if off > LARGE_SCALE_SIGMAS * checked.scale_sigma and checked.excess > 1.0:
         size = with_sigma(100.0 * checked.scale, 100.0 * checked.scale_sigma)
-        message = f"measured with this rig, the board has {size} % of its stated size"
-        findings.append(Finding("scale", message))
+        seen = f"measured with this rig, the board has {size} % of its stated size"
+        figures = {"scale": checked.scale, "sigma": checked.scale_sigma}
+        findings.append(Finding("scale", seen, figures=figures, severity="error"))
     return tuple(findings)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fringeworks.devices.protocols import Camera, Projector
-from fringeworks.scan.checks.finding import SetupFinding
 from fringeworks.scan.exposure import TooBright, TooDark, auto_exposure
 from fringeworks.scan.exposure_proof import ExposureProof, exposure_obeys
-from fringeworks.types import CameraSettings, DeviceProblem, Frozen, InputError
+from fringeworks.types import CameraSettings, DeviceProblem, Finding, Frozen, InputError
 
 SELF_WILLED = ("ignored", "automatic")
 """Verdicts of cameras that keep an exposure of their own, so that none can be chosen."""
@@ -27,7 +26,7 @@ class Exposing(Frozen):
     """Whether the exposure obeys; None where that cannot be seen."""
     unproved: str
     """Why it cannot be seen whether the exposure obeys; empty where it can."""
-    findings: tuple[SetupFinding, ...]
+    findings: tuple[Finding, ...]
 
 
 def check_exposure(projector: Projector, camera: Camera, wanted: CameraSettings) -> Exposing:
@@ -91,7 +90,7 @@ def _put_back(camera: Camera, before: CameraSettings) -> CameraSettings:
     return camera.configure(CameraSettings(exposure_ms=before.exposure_ms, gain_db=before.gain_db))
 
 
-def _disobeys(proof: ExposureProof) -> SetupFinding:
+def _disobeys(proof: ExposureProof) -> Finding:
     """The finding of a camera whose exposure does not obey."""
     ratio = f"the light changed {proof.ratio:.2f} times instead of {proof.expected_ratio:.2f} times"
     seen, causes = {
@@ -112,33 +111,38 @@ def _disobeys(proof: ExposureProof) -> SetupFinding:
             ("a driver that rounds exposures", "a response with a gamma"),
         ),
     }[proof.verdict]
-    return SetupFinding(
+    return Finding(
         "exposure",
         seen,
         causes,
         "set the exposure with the camera's own program, or use another driver or camera",
-        {"expected_ratio": proof.expected_ratio, "ratio": proof.ratio, "drift": proof.drift},
+        figures={
+            "expected_ratio": proof.expected_ratio,
+            "ratio": proof.ratio,
+            "drift": proof.drift,
+        },
+        severity="error",
     )
 
 
-def _not_chosen(problem: InputError) -> SetupFinding:
+def _not_chosen(problem: InputError) -> Finding:
     """The finding that no good exposure exists or could be found."""
     seen = str(problem)
     if isinstance(problem, TooDark):
-        return SetupFinding(
+        return Finding(
             "dark",
             seen.partition(": too dark")[0],
             ("a projector too dim or too far away", "a dark object", "a small aperture"),
             "open the aperture, move the devices closer, use a brighter lamp, or darken the room",
         )
     if isinstance(problem, TooBright):
-        return SetupFinding(
+        return Finding(
             "saturated",
             seen.partition(": too bright")[0],
             ("a projector too bright or too near", "lamps in the room", "a shiny object"),
             "close the aperture, dim the projector, or move the devices away",
         )
-    return SetupFinding(
+    return Finding(
         "exposure",
         f"no exposure could be chosen: {seen}",
         ("light that flickers", "something that moves", "an automatic exposure or gain"),

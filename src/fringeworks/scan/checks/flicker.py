@@ -8,9 +8,8 @@ import numpy as np
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.agreement import MAX_INCOMPLETE
-from fringeworks.scan.checks.finding import SetupFinding
 from fringeworks.scan.uniform import uniform_picture
-from fringeworks.types import CameraSettings, DeviceProblem, FloatMap, Frozen
+from fringeworks.types import CameraSettings, DeviceProblem, Finding, FloatMap, Frozen
 
 FRAMES = 48
 """Frames that are compared: one to two seconds, over which any beat with mains shows."""
@@ -47,7 +46,7 @@ class Flicker(Frozen):
     """The same under white."""
     frame_s: float
     """Time from one frame to the next, s."""
-    findings: tuple[SetupFinding, ...]
+    findings: tuple[Finding, ...]
 
 
 def check_flicker(projector: Projector, camera: Camera) -> Flicker:
@@ -125,7 +124,7 @@ def _changes(bands: FloatMap, noise: FloatMap) -> tuple[float, float]:
     return float(np.sqrt(max(excess[worst], 0.0))), float(excess[worst] / scatter[worst])
 
 
-def _finding(picture: str, depth: float, sigmas: float) -> SetupFinding:
+def _finding(picture: str, depth: float, sigmas: float) -> Finding:
     causes: tuple[str, ...] = ("lamps on mains (100 or 120 Hz)", "an automatic exposure or gain")
     advice = (
         "switch off or shade the lamps, or use an exposure of a multiple of 10 ms (mains of 50 "
@@ -138,10 +137,10 @@ def _finding(picture: str, depth: float, sigmas: float) -> SetupFinding:
             *causes,
         )
         advice = f"use an exposure of whole refresh periods of the projector; {advice}"
-    return SetupFinding(
+    return Finding(
         "flicker",
         f"the brightness under {picture} changes by {depth:.1%} of white from frame to frame",
         causes,
         advice,
-        {"depth_share": depth, "significance": sigmas},
+        figures={"depth_share": depth, "significance": sigmas},
     )

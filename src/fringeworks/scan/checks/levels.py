@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.scan.agreement import Agreement
-from fringeworks.scan.checks.finding import SetupFinding
 from fringeworks.scan.saturation import largest_count
 from fringeworks.scan.uniform import uniform_picture
-from fringeworks.types import BoolMap, CameraSettings, DeviceProblem, FloatMap, Frozen
+from fringeworks.types import BoolMap, CameraSettings, DeviceProblem, Finding, FloatMap, Frozen
 
 LEVELS = (0.5, 0.03, 0.6, 0.06, 0.7, 0.1, 0.8, 0.15, 0.87, 0.2, 0.92, 0.3, 0.96, 0.4, 1.0, 0.0)
 """Grey levels in the order of showing, share of full scale. They are denser at both ends, where
@@ -61,7 +60,7 @@ class Levels(Frozen):
     """Mean brightness of the lit pixels at each level, (n,), counts."""
     noise: FloatMap
     """Standard deviation of these pixels between two frames of each level, (n,), counts."""
-    findings: tuple[SetupFinding, ...]
+    findings: tuple[Finding, ...]
 
 
 def check_levels(
@@ -160,9 +159,7 @@ def _exponent(level: FloatMap, light: FloatMap) -> float:
     return float(found.x)
 
 
-def _findings(
-    level: FloatMap, light: FloatMap, saturated: float, contrast: float
-) -> list[SetupFinding]:
+def _findings(level: FloatMap, light: FloatMap, saturated: float, contrast: float) -> list[Finding]:
     found = []
     top = level >= TOP
     below = (level >= 0.6) & (level <= TOP)
@@ -177,8 +174,8 @@ def _findings(
     return found
 
 
-def _limited(rise_share: float) -> SetupFinding:
-    return SetupFinding(
+def _limited(rise_share: float) -> Finding:
+    return Finding(
         "range",
         f"levels above {TOP:.0%} are no brighter than {TOP:.0%}",
         (
@@ -188,25 +185,25 @@ def _limited(rise_share: float) -> SetupFinding:
         "set the output of the graphics card to full range (0 to 255) and the projector's "
         "picture mode to one for films or computers, with brightness and contrast in the "
         "middle",
-        {"rise_share": rise_share},
+        figures={"rise_share": rise_share},
     )
 
 
-def _saturated(share: float) -> SetupFinding:
-    return SetupFinding(
+def _saturated(share: float) -> Finding:
+    return Finding(
         "saturated",
         f"{share:.0%} of the lit pixels are at the camera's limit under white",
         ("an exposure or gain that is too high", "a shiny object"),
         "let the exposure be chosen automatically, or take several exposures",
-        {"saturated_share": share},
+        figures={"saturated_share": share},
     )
 
 
-def _bright_room(contrast: float) -> SetupFinding:
-    return SetupFinding(
+def _bright_room(contrast: float) -> Finding:
+    return Finding(
         "room",
         f"white is only {contrast:.2g} times as bright as black",
         ("lamps or daylight in the room", "a projector that is too dim for it"),
         "darken the room, shade the object, or use a brighter projector",
-        {"contrast": contrast},
+        figures={"contrast": contrast},
     )

@@ -9,10 +9,9 @@ import numpy as np
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.plan import Block, GrayCode, PatternPlan, PhaseSteps, Uniform, equal_steps
 from fringeworks.scan.agreement import Agreement
-from fringeworks.scan.checks.finding import SetupFinding
 from fringeworks.scan.frames import pictures_of
 from fringeworks.stack.decode import decode
-from fringeworks.types import Axis, DeviceProblem, FloatMap, Frozen, InputError
+from fringeworks.types import Axis, DeviceProblem, Finding, FloatMap, Frozen, InputError
 
 PERIOD_PX = 32.0
 """Period of the fringes, projector px: coarse, so that optics out of focus still show them."""
@@ -33,7 +32,7 @@ class Orientation(Frozen):
     """Projector row, (h, w), px; NaN where it is unknown."""
     mirrored: bool
     """Whether the camera sees the picture mirrored."""
-    findings: tuple[SetupFinding, ...]
+    findings: tuple[Finding, ...]
 
 
 def check_orientation(
@@ -96,8 +95,8 @@ def check_orientation(
     )
 
 
-def _mirrored() -> SetupFinding:
-    return SetupFinding(
+def _mirrored() -> Finding:
+    return Finding(
         "mirrored",
         "the camera sees the projector's picture mirrored",
         (
@@ -107,4 +106,5 @@ def _mirrored() -> SetupFinding:
         ),
         "set the projector to projection from the front, and switch off mirroring in the camera's "
         "settings",
+        severity="error",
     )

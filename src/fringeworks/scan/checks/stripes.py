@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from fringeworks.devices.protocols import Projector
 from fringeworks.patterns.plan import equal_steps
 from fringeworks.scan.agreement import Agreement
-from fringeworks.scan.checks.finding import SetupFinding
 from fringeworks.scan.uniform import black_picture, picture_type
-from fringeworks.types import Axis, BoolMap, FloatMap, Frozen
+from fringeworks.types import Axis, BoolMap, Finding, FloatMap, Frozen
 
 PERIODS_PX = (3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
 """Periods that are shown, projector px, the coarsest last."""
@@ -75,7 +74,7 @@ class Stripes(Frozen):
     """Projector coordinates along the axis, (k,), px."""
     profile: FloatMap
     """Rms contrast of these stripes at each projector coordinate, (k,), relative to the mean."""
-    findings: tuple[SetupFinding, ...]
+    findings: tuple[Finding, ...]
 
 
 def check_stripes(
@@ -117,7 +116,7 @@ def check_stripes(
     periods = np.array(PERIODS_PX)
     resolved = contrast >= MIN_CONTRAST
     best = int(np.argmax(np.where(resolved, contrast / periods, 0.0)))
-    found: list[SetupFinding] = []
+    found: list[Finding] = []
     if not resolved[:-1].any():
         found.append(_unresolved(axis))
     judged = [int(k) for k in np.flatnonzero(resolved & (periods <= FINE_PX))]
@@ -215,8 +214,8 @@ def _beat(x: NDArray[Any], profile: FloatMap) -> tuple[float, float] | None:
     return amplitude, len(whole) / peak
 
 
-def _unresolved(axis: Axis) -> SetupFinding:
-    return SetupFinding(
+def _unresolved(axis: Axis) -> Finding:
+    return Finding(
         "contrast",
         f"stripes along {axis} of {PERIODS_PX[-2]:g} px or less have less than "
         f"{MIN_CONTRAST:.0%} of the contrast of {PERIODS_PX[-1]:g} px",
@@ -225,8 +224,8 @@ def _unresolved(axis: Axis) -> SetupFinding:
     )
 
 
-def _resized(axis: Axis, period_px: float, amplitude: float, beat_px: float) -> SetupFinding:
-    return SetupFinding(
+def _resized(axis: Axis, period_px: float, amplitude: float, beat_px: float) -> Finding:
+    return Finding(
         "scale",
         f"the contrast of stripes of {period_px:g} px along {axis} changes by "
         f"{amplitude:.0%} every {beat_px:.3g} px",
@@ -237,5 +236,5 @@ def _resized(axis: Axis, period_px: float, amplitude: float, beat_px: float) -> 
         ),
         "set the output to the projector's own resolution, and switch off keystone correction, "
         "digital zoom and overscan",
-        {f"amplitude_share_{axis}": amplitude, f"beat_{axis}_px": beat_px},
+        figures={f"amplitude_share_{axis}": amplitude, f"beat_{axis}_px": beat_px},
     )

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from fringeworks.devices.protocols import VideoMode
-from fringeworks.scan.checks.finding import SetupFinding
+from fringeworks.types import Finding
 
 
-def check_video_mode(mode: VideoMode | None) -> tuple[SetupFinding, ...]:
+def check_video_mode(mode: VideoMode | None) -> tuple[Finding, ...]:
     """Return a finding where the system changes the pictures before they leave the computer.
 
     A mode that is smaller than the largest one is no finding: some projectors offer modes beyond
@@ -15,7 +15,7 @@ def check_video_mode(mode: VideoMode | None) -> tuple[SetupFinding, ...]:
     if mode is None or mode.straight is not False:
         return ()
     return (
-        SetupFinding(
+        Finding(
             "ramp",
             "the gamma ramp of the graphics card is not a straight line, which changes all levels",
             ("a colour profile", "a night light or a program that warms colours"),

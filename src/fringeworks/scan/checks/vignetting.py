@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.scan.checks.finding import SetupFinding
 from fringeworks.scan.checks.levels import Levels
 from fringeworks.scan.checks.orientation import Orientation
-from fringeworks.types import MAD_TO_SIGMA, CameraNoise, FloatMap, Frozen
+from fringeworks.statistics.quantiles import robust_sigma
+from fringeworks.types import CameraNoise, Finding, FloatMap, Frozen
 
 CELLS = 24
 """Cells along the projector's longer side. A cell's median over many camera pixels has little
@@ -78,7 +78,7 @@ class Vignetting(Frozen):
     """Scatter of the cells about the fit, natural logarithm of the brightness."""
     bent: float
     """Deviation of the surface from a plane; see ``MAX_BENT``."""
-    findings: tuple[SetupFinding, ...]
+    findings: tuple[Finding, ...]
 
     def __str__(self) -> str:
         if self.judged != "fall-off":
@@ -134,7 +134,7 @@ def check_vignetting(
     bent = _bent(size_px, levels, orientation)
     judged = _judged(covered, reach, uneven, bent)
     corner = sigmas = float("nan")
-    found: tuple[SetupFinding, ...] = ()
+    found: tuple[Finding, ...] = ()
     if judged == "fall-off":
         corner = float(np.exp(coefficients[3] * reach**2))
         sigmas = _sigma_ratio(corner, float(np.exp(coefficients[0])), noise)
@@ -185,7 +185,7 @@ def _fit(x: FloatMap, y: FloatMap, value: FloatMap) -> tuple[FloatMap, float]:
         root = np.sqrt(weight)
         found = np.linalg.lstsq(design * root[:, None], value * root, rcond=None)[0]
         off = value - design @ found
-        sigma = max(MAD_TO_SIGMA * float(np.median(np.abs(off))), MIN_SIGMA)
+        sigma = max(robust_sigma(off), MIN_SIGMA)
         weight = np.maximum(1.0 - (off / (TUKEY * sigma)) ** 2, 0.0) ** 2
     return found, float(np.std(off))
 
@@ -228,8 +228,8 @@ def _sigma_ratio(corner: float, middle: float, noise: CameraNoise) -> float:
     return sigma[0] / sigma[1]
 
 
-def _finding(corner: float, sigmas: float) -> SetupFinding:
-    return SetupFinding(
+def _finding(corner: float, sigmas: float) -> Finding:
+    return Finding(
         "vignetting",
         f"the projected light falls to {corner:.0%} towards the corners of the picture, where the "
         f"modulation falls alike and σ is {sigmas:.1f} times that of the middle",
@@ -240,5 +240,5 @@ def _finding(corner: float, sigmas: float) -> SetupFinding:
         ),
         "place objects in the middle of the picture, stop the camera's lens down, or use several "
         "exposures; to tell the devices from the surface, repeat before a white wall",
-        {"corner_share": corner, "sigma_ratio": sigmas},
+        figures={"corner_share": corner, "sigma_ratio": sigmas},
     )

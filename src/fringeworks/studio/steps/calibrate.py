@@ -81,7 +81,7 @@ class _Calibrate:
         said = values.get("verdict", {}).get("text", "There is a rig.")
         ui.label(f"{said} Next: scan.").props('role="status"')
         for found in values.get("findings", []):
-            ui.label(f"! {found['message']}").classes("text-warning")
+            ui.label(f"! {found['text']}").classes("text-warning")
         if rig.with_suffix(".png").is_file():
             stamp = rig.stat().st_mtime_ns
             picture = ui.image(f"/file/rig.png?{stamp}").classes("w-full max-w-5xl bg-white")

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fringeworks.statistics.quantiles import MAD_TO_SIGMA
 from fringeworks.types import (
-    MAD_TO_SIGMA,
     DisplacementMap,
     FloatMap,
     Frozen,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.signal.chi_square import chi_square_quantile
-from fringeworks.signal.noise import NORMAL_MEDIAN
-from fringeworks.signal.quantile import median, quantile
+from fringeworks.statistics.chi_square import chi_square_quantile
+from fringeworks.statistics.groups import similar_groups
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median, quantile
 from fringeworks.types import FloatMap
 
 GROUPS = 6
@@ -89,10 +89,7 @@ def two_parts(square: FloatMap, variance_rad2: FloatMap, freedom: int) -> PhaseE
     floor f and the variance v by noise. Groups of similar v give both by least squares.
     """
     square = square.astype(np.float64)
-    parts = (
-        np.array_split(part, GROUPS) for part in _core.similar_groups(variance_rad2, square, GROUPS)
-    )
-    groups = [group for group in zip(*parts, strict=True) if group[0].size >= MIN_GROUP]
+    groups = similar_groups(variance_rad2, square, GROUPS, MIN_GROUP)
     if not groups:
         return PhaseErrors()
     ratio = median(square) / chi_square_quantile(0.5, freedom)

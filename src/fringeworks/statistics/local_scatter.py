@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
+from fringeworks.statistics.groups import ordered_groups
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import FloatMap
 
 HALF_PX = 3
@@ -15,8 +17,6 @@ GROUPS = 8
 that the noise does not contain, have different shares in bright and dark regions."""
 MIN_GROUP = 300
 """Smallest number of pixels in a group: the factor is then known to 5 %."""
-MEDIAN_ABSOLUTE = 0.6745
-"""Median of the absolute value of a standard normal number."""
 
 
 def scatter_factor(values: FloatMap, sigma: FloatMap) -> FloatMap:
@@ -51,13 +51,11 @@ def scatter_factor(values: FloatMap, sigma: FloatMap) -> FloatMap:
     with np.errstate(all="ignore"):
         ratio = np.abs(residual[whole]) / sigma[whole] / np.sqrt(np.sum(kernel**2))
         level = np.log(sigma[whole])
-    groups = min(GROUPS, ratio.size // MIN_GROUP)
-    if groups < 1:
+    parts = ordered_groups(level, GROUPS, MIN_GROUP)
+    if not parts:
         return factor
-    order = np.argsort(level)
-    parts = np.array_split(order, groups)
     places = np.array([np.median(level[part]) for part in parts])
-    found = np.array([np.median(ratio[part]) for part in parts]) / MEDIAN_ABSOLUTE
+    found = np.array([np.median(ratio[part]) for part in parts]) / NORMAL_MEDIAN
     # Groups of one σ are one group.
     places, group = np.unique(places, return_inverse=True)
     found = np.bincount(group, found) / np.bincount(group)

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks import _core
-from fringeworks.signal.chi_square import chi_square_quantile
-from fringeworks.signal.quantile import median
-from fringeworks.signal.third_difference import third_difference, third_difference_variance
+from fringeworks.statistics.chi_square import chi_square_quantile
+from fringeworks.statistics.quantiles import median
+from fringeworks.statistics.third_difference import third_difference, third_difference_variance
 from fringeworks.types import BoolMap, FloatMap
 
 SCALES = ((1, 3), (2, 5), (2, 13))

@@ -6,7 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
-from fringeworks.signal.noise import NORMAL_MEDIAN
+from fringeworks.statistics.groups import ordered_groups
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import FloatMap
 
 GROUPS = 12
@@ -72,10 +73,8 @@ def common_variance(x: FloatMap, variance: FloatMap) -> FloatMap:
 
 def _shares(smaller: FloatMap, total: FloatMap, square: FloatMap) -> tuple[FloatMap, FloatMap]:
     """Logarithm of the smaller variance and its common share, 0…1, of groups of differences."""
-    groups = min(GROUPS, smaller.size // MIN_GROUP)
-    order = np.argsort(smaller)
     places, shares = [], []
-    for part in np.array_split(order, groups) if groups else ():
+    for part in ordered_groups(smaller, GROUPS, MIN_GROUP):
         seen = float(np.median(square[part] / total[part])) / NORMAL_MEDIAN**2
         shares.append(0.5 * (1.0 - seen) * float(np.median(total[part] / smaller[part])))
         places.append(float(np.log(np.median(smaller[part]))))

@@ -1,4 +1,4 @@
-"""The χ² distribution with a whole number of degrees of freedom, in closed form.
+"""The χ² distribution with a whole number of degrees of freedom, in closed form, and variances.
 
 SciPy has it for any number, but importing its special functions takes longer than decoding a stack.
 """
@@ -8,12 +8,23 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
-from fringeworks.types import InputError
+import numpy as np
+
+from fringeworks import _core
+from fringeworks.types import FloatMap, InputError
 
 MOST_STEPS = 200
 """Largest number of steps to a quantile; most take five, and halving alone takes fewer than 100."""
 CONVERGED = 1e-14
 """Relative step at which a quantile has converged."""
+TRIMMED = 0.9995
+"""Share of Gaussian residuals that the variance is computed from; larger ones count as outliers.
+
+The trimming costs next to no precision (0.05 % of the samples) and removes residuals above 3.5
+standard deviations, such as those of moving edges. An empirical choice.
+"""
+TRIMMING_STEPS = 3
+"""Steps of the trimmed variance; it starts at the median and changes little after the second."""
 
 
 def chi_square_above(x: float, freedom: int) -> float:
@@ -68,3 +79,33 @@ def chi_square_quantile(share: float, freedom: int) -> float:
             return following
         x = following
     return x
+
+
+def residual_variance(square: FloatMap, freedom: int) -> float:
+    """Variance of a residual, from sums of squared residuals, insensitive to outliers.
+
+    Parameters
+    ----------
+    square : (n,) float array, counts²
+        Sums of squared residuals.
+    freedom : int ≥ 1
+        Degrees of freedom of each sum.
+
+    Returns
+    -------
+    float ≥ 0, counts².
+
+    Notes
+    -----
+    The mean over all sums below a quantile of χ², corrected for the trimming. It starts from the
+    median.
+    """
+    limit = chi_square_quantile(TRIMMED, freedom)
+    share = (1.0 - chi_square_above(limit, freedom + 2)) / TRIMMED
+    return _core.trimmed_variance(
+        np.ascontiguousarray(square, np.float64),
+        median=chi_square_quantile(0.5, freedom),
+        limit=limit,
+        mean=freedom * share,
+        steps=TRIMMING_STEPS,
+    )

@@ -1,0 +1,1 @@
+"""Statistics: scatter of maps against the standard deviations that they state."""

@@ -33,7 +33,7 @@ from fringeworks.simulate.virtual_rig import look
 from tests.public import public_names
 from tests.walk import ROOT, commands, examples
 
-PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
+PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")])
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 ROW_METHODS = ("exact", "gsifa", "sifa", "ifa")
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.M | re.S)

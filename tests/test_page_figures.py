@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from functools import cache
 from importlib import import_module
 from operator import attrgetter
 
 import pytest
 
+import fringeworks as fw
 from tests.walk import ROOT
 
 UP_TO_TWELVE = "zero one two three four five six seven eight nine ten eleven twelve"
@@ -175,3 +177,15 @@ def test_files_that_the_architecture_names_are_there():
     for room, starts in re.findall(r"^\| `(\w+/)` \|.*\|([^|]*)\|$", text, re.M):
         named |= {room + name for name in re.findall(r"`(.*?)`", starts)}
     assert not {name for name in named if not any(path.endswith("/" + name) for path in files)}
+
+
+def test_the_citation_and_the_links_are_those_of_the_package():
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    cited = dict(re.findall(r'^([\w-]+): "?([^"\n]+)"?$', text, re.M))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert cited["version"] == fw.__version__
+    assert cited["license"] == project["license"]
+    assert cited["repository-code"] == project["urls"]["Source"]
+    for name, path in (("Changelog", "CHANGELOG.md"), ("Documentation", "docs/index.md")):
+        assert project["urls"][name] == f"{cited['repository-code']}/blob/main/{path}"
+        assert (ROOT / path).exists()

@@ -22,7 +22,7 @@ for number, pose in enumerate(board_poses(board, 6)):
 found = fw.calibrate(poses.items(), board)
 print(fw.rig.verdict(found).text)
 for finding in fw.rig.diagnose(found):
-    print(finding.text)
+    print(finding.line)
 fw.files.write_rig("rig.toml", found.rig)
 
 figure = found.plot()

@@ -11,10 +11,9 @@ from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.rig.pinhole import pose
 from fringeworks.simulate.bodies import Body, Sphere
-from fringeworks.simulate.highlight import highlight
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import standard_rig
-from fringeworks.simulate.virtual_rig import look
+from fringeworks.simulate.virtual_rig import highlight, look
 from tests.virtual_devices import bench
 
 RIG = standard_rig(scale=0.2)

@@ -14,7 +14,7 @@ from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
-from fringeworks.surface.border import inside_surface
+from fringeworks.surface.clean import inside_surface
 
 RADIUS_MM = 25.0
 BOARD = fw.rig.parse_board("charuco:10x10:20:15")

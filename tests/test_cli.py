@@ -55,12 +55,13 @@ def run_alone(*arguments, code=0):
 def checked(done, code):
     assert done.returncode == code, done.stderr
     if code == 2:
-        # On a slow machine lines of progress may stand before the one of the error.
+        # Findings stand before the line of the error, on a slow machine also lines of progress.
         said = [
             line
             for line in done.stderr.splitlines()
-            if not re.search(r"\(\d+ s(, \d+ s left)?\)$", line)
+            if not re.search(r"^(note|warning|error) \(|\(\d+ s(, \d+ s left)?\)$", line)
         ]
+        assert said == done.stderr.splitlines()[-1:]
         assert len(said) == 1, done.stderr
         assert said[0].startswith("fringeworks: ")
         assert "Traceback" not in done.stderr

@@ -14,8 +14,6 @@ from fringeworks.signal.denoise import (
     decompose_frame,
     decompose_rows,
     denoise,
-    normalise,
-    remove_trend,
 )
 from tests.conftest import scene
 from tests.oracles.denoise import emd
@@ -100,19 +98,6 @@ def test_denoising_reduces_the_error(method):
     assert errors[1] < 0.85 * errors[0]
 
 
-def test_trend_and_normalisation():
-    x = np.arange(400)
-    shading = 30.0 + 20.0 * (x / 400.0) ** 2
-    size = 5.0 + 2.0 * np.cos(0.008 * x)
-    wave = np.cos(0.35 * x)
-    frame = np.tile(shading + size * wave, (3, 1))
-    inner = slice(40, -40)
-    flat = remove_trend(frame)
-    assert np.abs((flat - size * wave)[:, inner]).max() < 0.6
-    assert np.abs(normalise(frame) - wave)[:, inner].max() < 0.06
-    assert np.isnan(normalise(np.ones((2, 30)))).all()
-
-
 def test_planar_modes_separate_fine_and_coarse_waves():
     y, x = np.mgrid[:200, :200]
     fine = np.cos(0.9 * x) * np.cos(0.8 * y)
@@ -131,7 +116,7 @@ def test_bad_input():
         (np.full((3, 9), np.inf), "finite values"),
         (np.ones((3, 9), complex), "real numbers"),
     ):
-        for function in (decompose_rows, decompose_frame, denoise, remove_trend, normalise):
+        for function in (decompose_rows, decompose_frame, denoise):
             with pytest.raises(InputError, match=words):
                 function(bad)
     frame = np.ones((3, 9))

@@ -11,7 +11,7 @@ import scipy.ndimage
 
 import fringeworks as fw
 from fringeworks.rig.calibration.parameters import moved_rig
-from fringeworks.rig.depth_interval import coordinates_at
+from fringeworks.rig.depth_range import coordinates_at
 from fringeworks.rig.ray_depth import inverse_depth
 from fringeworks.simulate.bodies import Box, Cylinder, Paraboloid, Plane, Sphere
 from fringeworks.simulate.exposure import photograph

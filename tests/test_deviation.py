@@ -12,7 +12,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.cli.commands import run
-from fringeworks.evaluate.model_quantities import area_deviation, deviation_mean
+from fringeworks.evaluate.quantities import area_deviation, deviation_mean
 from fringeworks.rig.pinhole import inverse, transform
 from fringeworks.surface.closest import MeshDistance
 from fringeworks.views.poses import carried, twist
@@ -177,11 +177,12 @@ def test_the_mean_of_an_area_is_within_its_sigma():
     [
         ('[model]\nfile = "none.stl"', "no such file"),
         ('[model]\nfile = "../a.stl"', "outside"),
-        ('[model]\nfile = "a.stl"\nalign = "datum-points"', "expected points"),
-        ('[model]\nfile = "a.stl"\nalign = "datum-planes"', "three planes"),
+        ('[model]\nfile = "a.stl"\nalign = "datum-points"', "missing key model.datum-points.points"),
+        ('[model]\nfile = "a.stl"\nalign = "datum-planes"', "missing key model.datum-planes.planes"),
         ('[model]\nfile = "a.stl"\nfit = "b"', "areas"),
         ('[model]\nfile = "a.stl"\nalign = "none"\npoints = [[0,0,0,0,0,0],[1,0,0,1,0,0],[0,1,0,0,1,0]]',
-         "neither"),
+         "unknown key model.none.points"),
+        ('[model]\nfile = "a.stl"\nalign = "best"', "model: expected align = best-fit"),
         ('[model]\nfile = "a.stl"\nreach_mm = -1', "reach"),
         ('[areas.a]\nbox=[0,0,5,5]\n[[tolerances]]\nname = "t"\nquantity = "deviation_max"\n'
          'areas = ["a"]\nmax = 1', "with a model"),

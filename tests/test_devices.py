@@ -14,12 +14,12 @@ import pytest
 
 import fringeworks as fw
 from fringeworks import InputError
-from fringeworks.devices import kinds, plugins, registry
+from fringeworks.devices import kinds, registry
 from fringeworks.devices.folder_camera import FolderCamera
-from fringeworks.devices.listing import list_devices
 from fringeworks.devices.opening import (
     camera_kind,
     camera_kinds,
+    list_devices,
     open_camera,
     open_devices,
     open_projector,
@@ -27,9 +27,8 @@ from fringeworks.devices.opening import (
     projector_kinds,
     scanner_kind,
 )
-from fringeworks.devices.plugins import load_plugin
 from fringeworks.devices.protocols import Camera, CameraLimits
-from fringeworks.devices.registry import ListedDevice
+from fringeworks.devices.registry import ListedDevice, load_plugin
 from fringeworks.devices.webcam import Webcam
 from fringeworks.files import read_stack, write_patterns
 from fringeworks.types import CameraSettings, DeviceProblem, MissingPackage
@@ -206,11 +205,11 @@ def test_installed_plugins_bring_kinds(monkeypatch):
         return [Entry()] if group == "fringeworks.devices" else []
 
     monkeypatch.setattr(importlib.metadata, "entry_points", entry_points)
-    plugins.load_installed.cache_clear()
+    registry.load_installed.cache_clear()
     try:
         assert open_camera("installed:x") == "x"
     finally:
-        plugins.load_installed.cache_clear()
+        registry.load_installed.cache_clear()
 
 
 def test_the_list_says_what_is_there_and_what_is_missing(monkeypatch):

@@ -59,7 +59,6 @@ from fringeworks.simulate.scene import standard_scene
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.pair.methods.inverse_function import find_extrema
-from fringeworks.signal.denoise import normalise
 from tests.stacks import multi, take
 from tests.test_cliffs import boxes
 from tests.test_decoder import captured, plan_of, rig_of
@@ -91,7 +90,7 @@ def results():
     found += [fw.analyse(painted), fw.analyse(cliffs)]
     found += [fw.unwrap(phase, algorithm=name).phase for name in ("reliability", "guided")]
     found += [fw.signal.decompose_rows(scene.object), fw.signal.decompose_frame(scene.object)]
-    found += [normalise(scene.object), find_extrema(scene.object[30], 10.0).position_px]
+    found += [*_core.row_envelopes(np.asarray(scene.object, float)), find_extrema(scene.object[30], 10.0).position_px]
     picture = io.BytesIO()
     Image.fromarray(frames[0]).save(picture, "PNG")
     found.append(_core.read_grey_png(picture.getvalue()))

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from fringeworks import InputError, MissingPackage, PatternPlan, encode
-from fringeworks.devices.listing import list_devices
-from fringeworks.devices.opening import open_camera
+from fringeworks.devices.opening import list_devices, open_camera
 from fringeworks.devices.protocols import Camera, Closing, TriggeredCamera
 from fringeworks.files import read_stack
 from fringeworks.patterns import PhaseSteps, equal_steps

@@ -14,7 +14,11 @@ from fringeworks.simulate.bodies import Body, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import fringe_plan, standard_rig
-from fringeworks.simulate.turntable import (
+from fringeworks.simulate.virtual_rig import look
+from fringeworks.views.poses import carried, from_twist, twist
+from fringeworks.views.registration import register
+from fringeworks.views.surface_points import surface_points
+from tests.turntable import (
     TurntableErrors,
     board_on_table,
     bust_on_table,
@@ -22,10 +26,6 @@ from fringeworks.simulate.turntable import (
     turned_poses,
     turntable_pose,
 )
-from fringeworks.simulate.virtual_rig import look
-from fringeworks.views.poses import carried, from_twist, twist
-from fringeworks.views.registration import register
-from fringeworks.views.surface_points import surface_points
 
 BOARD = fw.rig.parse_board("charuco:10x10:20:15")
 T_table_board = pose(rotation(np.array([0.0, 0.0, 0.2])), np.array([-97.0, -103.0, 0.0]))

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 import fringeworks as fw
 from fringeworks import _core
-from fringeworks.pair.methods.windowed_start import start_field
+from fringeworks.pair.methods.windowed import start_field
 from fringeworks.pair.prepared import prepare
 from fringeworks.pair.windows import Windows
 from tests.oracles import albedo as oracle

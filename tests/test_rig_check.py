@@ -12,8 +12,7 @@ import pytest
 import fringeworks as fw
 from fringeworks.rig.calibration.board_points import flatness_mm, scale_of
 from fringeworks.rig.calibration.bundle import adjust
-from fringeworks.rig.calibration.drift_fits import fit_changes
-from fringeworks.rig.calibration.drift_words import with_sigma
+from fringeworks.rig.calibration.drift import fit_changes, with_sigma
 from fringeworks.rig.calibration.parameters import moved_rig, parameter_change
 from fringeworks.rig.calibration.start import first_pose
 from fringeworks.rig.pinhole import pose, rotation

@@ -12,9 +12,10 @@ from fringeworks import Finding, InputError, Reason
 from fringeworks.cli.commands import run
 from fringeworks.files.points import read_cloud, read_points, write_points
 from fringeworks.files.rig import format_rig, read_rig, write_rig
-from fringeworks.rig.point_findings import unit_notes
+from fringeworks.rig.point_findings import unit_findings
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.surface.cloud import cloud_triangles
+from fringeworks.types import Pixels, Region
 from tests.rigs import calibrated, rig, scene
 
 
@@ -124,12 +125,12 @@ def test_a_rig_in_metres_is_noted_and_converted(tmp_path):
     T = r.T_projector_camera.copy()
     T[:3, 3] /= 1000.0
     path = write_rig(tmp_path / "metres.xml", replace(r, T_projector_camera=T, covariance=None))
-    assert unit_notes(r) == ()
-    (note,) = unit_notes(read_rig(path))
-    assert "1000 times too small" in note
+    assert unit_findings(r) == ()
+    (finding,) = unit_findings(read_rig(path))
+    assert "1000 times too small" in finding.text
     found = read_rig(path, unit_mm=1000.0)
     assert found.baseline_mm == pytest.approx(r.baseline_mm)
-    assert unit_notes(found) == ()
+    assert unit_findings(found) == ()
     for unit in (0.0, -1.0, np.nan, np.inf):
         with pytest.raises(InputError, match="unit_mm: expected > 0"):
             read_rig(path, unit_mm=unit)
@@ -217,13 +218,16 @@ def test_points_come_back(tmp_path, name):
 
 def test_npz_keeps_the_frame(tmp_path):
     finding = Finding("noise", "noise of 9 counts", ("a cause",), "advice", frames=("frame 1",))
-    written = replace(cloud(), findings=(finding,), remarks=("a remark",))
+    pixels = Pixels(3, 10, Region(1, 2, 3, 4))
+    figures = {"share": 0.3, "unknown_mm": float("nan")}
+    other = Finding("unit", "a remark", axis="x", figures=figures, severity="note", pixels=pixels)
+    written = replace(cloud(), findings=(finding, other))
     write_points(tmp_path / "p.npz", written)
     found = read_cloud(tmp_path / "p.npz")
     np.testing.assert_array_equal(found.xyz_mm, written.xyz_mm)
     np.testing.assert_array_equal(found.reason, written.reason)
     assert found.residual_px is None
-    assert found.findings == (finding,)
+    assert found.findings == written.findings
     notes = (finding.text, "a remark")
     assert found.notes == read_points(tmp_path / "p.npz").notes == notes
 

@@ -7,7 +7,7 @@ import pytest
 import scipy
 
 from fringeworks import _core
-from fringeworks.pair.smooth import smooth, smooth_known
+from fringeworks.signal.filters import smooth, smooth_known
 
 RNG = np.random.default_rng(5)
 

@@ -19,7 +19,7 @@ from fringeworks.simulate.scene import standard_scene
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.studio.state import Studio
-from fringeworks.studio.steps.look import judged_notes
+from fringeworks.studio.steps.parts import finding_lines
 from fringeworks.studio.steps.scan import series_names
 from fringeworks.types import Finding, InputError
 from tests import browser
@@ -195,10 +195,15 @@ def test_methods_change_the_surface_and_are_compared(shared, pages):
     assert again.surface() == (other.reason == fw.Reason.OK).sum()
 
 
-def test_findings_are_told_from_other_notes():
-    finding = Finding("noise", "fringes differ", ("vibration",), "keep still")
-    figures = {"findings": findings_as_dicts([finding]), "notes": [finding.text, "noise of 1"]}
-    assert judged_notes(figures) == [(finding.text, True), ("noise of 1", False)]
+def test_findings_are_told_from_notes():
+    finding = Finding("steps", "fringes differ", ("vibration",), "keep still")
+    note = Finding("noise", "noise of 1", severity="note")
+    figures = {"findings": findings_as_dicts([finding, note])}
+    expected = [
+        ("warning (steps): fringes differ; likely vibration; keep still", True),
+        ("note (noise): noise of 1", False),
+    ]
+    assert finding_lines(figures) == expected
 
 
 @pytest.mark.parametrize(("source", "said"), [("broken", "object"), ("sneaky", "outside")])

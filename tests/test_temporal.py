@@ -35,7 +35,7 @@ def test_every_coordinate_is_found_within_the_stated_noise(name):
     periods = np.array(CHOICES[name])
     chain = order_chain(periods, RANGE)
     rng = np.random.default_rng(1)
-    sigma = chain.largest_sigma_rad
+    sigma = chain.margin(1.0) / 5.0
     x = rng.uniform(0, 959, 4000)
     if np.isinf(chain.repeats_px):
         # Without a finite repeat distance, noise can wrap the first combination past either end.

@@ -12,7 +12,7 @@ from fringeworks.patterns import GrayCode
 from fringeworks.pipeline.stacks import check_projector
 from fringeworks.rig.epipolar import calibration_share
 from fringeworks.rig.pinhole import look_at, pose, project, rays, rotation, transform
-from fringeworks.rig.point_findings import part_notes, point_notes
+from fringeworks.rig.point_findings import point_findings
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.signal import CameraNoise
 from fringeworks.simulate.bodies import Box, Plane, Sphere
@@ -217,13 +217,16 @@ def test_a_small_object_has_the_covariance_of_the_whole_frame():
 def test_a_large_share_of_rays_apart_is_a_finding():
     r = lens(False)
     _, decoded = made_up(r, wave(r.camera.shape), sigma=(0.03, 0.03), noise=1.0)
-    assert point_notes(triangulate(decoded, r)) == ()
+    h = r.projector.height_px
+    assert point_findings(triangulate(decoded, r), r, h) == ()
     rows = decoded.y.coordinate_px.copy()
     rows[: rows.shape[0] // 3] += 8.0
     spoiled = replace(decoded, y=replace(decoded.y, coordinate_px=rows))
-    (note,) = point_notes(triangulate(spoiled, r))
-    assert "rays apart" in note
-    assert "likely" in note
+    points = triangulate(spoiled, r)
+    (finding,) = point_findings(points, r, h)
+    assert "rays apart" in finding.text
+    assert "likely" in finding.text
+    assert finding.pixels.count == np.count_nonzero(points.reason == Reason.RAYS_APART)
 
 
 def test_a_plan_may_light_a_part_of_the_projector():
@@ -236,8 +239,10 @@ def test_a_plan_may_light_a_part_of_the_projector():
 
     check(w, h)
     check(w, h - 40)
-    assert "taken as its upper part" in part_notes(r, h - 40)[0]
-    assert part_notes(r, h) == ()
+    _, decoded = made_up(r, wave(r.camera.shape), sigma=(0.03, 0.03), noise=0.0)
+    points = triangulate(decoded, r)
+    assert "taken as its upper part" in point_findings(points, r, h - 40)[0].text
+    assert point_findings(points, r, h) == ()
     for size in ((w // 2, h // 2), (w + 8, h), (w - 8, h), (w, h + 8)):
         with pytest.raises(InputError, match="for a projector of"):
             check(*size)

@@ -14,9 +14,9 @@ from fringeworks.simulate.bodies import Body, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import fringe_plan
-from fringeworks.simulate.turntable import board_on_table, on_table, turned_poses, turntable_pose
 from fringeworks.simulate.virtual_rig import look
 from tests.test_merging import BOARD, T_table_board, rig
+from tests.turntable import board_on_table, on_table, turned_poses, turntable_pose
 
 
 class Table:

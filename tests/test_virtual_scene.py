@@ -13,10 +13,9 @@ from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.scan.frames import take_frames
 from fringeworks.simulate.exposure import photograph
-from fringeworks.simulate.highlight import highlight
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import bust, standard_rig
-from fringeworks.simulate.virtual_rig import look
+from fringeworks.simulate.virtual_rig import highlight, look
 
 PLAN = PatternPlan(192, 120, (PhaseSteps("x", 16.0, equal_steps(3)),))
 

@@ -7,7 +7,7 @@ import pytest
 
 from fringeworks import InputError, Pair, Reason, _core, analyse, reconstruct
 from fringeworks.evaluate.truth_errors import errors
-from fringeworks.pair.methods.windowed_start import start_field
+from fringeworks.pair.methods.windowed import start_field
 from fringeworks.pair.prepared import prepare
 from fringeworks.pair.reference_plane import to_surface
 from fringeworks.pair.windows import smooth_reference, spline_coefficients

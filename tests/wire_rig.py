@@ -16,10 +16,9 @@ import numpy as np
 from fringeworks.devices.protocols import checked_picture
 from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.simulate.bodies import Body, Sphere
-from fringeworks.simulate.highlight import highlight
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import standard_rig
-from fringeworks.simulate.virtual_rig import look
+from fringeworks.simulate.virtual_rig import highlight, look
 
 REFRESH_S = 1 / 60
 """Time from one picture of the projector to the next, s."""

@@ -133,7 +133,7 @@ from .pair.analyse import (
 from .pair.plugins import (
     method as method,
 )
-from .devices.plugins import (
+from .devices.registry import (
     load_plugin as load_plugin,
 )
 from .evaluate.selftest.run import (

@@ -70,7 +70,7 @@ def measure_scan(scan: Scan, job: Job) -> Row:
     try:
         row = _measured(scan, job, store)
     except InputError as problem:
-        row = {"error": str(problem)}
+        row = {"error": "; ".join(problem.lines)}
     except MemoryError:
         row = {"error": "expected enough memory for the scan, got too little"}
     except Exception as problem:

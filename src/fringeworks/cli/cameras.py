@@ -9,6 +9,7 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.decoding import DecodingOptions
 from fringeworks.cli.showing import ShowOptions
+from fringeworks.cli.words import say_found
 
 
 def calibrate_cameras(
@@ -97,8 +98,7 @@ def _say_calibration(words: output.Output, figures: dict[str, Any]) -> None:
 
 
 def _say_points(words: output.Output, figures: dict[str, Any]) -> None:
-    for note in figures["notes"]:
-        words.say(note)
+    say_found(words, figures)
     for camera in figures["cameras"]:
         words.say(
             f"camera {camera['number']}: {camera['points']} points, "

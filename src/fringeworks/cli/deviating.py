@@ -15,6 +15,7 @@ from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.showing import ShowOptions
+from fringeworks.cli.words import say_findings
 
 SECTION = "Results"
 SPOT_COLUMNS = ["x / mm", "y / mm", "z / mm", "deviation / mm", "± σ", "area / mm²"]
@@ -181,5 +182,4 @@ def _say(words: output.Output, found: fw.evaluate.Deviation, figures: dict[str, 
         sure = figures["surely_outside_share"]
         surely = "" if sure is None else f", {sure:.2%} surely (by 2 σ)"
         words.say(f"{figures['outside_share']:.2%} outside the tolerance{surely}")
-    for finding in found.findings:
-        words.say(finding.text)
+    say_findings(words, found.findings)

@@ -18,7 +18,7 @@ from fringeworks.cli.app import app
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Ply, PlyOption, items
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_setup
+from fringeworks.cli.words import say_findings, say_setup
 from fringeworks.scan.setup_file import check_setup_target
 
 SECTION = "Devices"
@@ -287,8 +287,7 @@ def take_views(
         )
     with output.target(out, ".ply") as place:
         fw.files.write_merged_points(place, found.points, provenance=found.provenance)
-    for finding in found.findings:
-        words.say(finding.text)
+    say_findings(words, found.findings)
     words.say(f"{len(found.points.xyz_mm)} points of {len(found.poses)} views")
     words.wrote(folder, out)
 

@@ -13,6 +13,7 @@ from fringeworks.cli.app import app
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import Ply, PlyOption
 from fringeworks.cli.showing import ShowOptions
+from fringeworks.cli.words import say_findings
 
 SECTION = "Results"
 EXIT_CODES = {"pass": 0, "fail": 3, "undecided": 4}
@@ -58,8 +59,7 @@ def inspect_part(
         rig=None if known.rig is None else rig_of(known),
     )
     words.table(COLUMNS, [_row(check) for check in found.checks], lines=True)
-    for note in found.notes:
-        words.say(f"note: {note}")
+    say_findings(words, found.findings)
     words.say(found.verdict if found.checks else "nothing is judged: the recipe has no tolerances")
     words.wrote(out, show.figure, show.report)
     raise typer.Exit(EXIT_CODES[found.verdict])

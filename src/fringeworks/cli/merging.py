@@ -12,6 +12,7 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
+from fringeworks.cli.words import say_findings
 
 SECTION = "Results"
 MESHES = (".stl", ".obj", ".glb")
@@ -96,6 +97,5 @@ def merge(
     if solid is not None:
         filled = 0.0 if solid.filled is None else float(solid.filled.mean())
         words.say(f"{len(solid.faces)} triangles; {filled:.0%} of the surface was not measured")
-    for finding in found.findings:
-        words.say(finding.text)
+    say_findings(words, found.findings)
     words.wrote(out)

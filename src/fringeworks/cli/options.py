@@ -10,13 +10,17 @@ from typing import Annotated, TypeVar
 import typer
 
 import fringeworks as fw
+from fringeworks.cli.output import want_json
 
 Folder = Annotated[Path, typer.Option("--out", help="Folder to write.", show_default=False)]
 Force = Annotated[
     bool, typer.Option("--force", help="Write into a folder with other things in it, too.")
 ]
 JsonFile = Annotated[
-    Path | None, typer.Option("--json", help="Write the numerical results as JSON to this file.")
+    Path | None,
+    typer.Option(
+        "--json", help="Write the numerical results as JSON to this file.", callback=want_json
+    ),
 ]
 Figure = Annotated[
     Path | None, typer.Option("--figure", help="Draw a picture: .png, .pdf or .svg.")

@@ -6,7 +6,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -52,6 +52,8 @@ class _Settings:
 
     quiet: bool = False
     log: Path | None = None
+    json: Path | None = None
+    """Where the figures of the command go that runs; None where nobody asked, and once written."""
 
 
 _settings = _Settings()
@@ -59,18 +61,34 @@ _settings = _Settings()
 
 def configure(*, quiet: bool, log: Path | None) -> None:
     """Set the options of all commands."""
-    _settings.quiet, _settings.log = quiet, log
+    _settings.quiet, _settings.log, _settings.json = quiet, log, None
     if log is not None:
         _write_log(f"fringeworks {fw.__version__}: {' '.join(sys.argv[1:])}")
 
 
-def fail(message: str) -> int:
-    """One line on stderr; the exit code of bad input."""
-    line = " ".join(message.split())
-    # Where the log cannot be written, that is the error already.
+def want_json(path: Path | None) -> Path | None:
+    """Remember where the figures of the command go, for a command that fails."""
+    _settings.json = path
+    return path
+
+
+def fail(*lines: str, findings: Sequence[fw.Finding] = ()) -> int:
+    """What was found and why the command fails, a line each on stderr; the exit code of bad input.
+
+    Findings go to ``--json`` as well, where the command has not written its figures yet.
+    """
+    *found, message = (" ".join(line.split()) for line in lines)
+    # Where the log or the figures cannot be written, that is the error already.
     with suppress(fw.InputError):
-        _write_log(f"error: {line}")
-    sys.stderr.write(f"fringeworks: {line}\n")
+        for line in (*found, f"error: {message}"):
+            _write_log(line)
+    for line in (*found, f"fringeworks: {message}"):
+        sys.stderr.write(f"{line}\n")
+    if findings:
+        from fringeworks.files.findings import findings_as_dicts
+
+        with suppress(fw.InputError):
+            write_json(_settings.json, {"error": message, "findings": findings_as_dicts(findings)})
     return 2
 
 
@@ -180,6 +198,7 @@ def write_text(path: Path | None, text: str) -> None:
 
 def write_json(path: Path | None, content: Any) -> None:
     """Write figures as JSON, where they are asked for."""
+    _settings.json = None
     if path is not None:
         write_text(path, fw.report.to_json(content))
 

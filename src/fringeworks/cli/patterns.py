@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -185,11 +185,17 @@ def patterns(
     format: Annotated[PictureFormat, typer.Option(help="PNG files, or one TIFF stack.")] = (
         PictureFormat.png
     ),
+    response: Annotated[
+        Path | None,
+        typer.Option(help="Response file: levels are pre-distorted, and the light is a cosine."),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Draw the pictures of a plan in the order of projection."""
     output.check_folder(out)
     layout = fw.files.read_plan(plan_file)
+    if response is not None:
+        layout = replace(layout, gamma=fw.files.read_response(response).gamma)
     with output.progress(layout.frames) as progress:
         written = fw.files.write_patterns(
             out, layout, stack=format is PictureFormat.tiff, force=force, progress=progress

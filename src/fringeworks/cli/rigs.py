@@ -13,6 +13,7 @@ from fringeworks.cli.app import app
 from fringeworks.cli.decoding import DecodingOptions
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import JsonFile, size_of
+from fringeworks.cli.words import say_findings
 
 SECTION = "Stacks and rigs"
 EXIT_CODES = {"holds": 0, "has moved": 3, "cannot tell": 4}
@@ -61,7 +62,8 @@ def check(
         progress("checking …")
         found = fw.rig.check_rig(rig, stacks, board, **options)
     output.write_json(json_file, fw.report.summarise(found))
-    words.say(str(found))
+    words.say(found.text)
+    say_findings(words, found.findings)
     if out is None or found.verdict == "holds":
         if out is not None:
             words.say(f"{out}: not written, because the rig holds")
@@ -90,7 +92,7 @@ def convert(
     ] = None,
 ) -> None:
     """Convert a rig file, to and from OpenCV's XML and YAML."""
-    from fringeworks.rig.point_findings import unit_notes
+    from fringeworks.rig.point_findings import unit_findings
 
     words = output.Output(out)
     output.check(out, "rig")
@@ -103,6 +105,5 @@ def convert(
             source, camera_size=sizes[0], projector_size=sizes[1], unit_mm=unit_mm
         )
         fw.files.write_rig(place, found)
-    for note in unit_notes(found):
-        words.say(f"note: {note}")
+    say_findings(words, unit_findings(found))
     words.wrote(out)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
+import fringeworks as fw
 from fringeworks.cli.output import Output
+from fringeworks.files.findings import finding_from_dict
 
 
 def failures(reasons: dict[str, int]) -> str:
@@ -13,15 +16,20 @@ def failures(reasons: dict[str, int]) -> str:
     return ", ".join(failed) or "none"
 
 
-def say_notes(words: Output, figures: dict[str, Any]) -> None:
-    """The notes of a result."""
-    for note in figures["notes"]:
-        words.say(f"note: {note}")
+def say_findings(words: Output, found: Iterable[fw.Finding]) -> None:
+    """Findings in a line each."""
+    for finding in found:
+        words.say(finding.line)
+
+
+def say_found(words: Output, figures: dict[str, Any]) -> None:
+    """The findings among a result's figures."""
+    say_findings(words, map(finding_from_dict, figures["findings"]))
 
 
 def say_surface(words: Output, figures: dict[str, Any]) -> None:
     """A height map, and its errors where the truth is known."""
-    say_notes(words, figures)
+    say_found(words, figures)
     unit = figures["unit"]
     if figures["median"] is None:
         words.say(f"{figures['quantity']}: no pixel could be measured")
@@ -41,7 +49,7 @@ def say_surface(words: Output, figures: dict[str, Any]) -> None:
 
 def say_coordinates(words: Output, figures: dict[str, Any]) -> None:
     """Projector coordinates along each axis."""
-    say_notes(words, figures)
+    say_found(words, figures)
     for axis, found in figures["axes"].items():
         failed = failures(found["reasons"])
         if found["median_sigma_px"] is None:
@@ -56,7 +64,7 @@ def say_coordinates(words: Output, figures: dict[str, Any]) -> None:
 
 def say_phase(words: Output, figures: dict[str, Any]) -> None:
     """A wrapped phase."""
-    say_notes(words, figures)
+    say_found(words, figures)
     failed = failures(figures["reasons"])
     if figures["median_sigma_rad"] is None:
         words.say(f"phase: no pixel could be measured ({failed})")
@@ -70,7 +78,7 @@ def say_phase(words: Output, figures: dict[str, Any]) -> None:
 
 def say_light(words: Output, figures: dict[str, Any]) -> None:
     """Direct and indirect light."""
-    say_notes(words, figures)
+    say_found(words, figures)
     failed = failures(figures["reasons"])
     if figures["indirect_share"] is None:
         words.say(f"light: no pixel could be measured ({failed})")
@@ -90,7 +98,7 @@ def say_light(words: Output, figures: dict[str, Any]) -> None:
 
 def say_points(words: Output, figures: dict[str, Any]) -> None:
     """A point cloud."""
-    say_notes(words, figures)
+    say_found(words, figures)
     if figures["points"]:
         low, high = figures["minimum_mm"], figures["maximum_mm"]
         span = ", ".join(
@@ -123,14 +131,13 @@ def say_calibration(words: Output, figures: dict[str, Any]) -> None:
         f"reprojection: camera {figures['camera_rms_px']:.3f} px, "
         f"projector {figures['projector_rms_px']:.3f} px"
     )
-    for found in figures["findings"]:
-        words.say(f"{found['kind']}: {found['text']}")
+    say_found(words, figures)
     words.say(f"verdict: {figures['verdict']['text']} (one standard deviation, calibration alone)")
 
 
 def say_forms(words: Output, figures: dict[str, Any]) -> None:
     """Fitted bodies and their errors."""
-    say_notes(words, figures)
+    say_found(words, figures)
     for body in figures["bodies"]:
         for name, value in body.items():
             if isinstance(value, list):

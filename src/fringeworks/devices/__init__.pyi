@@ -18,14 +18,14 @@ from .folder_camera import (
 from .genicam import (
     GenicamCamera as GenicamCamera,
 )
-from .listing import (
-    list_devices as list_devices,
-)
 from .memory_projector import (
     MemoryProjector as MemoryProjector,
 )
 from .opening import (
     camera_kind as camera_kind,
+)
+from .opening import (
+    list_devices as list_devices,
 )
 from .opening import (
     open_camera as open_camera,

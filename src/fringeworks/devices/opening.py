@@ -1,11 +1,11 @@
-"""Cameras and projectors from the words of a command line, such as ``webcam:0``."""
+"""Cameras and projectors: their list, and one from the words of a command line, ``webcam:0``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import fringeworks.devices.kinds  # noqa: F401, registers first, so that nobody takes its names
-from fringeworks.devices.plugins import load_installed
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.devices.registry import (
     BOTH_KINDS,
@@ -15,9 +15,39 @@ from fringeworks.devices.registry import (
     Device,
     Finder,
     Kind,
+    ListedDevice,
+    load_installed,
     registering,
 )
-from fringeworks.types import DeviceProblem
+from fringeworks.types import DeviceProblem, InputError
+
+
+def list_devices() -> tuple[list[ListedDevice], list[ListedDevice]]:
+    """Look for projectors and cameras, and open each camera to read its limits.
+
+    Returns
+    -------
+    projectors, cameras : lists of ListedDevice
+        For each kind that can be listed, those that were found, or one line that says that there
+        are none or what is missing.
+    """
+    return list(_found(projector_kinds())), list(_found(camera_kinds()))
+
+
+def _found(kinds: Mapping[str, Kind[Any]]) -> Iterator[ListedDevice]:
+    for kind in kinds.values():
+        if kind.find is None:
+            continue
+        count = 0
+        try:
+            for count, found in enumerate(kind.find(), 1):  # noqa: B007, used after the loop
+                yield found
+        except InputError as problem:
+            said = str(problem).removeprefix(f"{kind.name}: ")
+            yield ListedDevice(kind.name, said, usable=False)
+        else:
+            if count == 0:
+                yield ListedDevice(kind.name, "none found", usable=False)
 
 
 def camera_kind(

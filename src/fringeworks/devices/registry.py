@@ -1,21 +1,65 @@
-"""The kinds of devices by name. A new kind is one function with a decorator on it."""
+"""The kinds of devices by name, also of plug-ins. A new kind is one function with a decorator."""
 
 from __future__ import annotations
 
 import inspect
+import os
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
 from typing import Generic, TypeVar
 
 from fringeworks.devices.protocols import Camera, Projector
+from fringeworks.pair.plugins import load_entry_points, run_plugin
+from fringeworks.pair.registry import REGISTERED
 from fringeworks.types import InputError
 
+ENTRY_POINTS = "fringeworks.devices"
+"""Group of entry points. Each names a module, or a function in one, that registers kinds."""
 Both = tuple[Projector, Camera]
 """A projector and a camera that belong together."""
 Device = TypeVar("Device", bound=Camera | Projector | Both)
 NAME = re.compile(r"[a-z][a-z0-9_-]*")
 """Names of kinds: words of a command line, without the colon that ends them."""
+
+
+@cache
+def load_installed() -> None:
+    """Load the kinds of devices of installed plug-ins, once.
+
+    Raises
+    ------
+    InputError that names the plug-in that cannot be loaded.
+    """
+    load_entry_points(ENTRY_POINTS)
+
+
+def load_plugin(path: str | os.PathLike[str]) -> list[str]:
+    """Run a Python file that registers methods, or kinds of cameras or projectors.
+
+    Parameters
+    ----------
+    path : path of a ``.py`` file
+        It runs with all rights of the caller: load only files that you trust.
+
+    Returns
+    -------
+    Names of the methods and kinds that it registered.
+
+    Raises
+    ------
+    InputError where there is no such file, it fails, it registers nothing, or a name is taken.
+    """
+    # The package's own register first, so that nobody takes their names.
+    import fringeworks.devices.kinds
+    import fringeworks.pair.methods  # noqa: F401
+
+    return run_plugin(
+        path,
+        [REGISTERED, CAMERA_KINDS, PROJECTOR_KINDS, BOTH_KINDS],
+        "fringeworks.method, camera_kind, projector_kind or scanner_kind",
+    )
 
 
 @dataclass(frozen=True)

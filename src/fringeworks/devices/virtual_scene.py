@@ -23,7 +23,7 @@ class RigScene:
         response, black level and noise, belong to ``ProjectorModel`` and ``CameraModel``; they must
         keep their defaults, which are not used.
     highlight : (h, w) array, optional
-        Light of highlights from ``fringeworks.simulate.highlight``, relative to a white surface.
+        Light of highlights from ``fringeworks.simulate.virtual_rig``, relative to a white surface.
 
     Raises
     ------

@@ -25,6 +25,7 @@ from fringeworks.types import (
     Frozen,
     InputError,
     KnownPose,
+    Noted,
     Plotted,
     PointCloud,
     Points,
@@ -32,6 +33,8 @@ from fringeworks.types import (
     Reason,
     Rig,
     TriangleMesh,
+    as_notes,
+    found_before,
     made_by,
     sealed,
 )
@@ -65,7 +68,7 @@ PERCENTILES = (1.0, 5.0, 50.0, 95.0, 99.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Deviation(Plotted, Frozen):
+class Deviation(Noted, Plotted, Frozen):
     """Distances of a measured part from its model.
 
     Maps have the shape of the part: (h, w) for a cloud of a camera, (n,) for other points.
@@ -93,9 +96,7 @@ class Deviation(Plotted, Frozen):
     mean_sigma_mm: float | None
     """Standard deviation of the mean distance, mm; None where the points have no σ."""
     findings: tuple[Finding, ...] = ()
-    """What is likely wrong, and what to do about it."""
-    notes: tuple[str, ...] = ()
-    """What to know about the points and the model."""
+    """What was found about the alignment, the points and the model, and what to do about it."""
     provenance: Provenance | None = None
     """How it was made."""
 
@@ -229,17 +230,19 @@ def deviation(
     reach = REACH_SHARE * mesh.size_mm if reach_mm is None else float(reach_mm)
     if not 0 < reach < np.inf:
         raise InputError(f"reach_mm: expected > 0 mm, got {reach_mm}")
-    seen = measured_part(surface, known)
-    progress("alignment …")
-    alignment = aligned(seen, mesh, align, seed=seed)
-    progress("distances …")
-    placed = transform(alignment.T_model_part, seen.xyz_mm)
-    near = mesh.nearest(placed, reach)
-    if not (near.face >= 0).any():
-        raise InputError(
-            f"model: expected points within {reach:.4g} mm of it, got none; align the part, or "
-            "check the unit of the model"
-        )
+    with found_before((*surface.findings, *drawn.findings)):
+        seen = measured_part(surface, known)
+        progress("alignment …")
+        alignment = aligned(seen, mesh, align, seed=seed)
+        progress("distances …")
+        placed = transform(alignment.T_model_part, seen.xyz_mm)
+        near = mesh.nearest(placed, reach)
+        if not (near.face >= 0).any():
+            raise InputError(
+                f"model: expected points within {reach:.4g} mm of it, got none; align the part, or "
+                "check the unit of the model",
+                findings=alignment.findings,
+            )
     extrapolates = not (isinstance(align, BestFit) and align.within is None)
     edge = _edge_sigma(seen, mesh, near)
     uncertain = _uncertainty(seen, alignment, placed, near, edge, extrapolates=extrapolates)
@@ -356,14 +359,16 @@ def _assembled(
 
     reason = seen.reason.ravel().copy()
     reason[seen.index[near.face < 0]] = Reason.OUTSIDE
-    notes = [*seen.surface.notes, *model.notes]
+    findings = [*alignment.findings, *seen.surface.findings, *model.findings]
     if seen.rig is None and seen.sigma_mm is not None and isinstance(seen.surface, PointCloud):
-        notes.append(
+        no_rig = (
             "no rig was given: errors of the calibration count in full, although the alignment "
             "takes up a part of them"
         )
+        findings += as_notes([no_rig], "standard deviation")
     if seen.sigma_mm is None:
-        notes.append("the points have no σ, so that the distances have none")
+        no_sigma = "the points have no σ, so that the distances have none"
+        findings += as_notes([no_sigma], "standard deviation")
     return Deviation(
         spread(near.distance_mm),
         spread(sigma),
@@ -375,7 +380,6 @@ def _assembled(
         seen.surface,
         model,
         mean,
-        alignment.findings,
-        tuple(dict.fromkeys(notes)),
+        tuple(dict.fromkeys(findings)),
         origin,
     )

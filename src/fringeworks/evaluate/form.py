@@ -17,16 +17,20 @@ from fringeworks.surface.form_report import find_spheres
 from fringeworks.surface.form_report import report as form_report
 from fringeworks.types import (
     BoolMap,
+    Finding,
     FloatMap,
     Frozen,
     HeightMap,
     InputError,
+    Noted,
     PointCloud,
     Points,
     Provenance,
     Source,
+    as_notes,
     fingerprint,
     finite,
+    found_before,
     made_by,
 )
 
@@ -35,14 +39,16 @@ MIN_POINTS = 10
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FormEvaluation(Frozen):
+class FormEvaluation(Noted, Frozen):
     """Bodies that were fitted to points, and their errors."""
 
     forms: tuple[Form, ...]
     """The fits, with the distance of every point."""
     figures: dict[str, Any]
     """Figures of each fit under ``bodies``; for two spheres their spacing and its error; ``notes``
-    on the points."""
+    on the points, the text of the findings."""
+    findings: tuple[Finding, ...] = ()
+    """What was found about the points."""
     provenance: Provenance | None = None
     """How it was made."""
 
@@ -97,12 +103,14 @@ def fit(
         inside = _cut(xyz, within)
         xyz, common = xyz[inside], None if common is None else common[inside]
     rms = 0.0 if common is None else float(np.sqrt(np.mean(common**2)))
-    if count == 1:
-        forms = [fit_region(xyz, body, common_mm=rms)]
-    else:
-        forms = find_spheres(xyz, count, common_mm=rms)
+    with found_before(found.findings):
+        if count == 1:
+            forms = [fit_region(xyz, body, common_mm=rms)]
+        else:
+            forms = find_spheres(xyz, count, common_mm=rms)
     bodies = [form_report(form, diameter_mm=diameter_mm) for form in forms]
-    figures: dict[str, Any] = {"bodies": bodies, "notes": _notes(found, common, forms)}
+    told = _findings(found, common, forms)
+    figures: dict[str, Any] = {"bodies": bodies, "notes": [finding.text for finding in told]}
     if count == 2:
         centres = [np.asarray(form.parameters["centre_mm"]) for form in forms]
         figures["sphere_spacing_mm"] = float(np.linalg.norm(centres[0] - centres[1]))
@@ -111,7 +119,7 @@ def fit(
     options: dict[str, Any] = {"body": body, "diameter_mm": diameter_mm, "count": count}
     options |= {"spacing_mm": spacing_mm, "within": within}
     origin = made_by("fit", options=options, inputs=sources)
-    return FormEvaluation(tuple(forms), figures, origin)
+    return FormEvaluation(tuple(forms), figures, told, origin)
 
 
 def _points_of(
@@ -139,25 +147,27 @@ def _common_error(points: Points) -> FloatMap | None:
     return common if bool(np.isfinite(common).all()) else None
 
 
-def _notes(points: Points, common: FloatMap | None, forms: list[Form]) -> list[str]:
+def _findings(points: Points, common: FloatMap | None, forms: list[Form]) -> tuple[Finding, ...]:
     """What a reader of the figures must know about the points."""
-    notes = list(points.notes)
+    findings = list(points.findings)
     for form in forms:
         if not form.far.any():
             continue
         share = float(form.far.sum() / form.region.sum())
         most = float(np.abs(form.distance_mm[form.far]).max())
         counted = share > DISCARDED
-        notes.append(
+        seen = (
             f"{share:.2%} of the points lie up to {most:.4g} mm off the {form.body} that the "
             "others lie on: dents, bumps or points of something else; "
             + ("they count" if counted else "they are among the discarded 0.3 %: look at them")
         )
+        findings.append(Finding("form", seen, figures={"share": share, "largest_mm": most}))
     if common is None and any(form.sigma_mm is not None for form in forms):
-        notes.append(
+        seen = (
             "the points carry no calibration error: the radius's σ is that of their scatter alone"
         )
-    return notes
+        findings += as_notes([seen], "standard deviation")
+    return tuple(findings)
 
 
 def _cut(xyz: FloatMap, within: tuple[float, float, float, float]) -> BoolMap:

@@ -13,9 +13,7 @@ import numpy as np
 
 from fringeworks.evaluate.area_points import AreaPoints, area_points
 from fringeworks.evaluate.deviation import Deviation, deviation
-from fringeworks.evaluate.model_quantities import area_deviation
-from fringeworks.evaluate.quantified import Quantified
-from fringeworks.evaluate.quantities import MEASURED
+from fringeworks.evaluate.quantities import MEASURED, Quantified, area_deviation
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.recipe import read_recipe
 from fringeworks.files.rig import read_rig
@@ -27,16 +25,19 @@ from fringeworks.stack.frames import Stack
 from fringeworks.types import (
     Area,
     BoolMap,
+    Finding,
     FloatMap,
     Frozen,
     HeightMap,
     InputError,
+    Noted,
     Pair,
     PartTolerance,
     PointCloud,
     Reason,
     Recipe,
     Rig,
+    found_before,
     sealed,
 )
 from fringeworks.types.recipe import FROM_MODEL
@@ -66,14 +67,14 @@ class Check(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Inspection(Frozen):
+class Inspection(Noted, Frozen):
     """A part that was measured and judged."""
 
     checks: tuple[Check, ...]
     surface: HeightMap | PointCloud
     """What was measured, within the recipe's area."""
-    notes: tuple[str, ...]
-    """What to know about the capture."""
+    findings: tuple[Finding, ...]
+    """What was found in the capture."""
     seconds: float
     """Time that it took."""
 
@@ -113,15 +114,16 @@ def inspect(
     """
     recipe = recipe if isinstance(recipe, Recipe) else read_recipe(recipe)
     started = time.perf_counter()
-    if isinstance(capture, HeightMap | PointCloud):
-        surface, notes = capture, tuple(finding.text for finding in capture.findings)
-    else:
-        surface, notes = _measured(capture, recipe)
+    surface = _measured(capture, recipe)
+    findings = surface.findings
     if recipe.within is not None:
         surface = masked(surface, Area(mask=_pixels(recipe, recipe.within, surface.shape)))
-        notes = tuple(f"in the whole frame: {note}" for note in notes)
-    checks = judge_part(surface, recipe)
-    return Inspection(checks, surface, notes, time.perf_counter() - started)
+        findings = tuple(
+            replace(finding, seen=f"in the whole frame: {finding.seen}") for finding in findings
+        )
+    with found_before(findings):
+        checks = judge_part(surface, recipe)
+    return Inspection(checks, surface, findings, time.perf_counter() - started)
 
 
 def judge_part(surface: HeightMap | PointCloud, recipe: Recipe) -> tuple[Check, ...]:
@@ -165,7 +167,7 @@ def _kept(compute: Callable[[str], AreaPoints]) -> Callable[[str], AreaPoints]:
                 known[name] = problem
         found = known[name]
         if isinstance(found, InputError):
-            raise InputError(f"{name}: {found}")
+            raise found.at(name)
         return found
 
     return points
@@ -203,9 +205,11 @@ def _why_undecided(found: Quantified, risk: float) -> str:
 
 
 def _measured(
-    capture: StrPath | Pair | Stack, recipe: Recipe
-) -> tuple[HeightMap | PointCloud, tuple[str, ...]]:
-    """The surface of a capture, and its notes."""
+    capture: StrPath | Pair | Stack | HeightMap | PointCloud, recipe: Recipe
+) -> HeightMap | PointCloud:
+    """The surface of a capture; one that was measured before as it is."""
+    if isinstance(capture, HeightMap | PointCloud):
+        return capture
     found: Pair | Stack | tuple[Stack, ...]
     found = capture if isinstance(capture, Pair | Stack) else capture_of(capture)
     if isinstance(found, Pair):
@@ -214,16 +218,14 @@ def _measured(
             shape = _rows_and_columns(pair.object.shape)
             wanted = _pixels(recipe, recipe.within, shape)
             pair = replace(pair, mask=wanted if pair.mask is None else pair.mask & wanted)
-        made = reconstruct(pair, recipe.method, **recipe.options)
-        return made.surface, made.notes
+        return reconstruct(pair, recipe.method, **recipe.options).surface
     if recipe.rig is None:
         told = "frames" if isinstance(capture, Stack) else capture
         raise InputError(
             f"{told}: expected a recipe with a rig for a stack of frames, got none: add "
             'rig = "rig.toml" to it'
         )
-    result = measure(found, _triangulator(rig_of(recipe)), **recipe.options)
-    return result.points, result.notes
+    return measure(found, _triangulator(rig_of(recipe)), **recipe.options).points
 
 
 def rig_of(recipe: Recipe) -> Rig:
@@ -247,7 +249,7 @@ def _pixels(recipe: Recipe, name: str, shape: tuple[int, int]) -> BoolMap:
     try:
         return recipe.areas[name].pixels(shape)
     except InputError as problem:
-        raise InputError(f"{name}: {problem}") from problem
+        raise problem.at(name) from problem
 
 
 def masked(surface: HeightMap | PointCloud, area: Area) -> HeightMap | PointCloud:

@@ -209,7 +209,7 @@ def named_part(
         turned = vertex_normals(vertices, part.faces)
         kept = np.ones(len(vertices), bool) if part.filled is None else ~part.filled
         sigma = None if part.sigma_mm is None else part.sigma_mm[kept]
-        points = Points(vertices[kept], sigma, notes=part.notes, normals=turned[kept])
+        points = Points(vertices[kept], sigma, findings=part.findings, normals=turned[kept])
         return points, Source("part", fingerprint(part))
     return part, Source("part", fingerprint(part))
 

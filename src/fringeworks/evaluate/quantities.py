@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from fringeworks.evaluate.area_points import AreaPoints, Term, sigma_of
-from fringeworks.evaluate.model_quantities import deviation_max, deviation_mean, deviation_rms
-from fringeworks.evaluate.quantified import Quantified, narrowest_range, noise_range, raised
-from fringeworks.surface.form import Form, fit_region
+from fringeworks.evaluate.area_points import AreaPoints, Term, area_points, sigma_of
+from fringeworks.evaluate.deviation import Deviation
+from fringeworks.surface.form import DISCARDED, Form, fit_region
 from fringeworks.surface.form_geometry import BodyKind
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import Area, FloatMap, InputError, PointCloud, Reason, Rig
 
+HALF_SIGMAS = 4.0
+"""Upper end of the search for half of a range, standard deviations: 0.006 % of normal errors lie
+beyond, which is less than the discarded 0.3 %."""
+MOST_SIGMAS = 10_000
+"""Approximate number of points, evenly thinned, from which the range of the noise is computed. All
+points would change it by less than 1 %."""
 SECTION_POINTS = 300
 """Number of points of a section of a cylinder: 0.3 % of them are one."""
 MOST_SECTIONS = 9
@@ -24,6 +30,148 @@ PARALLEL_SINE = 1e-9
 """Sine of an angle below which two planes are parallel to rounding."""
 LEAST_SHARE_OF_VOLUME = 0.99
 """Smallest share of measured pixels of a volume: nothing is known about the rest."""
+
+
+@dataclass(frozen=True)
+class Quantified:
+    """A quantity that was measured."""
+
+    value: float
+    sigma: float
+    """Standard deviation, of noise and of calibration."""
+    unit: str
+    noise: float = 0.0
+    """By how much noise alone may have raised the value; 0 where it does not."""
+
+
+def noise_range(sigma: FloatMap) -> float:
+    """Return the range that holds 99.7 % of normal errors with these standard deviations."""
+    step = max(1, len(sigma) // MOST_SIGMAS)
+    known = np.maximum(sigma[::step], np.finfo(np.float64).tiny)
+
+    def beyond(half: float) -> float:
+        return float(np.mean(2.0 * scipy.special.ndtr(-half / known))) - DISCARDED
+
+    return 2.0 * float(scipy.optimize.brentq(beyond, 0.0, HALF_SIGMAS * float(known.max())))
+
+
+def narrowest_range(values: FloatMap) -> tuple[float, int, int]:
+    """Return the narrowest range that holds 99.7 % of the values, and where its ends lie.
+
+    Returns
+    -------
+    range, index of the largest and of the smallest value in it
+    """
+    order = np.argsort(values)
+    kept = max(int(np.ceil((1.0 - DISCARDED) * order.size)), 1)
+    ranges = values[order[kept - 1 :]] - values[order[: order.size - kept + 1]]
+    first = int(np.argmin(ranges))
+    return float(ranges[first]), int(order[first + kept - 1]), int(order[first])
+
+
+def raised(value: float, noise: float) -> float:
+    """Return by how much noise has raised a value: squares of noise and true value add up."""
+    return value - float(np.sqrt(max(value**2 - noise**2, 0.0)))
+
+
+@dataclass(frozen=True)
+class AreaDeviation(AreaPoints):
+    """The points of an area with their distances from the model.
+
+    ``by_rig`` holds what is left of the calibration's errors when the alignment has followed them.
+    """
+
+    distance: FloatMap
+    """Signed distance from the model, (n,), mm."""
+    outwards: FloatMap
+    """Directions out of the model, in the part's coordinates, (n, 3)."""
+    by_pose: FloatMap
+    """Derivative of the distances by an error ξ of the alignment, (n, 6)."""
+    pose_covariance: FloatMap
+    """(6, 6) covariance of ξ that is not in ``by_rig``."""
+
+    def sigma_by(self, weights: FloatMap) -> float:
+        """Return σ of a quantity with these derivatives by the distances, (n,)."""
+        pose = weights @ self.by_pose
+        variance = float(pose @ self.pose_covariance @ pose)
+        return float(np.hypot(sigma_of([Term(self, weights, self.outwards)]), np.sqrt(variance)))
+
+
+def area_deviation(found: Deviation, area: Area, rig: Rig | None) -> AreaDeviation:
+    """Return the points of an area with their distances.
+
+    Parameters
+    ----------
+    found : Deviation
+        Of a cloud of a camera.
+    area : Area
+    rig : Rig, optional
+        The rig that the deviation was computed with.
+
+    Raises
+    ------
+    InputError for a part that is no cloud, an area with fewer than ten measured pixels, and one of
+    which more than 0.3 % lie beyond the reach of the model.
+    """
+    if not isinstance(found.part, PointCloud):
+        raise InputError("deviation: expected a cloud of a camera for an area of its image")
+    pixels = area.pixels(found.part.shape)
+    beyond = float(np.mean(found.reason[pixels] == Reason.OUTSIDE))
+    if beyond > DISCARDED:
+        raise InputError(
+            f"deviation: expected points within reach of the model, got {beyond:.1%} that lie "
+            "farther away; give a larger reach, or another area"
+        )
+    cloud = replace(found.part, reason=found.reason)
+    base = area_points(cloud, area, rig)
+    rows, columns = np.nonzero(pixels & (found.reason == Reason.OK))
+    T, pose = found.alignment.T_model_part, found.alignment
+    n = np.asarray(found.normals[rows, columns], np.float64)
+    placed = np.asarray(found.points_mm[rows, columns], np.float64)
+    by_rig = base.by_rig
+    if by_rig is not None and pose.response is not None:
+        count = np.bincount(base.cell, minlength=len(by_rig))
+        middle = [np.bincount(base.cell, placed[:, k], len(by_rig)) / count for k in range(3)]
+        turned = np.cross(pose.response[:3].T[None], np.stack(middle, axis=-1)[:, None])
+        moved = turned + pose.response[3:].T[None]
+        by_rig = by_rig + np.einsum("ji,ckj->cik", T[:3, :3], moved)
+    covariance = pose.noise
+    if by_rig is None and pose.by != "best fit":
+        covariance = covariance + pose.common
+    return AreaDeviation(
+        **{field.name: getattr(base, field.name) for field in fields(base)} | {"by_rig": by_rig},
+        distance=np.asarray(found.distance_mm[rows, columns], np.float64),
+        outwards=n @ T[:3, :3],
+        by_pose=np.column_stack((np.cross(placed, n), n)),
+        pose_covariance=covariance,
+    )
+
+
+def deviation_mean(part: AreaDeviation) -> Quantified:
+    """Mean signed distance from the model."""
+    n = len(part.distance)
+    return Quantified(float(part.distance.mean()), part.sigma_by(np.full(n, 1.0 / n)), "mm")
+
+
+def deviation_rms(part: AreaDeviation) -> Quantified:
+    """Root mean square distance from the model."""
+    value = float(np.sqrt(np.mean(part.distance**2)))
+    weights = part.distance / (len(part.distance) * max(value, np.finfo(np.float64).tiny))
+    along = np.einsum("nc,nc->n", part.by_value, part.outwards)
+    noise = float(np.sqrt(np.mean((along * part.sigma) ** 2)))
+    return Quantified(value, part.sigma_by(weights), "mm", raised(value, noise))
+
+
+def deviation_max(part: AreaDeviation) -> Quantified:
+    """Largest distance from the model to either side, without the farthest 0.3 %."""
+    size = np.abs(part.distance)
+    kept = max(int(np.ceil((1.0 - DISCARDED) * size.size)), 1)
+    at = int(np.argsort(size, kind="stable")[kept - 1])
+    weights = np.zeros(size.size)
+    weights[at] = np.sign(part.distance[at])
+    along = np.abs(np.einsum("nc,nc->n", part.by_value, part.outwards))
+    noise = 0.5 * noise_range(along * part.sigma)
+    return Quantified(float(size[at]), part.sigma_by(weights), "mm", raised(float(size[at]), noise))
 
 
 def flatness(part: AreaPoints) -> Quantified:

@@ -30,14 +30,14 @@ def findings_from_json(text: str) -> tuple[Finding, ...]:
     ------
     ValueError, TypeError or KeyError for anything else.
     """
-    return tuple(map(_finding, json.loads(text)))
+    return tuple(map(finding_from_dict, json.loads(text)))
 
 
-def _finding(item: dict[str, Any]) -> Finding:
-    """A finding from its JSON values."""
+def finding_from_dict(item: dict[str, Any]) -> Finding:
+    """A finding from its values as ``findings_as_dicts`` gives them; None may be left out."""
     given = {name: value for name, value in item.items() if name != "text"}
     given |= {name: tuple(map(str, item[name])) for name in LISTS}
-    if given["pixels"] is not None:
+    if given.get("pixels") is not None:
         region = given["pixels"]["region"]
         region = None if region is None else Region(**region)
         given["pixels"] = Pixels(**given["pixels"] | {"region": region})

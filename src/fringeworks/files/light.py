@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.files.atomic import StrPath, check_target
+from fringeworks.files.findings import findings_as_json, findings_from_json
 from fringeworks.files.limits import parsing
 from fringeworks.files.npz import TEXT, read_npz, write_npz
 from fringeworks.files.provenance import KEY, from_json, json_line
@@ -21,7 +22,7 @@ NUMBERS = ("period_px", "contrast", "has_black")
 LAYOUT = dict.fromkeys(MAPS, "f hw") | {
     "reason": "u hw",
     "separation": "f 3",
-    "notes": f"{TEXT} k",
+    "findings": TEXT,
     KEY: f"?{TEXT}",
 }
 """Layout of a file."""
@@ -36,12 +37,12 @@ def write_light(path: StrPath, light: LightSeparation) -> Path:
     """Write direct and indirect light as ``.npz``, whole or not at all.
 
     Arrays ``direct``, ``direct_sigma``, ``indirect``, ``indirect_sigma`` (counts), ``reason``,
-    ``separation`` (period in projector px, contrast, 1 with a black frame) and ``notes``.
+    ``separation`` (period in projector px, contrast, 1 with a black frame) and ``findings`` (JSON).
     """
     check_light_target(path)
     arrays: dict[str, Any] = {name: getattr(light, name) for name in MAPS}
     arrays["separation"] = np.array([float(getattr(light, name)) for name in NUMBERS])
-    arrays["notes"] = np.array(light.notes, dtype=np.str_)
+    arrays["findings"] = np.array(findings_as_json(light.findings))
     origin = json_line(light.provenance)
     if origin is not None:
         arrays[KEY] = origin
@@ -65,6 +66,6 @@ def read_light(path: StrPath) -> LightSeparation:
             period_px=period_px,
             has_black=bool(has_black),
             contrast=contrast,
-            notes=tuple(str(note) for note in arrays["notes"]),
+            findings=findings_from_json(str(arrays["findings"])),
             provenance=from_json(str(arrays[KEY])) if KEY in arrays else None,
         )

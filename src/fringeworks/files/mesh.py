@@ -10,19 +10,26 @@ from numpy.typing import NDArray
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.limits import existing_file, parsing, read_content
 from fringeworks.simulate.bodies import Mesh
-from fringeworks.types import FileProblem, FloatMap, InputError, MissingPackage, TriangleMesh
+from fringeworks.types import (
+    FileProblem,
+    Finding,
+    FloatMap,
+    InputError,
+    MissingPackage,
+    TriangleMesh,
+)
 
 SUFFIXES = (".stl", ".ply", ".obj", ".off")
 """Kinds of files that are read."""
 INWARDS = "the triangles of the model pointed inwards and were turned over"
-"""Note on a closed model whose triangles run clockwise as seen from outside."""
+"""Said of a closed model whose triangles run clockwise as seen from outside."""
 MIXED = "neighbouring triangles of the model point to opposite sides: signs may be wrong"
-"""Note on a model whose triangles do not all run the same way round."""
+"""Said of a model whose triangles do not all run the same way round."""
 OPEN = (
     "the model is not closed: distances beyond its borders have no sure sign, and which side is "
     "outside follows from its triangles alone"
 )
-"""Note on a model with borders."""
+"""Said of a model with borders."""
 
 
 def read_mesh(path: StrPath, *, scale: float = 1.0) -> Mesh:
@@ -54,8 +61,8 @@ def read_model(path: StrPath, *, scale: float = 1.0) -> TriangleMesh:
 
     Returns
     -------
-    TriangleMesh. Vertices at one place are one. Triangles of a closed model point outwards; notes
-    say where they did not, and where the model is open.
+    TriangleMesh. Vertices at one place are one. Triangles of a closed model point outwards;
+    findings say where they did not, and where the model is open.
 
     Raises
     ------
@@ -68,8 +75,10 @@ def read_model(path: StrPath, *, scale: float = 1.0) -> TriangleMesh:
     faces = faces[np.all(faces != np.roll(faces, 1, axis=1), axis=1)]
     if not len(faces):
         raise FileProblem(f"{path}: expected triangles with an area, got none")
-    faces, notes = _outwards(vertices, faces)
-    return TriangleMesh(vertices, faces.astype(np.uint32), notes=notes)
+    faces, seen = _outwards(vertices, faces)
+    return TriangleMesh(
+        vertices, faces.astype(np.uint32), findings=tuple(Finding("model", one) for one in seen)
+    )
 
 
 def _outwards(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from itertools import takewhile
 from pathlib import Path
@@ -30,7 +29,7 @@ from fringeworks.files.surfaces import READERS as SURFACE_READERS
 from fringeworks.files.surfaces import read_surface
 from fringeworks.files.white import eight_bits, white_of
 from fringeworks.surface.cloud import cloud_triangles, normals
-from fringeworks.surface.height_map import height_map_points, lateral_notes
+from fringeworks.surface.height_map import height_map_points, lateral_findings
 from fringeworks.types import (
     NUMBERS,
     BoolMap,
@@ -55,7 +54,6 @@ LAYOUT = {
     "colour": f"?{NUMBERS} hw|hw3",
     KEY: f"?{TEXT}",
     "findings": f"?{TEXT}",
-    "remarks": f"?{TEXT}",
 }
 """Layout of a cloud that is organised as the frame."""
 
@@ -87,7 +85,7 @@ def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> 
     """
     check_points_target(path)
     if not (cloud.reason == Reason.OK).any():
-        raise InputError(f"{path}: expected points to write, got none")
+        raise InputError(f"{path}: expected points to write, got none", findings=cloud.findings)
     with replacing(path) as temporary:
         WRITERS[Path(path).suffix.lower()](temporary, cloud, kind)
 
@@ -173,7 +171,6 @@ def _write_npz(path: Path, cloud: PointCloud, _: Kind) -> None:
     if KEY in arrays:
         arrays[KEY] = json_line(cloud.provenance)
     arrays["findings"] = findings_as_json(cloud.findings)
-    arrays["remarks"] = json.dumps(cloud.remarks)
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays)
 
@@ -199,13 +196,12 @@ def read_cloud(path: StrPath) -> PointCloud:
     """
     path = Path(path)
     arrays: dict[str, Any] = read_npz(path, "a point cloud", LAYOUT)
-    line, findings, remarks = (arrays.pop(name, None) for name in (KEY, "findings", "remarks"))
+    line, findings = (arrays.pop(name, None) for name in (KEY, "findings"))
     with parsing(path, "a point cloud"):
         return PointCloud(
             **arrays,
             provenance=None if line is None else from_json(str(line)),
             findings=() if findings is None else findings_from_json(str(findings)),
-            remarks=() if remarks is None else tuple(map(str, json.loads(str(remarks)))),
         )
 
 
@@ -231,7 +227,7 @@ def read_points(path: StrPath) -> Points:
     if suffix == ".npz" and "unit" not in read_npz(path, "points", {"unit": f"?{TEXT}"}):
         cloud = cloud_points(read_cloud(path))
         if not len(cloud.xyz_mm):
-            raise FileProblem(f"{path}: {NO_POINTS}")
+            raise FileProblem(f"{path}: {NO_POINTS}", findings=cloud.findings)
         return cloud
     if suffix in SURFACE_READERS:
         return surface_points(read_surface(path), str(path))
@@ -260,7 +256,7 @@ def cloud_points(cloud: PointCloud) -> Points:
         np.asarray(cloud.xyz_mm[ok], np.float64),
         np.asarray(cloud.sigma_mm[ok], np.float64),
         np.asarray(cloud.noise_mm[ok], np.float64),
-        notes=cloud.notes,
+        findings=cloud.findings,
         provenance=cloud.provenance,
     )
 
@@ -276,9 +272,10 @@ def surface_points(surface: HeightMap, name: str = "height map") -> Points:
         raise InputError(f"{name}: {IN_PX}")
     xyz, sigma, _ = height_map_points(surface)
     if not len(xyz):
-        raise InputError(f"{name}: expected measured pixels, got none")
+        raise InputError(f"{name}: expected measured pixels, got none", findings=surface.findings)
     known = sigma if bool(np.isfinite(sigma).all()) else None
-    return Points(xyz, known, notes=lateral_notes(surface), provenance=surface.provenance)
+    found = tuple(dict.fromkeys((*surface.findings, *lateral_findings(surface))))
+    return Points(xyz, known, findings=found, provenance=surface.provenance)
 
 
 def _is_comment(line: str) -> bool:

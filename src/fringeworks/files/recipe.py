@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.beside import drop_earlier, name_beside
@@ -41,13 +41,6 @@ MOST_CORNERS = 10_000
 """Largest number of corners of a polygon."""
 MOST_AREAS = 1000
 """Largest number of areas, and of tolerances."""
-MODEL_NEEDS = {
-    "best-fit": "an area to fit, and points to start from, or neither",
-    "datum-points": "points",
-    "datum-planes": "three planes",
-    "none": "neither points nor planes",
-}
-"""What each way of alignment is told."""
 HEADER = "# How parts are measured and judged (fringeworks). Areas are in camera pixels.\n"
 """Comment at the top of a recipe."""
 
@@ -71,21 +64,72 @@ class _Tolerance(Section):
     max: float | None = None
 
 
+PointPairs = list[tuple[float, float, float, float, float, float]]
+"""Datum points: x, y, z on the part and x, y, z on the model, mm."""
+
+
 class _Model(Section):
-    """``[model]``: the drawing, and how parts are brought to it."""
+    """``[model]``: the drawing; ``align`` tells how parts are brought to it."""
 
     file: str
     """Mesh file relative to the recipe."""
-    align: Literal["best-fit", "datum-points", "datum-planes", "none"] = "best-fit"
-    fit: str | None = None
-    """Area that is fitted, for best-fit."""
-    points: list[tuple[float, float, float, float, float, float]] = Field(
-        default_factory=list, max_length=MOST_CORNERS
-    )
-    """Datum points: x, y, z on the part and x, y, z on the model, mm. For best-fit, a start."""
-    planes: list[tuple[str, float, float, float]] = Field(default_factory=list, max_length=3)
-    """Datum planes: an area, and x, y, z of a point of the plane on the model, mm."""
     reach_mm: float | None = None
+
+
+class _BestFit(_Model):
+    align: Literal["best-fit"] = "best-fit"
+    fit: str | None = None
+    """Area that is fitted."""
+    points: PointPairs = Field(default_factory=list, max_length=MOST_CORNERS)
+    """Datum points that the fit starts from."""
+
+    def by(self, areas: Mapping[str, Area]) -> AlignBy:
+        pairs = _pairs(self.points) if self.points else None
+        return BestFit(pairs, None if self.fit is None else _named(areas, self.fit))
+
+
+class _DatumPoints(_Model):
+    align: Literal["datum-points"]
+    points: PointPairs = Field(min_length=1, max_length=MOST_CORNERS)
+
+    def by(self, _areas: Mapping[str, Area]) -> AlignBy:
+        return _pairs(self.points)
+
+
+class _DatumPlanes(_Model):
+    align: Literal["datum-planes"]
+    planes: list[tuple[str, float, float, float]] = Field(min_length=3, max_length=3)
+    """An area, and x, y, z of a point of the plane on the model, mm."""
+
+    def by(self, areas: Mapping[str, Area]) -> AlignBy:
+        one, two, three = (_named(areas, plane[0]) for plane in self.planes)
+        return DatumPlanes((one, two, three), np.array([plane[1:] for plane in self.planes]))
+
+
+class _KnownPose(_Model):
+    align: Literal["none"]
+
+    def by(self, _areas: Mapping[str, Area]) -> AlignBy:
+        return KnownPose(np.eye(4))
+
+
+def _align(model: object) -> object:
+    """The tag of a model's table; by default the best fit."""
+    tag = model.get("align", "best-fit") if isinstance(model, dict) else None
+    return tag if isinstance(tag, str) else None
+
+
+AnyModel = Annotated[
+    Annotated[_BestFit, Tag("best-fit")]
+    | Annotated[_DatumPoints, Tag("datum-points")]
+    | Annotated[_DatumPlanes, Tag("datum-planes")]
+    | Annotated[_KnownPose, Tag("none")],
+    Discriminator(
+        _align,
+        custom_error_type="align",
+        custom_error_message="expected align = best-fit, datum-points, datum-planes or none",
+    ),
+]
 
 
 class RecipeFile(Section):
@@ -99,7 +143,7 @@ class RecipeFile(Section):
     """Plan of frames that have none of their own; its file relative to the recipe."""
     within: str | None = None
     risk: float = USUAL_RISK
-    model: _Model | None = None
+    model: AnyModel | None = None
     options: dict[str, Any] = Field(default_factory=dict)
     areas: dict[str, _Area] = Field(default_factory=dict, max_length=MOST_AREAS)
     tolerances: list[_Tolerance] = Field(default_factory=list, max_length=MOST_AREAS)
@@ -199,37 +243,25 @@ def _mask_name(recipe: Path, number: int) -> str:
     return f"{recipe.stem}-mask-{number}.png"
 
 
-def _part_model(recipe: Path, model: _Model, areas: Mapping[str, Area]) -> PartModel:
+def _pairs(points: PointPairs) -> DatumPoints:
+    table = np.asarray(points, np.float64)
+    return DatumPoints(table[:, :3], table[:, 3:])
+
+
+def _named(areas: Mapping[str, Area], name: str) -> Area:
+    """An area that the model names."""
+    if name not in areas:
+        known = ", ".join(areas) or "none"
+        raise InputError(f"model: expected one of the recipe's areas ({known}), got {name!r}")
+    return areas[name]
+
+
+def _part_model(recipe: Path, model: AnyModel, areas: Mapping[str, Area]) -> PartModel:
     """The model of a recipe; it names areas and files that exist."""
-    for name in [*([] if model.fit is None else [model.fit]), *(p[0] for p in model.planes)]:
-        if name not in areas:
-            known = ", ".join(areas) or "none"
-            raise InputError(f"model: expected one of the recipe's areas ({known}), got {name!r}")
+    align = model.by(areas)
     mesh = _beside(recipe, model.file)
     if not is_file(mesh):
         raise InputError(f"model: expected the file {model.file}, got no such file")
-    pairs = None
-    if model.points:
-        table = np.asarray(model.points, np.float64)
-        pairs = DatumPoints(table[:, :3], table[:, 3:])
-    used = {
-        "best-fit": bool(model.planes),
-        "datum-points": bool(model.planes or model.fit) or pairs is None,
-        "datum-planes": bool(model.points or model.fit) or len(model.planes) != 3,
-        "none": bool(model.points or model.planes or model.fit),
-    }
-    if used[model.align]:
-        raise InputError(
-            f"model: expected {MODEL_NEEDS[model.align]} for align = {model.align!r}, got others"
-        )
-    align: AlignBy = BestFit(pairs, None if model.fit is None else areas[model.fit])
-    if model.align == "none":
-        align = KnownPose(np.eye(4))
-    elif model.align == "datum-points" and pairs is not None:
-        align = pairs
-    elif model.align == "datum-planes":
-        one, two, three = (areas[plane[0]] for plane in model.planes)
-        align = DatumPlanes((one, two, three), np.array([plane[1:] for plane in model.planes]))
     return PartModel(mesh, align, model.reach_mm)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.files.atomic import StrPath, check_target
+from fringeworks.files.findings import findings_as_json, findings_from_json
 from fringeworks.files.limits import parsing
 from fringeworks.files.npz import TEXT, read_npz, write_npz
 from fringeworks.files.provenance import KEY, from_json, json_line
@@ -21,7 +22,7 @@ LAYOUT = dict.fromkeys(MAPS, "f hw") | {
     "reason": "u hw",
     "shifts_rad": "f n",
     "noise": "f 2",
-    "notes": f"{TEXT} k",
+    "findings": TEXT,
     KEY: f"?{TEXT}",
 }
 """Layout of a file."""
@@ -31,8 +32,8 @@ def write_phase(path: StrPath, wrapped: WrappedPhase, unwrapped: Unwrapped | Non
     """Write a wrapped phase as ``.npz``, whole or not at all.
 
     Arrays ``phase_rad``, ``sigma_rad``, ``modulation``, ``background``, ``reason``, ``shifts_rad``,
-    ``noise`` (read, gain) and ``notes``; with an unwrapped phase also ``unwrapped_rad``, ``region``
-    and ``converged``.
+    ``noise`` (read, gain) and ``findings`` (JSON); with an unwrapped phase also ``unwrapped_rad``,
+    ``region`` and ``converged``.
     """
     check_target(path, (".npz",))
     noise = wrapped.noise
@@ -40,7 +41,7 @@ def write_phase(path: StrPath, wrapped: WrappedPhase, unwrapped: Unwrapped | Non
     arrays |= {
         "shifts_rad": np.array(wrapped.shifts_rad),
         "noise": np.array([noise.read_counts, noise.gain]),
-        "notes": np.array(wrapped.notes, dtype=np.str_),
+        "findings": np.array(findings_as_json(wrapped.findings)),
     }
     if unwrapped is not None:
         arrays |= {
@@ -70,6 +71,6 @@ def read_phase(path: StrPath) -> WrappedPhase:
             **{name: sealed(arrays[name]) for name in MAPS},
             shifts_rad=tuple(float(v) for v in arrays["shifts_rad"]),
             noise=CameraNoise(read_counts, gain),
-            notes=tuple(str(note) for note in arrays["notes"]),
+            findings=findings_from_json(str(arrays["findings"])),
             provenance=from_json(str(arrays[KEY])) if KEY in arrays else None,
         )

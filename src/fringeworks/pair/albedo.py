@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.pair.cliffs import Cliffs
-from fringeworks.pair.misfit import PATCH_PX, unexplained
-from fringeworks.pair.windows import Fitted, Windows
+from fringeworks.pair.windows import PATCH_PX, Fitted, Windows, unexplained
 from fringeworks.signal.filters import box_mean, enlarged, widened
 from fringeworks.types import BoolMap, FloatMap
 

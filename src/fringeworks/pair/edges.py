@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypedDict, Unpack
 
 import numpy as np
@@ -18,8 +19,15 @@ from fringeworks.pair.albedo import (
     paint_edges,
 )
 from fringeworks.pair.cliffs import NEAR_WALL_PX, Cliffs, find_cliffs
-from fringeworks.pair.misfit import is_rare, mean_square, unexplained
-from fringeworks.pair.windows import CONFIDENCE, FINEST, Fitted, Windows
+from fringeworks.pair.windows import (
+    CONFIDENCE,
+    FINEST,
+    Fitted,
+    Windows,
+    is_rare,
+    mean_square,
+    unexplained,
+)
 from fringeworks.signal.filters import widened
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN
 from fringeworks.types import BoolMap, ByteMap
@@ -102,155 +110,180 @@ def across_edges(
     leave shows where. Cliffs are searched first: there, surfaces from either side explain what no
     smooth one does. β and a smooth correction of u then come from ``joint_albedo``, from windows
     that know β better with every pass.
+
+    Of several explanations, the one with fewer kinds of edges is chosen where its misfit is rare.
     """
-    paint = paint and windows.albedo is None
     poor = unexplained(plain.misfit, windows.object_noise)
     # Smaller windows follow a crease of the surface, but neither a cliff nor an edge of paint.
-    unclear = poor & unexplained(windows.left(plain), windows.object_noise)
+    left = windows.left(plain)
+    unclear = poor & unexplained(left, windows.object_noise)
     if is_rare(poor) or is_rare(unclear):
         return None
-    search = _Search(windows, plain, start_px, widths)
-    search.search_cliffs()
-    if paint and search.cliffs is not None and not search.cliffs.certain:
-        # Paint may look like cliffs, and explains all of these places then.
-        other = _Search(windows, plain, start_px, widths)
-        other.search_paint(unclear)
-        other.continuations_px = [search.cliffs.displacement_px]
-        if other.albedo is not None:
-            result = other.result(settings)
-            if is_rare(poor & ~result.explained):
-                return result
-    if search.cliffs is not None:
-        first = search.cliffs.displacement_px
-        search.search_cliffs()
-        if not search.cliffs.walls.any():
-            # Creases only.
-            search.continuations_px = [first, search.cliffs.displacement_px]
-            search.cliffs, search.start_px = None, start_px
-            search.plain = search.continued(plain, windows.left(plain), settings)
-    if search.cliffs is not None:
-        least = MIN_LEFT_SHARE * int(np.count_nonzero(unclear))
-        unclear &= unexplained(search.cliffs.left, windows.object_noise)
-        paint = paint and int(np.count_nonzero(unclear)) > least
-    if paint and not is_rare(unclear):
-        search.search_paint(unclear)
-    if not search.found_paint and search.cliffs is None:
-        return None if search.plain is plain else Edges(search.plain, None, None, ~poor)
-    return search.result(settings)
+    pair = _Pair(windows.above_dark(), start_px, tuple(widths), settings, left, poor, unclear)
+    smooth, edges = Explanation(plain, start_px, windows.albedo), None
+    for candidate in pair.candidates(smooth, paint and windows.albedo is None):
+        edges = pair.measured(candidate)
+        if is_rare(poor & ~edges.explained):
+            break
+    return edges
 
 
-class _Search:
-    """The search for the edges of a pair: what is known of them, and windows that know it."""
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What may explain the object: smooth surfaces alone, cliffs, paint, or both."""
 
-    def __init__(
-        self,
-        windows: Windows,
-        plain: Fitted,
-        start_px: NDArray[np.float32],
-        widths: Sequence[float],
-    ) -> None:
-        self.windows = windows.above_dark()
-        self.plain = plain
-        self.widths = list(widths)
-        self.first_start_px = self.start_px = start_px
-        self.albedo = windows.albedo
-        self.cliffs: Cliffs | None = None
-        self.continuations_px: list[NDArray[np.float32]] = []
-        self.small = next(
-            (k for k, w in enumerate(widths) if w <= SMALL_WINDOW_PERIODS * windows.period_px),
-            len(widths) - 1,
-        )
+    plain: Fitted
+    """What windows found that know neither; it stays where this does not explain the object."""
+    start_px: NDArray[np.float32]
+    """Displacement that windows start from, px."""
+    albedo: NDArray[np.float32] | None = None
+    """Albedo, found or shown by a white frame; None where it counts as constant."""
+    cliffs: Cliffs | None = None
+    creases_px: tuple[NDArray[np.float32], ...] = ()
+    """Displacements with the surfaces on either side continued up to creases, px."""
 
     @property
     def walls(self) -> ByteMap | None:
         return None if self.cliffs is None else self.cliffs.walls.astype(np.uint8)
 
-    @property
-    def found_paint(self) -> bool:
-        """Whether there is an albedo that no white frame has shown."""
-        return self.albedo is not None and self.windows.albedo is None
 
-    def fit(self, widths: Sequence[float], **settings: Unpack[FitSettings]) -> Fitted:
-        """Windows that know what is known."""
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """A pair whose object has edges, and the windows that measure it."""
+
+    windows: Windows
+    start_px: NDArray[np.float32]
+    """Displacement that windows start from which know no cliffs, px."""
+    widths: tuple[float, ...]
+    settings: FitSettings
+    left: NDArray[np.float32]
+    """What windows of all widths that know no edges leave of the object, in modulations."""
+    poor: BoolMap
+    """Where they do not explain it."""
+    unclear: BoolMap
+    """Where no window explains it, not even a small one."""
+
+    @property
+    def small(self) -> int:
+        """Index of the first width whose windows follow the surface."""
+        limit = SMALL_WINDOW_PERIODS * self.windows.period_px
+        return next((k for k, w in enumerate(self.widths) if w <= limit), len(self.widths) - 1)
+
+    def candidates(self, smooth: Explanation, paint: bool) -> Iterator[Explanation]:
+        """Explanations, those with fewer kinds of edges first; none where no edge is found."""
+        unclear = self.unclear
+        found, _ = self.with_cliffs(smooth)
+        if found.cliffs is not None:
+            first = found.cliffs
+            if paint and not first.certain:
+                # Paint may look like cliffs, and explains all of these places then.
+                painted = self.with_paint(smooth, unclear)
+                if painted.albedo is not None:
+                    yield replace(painted, creases_px=(first.displacement_px,))
+            found, _ = self.with_cliffs(found)
+            assert found.cliffs is not None
+            if found.cliffs.walls.any():
+                least = MIN_LEFT_SHARE * int(np.count_nonzero(unclear))
+                unclear = unclear & unexplained(found.cliffs.left, self.windows.object_noise)
+                paint = paint and int(np.count_nonzero(unclear)) > least
+            else:
+                creases = (first.displacement_px, found.cliffs.displacement_px)
+                found = replace(smooth, creases_px=creases)
+                found = replace(found, plain=self.continued(smooth.plain, self.left, found))
+        if paint and not is_rare(unclear):
+            found = self.with_paint(found, unclear)
+        if self.is_painted(found) or found.cliffs is not None or found.creases_px:
+            yield found
+
+    def is_painted(self, known: Explanation) -> bool:
+        """Whether there is an albedo that no white frame has shown."""
+        return known.albedo is not None and self.windows.albedo is None
+
+    def fit(
+        self, known: Explanation, widths: Sequence[float], **settings: Unpack[FitSettings]
+    ) -> Fitted:
+        """Windows that know an explanation."""
         return self.windows.fit(
-            self.start_px, widths, albedo=self.albedo, walls=self.walls, **settings
+            known.start_px, widths, albedo=known.albedo, walls=known.walls, **settings
         )
 
-    def search_cliffs(self) -> Fitted:
-        """Search walls with windows that know what is known, and return what these found."""
-        found = self.fit(self.widths[: self.small + 1], iterations=1, confidence=FINEST)
-        self.cliffs = find_cliffs(
+    def with_cliffs(self, known: Explanation) -> tuple[Explanation, Fitted]:
+        """Search walls with windows that know an explanation; what these found, too."""
+        found = self.fit(known, self.widths[: self.small + 1], iterations=1, confidence=FINEST)
+        cliffs = find_cliffs(
             self.windows,
             found,
-            self.start_px,
+            known.start_px,
             self.widths[self.small],
-            albedo=self.albedo,
-            edge_weight=None if self.albedo is None else edge_weight(self.albedo),
-            before=self.cliffs,
+            albedo=known.albedo,
+            edge_weight=None if known.albedo is None else edge_weight(known.albedo),
+            before=known.cliffs,
         )
-        self.start_px = self.first_start_px
-        if self.cliffs is not None:
-            self.start_px = self.cliffs.start_from(self.first_start_px, self.widths[0])
-        return found
+        start = self.start_px
+        if cliffs is not None:
+            start = cliffs.start_from(start, self.widths[0])
+        return replace(known, cliffs=cliffs, start_px=start), found
 
-    def continued(self, found: Fitted, left: NDArray[np.float32], settings: FitSettings) -> Fitted:
+    def with_paint(self, known: Explanation, unclear: BoolMap) -> Explanation:
+        """Find the albedo of places that are not clear, with windows that know it better with every
+        pass; None where it has hardly any edges."""
+        min_edge_pixels = MIN_EDGE_SHARE * int(np.count_nonzero(unclear))
+        # The smallest windows add noise only; the edges are known by then.
+        fine = self.widths[: self.small + 2]
+        misfit = known.plain.misfit.flat[::MEDIAN_STEP]
+        scatter = float(np.nanmedian(np.abs(misfit))) / NORMAL_MEDIAN
+        found = self.fit(known, self.widths[:1], iterations=1, confidence=CONFIDENCE)
+        for _ in range(MAX_PASSES):
+            u = np.where(np.isfinite(found.displacement_px), found.displacement_px, known.start_px)
+            if known.cliffs is not None:
+                u = np.where(known.cliffs.near, known.cliffs.displacement_px, u)
+            before = known.albedo
+            albedo = next_albedo(self.windows, found, u, before, scatter, known.cliffs)
+            edges = int(np.count_nonzero(paint_edges(albedo)))
+            if edges < max(min_edge_pixels, MIN_EDGE_PIXELS):
+                return replace(known, albedo=None)
+            known = replace(known, albedo=albedo)
+            if before is not None and change(before, albedo) < SETTLED:
+                break
+            if known.cliffs is None:
+                found = self.fit(known, fine, iterations=1, confidence=CONFIDENCE)
+            else:
+                known, found = self.with_cliffs(known)
+        return known
+
+    def continued(self, found: Fitted, left: NDArray[np.float32], known: Explanation) -> Fitted:
         """Small windows that start from the surfaces on either side of a crease, where they leave
         less than what was found."""
         near_paint = np.zeros(left.shape, bool)
-        if self.albedo is not None:
-            near_paint = widened(paint_edges(self.albedo), int(0.5 * self.windows.period_px))
+        if known.albedo is not None:
+            near_paint = widened(paint_edges(known.albedo), int(0.5 * self.windows.period_px))
         before = mean_square(left)
-        for start_px in self.continuations_px:
+        for start_px in known.creases_px:
             again = self.windows.fit(
-                start_px, self.widths[self.small :], albedo=self.albedo, **settings
+                start_px, self.widths[self.small :], albedo=known.albedo, **self.settings
             )
             determined = np.isfinite(again.displacement_px)
             again = again._replace(
                 scale=np.where(determined, again.scale + self.small, again.scale)
             )
-            after = mean_square(self.windows.left(again, self.albedo))
+            after = mean_square(self.windows.left(again, known.albedo))
             better = determined & (after < CONTINUED_SHARE * before) & ~near_paint
             better |= ~np.isfinite(found.displacement_px)
             found = found.replaced(again, better)
             before = np.where(better, after, before)
         return found
 
-    def search_paint(self, unclear: BoolMap) -> None:
-        """Find the albedo of places that are not clear, with windows that know it better with every
-        pass."""
-        min_edge_pixels = MIN_EDGE_SHARE * int(np.count_nonzero(unclear))
-        # The smallest windows add noise only; the edges are known by then.
-        fine = self.widths[: self.small + 2]
-        misfit = self.plain.misfit.flat[::MEDIAN_STEP]
-        scatter = float(np.nanmedian(np.abs(misfit))) / NORMAL_MEDIAN
-        found = self.fit(self.widths[:1], iterations=1, confidence=CONFIDENCE)
-        for _ in range(MAX_PASSES):
-            u = np.where(np.isfinite(found.displacement_px), found.displacement_px, self.start_px)
-            if self.cliffs is not None:
-                u = np.where(self.cliffs.near, self.cliffs.displacement_px, u)
-            before = self.albedo
-            self.albedo = next_albedo(self.windows, found, u, before, scatter, self.cliffs)
-            edges = int(np.count_nonzero(paint_edges(self.albedo)))
-            if edges < max(min_edge_pixels, MIN_EDGE_PIXELS):
-                self.albedo = None
-                return
-            if before is not None and change(before, self.albedo) < SETTLED:
-                break
-            if self.cliffs is None:
-                found = self.fit(fine, iterations=1, confidence=CONFIDENCE)
-            else:
-                found = self.search_cliffs()
-
-    def result(self, settings: FitSettings) -> Edges:
+    def measured(self, known: Explanation) -> Edges:
         """Windows of all widths that know the edges, where they explain the object; where an albedo
         does not, those that know the cliffs only."""
-        found, better = self.judged(settings)
-        walls = None if self.cliffs is None else self.cliffs.walls & better
-        edges = Edges(self.plain.replaced(found, better), self.albedo, walls, better)
-        if walls is None or not self.found_paint or is_rare(~better):
+        if not self.is_painted(known) and known.cliffs is None:
+            return Edges(known.plain, None, None, ~self.poor)
+        found, better = self.judged(known)
+        walls = None if known.cliffs is None else known.cliffs.walls & better
+        edges = Edges(known.plain.replaced(found, better), known.albedo, walls, better)
+        if walls is None or not self.is_painted(known) or is_rare(~better):
             return edges
-        self.albedo = None
-        other = self.result(settings)
+        other = self.measured(replace(known, albedo=None))
         assert other.walls is not None
         return Edges(
             other.fitted.replaced(found, better),
@@ -259,22 +292,22 @@ class _Search:
             better | other.explained,
         )
 
-    def judged(self, settings: FitSettings) -> tuple[Fitted, BoolMap]:
+    def judged(self, known: Explanation) -> tuple[Fitted, BoolMap]:
         """Windows of all widths that know the edges, and where they explain the object."""
-        found = self.fit(self.widths, **settings)
-        if self.continuations_px:
-            found = self.continued(found, self.windows.left(found, self.albedo), settings)
+        found = self.fit(known, self.widths, **self.settings)
+        if known.creases_px:
+            found = self.continued(found, self.windows.left(found, known.albedo), known)
         mixed = None
-        if self.cliffs is not None:
-            found = _on_walls(self.windows, found, self.cliffs, self.albedo)
-            mixed = widened(self.cliffs.walls, NEAR_WALL_PX)
-        better = explained(self.windows, found, self.plain.misfit, self.albedo, mixed)
-        if self.albedo is not None and self.found_paint:
-            error = albedo_error(self.plain, found, self.windows.period_px)
-            if self.cliffs is not None:
-                error = np.where(self.cliffs.zone, np.float32(0), error)
+        if known.cliffs is not None:
+            found = _on_walls(self.windows, found, known.cliffs, known.albedo)
+            mixed = widened(known.cliffs.walls, NEAR_WALL_PX)
+        better = explained(self.windows, found, known.plain.misfit, known.albedo, mixed)
+        if known.albedo is not None and self.is_painted(known):
+            error = albedo_error(known.plain, found, self.windows.period_px)
+            if known.cliffs is not None:
+                error = np.where(known.cliffs.zone, np.float32(0), error)
             found = found._replace(
-                modulation_ratio=self.albedo * found.modulation_ratio,
+                modulation_ratio=known.albedo * found.modulation_ratio,
                 sigma_px=np.sqrt(found.sigma_px**2 + error),
             )
         return found, better

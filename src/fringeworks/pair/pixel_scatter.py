@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from fringeworks.pair.smooth import smooth
+from fringeworks.signal.filters import smooth
 from fringeworks.types import FloatMap
 
 SMOOTHING_PERIODS = 0.5

@@ -16,9 +16,9 @@ from fringeworks.pair.plain_reference import plain_reference
 from fringeworks.pair.presence import without_fringes
 from fringeworks.pair.projector_light import ProjectorLight, projector_light
 from fringeworks.signal.bands import row_bands
+from fringeworks.signal.filters import saturated_squares
 from fringeworks.signal.noise import noise_variance
 from fringeworks.signal.response import Response, check_devices, linearise
-from fringeworks.signal.saturated import saturated_squares
 from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, Pair
 
 MIN_SIZE = 16

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.pair.registry import Smoothing
-from fringeworks.pair.smooth import smooth_known
 from fringeworks.signal.bands import by_bands
+from fringeworks.signal.filters import smooth_known
 from fringeworks.types import BoolMap, FloatMap
 
 SPREAD_PERIODS = 1.0

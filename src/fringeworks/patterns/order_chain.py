@@ -178,11 +178,6 @@ class OrderChain(Frozen):
         second, third = self.order_variance
         return sigma * np.sqrt(1.0 + sigma**2 * (second + third * sigma**2))
 
-    @property
-    def largest_sigma_rad(self) -> float:
-        """Phase noise at which the smallest margin is ``ORDER_SIGMAS``, rad."""
-        return self.margin(1.0) / ORDER_SIGMAS
-
 
 def repeat_distance(periods_px: Sequence[float], up_to_px: float) -> float:
     """Shortest distance that holds every period a whole number of times, projector px.

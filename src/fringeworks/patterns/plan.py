@@ -58,6 +58,24 @@ fringes have no useful repeat distance. An empirical choice.
 """
 
 
+def repeats(plan: PatternPlan) -> bool:
+    """Whether the phases and Gray codes of a plan leave coordinates that repeat along an axis.
+
+    Examples
+    --------
+    >>> from fringeworks.patterns.plan import PhaseSteps, equal_steps
+    >>> repeats(PatternPlan(640, 480, (PhaseSteps("x", 80.0, equal_steps(4)),)))
+    True
+    """
+    try:
+        for axis in plan.axes:
+            if plan.phase_sets(axis):
+                plan.chain(axis)
+    except InputError:
+        return True
+    return False
+
+
 def step_design(shifts_rad: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
     """Design matrix of I_n = A + c cos δ_n + s sin δ_n, the brightness under N shifted fringes.
 
@@ -290,7 +308,7 @@ class PatternPlan(Plotted, Frozen):
         try:
             return _chain(tuple(periods), bounds, tuple(weights), step, not absolute)
         except InputError as error:
-            raise InputError(f"plan along {axis}: {error}") from error
+            raise error.at(f"plan along {axis}") from error
 
 
 @lru_cache(maxsize=64)

@@ -19,9 +19,12 @@ from fringeworks.stack.frames import Stack
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import (
     BoardNotFound,
+    Finding,
     FramesContradictPlan,
+    InputError,
     Source,
     fingerprint,
+    found_before,
     made_by,
 )
 from fringeworks.types.packages import need_opencv
@@ -67,7 +70,8 @@ def calibrate_stacks(
     board = parse_board(board) if isinstance(board, str) else board
     seen = observe_poses(stacks, board, plan, progress, options)
     progress("adjusting …")
-    found = calibrate(seen.observations, board, skipped=seen.skipped, distortion=distortion)
+    with found_before(seen.findings):
+        found = calibrate(seen.observations, board, skipped=seen.skipped, distortion=distortion)
     plans = seen.plans
     origin = made_by(
         "calibrate",
@@ -89,6 +93,8 @@ class ObservedPoses:
     """Every pose, by the hashes of its files."""
     plans: tuple[PatternPlan, ...]
     """The plans of the stacks, each once."""
+    findings: tuple[Finding, ...]
+    """What was found in the frames of the poses that could not be observed."""
 
 
 def observe_poses(
@@ -103,6 +109,7 @@ def observe_poses(
     poses = read_poses(stacks, plan) if isinstance(stacks, (str, os.PathLike)) else stacks
     observations: list[Observation] = []
     skipped: dict[str, str] = {}
+    findings: list[Finding] = []
     inputs: list[Source] = []
     plans: dict[PatternPlan, None] = {}
     for name, stack in poses:
@@ -114,7 +121,8 @@ def observe_poses(
             observations.append(observe_stack(stack, board, name=name, **options))
         except (BoardNotFound, FramesContradictPlan) as error:
             skipped[name] = str(error) if name in str(error) else f"{name}: {error}"
-    return ObservedPoses(observations, skipped, tuple(inputs), tuple(plans))
+            findings += error.findings
+    return ObservedPoses(observations, skipped, tuple(inputs), tuple(plans), tuple(findings))
 
 
 def observe_stack(
@@ -139,4 +147,8 @@ def observe_stack(
     need_opencv("a calibration")
     size = (stack.plan.width_px, stack.plan.height_px)
     image = texture(stack.frames, stack.plan)
-    return observe(image, decoded(stack, options), board, projector_size=size, name=name)
+    try:
+        coordinates = decoded(stack, options)
+    except InputError as error:
+        raise error.at(name) from error
+    return observe(image, coordinates, board, projector_size=size, name=name)

@@ -33,15 +33,18 @@ from fringeworks.types import (
     Frozen,
     InputError,
     MultiRig,
+    Noted,
     Plotted,
     Points,
     Reason,
+    found_before,
     made_by,
+    numbered,
 )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MultiMeasurement(Plotted, Frozen):
+class MultiMeasurement(Noted, Plotted, Frozen):
     """The points of a scene that several cameras saw."""
 
     points: Points
@@ -57,11 +60,6 @@ class MultiMeasurement(Plotted, Frozen):
     """What was found in the frames of the cameras and in how they agree."""
     seconds: float
     """Time that decoding and triangulation took."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """The text of every finding."""
-        return tuple(finding.text for finding in self.findings)
 
 
 def calibrate_camera_stacks(
@@ -104,9 +102,10 @@ def calibrate_camera_stacks(
         for number, one in enumerate(seen, 1)
         for name, why in one.skipped.items()
     }
-    found = calibrate_cameras(
-        [one.observations for one in seen], board, skipped=skipped, distortion=distortion
-    )
+    with found_before(numbered("camera", seen)):
+        found = calibrate_cameras(
+            [one.observations for one in seen], board, skipped=skipped, distortion=distortion
+        )
     plans = list(dict.fromkeys(p for one in seen for p in one.plans))
     origin = made_by(
         "calibrate",
@@ -166,16 +165,9 @@ def measure_cameras(
     _check_shots(shots, rig)
     started = time.perf_counter()
     decoded, doubtful = _decoded(shots, options)
-    axes: tuple[Axis, ...] = tuple(decoded[0].maps) if axis is None else (axis,)
-    alone = [
-        triangulate(d, camera_pair(rig, k), axis=axis, colour=scene_brightness(shots[k], d))
-        for k, d in enumerate(decoded)
-    ]
-    fields = {k: CoordinateField.of(d, axes) for k, d in enumerate(decoded)}
-    seen: list[CameraPoints] = []
-    for k, (found, cloud) in enumerate(zip(decoded, alone, strict=True)):
-        others = {other: field for other, field in fields.items() if other != k}
-        seen.append(camera_points(rig, k, found, cloud, others, axes, doubtful=doubtful[k]))
+    told = numbered("camera", decoded)
+    with found_before(told):
+        seen = _merged(decoded, doubtful, shots, rig, axis)
     seconds = time.perf_counter() - started
     origin = made_by(
         "measure",
@@ -189,11 +181,30 @@ def measure_cameras(
         rig=rig,
     )
     seen = [replace(c, points=replace(c.points, provenance=origin)) for c in seen]
-    findings = (*_numbered(decoded), *camera_findings(seen))
-    points = replace(
-        joined_points(rig, seen), provenance=origin, notes=tuple(f.text for f in findings)
-    )
+    findings = (*told, *camera_findings(seen))
+    points = replace(joined_points(rig, seen), provenance=origin, findings=findings)
     return MultiMeasurement(points, tuple(seen), tuple(decoded), findings, seconds)
+
+
+def _merged(
+    decoded: Sequence[Decoded],
+    doubtful: Sequence[BoolMap | None],
+    shots: Sequence[Sequence[Stack]],
+    rig: MultiRig,
+    axis: Axis | None,
+) -> list[CameraPoints]:
+    """The points of every camera, by all pairs of devices."""
+    axes: tuple[Axis, ...] = tuple(decoded[0].maps) if axis is None else (axis,)
+    alone = [
+        triangulate(d, camera_pair(rig, k), axis=axis, colour=scene_brightness(shots[k], d))
+        for k, d in enumerate(decoded)
+    ]
+    fields = {k: CoordinateField.of(d, axes) for k, d in enumerate(decoded)}
+    seen: list[CameraPoints] = []
+    for k, (found, cloud) in enumerate(zip(decoded, alone, strict=True)):
+        others = {other: field for other, field in fields.items() if other != k}
+        seen.append(camera_points(rig, k, found, cloud, others, axes, doubtful=doubtful[k]))
+    return seen
 
 
 def _check_shots(shots: Sequence[Sequence[Stack]], rig: MultiRig) -> None:
@@ -225,17 +236,8 @@ def _decoded(
             every: Any = options | {"remove_isolated": False}
             loose = decoded_exposures(one, every)
         except InputError as error:
-            raise type(error)(f"camera {number}: {error}") from error
+            raise error.at(f"camera {number}") from error
         removed = [m.reason == Reason.ISOLATED for m in strict.maps.values()]
         decoded.append(replace(loose, findings=strict.findings))
         doubtful.append(np.logical_or.reduce(removed))
     return decoded, doubtful
-
-
-def _numbered(decoded: Sequence[Decoded]) -> list[Finding]:
-    """The findings of all cameras, with the camera's number."""
-    return [
-        replace(finding, seen=f"camera {number}: {finding.seen}")
-        for number, found in enumerate(decoded, 1)
-        for finding in found.findings
-    ]

@@ -12,7 +12,15 @@ from fringeworks.stack.frames import Stack
 from fringeworks.stack.fusing import fuse
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.unmeasured import unmeasured
-from fringeworks.types import Decoded, Finding, FramesContradictPlan, InputError
+from fringeworks.types import (
+    Decoded,
+    Finding,
+    FramesContradictPlan,
+    InputError,
+    as_notes,
+    explained,
+    found_before,
+)
 
 
 def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
@@ -20,14 +28,15 @@ def decoded(stack: Stack, options: DecodeOptions) -> Decoded:
     response = options.get("response")
     if response is not None:
         check_devices(response, stack.camera, stack.projector)
-    found = decode(stack.frames, stack.plan, **given_options(stack, options))
-    findings = (*_of_files(stack), *found.findings, *unmeasured(found))
-    return replace(found, findings=findings)
+    told = of_files(stack)
+    with found_before(told):
+        found = decode(stack.frames, stack.plan, **given_options(stack, options))
+    return replace(found, findings=(*told, *found.findings, *unmeasured(found)))
 
 
-def _of_files(stack: Stack) -> tuple[Finding, ...]:
+def of_files(stack: Stack) -> tuple[Finding, ...]:
     """What reading the files found."""
-    findings = [Finding("files", note) for note in stack.notes]
+    findings = [*as_notes(stack.notes, "files")]
     if stack.lossy:
         findings.append(
             Finding(
@@ -80,11 +89,11 @@ def decoded_exposures(stacks: Sequence[Stack], options: DecodeOptions) -> Decode
             raise
         except InputError as error:
             problems.append((number, error))
-    if not results:
-        raise problems[0][1]
-    found = fuse(results)
     unused = [
         Finding("exposures", f"exposure {number} of {len(stacks)} is not used: {error}")
         for number, error in problems
     ]
+    if not results:
+        raise explained(problems[0][1], unused[1:])
+    found = fuse(results)
     return replace(found, findings=(*unused, *found.findings, *unmeasured(found)))

@@ -21,13 +21,16 @@ from fringeworks.types import (
     FloatMap,
     Frozen,
     InputError,
+    Noted,
     PointCloud,
     Points,
     Provenance,
     Rig,
     Source,
     fingerprint,
+    found_before,
     made_by,
+    numbered,
 )
 from fringeworks.types.packages import need_opencv
 from fringeworks.views.board_views import board_pose
@@ -63,7 +66,7 @@ MAX_DISAGREEMENT = 2.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MergedPart(Frozen):
+class MergedPart(Noted, Frozen):
     """A part from several views."""
 
     poses: tuple[ViewPose, ...]
@@ -152,11 +155,32 @@ def merge(
     board = parse_board(board) if isinstance(board, str) else board
     _check(len(clouds), poses, board, step_deg, axis)
     progress("poses …")
-    sharp, blur_px = _without_blur(clouds, rig, blur_px, board)
-    known = _known(sharp, poses, board, step_deg, axis)
-    points = [_surface_points(cloud, blur_px) for cloud in sharp]
-    if board is not None and known:
-        points = [_above(v, known[k], above_mm) for k, v in enumerate(points)]
+    with found_before(numbered("view", clouds)):
+        sharp, blur_px = _without_blur(clouds, rig, blur_px, board)
+        known = _known(sharp, poses, board, step_deg, axis)
+        points = [_surface_points(cloud, blur_px) for cloud in sharp]
+        if board is not None and known:
+            points = [_above(v, known[k], above_mm) for k, v in enumerate(points)]
+        solved, pairs, loop = _solved(points, known, progress)
+        progress("fusion …")
+        fused = fuse_points(points, solved, voxel_mm=voxel_mm or _spacing(points))
+    origin = made_by(
+        "merge",
+        options={"poses": poses, "board": board, "step_deg": step_deg, "axis": axis}
+        | {"voxel_mm": voxel_mm, "above_mm": above_mm, "blur_px": blur_px},
+        inputs=tuple(
+            Source("view" if isinstance(v, PointCloud) else str(v), fingerprint(c))
+            for v, c in zip(views, clouds, strict=True)
+        ),
+    )
+    found = _findings(loop, fused, pairs)
+    return MergedPart(solved, loop, fused, pairs, blur_px, found, origin)
+
+
+def _solved(
+    points: Sequence[SurfacePoints], known: dict[int, ViewPose], progress: Callable[[str], None]
+) -> tuple[tuple[ViewPose, ...], dict[tuple[int, int], Registration], Closure | None]:
+    """The poses of all views, the pairs of neighbours that they come from, and the loop's error."""
     starts = {k: p.T_part_camera for k, p in known.items()}
     if not known:
         progress("alignment by shape …")
@@ -171,20 +195,7 @@ def merge(
         [starts[k] for k in range(len(points))],
         middle_mm=transform(starts[0], middle),
     )
-    loop = closure(pairs, len(points), middle)
-    progress("fusion …")
-    fused = fuse_points(points, solved, voxel_mm=voxel_mm or _spacing(points))
-    origin = made_by(
-        "merge",
-        options={"poses": poses, "board": board, "step_deg": step_deg, "axis": axis}
-        | {"voxel_mm": voxel_mm, "above_mm": above_mm, "blur_px": blur_px},
-        inputs=tuple(
-            Source("view" if isinstance(v, PointCloud) else str(v), fingerprint(c))
-            for v, c in zip(views, clouds, strict=True)
-        ),
-    )
-    found = _findings(loop, fused, pairs)
-    return MergedPart(tuple(solved), loop, fused, pairs, blur_px, found, origin)
+    return tuple(solved), pairs, closure(pairs, len(points), middle)
 
 
 def _check(
@@ -255,7 +266,7 @@ def _known(
                 found[k] = board_pose(cloud, board).pose
             except BoardNotFound as error:
                 if poses == "board":
-                    raise BoardNotFound(f"view {k + 1}: {error}") from error
+                    raise error.at(f"view {k + 1}") from error
     if poses != "turntable" or step_deg is None:
         return found
     if axis is None:
@@ -296,7 +307,7 @@ def _pairs(
             found[i, j] = register(points[j], points[i], start, reach_mm=_reach(known, i, j))
         except InputError as error:
             if not known and j != 0:
-                raise InputError(f"views {i + 1} and {j + 1}: {error}") from error
+                raise error.at(f"views {i + 1} and {j + 1}") from error
     for (i, j), pair in found.items():
         if not known and pair.slides:
             raise InputError(
@@ -354,6 +365,7 @@ def _findings(
                 f"the shape slides on itself in {len(sliding)} of {len(pairs)} pairs of views, so "
                 "their poses come from the board or the turntable in those directions",
                 figures={"sliding_pairs": float(len(sliding))},
+                severity="note",
             )
         )
     return tuple(found)

@@ -62,7 +62,7 @@ def pair_findings(pair: Pair, found: DisplacementMap) -> tuple[Finding, ...]:
     tuple of Finding; empty where nothing was found.
     """
     seen = (
-        _mosaic(pair),
+        *frame_findings(pair),
         _turned(pair, found),
         _swapped(pair, found),
         _row_method(pair, found),
@@ -72,21 +72,24 @@ def pair_findings(pair: Pair, found: DisplacementMap) -> tuple[Finding, ...]:
     return tuple(finding for finding in seen if finding is not None)
 
 
-def _mosaic(pair: Pair) -> Finding | None:
-    """Frames of a colour camera before the channels are separated."""
-    frame = np.nan_to_num(np.asarray(pair.object, dtype=np.float64), posinf=0.0, neginf=0.0)
-    if min(frame.shape) < 2:
-        return None
+def frame_findings(pair: Pair) -> tuple[Finding, ...]:
+    """Return what the frames alone show: a colour camera's before the channels are separated."""
+    counts = np.asarray(pair.object)
+    if counts.ndim != 2 or counts.dtype.kind not in "uif" or min(counts.shape) < 2:
+        return ()
+    frame = np.nan_to_num(counts.astype(np.float64), posinf=0.0, neginf=0.0)
     means = np.array([frame[v::2, u::2].mean() for v in (0, 1) for u in (0, 1)])
     step = float(np.ptp(means) / max(means.mean(), np.finfo(float).tiny))
     if not np.isfinite(step) or step < MOSAIC_STEP:
-        return None
-    return Finding(
-        "raw colours",
-        f"pixels of even and odd rows and columns differ in brightness by {100 * step:.0f} %",
-        causes=("the object frame is a raw frame of a colour camera",),
-        advice="convert it to grey first; places without fringes cannot be recognised in it",
-        figures={"step_share": step},
+        return ()
+    return (
+        Finding(
+            "raw colours",
+            f"pixels of even and odd rows and columns differ in brightness by {100 * step:.0f} %",
+            causes=("the object frame is a raw frame of a colour camera",),
+            advice="convert it to grey first; places without fringes cannot be recognised in it",
+            figures={"step_share": step},
+        ),
     )
 
 
@@ -110,6 +113,7 @@ def _turned(pair: Pair, found: DisplacementMap) -> Finding | None:
         causes=("one frame is turned by 90°", "the frames belong to different captures"),
         advice="turn one frame, or use frames of the same capture; these results are wrong",
         figures={"angle_deg": angle},
+        severity="error",
     )
 
 
@@ -192,4 +196,5 @@ def _not_converged(found: DisplacementMap) -> Finding | None:
         causes=("the frame shows too little plane background", "the fringes are too noisy"),
         advice="do not trust the result: give a reference frame or mark the background "
         "(background), or use another method",
+        severity="error",
     )

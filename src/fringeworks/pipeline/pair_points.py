@@ -13,14 +13,14 @@ from fringeworks.files.coordinates import read_coordinates
 from fringeworks.files.rig import read_rig
 from fringeworks.pair.object_coordinates import object_coordinates
 from fringeworks.pair.registry import MethodOption
-from fringeworks.pair.smooth import smooth
 from fringeworks.pipeline.inputs import pair_of
 from fringeworks.pipeline.pairs import Reconstruction, reconstruct
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.rig.plane_coordinates import plane_coordinates
-from fringeworks.rig.point_findings import part_notes, point_notes, unit_notes
+from fringeworks.rig.point_findings import point_findings
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.signal.denoise import Denoiser
+from fringeworks.signal.filters import smooth
 from fringeworks.signal.response import Response
 from fringeworks.types import (
     Axis,
@@ -30,6 +30,7 @@ from fringeworks.types import (
     InputError,
     Pair,
     Rig,
+    found_before,
     made_by,
     sealed,
 )
@@ -91,11 +92,12 @@ def measure_pair(
         denoise=denoise,
         **options,
     )
-    known = _reference(reference, plane, rig.rig, found.displacement.axis)
-    decoded = _decoded(pair, found, known)
-    points = rig.triangulate(
-        decoded, axis=known.axis, colour=sealed(np.asarray(pair.object, np.float64))
-    )
+    with found_before(found.findings):
+        known = _reference(reference, plane, rig.rig, found.displacement.axis)
+        decoded = _decoded(pair, found, known)
+        points = rig.triangulate(
+            decoded, axis=known.axis, colour=sealed(np.asarray(pair.object, np.float64))
+        )
     seconds = time.perf_counter() - started
     origin = made_by(
         "measure",
@@ -109,8 +111,8 @@ def measure_pair(
         inputs=found.surface.provenance.inputs if found.surface.provenance else (),
         rig=rig.rig,
     )
-    part = (*unit_notes(rig.rig), *part_notes(rig.rig, rig.rig.projector.height_px))
-    points = replace(points, provenance=origin, remarks=(*part, *point_notes(points)))
+    told = (*points.findings, *point_findings(points, rig.rig, rig.rig.projector.height_px))
+    points = replace(points, provenance=origin, findings=told)
     return Measurement(points, replace(decoded, provenance=origin), seconds)
 
 
@@ -129,7 +131,7 @@ def _decoded(pair: Pair, found: Reconstruction, known: CoordinateMap) -> Decoded
         x=coordinates if known.axis == "x" else None,
         y=coordinates if known.axis == "y" else None,
         noise=CameraNoise(float(moved.details.get("noise_counts", 0.0))),
-        findings=found.findings,
+        findings=found.warnings,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,7 @@ from fringeworks.pair.prepared import prepare
 from fringeworks.pair.reference_plane import to_surface
 from fringeworks.pair.registry import MethodOption
 from fringeworks.pipeline.inputs import pair_of, sources_of
-from fringeworks.pipeline.pair_findings import pair_findings
+from fringeworks.pipeline.pair_findings import frame_findings, pair_findings
 from fringeworks.rig.calibration.planes import (
     PixelCalibration,
     PlaneCalibration,
@@ -26,7 +26,7 @@ from fringeworks.rig.calibration.planes import (
 from fringeworks.signal.denoise import Denoiser
 from fringeworks.signal.denoise import denoise as denoise_frame
 from fringeworks.signal.response import Response, response_note
-from fringeworks.surface.height_map import lateral_notes
+from fringeworks.surface.height_map import lateral_findings
 from fringeworks.types import (
     DisplacementMap,
     Finding,
@@ -34,16 +34,19 @@ from fringeworks.types import (
     Frozen,
     HeightMap,
     InputError,
+    Noted,
     Pair,
     Plotted,
     ReferencePlaneGeometry,
     Source,
+    as_notes,
+    explained,
     made_by,
 )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Reconstruction(Plotted, Frozen):
+class Reconstruction(Noted, Plotted, Frozen):
     """The surface of a pair of frames."""
 
     surface: HeightMap
@@ -52,12 +55,10 @@ class Reconstruction(Plotted, Frozen):
     """Displacement of the fringes that the surface comes from."""
     seconds: float
     """Time that the analysis took."""
-    notes: tuple[str, ...] = ()
-    """What was found in the frames, and what was decided because of it; with the findings' text."""
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Likely faults of the capture: what was seen, and what to do about it."""
+        """What was found in the frames, and what was decided because of it."""
         return self.surface.findings
 
     @property
@@ -116,16 +117,13 @@ def reconstruct(
         reference=pair.reference, object=pair.object, black=pair.black, white=pair.white
     )
     started = time.perf_counter()
-    prepared = prepare(pair, response=response)
+    try:
+        displacement = _displacement(pair, method, response, denoise, options)
+    except InputError as error:
+        explained(error, (*as_notes(pair.notes), *frame_findings(pair)))
+        raise
     if response is not None:
         pair = replace(pair, notes=(*pair.notes, response_note(response)))
-    if denoise is not None:
-        plain = pair.reference is None  # a computed reference has no noise
-        reference = prepared.reference if plain else denoise_frame(prepared.reference, denoise)
-        prepared = replace(
-            prepared, reference=reference, object=denoise_frame(prepared.object, denoise)
-        )
-    displacement = analyse(prepared, method, **options)
     if isinstance(geometry, PixelCalibration):
         surface = height_by_pixel(displacement, geometry)
         if surface.pitch is None and pair.geometry is not None:
@@ -140,9 +138,27 @@ def reconstruct(
     }
     said |= {"response": response, "denoise": denoise, **options}
     origin = made_by("reconstruct", options=said, inputs=sources)
-    found = pair_findings(pair, displacement)
+    found = _findings(pair, displacement, surface)
     surface = replace(surface, provenance=origin, findings=found)
-    return Reconstruction(surface, displacement, seconds, _notes(pair, displacement, surface))
+    return Reconstruction(surface, displacement, seconds)
+
+
+def _displacement(
+    pair: Pair,
+    method: str,
+    response: Response | None,
+    denoise: Denoiser | None,
+    options: Mapping[str, MethodOption],
+) -> DisplacementMap:
+    """The displacement of a pair's fringes, after the corrections that were asked for."""
+    prepared = prepare(pair, response=response)
+    if denoise is not None:
+        plain = pair.reference is None  # a computed reference has no noise
+        reference = prepared.reference if plain else denoise_frame(prepared.reference, denoise)
+        prepared = replace(
+            prepared, reference=reference, object=denoise_frame(prepared.object, denoise)
+        )
+    return analyse(prepared, method, **options)
 
 
 def _on_rays(surface: HeightMap, geometry: ReferencePlaneGeometry | None) -> HeightMap:
@@ -216,21 +232,24 @@ def calibrate_plane(
     return replace(found, provenance=origin)
 
 
-def _notes(pair: Pair, found: DisplacementMap, surface: HeightMap) -> tuple[str, ...]:
-    notes = list(pair.notes)
+def _findings(pair: Pair, found: DisplacementMap, surface: HeightMap) -> tuple[Finding, ...]:
+    told = list(pair.notes)
     if pair.axis is None:
-        notes.append(
+        told.append(
             f"fringes found along {found.axis} with a period of {found.period_px:.2f} px, "
             f"tilted by {found.tilt_deg:.2f}°"
         )
     if pair.reference is None:
-        notes.append("no reference frame: measured against the plain fringe of the background")
+        told.append("no reference frame: measured against the plain fringe of the background")
     if "unwrapping" in found.details:
-        notes.append(
+        told.append(
             "phase unwrapped by {unwrapping}: {residues} residues, {regions} connected regions, "
             "{pixels_moved_by_counting} pixels moved by counting".format(**found.details)
         )
-    notes += [finding.text for finding in surface.findings]
-    if surface.unit == "px":
-        notes.append("geometry unknown: the result is a displacement in px, not a height")
-    return (*notes, *lateral_notes(surface))
+    unknown = "geometry unknown: the result is a displacement in px, not a height"
+    return (
+        *as_notes(told),
+        *pair_findings(pair, found),
+        *as_notes([unknown] if surface.unit == "px" else [], "geometry"),
+        *lateral_findings(surface),
+    )

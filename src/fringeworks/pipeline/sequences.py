@@ -14,7 +14,7 @@ from fringeworks.patterns.plan import PatternPlan
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.stack.motion import Motion
 from fringeworks.stack.sequence import SequenceOptions, decode_sequence
-from fringeworks.types import Axis, Frozen, PointCloud, Rig, RigMismatch
+from fringeworks.types import Axis, Frozen, PointCloud, Rig, RigMismatch, found_before
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -70,5 +70,6 @@ def measure_sequence(
             f"{plan.width_px} × {plan.height_px} px"
         )
     for moment in decode_sequence(frames, plan, **options):
-        points = rig.triangulate(moment.decoded, axis=axis)
+        with found_before(moment.decoded.findings):
+            points = rig.triangulate(moment.decoded, axis=axis)
         yield MeasuredMoment(points, moment.motion, moment.time_frames, moment.first_frame)

@@ -12,12 +12,11 @@ import numpy as np
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.rig import read_rig
 from fringeworks.files.stack import read_stack
-from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform
-from fringeworks.patterns.repeats import repeats
-from fringeworks.pipeline.decoding import decoded_exposures, given_options
+from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, Uniform, repeats
+from fringeworks.pipeline.decoding import decoded_exposures, given_options, of_files
 from fringeworks.pipeline.inputs import inputs_of, stack_of, stacks_of
 from fringeworks.rig.depth_range import DepthRange, depth_range_of
-from fringeworks.rig.point_findings import part_notes, point_notes, unit_notes
+from fringeworks.rig.point_findings import point_findings
 from fringeworks.rig.triangulate import Triangulator
 from fringeworks.signal.response import Response, check_devices
 from fringeworks.signal.response import measure_response as response_of_frames
@@ -33,20 +32,23 @@ from fringeworks.types import (
     Axis,
     CameraNoise,
     Decoded,
+    Finding,
     FloatMap,
     Frozen,
     InputError,
+    Noted,
     Plotted,
     PointCloud,
     Rig,
     RigMismatch,
+    found_before,
     made_by,
     sealed,
 )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Measurement(Plotted, Frozen):
+class Measurement(Noted, Plotted, Frozen):
     """The points of a stack of frames."""
 
     points: PointCloud
@@ -57,9 +59,9 @@ class Measurement(Plotted, Frozen):
     """Time that decoding and triangulation took."""
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """What was found in the frames, and what was decided because of it."""
-        return self.points.notes
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found in the frames and in the points."""
+        return self.points.findings
 
 
 def decode_stack(
@@ -144,16 +146,17 @@ def measure(
     check_projector(rig.rig, stacks[0])
     depth = depth_range_of(depth_mm, rig.rig)
     started = time.perf_counter()
-    if depth is None:
-        found = decoded_exposures(stacks, options)
-    else:
+    if depth is not None:
         options.setdefault("absolute", not repeats(plan))
-        found = depth.resolve(decoded_exposures(stacks, options))
-    points = rig.triangulate(
-        found, axis=axis, epipolar_px=epipolar_px, colour=scene_brightness(stacks, found)
-    )
-    if blur_px is not None:
-        points = _without_blur(points, rig.rig, blur_px, found, axis)
+    found = decoded_exposures(stacks, options)
+    with found_before(found.findings):
+        if depth is not None:
+            found = depth.resolve(found)
+        points = rig.triangulate(
+            found, axis=axis, epipolar_px=epipolar_px, colour=scene_brightness(stacks, found)
+        )
+        if blur_px is not None:
+            points = _without_blur(points, rig.rig, blur_px, found, axis)
     seconds = time.perf_counter() - started
     origin = made_by(
         "measure",
@@ -169,8 +172,8 @@ def measure(
         rig=rig.rig,
     )
     found = replace(found, provenance=origin)
-    part = (*unit_notes(rig.rig), *part_notes(rig.rig, plan.height_px))
-    points = replace(points, provenance=origin, remarks=(*part, *point_notes(points)))
+    told = (*points.findings, *point_findings(points, rig.rig, plan.height_px))
+    points = replace(points, provenance=origin, findings=told)
     return Measurement(points, found, seconds)
 
 
@@ -284,7 +287,7 @@ def phase_from_stack(
 
     Returns
     -------
-    WrappedPhase, with the notes of reading first and its provenance.
+    WrappedPhase, with the findings of reading first and its provenance.
 
     Raises
     ------
@@ -306,7 +309,7 @@ def phase_from_stack(
         options={"shifts_rad": list(found.shifts_rad), **options},
         inputs=inputs_of(stack),
     )
-    return replace(found, notes=(*stack.notes, *found.notes), provenance=origin)
+    return replace(found, findings=(*of_files(stack), *found.findings), provenance=origin)
 
 
 def light_from_stack(
@@ -328,7 +331,7 @@ def light_from_stack(
 
     Returns
     -------
-    LightSeparation, with the notes of reading first and its provenance.
+    LightSeparation, with the findings of reading first and its provenance.
 
     Raises
     ------
@@ -345,7 +348,7 @@ def light_from_stack(
     }
     found = separate_light(stack.frames, stack.plan, **options)
     origin = made_by("separate_light", options=options, inputs=inputs_of(stack), plan=stack.plan)
-    return replace(found, notes=(*stack.notes, *found.notes), provenance=origin)
+    return replace(found, findings=(*of_files(stack), *found.findings), provenance=origin)
 
 
 def check_projector(rig: Rig, stack: Stack) -> None:

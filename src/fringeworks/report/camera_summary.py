@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.files.findings import findings_as_dicts
 from fringeworks.pipeline.cameras import MultiMeasurement
-from fringeworks.report.summary import origin, summary
+from fringeworks.report.summary import origin, summary, told
 from fringeworks.rig.calibration.cameras import MultiCalibration
 from fringeworks.rig.camera_findings import difference_histogram
 from fringeworks.rig.camera_points import CameraPoints
@@ -54,8 +53,7 @@ def _(found: MultiMeasurement) -> dict[str, Any]:
         "median_sigma_mm": _median(points.sigma_mm),
         "median_noise_mm": _median(points.noise_mm),
         "cameras": [_of_camera(number, seen) for number, seen in enumerate(found.cameras, 1)],
-        "findings": findings_as_dicts(found.findings),
-        "notes": list(found.notes),
+        **told(found),
         **origin(points.provenance),
     }
 

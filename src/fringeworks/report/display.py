@@ -109,7 +109,7 @@ def _of_surface(surface: HeightMap, name: str | None, *more: Panel) -> Figure:
             *more,
         ],
         columns=3,
-        findings=surface.findings,
+        findings=surface.warnings,
     )
 
 

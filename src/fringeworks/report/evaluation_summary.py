@@ -9,13 +9,12 @@ import numpy as np
 from fringeworks.evaluate.deviation import Deviation
 from fringeworks.evaluate.form import FormEvaluation
 from fringeworks.evaluate.inspect import Inspection
-from fringeworks.files.findings import findings_as_dicts
-from fringeworks.report.summary import origin, summarise, summary
+from fringeworks.report.summary import origin, summarise, summary, told
 
 
 @summary.register
 def _(evaluation: FormEvaluation) -> dict[str, Any]:
-    return evaluation.figures | origin(evaluation.provenance)
+    return evaluation.figures | told(evaluation) | origin(evaluation.provenance)
 
 
 @summary.register
@@ -35,8 +34,7 @@ def _(found: Deviation) -> dict[str, Any]:
             "slides": alignment.slides,
             "converged": alignment.converged,
         },
-        "findings": findings_as_dicts(found.findings),
-        "notes": list(found.notes),
+        **told(found),
         **origin(found.provenance),
     }
 
@@ -62,5 +60,5 @@ def _(inspection: Inspection) -> dict[str, Any]:
     return figures | {
         "verdict": inspection.verdict,
         "checks": checks,
-        "notes": list(inspection.notes),
+        **told(inspection),
     }

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.files.findings import findings_as_dicts
 from fringeworks.pipeline.pairs import Reconstruction
-from fringeworks.report.summary import of_heights, origin, summary
+from fringeworks.report.summary import of_heights, origin, summary, told
 from fringeworks.rig.calibration.planes import PixelCalibration, PlaneCalibration
 
 
@@ -20,8 +19,7 @@ def _(result: Reconstruction) -> dict[str, Any]:
         "period_px": result.displacement.period_px,
         "tilt_deg": result.displacement.tilt_deg,
         "converged": result.converged,
-        "findings": findings_as_dicts(result.findings),
-        "notes": list(result.notes),
+        **told(result),
         **origin(result.surface.provenance),
     }
 

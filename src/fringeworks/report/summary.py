@@ -72,6 +72,11 @@ def summary(result: object) -> dict[str, Any]:
     raise InputError(f"result: expected a result of fringeworks, got {type(result).__name__}")
 
 
+def told(result: Any) -> dict[str, Any]:
+    """The findings of a result as part of a summary, and their text."""
+    return {"findings": findings_as_dicts(result.findings), "notes": list(result.notes)}
+
+
 def origin(provenance: Provenance | None) -> dict[str, Any]:
     """The provenance as part of a summary; nothing where there is none."""
     return {} if provenance is None else {"provenance": provenance.as_dict()}
@@ -81,7 +86,7 @@ def origin(provenance: Provenance | None) -> dict[str, Any]:
 def _(surface: HeightMap) -> dict[str, Any]:
     return of_heights(surface) | {
         "converged": surface.converged,
-        "findings": findings_as_dicts(surface.findings),
+        **told(surface),
         **origin(surface.provenance),
     }
 
@@ -108,7 +113,7 @@ def _(decoded: Decoded) -> dict[str, Any]:
         "shape": list(some.coordinate_px.shape),
         "noise": {"read_counts": decoded.noise.read_counts, "gain": decoded.noise.gain},
         "axes": axes,
-        "notes": list(decoded.notes),
+        **told(decoded),
         **origin(decoded.provenance),
     }
 
@@ -124,7 +129,7 @@ def _(wrapped: WrappedPhase) -> dict[str, Any]:
         "reasons": count_reasons(wrapped.reason),
         "median_sigma_rad": float(np.median(wrapped.sigma_rad[ok])) if ok.any() else None,
         "median_modulation": float(np.median(wrapped.modulation[ok])) if ok.any() else None,
-        "notes": list(wrapped.notes),
+        **told(wrapped),
         **origin(wrapped.provenance),
     }
 
@@ -146,7 +151,7 @@ def _(light: LightSeparation) -> dict[str, Any]:
         **medians,
         "failed_fraction": light.failed_fraction,
         "reasons": count_reasons(light.reason),
-        "notes": list(light.notes),
+        **told(light),
         **origin(light.provenance),
     }
 
@@ -158,7 +163,7 @@ def _(result: Measurement) -> dict[str, Any]:
 
 @summary.register
 def _(cloud: PointCloud) -> dict[str, Any]:
-    return _of_cloud(cloud) | {"notes": list(cloud.notes), **origin(cloud.provenance)}
+    return _of_cloud(cloud) | told(cloud) | origin(cloud.provenance)
 
 
 @summary.register
@@ -167,7 +172,7 @@ def _(points: Points) -> dict[str, Any]:
     return {
         "points": len(points.xyz_mm),
         "median_sigma_mm": None if sigma is None else float(np.median(sigma)),
-        "notes": list(points.notes),
+        **told(points),
         **origin(points.provenance),
     }
 

@@ -43,10 +43,10 @@ from .calibration.diagnosis import (
     diagnose as diagnose,
 )
 from .calibration.drift import (
-    RigCheck as RigCheck,
-)
-from .calibration.drift_words import (
     Cause as Cause,
+)
+from .calibration.drift import (
+    RigCheck as RigCheck,
 )
 from .calibration.verdict import (
     Verdict as Verdict,

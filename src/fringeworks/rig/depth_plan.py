@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fringeworks.patterns.propose import MIN_MARGIN, Proposal, propose
-from fringeworks.rig.depth_interval import ROOM_SIGMAS
-from fringeworks.rig.depth_range import DepthRange
+from fringeworks.rig.depth_range import ROOM_SIGMAS, DepthRange
 from fringeworks.rig.ray_depth import main_axis
 from fringeworks.types import Axis, InputError, Rig
 

@@ -3,36 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fringeworks.rig.depth_interval import (
-    NODES,
-    ROOM_SIGMAS,
-    Interval,
-    clipped,
-    coordinates_at,
-    interval_at,
-    node_pixels,
-    variance_at,
-)
-from fringeworks.rig.ray_depth import axis_length, inverse_depth
+from fringeworks.rig.pinhole import project, rays, transform
+from fringeworks.rig.ray_depth import axis_length, inverse_depth, projector_by_parameters
 from fringeworks.types import (
     Axis,
+    BoolMap,
     CoordinateMap,
     Decoded,
     Finding,
     FloatMap,
     InputError,
+    Pixels,
     Reason,
     Rig,
     RigMismatch,
+    region_of,
     sealed,
 )
 
+ROOM_SIGMAS = 5.0
+"""Standard deviations by which both ends of an interval of coordinates are widened: of the decoded
+coordinate and of the rig's calibration. Normal errors exceed five in one of two million pixels."""
+NODES = (33, 41)
+"""Rows and columns of nodes over the camera's frame between which the ends of the intervals are
+interpolated by cubic splines, to better than 0.01 px for the lenses of the standard rig."""
+MOST_OUTSIDE = 0.5
+"""Share of the measured pixels outside the range from which on the range is probably wrong: a range
+is meant to hold the part, and the background beside it takes less than half of most frames."""
+PLACES_QUANTILE = 1e-3
+"""Quantile of the depths outside the range from which, to its complement, they are told: a wrong
+fringe order here and there does not widen them."""
+PLACES = 10_000
+"""Pixels outside the range whose depth is computed, at most: quantiles of more are no sharper."""
+UNITS_MM = {"cm": 10.0, "inches": 25.4, "m": 1000.0}
+"""Units in which a range is given by mistake, in mm."""
 MOST_AMBIGUOUS = 0.5
 """Share of the frame that sees the projector's light in which a period must exceed the interval, at
 least. A range that leaves less is refused: it is a mistake, and its error says how long it may be.
@@ -42,6 +52,73 @@ LIMIT_STEPS = 40
 FARTHEST = 100.0
 """The longest range is searched up to this multiple of the near depth. Beyond it, coordinates
 hardly change."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Coordinates along one axis that a range of depths allows, per pixel or per node."""
+
+    middle: FloatMap
+    """Middle of the interval, px."""
+    half: FloatMap
+    """Half its length, px; negative where the projector lights no point of the range."""
+    variance: FloatMap
+    """Variance of the coordinate of a known point by the rig's calibration, px²."""
+
+    @property
+    def reach(self) -> FloatMap:
+        """Half the length of the interval with room for the calibration alone, px."""
+        return self.half + ROOM_SIGMAS * np.sqrt(self.variance)
+
+
+def node_pixels(rig: Rig) -> FloatMap:
+    """Camera pixels of the nodes, (n, 2)."""
+    h, w = rig.camera.shape
+    v, u = np.meshgrid(
+        np.linspace(0, h - 1, NODES[0]), np.linspace(0, w - 1, NODES[1]), indexing="ij"
+    )
+    return np.stack((u.ravel(), v.ravel()), axis=-1)
+
+
+def coordinates_at(rig: Rig, pixels: FloatMap, z_mm: float, axis: Axis) -> FloatMap:
+    """Projector coordinates of the points at a depth on the rays of pixels, (n,), px."""
+    points = transform(rig.T_projector_camera, rays(rig.camera, pixels) * z_mm)
+    if (points[:, 2] <= 0.0).any():
+        raise InputError(
+            f"depth range: expected depths in front of the projector, got {z_mm:g} mm, which is "
+            "behind it in a part of the frame"
+        )
+    return np.asarray(project(rig.projector, points)[:, 0 if axis == "x" else 1])
+
+
+def variance_at(rig: Rig, pixels: FloatMap, axis: Axis, depth_mm: tuple[float, float]) -> FloatMap:
+    """Variance of the coordinates of known points by the calibration, (n,), px²; the larger one of
+    both depths."""
+    residual = 0.0 if rig.residual_px is None else float(np.hypot(*rig.residual_px))
+    variance = np.full(len(pixels), residual**2)
+    if rig.covariance is None:
+        return variance
+    k = 0 if axis == "x" else 1
+    by = [
+        projector_by_parameters(rig, pixels, np.full(len(pixels), 1.0 / z))[1][:, k]
+        for z in depth_mm
+    ]
+    covariance = rig.covariance
+    each = [np.einsum("nj,nj->n", np.einsum("ni,ij->nj", b, covariance), b) for b in by]
+    return np.asarray(variance + np.maximum(np.maximum(*each), 0.0))
+
+
+def interval_at(rig: Rig, pixels: FloatMap, axis: Axis, depth_mm: tuple[float, float]) -> Interval:
+    """The interval of coordinates at pixels (n, 2)."""
+    low, high = (coordinates_at(rig, pixels, z, axis) for z in depth_mm)
+    return clipped(low, high, variance_at(rig, pixels, axis, depth_mm), axis_length(rig, axis))
+
+
+def clipped(low: FloatMap, high: FloatMap, variance: FloatMap, length: int) -> Interval:
+    """The interval between two ends in any order, within the projector's frame."""
+    first = np.maximum(np.minimum(low, high), -0.5)
+    last = np.minimum(np.maximum(low, high), length - 0.5)
+    return Interval(0.5 * (first + last), 0.5 * (last - first), variance)
 
 
 class DepthRange:
@@ -132,7 +209,7 @@ class DepthRange:
             if found.repeats_px is not None:
                 self._refuse_long(axis, found.repeats_px)
             maps[axis] = self._resolved(found)
-            findings.append(self._finding(maps[axis], found.repeats_px))
+            findings.append(self._finding(maps[axis], found))
         return replace(decoded, x=maps.get("x"), y=maps.get("y"), findings=tuple(findings))
 
     def _resolved(self, found: CoordinateMap) -> CoordinateMap:
@@ -249,31 +326,55 @@ class DepthRange:
             farthest = max(farthest, float(np.max(w[w < far], initial=0.0)))
         return 1.0 / nearest, float("inf") if farthest <= 0.0 else 1.0 / farthest
 
-    def _finding(self, found: CoordinateMap, period: float | None) -> Finding:
+    def _finding(self, found: CoordinateMap, before: CoordinateMap) -> Finding:
         """What the range did to a map."""
-        counts = np.bincount(found.reason.ravel(), minlength=len(Reason))
-        outside = counts[Reason.OUTSIDE_DEPTH] / max(
-            1, counts[Reason.OUTSIDE_DEPTH] + counts[Reason.OK]
-        )
+        out = found.reason == Reason.OUTSIDE_DEPTH
+        count, kept = int(np.count_nonzero(out)), int(np.count_nonzero(found.reason == Reason.OK))
+        at = Pixels(count, count + kept, region_of(out))
         near, far = self._depth
-        share = f"{outside:.1%} of the pixels measured along {found.axis} lie outside"
-        figures = {"outside": float(outside), "near_mm": near, "far_mm": far}
+        axis, period = found.axis, before.repeats_px
+        share = f"{at.share:.1%} of the pixels measured along {axis} lie outside"
         if period is None:
-            return Finding(
-                "depth range",
-                f"{share} {near:g} to {far:g} mm of depth",
-                (),
-                "",
-                found.axis,
-                (),
-                figures,
-            )
-        key = found.axis, period
-        if key not in self._words:
-            self._words[key] = self._of_period(*key)
-        words = self._words[key]
+            seen = f"{share} {near:g} to {far:g} mm of depth"
+            figures = {"outside": at.share, "near_mm": near, "far_mm": far}
+            words = Finding("depth range", seen, axis=axis, figures=figures, severity="note")
+            if count and at.share > MOST_OUTSIDE:
+                words = self._wrong(words, at, before, out)
+        else:
+            if (axis, period) not in self._words:
+                self._words[axis, period] = self._of_period(axis, period)
+            words = self._words[axis, period]
+            figures = {**words.figures, "outside": at.share}
+            words = replace(words, seen=f"{words.seen}; {share}", figures=figures)
+        return replace(words, pixels=at, severity=words.severity if kept or not count else "error")
+
+    def _wrong(self, words: Finding, at: Pixels, before: CoordinateMap, out: BoolMap) -> Finding:
+        """The finding for a range that holds hardly a pixel: where the pixels lie instead."""
+        axis, (near, far) = before.axis, self._depth
+        v, u = (places[:: at.count // PLACES + 1] for places in np.nonzero(out))
+        pixels = np.stack((u, v), axis=-1).astype(np.float64)
+        goal = before.coordinate_px[v, u].astype(np.float64)
+        with np.errstate(divide="ignore"):
+            there = 1.0 / inverse_depth(self._rig, pixels, goal, axis)
+        there = there[np.isfinite(there) & (there > 0.0)]
+        if not there.size:
+            return replace(words, severity="warning")
+        ends = np.quantile(there, (PLACES_QUANTILE, 1.0 - PLACES_QUANTILE))
+        first, last = (float(z) for z in ends)
+        which = f"all {at.of}" if at.count == at.of else f"{at.count} of {at.of}"
+        seen = (
+            f"{which} pixels measured along {axis} lie outside the depth range of {near:g} to "
+            f"{far:g} mm: they are at {first:.0f} to {last:.0f} mm"
+        )
+        meant = [n for n, mm in UNITS_MM.items() if near * mm < last and far * mm > first]
+        causes = tuple(f"the range was given in {name}" for name in meant)
         return replace(
-            words, seen=f"{words.seen}; {share}", figures={**words.figures, "outside": outside}
+            words,
+            seen=seen,
+            causes=(*causes, "the range is of another set-up"),
+            advice="give a range in mm that holds what is to be measured",
+            figures={**words.figures, "nearest_mm": first, "farthest_mm": last},
+            severity="warning",
         )
 
     def _of_period(self, axis: Axis, period: float) -> Finding:
@@ -301,7 +402,7 @@ class DepthRange:
             "nearest_mm": nearest,
             "farthest_mm": farthest,
         }
-        return Finding("depth range", seen, (), advice, axis, (), figures)
+        return Finding("depth range", seen, (), advice, axis, (), figures, "note")
 
 
 def depth_range_of(depth_mm: DepthRange | Sequence[float] | None, rig: Rig) -> DepthRange | None:

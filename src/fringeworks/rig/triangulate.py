@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.rig.epipolar import calibration_share
-from fringeworks.rig.point_arrays import empty_arrays, input_arrays, reused_arrays
 from fringeworks.rig.ray_depth import axis_length, calibration_spread, main_axis
 from fringeworks.types import (
     Axis,
@@ -24,9 +23,19 @@ from fringeworks.types import (
     Reason,
     Rig,
     RigMismatch,
+    check_reusable,
     sealed,
+    unsealed,
 )
 
+FIELDS = {
+    "xyz": "xyz_mm",
+    "sigma": "sigma_mm",
+    "noise": "noise_mm",
+    "reason": "reason",
+    "residual": "residual_px",
+}
+"""Names of the kernel's arrays and the fields of a ``PointCloud`` that hold them."""
 RESIDUAL_SIGMAS = 5.0
 """Largest epipolar error that is accepted, in its standard deviations. Normal errors exceed five
 in one of two million pixels."""
@@ -39,6 +48,47 @@ MAX_BEHIND = 0.5
 """Share of points behind camera or projector from which on the rig is refused."""
 MAX_APART = 0.9
 """Share of pixels with too large an epipolar error from which on the rig is refused."""
+
+
+def input_arrays(
+    found: CoordinateMap | None,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]] | None:
+    """The maps of one axis as the kernel reads them."""
+    if found is None:
+        return None
+    return (
+        np.ascontiguousarray(found.coordinate_px, np.float32),
+        np.ascontiguousarray(found.sigma_px, np.float32),
+        np.ascontiguousarray(found.reason, np.uint8),
+    )
+
+
+def empty_arrays(shape: tuple[int, int], both: bool) -> dict[str, Any]:
+    """New arrays for the kernel to write to."""
+    return {
+        "xyz": np.empty((*shape, 3), np.float32),
+        "sigma": np.empty(shape, np.float32),
+        "noise": np.empty(shape, np.float32),
+        "reason": np.empty(shape, np.uint8),
+        "residual": np.empty(shape, np.float32) if both else None,
+    }
+
+
+def reused_arrays(out: PointCloud, shape: tuple[int, int], both: bool) -> dict[str, Any]:
+    """The arrays of an earlier result, writable again."""
+    if out.shape != shape or (out.residual_px is not None) != both:
+        raise InputError(f"out: expected a point cloud of {shape} from as many axes, got another")
+    arrays = {name: getattr(out, field) for name, field in FIELDS.items()}
+    kept = {name: array for name, array in arrays.items() if array is not None}
+    expected = {
+        name: (
+            (*shape, 3) if name == "xyz" else shape,
+            np.uint8 if name == "reason" else np.float32,
+        )
+        for name in kept
+    }
+    check_reusable(kept, expected)
+    return {name: None if array is None else unsealed(array) for name, array in arrays.items()}
 
 
 class Triangulator:

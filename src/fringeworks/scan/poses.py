@@ -10,7 +10,7 @@ import numpy as np
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_view import BoardView
 from fringeworks.rig.calibration.calibrate import Observation, unmoved
-from fringeworks.types import BoolMap, FloatMap, Frozen, InputError
+from fringeworks.types import BoolMap, Finding, FloatMap, Frozen, InputError
 from fringeworks.types.packages import cv2, need_opencv
 
 CELLS = 6
@@ -80,9 +80,14 @@ class PoseJudgement(Frozen):
     better than the distances, which scale with the focal length."""
     focal_px: float
     """Focal length with which tilts and distances were computed, px."""
-    missing: tuple[str, ...]
-    """What to do next, one sentence each, the most important first; empty if the poses are
+    findings: tuple[Finding, ...]
+    """What is missing, and what to do next, the most important first; empty if the poses are
     enough."""
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What to do next, one sentence each: the advice of the findings."""
+        return tuple(finding.advice for finding in self.findings)
 
     @property
     def coverage(self) -> float:
@@ -93,7 +98,7 @@ class PoseJudgement(Frozen):
     @property
     def enough(self) -> bool:
         """Whether nothing is missing."""
-        return not self.missing
+        return not self.findings
 
     @property
     def missing_sides(self) -> tuple[int, ...]:
@@ -155,7 +160,8 @@ def judge_poses(observations: Sequence[Observation], board: Board) -> PoseJudgem
     _check_sizes(observations)
     if not observations:
         nothing = np.zeros((CELLS, CELLS), bool)
-        hint = ("hold the board into the projector's light, where the camera sees all of it",)
+        advice = "hold the board into the projector's light, where the camera sees all of it"
+        hint = (Finding("poses", "no pose was taken", advice=advice, severity="note"),)
         return PoseJudgement(0, 0, nothing, (0.0,) * 4, nothing, (0.0,) * 4, (0.0, 0.0), 0.0, hint)
     observations = _moved(observations, board)
     corners = [_lit(o) for o in observations]
@@ -171,13 +177,13 @@ def judge_poses(observations: Sequence[Observation], board: Board) -> PoseJudgem
     count = len(observations)
     ends = (min(distances), max(distances))
     found = PoseJudgement(count, tilted, field, box, covered, tilts, ends, focal, ())
-    missing = (
-        *(_tilt_asked(side) for side in found.missing_sides),
+    findings = (
+        *(_tilt_asked(side, tilts[side]) for side in found.missing_sides),
         *(_region_asked(place) for place in found.missing_regions),
         *_missing_distances(distances),
         *_missing_poses(count, tilted),
     )
-    return replace(found, missing=missing)
+    return replace(found, findings=findings)
 
 
 def region_cells(place: tuple[int, ...]) -> tuple[slice, slice]:
@@ -307,31 +313,52 @@ def _distances_mm(poses: list[FloatMap], board: Board) -> list[float]:
     return [float(np.linalg.norm(T[:, :3] @ middle + T[:, 3])) for T in poses]
 
 
-def _tilt_asked(side: int) -> str:
-    return (
-        f"tilt the {SIDES[side]} of the board towards the camera by {ADVISED_TILT_DEG:.0f}° or more"
+def _tilt_asked(side: int, tilt_deg: float) -> Finding:
+    return _asked(
+        "tilt",
+        f"the {SIDES[side]} of the board was tilted towards the camera by {tilt_deg:.0f}° at most",
+        f"tilt the {SIDES[side]} of the board towards the camera by {ADVISED_TILT_DEG:.0f}° or "
+        "more",
+        tilt_deg=tilt_deg,
     )
 
 
-def _region_asked(place: tuple[int, int]) -> str:
+def _region_asked(place: tuple[int, int]) -> Finding:
     name = REGIONS[place[0]][place[1]]
     to = "to" if "edge" in name else "into"
-    return f"move the tilted board {to} the {name} of the camera's image"
+    return _asked(
+        "coverage",
+        f"the {name} of the camera's image has too few corners",
+        f"move the tilted board {to} the {name} of the camera's image",
+    )
 
 
-def _missing_distances(distances: list[float]) -> list[str]:
+def _missing_distances(distances: list[float]) -> list[Finding]:
     usual = float(np.median(distances))
+    share = f"by {100 * COUNTED_STEP:.0f} % or more than the usual distance"
     missing = []
     if min(distances) > (1.0 - COUNTED_STEP) * usual:
-        missing.append(f"hold the board {100 * ADVISED_STEP:.0f} % nearer")
+        advice = f"hold the board {100 * ADVISED_STEP:.0f} % nearer"
+        missing.append(_asked("distances", f"no pose is nearer {share}", advice))
     if max(distances) < (1.0 + COUNTED_STEP) * usual:
-        missing.append(f"hold the board {100 * ADVISED_STEP:.0f} % further away")
+        advice = f"hold the board {100 * ADVISED_STEP:.0f} % further away"
+        missing.append(_asked("distances", f"no pose is further away {share}", advice))
     return missing
 
 
-def _missing_poses(count: int, tilted: int) -> list[str]:
+def _missing_poses(count: int, tilted: int) -> list[Finding]:
     more, more_tilted = ENOUGH_POSES - count, TILTED_POSES - tilted
     if more_tilted > 0:
         poses = f"{more_tilted} more pose{'s' * (more_tilted != 1)}"
-        return [f"take {poses} with the board tilted by {ADVISED_TILT_DEG:.0f}° or more"]
-    return [f"take {more} more pose{'s' * (more != 1)}"] if more > 0 else []
+        advice = f"take {poses} with the board tilted by {ADVISED_TILT_DEG:.0f}° or more"
+        seen = f"{tilted} of {TILTED_POSES} poses are tilted by {TILTED_DEG:.0f}° or more"
+        return [_asked("poses", seen, advice, tilted=float(tilted))]
+    if more <= 0:
+        return []
+    advice = f"take {more} more pose{'s' * (more != 1)}"
+    return [_asked("poses", f"{count} of {ENOUGH_POSES} poses were taken", advice)]
+
+
+def _asked(kind: str, seen: str, advice: str, **figures: float) -> Finding:
+    """What is missing while poses are taken: nothing is wrong yet."""
+    return Finding(kind, seen, advice=advice, figures=figures, severity="note")

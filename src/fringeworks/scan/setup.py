@@ -29,6 +29,7 @@ from fringeworks.types import (
     FloatMap,
     Frozen,
     InputError,
+    explained,
 )
 
 DARK_QUANTILE = 0.1
@@ -107,7 +108,7 @@ class Setup(SetupTests):
 
 
 class SetupStopped(DeviceProblem):
-    """A set-up could not be finished. The message names the causes that were found.
+    """A set-up could not be finished. Its findings name the causes.
 
     Parameters
     ----------
@@ -117,7 +118,7 @@ class SetupStopped(DeviceProblem):
     """
 
     def __init__(self, message: str, tests: SetupTests) -> None:
-        super().__init__(message)
+        super().__init__(message, findings=tests.findings)
         self.tests = tests
 
 
@@ -161,12 +162,12 @@ def set_up(
     try:
         tests.run(settings or CameraSettings(), progress)
     except DeviceProblem as error:
-        raise SetupStopped(_explained(error, tests.done.findings), tests.done) from error
+        raise explained(SetupStopped(str(error), tests.done), error.findings) from error
     done = tests.done
     try:
         proposal = _proposed(done, frames, axes)
     except InputError as error:
-        raise SetupStopped(_explained(error, done.findings), done) from error
+        raise explained(SetupStopped(str(error), done), error.findings) from error
     return Setup(
         **{f.name: getattr(done, f.name) for f in fields(done)},
         proposal=proposal,
@@ -274,11 +275,3 @@ def _proposed(done: SetupTests, frames: int, axes: tuple[Axis, ...]) -> Proposal
         modulation=modulation,
         min_period_px=max(s.min_period_px for s in done.stripes if s.axis in axes),
     )[0]
-
-
-def _explained(error: InputError, findings: tuple[Finding, ...]) -> str:
-    """The error of a check, after what the checks before have found."""
-    if not findings:
-        return str(error)
-    causes = "; ".join(finding.text for finding in findings)
-    return f"{causes}; this stopped the set-up: {error}"

@@ -13,13 +13,14 @@ from pydantic import Field
 from fringeworks.files.atomic import StrPath, check_target, write_text
 from fringeworks.files.beside import drop_earlier, name_beside
 from fringeworks.files.capture_writer import SettingsSection, settings_of, settings_table
-from fringeworks.files.limits import inside
+from fringeworks.files.findings import finding_from_dict, findings_as_dicts
+from fringeworks.files.limits import inside, parsing
 from fringeworks.files.plan import holds_plan, read_plan, write_plan
 from fringeworks.files.toml import Section, Size, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.delay import Delay
 from fringeworks.scan.setup import Setup, dark_modulation
-from fringeworks.types import CameraNoise, CameraSettings, Frozen, fingerprint
+from fringeworks.types import CameraNoise, CameraSettings, Finding, Frozen, fingerprint
 
 PLAN_SUFFIX = ".plan.toml"
 """Suffix of the plan's file beside the set-up's."""
@@ -74,7 +75,7 @@ class SetupFile(Section):
     plan: str
     """File of the proposed plan, relative to this one."""
     predicted_sigma_px: float = Field(gt=0)
-    findings: tuple[str, ...] = ()
+    findings: tuple[dict[str, Any], ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,7 +90,8 @@ class StoredSetup(Frozen):
     noise: CameraNoise
     delay: Delay | None
     plan: PatternPlan
-    findings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    """What makes measurements worse, the most important first."""
     size_px: tuple[int, int]
     """Columns and rows of the projector."""
     min_period_px: float
@@ -143,7 +145,10 @@ def write_setup(path: StrPath, setup: Setup, *, projector: str, camera: str) -> 
     content: dict[str, Any] = {
         "plan": plan.name,
         "predicted_sigma_px": setup.proposal.sigma_px,
-        "findings": [finding.text for finding in setup.findings],
+        "findings": [
+            {name: value for name, value in one.items() if value is not None}
+            for one in findings_as_dicts(setup.findings)
+        ],
         "projector": {
             "open": projector,
             "name": setup.projector,
@@ -178,6 +183,8 @@ def read_setup(path: StrPath) -> StoredSetup:
     """
     path = Path(path)
     content = read_toml(path, SetupFile)
+    with parsing(path, "findings"):
+        findings = tuple(map(finding_from_dict, content.findings))
     delay = None
     if content.delay is not None:
         d = content.delay
@@ -197,7 +204,7 @@ def read_setup(path: StrPath) -> StoredSetup:
         CameraNoise(content.noise.read_counts, content.noise.gain),
         delay,
         read_plan(inside(path.parent, content.plan)),
-        content.findings,
+        findings,
         content.projector.size_px,
         content.projector.min_period_px,
         content.camera.modulation,

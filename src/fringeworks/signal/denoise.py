@@ -6,20 +6,25 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.signal.bands import row_bands
 from fringeworks.signal.noise import noise_variance
-from fringeworks.signal.running_envelopes import (
-    GROWTH,
-    envelope_mean,
-    most_modes,
-    odd,
-    spacing,
-)
 from fringeworks.types import LARGEST, FloatMap, Frozen, InputError, positive, sealed, whole
 
+GROWTH = 1.5
+"""Smallest ratio of the windows of successive modes of a frame.
+
+Without it, successive modes could use the same window and hold the same waves. An empirical choice.
+"""
+
+MIN_EXTREMA = 8
+"""Smallest number of maxima and of minima in a frame that has another mode.
+
+With fewer, their mean distance does not determine a window. An empirical choice.
+"""
 Denoiser = Literal["emd", "emd2d", "bemd"]
 DENOISERS = ("emd", "emd2d", "bemd")
 """Names of the denoising methods: by rows, by rows and columns, by modes of the whole frame."""
@@ -92,6 +97,48 @@ NOISE_MODES = 3
 
 The first three hold more than 90 % of the energy of white noise (trial with 300 × 300 px).
 """
+
+
+def most_modes(shape: tuple[int, ...], max_imfs: int) -> int:
+    """Largest number of modes of a frame, whose windows grow from 3 px to its shorter side."""
+    growing = np.log(max(min(shape), 3) / 3.0) / np.log(GROWTH)
+    return min(max_imfs, 1 + int(growing))
+
+
+def odd(width: float) -> int:
+    """The smallest odd whole number that is not below a width."""
+    return 2 * int(np.ceil(0.5 * (width - 1.0))) + 1
+
+
+def spacing(frame: FloatMap) -> int | None:
+    """Mean distance of extrema as an odd number of px; None where there are too few."""
+    if min(frame.shape) < 3 or float(np.ptp(frame)) == 0.0:
+        return None
+    counts = [0, 0]
+    for band in row_bands(frame.shape, bytes_per_px=32, halo=1):
+        part = frame[band.seen]
+        ends = scipy.ndimage.maximum_filter(part, 3), scipy.ndimage.minimum_filter(part, 3)
+        varying = ends[0] > ends[1]
+        for k, end in enumerate(ends):
+            counts[k] += int(np.count_nonzero(((part == end) & varying)[band.inner]))
+    count = min(counts)
+    if count < MIN_EXTREMA:
+        return None
+    return max(3, odd(float(np.sqrt(frame.size / count))))
+
+
+def envelope_mean(frame: FloatMap, window: int) -> NDArray[np.float64]:
+    """Mean of the upper and the lower running envelope."""
+    mean = np.empty(frame.shape)
+    for band in row_bands(frame.shape, bytes_per_px=32, halo=window, least=4 * window):
+        part = frame[band.seen]
+        upper = scipy.ndimage.uniform_filter(scipy.ndimage.maximum_filter(part, window), window)
+        lower = scipy.ndimage.uniform_filter(scipy.ndimage.minimum_filter(part, window), window)
+        upper += lower
+        del lower
+        upper *= 0.5
+        mean[band.rows] = upper[band.inner]
+    return mean
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -321,52 +368,3 @@ def _without_planar_noise(values: FloatMap, variance: float) -> NDArray[np.float
 def _energies(modes: Decomposition) -> list[float]:
     """Mean square of every mode of a frame, counts²."""
     return [float(np.vdot(mode, mode)) / mode.size for mode in modes.imfs]
-
-
-def remove_trend(frame: NDArray[np.generic]) -> NDArray[np.float64]:
-    """Remove the slow trend of every row, such as shading.
-
-    Parameters
-    ----------
-    frame : (h, w) real array of finite values, counts
-
-    Returns
-    -------
-    (h, w) float64 array, counts: the sum of the rows' modes, around zero.
-
-    Raises
-    ------
-    InputError
-        If the frame is not real, finite and two-dimensional.
-    """
-    values = _checked(frame)
-    return np.asarray(values - decompose_rows(values).residue)
-
-
-def normalise(frame: NDArray[np.generic]) -> NDArray[np.float64]:
-    """Scale a fringe frame to −1 at its minima and 1 at its maxima.
-
-    Parameters
-    ----------
-    frame : (h, w) real array of finite values, fringes along the rows, counts
-
-    Returns
-    -------
-    (h, w) float64 array; NaN in rows with fewer than three extrema and where the envelopes meet.
-
-    Raises
-    ------
-    InputError
-        If the frame is not real, finite and two-dimensional.
-
-    Notes
-    -----
-    (I − m) / a, with the mean m and half the distance a of the rows' envelopes. Noise has extrema
-    of its own, which the envelopes follow, so apply ``denoise`` first.
-    """
-    values = _checked(frame)
-    upper, lower = _core.row_envelopes(values)
-    half = 0.5 * (upper - lower)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scaled = np.where(half > 0, (values - 0.5 * (upper + lower)) / half, np.nan)
-    return np.asarray(scaled)

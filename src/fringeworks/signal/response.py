@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import SINGULAR_CONDITION, step_design
+from fringeworks.signal.filters import saturated_squares
 from fringeworks.signal.gamma import gamma_of_frames, shifts_or_equal
 from fringeworks.signal.phase_table import TABLE_BINS, table_position, tables_by_brightness
-from fringeworks.signal.saturated import saturated_squares
 from fringeworks.types import FloatMap, Frozen, InputError, Pair, Provenance
 
 DARK_PERCENT = 0.1
@@ -203,30 +203,6 @@ def measure_response(
     # A common offset is the origin of the phase, not an error.
     residual = np.angle(residual * np.conj(np.nanmean(residual)))
     return replace(response, residual_rad=float(np.nanstd(residual)))
-
-
-def predistort(values: FloatMap, response: Response) -> FloatMap:
-    """Values to send so that the observed light is proportional to ``values``.
-
-    Parameters
-    ----------
-    values : float array of any shape, 0…1
-    response : Response
-
-    Returns
-    -------
-    float array of the same shape, 0…1
-
-    Raises
-    ------
-    InputError
-        If a value lies outside 0…1.
-    """
-    if values.size and not (values.min() >= 0.0 and values.max() <= 1.0):
-        raise InputError(
-            f"pattern: expected values from 0 to 1, got {values.min():g} to {values.max():g}"
-        )
-    return np.asarray(values ** (1.0 / response.gamma))
 
 
 def linearise(frame: NDArray[np.generic], response: Response) -> NDArray[np.float64]:

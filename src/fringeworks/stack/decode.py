@@ -34,6 +34,7 @@ from fringeworks.stack.local_errors import inflation
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.refine import Refined
 from fringeworks.stack.sample import take_sample
+from fringeworks.stack.unmeasured import unmeasured
 from fringeworks.statistics.surface_scatter import cover_scatter
 from fringeworks.types import (
     Axis,
@@ -244,7 +245,7 @@ def measured(
 def refuse_nothing_measured(decoded: Decoded) -> None:
     """Refuse a stack of which hardly a pixel that shows fringes can be measured.
 
-    The message tells the reasons and what was found.
+    The message tells the reasons; what was found comes with it.
     """
     for axis, found in decoded.maps.items():
         measured = found.reason.size - np.count_nonzero(found.reason)
@@ -257,11 +258,10 @@ def refuse_nothing_measured(decoded: Decoded) -> None:
             f"{100.0 * count / found.reason.size:.0f} % {name}"
             for name, count in count_reasons(found.reason).items()
         )
-        seen = "; ".join(f.text for f in decoded.findings if f.kind != "noise")
         raise InputError(
             f"frames along {axis}: expected pixels that can be measured, "
-            f"got {'hardly any' if measured else 'none'}: {reasons}"
-            + (f". Found: {seen}" if seen else "")
+            f"got {'hardly any' if measured else 'none'}: {reasons}",
+            findings=(*decoded.findings, *unmeasured(decoded)),
         )
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.patterns.plan import PatternPlan
-from fringeworks.patterns.repeats import repeats
+from fringeworks.patterns.plan import PatternPlan, repeats
 from fringeworks.rig.depth_range import DepthRange, depth_range_of
 from fringeworks.rig.epipolar import calibration_share
 from fringeworks.rig.triangulate import Triangulator, measured_points

@@ -21,8 +21,7 @@ from fringeworks.stack.agreement import (
 )
 from fringeworks.stack.gray_frames import refuse_unequal_levels
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
-from fringeworks.stack.neighbour_noise import neighbour_noise
-from fringeworks.stack.noise import measure_noise, spatial_noise, usable
+from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
 from fringeworks.stack.order_faults import refuse_order_faults
 from fringeworks.stack.own_response import with_own_response
 from fringeworks.stack.real_frames import RealFrames, design_rows, real_frames

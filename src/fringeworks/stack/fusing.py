@@ -269,6 +269,7 @@ def _finding(axis: Axis, maps: list[CoordinateMap], fused: _Fused) -> Finding:
         "fix the scene and the devices, or use a plan with more margin" if many else "",
         axis,
         figures={"measured": together, "disagreeing": share, "common_px": fused.common_px},
+        severity="warning" if many else "note",
     )
 
 

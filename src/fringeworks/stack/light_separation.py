@@ -16,9 +16,11 @@ from fringeworks.stack.wrapped import wrapped_phase
 from fringeworks.types import (
     ByteMap,
     CameraNoise,
+    Finding,
     FloatMap,
     Frozen,
     InputError,
+    Noted,
     Plotted,
     Provenance,
     Reason,
@@ -28,7 +30,7 @@ from fringeworks.types import (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LightSeparation(Plotted, Frozen):
+class LightSeparation(Noted, Plotted, Frozen):
     """What a camera would see under a white projector: light that came straight, and all other."""
 
     layout = {  # noqa: RUF012
@@ -56,7 +58,7 @@ class LightSeparation(Plotted, Frozen):
     """Whether a black frame was subtracted."""
     contrast: float = 1.0
     """Contrast of the fringes on a surface without indirect light, as it was given."""
-    notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     """What was found in the frames."""
     provenance: Provenance | None = None
 
@@ -159,5 +161,5 @@ def separate_light(
         steps.period_px,
         has_black=at is not None,
         contrast=contrast,
-        notes=found.notes,
+        findings=found.findings,
     )

@@ -39,6 +39,7 @@ from fringeworks.types import (
     Frozen,
     InputError,
     Reason,
+    explained,
 )
 
 MOST_CONTRADICTING = 2
@@ -217,9 +218,7 @@ class SequenceDecoder:
                 # contain what is wrong.
                 if self._track.pairs:
                     yield from self._moments(first)
-                raise FramesContradictPlan(
-                    f"frames {first} to {self._count - 1}: {error}"
-                ) from error
+                raise error.at(f"frames {first} to {self._count - 1}") from error
             # A moment lies between the middles of two pairs of cycles.
             if self._track.pairs > 1:
                 yield from self._moments((self._track.pairs - 1) * cycle + cycle // 2)
@@ -328,7 +327,8 @@ class SequenceDecoder:
             longest = MOST_CONTRADICTING * self._plan.frames
             if self._judgement is None or start - self._judgement[0] > longest:
                 last = start + self._plan.frames - 1
-                raise FramesContradictPlan(f"frames {start} to {last}: {error}") from error
+                before = () if self._judgement is None else self._judgement[1].findings
+                raise explained(error.at(f"frames {start} to {last}"), before) from error
             return self._judgement[1], False
         self._judgement = start, judged
         return judged, True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fringeworks.types import Decoded, Finding, Reason, reason_counts
+from fringeworks.types import Decoded, Finding, Pixels, Reason, reason_counts, region_of
 
 LARGE_SHARE = 0.1
 """Share of the lit pixels from which on a reason is reported. Edges of shadows, dark paint and
@@ -50,5 +50,8 @@ def unmeasured(decoded: Decoded) -> tuple[Finding, ...]:
             if share > LARGE_SHARE:
                 seen = f"{share:.0%} of the lit pixels along {axis} have {what}"
                 figures = {"share": share}
-                findings.append(Finding("unmeasured", seen, causes, advice, axis, (), figures))
+                at = Pixels(int(counts[reason]), lit, region_of(found.reason == reason))
+                findings.append(
+                    Finding("unmeasured", seen, causes, advice, axis, (), figures, pixels=at)
+                )
     return tuple(findings)

@@ -25,7 +25,7 @@ def noise(found: CameraNoise, source: str) -> Finding:
     shot = f", {found.gain:.3g} counts² per count" if found.gain else ""
     figures = {"read_counts": found.read_counts, "gain": found.gain}
     seen = f"noise of {found.read_counts:.3g} counts{shot}, from {source}"
-    return Finding("noise", seen, figures=figures)
+    return Finding("noise", seen, figures=figures, severity="note")
 
 
 def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> Finding | None:
@@ -94,7 +94,7 @@ def own_response(phases: PhaseFrames, rms_rad: float, axis: Axis) -> Finding:
         f"response: ripple of {rms_rad:.3f} rad rms in the phases of {phases.period_px:g} px along "
         f"{axis}, measured from the stack itself and subtracted"
     )
-    return Finding("ripple", seen, axis=axis, figures={"rms_rad": rms_rad})
+    return Finding("ripple", seen, axis=axis, figures={"rms_rad": rms_rad}, severity="note")
 
 
 def disagreement(errors: PhaseErrors, axis: Axis) -> Finding:

@@ -17,8 +17,10 @@ from fringeworks.stack.decode import decode
 from fringeworks.types import (
     ByteMap,
     CameraNoise,
+    Finding,
     FloatMap,
     Frozen,
+    Noted,
     Plotted,
     Provenance,
     Reason,
@@ -27,7 +29,7 @@ from fringeworks.types import (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WrappedPhase(Plotted, Frozen):
+class WrappedPhase(Noted, Plotted, Frozen):
     """The phase of shifted fringes at every camera pixel, modulo 2π."""
 
     layout = {  # noqa: RUF012
@@ -52,7 +54,7 @@ class WrappedPhase(Plotted, Frozen):
     """Shifts δ_n, rad."""
     noise: CameraNoise
     """Noise of the camera, from which the standard deviations come."""
-    notes: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     """What was found in the frames, and what was decided because of it."""
     provenance: Provenance | None = None
     """How it was made; None where the caller gave arrays."""
@@ -147,5 +149,5 @@ def wrapped_phase(
         reason=found.reason,
         shifts_rad=tuple(float(shift) for shift in shifts_rad),
         noise=decoded.noise,
-        notes=decoded.notes,
+        findings=decoded.findings,
     )

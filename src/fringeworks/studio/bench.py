@@ -18,7 +18,7 @@ from fringeworks.studio.series import Series
 from fringeworks.studio.session import Session
 from fringeworks.studio.worker import Job, Task, Worker
 from fringeworks.studio.workspace import Workspace, open_workspace
-from fringeworks.types import InputError
+from fringeworks.types import Finding, InputError
 
 VIRTUAL = "virtual"
 """The devices that need no hardware."""
@@ -54,7 +54,7 @@ class Bench:
         """The series of scans that runs, or the last one."""
         self.poses: dict[str, Any] = {}
         """What the last pose, or the judgement of all, said."""
-        self._told: tuple[int, list[str]] = (-1, [])
+        self._told: tuple[int, tuple[Finding, ...]] = (-1, ())
         """Findings of the set-up with the time of its file, because pages poll twice a second."""
         self._holder: str | None = None
         if self.workspace.setup.is_file():
@@ -96,17 +96,19 @@ class Bench:
         """Whether the devices' work is this visitor's to cancel."""
         return self._holder in (None, session.name)
 
-    def findings(self) -> list[str]:
+    def findings(self) -> tuple[Finding, ...]:
         """Findings of the set-up that lies in the folder."""
         path = self.workspace.setup
         if path.is_symlink():
-            return [f"{path.name}: expected a file, got a link"]
+            return (
+                Finding("set-up", f"{path.name}: expected a file, got a link", severity="error"),
+            )
         stamp = path.stat().st_mtime_ns if path.is_file() else 0
         if self._told[0] != stamp:
             try:
-                self._told = stamp, list(read_setup(path).findings)
+                self._told = stamp, read_setup(path).findings
             except InputError as problem:
-                self._told = stamp, [str(problem)]
+                self._told = stamp, (Finding("set-up", str(problem), severity="error"),)
         return self._told[1]
 
     def look_for_devices(self, session: Session) -> Job:

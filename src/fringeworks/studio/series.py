@@ -67,6 +67,6 @@ class Series:
                     return
                 self.taken.append(name)
         except InputError as problem:
-            self.problem = str(problem)
+            self.problem = "\n".join(problem.lines)
         finally:
             self.running = False

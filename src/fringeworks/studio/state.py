@@ -91,7 +91,7 @@ class Studio(Bench):
         last = self.devices.job
         if last is not None and last.state == "failed" and last.name in states:
             states[last.name] = "look here"
-        elif states["set up"] == "good" and self.findings():
+        elif states["set up"] == "good" and any(finding.rank for finding in self.findings()):
             states["set up"] = "look here"
         return states
 

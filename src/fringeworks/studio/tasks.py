@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fringeworks.devices.listing import list_devices
-from fringeworks.devices.opening import open_devices
+from fringeworks.devices.opening import list_devices, open_devices
 from fringeworks.evaluate.inspect import inspect
 from fringeworks.files.exposures import is_exposures
+from fringeworks.files.findings import findings_as_dicts
 from fringeworks.files.merged import write_merged_points
 from fringeworks.files.pair import CAPTURE_FILE
 from fringeworks.files.results import write_result
@@ -203,7 +203,7 @@ def merge_views(
         "file": Path(target).name,
         "views": len(views),
         "points": len(found.points.xyz_mm),
-        "findings": [finding.text for finding in found.findings],
+        "findings": findings_as_dicts(found.findings),
     }
 
 

@@ -41,7 +41,7 @@ class Job:
     result: Any = None
     """What the function returned."""
     problem: str = ""
-    """Why it failed, in one sentence."""
+    """Why it failed: what was found, a line each, then one sentence."""
     started_s: float = field(default_factory=time.monotonic)
     stopping: bool = False
     """Whether it was asked to stop."""
@@ -234,7 +234,7 @@ def _answer(link: Link, task: Task, given: tuple[Any, ...]) -> tuple[str, Any]:
         # Pickled here, so that a failure becomes a message.
         ForkingPickler.dumps(result)
     except InputError as problem:
-        return "failed", str(problem)
+        return "failed", "\n".join(problem.lines)
     except MemoryError:
         return "failed", "expected enough memory, got too little: use smaller frames"
     except Exception as problem:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from fringeworks.rig.pinhole import project, transform
-from fringeworks.surface.border import inside_surface
+from fringeworks.surface.clean import inside_surface
 from fringeworks.types import Axis, FloatMap, InputError, PointCloud, Rig
 
 WINDOWS_PX = (5, 3)

@@ -35,8 +35,6 @@ class Nearest:
     """Direction in which the signed distance grows fastest, (n, 3), of length 1."""
     face: NDArray[np.int64]
     """The face that the nearest point lies on, (n,); −1 beyond the reach."""
-    inside_face: BoolMap
-    """Whether the nearest point lies inside a face, not on an edge or a vertex, (n,)."""
 
 
 class MeshDistance:
@@ -166,7 +164,7 @@ class MeshDistance:
             aside = ~inside[has] & (distance > 0)
             normal[aside] = sign[aside, None] * way[aside] / distance[aside, None]
             direction[has] = normal
-        return Nearest(signed, foot, direction, face, inside)
+        return Nearest(signed, foot, direction, face)
 
 
 def sampled(mesh: MeshDistance, count: int, rng: np.random.Generator) -> tuple[FloatMap, FloatMap]:

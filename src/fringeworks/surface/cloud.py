@@ -173,7 +173,7 @@ def height_over_plane(
     x, y, up = _plane_axes(origin, np.asarray(normal, np.float64), right)
     faces = cloud_triangles(cloud)
     if not len(faces):
-        raise InputError("cloud: expected neighbouring points, got none")
+        raise InputError("cloud: expected neighbouring points, got none", findings=cloud.findings)
     height, face = _topmost(cloud, faces, origin, np.stack((x, y, up)), pitch_mm)
     hit = face >= 0
     corners = faces[np.maximum(face.ravel(), 0)]

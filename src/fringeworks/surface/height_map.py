@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.types import FloatMap, HeightMap, InputError
+from fringeworks.types import Finding, FloatMap, HeightMap, InputError, as_notes
 
 MAX_TRIANGLE_SLOPE = 10.0
 """Largest slope of a triangle, rise over lateral pitch. A steeper one (84°) is taken to bridge a
@@ -63,25 +63,27 @@ def height_map_points(surface: HeightMap) -> tuple[FloatMap, FloatMap, NDArray[n
     return xyz.astype(np.float64), surface.sigma[valid].astype(np.float64), index
 
 
-def lateral_notes(surface: HeightMap) -> tuple[str, ...]:
-    """What to know about the lateral places of ``height_map_points``."""
+def lateral_findings(surface: HeightMap) -> tuple[Finding, ...]:
+    """What is known of the lateral places of ``height_map_points``."""
     if surface.quantity != "height":
         return ()
     if surface.pupil is None:
-        return (
+        seen = (
             "points stand straight above their pixels: the place of the camera is not known; where "
             "one took them, perspective shifts a point by its height over the camera's distance, "
-            "times its distance from the camera's axis",
+            "times its distance from the camera's axis"
         )
+        return as_notes([seen], "lateral places")
     rows, columns = surface.shape
     x, y = surface.pupil[:2]
     where = f"points lie on rays through a camera above pixel ({x:.1f}, {y:.1f})"
     if (x, y) != (0.5 * (columns - 1), 0.5 * (rows - 1)):
-        return (where,)
-    return (
+        return as_notes([where], "lateral places")
+    seen = (
         f"{where}, the middle of the frame: right for frames that were not cropped; the "
-        "geometry's principal_px states another place",
+        "geometry's principal_px states another place"
     )
+    return as_notes([seen], "lateral places")
 
 
 def height_map_triangles(surface: HeightMap, index: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -62,7 +62,7 @@ def cloud_mesh(cloud: PointCloud, *, fill_px: int = 0) -> TriangleMesh:
         cloud, filled = _fill(cloud, fill_px)
     faces = cloud_triangles(cloud)
     if not len(faces):
-        raise InputError("cloud: expected neighbouring points, got none")
+        raise InputError("cloud: expected neighbouring points, got none", findings=cloud.findings)
     used, local = np.unique(faces, return_inverse=True)
     colour = cloud.colour
     if colour is not None:
@@ -73,7 +73,7 @@ def cloud_mesh(cloud: PointCloud, *, fill_px: int = 0) -> TriangleMesh:
         sigma_mm=cloud.sigma_mm.reshape(-1)[used],
         colour=colour,
         filled=filled.reshape(-1)[used] if filled.any() else None,
-        notes=cloud.notes,
+        findings=cloud.findings,
         provenance=cloud.provenance,
     )
 

@@ -24,7 +24,7 @@ from fringeworks.types.arrays import (
     count_reasons,
     reason_counts,
 )
-from fringeworks.types.camera import CameraSettings, Region
+from fringeworks.types.camera import CameraNoise, CameraSettings, Region
 from fringeworks.types.checks import (
     LARGEST,
     MOST_PX,
@@ -49,11 +49,20 @@ from fringeworks.types.errors import (
     RigMismatch,
     UnknownMethod,
     check_fields,
+    explained,
+    found_before,
 )
-from fringeworks.types.finding import Finding, Pixels, Severity
+from fringeworks.types.finding import (
+    Finding,
+    Noted,
+    Pixels,
+    Severity,
+    as_notes,
+    numbered,
+    region_of,
+)
 from fringeworks.types.frozen import Frozen, check_reusable, fingerprint, sealed, unsealed
 from fringeworks.types.multi_rig import MultiRig, multi_rig_parameters
-from fringeworks.types.noise import CameraNoise
 from fringeworks.types.pair import DisplacementMap, Pair, ReferencePlaneGeometry
 from fringeworks.types.points import Points, TriangleMesh
 from fringeworks.types.profile import Line, Profile
@@ -96,6 +105,7 @@ __all__ = [
     "Line",
     "MissingPackage",
     "MultiRig",
+    "Noted",
     "Pair",
     "PartModel",
     "PartTolerance",
@@ -118,19 +128,24 @@ __all__ = [
     "TriangleMesh",
     "UnknownMethod",
     "Where",
+    "as_notes",
     "check_fields",
     "check_layout",
     "check_reusable",
     "count_reasons",
+    "explained",
     "fingerprint",
     "finite",
     "fits_axes",
+    "found_before",
     "layout_words",
     "made_by",
     "multi_rig_parameters",
+    "numbered",
     "positive",
     "provenance_from",
     "reason_counts",
+    "region_of",
     "sealed",
     "today",
     "unsealed",

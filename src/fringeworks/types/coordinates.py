@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from fringeworks.types.arrays import Axis, ByteMap, FloatMap, Reason
+from fringeworks.types.camera import CameraNoise
 from fringeworks.types.displayed import Plotted, Sectioned
 from fringeworks.types.errors import InputError
-from fringeworks.types.finding import Finding
+from fringeworks.types.finding import Finding, Noted
 from fringeworks.types.frozen import Frozen
-from fringeworks.types.noise import CameraNoise
 from fringeworks.types.profile import Line, Profile
 from fringeworks.types.provenance import Provenance
 
@@ -59,7 +59,7 @@ class CoordinateMap(Sectioned, Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Decoded(Plotted, Frozen):
+class Decoded(Noted, Plotted, Frozen):
     """Projector coordinates along one axis or both, decoded from a stack of frames."""
 
     x: CoordinateMap | None
@@ -74,11 +74,6 @@ class Decoded(Plotted, Frozen):
     """Figures per axis: disagreement of the sets, estimated shifts."""
     provenance: Provenance | None = None
     """How it was made; None where the caller decoded arrays."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """The text of every finding."""
-        return tuple(finding.text for finding in self.findings)
 
     def profile(self, line: Line, *, axis: Axis | None = None) -> Profile:
         """Sample the coordinates of one axis along a straight line of camera pixels.

@@ -2,9 +2,66 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Self, TypeVar
+
+if TYPE_CHECKING:
+    from fringeworks.types.finding import Finding
+
 
 class InputError(ValueError):
-    """The call cannot be done. The message says what was expected and what came."""
+    """The call cannot be done. The message says what was expected and what came.
+
+    Parameters
+    ----------
+    message : str
+    findings : Finding
+        What was found until then. Tracebacks show it below the message.
+    """
+
+    def __init__(self, message: str = "", *, findings: Iterable[Finding] = ()) -> None:
+        super().__init__(message)
+        self.findings: tuple[Finding, ...] = ()
+        """What was found before the call could not go on, in the order of the chain."""
+        self._keep(findings)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What to read, a line each: the findings, the most severe first, then the message."""
+        worst = sorted(self.findings, key=lambda finding: -finding.rank)
+        return (*(finding.line for finding in worst), str(self))
+
+    def at(self, place: str) -> Self:
+        """Return the same error, said of a place such as "camera 2", and so its findings."""
+        error = type(self).__new__(type(self), f"{place}: {self}")
+        error.__dict__.update(self.__dict__)
+        error._keep(replace(f, seen=f"{place}: {f.seen}") for f in self.findings)
+        return error
+
+    def _keep(self, findings: Iterable[Finding]) -> None:
+        self.findings = tuple(dict.fromkeys(findings))
+        self.__notes__ = [finding.text for finding in self.findings]
+
+
+Refusal = TypeVar("Refusal", bound=InputError)
+
+
+def explained(error: Refusal, findings: Iterable[Finding]) -> Refusal:
+    """Add what was found earlier to an error, and return it."""
+    error._keep((*findings, *error.findings))
+    return error
+
+
+@contextmanager
+def found_before(findings: Iterable[Finding]) -> Iterator[None]:
+    """Add findings to the errors of the block: what a chain has found until then."""
+    try:
+        yield
+    except InputError as error:
+        explained(error, findings)
+        raise
 
 
 class FileProblem(InputError):

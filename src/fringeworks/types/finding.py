@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Literal, Protocol, get_args
 
-from fringeworks.types.arrays import Axis
+import numpy as np
+
+from fringeworks.types.arrays import Axis, BoolMap
 from fringeworks.types.camera import Region
 from fringeworks.types.frozen import Frozen
 
@@ -37,6 +40,15 @@ class Pixels:
         return self.count / max(self.of, 1)
 
 
+def region_of(where: BoolMap) -> Region | None:
+    """The smallest rectangle that holds the True pixels of a map, (h, w); None for none."""
+    rows, columns = (np.flatnonzero(where.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return None
+    x, y = int(columns[0]), int(rows[0])
+    return Region(x, y, int(columns[-1]) - x + 1, int(rows[-1]) - y + 1)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Finding(Frozen):
     """Something that was seen: its likely causes, and what to do about it."""
@@ -60,6 +72,16 @@ class Finding(Frozen):
     """The pixels that it concerns; None for all, and where they are not known."""
 
     @property
+    def rank(self) -> int:
+        """The severity as a number: 0 for a note, 1 for a warning, 2 for an error."""
+        return get_args(Severity).index(self.severity)
+
+    @property
+    def line(self) -> str:
+        """Severity, kind and text in one line, as commands, logs and pages print it."""
+        return f"{self.severity} ({self.kind}): {self.text}"
+
+    @property
     def text(self) -> str:
         """The finding in one line."""
         parts = [self.seen]
@@ -68,3 +90,36 @@ class Finding(Frozen):
         if self.advice:
             parts.append(self.advice)
         return "; ".join(parts)
+
+
+def as_notes(texts: Iterable[str], kind: str = "frames") -> tuple[Finding, ...]:
+    """Texts that tell how a result came about, as findings."""
+    return tuple(Finding(kind, text, severity="note") for text in texts)
+
+
+class _Found(Protocol):
+    @property
+    def findings(self) -> tuple[Finding, ...]: ...
+
+
+def numbered(name: str, results: Iterable[_Found]) -> tuple[Finding, ...]:
+    """The findings of several results, each with its name and number from 1, as "camera 2"."""
+    return tuple(
+        replace(finding, seen=f"{name} {number}: {finding.seen}")
+        for number, found in enumerate(results, 1)
+        for finding in found.findings
+    )
+
+
+class Noted:
+    """Base of results with ``findings``: their text, and those that warn."""
+
+    @property
+    def notes(self: _Found) -> tuple[str, ...]:
+        """The findings in one line each."""
+        return tuple(finding.text for finding in self.findings)
+
+    @property
+    def warnings(self: _Found) -> tuple[Finding, ...]:
+        """The findings that are more than notes."""
+        return tuple(finding for finding in self.findings if finding.rank)

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from fringeworks.types.arrays import BoolMap, FloatMap
 from fringeworks.types.errors import InputError
+from fringeworks.types.finding import Finding, Noted
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.provenance import Provenance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Points(Frozen):
+class Points(Noted, Frozen):
     """Points without their place in a frame, as a file or several merged views have them."""
 
     layout = {  # noqa: RUF012
@@ -31,8 +32,8 @@ class Points(Frozen):
     """Standard deviation, (n,), mm; None where unknown."""
     noise_mm: FloatMap | None = None
     """The part of σ that is independent from point to point, (n,), mm; None where unknown."""
-    notes: tuple[str, ...] = ()
-    """What to know about the points."""
+    findings: tuple[Finding, ...] = ()
+    """What was found about the points."""
     provenance: Provenance | None = None
     """How they were made; None where unknown."""
     normals: FloatMap | None = None
@@ -42,7 +43,7 @@ class Points(Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TriangleMesh(Frozen):
+class TriangleMesh(Noted, Frozen):
     """A surface of triangles, as of a part that was measured or drawn.
 
     Raises
@@ -61,8 +62,8 @@ class TriangleMesh(Frozen):
     """Brightness (n,) or colour (n, 3) of every vertex, counts; None where unknown."""
     filled: BoolMap | None = None
     """(n,): True for vertices that fill a hole and were not measured; None where there are none."""
-    notes: tuple[str, ...] = ()
-    """What to know about the mesh."""
+    findings: tuple[Finding, ...] = ()
+    """What was found about the mesh."""
     provenance: Provenance | None = None
     """How it was made; None where unknown."""
 

@@ -11,13 +11,13 @@ from fringeworks.types.arrays import ByteMap, FloatMap, Reason
 from fringeworks.types.checks import finite, positive
 from fringeworks.types.displayed import Sectioned
 from fringeworks.types.errors import InputError
-from fringeworks.types.finding import Finding
+from fringeworks.types.finding import Finding, Noted
 from fringeworks.types.frozen import Frozen
 from fringeworks.types.provenance import Provenance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HeightMap(Sectioned, Frozen):
+class HeightMap(Noted, Sectioned, Frozen):
     """Heights above the reference plane, or displacements where the geometry is unknown."""
 
     layout = {  # noqa: RUF012
@@ -47,7 +47,7 @@ class HeightMap(Sectioned, Frozen):
     converged: bool | None = None
     """Whether all iterations of the analysis converged; None where unknown."""
     findings: tuple[Finding, ...] = ()
-    """Likely faults of the capture: what was seen, and what to do about it."""
+    """What was found in the frames and in the surface, and what to do about it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -72,7 +72,7 @@ class HeightMap(Sectioned, Frozen):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class PointCloud(Sectioned, Frozen):
+class PointCloud(Noted, Sectioned, Frozen):
     """Points in camera coordinates, one per pixel: x right, y down, z away from the camera."""
 
     layout = {  # noqa: RUF012
@@ -100,14 +100,7 @@ class PointCloud(Sectioned, Frozen):
     provenance: Provenance | None = None
     """How it was made; None where the caller built it."""
     findings: tuple[Finding, ...] = ()
-    """Likely faults of the capture: what was seen, and what to do about it."""
-    remarks: tuple[str, ...] = ()
-    """What else to know about the points, such as parts that the rig was not calibrated for."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """The findings as text, and the remarks."""
-        return (*(finding.text for finding in self.findings), *self.remarks)
+    """What was found in the frames and in the points, and what to do about it."""
 
     @property
     def shape(self) -> tuple[int, int]:

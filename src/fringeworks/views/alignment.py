@@ -156,7 +156,7 @@ def align_planes(
         try:
             on_plane = fit_form(seen.xyz_mm, "plane").used
         except InputError as error:
-            raise InputError(f"datum plane {k + 1}: {error}") from error
+            raise error.at(f"datum plane {k + 1}") from error
         index = np.flatnonzero(on_plane)
         datums.append(
             _Datum(seen.at(index[:: 1 + len(index) // MOST_DATUM_POINTS]), n, float(p @ n))
@@ -365,5 +365,6 @@ def _unconverged(*, converged: bool) -> tuple[Finding, ...]:
             "the alignment has not converged: its last step was above its limit",
             ("a start that is far off",),
             "give datum points to start from",
+            severity="error",
         ),
     )

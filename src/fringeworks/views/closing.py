@@ -88,7 +88,7 @@ def closed_mesh(points: Points, *, cell_mm: float | None = None) -> TriangleMesh
         sigma_mm=sigma[used],
         colour=None if colour is None else colour[used],
         filled=~np.isfinite(sigma[used]),
-        notes=points.notes,
+        findings=points.findings,
         provenance=points.provenance,
     )
 

@@ -59,7 +59,7 @@ def align_by_shape(views: Sequence[SurfacePoints], *, seed: int = 0) -> list[Flo
         try:
             T = _aligned(views[k], views[k - 1], described[k], described[k - 1], seed)
         except InputError as error:
-            raise InputError(f"views {k} and {k + 1}: {error}") from error
+            raise error.at(f"views {k} and {k + 1}") from error
         found.append(found[-1] @ T)
     return found
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.rig.pinhole import transform
-from fringeworks.surface.border import inside_surface
+from fringeworks.surface.clean import inside_surface
 from fringeworks.surface.cloud import normals
 from fringeworks.types import FloatMap, Frozen, InputError, PointCloud
 

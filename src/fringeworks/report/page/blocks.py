@@ -48,9 +48,9 @@ class Surface:
 
 @dataclass(frozen=True)
 class Findings:
-    """Likely faults: kind, what was seen, causes, what to do."""
+    """Findings: severity, kind, what was seen, causes, what to do."""
 
-    rows: tuple[tuple[str, str, str, str], ...]
+    rows: tuple[tuple[str, str, str, str, str], ...]
     hidden: int = 0
     """Number of further findings that are not listed."""
 

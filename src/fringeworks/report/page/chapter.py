@@ -73,7 +73,7 @@ def judged_block(values: dict[str, Any], context: Context) -> tuple[Block, ...]:
     try:
         judged = judge(values, context.tolerances)
     except InputError as error:
-        raise InputError(f"{context.name}: {error}") from error
+        raise error.at(context.name) from error
     context.judged.extend(one.kept for one in judged)
     return tolerance_block(judged)
 
@@ -84,5 +84,5 @@ def figure_blocks(values: dict[str, Any], context: Context) -> tuple[Block, ...]
     return (
         scalar_facts(values),
         *judged_block(values, context),
-        *findings_block(found, listed(values.get("notes"))),
+        *findings_block(found),
     )

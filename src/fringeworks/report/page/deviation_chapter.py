@@ -6,7 +6,6 @@ import numpy as np
 
 from fringeworks.evaluate.deviation import Deviation
 from fringeworks.evaluate.spots import find_spots
-from fringeworks.files.findings import findings_as_dicts
 from fringeworks.report.display import plot
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
 from fringeworks.report.page.chapter import Context, chapter_of, judged_block
@@ -48,7 +47,7 @@ def _(result: Deviation, context: Context) -> Chapter:
             facts(rows),
             *judged_block(values, context),
             *_shown(result, context),
-            *findings_block(findings_as_dicts(result.findings), result.notes),
+            *findings_block(values["findings"]),
             Picture(
                 histogram(result.distance_mm, "deviation / mm", what="points"),
                 "Distribution of the deviation.",

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fringeworks.evaluate.form import FormEvaluation
+from fringeworks.files.findings import findings_as_dicts
 from fringeworks.report.display import plot
 from fringeworks.report.page.blocks import Chapter, Picture
 from fringeworks.report.page.chapter import Context, chapter_of, figure_blocks, judged_block
@@ -112,7 +113,7 @@ def _(result: FormEvaluation, context: Context) -> Chapter:
         (
             facts(rows),
             *judged_block(values, context),
-            *findings_block((), values["notes"]),
+            *findings_block(values["findings"]),
             *charts,
             *provenance_block(result.provenance),
         ),
@@ -140,7 +141,11 @@ def _(stored: StoredSetup, context: Context) -> Chapter:
         ("delay", None if stored.delay is None else f"{stored.delay}"),
         ("plan", f"{stored.plan.frames} frames"),
     ]
-    blocks = (facts(rows), *judged_block(values, context), *findings_block((), stored.findings))
+    blocks = (
+        facts(rows),
+        *judged_block(values, context),
+        *findings_block(findings_as_dicts(stored.findings)),
+    )
     return Chapter(context.name, (*blocks, Picture(plot(stored.plan), "The proposed plan.")))
 
 

@@ -87,31 +87,17 @@ def reasons_table(reason: ByteMap) -> Table:
     return Table(columns, tuple(rows), "Measured pixels, and reasons for those that are not")
 
 
-def findings_block(
-    found: Sequence[Mapping[str, Any]], notes: Sequence[str] = ()
-) -> tuple[Block, ...]:
-    """Findings with causes and advice, and further notes; nothing where there are none.
-
-    Parameters
-    ----------
-    found : sequence of mappings
-        Findings of frames, set-ups and calibrations as ``summarise`` gives them.
-    notes : sequence of str
-        Those that repeat a finding's text are left out.
-    """
+def findings_block(found: Sequence[Mapping[str, Any]]) -> tuple[Block, ...]:
+    """Findings as ``summarise`` gives them; nothing where there are none."""
     rows = [
         (
-            str(f.get("kind", f.get("cause", "finding"))),
-            str(f.get("seen", f.get("message", ""))),
+            str(f.get("severity", "note")),
+            str(f.get("kind", "finding")),
+            str(f.get("seen", "")),
             ", or ".join(map(str, listed(f.get("causes")))),
             str(f.get("advice", "")),
         )
         for f in found
-    ]
-    rows += [
-        ("note", note, "", "")
-        for note in map(shown, notes)
-        if not any(row[1] and row[1] in note for row in rows)
     ]
     if not rows:
         return ()

@@ -85,8 +85,8 @@ def _text(block: Block) -> list[str]:
         return [block.caption, *_aligned([block.columns, *block.rows])]
     if isinstance(block, Findings):
         lines = []
-        for kind, seen, causes, advice in block.rows:
-            lines.append(f"- {kind}: {seen}")
+        for severity, kind, seen, causes, advice in block.rows:
+            lines.append(f"- {kind} ({severity}): {seen}")
             lines += [f"  likely cause: {causes}"] if causes else []
             lines += [f"  what to do: {advice}"] if advice else []
         more = [f"{block.hidden} more findings are not listed."] if block.hidden else []

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from fringeworks.files.findings import findings_as_dicts
 from fringeworks.pipeline.pairs import Reconstruction
 from fringeworks.pipeline.stacks import Measurement
 from fringeworks.report.display import plot
@@ -44,21 +43,15 @@ def _surface(result: Any, context: Context, caption: str, draw: Callable[[], Fig
 
 @chapter_of.register
 def _(result: Reconstruction, context: Context) -> Chapter:
-    return _heights(result.surface, result, context, result.notes, result.findings)
+    return _heights(result.surface, result, context)
 
 
 @chapter_of.register
 def _(result: HeightMap, context: Context) -> Chapter:
-    return _heights(result, result, context, (), result.findings)
+    return _heights(result, result, context)
 
 
-def _heights(
-    surface: HeightMap,
-    result: Reconstruction | HeightMap,
-    context: Context,
-    notes: Sequence[str],
-    found: Sequence[Any],
-) -> Chapter:
+def _heights(surface: HeightMap, result: Reconstruction | HeightMap, context: Context) -> Chapter:
     values = summarise(result)
     unit = surface.unit
     rows = [
@@ -80,7 +73,7 @@ def _heights(
                 f"The {surface.quantity} with its standard deviation and reasons.",
                 lambda: plot(result, context.name),
             ),
-            *findings_block(findings_as_dicts(tuple(found)), notes),
+            *findings_block(values["findings"]),
             *_profiles(surface),
             *_histograms(surface.values, surface.sigma, f"the {surface.quantity}", unit),
             reasons_table(surface.reason),
@@ -122,7 +115,7 @@ def _histograms(values: FloatMap, sigma: FloatMap, quantity: str, unit: str) -> 
 @chapter_of.register
 def _(result: DisplacementMap, context: Context) -> Chapter:
     surface = as_heights(result)
-    return _heights(surface, surface, context, (), ())
+    return _heights(surface, surface, context)
 
 
 @chapter_of.register
@@ -157,7 +150,7 @@ def _cloud(
             "The points with their standard deviations and reasons.",
             lambda: plot(result, context.name),
         ),
-        *findings_block(findings_as_dicts(cloud.findings), cloud.notes),
+        *findings_block(values["findings"]),
         *_profiles(cloud),
         *_histograms(cloud.xyz_mm[..., 2], cloud.sigma_mm, "z", "mm"),
     ]
@@ -182,7 +175,7 @@ def _(result: Points, context: Context) -> Chapter:
         (
             facts(rows),
             *judged_block(values, context),
-            *findings_block((), result.notes),
+            *findings_block(values["findings"]),
             _surface(result, context, "The points.", lambda: chart),
             Picture(chart, "Distribution of z."),
             *provenance_block(result.provenance),
@@ -195,7 +188,7 @@ def _(result: Decoded, context: Context) -> Chapter:
     values = summarise(result)
     blocks: list[Block] = [
         *judged_block(values, context),
-        *findings_block(findings_as_dicts(result.findings)),
+        *findings_block(values["findings"]),
     ]
     for axis, found in result.maps.items():
         one = values["axes"][axis]

@@ -136,7 +136,7 @@ def _(result: Reconstruction, camera: Pinhole | None, every: int) -> Content:
         for name, values in found.items()
         if values is not None
     }
-    return replace(_content(result.surface, camera, every), notes=result.notes, maps=maps)
+    return replace(_content(result.surface, camera, every), maps=maps)
 
 
 @_content.register
@@ -187,7 +187,6 @@ def _(surface: HeightMap, _camera: Pinhole | None, every: int) -> Content:
     if pupil is not None:
         pupil = (pupil[0] / every, pupil[1] / every, pupil[2])
     kind = "heights" if surface.quantity == "height" else "displacements"
-    notes = tuple(finding.text for finding in surface.findings)
     return _over_plane(
         kind,
         values,
@@ -195,7 +194,7 @@ def _(surface: HeightMap, _camera: Pinhole | None, every: int) -> Content:
         surface.reason[::every, ::every],
         plane_lattice(values.shape, pitch, pupil),
         (surface.unit, lateral),
-        notes=notes,
+        notes=surface.notes,
     )
 
 

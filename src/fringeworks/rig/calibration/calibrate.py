@@ -30,6 +30,7 @@ from fringeworks.types import (
     Plotted,
     Reason,
     Rig,
+    explained,
 )
 from fringeworks.types.packages import need_opencv
 
@@ -131,12 +132,13 @@ def observe(
         view = find_board(photograph, board)
         correspondence = projector_at(decoded, view.pixels, spacing(view.pixels))
     except InputError as error:
-        raise type(error)(f"{name}: {error}") from error
+        raise explained(error, decoded.findings).at(name) from error
     lit = np.asarray(np.isfinite(correspondence.projector_px).all(axis=1))
     if lit.sum() < MIN_CORNERS:
         raise BoardNotFound(
             f"{name}: expected {MIN_CORNERS} or more corners with projector coordinates, got "
-            f"{lit.sum()} of the {len(lit)} that the camera sees: {_why_unread(decoded, view)}"
+            f"{lit.sum()} of the {len(lit)} that the camera sees: {_why_unread(decoded, view)}",
+            findings=[replace(f, seen=f"{name}: {f.seen}") for f in decoded.findings],
         )
     height, width = photograph.shape
     return Observation(name, photograph, view, correspondence, (width, height), projector_size)

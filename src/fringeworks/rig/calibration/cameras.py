@@ -95,7 +95,7 @@ def calibrate_cameras(
             check_poses(seen, board, skipped)
             check_orientation(seen)
         except InputError as error:
-            raise type(error)(f"camera {number}: {error}") from error
+            raise error.at(f"camera {number}") from error
     names = list(dict.fromkeys(o.name for seen in observations for o in seen))
     free = free_parameters(distortion, len(observations) - 1)
     sightings = _sightings(observations, board, names)
@@ -160,7 +160,7 @@ def _start(
                 own, seen[0].camera_size, seen[0].projector_size, distortion=distorted
             )
         except InputError as error:
-            raise type(error)(f"camera {k + 1}: {error}") from error
+            raise error.at(f"camera {k + 1}") from error
         here = {s.pose: T for s, T in zip(own, boards, strict=True) if s.pose is not None}
         if first is None:
             first, place_of = rig, here

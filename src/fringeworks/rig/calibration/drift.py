@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -9,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import scipy
 
+from fringeworks.rig.calibration.adjusted import Adjusted
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_points import (
     by_rig,
@@ -17,10 +19,15 @@ from fringeworks.rig.calibration.board_points import (
     flatness_mm,
     scale_of,
 )
+from fringeworks.rig.calibration.bundle import adjust, refit
 from fringeworks.rig.calibration.calibrate import Observation, refined, sighting_of
 from fringeworks.rig.calibration.diagnosis import ripple_findings
-from fringeworks.rig.calibration.drift_fits import EVERYTHING, Fit, fit_changes
-from fringeworks.rig.calibration.drift_words import Cause, cause_of, with_sigma
+from fringeworks.rig.calibration.parameters import (
+    DEVICE_SIZE,
+    RIG_SIZE,
+    RigPrior,
+    parameter_change,
+)
 from fringeworks.rig.calibration.poses import fit_pose
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.calibration.start import first_pose
@@ -36,6 +43,31 @@ from fringeworks.types import (
     RigMismatch,
 )
 
+POSSIBLE_TURN_RAD = 0.1
+"""Standard deviation of the rotation in the prior of a rig that was knocked, rad: 6°. A larger turn
+moves the light off the object, which nobody needs a check for."""
+POSSIBLE_SHIFT = 0.1
+"""The same for a translation, over the baseline."""
+POSSIBLE_FOCUS = 0.05
+"""The same for focal lengths, relative. Refocusing from infinity to 0.5 m makes the focal length of
+a lens of 25 mm longer by 5 %."""
+SHARED_SCATTER = 2.0
+"""Factor on the scatter of corners within one pose. Corners of one pose share errors (blur, light,
+edges along the pixel grid), which no residual shows; between poses of real photographs the factor
+is up to 3 (docs/rig.md), on the virtual rig 0.9 to 1.3."""
+SMALLEST_VARIANCE = 1e-13
+"""Smallest eigenvalue of a correlation matrix that is inverted; rig files hold 12 digits."""
+
+ROTATION = slice(2 * DEVICE_SIZE, 2 * DEVICE_SIZE + 3)
+"""Place of the rotation among the parameters of a rig."""
+TRANSLATION = slice(2 * DEVICE_SIZE + 3, RIG_SIZE)
+"""Place of the translation among the parameters of a rig."""
+EVERYTHING = "everything"
+"""Name of the change in which all others are possible together."""
+SIGMA_DIGITS = 2
+"""Digits of a standard deviation that are shown; more would not be known."""
+MAX_DIGITS = 6
+"""Largest number of decimals that are shown."""
 FALSE_ALARM = 1e-4
 """Probability that a rig which holds is said to have moved."""
 BLIND_SHARE = 2e-3
@@ -51,6 +83,186 @@ LARGE_SCALE_SIGMAS = 4.0
 """Deviation of the measured scale from 1 that is reported, in standard deviations."""
 MIN_SCALE_POINTS = 4
 """Smallest number of triangulated corners for flatness and scale: three always lie on a plane."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A rig that may have changed in certain directions, fitted to poses of a board."""
+
+    freedom: int
+    """Number of directions."""
+    cost: float
+    """Weighted sum of squares of all residuals."""
+    rig: Rig
+    """The most likely rig now, with its covariance."""
+    change: FloatMap
+    """By how much the parameters have changed since the calibration, (24,)."""
+    covariance: FloatMap
+    """Covariance of ``change``, (24, 24)."""
+
+
+def possible_changes(rig: Rig) -> dict[str, FloatMap]:
+    """Return the directions in which a rig may have changed, (24, k), by name.
+
+    Columns are as long as the change's standard deviation in the prior.
+    """
+    unit = np.eye(RIG_SIZE)
+    turn = POSSIBLE_TURN_RAD * unit[:, ROTATION]
+    shift = POSSIBLE_SHIFT * rig.baseline_mm * unit[:, TRANSLATION]
+    longer = POSSIBLE_SHIFT * unit[:, TRANSLATION] @ rig.T_projector_camera[:3, 3]
+    focus = []
+    for first, device in ((0, rig.camera), (DEVICE_SIZE, rig.projector)):
+        focus.append(POSSIBLE_FOCUS * unit[:, first : first + 2] @ device.focal_px)
+    camera, projector = np.array(focus)[:, :, None]
+    return {
+        "nothing": np.zeros((RIG_SIZE, 0)),
+        "baseline": longer[:, None],
+        "camera focus": camera,
+        "projector focus": projector,
+        "rotation": turn,
+        "translation": shift,
+        "pose": np.hstack((turn, shift)),
+        EVERYTHING: np.hstack((turn, shift, camera, projector)),
+    }
+
+
+def fit_changes(
+    rig: Rig, sightings: Sequence[Sighting], poses: Sequence[FloatMap]
+) -> tuple[dict[str, Fit], Adjusted]:
+    """Fit every possible change of a rig to poses of a board.
+
+    Parameters
+    ----------
+    rig : Rig
+        As it was calibrated. Without a covariance, it is taken as exact.
+    sightings : sequence of Sighting
+        One or more.
+    poses : sequence of (4, 4) arrays
+        Start: T_camera_board of every sighting, mm.
+
+    Returns
+    -------
+    The fits by the names of ``possible_changes``, and the adjustment from which their weights come.
+
+    Notes
+    -----
+    The parameters of the rig now are those of the calibration, normal with its covariance C, plus
+    the change A a with a standard normal: their prior is normal with C + A Aᵀ. Scatter, weights
+    and the board's prior are estimated once, with every change possible. Differences of the costs
+    are then those of a likelihood ratio test, χ² with as many degrees of freedom as directions.
+    """
+    changes = possible_changes(rig)
+    known = np.zeros((RIG_SIZE, RIG_SIZE)) if rig.covariance is None else rig.covariance
+    all_free = known + changes[EVERYTHING] @ changes[EVERYTHING].T
+    free = np.diag(all_free) > 0
+    prior = RigPrior(rig, _inverse(all_free))
+    adjusted = adjust(sightings, rig, poses, free=free, prior=prior)
+    scatter = SHARED_SCATTER * adjusted.weighting.scatter
+    if rig.residual_px is not None:
+        # In a single pose, errors of corners look like errors of the board's print.
+        scatter[:, 0] = np.maximum(scatter[:, 0], rig.residual_px[0] / np.sqrt(2.0))
+    weighted = replace(adjusted, weighting=replace(adjusted.weighting, scatter=scatter))
+    fits = {name: _fit(rig, sightings, weighted, known, A) for name, A in changes.items()}
+    return fits, adjusted
+
+
+def _fit(
+    rig: Rig, sightings: Sequence[Sighting], adjusted: Adjusted, known: FloatMap, A: FloatMap
+) -> Fit:
+    """Fit a rig whose parameters may have changed in the directions A (24, k)."""
+    before = known + A @ A.T
+    free: BoolMap = np.diag(before) > 0
+    # What is not free stays at the calibration's value.
+    start = replace(adjusted, rig=replace(rig, covariance=None))
+    precision = _inverse(before)
+    found, cost = refit(sightings, start, free=free, prior=RigPrior(rig, precision))
+    assert found.covariance is not None
+    gain = A.T @ precision
+    change = A @ gain @ parameter_change(found, rig)
+    left = np.eye(A.shape[1]) + gain @ (found.covariance - before) @ gain.T
+    return Fit(A.shape[1], cost, found, change, A @ left @ A.T)
+
+
+def _inverse(covariance: FloatMap) -> FloatMap:
+    """Invert a covariance; parameters without a variance get zeros."""
+    sigma = np.sqrt(np.diag(covariance))
+    scale = np.where(sigma > 0, 1.0 / np.where(sigma > 0, sigma, 1.0), 0.0)
+    free = sigma > 0
+    found = np.zeros_like(covariance)
+    values, vectors = np.linalg.eigh((covariance * np.outer(scale, scale))[np.ix_(free, free)])
+    kept = vectors / np.sqrt(np.maximum(values, SMALLEST_VARIANCE * max(values.max(initial=0), 1)))
+    found[np.ix_(free, free)] = kept @ kept.T
+    return np.asarray(found * np.outer(scale, scale))
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A change of a rig that explains what was seen."""
+
+    name: str
+    """Short name: rotation, translation, baseline, camera focus, projector focus or pose."""
+    text: str
+    """The change with its size and standard deviation."""
+
+
+def cause_of(name: str, rig: Rig, fit: Fit) -> Cause:
+    """Describe a fitted change of a rig."""
+    if name == "rotation":
+        return Cause(name, f"the projector {_turn(fit)}")
+    if name == "translation":
+        return Cause(name, f"the projector {_shift(fit)}")
+    if name == "baseline":
+        along = rig.T_projector_camera[:3, 3] / rig.baseline_mm
+        share = 100.0 * float(fit.change[TRANSLATION] @ along) / rig.baseline_mm
+        sigma = 100.0 * _sigma(fit, TRANSLATION, along) / rig.baseline_mm
+        return Cause(
+            name,
+            f"the baseline became {with_sigma(abs(share), sigma)} % "
+            f"{'longer' if share > 0 else 'shorter'}, or the board's squares are so much "
+            f"{'smaller' if share > 0 else 'larger'} than stated",
+        )
+    if name == "pose":
+        return Cause(name, f"the projector {_turn(fit)}, and {_shift(fit)}")
+    device, first = ("camera", 0) if name == "camera focus" else ("projector", DEVICE_SIZE)
+    focal = (rig.camera if first == 0 else rig.projector).focal_px[0]
+    share = 100.0 * float(fit.change[first]) / focal
+    sigma = 100.0 * float(np.sqrt(fit.covariance[first, first])) / focal
+    return Cause(
+        name,
+        f"the {device} was refocused: its focal length is {with_sigma(abs(share), sigma)} % "
+        f"{'longer' if share > 0 else 'shorter'}",
+    )
+
+
+def _turn(fit: Fit) -> str:
+    omega = np.degrees(fit.change[ROTATION])
+    size = float(np.linalg.norm(omega))
+    sigma = np.degrees(_sigma(fit, ROTATION, omega / size))
+    shares = ", ".join(f"{axis} {value:+.3f}°" for axis, value in zip("xyz", omega, strict=True))
+    return (
+        f"turned against the camera by {with_sigma(size, sigma)}° (about the projector's axes "
+        f"{shares})"
+    )
+
+
+def _shift(fit: Fit) -> str:
+    shift = fit.change[TRANSLATION]
+    size = float(np.linalg.norm(shift))
+    sigma = _sigma(fit, TRANSLATION, shift / size)
+    shares = ", ".join(f"{axis} {value:+.2f} mm" for axis, value in zip("xyz", shift, strict=True))
+    return f"moved against the camera by {with_sigma(size, sigma)} mm ({shares})"
+
+
+def with_sigma(value: float, sigma: float) -> str:
+    """A value and its standard deviation, as many digits as that says."""
+    place = math.floor(math.log10(sigma)) if sigma > 0 else -MAX_DIGITS
+    digits = min(max(SIGMA_DIGITS - 1 - place, 0), MAX_DIGITS)
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}"
+
+
+def _sigma(fit: Fit, part: slice, along: FloatMap) -> float:
+    """Standard deviation of a part of the change along a unit vector."""
+    return math.sqrt(max(float(along @ fit.covariance[part, part] @ along), 0.0))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -219,7 +431,8 @@ def adjust_to(rig: Rig, observations: Sequence[Observation], board: Board) -> Ri
         likely = f" (likely {names[0]})" if names else ""
         raise InputError(
             "rig: expected a change of the relative pose of camera and projector, got one that "
-            f"rotation and translation do not explain{likely}; calibrate again"
+            f"rotation and translation do not explain{likely}; calibrate again",
+            findings=ripple_findings(observations),
         )
     found = seen.fits["pose"].rig
     residual = [_rms(r) for r in _residuals(found, seen)]
@@ -323,38 +536,38 @@ def _findings(
     """What makes a check less certain, and what it cannot tell."""
     findings = list(ripple_findings(observations))
     if rig.covariance is None:
-        seen = (
+        what = (
             "the rig states no uncertainty, so errors of its calibration cannot be told from a "
             "drift"
         )
         advice = "calibrate it with fringeworks for a sharper check"
-        findings.append(Finding("uncertainty", seen, advice=advice))
+        findings.append(Finding("uncertainty", what, advice=advice))
     if rig.residual_px is not None:
         for name, now, then in zip(
             ("camera", "projector"), seen.scatter_px, rig.residual_px, strict=True
         ):
             if now > LARGE_SCATTER * then:
-                seen = (
+                what = (
                     f"corners scatter by {now:.3f} px in the {name}, at the calibration they did "
                     f"by {then:.3f} px"
                 )
                 causes = ("the board is blurred, badly lit or another", "the lens has changed")
                 figures = {"scatter_px": now, "calibration_px": then}
-                findings.append(Finding("scatter", seen, causes, figures=figures))
+                findings.append(Finding("scatter", what, causes, figures=figures))
     if len(checked.causes) > 1:
         names = " and ".join(cause.name for cause in checked.causes)
-        seen = f"{names} cannot be told apart by this pose"
+        what = f"{names} cannot be told apart by this pose"
         advice = "tilt the board more, move it nearer or further, or add poses"
-        findings.append(Finding("cause", seen, advice=advice))
+        findings.append(Finding("cause", what, advice=advice))
     if checked.excess <= 1.0 and checked.verdict == "cannot tell":
-        seen = f"a drift of up to {checked.noticeable_mm:.2g} mm would go unnoticed"
+        what = f"a drift of up to {checked.noticeable_mm:.2g} mm would go unnoticed"
         advice = "fill the frame with a tilted board, take sharper frames, or add poses"
         figures = {"noticeable_mm": checked.noticeable_mm}
-        findings.append(Finding("blind", seen, advice=advice, figures=figures))
+        findings.append(Finding("blind", what, advice=advice, figures=figures))
     off = abs(checked.scale - 1.0)
     if off > LARGE_SCALE_SIGMAS * checked.scale_sigma and checked.excess > 1.0:
         size = with_sigma(100.0 * checked.scale, 100.0 * checked.scale_sigma)
-        seen = f"measured with this rig, the board has {size} % of its stated size"
+        what = f"measured with this rig, the board has {size} % of its stated size"
         figures = {"scale": checked.scale, "sigma": checked.scale_sigma}
-        findings.append(Finding("scale", seen, figures=figures, severity="error"))
+        findings.append(Finding("scale", what, figures=figures, severity="error"))
     return tuple(findings)

@@ -76,7 +76,8 @@ def check_orientation(
         decoded = decode(frames, plan, estimate_steps=False)
     except InputError as error:
         raise DeviceProblem(
-            f"{camera.name}: expected coarse fringes that can be decoded, got: {error}"
+            f"{camera.name}: expected coarse fringes that can be decoded, got: {error}",
+            findings=error.findings,
         ) from error
     assert decoded.x is not None
     assert decoded.y is not None

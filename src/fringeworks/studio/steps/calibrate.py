@@ -7,7 +7,7 @@ from functools import partial
 from nicegui import ui
 
 from fringeworks.studio.steps.live import live_picture
-from fringeworks.studio.steps.parts import Step, devices, named, work
+from fringeworks.studio.steps.parts import Step, devices, named, show_findings, work
 from fringeworks.studio.worker import Job
 
 
@@ -80,8 +80,7 @@ class _Calibrate:
         values = self._studio.verdict
         said = values.get("verdict", {}).get("text", "There is a rig.")
         ui.label(f"{said} Next: scan.").props('role="status"')
-        for found in values.get("findings", []):
-            ui.label(f"! {found['text']}").classes("text-warning")
+        show_findings(values)
         if rig.with_suffix(".png").is_file():
             stamp = rig.stat().st_mtime_ns
             picture = ui.image(f"/file/rig.png?{stamp}").classes("w-full max-w-5xl bg-white")

@@ -10,7 +10,7 @@ from nicegui import ui
 
 from fringeworks.pair.analyse import methods
 from fringeworks.studio.steps.areas import areas
-from fringeworks.studio.steps.parts import Step, figures, work
+from fringeworks.studio.steps.parts import Step, figures, show_findings, work
 from fringeworks.studio.tasks import is_stack
 from fringeworks.studio.worker import Job
 from fringeworks.types import InputError
@@ -129,15 +129,7 @@ class _Look:
             figures(shown.result["figures"], FIGURES)
             if shown.result["every"] > 1:
                 ui.label(f"Shown: one of {shown.result['every']} columns and rows.")
-            for note, fault in judged_notes(shown.result["figures"]):
-                label = ui.label(f"! {note}" if fault else note)
-                label.classes("text-warning" if fault else "opacity-80")
-
-
-def judged_notes(figures: dict[str, Any]) -> list[tuple[str, bool]]:
-    """Return the notes of a result, and which of them are findings of likely faults."""
-    seen = [found["seen"] for found in figures.get("findings", [])]
-    return [(note, any(one in note for one in seen)) for note in figures.get("notes", [])]
+            show_findings(shown.result["figures"])
 
 
 def _control(name: str, default: Any, changed: Any) -> Any:

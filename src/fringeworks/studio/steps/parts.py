@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from fringeworks.devices.bench import POSES, SCENES
+from fringeworks.files.findings import finding_from_dict
 from fringeworks.studio.bench import VIRTUAL
 from fringeworks.studio.session import Session
 from fringeworks.studio.state import Studio
@@ -38,7 +39,7 @@ class Step:
                 action()
             except InputError as problem:
                 ui.notify(
-                    str(problem),
+                    "\n".join(problem.lines),
                     type="warning",
                     multi_line=True,
                     timeout=10_000,
@@ -87,7 +88,7 @@ def work(
         worker = studio.devices if devices else studio.compute
         cancel = ui.button("Cancel", on_click=lambda: worker.cancel(present()))
         cancel.props("flat dense no-caps")
-    problem = ui.label().classes("text-negative").props('role="alert"')
+    problem = ui.label().classes("text-negative whitespace-pre-line").props('role="alert"')
 
     def update() -> None:
         job = present()
@@ -114,6 +115,18 @@ def _progress(job: Job) -> str:
     left = "" if job.left_s is None else f", about {job.left_s:.0f} s left"
     count = f" ({job.steps} of {job.total})" if job.total else ""
     return f"{job.name}: {job.label}{count}{left}"
+
+
+def finding_lines(figures: dict[str, Any]) -> list[tuple[str, bool]]:
+    """The findings of a result in a line each, and whether it is more than a note."""
+    found = map(finding_from_dict, figures.get("findings", []))
+    return [(finding.line, bool(finding.rank)) for finding in found]
+
+
+def show_findings(figures: dict[str, Any]) -> None:
+    """Show the findings of a result."""
+    for line, warns in finding_lines(figures):
+        ui.label(line).classes("text-warning" if warns else "opacity-80")
 
 
 def devices(step: Step) -> None:

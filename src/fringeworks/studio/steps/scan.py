@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from fringeworks.studio.steps.live import live_points
-from fringeworks.studio.steps.parts import UPDATE_S, Step, devices, work
+from fringeworks.studio.steps.parts import UPDATE_S, Step, devices, finding_lines, work
 from fringeworks.studio.worker import Job
 
 
@@ -40,7 +40,9 @@ class _Scan:
             ui.button("Stop the series", on_click=stop).props("flat no-caps")
         ui.keyboard(on_key=lambda event: start() if _pressed(event) else None)
         self._waiting = ui.label().props('role="status"')
-        self._problem = ui.label().classes("text-negative").props('role="alert"')
+        self._problem = (
+            ui.label().classes("text-negative whitespace-pre-line").props('role="alert"')
+        )
         work(step, ("scan",), devices=True)
         ui.timer(UPDATE_S, self._update)
         with ui.row().classes("items-end"):
@@ -48,7 +50,7 @@ class _Scan:
             merge = step.attempt(self._merge)
             ui.button("Merge the views", on_click=merge).props("outline no-caps")
         work(step, ("merging",), self._merged)
-        self._merging = ui.label().props('role="status"')
+        self._merging = ui.label().classes("whitespace-pre-line").props('role="status"')
         self._taken()
         live_points(step)
 
@@ -95,7 +97,7 @@ class _Scan:
     def _merged(self, job: Job) -> None:
         found = job.result
         said = f"{found['points']} points of {found['views']} views: {found['file']}."
-        self._merging.set_text(" ".join([said, *found["findings"]]))
+        self._merging.set_text("\n".join([said, *(line for line, _ in finding_lines(found))]))
         self._step.attempt(partial(self._look, found["file"]))()
 
     def _look(self, capture: str) -> None:

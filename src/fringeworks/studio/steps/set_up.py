@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from fringeworks.files.findings import findings_as_dicts
 from fringeworks.studio.steps.live import live_picture
-from fringeworks.studio.steps.parts import Step, devices, work
+from fringeworks.studio.steps.parts import Step, devices, show_findings, work
 from fringeworks.studio.worker import Job
 
 
@@ -36,8 +37,7 @@ def build(step: Step) -> None:
         found = studio.findings()
         if not found:
             ui.label("No finding: the devices suit each other. Next: calibrate.")
-        for text in found:
-            ui.label(f"! {text}").classes("text-warning")
+        show_findings({"findings": findings_as_dicts(found)})
         if studio.workspace.setup.with_suffix(".png").is_file():
             stamp = studio.workspace.setup.stat().st_mtime_ns
             picture = ui.image(f"/file/setup.png?{stamp}").classes("w-full max-w-5xl bg-white")

@@ -1,4 +1,4 @@
-"""A turntable before the virtual rig: bodies and a board that turn about an axis, with errors."""
+"""A turntable before the virtual rig, for the tests: bodies and a board that turn about an axis, with errors."""
 
 from __future__ import annotations
 

@@ -16,17 +16,22 @@ import time
 
 import numpy as np
 
-from fringeworks import PatternPlan
-from fringeworks.devices.opening import camera_kind, open_camera
-from fringeworks.devices.protocols import CameraLimits, Closing, Grab
-from fringeworks.devices.registry import ListedDevice
+from fringeworks import DeviceProblem, PatternPlan, capture
+from fringeworks.devices import (
+    CameraLimits,
+    CameraSettings,
+    Grab,
+    ListedDevice,
+    Region,
+    camera_kind,
+    open_camera,
+)
+from fringeworks.devices.protocols import Closing
 from fringeworks.devices.virtual_camera import VirtualCamera
 from fringeworks.devices.virtual_projector import ProjectorModel, VirtualProjector
 from fringeworks.devices.virtual_scene import RigScene
 from fringeworks.patterns import PhaseSteps, equal_steps
-from fringeworks.scan.capture import capture
 from fringeworks.simulate import bust, look, standard_rig
-from fringeworks.types import CameraSettings, DeviceProblem, Region
 
 
 class AcmeCamera(Closing):

@@ -429,8 +429,8 @@ def test_the_reference_page_is_complete():
     from fringeworks.cli.app import app
 
     page = (Path(__file__).parent.parent / "docs" / "reference.md").read_text()
-    named = set(re.findall(r"`([\w-]+)", page))
-    assert {name.rpartition(".")[2] for name in public_names()} <= named
+    assert set(re.findall(r"^\| `fw\.([\w.]+)`", page, re.M)) == set(public_names())
+    named = set(re.findall(r"^\| `([\w-]+)`", page, re.M))
     assert {c.name or c.callback.__name__ for c in app.registered_commands} <= named
     for group in app.registered_groups:
         for command in group.typer_instance.registered_commands:

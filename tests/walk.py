@@ -94,7 +94,7 @@ def walk(steps: list[Step], folder: Path) -> None:
         assert done.returncode == 0, f"{step.run}\n{done.stdout}\n{done.stderr}"
 
 
-PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
+PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")])
 
 
 def marked(pages: Iterable[Path], long: Collection[str]) -> list:

@@ -106,11 +106,11 @@ def decode(
     Examples
     --------
     >>> import fringeworks as fw
-    >>> plan = fw.propose(1280, 720, frames=12)[0].plan
-    >>> pictures = fw.encode(plan)
-    >>> found = fw.decode(pictures, plan)
-    >>> round(float(found.maps["x"].coordinate_px[100, 640]), 1)
-    640.0
+    >>> steps = fw.patterns.PhaseSteps("x", 64.0, fw.patterns.equal_steps(4))
+    >>> plan = fw.PatternPlan(64, 40, (steps,))
+    >>> decoded = fw.decode(list(fw.encode(plan)), plan)  # the pictures, in place of frames
+    >>> round(float(decoded.x.coordinate_px[10, 20]), 1)
+    20.0
     """
     if _is_capture(frames, plan):
         return decode_stack(frames, **options)  # type: ignore[arg-type]
@@ -201,8 +201,12 @@ def measure(capture: Any, rig: Any, **options: Any) -> Measurement | MultiMeasur
     Examples
     --------
     >>> import fringeworks as fw
-    >>> from fringeworks.simulate.standard import fringe_plan, standard_rig
-    >>> rig, plan = standard_rig(scale=0.1), fringe_plan(scale=0.1)
+    >>> from fringeworks.simulate import bust, fringe_plan, look, photograph, standard_rig
+    >>> rig = standard_rig(scale=0.2)
+    >>> plan = fringe_plan(rig, both=False)
+    >>> stack = fw.Stack(list(photograph(look(rig, bust()), plan)), plan)
+    >>> fw.measure(stack, rig).points.xyz_mm.shape
+    (205, 256, 3)
     """
     if is_path(rig):
         rig = _rig_from(rig)

@@ -54,7 +54,7 @@ def capture_hdr(
 
     Returns
     -------
-    The folder, for ``decode_stack``, ``measure`` and ``read_exposures``.
+    The folder, for ``decode``, ``measure`` and ``read_exposures``.
 
     Raises
     ------

@@ -190,9 +190,10 @@ def measure_noise(
     -------
     noise : CameraNoise
     source : str
-        "the residuals of the fits", from sets of four or more steps. Otherwise "the backgrounds of
-        the sets", from the differences of their backgrounds. Otherwise spatial noise, "the
-        differences of neighbouring pixels".
+        "the residuals of the fits", from sets of four or more steps. Otherwise "the sums of the
+        Gray code's bits and their inverse", for a Gray code without fringes. Otherwise "the
+        backgrounds of the sets", from the differences of their backgrounds. Otherwise spatial
+        noise, "the differences of neighbouring pixels".
     """
     margin = CLIPPED_SIGMAS * max(spatial.read_counts, QUANTISATION_VARIANCE**0.5)
     for decoding in decodings.values():

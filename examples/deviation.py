@@ -10,6 +10,8 @@ from fringeworks.simulate import (
     height_field,
     look,
     photograph,
+)
+from fringeworks.simulate import (
     standard_rig as make_rig,
 )
 

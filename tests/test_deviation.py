@@ -100,7 +100,7 @@ def test_a_part_that_is_turned_by_40_degrees_needs_no_start():
         model, vertices_mm=transform(inverse(T) @ turned @ T, np.asarray(model.vertices_mm))
     )
     found = fw.deviation(cloud, other, rig=used)
-    assert not found.findings
+    assert not found.alignment.findings
     np.testing.assert_allclose(
         found.distance_mm, known.distance_mm, atol=0.2 * np.nanmedian(known.sigma_mm)
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from fringeworks.devices.protocols import VideoMode
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.setup import SetupStopped, set_up
 from fringeworks.scan.setup_file import read_setup, write_setup
-from fringeworks.types import CameraSettings, DeviceProblem
+from fringeworks.types import CameraSettings, DeviceProblem, Finding
 from tests.virtual_devices import Screen, bench
 
 pytestmark = pytest.mark.statistical
@@ -113,8 +115,13 @@ def test_the_exposure_is_chosen_and_stored(tmp_path):
     assert periods == pytest.approx(round(periods), abs=0.01)
     assert periods > 4
     assert 0.8 < found.levels.brightness.max() / 255 < 0.96
-    write_setup(tmp_path / "s.toml", found, projector="virtual", camera="virtual")
-    assert read_setup(tmp_path / "s.toml").settings.exposure_ms == found.settings.exposure_ms
+    told = (Finding("delay", "irregular", ("a cause",), "do it", severity="note"),)
+    told += (Finding("flicker", "it flickers", axis="x", figures={"depth_share": 0.1}),)
+    written = replace(found, findings=told)
+    write_setup(tmp_path / "s.toml", written, projector="virtual", camera="virtual")
+    stored = read_setup(tmp_path / "s.toml")
+    assert stored.settings.exposure_ms == found.settings.exposure_ms
+    assert stored.findings == told
 
 
 def test_an_exposure_that_is_given_stays():
@@ -133,6 +140,7 @@ def test_what_stops_a_setup_is_explained():
     with pytest.raises(SetupStopped, match=r"automatic exposure is on") as stopped:
         measured({}, {"auto_exposure": True}, 1)
     tests = stopped.value.tests
+    assert stopped.value.lines[0].startswith("error (exposure): an automatic exposure is on: ")
     assert [f.kind for f in tests.findings] == ["exposure"]
     assert tests.exposing.proof.verdict == "automatic"
     assert tests.levels is None

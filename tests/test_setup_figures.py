@@ -122,7 +122,8 @@ def test_a_setup_that_stops_still_shows_what_it_has_measured(command, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {"s.png", "s.json"}
     assert "an automatic" in said.out
     assert "nothing was found" not in said.out
-    assert said.err.startswith("fringeworks: an automatic exposure is on")
+    assert said.err.startswith("error (exposure): an automatic exposure is on")
+    assert said.err.splitlines()[-1].startswith("fringeworks: virtual: expected an exposure")
     assert figures["exposure"]["proof"]["verdict"] == "automatic"
     assert figures["response"] is None
 

@@ -178,8 +178,9 @@ def capture(
     """Show the pictures of a plan and take a frame of each."""
     output.check_folder(out)
     words = output.Output()
+    how = fw.Take(**vars(taking))
     with opened(devices, plan) as bench:
-        _take(bench, out, fw.Take(**vars(taking)))
+        _take(bench, out, how)
     words.wrote(out)
 
 
@@ -235,8 +236,9 @@ def scan(
     output.check(out, "points")
     show.check()
     known = fw.read_rig(rig)
+    how = fw.Take(**vars(taking))
     with opened(devices, plan) as bench:
-        _take(bench, folder, fw.Take(**vars(taking)))
+        _take(bench, folder, how)
     found = fw.measure(folder, known)
     show.write_points(words, found, known, out, ply, name=folder.name)
     words.wrote(folder, out, *show.targets)

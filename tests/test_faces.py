@@ -251,11 +251,11 @@ def test_every_face_takes_the_views_of_a_turntable(setup, tmp_path, monkeypatch,
     monkeypatch.chdir(tmp_path / "python")
     angles = []
     with (
-        fw.open_bench("setup.toml", camera=SCENE) as bench,
+        fw.scan.open_bench("setup.toml", camera=SCENE) as bench,
         pytest.raises(fw.InputError, match="the shape slides on itself"),
     ):
         fw.scan.scan_turntable(
-            lambda place: fw.take(bench, place, fw.Take(average=2)),
+            lambda place: fw.scan.take(bench, place, fw.scan.Take(average=2)),
             angles.append,
             "part",
             "rig.toml",
@@ -375,8 +375,8 @@ def test_a_script_says_what_the_actions_say():
         "--out 'a part'"
     )
     assert one.python == (
-        "with fw.open_bench('setup.toml', camera='webcam:1') as bench:\n"
-        "    fw.take(bench, 'a part', fw.Take(hdr=3, average=2))"
+        "with fw.scan.open_bench('setup.toml', camera='webcam:1') as bench:\n"
+        "    fw.scan.take(bench, 'a part', fw.scan.Take(hdr=3, average=2))"
     )
     merged = MergeViews(("a", "b"), "", 90.0, "part").command(None)
     assert merged.shell.splitlines()[2] == (

@@ -88,9 +88,11 @@ class TakingOptions:
     force: Force = False
 
 
-def opened(devices: DeviceOptions, plan: Path | None = None) -> AbstractContextManager[fw.Bench]:
+def opened(
+    devices: DeviceOptions, plan: Path | None = None
+) -> AbstractContextManager[fw.scan.Bench]:
     """The devices that options or a set-up name; options hold before the set-up."""
-    return fw.open_bench(
+    return fw.scan.open_bench(
         devices.setup,
         projector=devices.projector,
         camera=devices.camera,
@@ -179,8 +181,9 @@ def capture(
     """Show the pictures of a plan and take a frame of each."""
     output.check_folder(out)
     words = output.Output()
+    how = fw.scan.Take(**vars(taking))
     with opened(devices, plan) as bench:
-        _take(bench, out, fw.Take(**vars(taking)))
+        _take(bench, out, how)
     words.wrote(out)
 
 
@@ -236,8 +239,9 @@ def scan(
     output.check(out, "points")
     show.check()
     known = fw.files.read_rig(rig)
+    how = fw.scan.Take(**vars(taking))
     with opened(devices, plan) as bench:
-        _take(bench, folder, fw.Take(**vars(taking)))
+        _take(bench, folder, how)
     found = fw.measure(folder, known)
     show.write_points(words, found, known, out, ply, name=folder.name)
     words.wrote(folder, out, *show.targets)
@@ -256,7 +260,7 @@ def take_views(
     """Take views of a part on a turntable, and write the merged part."""
     step_deg, board, command = table
     output.check(out, "merged")
-    how = fw.Take(**vars(taking))
+    how = fw.scan.Take(**vars(taking))
     with opened(devices, plan) as bench:
         found = fw.scan.scan_turntable(
             lambda place: _take(bench, place, how),
@@ -324,10 +328,10 @@ def take_poses(
         )
 
 
-def _take(bench: fw.Bench, folder: Path, how: fw.Take) -> None:
+def _take(bench: fw.scan.Bench, folder: Path, how: fw.scan.Take) -> None:
     """Take the frames of the bench's plan into a folder, and show how far they are."""
     with output.progress(bench.plan.frames * how.hdr) as step:
-        fw.take(bench, folder, how, progress=step)
+        fw.scan.take(bench, folder, how, progress=step)
 
 
 @app.command(rich_help_panel=SECTION, epilog="Example: fringeworks studio measurements/")

@@ -123,7 +123,7 @@ class SetUp:
         return Command(
             f"fringeworks setup --projector {_quoted(self.projector)} "
             f"--camera {_quoted(self.camera)} --frames {self.frames} --axes x,y --out setup.toml",
-            f"with fw.open_bench({words}) as bench:\n"
+            f"with fw.scan.open_bench({words}) as bench:\n"
             "    found = fw.set_up(\n"
             f"        bench.projector, bench.camera, frames={self.frames}, axes=('x', 'y')\n"
             "    )\n"
@@ -155,8 +155,8 @@ class Scan:
         how = f", fw.{self.how!r}" if self.how.changed else ""
         return Command(
             f"fringeworks capture --setup setup.toml {options}--out {_quoted(self.name)}",
-            f"with fw.open_bench('setup.toml'{words}) as bench:\n"
-            f"    fw.take(bench, {self.name!r}{how})",
+            f"with fw.scan.open_bench('setup.toml'{words}) as bench:\n"
+            f"    fw.scan.take(bench, {self.name!r}{how})",
         )
 
 

@@ -26,7 +26,7 @@ ELSEWHERE = {
         "open_", "list_devices", "ListedDevice", "virtual_bench", "WindowProjector", "MemoryProjector", "WebcamCamera",
         "GenicamCamera", "FolderCamera", "Camera", "CameraLimits", "Projector", "TriggeredCamera", "Clock", "VideoMode",
         "Grab", "camera_kind", "projector_kind", "scanner_kind", "check_setup_target", "measure_delay", "Delay",
-        "take_frames", "capture", "capture_hdr", "live", "LiveCloud", "TakenPose", "calibrate_live", "PoseTaker",
+        "take_frames", "take", "capture", "capture_hdr", "live", "LiveCloud", "TakenPose", "calibrate_live", "PoseTaker",
         "take_poses", "auto_exposure", "exposure_series", "Setup", "SetupStopped", "SetupTests", "StoredSetup", "set_up",
         "setup_sheet",
     ),

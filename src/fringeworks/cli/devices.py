@@ -181,8 +181,9 @@ def capture(
     """Show the pictures of a plan and take a frame of each."""
     output.check_folder(out)
     words = output.Output()
+    how = fw.scan.Take(**vars(taking))
     with opened(devices, plan) as bench:
-        _take(bench, out, fw.scan.Take(**vars(taking)))
+        _take(bench, out, how)
     words.wrote(out)
 
 
@@ -238,8 +239,9 @@ def scan(
     output.check(out, "points")
     show.check()
     known = fw.files.read_rig(rig)
+    how = fw.scan.Take(**vars(taking))
     with opened(devices, plan) as bench:
-        _take(bench, folder, fw.scan.Take(**vars(taking)))
+        _take(bench, folder, how)
     found = fw.measure(folder, known)
     show.write_points(words, found, known, out, ply, name=folder.name)
     words.wrote(folder, out, *show.targets)

@@ -17,6 +17,7 @@ from fringeworks.simulate import Body, Optics, Plane, Sphere, look, photograph, 
 from fringeworks.simulate.standard_rig import bust, fringe_plan, standard_rig, truth_distance
 from fringeworks.types import InputError
 from tests.commands import run
+from tests.grids import quick
 from tests.shared import shared
 
 pytestmark = pytest.mark.statistical
@@ -115,20 +116,22 @@ def test_what_does_not_belong_together_is_refused():
         measure_pair(small, RIG, reference=found)
 
 
-def test_on_the_command_line(tmp_path):
+@pytest.mark.parametrize("known", quick(["coordinates", "plane"], "plane"))
+def test_on_the_command_line(tmp_path, known):
     one = pair("plane")
     for name in ("reference", "object"):
         Image.fromarray(getattr(one, name)).save(tmp_path / f"{name}.png")
     fw.write_rig(tmp_path / "rig.toml", RIG)
-    fw.write_coordinates(tmp_path / "wall.npz", decoded("wall"))
     frames = ("--reference", tmp_path / "reference.png", "--object", tmp_path / "object.png")
     rig = ("--rig", tmp_path / "rig.toml")
-    known = (("--plane-coordinates", tmp_path / "wall.npz"), ("--plane", f"0,0,1,{WALL_MM}"))
-    for k, reference in enumerate(known):
-        out = tmp_path / f"{k}.ply"
-        run("reconstruct", *frames, *rig, *reference, "--out", out, "--json", tmp_path / "f.json")
-        xyz = np.asarray(fw.read_points(out).xyz_mm)
-        assert abs(np.median(xyz[:, 2]) - (WALL_MM - 3)) < 0.2
+    reference = ("--plane", f"0,0,1,{WALL_MM}")
+    if known == "coordinates":
+        fw.write_coordinates(tmp_path / "wall.npz", decoded("wall"))
+        reference = ("--plane-coordinates", tmp_path / "wall.npz")
+    out = tmp_path / "part.ply"
+    run("reconstruct", *frames, *rig, *reference, "--out", out, "--json", tmp_path / "f.json")
+    xyz = np.asarray(fw.read_points(out).xyz_mm)
+    assert abs(np.median(xyz[:, 2]) - (WALL_MM - 3)) < 0.2
     message = run("reconstruct", *frames, "--plane", "0,0,1,560", code=2).stderr
     assert "--plane: expected together with --rig" in message
     message = run("reconstruct", *frames, *rig, code=2).stderr

@@ -14,6 +14,7 @@ import fringeworks as fw
 from fringeworks import _core
 from fringeworks.pair.windows import spline_coefficients
 from tests.cliff_scenes import boxes
+from tests.grids import quick
 from tests.oracles import cliffs as oracle
 from tests.oracles import windowed
 from tests.oracles.windowed import LIMITS
@@ -144,7 +145,8 @@ def measured_boxes(period, quality=None):
 
 
 @pytest.mark.parametrize(
-    ("period", "quality"), [(16.0, None), (30.0, None), (30.0, 85), (60.0, None)]
+    ("period", "quality"),
+    quick([(16.0, None), (30.0, None), (30.0, 85), (60.0, None)], (30.0, None), (30.0, 85)),
 )
 def test_errors_beside_cliffs_are_small(period, quality):
     """Of another scene than the demonstration's, seen by a lens."""

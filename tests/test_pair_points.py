@@ -77,7 +77,7 @@ def test_the_plane_is_predicted_as_the_camera_sees_it():
     ("known", "name"),
     [
         ("decoded", "sphere"),
-        ("plane", "plane"),
+        pytest.param("plane", "plane", marks=pytest.mark.long),
         pytest.param("decoded", "plane", marks=pytest.mark.long),
         pytest.param("plane", "sphere", marks=pytest.mark.long),
         pytest.param("decoded", "bust", marks=pytest.mark.long),

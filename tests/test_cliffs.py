@@ -79,7 +79,14 @@ def test_smoothing_stays_within_walls_as_its_oracle_does():
     assert np.abs(found - u)[inside].max() < 0.2  # 5 px lower outside
 
 
-@pytest.mark.parametrize("scales", [(32.0,), (8.0,), (3.0,), (8.0, 4.0, 2.0)])
+@pytest.mark.parametrize(
+    "scales",
+    [
+        *(pytest.param(one, marks=pytest.mark.long) for one in ((32.0,), (8.0,))),
+        (3.0,),
+        (8.0, 4.0, 2.0),
+    ],
+)
 def test_windows_with_walls_agree_with_their_oracle(scales):
     spline, d, u, edge = cliff_problem()
     start = (u + 0.3).astype(np.float32)

@@ -14,6 +14,7 @@ import fringeworks as fw
 from fringeworks import _core
 from fringeworks.pair.windows import spline_coefficients
 from tests.cliff_scenes import boxes
+from tests.grids import quick
 from tests.oracles import cliffs as oracle
 from tests.oracles import windowed
 from tests.oracles.windowed import LIMITS
@@ -78,7 +79,14 @@ def test_smoothing_stays_within_walls_as_its_oracle_does():
     assert np.abs(found - u)[inside].max() < 0.2  # 5 px lower outside
 
 
-@pytest.mark.parametrize("scales", [(32.0,), (8.0,), (3.0,), (8.0, 4.0, 2.0)])
+@pytest.mark.parametrize(
+    "scales",
+    [
+        *(pytest.param(one, marks=pytest.mark.long) for one in ((32.0,), (8.0,))),
+        (3.0,),
+        (8.0, 4.0, 2.0),
+    ],
+)
 def test_windows_with_walls_agree_with_their_oracle(scales):
     spline, d, u, edge = cliff_problem()
     start = (u + 0.3).astype(np.float32)
@@ -144,7 +152,8 @@ def measured_boxes(period, quality=None):
 
 
 @pytest.mark.parametrize(
-    ("period", "quality"), [(16.0, None), (30.0, None), (30.0, 85), (60.0, None)]
+    ("period", "quality"),
+    quick([(16.0, None), (30.0, None), (30.0, 85), (60.0, None)], (30.0, None), (30.0, 85)),
 )
 def test_errors_beside_cliffs_are_small(period, quality):
     """Of another scene than the demonstration's, seen by a lens."""

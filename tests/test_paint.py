@@ -132,7 +132,7 @@ def test_cliffs_are_not_taken_for_paint(body):
 
 
 @pytest.mark.parametrize(
-    "light", [{"ambient": 0.3, "contrast": 0.6}, pytest.param({"jpeg": 75}, marks=pytest.mark.long)]
+    "light", [pytest.param({"ambient": 0.3, "contrast": 0.6}, marks=pytest.mark.long), {"jpeg": 75}]
 )
 def test_paint_in_other_light(light):
     scene = fw.simulate.standard_scene("parabola", **CAMERA, painted=True, seed=2, **light)

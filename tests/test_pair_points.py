@@ -21,6 +21,7 @@ from fringeworks.simulate.standard import bust, fringe_plan, standard_rig, truth
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import InputError
 from tests.commands import run
+from tests.grids import quick
 from tests.shared import shared
 
 pytestmark = pytest.mark.statistical
@@ -80,7 +81,7 @@ def test_the_plane_is_predicted_as_the_camera_sees_it():
     ("known", "name"),
     [
         ("decoded", "sphere"),
-        ("plane", "plane"),
+        pytest.param("plane", "plane", marks=pytest.mark.long),
         pytest.param("decoded", "plane", marks=pytest.mark.long),
         pytest.param("plane", "sphere", marks=pytest.mark.long),
         pytest.param("decoded", "bust", marks=pytest.mark.long),
@@ -119,23 +120,22 @@ def test_what_does_not_belong_together_is_refused():
         measure_pair(small, RIG, reference=found)
 
 
-def test_on_the_command_line(tmp_path):
+@pytest.mark.parametrize("known", quick(["coordinates", "plane"], "plane"))
+def test_on_the_command_line(tmp_path, known):
     one = pair("plane")
     for name in ("reference", "object"):
         Image.fromarray(getattr(one, name)).save(tmp_path / f"{name}.png")
     fw.files.write_rig(tmp_path / "rig.toml", RIG)
-    fw.files.write_coordinates(tmp_path / "wall.npz", decoded("wall"))
     frames = ("--reference", tmp_path / "reference.png", "--object", tmp_path / "object.png")
     rig = ("--rig", tmp_path / "rig.toml")
-    known = (
-        ("--plane-coordinates", tmp_path / "wall.npz"),
-        ("--plane-equation", f"0,0,1,{WALL_MM}"),
-    )
-    for k, reference in enumerate(known):
-        out = tmp_path / f"{k}.ply"
-        run("reconstruct", *frames, *rig, *reference, "--out", out, "--json", tmp_path / "f.json")
-        xyz = np.asarray(fw.files.read_points(out).xyz_mm)
-        assert abs(np.median(xyz[:, 2]) - (WALL_MM - 3)) < 0.2
+    reference = ("--plane-equation", f"0,0,1,{WALL_MM}")
+    if known == "coordinates":
+        fw.files.write_coordinates(tmp_path / "wall.npz", decoded("wall"))
+        reference = ("--plane-coordinates", tmp_path / "wall.npz")
+    out = tmp_path / "part.ply"
+    run("reconstruct", *frames, *rig, *reference, "--out", out, "--json", tmp_path / "f.json")
+    xyz = np.asarray(fw.files.read_points(out).xyz_mm)
+    assert abs(np.median(xyz[:, 2]) - (WALL_MM - 3)) < 0.2
     message = run("reconstruct", *frames, "--plane-equation", "0,0,1,560", code=2).stderr
     assert "--plane-equation: expected together with --rig" in message
     message = run("reconstruct", *frames, *rig, code=2).stderr

@@ -11,6 +11,7 @@ from fringeworks.pair import height_from_displacement
 from fringeworks.pair.methods.inverse_function import find_extrema
 from fringeworks.simulate.fringes import PairSettings, capture_pair
 from fringeworks.simulate.scene import STANDARD_GEOMETRY
+from tests.grids import quick, thinned
 from tests.oracles import inverse_function as oracle
 
 HEIGHT, WIDTH = 72, 240
@@ -47,8 +48,7 @@ def slipped(found, u, period):
         return (np.abs(found.displacement_px - u) > SLIP_PERIODS * period)[:, RIM_PX:-RIM_PX]
 
 
-@pytest.mark.parametrize("shape", ["plane", "curved", "steep"])
-@pytest.mark.parametrize("period", [7.5, 12.0, 20.0, 35.0])
+@thinned(strength=1, period=[7.5, 12.0, 20.0, 35.0], shape=["plane", "curved", "steep"])
 def test_no_row_slips_on_a_pixel_grid(shape, period):
     grids = [(share * period, depth) for share, depth in GRIDS if share * period > 2.3]
     for pitch, depth in [*grids, (2.3, 0.5)]:
@@ -106,7 +106,7 @@ def test_cliffs_do_not_slip():
         assert not slipped(found, u, period).any()
 
 
-@pytest.mark.parametrize("name", ["pair_fine", "pair_holes"])
+@pytest.mark.parametrize("name", quick(["pair_fine", "pair_holes"], "pair_holes"))
 def test_orders_of_photographs(real_data, name):
     """Few pixels are off by a period or more, where row methods measure at all."""
     folder = real_data / name

@@ -14,6 +14,7 @@ from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.setup import SetupStopped, set_up
 from fringeworks.scan.setup_file import read_setup, write_setup
 from fringeworks.types import CameraSettings, DeviceProblem, Finding
+from tests.grids import quick
 from tests.virtual_devices import Screen, bench
 
 pytestmark = pytest.mark.statistical
@@ -74,7 +75,7 @@ def test_a_camera_that_averages_over_time_is_named():
     assert "60% of every frame" in found.findings[1].seen
 
 
-@pytest.mark.parametrize("name", CLEAN)
+@pytest.mark.parametrize("name", quick(list(CLEAN), "rolling", "twelve bits"))
 def test_a_clean_bench_has_no_finding(name):
     projector, camera = CLEAN[name]
     found = measured(projector, camera, 2)

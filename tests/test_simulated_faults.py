@@ -287,6 +287,7 @@ def test_pairs_under_real_optics_are_right(fault, method):
     assert pair_beyond_5(pair, truth, method) <= BEYOND_5
 
 
+@pytest.mark.long
 def test_pairs_of_a_hollow_that_lights_itself_are_right():
     pair, truth = pair_under(Optics(), interreflection, height_mm=-15.0)
     for method in GOOD:

@@ -1,4 +1,4 @@
-# demo · test · long · faults · fuzz · kills · check · bench · docs · gallery · screenshots · wheel · audit: the only entry points. Each makes its
+# demo · unit · test · long · faults · fuzz · kills · check · bench · docs · gallery · screenshots · wheel · audit: the only entry points. Each makes its
 # own .venv and needs nothing but python3 (3.11 or later), cargo and make.
 
 PYTHON ?= python3
@@ -13,26 +13,32 @@ export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 RUST := Cargo.toml Cargo.lock $(shell find crates -name '*.rs' -o -name Cargo.toml)
 WORK ?=
 
-.PHONY: demo test long faults fuzz kills check bench docs gallery clean screenshots wheel audit
+.PHONY: demo unit test long faults fuzz kills check bench docs gallery clean screenshots wheel audit
 
 demo: $(VENV)/.built
 	$(BIN)/fringeworks demo --out demo
 
 # The peak of memory of a call depends on how its threads meet: it is measured while nothing else runs.
 ALONE := tests/test_memory.py
-OTHERS := -n 3 --dist worksteal --ignore tests/test_faults.py --ignore $(ALONE) -m "not long"
+WORKERS := -n 3 --dist worksteal --ignore tests/test_faults.py --ignore $(ALONE)
+OTHERS := $(WORKERS) -m "not long"
+UNIT := $(WORKERS) -m "not (statistical or system or long)"
 
 # Workers and child interpreters share the bytecode of the package and of the tests, whatever the caller's environment says.
 TESTED := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1
 
-# Cargo's test profile checks for overflow; the bindings have no tests of their own. Three workers for two
-# cores: some tests wait for cameras and pages. One BLAS thread for each: idle ones spin on the cores of the others.
+# The quick layer: what has neither scenes nor processes.
+unit: $(VENV)/.built
+	$(TESTED) $(BIN)/python -m pytest $(UNIT)
+
+# All layers but the long one. Cargo's test profile checks for overflow; the bindings have no tests of their own. Three workers
+# for two cores: some tests wait for cameras and pages. One BLAS thread for each: idle ones spin on the cores of the others.
 test: $(VENV)/.built
 	cargo test --quiet --package fringeworks
 	$(TESTED) $(BIN)/python -m pytest $(ALONE)
 	$(TESTED) $(BIN)/python -m pytest $(OTHERS)
 
-# Statistics over many captures, which take minutes.
+# Statistics over many captures, and whole grids of which the tests take pairs: an hour.
 long: $(VENV)/.built
 	$(BIN)/python -m pytest -n 2 --ignore tests/test_faults.py -m long
 
@@ -84,7 +90,7 @@ screenshots: $(VENV)/.built
 	$(BIN)/python docs/make_studio_screenshots.py
 
 # Wheel and source distribution in dist/. The wheel is installed into an empty environment whose path holds nothing but that
-# environment, so that neither cargo nor a compiler can help, and is tested there.
+# environment, so that neither cargo nor a compiler can help, and is tested there: by the quick layer, or with ALL=1 by all of `make test`.
 wheel: $(VENV)/.ready
 	rm -rf dist $(WHEEL_VENV)
 	VIRTUAL_ENV=$(VENV) $(BIN)/maturin build --release --locked --quiet --sdist --out dist
@@ -92,7 +98,7 @@ wheel: $(VENV)/.ready
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: dist/*.whl
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python -I release/installed.py --most-mb 250
 	PATH=$(WHEEL_VENV)/bin $(WHEEL_VENV)/bin/python $(PIP) --only-binary :all: -r requirements/test.txt
-	$(TESTED) $(WHEEL_VENV)/bin/python -m pytest $(OTHERS) tests
+	$(TESTED) $(WHEEL_VENV)/bin/python -m pytest $(if $(ALL),$(OTHERS),$(UNIT)) tests
 
 # Known weaknesses of what is installed and compiled, and a list of it in dist/. Says so and ends without error where no network
 # or no cargo-audit is at hand.

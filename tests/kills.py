@@ -28,9 +28,9 @@ import fringeworks as fw
 from fringeworks.batch.sequence_store import SequenceStore
 from fringeworks.batch.store import Store
 from fringeworks.files.atomic import TEMPORARY, write_text
+from tests.folder_writes import check as check_capture
+from tests.folder_writes import content as capture_content
 from tests.hostile import _cloud, _surface
-from tests.test_folders import check as check_capture
-from tests.test_folders import content as capture_content
 
 WRITER_S = 60.0
 """Time for the kills of one writer, s; slow ones get fewer."""

@@ -28,7 +28,7 @@ from fringeworks.simulate.standard import (
     standard_rig,
 )
 from fringeworks.simulate.virtual_rig import look
-from tests.test_inspect import scene, step
+from tests.inspected import scene, step
 
 BOARD = fw.rig.parse_board("chessboard:11x8:12")
 PHOTOGRAPHS = ("a.jpg", "b.jpg", "plane.jpg", "part.jpg", "cup.jpg")

@@ -9,17 +9,17 @@ import numpy as np
 
 from fringeworks import decode
 from fringeworks.rig.calibration.board import Board, parse_board
-from fringeworks.rig.calibration.calibrate import observe
+from fringeworks.rig.calibration.calibrate import calibrate, observe
 from fringeworks.rig.calibration.parameters import parameter_change
 from fringeworks.rig.calibration.residuals import Sighting
-from fringeworks.rig.pinhole import pose, project_with_derivatives, transform
+from fringeworks.rig.pinhole import pose, project_with_derivatives, rotation, transform
 from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.stack.even_light import texture
-from fringeworks.types import Rig
+from fringeworks.types import Pinhole, Rig
 from tests.shared import shared
 
 SCALE = 0.5
@@ -74,8 +74,6 @@ def observations(count: int = 8, seed: int = 0):
 @shared
 def calibrated():
     """Calibration from the eight poses."""
-    from fringeworks.rig.calibration.calibrate import calibrate
-
     return calibrate(observations(), board())
 
 
@@ -106,8 +104,6 @@ def sighting(
 
 def ahead(body, x=0.0, y=0.0, z=500.0, turn=None, albedo=0.8) -> Body:
     """A shape in front of the camera; ``turn`` is a rotation vector in rad."""
-    from fringeworks.rig.pinhole import rotation
-
     R = np.eye(3) if turn is None else rotation(np.array(turn, float))
     return Body(body, pose(R, np.array([x, y, z])), albedo)
 
@@ -134,3 +130,21 @@ def with_gross_errors(decoded, share: float, seed: int = 0):
         jump = rng.choice([-30.0, 15.0, 60.0], true.shape).astype(np.float32)
         maps[axis] = replace(coordinates, coordinate_px=np.where(wrong, true + jump, true))
     return replace(decoded, **maps)
+
+
+def groove(turn: float = np.pi / 4, side: float = 110.0) -> list[Body]:
+    """Two plates that open towards the camera, with a vertical edge between them."""
+    plates = []
+    for sign in (-1, 1):
+        R = rotation(np.array([0.0, sign * turn, 0.0]))
+        middle = np.array([0.0, 0.0, 520.0]) + R @ np.array([sign * side / 2, 0.0, 0.0])
+        plates.append(Body(Plane(side, side), pose(R, middle), 0.8))
+    return plates
+
+
+def head_on(size=64):
+    """A rig whose camera is at the projector's pupil, with the same pixels."""
+    device = Pinhole(size, size, (1000.0, 1000.0), (size / 2 - 0.5, size / 2 - 0.5))
+    nearly = np.eye(4)
+    nearly[0, 3] = -1e-9
+    return Rig(device, device, nearly)

@@ -12,6 +12,7 @@ from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
+from fringeworks.types import HeightMap, PointCloud, Reason
 from tests.shared import shared
 
 HOSTILE = "</script><script>window.hacked = 1</script><img src=x onerror='window.hacked = 1'>"
@@ -79,3 +80,41 @@ def without_values(cloud: fw.PointCloud) -> fw.PointCloud:
     nothing = np.full(cloud.shape, np.nan, np.float32)
     reason = np.random.default_rng(0).integers(1, 12, cloud.shape).astype(np.uint8)
     return fw.PointCloud(np.full_like(cloud.xyz_mm, np.nan), nothing, nothing, reason)
+
+
+FOCAL_PX = 60.0
+"""Focal length of the tests' camera."""
+
+
+def heights(values, pitch=2.0, **more):
+    values = np.asarray(values, np.float32)
+    reason = np.where(np.isfinite(values), Reason.OK, Reason.SHADOW).astype(np.uint8)
+    sigma = np.where(np.isfinite(values), 0.01, np.nan).astype(np.float32)
+    return HeightMap(values, sigma, reason, "height", "mm", pitch, **more)
+
+
+def plane_cloud(normal=(0.3, -0.1, -1.0), distance=100.0, sigma=0.05, hole=None):
+    """A plane n·P = −d before a camera of 41 × 31 px."""
+    y, x = np.mgrid[:31, :41].astype(float)
+    ray = np.stack(((x - 20) / FOCAL_PX, (y - 15) / FOCAL_PX, np.ones_like(x)), axis=-1)
+    points = ray * (-distance / (ray @ np.asarray(normal)))[..., None]
+    reason = np.zeros(x.shape, np.uint8)
+    if hole is not None:
+        reason[hole] = Reason.SHADOW
+        points[hole] = np.nan
+    s = np.where(reason == 0, sigma, np.nan)
+    return PointCloud(points, s, s, reason)
+
+
+H, W = 60, 80
+"""Shape of a small cloud."""
+
+
+def cloud_of(depth):
+    """A cloud of a camera of 500 px focal length that sees the depths."""
+    y, x = np.mgrid[:H, :W]
+    rays = np.stack(((x - W / 2) / 500, (y - H / 2) / 500, np.ones((H, W))), axis=-1)
+    seen = np.isfinite(depth)
+    sigma = np.where(seen, 0.02, np.nan).astype(np.float32)
+    reason = np.where(seen, fw.Reason.OK, fw.Reason.SHADOW).astype(np.uint8)
+    return fw.PointCloud((rays * depth[..., None]).astype(np.float32), sigma, sigma / 2, reason)

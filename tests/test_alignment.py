@@ -17,6 +17,8 @@ from fringeworks.views.alignment import align_points
 from fringeworks.views.poses import carried, twist
 from tests import parts
 
+pytestmark = pytest.mark.statistical
+
 SIGMA = 0.01
 """Standard deviation of made points along the normal, mm."""
 

@@ -129,6 +129,26 @@ def test_imports_run_one_way():
     assert not [wrong for path in rooms for wrong in wrong_imports(path)]
 
 
+def test_files_of_tests_import_from_helpers_only():
+    # What a file of tests imports from another one runs, marks and breaks with that one.
+    wrong = []
+    for path in sorted((ROOT / "tests").rglob("*.py")):
+        found = re.findall(r"(?:from|import) tests(?:\.| import )(test_\w+)", path.read_text())
+        wrong += [f"{short(path)} imports {name}" for name in found]
+    assert not wrong
+
+
+def test_tests_that_start_processes_are_marked():
+    # The unit layer stays quick, and runs where there is no browser, camera or window.
+    starts = ("subprocess", "playwright", "chromium", "studio_page", "tests.kernels", "FakeCamera")
+    bare = []
+    for path in sorted((ROOT / "tests").glob("test_*.py")):
+        text = path.read_text()
+        if path != Path(__file__) and any(word in text for word in starts):
+            bare += [] if "pytest.mark.system" in text else [short(path)]
+    assert not bare
+
+
 def test_parts_of_scipy_load_when_they_are_called():
     # "import scipy" takes no time; scipy.interpolate alone takes 0.2 s of every command.
     early = []

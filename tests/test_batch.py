@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +23,15 @@ from fringeworks.cli.commands import run
 from fringeworks.report.control_chart import control_limits
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from tests.test_inspect import scene, step
+from tests.grids import quick
+from tests.inspected import scene, step
 
-zarr = pytest.importorskip("zarr", reason="zarr is not installed")
-pytest.importorskip("distributed", reason="distributed is not installed")
+# Both packages take a second to import, which every worker would pay that only collects these tests.
+MISSING = [name for name in ("zarr", "distributed") if find_spec(name) is None]
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(bool(MISSING), reason=f"{' and '.join(MISSING)} is not installed"),
+]
 
 COUNT = 5
 # Dask and its web server complain about themselves.
@@ -67,6 +73,8 @@ def table(result):
 
 def check_whole(folder, names):
     """Every scan has one complete result, or an error; nothing half is left."""
+    import zarr
+
     rows = table(folder.with_suffix(".csv"))
     assert set(rows) == set(names)
     places = {path.name for path in (folder / "scans").iterdir() if path.is_dir()}
@@ -80,8 +88,10 @@ def check_whole(folder, names):
 
 
 @quiet
-@pytest.mark.parametrize("scheduler", [None, "local"])
+@pytest.mark.parametrize("scheduler", quick([None, "local"], None))
 def test_batches_are_equal_to_single_measurements(line, tmp_path, scheduler):
+    import zarr
+
     out = tmp_path / "out.zarr"
     told = []
     found = fw.batch.run_batch(
@@ -197,6 +207,8 @@ def test_exit_codes_are_those_of_parts(line, tmp_path):
 
 @pytest.mark.long
 def test_arrays_and_addresses(line, tmp_path):
+    import zarr
+
     frames = [fw.files.read_stack(line / "in" / f"part-{k}").frames for k in range(2)]
     stack = np.array([list(one) for one in frames])
     made = zarr.create_array(tmp_path / "frames.zarr", data=stack, chunks=(1, 1, *stack.shape[2:]))
@@ -358,6 +370,8 @@ def small_disk(tmp_path):
 
 @pytest.mark.long
 def test_a_full_disk_leaves_nothing_half(line, small_disk):
+    import zarr
+
     out = small_disk / "out.zarr"
     with contextlib.suppress(fw.InputError):
         found = fw.batch.run_batch(line / "in", line / "recipe.toml", out, workers=2)

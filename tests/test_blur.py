@@ -16,6 +16,8 @@ from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, 
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.surface.clean import inside_surface
 
+pytestmark = pytest.mark.statistical
+
 RADIUS_MM = 25.0
 BOARD = fw.rig.parse_board("charuco:10x10:20:15")
 

@@ -19,6 +19,7 @@ from fringeworks.cli.commands import run
 from fringeworks.report.board_outlines import board_ink, cells_outline
 from fringeworks.report.boards import TICK_MM
 from fringeworks.report.papers import PAPERS, needed_mm, paper_size, place_on_sheet
+from tests.grids import quick, thinned
 
 DPI = 300
 """Resolution of the rendered pages, dots per inch: 0.085 mm per pixel."""
@@ -34,6 +35,8 @@ BOARDS = [
     ("asymmetric-circles:4x11:16", "A4", False),
     ("asymmetric-circles:4x10:12", "300x200", True),
 ]
+DRAWN = quick(BOARDS, BOARDS[0], BOARDS[2], BOARDS[5], BOARDS[7])
+"""Every kind of board, in black on white and in white on black, on paper of several sizes."""
 
 
 def pixels(figure, dpi=DPI):
@@ -59,7 +62,7 @@ def check_distances(image, board, mm_per_px=25.4 / DPI):
     assert np.abs(distance[0] - distance[1]).max() < WITHIN_MM
 
 
-@pytest.mark.parametrize(("text", "paper", "white"), BOARDS)
+@pytest.mark.parametrize(("text", "paper", "white"), DRAWN)
 def test_boards_are_exact_and_found(text, paper, white):
     board = fw.rig.parse_board(text)
     figure, image = sheet(text, paper, white)
@@ -71,7 +74,7 @@ def test_boards_are_exact_and_found(text, paper, white):
     ]
 
 
-@pytest.mark.parametrize(("text", "paper", "white"), BOARDS)
+@pytest.mark.parametrize(("text", "paper", "white"), DRAWN)
 def test_the_drawing_is_the_simulated_board(text, paper, white):
     """Cell by cell what the virtual rig photographs, and white beyond the board's ink."""
     board = fw.rig.parse_board(text)
@@ -144,7 +147,7 @@ def test_vector_files_have_the_size_of_the_paper(tmp_path):
     assert float(found[1]) * 25.4 / 72 == pytest.approx(297, abs=1e-4)
 
 
-@pytest.mark.parametrize(("text", "paper", "white"), BOARDS)
+@pytest.mark.parametrize(("text", "paper", "white"), DRAWN)
 def test_lines_of_the_vectors_are_exact(tmp_path, text, paper, white):
     """The outline in the SVG, which has the same vectors as the PDF, in mm."""
     board = fw.rig.parse_board(text)
@@ -159,8 +162,9 @@ def test_lines_of_the_vectors_are_exact(tmp_path, text, paper, white):
     np.testing.assert_allclose(np.ptp(vertices, axis=0), size, atol=1e-4)
 
 
+@pytest.mark.system
 @pytest.mark.skipif(shutil.which("pdftoppm") is None, reason="pdftoppm (poppler) is not installed")
-@pytest.mark.parametrize(("text", "paper", "white"), BOARDS)
+@pytest.mark.parametrize(("text", "paper", "white"), DRAWN)
 def test_another_program_draws_the_same(tmp_path, text, paper, white):
     board = fw.rig.parse_board(text)
     fw.report.write_board(tmp_path / "b.pdf", board, paper, white_on_black=white)
@@ -206,23 +210,25 @@ def test_outlines_of_cells():
     assert len(cells_outline(np.ones((2, 5), bool)).vertices) == 5
 
 
-@pytest.mark.parametrize("paper", PAPERS)
-def test_boards_that_do_not_fit_are_refused_with_those_that_do(paper):
-    for text in (
-        "chessboard:11x8:150",
-        "charuco:24x20:50.5:40",
-        "circles:30x30:60",
-        "asymmetric-circles:20x30:40",
-    ):
-        with pytest.raises(fw.InputError, match="largest that fits: ") as caught:
-            fw.report.board_sheet(text, paper)
-        for name in str(caught.value).partition("largest that fits: ")[2].split(" or "):
-            board = fw.rig.parse_board(name)
-            fw.report.board_sheet(board, paper)
-            more = board.pitch_mm + 0.1 if name.split(":")[1] == text.split(":")[1] else None
-            if more is not None:
-                width, height = sorted(needed_mm(replace(board, pitch_mm=more)))
-                assert width > min(PAPERS[paper]) or height > max(PAPERS[paper])
+TOO_LARGE = (
+    "chessboard:11x8:150",
+    "charuco:24x20:50.5:40",
+    "circles:30x30:60",
+    "asymmetric-circles:20x30:40",
+)
+
+
+@thinned(strength=1, paper=list(PAPERS), text=TOO_LARGE)
+def test_boards_that_do_not_fit_are_refused_with_those_that_do(paper, text):
+    with pytest.raises(fw.InputError, match="largest that fits: ") as caught:
+        fw.report.board_sheet(text, paper)
+    for name in str(caught.value).partition("largest that fits: ")[2].split(" or "):
+        board = fw.rig.parse_board(name)
+        fw.report.board_sheet(board, paper)
+        more = board.pitch_mm + 0.1 if name.split(":")[1] == text.split(":")[1] else None
+        if more is not None:
+            width, height = sorted(needed_mm(replace(board, pitch_mm=more)))
+            assert width > min(PAPERS[paper]) or height > max(PAPERS[paper])
 
 
 @pytest.mark.parametrize(
@@ -273,8 +279,8 @@ def test_names_read_back(text):
 
 def test_the_command(tmp_path, capsys):
     out = tmp_path / "board.pdf"
-    assert run(["board", "--kind", "charuco:11x8:15:11", "--paper", "A4", "--out", str(out)]) == 0
+    assert run(["board", "charuco:11x8:15:11", "--paper", "A4", "--out", str(out)]) == 0
     assert out.read_bytes().startswith(b"%PDF")
     assert "--board charuco:11x8:15:11" in capsys.readouterr().out
-    assert run(["board", "--kind", "chessboard:11x8:50", "--out", str(out)]) == 2
+    assert run(["board", "chessboard:11x8:50", "--out", str(out)]) == 2
     assert "largest that fits: chessboard:11x8:18.6" in capsys.readouterr().err

@@ -19,6 +19,7 @@ from fringeworks.simulate.boards import BoardErrors, real_points
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, board_poses, fringe_plan
 from fringeworks.stack.even_light import texture
+from tests.grids import quick
 from tests.rigs import (
     board,
     calibrated,
@@ -31,6 +32,8 @@ from tests.rigs import (
     sighting,
     with_gross_errors,
 )
+
+pytestmark = pytest.mark.statistical
 
 
 def test_accuracy_with_noise_and_eight_bits():
@@ -126,9 +129,8 @@ def test_coordinates_between_pixels_are_exact():
         assert np.median(np.abs(error) / o.found.sigma_px) < 2.0
 
 
-@pytest.mark.parametrize(
-    "text", ["charuco:12x9:12:8.5", pytest.param("circles:9x7:15", marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("text", ["charuco:12x9:12:8.5", "circles:9x7:15"])
 def test_other_boards_calibrate_as_well(text):
     seen = [
         see(T, f"pose{k}", text=text, optics=Optics(seed=k))
@@ -142,7 +144,7 @@ def test_other_boards_calibrate_as_well(text):
     assert np.mean(np.abs(scores) < 4) > 0.9
 
 
-@pytest.mark.parametrize("distortion", [0, 2, 4, 5])
+@pytest.mark.parametrize("distortion", quick([0, 2, 4, 5], 0, 4))
 def test_coefficients_that_are_not_estimated_are_zero(distortion):
     found = calibrate(observations()[:5], board(), distortion=distortion).rig
     sigma = np.sqrt(np.diag(found.covariance))
@@ -178,6 +180,7 @@ def test_a_moved_board_is_named():
     assert all(m.startswith("pose4: the ") for m in messages)
 
 
+@pytest.mark.long
 def test_ripple_of_an_uncorrected_projector_is_named():
     one = Optics(gamma=1.25, seed=1)
     full = fringe_plan(rig(), steps=3)

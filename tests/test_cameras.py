@@ -39,6 +39,8 @@ from tests.cameras import (
 )
 from tests.rigs import rig_errors as pair_errors
 
+pytestmark = pytest.mark.statistical
+
 CALIBRATIONS = 24
 """Number of calibrations over which coverage is pooled. The error of a calibration is common to all
 points, so one calibration counts as little more than one sample."""

@@ -16,8 +16,10 @@ from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, fringe_plan
 from tests.cameras import BOARD, facing_poses, small_rig, surfaces, views_of
+from tests.commands import run
 from tests.rigs import board
-from tests.test_cli import run
+
+pytestmark = pytest.mark.statistical
 
 
 def known_rig(cameras: int = 3):

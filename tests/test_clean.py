@@ -6,18 +6,7 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
-
-H, W = 60, 80
-
-
-def cloud_of(depth):
-    """A cloud of a camera of 500 px focal length that sees the depths."""
-    y, x = np.mgrid[:H, :W]
-    rays = np.stack(((x - W / 2) / 500, (y - H / 2) / 500, np.ones((H, W))), axis=-1)
-    seen = np.isfinite(depth)
-    sigma = np.where(seen, 0.02, np.nan).astype(np.float32)
-    reason = np.where(seen, fw.Reason.OK, fw.Reason.SHADOW).astype(np.uint8)
-    return fw.PointCloud((rays * depth[..., None]).astype(np.float32), sigma, sigma / 2, reason)
+from tests.surfaces import H, W, cloud_of
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import os
@@ -19,53 +18,12 @@ import tifffile
 from PIL import Image
 
 import fringeworks as fw
-from fringeworks.cli import commands
 from fringeworks.files.response import write_response
 from fringeworks.files.surfaces import read_surface
 from fringeworks.showcase.chapter4 import PARTS
 from fringeworks.signal.response import Response
+from tests.commands import COLUMNS, run, run_alone
 from tests.public import public_names
-from tests.test_evaluate import KEYS
-
-
-def run(*arguments, cwd=None, code=0):
-    """Run a command in this process: a process of its own would import everything again."""
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
-    with (
-        contextlib.redirect_stdout(out),
-        contextlib.redirect_stderr(err),
-        contextlib.chdir(cwd or "."),
-    ):
-        returned = commands.run([str(a) for a in arguments])
-        said = []
-        for stream in (out, err):
-            stream.flush()
-            said.append(stream.buffer.getvalue().decode())
-    done = subprocess.CompletedProcess(arguments, returned, *said)
-    return checked(done, code)
-
-
-def run_alone(*arguments, code=0):
-    """Run a command in a process of its own."""
-    command = [sys.executable, "-W", "error", "-m", "fringeworks", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    return checked(done, code)
-
-
-def checked(done, code):
-    assert done.returncode == code, done.stderr
-    if code == 2:
-        # Findings stand before the line of the error, on a slow machine also lines of progress.
-        said = [
-            line
-            for line in done.stderr.splitlines()
-            if not re.search(r"^(note|warning|error) \(|\(\d+ s(, \d+ s left)?\)$", line)
-        ]
-        assert said == done.stderr.splitlines()[-1:]
-        assert len(said) == 1, done.stderr
-        assert said[0].startswith("fringeworks: ")
-        assert "Traceback" not in done.stderr
-    return done
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +99,7 @@ def test_compare(tmp_path):
     )
     rows = json.loads(table.read_text())["rows"]
     assert [row["method"] for row in rows] == ["ifa", "sifa", "gsifa", "exact", "windowed"]
-    assert all(set(row) >= KEYS for row in rows)
+    assert all(set(row) >= COLUMNS for row in rows)
     assert len(done.stdout.splitlines()) == 6
     assert (tmp_path / "t.csv").read_text().startswith("object,method,gamma")
     assert (tmp_path / "t.md").read_text().startswith("| object |")
@@ -248,6 +206,7 @@ def test_unwritable_folder(capture, tmp_path):
     run("reconstruct", capture, "--out", tmp_path / "x.tif", code=2)
 
 
+@pytest.mark.system
 def test_anything_else_is_exit_code_1():
     command = [
         sys.executable,
@@ -266,6 +225,7 @@ def shown(name, folder):
     return {p.name for p in folder.iterdir()}
 
 
+@pytest.mark.system
 def test_demo(tmp_path):
     assert shown("demo", tmp_path / "demo") >= {
         "ideal.png",
@@ -278,6 +238,7 @@ def test_demo(tmp_path):
     }
 
 
+@pytest.mark.system
 @pytest.mark.long
 def test_paper(tmp_path):
     shown("paper", tmp_path)
@@ -308,6 +269,7 @@ def test_options_may_be_words_or_numbers(capture, tmp_path):
     assert "path: expected largest or smooth, got 'magic'" in wrong.stderr
 
 
+@pytest.mark.system
 def test_matrix_prints_and_draws_a_map(tmp_path):
     picture = tmp_path / "map.png"
     shown = run(
@@ -325,7 +287,7 @@ def test_response_is_applied(tmp_path):
     out = write_response(
         tmp_path / "response.toml", Response("left", "bench", 2.2, 3, 1.0, table, (200.0,), 0.0)
     )
-    devices = ("--camera", "left", "--projector", "bench")
+    devices = ("--camera-name", "left", "--projector-name", "bench")
     run(
         "simulate",
         "--out",
@@ -345,7 +307,7 @@ def test_response_is_applied(tmp_path):
     assert "a response with γ = 2.2" in ok
     for given, words in (
         ((), "does not name its camera"),
-        (("--camera", "right", "--projector", "bench"), "the capture is of 'right'"),
+        (("--camera-name", "right", "--projector-name", "bench"), "the capture is of 'right'"),
     ):
         refused = run("reconstruct", tmp_path / "s", "--response", out, *given, code=2)
         assert words in refused.stderr
@@ -366,6 +328,7 @@ def test_version_quiet_and_log(capture, tmp_path):
     assert "could not be written" in run("--log", tmp_path, "methods", code=2).stderr
 
 
+@pytest.mark.system
 def test_standard_output_takes_any_result(capture):
     command = [sys.executable, "-m", "fringeworks", "reconstruct", capture, "--method", "fourier"]
 
@@ -381,6 +344,7 @@ def test_standard_output_takes_any_result(capture):
     assert "one result on standard output, got 2" in run(*both, code=2).stderr
 
 
+@pytest.mark.system
 def test_an_interrupt_is_answered(tmp_path):
     folder = tmp_path / "figures"
     command = [sys.executable, "-m", "fringeworks", "paper", "--size", "160", "--out", folder]
@@ -424,6 +388,7 @@ def wrong(pair):
 '''
 
 
+@pytest.mark.system
 def test_methods_from_outside(capture, tmp_path):
     plugin = tmp_path / "mine.py"
     plugin.write_text(PLUGIN)
@@ -472,6 +437,7 @@ def test_the_reference_page_is_complete():
             assert f"| `{group.name} {command.callback.__name__}` |" in page
 
 
+@pytest.mark.system
 def test_installed_methods_are_found(tmp_path):
     (tmp_path / "theirs.py").write_text(PLUGIN)
     info = tmp_path / "theirs-1.0.dist-info"
@@ -489,7 +455,6 @@ def test_installed_methods_are_found(tmp_path):
 
 
 def test_every_command_has_an_example():
-    from fringeworks.cli import commands  # noqa: F401, registers them
     from fringeworks.cli.app import SECTIONS, app
 
     for command in [*app.registered_commands, *app.registered_groups]:
@@ -499,6 +464,7 @@ def test_every_command_has_an_example():
         assert command.epilog.startswith("Example: fringeworks "), command.name
 
 
+@pytest.mark.system
 def test_light_imports():
     script = (
         "import sys, fringeworks; heavy = {'numpy', 'h5py', 'typer', 'rich', 'matplotlib', 'scipy',"
@@ -510,6 +476,7 @@ def test_light_imports():
     assert done.stdout.split() == []
 
 
+@pytest.mark.system
 def test_png_to_coordinates_imports_what_it_uses(tmp_path):
     plan = fw.PatternPlan(
         160,
@@ -531,6 +498,7 @@ def test_png_to_coordinates_imports_what_it_uses(tmp_path):
     assert done.stdout.split() == ["0"]
 
 
+@pytest.mark.system
 def test_start_is_quick():
     """``import fringeworks`` ≤ 2 × ``import numpy``, ``fringeworks --help`` ≤ 5 ×; best of five."""
 

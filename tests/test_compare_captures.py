@@ -10,8 +10,10 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.evaluate.captures import short_names
+from tests.commands import run
 from tests.conftest import scene
-from tests.test_cli import run
+
+pytestmark = pytest.mark.statistical
 
 SMALL = {"size": 120, "fringes": 10.0, "height_mm": 30.0, "noise": 1.0}
 METHODS = ["fourier", "windowed", "wavelet"]

@@ -15,6 +15,8 @@ from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body
 from tests.rigs import board, poses, rig, shoot
 
+pytestmark = pytest.mark.statistical
+
 FORMS = [
     "chessboard:11x8:12",
     "chessboard:8x8:15",

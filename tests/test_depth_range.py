@@ -19,8 +19,11 @@ from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig, truth_distance
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import Reason
+from tests.commands import run
+from tests.grids import thinned
 from tests.rigs import ahead
-from tests.test_cli import run
+
+pytestmark = pytest.mark.statistical
 
 RIG = standard_rig(scale=0.25)
 
@@ -106,8 +109,7 @@ def stack(seen, plan, seed, **optics):
     return fw.Stack(tuple(photograph(seen, plan, Optics(seed=seed, **optics))), plan)
 
 
-@pytest.mark.parametrize("frames", [3, 4])
-@pytest.mark.parametrize("name", SCENES)
+@thinned(strength=1, name=list(SCENES), frames=[3, 4])
 def test_no_order_is_wrong_and_sigma_covers(name, frames):
     seen, errors = view(name), []
     inner = ~near_edges(seen)

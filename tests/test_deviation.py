@@ -18,6 +18,8 @@ from fringeworks.surface.closest import MeshDistance
 from fringeworks.views.poses import carried, twist
 from tests import parts
 
+pytestmark = pytest.mark.statistical
+
 TURNS = ((6.0, -5.0, 12.0), (-8.0, 3.0, 70.0), (2.0, 12.0, -30.0))
 """Rotations of the part before the camera, degrees."""
 
@@ -206,7 +208,7 @@ def test_the_command_writes_picture_report_and_figures(tmp_path, capsys):
     words = ["deviation", str(tmp_path / "part.npz"), "--model", str(tmp_path / "part.stl")]
     words += ["--rig", str(tmp_path / "rig.toml"), "--tolerance-mm", "0.05"]
     for pair in pairs:
-        words += ["--point", ":".join(f"{v:g}" for v in pair)]
+        words += ["--datum-point", ":".join(f"{v:g}" for v in pair)]
     for name in ("figure d.png", "report d.html", "json d.json"):
         option, file = name.split()
         words += [f"--{option}", str(tmp_path / file)]
@@ -220,9 +222,9 @@ def test_the_command_writes_picture_report_and_figures(tmp_path, capsys):
     assert figures["outside_share"] > figures["surely_outside_share"] > 0.0
     assert "Dents and bumps" in (tmp_path / "d.html").read_text()
     assert (tmp_path / "d.png").stat().st_size > 10_000
-    assert run([*words[:4], "--align", "none", "--point", "1:2:3:4:5:6"]) == 2
+    assert run([*words[:4], "--align", "none", "--datum-point", "1:2:3:4:5:6"]) == 2
     assert "cannot be combined" in capsys.readouterr().err
-    assert run([*words[:4], "--align", "datum-points", "--point", "1:2:3"]) == 2
+    assert run([*words[:4], "--align", "datum-points", "--datum-point", "1:2:3"]) == 2
     assert "6 numbers" in capsys.readouterr().err
 
 

@@ -258,6 +258,7 @@ def test_screens_are_opened_by_name_or_number(monkeypatch):
     assert [line.words for line in list_devices()[0]] == ["screen:eDP-1", "screen:1", "screen:2"]
 
 
+@pytest.mark.system
 def test_the_vendors_camera_captures(tmp_path):
     """The example runs as it stands, and its kind opens from a plug-in file."""
     ran = subprocess.run(

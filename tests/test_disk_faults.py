@@ -15,6 +15,8 @@ import fringeworks as fw
 from fringeworks.types import fingerprint
 from tests.stacks import multi, take
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parents[1]
 SCRIPT = """
 import resource, sys

@@ -19,7 +19,7 @@ from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import Finding, Reason
-from tests.test_profiles import heights, plane_cloud
+from tests.surfaces import heights, plane_cloud
 
 DIVERGING = {"coolwarm"}
 

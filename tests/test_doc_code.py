@@ -9,7 +9,6 @@ import shutil
 import unicodedata
 import urllib.parse
 import webbrowser
-from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -31,9 +30,8 @@ from fringeworks.simulate.standard import (
 )
 from fringeworks.simulate.virtual_rig import look
 from tests.public import public_names
-from tests.walk import ROOT, commands, examples
+from tests.walk import PAGES, ROOT, commands, examples, marked
 
-PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")])
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 ROW_METHODS = ("exact", "gsifa", "sifa", "ifa")
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.M | re.S)
@@ -59,16 +57,8 @@ ELSEWHERE = {"gallery.md"}
 """Pages whose code is made from the examples, which tests/test_examples.py runs."""
 
 
-LONG = ("tutorial-rig.md",)
+LONG = ("tutorial-rig.md", "rig.md")
 """Pages that calibrate anew what another page calibrates."""
-
-
-def marked(pages: Iterable[Path], long: Collection[str]) -> list:
-    """Pages as parameters of a test, by their names; those in ``long`` run with the long tests."""
-    return [
-        pytest.param(page, marks=pytest.mark.long if page.name in long else (), id=page.name)
-        for page in pages
-    ]
 
 
 def blocks(page: Path) -> list[str]:

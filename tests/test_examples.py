@@ -10,6 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parent.parent
 specification = importlib.util.spec_from_file_location(
     "make_gallery", ROOT / "docs" / "make_gallery.py"
@@ -22,6 +24,8 @@ specification.loader.exec_module(gallery)
 MAX_LINES = 30
 ELSEWHERE = {"vendor_camera.py", "live.py"}
 """Examples that tests of their own run."""
+LONG = ("calibrate.py", "deviation.py")
+"""Examples that render the poses of a board, which takes seconds."""
 
 
 @pytest.fixture
@@ -32,7 +36,13 @@ def _clean(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("_clean")
 @pytest.mark.parametrize(
-    "example", [e for e in gallery.examples() if e.name not in ELSEWHERE], ids=lambda e: e.name
+    "example",
+    [
+        pytest.param(e, marks=pytest.mark.long if e.name in LONG else ())
+        for e in gallery.examples()
+        if e.name not in ELSEWHERE
+    ],
+    ids=lambda e: e.name,
 )
 def test_examples_run(example, tmp_path, capsys):
     found = gallery.run(example)

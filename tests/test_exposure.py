@@ -14,6 +14,8 @@ from fringeworks.scan.exposure import auto_exposure, exposure_series
 from fringeworks.types import CameraSettings, DeviceProblem
 from tests.virtual_devices import Screen, bench
 
+pytestmark = pytest.mark.statistical
+
 PERIOD_MS = 1e3 / 60
 
 

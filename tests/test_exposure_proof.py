@@ -11,6 +11,8 @@ from fringeworks.scan.exposure_proof import exposure_obeys
 from fringeworks.types import CameraSettings, DeviceProblem
 from tests.virtual_devices import Screen, bench
 
+pytestmark = pytest.mark.statistical
+
 
 def proof(projector=None, camera=None, *, seed=0, **scene):
     b = bench(projector, camera, scene=Screen(**({"rows": 32, "columns": 48} | scene)), seed=seed)

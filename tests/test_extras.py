@@ -17,6 +17,8 @@ from fringeworks.simulate.scene import standard_scene
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parent.parent
 BLOCK = "import sys\nfor name in ('cv2', 'matplotlib'): sys.modules[name] = None\n"
 """Both packages are missing in a process that begins so, whether they are installed or not."""
@@ -170,7 +172,7 @@ def test_calls_that_need_a_package_say_so(captures, tmp_path):
         (["reconstruct", "pair", "--out", "x.tif", "--figure", "x.png"], f"x.png: {PLOTS}"),
         (["reconstruct", "pair", "--figure", "-"], f"-: {PLOTS}"),
         (["measure", "part", "--rig", "rig.toml", "--report", "x.html"], f"x.html: {PLOTS}"),
-        (["board", "--kind", "chessboard:9x7:20", "--out", "x.pdf"], f"x.pdf: {PLOTS}"),
+        (["board", "chessboard:9x7:20", "--out", "x.pdf"], f"x.pdf: {PLOTS}"),
         (["demo", "--out", "x"], f"the demonstration: {PLOTS}"),
         (["rig", "convert", "rig.toml", "--out", "x.xml"], f"a rig file of OpenCV: {OPENCV}"),
         (

@@ -7,6 +7,8 @@ from tests.fault_measure import EVERY, capture, expand, run
 from tests.fault_scenes import MARGIN, pixels, plans, see, see_fine
 from tests.fault_stage import Stage
 
+pytestmark = pytest.mark.statistical
+
 STAGE = Stage("steps", plans()["gray-3"])
 
 

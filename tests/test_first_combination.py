@@ -9,7 +9,10 @@ from fringeworks import InputError, PatternPlan, Reason, decode, propose
 from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.patterns.order_chain import order_chain
 from fringeworks.signal import CameraNoise
+from tests.grids import thinned
 from tests.stacks import multi, take
+
+pytestmark = pytest.mark.statistical
 
 # Columns, periods, steps and modulation over noise: the noise limit of each plan.
 PLANS = {
@@ -43,8 +46,7 @@ def measure(plan, modulation, seed=0):
     return ok, np.abs(found.coordinate_px - x)
 
 
-@pytest.mark.parametrize("factor", [0.8, 1.0, 1.3, 2.0])
-@pytest.mark.parametrize("name", list(PLANS))
+@thinned(strength=1, name=list(PLANS), factor=[0.8, 1.0, 1.3, 2.0])
 def test_no_order_is_wrong_near_the_noise_limit(name, factor):
     plan = plan_of(name)
     ok, off = measure(plan, factor * PLANS[name][3])

@@ -11,10 +11,10 @@ import pytest
 
 import fringeworks as fw
 from tests.conftest import scene
-from tests.stacks import multi, take
+from tests.folder_writes import PLANS
+from tests.stacks import take
 
 KILLS = 300
-PLANS = (multi((1, 8), 4, (300, 40)), multi((1, 5, 25), 3, (240, 30)))
 
 
 def test_things_of_others_are_safe(tmp_path):
@@ -92,16 +92,17 @@ DRIVER = """
 import os, random, signal, sys, time
 sys.path.insert(0, sys.argv[2])
 from pathlib import Path
-from tests.test_folders import KILLS, check, content
+from tests.folder_writes import check, content
 
-folder, complete, rng = Path(sys.argv[1]), 0, random.Random(1)
+folder, kills = Path(sys.argv[1]), int(sys.argv[3])
+complete, rng = 0, random.Random(1)
 for n in range(6):  # loads what the children need
     content(n)(folder)
 started = time.perf_counter()
 for n in range(6):
     content(n)(folder)
 longest = (time.perf_counter() - started) / 3
-for k in range(KILLS):
+for k in range(kills):
     child = os.fork()
     if child == 0:
         for n in range(k, k + 1000):
@@ -114,45 +115,12 @@ print(complete)
 """
 
 
-def content(k):
-    """The k-th thing that is written over the last: stacks, pairs and pictures in turn."""
-    plan = PLANS[k % 2]
-    if k % 3 == 0:
-        shape = (plan.height_px, plan.width_px)
-        frames = [
-            np.full(shape, k % 251, np.uint8) + np.arange(shape[1], dtype=np.uint8) % 4
-        ] * plan.frames
-        return lambda folder: fw.files.write_stack(folder, frames, plan, force=True)
-    if k % 3 == 1:
-        frame = np.full((40, 50), k % 251, np.uint8)
-        pair = fw.Pair(frame, frame + 1, mask=frame > 0)
-        return lambda folder: fw.files.write_pair(folder, pair, force=True)
-    return lambda folder: fw.files.write_patterns(folder, plan, force=True)
-
-
-def check(folder):
-    """Whatever can be read is one thing, as one call wrote it; true where there is something."""
-    try:
-        found = fw.files.read_capture(folder)
-    except fw.FileProblem:
-        return False
-    if isinstance(found, fw.Pair):
-        assert len({*np.unique(found.reference), *(np.unique(found.object) - 1)}) == 1
-        return True
-    assert found.plan in PLANS
-    assert len(found.frames) == found.plan.frames
-    written = np.stack(found.frames)
-    pictures = np.stack(list(fw.encode(found.plan)))
-    if not np.array_equal(written, pictures):
-        assert len(np.unique(written[:, :, 0])) == 1
-    return True
-
-
+@pytest.mark.system
 def test_kills_leave_nothing_half_and_nothing_mixed(tmp_path):
     root = os.path.dirname(os.path.dirname(__file__))
     # A process of its own that starts no threads, so that it may fork.
     done = subprocess.run(
-        [sys.executable, "-c", DRIVER, tmp_path / "c", root],
+        [sys.executable, "-c", DRIVER, tmp_path / "c", root, str(KILLS)],
         capture_output=True,
         text=True,
         timeout=200,

@@ -4,113 +4,18 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.kernels import EVERY_KERNEL, run
+
 BINDINGS = Path(__file__).parents[1] / "crates/bindings/src"
-TIMEOUT = 120
-"""Seconds after which a process counts as one that hangs; it takes about five."""
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork")
-
-
-def run(script: str, **environment: str) -> str:
-    """Output of a script; a process of its own, so that one that hangs can be ended."""
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore::DeprecationWarning", "-c", script],
-        cwd=Path(__file__).parents[1],
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-EVERY_KERNEL = """
-import io
-import os
-import numpy as np
-from PIL import Image
-import fringeworks as fw
-from fringeworks import _core
-from fringeworks.types import fingerprint
-
-called = set()
-
-def counted(name, kernel):
-    def call(*arguments, **options):
-        called.add(name)
-        return kernel(*arguments, **options)
-    return call
-
-kernels = {n for n in _core.__all__ if callable(getattr(_core, n))}
-for name in kernels:
-    setattr(_core, name, counted(name, getattr(_core, name)))
-
-from fringeworks.simulate.bodies import height_field
-from fringeworks.simulate.exposure import photograph
-from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.scene import standard_scene
-from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
-from fringeworks.simulate.virtual_rig import look
-from fringeworks.pair.methods.inverse_function import find_extrema
-from tests.stacks import multi, take
-from tests.test_cliffs import boxes
-from tests.test_decoder import captured, plan_of, rig_of
-
-plan = multi((1, 8), 4, (300, 40))
-frames = take(plan)
-scene = standard_scene("parabola", size=64, fringes=6, noise=1, seed=1)
-painted = standard_scene("parabola", size=200, fringes=8, noise=1, seed=1, painted=True)
-cliffs, _, _ = boxes(4, 20.0, side=200)
-rig = standard_rig(scale=0.2)
-phase = np.angle(np.exp(1j * np.add.outer(np.arange(40), np.arange(50)) / 4))
-
-def results():
-    found = [fw.decode(frames, plan)]
-    # Dark counts and bright ones at the sensor's limits are judged by a kernel of their own.
-    found.append(fw.decode([np.clip(1.4 * f - 20.0, 0, 255).astype(np.uint8) for f in frames], plan))
-    stream = fw.stack.StreamingDecoder(plan)
-    for frame in frames:
-        stream.add(frame)
-    found.append(stream.result())
-    view = look(rig, bust())
-    layout = fringe_plan(rig)
-    found.append(fw.rig.Triangulator(rig).triangulate(
-        fw.decode(list(photograph(view, layout, Optics())), layout)))
-    live = fw.stack.Decoder(plan_of(), rig_of().camera.shape, rig=rig_of())
-    for seed in range(2):
-        found.append(live.points(captured(plan_of(), rig_of(), seed=seed)).reason.copy())
-    found += [fw.analyse(scene, name) for name in fw.methods()]
-    found += [fw.analyse(painted), fw.analyse(cliffs)]
-    found += [fw.unwrap(phase, algorithm=name).phase for name in ("reliability", "guided")]
-    found += [fw.signal.decompose_rows(scene.object), fw.signal.decompose_frame(scene.object)]
-    found += [*_core.row_envelopes(np.asarray(scene.object, float)), find_extrema(scene.object[30], 10.0).position_px]
-    picture = io.BytesIO()
-    Image.fromarray(frames[0]).save(picture, "PNG")
-    found.append(_core.read_grey_png(picture.getvalue()))
-    hill = height_field(np.hypot(*np.mgrid[-5:6, -5:6]), 1.0)
-    found.append(hill.hit(np.array([0.1, 0.2, 50.0]), np.array([[0.0, 0.0, -1.0]])))
-    return [fingerprint(result) for result in found]
-
-first = results()
-assert called == kernels, kernels - called
-child = os.fork()
-if child == 0:
-    ok = results() == first
-    grandchild = os.fork()
-    if grandchild == 0:
-        os._exit(0 if fingerprint(fw.decode(frames, plan)) == first[0] else 3)
-    ok = ok and os.waitstatus_to_exitcode(os.waitpid(grandchild, 0)[1]) == 0
-    os._exit(0 if ok else 3)
-assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
-print("equal")
-"""
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork"),
+]
 
 
 def test_every_kernel_works_in_a_forked_process():

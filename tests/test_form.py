@@ -22,6 +22,7 @@ from fringeworks.simulate.scene import standard_scene
 from fringeworks.surface.form import fit_form, fit_region
 from fringeworks.surface.form_report import find_spheres, report
 from fringeworks.surface.height_map import height_map_points
+from tests.grids import thinned
 
 RNG = np.random.default_rng(0)
 
@@ -159,8 +160,7 @@ def test_a_region_that_shows_more_than_the_body_is_refused():
     assert figures["bodies"][0]["probing_error_form_PF_mm"] < 0.1
 
 
-@pytest.mark.parametrize("body", ["sphere", "cylinder"])
-@pytest.mark.parametrize("noise", [0.0, 0.02])
+@thinned(strength=1, noise=[0.0, 0.02], body=["sphere", "cylinder"])
 def test_a_wall_is_neither_a_sphere_nor_a_cylinder(body, noise):
     with pytest.raises(InputError, match="determine a|expected a "):
         fit_form(sheet(2000, noise), body)

@@ -18,6 +18,8 @@ from fringeworks.simulate.standard import fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from tests import parts
 
+pytestmark = pytest.mark.statistical
+
 ANGLE_DEG = 20.0
 """Tilt of the plate against the base."""
 KEYS = (

@@ -16,6 +16,7 @@ from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.scene import standard_scene
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
+from tests.grids import thinned
 from tests.stacks import guarded, multi, take
 
 PLAN = multi((1, 8), 4, (300, 40))
@@ -58,10 +59,7 @@ def streamed(frames, plan):
     return decoder.result()
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("order", "<>")
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("plan", [PLAN, GRAY], ids=["phases", "gray"])
+@thinned(plan={"phases": PLAN, "gray": GRAY}, kind=KINDS, order="<>", layout=LAYOUTS)
 def test_stacks_of_every_type_order_and_stride(plan, kind, order, layout):
     native = take(plan, kind=kind)
     frames = layout(native.astype(np.dtype(kind).newbyteorder(order)))
@@ -91,9 +89,7 @@ PAIR_FUNCTIONS = {
 }
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", PAIR_FUNCTIONS)
+@thinned(name=list(PAIR_FUNCTIONS), kind=KINDS, layout=LAYOUTS)
 def test_pairs_of_every_type_order_and_stride(name, kind, layout):
     scene = standard_scene("parabola", size=64, fringes=6, bits=8, noise=1, seed=1)
     both = np.stack((scene.reference, scene.object)).astype(kind)

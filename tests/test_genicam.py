@@ -28,6 +28,8 @@ except MissingPackage as error:
 
 from tests.fake_gige import CameraProcess, counts, the_only_camera
 
+pytestmark = pytest.mark.system
+
 SIZE = 128
 """Rows and columns of the pictures and of the camera's region: packets on loopback are cheap."""
 

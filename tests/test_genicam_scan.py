@@ -30,6 +30,8 @@ except MissingPackage as error:
 from tests.fake_gige import CameraProcess, the_only_camera
 from tests.wire_rig import RIG, SPHERE_MM, Board, Screen, frame_of, scene_named
 
+pytestmark = pytest.mark.system
+
 ROOT = Path(__file__).parent.parent
 PLAN = fw.PatternPlan(
     384,

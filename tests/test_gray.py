@@ -10,6 +10,7 @@ from fringeworks.files import read_plan, write_plan
 from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 from fringeworks.signal import CameraNoise
 from fringeworks.stack import StreamingDecoder
+from tests.grids import thinned
 from tests.oracles.gray_code import levels_of_cells, nearest_coordinate, start_of_pixel
 from tests.oracles.phase_shift import fit
 from tests.stacks import take
@@ -72,9 +73,7 @@ def test_plans_of_others_decode(name, blur):
     assert found.failed_fraction < limit
 
 
-@pytest.mark.parametrize("b", [100.0, 20.0, 12.0, 8.0])
-@pytest.mark.parametrize("blur", [0.0, 0.5, 3.0])
-@pytest.mark.parametrize("name", list(PLANS))
+@thinned(name=list(PLANS), blur=[0.0, 0.5, 3.0], b=[100.0, 20.0, 12.0, 8.0])
 def test_orders_are_right_or_missing(name, blur, b):
     """Sharp images, defocus that takes most of the modulation, and hardly any light."""
     plan, _ = PLANS[name]

@@ -16,8 +16,8 @@ from PIL import Image
 import fringeworks as fw
 from fringeworks import FileProblem, InputError
 from tests import hostile
+from tests.commands import run
 from tests.public import public, public_names
-from tests.test_cli import run
 
 try:
     import resource

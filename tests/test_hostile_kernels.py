@@ -7,7 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.test_fork import EVERY_KERNEL
+import pytest
+
+from tests.kernels import EVERY_KERNEL
+
+pytestmark = pytest.mark.system
 
 CALLS = int(os.environ.get("FRINGEWORKS_KERNEL_CALLS", "12"))
 """Calls of every kernel; ``make fuzz`` makes more."""

@@ -17,8 +17,9 @@ from fringeworks.simulate.interreflection import interreflection
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import standard_rig
 from fringeworks.simulate.virtual_rig import look
-from tests.rigs import ahead
-from tests.test_simulated_faults import groove
+from tests.rigs import ahead, groove
+
+pytestmark = pytest.mark.statistical
 
 RIG = standard_rig(scale=0.5)
 SHORTEST_PX = 12.0

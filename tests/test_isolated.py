@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fringeworks import Reason, StreamingDecoder, _core, decode
+from fringeworks import Reason, _core, decode
 from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.rig.triangulate import triangulate
 from fringeworks.simulate.bodies import Body, Box, Cylinder, Plane, Sphere
@@ -15,6 +15,7 @@ from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
+from fringeworks.stack import StreamingDecoder
 from tests.oracles.isolated import isolated
 
 GROSS_MM = 1.0

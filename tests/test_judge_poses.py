@@ -19,7 +19,10 @@ from fringeworks.rig.pinhole import pose, rotation
 from fringeworks.scan.poses import judge_poses, rough_focal_px
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_poses, cropped_field
+from tests.grids import quick
 from tests.rigs import board, rig, rig_errors, see, sighting
+
+pytestmark = pytest.mark.statistical
 
 GOOD = {
     # Name: tilt of the top, then of the right side, towards the camera, degrees; place x, y, z, mm.
@@ -201,7 +204,7 @@ def obeyed(words, rng):
     return placed(top, right, x, y, z)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", quick(range(12), *range(4)))
 def test_a_hand_that_follows_the_words_gets_a_good_calibration(seed):
     rng = np.random.default_rng(seed)
     taken = [seen(placed(0, 0, 0, 0, 500), "start", rng)]

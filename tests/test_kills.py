@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import fringeworks as fw
+from tests.grids import quick
 from tests.kills import _whole_recipe, _write_recipe
 
 KILLS = 4
@@ -27,7 +28,10 @@ QUICK = (
     "sequence",
 )
 
-pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork")
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork"),
+]
 
 
 def test_kills_leave_one_version_or_the_other():
@@ -72,7 +76,7 @@ for k in (0, 1):
     writer.write(folder, k)
     versions.append(_content(folder))
 stopped = 0
-for number in range(60):
+for number in range(int(sys.argv[3])):
     timer = threading.Timer(0.0005 * (number % 12), _thread.interrupt_main)
     try:
         timer.start()
@@ -88,10 +92,11 @@ print(stopped)
 """
 
 
-@pytest.mark.parametrize("name", ["map.npz", "cloud.xyz", "rig.toml"])
-def test_interrupts_leave_nothing_behind(tmp_path, name):
+@pytest.mark.parametrize("count", [12, pytest.param(60, marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", quick(["map.npz", "cloud.xyz", "rig.toml"], "rig.toml"))
+def test_interrupts_leave_nothing_behind(tmp_path, name, count):
     done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, tmp_path, name],
+        [sys.executable, "-c", INTERRUPTED, tmp_path, name, str(count)],
         cwd=Path(__file__).parents[1],
         env={**os.environ, "SOURCE_DATE_EPOCH": "0"},
         capture_output=True,
@@ -100,7 +105,7 @@ def test_interrupts_leave_nothing_behind(tmp_path, name):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert int(done.stdout) == 60
+    assert int(done.stdout) == count
 
 
 def test_the_command_line_ends_on_an_interrupt_without_a_traceback(tmp_path):

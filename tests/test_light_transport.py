@@ -29,8 +29,9 @@ from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
 from fringeworks.simulate.standard import cropped_field, standard_rig
 from fringeworks.simulate.subsurface import subsurface
 from fringeworks.simulate.virtual_rig import look
-from tests.rigs import ahead
-from tests.test_virtual_rig import head_on
+from tests.rigs import ahead, head_on
+
+pytestmark = pytest.mark.statistical
 
 RIG = standard_rig(scale=0.25)
 QUIET = Optics(defocus_px=0.5, blur_px=0, ambient=0, black=0, noise=0, bits=16)

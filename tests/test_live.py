@@ -13,12 +13,15 @@ import fringeworks as fw
 from fringeworks.devices.bench import RADIUS_MM, SCALE, virtual_bench
 from fringeworks.devices.clock import SimulatedClock
 from fringeworks.simulate.standard import fringe_plan, standard_rig
+from tests.grids import quick
+
+pytestmark = pytest.mark.system
 
 RIG = standard_rig(scale=SCALE)
 PLAN = fringe_plan(RIG, both=False)
 
 
-@pytest.mark.parametrize("fast", [False, True])
+@pytest.mark.parametrize("fast", quick([False, True], False))
 def test_every_cloud_is_the_sphere_in_the_same_memory(fast):
     projector, camera = virtual_bench("sphere", clock=SimulatedClock())
     delay = fw.scan.measure_delay(projector, camera, triggered=True) if fast else None

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.system
+
 MOST_MB = 32.0
 """Frames of 1920 × 1200 and waves of 1024 × 1024 are to be measured with no more."""
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
-from fringeworks.rig.pinhole import inverse, pose, rotation
+from fringeworks.rig.pinhole import inverse, pose
 from fringeworks.simulate.bodies import Body, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard import fringe_plan, standard_rig
+from fringeworks.simulate.standard import fringe_plan
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.views.poses import carried, from_twist, twist
 from fringeworks.views.registration import register
@@ -26,20 +26,11 @@ from tests.turntable import (
     turned_poses,
     turntable_pose,
 )
+from tests.turntables import BOARD, T_table_board, rig
 
-BOARD = fw.rig.parse_board("charuco:10x10:20:15")
-T_table_board = pose(rotation(np.array([0.0, 0.0, 0.2])), np.array([-97.0, -103.0, 0.0]))
+pytestmark = pytest.mark.statistical
+
 ERRORS = TurntableErrors(angle_deg=0.05, wobble_deg=0.1, runout_mm=0.01)
-
-
-@cache
-def rig():
-    base = standard_rig(scale=0.4)
-    camera, projector = (
-        replace(d, focal_px=tuple(0.75 * f for f in d.focal_px))
-        for d in (base.camera, base.projector)
-    )
-    return fw.Rig(camera, projector, base.T_projector_camera)
 
 
 @cache

@@ -9,8 +9,8 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.files.ply import read_ply
-from tests.test_clean import H, W, cloud_of
-from tests.test_cli import run
+from tests.commands import run
+from tests.surfaces import H, W, cloud_of
 
 trimesh = pytest.importorskip("trimesh")
 

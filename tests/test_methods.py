@@ -13,6 +13,7 @@ from fringeworks import InputError, Pair, Reason, analyse, methods, reconstruct
 from fringeworks.pair.analyse import get_method
 from fringeworks.pair.registry import method
 from tests.conftest import scene, true_displacement
+from tests.grids import thinned
 
 ALL = list(methods())
 IDEAL_LIMIT_PX = {
@@ -50,9 +51,7 @@ def mean_error(pair, name):
     return np.nanmean(np.abs(error))
 
 
-@pytest.mark.parametrize("name", ALL)
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("axis", ["x", "y"])
+@thinned(name=ALL, sign=[1, -1], axis=["x", "y"])
 def test_known_truth(name, sign, axis):
     assert mean_error(ideal(sign=sign, axis=axis), name) < IDEAL_LIMIT_PX[name]
 
@@ -108,8 +107,7 @@ def test_every_pixel_has_a_value_and_sigma_or_a_reason(name):
     assert set(np.unique(result.reason)) <= set(Reason)
 
 
-@pytest.mark.parametrize("name", ALL)
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32, np.float64])
+@thinned(strength=1, name=ALL, dtype=[np.uint8, np.uint16, np.float32, np.float64])
 def test_dtypes_strides_and_no_mutation(name, dtype):
     pair = ideal(bits=8)
     frames = [pair.reference.astype(dtype), pair.object.astype(dtype)]

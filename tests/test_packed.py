@@ -26,6 +26,8 @@ from tests.surfaces import (
     without_values,
 )
 
+pytestmark = pytest.mark.statistical
+
 
 def assert_within(found, points, sigma, reason):
     """Points within σ/8, σ within 1.5 % where the range allows, and the same reasons."""

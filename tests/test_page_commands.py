@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.commands import run
 from tests.page_files import build
-from tests.test_cli import run
-from tests.test_doc_code import PAGES, marked
-from tests.walk import examples
+from tests.walk import PAGES, examples, marked
+
+pytestmark = pytest.mark.system
 
 ELSEWHERE = {
     "fringeworks studio ": "serves a page until it is ended: tests/test_studio.py",

@@ -15,6 +15,8 @@ from fringeworks.pair.prepared import prepare
 from fringeworks.pair.windows import Windows
 from tests.oracles import albedo as oracle
 
+pytestmark = pytest.mark.statistical
+
 CAMERA = {"gamma": 2.2, "noise": 2.0, "bits": 8, "size": 500, "fringes": 10, "height_mm": 25.0}
 
 
@@ -129,7 +131,9 @@ def test_cliffs_are_not_taken_for_paint(body):
     assert error(scene)[0] < 1.02 * error(scene, paint=False)[0]
 
 
-@pytest.mark.parametrize("light", [{"ambient": 0.3, "contrast": 0.6}, {"jpeg": 75}])
+@pytest.mark.parametrize(
+    "light", [{"ambient": 0.3, "contrast": 0.6}, pytest.param({"jpeg": 75}, marks=pytest.mark.long)]
+)
 def test_paint_in_other_light(light):
     scene = fw.simulate.standard_scene("parabola", **CAMERA, painted=True, seed=2, **light)
     assert error(scene)[0] < 0.6 * error(scene, paint=False)[0]
@@ -170,6 +174,7 @@ def test_paint_on_a_photographed_cone(real_data, plain_cone, seed):
     assert marks[1] < 0.5 * marks[0]
 
 
+@pytest.mark.long
 def test_creases_of_a_photographed_pyramid_stay_sharp(real_data):
     """Each face reflects its own share of the light: there is an edge of albedo on every crease."""
     pair = photographs(real_data, "pair_pyramid")

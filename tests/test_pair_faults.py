@@ -12,6 +12,9 @@ from fringeworks.files import read_pair
 from fringeworks.pair.presence import without_fringes
 from fringeworks.simulate.fringes import PairSettings, capture_pair
 from fringeworks.simulate.scene import STANDARD_GEOMETRY, standard_scene
+from tests.grids import quick, thinned
+
+pytestmark = pytest.mark.statistical
 
 SIZE = 240
 METHODS = ("fourier", "wavelet", "windowed_fourier", "windowed", "exact")
@@ -113,9 +116,12 @@ def test_photographed_fine_fringes(real_data):
     assert not (off & ok).any()
 
 
-@pytest.mark.parametrize("shape", ["plane", "curved"])
-@pytest.mark.parametrize("fault", ["clean", "JPEG 50", "JPEG 75", "pixel grid", "flicker"])
 @pytest.mark.parametrize("seeds", [(3,), pytest.param((1, 2, 3), marks=pytest.mark.long)], ids=len)
+@thinned(
+    strength=1,
+    fault=["clean", "JPEG 50", "JPEG 75", "pixel grid", "flicker"],
+    shape=["plane", "curved"],
+)
 def test_sigma_covers_the_errors(shape, fault, seeds):
     """Mean over seeds with different noise, γ and surfaces; the benchmark prints all periods.
 
@@ -131,7 +137,9 @@ def test_sigma_covers_the_errors(shape, fault, seeds):
             assert share.within_1 <= UPPER_BARS.get((name, shape, fault), 0.80), name
 
 
-@pytest.mark.parametrize("name", ["fourier", "wavelet", "windowed_fourier", "windowed"])
+@pytest.mark.parametrize(
+    "name", quick(["fourier", "wavelet", "windowed_fourier", "windowed"], "fourier", "windowed")
+)
 def test_sigma_covers_a_photographed_plane(real_data, name):
     folder = real_data / "pair_cone"
     found = analyse(read_pair(folder / "reference.jpg", folder / "object.jpg"), name)

@@ -20,6 +20,9 @@ from fringeworks.pair import plain_reference
 from fringeworks.pair.unwrap import MAX_CG_STEPS
 from fringeworks.report import summarise
 from fringeworks.simulate.scene import standard_scene
+from tests.grids import quick
+
+pytestmark = pytest.mark.statistical
 
 
 def small_scene(**settings):
@@ -46,7 +49,7 @@ def the_finding(result, kind):
     return finding
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", quick(range(20), *range(8)))
 def test_clean_captures_have_no_findings(seed):
     rng = np.random.default_rng(seed)
     shape = ("parabola", "sphere", "cylinder", "cube")[seed % 4]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -21,7 +20,10 @@ from fringeworks.simulate.rig_pair import photograph_pair
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig, truth_distance
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import InputError
-from tests.test_cli import run
+from tests.commands import run
+from tests.shared import shared
+
+pytestmark = pytest.mark.statistical
 
 RIG = standard_rig(scale=0.5)
 WALL_MM = 560.0
@@ -40,18 +42,18 @@ SCENES = {
 }
 
 
-@cache
+@shared
 def view(name):
     return look(RIG, [WALL] if name == "wall" else SCENES[name])
 
 
-@cache
+@shared
 def decoded(name, seed=1):
     plan = fringe_plan(RIG, both=False)
     return fw.decode(list(photograph(view(name), plan, Optics(seed=seed))), plan)
 
 
-@cache
+@shared
 def pair(name):
     return photograph_pair(view("wall"), view(name), PERIOD, Optics(seed=3))
 
@@ -125,13 +127,16 @@ def test_on_the_command_line(tmp_path):
     fw.files.write_coordinates(tmp_path / "wall.npz", decoded("wall"))
     frames = ("--reference", tmp_path / "reference.png", "--object", tmp_path / "object.png")
     rig = ("--rig", tmp_path / "rig.toml")
-    known = (("--plane-coordinates", tmp_path / "wall.npz"), ("--plane", f"0,0,1,{WALL_MM}"))
+    known = (
+        ("--plane-coordinates", tmp_path / "wall.npz"),
+        ("--plane-equation", f"0,0,1,{WALL_MM}"),
+    )
     for k, reference in enumerate(known):
         out = tmp_path / f"{k}.ply"
         run("reconstruct", *frames, *rig, *reference, "--out", out, "--json", tmp_path / "f.json")
         xyz = np.asarray(fw.files.read_points(out).xyz_mm)
         assert abs(np.median(xyz[:, 2]) - (WALL_MM - 3)) < 0.2
-    message = run("reconstruct", *frames, "--plane", "0,0,1,560", code=2).stderr
-    assert "--plane: expected together with --rig" in message
+    message = run("reconstruct", *frames, "--plane-equation", "0,0,1,560", code=2).stderr
+    assert "--plane-equation: expected together with --rig" in message
     message = run("reconstruct", *frames, *rig, code=2).stderr
     assert "expected coordinates of the reference plane or a plane" in message

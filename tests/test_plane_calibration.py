@@ -24,7 +24,7 @@ from fringeworks.rig.calibration.planes import (
 )
 from fringeworks.simulate.fringes import PairSettings, capture_pair
 from fringeworks.types import DisplacementMap
-from tests.test_cli import run
+from tests.commands import run
 
 HEIGHTS = (10.0, 20.0, 35.0, 50.0)
 

@@ -7,30 +7,8 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.surface.section import pixels_on_line
-from fringeworks.types import CameraNoise, CoordinateMap, Decoded, HeightMap, PointCloud, Reason
-
-FOCAL_PX = 60.0
-"""Focal length of the tests' camera."""
-
-
-def heights(values, pitch=2.0, **more):
-    values = np.asarray(values, np.float32)
-    reason = np.where(np.isfinite(values), Reason.OK, Reason.SHADOW).astype(np.uint8)
-    sigma = np.where(np.isfinite(values), 0.01, np.nan).astype(np.float32)
-    return HeightMap(values, sigma, reason, "height", "mm", pitch, **more)
-
-
-def plane_cloud(normal=(0.3, -0.1, -1.0), distance=100.0, sigma=0.05, hole=None):
-    """A plane n·P = −d before a camera of 41 × 31 px."""
-    y, x = np.mgrid[:31, :41].astype(float)
-    ray = np.stack(((x - 20) / FOCAL_PX, (y - 15) / FOCAL_PX, np.ones_like(x)), axis=-1)
-    points = ray * (-distance / (ray @ np.asarray(normal)))[..., None]
-    reason = np.zeros(x.shape, np.uint8)
-    if hole is not None:
-        reason[hole] = Reason.SHADOW
-        points[hole] = np.nan
-    s = np.where(reason == 0, sigma, np.nan)
-    return PointCloud(points, s, s, reason)
+from fringeworks.types import CameraNoise, CoordinateMap, Decoded, PointCloud, Reason
+from tests.surfaces import heights, plane_cloud
 
 
 def test_pixels_are_the_nearest_to_the_line():

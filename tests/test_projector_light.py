@@ -10,7 +10,9 @@ from scipy import ndimage
 
 import fringeworks as fw
 from fringeworks.signal.response import Response
-from tests.test_cli import run
+from tests.commands import run
+
+pytestmark = pytest.mark.statistical
 
 SHAPE = (220, 320)
 PERIOD = 20.0

@@ -13,9 +13,9 @@ from PIL import Image
 
 import fringeworks as fw
 from fringeworks.types import fingerprint, made_by
+from tests.commands import run
 from tests.conftest import scene
 from tests.stacks import multi, take
-from tests.test_cli import run
 
 EPOCH = "1700000000"
 DATE = "2023-11-14T22:13:20Z"

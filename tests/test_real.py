@@ -28,7 +28,10 @@ from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from fringeworks.stack.even_light import texture
 from fringeworks.surface.form import fit_form
 from fringeworks.types import count_reasons
+from tests.grids import quick, thinned
 from tests.map_fits import fit_cone, fit_plane
+
+pytestmark = pytest.mark.statistical
 
 CENTRE = (252.0, 241.0)
 
@@ -176,9 +179,9 @@ def image_stack(image, first):
 SHIFTS = [-(n - 1) * 2 * np.pi / 3 for n in range(3)]
 
 
-@pytest.mark.parametrize(("g", "before", "limit"), [(0.75, 0.18, 0.03), (1.25, 0.06, 0.02)])
-@pytest.mark.parametrize("left", [True, False])
-def test_phase_table_of_half_a_board_corrects_the_other(board, g, before, limit, left):
+@thinned(strength=1, limits=[(0.75, 0.18, 0.03), (1.25, 0.06, 0.02)], left=[True, False])
+def test_phase_table_of_half_a_board_corrects_the_other(board, limits, left):
+    g, before, limit = limits
     frames, ideal = board
     here, there = (slice(0, 968), slice(968, None)) if left else (slice(968, None), slice(0, 968))
     response = measure_response(
@@ -212,7 +215,7 @@ LENS_LIMITS = {"windowed": (0.4, 0.09), "wavelet": (0.4, 0.1), "fourier": (0.55,
 LENS_LIMITS |= {"windowed_fourier": (0.55, 0.14), "gsifa": (0.3, 0.12), "exact": (0.3, 0.12)}
 
 
-@pytest.mark.parametrize("name", list(LENS_LIMITS))
+@pytest.mark.parametrize("name", quick(list(LENS_LIMITS), "wavelet", "fourier", "exact"))
 def test_one_frame_of_the_lens_against_four(real_data, name):
     folder = real_data / "lens_4step"
     frames = [read_frame(folder / f"lens_crop_{a:03d}.jpg")[0] for a in (0, 90, 180, 270)]
@@ -276,7 +279,7 @@ def gray_board(real_data):
     return frames, gray, lit, smooth_coordinate(gray, np.isfinite(gray) & lit)
 
 
-@pytest.mark.parametrize(("g", "first"), [(0.75, 0), (1.25, 3)])
+@pytest.mark.parametrize(("g", "first"), quick([(0.75, 0), (1.25, 3)], (0.75, 0)))
 def test_coordinate_of_the_board_against_its_gray_code(real_data, gray_board, g, first):
     """Gray's own steps of 2 px make 0.58 px of it. The board's dim rim is left out."""
     code, gray, lit, ideal = gray_board
@@ -373,6 +376,7 @@ def test_rigs_from_other_poses_agree_within_their_errors(procam):
     assert np.sqrt(np.mean(np.square(scores))) < 1.3
 
 
+@pytest.mark.long
 def test_all_poses_of_a_board_are_found(real_data):
     """A false corner beyond the board, and a print that is off at the same corners everywhere."""
     found = calibrate_stacks(real_data / "board_slstudio", "chessboard:13x9:10")

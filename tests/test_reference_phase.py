@@ -14,6 +14,8 @@ from fringeworks.simulate.rig_pair import pair_displacement, photograph_pair
 from fringeworks.simulate.standard import standard_rig
 from fringeworks.simulate.virtual_rig import look
 
+pytestmark = pytest.mark.statistical
+
 BIAS_OF_RIDGE = "the ridge of a tilted plane has a bias as large as its σ: docs/promises.md"
 
 

@@ -13,6 +13,8 @@ import fringeworks as fw
 from tests import browser
 from tests.surfaces import measured_bust, small_rig
 
+pytestmark = pytest.mark.system
+
 chromium, pages = browser.chromium, browser.pages  # fixtures
 MAPS = ".maps canvas"
 

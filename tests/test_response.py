@@ -26,6 +26,8 @@ from fringeworks.signal.response import (
 from fringeworks.signal.smooth_coordinate import smooth_coordinate
 from tests.conftest import scene
 
+pytestmark = pytest.mark.statistical
+
 PERIOD = 60.0
 
 

@@ -13,8 +13,10 @@ from fringeworks.files.stack import write_stack
 from fringeworks.simulate.bodies import Sphere
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body
+from tests.commands import run
 from tests.rigs import ahead, board, poses, rig, shoot
-from tests.test_cli import run
+
+pytestmark = pytest.mark.statistical
 
 
 @pytest.fixture(scope="module")

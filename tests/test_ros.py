@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fringeworks as fw
-from tests.test_clean import H, W, cloud_of
+from tests.surfaces import H, W, cloud_of
 
 pytest.importorskip("rosbags")
 

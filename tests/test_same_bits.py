@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from tests.test_fork import EVERY_KERNEL, run
+from tests.kernels import EVERY_KERNEL, run
+
+pytestmark = pytest.mark.system
 
 PRINTED = EVERY_KERNEL.split("first = results()")[0] + "print(fingerprint(tuple(results())))\n"
 AT_ONCE = (
@@ -22,7 +24,6 @@ print(fingerprint(tuple(expected)))
 SPAWNED = """
 import multiprocessing
 import fringeworks as fw
-from fringeworks.types import fingerprint
 from tests.stacks import multi, take
 
 plan = multi((1, 8), 4, (300, 40))
@@ -31,23 +32,13 @@ def decoded(seed):
     return fingerprint(fw.decode(take(plan, seed=seed), plan))
 
 if __name__ == "__main__":
-    import tests.test_same_bits as module
+    import tests.kernels as module
 
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         found = pool.map(module.spawned, range(4))
     assert found == [decoded(seed) for seed in range(4)]
     print("equal")
 """
-
-
-def spawned(seed):
-    """Decode in a process that was spawned."""
-    import fringeworks as fw
-    from fringeworks.types import fingerprint
-    from tests.stacks import multi, take
-
-    plan = multi((1, 8), 4, (300, 40))
-    return fingerprint(fw.decode(take(plan, seed=seed), plan))
 
 
 @pytest.fixture(scope="module")

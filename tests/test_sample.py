@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import CameraNoise, _core
+from fringeworks import _core
 from fringeworks.patterns.plan import step_design
+from fringeworks.signal import CameraNoise
 from fringeworks.stack.fits import fit_matrices, fit_samples
 from fringeworks.statistics.chi_square import residual_variance
 from fringeworks.statistics.quantiles import median, quantile

@@ -13,7 +13,7 @@ from fringeworks.scan.capture import capture
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.frames import take_frames
 from fringeworks.types import CameraSettings, DeviceProblem
-from tests.virtual_devices import Screen, bench, plan
+from tests.virtual_devices import Interrupting, Screen, bench, plan
 
 
 def expected(picture):
@@ -55,22 +55,6 @@ def test_fast_and_averaged(tmp_path):
             # Nine frames have a third of the noise of one.
             assert np.std(values - expected(picture)) < 0.45 * np.sqrt(1 + 0.02 * 90 + 1 / 12)
     assert stack.saturation == pytest.approx(0.98 * 255)
-
-
-class Interrupting:
-    """A camera that goes away after some frames, or asks for an interruption."""
-
-    def __init__(self, camera, after, error):
-        self._camera, self._left, self._error = camera, after, error
-
-    def __getattr__(self, name):
-        return getattr(self._camera, name)
-
-    def grab(self, timeout_s=5.0):
-        self._left -= 1
-        if self._left < 0:
-            raise self._error
-        return self._camera.grab(timeout_s)
 
 
 @pytest.mark.parametrize("error", [DeviceProblem("camera: gone"), KeyboardInterrupt()])

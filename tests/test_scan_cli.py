@@ -14,6 +14,8 @@ from fringeworks.devices.bench import POSES, RADIUS_MM, SCALE
 from fringeworks.simulate.standard import fringe_plan, standard_rig
 from tests.walk import steps
 
+pytestmark = pytest.mark.statistical
+
 
 @pytest.mark.long
 def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
@@ -45,7 +47,7 @@ def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
         "--frames",
         "24",
         "--axes",
-        "xy",
+        "x,y",
         "--out",
         "again.toml",
     ]
@@ -58,7 +60,7 @@ def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["capture", "--out", "c"], "expected --projector and --camera, or --setup"),
+        (["capture", "--out", "c"], "expected a projector and a camera, or a set-up"),
         (
             ["capture", "--out", "c", "--projector", "virtual", "--camera", "webcam:0"],
             "expected virtual for both of them",
@@ -69,7 +71,7 @@ def test_the_page_from_setup_to_a_part(tmp_path, monkeypatch, capsys):
         ),
         (
             ["capture", "--out", "c", "--projector", "virtual", "--camera", "virtual"],
-            "expected a plan file, or --setup",
+            "expected a plan, or a set-up with its plan",
         ),
         (
             ["capture", "--out", "c", "--projector", "beamer", "--camera", "webcam:0"],

@@ -16,7 +16,9 @@ from fringeworks.evaluate.selftest.scenes import BODIES, DISTURBANCES, pair_rig,
 from fringeworks.pipeline import decoding
 from fringeworks.stack import examine
 from fringeworks.types import CameraNoise
-from tests.test_cli import run as run_command
+from tests.commands import run as run_command
+
+pytestmark = pytest.mark.statistical
 
 PAGE = Path(__file__).parent.parent / "docs" / "promises.md"
 GOOD = CaseResult(

@@ -19,6 +19,8 @@ from fringeworks.simulate.standard import bust, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.stack.motion_search import distance_of
 
+pytestmark = pytest.mark.statistical
+
 SCALE = 0.25
 RIG = standard_rig(scale=SCALE)
 WIDTH, HEIGHT = RIG.projector.width_px, RIG.projector.height_px

@@ -14,6 +14,8 @@ from fringeworks.scan.setup_file import read_setup, write_setup
 from fringeworks.types import CameraSettings, DeviceProblem
 from tests.virtual_devices import Screen, bench
 
+pytestmark = pytest.mark.statistical
+
 ROWS, COLUMNS = 120, 192
 # Five more are in test_setup_figures.py, which shows them too.
 FAULTS = {

@@ -10,7 +10,10 @@ from PIL import Image
 import fringeworks as fw
 from fringeworks.cli.commands import run
 from fringeworks.report.setup_curves import FAULT
+from tests.grids import quick
 from tests.virtual_devices import Screen, bench
+
+pytestmark = pytest.mark.statistical
 
 ROWS, COLUMNS = 120, 192
 PLACES = {
@@ -53,7 +56,8 @@ def test_a_clean_setup_has_twelve_panels_without_a_fault(tmp_path):
         fw.save_figure(figure, tmp_path / f"setup.{suffix}")
 
 
-@pytest.mark.parametrize("kind", PLACES)
+# test_setup.py finds the other three, too.
+@pytest.mark.parametrize("kind", quick(list(PLACES), "mirrored", "exposure"))
 def test_the_panel_of_a_fault_is_marked(kind):
     projector, camera, expected = PLACES[kind]
     measured = fw.set_up(*opened(projector, camera))
@@ -78,7 +82,9 @@ def command(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
 
     def call(projector, camera, *options):
-        monkeypatch.setattr(fw, "open_devices", lambda *_: opened(projector, camera))
+        monkeypatch.setattr(
+            "fringeworks.scan.bench.open_devices", lambda *_: opened(projector, camera)
+        )
         devices = ["--projector", "virtual", "--camera", "virtual"]
         code = run(["setup", *devices, "--out", "s.toml", "--json", "s.json", *options])
         said = capsys.readouterr()
@@ -133,6 +139,6 @@ def test_a_setup_that_stops_still_shows_what_it_has_measured(command, tmp_path):
 )
 def test_targets_are_checked_first(options, said, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.delattr(fw, "open_devices", raising=False)
+    monkeypatch.delattr("fringeworks.scan.bench.open_devices")
     assert run(["setup", "--projector", "virtual", "--camera", "virtual", *options]) == 2
     assert said in capsys.readouterr().err

@@ -48,22 +48,15 @@ from fringeworks.stack import CoordinateMap
 from fringeworks.stack.even_light import texture
 from tests.fault_measure import errors
 from tests.fault_stage import at_edges
-from tests.rigs import ahead, board, poses, rig, rig_errors
+from tests.grids import quick, thinned
+from tests.rigs import ahead, board, groove, poses, rig, rig_errors
+
+pytestmark = pytest.mark.statistical
 
 MARGIN = 16
 """Pixels around the frame that the simulated blurs take light from."""
 BEYOND_5 = 100e-6
 """Largest share of measured pixels beyond five standard deviations."""
-
-
-def groove(turn: float = np.pi / 4, side: float = 110.0) -> list[Body]:
-    """Two plates that open towards the camera, with a vertical edge between them."""
-    plates = []
-    for sign in (-1, 1):
-        R = rotation(np.array([0.0, sign * turn, 0.0]))
-        middle = np.array([0.0, 0.0, 520.0]) + R @ np.array([sign * side / 2, 0.0, 0.0])
-        plates.append(Body(Plane(side, side), pose(R, middle), 0.8))
-    return plates
 
 
 SCENES = {
@@ -132,8 +125,7 @@ OPTICS = {
 }
 
 
-@pytest.mark.parametrize("name", ["sets", "gray"])
-@pytest.mark.parametrize("fault", OPTICS)
+@thinned(strength=1, fault=list(OPTICS), name=["sets", "gray"])
 def test_coordinates_under_real_optics_are_right_or_refused(fault, name):
     right_or_refused("bust", name, OPTICS[fault])
 
@@ -184,8 +176,7 @@ def test_one_bounce_does_no_harm(scene, name):
     right_or_refused(scene, name, Optics(), (bounce(scene),))
 
 
-@pytest.mark.parametrize("name", ["sets", "gray"])
-@pytest.mark.parametrize("spread", [0.3, 1.0])
+@thinned(strength=1, spread=[0.3, 1.0], name=["sets", "gray"])
 def test_light_within_a_plane_does_no_harm(name, spread):
     right_or_refused("plane", name, Optics(), (within("plane", spread),))
 
@@ -210,7 +201,7 @@ def test_the_edge_of_the_field_on_a_sheet_is_no_measurement(axis):
     reason="Light that spreads by σ in a material shifts coordinates by σ² times the slope of ln E, "
     "in all periods alike: 9,600 (sets) and 580 (gray) pixels per million are beyond 5 σ.",
 )
-@pytest.mark.parametrize("name", ["sets", "gray"])
+@pytest.mark.parametrize("name", quick(["sets", "gray"], "sets"))
 def test_light_within_a_round_body_does_no_harm(name):
     right_or_refused("bust", name, Optics(), (within("bust", 1.0),))
 
@@ -290,11 +281,10 @@ def pair_beyond_5(pair: Pair, truth: np.ndarray, method: str) -> float:
     return float(np.mean(np.abs(found.displacement_px - truth)[ok] > 5.0 * found.sigma_px[ok]))
 
 
-@pytest.mark.parametrize("fault", PAIR_OPTICS)
-def test_pairs_under_real_optics_are_right(fault):
+@thinned(strength=1, fault=list(PAIR_OPTICS), method=GOOD)
+def test_pairs_under_real_optics_are_right(fault, method):
     pair, truth = pair_of(fault)
-    for method in GOOD:
-        assert pair_beyond_5(pair, truth, method) <= BEYOND_5, method
+    assert pair_beyond_5(pair, truth, method) <= BEYOND_5
 
 
 def test_pairs_of_a_hollow_that_lights_itself_are_right():

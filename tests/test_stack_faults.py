@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,10 @@ from fringeworks.signal import CameraNoise
 from fringeworks.signal.noise import noise_of_residuals
 from tests.fault_measure import run
 from tests.fault_scenes import plans
+from tests.grids import thinned
 from tests.stacks import guarded, multi, take
+
+pytestmark = pytest.mark.statistical
 
 PLANS = plans()
 MAX_WRONG = 100.0
@@ -26,39 +31,44 @@ def harmless(outcome, coverage=0.6):
     return tally.ok > 0 and tally.wrong_per_million <= MAX_WRONG and tally.coverage[0] >= coverage
 
 
-@pytest.mark.parametrize("name", ["gray-3", "gray-4-inverse", "heterodyne-3", "hierarchical-4"])
-@pytest.mark.parametrize("lag", ["late+1", "late-1", "late+2", "late-3"])
+@thinned(
+    strength=1,
+    lag=["late+1", "late-1", "late+2", "late-3"],
+    name=["gray-3", "gray-4-inverse", "heterodyne-3", "hierarchical-4"],
+)
 def test_stacks_that_begin_early_or_late_are_refused(name, lag):
     assert run(lag, PLANS[name]).refused
 
 
+@pytest.mark.parametrize("every", [4, pytest.param(2, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", ["gray-3", "heterodyne-4"])
-def test_every_lost_frame_is_refused(name):
-    for frame in range(0, PLANS[name].frames, 2):
+def test_every_lost_frame_is_refused(name, every):
+    for frame in range(0, PLANS[name].frames, every):
         outcome = run(f"lost:{frame}", PLANS[name])
         assert harmless(outcome), frame
         assert not outcome.refused or "frame" in outcome.refused
 
 
+@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", ["gray-3", "heterodyne-3"])
-def test_every_dark_frame_is_refused_by_name(name):
+def test_every_dark_frame_is_refused_by_name(name, every):
     labels = PLANS[name].labels()
-    for frame in range(PLANS[name].frames):
+    for frame in range(0, PLANS[name].frames, every):
         outcome = run(f"dark-frame:{frame}", PLANS[name])
         assert harmless(outcome), frame
         if outcome.refused and "no pattern" in outcome.refused:
             assert labels[frame] in outcome.refused
 
 
-def test_every_swap_in_a_gray_plan_is_refused():
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.long)])
+def test_every_swap_in_a_gray_plan_is_refused(every):
     plan = guarded(16.0, 3, (960, 60), white_black=False)
     frames = take(plan)
-    for a in range(plan.frames):
-        for b in range(a + 1, plan.frames):
-            swapped = frames.copy()
-            swapped[[a, b]] = swapped[[b, a]]
-            with pytest.raises(FramesContradictPlan, match=f"{a} and {b} .*swapped"):
-                decode(swapped, plan)
+    for a, b in list(combinations(range(plan.frames), 2))[::every]:
+        swapped = frames.copy()
+        swapped[[a, b]] = swapped[[b, a]]
+        with pytest.raises(FramesContradictPlan, match=f"{a} and {b} .*swapped"):
+            decode(swapped, plan)
 
 
 @pytest.mark.parametrize("lag", [1, -1, 2, -2, 3, -3])
@@ -71,18 +81,22 @@ def test_late_stacks_are_named(lag):
         decode(np.roll(take(plan), lag, axis=0), plan)
 
 
-@pytest.mark.parametrize(
-    "condition", ["nudged", "interreflection", "drift", "lamp", "flicker", "wrong-steps"]
+@thinned(
+    strength=1,
+    name=["heterodyne-3", "hierarchical-4", "gray-8-white-black"],
+    condition=["nudged", "interreflection", "drift", "lamp", "flicker", "wrong-steps"],
 )
-@pytest.mark.parametrize("name", ["heterodyne-3", "hierarchical-4", "gray-8-white-black"])
 def test_systematic_errors_do_no_harm(condition, name):
     # Light between surfaces bends the phase of a single period smoothly, which no frame shows.
     least = 0.3 if condition == "interreflection" else 0.6
     assert harmless(run(condition, PLANS[name]), least)
 
 
-@pytest.mark.parametrize("condition", ["jpeg-80", "vibration", "blending", "motion"])
-@pytest.mark.parametrize("name", ["hierarchical-3", "gray-3", "gray-8-white-black"])
+@thinned(
+    strength=1,
+    name=["hierarchical-3", "gray-3", "gray-8-white-black"],
+    condition=["jpeg-80", "vibration", "blending", "motion"],
+)
 def test_correlated_errors_are_covered(condition, name):
     assert harmless(run(condition, PLANS[name]), 0.55)
 

@@ -11,8 +11,10 @@ import tifffile
 from fringeworks import InputError, Reason, decode
 from fringeworks.files import read_coordinates, read_stack, write_coordinates, write_plan
 from fringeworks.files.images import write_frame
+from tests.commands import run
 from tests.stacks import guarded, multi, take
-from tests.test_cli import run
+
+pytestmark = pytest.mark.statistical
 
 PLAN = multi((1, 8), 4, (300, 40))
 
@@ -158,7 +160,7 @@ def test_response_is_measured_from_a_stack_and_taken_out(tmp_path):
             shots.append(np.rint(seen).astype(np.uint8))
     np.save(tmp_path / "plane.npy", np.stack(shots))
     write_plan(tmp_path / "plan.toml", plan)
-    devices = ("--camera", "left", "--projector", "bench")
+    devices = ("--camera-name", "left", "--projector-name", "bench")
     out = tmp_path / "response.toml"
     assert (
         "camera: expected its name"
@@ -173,6 +175,6 @@ def test_response_is_measured_from_a_stack_and_taken_out(tmp_path):
         assert (found.reason == Reason.OK).mean() > 0.98
         errors.append(float(np.nanstd(found.coordinate_px - x)))
     assert errors[1] < 0.25 * errors[0]
-    wrong = ("--response", out, "--camera", "right", "--projector", "bench")
+    wrong = ("--response", out, "--camera-name", "right", "--projector-name", "bench")
     refused = run("decode", tmp_path / "plane.npy", *wrong, code=2).stderr
     assert "the capture is of 'right'" in refused

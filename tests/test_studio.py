@@ -25,6 +25,8 @@ from fringeworks.types import Finding, InputError
 from tests import browser
 from tests.studio_page import Running, Visitor
 
+pytestmark = pytest.mark.system
+
 chromium = browser.chromium
 
 

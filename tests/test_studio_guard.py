@@ -20,6 +20,8 @@ from fringeworks.studio.state import Studio
 from fringeworks.studio.workspace import open_workspace
 from fringeworks.types import FileProblem, InputError
 
+pytestmark = pytest.mark.system
+
 HOST = "127.0.0.1:8137"
 OWN = {"host": HOST, "origin": f"http://{HOST}"}
 

@@ -17,8 +17,12 @@ from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.studio import tasks
+from fringeworks.studio.actions import Export, perform
 from fringeworks.studio.worker import Worker
+from fringeworks.studio.workspace import open_workspace
 from fringeworks.types import InputError
+
+pytestmark = pytest.mark.system
 
 
 def counted(link, count):
@@ -157,8 +161,9 @@ def test_a_missing_package_is_named(tmp_path):
 def test_coordinates_without_a_rig(worker, capture, tmp_path, suffix):
     """A stack without a rig has coordinates, which are written as they can be."""
     target = tmp_path / f"c{suffix}"
-    source = tasks.Source(capture, None, "windowed", {})
-    job = ended(worker.start("writing", tasks.export, source, str(target), ""))
+    source = tasks.Source(capture.name, capture, None, "windowed", {})
+    action, space = Export(source, target.name, ""), open_workspace(tmp_path)
+    job = ended(worker.start("writing", perform, action, space))
     if suffix == ".ply":
         assert "coordinates are written as .npz" in job.problem
     else:

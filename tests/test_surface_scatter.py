@@ -13,6 +13,8 @@ from tests.fault_scenes import plans
 from tests.fault_stage import Stage
 from tests.oracles.scatter import mean_chi
 
+pytestmark = pytest.mark.statistical
+
 MOST_PX = 8.0
 """Largest difference on one surface in these tests, projector px."""
 

@@ -19,7 +19,10 @@ from fringeworks.scan.frames import take_frames
 from fringeworks.simulate.standard import bust, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import CameraSettings, DeviceProblem
+from tests.grids import quick, thinned
 from tests.virtual_devices import Screen, bench, plan
+
+pytestmark = pytest.mark.statistical
 
 DEVICES = [
     (
@@ -89,7 +92,7 @@ PROCESSED = [
 """What cameras do to frames before they send them."""
 
 
-@pytest.mark.parametrize("camera", PROCESSED, ids=str)
+@pytest.mark.parametrize("camera", quick(PROCESSED, *PROCESSED[2::3]), ids=str)
 def test_frames_of_cameras_that_process_them_are_taken(camera):
     """Compressed frames differ most beside edges; a flat picture does not show how much."""
     scene = bust_scene()
@@ -153,8 +156,7 @@ def test_time_of_a_scan():
     assert b.clock.now_s() - start <= 0.6
 
 
-@pytest.mark.parametrize("shutter", ["global", "rolling"])
-@pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.2])
+@thinned(strength=1, delay_s=[0.0, 0.05, 0.2], shutter=["global", "rolling"])
 def test_measured_delay_is_right_within_a_frame(delay_s, shutter):
     """A picture begins to appear after the delays, and is complete one exposure and one readout later."""
     b = bench(

@@ -22,6 +22,7 @@ from fringeworks.simulate.virtual_rig import look
 from fringeworks.surface.cloud import cloud_triangles, height_over_plane, normals
 from fringeworks.surface.form import fit_form
 from fringeworks.types import CoordinateMap, Decoded, Pinhole, Rig
+from tests.grids import thinned
 from tests.oracles.triangulation import point_of, sigma_of
 from tests.rigs import ahead, calibrated, rig, scene, shoot
 
@@ -68,8 +69,7 @@ def wave(shape):
     return 500.0 + 30.0 * np.sin(x / 20.0) * np.cos(y / 15.0)
 
 
-@pytest.mark.parametrize("curved", [False, True])
-@pytest.mark.parametrize("axis", [None, "x"])
+@thinned(strength=1, curved=[False, True], axis=[None, "x"])
 def test_against_the_oracle(curved, axis):
     r = lens(curved)
     points, decoded = made_up(r, wave(r.camera.shape), noise=1.0)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 
 import numpy as np
 import pytest
 
 import fringeworks as fw
+from fringeworks.cli.commands import run
 from fringeworks.cli.devices import _turn
 from fringeworks.rig.pinhole import pose
 from fringeworks.simulate.bodies import Body, Sphere
@@ -15,8 +17,10 @@ from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import fringe_plan
 from fringeworks.simulate.virtual_rig import look
-from tests.test_merging import BOARD, T_table_board, rig
 from tests.turntable import board_on_table, on_table, turned_poses, turntable_pose
+from tests.turntables import BOARD, T_table_board, rig
+
+pytestmark = pytest.mark.statistical
 
 
 class Table:
@@ -68,10 +72,11 @@ def test_a_command_turns_the_table(tmp_path):
 
 
 @pytest.mark.long
-def test_the_studio_merges_the_views_of_a_series(tmp_path):
+def test_the_studio_merges_the_views_of_a_series(tmp_path, monkeypatch):
     pytest.importorskip("nicegui", reason="nicegui is not installed")
     from fringeworks.studio.state import Studio
 
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     table = Table()
     views = [f"ball-{angle:03d}" for angle in (0, 90, 180, 270)]
     for k, view in enumerate(views):
@@ -99,6 +104,17 @@ def test_the_studio_merges_the_views_of_a_series(tmp_path):
         while shown.open:
             time.sleep(0.05)
         assert shown.state == "done", shown.problem
+        made = (tmp_path / "ball.ply").read_bytes()
+        monkeypatch.chdir(tmp_path)
+        for line in studio.log.done[0].shell.splitlines():
+            assert run(["-q", *shlex.split(line)[1:]]) == 0, line
+        # Commands merge files, whose names are part of the points' origin.
+        end = b"end_header\n"
+        same = (tmp_path / "ball.ply").read_bytes()
+        assert same.partition(end)[2] == made.partition(end)[2] != b""
+        (tmp_path / "ball.ply").unlink()
+        exec(f"import fringeworks as fw\n{studio.log.done[0].python}", {})
+        assert (tmp_path / "ball.ply").read_bytes() == made
     finally:
         studio.close()
     points = fw.files.read_points(tmp_path / "ball.ply")

@@ -60,6 +60,7 @@ def points_of(opened, surface="V.surfaces[0]") -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), "<f8").reshape(-1, 3)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("result", "options"),
     [
@@ -82,6 +83,7 @@ def test_points_read_back_within_an_eighth_of_sigma(pages, result, options):
     assert reasons == " ".join(map(str, surface.reason.ravel()))
 
 
+@pytest.mark.system
 def test_a_list_of_points_is_shown_as_it_is(pages):
     xyz = np.random.default_rng(0).normal(0, 20, (500, 3)) + np.array([0, 0, 400])
     opened = pages.open(viewer_page(fw.report.pack_surface(Points(xyz, None))))
@@ -97,6 +99,7 @@ def coloured(picture, opened) -> float:
     return float((np.abs(picture - background).max(axis=-1) > 12).mean())
 
 
+@pytest.mark.system
 def test_triangles_are_those_of_the_library(pages):
     opened = pages.open(bust_page())
     count = "V.scene.level(V.surfaces[0].mesh, 1).faces.count / 3"
@@ -113,6 +116,7 @@ def normals_of(opened) -> np.ndarray:
     return np.array(text.split(), float).reshape(-1, 4)[:, :3] / 127.0
 
 
+@pytest.mark.system
 def test_normals_agree_with_the_library(pages):
     opened = pages.open(bust_page())
     opened.rest()
@@ -143,6 +147,7 @@ def measured_pixels(window) -> np.ndarray:
 FOREHEAD = (60, 85, 160, 200)
 
 
+@pytest.mark.system
 def test_the_value_under_the_cursor_with_sigma_or_the_reason(pages):
     opened = pages.open(bust_page())
     camera_view(opened)
@@ -179,6 +184,7 @@ def click(opened, pixel):
     return opened.js("V.tools.picks.at(-1)")
 
 
+@pytest.mark.system
 def test_two_picks_give_the_distance_and_the_profile_of_the_library(pages):
     opened = pages.open(bust_page())
     camera_view(opened)
@@ -216,6 +222,7 @@ def drag(opened, window):
     return np.array(opened.js("V.tools.chosen.pixels"))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("body", "window"), [("sphere", FOREHEAD), ("plane", (226, 250, 130, 190))]
 )
@@ -254,6 +261,7 @@ def test_a_region_fits_what_the_library_fits(pages, body, window):
     assert opened.js("V.surfaces[0].layers.some(({ name }) => name === 'fit')")
 
 
+@pytest.mark.system
 def test_what_cannot_be_fitted_says_why(pages):
     opened = pages.open(bust_page())
     camera_view(opened)
@@ -271,6 +279,7 @@ def test_what_cannot_be_fitted_says_why(pages):
     assert "10 points or more, got 0" in opened.text("result")
 
 
+@pytest.mark.system
 def test_two_results_side_by_side_and_as_the_difference_of_the_library(pages):
     other = worn(bust())
     one, two = (
@@ -299,6 +308,7 @@ def test_two_results_side_by_side_and_as_the_difference_of_the_library(pages):
     np.testing.assert_allclose(told[known], sigma[known], rtol=0.016)
 
 
+@pytest.mark.system
 def test_a_difference_of_unlike_surfaces_is_refused_in_words(pages):
     page = viewer_page(
         fw.report.pack_surface(bust(), camera=small_rig()), fw.report.pack_surface(height_map())
@@ -309,6 +319,7 @@ def test_a_difference_of_unlike_surfaces_is_refused_in_words(pages):
     assert opened.js("V.ui.show.value") == "one"
 
 
+@pytest.mark.system
 def test_five_views_none_is_blank_and_no_two_are_alike(pages):
     opened = pages.open(bust_page())
     opened.ui("picture").focus()
@@ -322,6 +333,7 @@ def test_five_views_none_is_blank_and_no_two_are_alike(pages):
             assert np.mean(np.abs(one - other).max(axis=-1) > 30) > 0.02
 
 
+@pytest.mark.system
 def test_layers_light_range_and_clip_planes_change_the_picture(pages):
     opened = pages.open(bust_page())
     camera_view(opened)
@@ -345,6 +357,7 @@ def test_layers_light_range_and_clip_planes_change_the_picture(pages):
     assert coloured(opened.picture(), opened) > coloured(hidden, opened)
 
 
+@pytest.mark.system
 def test_the_keyboard_reaches_everything(pages):
     opened = pages.open(bust_page())
     names = opened.js(
@@ -377,6 +390,7 @@ def test_the_keyboard_reaches_everything(pages):
     assert opened.js("V.cross") is None
 
 
+@pytest.mark.system
 def test_every_control_has_a_name(pages):
     opened = pages.open(bust_page())
     nameless = opened.js(
@@ -386,6 +400,7 @@ def test_every_control_has_a_name(pages):
     assert nameless == []
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 400])
 def test_schemes_and_widths(pages, dark, width):
@@ -399,6 +414,7 @@ def test_schemes_and_widths(pages, dark, width):
     assert (np.mean([int(v) for v in re.findall(r"\d+", background)]) < 60) == dark
 
 
+@pytest.mark.system
 def test_hostile_names_are_shown_as_text(pages):
     notes = tuple(f"{k} {HOSTILE}" for k in range(10_000))
     packed = fw.report.pack_surface(bust(), camera=small_rig(), title=HOSTILE, notes=notes)
@@ -413,6 +429,7 @@ def test_hostile_names_are_shown_as_text(pages):
     assert opened.page.evaluate("window.hacked") is None
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("kind", ["nothing", "one pixel", "two pixels in a row"])
 def test_surfaces_with_hardly_anything(pages, kind):
     cloud = without_values(random_cloud(0))
@@ -444,6 +461,7 @@ def damaged(data: bytes, kind: str) -> bytes:
     return data[:8] + size.to_bytes(4, "little") + data[12:].replace(old, new)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("kind", ["cut off", "another magic", "too many pixels"])
 def test_damaged_content_is_refused_in_words(pages, kind):
     packed = fw.report.pack_surface(random_cloud(0))
@@ -454,6 +472,7 @@ def test_damaged_content_is_refused_in_words(pages, kind):
     assert opened.text("readout")
 
 
+@pytest.mark.system
 def test_a_page_of_somebody_elses_holds_two_viewers(pages):
     fragments = [viewer_fragment(fw.report.pack_surface(s)) for s in (height_map(), bust())]
     style = f"<style>{viewer_style()} .fringe-viewer-mount {{ height: 400px }}</style>"
@@ -477,6 +496,7 @@ def test_a_page_of_somebody_elses_holds_two_viewers(pages):
     assert added == ["FringeViewer"]
 
 
+@pytest.mark.system
 def test_turning_draws_a_coarser_raster_and_then_all_points(pages):
     opened = pages.open(bust_page())
     opened.rest()
@@ -494,6 +514,7 @@ def test_turning_draws_a_coarser_raster_and_then_all_points(pages):
     assert opened.js("V.surfaces[0].mesh.levels.get(1).faces.count") > 0
 
 
+@pytest.mark.system
 def test_the_script_is_clean():
     program = Path(sys.executable).with_name("oxlint")
     if not program.exists():

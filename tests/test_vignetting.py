@@ -10,6 +10,8 @@ from fringeworks.scan.checks.orientation import Orientation
 from fringeworks.scan.checks.vignetting import check_vignetting
 from fringeworks.types import CameraNoise
 
+pytestmark = pytest.mark.statistical
+
 SIZE = (640, 400)
 NOISE = CameraNoise(2.0, 0.01)
 EMPTY = np.empty(0)

@@ -29,8 +29,9 @@ from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, bust, standard_rig
 from fringeworks.simulate.virtual_rig import look
-from fringeworks.types import Pinhole, Rig
-from tests.rigs import ahead, board, rig, shoot
+from tests.rigs import ahead, board, head_on, rig, shoot
+
+pytestmark = pytest.mark.statistical
 
 TINY = standard_rig(scale=0.1)
 TURN = rotation(np.array([0.4, -0.3, 0.2]))
@@ -171,14 +172,6 @@ def test_shading_is_lambert_over_distance_squared():
     law = np.sum(way * view.normals[lit], axis=1) / length**3
     ratio = view.shading[lit] / law
     np.testing.assert_allclose(ratio, ratio[0])
-
-
-def head_on(size=64):
-    """A rig whose camera is at the projector's pupil, with the same pixels."""
-    device = Pinhole(size, size, (1000.0, 1000.0), (size / 2 - 0.5, size / 2 - 0.5))
-    nearly = np.eye(4)
-    nearly[0, 3] = -1e-9
-    return Rig(device, device, nearly)
 
 
 def test_pixels_and_defocus_lower_the_contrast_of_fringes():

@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+import shlex
+
 import pytest
 
+from tests.commands import run
 from tests.walk import NOT_RUN, ROOT, commands, steps, substitutions, walk
+
+pytestmark = pytest.mark.system
 
 LONG_PAGES = ["docs/start.md"]
 """Pages that set up, calibrate and scan, which takes minutes."""
 
 
+def test_the_commands_of_the_readme_work(tmp_path):
+    """In this process, and without the self-test, which has tests of its own."""
+    for step in steps("README.md"):
+        _, command, *words = shlex.split(step.run)
+        if command != "selftest":
+            run(command, *words, cwd=tmp_path)
+    assert (tmp_path / "scene.ply").stat().st_size > 10_000
+    assert (tmp_path / "scene.png").stat().st_size > 10_000
+
+
+@pytest.mark.long
 def test_the_readme_works_as_it_is_printed(tmp_path):
     walked = steps("README.md")
     assert len(walked) >= 5

@@ -24,6 +24,8 @@ from fringeworks.simulate.standard import standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import CameraSettings, DeviceProblem, InputError
 
+pytestmark = pytest.mark.system
+
 glfw = pytest.importorskip("glfw")
 mss = pytest.importorskip("mss")
 pytest.importorskip("moderngl")

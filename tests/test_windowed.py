@@ -12,15 +12,9 @@ from fringeworks.pair.prepared import prepare
 from fringeworks.pair.reference_plane import to_surface
 from fringeworks.pair.windows import smooth_reference, spline_coefficients
 from tests.conftest import scene, true_displacement
+from tests.grids import thinned
 from tests.oracles import windowed as oracle
-
-LIMITS = {
-    "object_noise": 2.5e-4,
-    "reference_noise": 2.5e-4,
-    "drift": 0.01,
-    "max_sigma": 0.8,
-    "min_explained": 0.3,
-}
+from tests.oracles.windowed import LIMITS
 
 
 def _problem(size=(60, 90), period=20.0, seed=3):
@@ -32,8 +26,7 @@ def _problem(size=(60, 90), period=20.0, seed=3):
     return spline_coefficients(s), d.astype(np.float32), u
 
 
-@pytest.mark.parametrize("scales", [(8.0,), (3.0,), (8.0, 4.0, 2.0)])
-@pytest.mark.parametrize("iterations", [1, 2])
+@thinned(strength=1, scales=[(8.0,), (3.0,), (8.0, 4.0, 2.0)], iterations=[1, 2])
 def test_kernel_agrees_with_its_oracle(scales, iterations):
     spline, d, _ = _problem()
     start = np.zeros(d.shape, np.float32)

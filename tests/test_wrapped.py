@@ -114,7 +114,8 @@ def test_options_that_contradict_are_refused(tmp_path, capsys, options, words):
 def test_every_command_that_decodes_has_the_options_of_decoding(command):
     group = typer.main.get_command(commands.face.app)
     known = {name for parameter in group.commands[command].params for name in parameter.opts}
-    options = {"--noise", "--gain", "--saturation", "--min-modulation", "--camera", "--projector"}
+    names = {"--camera-name", "--projector-name"}
+    options = {"--noise", "--gain", "--saturation", "--min-modulation", *names}
     if command != "response":
         options |= {"--estimate-steps", "--response"}
     assert options <= known

@@ -72,3 +72,19 @@ def bench(projector=None, camera=None, *, scene=None, seed=0, clock=None) -> Ben
 
     shows.show, films.grab = show, grab
     return made
+
+
+class Interrupting:
+    """A camera that goes away after some frames, or asks for an interruption."""
+
+    def __init__(self, camera, after, error):
+        self._camera, self._left, self._error = camera, after, error
+
+    def __getattr__(self, name):
+        return getattr(self._camera, name)
+
+    def grab(self, timeout_s=5.0):
+        self._left -= 1
+        if self._left < 0:
+            raise self._error
+        return self._camera.grab(timeout_s)

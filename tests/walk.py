@@ -7,8 +7,11 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parent.parent
 FENCED = re.compile(r"^```console\n(.*?)^```", re.M | re.S)
@@ -89,3 +92,14 @@ def walk(steps: list[Step], folder: Path) -> None:
             check=False,
         )
         assert done.returncode == 0, f"{step.run}\n{done.stdout}\n{done.stderr}"
+
+
+PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")])
+
+
+def marked(pages: Iterable[Path], long: Collection[str]) -> list:
+    """Pages as parameters of a test, by their names; those in ``long`` run with the long tests."""
+    return [
+        pytest.param(page, marks=pytest.mark.long if page.name in long else (), id=page.name)
+        for page in pages
+    ]

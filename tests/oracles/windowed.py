@@ -369,3 +369,12 @@ def select(values, sigmas, ratios, windows, confidence):
         for target, source in zip(out, (values[k], np.sqrt(variance), ratios[k]), strict=True):
             target[agrees] = source[agrees]
     return (*out, chosen)
+
+
+LIMITS = {
+    "object_noise": 2.5e-4,
+    "reference_noise": 2.5e-4,
+    "drift": 0.01,
+    "max_sigma": 0.8,
+    "min_explained": 0.3,
+}

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperGroup
 
 import fringeworks as fw
 from fringeworks.cli import output
+from fringeworks.cli.panels import PanelCommand
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 SECTIONS = ("Patterns", "Devices", "Two frames", "Stacks and rigs", "Results", "Simulation")
 """Groups of commands, in the order of the light."""
@@ -30,7 +37,67 @@ class LightGroup(TyperGroup):
                 formatter.write_dl(commands)
 
 
-app = typer.Typer(
+class Commands(typer.Typer):
+    """Commands whose options may be fields of dataclasses, with help in panels."""
+
+    def command(self, name: str | None = None, **given: Any) -> Callable[[Command], Command]:
+        """Register a function as a command; see ``typer.Typer.command``."""
+        register = super().command(name, cls=PanelCommand, **given)
+
+        def registered(function: Command) -> Command:
+            register(_grouped(function))
+            return function
+
+        return registered
+
+
+def _grouped(command: Command) -> Command:
+    """Let a command take dataclasses: each field becomes an option, with the field's default.
+
+    A field is declared as an option of a command is: ``Annotated[type, typer.Option(...)]``.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, type[Any]] = {}
+    parameters: list[inspect.Parameter] = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        kind = hints[name]
+        if isinstance(kind, type) and is_dataclass(kind):
+            groups[name] = kind
+            parameters += _options(kind)
+        else:
+            parameters.append(
+                parameter.replace(annotation=kind, kind=inspect.Parameter.KEYWORD_ONLY)
+            )
+
+    @functools.wraps(command)
+    def call(**given: Any) -> None:
+        made = {
+            name: kind(**{field.name: given.pop(field.name) for field in fields(kind)})
+            for name, kind in groups.items()
+        }
+        command(**given, **made)
+
+    signature = inspect.Signature(parameters)
+    call.__signature__ = signature  # type: ignore[attr-defined]
+    call.__annotations__ = {p.name: p.annotation for p in parameters} | {"return": None}
+    return call  # type: ignore[return-value]
+
+
+def _options(kind: type[Any]) -> list[inspect.Parameter]:
+    """The fields of a dataclass as parameters of a command."""
+    hints = get_type_hints(kind, include_extras=True)
+    return [
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=inspect.Parameter.empty if field.default is MISSING else field.default,
+            annotation=hints[field.name],
+        )
+        for field in fields(kind)
+    ]
+
+
+app = Commands(
     cls=LightGroup,
     help="From photographs of projected fringes to heights and points with an error bar on every "
     "pixel.",

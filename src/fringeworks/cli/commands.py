@@ -12,10 +12,9 @@ from fringeworks.cli import app as face
 from fringeworks.cli import output
 
 # Importing a file registers its commands. The order of the help is that of the sections.
-from fringeworks.cli import devices, boards, pairs, patterns, results  # noqa: F401 isort: skip
-from fringeworks.cli import inspecting, batches, sequences, comparing, merging, meshing  # noqa: F401 isort: skip
-from fringeworks.cli import deviating  # noqa: F401 isort: skip
-from fringeworks.cli import reports, rigs, selftesting, simulation, stacks, studio  # noqa: F401 isort: skip
+from fringeworks.cli import devices, rigs, pairs, patterns, results  # noqa: F401 isort: skip
+from fringeworks.cli import inspecting, batches, comparing, merging, meshing  # noqa: F401 isort: skip
+from fringeworks.cli import deviating, reports, simulation, stacks  # noqa: F401 isort: skip
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -12,7 +12,6 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
-from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import DenoiseOption, Figure, JsonFile, items
 from fringeworks.evaluate.best_method import Cell, format_map
 from fringeworks.evaluate.captures import rows_of_captures
@@ -45,11 +44,11 @@ class OwnPairs:
         typer.Argument(help="Pairs of one's own: folders, .npz or .mat; none for scenes."),
     ] = None
     reference: Annotated[
-        Path | None, typer.Option(help="Image of the reference plane, for --object.")
+        Path | None, typer.Option(help="Image of the reference plane; for --object.")
     ] = None
-    object: Annotated[list[Path] | None, typer.Option(help="Image with an object; repeatable.")] = (
-        None
-    )
+    object: Annotated[
+        list[Path] | None, typer.Option(help="Image with the object; repeatable.")
+    ] = None
     geometry: Annotated[
         Path | None, typer.Option(help="Calibration that `calibrate-plane` wrote; for pairs.")
     ] = None
@@ -84,10 +83,18 @@ class OwnPairs:
 class Scenes:
     """Artificial scenes; every combination of the lists is run."""
 
-    shape: Annotated[str, typer.Option(help="Artificial objects, separated by commas.")] = ""
-    gamma: Annotated[str, typer.Option(help="Exponents of the response.")] = ""
+    shape: Annotated[
+        str, typer.Option(help="Artificial object: parabola, cube, …; several by commas.")
+    ] = ""
+    gamma: Annotated[
+        str,
+        typer.Option(help="Exponent of the projector's response; several by commas."),
+    ] = ""
     noise: Annotated[
-        str, typer.Option(help="Standard deviations of the camera's noise, counts of 8 bit.")
+        str,
+        typer.Option(
+            help="Standard deviation of the camera's noise, counts; on the scale of 8 bit."
+        ),
     ] = ""
     bits: Annotated[str, typer.Option(help="Quantisation: 0 (none), 8, 10, 12, 16.")] = ""
     fringes: Annotated[str, typer.Option(help="Periods across the frame.")] = ""
@@ -147,12 +154,14 @@ class Results:
     epilog="Example: fringeworks compare --shape parabola --noise 2 --bits 8 --fringes 10,40, "
     "or fringeworks compare part/ cup/ --method windowed,fourier --figure maps.png",
 )
-@grouped
 def compare(
     own: OwnPairs,
     scenes: Scenes,
     results: Results,
-    method: Annotated[str, typer.Option(help="Methods, separated by commas; all by default.")] = "",
+    method: Annotated[
+        str,
+        typer.Option(help="Method, see `fringeworks methods`; several by commas, all by default."),
+    ] = "",
     denoise: DenoiseOption = None,
 ) -> None:
     """Compare methods on artificial scenes, or on one's own pairs of frames."""

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 import fringeworks as fw
-from fringeworks.cli.options import Camera, PlanFile, Projector, ResponseFile
+from fringeworks.cli.options import CameraName, PlanFile, ProjectorName, ResponseFile
 from fringeworks.files.exposures import is_exposures
 
 
@@ -20,7 +20,7 @@ class StackOptions:
     plan: PlanFile = None
     setup: Annotated[
         Path | None,
-        typer.Option(help="Set-up file; its noise is used and not measured in the frames."),
+        typer.Option(help="Set-up file: its noise is used and not measured in the frames."),
     ] = None
     noise: Annotated[
         float | None,
@@ -33,8 +33,8 @@ class StackOptions:
         float | None, typer.Option(help="Counts from which on a sample is not trusted.")
     ] = None
     min_modulation: Annotated[float, typer.Option(help="Least modulation, counts.")] = 0.0
-    camera: Camera = None
-    projector: Projector = None
+    camera_name: CameraName = None
+    projector_name: ProjectorName = None
 
     @property
     def options(self) -> fw.stack.DecodeOptions:
@@ -71,8 +71,8 @@ class StackOptions:
         """Return the stack with the names of its devices, where they are given."""
         return replace(
             stack,
-            camera=self.camera or stack.camera,
-            projector=self.projector or stack.projector,
+            camera=self.camera_name or stack.camera,
+            projector=self.projector_name or stack.projector,
         )
 
 

@@ -13,7 +13,6 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
-from fringeworks.cli.grouped import grouped
 from fringeworks.cli.showing import ShowOptions
 from fringeworks.cli.words import say_findings
 
@@ -38,21 +37,21 @@ class AlignOptions:
     align: Annotated[
         AlignName, typer.Option(help="Way of alignment; none: the coordinates are the model's.")
     ] = AlignName.best_fit
-    point: Annotated[
+    datum_point: Annotated[
         list[str] | None,
         typer.Option(
             help="Datum point: x:y:z on the part and X:Y:Z on the model, mm, as x:y:z:X:Y:Z; "
             "repeatable. For best-fit, three or more are the start."
         ),
     ] = None
-    plane: Annotated[
+    datum_plane: Annotated[
         list[str] | None,
         typer.Option(
             help="Datum plane: its box of pixels and a point on it in the model, mm, as "
             "column:row:column:row:X:Y:Z; three, the primary one first."
         ),
     ] = None
-    fit: Annotated[
+    fit_box: Annotated[
         str | None,
         typer.Option(help="Box of pixels that is fitted, as column:row:column:row."),
     ] = None
@@ -67,11 +66,15 @@ class AlignOptions:
         | fw.evaluate.KnownPose
     ):
         """The way of alignment, as the library takes it."""
-        given = {"--point": self.point, "--plane": self.plane, "--fit": self.fit}
+        given = {
+            "--datum-point": self.datum_point,
+            "--datum-plane": self.datum_plane,
+            "--fit-box": self.fit_box,
+        }
         uses = {
-            AlignName.best_fit: ("--point", "--fit"),
-            AlignName.points: ("--point",),
-            AlignName.planes: ("--plane",),
+            AlignName.best_fit: ("--datum-point", "--fit-box"),
+            AlignName.points: ("--datum-point",),
+            AlignName.planes: ("--datum-plane",),
             AlignName.none: (),
         }[self.align]
         for name, value in given.items():
@@ -80,14 +83,18 @@ class AlignOptions:
         if self.align is AlignName.none:
             return fw.evaluate.KnownPose(np.eye(4))
         if self.align is AlignName.planes:
-            return _planes(self.plane or [])
+            return _planes(self.datum_plane or [])
         pairs = None
-        if self.point or self.align is AlignName.points:
-            table = np.array([_numbers(p, 6, "--point") for p in self.point or []]).reshape(-1, 6)
+        if self.datum_point or self.align is AlignName.points:
+            table = np.array(
+                [_numbers(p, 6, "--datum-point") for p in self.datum_point or []]
+            ).reshape(-1, 6)
             pairs = fw.evaluate.DatumPoints(table[:, :3], table[:, 3:])
         if self.align is AlignName.points and pairs is not None:
             return pairs
-        return fw.evaluate.BestFit(pairs, None if self.fit is None else _box(self.fit, "--fit"))
+        return fw.evaluate.BestFit(
+            pairs, None if self.fit_box is None else _box(self.fit_box, "--fit-box")
+        )
 
 
 def _numbers(text: str, count: int, option: str) -> list[float]:
@@ -107,9 +114,9 @@ def _box(text: str, option: str) -> fw.evaluate.Area:
 
 def _planes(texts: list[str]) -> fw.evaluate.DatumPlanes:
     if len(texts) != 3:
-        raise fw.InputError(f"--plane: expected three datum planes, got {len(texts)}")
-    table = [_numbers(text, 7, "--plane") for text in texts]
-    one, two, three = (_box(":".join(f"{v:g}" for v in row[:4]), "--plane") for row in table)
+        raise fw.InputError(f"--datum-plane: expected three datum planes, got {len(texts)}")
+    table = [_numbers(text, 7, "--datum-plane") for text in texts]
+    one, two, three = (_box(":".join(f"{v:g}" for v in row[:4]), "--datum-plane") for row in table)
     return fw.evaluate.DatumPlanes((one, two, three), np.array([row[4:] for row in table]))
 
 
@@ -118,14 +125,13 @@ def _planes(texts: list[str]) -> fw.evaluate.DatumPlanes:
     epilog="Example: fringeworks deviation part.npz --model part.stl --rig rig.toml "
     "--tolerance-mm 0.1 --figure deviation.png",
 )
-@grouped
 def deviation(
     part: Annotated[Path, typer.Argument(help="Measured part: .npz, .ply or .xyz.")],
     model: Annotated[Path, typer.Option(help="Drawing: .stl, .ply, .obj or .off, in mm.")],
     *,
     how: AlignOptions,
     rig: Annotated[
-        Path | None, typer.Option(help="Rig that measured the part; without it, σ is too large.")
+        Path | None, typer.Option(help="Rig file of `calibrate`; without it, σ is too large.")
     ] = None,
     reach_mm: Annotated[
         float | None,

@@ -1,36 +1,35 @@
-"""``fringeworks devices | setup | capture | scan``: projectors and cameras."""
+"""``fringeworks devices | setup | capture | scan | studio``: projectors and cameras."""
 
 from __future__ import annotations
 
 import shlex
 import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
-from fringeworks.cli.grouped import grouped
-from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Ply, PlyOption, items
+from fringeworks.cli.options import (
+    CameraWords,
+    Folder,
+    Force,
+    JsonFile,
+    Ply,
+    PlyOption,
+    ProjectorWords,
+    axes_of,
+)
 from fringeworks.cli.showing import ShowOptions
 from fringeworks.cli.words import say_findings, say_setup
 from fringeworks.scan.setup_file import check_setup_target
 
 SECTION = "Devices"
 
-ProjectorWords = Annotated[
-    str | None,
-    typer.Option("--projector", help="screen, screen:NAME, memory:FOLDER or virtual[:SCENE]."),
-]
-CameraWords = Annotated[
-    str | None,
-    typer.Option("--camera", help="webcam:NUMBER, genicam[:NAME], folder:PATH or virtual[:SCENE]."),
-]
 PlanOfSetup = Annotated[
     Path | None, typer.Argument(help="Plan file; by default the plan of the set-up.")
 ]
@@ -83,36 +82,23 @@ class TakingOptions:
         float, typer.Option(help="Share of the lit pixels that may be saturated, 0 to 1.")
     ] = 0.5
     resume: Annotated[
-        bool, typer.Option("--resume", help="Keep the frames of an interrupted capture.")
+        bool,
+        typer.Option("--resume", help="Go on where an interrupted run ended: keep its frames."),
     ] = False
     force: Force = False
 
 
-@dataclass(frozen=True)
-class _Bench:
-    """Open devices, and what the set-up knows of them."""
-
-    projector: Any
-    camera: Any
-    settings: fw.devices.CameraSettings
-    setup: Any
-    """StoredSetup, or None."""
-
-
-@contextmanager
-def opened(devices: DeviceOptions) -> Iterator[_Bench]:
+def opened(
+    devices: DeviceOptions, plan: Path | None = None
+) -> AbstractContextManager[fw.scan.Bench]:
     """The devices that options or a set-up name; options hold before the set-up."""
-    stored = None if devices.setup is None else fw.files.read_setup(devices.setup)
-    projector = devices.projector or (stored.projector if stored else None)
-    camera = devices.camera or (stored.camera if stored else None)
-    if projector is None or camera is None:
-        raise fw.InputError("devices: expected --projector and --camera, or --setup")
-    settings = devices.settings
-    if stored is not None:
-        settings = settings.over(stored.settings)
-    shows, films = fw.open_devices(projector, camera)
-    with shows, films:
-        yield _Bench(shows, films, settings, stored)
+    return fw.scan.open_bench(
+        devices.setup,
+        projector=devices.projector,
+        camera=devices.camera,
+        settings=devices.settings,
+        plan=plan,
+    )
 
 
 @app.command(rich_help_panel=SECTION, epilog="Example: fringeworks devices")
@@ -130,22 +116,21 @@ def devices() -> None:
     rich_help_panel=SECTION,
     epilog="Example: fringeworks setup --projector screen:1 --camera webcam:0 --out setup.toml",
 )
-@grouped
 def setup(
     out: Annotated[Path, typer.Option("--out", help="Set-up file to write (TOML).")],
     projector: ProjectorWords = None,
     camera: CameraWords = None,
     settings: CameraOptions = CameraOptions(),
-    frames: Annotated[int, typer.Option(help="Frames of the plan that is proposed.")] = 12,
+    frames: Annotated[int, typer.Option(help="Frames of the plan.")] = 12,
     axes: Annotated[
-        str, typer.Option(help="Axes of that plan: x, y or x,y; a calibration needs both.")
+        str, typer.Option(help="Axes of the plan, as x,y; a calibration needs both.")
     ] = "x",
     json_file: JsonFile = None,
     figure: Annotated[
         Path | None,
         typer.Option(
             "--figure",
-            help="Picture of every test: .png, .pdf or .svg; by default beside the set-up file.",
+            help="Draw a picture: of every test, .png, .pdf or .svg; by default beside --out.",
         ),
     ] = None,
 ) -> None:
@@ -172,7 +157,7 @@ def setup(
                 bench.camera,
                 settings=bench.settings,
                 frames=frames,
-                axes=tuple(axis.value for axis in items(AxisName, axes, "axes")),
+                axes=axes_of(axes),
                 progress=step,
             )
     except fw.scan.SetupStopped as error:
@@ -190,15 +175,14 @@ def setup(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks capture plan.toml --setup setup.toml --out part/",
 )
-@grouped
 def capture(
     out: Folder, devices: DeviceOptions, taking: TakingOptions, plan: PlanOfSetup = None
 ) -> None:
     """Show the pictures of a plan and take a frame of each."""
     output.check_folder(out)
     words = output.Output()
-    with opened(devices) as bench:
-        _capture(bench, plan, out, taking)
+    with opened(devices, plan) as bench:
+        _take(bench, out, fw.scan.Take(**vars(taking)))
     words.wrote(out)
 
 
@@ -207,9 +191,8 @@ def capture(
     epilog="Example: fringeworks scan --setup setup.toml --rig rig.toml --capture part/ "
     "--out part.ply",
 )
-@grouped
 def scan(
-    rig: Annotated[Path, typer.Option("--rig", help="Rig file.")],
+    rig: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
     out: Annotated[
         Path,
         typer.Option(
@@ -229,7 +212,7 @@ def scan(
         typer.Option(help="Angle between two views of a turntable, degrees; merges the views."),
     ] = None,
     board: Annotated[
-        str | None, typer.Option(help="Board that turns with the part, as for merge.")
+        str | None, typer.Option(help="Board: as for `calibrate`; it turns with the part.")
     ] = None,
     turn: Annotated[
         str | None,
@@ -255,8 +238,8 @@ def scan(
     output.check(out, "points")
     show.check()
     known = fw.files.read_rig(rig)
-    with opened(devices) as bench:
-        _capture(bench, plan, folder, taking)
+    with opened(devices, plan) as bench:
+        _take(bench, folder, fw.scan.Take(**vars(taking)))
     found = fw.measure(folder, known)
     show.write_points(words, found, known, out, ply, name=folder.name)
     words.wrote(folder, out, *show.targets)
@@ -275,9 +258,10 @@ def take_views(
     """Take views of a part on a turntable, and write the merged part."""
     step_deg, board, command = table
     output.check(out, "merged")
-    with opened(devices) as bench:
+    how = fw.scan.Take(**vars(taking))
+    with opened(devices, plan) as bench:
         found = fw.scan.scan_turntable(
-            lambda place: _capture(bench, plan, place, taking),
+            lambda place: _take(bench, place, how),
             lambda angle: _turn(angle, command),
             folder,
             rig,
@@ -310,7 +294,13 @@ def _turn(angle_deg: float, command: str | None) -> None:
         )
 
 
-def take_poses(setup: Path, plan: Path | None, board: fw.rig.Board, folder: Path) -> None:
+def take_poses(
+    devices: DeviceOptions,
+    plan: Path | None,
+    board: fw.rig.Board,
+    folder: Path,
+    options: fw.stack.DecodeOptions,
+) -> None:
     """Take poses of a board until they are enough; the user presses Enter for each."""
 
     def ready(judgement: fw.scan.PoseJudgement) -> bool:
@@ -324,62 +314,34 @@ def take_poses(setup: Path, plan: Path | None, board: fw.rig.Board, folder: Path
             raise
         return not str(answer).strip().lower().startswith("q")
 
-    with opened(DeviceOptions(setup=setup)) as bench:
+    with opened(devices, plan) as bench:
         fw.scan.take_poses(
-            bench.projector,
-            bench.camera,
-            _plan(bench, plan),
+            bench,
             board,
             folder,
             ready=ready,
             taken=lambda pose: typer.echo(f"{pose}"),
-            settings=bench.settings,
+            **options,
         )
 
 
-def _plan(bench: _Bench, plan: Path | None) -> fw.PatternPlan:
-    """The plan of a file, of a projector that plays one from its memory, or of the set-up."""
-    if plan is not None:
-        return fw.files.read_plan(plan)
-    if isinstance(bench.projector, fw.devices.MemoryProjector):
-        held: fw.PatternPlan = bench.projector.plan
-        return held
-    if bench.setup is None:
-        raise fw.InputError("plan: expected a plan file, or --setup with its plan; got neither")
-    proposed: fw.PatternPlan = bench.setup.plan
-    return proposed
+def _take(bench: fw.scan.Bench, folder: Path, how: fw.scan.Take) -> None:
+    """Take the frames of the bench's plan into a folder, and show how far they are."""
+    with output.progress(bench.plan.frames * how.hdr) as step:
+        fw.scan.take(bench, folder, how, progress=step)
 
 
-def _delay(bench: _Bench, how: TakingOptions) -> Any:
-    """The delay of the set-up, where the fast way is asked for."""
-    if not how.fast:
-        return None
-    if bench.setup is None or bench.setup.delay is None:
-        raise fw.InputError("--fast: expected a set-up with a measured delay, got none")
-    if how.hdr > 1 or how.auto_exposure:
-        raise fw.InputError(
-            "--fast cannot be combined with --hdr or --auto-exposure: the delay depends on the "
-            "exposure"
-        )
-    return bench.setup.delay
-
-
-def _capture(bench: _Bench, plan: Path | None, folder: Path, how: TakingOptions) -> None:
-    """Take the frames of a plan into a folder."""
-    chosen, delay = _plan(bench, plan), _delay(bench, how)
-    common: dict[str, Any] = {"average": how.average, "resume": how.resume, "force": how.force}
-    where = (bench.projector, bench.camera, chosen, folder)
-    with output.progress(chosen.frames * how.hdr) as step:
-        if how.hdr > 1:
-            bench.camera.configure(bench.settings)
-            fw.scan.capture_hdr(*where, how.hdr, progress=step, **common)
-            return
-        fw.capture(
-            *where,
-            settings=bench.settings,
-            exposure="auto" if how.auto_exposure else "given",
-            delay=delay,
-            most_saturated=how.most_saturated,
-            progress=step,
-            **common,
-        )
+@app.command(rich_help_panel=SECTION, epilog="Example: fringeworks studio measurements/")
+def studio(
+    folder: Annotated[Path, typer.Argument(help="Folder that is read and written.")] = Path("."),
+    host: Annotated[
+        str | None,
+        typer.Option(help="Address to serve other machines on; the page then needs a token."),
+    ] = None,
+    port: Annotated[int | None, typer.Option(help="Port; by default 8137, or a free one.")] = None,
+    show: Annotated[
+        bool, typer.Option("--show/--no-show", help="Open the page in the browser.")
+    ] = True,
+) -> None:
+    """Set up, calibrate, scan, look and export on a page in the browser."""
+    fw.run_studio(folder, host=host, port=port, show=show)

@@ -10,7 +10,6 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
-from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import Ply, PlyOption
 from fringeworks.cli.showing import ShowOptions
 from fringeworks.cli.words import say_findings
@@ -27,7 +26,6 @@ COLUMNS = ["tolerance", "value", "± σ", "limits", "verdict"]
     rich_help_panel=SECTION,
     epilog="Example: fringeworks inspect part/ --recipe recipe.toml --json part.json",
 )
-@grouped
 def inspect_part(
     capture: Annotated[Path, typer.Argument(help="Capture: a pair, or frames of a plan.")],
     recipe: Annotated[Path, typer.Option(help="Recipe: method or rig, areas, tolerances.")],

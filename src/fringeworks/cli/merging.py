@@ -41,18 +41,22 @@ def merge(
         PosesName, typer.Option(help="Where the poses of the views come from.")
     ] = PosesName.board,
     board: Annotated[
-        str | None, typer.Option(help="Board that turns with the part, as for calibrate.")
+        str | None, typer.Option(help="Board: as for `calibrate`; it turns with the part.")
     ] = None,
     step_deg: Annotated[
         float | None, typer.Option(help="Angle of the turntable between two views, degrees.")
     ] = None,
     rig_file: Annotated[
         Path | None,
-        typer.Option("--rig", help="Rig of the views: removes the error of the camera's blur."),
+        typer.Option(
+            "--rig", help="Rig file of `calibrate`; removes the error of the camera's blur."
+        ),
     ] = None,
     blur_px: Annotated[
         float | None,
-        typer.Option(help="Standard deviation of that blur, px; by default from the board."),
+        typer.Option(
+            help="Standard deviation of the camera's blur, px; by default from the board."
+        ),
     ] = None,
     mesh: Annotated[
         bool, typer.Option("--mesh", help="Write a watertight mesh where --out is .ply.")

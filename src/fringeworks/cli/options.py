@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
@@ -31,8 +32,37 @@ PlanFile = Annotated[
 ResponseFile = Annotated[
     Path | None, typer.Option("--response", help="Response file; the response is corrected.")
 ]
-Camera = Annotated[str | None, typer.Option("--camera", help="Name of the camera.")]
-Projector = Annotated[str | None, typer.Option("--projector", help="Name of the projector.")]
+
+
+def _name(option: typer.CallbackParam, text: str | None) -> str | None:
+    """The name of a device, as captures and responses store it; words that open one are refused."""
+    if text is not None and re.match(r"[a-z][\w-]*:\S", text):
+        raise fw.InputError(
+            f"{option.opts[0]}: expected a name such as left, got {text!r}, which opens a device; "
+            f"{option.opts[0].removesuffix('-name')} of `capture`, `scan` and `calibrate --live` "
+            "takes it"
+        )
+    return text
+
+
+CameraName = Annotated[
+    str | None,
+    typer.Option("--camera-name", callback=_name, help="Name of the camera, for its response."),
+]
+ProjectorName = Annotated[
+    str | None,
+    typer.Option(
+        "--projector-name", callback=_name, help="Name of the projector, for its response."
+    ),
+]
+ProjectorWords = Annotated[
+    str | None,
+    typer.Option("--projector", help="screen, screen:NAME, memory:FOLDER or virtual[:SCENE]."),
+]
+CameraWords = Annotated[
+    str | None,
+    typer.Option("--camera", help="webcam:NUMBER, genicam[:NAME], folder:PATH or virtual[:SCENE]."),
+]
 Size = Annotated[int, typer.Option("--size", help="Side of the frames, px.")]
 
 
@@ -87,6 +117,11 @@ def items(kind: Callable[[str], Item], text: str, name: str) -> list[Item]:
     if not found:
         raise fw.InputError(f"--{name}: expected at least one value, got {text!r}")
     return found
+
+
+def axes_of(text: str) -> tuple[fw.patterns.Axis, ...]:
+    """Axes of the projector from ``x,y``."""
+    return tuple(axis.value for axis in items(AxisName, text, "axes"))
 
 
 def size_of(text: str, name: str) -> tuple[int, int]:

@@ -12,15 +12,14 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
-from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import (
     AxisName,
-    Camera,
+    CameraName,
     DenoiseOption,
     JsonFile,
     Ply,
     PlyOption,
-    Projector,
+    ProjectorName,
     ResponseFile,
     items,
 )
@@ -35,22 +34,29 @@ class RigOptions:
     """A calibrated rig, and the plane that the reference frame shows."""
 
     rig: Annotated[
-        Path | None, typer.Option(help="Rig file of `calibrate`: measure points in mm.")
+        Path | None, typer.Option(help="Rig file of `calibrate`; measures points in mm.")
     ] = None
     plane_coordinates: Annotated[
         Path | None,
         typer.Option(help="With --rig: coordinates of the reference plane, from `decode`."),
     ] = None
-    plane: Annotated[
+    plane_equation: Annotated[
         str | None,
-        typer.Option(help="Or its place: a,b,c,d of a x + b y + c z = d, camera coordinates, mm."),
+        typer.Option(
+            help="With --rig: a,b,c,d of the reference plane a x + b y + c z = d, camera "
+            "coordinates, mm."
+        ),
     ] = None
 
     def check(self, geometry: object) -> None:
         """Refuse what does not belong together."""
-        given = "--plane" if self.plane is not None else "--plane-coordinates"
-        if self.rig is None and (self.plane is not None or self.plane_coordinates is not None):
-            raise fw.InputError(f"{given}: expected together with --rig")
+        planes = {
+            "--plane-coordinates": self.plane_coordinates,
+            "--plane-equation": self.plane_equation,
+        }
+        for option, value in planes.items():
+            if self.rig is None and value is not None:
+                raise fw.InputError(f"{option}: expected together with --rig")
         if self.rig is not None and geometry is not None:
             raise fw.InputError("--rig cannot be combined with a geometry")
 
@@ -58,7 +64,8 @@ class RigOptions:
         """Measure the points of a pair; return them with the rig."""
         assert self.rig is not None
         rig = fw.files.read_rig(self.rig)
-        plane = None if self.plane is None else items(float, self.plane, "plane")
+        equation = self.plane_equation
+        plane = None if equation is None else items(float, equation, "plane-equation")
         found = fw.measure(
             pair, rig, reference=self.plane_coordinates, plane=plane, method=method, **options
         )
@@ -70,7 +77,6 @@ class RigOptions:
     epilog="Example: fringeworks reconstruct --reference plane.jpg --object part.jpg "
     "--out part.tif --figure part.png",
 )
-@grouped
 def reconstruct(
     capture: Annotated[
         Path | None, typer.Argument(help="Capture folder, .npz or .mat file.")
@@ -108,7 +114,8 @@ def reconstruct(
         typer.Option(help="x,y of the pixel below the camera's pupil, for cropped frames."),
     ] = None,
     axis: Annotated[
-        AxisName | None, typer.Option(help="Direction of the fringes, x or y; found by default.")
+        AxisName | None,
+        typer.Option(help="Axis along which the fringes vary, x or y; found by default."),
     ] = None,
     mask: Annotated[Path | None, typer.Option(help="Image, non-zero where to measure.")] = None,
     background: Annotated[
@@ -116,8 +123,8 @@ def reconstruct(
     ] = None,
     denoise: DenoiseOption = None,
     response: ResponseFile = None,
-    camera: Camera = None,
-    projector: Projector = None,
+    camera_name: CameraName = None,
+    projector_name: ProjectorName = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -144,8 +151,8 @@ def reconstruct(
         white=None if white is None else fw.files.read_frame(white)[0],
         mask=None if mask is None else fw.files.read_frame(mask)[0] != 0,
         background=None if background is None else fw.files.read_frame(background)[0] != 0,
-        camera=camera,
-        projector=projector,
+        camera=camera_name,
+        projector=projector_name,
     )
     known = _geometry(geometry, distance_mm, baseline_mm, pitch_mm_per_px, sign)
     if principal_px is not None:

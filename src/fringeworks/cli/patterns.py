@@ -12,26 +12,10 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
-from fringeworks.cli.options import Folder, Force, JsonFile, depth_of, size_of
+from fringeworks.cli.options import Folder, Force, JsonFile, axes_of, depth_of, size_of
 from fringeworks.types import made_by
 
 SECTION = "Patterns"
-
-
-class Axes(StrEnum):
-    """Axes of the projector that a plan decodes."""
-
-    x = "x"
-    y = "y"
-    xy = "xy"
-
-
-AXES: dict[Axes, tuple[fw.patterns.Axis, ...]] = {
-    Axes.x: ("x",),
-    Axes.y: ("y",),
-    Axes.xy: ("x", "y"),
-}
-"""The axes as the library takes them."""
 
 
 class PictureFormat(StrEnum):
@@ -46,9 +30,10 @@ class PictureFormat(StrEnum):
     epilog="Example: fringeworks plan --projector-size 1920x1080 --frames 12 --out plan.toml",
 )
 def plan(
-    frames: Annotated[int, typer.Option(help="Frames to spend.")],
+    frames: Annotated[int, typer.Option(help="Frames of the plan.")],
     rig_file: Annotated[
-        Path | None, typer.Option("--rig", help="Rig file, for the projector's size or --depth.")
+        Path | None,
+        typer.Option("--rig", help="Rig file of `calibrate`; for the projector's size or --depth."),
     ] = None,
     depth: Annotated[
         str | None,
@@ -59,14 +44,15 @@ def plan(
         ),
     ] = None,
     projector_size: Annotated[
-        str | None, typer.Option("--projector-size", help="Columns x rows, as 1920x1080.")
+        str | None, typer.Option(help="Projector's columns x rows, as 1920x1080.")
     ] = None,
     setup: Annotated[
         Path | None,
         typer.Option(help="Set-up file: projector's size, noise, modulation and shortest period."),
     ] = None,
     axes: Annotated[
-        Axes | None, typer.Option(help="Axes to decode; x, or with --depth the rig's main axis.")
+        str | None,
+        typer.Option(help="Axes of the plan, as x,y; x, or with --depth the rig's main axis."),
     ] = None,
     noise: Annotated[
         float | None, typer.Option(help="Standard deviation of the camera's noise, counts; 2.")
@@ -104,7 +90,7 @@ def plan(
         "min_period_px": min_period,
         "max_period_px": max_period,
         "robust": robust or None,
-        "axes": None if axes is None else AXES[axes],
+        "axes": None if axes is None else axes_of(axes),
     }
     options: dict[str, Any] = _of_setup(known) if known else {}
     options |= {name: value for name, value in given.items() if value is not None}

@@ -39,9 +39,9 @@ def report(
         typer.Option(help="Limit on a figure, as 'median_sigma_mm<=0.05'; repeatable."),
     ] = None,
     rig: Annotated[
-        Path | None, typer.Option(help="Rig of the points; the page is then smaller.")
+        Path | None, typer.Option(help="Rig file of `calibrate`; the page is then smaller.")
     ] = None,
-    every: Annotated[int, typer.Option(help="Show every k-th column and row only.")] = 1,
+    thin: Annotated[int, typer.Option(help="Show every THIN-th column and row only.")] = 1,
     pdf: Annotated[Path | None, typer.Option(help="Write a PDF beside the page.")] = None,
 ) -> None:
     """Write results with their pictures, findings, tolerances and origin into one file."""
@@ -55,7 +55,7 @@ def report(
             notes=note or (),
             tolerances=tolerance or (),
             rig=rig,
-            every=every,
+            every=thin,
             pdf=pdf,
         )
     words.wrote(out, pdf)

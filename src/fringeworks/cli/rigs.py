@@ -1,4 +1,4 @@
-"""``fringeworks rig``: check a rig, and rig files of other programs."""
+"""``fringeworks rig | board``: check a rig, rig files of other programs, boards to print."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import typer
 
 import fringeworks as fw
 from fringeworks.cli import output
-from fringeworks.cli.app import app
+from fringeworks.cli.app import Commands, app
 from fringeworks.cli.decoding import DecodingOptions
-from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import JsonFile, size_of
 from fringeworks.cli.words import say_findings
 
@@ -19,7 +18,7 @@ SECTION = "Stacks and rigs"
 EXIT_CODES = {"holds": 0, "has moved": 3, "cannot tell": 4}
 """As those of ``inspect``: pass, fail, undecided."""
 
-rigs = typer.Typer(
+rigs = Commands(
     help="Check a calibrated rig, or convert its file.",
     epilog="Example: fringeworks rig check pose/ --rig rig.toml --board chessboard:11x8:12",
     rich_markup_mode=None,
@@ -32,15 +31,12 @@ app.add_typer(rigs, name="rig", rich_help_panel=SECTION)
     epilog="Example: fringeworks rig check pose/ --rig rig.toml --board chessboard:11x8:12 "
     "--adjust --out rig2.toml",
 )
-@grouped
 def check(
     captures: Annotated[
         list[Path], typer.Argument(help="The board in one pose, or in several, a stack each.")
     ],
     rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
-    board: Annotated[
-        str, typer.Option(help="The board, as for `calibrate`: chessboard:11x8:12, …")
-    ],
+    board: Annotated[str, typer.Option(help="Board: as for `calibrate`.")],
     how: DecodingOptions,
     adjust: Annotated[
         bool,
@@ -82,10 +78,12 @@ def convert(
     out: Annotated[Path, typer.Option("--out", help="Rig file of another kind.")],
     projector_size: Annotated[
         str | None,
-        typer.Option(help="Columns x rows, as 1024x768, where a file of OpenCV has none."),
+        typer.Option(
+            help="Projector's columns x rows, as 1920x1080; where a file of OpenCV has none."
+        ),
     ] = None,
     camera_size: Annotated[
-        str | None, typer.Option(help="The same for the camera, as 1280x1024.")
+        str | None, typer.Option(help="Camera's columns x rows, as 1280x1024; as above.")
     ] = None,
     unit_mm: Annotated[
         float | None, typer.Option(help="Unit of OpenCV's file in mm, such as 1000 for metres.")
@@ -107,3 +105,45 @@ def convert(
         fw.files.write_rig(place, found)
     say_findings(words, unit_findings(found))
     words.wrote(out)
+
+
+@app.command(
+    rich_help_panel=SECTION,
+    epilog="Example: fringeworks board charuco:11x8:15:11 --paper A4 --out board.pdf",
+)
+def board(
+    kind: Annotated[
+        str,
+        typer.Argument(
+            metavar="BOARD",
+            help="chessboard:9x7:75 (inner corners, mm), charuco:8x6:30:22[:dictionary][:legacy] "
+            "(squares, mm), circles:9x7:30 or asymmetric-circles:4x11:20.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="File to print: .pdf, .svg or .png.")],
+    paper: Annotated[
+        str, typer.Option(help="A5 … A0, letter, legal, tabloid, or width x height in mm.")
+    ] = "A4",
+    landscape: Annotated[
+        bool | None,
+        typer.Option(
+            "--landscape/--portrait", help="Turn the paper; by default as the board fits."
+        ),
+    ] = None,
+    white_on_black: Annotated[
+        bool, typer.Option("--white-on-black", help="White circles on black.")
+    ] = False,
+    dpi: Annotated[int, typer.Option(help="Resolution of a .png, dots per inch.")] = 600,
+) -> None:
+    """Draw a calibration board to print, with rulers that check the printer's scale."""
+    words = output.Output(out)
+    output.check(out, "board")
+    known = fw.rig.parse_board(kind)
+    with output.target(out, ".pdf") as place:
+        fw.report.write_board(
+            place, known, paper, landscape=landscape, white_on_black=white_on_black, dpi=dpi
+        )
+    words.wrote(out)
+    words.say(
+        f"Print at 100 % (actual size), check both rulers, and calibrate with --board {known.name}"
+    )

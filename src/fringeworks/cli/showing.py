@@ -20,7 +20,7 @@ class ShowOptions:
 
     figure: Figure = None
     report: Annotated[
-        Path | None, typer.Option(help="Write a report to hand on: .html or .pdf.")
+        Path | None, typer.Option(help="Write a report: a page to hand on, .html or .pdf.")
     ] = None
     json_file: JsonFile = None
 

@@ -13,14 +13,15 @@ from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.cameras import calibrate_cameras, measure_cameras
 from fringeworks.cli.decoding import DecodingOptions, StackOptions
-from fringeworks.cli.devices import take_poses
-from fringeworks.cli.grouped import grouped
+from fringeworks.cli.devices import DeviceOptions, take_poses
 from fringeworks.cli.options import (
     AxisName,
+    CameraWords,
     DepthOption,
     JsonFile,
     Ply,
     PlyOption,
+    ProjectorWords,
     ResponseFile,
     depth_of,
     items,
@@ -38,10 +39,9 @@ StackArgument = Annotated[
 
 @app.command(
     rich_help_panel=SECTION,
-    epilog="Example: fringeworks response plane/ --camera left --projector bench "
-    "--out response.toml",
+    epilog="Example: fringeworks response plane/ --camera-name left "
+    "--projector-name bench --out response.toml",
 )
-@grouped
 def response(
     stack: StackArgument,
     out: Annotated[Path, typer.Option("--out", help="Response file to write (TOML).")],
@@ -69,7 +69,6 @@ def response(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks decode shots/ --out coordinates.npz --figure x.png",
 )
-@grouped
 def decode(
     stack: StackArgument,
     how: DecodingOptions,
@@ -105,7 +104,11 @@ def decode(
                 "--steps: it takes the place of a plan and gives a phase; expected none of "
                 "--plan, --relative, --phases beside it"
             )
-        given: dict[str, Any] = {"camera": how.camera, "projector": how.projector, **options}
+        given: dict[str, Any] = {
+            "camera": how.camera_name,
+            "projector": how.projector_name,
+            **options,
+        }
         phase = fw.stack.wrapped_phase(stack, _shifts(steps), **given)
         _show_phase(words, stack.name, phase, unwrap, out, show)
         return
@@ -166,7 +169,6 @@ def _show_phase(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks light shots/ --out light.npz --figure light.png",
 )
-@grouped
 def light(
     stack: StackArgument,
     how: StackOptions,
@@ -209,7 +211,6 @@ def light(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks calibrate board/ --board chessboard:11x8:12 --out rig.toml",
 )
-@grouped
 def calibrate(
     folders: Annotated[
         list[Path],
@@ -221,8 +222,9 @@ def calibrate(
     board: Annotated[
         str,
         typer.Option(
-            help="chessboard:9x7:75 (inner corners, mm), charuco:8x6:30:22[:dictionary][:legacy] "
-            "(squares, mm), circles:9x7:30 or asymmetric-circles:4x11:20."
+            help="Board: chessboard:9x7:75 (inner corners, mm), "
+            "charuco:8x6:30:22[:dictionary][:legacy] (squares, mm), "
+            "circles:9x7:30 or asymmetric-circles:4x11:20."
         ),
     ],
     out: Annotated[Path, typer.Option("--out", help="Rig file: .toml, or .xml, .yml (OpenCV).")],
@@ -237,10 +239,18 @@ def calibrate(
         bool,
         typer.Option("--live", help="Take the poses first, each judged at once; with --setup."),
     ] = False,
+    projector: ProjectorWords = None,
+    camera: CameraWords = None,
     *,
     show: ShowOptions,
 ) -> None:
     """Calibrate one or several cameras and a projector with a board in several poses."""
+    for name, device in (("projector", projector), ("camera", camera)):
+        if device is not None and not live:
+            raise fw.InputError(
+                f"--{name}: expected together with --live, for which it opens the device; the name "
+                f"of the {name} is --{name}-name"
+            )
     if len(folders) > 1:
         if live:
             raise fw.InputError("--live: expected one folder, got several cameras")
@@ -258,7 +268,8 @@ def calibrate(
     if live:
         if how.setup is None:
             raise fw.InputError("--live: expected together with --setup")
-        take_poses(how.setup, how.plan, known, folder)
+        devices = DeviceOptions(setup=how.setup, projector=projector, camera=camera)
+        take_poses(devices, how.plan, known, folder, how.options)
     options = how.options
     with output.progress(len(pose_paths(folder)) + 1) as progress:
         poses = ((name, how.named(stack)) for name, stack in fw.files.read_poses(folder, how.plan))
@@ -275,7 +286,6 @@ def calibrate(
     rich_help_panel=SECTION,
     epilog="Example: fringeworks measure part/ --rig rig.toml --out part.ply",
 )
-@grouped
 def measure(
     stacks: Annotated[
         list[Path],
@@ -287,7 +297,10 @@ def measure(
     rig_file: Annotated[Path, typer.Option("--rig", help="Rig file of `calibrate`.")],
     how: DecodingOptions,
     axis: Annotated[
-        AxisName | None, typer.Option(help="Use this axis of the projector only, x or y.")
+        AxisName | None,
+        typer.Option(
+            help="Axis along which the fringes vary, x or y; those of the other are left."
+        ),
     ] = None,
     epipolar_px: Annotated[
         float | None,
@@ -300,8 +313,8 @@ def measure(
     blur_px: Annotated[
         float | None,
         typer.Option(
-            help="Standard deviation of the camera's blur, px, whose error on curved surfaces is "
-            "removed; `merge` measures it on a board."
+            help="Standard deviation of the camera's blur, px; its error on curved surfaces is "
+            "removed. `merge` measures it on a board."
         ),
     ] = None,
     out: Annotated[

@@ -134,7 +134,12 @@ def open_projector(words: str) -> Projector:
 
 
 def _opened(kinds: dict[str, Kind[Device]], role: str, words: str) -> Device:
-    name, _, which = words.partition(":")
+    return _kind(kinds, role, words).open(words.partition(":")[2])
+
+
+def _kind(kinds: dict[str, Kind[Device]], role: str, words: str) -> Kind[Device]:
+    """The kind that words name."""
+    name = words.partition(":")[0]
     if name in BOTH_KINDS:
         raise DeviceProblem(
             f"{role} {words!r}: {name} opens a projector and a camera together; expected "
@@ -145,7 +150,7 @@ def _opened(kinds: dict[str, Kind[Device]], role: str, words: str) -> Device:
             f"{role} {words!r}: expected a kind of {', '.join(sorted(kinds))}, alone or with a "
             f"colon and which one, got {name!r}"
         )
-    return kinds[name].open(which)
+    return kinds[name]
 
 
 def open_devices(projector: str, camera: str) -> tuple[Projector, Camera]:
@@ -172,6 +177,8 @@ def open_devices(projector: str, camera: str) -> tuple[Projector, Camera]:
                 f"both of them, got {projector} and {camera}"
             )
         return both.open(other or one)
+    # Words that name no camera are refused before a projector turns black.
+    _kind(camera_kinds(), "camera", camera)
     opened = open_projector(projector)
     try:
         return opened, open_camera(camera)

@@ -119,7 +119,7 @@ def decode(
 
 # A path may hold either kind of capture, and a string is a sequence of strings.
 @overload
-def measure(  # type: ignore[overload-overlap]
+def measure(
     capture: Stack | Sequence[Stack] | StrPath,
     rig: Rig | Triangulator | StrPath,
     *,
@@ -132,7 +132,7 @@ def measure(  # type: ignore[overload-overlap]
 
 
 @overload
-def measure(  # type: ignore[overload-overlap]
+def measure(
     capture: Pair | StrPath,
     rig: Rig | Triangulator | StrPath,
     *,

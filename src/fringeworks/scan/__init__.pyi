@@ -1,5 +1,17 @@
 """Scans: showing patterns and grabbing frames, with the right timing and exposure."""
 
+from .bench import (
+    Bench as Bench,
+)
+from .bench import (
+    Take as Take,
+)
+from .bench import (
+    open_bench as open_bench,
+)
+from .bench import (
+    take as take,
+)
 from .delay import (
     Delay as Delay,
 )

@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Unpack
 
-from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.stack import pose_paths, read_stack
-from fringeworks.patterns.plan import PatternPlan
 from fringeworks.pipeline.boards import calibrate_stacks, observe_stack
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.calibrate import Calibration, Observation
-from fringeworks.scan.capture import capture
-from fringeworks.scan.delay import Delay
+from fringeworks.scan.bench import Bench, Take, take
 from fringeworks.scan.frames import Progress
 from fringeworks.scan.poses import PoseJudgement, judge_poses
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.types import (
-    BoardNotFound,
-    CameraSettings,
-    FramesContradictPlan,
-    Frozen,
-    InputError,
-)
+from fringeworks.types import BoardNotFound, FramesContradictPlan, Frozen, InputError
 from fringeworks.types.packages import need_opencv
 
 MOST_POSES = 40
@@ -52,16 +43,13 @@ class TakenPose(Frozen):
 
 
 def calibrate_live(
-    projector: Projector,
-    camera: Camera,
-    plan: PatternPlan,
+    bench: Bench,
     board: Board | str,
     folder: StrPath,
     *,
     ready: Callable[[PoseJudgement], bool],
     taken: Callable[[TakenPose], None] = lambda _: None,
-    settings: CameraSettings | None = None,
-    delay: Delay | None = None,
+    how: Take | None = None,
     distortion: int | None = None,
     **options: Unpack[DecodeOptions],
 ) -> Calibration:
@@ -75,42 +63,26 @@ def calibrate_live(
     """
     need_opencv("a calibration")
     board = parse_board(board) if isinstance(board, str) else board
-    take_poses(
-        projector,
-        camera,
-        plan,
-        board,
-        folder,
-        ready=ready,
-        taken=taken,
-        settings=settings,
-        delay=delay,
-        **options,
-    )
+    take_poses(bench, board, folder, ready=ready, taken=taken, how=how, **options)
     return calibrate_stacks(folder, board, distortion=distortion, **options)
 
 
 def take_poses(
-    projector: Projector,
-    camera: Camera,
-    plan: PatternPlan,
+    bench: Bench,
     board: Board | str,
     folder: StrPath,
     *,
     ready: Callable[[PoseJudgement], bool],
     taken: Callable[[TakenPose], None] = lambda _: None,
-    settings: CameraSettings | None = None,
-    delay: Delay | None = None,
+    how: Take | None = None,
     **options: Unpack[DecodeOptions],
 ) -> PoseJudgement:
     """Take poses of a board one after another until they are enough.
 
     Parameters
     ----------
-    projector : Projector
-    camera : Camera
-    plan : PatternPlan
-        With both axes.
+    bench : Bench
+        Its plan has both axes.
     board : Board or str
     folder : path
         A folder with a capture for each pose. Poses that lie there already count: an interrupted
@@ -120,8 +92,8 @@ def take_poses(
         place. False ends the taking of poses.
     taken : callable
         Called after each pose.
-    settings, delay
-        As for ``capture``.
+    how : Take, optional
+        As for ``take``, with a single exposure.
     **options
         Of ``decode``.
 
@@ -136,7 +108,7 @@ def take_poses(
     need_opencv("a calibration")
     poses = PoseTaker(folder, board, **options)
     while not poses.enough and ready(poses.judgement):
-        taken(poses.take(projector, camera, plan, settings=settings, delay=delay))
+        taken(poses.take(bench, how))
     return poses.judgement
 
 
@@ -168,32 +140,18 @@ class PoseTaker:
         return self.judgement.enough or len(self._found) >= MOST_POSES
 
     def take(
-        self,
-        projector: Projector,
-        camera: Camera,
-        plan: PatternPlan,
-        *,
-        settings: CameraSettings | None = None,
-        delay: Delay | None = None,
-        progress: Progress = lambda _: None,
+        self, bench: Bench, how: Take | None = None, *, progress: Progress = lambda _: None
     ) -> TakenPose:
         """Take a pose; parameters and errors as for ``take_poses``."""
-        if plan.axes != ("x", "y"):
+        if bench.plan.axes != ("x", "y"):
             raise InputError(
                 "plan: expected fringes or Gray code along x and y, got "
-                f"{', '.join(plan.axes)} only"
+                f"{', '.join(bench.plan.axes)} only"
             )
         name = _next_name(self._folder, self._found)
-        folder = self._folder / name
-        capture(
-            projector,
-            camera,
-            plan,
-            folder,
-            settings=settings,
-            delay=delay,
-            force=True,
-            progress=progress,
+        # A pose that could not be used is taken again: its folder is replaced.
+        folder = take(
+            bench, self._folder / name, replace(how or Take(), force=True), progress=progress
         )
         problem = ""
         try:

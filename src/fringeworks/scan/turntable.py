@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from fringeworks.files.atomic import StrPath
@@ -10,7 +10,7 @@ from fringeworks.files.rig import read_rig
 from fringeworks.pipeline.merging import MergedPart, merge
 from fringeworks.pipeline.stacks import measure
 from fringeworks.rig.calibration.board import Board, parse_board
-from fringeworks.types import InputError, PointCloud, Rig
+from fringeworks.types import InputError, Rig
 
 ANGLE_TOLERANCE = 1e-6
 """Largest difference of a turn from a whole number of steps, steps: rounding of 360/7."""
@@ -33,7 +33,7 @@ def scan_turntable(
     Parameters
     ----------
     take : callable
-        Called with a folder; captures the part into it, as ``capture`` does.
+        Called with a folder; captures the part into it, as ``take`` does.
     turn : callable
         Called with an angle in degrees before each view but the first; returns when the table
         stands there. It may ask somebody to turn the table by hand.
@@ -72,23 +72,6 @@ def scan_turntable(
         progress(f"view {k + 1} of {count} …")
         take(place)
         views.append(measure(place, rig).points)
-    return merge_turn(views, rig, step_deg=step_deg, board=board, progress=progress)
-
-
-def merge_turn(
-    views: Sequence[PointCloud],
-    rig: Rig,
-    *,
-    step_deg: float,
-    board: Board | str | None,
-    progress: Callable[[str], None] = lambda _: None,
-) -> MergedPart:
-    """Merge the views of a turntable: by angle and board, or by shape where there is no board.
-
-    Raises
-    ------
-    InputError as ``merge``.
-    """
     if board is None:
         return merge(views, poses="shape", progress=progress)
     return merge(

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.scan.aiming import Shown as Light
-from fringeworks.scan.setup_file import read_setup
+from fringeworks.scan.bench import Take
+from fringeworks.scan.setup_file import StoredSetup, read_setup
 from fringeworks.studio import live, tasks
-from fringeworks.studio.command_log import CommandLog
-from fringeworks.studio.device_words import Words, checked_words
-from fringeworks.studio.script import Command, capture_command, set_up_command
+from fringeworks.studio.actions import Action, CommandLog, Scan, SetUp, TakePose, perform
 from fringeworks.studio.series import Series
 from fringeworks.studio.session import Session
 from fringeworks.studio.worker import Job, Task, Worker
-from fringeworks.studio.workspace import Workspace, open_workspace
+from fringeworks.studio.workspace import Words, Workspace, checked_words, open_workspace
 from fringeworks.types import Finding, InputError
 
 VIRTUAL = "virtual"
@@ -125,7 +123,7 @@ class Bench:
         board: bool = False,
     ) -> Job:
         """Show what the camera sees until it is stopped; where asked for, find the board in it."""
-        poses = (str(self.workspace.poses), self.board) if board else None
+        poses = (self.workspace, self.board) if board else None
         given = self.words, shown, level, exposure_ms, poses
         return self._use_devices(session, LIVE_PICTURE, live.live_picture, *given)
 
@@ -162,39 +160,17 @@ class Bench:
 
     def run_setup(self, session: Session) -> Job:
         """Do a set-up."""
-        target = str(self.workspace.setup)
-        words = self.words
-        job = self._use_devices(
-            session, "set up", tasks.run_setup, target, *words, USUAL_FRAMES, total=SETUP_STEPS
-        )
-        return self.log.note(job, lambda _: set_up_command(words, USUAL_FRAMES))
+        return self._act(session, "set up", SetUp(*self.words, USUAL_FRAMES), SETUP_STEPS)
 
     def take_pose(self, session: Session) -> Job:
         """Take a pose of the board."""
-        self._needs(self.workspace.setup, "do Set up first")
-        space, words = self.workspace, self.words
-        frames = read_setup(space.setup).plan.frames
-        job = self._use_devices(
-            session,
-            "calibrate",
-            tasks.take_pose,
-            str(space.setup),
-            str(space.poses),
-            self.board,
-            words,
-            total=frames + 1,
-        )
-        folder = space.poses.name
-
-        def command(job: Job) -> Command:
-            name = f"{folder}/{job.result['name']}"
-            return replace(capture_command(words, name), replaces=name)
-
-        return self.log.note(job, command)
+        stored = self._setup()
+        action = TakePose(self.board, self._others(stored))
+        return self._act(session, "calibrate", action, stored.plan.frames + 1)
 
     def judge_poses(self, session: Session) -> Job:
         """Judge the poses that lie in the folder."""
-        given = str(self.workspace.poses), self.board
+        given = self.workspace, self.board
         return self._use_devices(session, "judging the poses", tasks.judge, *given)
 
     def undo_pose(self, name: str) -> None:
@@ -209,46 +185,24 @@ class Bench:
             raise InputError(f"pose: expected one of those taken, got {name!r}")
         shutil.rmtree(self.workspace.poses / name)
 
-    def scan(self, session: Session, name: str, *, exposures: int = 1, average: int = 1) -> Job:
+    def scan(self, session: Session, name: str, how: Take | None = None) -> Job:
         """Take the frames of an object into a folder of its own."""
-        self._needs(self.workspace.setup, "do Set up first")
-        target = self._free(name)
-        words = self.words
-        frames = exposures * read_setup(self.workspace.setup).plan.frames
-        job = self._use_devices(
-            session,
-            "scan",
-            tasks.scan,
-            str(self.workspace.setup),
-            words,
-            str(target),
-            exposures,
-            average,
-            total=frames + 1,
-        )
-        made = capture_command(words, name, exposures=exposures, average=average)
-        return self.log.note(job, lambda _: made)
+        how = how or Take()
+        self._free(name, how)
+        stored = self._setup()
+        action = Scan(name, how, self._others(stored))
+        return self._act(session, "scan", action, how.hdr * stored.plan.frames + 1)
 
     def start_series(
-        self,
-        session: Session,
-        names: list[str],
-        pause_s: float,
-        *,
-        exposures: int = 1,
-        average: int = 1,
+        self, session: Session, names: list[str], pause_s: float, how: Take | None = None
     ) -> Series:
         """Take scans one after the other, with a pause before each."""
         if self.series is not None and self.series.running:
             raise InputError("A scan is running or waiting already: wait, or stop it.")
         for name in names:
-            self._free(name)
+            self._free(name, how or Take())
         self.hold(session)
-
-        def begin(name: str) -> Job:
-            return self.scan(session, name, exposures=exposures, average=average)
-
-        self.series = Series(names, pause_s, begin)
+        self.series = Series(names, pause_s, lambda name: self.scan(session, name, how))
         self.series.start()
         return self.series
 
@@ -260,6 +214,11 @@ class Bench:
             if self.devices.job is not None and self.devices.job.name == "scan":
                 self.devices.cancel()
 
+    def _act(self, session: Session, name: str, action: Action, total: int) -> Job:
+        """Begin an action that uses the devices."""
+        job = self._use_devices(session, name, perform, action, self.workspace, total=total)
+        return self.log.note(job, action)
+
     def _use_devices(
         self, session: Session, name: str, task: Task, *given: Any, total: int = 0
     ) -> Job:
@@ -270,12 +229,22 @@ class Bench:
         self._end_live()
         return self.devices.start(name, task, *given, total=total, wait=lively)
 
-    def _free(self, name: str) -> Path:
-        """The path of a scan whose name nothing in the folder has."""
-        target = self.workspace.new(name)
-        if target.exists():
+    def _free(self, name: str, how: Take) -> None:
+        """Refuse a scan whose name the folder has, unless an interrupted one is resumed."""
+        if self.workspace.new(name).exists() and not how.resume:
             raise InputError(f"The folder has {name!r} already: choose another name.")
-        return target
+
+    def _setup(self) -> StoredSetup:
+        """The set-up in the folder."""
+        self._needs(self.workspace.setup, "do Set up first")
+        return read_setup(self.workspace.setup)
+
+    def _others(self, stored: StoredSetup) -> dict[str, Any]:
+        """Words of the chosen devices that are not those of the set-up."""
+        projector, camera = self.words
+        known = {"projector": stored.projector, "camera": stored.camera}
+        chosen = {"projector": projector, "camera": camera}
+        return {role: words for role, words in chosen.items() if words != known[role]}
 
     def _needs(self, path: Path, what: str) -> None:
         if not path.is_file():

@@ -16,7 +16,6 @@ from fringeworks.pipeline.stacks import measure
 from fringeworks.report.page.surfaces import as_heights
 from fringeworks.report.viewer.pack import pack_surface
 from fringeworks.rig.pinhole import pose
-from fringeworks.showcase.dissertation import write_paper
 from fringeworks.simulate.bodies import Body, Box, Cylinder, Plane, Shape, Sphere
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.objects import OBJECTS
@@ -180,9 +179,3 @@ def _bodies(name: str, settings: Mapping[str, Any]) -> list[Body]:
         return bust(place, albedo=settings["albedo"])
     wall = pose(np.eye(3), np.array([0.0, 0.0, WALL_MM]))
     return [Body(SHAPES[name](), place, settings["albedo"]), Body(Plane(), wall, WALL_ALBEDO)]
-
-
-def draw_figures(link: Link, target: str, size: int) -> list[str]:
-    """Make the figures of the dissertation's chapter 4; their files' names."""
-    written = write_paper(target, size=size, progress=link.progress)
-    return [path.name for path in written]

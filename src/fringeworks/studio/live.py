@@ -26,6 +26,7 @@ from fringeworks.scan.poses import REGIONS, SIDES, PoseJudgement
 from fringeworks.scan.setup_file import read_setup
 from fringeworks.studio.tasks import poses_of, thinning
 from fringeworks.studio.worker import Link
+from fringeworks.studio.workspace import Workspace
 from fringeworks.types import Axis, FramesContradictPlan
 
 SHORTEST_S = 0.1
@@ -49,11 +50,11 @@ def live_picture(
     shown: Shown,
     level: float,
     exposure_ms: float | None,
-    poses: tuple[str, str] | None,
+    poses: tuple[Workspace, str] | None,
 ) -> None:
     """Send live pictures until told to stop.
 
-    ``poses`` is the folder of a board's poses, and the board: it is then looked for.
+    ``poses`` is the studio's folder, and the board: it is then looked for.
     """
     board = None if poses is None else parse_board(poses[1])
     projector, camera = open_devices(*devices)

@@ -11,16 +11,18 @@ from typing import Any, Literal
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.studio import learning, tasks
+from fringeworks.studio.actions import (
+    Action,
+    Calibrate,
+    DrawBoard,
+    DrawFigures,
+    Export,
+    Inspect,
+    MergeViews,
+    perform,
+)
 from fringeworks.studio.bench import Bench
 from fringeworks.studio.recipes import RecipeKeeper, as_shown
-from fringeworks.studio.script import (
-    Measured,
-    board_command,
-    calibrate_command,
-    export_command,
-    inspect_command,
-    paper_command,
-)
 from fringeworks.studio.session import Session, Shown
 from fringeworks.studio.worker import Job, Task, Worker
 from fringeworks.types import FileProblem, InputError
@@ -97,26 +99,14 @@ class Studio(Bench):
 
     def print_board(self, session: Session) -> Job:
         """Draw the board to print."""
-        board, target = self.board, str(self.workspace.new("board", ".pdf"))
-        job = self._compute(session, "drawing the board", tasks.draw_board, board, target)
-        return self.log.note(job, lambda _: board_command(board))
+        return self._calculate(session, "drawing the board", DrawBoard(self.board))
 
     def calibrate(self, session: Session) -> Job:
         """Calibrate with the poses in the folder."""
         poses = self.workspace.taken_poses()
         if not poses:
             raise InputError("No pose of the board was taken: take poses first.")
-        job = self._compute(
-            session,
-            "calibrating",
-            tasks.run_calibration,
-            str(self.workspace.poses),
-            self.board,
-            str(self.workspace.rig),
-            total=len(poses) + 1,
-        )
-        board = self.board
-        return self.log.note(job, lambda _: calibrate_command(board))
+        return self._calculate(session, "calibrating", Calibrate(self.board), len(poses) + 1)
 
     def merge_views(
         self, session: Session, captures: list[str], board: str, step_deg: float, name: str
@@ -128,10 +118,11 @@ class Studio(Bench):
             raise InputError("Expected two views or more: take a series of scans first.")
         if board and not step_deg:
             raise InputError("Turntable step: expected degrees, got 0.")
-        places = [str(self.workspace.inside(capture)) for capture in captures]
-        target, rig = str(self.workspace.new(name, ".ply")), str(self.workspace.rig)
-        given = places, rig, board, step_deg, target
-        return self._compute(session, "merging", tasks.merge_views, *given, total=2 * len(places))
+        for capture in captures:
+            self.workspace.inside(capture)
+        self.workspace.new(name, ".ply")
+        action = MergeViews(tuple(captures), board, step_deg, name)
+        return self._calculate(session, "merging", action, 2 * len(captures))
 
     def look(self, session: Session, source: str, method: str, options: dict[str, Any]) -> Job:
         """Compute a surface, and show it; the one before is kept for comparison."""
@@ -168,10 +159,7 @@ class Studio(Bench):
 
     def draw_figures(self, session: Session, size: int) -> Job:
         """Make the figures of the dissertation's chapter 4 in the folder."""
-        target = str(self.workspace.figures_folder)
-        name = "the dissertation's figures"
-        job = self._compute(session, name, learning.draw_figures, target, size, total=FIGURES)
-        return self.log.note(job, lambda _: paper_command(size))
+        return self._calculate(session, "the dissertation's figures", DrawFigures(size), FIGURES)
 
     def figure_address(self, name: str) -> str:
         """Where the page finds a figure; it changes with its file."""
@@ -189,10 +177,7 @@ class Studio(Bench):
         if not recipe.tolerances:
             raise InputError("No tolerance is set: add one, then judge the part.")
         self.recipes.keep(as_shown(recipe, source))
-        job = self._compute(
-            session, f"judging {name}", tasks.judge_part, source, str(self.workspace.recipe)
-        )
-        return self.log.note(job, lambda _: inspect_command(name)) if source.path.is_dir() else job
+        return self._calculate(session, f"judging {name}", Inspect(source))
 
     def draw_picture(self, session: Session, name: str) -> Job:
         """Draw the picture of a capture or result, to draw areas on."""
@@ -203,20 +188,10 @@ class Studio(Bench):
 
     def export(self, session: Session, shown: Shown, suffix: str, kind: str) -> Job:
         """Write what is shown into the folder."""
-        name = f"{Path(shown.source).name}{suffix}"
-        target = self.workspace.new(Path(shown.source).name, suffix)
-        source = self._source(shown)
-        job = self._compute(
-            session, f"writing {name}", tasks.export, source, str(target), kind, total=2
-        )
-        made = shown.source, shown.method, shown.options
-        how: Measured = "pair" if source.rig is None else "stack"
-        if not source.path.is_dir():
-            how = "result"
-        elif source.recipe is not None:
-            how = "recipe"
-        command = export_command(*made, name, kind, how=how)
-        return self.log.note(job, lambda _: command)
+        name = Path(shown.source).name
+        self.workspace.new(name, suffix)
+        action = Export(self._source(shown), f"{name}{suffix}", kind)
+        return self._calculate(session, f"writing {action.name}", action, 2)
 
     def _source(self, shown: Shown) -> tasks.Source:
         """What a surface is computed from."""
@@ -227,12 +202,17 @@ class Studio(Bench):
             )
         stack = path.is_dir() and tasks.is_stack(path)
         rig = self.workspace.rig if stack and self.workspace.rig.is_file() else None
-        source = tasks.Source(path, rig, shown.method, shown.options)
+        source = tasks.Source(shown.source, path, rig, shown.method, shown.options)
         recipe = self.recipes.shown
         if recipe.within is None:
             return source
         self.recipes.keep(as_shown(recipe, source))
         return replace(source, recipe=self.workspace.recipe)
+
+    def _calculate(self, session: Session, name: str, action: Action, total: int = 0) -> Job:
+        """Begin an action that needs no devices."""
+        job = self._compute(session, name, perform, action, self.workspace, total=total)
+        return self.log.note(job, action)
 
     def _compute(self, session: Session, name: str, task: Task, *given: Any, total: int = 0) -> Job:
         """Begin a computation, after those of others."""

@@ -6,42 +6,31 @@ hold the rest.
 
 from __future__ import annotations
 
+import json
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fringeworks.devices.opening import list_devices, open_devices
+from fringeworks.devices.opening import list_devices
 from fringeworks.evaluate.inspect import inspect
 from fringeworks.files.exposures import is_exposures
-from fringeworks.files.findings import findings_as_dicts
-from fringeworks.files.merged import write_merged_points
 from fringeworks.files.pair import CAPTURE_FILE
-from fringeworks.files.results import write_result
-from fringeworks.files.rig import read_rig, write_rig
+from fringeworks.files.rig import read_rig
 from fringeworks.files.toml import kind_of
-from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.pipeline.inputs import capture_of
 from fringeworks.pipeline.pairs import reconstruct
 from fringeworks.pipeline.stacks import decode_stack, measure
-from fringeworks.report.boards import write_board
-from fringeworks.report.display import plot
-from fringeworks.report.figures import save_figure
 from fringeworks.report.page.load import load_result
-from fringeworks.report.page.report import SUFFIXES as REPORTS
-from fringeworks.report.page.report import write_report
 from fringeworks.report.page.surfaces import is_surface, packed, surface_of
 from fringeworks.report.summary import summarise
-from fringeworks.scan.capture import capture
-from fringeworks.scan.hdr import capture_hdr
 from fringeworks.scan.live_calibration import PoseTaker
-from fringeworks.scan.setup import SetupStopped, set_up
-from fringeworks.scan.setup_file import StoredSetup, read_setup, write_setup
-from fringeworks.scan.turntable import merge_turn
 from fringeworks.studio.worker import Link
+from fringeworks.studio.workspace import Workspace
 from fringeworks.types import Decoded, HeightMap, InputError, Pair, PointCloud, Points
 
 PICTURE_PX = 960
@@ -49,7 +38,7 @@ PICTURE_PX = 960
 PIXELS = 2_000_000
 """Pixels of a surface that the page shows; larger ones are thinned, and the page says so."""
 
-_POSES: dict[tuple[str, str], PoseTaker] = {}
+_POSES: dict[tuple[Path, str], PoseTaker] = {}
 """The judged poses by folder and board: earlier ones are not judged again for every new one."""
 
 
@@ -59,90 +48,35 @@ def find_devices(link: Link) -> tuple[list[str], list[str]]:
     return tuple([d.words for d in found if d.usable] for found in list_devices())  # type: ignore[return-value]
 
 
-def run_setup(link: Link, target: str, projector: str, camera: str, frames: int) -> dict[str, Any]:
-    """Do a set-up and write its files."""
-    link.progress("opening the devices")
-    shows, films = open_devices(projector, camera)
-    with shows, films:
-        try:
-            found = set_up(shows, films, frames=frames, axes=("x", "y"), progress=link.progress)
-        except SetupStopped as stopped:
-            save_figure(plot(stopped.tests), Path(target).with_suffix(".png"))
-            raise
-    save_figure(plot(found), Path(target).with_suffix(".png"))
-    write_setup(target, found, projector=projector, camera=camera)
-    return summarise(found)
-
-
-def take_pose(
-    link: Link, setup: str, folder: str, board: str, devices: tuple[str, str]
-) -> dict[str, Any]:
-    """Take one pose of a board, and judge all."""
-    poses = poses_of(folder, board)
-    stored = read_setup(setup)
-    link.progress("opening the devices")
-    shows, films = open_devices(*devices)
-    with shows, films:
-        taken = poses.take(
-            shows, films, stored.plan, settings=stored.settings, progress=link.progress
-        )
-    return {"name": taken.name, "corners": taken.corners, "problem": taken.problem} | _judged(poses)
-
-
-def draw_board(link: Link, board: str, target: str) -> str:
-    """Write a board to print."""
-    link.progress("drawing")
-    write_board(target, board)
-    return Path(target).name
-
-
-def judge(link: Link, folder: str, board: str) -> dict[str, Any]:
+def judge(link: Link, space: Workspace, board: str) -> dict[str, Any]:
     """Judge the poses that lie in a folder, after one was deleted or the studio was opened."""
     link.progress("finding the board in the poses")
-    _POSES.pop((folder, board), None)
-    return _judged(poses_of(folder, board))
+    _POSES.pop((space.poses, board), None)
+    return judged(poses_of(space, board))
 
 
-def poses_of(folder: str, board: str) -> PoseTaker:
-    key = folder, board
+def poses_of(space: Workspace, board: str) -> PoseTaker:
+    """The poses of a board in a studio's folder."""
+    key = space.poses, board
     if key not in _POSES:
-        _POSES[key] = PoseTaker(folder, board)
+        _POSES[key] = PoseTaker(*key)
     return _POSES[key]
 
 
-def _judged(poses: PoseTaker) -> dict[str, Any]:
+def judged(poses: PoseTaker) -> dict[str, Any]:
+    """What the page shows of a judgement."""
     return {"judgement": str(poses.judgement), "enough": poses.judgement.enough}
 
 
-def run_calibration(link: Link, folder: str, board: str, target: str) -> dict[str, Any]:
-    """Calibrate a rig from poses, and write it."""
-    found = calibrate_stacks(folder, board, progress=link.progress)
-    write_rig(target, found.rig)
-    save_figure(plot(found), Path(target).with_suffix(".png"))
-    return summarise(found)
-
-
-def scan(
-    link: Link, setup: str, devices: tuple[str, str], target: str, exposures: int, average: int
-) -> dict[str, Any]:
-    """Take the frames of an object."""
-    stored: StoredSetup = read_setup(setup)
-    link.progress("opening the devices")
-    shows, films = open_devices(*devices)
-    common: dict[str, Any] = {"average": average, "progress": link.progress}
-    with shows, films:
-        if exposures > 1:
-            films.configure(stored.settings)
-            capture_hdr(shows, films, stored.plan, target, exposures, **common)
-        else:
-            capture(shows, films, stored.plan, target, settings=stored.settings, **common)
-    return {"capture": Path(target).name}
+How = Literal["inspect", "read", "reconstruct", "decode", "measure"]
 
 
 @dataclass(frozen=True)
 class Source:
-    """What a result is computed from, and how."""
+    """What a result is computed from, and how; also as a command and as Python."""
 
+    name: str
+    """Of the capture or file, in the studio's folder."""
     path: Path
     """A capture, or a file that holds a result."""
     rig: Path | None
@@ -152,6 +86,63 @@ class Source:
     options: dict[str, Any]
     recipe: Path | None = None
     """A recipe that says within which area is measured."""
+
+    @property
+    def is_capture(self) -> bool:
+        """Whether it is a capture, and no file."""
+        return self.path.is_dir()
+
+    @property
+    def how(self) -> How:
+        """What makes a result of it."""
+        if self.recipe is not None:
+            return "inspect"
+        if not self.is_capture:
+            return "read"
+        if not is_stack(self.path):
+            return "reconstruct"
+        return "decode" if self.rig is None else "measure"
+
+    @property
+    def inspected(self) -> str:
+        """Python that inspects it."""
+        seen = repr(self.name) if self.is_capture else f"fw.read({self.name!r})"
+        return f"fw.inspect({seen}, 'recipe.toml')"
+
+    @property
+    def python(self) -> tuple[str, str]:
+        """Python that makes the result, and what takes the surface out of it."""
+        options = "".join(f", {name}={value!r}" for name, value in self.options.items())
+        return {
+            "inspect": (f"{self.inspected}.surface", ""),
+            "read": (f"fw.read({self.name!r})", ""),
+            "reconstruct": (f"fw.reconstruct({self.name!r}, {self.method!r}{options})", ".surface"),
+            "decode": (f"fw.decode({self.name!r})", ""),
+            "measure": (f"fw.measure({self.name!r}, 'rig.toml')", ".points"),
+        }[self.how]
+
+    def shell(self, option: str, target: str) -> str:
+        """The command that writes its result or report; empty where there is none."""
+        name, how = shlex.quote(self.name), self.how
+        if how == "read":
+            report = option == "--report"
+            return f"fringeworks {f'report {name} --out' if report else f'convert {name}'} {target}"
+        if how == "inspect" and not self.is_capture:
+            return ""
+        words = {
+            "inspect": "--recipe recipe.toml",
+            "reconstruct": f"--method {self.method}{''.join(map(_option, self.options.items()))}",
+            "decode": "",
+            "measure": "--rig rig.toml",
+        }[how]
+        return " ".join(filter(None, ["fringeworks", how, name, words, option, target]))
+
+
+def _option(given: tuple[str, Any]) -> str:
+    """An option of a method, as the command line takes it."""
+    name, value = given
+    text = value if isinstance(value, str) else json.dumps(value)
+    return f" --option {shlex.quote(f'{name}={text}')}"
 
 
 def show(link: Link, source: Source, target: str) -> dict[str, Any]:
@@ -175,48 +166,33 @@ def is_stack(folder: Path) -> bool:
 
 def compute(link: Link, source: Source) -> Any:
     """The result of a capture, or the one in a file."""
-    if source.recipe is not None:
-        link.progress("measuring within the area")
-        return inspect(_known(source), source.recipe).surface
-    if not source.path.is_dir():
-        link.progress("reading")
+    how = source.how
+    link.progress(DOES[how].format(method=source.method))
+    if how == "inspect":
+        assert source.recipe is not None
+        return inspect(known(source), source.recipe).surface
+    if how == "read":
         return load_result(source.path)
-    if not is_stack(source.path):
-        link.progress(f"measuring by {source.method}")
+    if how == "reconstruct":
         return reconstruct(source.path, source.method, **source.options)
-    link.progress("decoding and measuring")
-    return decode_stack(source.path) if source.rig is None else measure(source.path, source.rig)
+    if source.rig is None:
+        return decode_stack(source.path)
+    return measure(source.path, source.rig)
 
 
-def merge_views(
-    link: Link, captures: list[str], rig: str, board: str, step_deg: float, target: str
-) -> dict[str, Any]:
-    """Measure the views of a part on a turntable, merge them, and write the points."""
-    known = read_rig(rig)
-    views = []
-    for place in captures:
-        link.progress(f"measuring {Path(place).name}")
-        views.append(measure(place, known).points)
-    found = merge_turn(views, known, step_deg=step_deg, board=board or None, progress=link.progress)
-    write_merged_points(target, found.points, provenance=found.provenance)
-    return {
-        "file": Path(target).name,
-        "views": len(views),
-        "points": len(found.points.xyz_mm),
-        "findings": findings_as_dicts(found.findings),
-    }
+DOES: dict[How, str] = {
+    "inspect": "measuring within the area",
+    "read": "reading",
+    "reconstruct": "measuring by {method}",
+    "decode": "decoding and measuring",
+    "measure": "decoding and measuring",
+}
+"""What is done, in words."""
 
 
-def judge_part(link: Link, source: Source, recipe: str) -> dict[str, Any]:
-    """Measure a part, and judge its tolerances."""
-    link.progress("measuring the part")
-    name = source.path.name
-    return summarise(inspect(_known(source), recipe)) | {"source": name}
-
-
-def _known(source: Source) -> Any:
+def known(source: Source) -> Any:
     """What is inspected: a capture by its path, or the surface in a file."""
-    if source.path.is_dir():
+    if source.is_capture:
         return source.path
     result = load_result(source.path)
     if not isinstance(result, HeightMap | PointCloud):
@@ -230,7 +206,7 @@ def _known(source: Source) -> Any:
 def draw_picture(link: Link, source: Source, target: str) -> dict[str, Any]:
     """Draw what the camera saw of a capture, or the depths of a result, as JPEG."""
     link.progress("drawing")
-    values = picture_of(_known(source))
+    values = picture_of(known(source))
     step = max(1, -(-max(values.shape) // PICTURE_PX))
     part = values[::step, ::step].astype(np.float64)
     low, high = np.nanpercentile(part, (1, 99)) if np.isfinite(part).any() else (0.0, 1.0)
@@ -251,18 +227,6 @@ def picture_of(known: Path | HeightMap | PointCloud) -> NDArray[Any]:
         return found.object
     mean = np.mean([np.asarray(frame, np.float32) for frame in found[0].frames], axis=0)
     return np.asarray(mean)
-
-
-def export(link: Link, source: Source, target: str, kind: str) -> str:
-    """Write a result or its report in the format of the target's suffix."""
-    result = compute(link, source)
-    link.progress("writing")
-    path = Path(target)
-    if path.suffix in REPORTS:
-        write_report(path, {source.path.name: result}, rig=source.rig)
-    else:
-        write_result(path, surface_of(result), kind="mesh" if kind == "mesh" else "points")
-    return path.name
 
 
 def _thinning(result: Any) -> int:

@@ -47,8 +47,9 @@ def build(step: Step) -> None:
     def commands() -> None:
         if not studio.log.done:
             return
-        shell = "\n".join(command.shell for command in studio.log.done)
-        python = "\n".join(["import fringeworks as fw", *(c.python for c in studio.log.done)])
+        done = studio.log.done
+        shell = "\n".join(command.shell for command in done if command.shell)
+        python = "\n".join(["import fringeworks as fw", *(command.python for command in done)])
         for name, does, text in (("Commands", "do", shell), ("Python", "does", python)):
             ui.label(f"{name} that {does} the same").classes("text-lg")
             ui.label(text).classes("fw-code")

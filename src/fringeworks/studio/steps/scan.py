@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
+from fringeworks.scan.bench import Take
 from fringeworks.studio.steps.live import live_points
 from fringeworks.studio.steps.parts import UPDATE_S, Step, devices, finding_lines, work
 from fringeworks.studio.worker import Job
@@ -35,6 +36,10 @@ class _Scan:
             self._pause.classes("w-40")
         start = step.attempt(self._start)
         with ui.row():
+            self._auto = ui.checkbox("Choose the exposure first")
+            self._fast = ui.checkbox("Fast, at the delay of the set-up")
+            self._resume = ui.checkbox("Resume an interrupted scan")
+        with ui.row():
             ui.button("Scan (space)", on_click=start).props("no-caps")
             stop = step.attempt(lambda: self._studio.stop_series(step.session))
             ui.button("Stop the series", on_click=stop).props("flat no-caps")
@@ -62,8 +67,13 @@ class _Scan:
             self._step.session,
             series_names(name, count, turn),
             float(self._pause.value or 0),
-            exposures=int(self._exposures.value or 1),
-            average=int(self._average.value or 1),
+            Take(
+                auto_exposure=bool(self._auto.value),
+                hdr=int(self._exposures.value or 1),
+                average=int(self._average.value or 1),
+                fast=bool(self._fast.value),
+                resume=bool(self._resume.value),
+            ),
         )
 
     def _update(self) -> None:

@@ -1,0 +1,37 @@
+"""Thinned grids hold every pair of values, and lose no case."""
+
+from __future__ import annotations
+
+from itertools import combinations, product
+
+import pytest
+
+from tests.grids import cover, thinned
+
+SIZES = [(2, 4, 2, 5), (3, 3, 3), (5, 4), (1, 2, 6), (8,)]
+
+
+@pytest.mark.parametrize("sizes", SIZES)
+@pytest.mark.parametrize("strength", [1, 2])
+def test_every_choice_of_values_occurs(sizes, strength):
+    if strength > len(sizes):
+        pytest.skip("one axis has no pairs")
+    cases = cover(sizes, strength)
+    for axes in combinations(range(len(sizes)), strength):
+        seen = {tuple(case[axis] for axis in axes) for case in cases}
+        assert seen == set(product(*(range(sizes[axis]) for axis in axes)))
+
+
+def test_few_cases_are_enough_and_always_the_same():
+    assert len(cover((2, 4, 2, 5))) <= 22
+    assert len(cover((8, 4), 1)) == 8
+    assert cover((3, 3, 3)) == cover((3, 3, 3))
+
+
+def test_cases_that_are_left_out_are_long():
+    mark = thinned(kind={"a": 1, "b": 2}, order="<>", layout=[min, max]).mark
+    names, cases = mark.args
+    assert names == ("kind", "order", "layout")
+    assert [c.id for c in cases[:2]] == ["a-<-min", "a-<-max"]
+    assert {c.values for c in cases} == set(product((1, 2), "<>", (min, max)))
+    assert sum(not c.marks for c in cases) == 4

@@ -29,41 +29,16 @@ from fringeworks.simulate.standard import (
     standard_rig,
 )
 from fringeworks.simulate.virtual_rig import look
+from tests.page_code import ELSEWHERE, NOT_RUN, blocks
 from tests.public import public_names
 from tests.walk import PAGES, ROOT, commands, examples, marked
 
 SOURCES = sorted((ROOT / "src").rglob("*.py"))
 ROW_METHODS = ("exact", "gsifa", "sifa", "ifa")
-PYTHON = re.compile(r"^```python\n(.*?)^```", re.M | re.S)
-NOT_RUN = {
-    (
-        "cameras.md",
-        "import fringeworks as fw",
-    ): "captures of two cameras: tests/test_cameras_files.py",
-    (
-        "deviation.md",
-        'part = fw.surface.clean_cloud(fw.files.read_cloud("part.npz"))',
-    ): "a part with its drawing: tests/test_deviation.py",
-    ("batch.md", "import xarray as xr"): "the number of a scan is made up: tests/test_batch.py",
-    ("sequences.md", "import fringeworks as fw"): "a long sequence: tests/test_sequence.py",
-    (
-        "sequences.md",
-        "decoder = fw.stack.SequenceDecoder(plan)",
-    ): "a sketch: tests/test_sequence.py",
-    ("sequences.md", "import xarray as xr"): "a long sequence: tests/test_sequence.py",
-}
-"""Blocks that are not run, by page and first line, and the test that holds them."""
-ELSEWHERE = {"gallery.md"}
-"""Pages whose code is made from the examples, which tests/test_examples.py runs."""
 
 
 LONG = ("tutorial-rig.md", "rig.md")
 """Pages that calibrate anew what another page calibrates."""
-
-
-def blocks(page: Path) -> list[str]:
-    found = PYTHON.findall(page.read_text(encoding="utf-8"))
-    return [one for one in found if (page.name, one.split("\n", 1)[0]) not in NOT_RUN]
 
 
 @pytest.fixture(scope="module")

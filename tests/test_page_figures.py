@@ -6,7 +6,6 @@ import re
 import tomllib
 from functools import cache
 from importlib import import_module
-from operator import attrgetter
 
 import pytest
 
@@ -31,105 +30,105 @@ FIGURES: dict[str, list[tuple[str, str, float]]] = {
     ],
     "performance.md": [
         (r"blocks of (\d+) pixels", "decode/mod.rs:BLOCK_PIXELS", 1),
-        (r"judges every (\d+)th stack", "stack.decoder:JUDGE_EVERY", 1),
+        (r"judges every (\d+)th stack", "stack:JUDGE_EVERY", 1),
     ],
     "stacks.md": [
-        (r"every (\d+)th call", "stack.decoder:JUDGE_EVERY", 1),
-        (r"\(at least (\w+)\)\. For 12 frames", "patterns.propose:MIN_MARGIN", 1),
-        (r"margin of less than (\w+) standard", "patterns.chain_search:ORDER_SIGMAS", 1),
-        (r"within (\w+) standard deviations", "patterns.chain_search:ALTERNATIVE_SIGMAS", 1),
-        (r"modulation above (\w+) of its", "stack.kernel_settings:MIN_SNR", 1),
-        (r"fewer than (\d+) % of the pixels", "stack.decode:MIN_MEASURED", PERCENT),
-        (r"decides: (\d+) × \d+ pixels", "stack.local_errors:NEIGHBOURHOOD", 1),
+        (r"every (\d+)th call", "stack:JUDGE_EVERY", 1),
+        (r"\(at least (\w+)\)\. For 12 frames", "patterns:MIN_MARGIN", 1),
+        (r"margin of less than (\w+) standard", "patterns:ORDER_SIGMAS", 1),
+        (r"within (\w+) standard deviations", "patterns:ALTERNATIVE_SIGMAS", 1),
+        (r"modulation above (\w+) of its", "stack:MIN_SNR", 1),
+        (r"fewer than (\d+) % of the pixels", "stack:MIN_MEASURED", PERCENT),
+        (r"decides: (\d+) × \d+ pixels", "stack:NEIGHBOURHOOD", 1),
     ],
     "../CONTRIBUTING.md": [
         (r"at most (\d+) lines", "tests/test_architecture.py:MAX_FILE", 1),
         (r"lines, functions (\d+)", "tests/test_architecture.py:MAX_FUNCTION", 1),
     ],
     "files.md": [
-        (r"8 bytes per pixel \| (\d+) GB", "files.limits:DEFAULT_MAX_GB", 1),
-        (r"a frame counts (\d+) bytes", "files.limits:FLOAT_BYTES", 1),
-        (r"XML, YAML\) \| (\d+) MB", "files.limits:MAX_DESCRIPTION_BYTES", MB),
-        (r"rows of an image or device \| ([\d ]+) \|", "files.limits:MAX_LENGTH_PX", 1),
-        (r"pages of a TIFF \| ([\d ]+) \|", "files.tiff:MAX_PAGES", 1),
-        (r"cameras of one rig \| (\d+) \|", "files.multi_rig:MAX_CAMERAS", 1),
-        (r"version 7.3 \| (\d+) s", "files.hdf5_process:CPU_SECONDS", 1),
+        (r"8 bytes per pixel \| (\d+) GB", "files:DEFAULT_MAX_GB", 1),
+        (r"a frame counts (\d+) bytes", "files:FLOAT_BYTES", 1),
+        (r"XML, YAML\) \| (\d+) MB", "files:MAX_DESCRIPTION_BYTES", MB),
+        (r"rows of an image or device \| ([\d ]+) \|", "files:MAX_LENGTH_PX", 1),
+        (r"pages of a TIFF \| ([\d ]+) \|", "files:MAX_PAGES", 1),
+        (r"cameras of one rig \| (\d+) \|", "files:MAX_CAMERAS", 1),
+        (r"version 7.3 \| (\d+) s", "files:CPU_SECONDS", 1),
     ],
     "reference.md": [
-        (r"one file may take, GB; (\d+) by default", "files.limits:DEFAULT_MAX_GB", 1),
+        (r"one file may take, GB; (\d+) by default", "files:DEFAULT_MAX_GB", 1),
     ],
     "few-frames.md": [
-        (r"within ([\d.]+) times the shortest", "patterns.propose:ROBUST_BAND", 1),
-        (r"(\w+) σ of the rig's calibration", "rig.depth_interval:ROOM_SIGMAS", 1),
+        (r"within ([\d.]+) times the shortest", "patterns:ROBUST_BAND", 1),
+        (r"(\w+) σ of the rig's calibration", "rig:ROOM_SIGMAS", 1),
     ],
     "rig.md": [
-        (r"median epipolar error is above (\d+) px", "rig.point_findings:LARGE_EPIPOLAR_PX", 1),
-        (r"more than (\d+) % of the decoded", "rig.point_findings:LARGE_SHARE", PERCENT),
-        (r"more than (\d+) % of the lit pixels", "stack.unmeasured:LARGE_SHARE", PERCENT),
-        (r"rows disagree by more than (\d+) σ", "rig.triangulate:RESIDUAL_SIGMAS", 1),
-        (r"is taken, at most (\d+) px", "rig.epipolar:MAX_UNKNOWN_PX", 1),
-        (r"(\w+) different poses are enough", "scan.poses:ENOUGH_POSES", 1),
-        (r"enough if (\w+) are tilted", "scan.poses:TILTED_POSES", 1),
-        (r"camera by (\d+)° or more", "scan.poses:ADVISED_TILT_DEG", 1),
-        (r"a drift of ([\d.]+) % of the dist", "rig.calibration.drift:BLIND_SHARE", PERCENT),
-        (r"the drift is below (\d+) px", "rig.calibration.drift:UNKNOWN_RIG_PX", 1),
-        (r"the farthest ([\d.]+) % are discarded", "surface.form:DISCARDED", PERCENT),
-        (r"more than (\w+) robust standard", "surface.form:FAR_SIGMAS", 1),
-        (r"more than a (\w+) of the points lie off", "surface.form:MAX_FAR_SHARE", 1),
-        (r"no better than (\d+) %", "surface.form:MAX_RELATIVE_SIGMA", PERCENT),
-        (r"each sphere is the ball of ([\d.]+) radii", "surface.form_report:SPHERE_REGION", 1),
+        (r"median epipolar error is above (\d+) px", "rig:LARGE_EPIPOLAR_PX", 1),
+        (r"more than (\d+) % of the decoded", "rig:LARGE_SHARE", PERCENT),
+        (r"more than (\d+) % of the lit pixels", "stack:LARGE_SHARE", PERCENT),
+        (r"rows disagree by more than (\d+) σ", "rig:RESIDUAL_SIGMAS", 1),
+        (r"is taken, at most (\d+) px", "rig:MAX_UNKNOWN_PX", 1),
+        (r"(\w+) different poses are enough", "scan:ENOUGH_POSES", 1),
+        (r"enough if (\w+) are tilted", "scan:TILTED_POSES", 1),
+        (r"camera by (\d+)° or more", "scan:ADVISED_TILT_DEG", 1),
+        (r"a drift of ([\d.]+) % of the dist", "rig:BLIND_SHARE", PERCENT),
+        (r"the drift is below (\d+) px", "rig:UNKNOWN_RIG_PX", 1),
+        (r"the farthest ([\d.]+) % are discarded", "surface:DISCARDED", PERCENT),
+        (r"more than (\w+) robust standard", "surface:FAR_SIGMAS", 1),
+        (r"more than a (\w+) of the points lie off", "surface:MAX_FAR_SHARE", 1),
+        (r"no better than (\d+) %", "surface:MAX_RELATIVE_SIGMA", PERCENT),
+        (r"each sphere is the ball of ([\d.]+) radii", "surface:SPHERE_REGION", 1),
     ],
     "cameras.md": [
-        (r"Within (\w+) pixels of an edge", "rig.stereo_match:MARGIN_PX", 1),
-        (r"exceed (\w+) their σ", "rig.camera_findings:MAX_DISAGREEMENT", 1),
+        (r"Within (\w+) pixels of an edge", "rig:MARGIN_PX", 1),
+        (r"exceed (\w+) their σ", "rig:MAX_DISAGREEMENT", 1),
     ],
     "sequences.md": [
-        (r"peak of (\w+) times the floor", "evaluate.vibrations:PEAK_FLOORS", 1),
+        (r"peak of (\w+) times the floor", "evaluate:PEAK_FLOORS", 1),
     ],
     "merging.md": [
-        (r"Points less than (\d+) mm above", "pipeline.merging:ABOVE_MM", 1),
-        (r"is the ratio; above (\d+) it", "pipeline.merging:MAX_CLOSURE_SIGMAS", 1),
-        (r"by their σ; above (\d+) it", "pipeline.merging:MAX_DISAGREEMENT", 1),
+        (r"Points less than (\d+) mm above", "pipeline:ABOVE_MM", 1),
+        (r"is the ratio; above (\d+) it", "pipeline:MAX_CLOSURE_SIGMAS", 1),
+        (r"by their σ; above (\d+) it", "pipeline:MAX_DISAGREEMENT", 1),
     ],
     "deviation.md": [
-        (r"more than (\d+) σ are a dent", "evaluate.spots:SURE_SIGMAS", 1),
-        (r"in cells of (\w+) pixels", "evaluate.spots:CELL_SPACINGS", 1),
-        (r"\((\d+) % of the model's size", "views.alignment:REACH_SHARE", PERCENT),
-        (r"a (\w+) of a pixel within", "evaluate.deviation:EDGE_SIGMA_SPACINGS", 1),
-        (r"pixel within ([\d.]+) pixels", "evaluate.deviation:EDGE_SPACINGS", 1),
+        (r"more than (\d+) σ are a dent", "evaluate:SURE_SIGMAS", 1),
+        (r"in cells of (\w+) pixels", "evaluate:CELL_SPACINGS", 1),
+        (r"\((\d+) % of the model's size", "views:REACH_SHARE", PERCENT),
+        (r"a (\w+) of a pixel within", "evaluate:EDGE_SIGMA_SPACINGS", 1),
+        (r"pixel within ([\d.]+) pixels", "evaluate:EDGE_SPACINGS", 1),
     ],
     "inspect.md": [
-        (r"divided into (\d+) × \d+ patches", "evaluate.area_points:PATCHES", 1),
-        (r"(\d+) % of the area must", "evaluate.quantities:LEAST_SHARE_OF_VOLUME", PERCENT),
-        (r"risk = ([\d.]+)", "types.recipe:USUAL_RISK", 1),
+        (r"divided into (\d+) × \d+ patches", "evaluate:PATCHES", 1),
+        (r"(\d+) % of the area must", "evaluate:LEAST_SHARE_OF_VOLUME", PERCENT),
+        (r"risk = ([\d.]+)", "types:USUAL_RISK", 1),
     ],
     "batch.md": [
-        (r"`--memory-gb` \((\d+)\)", "batch.run:USUAL_MEMORY_GB", 1),
-        (r"chunks of (\d+) × \d+ pixels", "batch.store:CHUNK_PX", 1),
+        (r"`--memory-gb` \((\d+)\)", "batch:USUAL_MEMORY_GB", 1),
+        (r"chunks of (\d+) × \d+ pixels", "batch:CHUNK_PX", 1),
     ],
     "report.md": [
-        (r"turns (\d+) surfaces at most", "report.page.html:MOST_VIEWERS", 1),
+        (r"turns (\d+) surfaces at most", "report:MOST_VIEWERS", 1),
         (r"may have (\d+) million pixels", "report.viewer.content:MAX_PIXELS", MILLION),
-        (r"below (\d+) MB: larger", "report.interactive:NOTEBOOK_BYTES", MILLION),
+        (r"below (\d+) MB: larger", "report:NOTEBOOK_BYTES", MILLION),
     ],
     "viewer.md": [
         (r"holds up to (\d+) million pixels", "report.viewer.content:MAX_PIXELS", MILLION),
     ],
     "devices.md": [
-        (r"`board-0` to `board-(\d+)`", "devices.bench:POSES", 1),
-        (r"saturated; (\w+) of them by default", "scan.saturation:MOST_SATURATED", 1),
-        (r"camera sees (\d+) % of", "scan.checks.vignetting:MIN_COVERED_SHARE", PERCENT),
-        (r"every picture in (\d+) rounds", "scan.fast:MAX_ROUNDS", 1),
+        (r"`board-0` to `board-(\d+)`", "devices:POSES", 1),
+        (r"saturated; (\w+) of them by default", "scan:MOST_SATURATED", 1),
+        (r"camera sees (\d+) % of", "scan:MIN_COVERED_SHARE", PERCENT),
+        (r"every picture in (\d+) rounds", "scan:MAX_ROUNDS", 1),
     ],
     "methods.md": [
-        (r"by more than (\d+)° against", "pipeline.pair_findings:TURNED_DEG", 1),
-        (r"at least (\d+) % of the object", "pipeline.pair_findings:ONE_SIDED", PERCENT),
-        (r"more than ([\d.]+) % of the per", "pipeline.pair_findings:NOISY_ROWS", PERCENT),
-        (r"less than (\w+) of the pixels that", "pipeline.pair_findings:FEW_MEASURED", 1),
+        (r"by more than (\d+)° against", "pipeline:TURNED_DEG", 1),
+        (r"at least (\d+) % of the object", "pipeline:ONE_SIDED", PERCENT),
+        (r"more than ([\d.]+) % of the per", "pipeline:NOISY_ROWS", PERCENT),
+        (r"less than (\w+) of the pixels that", "pipeline:FEW_MEASURED", 1),
     ],
 }
-"""What pages say, with the figure in brackets; its constant, as module:name; and its unit there."""
-LAST = {"devices.bench:POSES"}
+"""What pages say, with the figure in brackets; the constant, as room:NAME; and its unit there."""
+LAST = {"devices:POSES"}
 """Numbers of things whose page quotes the last, counted from 0."""
 
 
@@ -146,14 +145,19 @@ def number(text: str) -> float:
 
 
 def constant(place: str) -> float:
-    """The value of a constant of the package, of a kernel, or of a test."""
-    module, name = place.split(":")
-    if module.endswith((".rs", ".py")):
-        folder = ROOT / "crates/fringeworks/src" if module.endswith(".rs") else ROOT
-        text = (folder / module).read_text(encoding="utf-8")
+    """The value of a constant of a room or module of the package, of a kernel, or of a test."""
+    where, name = place.split(":")
+    if where.endswith((".rs", ".py")):
+        folder = ROOT / "crates/fringeworks/src" if where.endswith(".rs") else ROOT
+        text = (folder / where).read_text(encoding="utf-8")
         (found,) = re.findall(rf"^(?:.*const )?{name}(?:: \w+)? = (\d+);?$", text, re.M)
         return float(found)
-    return float(attrgetter(name)(import_module(f"fringeworks.{module}")))
+    source = ROOT / "src"
+    start = source.joinpath("fringeworks", *where.split("."))
+    files = sorted(start.rglob("*.py")) or [start.with_suffix(".py")]
+    (file,) = [f for f in files if re.search(rf"^{name}(: .*)? = ", f.read_text("utf-8"), re.M)]
+    module = ".".join(file.relative_to(source).with_suffix("").parts)
+    return float(getattr(import_module(module), name))
 
 
 ROWS = [(name, *row) for name, rows in FIGURES.items() for row in rows]

@@ -8,9 +8,9 @@ import re
 from functools import cache
 from pathlib import Path
 
+from tests.page_code import ELSEWHERE, PYTHON, blocks
 from tests.public import public_names, submodules
-from tests.test_doc_code import ELSEWHERE, PAGES, PYTHON, blocks
-from tests.walk import ROOT
+from tests.walk import PAGES, ROOT
 
 LISTS = {"reference.md", "CHANGELOG.md"}
 """Pages that list names, and so explain none."""

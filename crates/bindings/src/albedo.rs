@@ -2,7 +2,7 @@
 
 use crate::rows::{array_of, rows_of};
 use crate::threads::detached;
-use fringeworks::albedo::{solve, Model, Options};
+use fringeworks::albedo::{Model, Options, solve};
 use numpy::{PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 

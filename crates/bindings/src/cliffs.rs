@@ -4,7 +4,7 @@ use crate::rows::rows_of;
 use crate::threads::detached;
 use crate::windowed::pair_of;
 use fringeworks::windowed::{
-    relocate_surfaces as relocate, sides, smooth_within, Search, Surfaces,
+    Search, Surfaces, relocate_surfaces as relocate, sides, smooth_within,
 };
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};

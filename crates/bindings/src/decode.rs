@@ -2,10 +2,10 @@
 
 use crate::rows::{refuse, rows_of, rows_of_mut};
 use crate::threads::{alone, detached};
-use fringeworks::decode::{
-    decode, decodes_alone, Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Plan, Table,
-};
 use fringeworks::Error;
+use fringeworks::decode::{
+    Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Plan, Table, decode, decodes_alone,
+};
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2};
 use pyo3::prelude::*;
 

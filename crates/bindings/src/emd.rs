@@ -2,7 +2,7 @@
 
 use crate::rows::{array_of, rows_of};
 use crate::threads::detached;
-use fringeworks::emd::{decompose, envelopes, Options};
+use fringeworks::emd::{Options, decompose, envelopes};
 use numpy::ndarray::Array3;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;

@@ -3,10 +3,10 @@
 use crate::moving_mean::Values;
 use crate::rows::rows_of;
 use crate::threads::detached;
-use fringeworks::inverse::{invert, Field, Method, Options};
+use fringeworks::inverse::{Field, Method, Options, invert};
 use fringeworks::moving_mean::Number;
-use numpy::ndarray::Array2;
 use numpy::PyArray1;
+use numpy::ndarray::Array2;
 use numpy::{
     Element, IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
 };

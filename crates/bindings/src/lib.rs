@@ -29,7 +29,7 @@ mod _core {
     #[pymodule_export]
     use super::cliffs::{relocate_surfaces, smooth_within_walls, wall_sides};
     #[pymodule_export]
-    use super::decode::{decode_frames, DecodeSettings};
+    use super::decode::{DecodeSettings, decode_frames};
     #[pymodule_export]
     use super::emd::{decompose_rows, row_envelopes};
     #[pymodule_export]

@@ -1,11 +1,11 @@
 //! Binding of the kernel from frames to points.
 
-use crate::decode::{planes_of, DecodeSettings, Frames};
+use crate::decode::{DecodeSettings, Frames, planes_of};
 use crate::rig::{PointMaps, Triangulation};
 use crate::threads::detached;
 use fringeworks::decode::Sample;
 use fringeworks::isolated::Smooth;
-use fringeworks::measure::{measure, Stack};
+use fringeworks::measure::{Stack, measure};
 use fringeworks::triangulate::Limits;
 use numpy::{Element, PyReadonlyArray2};
 use pyo3::exceptions::PyTypeError;

@@ -1,14 +1,14 @@
 //! Bindings of the statistics of a sample of pixels.
 
-use crate::decode::{planes_of, with_planes, Frames};
+use crate::decode::{Frames, planes_of, with_planes};
 use crate::rows::rows_of;
 use crate::threads::alone;
 use fringeworks::sample::differences::Real;
-use fringeworks::sample::fit::{fit, inside, Model, ROWS};
+use fringeworks::sample::fit::{Model, ROWS, fit, inside};
 use fringeworks::sample::quantile::{self, Value};
-use fringeworks::sample::residuals::{of_set, Maps, Noise, Set};
+use fringeworks::sample::residuals::{Maps, Noise, Set, of_set};
 use fringeworks::sample::variance::{self, Usual};
-use fringeworks::sample::windows::{windows, Lines, Wanted};
+use fringeworks::sample::windows::{Lines, Wanted, windows};
 use fringeworks::sample::{differences, groups, harmonics, moments};
 use numpy::ndarray::Array;
 use numpy::{

@@ -2,7 +2,7 @@
 
 use crate::rows::{array_of, rows_of};
 use crate::threads::detached;
-use fringeworks::wavelet::{ridge, Options};
+use fringeworks::wavelet::{Options, ridge};
 use numpy::{Complex32, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 

@@ -2,7 +2,7 @@
 
 use crate::rows::rows_of;
 use crate::threads::detached;
-use fringeworks::windowed::{invert, warped, Limits, Options, Pair};
+use fringeworks::windowed::{Limits, Options, Pair, invert, warped};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;

@@ -6,7 +6,7 @@
 //! Without δ, β would take over the error of the displacement. Chambolle and Pock's primal-dual method
 //! (J. Math. Imaging Vis. 40, 2011) from coarse to fine.
 
-use crate::{check_length, check_value, Error, MIN_WIDTH};
+use crate::{Error, MIN_WIDTH, check_length, check_value};
 use multiversion::multiversion;
 use rayon::prelude::*;
 

@@ -5,9 +5,9 @@
 //! [`crate::decode`], [`crate::isolated`] and [`crate::triangulate`] to the bit.
 
 use crate::decode::{BandDecoder, Plan, Sample};
-use crate::isolated::{Smooth, REACH};
+use crate::isolated::{REACH, Smooth};
 use crate::triangulate::{self, Axis, Limits, Points, Triangulation};
-use crate::{check_length, check_value, reason, Error};
+use crate::{Error, check_length, check_value, reason};
 use rayon::prelude::*;
 use std::ops::Range;
 

@@ -1,6 +1,6 @@
 //! Intersection of rays with triangles, by a tree of boxes halved at the median of the longest side.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 
 pub(crate) type Point = [f64; 3];

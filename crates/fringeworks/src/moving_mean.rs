@@ -1,7 +1,7 @@
 //! Moving means of maps along both axes, one after the other: Gaussian kernels of any width at a cost
 //! that does not grow with it. Beyond the border the border's values go on.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 use std::ops::Range;
 

@@ -1,7 +1,7 @@
 //! The nearest of many triangles to a point, by the tree of boxes that rays use as well.
 
-use crate::mesh::{cross, dot, minus, Node, Point, Triangles, MAX_WAITING};
-use crate::{check_length, Error};
+use crate::mesh::{MAX_WAITING, Node, Point, Triangles, cross, dot, minus};
+use crate::{Error, check_length};
 use rayon::prelude::*;
 
 /// Points that one task searches for: enough to hide the cost of a task.

@@ -3,7 +3,7 @@
 //! Along a smooth surface the third difference of the coordinate is noise. Its χ² is averaged over a
 //! square around every pixel.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 
 /// Rows of a task. The rows around it are computed twice: twelve at most.

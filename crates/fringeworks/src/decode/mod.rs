@@ -12,12 +12,12 @@ mod gray_code;
 mod orders;
 mod outputs;
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 use std::ops::{Deref, DerefMut};
 
 use fit::Frames;
-pub use fit::{PhaseSet, Table, TABLE_BINS};
+pub use fit::{PhaseSet, TABLE_BINS, Table};
 pub use gray_code::{Against, GrayCode};
 pub use orders::{Chain, Limits, Noise};
 pub use outputs::Outputs;

@@ -1,6 +1,6 @@
 //! Maps of the decoder: those that it writes, and what is known of every pixel beforehand.
 
-use crate::{check_length, Error};
+use crate::{Error, check_length};
 
 /// Output maps, each with one value per pixel of the frames.
 pub struct Outputs<'a> {

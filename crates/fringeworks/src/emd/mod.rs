@@ -15,7 +15,7 @@
 mod envelope;
 mod line;
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 pub use envelope::Envelopes;
 use rayon::prelude::*;
 

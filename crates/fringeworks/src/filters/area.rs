@@ -1,6 +1,6 @@
 //! Smaller maps: means of the areas that their pixels cover.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 
 /// Rows that a task computes.

@@ -2,7 +2,7 @@
 
 use super::Border;
 use crate::moving_mean::Number;
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::{Add, Mul, Sub};

@@ -1,7 +1,7 @@
 //! Linear interpolation of maps along both axes.
 
 use super::Real;
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use multiversion::multiversion;
 use rayon::prelude::*;
 

@@ -1,6 +1,6 @@
 //! Medians of squares of nine values.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
@@ -60,20 +60,12 @@ impl Sorted {
 
 #[inline(always)]
 fn smaller(a: f32, b: f32) -> f32 {
-    if a < b {
-        a
-    } else {
-        b
-    }
+    if a < b { a } else { b }
 }
 
 #[inline(always)]
 fn larger(a: f32, b: f32) -> f32 {
-    if a > b {
-        a
-    } else {
-        b
-    }
+    if a > b { a } else { b }
 }
 
 #[inline(always)]

@@ -8,10 +8,10 @@ mod weighted;
 mod widen;
 
 pub use area::area_means;
-pub use boxes::{box_means, Real};
+pub use boxes::{Real, box_means};
 pub use linear::interpolate;
 pub use median::median_of_nine;
-pub use weighted::{weighted_sums, Weights};
+pub use weighted::{Weights, weighted_sums};
 pub use widen::widen;
 
 /// What a filter takes for the values beyond the border of a map.

@@ -1,7 +1,7 @@
 //! Weighted sums of the neighbours along both axes, one after the other.
 
 use super::Border;
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use multiversion::multiversion;
 use rayon::prelude::*;
 

@@ -1,6 +1,6 @@
 //! Marked pixels, widened by a distance along both axes.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use multiversion::multiversion;
 use rayon::prelude::*;
 

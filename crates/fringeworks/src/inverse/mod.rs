@@ -14,8 +14,8 @@ mod polynomial;
 mod row;
 
 use crate::moving_mean::Number;
-use crate::spline::{uniform_pivots, uniform_slopes, RowSpline};
-use crate::{check_length, check_period, check_value, reason, Error, MIN_WIDTH};
+use crate::spline::{RowSpline, uniform_pivots, uniform_slopes};
+use crate::{Error, MIN_WIDTH, check_length, check_period, check_value, reason};
 pub use extrema::Extremum;
 use extrema::Finder;
 use rayon::prelude::*;

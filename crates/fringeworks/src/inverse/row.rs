@@ -1,13 +1,13 @@
 //! Inversion of one row.
 
-use super::extrema::Finder;
-use super::matched::{matched_parts, MatchedPart};
-use super::matching::match_orders;
-use super::part::{spans, Inverse, Span};
 use super::Options;
+use super::extrema::Finder;
+use super::matched::{MatchedPart, matched_parts};
+use super::matching::match_orders;
+use super::part::{Inverse, Span, spans};
 use crate::moving_mean::Number;
 use crate::reason;
-use crate::spline::{uniform_pivots, uniform_slopes, Place, RowSpline};
+use crate::spline::{Place, RowSpline, uniform_pivots, uniform_slopes};
 
 /// Upper bound on σ, in periods: where the slope vanishes, the neighbouring parts bound the error.
 const MAX_SIGMA_PERIODS: f64 = 0.25;

@@ -95,9 +95,5 @@ pub fn typical_step(coordinate: &[f32], width: usize, repeats: f32) -> f32 {
 }
 
 fn common_divisor(a: usize, b: usize) -> usize {
-    if b == 0 {
-        a
-    } else {
-        common_divisor(b, a % b)
-    }
+    if b == 0 { a } else { common_divisor(b, a % b) }
 }

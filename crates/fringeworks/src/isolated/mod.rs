@@ -8,12 +8,12 @@
 
 mod limits;
 
-use crate::{check_length, reason, Error};
+use crate::{Error, check_length, reason};
 use rayon::prelude::*;
 use std::ops::Range;
 
 use limits::Circle;
-pub use limits::{typical_step, Smooth};
+pub use limits::{Smooth, typical_step};
 
 /// How much steeper than the next step of the same surface a step may be.
 ///

@@ -1,6 +1,6 @@
 //! Differences of neighbouring pixels: second ones along both axes, and third ones along rows.
 
-use crate::{check_length, Error};
+use crate::{Error, check_length};
 
 /// χ² of the third differences along rows that are known and not larger than `most`.
 ///

@@ -1,7 +1,7 @@
 //! Least-squares fits of a set of steps to the pixels of a sample, and the harmonics in their residuals.
 
 use crate::decode::Sample;
-use crate::{check_length, Error};
+use crate::{Error, check_length};
 
 /// Pixels that are computed together, so that their samples stay in the first cache.
 const BLOCK: usize = 128;

@@ -1,7 +1,7 @@
 //! Groups of values with similar keys.
 
 use super::quantile::Value;
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 
 /// Rearrange keys and values in groups of equal size, from the smallest keys to the largest.
 ///

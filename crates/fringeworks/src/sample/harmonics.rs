@@ -2,7 +2,7 @@
 
 use super::dot;
 use super::waves::{add_products, harmonics};
-use crate::{check_length, Error};
+use crate::{Error, check_length};
 
 /// Pixels that are computed together, so that their harmonics stay in the first cache.
 const BLOCK: usize = 256;

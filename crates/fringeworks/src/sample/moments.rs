@@ -2,7 +2,7 @@
 
 use super::dot;
 use crate::decode::Sample;
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 
 /// The samples of some pixels, one row per frame.
 pub fn gather<T: Sample>(planes: &[&[T]], pixels: &[i64]) -> Result<Vec<Vec<f64>>, Error> {

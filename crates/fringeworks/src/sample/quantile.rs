@@ -1,6 +1,6 @@
 //! Quantiles by selection instead of sorting.
 
-use crate::{check_value, Error};
+use crate::{Error, check_value};
 
 /// A number with a key that is ordered like it.
 pub trait Value: Copy + Send + Sync + 'static {

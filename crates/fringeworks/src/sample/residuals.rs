@@ -1,6 +1,6 @@
 //! How far the phases of the sets lie from the coordinate that they give together.
 
-use crate::{check_length, Error};
+use crate::{Error, check_length};
 
 /// Maps of a decoded sample.
 #[derive(Clone, Copy)]

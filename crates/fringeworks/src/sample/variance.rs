@@ -1,7 +1,7 @@
 //! Variance from sums of squared residuals, insensitive to outliers.
 
-use super::quantile::median;
 use super::LANES;
+use super::quantile::median;
 
 /// What sums of squared residuals are like for a variance of 1.
 #[derive(Clone, Copy)]

@@ -1,7 +1,7 @@
 //! Windows without edges along lines across the fringes.
 
 use super::quantile::median;
-use crate::{check_length, Error};
+use crate::{Error, check_length};
 use std::f64::consts::TAU;
 
 /// Phases along lines of equal length.

@@ -21,7 +21,7 @@ mod rays;
 mod row;
 mod shift;
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 
 pub use lens::Lens;

@@ -3,8 +3,8 @@
 use super::arithmetic::Cubic;
 use super::rays::{Rays, SegmentSpread};
 use super::shift::Shift;
-use super::{Rig, Spread, SEGMENT_PIXELS, SPREAD_COEFFICIENTS};
-use crate::{check_length, check_value, Error};
+use super::{Rig, SEGMENT_PIXELS, SPREAD_COEFFICIENTS, Spread};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 
 /// Rays and calibration variance of one segment.

@@ -1,9 +1,9 @@
 //! One row of the frame, segment by segment, compiled for several instruction sets.
 
 use super::lens::MAX_NEWTON_STEPS;
-use super::points::{points, Constants, SegmentPoints};
+use super::points::{Constants, SegmentPoints, points};
 use super::prepare::Triangulation;
-use super::{Axis, Limits, Points, Values, SEGMENT_PIXELS};
+use super::{Axis, Limits, Points, SEGMENT_PIXELS, Values};
 use crate::reason;
 
 /// A row to triangulate; the maps of axes and output hold that row only.

@@ -1,6 +1,6 @@
 //! The phasor averaged locally along the local frequency, which guides unwrapping through noise.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 
 /// A complex number: real and imaginary part.

@@ -8,7 +8,7 @@ mod tile;
 
 pub use average::average;
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 use std::f32::consts::TAU;
 

@@ -8,7 +8,7 @@
 mod bank;
 mod row;
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use bank::Bank;
 use rayon::prelude::*;
 use row::Scratch;

@@ -1,12 +1,12 @@
 //! Solutions on the grid of nodes, and their interpolation to pixels.
 
+use super::LOOSE;
 use super::lattice::Lattice;
-use super::moments::{block_sums, BandSums, NodeRow, Window};
+use super::moments::{BandSums, NodeRow, Window, block_sums};
 use super::sight::{Cells, Sight};
-use super::solve::{solve, Limits, Node, Prior};
+use super::solve::{Limits, Node, Prior, solve};
 use super::walls::Walls;
 use super::warp::Pair;
-use super::LOOSE;
 use rayon::prelude::*;
 
 /// Distances, in blocks, within which nodes are searched near a wall: the nearest that has any.

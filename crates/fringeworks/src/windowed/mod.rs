@@ -17,18 +17,18 @@ mod surfaces;
 mod walls;
 mod warp;
 
-use crate::{check_length, check_value, Error, MIN_PERIOD};
+use crate::{Error, MIN_PERIOD, check_length, check_value};
 use grid::{Blended, Grid};
 use lattice::{Differences, Lattice};
 use moments::Window;
 use rayon::prelude::*;
-use select::{select, Estimate};
+use select::{Estimate, select};
 pub use solve::Limits;
 use solve::Prior;
-pub use surfaces::{relocate as relocate_surfaces, sides, Search, Surfaces};
-pub use walls::smooth_within;
+pub use surfaces::{Search, Surfaces, relocate as relocate_surfaces, sides};
 use walls::Walls;
-pub use warp::{warped, Pair};
+pub use walls::smooth_within;
+pub use warp::{Pair, warped};
 
 /// Options of the refinement.
 #[derive(Clone, Debug)]

@@ -4,7 +4,7 @@
 //! weighted by how much of the cell their centre sees.
 
 use super::lattice::Lattice;
-use super::moments::{self as m, NodeRow, Window, CHANNELS};
+use super::moments::{self as m, CHANNELS, NodeRow, Window};
 use super::walls::Walls;
 use multiversion::multiversion;
 

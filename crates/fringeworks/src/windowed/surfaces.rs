@@ -5,7 +5,7 @@
 
 use super::walls::distance_to;
 use super::warp::Pair;
-use crate::{check_length, Error};
+use crate::{Error, check_length};
 use rayon::prelude::*;
 
 /// Half-width of the patch that a surface has to explain, px: 7 × 7 px average the noise and still fit

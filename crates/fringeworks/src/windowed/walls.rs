@@ -1,7 +1,7 @@
 //! Walls: pixels at a jump of the displacement, and maps that end there.
 
 use super::moments::Window;
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 
 /// Half-width of a window that is summed cell by cell, in σ: beyond it, weights are below 0.05.

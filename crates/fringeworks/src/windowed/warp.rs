@@ -1,7 +1,7 @@
 //! The reference warped by the current displacement: s(x − u) and s′(x − u), by cubic B-splines along
 //! rows.
 
-use crate::{check_length, check_value, Error, MIN_WIDTH};
+use crate::{Error, MIN_WIDTH, check_length, check_value};
 use rayon::prelude::*;
 
 /// Distance from either end of a row, px, within which the reference is not used: its spline depends on

@@ -15,7 +15,7 @@ use saturation::{leave_out, refit};
 pub use set::PhaseSet;
 use solver::solve;
 pub use sums::Sums;
-pub use table::{Table, TABLE_BINS};
+pub use table::{TABLE_BINS, Table};
 
 /// Precision of a phase that the unsaturated samples do not determine; true ones are not negative.
 pub const NO_PRECISION: f32 = -1.0;

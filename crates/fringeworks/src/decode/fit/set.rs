@@ -1,8 +1,8 @@
 //! The frames of one period, and the least-squares problem of their shifts.
 
-use super::solver::{planned_row, Solver};
+use super::solver::{Solver, planned_row};
 use super::table::Table;
-use crate::{check_value, Error};
+use crate::{Error, check_value};
 use std::ops::RangeInclusive;
 
 /// Numbers of phase steps: three determine A, B and φ; 64 frames have a bit each in a `u64`.

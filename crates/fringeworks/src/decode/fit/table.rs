@@ -2,7 +2,7 @@
 
 use super::Fitted;
 use crate::decode::BLOCK_PIXELS;
-use crate::{check_length, Error};
+use crate::{Error, check_length};
 
 /// Bins of a table of phase errors, equal steps over a turn.
 ///

@@ -2,8 +2,8 @@
 
 mod words;
 
-use super::{Frames, Line, Plan, Sample, BLOCK_PIXELS};
-use crate::{check_value, Error};
+use super::{BLOCK_PIXELS, Frames, Line, Plan, Sample};
+use crate::{Error, check_value};
 use words::{read_bits, read_digits};
 
 /// Distance of a bit's brightness from its threshold below which the bit is in doubt, in standard

@@ -1,7 +1,7 @@
 //! Coordinates that start from a Gray code, or from a range without ends.
 
-use super::{hide_unmeasured, Block};
-use crate::decode::{GrayCode, Plan, BLOCK_PIXELS};
+use super::{Block, hide_unmeasured};
+use crate::decode::{BLOCK_PIXELS, GrayCode, Plan};
 use crate::reason;
 
 /// Mark the pixels of a block whose first fringe order is ambiguous, or whose code is masked. Hide the

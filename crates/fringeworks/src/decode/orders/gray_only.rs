@@ -1,8 +1,8 @@
 //! Coordinates of a plan without fringes: the middles of the Gray code's cells.
 
-use super::{hide_unmeasured, Block};
+use super::{Block, hide_unmeasured};
 use crate::decode::gray_code::HALF_DIFFERENCE;
-use crate::decode::{Line, Plan, BLOCK_PIXELS};
+use crate::decode::{BLOCK_PIXELS, Line, Plan};
 use crate::reason;
 
 /// Squared cell width over the variance of a coordinate that is uniform over the cell.

@@ -6,16 +6,16 @@ mod resolve;
 mod settings;
 mod shape;
 
-use super::fit::{fit, Fitted, Sums, NO_PRECISION};
-use super::gray_code::{read_gray_code, GrayCells};
-use super::{Frames, Line, Outputs, Plan, Sample, BLOCK_PIXELS};
-use crate::{reason, Error};
+use super::fit::{Fitted, NO_PRECISION, Sums, fit};
+use super::gray_code::{GrayCells, read_gray_code};
+use super::{BLOCK_PIXELS, Frames, Line, Outputs, Plan, Sample};
+use crate::{Error, reason};
 use std::f32::consts::TAU;
 use std::ops::Range;
 
 use gray_only::resolve_gray_only;
 pub use settings::{Chain, Limits, Noise};
-use shape::{Resolver, MAX_SETS};
+use shape::{MAX_SETS, Resolver};
 
 /// 1.5 · 2²³: adding and subtracting it rounds an f32 below 2²² to the nearest whole number.
 const TO_WHOLE: f32 = 12_582_912.0;

@@ -5,7 +5,7 @@
 //! roundings are constants of the compilation, without which the compiler does not use vectors.
 
 use super::shape::Shape;
-use super::{nearest, Block};
+use super::{Block, nearest};
 use crate::decode::BLOCK_PIXELS;
 use crate::reason;
 use std::f32::consts::TAU;

@@ -1,6 +1,6 @@
 //! What a plan knows before any pixel: the chain of roundings, the noise, and the limits.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 
 /// The chain of roundings that gives the fringe orders of all sets (temporal unwrapping, theory §5).
 ///

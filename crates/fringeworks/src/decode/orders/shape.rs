@@ -1,9 +1,9 @@
 //! What a plan knows before any pixel, laid out for the loop that resolves blocks.
 
-use super::resolve::{dot, resolve, RAISED, SHOT, START};
 use super::Block;
+use super::resolve::{RAISED, SHOT, START, dot, resolve};
 use crate::decode::Plan;
-use crate::{check_value, Error};
+use crate::{Error, check_value};
 use std::f32::consts::TAU;
 
 /// Largest number of sets along an axis. More periods do not help a fringe order.

@@ -6,12 +6,12 @@ use super::prepare::{Projector, Segment, Triangulation};
 use super::rays::{SegmentSpread, variable};
 use super::row::Decoded;
 use super::{Limits, SEGMENT_PIXELS, SPREAD_COEFFICIENTS, Values};
-use crate::reason;
+use crate::Reason;
 
 // Reasons as wide as the f32 lanes, so that choices between them stay vector operations.
-const OK: u32 = reason::OK as u32;
-const RAYS_APART: u32 = reason::RAYS_APART as u32;
-const BEYOND: u32 = reason::BEYOND_GEOMETRY as u32;
+const OK: u32 = Reason::Ok.lane();
+const RAYS_APART: u32 = Reason::RaysApart.lane();
+const BEYOND: u32 = Reason::BeyondGeometry.lane();
 
 /// Results of a segment; NaN where the rays do not meet in front of both devices.
 #[repr(align(64))] // Vectors do not lie across two lines of the cache.

@@ -128,12 +128,12 @@ pub fn block_sums(
         .zip(block_rows)
         .filter(|(_, block_row)| wanted(*block_row))
         .for_each_init(
-            || WarpedRow::new(pair.width),
+            || WarpedRow::new(pair.width()),
             |warped, (out, block_row)| {
                 let first = block_row * block;
-                let last = (first + block).min(pair.height);
+                let last = (first + block).min(pair.height());
                 for y in first..last {
-                    let row = y * pair.width..(y + 1) * pair.width;
+                    let row = y * pair.width()..(y + 1) * pair.width();
                     warp_row(pair, y, &u[row.clone()], warped);
                     let object = &pair.object[row];
                     if block == 1 {

@@ -79,7 +79,7 @@ impl<'a> Cells<'a> {
     }
 
     pub fn new(lattice: Lattice, sums: &'a [f64], walls: &Walls) -> Self {
-        let walls = lattice.any(walls.mask, walls.width);
+        let walls = lattice.any(&walls.mask, walls.mask.width());
         Self {
             lattice,
             sums,

@@ -8,7 +8,7 @@ mod solver;
 mod sums;
 mod table;
 
-use super::{Line, Plan, Sample};
+use super::{DecodeSettings, Line, Sample};
 
 pub use frames::Frames;
 use saturation::{leave_out, refit};
@@ -55,7 +55,7 @@ impl Fitted {
 #[inline(always)]
 pub fn fit<T: Sample>(
     frames: &Frames<'_, T>,
-    plan: &Plan,
+    plan: &DecodeSettings,
     index: usize,
     at: usize,
     sums: &mut Sums,

@@ -14,7 +14,9 @@ pub const TABLE_BINS: usize = 256;
 /// [`TABLE_BINS`] for each brightness A + B (rising, counts). Empty for none.
 #[derive(Clone, Default)]
 pub struct Table {
+    /// Rows of phase errors, turns.
     pub turns: Vec<f32>,
+    /// Brightness A + B of every row, counts.
     pub brightness: Vec<f32>,
 }
 

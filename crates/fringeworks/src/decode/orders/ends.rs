@@ -1,13 +1,13 @@
 //! Coordinates that start from a Gray code, or from a range without ends.
 
 use super::{Block, hide_unmeasured};
-use crate::decode::{BLOCK_PIXELS, GrayCode, Plan};
-use crate::reason;
+use crate::Reason;
+use crate::decode::{BLOCK_PIXELS, DecodeSettings, GrayCode};
 
 /// Mark the pixels of a block whose first fringe order is ambiguous, or whose code is masked. Hide the
 /// coordinates that are not measured, of which a block that is resolved with `START` shows all.
 #[inline(always)]
-pub fn check_start(plan: &Plan, block: &mut Block) {
+pub fn check_start(plan: &DecodeSettings, block: &mut Block) {
     if let Some(code) = &plan.gray_code {
         check_code(plan, code, block);
         mask_gray(block);
@@ -20,8 +20,8 @@ pub fn check_start(plan: &Plan, block: &mut Block) {
 /// The reason of a pixel that is not unique where it is measured.
 #[inline(always)]
 fn unless(unique: bool, reason: u32) -> u32 {
-    if !unique & (reason == u32::from(reason::OK)) {
-        u32::from(reason::ORDER_AMBIGUOUS)
+    if !unique & (reason == Reason::Ok.lane()) {
+        Reason::OrderAmbiguous.lane()
     } else {
         reason
     }
@@ -30,7 +30,7 @@ fn unless(unique: bool, reason: u32) -> u32 {
 /// Relative coordinates without a finite repeat distance can lie outside the first combination's period.
 /// Such a coordinate often leaves that period when the chain refines it.
 #[inline(always)]
-fn check_ends(plan: &Plan, block: &mut Block) {
+fn check_ends(plan: &DecodeSettings, block: &mut Block) {
     let (middle, confidence) = (plan.chain.middle, plan.limits.confidence);
     let half_range = 0.5 / plan.chain.frequencies[0];
     for i in 0..BLOCK_PIXELS {
@@ -45,7 +45,7 @@ fn check_ends(plan: &Plan, block: &mut Block) {
 ///
 /// With cells of half a period the first condition decides, with cells of one period the second.
 #[inline(always)]
-fn check_code(plan: &Plan, code: &GrayCode, block: &mut Block) {
+fn check_code(plan: &DecodeSettings, code: &GrayCode, block: &mut Block) {
     let period = 1.0 / plan.chain.frequencies[0];
     let (slack, confidence) = (code.slack, plan.limits.confidence);
     let (guard, of_period) = (code.guard, code.confidence);
@@ -66,7 +66,7 @@ fn mask_gray(block: &mut Block) {
     for i in 0..BLOCK_PIXELS {
         let masked = block.start[i].is_infinite();
         block.reason[i] = if masked {
-            u32::from(reason::MASKED)
+            Reason::Masked.lane()
         } else {
             block.reason[i]
         };

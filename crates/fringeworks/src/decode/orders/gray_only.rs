@@ -1,16 +1,16 @@
 //! Coordinates of a plan without fringes: the middles of the Gray code's cells.
 
 use super::{Block, hide_unmeasured};
+use crate::Reason;
 use crate::decode::gray_code::HALF_DIFFERENCE;
-use crate::decode::{BLOCK_PIXELS, Line, Plan};
-use crate::reason;
+use crate::decode::{BLOCK_PIXELS, DecodeSettings, Line};
 
 /// Squared cell width over the variance of a coordinate that is uniform over the cell.
 const UNIFORM_VARIANCE: f32 = 12.0;
 
 /// Coordinates, variances and reasons of a block from its Gray code alone.
 #[inline(always)]
-pub fn resolve_gray_only(plan: &Plan, block: &mut Block) {
+pub fn resolve_gray_only(plan: &DecodeSettings, block: &mut Block) {
     let step = plan.gray_code.as_ref().map_or(0.0, |code| code.step);
     let snr = plan.limits.min_snr;
     block.background = block.gray.threshold;
@@ -21,17 +21,18 @@ pub fn resolve_gray_only(plan: &Plan, block: &mut Block) {
     for i in 0..BLOCK_PIXELS {
         let contrast = block.modulation[i];
         let noise = (HALF_DIFFERENCE * plan.noise.variance(block.background[i])).sqrt();
-        block.reason[i] = u32::from(if block.coordinate[i].is_infinite() {
-            reason::MASKED
+        let reason = if block.coordinate[i].is_infinite() {
+            Reason::Masked
         } else if contrast < snr * noise {
-            reason::SHADOW
+            Reason::Shadow
         } else if contrast < plan.limits.min_modulation {
-            reason::LOW_MODULATION
+            Reason::LowModulation
         } else if block.coordinate[i].is_nan() {
-            reason::ORDER_AMBIGUOUS
+            Reason::OrderAmbiguous
         } else {
-            reason::OK
-        });
+            Reason::Ok
+        };
+        block.reason[i] = reason.lane();
     }
     hide_unmeasured(block);
 }

@@ -119,7 +119,7 @@ fn check<T>(
 /// };
 /// let [reference, object] = [&reference, &object].map(|row| Image::new(row, 1, 120).unwrap());
 /// let found = invert_rows(reference, object, Image::new(&[1; 120], 1, 120)?, None, &options)?;
-/// assert!((found.displacement[65] - 2.5).abs() < 0.05);
+/// assert!((found.displacement[60] - 2.5).abs() < 0.05);
 /// # Ok::<(), fringeworks::Error>(())
 /// ```
 pub fn invert_rows<T: Number>(

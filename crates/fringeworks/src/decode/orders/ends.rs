@@ -1,8 +1,9 @@
-//! Coordinates that start from a Gray code, or from a range without ends.
+//! Coordinates that start from a Gray code, or from a range without ends, and those of a Gray code alone.
 
 use super::{Block, hide_unmeasured};
 use crate::Reason;
-use crate::decode::{BLOCK_PIXELS, DecodeSettings, GrayCode};
+use crate::decode::gray_code::HALF_DIFFERENCE;
+use crate::decode::{BLOCK_PIXELS, DecodeSettings, GrayCode, Line};
 
 /// Mark the pixels of a block whose first fringe order is ambiguous, or whose code is masked. Hide the
 /// coordinates that are not measured, of which a block that is resolved with `START` shows all.
@@ -71,4 +72,36 @@ fn mask_gray(block: &mut Block) {
             block.reason[i]
         };
     }
+}
+
+/// Squared cell width over the variance of a coordinate that is uniform over the cell.
+const UNIFORM_VARIANCE: f32 = 12.0;
+
+/// Coordinates, variances and reasons of a block from its Gray code alone.
+#[inline(always)]
+pub fn resolve_gray_only(plan: &DecodeSettings, block: &mut Block) {
+    let step = plan.gray_code.as_ref().map_or(0.0, |code| code.step);
+    let snr = plan.limits.min_snr;
+    block.background = block.gray.threshold;
+    block.modulation = block.gray.contrast;
+    block.coordinate = block.gray.coordinate;
+    block.sigma = Line::of((step * step / UNIFORM_VARIANCE).sqrt());
+    block.disagreement = Line::of(0.0);
+    for i in 0..BLOCK_PIXELS {
+        let contrast = block.modulation[i];
+        let noise = (HALF_DIFFERENCE * plan.noise.variance(block.background[i])).sqrt();
+        let reason = if block.coordinate[i].is_infinite() {
+            Reason::Masked
+        } else if contrast < snr * noise {
+            Reason::Shadow
+        } else if contrast < plan.limits.min_modulation {
+            Reason::LowModulation
+        } else if block.coordinate[i].is_nan() {
+            Reason::OrderAmbiguous
+        } else {
+            Reason::Ok
+        };
+        block.reason[i] = reason.lane();
+    }
+    hide_unmeasured(block);
 }

@@ -1,7 +1,6 @@
 //! Fringe orders, coordinate, variance and validity of a block of pixels.
 
 mod ends;
-mod gray_only;
 mod resolve;
 mod settings;
 mod shape;
@@ -13,7 +12,6 @@ use crate::{Error, Reason};
 use std::f32::consts::TAU;
 use std::ops::Range;
 
-use gray_only::resolve_gray_only;
 pub use settings::{Chain, Limits, Noise};
 use shape::{MAX_SETS, Resolver};
 
@@ -104,7 +102,7 @@ pub fn decode_block<T: Sample>(
         read_gray_code(frames, plan, code, at, phases, &mut block.gray);
     }
     match &scratch.resolver {
-        None => resolve_gray_only(plan, block),
+        None => ends::resolve_gray_only(plan, block),
         Some(resolver) => {
             block.power = block.sets[plan.finest()].power;
             if plan.gray_code.is_some() {

@@ -1,9 +1,9 @@
 //! From stacks of shifted fringes and Gray code to projector coordinates, in one pass (theory §5).
 //!
 //! Pixels are computed in blocks that stay in the first cache: sums of the frames with cosine and
-//! sine of their shifts and the phase of every period ([`fit`]), the Gray code ([`gray_code`]), then
+//! sine of their shifts and the phase of every period (`fit`), the Gray code (`gray_code`), then
 //! the fringe orders of all periods, the weighted mean of the coordinate and its variance
-//! ([`orders`]).
+//! (`orders`).
 //!
 //! Multiplications and additions are not fused, so that all instruction sets give the same numbers.
 

@@ -120,13 +120,13 @@ impl Pair<'_> {
 
     /// Albedo of a pixel; 1 where it is not known.
     #[inline(always)]
-    pub fn albedo_at(&self, i: usize) -> f32 {
+    pub(super) fn albedo_at(&self, i: usize) -> f32 {
         self.albedo.map_or(1.0, |albedo| albedo[i])
     }
 
     /// Value and slope of the reference at x − u; `None` where either frame has no valid sample.
     #[inline(always)]
-    pub fn reference_at(&self, x: usize, y: usize, u: f32) -> Option<(f32, f32)> {
+    pub(super) fn reference_at(&self, x: usize, y: usize, u: f32) -> Option<(f32, f32)> {
         let position = x as f64 - u as f64;
         // Both comparisons are false for a NaN displacement.
         let inside = position >= END_MARGIN && position <= (self.width() - 1) as f64 - END_MARGIN;

@@ -24,7 +24,6 @@ from PIL import Image
 
 import fringeworks as fw
 from fringeworks.types import made_by
-from fringeworks.types.finding import FrameFinding
 from tests.cameras import small_rig
 from tests.hostile_structure import damaged
 
@@ -292,7 +291,7 @@ def targets(folder: Path) -> list[Target]:
     codes = fw.stack.CoordinateMap(
         flat, flat, flat, flat, flat.astype(np.uint8), "x", (16.0, 90.0), np.stack([flat] * 2)
     )
-    decoded = fw.Decoded(codes, None, CameraNoise(1.0), (FrameFinding("noise", "seen"),))
+    decoded = fw.Decoded(codes, None, CameraNoise(1.0), (fw.Finding("noise", "seen"),))
     wrapped = fw.stack.WrappedPhase(
         flat, flat, flat, flat, flat.astype(np.uint8), (0.0, 1.0, 2.0), CameraNoise(1.0), ("a",)
     )

@@ -23,6 +23,28 @@ LIMITS = {
 }
 
 
+def pair_of(spline, d):
+    """The kernels' pair of frames without gaps."""
+    ok = np.ones(d.shape, np.uint8)
+    return {
+        "spline": spline,
+        "object": d,
+        "reference_ok": ok,
+        "object_ok": ok,
+        "albedo": None,
+    }
+
+
+def options_of(scales, iterations):
+    return {
+        "scales": list(scales),
+        "iterations": iterations,
+        "period": 20.0,
+        "confidence": 2.5,
+        "limits": LIMITS,
+    }
+
+
 def _problem(size=(60, 90), period=20.0, seed=3):
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: size[0], : size[1]].astype(float)
@@ -37,19 +59,7 @@ def _problem(size=(60, 90), period=20.0, seed=3):
 def test_kernel_agrees_with_its_oracle(scales, iterations):
     spline, d, _ = _problem()
     start = np.zeros(d.shape, np.float32)
-    ok = np.ones(d.shape, np.uint8)
-    solved = _core.invert_windowed(
-        spline,
-        d,
-        ok,
-        ok,
-        start,
-        scales=list(scales),
-        iterations=iterations,
-        period=20.0,
-        confidence=2.5,
-        **LIMITS,
-    )
+    solved = _core.invert_windowed(pair_of(spline, d), start, options_of(scales, iterations))
     expected = oracle.invert(
         spline.astype(float),
         d.astype(float),
@@ -71,18 +81,8 @@ def test_kernel_agrees_with_its_oracle(scales, iterations):
 
 def test_kernel_measures_the_truth_within_its_sigma():
     spline, d, u = _problem(size=(120, 160))
-    ok = np.ones(d.shape, np.uint8)
     displacement, sigma, modulation_ratio, *_ = _core.invert_windowed(
-        spline,
-        d,
-        ok,
-        ok,
-        np.zeros(d.shape, np.float32),
-        scales=[16.0, 8.0, 4.0, 2.0],
-        iterations=2,
-        period=20.0,
-        confidence=2.5,
-        **LIMITS,
+        pair_of(spline, d), np.zeros(d.shape, np.float32), options_of([16.0, 8.0, 4.0, 2.0], 2)
     )
     inner = np.s_[10:-10, 10:-10]
     error = (displacement - u)[inner]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.types import CoordinateMap, InputError, PointCloud, check_reusable, unsealed
 
 FIELDS = {
@@ -19,17 +19,15 @@ FIELDS = {
 """Names of the kernel's arrays and the fields of a ``PointCloud`` that hold them."""
 
 
-def input_arrays(
-    found: CoordinateMap | None,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]] | None:
+def input_arrays(found: CoordinateMap | None) -> _core._AxisMaps | None:
     """The maps of one axis as the kernel reads them."""
     if found is None:
         return None
-    return (
-        np.ascontiguousarray(found.coordinate_px, np.float32),
-        np.ascontiguousarray(found.sigma_px, np.float32),
-        np.ascontiguousarray(found.reason, np.uint8),
-    )
+    return {
+        "coordinate": np.ascontiguousarray(found.coordinate_px, np.float32),
+        "sigma": np.ascontiguousarray(found.sigma_px, np.float32),
+        "reason": np.ascontiguousarray(found.reason, np.uint8),
+    }
 
 
 def empty_arrays(shape: tuple[int, int], both: bool) -> dict[str, Any]:

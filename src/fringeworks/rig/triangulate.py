@@ -90,12 +90,11 @@ class Triangulator:
         if epipolar_px is None:
             epipolar_px = calibration_share(rig, maps) if both else 0.0
         results = empty_arrays(shape, both) if out is None else reused_arrays(out, shape, both)
-        self._kernel(None if both else next(iter(maps))).run(
+        self._kernel(None if both else next(iter(maps))).triangulate(
             input_arrays(maps.get("x")),
             input_arrays(maps.get("y")),
             results,
-            residual_sigmas=residual_sigmas,
-            residual_px=epipolar_px,
+            limits={"residual_sigmas": residual_sigmas, "residual_px": epipolar_px},
         )
         _refuse_nothing(results["reason"])
         return _cloud(results, colour, decoded.findings)
@@ -106,13 +105,17 @@ class Triangulator:
             rig = self._rig
             along = main_axis(rig) if axis is None else axis
             self._kernels[axis] = _core.Triangulation(
-                camera=[float(v) for v in rig.camera.parameters],
-                projector=[float(v) for v in rig.projector.parameters],
-                rotation=[float(v) for v in rig.T_projector_camera[:3, :3].ravel()],
-                translation=[float(v) for v in rig.T_projector_camera[:3, 3]],
-                spread=calibration_spread(rig, axis, along),
-                spread_along_x=along == "x",
-                spread_length=float(axis_length(rig, along)),
+                {
+                    "camera": [float(v) for v in rig.camera.parameters],
+                    "projector": [float(v) for v in rig.projector.parameters],
+                    "rotation": [float(v) for v in rig.T_projector_camera[:3, :3].ravel()],
+                    "translation": [float(v) for v in rig.T_projector_camera[:3, 3]],
+                },
+                {
+                    "coefficients": calibration_spread(rig, axis, along),
+                    "along_x": along == "x",
+                    "length": float(axis_length(rig, along)),
+                },
                 camera_shape=rig.camera.shape,
                 projector_size=(rig.projector.width_px, rig.projector.height_px),
             )
@@ -148,9 +151,8 @@ def measured_points(
         stacks.get("y"),
         triangulator._kernel(None if both else next(iter(stacks))),
         results,
-        smooth=steps,
-        residual_sigmas=RESIDUAL_SIGMAS,
-        residual_px=epipolar_px,
+        typical=steps,
+        limits={"residual_sigmas": RESIDUAL_SIGMAS, "residual_px": epipolar_px},
     )
     _refuse_nothing(results["reason"])
     return _cloud(results, None, findings)

@@ -65,6 +65,8 @@ kills: $(VENV)/.built
 check: $(VENV)/.built
 	cargo fmt --check
 	cargo clippy --quiet --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps --package fringeworks
+	cargo package --quiet --offline --allow-dirty --package fringeworks
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/oxlint --quiet --deny-warnings src

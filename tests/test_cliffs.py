@@ -17,7 +17,7 @@ from tests.cliff_scenes import boxes
 from tests.grids import quick
 from tests.oracles import cliffs as oracle
 from tests.oracles import windowed
-from tests.oracles.windowed import LIMITS
+from tests.oracles.windowed import LIMITS, options_of, pair_of
 
 pytestmark = pytest.mark.statistical
 
@@ -48,9 +48,9 @@ def test_relocation_agrees_with_its_oracle():
     present = np.where(near, np.float32(0.2), np.float32(0))
     offset, gain = full(d.shape, 0.1), full(d.shape, 0.9)
     options = {"reach": 20, "margin": 2, "base": 4, "max_change": 10.0, "same": 0.05}
-    ok = full(d.shape, 1, np.uint8)
+    surfaces = {"displacement": smeared, "offset": offset, "gain": gain}
     found = _core.relocate_surfaces(
-        spline, d, ok, ok, smeared, offset, gain, clean=clean, present=present, **options
+        pair_of(spline, d), surfaces, {"clean": clean, "present": present, **options}
     )
     expected = oracle.relocate(
         spline.astype(float), d, smeared, offset, gain, clean, present, **options
@@ -64,8 +64,8 @@ def test_relocation_agrees_with_its_oracle():
 def test_walls_take_the_better_side_as_their_oracle_does():
     spline, d, u, edge = cliff_problem()
     offset, gain = full(d.shape, 0.1), full(d.shape, 0.9)
-    ok = full(d.shape, 1, np.uint8)
-    found = _core.wall_sides(spline, d, ok, ok, u, offset, gain, edge.astype(np.uint8))
+    surfaces = {"displacement": u, "offset": offset, "gain": gain}
+    found = _core.wall_sides(pair_of(spline, d), surfaces, edge.astype(np.uint8))
     expected = oracle.sides(spline.astype(float), d, u, offset, gain, edge)
     assert (found[~edge] == -1).all()
     assert np.mean(found[edge] == expected[edge]) > 0.98
@@ -90,20 +90,8 @@ def test_smoothing_stays_within_walls_as_its_oracle_does():
 def test_windows_with_walls_agree_with_their_oracle(scales):
     spline, d, u, edge = cliff_problem()
     start = (u + 0.3).astype(np.float32)
-    ok = full(d.shape, 1, np.uint8)
-    options = {"iterations": 1, "period": PERIOD, "confidence": 2.5}
-    found = _core.invert_windowed(
-        spline,
-        d,
-        ok,
-        ok,
-        start,
-        None,
-        edge.astype(np.uint8),
-        scales=list(scales),
-        **options,
-        **LIMITS,
-    )
+    walls = edge.astype(np.uint8)
+    found = _core.invert_windowed(pair_of(spline, d), start, options_of(scales, 1), walls)
     expected = windowed.invert(
         spline.astype(float),
         d.astype(float),
@@ -126,22 +114,20 @@ def test_windows_with_walls_agree_with_their_oracle(scales):
 
 def test_the_kernels_refuse_what_does_not_fit():
     spline, d, u, _ = cliff_problem()
-    ok = full(d.shape, 1, np.uint8)
+    pair, surfaces = pair_of(spline, d), {"displacement": u, "offset": u, "gain": u}
     short = np.zeros((4, 8), np.uint8)
     with pytest.raises(ValueError, match="walls"):
-        _core.wall_sides(spline, d, ok, ok, u, u, u, short)
+        _core.wall_sides(pair, surfaces, short)
     with pytest.raises(ValueError, match="walls"):
         _core.smooth_within_walls(u, short, 1.0)
     with pytest.raises(ValueError, match="clean"):
-        _core.relocate_surfaces(
-            spline, d, ok, ok, u, u, u, clean=short, present=u, reach=9, margin=1, base=2,
-            max_change=1.0, same=0.1,
-        )  # fmt: skip
+        options = {"reach": 9, "margin": 1, "base": 2, "max_change": 1.0, "same": 0.1}
+        _core.relocate_surfaces(pair, surfaces, {"clean": short, "present": u, **options})
     with pytest.raises(ValueError, match="walls"):
-        _core.invert_windowed(
-            spline, d, ok, ok, u, None, short, scales=[4.0], iterations=1, period=PERIOD,
-            confidence=2.5, **LIMITS,
-        )  # fmt: skip
+        _core.invert_windowed(pair, u, options_of([4.0], 1), short)
+    without = {name: array for name, array in pair.items() if name != "object"}
+    with pytest.raises(KeyError, match="object"):
+        _core.wall_sides(without, surfaces, short)
 
 
 @cache

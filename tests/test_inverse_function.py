@@ -25,16 +25,18 @@ def invert(reference, object_, method, period=30.0):
         np.ascontiguousarray(reference[None]),
         np.ascontiguousarray(object_[None]),
         np.ones((1, reference.size), np.uint8),
-        method=method,
-        degree=9,
-        n_resample=10,
-        period=period,
-        prominence=0.3,
-        floor=0.0,
-        noise=0.1,
-        max_displacement=4 * period,
-        tolerance=0.05,
-        albedo_tolerance=np.inf,
+        {
+            "method": method,
+            "degree": 9,
+            "n_resample": 10,
+            "period": period,
+            "prominence": 0.3,
+            "floor": 0.0,
+            "noise": 0.1,
+            "max_displacement": 4 * period,
+            "tolerance": 0.05,
+            "albedo_tolerance": np.inf,
+        },
     )
 
 

@@ -49,8 +49,9 @@ def test_the_kernel_agrees_with_its_oracle(iterations):
     weight = rng.uniform(0.02, 0.2, shape)
     cliff = (rng.random(shape) < 0.02).astype(np.uint8)
     maps = [v.astype(np.float32) for v in (f, q, d, weight)]
+    model = dict(zip(("value", "slope", "object", "edge_weight"), maps, strict=True))
     settings = {"stiffness": 0.8, "huber": 0.01, "iterations": list(iterations)}
-    found = _core.joint_albedo(*maps, cliff, **settings)
+    found = _core.joint_albedo({**model, "cliff": cliff}, **settings)
     expected = oracle.solve(*[v.astype(float) for v in maps], cliff, 0.8, 0.01, iterations)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, atol=2e-5)
@@ -58,14 +59,15 @@ def test_the_kernel_agrees_with_its_oracle(iterations):
 
 def test_the_kernel_refuses_what_does_not_fit():
     one = np.ones((20, 30), np.float32)
-    cliff = np.zeros(one.shape, np.uint8)
+    model = dict.fromkeys(("value", "slope", "object", "edge_weight"), one)
+    model["cliff"] = np.zeros(one.shape, np.uint8)
     settings = {"stiffness": 1.0, "huber": 0.0, "iterations": [1]}
-    with pytest.raises(ValueError, match="slope: expected 600"):
-        _core.joint_albedo(one, one[:5], one, one, cliff, **settings)
+    with pytest.raises(ValueError, match=r"slope: expected shape \(20, 30\), got \(5, 30\)"):
+        _core.joint_albedo({**model, "slope": one[:5]}, **settings)
     with pytest.raises(ValueError, match="iterations: expected one level"):
-        _core.joint_albedo(one, one, one, one, cliff, **{**settings, "iterations": [1] * 9})
+        _core.joint_albedo(model, **{**settings, "iterations": [1] * 9})
     with pytest.raises(ValueError, match="stiffness"):
-        _core.joint_albedo(one, one, one, one, cliff, **{**settings, "stiffness": 0.0})
+        _core.joint_albedo(model, **{**settings, "stiffness": 0.0})
 
 
 def test_windows_divide_by_a_known_albedo():

@@ -142,16 +142,9 @@ def test_phase_residuals(rng):
     x[~used] = np.nan
     noise = CameraNoise(0.7, 0.03)
     found = _core.phase_residuals(
-        x,
-        background,
-        used,
-        phase,
-        modulation,
-        period=31.5,
-        variance=0.25,
-        read_variance=0.49,
-        gain=0.03,
-        least_modulation=1e-6,
+        {"coordinate": x, "background": background, "used": used},
+        {"phase": phase, "modulation": modulation, "period": 31.5, "variance": 0.25},
+        {"read_variance": 0.49, "gain": 0.03, "min_modulation": 1e-6},
     )
     wanted = oracle.phase_residuals(x, background, used, phase, modulation, 31.5, 0.25, noise)
     np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-12)
@@ -166,7 +159,7 @@ def test_windows(rng, fringes_per_px, windows):
     usable[4] = False
     turns[~usable] = 0.0
     options = {"fringes": 3.0, "least": 16, "most": 64, "windows": windows, "jump": 0.2}
-    found = _core.smooth_windows(turns, usable, **options)
+    found = _core.smooth_windows(turns, usable, options)
     wanted = oracle.smooth_windows(turns, usable, *options.values())
     assert found is not None
     assert wanted is not None
@@ -178,10 +171,8 @@ def test_windows(rng, fringes_per_px, windows):
 def test_lines_with_too_few_fringes_have_no_windows(slope):
     turns = np.tile(slope * np.arange(300) % 1.0, (3, 1)).astype(np.float32)
     usable = np.ones(turns.shape, bool)
-    found = _core.smooth_windows(
-        turns, usable, fringes=3.0, least=16, most=64, windows=(12, 120), jump=0.2
-    )
-    assert found is None
+    options = {"fringes": 3.0, "least": 16, "most": 64, "windows": (12, 120), "jump": 0.2}
+    assert _core.smooth_windows(turns, usable, options) is None
 
 
 @pytest.mark.parametrize("length", [16, 37, 64])

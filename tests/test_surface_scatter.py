@@ -103,9 +103,8 @@ def test_factors_are_those_of_filters(scale, shape):
     sigma = np.where(np.isfinite(x), 0.05, np.nan).astype(np.float32)
     factors = np.ones(shape, np.float32)
     step, side = scale
-    _core.raise_factors(
-        x, sigma, factors, step=step, side=side, most=MOST_PX, excess=4.0, shared=4.6
-    )
+    limits = {"most": MOST_PX, "excess": 4.0, "shared": 4.6}
+    _core.raise_factors(x, sigma, factors, {"step": step, "side": side}, limits)
     expected = mean_chi(x.astype(float), sigma.astype(float), scale, MOST_PX, 4.0, 4.6)
     near = np.isclose(factors, expected, rtol=1e-3)
     assert np.mean(~near) < 1e-3  # a mean at the limit of significance may fall to either side

@@ -14,7 +14,7 @@ from fringeworks.pair.windows import smooth_reference, spline_coefficients
 from tests.conftest import scene, true_displacement
 from tests.grids import quick, thinned
 from tests.oracles import windowed as oracle
-from tests.oracles.windowed import LIMITS
+from tests.oracles.windowed import LIMITS, options_of, pair_of
 
 
 def _problem(size=(60, 90), period=20.0, seed=3):
@@ -30,19 +30,7 @@ def _problem(size=(60, 90), period=20.0, seed=3):
 def test_kernel_agrees_with_its_oracle(scales, iterations):
     spline, d, _ = _problem()
     start = np.zeros(d.shape, np.float32)
-    ok = np.ones(d.shape, np.uint8)
-    solved = _core.invert_windowed(
-        spline,
-        d,
-        ok,
-        ok,
-        start,
-        scales=list(scales),
-        iterations=iterations,
-        period=20.0,
-        confidence=2.5,
-        **LIMITS,
-    )
+    solved = _core.invert_windowed(pair_of(spline, d), start, options_of(scales, iterations))
     expected = oracle.invert(
         spline.astype(float),
         d.astype(float),
@@ -64,18 +52,8 @@ def test_kernel_agrees_with_its_oracle(scales, iterations):
 
 def test_kernel_measures_the_truth_within_its_sigma():
     spline, d, u = _problem(size=(120, 160))
-    ok = np.ones(d.shape, np.uint8)
     displacement, sigma, modulation_ratio, *_ = _core.invert_windowed(
-        spline,
-        d,
-        ok,
-        ok,
-        np.zeros(d.shape, np.float32),
-        scales=[16.0, 8.0, 4.0, 2.0],
-        iterations=2,
-        period=20.0,
-        confidence=2.5,
-        **LIMITS,
+        pair_of(spline, d), np.zeros(d.shape, np.float32), options_of([16.0, 8.0, 4.0, 2.0], 2)
     )
     inner = np.s_[10:-10, 10:-10]
     error = (displacement - u)[inner]

@@ -2,10 +2,13 @@
 
 Callers pass C-contiguous arrays of the stated dtype (``Any``: float64 where nothing else is said);
 others raise ``TypeError`` or ``ValueError``.
+
+Functions, and the keys of dictionaries, have their names in the crate ``fringeworks``. Its
+documentation says what they mean.
 """
 
 from collections.abc import Sequence
-from typing import Any, final
+from typing import Any, TypedDict, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,22 +64,25 @@ __all__ = [
 optimised: bool
 version: str
 
+class _InvertRowsOptions(TypedDict):
+    method: str
+    """"ifa", "sifa", "gsifa" or "exact"."""
+    degree: int
+    n_resample: int
+    period: float
+    prominence: float
+    floor: float
+    noise: float
+    max_displacement: float
+    tolerance: float
+    albedo_tolerance: float
+
 def invert_rows(
     reference: NDArray[Any],
     object: NDArray[Any],
     mask: NDArray[np.uint8],
-    *,
+    options: _InvertRowsOptions,
     guide: NDArray[np.float32] | None = None,
-    method: str,
-    degree: int,
-    n_resample: int,
-    period: float,
-    prominence: float,
-    floor: float,
-    noise: float,
-    max_displacement: float,
-    tolerance: float,
-    albedo_tolerance: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]: ...
 def row_extrema(
     row: NDArray[np.float64], *, period: float, prominence: float, floor: float
@@ -90,41 +96,44 @@ def count_residues(phase: NDArray[np.float32], mask: NDArray[np.uint8]) -> int: 
 def average_phasor(
     phase: NDArray[np.float32], weight: NDArray[np.float32], *, sigma: float, reach: int
 ) -> NDArray[np.complex64]: ...
+
+class _AlbedoModel(TypedDict):
+    value: NDArray[np.float32]
+    slope: NDArray[np.float32]
+    object: NDArray[np.float32]
+    edge_weight: NDArray[np.float32]
+    cliff: NDArray[np.uint8]
+
 def joint_albedo(
-    value: NDArray[np.float32],
-    slope: NDArray[np.float32],
-    object: NDArray[np.float32],
-    edge_weight: NDArray[np.float32],
-    cliff: NDArray[np.uint8],
-    *,
-    stiffness: float,
-    huber: float,
-    iterations: Sequence[int],
+    model: _AlbedoModel, *, stiffness: float, huber: float, iterations: Sequence[int]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
-def warp_windowed(
-    spline: NDArray[np.float32],
-    reference_ok: NDArray[np.uint8],
-    object_ok: NDArray[np.uint8],
-    displacement: NDArray[np.float32],
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]: ...
+
+class _Pair(TypedDict):
+    spline: NDArray[np.float32]
+    object: NDArray[np.float32]
+    reference_ok: NDArray[np.uint8]
+    object_ok: NDArray[np.uint8]
+    albedo: NDArray[np.float32] | None
+
+class _WindowedLimits(TypedDict):
+    object_noise: float
+    reference_noise: float
+    drift: float
+    max_sigma: float
+    min_explained: float
+
+class _WindowedOptions(TypedDict):
+    scales: Sequence[float]
+    iterations: int
+    period: float
+    confidence: float
+    limits: _WindowedLimits
+
 def invert_windowed(
-    spline: NDArray[np.float32],
-    object: NDArray[np.float32],
-    reference_ok: NDArray[np.uint8],
-    object_ok: NDArray[np.uint8],
+    pair: _Pair,
     start: NDArray[np.float32],
-    albedo: NDArray[np.float32] | None = None,
+    options: _WindowedOptions,
     walls: NDArray[np.uint8] | None = None,
-    *,
-    scales: Sequence[float],
-    iterations: int,
-    period: float,
-    confidence: float,
-    object_noise: float,
-    reference_noise: float,
-    drift: float,
-    max_sigma: float,
-    min_explained: float,
 ) -> tuple[
     NDArray[np.float32],
     NDArray[np.float32],
@@ -133,7 +142,34 @@ def invert_windowed(
     NDArray[np.float32],
     NDArray[np.uint8],
     float,
-]: ...
+]:
+    """Displacement, σ, modulation ratio, offset, misfit, scale, and correlation of the noise."""
+
+def warp_windowed(
+    pair: _Pair, displacement: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]: ...
+
+class _Surfaces(TypedDict):
+    displacement: NDArray[np.float32]
+    offset: NDArray[np.float32]
+    gain: NDArray[np.float32]
+
+class _Search(TypedDict):
+    clean: NDArray[np.uint8]
+    present: NDArray[np.float32]
+    reach: int
+    margin: int
+    base: int
+    max_change: float
+    same: float
+
+def relocate_surfaces(
+    pair: _Pair, surfaces: _Surfaces, search: _Search
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]: ...
+def wall_sides(pair: _Pair, surfaces: _Surfaces, walls: NDArray[np.uint8]) -> NDArray[np.int64]: ...
+def smooth_within_walls(
+    values: NDArray[np.float32], walls: NDArray[np.uint8], sigma: float
+) -> NDArray[np.float32]: ...
 def wavelet_ridge_rows(
     rows: NDArray[np.float32],
     *,
@@ -200,16 +236,21 @@ def interpolate_linear(
     The border's values go on beyond it. A NaN among the places gives NaN.
     """
 
+class _Scale(TypedDict):
+    step: int
+    side: int
+
+class _ScatterLimits(TypedDict):
+    most: float
+    excess: float
+    shared: float
+
 def raise_factors(
     coordinate: NDArray[np.float32],
     sigma: NDArray[np.float32],
     factors: NDArray[np.float32],
-    *,
-    step: int,
-    side: int,
-    most: float,
-    excess: float,
-    shared: float,
+    scale: _Scale,
+    limits: _ScatterLimits,
 ) -> None: ...
 def read_grey_png(content: bytes) -> NDArray[Any] | None:
     """uint8 or uint16, row after row; ``None`` for PNG that are not plain grey."""
@@ -263,31 +304,37 @@ def third_chi_squares(
 ) -> NDArray[np.float32]:
     """χ² of the third differences along rows that are known and not larger than ``most``, (n,)."""
 
+class _SampleMaps(TypedDict):
+    coordinate: NDArray[np.float32]
+    background: NDArray[np.float32]
+    used: NDArray[np.bool_]
+
+class _SampleSet(TypedDict):
+    phase: NDArray[np.float32]
+    modulation: NDArray[np.float32]
+    period: float
+    variance: float
+
+class _SampleNoise(TypedDict):
+    read_variance: float
+    gain: float
+    min_modulation: float
+
 def phase_residuals(
-    coordinate: NDArray[np.float32],
-    background: NDArray[np.float32],
-    used: NDArray[np.bool_],
-    phase: NDArray[np.float32],
-    modulation: NDArray[np.float32],
-    *,
-    period: float,
-    variance: float,
-    read_variance: float,
-    gain: float,
-    least_modulation: float,
+    maps: _SampleMaps, set: _SampleSet, noise: _SampleNoise
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Phases less those of the coordinate at the used pixels, turns, and ``variance`` times the
     variance of the noise over the squared modulation."""
 
+class _Wanted(TypedDict):
+    fringes: float
+    least: int
+    most: int
+    windows: tuple[int, int]
+    jump: float
+
 def smooth_windows(
-    turns: NDArray[np.float32],
-    usable: NDArray[np.bool_],
-    *,
-    fringes: float,
-    least: int,
-    most: int,
-    windows: tuple[int, int],
-    jump: float,
+    turns: NDArray[np.float32], usable: NDArray[np.bool_], wanted: _Wanted
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
     """Unwrapped phases of windows without edges along rows, rad, and indices of their pixels."""
 
@@ -318,84 +365,121 @@ def without_series(
 ) -> NDArray[np.float64]:
     """Values less a series of a constant and the harmonics of phases."""
 
+class _PointLimits(TypedDict):
+    residual_sigmas: float
+    residual_px: float
+
 def measure_points(
     x: tuple[Sequence[NDArray[Any]], DecodeSettings] | None,
     y: tuple[Sequence[NDArray[Any]], DecodeSettings] | None,
     rig: Triangulation,
     maps: dict[str, Any],
     *,
-    smooth: tuple[float, float] | None,
-    residual_sigmas: float,
-    residual_px: float,
+    typical: tuple[float, float] | None,
+    limits: _PointLimits,
 ) -> None: ...
 def decode_frames(
-    frames: Sequence[NDArray[Any]], plan: DecodeSettings, maps: dict[str, Any]
+    frames: Sequence[NDArray[Any]], settings: DecodeSettings, maps: dict[str, Any]
 ) -> None: ...
+
+class _Table(TypedDict):
+    turns: Sequence[float]
+    brightness: Sequence[float]
+
+class _PhaseSet(TypedDict):
+    frames: list[int]
+    shifts: list[float]
+    design: list[tuple[float, float, float]]
+    period: float
+    floor: float
+    table: _Table
+
+class _GrayCode(TypedDict):
+    bits: list[int]
+    inverse: list[int]
+    white_black: tuple[int, int] | None
+    levels: int
+    step: float
+    offset: float
+    cells: int
+    doubt_share: float
+    alien_share: float
+    slack: float
+    guard: float
+    confidence: float
+
+class _Chain(TypedDict):
+    combinations: NDArray[np.float32]
+    frequencies: NDArray[np.float32]
+    amplification: NDArray[np.float32]
+    margin: NDArray[np.float32]
+    remainder: list[int]
+    alternative: NDArray[np.float32]
+    order_variance: tuple[float, float]
+    middle: float
+    half: float
+    repeats: float
+    circular: bool
+
+class _Noise(TypedDict):
+    read_variance: float
+    gain: float
+
+class _DecodeLimits(TypedDict):
+    saturation: float
+    min_snr: float
+    min_modulation: float
+    max_disagreement: float
+    usual_inflation: float
+    confidence: float
+    order_confidence: float
 
 @final
 class DecodeSettings:
     def __new__(
         cls,
         *,
-        sets: Sequence[
-            tuple[
-                list[int],
-                list[float],
-                list[tuple[float, float, float]],
-                float,
-                float,
-                list[float],
-                list[float],
-            ]
-        ],
-        code: dict[str, Any] | None,
-        combinations: NDArray[np.float32],
-        frequencies: NDArray[np.float32],
-        amplification: NDArray[np.float32],
-        room: NDArray[np.float32],
-        remainder: list[int],
-        alternative: NDArray[np.float32],
-        order_variance: tuple[float, float],
-        middle: float,
-        half: float,
-        repeats: float,
-        circular: bool,
-        read_variance: float,
-        gain: float,
-        saturation: float,
-        min_snr: float,
-        min_modulation: float,
-        max_disagreement: float,
-        usual_inflation: float,
-        confidence: float,
-        order_confidence: float,
+        sets: Sequence[_PhaseSet],
+        gray_code: _GrayCode | None,
+        chain: _Chain,
+        noise: _Noise,
+        limits: _DecodeLimits,
     ) -> DecodeSettings: ...
 
-_AxisMaps = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]
+class _AxisMaps(TypedDict):
+    coordinate: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+    reason: NDArray[np.uint8]
+
+class _Rig(TypedDict):
+    camera: Sequence[float]
+    """Focal lengths, principal point, and five coefficients of the distortion."""
+    projector: Sequence[float]
+    rotation: Sequence[float]
+    translation: Sequence[float]
+
+class _Spread(TypedDict):
+    coefficients: NDArray[np.float32]
+    along_x: bool
+    length: float
 
 @final
 class Triangulation:
     def __new__(
         cls,
+        rig: _Rig,
+        spread: _Spread,
         *,
-        camera: Sequence[float],
-        projector: Sequence[float],
-        rotation: Sequence[float],
-        translation: Sequence[float],
-        spread: NDArray[np.float32],
-        spread_along_x: bool,
-        spread_length: float,
         camera_shape: tuple[int, int],
         projector_size: tuple[int, int],
     ) -> Triangulation: ...
-    def run(
+    def triangulate(
         self,
         x: _AxisMaps | None,
         y: _AxisMaps | None,
         maps: dict[str, Any],
         *,
-        residual_sigmas: float,
-        residual_px: float,
+        limits: _PointLimits,
     ) -> None: ...
 
 @final
@@ -405,34 +489,3 @@ class Triangles:
         self, origins: NDArray[np.float64], directions: NDArray[np.float64], near: float
     ) -> tuple[NDArray[np.float64], NDArray[np.int32]]: ...
     def nearest(self, points: NDArray[np.float64], reach: float) -> NDArray[np.int32]: ...
-
-def relocate_surfaces(
-    spline: NDArray[np.float32],
-    object: NDArray[np.float32],
-    reference_ok: NDArray[np.uint8],
-    object_ok: NDArray[np.uint8],
-    displacement: NDArray[np.float32],
-    offset: NDArray[np.float32],
-    gain: NDArray[np.float32],
-    *,
-    clean: NDArray[np.uint8],
-    present: NDArray[np.float32],
-    reach: int,
-    margin: int,
-    base: int,
-    max_change: float,
-    same: float,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]: ...
-def wall_sides(
-    spline: NDArray[np.float32],
-    object: NDArray[np.float32],
-    reference_ok: NDArray[np.uint8],
-    object_ok: NDArray[np.uint8],
-    displacement: NDArray[np.float32],
-    offset: NDArray[np.float32],
-    gain: NDArray[np.float32],
-    walls: NDArray[np.uint8],
-) -> NDArray[np.int64]: ...
-def smooth_within_walls(
-    values: NDArray[np.float32], walls: NDArray[np.uint8], sigma: float
-) -> NDArray[np.float32]: ...

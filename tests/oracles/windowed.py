@@ -378,3 +378,25 @@ LIMITS = {
     "max_sigma": 0.8,
     "min_explained": 0.3,
 }
+
+
+def pair_of(spline, d):
+    """The kernels' pair of frames without gaps."""
+    ok = np.ones(d.shape, np.uint8)
+    return {
+        "spline": spline,
+        "object": d,
+        "reference_ok": ok,
+        "object_ok": ok,
+        "albedo": None,
+    }
+
+
+def options_of(scales, iterations):
+    return {
+        "scales": list(scales),
+        "iterations": iterations,
+        "period": 20.0,
+        "confidence": 2.5,
+        "limits": LIMITS,
+    }

@@ -2,189 +2,194 @@
 
 use crate::rows::{refuse, rows_of, rows_of_mut};
 use crate::threads::{alone, detached};
-use fringeworks::decode::{
-    decode, decodes_alone, Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Plan, Table,
-};
 use fringeworks::Error;
+use fringeworks::decode::{
+    self, Against, Chain, GrayCode, Limits, Noise, Outputs, PhaseSet, Table, decodes_alone,
+};
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray2};
 use pyo3::prelude::*;
 
 /// Settings of the decoder along one axis. Indices refer to the frames that are passed to a call.
 #[pyclass(frozen, module = "fringeworks._core")]
 pub struct DecodeSettings {
-    pub plan: Plan,
+    pub inner: decode::DecodeSettings,
 }
 
-/// Indices of the frames, shifts (rad), what every frame really shows of (A, c, s) or nothing, period
-/// (px), floor of the phase's variance (rad²), and the response: phase errors (turns) and
-/// brightnesses (counts), or nothing.
-type SetItems = (
-    Vec<usize>,
-    Vec<f64>,
-    Vec<[f64; 3]>,
-    f64,
-    f32,
-    Vec<f32>,
-    Vec<f32>,
-);
+/// A set of phase steps, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct SetItems {
+    frames: Vec<usize>,
+    shifts: Vec<f64>,
+    design: Vec<[f64; 3]>,
+    period: f64,
+    floor: f32,
+    /// Response: phase errors (turns) and brightnesses (counts), or nothing.
+    table: TableItems,
+}
+
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct TableItems {
+    turns: Vec<f32>,
+    brightness: Vec<f32>,
+}
+
+impl SetItems {
+    fn set(self) -> Result<PhaseSet, Error> {
+        let mut set = PhaseSet::new(self.frames, &self.shifts, self.design, self.period)?;
+        set.floor = self.floor;
+        set.table = Table {
+            turns: self.table.turns,
+            brightness: self.table.brightness,
+        };
+        Ok(set)
+    }
+}
 
 /// A Gray code: indices of its frames, its cells (px), and how its start is judged; see the kernel.
 #[derive(FromPyObject)]
-struct CodeItems {
-    #[pyo3(item)]
+#[pyo3(from_item_all)]
+pub struct CodeItems {
     bits: Vec<usize>,
-    #[pyo3(item)]
     inverse: Vec<usize>,
-    #[pyo3(item)]
     white_black: Option<(usize, usize)>,
-    #[pyo3(item)]
     levels: u32,
-    #[pyo3(item)]
     step: f32,
-    #[pyo3(item)]
     offset: f32,
-    #[pyo3(item)]
     cells: u32,
-    #[pyo3(item)]
     doubt_share: f32,
-    #[pyo3(item)]
     alien_share: f32,
-    #[pyo3(item)]
     slack: f32,
-    #[pyo3(item)]
     guard: f32,
-    #[pyo3(item)]
     confidence: f32,
 }
 
-/// Phase sets of the kernel.
-fn phase_sets(items: Vec<SetItems>) -> PyResult<Vec<PhaseSet>> {
-    items
-        .into_iter()
-        .map(
-            |(frames, shifts, design, period, floor, turns, brightness)| {
-                let mut set = PhaseSet::new(frames, &shifts, design, period)?;
-                set.floor = floor;
-                set.table = Table { turns, brightness };
-                Ok(set)
+impl From<CodeItems> for GrayCode {
+    /// Without inverse, white and black frames, the threshold is the mean.
+    fn from(items: CodeItems) -> Self {
+        Self {
+            bits: items.bits,
+            against: match items.white_black {
+                Some((white, black)) => Against::WhiteBlack { white, black },
+                None if items.inverse.is_empty() => Against::Mean,
+                None => Against::Inverse(items.inverse),
             },
-        )
-        .collect::<Result<_, Error>>()
-        .map_err(refuse)
+            levels: items.levels,
+            step: items.step,
+            offset: items.offset,
+            cells: items.cells,
+            doubt_share: items.doubt_share,
+            alien_share: items.alien_share,
+            slack: items.slack,
+            guard: items.guard,
+            confidence: items.confidence,
+        }
+    }
 }
 
-/// Gray code of the kernel. Without inverse, white and black frames, the threshold is the mean.
-fn gray_code(items: CodeItems) -> GrayCode {
-    GrayCode {
-        bits: items.bits,
-        against: match items.white_black {
-            Some((white, black)) => Against::WhiteBlack { white, black },
-            None if items.inverse.is_empty() => Against::Mean,
-            None => Against::Inverse(items.inverse),
-        },
-        levels: items.levels,
-        step: items.step,
-        offset: items.offset,
-        cells: items.cells,
-        doubt_share: items.doubt_share,
-        alien_share: items.alien_share,
-        slack: items.slack,
-        guard: items.guard,
-        confidence: items.confidence,
+/// The chain of roundings, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct ChainItems<'py> {
+    combinations: PyReadonlyArray2<'py, f32>,
+    frequencies: PyReadonlyArray1<'py, f32>,
+    amplification: PyReadonlyArray2<'py, f32>,
+    margin: PyReadonlyArray1<'py, f32>,
+    remainder: Vec<usize>,
+    alternative: PyReadonlyArray1<'py, f32>,
+    order_variance: [f32; 2],
+    middle: f32,
+    half: f32,
+    repeats: f32,
+    circular: bool,
+}
+
+impl ChainItems<'_> {
+    fn chain(self) -> PyResult<Chain> {
+        Ok(Chain {
+            combinations: rows_of(&self.combinations)?.to_vec(),
+            frequencies: rows_of(&self.frequencies)?.to_vec(),
+            amplification: rows_of(&self.amplification)?.to_vec(),
+            margin: rows_of(&self.margin)?.to_vec(),
+            remainder: self.remainder,
+            alternative: rows_of(&self.alternative)?.to_vec(),
+            order_variance: self.order_variance,
+            middle: self.middle,
+            half: self.half,
+            repeats: self.repeats,
+            circular: self.circular,
+        })
     }
+}
+
+/// Noise of the camera, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct NoiseItems {
+    read_variance: f32,
+    gain: f32,
+}
+
+/// Limits that a pixel must keep, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct LimitItems {
+    saturation: f32,
+    min_snr: f32,
+    min_modulation: f32,
+    max_disagreement: f32,
+    usual_inflation: f32,
+    confidence: f32,
+    order_confidence: f32,
 }
 
 #[pymethods]
 impl DecodeSettings {
     #[new]
-    #[pyo3(signature = (*, sets, code, combinations, frequencies, amplification, room,
-        remainder, alternative, order_variance, middle, half,
-        repeats, circular, read_variance, gain, saturation, min_snr,
-        min_modulation, max_disagreement, usual_inflation, confidence, order_confidence))]
-    #[allow(clippy::too_many_arguments)] // All are keywords in Python.
+    #[pyo3(signature = (*, sets, gray_code, chain, noise, limits))]
     fn new(
         sets: Vec<SetItems>,
-        code: Option<CodeItems>,
-        combinations: PyReadonlyArray2<'_, f32>,
-        frequencies: PyReadonlyArray1<'_, f32>,
-        amplification: PyReadonlyArray2<'_, f32>,
-        room: PyReadonlyArray1<'_, f32>,
-        remainder: Vec<usize>,
-        alternative: PyReadonlyArray1<'_, f32>,
-        order_variance: [f32; 2],
-        middle: f32,
-        half: f32,
-        repeats: f32,
-        circular: bool,
-        read_variance: f32,
-        gain: f32,
-        saturation: f32,
-        min_snr: f32,
-        min_modulation: f32,
-        max_disagreement: f32,
-        usual_inflation: f32,
-        confidence: f32,
-        order_confidence: f32,
+        gray_code: Option<CodeItems>,
+        chain: ChainItems<'_>,
+        noise: NoiseItems,
+        limits: LimitItems,
     ) -> PyResult<Self> {
-        let sets = phase_sets(sets)?;
-        let gray_code = code.map(gray_code);
-        let chain = Chain {
-            combinations: rows_of(&combinations)?.to_vec(),
-            frequencies: rows_of(&frequencies)?.to_vec(),
-            amplification: rows_of(&amplification)?.to_vec(),
-            margin: rows_of(&room)?.to_vec(),
-            remainder,
-            alternative: rows_of(&alternative)?.to_vec(),
-            order_variance,
-            middle,
-            half,
-            repeats,
-            circular,
+        let sets: Result<_, Error> = sets.into_iter().map(SetItems::set).collect();
+        let inner = decode::DecodeSettings {
+            sets: sets.map_err(refuse)?,
+            gray_code: gray_code.map(GrayCode::from),
+            chain: chain.chain()?,
+            noise: Noise {
+                read_variance: noise.read_variance,
+                gain: noise.gain,
+            },
+            limits: Limits {
+                saturation: limits.saturation,
+                min_snr: limits.min_snr,
+                min_modulation: limits.min_modulation,
+                max_disagreement: limits.max_disagreement,
+                usual_inflation: limits.usual_inflation,
+                confidence: limits.confidence,
+                order_confidence: limits.order_confidence,
+            },
         };
-        let noise = Noise {
-            read_variance,
-            gain,
-        };
-        let limits = Limits {
-            saturation,
-            min_snr,
-            min_modulation,
-            max_disagreement,
-            usual_inflation,
-            confidence,
-            order_confidence,
-        };
-        let plan = Plan {
-            sets,
-            gray_code,
-            chain,
-            noise,
-            limits,
-        };
-        Ok(Self { plan })
+        Ok(Self { inner })
     }
 }
 
 /// Arrays that the results are written to.
 #[derive(FromPyObject)]
+#[pyo3(from_item_all)]
 pub struct Maps<'py> {
-    #[pyo3(item)]
     coordinate: PyReadwriteArray2<'py, f32>,
-    #[pyo3(item)]
     sigma: PyReadwriteArray2<'py, f32>,
-    #[pyo3(item)]
     modulation: PyReadwriteArray2<'py, f32>,
-    #[pyo3(item)]
     background: PyReadwriteArray2<'py, f32>,
-    #[pyo3(item)]
     reason: PyReadwriteArray2<'py, u8>,
-    #[pyo3(item)]
     phases: Vec<PyReadwriteArray2<'py, f32>>,
-    #[pyo3(item)]
     modulations: Vec<PyReadwriteArray2<'py, f32>>,
-    #[pyo3(item)]
     disagreement: Option<PyReadwriteArray2<'py, f32>>,
-    #[pyo3(item)]
     inflation: Option<PyReadonlyArray2<'py, f32>>,
 }
 
@@ -257,14 +262,14 @@ pub fn planes_of<'a, T: Element>(list: &'a [PyReadonlyArray2<'_, T>]) -> PyResul
 pub fn decode_frames(
     py: Python<'_>,
     frames: Frames<'_>,
-    plan: &DecodeSettings,
+    settings: &DecodeSettings,
     mut maps: Maps<'_>,
 ) -> PyResult<()> {
     let out = maps.outputs()?;
-    let plan = &plan.plan;
+    let settings = &settings.inner;
     let small = decodes_alone(out.coordinate.len());
     with_planes!(&frames, planes => {
-        let run = || decode(&planes, plan, out);
+        let run = || decode::decode_frames(&planes, settings, out);
         if small { alone(py, run) } else { detached(py, run) }
     })
 }

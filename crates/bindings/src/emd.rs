@@ -1,16 +1,16 @@
 //! Bindings of empirical mode decomposition.
 
-use crate::rows::{array_of, rows_of};
+use crate::rows::{Map, array_of, image_of};
 use crate::threads::detached;
-use fringeworks::emd::{decompose, envelopes, Options};
+use fringeworks::emd::{self, Options};
 use numpy::ndarray::Array3;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{IntoPyArray, PyArray1, PyArray3, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 /// Modes, residues, number of modes per row, and number of rows whose sifting did not converge.
 type Modes<'py> = (
     Bound<'py, PyArray3<f64>>,
-    Bound<'py, PyArray2<f64>>,
+    Map<'py, f64>,
     Bound<'py, PyArray1<u32>>,
     usize,
 );
@@ -25,34 +25,33 @@ pub fn decompose_rows<'py>(
     flat: f64,
     patience: usize,
 ) -> PyResult<Modes<'py>> {
-    let (h, w) = (rows.shape()[0], rows.shape()[1]);
-    let values = rows_of(&rows)?;
+    let rows = image_of(&rows)?;
     let options = Options {
         max_imfs,
         max_sifts,
         flat,
         patience,
     };
-    let out = detached(py, || decompose(values, w, &options))?;
-    let imfs = Array3::from_shape_vec((h, out.count, w), out.imfs).expect("kernel keeps the shape");
+    let out = detached(py, || emd::decompose_rows(rows, &options))?;
+    let shape = (rows.height(), out.count, rows.width());
+    let imfs = Array3::from_shape_vec(shape, out.imfs).expect("kernel keeps the shape");
     Ok((
         imfs.into_pyarray(py),
-        array_of(py, (h, w), out.residue),
+        array_of(py, rows.shape(), out.residue),
         out.counts.into_pyarray(py),
         out.unfinished,
     ))
 }
 
-/// Upper and lower envelopes.
-type Lines<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
-
 #[pyfunction]
 pub fn row_envelopes<'py>(
     py: Python<'py>,
     rows: PyReadonlyArray2<'py, f64>,
-) -> PyResult<Lines<'py>> {
-    let shape = (rows.shape()[0], rows.shape()[1]);
-    let values = rows_of(&rows)?;
-    let (upper, lower) = detached(py, || envelopes(values, shape.1))?;
-    Ok((array_of(py, shape, upper), array_of(py, shape, lower)))
+) -> PyResult<(Map<'py, f64>, Map<'py, f64>)> {
+    let rows = image_of(&rows)?;
+    let (upper, lower) = detached(py, || emd::row_envelopes(rows))?;
+    Ok((
+        array_of(py, rows.shape(), upper),
+        array_of(py, rows.shape(), lower),
+    ))
 }

@@ -1,16 +1,22 @@
-//! Bindings of the filters of images.
+//! Bindings of the filters of images and of moving means.
 
-use crate::moving_mean::Values;
-use crate::rows::{array_of, rows_of};
+use crate::rows::{Map, array_of, image_of, rows_of};
 use crate::threads::detached;
 use fringeworks::filters::{self, Border, Real, Weights};
-use numpy::PyUntypedArrayMethods;
-use numpy::{Element, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use fringeworks::moving_mean::{self, Number};
+use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+/// A map in either precision.
+#[derive(FromPyObject)]
+pub enum Values<'py> {
+    Double(PyReadonlyArray2<'py, f64>),
+    Single(PyReadonlyArray2<'py, f32>),
+}
+
 /// What lies beyond the border of a map, by its name.
-pub fn border_of(name: &str) -> PyResult<Border> {
+fn border_of(name: &str) -> PyResult<Border> {
     match name {
         "edge" => Ok(Border::Edge),
         "mirror" => Ok(Border::Mirror),
@@ -31,21 +37,20 @@ pub fn box_means<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let border = border_of(border)?;
     match values {
-        Values::Double(map) => means_of(py, &map, side, border),
-        Values::Single(map) => means_of(py, &map, side, border),
+        Values::Double(map) => box_means_of(py, &map, side, border),
+        Values::Single(map) => box_means_of(py, &map, side, border),
     }
 }
 
-fn means_of<'py, T: Real + Element>(
+fn box_means_of<'py, T: Real + Element>(
     py: Python<'py>,
     map: &PyReadonlyArray2<'py, T>,
     side: usize,
     border: Border,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let shape = (map.shape()[0], map.shape()[1]);
-    let values = rows_of(map)?;
-    let means = detached(py, || filters::box_means(values, shape.1, side, border))?;
-    Ok(array_of(py, shape, means).into_any())
+    let values = image_of(map)?;
+    let means = detached(py, || filters::box_means(values, side, border))?;
+    Ok(array_of(py, values.shape(), means).into_any())
 }
 
 #[pyfunction]
@@ -57,16 +62,15 @@ pub fn weighted_sums<'py>(
     weights_x: Vec<f64>,
     border: &str,
     step: usize,
-) -> PyResult<Bound<'py, PyArray2<f32>>> {
+) -> PyResult<Map<'py>> {
     let border = border_of(border)?;
-    let (height, width) = (values.shape()[0], values.shape()[1]);
-    let map = rows_of(&values)?;
+    let map = image_of(&values)?;
     let sums = detached(py, || {
-        let along_y = Weights::new("weights_y", &weights_y)?;
-        let along_x = Weights::new("weights_x", &weights_x)?;
-        filters::weighted_sums(map, width, &along_y, &along_x, border, step)
+        let weights_y = Weights::new("weights_y", &weights_y)?;
+        let weights_x = Weights::new("weights_x", &weights_x)?;
+        filters::weighted_sums(map, &weights_y, &weights_x, border, step)
     })?;
-    let shape = (height.div_ceil(step), width.div_ceil(step));
+    let shape = (map.height().div_ceil(step), map.width().div_ceil(step));
     Ok(array_of(py, shape, sums))
 }
 
@@ -74,11 +78,10 @@ pub fn weighted_sums<'py>(
 pub fn median_of_nine<'py>(
     py: Python<'py>,
     values: PyReadonlyArray2<'py, f32>,
-) -> PyResult<Bound<'py, PyArray2<f32>>> {
-    let shape = (values.shape()[0], values.shape()[1]);
-    let map = rows_of(&values)?;
-    let medians = detached(py, || filters::median_of_nine(map, shape.1))?;
-    Ok(array_of(py, shape, medians))
+) -> PyResult<Map<'py>> {
+    let map = image_of(&values)?;
+    let medians = detached(py, || filters::median_of_nine(map))?;
+    Ok(array_of(py, map.shape(), medians))
 }
 
 #[pyfunction]
@@ -87,11 +90,10 @@ pub fn widen<'py>(
     py: Python<'py>,
     marks: PyReadonlyArray2<'py, bool>,
     reach: usize,
-) -> PyResult<Bound<'py, PyArray2<bool>>> {
-    let shape = (marks.shape()[0], marks.shape()[1]);
-    let map = rows_of(&marks)?;
-    let wide = detached(py, || filters::widen(map, shape.1, reach))?;
-    Ok(array_of(py, shape, wide))
+) -> PyResult<Map<'py, bool>> {
+    let map = image_of(&marks)?;
+    let wide = detached(py, || filters::widen(map, reach))?;
+    Ok(array_of(py, map.shape(), wide))
 }
 
 #[pyfunction]
@@ -101,10 +103,9 @@ pub fn area_means<'py>(
     values: PyReadonlyArray2<'py, f32>,
     rows: usize,
     columns: usize,
-) -> PyResult<Bound<'py, PyArray2<f32>>> {
-    let width = values.shape()[1];
-    let map = rows_of(&values)?;
-    let means = detached(py, || filters::area_means(map, width, (rows, columns)))?;
+) -> PyResult<Map<'py>> {
+    let map = image_of(&values)?;
+    let means = detached(py, || filters::area_means(map, rows, columns))?;
     Ok(array_of(py, (rows, columns), means))
 }
 
@@ -129,8 +130,32 @@ fn interpolated<'py, T: Real + Element>(
     rows: &[f64],
     columns: &[f64],
 ) -> PyResult<Bound<'py, PyAny>> {
-    let width = map.shape()[1];
-    let values = rows_of(map)?;
-    let found = detached(py, || filters::interpolate(values, width, rows, columns))?;
+    let values = image_of(map)?;
+    let found = detached(py, || filters::interpolate_linear(values, rows, columns))?;
     Ok(array_of(py, (rows.len(), columns.len()), found).into_any())
+}
+
+#[pyfunction]
+#[pyo3(signature = (values, *, sides_y, sides_x))]
+pub fn moving_means<'py>(
+    py: Python<'py>,
+    values: Values<'py>,
+    sides_y: Vec<usize>,
+    sides_x: Vec<usize>,
+) -> PyResult<Bound<'py, PyAny>> {
+    match values {
+        Values::Double(map) => moving_means_of(py, &map, &sides_y, &sides_x),
+        Values::Single(map) => moving_means_of(py, &map, &sides_y, &sides_x),
+    }
+}
+
+fn moving_means_of<'py, T: Number + Element>(
+    py: Python<'py>,
+    map: &PyReadonlyArray2<'py, T>,
+    sides_y: &[usize],
+    sides_x: &[usize],
+) -> PyResult<Bound<'py, PyAny>> {
+    let values = image_of(map)?;
+    let means = detached(py, || moving_mean::moving_means(values, sides_y, sides_x))?;
+    Ok(array_of(py, values.shape(), means).into_any())
 }

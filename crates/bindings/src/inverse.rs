@@ -1,36 +1,19 @@
 //! Bindings of inverse function analysis.
 
-use crate::moving_mean::Values;
-use crate::rows::rows_of;
+use crate::filters::Values;
+use crate::rows::{Map, array_of, image_of, rows_of};
 use crate::threads::detached;
-use fringeworks::inverse::{invert, Field, Method, Options};
+use fringeworks::inverse::{self, Field, Method, Options};
 use fringeworks::moving_mean::Number;
-use numpy::ndarray::Array2;
-use numpy::PyArray1;
-use numpy::{
-    Element, IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
-};
+use numpy::{Element, IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// Displacement, σ, modulation ratio and reason.
-type Maps<'py> = (
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<u8>>,
-);
-
-#[pyfunction]
-#[pyo3(signature = (reference, object, mask, *, guide=None, method, degree, n_resample, period, prominence, floor, noise, max_displacement, tolerance, albedo_tolerance))]
-#[allow(clippy::too_many_arguments)]
-pub fn invert_rows<'py>(
-    py: Python<'py>,
-    reference: Values<'py>,
-    object: Values<'py>,
-    mask: PyReadonlyArray2<'py, u8>,
-    guide: Option<PyReadonlyArray2<'py, f32>>,
-    method: &str,
+/// How rows are inverted, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct OptionItems {
+    method: String,
     degree: usize,
     n_resample: usize,
     period: f64,
@@ -40,20 +23,48 @@ pub fn invert_rows<'py>(
     max_displacement: f64,
     tolerance: f64,
     albedo_tolerance: f64,
-) -> PyResult<Maps<'py>> {
-    let options = Options {
-        method: method_of(method)?,
-        degree,
-        n_resample,
-        period,
-        prominence,
-        floor,
-        noise,
-        max_displacement,
-        tolerance,
-        albedo_tolerance,
-    };
-    let shape = (mask.shape()[0], mask.shape()[1]);
+}
+
+impl OptionItems {
+    fn options(&self) -> PyResult<Options> {
+        Ok(Options {
+            method: method_of(&self.method)?,
+            degree: self.degree,
+            n_resample: self.n_resample,
+            period: self.period,
+            prominence: self.prominence,
+            floor: self.floor,
+            noise: self.noise,
+            max_displacement: self.max_displacement,
+            tolerance: self.tolerance,
+            albedo_tolerance: self.albedo_tolerance,
+        })
+    }
+}
+
+fn method_of(name: &str) -> PyResult<Method> {
+    match name {
+        "ifa" => Ok(Method::Ifa),
+        "sifa" => Ok(Method::Sifa),
+        "gsifa" => Ok(Method::Gsifa),
+        "exact" => Ok(Method::Exact),
+        other => Err(PyValueError::new_err(format!(
+            "method: expected ifa, sifa, gsifa or exact, got {other:?}"
+        ))),
+    }
+}
+
+#[pyfunction]
+#[pyo3(signature = (reference, object, mask, options, guide=None))]
+pub fn invert_rows<'py>(
+    py: Python<'py>,
+    reference: Values<'py>,
+    object: Values<'py>,
+    mask: PyReadonlyArray2<'py, u8>,
+    options: OptionItems,
+    guide: Option<PyReadonlyArray2<'py, f32>>,
+) -> PyResult<(Map<'py, f64>, Map<'py>, Map<'py>, Map<'py, u8>)> {
+    let options = options.options()?;
     let field = match (&reference, &object) {
         (Values::Double(s), Values::Double(d)) => of_rows(py, s, d, &mask, &guide, &options)?,
         (Values::Single(s), Values::Single(d)) => of_rows(py, s, d, &mask, &guide, &options)?,
@@ -62,28 +73,14 @@ pub fn invert_rows<'py>(
             return Err(PyValueError::new_err(message));
         }
     };
-    let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
-    let displacement =
-        Array2::from_shape_vec(shape, field.displacement).expect("kernel keeps the shape");
-    let reason = Array2::from_shape_vec(shape, field.reason).expect("kernel keeps the shape");
+    let shape = image_of(&mask)?.shape();
+    let reason = field.reason.into_iter().map(u8::from).collect();
     Ok((
-        displacement.into_pyarray(py),
-        map(field.sigma).into_pyarray(py),
-        map(field.modulation_ratio).into_pyarray(py),
-        reason.into_pyarray(py),
+        array_of(py, shape, field.displacement),
+        array_of(py, shape, field.sigma),
+        array_of(py, shape, field.modulation_ratio),
+        array_of(py, shape, reason),
     ))
-}
-
-fn method_of(name: &str) -> PyResult<Method> {
-    match name {
-        "ifa" => Ok(Method::Polynomial),
-        "sifa" => Ok(Method::PartSpline),
-        "gsifa" => Ok(Method::GlobalSpline),
-        "exact" => Ok(Method::Exact),
-        other => Err(PyValueError::new_err(format!(
-            "method: expected ifa, sifa, gsifa or exact, got {other:?}"
-        ))),
-    }
 }
 
 /// Invert frames of either precision.
@@ -95,10 +92,9 @@ fn of_rows<T: Number + Element>(
     guide: &Option<PyReadonlyArray2<'_, f32>>,
     options: &Options,
 ) -> PyResult<Field> {
-    let width = mask.shape()[1];
-    let (s, d, m) = (rows_of(reference)?, rows_of(object)?, rows_of(mask)?);
-    let g = guide.as_ref().map(rows_of).transpose()?;
-    detached(py, || invert(s, d, m, g, width, options))
+    let (s, d, mask) = (image_of(reference)?, image_of(object)?, image_of(mask)?);
+    let guide = guide.as_ref().map(image_of).transpose()?;
+    detached(py, || inverse::invert_rows(s, d, mask, guide, options))
 }
 
 /// Position, value and kind (1 for a maximum) of every extremum.
@@ -119,11 +115,11 @@ pub fn row_extrema<'py>(
 ) -> PyResult<Points<'py>> {
     let values = rows_of(&row)?;
     let found = detached(py, || {
-        fringeworks::inverse::row_extrema(values, period, prominence, floor)
+        inverse::row_extrema(values, period, prominence, floor)
     })?;
     let position: Vec<f64> = found.iter().map(|e| e.position).collect();
     let value: Vec<f64> = found.iter().map(|e| e.value).collect();
-    let is_maximum: Vec<u8> = found.iter().map(|e| e.is_maximum as u8).collect();
+    let is_maximum: Vec<u8> = found.iter().map(|e| u8::from(e.is_maximum)).collect();
     Ok((
         position.into_pyarray(py),
         value.into_pyarray(py),

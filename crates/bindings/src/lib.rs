@@ -2,22 +2,18 @@
 //! return its result.
 
 mod albedo;
-mod cliffs;
 mod decode;
 mod emd;
 mod filters;
 mod inverse;
 mod isolated;
 mod measure;
-mod moving_mean;
 mod png;
 mod rig;
 mod rows;
 mod sample;
-mod scatter;
 mod threads;
 mod unwrap;
-mod wavelet;
 mod windowed;
 
 use pyo3::prelude::*;
@@ -27,23 +23,20 @@ mod _core {
     #[pymodule_export]
     use super::albedo::joint_albedo;
     #[pymodule_export]
-    use super::cliffs::{relocate_surfaces, smooth_within_walls, wall_sides};
-    #[pymodule_export]
-    use super::decode::{decode_frames, DecodeSettings};
+    use super::decode::{DecodeSettings, decode_frames};
     #[pymodule_export]
     use super::emd::{decompose_rows, row_envelopes};
     #[pymodule_export]
     use super::filters::{
-        area_means, box_means, interpolate_linear, median_of_nine, weighted_sums, widen,
+        area_means, box_means, interpolate_linear, median_of_nine, moving_means, weighted_sums,
+        widen,
     };
     #[pymodule_export]
     use super::inverse::{invert_rows, row_extrema};
     #[pymodule_export]
-    use super::isolated::{mark_isolated, typical_step};
+    use super::isolated::{mark_isolated, raise_factors, typical_step};
     #[pymodule_export]
     use super::measure::measure_points;
-    #[pymodule_export]
-    use super::moving_mean::moving_means;
     #[pymodule_export]
     use super::png::read_grey_png;
     #[pymodule_export]
@@ -54,14 +47,13 @@ mod _core {
         sample_squares, second_magnitudes, similar_groups, smooth_windows, third_chi_squares,
         trimmed_variance, window_sums, without_series,
     };
+
     #[pymodule_export]
-    use super::scatter::raise_factors;
+    use super::unwrap::{average_phasor, count_residues, unwrap_reliability, wavelet_ridge_rows};
     #[pymodule_export]
-    use super::unwrap::{average_phasor, count_residues, unwrap_reliability};
-    #[pymodule_export]
-    use super::wavelet::wavelet_ridge_rows;
-    #[pymodule_export]
-    use super::windowed::{invert_windowed, warp_windowed};
+    use super::windowed::{
+        invert_windowed, relocate_surfaces, smooth_within_walls, wall_sides, warp_windowed,
+    };
 
     use pyo3::prelude::*;
 

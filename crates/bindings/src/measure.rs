@@ -1,11 +1,11 @@
 //! Binding of the kernel from frames to points.
 
-use crate::decode::{planes_of, DecodeSettings, Frames};
-use crate::rig::{PointMaps, Triangulation};
+use crate::decode::{DecodeSettings, Frames, planes_of};
+use crate::rig::{LimitItems, PointMaps, Triangulation};
 use crate::threads::detached;
 use fringeworks::decode::Sample;
 use fringeworks::isolated::Smooth;
-use fringeworks::measure::{measure, Stack};
+use fringeworks::measure::{self, Stack};
 use fringeworks::triangulate::Limits;
 use numpy::{Element, PyReadonlyArray2};
 use pyo3::exceptions::PyTypeError;
@@ -51,35 +51,29 @@ fn stack<'a, T>(
     items: Option<&'a StackItems<'_>>,
 ) -> Option<Stack<'a, T>> {
     let (frames, (_, settings)) = planes.zip(items)?;
-    let plan = &settings.get().plan;
-    Some(Stack { frames, plan })
+    let settings = &settings.get().inner;
+    Some(Stack { frames, settings })
 }
 
 /// Points from the frames of one axis or both, into the maps.
 ///
-/// `smooth` is the typical difference of neighbouring coordinates along x and along y, px, by which
+/// `typical` is the typical difference of neighbouring coordinates along x and along y, px, by which
 /// isolated pixels are found; `None` keeps them.
 #[pyfunction]
-#[pyo3(signature = (x, y, rig, maps, *, smooth, residual_sigmas, residual_px))]
-#[allow(clippy::too_many_arguments)] // Most are keywords in Python.
+#[pyo3(signature = (x, y, rig, maps, *, typical, limits))]
 pub fn measure_points(
     py: Python<'_>,
     x: Option<StackItems<'_>>,
     y: Option<StackItems<'_>>,
     rig: &Triangulation,
     mut maps: PointMaps<'_>,
-    smooth: Option<(f32, f32)>,
-    residual_sigmas: f32,
-    residual_px: f32,
+    typical: Option<(f32, f32)>,
+    limits: LimitItems,
 ) -> PyResult<()> {
-    let limits = Limits {
-        residual_sigmas,
-        residual_px,
-    };
-    let smooth = smooth.map(|(x, y)| [x, y].map(|step| Smooth::new(step, f32::INFINITY)));
+    let smooth = typical.map(|(x, y)| [x, y].map(|step| Smooth::new(step, f32::INFINITY)));
     let call = Call {
         rig,
-        limits,
+        limits: limits.into(),
         smooth,
     };
     let axes = [x.as_ref(), y.as_ref()];
@@ -108,7 +102,7 @@ impl Call<'_> {
         let out = maps.points(self.rig.inner.shape())?;
         let rig = &self.rig.inner;
         detached(py, || {
-            measure(rig, &self.limits, x, y, self.smooth.as_ref(), out)
+            measure::measure_points(rig, x, y, self.smooth.as_ref(), &self.limits, out)
         })
     }
 }

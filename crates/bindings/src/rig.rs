@@ -17,40 +17,89 @@ pub struct Triangulation {
     pub inner: triangulate::Triangulation,
 }
 
-fn wrong_length(name: &str, expected: usize, got: usize) -> PyErr {
-    PyValueError::new_err(format!("{name}: expected {expected} values, got {got}"))
+/// Camera, projector and pose, see the kernel. Devices are focal lengths, principal point and five
+/// coefficients of the distortion.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct RigItems {
+    camera: [f64; 9],
+    projector: [f64; 9],
+    rotation: [f64; 9],
+    translation: [f64; 3],
 }
 
-fn lens(values: &[f64]) -> PyResult<Lens> {
-    let v: [f64; 9] = values
-        .try_into()
-        .map_err(|_| wrong_length("device", 9, values.len()))?;
-    Ok(Lens {
-        focal: [v[0], v[1]],
-        principal: [v[2], v[3]],
-        distortion: [v[4], v[5], v[6], v[7], v[8]],
-    })
+fn lens([fx, fy, cx, cy, distortion @ ..]: [f64; 9]) -> Lens {
+    Lens {
+        focal: [fx, fy],
+        principal: [cx, cy],
+        distortion,
+    }
 }
 
-/// Coordinates, standard deviations and reasons of one axis.
-type Maps<'py> = (
-    PyReadonlyArray2<'py, f32>,
-    PyReadonlyArray2<'py, f32>,
-    PyReadonlyArray2<'py, u8>,
-);
+/// Variance of 1/z that comes from the calibration, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct SpreadItems<'py> {
+    coefficients: PyReadonlyArray3<'py, f32>,
+    along_x: bool,
+    length: f32,
+}
+
+impl SpreadItems<'_> {
+    fn spread(&self) -> PyResult<Spread> {
+        let &[rows, columns, count] = self.coefficients.shape() else {
+            unreachable!("the array has three axes");
+        };
+        if count != triangulate::SPREAD_COEFFICIENTS {
+            return Err(PyValueError::new_err(format!(
+                "coefficients of the spread: expected {} values, got {count}",
+                triangulate::SPREAD_COEFFICIENTS
+            )));
+        }
+        Ok(Spread {
+            rows,
+            columns,
+            coefficients: rows_of(&self.coefficients)?.to_vec(),
+            along_x: self.along_x,
+            length: self.length,
+        })
+    }
+}
+
+/// Limits that a point must keep, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct LimitItems {
+    residual_sigmas: f32,
+    residual_px: f32,
+}
+
+impl From<LimitItems> for Limits {
+    fn from(items: LimitItems) -> Self {
+        Self {
+            residual_sigmas: items.residual_sigmas,
+            residual_px: items.residual_px,
+        }
+    }
+}
+
+/// Decoded maps along one axis.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct AxisMaps<'py> {
+    coordinate: PyReadonlyArray2<'py, f32>,
+    sigma: PyReadonlyArray2<'py, f32>,
+    reason: PyReadonlyArray2<'py, u8>,
+}
 
 /// Arrays that points are written to.
 #[derive(FromPyObject)]
+#[pyo3(from_item_all)]
 pub struct PointMaps<'py> {
-    #[pyo3(item)]
     xyz: PyReadwriteArray3<'py, f32>,
-    #[pyo3(item)]
     sigma: PyReadwriteArray2<'py, f32>,
-    #[pyo3(item)]
     noise: PyReadwriteArray2<'py, f32>,
-    #[pyo3(item)]
     residual: Option<PyReadwriteArray2<'py, f32>>,
-    #[pyo3(item)]
     reason: PyReadwriteArray2<'py, u8>,
 }
 
@@ -77,12 +126,12 @@ impl PointMaps<'_> {
 }
 
 /// Decoded maps as the kernel borrows them.
-fn axis<'a>(maps: Option<&'a Maps<'_>>) -> PyResult<Option<Axis<'a>>> {
-    maps.map(|(coordinate, sigma, reason)| {
+fn axis<'a>(maps: Option<&'a AxisMaps<'_>>) -> PyResult<Option<Axis<'a>>> {
+    maps.map(|maps| {
         Ok(Axis {
-            coordinate: rows_of(coordinate)?,
-            sigma: rows_of(sigma)?,
-            reason: rows_of(reason)?,
+            coordinate: rows_of(&maps.coordinate)?,
+            sigma: rows_of(&maps.sigma)?,
+            reason: rows_of(&maps.reason)?,
         })
     })
     .transpose()
@@ -91,47 +140,21 @@ fn axis<'a>(maps: Option<&'a Maps<'_>>) -> PyResult<Option<Axis<'a>>> {
 #[pymethods]
 impl Triangulation {
     #[new]
-    #[pyo3(signature = (*, camera, projector, rotation, translation, spread, spread_along_x,
-        spread_length, camera_shape, projector_size))]
-    #[allow(clippy::too_many_arguments)] // All are keywords in Python.
+    #[pyo3(signature = (rig, spread, *, camera_shape, projector_size))]
     fn new(
         py: Python<'_>,
-        camera: Vec<f64>,
-        projector: Vec<f64>,
-        rotation: Vec<f64>,
-        translation: Vec<f64>,
-        spread: PyReadonlyArray3<'_, f32>,
-        spread_along_x: bool,
-        spread_length: f32,
+        rig: RigItems,
+        spread: SpreadItems<'_>,
         camera_shape: (usize, usize),
         projector_size: (usize, usize),
     ) -> PyResult<Self> {
-        let coefficients = spread.shape()[2];
-        if coefficients != triangulate::SPREAD_COEFFICIENTS {
-            let expected = triangulate::SPREAD_COEFFICIENTS;
-            return Err(wrong_length(
-                "coefficients of the spread",
-                expected,
-                coefficients,
-            ));
-        }
         let rig = triangulate::Rig {
-            camera: lens(&camera)?,
-            projector: lens(&projector)?,
-            rotation: rotation
-                .try_into()
-                .map_err(|v: Vec<f64>| wrong_length("rotation", 9, v.len()))?,
-            translation: translation
-                .try_into()
-                .map_err(|v: Vec<f64>| wrong_length("translation", 3, v.len()))?,
+            camera: lens(rig.camera),
+            projector: lens(rig.projector),
+            rotation: rig.rotation,
+            translation: rig.translation,
         };
-        let spread = Spread {
-            rows: spread.shape()[0],
-            columns: spread.shape()[1],
-            coefficients: rows_of(&spread)?.to_vec(),
-            along_x: spread_along_x,
-            length: spread_length,
-        };
+        let spread = spread.spread()?;
         let inner = detached(py, || {
             triangulate::Triangulation::new(&rig, &spread, camera_shape, projector_size)
         })?;
@@ -139,25 +162,18 @@ impl Triangulation {
     }
 
     /// Triangulate one axis or both into the maps.
-    #[pyo3(signature = (x, y, maps, *, residual_sigmas, residual_px))]
-    fn run(
+    #[pyo3(signature = (x, y, maps, *, limits))]
+    fn triangulate(
         &self,
         py: Python<'_>,
-        x: Option<Maps<'_>>,
-        y: Option<Maps<'_>>,
+        x: Option<AxisMaps<'_>>,
+        y: Option<AxisMaps<'_>>,
         mut maps: PointMaps<'_>,
-        residual_sigmas: f32,
-        residual_px: f32,
+        limits: LimitItems,
     ) -> PyResult<()> {
-        let limits = Limits {
-            residual_sigmas,
-            residual_px,
-        };
-        let (along_x, along_y) = (axis(x.as_ref())?, axis(y.as_ref())?);
+        let (x, y) = (axis(x.as_ref())?, axis(y.as_ref())?);
         let out = maps.points(self.inner.shape())?;
-        detached(py, || {
-            triangulate::triangulate(&self.inner, &limits, along_x, along_y, out)
-        })
+        detached(py, || self.inner.triangulate(x, y, &limits.into(), out))
     }
 }
 

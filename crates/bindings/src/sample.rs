@@ -1,19 +1,14 @@
 //! Bindings of the statistics of a sample of pixels.
 
-use crate::decode::{planes_of, with_planes, Frames};
-use crate::rows::rows_of;
+use crate::decode::{Frames, planes_of, with_planes};
+use crate::filters;
+use crate::rows::{Map, image_of, rows_of};
 use crate::threads::alone;
-use fringeworks::sample::differences::Real;
-use fringeworks::sample::fit::{fit, inside, Model, ROWS};
-use fringeworks::sample::quantile::{self, Value};
-use fringeworks::sample::residuals::{of_set, Maps, Noise, Set};
-use fringeworks::sample::variance::{self, Usual};
-use fringeworks::sample::windows::{windows, Lines, Wanted};
-use fringeworks::sample::{differences, groups, harmonics, moments};
+use fringeworks::sample::{self, FIT_ROWS, Lines, Model, Real, Usual, Value, Wanted};
 use numpy::ndarray::Array;
 use numpy::{
-    Element, IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1,
-    PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+    Element, IntoPyArray, PyArray1, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyReadonlyArrayDyn,
 };
 use pyo3::prelude::*;
 
@@ -26,7 +21,7 @@ pub enum Values<'py> {
 }
 
 type Array1<'py, T = f64> = Bound<'py, PyArray1<T>>;
-type Array2<'py, T = f64> = Bound<'py, PyArray2<T>>;
+type Array2<'py, T = f64> = Map<'py, T>;
 
 /// Values as an array of rows of `width`.
 fn rows<T: Element>(py: Python<'_>, values: Vec<T>, width: usize) -> PyResult<Array2<'_, T>> {
@@ -37,7 +32,7 @@ fn rows<T: Element>(py: Python<'_>, values: Vec<T>, width: usize) -> PyResult<Ar
 #[pyfunction]
 pub fn quantiles(py: Python<'_>, values: Values<'_>, shares: Vec<f64>) -> PyResult<Vec<f64>> {
     fn of<T: Value>(py: Python<'_>, values: &[T], shares: &[f64]) -> PyResult<Vec<f64>> {
-        alone(py, || quantile::quantiles(values, shares))
+        alone(py, || sample::quantiles(values, shares))
     }
     match &values {
         Values::Single(array) => of(py, rows_of(array)?, &shares),
@@ -61,7 +56,7 @@ pub fn trimmed_variance(
         limit,
         mean,
     };
-    alone(py, || Ok(variance::trimmed_variance(square, usual, steps)))
+    alone(py, || Ok(sample::trimmed_variance(square, usual, steps)))
 }
 
 #[pyfunction]
@@ -72,7 +67,7 @@ pub fn similar_groups<'py>(
     groups: usize,
 ) -> PyResult<(Array1<'py>, Array1<'py>)> {
     let (key, values) = (rows_of(&key)?, rows_of(&values)?);
-    let (key, values) = alone(py, || groups::by_key(key, values, groups))?;
+    let (key, values) = alone(py, || sample::similar_groups(key, values, groups))?;
     Ok((key.into_pyarray(py), values.into_pyarray(py)))
 }
 
@@ -87,8 +82,8 @@ pub fn fit_samples<'py>(
         design: rows_of(&design)?,
         solver: rows_of(&solver)?,
     };
-    let found = with_planes!(&planes, planes => alone(py, || fit(&planes, model)))?;
-    let pixels = found.len() / ROWS;
+    let found = with_planes!(&planes, planes => alone(py, || sample::fit_samples(&planes, model)))?;
+    let pixels = found.len() / FIT_ROWS;
     rows(py, found, pixels)
 }
 
@@ -111,7 +106,7 @@ pub fn fitted_inside<'py>(
         rows_of(&fitted.2)?,
     ];
     let design = rows_of(&design)?;
-    let marks = alone(py, || inside(fitted, design, low, high))?;
+    let marks = alone(py, || sample::fitted_inside(fitted, design, low, high))?;
     rows(py, marks, fitted[0].len())
 }
 
@@ -123,7 +118,7 @@ pub fn sample_moments<'py>(
 ) -> PyResult<Array2<'py>> {
     let pixels = rows_of(&pixels)?;
     let found = with_planes!(&planes, planes => alone(py, || {
-        Ok((moments::moments(&moments::gather(&planes, pixels)?), planes.len()))
+        Ok((sample::sample_moments(&planes, pixels)?, planes.len()))
     }))?;
     rows(py, found.0, found.1)
 }
@@ -137,25 +132,27 @@ pub fn sample_squares<'py>(
 ) -> PyResult<Array1<'py>> {
     let (pixels, across) = (rows_of(&pixels)?, rows_of(&across)?);
     let found = with_planes!(&planes, planes => alone(py, || {
-        moments::squares(&moments::gather(&planes, pixels)?, across)
+        sample::sample_squares(&planes, pixels, across)
     }))?;
     Ok(found.into_pyarray(py))
 }
 
 #[pyfunction]
-pub fn second_magnitudes<'py>(py: Python<'py>, frame: Values<'py>) -> PyResult<Bound<'py, PyAny>> {
+pub fn second_magnitudes<'py>(
+    py: Python<'py>,
+    frame: filters::Values<'py>,
+) -> PyResult<Bound<'py, PyAny>> {
     fn of<'py, T: Element + Real>(
         py: Python<'py>,
-        frame: &PyReadonlyArrayDyn<'py, T>,
+        frame: &PyReadonlyArray2<'py, T>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let width = frame.shape().last().copied().unwrap_or(0);
-        let values = rows_of(frame)?;
-        let found = alone(py, || Ok(differences::second_magnitudes(values, width)))?;
-        Ok(rows(py, found, width.max(3) - 2)?.into_any())
+        let frame = image_of(frame)?;
+        let found = alone(py, || Ok(sample::second_magnitudes(frame)))?;
+        Ok(rows(py, found, frame.width().max(3) - 2)?.into_any())
     }
     match &frame {
-        Values::Single(array) => of(py, array),
-        Values::Double(array) => of(py, array),
+        filters::Values::Single(array) => of(py, array),
+        filters::Values::Double(array) => of(py, array),
     }
 }
 
@@ -167,75 +164,96 @@ pub fn third_chi_squares<'py>(
     sigma: PyReadonlyArray2<'py, f32>,
     most: f32,
 ) -> PyResult<Array1<'py, f32>> {
-    let width = coordinate.shape()[1];
-    let (x, sigma) = (rows_of(&coordinate)?, rows_of(&sigma)?);
-    let found = alone(py, || differences::third_chi_squares(x, sigma, width, most))?;
+    let (coordinate, sigma) = (image_of(&coordinate)?, image_of(&sigma)?);
+    let found = alone(py, || sample::third_chi_squares(coordinate, sigma, most))?;
     Ok(found.into_pyarray(py))
 }
 
-#[pyfunction]
-#[pyo3(signature = (coordinate, background, used, phase, modulation, *,
-    period, variance, read_variance, gain, least_modulation))]
-#[allow(clippy::too_many_arguments)] // Most are keywords in Python.
-pub fn phase_residuals<'py>(
-    py: Python<'py>,
+/// Maps of a decoded sample, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct MapItems<'py> {
     coordinate: PyReadonlyArray2<'py, f32>,
     background: PyReadonlyArray2<'py, f32>,
     used: PyReadonlyArray2<'py, bool>,
+}
+
+/// A set of steps in the sample, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct SetItems<'py> {
     phase: PyReadonlyArray2<'py, f32>,
     modulation: PyReadonlyArray2<'py, f32>,
     period: f64,
     variance: f64,
+}
+
+/// Noise of the camera, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct NoiseItems {
     read_variance: f64,
     gain: f64,
-    least_modulation: f64,
-) -> PyResult<(Array1<'py>, Array1<'py>)> {
-    let maps = Maps {
-        coordinate: rows_of(&coordinate)?,
-        background: rows_of(&background)?,
-        used: rows_of(&used)?,
-    };
-    let set = Set {
-        phase: rows_of(&phase)?,
-        modulation: rows_of(&modulation)?,
-        period,
-        variance,
-    };
-    let noise = Noise {
-        read_variance,
-        gain,
-        least: least_modulation,
-    };
-    let (off, variance) = alone(py, || of_set(maps, set, noise))?;
-    Ok((off.into_pyarray(py), variance.into_pyarray(py)))
+    min_modulation: f64,
 }
 
 #[pyfunction]
-#[pyo3(signature = (turns, usable, *, fringes, least, most, windows, jump))]
-#[allow(clippy::too_many_arguments)] // Most are keywords in Python.
-pub fn smooth_windows<'py>(
+pub fn phase_residuals<'py>(
     py: Python<'py>,
-    turns: PyReadonlyArray2<'py, f32>,
-    usable: PyReadonlyArray2<'py, bool>,
+    maps: MapItems<'py>,
+    set: SetItems<'py>,
+    noise: NoiseItems,
+) -> PyResult<(Array1<'py>, Array1<'py>)> {
+    let maps = sample::Maps {
+        coordinate: rows_of(&maps.coordinate)?,
+        background: rows_of(&maps.background)?,
+        used: rows_of(&maps.used)?,
+    };
+    let set = sample::Set {
+        phase: rows_of(&set.phase)?,
+        modulation: rows_of(&set.modulation)?,
+        period: set.period,
+        variance: set.variance,
+    };
+    let noise = sample::Noise {
+        read_variance: noise.read_variance,
+        gain: noise.gain,
+        min_modulation: noise.min_modulation,
+    };
+    let (off, variance) = alone(py, || sample::phase_residuals(maps, set, noise))?;
+    Ok((off.into_pyarray(py), variance.into_pyarray(py)))
+}
+
+/// What windows are looked for, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct WantedItems {
     fringes: f64,
     least: usize,
     most: usize,
     windows: (usize, usize),
     jump: f32,
+}
+
+#[pyfunction]
+pub fn smooth_windows<'py>(
+    py: Python<'py>,
+    turns: PyReadonlyArray2<'py, f32>,
+    usable: PyReadonlyArray2<'py, bool>,
+    wanted: WantedItems,
 ) -> PyResult<Option<(Array2<'py>, Array2<'py, i64>)>> {
     let lines = Lines {
-        turns: rows_of(&turns)?,
-        usable: rows_of(&usable)?,
-        length: turns.shape()[1],
+        turns: image_of(&turns)?,
+        usable: image_of(&usable)?,
     };
     let wanted = Wanted {
-        fringes,
-        least,
-        most,
-        windows,
-        jump,
+        fringes: wanted.fringes,
+        least: wanted.least,
+        most: wanted.most,
+        windows: wanted.windows,
+        jump: wanted.jump,
     };
-    let found = alone(py, || self::windows(lines, wanted))?;
+    let found = alone(py, || sample::smooth_windows(lines, wanted))?;
     let Some(found) = found else {
         return Ok(None);
     };
@@ -250,7 +268,7 @@ pub fn smooth_windows<'py>(
 /// squared values, (fits,).
 type Sums<'py> = (Bound<'py, PyArray3<f64>>, Array2<'py>, Array1<'py>);
 
-fn sums_of<'py>(py: Python<'py>, sums: harmonics::Sums) -> PyResult<Sums<'py>> {
+fn sums_of<'py>(py: Python<'py>, sums: sample::Sums) -> PyResult<Sums<'py>> {
     let fits = sums.power.len();
     let count = sums.projected.len() / fits.max(1);
     let normal = Array::from_shape_vec([fits, count, count], sums.normal)
@@ -269,9 +287,8 @@ pub fn window_sums<'py>(
     basis: PyReadonlyArray2<'py, f64>,
     orders: Vec<usize>,
 ) -> PyResult<Sums<'py>> {
-    let length = phase.shape()[1];
-    let (phase, basis) = (rows_of(&phase)?, rows_of(&basis)?);
-    let sums = alone(py, || harmonics::of_windows(phase, length, basis, &orders))?;
+    let (phase, basis) = (image_of(&phase)?, image_of(&basis)?);
+    let sums = alone(py, || sample::window_sums(phase, basis, &orders))?;
     sums_of(py, sums)
 }
 
@@ -287,7 +304,7 @@ pub fn harmonic_sums<'py>(
 ) -> PyResult<Sums<'py>> {
     let (phase, values) = (rows_of(&phase)?, rows_of(&values)?);
     let sums = alone(py, || {
-        harmonics::of_pixels(phase, values, &orders, &coefficients, most)
+        sample::harmonic_sums(phase, values, &orders, &coefficients, most)
     })?;
     sums_of(py, sums)
 }
@@ -302,7 +319,7 @@ pub fn without_series<'py>(
 ) -> PyResult<Array1<'py>> {
     let (phase, values) = (rows_of(&phase)?, rows_of(&values)?);
     let left = alone(py, || {
-        harmonics::without_series(phase, values, &orders, &coefficients)
+        sample::without_series(phase, values, &orders, &coefficients)
     })?;
     Ok(left.into_pyarray(py))
 }

@@ -1,127 +1,207 @@
-//! Bindings of windowed inversion.
+//! Bindings of windowed inversion and of the search for cliffs.
 
-use crate::rows::rows_of;
+use crate::rows::{Map, array_of, image_of};
 use crate::threads::detached;
-use fringeworks::windowed::{invert, warped, Limits, Options, Pair};
-use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
+use fringeworks::windowed::{self, Limits, Options, Search, Surfaces};
+use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
-
-/// Displacement, σ, modulation ratio, offset, misfit, scale, and correlation of the noise.
-type Maps<'py> = (
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<u8>>,
-    f64,
-);
 
 type Floats<'py> = PyReadonlyArray2<'py, f32>;
 type Bytes<'py> = PyReadonlyArray2<'py, u8>;
 
-/// A pair of frames whose object frame has the given shape and samples, without an albedo.
-pub fn pair_of<'a>(
-    (height, width): (usize, usize),
-    spline: &'a Floats,
-    object: &'a [f32],
-    reference_ok: &'a Bytes,
-    object_ok: &'a Bytes,
-) -> PyResult<Pair<'a>> {
-    Ok(Pair {
-        height,
-        width,
-        spline: rows_of(spline)?,
-        object,
-        reference_ok: rows_of(reference_ok)?,
-        object_ok: rows_of(object_ok)?,
-        albedo: None,
-    })
+/// A pair of frames, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct PairItems<'py> {
+    spline: Floats<'py>,
+    object: Floats<'py>,
+    reference_ok: Bytes<'py>,
+    object_ok: Bytes<'py>,
+    albedo: Option<Floats<'py>>,
 }
 
-#[pyfunction]
-#[pyo3(signature = (spline, object, reference_ok, object_ok, start, albedo=None, walls=None, *, scales, iterations, period, confidence, object_noise, reference_noise, drift, max_sigma, min_explained))]
-#[allow(clippy::too_many_arguments)]
-pub fn invert_windowed<'py>(
-    py: Python<'py>,
-    spline: PyReadonlyArray2<'py, f32>,
-    object: PyReadonlyArray2<'py, f32>,
-    reference_ok: PyReadonlyArray2<'py, u8>,
-    object_ok: PyReadonlyArray2<'py, u8>,
-    start: PyReadonlyArray2<'py, f32>,
-    albedo: Option<PyReadonlyArray2<'py, f32>>,
-    walls: Option<PyReadonlyArray2<'py, u8>>,
+impl PairItems<'_> {
+    fn pair(&self) -> PyResult<windowed::Pair<'_>> {
+        Ok(windowed::Pair {
+            spline: image_of(&self.spline)?,
+            object: image_of(&self.object)?,
+            reference_ok: image_of(&self.reference_ok)?,
+            object_ok: image_of(&self.object_ok)?,
+            albedo: self.albedo.as_ref().map(image_of).transpose()?,
+        })
+    }
+}
+
+/// How the displacement is refined, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct OptionItems {
     scales: Vec<f64>,
     iterations: usize,
     period: f64,
     confidence: f64,
+    limits: LimitItems,
+}
+
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct LimitItems {
     object_noise: f64,
     reference_noise: f64,
     drift: f64,
     max_sigma: f64,
     min_explained: f64,
-) -> PyResult<Maps<'py>> {
-    let shape = (object.shape()[0], object.shape()[1]);
-    let samples = rows_of(&object)?;
-    let pair = Pair {
-        albedo: albedo.as_ref().map(rows_of).transpose()?,
-        ..pair_of(shape, &spline, samples, &reference_ok, &object_ok)?
-    };
-    let start = rows_of(&start)?;
-    let walls = walls.as_ref().map(rows_of).transpose()?;
-    let options = Options {
-        scales,
-        iterations,
-        period,
-        confidence,
-        limits: Limits {
-            object_noise,
-            reference_noise,
-            noise_correlation: 1.0,
-            drift,
-            max_sigma,
-            min_explained,
-        },
-    };
-    let field = detached(py, || invert(&pair, walls, start, &options))?;
-    let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
-    let scale = Array2::from_shape_vec(shape, field.scale).expect("kernel keeps the shape");
+}
+
+impl From<OptionItems> for Options {
+    fn from(items: OptionItems) -> Self {
+        Self {
+            scales: items.scales,
+            iterations: items.iterations,
+            period: items.period,
+            confidence: items.confidence,
+            limits: Limits {
+                object_noise: items.limits.object_noise,
+                reference_noise: items.limits.reference_noise,
+                noise_correlation: 1.0,
+                drift: items.limits.drift,
+                max_sigma: items.limits.max_sigma,
+                min_explained: items.limits.min_explained,
+            },
+        }
+    }
+}
+
+/// Displacement, σ, modulation ratio, offset, misfit, scale, and correlation of the noise.
+type Field<'py> = (
+    Map<'py>,
+    Map<'py>,
+    Map<'py>,
+    Map<'py>,
+    Map<'py>,
+    Map<'py, u8>,
+    f64,
+);
+
+#[pyfunction]
+#[pyo3(signature = (pair, start, options, walls=None))]
+pub fn invert_windowed<'py>(
+    py: Python<'py>,
+    pair: PairItems<'py>,
+    start: Floats<'py>,
+    options: OptionItems,
+    walls: Option<Bytes<'py>>,
+) -> PyResult<Field<'py>> {
+    let (pair, start, options) = (pair.pair()?, image_of(&start)?, options.into());
+    let walls = walls.as_ref().map(image_of).transpose()?;
+    let field = detached(py, || {
+        windowed::invert_windowed(&pair, walls, start, &options)
+    })?;
+    let shape = pair.object.shape();
+    let map = |values| array_of(py, shape, values);
     Ok((
-        map(field.displacement).into_pyarray(py),
-        map(field.sigma).into_pyarray(py),
-        map(field.modulation_ratio).into_pyarray(py),
-        map(field.offset).into_pyarray(py),
-        map(field.misfit).into_pyarray(py),
-        scale.into_pyarray(py),
+        map(field.displacement),
+        map(field.sigma),
+        map(field.modulation_ratio),
+        map(field.offset),
+        map(field.misfit),
+        array_of(py, shape, field.scale),
         field.noise_correlation,
     ))
 }
 
-/// Value and slope of the reference at x − u, 0 without data, and 1 where there is data.
-type Warped<'py> = (
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<f32>>,
-    Bound<'py, PyArray2<u8>>,
-);
-
 #[pyfunction]
 pub fn warp_windowed<'py>(
     py: Python<'py>,
-    spline: PyReadonlyArray2<'py, f32>,
-    reference_ok: PyReadonlyArray2<'py, u8>,
-    object_ok: PyReadonlyArray2<'py, u8>,
-    displacement: PyReadonlyArray2<'py, f32>,
-) -> PyResult<Warped<'py>> {
-    let shape = (displacement.shape()[0], displacement.shape()[1]);
-    let pair = pair_of(shape, &spline, &[], &reference_ok, &object_ok)?;
-    let u = rows_of(&displacement)?;
-    let (value, slope, known) = detached(py, || warped(&pair, u))?;
-    let map = |v: Vec<f32>| Array2::from_shape_vec(shape, v).expect("kernel keeps the shape");
-    let known = Array2::from_shape_vec(shape, known).expect("kernel keeps the shape");
+    pair: PairItems<'py>,
+    displacement: Floats<'py>,
+) -> PyResult<(Map<'py>, Map<'py>, Map<'py, u8>)> {
+    let (pair, u) = (pair.pair()?, image_of(&displacement)?);
+    let (value, slope, known) = detached(py, || windowed::warp_windowed(&pair, u))?;
     Ok((
-        map(value).into_pyarray(py),
-        map(slope).into_pyarray(py),
-        known.into_pyarray(py),
+        array_of(py, u.shape(), value),
+        array_of(py, u.shape(), slope),
+        array_of(py, u.shape(), known),
     ))
+}
+
+/// A model of the object frame, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct SurfaceItems<'py> {
+    displacement: Floats<'py>,
+    offset: Floats<'py>,
+    gain: Floats<'py>,
+}
+
+impl SurfaceItems<'_> {
+    fn surfaces(&self) -> PyResult<Surfaces<'_>> {
+        Ok(Surfaces {
+            displacement: image_of(&self.displacement)?,
+            offset: image_of(&self.offset)?,
+            gain: image_of(&self.gain)?,
+        })
+    }
+}
+
+/// Where surfaces are searched, see the kernel.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct SearchItems<'py> {
+    clean: Bytes<'py>,
+    present: Floats<'py>,
+    reach: usize,
+    margin: usize,
+    base: usize,
+    max_change: f32,
+    same: f32,
+}
+
+#[pyfunction]
+pub fn relocate_surfaces<'py>(
+    py: Python<'py>,
+    pair: PairItems<'py>,
+    surfaces: SurfaceItems<'py>,
+    search: SearchItems<'py>,
+) -> PyResult<(Map<'py>, Map<'py>, Map<'py>)> {
+    let (pair, surfaces) = (pair.pair()?, surfaces.surfaces()?);
+    let search = Search {
+        clean: image_of(&search.clean)?,
+        present: image_of(&search.present)?,
+        reach: search.reach,
+        margin: search.margin,
+        base: search.base,
+        max_change: search.max_change,
+        same: search.same,
+    };
+    let maps = detached(py, || {
+        windowed::relocate_surfaces(&pair, &surfaces, &search)
+    })?;
+    let map = |values| array_of(py, pair.object.shape(), values);
+    Ok((map(maps.0), map(maps.1), map(maps.2)))
+}
+
+#[pyfunction]
+pub fn wall_sides<'py>(
+    py: Python<'py>,
+    pair: PairItems<'py>,
+    surfaces: SurfaceItems<'py>,
+    walls: Bytes<'py>,
+) -> PyResult<Map<'py, i64>> {
+    let (pair, surfaces) = (pair.pair()?, surfaces.surfaces()?);
+    let walls = image_of(&walls)?;
+    let found = detached(py, || windowed::wall_sides(&pair, &surfaces, walls))?;
+    Ok(array_of(py, walls.shape(), found))
+}
+
+#[pyfunction]
+pub fn smooth_within_walls<'py>(
+    py: Python<'py>,
+    values: Floats<'py>,
+    walls: Bytes<'py>,
+    sigma: f64,
+) -> PyResult<Map<'py>> {
+    let (values, walls) = (image_of(&values)?, image_of(&walls)?);
+    let found = detached(py, || windowed::smooth_within_walls(values, walls, sigma))?;
+    Ok(array_of(py, values.shape(), found))
 }

@@ -6,7 +6,7 @@
 //! Without δ, β would take over the error of the displacement. Chambolle and Pock's primal-dual method
 //! (J. Math. Imaging Vis. 40, 2011) from coarse to fine.
 
-use crate::{check_length, check_value, Error, MIN_WIDTH};
+use crate::{Error, Image, MIN_WIDTH, check_shape, check_value};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
@@ -19,18 +19,16 @@ const MIN_WEIGHT: f32 = 1e-9;
 
 /// A model of the object frame, one value per pixel, row after row.
 pub struct Model<'a> {
-    pub height: usize,
-    pub width: usize,
     /// f: what an object of albedo 1 would show; 0 without data.
-    pub value: &'a [f32],
+    pub value: Image<'a, f32>,
     /// q: minus its derivative by the correction; 0 without data.
-    pub slope: &'a [f32],
+    pub slope: Image<'a, f32>,
     /// d: what the object shows; 0 without data.
-    pub object: &'a [f32],
+    pub object: Image<'a, f32>,
     /// λ: price of an edge of β at a pixel.
-    pub edge_weight: &'a [f32],
+    pub edge_weight: Image<'a, f32>,
     /// 1 where the correction may jump, as at a cliff.
-    pub cliff: &'a [u8],
+    pub cliff: Image<'a, u8>,
 }
 
 /// How smooth albedo and correction are.
@@ -81,12 +79,15 @@ fn halved<T: Copy + Send + Sync>(
 
 impl Level {
     fn finest(model: &Model) -> Self {
-        let product = |a: &[f32], b: &[f32], sign: f32| -> Vec<f32> {
-            a.iter().zip(b).map(|(a, b)| sign * a * b).collect()
+        let product = |a: Image<f32>, b: Image<f32>, sign: f32| -> Vec<f32> {
+            a.iter()
+                .zip(b.values())
+                .map(|(a, b)| sign * a * b)
+                .collect()
         };
         Self {
-            height: model.height,
-            width: model.width,
+            height: model.object.height(),
+            width: model.object.width(),
             products: [
                 product(model.value, model.value, 1.0),
                 product(model.value, model.slope, -1.0),
@@ -336,23 +337,17 @@ fn primal_row(
 }
 
 fn check(model: &Model, options: &Options) -> Result<(), Error> {
-    let n = model.height * model.width;
-    check_value(
-        "width",
-        model.width >= MIN_WIDTH,
-        "at least 8 px",
-        model.width,
-    )?;
-    check_value("height", model.height >= 1, "at least 1 px", model.height)?;
-    check_length("value", model.value.len(), n)?;
-    check_length("slope", model.slope.len(), n)?;
-    check_length("object", model.object.len(), n)?;
-    check_length("edge_weight", model.edge_weight.len(), n)?;
-    check_length("cliff", model.cliff.len(), n)?;
+    let (height, width) = model.object.shape();
+    check_value("width", width >= MIN_WIDTH, "at least 8 px", width)?;
+    check_value("height", height >= 1, "at least 1 px", height)?;
+    check_shape("value", model.value.shape(), (height, width))?;
+    check_shape("slope", model.slope.shape(), (height, width))?;
+    check_shape("edge_weight", model.edge_weight.shape(), (height, width))?;
+    check_shape("cliff", model.cliff.shape(), (height, width))?;
     let levels = options.iterations.len();
     check_value(
         "iterations",
-        (1..usize::BITS as usize).contains(&levels) && model.width >> (levels - 1) >= 2,
+        (1..usize::BITS as usize).contains(&levels) && width >> (levels - 1) >= 2,
         "one level or more of 2 px or more",
         levels,
     )?;
@@ -361,7 +356,27 @@ fn check(model: &Model, options: &Options) -> Result<(), Error> {
 }
 
 /// Albedo β and correction δ of every pixel.
-pub fn solve(model: &Model, options: &Options) -> Result<(Vec<f32>, Vec<f32>), Error> {
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::albedo::{Model, Options, joint_albedo};
+///
+/// // Half of a bright object is painted at an albedo of 0.5.
+/// let (h, w) = (16, 32);
+/// let object: Vec<f32> = (0..h * w).map(|i| if i % w < 16 { 2.0 } else { 1.0 }).collect();
+/// let model = Model {
+///     value: Image::new(&[2.0; 512], h, w)?,
+///     slope: Image::new(&[0.0; 512], h, w)?,
+///     object: Image::new(&object, h, w)?,
+///     edge_weight: Image::new(&[0.05; 512], h, w)?,
+///     cliff: Image::new(&[0; 512], h, w)?,
+/// };
+/// let options = Options { stiffness: 1.0, huber: 0.0, iterations: vec![200] };
+/// let (albedo, _correction) = joint_albedo(&model, &options)?;
+/// assert!((albedo[0] - 1.0).abs() < 0.05 && (albedo[31] - 0.5).abs() < 0.05);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn joint_albedo(model: &Model, options: &Options) -> Result<(Vec<f32>, Vec<f32>), Error> {
     check(model, options)?;
     let mut pyramid = vec![Level::finest(model)];
     for k in 1..options.iterations.len() {

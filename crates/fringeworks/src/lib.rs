@@ -1,36 +1,18 @@
-//! Kernels of fringe projection profilometry, on plain slices.
-//!
-//! The crate has no Python, files or screens. Callers validate their input. Kernels document what they
-//! assume and return an [`Error`] where an assumption can be checked at no cost.
-//!
-//! * [`albedo`]: albedo of an object with sharp edges, from two frames.
-//! * [`decode`]: shifted fringes and Gray code to projector coordinates, in one pass.
-//! * [`emd`]: empirical mode decomposition of rows, and their envelopes.
-//! * [`filters`]: filters of images, and what lies beyond their borders.
-//! * [`inverse`]: inverse function analysis by rows (IFA, SIFA, GSIFA, exact).
-//! * [`isolated`]: pixels whose decoded coordinate no neighbour shares.
-//! * [`measure`]: frames to points in one pass.
-//! * [`mesh`]: intersection of rays with triangles, and triangles that are nearest to points.
-//! * [`moving_mean`]: moving means along both axes, which replace Gaussian kernels.
-//! * [`reason`]: why a pixel has no value.
-//! * [`sample`]: statistics of a sample of pixels, by which a stack is judged.
-//! * [`scatter`]: by how much neighbouring coordinates scatter.
-//! * [`triangulate`]: projector coordinates and a calibrated rig to points.
-//! * [`unwrap`]: phase unwrapping by sorting by reliability, and the average that guides it.
-//! * [`wavelet`]: ridge of the continuous wavelet transform by rows.
-//! * [`windowed`]: windowed inversion, local least squares over several window sizes.
+#![doc = include_str!("../README.md")]
+#![forbid(unsafe_code)]
+#![warn(missing_docs)]
 
 pub mod albedo;
 pub mod decode;
 pub mod emd;
 pub mod filters;
+mod image;
 pub mod inverse;
 pub mod isolated;
 pub mod measure;
 pub mod mesh;
 pub mod moving_mean;
-mod nearest;
-pub mod reason;
+mod reason;
 pub mod sample;
 pub mod scatter;
 mod spline;
@@ -38,6 +20,10 @@ pub mod triangulate;
 pub mod unwrap;
 pub mod wavelet;
 pub mod windowed;
+
+pub use image::{Image, ImageMut};
+pub(crate) use image::{check_columns, check_shape};
+pub use reason::Reason;
 
 /// Least width of a row or frame to invert, px: splines need four samples, and the reference is not used
 /// within two of its ends.
@@ -55,19 +41,44 @@ pub(crate) fn check_period(period: f64) -> Result<(), Error> {
     check_value("period", ok, "at least 2 px, at most 10^6", period)
 }
 
-/// Input that a kernel refuses. The bindings map it to `ValueError`.
+/// Input that a kernel refuses. `name` is that of the argument or field.
+///
+/// ```
+/// use fringeworks::Image;
+///
+/// let error = Image::new(&[0.0; 5], 2, 3).unwrap_err();
+/// assert_eq!(error.to_string(), "image: expected 6 values, got 5");
+/// ```
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum Error {
+    /// A number of values that does not fit.
     #[error("{name}: expected {expected} values, got {got}")]
     Length {
+        /// Argument or field.
         name: &'static str,
+        /// What it must be.
         expected: usize,
+        /// What it is.
         got: usize,
     },
+    /// A picture of another size than the others, in rows and columns.
+    #[error("{name}: expected shape {expected:?}, got {got:?}")]
+    Shape {
+        /// Argument or field.
+        name: &'static str,
+        /// What it must be.
+        expected: (usize, usize),
+        /// What it is.
+        got: (usize, usize),
+    },
+    /// A value that makes no sense.
     #[error("{name}: expected {expected}, got {got}")]
     Value {
+        /// Argument or field.
         name: &'static str,
+        /// What it must be.
         expected: &'static str,
+        /// What it is.
         got: String,
     },
 }
@@ -104,6 +115,10 @@ pub(crate) fn check_value(
 }
 
 /// Whether this is an optimised build. A debug build of these loops is unusably slow.
+///
+/// ```
+/// assert_eq!(fringeworks::is_optimised(), !cfg!(debug_assertions));
+/// ```
 pub fn is_optimised() -> bool {
     // Only the release profile turns `debug_assertions` off. The dev profile is optimised too
     // (Cargo.toml), but keeps its checks.

@@ -4,10 +4,10 @@
 //! pixels aside and triangulates, then goes on with the next rows. The results are those of
 //! [`crate::decode`], [`crate::isolated`] and [`crate::triangulate`] to the bit.
 
-use crate::decode::{BandDecoder, Plan, Sample};
-use crate::isolated::{Smooth, REACH};
+use crate::decode::{BandDecoder, DecodeSettings, Sample};
+use crate::isolated::{REACH, Smooth};
 use crate::triangulate::{self, Axis, Limits, Points, Triangulation};
-use crate::{check_length, check_value, reason, Error};
+use crate::{Error, Reason, check_length, check_value};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -23,8 +23,10 @@ const TASKS_PER_THREAD: usize = 2;
 
 /// Frames along one axis of the projector, and how they are decoded.
 pub struct Stack<'a, T> {
+    /// The planes that `settings` refers to by index.
     pub frames: &'a [&'a [T]],
-    pub plan: &'a Plan,
+    /// How they are decoded.
+    pub settings: &'a DecodeSettings,
 }
 
 /// Decoded rows of one axis, the rows `first..end` of the camera.
@@ -92,7 +94,7 @@ impl Rows {
             rows.start - self.first..rows.end - self.first,
         );
         for i in found {
-            self.reason[i] = reason::ISOLATED;
+            self.reason[i] = Reason::Isolated.into();
         }
     }
 
@@ -109,12 +111,54 @@ impl Rows {
 /// Points of a surface from frames along one axis or both.
 ///
 /// `smooth` is by what isolated pixels are found along x and along y; `None` keeps them.
-pub fn measure<T: Sample>(
+///
+/// ```
+/// use fringeworks::decode::{Chain, DecodeSettings, Limits, Noise, PhaseSet};
+/// use fringeworks::measure::{Stack, measure_points};
+/// use fringeworks::triangulate::{self, Points};
+/// use std::f64::consts::TAU;
+///
+/// // A rig whose projector sees a plane at 1 m under camera column − 100 px; see `Triangulation`.
+/// # use fringeworks::triangulate::{Lens, Rig, Spread, Triangulation};
+/// # let lens = Lens { focal: [1000.0; 2], principal: [15.5, 7.5], distortion: [0.0; 5] };
+/// # let rig = Rig {
+/// #     camera: lens,
+/// #     projector: lens,
+/// #     rotation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+/// #     translation: [-100.0, 0.0, 0.0],
+/// # };
+/// # let rig = Triangulation::new(&rig, &Spread::none(true, 1024.0), (16, 32), (1024, 768))?;
+/// let shifts = [0.0, TAU / 3.0, 2.0 * TAU / 3.0];
+/// let settings = DecodeSettings {
+///     sets: vec![PhaseSet::new(vec![0, 1, 2], &shifts, vec![], 1024.0)?],
+///     gray_code: None,
+///     chain: Chain::hierarchy(&[1024.0])?,
+///     noise: Noise { read_variance: 0.01, gain: 0.0 },
+///     limits: Limits::default(),
+/// };
+/// let count = |i: usize, shift: f64| 100.0 + 50.0 * (TAU * ((i % 32) as f64 + 100.0) / 1024.0 - shift).cos();
+/// let frames = shifts.map(|shift| (0..512).map(|i| count(i, shift) as f32).collect::<Vec<f32>>());
+/// let planes = frames.each_ref().map(Vec::as_slice);
+/// let (mut xyz, mut sigma, mut noise, mut reason) = ([0.0; 1536], [0.0; 512], [0.0; 512], [0; 512]);
+/// let out = Points {
+///     xyz: &mut xyz,
+///     sigma: &mut sigma,
+///     noise: &mut noise,
+///     residual: &mut [],
+///     reason: &mut reason,
+/// };
+/// let limits = triangulate::Limits { residual_sigmas: 5.0, residual_px: 0.1 };
+/// let stack = Stack { frames: &planes, settings: &settings };
+/// measure_points(&rig, Some(stack), None, None, &limits, out)?;
+/// assert!(reason.iter().all(|&code| code == 0 || code == 8));
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn measure_points<T: Sample>(
     rig: &Triangulation,
-    limits: &Limits,
     x: Option<Stack<'_, T>>,
     y: Option<Stack<'_, T>>,
     smooth: Option<&[Smooth; 2]>,
+    limits: &Limits,
     out: Points<'_>,
 ) -> Result<(), Error> {
     let (height, width) = rig.shape();
@@ -124,7 +168,7 @@ pub fn measure<T: Sample>(
         for frame in stack.frames {
             check_length("frame", frame.len(), height * width)?;
         }
-        stack.plan.check(stack.frames.len())?;
+        stack.settings.check(stack.frames.len())?;
     }
     let smooth = smooth.filter(|_| width >= 3 && height >= 3);
     let task = Task {
@@ -154,7 +198,7 @@ struct Along<'a, T> {
 impl<'a, T: Sample> Along<'a, T> {
     fn new(stack: &'a Stack<'a, T>, width: usize) -> Self {
         Self {
-            decoder: BandDecoder::new(stack.frames, stack.plan),
+            decoder: BandDecoder::new(stack.frames, stack.settings),
             known: Rows::new(width),
         }
     }

@@ -1,9 +1,11 @@
-//! Intersection of rays with triangles, by a tree of boxes halved at the median of the longest side.
+//! Intersection of rays with triangles, and the triangles nearest to points, by a tree of boxes halved at
+//! the median of the longest side.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 
-pub(crate) type Point = [f64; 3];
+type Point = [f64; 3];
+
 /// Triangles per leaf: about where testing them costs as much as another box.
 const LEAF_TRIANGLES: usize = 4;
 
@@ -21,32 +23,32 @@ const RAYS_PER_TASK: usize = 1024;
 /// Nodes that can wait on the way down the tree.
 ///
 /// Halving makes a tree of n triangles log₂ n deep, and each level leaves one child waiting.
-pub(crate) const MAX_WAITING: usize = 2 * usize::BITS as usize;
+const MAX_WAITING: usize = 2 * usize::BITS as usize;
 
-pub(crate) struct Node {
-    pub(crate) low: Point,
-    pub(crate) high: Point,
+struct Node {
+    low: Point,
+    high: Point,
     /// Of a leaf, its first triangle. Of an inner node, its right child; the left child is the next
     /// node.
-    pub(crate) first: usize,
+    first: usize,
     /// Number of triangles of a leaf; 0 for an inner node.
-    pub(crate) count: usize,
+    count: usize,
 }
 
 /// Triangles that rays can be cast at, and that points have a distance from.
 pub struct Triangles {
-    pub(crate) nodes: Vec<Node>,
+    nodes: Vec<Node>,
     /// A corner and the two sides from it, in the order of the tree.
-    pub(crate) triangles: Vec<[Point; 3]>,
+    triangles: Vec<[Point; 3]>,
     /// The caller's index of each triangle.
-    pub(crate) order: Vec<u32>,
+    order: Vec<u32>,
 }
 
-pub(crate) fn minus(a: Point, b: Point) -> Point {
+fn minus(a: Point, b: Point) -> Point {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-pub(crate) fn cross(a: Point, b: Point) -> Point {
+fn cross(a: Point, b: Point) -> Point {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -54,12 +56,20 @@ pub(crate) fn cross(a: Point, b: Point) -> Point {
     ]
 }
 
-pub(crate) fn dot(a: Point, b: Point) -> f64 {
+fn dot(a: Point, b: Point) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 impl Triangles {
     /// `vertices` holds x, y, z of each vertex, `faces` three vertex indices per triangle.
+    ///
+    /// ```
+    /// use fringeworks::mesh::Triangles;
+    ///
+    /// let corners = [0.0, 0.0, 5.0, 1.0, 0.0, 5.0, 0.0, 1.0, 5.0];
+    /// assert!(Triangles::new(&corners, &[0, 1, 2]).is_ok());
+    /// assert!(Triangles::new(&corners, &[0, 1, 3]).is_err());
+    /// ```
     pub fn new(vertices: &[f64], faces: &[u32]) -> Result<Self, Error> {
         check_length("vertices", vertices.len() % 3, 0)?;
         check_length("faces", faces.len() % 3, 0)?;
@@ -101,6 +111,18 @@ impl Triangles {
 
     /// First hit of every ray beyond the distance `near`, in lengths of the ray's direction (∞ for
     /// none), and the index of the triangle (−1 for none).
+    ///
+    /// ```
+    /// use fringeworks::mesh::Triangles;
+    ///
+    /// let triangle = Triangles::new(&[0.0, 0.0, 5.0, 1.0, 0.0, 5.0, 0.0, 1.0, 5.0], &[0, 1, 2])?;
+    /// let (mut distance, mut face) = ([0.0; 2], [0; 2]);
+    /// let origins = [0.2, 0.2, 0.0, 9.0, 9.0, 0.0];
+    /// let directions = [0.0, 0.0, 1.0, 0.0, 0.0, 1.0];
+    /// triangle.hit(&origins, &directions, 0.0, &mut distance, &mut face)?;
+    /// assert_eq!((distance, face), ([5.0, f64::INFINITY], [0, -1]));
+    /// # Ok::<(), fringeworks::Error>(())
+    /// ```
     pub fn hit(
         &self,
         origins: &[f64],
@@ -240,6 +262,108 @@ fn hit_distance(triangle: &[Point; 3], origin: Point, direction: Point) -> f64 {
     }
 }
 
+/// Points that one task searches for: enough to hide the cost of a task.
+const POINTS_PER_TASK: usize = 256;
+
+impl Triangles {
+    /// Index of the triangle that is nearest to every point; −1 where none lies within `reach`.
+    ///
+    /// ```
+    /// use fringeworks::mesh::Triangles;
+    ///
+    /// let triangle = Triangles::new(&[0.0, 0.0, 5.0, 1.0, 0.0, 5.0, 0.0, 1.0, 5.0], &[0, 1, 2])?;
+    /// let mut face = [0; 2];
+    /// triangle.nearest(&[0.2, 0.2, 4.0, 0.2, 0.2, 1.0], 2.0, &mut face)?;
+    /// assert_eq!(face, [0, -1]);
+    /// # Ok::<(), fringeworks::Error>(())
+    /// ```
+    pub fn nearest(&self, points: &[f64], reach: f64, face: &mut [i32]) -> Result<(), Error> {
+        check_length("points", points.len(), 3 * face.len())?;
+        points
+            .par_chunks_exact(3)
+            .zip(face.par_iter_mut())
+            .with_min_len(POINTS_PER_TASK)
+            .for_each(|(p, face)| *face = self.nearest_to([p[0], p[1], p[2]], reach));
+        Ok(())
+    }
+
+    /// Index of the triangle that is nearest to a point, or −1.
+    fn nearest_to(&self, point: Point, reach: f64) -> i32 {
+        let (mut best, mut face) = (reach * reach, -1);
+        let mut waiting = [(0usize, 0.0f64); MAX_WAITING];
+        // Comparisons with NaN are false: a point that is no number has no triangle.
+        let mut n = usize::from(!self.order.is_empty());
+        while n > 0 {
+            n -= 1;
+            let (k, square) = waiting[n];
+            if square > best {
+                continue;
+            }
+            let node = &self.nodes[k];
+            if node.count == 0 {
+                let (left, right) = (k + 1, node.first);
+                let a = (left, box_square(&self.nodes[left], point));
+                let b = (right, box_square(&self.nodes[right], point));
+                // The nearer child is on top, so it is tested first.
+                [waiting[n], waiting[n + 1]] = if a.1 < b.1 { [b, a] } else { [a, b] };
+                n += 2;
+                continue;
+            }
+            for t in node.first..node.first + node.count {
+                let square = triangle_square(&self.triangles[t], point);
+                if square < best {
+                    (best, face) = (square, self.order[t] as i32);
+                }
+            }
+        }
+        face
+    }
+}
+
+/// Square of the distance of a point from a node's box.
+fn box_square(node: &Node, point: Point) -> f64 {
+    let mut square = 0.0;
+    for axis in 0..3 {
+        let below = node.low[axis] - point[axis];
+        let above = point[axis] - node.high[axis];
+        let off = below.max(above).max(0.0);
+        square += off * off;
+    }
+    square
+}
+
+/// Square of the distance of a point from a triangle.
+///
+/// The nearest point lies inside where the barycentric coordinates are positive, and else on one of
+/// the three sides.
+fn triangle_square(triangle: &[Point; 3], point: Point) -> f64 {
+    let [corner, one, other] = *triangle;
+    let from = minus(point, corner);
+    let normal = cross(one, other);
+    let size = dot(normal, normal);
+    let v = dot(cross(from, other), normal);
+    let w = dot(cross(one, from), normal);
+    if size > 0.0 && v >= 0.0 && w >= 0.0 && v + w <= size {
+        let height = dot(from, normal);
+        return height * height / size;
+    }
+    side_square(from, one)
+        .min(side_square(from, other))
+        .min(side_square(minus(from, one), minus(other, one)))
+}
+
+/// Square of the distance of a point from a side that starts at the origin.
+fn side_square(from: Point, side: Point) -> f64 {
+    let length = dot(side, side);
+    let t = if length > 0.0 {
+        (dot(from, side) / length).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    let off = minus(from, side.map(|s| t * s));
+    dot(off, off)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -297,5 +421,48 @@ mod tests {
             missed += usize::from(all.is_infinite());
         }
         assert!(missed > 0 && missed < rays / 2);
+    }
+
+    #[test]
+    fn tree_finds_the_nearest_of_all() {
+        let n = 30usize;
+        let vertices: Vec<f64> = (0..n * n)
+            .flat_map(|k| {
+                let (x, y) = ((k % n) as f64, (k / n) as f64);
+                [x, y, 2.0 * (x * 0.7).sin() * (y * 0.9).cos()]
+            })
+            .collect();
+        let mut faces = Vec::new();
+        for a in 0..(n * (n - 1)) as u32 {
+            if (a as usize) % n < n - 1 {
+                let n = n as u32;
+                faces.extend([a, a + 1, a + n, a + 1, a + n + 1, a + n]);
+            }
+        }
+        let tree = Triangles::new(&vertices, &faces).unwrap();
+        let points: Vec<f64> = (0..3000)
+            .map(|k| (k as f64 * 7.3).rem_euclid(34.0) - 2.0)
+            .collect();
+        let mut face = vec![0; 1000];
+        tree.nearest(&points, 6.0, &mut face).unwrap();
+        let mut far = 0;
+        for (p, &face) in points.chunks_exact(3).zip(&face) {
+            let point = [p[0], p[1], p[2]];
+            let all = tree
+                .triangles
+                .iter()
+                .map(|t| triangle_square(t, point))
+                .fold(f64::INFINITY, f64::min);
+            if face < 0 {
+                assert!(all >= 36.0);
+                far += 1;
+                continue;
+            }
+            let at = tree.order.iter().position(|&k| k as i32 == face).unwrap();
+            assert_eq!(triangle_square(&tree.triangles[at], point), all);
+        }
+        assert!(far > 100 && far < 900);
+        tree.nearest(&[f64::NAN; 3], 6.0, &mut face[..1]).unwrap();
+        assert_eq!(face[0], -1);
     }
 }

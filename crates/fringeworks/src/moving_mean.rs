@@ -1,7 +1,7 @@
 //! Moving means of maps along both axes, one after the other: Gaussian kernels of any width at a cost
 //! that does not grow with it. Beyond the border the border's values go on.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, check_columns, check_value};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -14,7 +14,9 @@ const COLUMNS: usize = 128;
 
 /// A map's type of number; sums are in double precision.
 pub trait Number: Copy + Send + Sync {
+    /// The number in double precision.
     fn wide(self) -> f64;
+    /// A number in double precision, rounded to this type.
     fn narrow(value: f64) -> Self;
 }
 
@@ -40,16 +42,23 @@ impl Number for f64 {
     }
 }
 
-/// Replace every value of a map of rows of `width` by the mean of its neighbours, once for each of the
+/// Replace every value of a map by the mean of its neighbours, once for each of the
 /// odd `sides` along y and x.
+///
+/// ```
+/// use fringeworks::{Image, moving_mean::moving_means};
+///
+/// let row = Image::new(&[0.0, 0.0, 3.0, 0.0, 0.0], 1, 5)?;
+/// assert_eq!(moving_means(row, &[], &[3])?, [0.0, 1.0, 1.0, 1.0, 0.0]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
 pub fn moving_means<T: Number>(
-    values: &[T],
-    width: usize,
+    values: Image<T>,
     sides_y: &[usize],
     sides_x: &[usize],
 ) -> Result<Vec<T>, Error> {
-    check_value("width", width >= 1, "at least 1 px", width)?;
-    check_length("values", values.len() % width, 0)?;
+    check_columns(values)?;
+    let width = values.width();
     let odd = |sides: &[usize]| sides.iter().all(|side| side % 2 == 1);
     check_value("sides", odd(sides_y) && odd(sides_x), "odd", sides_y)?;
     let mut out = vec![T::narrow(0.0); values.len()];
@@ -61,7 +70,7 @@ pub fn moving_means<T: Number>(
         |scratch, (k, rows)| {
             for left in (0..width).step_by(COLUMNS) {
                 let columns = left..(left + COLUMNS).min(width);
-                scratch.along_y(values, width, sides_y, k * band, columns, rows);
+                scratch.along_y(values, sides_y, k * band, columns, rows);
             }
             for row in rows.chunks_exact_mut(width) {
                 scratch.along_x(row, sides_x);
@@ -82,14 +91,13 @@ impl Scratch {
     /// Means along y of some columns of some rows, the first of which is `top`.
     fn along_y<T: Number>(
         &mut self,
-        values: &[T],
-        width: usize,
+        values: Image<T>,
         sides: &[usize],
         top: usize,
         columns: Range<usize>,
         rows: &mut [T],
     ) {
-        let height = values.len() / width;
+        let (height, width) = values.shape();
         let halo: usize = sides.iter().map(|side| side / 2).sum();
         let n = columns.len();
         // Rows that are known: as many fewer after each pass as it reaches, but for the border's.
@@ -181,12 +189,13 @@ mod tests {
     fn means_of_neighbours() {
         let (h, w) = (300, 37);
         let values: Vec<f64> = (0..h * w).map(|k| ((k * 7919) % 101) as f64).collect();
+        let map = Image::new(&values, h, w).unwrap();
         let at = |y: isize, x: isize| {
             let inside = |v: isize, n: usize| v.clamp(0, n as isize - 1) as usize;
             values[inside(y, h) * w + inside(x, w)]
         };
         for (side_y, side_x) in [(1, 1), (5, 1), (1, 9), (7, 41), (701, 3)] {
-            let found = moving_means(&values, w, &[side_y], &[side_x]).unwrap();
+            let found = moving_means(map, &[side_y], &[side_x]).unwrap();
             let (ry, rx) = ((side_y / 2) as isize, (side_x / 2) as isize);
             for (y, x) in [(0, 0), (150, 20), (127, 36), (128, 1), (299, 36)] {
                 let mut sum = 0.0;
@@ -199,6 +208,6 @@ mod tests {
                 assert!((found[y * w + x] - expected).abs() < 1e-9);
             }
         }
-        assert!(moving_means(&values, w, &[4], &[]).is_err());
+        assert!(moving_means(map, &[4], &[]).is_err());
     }
 }

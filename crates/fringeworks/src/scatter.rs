@@ -3,7 +3,7 @@
 //! Along a smooth surface the third difference of the coordinate is noise. Its χ² is averaged over a
 //! square around every pixel.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, ImageMut, check_shape, check_value};
 use rayon::prelude::*;
 
 /// Rows of a task. The rows around it are computed twice: twelve at most.
@@ -58,26 +58,44 @@ impl Sums {
 /// Raise the factors on the variances to the mean χ² around every pixel, where that is significant.
 ///
 /// Beyond the edges of the frame the sums are reflected.
+///
+/// ```
+/// use fringeworks::scatter::{Limits, Scale, raise_factors};
+/// use fringeworks::{Image, ImageMut};
+///
+/// // Neighbours scatter by 0.2 px, ten times their standard deviation.
+/// let noisy: Vec<f32> = (0..900).map(|i| (i % 30) as f32 + 0.2 * (((i * 7919) % 11) as f32 - 5.0) / 3.2).collect();
+/// let mut factors = vec![1.0; 900];
+/// raise_factors(
+///     Image::new(&noisy, 30, 30)?,
+///     Image::new(&[0.02; 900], 30, 30)?,
+///     Scale { step: 1, side: 9 },
+///     Limits { most: 5.0, excess: 4.0, shared: 4.6 },
+///     ImageMut::new(&mut factors, 30, 30)?,
+/// )?;
+/// assert!(factors[450] > 25.0);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
 pub fn raise_factors(
-    coordinate: &[f32],
-    sigma: &[f32],
-    width: usize,
+    coordinate: Image<f32>,
+    sigma: Image<f32>,
     scale: Scale,
     limits: Limits,
-    factors: &mut [f32],
+    mut factors: ImageMut<f32>,
 ) -> Result<(), Error> {
-    check_length("sigma", sigma.len(), coordinate.len())?;
-    check_length("factors", factors.len(), coordinate.len())?;
+    check_shape("sigma", sigma.shape(), coordinate.shape())?;
+    check_shape("factors", factors.shape(), coordinate.shape())?;
     let odd = scale.side % 2 == 1 && scale.step > 0;
     check_value("scale", odd, "a step and an odd side", scale.side)?;
     if coordinate.is_empty() {
         return Ok(());
     }
+    let (height, width) = coordinate.shape();
     let map = Map {
-        height: coordinate.len() / width,
-        coordinate,
-        sigma,
+        coordinate: coordinate.values(),
+        sigma: sigma.values(),
         width,
+        height,
         scale,
         limits,
     };
@@ -233,7 +251,9 @@ mod tests {
         };
         let mut factors = vec![1.0; x.len()];
         let scale = Scale { step: 2, side: 13 };
-        raise_factors(&x, &sigma, width, scale, limits, &mut factors).unwrap();
+        let [x, sigma] = [&x, &sigma].map(|map| Image::new(map, height, width).unwrap());
+        let out = ImageMut::new(&mut factors, height, width).unwrap();
+        raise_factors(x, sigma, scale, limits, out).unwrap();
         assert!(factors.iter().all(|&f| f == 1.0));
     }
 }

@@ -3,7 +3,7 @@
 //! `cargo test` builds them with checks of overflow. The kernels that need settings of a whole decoding
 //! are driven from Python, tests/test_hostile_kernels.py.
 
-use fringeworks::{emd, inverse, sample, unwrap, wavelet};
+use fringeworks::{Image, emd, inverse, sample, unwrap, wavelet};
 
 const ROUNDS: usize = 300;
 
@@ -67,26 +67,28 @@ fn rounds(call: impl Fn(&mut Random, usize, usize, bool)) {
 #[test]
 fn unwrapping() {
     rounds(|random, height, width, hostile| {
-        // The length is wrong now and then.
-        let n = height * width + random.below(10) / 9;
+        let n = height * width;
         let phase = random.singles(n, hostile);
         let mask = random.bytes(n, 2);
         let rough = random.singles(n, hostile);
-        let _ = unwrap::residues(&phase, &mask, height, width);
-        let _ = unwrap::reliability(&phase, &mask, None, height, width);
-        let _ = unwrap::reliability(&phase, &mask, Some(&rough), height, width);
+        let [phase, rough] = [&phase, &rough].map(|map| Image::new(map, height, width).unwrap());
+        // A row is missing now and then.
+        let rows = height - random.below(10) / 9;
+        let mask = Image::new(&mask[..rows * width], rows, width).unwrap();
+        let _ = unwrap::count_residues(phase, mask);
+        let _ = unwrap::unwrap_reliability(phase, mask, None);
+        let _ = unwrap::unwrap_reliability(phase, mask, Some(rough));
         let reach = random.below(30);
         let sigma = random.value(hostile) as f32;
-        let _ = unwrap::average(&phase, &rough, height, width, sigma, reach);
+        let _ = unwrap::average_phasor(phase, rough, sigma, reach);
     });
 }
 
 #[test]
 fn modes_of_rows() {
     rounds(|random, height, width, hostile| {
-        let n = height * width + random.below(10) / 9;
-        let rows = random.doubles(n, hostile);
-        let _ = emd::envelopes(&rows, width);
+        let rows = random.doubles(height * width, hostile);
+        let _ = emd::row_envelopes(Image::new(&rows, height, width).unwrap());
     });
 }
 
@@ -103,13 +105,16 @@ fn extrema_of_rows() {
 fn statistics() {
     rounds(|random, height, width, hostile| {
         let values = random.doubles(height * width, hostile);
+        let map = Image::new(&values, height, width).unwrap();
         let shares = random.doubles(3, hostile);
-        let _ = sample::quantile::quantiles(&values, &shares);
-        let _ = sample::quantile::quantiles(&values, &[0.0, 0.25, 0.25, 1.0]);
-        let _ = sample::differences::second_magnitudes(&values, width);
+        let _ = sample::quantiles(&values, &shares);
+        let _ = sample::quantiles(&values, &[0.0, 0.25, 0.25, 1.0]);
+        let _ = sample::second_magnitudes(map);
         let singles = random.singles(height * width, hostile);
         let sigma = random.singles(height * width, hostile);
-        let _ = sample::differences::third_chi_squares(&singles, &sigma, width, 10.0);
+        let [singles, sigma] =
+            [&singles, &sigma].map(|map| Image::new(map, height, width).unwrap());
+        let _ = sample::third_chi_squares(singles, sigma, 10.0);
     });
 }
 
@@ -124,6 +129,6 @@ fn ridges_of_wavelets() {
             omega: 6.0,
             smoothness: random.below(2) as f64,
         };
-        let _ = wavelet::ridge(&rows, width, &options);
+        let _ = wavelet::wavelet_ridge_rows(Image::new(&rows, height, width).unwrap(), &options);
     });
 }

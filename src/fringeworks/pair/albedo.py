@@ -221,11 +221,15 @@ def next_albedo(
     price = max(price, NOISE_PRICE * scatter * bright)
     levels = len(ITERATIONS) if min(value.shape) >= MIN_SIDE_PX else 1
     albedo, _ = _core.joint_albedo(
-        model,
-        slope / np.float32(steep) if before is None else before * slope / np.float32(steep),
-        np.where(lit, windows.object, 0).astype(np.float32),
-        np.float32(price) * weight,
-        walls,
+        {
+            "value": model,
+            "slope": slope / np.float32(steep)
+            if before is None
+            else before * slope / np.float32(steep),
+            "object": np.where(lit, windows.object, 0).astype(np.float32),
+            "edge_weight": np.float32(price) * weight,
+            "cliff": walls,
+        },
         stiffness=STIFFNESS / steep**2,
         huber=0.0 if before is None else HUBER_SLOPE,
         iterations=ITERATIONS[-levels:],

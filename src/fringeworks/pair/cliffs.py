@@ -195,18 +195,21 @@ class Offers:
         windows = self.windows
         return Surfaces(
             *_core.relocate_surfaces(
-                windows.spline,
-                windows.object,
-                windows.reference_ok,
-                windows.object_ok,
-                *self.surfaces,
-                clean=self.clean.astype(np.uint8),
-                present=np.where(where & ~self.clean, self.most, np.float32(0)),
-                reach=int(REACH_WIDTHS * self.width_px) + REACH_PX,
-                margin=MARGINS_PX[0 if self.is_first else 1],
-                base=BASES_PX[0 if self.is_first else 1],
-                max_change=MAX_CHANGE_PERIODS * windows.period_px,
-                same=SAME_PERIODS * windows.period_px,
+                windows.pair,
+                {
+                    "displacement": self.surfaces.u,
+                    "offset": self.surfaces.offset,
+                    "gain": self.surfaces.gain,
+                },
+                {
+                    "clean": self.clean.astype(np.uint8),
+                    "present": np.where(where & ~self.clean, self.most, np.float32(0)),
+                    "reach": int(REACH_WIDTHS * self.width_px) + REACH_PX,
+                    "margin": MARGINS_PX[0 if self.is_first else 1],
+                    "base": BASES_PX[0 if self.is_first else 1],
+                    "max_change": MAX_CHANGE_PERIODS * windows.period_px,
+                    "same": SAME_PERIODS * windows.period_px,
+                },
             )
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,7 +158,7 @@ class RowInversion:
             self.reference = self.reference.astype(np.float64)
             self.object = self.object.astype(np.float64)
         self.noise = float(np.sqrt(sum(prepared.noise)))
-        self._options: dict[str, Any] = {
+        self._options: _core._InvertRowsOptions = {
             "method": name,
             "degree": degree,
             "n_resample": n_resample,
@@ -166,6 +166,7 @@ class RowInversion:
             "prominence": PROMINENCE,
             "floor": MIN_SWING_SIGMAS * self.noise,
             "noise": self.noise,
+            "max_displacement": self.limit_px(None),
             "tolerance": RANGE_TOLERANCE,
             # Noise alone moves the extrema by a few σ, without any change of albedo.
             "albedo_tolerance": max(
@@ -199,9 +200,8 @@ class RowInversion:
                 self.reference[part],
                 self.object[part],
                 self.wanted[part].view(np.uint8),
+                {**self._options, "max_displacement": limit_px},
                 guide=None if guide_px is None else guide_px[part].astype(np.float32, copy=False),
-                max_displacement=limit_px,
-                **self._options,
             )
         )
 

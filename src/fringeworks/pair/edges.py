@@ -319,13 +319,12 @@ def _on_walls(
     """Give pixels on walls the surface of the side that explains them better."""
     beta = np.float32(1) if albedo is None else albedo
     side = _core.wall_sides(
-        windows.spline,
-        windows.object,
-        windows.reference_ok,
-        windows.object_ok,
-        found.displacement_px,
-        beta * found.offset,
-        beta * found.modulation_ratio,
+        windows.pair,
+        {
+            "displacement": found.displacement_px,
+            "offset": beta * found.offset,
+            "gain": beta * found.modulation_ratio,
+        },
         cliffs.walls.astype(np.uint8),
     )
     from_side = found._replace(

@@ -187,6 +187,17 @@ class Windows:
         dark = np.float32(self.dark)
         return replace(self, spline=self.spline + dark, object=self.object + dark, dark=0.0)
 
+    @property
+    def pair(self) -> _core._Pair:
+        """The pair for the kernels, without an albedo."""
+        return {
+            "spline": self.spline,
+            "object": self.object,
+            "reference_ok": self.reference_ok,
+            "object_ok": self.object_ok,
+            "albedo": None,
+        }
+
     def fit(
         self,
         start_px: NDArray[np.float32],
@@ -214,22 +225,22 @@ class Windows:
         """
         return Fitted(
             *_core.invert_windowed(
-                self.spline,
-                self.object,
-                self.reference_ok,
-                self.object_ok,
+                {**self.pair, "albedo": self.albedo if albedo is None else albedo},
                 start_px,
-                self.albedo if albedo is None else albedo,
+                {
+                    "scales": widths,
+                    "iterations": iterations,
+                    "period": self.period_px,
+                    "confidence": confidence,
+                    "limits": {
+                        "object_noise": self.object_noise,
+                        "reference_noise": self.reference_noise,
+                        "drift": DRIFT,
+                        "max_sigma": MAX_SIGMA * self.period_px,
+                        "min_explained": MIN_EXPLAINED,
+                    },
+                },
                 walls,
-                scales=widths,
-                iterations=iterations,
-                period=self.period_px,
-                confidence=confidence,
-                object_noise=self.object_noise,
-                reference_noise=self.reference_noise,
-                drift=DRIFT,
-                max_sigma=MAX_SIGMA * self.period_px,
-                min_explained=MIN_EXPLAINED,
             )
         )
 
@@ -253,7 +264,7 @@ class Windows:
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], ByteMap]:
         """Reference and its slope per px at the matching points, (h, w), and 1 where both frames
         have a sample; 0 elsewhere."""
-        return _core.warp_windowed(self.spline, self.reference_ok, self.object_ok, displacement_px)
+        return _core.warp_windowed(self.pair, displacement_px)
 
 
 def smooth_reference(frame: FloatMap, width_px: float) -> FloatMap:

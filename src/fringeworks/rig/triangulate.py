@@ -50,17 +50,15 @@ MAX_APART = 0.9
 """Share of pixels with too large an epipolar error from which on the rig is refused."""
 
 
-def input_arrays(
-    found: CoordinateMap | None,
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]] | None:
+def input_arrays(found: CoordinateMap | None) -> _core._AxisMaps | None:
     """The maps of one axis as the kernel reads them."""
     if found is None:
         return None
-    return (
-        np.ascontiguousarray(found.coordinate_px, np.float32),
-        np.ascontiguousarray(found.sigma_px, np.float32),
-        np.ascontiguousarray(found.reason, np.uint8),
-    )
+    return {
+        "coordinate": np.ascontiguousarray(found.coordinate_px, np.float32),
+        "sigma": np.ascontiguousarray(found.sigma_px, np.float32),
+        "reason": np.ascontiguousarray(found.reason, np.uint8),
+    }
 
 
 def empty_arrays(shape: tuple[int, int], both: bool) -> dict[str, Any]:
@@ -140,12 +138,11 @@ class Triangulator:
         if epipolar_px is None:
             epipolar_px = calibration_share(rig, maps) if both else 0.0
         results = empty_arrays(shape, both) if out is None else reused_arrays(out, shape, both)
-        self._kernel(None if both else next(iter(maps))).run(
+        self._kernel(None if both else next(iter(maps))).triangulate(
             input_arrays(maps.get("x")),
             input_arrays(maps.get("y")),
             results,
-            residual_sigmas=residual_sigmas,
-            residual_px=epipolar_px,
+            limits={"residual_sigmas": residual_sigmas, "residual_px": epipolar_px},
         )
         _refuse_nothing(results["reason"])
         return _cloud(results, colour, decoded.findings)
@@ -156,13 +153,17 @@ class Triangulator:
             rig = self._rig
             along = main_axis(rig) if axis is None else axis
             self._kernels[axis] = _core.Triangulation(
-                camera=[float(v) for v in rig.camera.parameters],
-                projector=[float(v) for v in rig.projector.parameters],
-                rotation=[float(v) for v in rig.T_projector_camera[:3, :3].ravel()],
-                translation=[float(v) for v in rig.T_projector_camera[:3, 3]],
-                spread=calibration_spread(rig, axis, along),
-                spread_along_x=along == "x",
-                spread_length=float(axis_length(rig, along)),
+                {
+                    "camera": [float(v) for v in rig.camera.parameters],
+                    "projector": [float(v) for v in rig.projector.parameters],
+                    "rotation": [float(v) for v in rig.T_projector_camera[:3, :3].ravel()],
+                    "translation": [float(v) for v in rig.T_projector_camera[:3, 3]],
+                },
+                {
+                    "coefficients": calibration_spread(rig, axis, along),
+                    "along_x": along == "x",
+                    "length": float(axis_length(rig, along)),
+                },
                 camera_shape=rig.camera.shape,
                 projector_size=(rig.projector.width_px, rig.projector.height_px),
             )
@@ -198,9 +199,8 @@ def measured_points(
         stacks.get("y"),
         triangulator._kernel(None if both else next(iter(stacks))),
         results,
-        smooth=steps,
-        residual_sigmas=RESIDUAL_SIGMAS,
-        residual_px=epipolar_px,
+        typical=steps,
+        limits={"residual_sigmas": RESIDUAL_SIGMAS, "residual_px": epipolar_px},
     )
     _refuse_nothing(results["reason"])
     return _cloud(results, None, findings)

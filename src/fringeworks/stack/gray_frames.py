@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks import _core
 from fringeworks.patterns.chain_search import ORDER_SIGMAS
 from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.patterns.plan import GrayCode, PatternPlan
@@ -110,7 +111,7 @@ class GrayFrames:
 
     def kernel(
         self, place: dict[int, int], period_px: float, reach_px: float | None
-    ) -> dict[str, Any]:
+    ) -> _core._GrayCode:
         """Settings for the kernel.
 
         Parameters

@@ -112,6 +112,17 @@ class PhaseFrames:
         """The design matrix of the fit: what every frame shows of A, c and s."""
         return self.design or planned_rows(self.shifts_rad)
 
+    def kernel(self, place: dict[int, int]) -> _core._PhaseSet:
+        """The set for the kernel; ``place`` is that of every frame in the kernel's order."""
+        return {
+            "frames": [place[k] for k in self.frames],
+            "shifts": list(self.shifts_rad),
+            "design": list(self.design),
+            "period": self.period_px,
+            "floor": self.floor_rad**2,
+            "table": {"turns": list(self.table_turns), "brightness": list(self.brightness)},
+        }
+
 
 @lru_cache(maxsize=256)
 def planned_rows(shifts_rad: tuple[float, ...]) -> tuple[tuple[float, float, float], ...]:
@@ -188,74 +199,64 @@ class Decoding:
     ) -> _core.DecodeSettings:
         """Settings for the kernel; ``usual_inflation`` is that of ``local_errors.inflation``."""
         place = {frame: k for k, frame in enumerate(self.frames)}
-        sets = [
-            (
-                [place[k] for k in phases.frames],
-                list(phases.shifts_rad),
-                list(phases.design),
-                phases.period_px,
-                phases.floor_rad**2,
-                list(phases.table_turns),
-                list(phases.brightness),
-            )
-            for phases in self.sets
-        ]
         largest = limits.max_disagreement
         if largest is None:
             freedom = max(1, len(self.sets) - 1)
             largest = chi_square_quantile(1.0 - LOST_SHARE, freedom)
         return _core.DecodeSettings(
-            sets=sets,
-            code=None
+            sets=[phases.kernel(place) for phases in self.sets],
+            gray_code=None
             if self.gray is None
             else self.gray.kernel(place, self.longest_px, self.reach_px),
-            read_variance=noise.read_counts**2 * self.noise_factor,
-            gain=noise.gain * self.noise_factor,
-            saturation=limits.threshold,
-            min_snr=MIN_SNR,
-            min_modulation=limits.min_modulation,
-            max_disagreement=largest,
-            usual_inflation=usual_inflation,
-            confidence=SEAM_SIGMAS,
-            order_confidence=ALTERNATIVE_SIGMAS,
-            **self._range(),
-            **_kernel_chain(self.chain, self.order_errors),
+            chain=self._kernel_chain(),
+            noise={
+                "read_variance": noise.read_counts**2 * self.noise_factor,
+                "gain": noise.gain * self.noise_factor,
+            },
+            limits={
+                "saturation": limits.threshold,
+                "min_snr": MIN_SNR,
+                "min_modulation": limits.min_modulation,
+                "max_disagreement": largest,
+                "usual_inflation": usual_inflation,
+                "confidence": SEAM_SIGMAS,
+                "order_confidence": ALTERNATIVE_SIGMAS,
+            },
         )
 
-    def _range(self) -> dict[str, Any]:
-        """The kernel's range of coordinates."""
-        half = 0.5 * self.length_px
-        return {"middle": half - 0.5, "half": half, "circular": not self.absolute}
-
-
-def _kernel_chain(chain: OrderChain | None, errors: tuple[float, ...]) -> dict[str, Any]:
-    """The kernel's chain of roundings; an empty one for a Gray code alone."""
-    if chain is None:
-        matrix, vector = np.empty((0, 0), np.float32), np.empty(0, np.float32)
-        return {
-            "combinations": matrix,
-            "frequencies": vector,
-            "amplification": matrix,
-            "room": vector,
+    def _kernel_chain(self) -> _core._Chain:
+        """The kernel's chain of roundings; one without combinations for a Gray code alone."""
+        chain, half, empty = self.chain, 0.5 * self.length_px, np.empty(0, np.float32)
+        found: _core._Chain = {
+            "combinations": empty.reshape(0, 0),
+            "frequencies": empty,
+            "amplification": empty.reshape(0, 0),
+            "margin": empty,
             "remainder": [],
-            "alternative": vector,
+            "alternative": empty,
             "order_variance": (0.0, 0.0),
             "repeats": float("inf"),
+            "middle": half - 0.5,
+            "half": half,
+            "circular": not self.absolute,
         }
-    lost = np.array(errors or 0.0)
-    # Where the first combination can wrap, the estimate of every pixel decides alone.
-    tolerance = np.where(chain.wraps, np.inf, np.maximum(chain.tolerance - lost, 0.0))
-    alternative = np.maximum(chain.alternative - lost, 0.0)
-    return {
-        "combinations": np.ascontiguousarray(chain.combinations, np.float32),
-        "frequencies": np.ascontiguousarray(chain.frequencies, np.float32),
-        "amplification": np.ascontiguousarray(chain.amplification**2, np.float32),
-        "room": np.ascontiguousarray((tolerance / ORDER_SIGMAS) ** 2, np.float32),
-        "remainder": [int(k) for k in chain.remainder],
-        "alternative": np.ascontiguousarray(alternative, np.float32),
-        "order_variance": chain.order_variance,
-        "repeats": chain.repeats_px,
-    }
+        if chain is None:
+            return found
+        lost = np.array(self.order_errors or 0.0)
+        # Where the first combination can wrap, the estimate of every pixel decides alone.
+        tolerance = np.where(chain.wraps, np.inf, np.maximum(chain.tolerance - lost, 0.0))
+        alternative = np.maximum(chain.alternative - lost, 0.0)
+        return {
+            **found,
+            "combinations": np.ascontiguousarray(chain.combinations, np.float32),
+            "frequencies": np.ascontiguousarray(chain.frequencies, np.float32),
+            "amplification": np.ascontiguousarray(chain.amplification**2, np.float32),
+            "margin": np.ascontiguousarray((tolerance / ORDER_SIGMAS) ** 2, np.float32),
+            "remainder": [int(k) for k in chain.remainder],
+            "alternative": np.ascontiguousarray(alternative, np.float32),
+            "order_variance": chain.order_variance,
+            "repeats": chain.repeats_px,
+        }
 
 
 def decoding_of(

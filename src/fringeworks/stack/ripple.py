@@ -123,11 +123,13 @@ def measure_ripple(
     windows = _core.smooth_windows(
         turns,
         usable,
-        fringes=WINDOW_FRINGES,
-        least=MIN_WINDOW,
-        most=MAX_WINDOW,
-        windows=(MIN_WINDOWS, MAX_WINDOWS),
-        jump=JUMP_TURNS,
+        {
+            "fringes": WINDOW_FRINGES,
+            "least": MIN_WINDOW,
+            "most": MAX_WINDOW,
+            "windows": (MIN_WINDOWS, MAX_WINDOWS),
+            "jump": JUMP_TURNS,
+        },
     )
     if windows is None:
         return None

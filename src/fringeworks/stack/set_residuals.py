@@ -40,18 +40,26 @@ def set_residuals(
     used &= np.isfinite(maps["disagreement"]) & np.isfinite(maps["coordinate"])
     maps["used"] = used
     sets = zip(decoding.sets, maps["phases"], maps["modulations"], strict=True)
+    sample: _core._SampleMaps = {
+        "coordinate": maps["coordinate"],
+        "background": maps["background"],
+        "used": used,
+    }
+    noise: _core._SampleNoise = {
+        "read_variance": known.noise.read_counts**2,
+        "gain": known.noise.gain,
+        "min_modulation": MIN_MODULATION,
+    }
     found = [
         _core.phase_residuals(
-            maps["coordinate"],
-            maps["background"],
-            used,
-            turns,
-            modulation,
-            period=phases.period_px,
-            variance=2.0 / len(phases.frames) / TURN**2,
-            read_variance=known.noise.read_counts**2,
-            gain=known.noise.gain,
-            least_modulation=MIN_MODULATION,
+            sample,
+            {
+                "phase": turns,
+                "modulation": modulation,
+                "period": phases.period_px,
+                "variance": 2.0 / len(phases.frames) / TURN**2,
+            },
+            noise,
         )
         for phases, turns, modulation in sets
     ]

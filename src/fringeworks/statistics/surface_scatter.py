@@ -106,11 +106,8 @@ def cover_scatter(
             coordinate,
             sigma,
             factors,
-            step=step,
-            side=side,
-            most=most_px,
-            excess=SIGNIFICANT_EXCESS,
-            shared=SHARED,
+            {"step": step, "side": side},
+            {"most": most_px, "excess": SIGNIFICANT_EXCESS, "shared": SHARED},
         )
     sigma *= np.sqrt(factors)
 

@@ -1,9 +1,9 @@
 //! From stacks of shifted fringes and Gray code to projector coordinates, in one pass (theory §5).
 //!
 //! Pixels are computed in blocks that stay in the first cache: sums of the frames with cosine and
-//! sine of their shifts and the phase of every period ([`fit`]), the Gray code ([`gray_code`]), then
+//! sine of their shifts and the phase of every period (`fit`), the Gray code (`gray_code`), then
 //! the fringe orders of all periods, the weighted mean of the coordinate and its variance
-//! ([`orders`]).
+//! (`orders`).
 //!
 //! Multiplications and additions are not fused, so that all instruction sets give the same numbers.
 
@@ -12,12 +12,12 @@ mod gray_code;
 mod orders;
 mod outputs;
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, Reason, check_length, check_value};
 use rayon::prelude::*;
 use std::ops::{Deref, DerefMut};
 
 use fit::Frames;
-pub use fit::{PhaseSet, Table, TABLE_BINS};
+pub use fit::{PhaseSet, TABLE_BINS, Table};
 pub use gray_code::{Against, GrayCode};
 pub use orders::{Chain, Limits, Noise};
 pub use outputs::Outputs;
@@ -66,7 +66,14 @@ impl<T> DerefMut for Line<T> {
 /// Largest number of pixels that one thread decodes faster than it hands them to others.
 const ALONE_PIXELS: usize = 2 * TASK_PIXELS;
 
-/// Whether frames of this size are decoded on the thread that calls [`decode`], without others.
+/// Whether frames of this size are decoded on the thread that calls [`decode_frames`], without others.
+///
+/// ```
+/// use fringeworks::decode::decodes_alone;
+///
+/// assert!(decodes_alone(100 * 100));
+/// assert!(!decodes_alone(2000 * 1000));
+/// ```
 pub fn decodes_alone(pixels: usize) -> bool {
     pixels <= ALONE_PIXELS
 }
@@ -77,7 +84,9 @@ pub trait Sample: Copy + Default + Send + Sync + 'static {
     const MAY_BE_INFINITE: bool;
     /// Largest value of the type.
     const LARGEST: f32;
+    /// The count as a float.
     fn value(self) -> f32;
+    /// The larger of two counts.
     fn larger(self, other: Self) -> Self;
     #[doc(hidden)]
     fn run(task: Task<'_, Self>);
@@ -87,7 +96,7 @@ pub trait Sample: Copy + Default + Send + Sync + 'static {
 #[doc(hidden)]
 pub struct Task<'a, T> {
     frames: &'a Frames<'a, T>,
-    plan: &'a Plan,
+    plan: &'a DecodeSettings,
     start: usize,
     out: Outputs<'a>,
     scratch: &'a mut orders::Scratch,
@@ -125,18 +134,20 @@ sample!(u16, run_u16, false, 65_535.0);
 sample!(f32, run_f32, true, f32::INFINITY);
 
 /// What is decoded along one axis of the projector.
-pub struct Plan {
+pub struct DecodeSettings {
     /// Sets of phase steps, one per period.
     pub sets: Vec<PhaseSet>,
     /// Gray code; without sets it gives the coordinate alone.
     pub gray_code: Option<GrayCode>,
     /// How fringe orders are found; at least one combination where there are sets.
     pub chain: Chain,
+    /// Noise of the camera.
     pub noise: Noise,
+    /// Limits that a pixel must keep.
     pub limits: Limits,
 }
 
-impl Plan {
+impl DecodeSettings {
     pub(crate) fn check(&self, frames: usize) -> Result<(), Error> {
         for set in &self.sets {
             set.check(frames)?;
@@ -165,15 +176,48 @@ impl Plan {
 
 /// Decode frames.
 ///
-/// `frames` are the planes of one axis; `plan` refers to them by index. All planes have the length
+/// `frames` are the planes of one axis; `settings` refer to them by index. All planes have the length
 /// of the outputs.
-pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(), Error> {
+///
+/// ```
+/// use fringeworks::decode::{Chain, DecodeSettings, Limits, Noise, Outputs, PhaseSet, decode_frames};
+/// use std::f64::consts::TAU;
+///
+/// let shifts = [0.0, TAU / 4.0, TAU / 2.0, 3.0 * TAU / 4.0];
+/// let settings = DecodeSettings {
+///     sets: vec![PhaseSet::new(vec![0, 1, 2, 3], &shifts, vec![], 64.0)?],
+///     gray_code: None,
+///     chain: Chain::hierarchy(&[64.0])?,
+///     noise: Noise { read_variance: 1.0, gain: 0.0 },
+///     limits: Limits::default(),
+/// };
+/// // One pixel, whose phase is an eighth of a turn.
+/// let (mut coordinate, mut sigma, mut modulation) = ([0.0], [0.0], [0.0]);
+/// let (mut background, mut reason) = ([0.0], [0]);
+/// let out = Outputs {
+///     coordinate: &mut coordinate,
+///     sigma: &mut sigma,
+///     modulation: &mut modulation,
+///     background: &mut background,
+///     reason: &mut reason,
+///     ..Outputs::none()
+/// };
+/// decode_frames(&[&[150_u8], &[150], &[50], &[50]], &settings, out)?;
+/// assert!((coordinate[0] - 8.0).abs() < 1e-3);
+/// assert_eq!(background[0], 100.0);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn decode_frames<T: Sample>(
+    frames: &[&[T]],
+    settings: &DecodeSettings,
+    out: Outputs,
+) -> Result<(), Error> {
     let pixels = out.coordinate.len();
     for frame in frames {
         check_length("frame", frame.len(), pixels)?;
     }
-    plan.check(frames.len())?;
-    out.check(pixels, plan.sets.len())?;
+    settings.check(frames.len())?;
+    out.check(pixels, settings.sets.len())?;
     let factors = !out.inflation.is_empty();
     let frames = &Frames { planes: frames };
     let mut tasks = Vec::with_capacity(pixels / TASK_PIXELS + 1);
@@ -185,11 +229,11 @@ pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(
         rest = after;
         start += n;
     }
-    let scratch = || orders::Scratch::new(plan, factors);
+    let scratch = || orders::Scratch::new(settings, factors);
     let run = |scratch: &mut orders::Scratch, (start, out)| {
         T::run(Task {
             frames,
-            plan,
+            plan: settings,
             start,
             out,
             scratch,
@@ -204,16 +248,77 @@ pub fn decode<T: Sample>(frames: &[&[T]], plan: &Plan, out: Outputs) -> Result<(
     Ok(())
 }
 
+/// Maps of a decoded stack, one value per pixel.
+pub struct Decoded {
+    /// Projector coordinate, px; NaN where not measured.
+    pub coordinate: Vec<f32>,
+    /// Standard deviation of the coordinate, px.
+    pub sigma: Vec<f32>,
+    /// Modulation of the set with the shortest period, counts.
+    pub modulation: Vec<f32>,
+    /// Mean of the phase frames, counts.
+    pub background: Vec<f32>,
+    /// Why a pixel has no value.
+    pub reason: Vec<Reason>,
+}
+
+/// Decode frames into new maps; see [`decode_frames`].
+///
+/// ```
+/// use fringeworks::Reason;
+/// use fringeworks::decode::{Chain, DecodeSettings, Limits, Noise, PhaseSet, decode};
+/// use std::f64::consts::TAU;
+///
+/// // Three steps of one fringe over 100 columns; the last pixel is dark.
+/// let shifts = [0.0, TAU / 3.0, 2.0 * TAU / 3.0];
+/// let settings = DecodeSettings {
+///     sets: vec![PhaseSet::new(vec![0, 1, 2], &shifts, vec![], 100.0)?],
+///     gray_code: None,
+///     chain: Chain::hierarchy(&[100.0])?,
+///     noise: Noise { read_variance: 1.0, gain: 0.0 },
+///     limits: Limits::default(),
+/// };
+/// let frame = |shift: &f64| -> [f32; 2] { [100.0 + 50.0 * (TAU * 0.3 - shift).cos() as f32, 5.0] };
+/// let frames = shifts.each_ref().map(frame);
+/// let found = decode(&frames.each_ref().map(|frame| &frame[..]), &settings)?;
+/// assert!((found.coordinate[0] - 30.0).abs() < 1e-3);
+/// assert_eq!(found.reason, [Reason::Ok, Reason::Shadow]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn decode<T: Sample>(frames: &[&[T]], settings: &DecodeSettings) -> Result<Decoded, Error> {
+    let pixels = frames.first().map_or(0, |frame| frame.len());
+    let [mut coordinate, mut sigma, mut modulation, mut background] =
+        std::array::from_fn(|_| vec![0.0; pixels]);
+    let mut codes = vec![0; pixels];
+    let out = Outputs {
+        coordinate: &mut coordinate,
+        sigma: &mut sigma,
+        modulation: &mut modulation,
+        background: &mut background,
+        reason: &mut codes,
+        ..Outputs::none()
+    };
+    decode_frames(frames, settings, out)?;
+    let reason: Result<_, Error> = codes.into_iter().map(Reason::try_from).collect();
+    Ok(Decoded {
+        coordinate,
+        sigma,
+        modulation,
+        background,
+        reason: reason?,
+    })
+}
+
 /// Decodes runs of pixels on one thread, for kernels that go on with the coordinates.
 pub(crate) struct BandDecoder<'a, T> {
     frames: Frames<'a, T>,
-    plan: &'a Plan,
+    plan: &'a DecodeSettings,
     scratch: orders::Scratch,
 }
 
 impl<'a, T: Sample> BandDecoder<'a, T> {
     /// For checked planes and a checked plan.
-    pub fn new(planes: &'a [&'a [T]], plan: &'a Plan) -> Self {
+    pub fn new(planes: &'a [&'a [T]], plan: &'a DecodeSettings) -> Self {
         Self {
             frames: Frames { planes },
             plan,

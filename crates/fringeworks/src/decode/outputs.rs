@@ -1,6 +1,6 @@
 //! Maps of the decoder: those that it writes, and what is known of every pixel beforehand.
 
-use crate::{check_length, Error};
+use crate::{Error, check_length};
 
 /// Output maps, each with one value per pixel of the frames.
 pub struct Outputs<'a> {
@@ -12,7 +12,7 @@ pub struct Outputs<'a> {
     pub modulation: &'a mut [f32],
     /// Mean of the phase frames, counts; empty within kernels that go on.
     pub background: &'a mut [f32],
-    /// See [`crate::reason`].
+    /// Codes of [`crate::Reason`].
     pub reason: &'a mut [u8],
     /// Wrapped phase of every set, rad; or no maps.
     pub phases: Vec<&'a mut [f32]>,
@@ -25,8 +25,19 @@ pub struct Outputs<'a> {
 }
 
 impl<'a> Outputs<'a> {
-    /// No maps.
-    pub(super) fn none() -> Self {
+    /// No maps, to be filled in.
+    ///
+    /// ```
+    /// use fringeworks::decode::Outputs;
+    ///
+    /// let mut coordinate = [0.0; 4];
+    /// let out = Outputs {
+    ///     coordinate: &mut coordinate,
+    ///     ..Outputs::none()
+    /// };
+    /// assert!(out.phases.is_empty());
+    /// ```
+    pub fn none() -> Self {
         Self {
             coordinate: &mut [],
             sigma: &mut [],

@@ -1,6 +1,6 @@
 //! Extrema of a row, and its envelopes: natural cubic splines through the maxima and the minima.
 
-use super::line::{solve, Line, TOGETHER};
+use super::line::{Line, TOGETHER, solve};
 use multiversion::multiversion;
 
 /// Neighbouring samples that are compared together: the bits of a word.

@@ -15,10 +15,11 @@
 mod envelope;
 mod line;
 
-use crate::{check_length, check_value, Error};
-pub use envelope::Envelopes;
+use crate::{Error, Image, check_columns, check_value};
+use envelope::Envelopes;
 use rayon::prelude::*;
 
+/// How rows are sifted.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Largest number of modes per row.
@@ -37,6 +38,7 @@ pub struct Decomposition {
     pub imfs: Vec<f64>,
     /// Modes per row in `imfs`.
     pub count: usize,
+    /// What the modes leave of every row.
     pub residue: Vec<f64>,
     /// Modes that each row has.
     pub counts: Vec<u32>,
@@ -63,9 +65,8 @@ struct Row {
     unfinished: bool,
 }
 
-fn check(rows: &[f64], width: usize, options: &Options) -> Result<(), Error> {
-    check_value("width", width >= 1, "at least 1 px", width)?;
-    check_length("rows", rows.len() % width, 0)?;
+fn check(rows: Image<f64>, options: &Options) -> Result<(), Error> {
+    check_columns(rows)?;
     check_value(
         "rows",
         rows.iter().all(|v| v.is_finite()),
@@ -87,8 +88,23 @@ fn check(rows: &[f64], width: usize, options: &Options) -> Result<(), Error> {
 }
 
 /// Decompose every row of `rows`.
-pub fn decompose(rows: &[f64], width: usize, options: &Options) -> Result<Decomposition, Error> {
-    check(rows, width, options)?;
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::emd::{Options, decompose_rows};
+///
+/// let options = Options { max_imfs: 8, max_sifts: 100, flat: 0.05, patience: 20 };
+/// let row: Vec<f64> = (0..200).map(|x| (0.6 * x as f64).cos() + 3.0 * (0.07 * x as f64).cos()).collect();
+/// let found = decompose_rows(Image::new(&row, 1, 200)?, &options)?;
+/// assert!(found.count >= 2);
+/// // The modes and the residue add up to the row.
+/// let sum: f64 = (0..found.count).map(|k| found.imfs[k * 200 + 50]).sum();
+/// assert!((sum + found.residue[50] - row[50]).abs() < 1e-12);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn decompose_rows(rows: Image<f64>, options: &Options) -> Result<Decomposition, Error> {
+    check(rows, options)?;
+    let width = rows.width();
     let sifted: Vec<Row> = rows
         .par_chunks(width)
         .map_init(
@@ -171,9 +187,19 @@ fn range(row: &[f64]) -> f64 {
 }
 
 /// Upper and lower envelope of every row; both are NaN where a row has at most two extrema.
-pub fn envelopes(rows: &[f64], width: usize) -> Result<(Vec<f64>, Vec<f64>), Error> {
-    check_value("width", width >= 1, "at least 1 px", width)?;
-    check_length("rows", rows.len() % width, 0)?;
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::emd::row_envelopes;
+///
+/// let row: Vec<f64> = (0..200).map(|x| 5.0 + 2.0 * (0.6 * x as f64).cos()).collect();
+/// let (upper, lower) = row_envelopes(Image::new(&row, 1, 200)?)?;
+/// assert!((upper[100] - 7.0).abs() < 0.2 && (lower[100] - 3.0).abs() < 0.2);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn row_envelopes(rows: Image<f64>) -> Result<(Vec<f64>, Vec<f64>), Error> {
+    check_columns(rows)?;
+    let width = rows.width();
     let mut upper = vec![f64::NAN; rows.len()];
     let mut lower = vec![f64::NAN; rows.len()];
     upper
@@ -213,7 +239,7 @@ mod tests {
         let row: Vec<f64> = (0..n)
             .map(|x| fast(x as f64) + slow(x as f64) + trend(x as f64))
             .collect();
-        let found = decompose(&row, n, &OPTIONS).unwrap();
+        let found = decompose_rows(Image::new(&row, 1, n).unwrap(), &OPTIONS).unwrap();
         for x in 100..n - 100 {
             let at = |k: usize| found.imfs[k * n + x];
             assert!((at(0) - fast(x as f64)).abs() < 0.1, "{x}: {}", at(0));
@@ -232,10 +258,10 @@ mod tests {
             (0..40).map(|x| x as f64).collect(),
             vec![1.0],
         ] {
-            let found = decompose(&row, row.len(), &OPTIONS).unwrap();
+            let found = decompose_rows(Image::new(&row, 1, row.len()).unwrap(), &OPTIONS).unwrap();
             assert_eq!(found.count, 0);
             assert_eq!(found.residue, row);
         }
-        assert!(decompose(&[f64::NAN; 8], 8, &OPTIONS).is_err());
+        assert!(decompose_rows(Image::new(&[f64::NAN; 8], 1, 8).unwrap(), &OPTIONS).is_err());
     }
 }

@@ -1,18 +1,27 @@
 //! Smaller maps: means of the areas that their pixels cover.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, check_columns, check_value};
 use rayon::prelude::*;
 
 /// Rows that a task computes.
 const BAND: usize = 16;
 
-/// A map of `size.0` rows and `size.1` columns, each value of which is the mean of the part of a map of
-/// rows of `width` that it covers. Neither size may exceed that of the map. Sums are in single
+/// A map of so many rows and columns, each value of which is the mean of the part of another map that it
+/// covers. Neither number may exceed that of the other map. Sums are in single
 /// precision.
-pub fn area_means(values: &[f32], width: usize, size: (usize, usize)) -> Result<Vec<f32>, Error> {
-    check_value("width", width >= 1, "at least 1 px", width)?;
-    check_length("values", values.len() % width, 0)?;
-    let height = values.len() / width;
+///
+/// ```
+/// use fringeworks::{Image, filters::area_means};
+///
+/// let map = Image::new(&[1.0, 3.0, 5.0, 7.0], 2, 2)?;
+/// assert_eq!(area_means(map, 1, 1)?, [4.0]);
+/// assert_eq!(area_means(map, 1, 2)?, [3.0, 5.0]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn area_means(values: Image<f32>, rows: usize, columns: usize) -> Result<Vec<f32>, Error> {
+    let size = (rows, columns);
+    check_columns(values)?;
+    let (height, width) = values.shape();
     let smaller = (1..=height).contains(&size.0) && (1..=width).contains(&size.1);
     check_value(
         "size",
@@ -82,16 +91,18 @@ impl Share {
 #[cfg(test)]
 mod tests {
     use super::area_means;
+    use crate::Image;
 
     #[test]
     fn means_of_areas() {
         let values: Vec<f32> = (0..35).map(|k| k as f32).collect();
+        let map = Image::new(&values, 5, 7).unwrap();
         // Rows of 7: halves of 3.5 values.
-        let found = area_means(&values, 7, (1, 2)).unwrap();
+        let found = area_means(map, 1, 2).unwrap();
         assert!((found[0] - (14.0 + (0.0 + 1.0 + 2.0 + 1.5) / 3.5)).abs() < 1e-5);
         assert!((found[1] - (14.0 + (1.5 + 4.0 + 5.0 + 6.0) / 3.5)).abs() < 1e-5);
-        assert_eq!(area_means(&values, 7, (5, 7)).unwrap(), values);
-        assert!(area_means(&values, 7, (6, 7)).is_err());
-        assert!(area_means(&values, 7, (0, 7)).is_err());
+        assert_eq!(area_means(map, 5, 7).unwrap(), values);
+        assert!(area_means(map, 6, 7).is_err());
+        assert!(area_means(map, 0, 7).is_err());
     }
 }

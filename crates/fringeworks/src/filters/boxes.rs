@@ -2,7 +2,7 @@
 
 use super::Border;
 use crate::moving_mean::Number;
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, check_columns, check_value};
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::{Add, Mul, Sub};
@@ -26,17 +26,23 @@ pub trait Real:
 impl Real for f32 {}
 impl Real for f64 {}
 
-/// Means of the square of an odd `side` around every value of a map of rows of `width`.
+/// Means of the square of an odd `side` around every value of a map.
 ///
 /// Values have to be finite: others would stay in the sums that move down.
-pub fn box_means<T: Real>(
-    values: &[T],
-    width: usize,
-    side: usize,
-    border: Border,
-) -> Result<Vec<T>, Error> {
-    check_value("width", width >= 1, "at least 1 px", width)?;
-    check_length("values", values.len() % width, 0)?;
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::filters::{Border, box_means};
+///
+/// let mut values = [0.0_f64; 25];
+/// values[12] = 9.0;
+/// let means = box_means(Image::new(&values, 5, 5)?, 3, Border::Edge)?;
+/// assert_eq!((means[0], means[6], means[12]), (0.0, 1.0, 1.0));
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn box_means<T: Real>(values: Image<T>, side: usize, border: Border) -> Result<Vec<T>, Error> {
+    check_columns(values)?;
+    let width = values.width();
     let usable = side % 2 == 1 && side < MAX_SIDE;
     check_value("side", usable, "an odd number below 10^6", side)?;
     let mut out = vec![T::default(); values.len()];
@@ -48,7 +54,7 @@ pub fn box_means<T: Real>(
             for left in (0..width).step_by(COLUMNS) {
                 let n = COLUMNS.min(width - left);
                 let column = Column {
-                    values,
+                    values: values.values(),
                     width,
                     left,
                     n,
@@ -197,9 +203,10 @@ mod tests {
     fn means_of_squares() {
         let (h, w) = (300, 37);
         let values: Vec<f64> = (0..h * w).map(|k| ((k * 7919) % 101) as f64).collect();
+        let map = Image::new(&values, h, w).unwrap();
         for border in [Border::Edge, Border::Mirror, Border::Zero] {
             for side in [1, 3, 7, 41, 91] {
-                let found = box_means(&values, w, side, border).unwrap();
+                let found = box_means(map, side, border).unwrap();
                 for (y, x) in [(0, 0), (150, 20), (127, 36), (128, 1), (299, 36)] {
                     let mut sum = 0.0;
                     for (j, i) in (0..side).flat_map(|j| (0..side).map(move |i| (j, i))) {
@@ -212,6 +219,6 @@ mod tests {
                 }
             }
         }
-        assert!(box_means(&values, w, 4, Border::Edge).is_err());
+        assert!(box_means(map, 4, Border::Edge).is_err());
     }
 }

@@ -1,24 +1,30 @@
 //! Linear interpolation of maps along both axes.
 
 use super::Real;
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, check_columns, check_value};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// Rows that a task computes.
 const BAND: usize = 32;
 
-/// Values of a map of rows of `width` at all pairs of some rows and columns, row after row. The values
+/// Values of a map at all pairs of some rows and columns, row after row. The values
 /// at the border go on beyond it.
-pub fn interpolate<T: Real>(
-    values: &[T],
-    width: usize,
+///
+/// ```
+/// use fringeworks::{Image, filters::interpolate_linear};
+///
+/// let map = Image::new(&[0.0, 1.0, 10.0, 11.0], 2, 2)?;
+/// assert_eq!(interpolate_linear(map, &[0.5], &[0.0, 0.5, 7.0])?, [5.0, 5.5, 6.0]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn interpolate_linear<T: Real>(
+    values: Image<T>,
     rows: &[f64],
     columns: &[f64],
 ) -> Result<Vec<T>, Error> {
-    check_value("width", width >= 1, "at least 1 px", width)?;
-    check_length("values", values.len() % width, 0)?;
-    let height = values.len() / width;
+    check_columns(values)?;
+    let (height, width) = values.shape();
     check_value("height", height >= 1, "at least 1 px", height)?;
     if rows.is_empty() || columns.is_empty() {
         return Ok(vec![]);
@@ -98,21 +104,23 @@ impl Place {
 
 #[cfg(test)]
 mod tests {
-    use super::interpolate;
+    use super::interpolate_linear;
+    use crate::Image;
 
     #[test]
     fn planes_stay_planes() {
         let (h, w) = (7, 5);
         let values: Vec<f64> = (0..h * w).map(|k| (3 * (k / w) + k % w) as f64).collect();
+        let map = Image::new(&values, h, w).unwrap();
         let (rows, columns) = ([-1.0, 0.0, 2.25, 6.0, 9.0], [0.5, 4.0, 4.5]);
-        let found = interpolate(&values, w, &rows, &columns).unwrap();
+        let found = interpolate_linear(map, &rows, &columns).unwrap();
         for (k, y) in rows.iter().enumerate() {
             for (i, x) in columns.iter().enumerate() {
                 let expected = 3.0 * y.clamp(0.0, 6.0) + x.clamp(0.0, 4.0);
                 assert!((found[k * columns.len() + i] - expected).abs() < 1e-12);
             }
         }
-        assert!(interpolate(&values, w, &[f64::NAN], &[1.0]).unwrap()[0].is_nan());
-        assert!(interpolate::<f64>(&[], w, &[1.0], &[1.0]).is_err());
+        assert!(interpolate_linear(map, &[f64::NAN], &[1.0]).unwrap()[0].is_nan());
+        assert!(interpolate_linear(Image::<f64>::new(&[], 0, w).unwrap(), &[1.0], &[1.0]).is_err());
     }
 }

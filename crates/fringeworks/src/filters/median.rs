@@ -1,19 +1,27 @@
 //! Medians of squares of nine values.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, check_columns};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
 /// Rows that a task computes.
 const BAND: usize = 32;
 
-/// Median of the 3 × 3 values around every value of a map of rows of `width`. The values at the border
+/// Median of the 3 × 3 values around every value of a map. The values at the border
 /// go on beyond it. NaN where one of the nine is NaN.
-pub fn median_of_nine(values: &[f32], width: usize) -> Result<Vec<f32>, Error> {
-    check_value("width", width >= 1, "at least 1 px", width)?;
-    check_length("values", values.len() % width, 0)?;
-    let last = (values.len() / width).saturating_sub(1);
-    let row = |y: usize| &values[y * width..(y + 1) * width];
+///
+/// ```
+/// use fringeworks::{Image, filters::median_of_nine};
+///
+/// let map = Image::new(&[1.0, 1.0, 1.0, 1.0, 99.0, 1.0, 1.0, 1.0, 1.0], 3, 3)?;
+/// assert_eq!(median_of_nine(map)?, [1.0; 9]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn median_of_nine(values: Image<f32>) -> Result<Vec<f32>, Error> {
+    check_columns(values)?;
+    let (height, width) = values.shape();
+    let last = height.saturating_sub(1);
+    let row = |y: usize| values.row(y);
     let mut out = vec![0.0; values.len()];
     out.par_chunks_mut(BAND * width).enumerate().for_each_init(
         Sorted::default,
@@ -60,20 +68,12 @@ impl Sorted {
 
 #[inline(always)]
 fn smaller(a: f32, b: f32) -> f32 {
-    if a < b {
-        a
-    } else {
-        b
-    }
+    if a < b { a } else { b }
 }
 
 #[inline(always)]
 fn larger(a: f32, b: f32) -> f32 {
-    if a > b {
-        a
-    } else {
-        b
-    }
+    if a > b { a } else { b }
 }
 
 #[inline(always)]
@@ -126,6 +126,7 @@ fn has_nan(row: &[f32]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::median_of_nine;
+    use crate::Image;
 
     #[test]
     fn medians_of_squares() {
@@ -133,7 +134,7 @@ mod tests {
         let mut values: Vec<f32> = (0..h * w).map(|k| ((k * 7919) % 101) as f32).collect();
         values[20 * w + 20] = f32::NAN;
         values[40 * w + 20] = f32::INFINITY;
-        let found = median_of_nine(&values, w).unwrap();
+        let found = median_of_nine(Image::new(&values, h, w).unwrap()).unwrap();
         for (y, x) in (0..h).flat_map(|y| (0..w).map(move |x| (y, x))) {
             let mut nine = vec![];
             for (dy, dx) in (0..3).flat_map(|dy| (0..3).map(move |dx| (dy, dx))) {
@@ -147,7 +148,8 @@ mod tests {
                 assert_eq!(found[y * w + x], nine[4]);
             }
         }
-        assert_eq!(median_of_nine(&[3.0], 1).unwrap(), [3.0]);
-        assert!(median_of_nine(&[3.0], 2).is_err());
+        let one = Image::new(&[3.0], 1, 1).unwrap();
+        assert_eq!(median_of_nine(one).unwrap(), [3.0]);
+        assert!(median_of_nine(Image::new(&[], 1, 0).unwrap()).is_err());
     }
 }

@@ -8,10 +8,10 @@ mod weighted;
 mod widen;
 
 pub use area::area_means;
-pub use boxes::{box_means, Real};
-pub use linear::interpolate;
+pub use boxes::{Real, box_means};
+pub use linear::interpolate_linear;
 pub use median::median_of_nine;
-pub use weighted::{weighted_sums, Weights};
+pub use weighted::{Weights, weighted_sums};
 pub use widen::widen;
 
 /// What a filter takes for the values beyond the border of a map.
@@ -27,6 +27,14 @@ pub enum Border {
 
 impl Border {
     /// The place among `n` values that stands for a place; `None` stands for zero.
+    ///
+    /// ```
+    /// use fringeworks::filters::Border;
+    ///
+    /// assert_eq!(Border::Edge.place(-2, 10), Some(0));
+    /// assert_eq!(Border::Mirror.place(-2, 10), Some(2));
+    /// assert_eq!(Border::Zero.place(-2, 10), None);
+    /// ```
     #[inline(always)]
     pub fn place(self, at: isize, n: usize) -> Option<usize> {
         if (at as usize) < n {

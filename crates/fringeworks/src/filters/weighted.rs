@@ -1,7 +1,7 @@
 //! Weighted sums of the neighbours along both axes, one after the other.
 
 use super::Border;
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, check_columns, check_value};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
@@ -21,6 +21,13 @@ pub struct Weights {
 
 impl Weights {
     /// Weights of an odd number of values; refuses an even number.
+    ///
+    /// ```
+    /// use fringeworks::filters::Weights;
+    ///
+    /// assert!(Weights::new("smoothing", &[0.25, 0.5, 0.25]).is_ok());
+    /// assert!(Weights::new("smoothing", &[0.5, 0.5]).is_err());
+    /// ```
     pub fn new(name: &'static str, weights: &[f64]) -> Result<Self, Error> {
         check_value(name, weights.len() % 2 == 1, "an odd number", weights.len())?;
         let reach = weights.len() / 2;
@@ -38,25 +45,32 @@ impl Weights {
     }
 }
 
-/// Sums of the neighbours of every `step`-th value along both axes of a map of rows of `width`, row
-/// after row. Sums are in single precision. A value that is not finite spreads over what it reaches.
+/// Sums of the neighbours of every `step`-th value along both axes of a map, row after row. Sums are in single precision. A value that is not finite spreads over what it reaches.
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::filters::{Border, Weights, weighted_sums};
+///
+/// let (one, slope) = (Weights::new("y", &[1.0])?, Weights::new("x", &[-0.5, 0.0, 0.5])?);
+/// let ramp = Image::new(&[0.0, 2.0, 4.0, 6.0], 1, 4)?;
+/// assert_eq!(weighted_sums(ramp, &one, &slope, Border::Edge, 1)?, [1.0, 2.0, 2.0, 1.0]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
 pub fn weighted_sums(
-    values: &[f32],
-    width: usize,
-    along_y: &Weights,
-    along_x: &Weights,
+    values: Image<f32>,
+    weights_y: &Weights,
+    weights_x: &Weights,
     border: Border,
     step: usize,
 ) -> Result<Vec<f32>, Error> {
-    check_value("width", width >= 1, "at least 1 px", width)?;
+    check_columns(values)?;
     check_value("step", step >= 1, "at least 1 px", step)?;
-    check_length("values", values.len() % width, 0)?;
-    let height = values.len() / width;
+    let (height, width) = values.shape();
     let (rows, columns) = (height.div_ceil(step), width.div_ceil(step));
     let mut out = vec![0.0; rows * columns];
     let whole = width.next_multiple_of(LANES);
     let map = Map {
-        values,
+        values: values.values(),
         width,
         height,
         border,
@@ -69,15 +83,15 @@ pub fn weighted_sums(
                 .map(|row| row * step)
                 .take(part.len() / columns);
             for left in (0..width).step_by(LANES) {
-                scratch.sum_along_y(&map, along_y, left, ys.clone());
+                scratch.sum_along_y(&map, weights_y, left, ys.clone());
             }
             for (sums, out) in scratch
                 .band
                 .chunks_exact(whole)
                 .zip(part.chunks_exact_mut(columns))
             {
-                pad(&mut scratch.row, &sums[..width], along_x.reach, border);
-                sum_along_x(&mut scratch.row, along_x, whole);
+                pad(&mut scratch.row, &sums[..width], weights_x.reach, border);
+                sum_along_x(&mut scratch.row, weights_x, whole);
                 for (v, sum) in out.iter_mut().zip(scratch.row.iter().step_by(step)) {
                     *v = *sum;
                 }
@@ -207,8 +221,9 @@ mod tests {
 
     #[test]
     fn sums_of_neighbours() {
-        let (h, w) = (90, 75);
+        let (h, w) = (90usize, 75usize);
         let values: Vec<f32> = (0..h * w).map(|k| ((k * 7919) % 101) as f32).collect();
+        let map = Image::new(&values, h, w).unwrap();
         let kinds: [&[f64]; 4] = [
             &[1.0],
             &[0.25, 0.5, 0.25],
@@ -221,7 +236,7 @@ mod tests {
                 Weights::new("x", kx).unwrap(),
             );
             for (border, step) in [(Border::Edge, 1), (Border::Zero, 3), (Border::Mirror, 2)] {
-                let found = weighted_sums(&values, w, &y, &x, border, step).unwrap();
+                let found = weighted_sums(map, &y, &x, border, step).unwrap();
                 let across = w.div_ceil(step);
                 for (k, sum) in found.iter().enumerate() {
                     let at = ((k / across * step) as isize, (k % across * step) as isize);

@@ -1,6 +1,6 @@
 //! Marked pixels, widened by a distance along both axes.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, check_columns};
 use multiversion::multiversion;
 use rayon::prelude::*;
 
@@ -8,11 +8,18 @@ use rayon::prelude::*;
 const BAND: usize = 128;
 
 /// Mark what is within `reach` of a marked pixel along rows, columns and diagonals; pixels beyond the
-/// border are not marked. The map has rows of `width`.
-pub fn widen(marks: &[bool], width: usize, reach: usize) -> Result<Vec<bool>, Error> {
-    check_value("width", width >= 1, "at least 1 px", width)?;
-    check_length("marks", marks.len() % width, 0)?;
-    let height = marks.len() / width;
+/// border are not marked.
+///
+/// ```
+/// use fringeworks::{Image, filters::widen};
+///
+/// let marks = Image::new(&[false, false, false, false, true], 1, 5)?;
+/// assert_eq!(widen(marks, 2)?, [false, false, true, true, true]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn widen(marks: Image<bool>, reach: usize) -> Result<Vec<bool>, Error> {
+    check_columns(marks)?;
+    let (height, width) = marks.shape();
     let reach = reach.min(height.max(width));
     let mut out = vec![false; marks.len()];
     // Bands share the rows of their halos with their neighbours: tall ones compute few rows twice.
@@ -88,6 +95,7 @@ fn either(out: &mut [bool], a: &[bool], b: &[bool]) {
 #[cfg(test)]
 mod tests {
     use super::widen;
+    use crate::Image;
 
     #[test]
     fn marks_reach_as_far_as_asked() {
@@ -96,12 +104,12 @@ mod tests {
         let mut marks = vec![false; h * w];
         places.iter().for_each(|(y, x)| marks[y * w + x] = true);
         for reach in [0, 1, 2, 3, 8, 40, 1000] {
-            let found = widen(&marks, w, reach).unwrap();
+            let found = widen(Image::new(&marks, h, w).unwrap(), reach).unwrap();
             for (y, x) in (0..h).flat_map(|y| (0..w).map(move |x| (y, x))) {
                 let near = |p: &(usize, usize)| p.0.abs_diff(y).max(p.1.abs_diff(x)) <= reach;
                 assert_eq!(found[y * w + x], places.iter().any(near), "{reach} {y} {x}");
             }
         }
-        assert!(widen(&marks[1..], w, 1).is_err());
+        assert!(widen(Image::new(&[], 1, 0).unwrap(), 1).is_err());
     }
 }

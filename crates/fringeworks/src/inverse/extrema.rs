@@ -10,6 +10,7 @@ pub struct Extremum {
     pub position: f64,
     /// Value of the row's spline there, counts.
     pub value: f64,
+    /// Whether it is a maximum.
     pub is_maximum: bool,
 }
 

@@ -14,8 +14,8 @@ mod polynomial;
 mod row;
 
 use crate::moving_mean::Number;
-use crate::spline::{uniform_pivots, uniform_slopes, RowSpline};
-use crate::{check_length, check_period, check_value, reason, Error, MIN_WIDTH};
+use crate::spline::{RowSpline, uniform_pivots, uniform_slopes};
+use crate::{Error, Image, MIN_WIDTH, Reason, check_period, check_shape, check_value};
 pub use extrema::Extremum;
 use extrema::Finder;
 use rayon::prelude::*;
@@ -25,21 +25,23 @@ use row::{RowIn, RowOut, Scratch};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
     /// Polynomial x = P(I) (IFA).
-    Polynomial,
+    Ifa,
     /// Cubic spline x = S(I) through the part's samples (SIFA).
-    PartSpline,
+    Sifa,
     /// The row's global spline, re-sampled densely and inverted by a spline (GSIFA).
-    GlobalSpline,
+    Gsifa,
     /// Root of the row's global spline.
     Exact,
 }
 
+/// How rows are inverted.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
+    /// How a monotone part is inverted.
     pub method: Method,
-    /// Largest polynomial degree (`Polynomial`).
+    /// Largest polynomial degree (`Ifa`).
     pub degree: usize,
-    /// Samples of the global spline per pixel (`GlobalSpline`).
+    /// Samples of the global spline per pixel (`Gsifa`).
     pub n_resample: usize,
     /// Fringe period of the reference, px.
     pub period: f64,
@@ -69,54 +71,71 @@ pub struct Field {
     pub sigma: Vec<f32>,
     /// Range of the object's part over that of the reference's.
     pub modulation_ratio: Vec<f32>,
-    /// See [`crate::reason`].
-    pub reason: Vec<u8>,
+    /// Why a pixel has no value.
+    pub reason: Vec<Reason>,
 }
 
 fn check<T>(
-    reference: &[T],
-    object: &[T],
-    mask: &[u8],
-    guide: Option<&[f32]>,
-    width: usize,
+    reference: Image<T>,
+    object: Image<T>,
+    mask: Image<u8>,
+    guide: Option<Image<f32>>,
     options: &Options,
 ) -> Result<(), Error> {
+    let (shape, width) = (reference.shape(), reference.width());
     check_value("width", width >= MIN_WIDTH, "at least 8 px", width)?;
-    check_value(
-        "reference",
-        reference.len().is_multiple_of(width),
-        "whole rows",
-        reference.len(),
-    )?;
-    check_length("object", object.len(), reference.len())?;
-    check_length("mask", mask.len(), reference.len())?;
+    check_shape("object", object.shape(), shape)?;
+    check_shape("mask", mask.shape(), shape)?;
     if let Some(guide) = guide {
-        check_length("guide", guide.len(), reference.len())?;
+        check_shape("guide", guide.shape(), shape)?;
     }
     let (n_resample, period) = (options.n_resample, options.period);
     check_value("n_resample", n_resample >= 1, "at least 1", n_resample)?;
     check_period(period)
 }
 
-/// Invert `height × width` frames row by row, in double precision.
+/// Invert frames row by row, in double precision.
 ///
 /// `mask` is 1 where the object pixel is wanted. `guide` is the expected displacement, NaN where
 /// unknown; it decides fringe orders, not values.
-pub fn invert<T: Number>(
-    reference: &[T],
-    object: &[T],
-    mask: &[u8],
-    guide: Option<&[f32]>,
-    width: usize,
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::inverse::{Method, Options, invert_rows};
+///
+/// let wave = |u: f64| -> Vec<f64> { (0..120).map(|x| 100.0 + 50.0 * (0.3 * (x as f64 - u)).cos()).collect() };
+/// let (reference, object) = (wave(0.0), wave(2.5));
+/// let options = Options {
+///     method: Method::Sifa,
+///     degree: 9,
+///     n_resample: 10,
+///     period: 20.94,
+///     prominence: 0.3,
+///     floor: 0.0,
+///     noise: 0.1,
+///     max_displacement: 60.0,
+///     tolerance: 0.05,
+///     albedo_tolerance: f64::INFINITY,
+/// };
+/// let [reference, object] = [&reference, &object].map(|row| Image::new(row, 1, 120).unwrap());
+/// let found = invert_rows(reference, object, Image::new(&[1; 120], 1, 120)?, None, &options)?;
+/// assert!((found.displacement[60] - 2.5).abs() < 0.05);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn invert_rows<T: Number>(
+    reference: Image<T>,
+    object: Image<T>,
+    mask: Image<u8>,
+    guide: Option<Image<f32>>,
     options: &Options,
 ) -> Result<Field, Error> {
-    check(reference, object, mask, guide, width, options)?;
-    let n = object.len();
+    check(reference, object, mask, guide, options)?;
+    let (n, width) = (object.len(), object.width());
     let mut field = Field {
         displacement: vec![f64::NAN; n],
         sigma: vec![f32::NAN; n],
         modulation_ratio: vec![f32::NAN; n],
-        reason: vec![reason::ORDER_AMBIGUOUS; n],
+        reason: vec![Reason::OrderAmbiguous; n],
     };
     field
         .displacement
@@ -128,12 +147,11 @@ pub fn invert<T: Number>(
         .for_each_init(
             || Scratch::new(width, options),
             |scratch, (y, (((displacement, sigma), modulation_ratio), reason))| {
-                let row = y * width..(y + 1) * width;
                 let frames = RowIn {
-                    reference: &reference[row.clone()],
-                    object: &object[row.clone()],
-                    mask: &mask[row.clone()],
-                    guide: guide.map(|g| &g[row]),
+                    reference: reference.row(y),
+                    object: object.row(y),
+                    mask: mask.row(y),
+                    guide: guide.map(|guide| guide.row(y)),
                 };
                 let mut out = RowOut {
                     displacement,
@@ -149,6 +167,16 @@ pub fn invert<T: Number>(
 }
 
 /// Extrema of a single row; see [`Options`] for the thresholds.
+///
+/// ```
+/// use fringeworks::inverse::row_extrema;
+///
+/// let row: Vec<f64> = (0..60).map(|x| (std::f64::consts::TAU * x as f64 / 20.0).cos()).collect();
+/// let found = row_extrema(&row, 20.0, 0.3, 0.0)?;
+/// let first = found.iter().find(|extremum| !extremum.is_maximum).unwrap();
+/// assert!((first.position - 10.0).abs() < 0.01);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
 pub fn row_extrema(
     row: &[f64],
     period: f64,

@@ -3,7 +3,7 @@
 //! Rows are matched one by one. A row whose order slipped differs from its neighbours by a period.
 
 use super::Field;
-use crate::reason;
+use crate::Reason;
 use rayon::prelude::*;
 
 /// Rows above and below a row that it is compared with.
@@ -57,7 +57,7 @@ pub fn mark_slipped_orders(field: &mut Field, width: usize, period: f64) {
         field.displacement[i] = f64::NAN;
         field.sigma[i] = f32::NAN;
         field.modulation_ratio[i] = f32::NAN;
-        field.reason[i] = reason::ORDER_AMBIGUOUS;
+        field.reason[i] = Reason::OrderAmbiguous;
     }
 }
 
@@ -75,13 +75,13 @@ mod tests {
         let mut field = Field {
             sigma: vec![1.0; height * width],
             modulation_ratio: vec![1.0; height * width],
-            reason: vec![reason::OK; height * width],
+            reason: vec![Reason::Ok; height * width],
             displacement,
         };
         mark_slipped_orders(&mut field, width, 20.0);
         for (i, value) in field.displacement.iter().enumerate() {
             assert_eq!(value.is_nan(), i / width == 5, "row {}", i / width);
-            assert_eq!(field.reason[i] == reason::OK, i / width != 5);
+            assert_eq!(field.reason[i] == Reason::Ok, i / width != 5);
         }
     }
 }

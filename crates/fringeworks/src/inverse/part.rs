@@ -122,14 +122,14 @@ impl Inverse {
 
 fn draft(row: &RowSpline, span: &Span, options: &Options) -> Option<Draft> {
     match options.method {
-        Method::Polynomial => {
+        Method::Ifa => {
             let points = samples(row, span, false);
             (points.len() >= MIN_POLYNOMIAL_POINTS)
                 .then(|| Polynomial::fit(&points, options.degree))
                 .map(|fitted| Draft::Ready(Inverse::Polynomial(fitted)))
         }
-        Method::PartSpline => unless_pooled(samples(row, span, true), span.rising(), through),
-        Method::GlobalSpline => {
+        Method::Sifa => unless_pooled(samples(row, span, true), span.rising(), through),
+        Method::Gsifa => {
             let (intensity, x) = resampled(row, span, options.n_resample);
             // Without leaving early, so that the loop becomes one over vectors.
             let pairs = intensity.iter().zip(&intensity[1..]);

@@ -1,13 +1,13 @@
 //! Inversion of one row.
 
-use super::extrema::Finder;
-use super::matched::{matched_parts, MatchedPart};
-use super::matching::match_orders;
-use super::part::{spans, Inverse, Span};
 use super::Options;
+use super::extrema::Finder;
+use super::matched::{MatchedPart, matched_parts};
+use super::matching::match_orders;
+use super::part::{Inverse, Span, spans};
+use crate::Reason;
 use crate::moving_mean::Number;
-use crate::reason;
-use crate::spline::{uniform_pivots, uniform_slopes, Place, RowSpline};
+use crate::spline::{Place, RowSpline, uniform_pivots, uniform_slopes};
 
 /// Upper bound on σ, in periods: where the slope vanishes, the neighbouring parts bound the error.
 const MAX_SIGMA_PERIODS: f64 = 0.25;
@@ -25,7 +25,7 @@ pub struct RowOut<'a> {
     pub displacement: &'a mut [f64],
     pub sigma: &'a mut [f32],
     pub modulation_ratio: &'a mut [f32],
-    pub reason: &'a mut [u8],
+    pub reason: &'a mut [Reason],
 }
 
 /// Arrays that are used again from row to row, and what all rows share.
@@ -98,7 +98,7 @@ impl Scratch {
         );
         let parts = spans(&s, &s_extrema);
         if s_extrema.is_empty() || d_extrema.is_empty() {
-            out.reason.fill(reason::LOW_MODULATION);
+            out.reason.fill(Reason::LowModulation);
         }
         let tolerance = options.albedo_tolerance;
         let all = matched_parts(&d, &d_extrema, &s_extrema, &orders, tolerance);
@@ -116,7 +116,7 @@ impl Scratch {
                     };
                     invert_part(&reference, d.y, matched, options, out);
                 }
-                None => out.reason[matched.pixels(d.y.len())].fill(reason::LOW_MODULATION),
+                None => out.reason[matched.pixels(d.y.len())].fill(Reason::LowModulation),
             }
         }
         apply_mask(frames.mask, out);
@@ -154,9 +154,9 @@ fn invert_part(
         let intensity = (object[x] - matched.offset) / matched.modulation_ratio;
         let Some(value) = clamp_to(reference.span, intensity, options.tolerance) else {
             out.reason[x] = if reference.at_end {
-                reason::OUTSIDE
+                Reason::Outside
             } else {
-                reason::OUT_OF_RANGE
+                Reason::OutOfRange
             };
             continue;
         };
@@ -169,7 +169,7 @@ fn invert_part(
         let slope = (matched.modulation_ratio * slope).abs();
         out.sigma[x] = (options.noise / slope).min(max_sigma) as f32;
         out.modulation_ratio[x] = matched.modulation_ratio as f32;
-        out.reason[x] = reason::OK;
+        out.reason[x] = Reason::Ok;
     }
 }
 
@@ -179,7 +179,7 @@ fn apply_mask(mask: &[u8], out: &mut RowOut) {
             out.displacement[x] = f64::NAN;
             out.sigma[x] = f32::NAN;
             out.modulation_ratio[x] = f32::NAN;
-            out.reason[x] = reason::MASKED;
+            out.reason[x] = Reason::Masked;
         }
     }
 }

@@ -1,23 +1,36 @@
 //! Differences of neighbouring pixels: second ones along both axes, and third ones along rows.
 
-use crate::{check_length, Error};
+use crate::{Error, Image, check_shape};
 
 /// χ² of the third differences along rows that are known and not larger than `most`.
 ///
-/// `sigma` are the standard deviations of the values; NaN in either is unknown.
+/// `sigma` are the standard deviations of the coordinates; NaN in either is unknown.
+///
+/// ```
+/// use fringeworks::{Image, sample::third_chi_squares};
+///
+/// // A parabola has no third differences.
+/// let parabola: Vec<f32> = (0..20).map(|x| (x * x) as f32).collect();
+/// let found = third_chi_squares(Image::new(&parabola, 1, 20)?, Image::new(&[0.1; 20], 1, 20)?, 5.0)?;
+/// assert_eq!(found, [0.0; 17]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
 pub fn third_chi_squares(
-    values: &[f32],
-    sigma: &[f32],
-    width: usize,
+    coordinate: Image<f32>,
+    sigma: Image<f32>,
     most: f32,
 ) -> Result<Vec<f32>, Error> {
-    check_length("sigma", sigma.len(), values.len())?;
-    let mut found = Vec::with_capacity(values.len());
+    check_shape("sigma", sigma.shape(), coordinate.shape())?;
+    let width = coordinate.width();
+    let mut found = Vec::with_capacity(coordinate.len());
     if width < 4 {
         return Ok(found);
     }
     let mut chi = vec![0.0; width - 3];
-    for (x, s) in values.chunks_exact(width).zip(sigma.chunks_exact(width)) {
+    for (x, s) in coordinate
+        .chunks_exact(width)
+        .zip(sigma.chunks_exact(width))
+    {
         row_chi_squares(x, s, most, &mut chi);
         found.extend(chi.iter().filter(|value| !value.is_nan()));
     }
@@ -74,8 +87,17 @@ real!(f32, magnitudes_f32);
 real!(f64, magnitudes_f64);
 
 /// Magnitudes of second differences along both axes, (h - 2, w - 2); empty for smaller frames.
-pub fn second_magnitudes<T: Real>(frame: &[T], width: usize) -> Vec<T> {
-    let height = frame.len() / width.max(1);
+///
+/// ```
+/// use fringeworks::{Image, sample::second_magnitudes};
+///
+/// let mut frame = [0.0_f32; 9];
+/// frame[4] = 1.0;
+/// assert_eq!(second_magnitudes(Image::new(&frame, 3, 3)?), [4.0]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn second_magnitudes<T: Real>(frame: Image<T>) -> Vec<T> {
+    let (height, width) = frame.shape();
     if width < 3 || height < 3 {
         return Vec::new();
     }

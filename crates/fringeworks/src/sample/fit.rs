@@ -1,13 +1,15 @@
-//! Least-squares fits of a set of steps to the pixels of a sample, and the harmonics in their residuals.
+//! Least-squares fits of a set of steps to the pixels of a sample, second moments of the samples, and how
+//! far pixels lie from the space they span.
 
+use super::dot;
 use crate::decode::Sample;
-use crate::{check_length, Error};
+use crate::{Error, check_length, check_value};
 
 /// Pixels that are computed together, so that their samples stay in the first cache.
 const BLOCK: usize = 128;
 
 /// What is measured at every pixel; one row of the results each.
-pub const ROWS: usize = 8;
+pub const FIT_ROWS: usize = 8;
 
 /// A model of the samples of a pixel and its solution.
 #[derive(Clone, Copy)]
@@ -23,16 +25,29 @@ pub struct Model<'a> {
 /// The results are one row each of A, c, s, the sum of the squared residuals, and the mean, variance,
 /// largest and smallest value of the samples. A sample that is not finite makes the sum of the squares
 /// NaN.
-pub fn fit<T: Sample>(planes: &[&[T]], model: Model) -> Result<Vec<f64>, Error> {
+///
+/// ```
+/// use fringeworks::sample::{Model, fit_samples};
+///
+/// // Four equal steps: what they show of A, c and s, and what A, c and s take from them.
+/// let design = [1., 1., 0., 1., 0., 1., 1., -1., 0., 1., 0., -1.];
+/// let solver = [0.25, 0.25, 0.25, 0.25, 0.5, 0., -0.5, 0., 0., 0.5, 0., -0.5];
+/// let model = Model { design: &design, solver: &solver };
+/// let found = fit_samples(&[&[40_u8], &[30], &[20], &[30]], model)?;
+/// // A, c, s, and the sum of the squared residuals.
+/// assert_eq!(found[..4], [30.0, 10.0, 0.0, 0.0]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn fit_samples<T: Sample>(planes: &[&[T]], model: Model) -> Result<Vec<f64>, Error> {
     let pixels = planes.first().map_or(0, |plane| plane.len());
     for plane in planes {
         check_length("plane", plane.len(), pixels)?;
     }
     check_length("design", model.design.len(), 3 * planes.len())?;
     check_length("solver", model.solver.len(), 3 * planes.len())?;
-    let mut out = vec![0.0; ROWS * pixels];
+    let mut out = vec![0.0; FIT_ROWS * pixels];
     let mut values = vec![[0.0; BLOCK]; planes.len()];
-    let mut found = [[0.0; BLOCK]; ROWS];
+    let mut found = [[0.0; BLOCK]; FIT_ROWS];
     for start in (0..pixels).step_by(BLOCK) {
         let n = BLOCK.min(pixels - start);
         for (line, plane) in values.iter_mut().zip(planes) {
@@ -49,7 +64,7 @@ pub fn fit<T: Sample>(planes: &[&[T]], model: Model) -> Result<Vec<f64>, Error> 
 }
 
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn fit_block(values: &[[f64; BLOCK]], model: Model, out: &mut [[f64; BLOCK]; ROWS]) {
+fn fit_block(values: &[[f64; BLOCK]], model: Model, out: &mut [[f64; BLOCK]; FIT_ROWS]) {
     let count = values.len();
     let [a, c, s, square, mean, variance, largest, smallest] = out;
     for line in [&mut *a, c, s, square, mean, variance] {
@@ -86,7 +101,16 @@ fn fit_block(values: &[[f64; BLOCK]], model: Model, out: &mut [[f64; BLOCK]; ROW
 }
 
 /// Mark the samples whose fitted values lie between two limits: a row of pixels per frame.
-pub fn inside(
+///
+/// ```
+/// use fringeworks::sample::fitted_inside;
+///
+/// // Two steps that show A + c and A − c.
+/// let design = [1.0, 1.0, 0.0, 1.0, -1.0, 0.0];
+/// assert_eq!(fitted_inside([&[30.0], &[20.0], &[0.0]], &design, 5.0, 45.0)?, [false, true]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn fitted_inside(
     fitted: [&[f64]; 3],
     design: &[f64],
     low: f64,
@@ -112,6 +136,84 @@ fn mark([a, c, s]: [&[f64]; 3], shown: &[f64], low: f64, high: f64, out: &mut [b
     }
 }
 
+/// Sums of the products of the frames at some pixels, for all pairs of frames: (N, N).
+///
+/// ```
+/// use fringeworks::sample::sample_moments;
+///
+/// let frames: [&[u8]; 2] = [&[1, 2, 3], &[4, 5, 6]];
+/// assert_eq!(sample_moments(&frames, &[0, 2])?, [10.0, 22.0, 22.0, 52.0]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn sample_moments<T: Sample>(planes: &[&[T]], pixels: &[i64]) -> Result<Vec<f64>, Error> {
+    Ok(moments(&gather(planes, pixels)?))
+}
+
+/// Square of the part of every one of some pixels along some unit vectors, which are rows of `across`.
+///
+/// ```
+/// use fringeworks::sample::sample_squares;
+///
+/// let frames: [&[u8]; 2] = [&[3, 1], &[4, 2]];
+/// // The part along the second frame.
+/// assert_eq!(sample_squares(&frames, &[0, 1], &[0.0, 1.0])?, [16.0, 4.0]);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn sample_squares<T: Sample>(
+    planes: &[&[T]],
+    pixels: &[i64],
+    across: &[f64],
+) -> Result<Vec<f64>, Error> {
+    let rows = gather(planes, pixels)?;
+    let whole = across.len() / rows.len().max(1) * rows.len();
+    check_length("across", across.len(), whole)?;
+    let mut out = vec![0.0; rows.first().map_or(0, Vec::len)];
+    for vector in across.chunks_exact(rows.len().max(1)) {
+        add_squares(&rows, vector, &mut out);
+    }
+    Ok(out)
+}
+
+/// The samples of some pixels, one row per frame.
+fn gather<T: Sample>(planes: &[&[T]], pixels: &[i64]) -> Result<Vec<Vec<f64>>, Error> {
+    let mut rows = Vec::with_capacity(planes.len());
+    for plane in planes {
+        let known = pixels.iter().all(|i| (*i as u64) < plane.len() as u64);
+        check_value("pixels", known, "indices of the sample", plane.len())?;
+        let row = pixels.iter().map(|i| f64::from(plane[*i as usize].value()));
+        rows.push(row.collect());
+    }
+    Ok(rows)
+}
+
+/// Sums of the products of all pairs of rows.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn moments(rows: &[Vec<f64>]) -> Vec<f64> {
+    let n = rows.len();
+    let mut out = vec![0.0; n * n];
+    for i in 0..n {
+        for j in 0..=i {
+            let sum = dot(&rows[i], &rows[j]);
+            out[i * n + j] = sum;
+            out[j * n + i] = sum;
+        }
+    }
+    out
+}
+
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn add_squares(rows: &[Vec<f64>], vector: &[f64], out: &mut [f64]) {
+    let mut part = vec![0.0; out.len()];
+    for (row, weight) in rows.iter().zip(vector) {
+        for (sum, value) in part.iter_mut().zip(row) {
+            *sum += weight * value;
+        }
+    }
+    for (square, value) in out.iter_mut().zip(&part) {
+        *square += value * value;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -128,7 +230,7 @@ mod tests {
         let frame = |k: u8| (0..n).map(|i| 10 * k + (i % 7) as u8).collect::<Vec<u8>>();
         let frames = [frame(4), frame(3), frame(0), frame(3)];
         let planes = frames.each_ref().map(Vec::as_slice);
-        let out = fit(&planes, model).unwrap();
+        let out = fit_samples(&planes, model).unwrap();
         let at = |row: usize| out[row * n + n - 1];
         let last = ((n - 1) % 7) as f64;
         assert_eq!((at(0), at(1), at(2)), (25.0 + last, 20.0, 0.0));
@@ -138,7 +240,7 @@ mod tests {
         );
         assert_eq!(at(5), (15.0_f64.powi(2) + 25.0_f64.powi(2) + 50.0) / 4.0);
         let fitted = [0, 1, 2].map(|row| &out[row * n..(row + 1) * n]);
-        let found = inside(fitted, &design, 10.0, 40.0).unwrap();
+        let found = fitted_inside(fitted, &design, 10.0, 40.0).unwrap();
         let first: Vec<bool> = found.chunks(n).map(|line| line[0]).collect();
         assert_eq!(first, [false, true, false, true]);
     }

@@ -1,8 +1,8 @@
 //! Sums that the harmonics of the phase error are fitted by.
 
 use super::dot;
-use super::waves::{add_products, harmonics};
-use crate::{check_length, Error};
+use crate::{Error, Image, check_length};
+use std::f64::consts::TAU;
 
 /// Pixels that are computed together, so that their harmonics stay in the first cache.
 const BLOCK: usize = 256;
@@ -29,17 +29,20 @@ impl Sums {
 
 /// Sums for every window of phases: of the harmonics, less what a smooth surface explains of them.
 ///
-/// `phase` holds windows of equal `length`, rad. `basis` are orthonormal rows of that length, which
+/// Rows of `phase` are windows, rad. Rows of `basis` are orthonormal functions over a window, which
 /// describe the surface. The values are the phases themselves, less what the surface explains.
-pub fn of_windows(
-    phase: &[f64],
-    length: usize,
-    basis: &[f64],
-    orders: &[usize],
-) -> Result<Sums, Error> {
-    let windows = phase.len() / length.max(1);
-    check_length("phase", phase.len(), windows * length)?;
-    check_length("basis", basis.len() % length.max(1), 0)?;
+///
+/// ```
+/// use fringeworks::{Image, sample::window_sums};
+///
+/// let phase: Vec<f64> = (0..64).map(|x| 0.2 * x as f64).collect();
+/// let sums = window_sums(Image::new(&phase, 2, 32)?, Image::new(&[], 0, 32)?, &[1, 2])?;
+/// assert_eq!((sums.normal.len(), sums.projected.len(), sums.power.len()), (32, 8, 2));
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn window_sums(phase: Image<f64>, basis: Image<f64>, orders: &[usize]) -> Result<Sums, Error> {
+    let (windows, length) = phase.shape();
+    check_length("basis", basis.width(), length)?;
     let functions = 2 * orders.len();
     let mut sums = Sums::of(windows, functions);
     let mut rows = vec![0.0; functions * length];
@@ -48,7 +51,7 @@ pub fn of_windows(
         errors.copy_from_slice(window);
         let normal = &mut sums.normal[k * functions * functions..][..functions * functions];
         let projected = &mut sums.projected[k * functions..][..functions];
-        sums.power[k] = add_window(&mut errors, basis, orders, &mut rows, normal, projected);
+        sums.power[k] = add_window(&mut errors, &basis, orders, &mut rows, normal, projected);
     }
     Ok(sums)
 }
@@ -92,7 +95,18 @@ fn subtract_surface(values: &mut [f64], basis: &[f64]) {
 ///
 /// Only pixels count whose value differs by at most `most` from the series with these coefficients:
 /// a constant, then cosine and sine of every order.
-pub fn of_pixels(
+///
+/// ```
+/// use fringeworks::sample::harmonic_sums;
+///
+/// let phase: Vec<f64> = (0..100).map(|x| 0.1 * x as f64).collect();
+/// let values: Vec<f64> = phase.iter().map(|p| 2.0 + p.cos()).collect();
+/// // All values lie on the series 2 + 1 cos φ + 0 sin φ.
+/// let sums = harmonic_sums(&phase, &values, &[1], &[2.0, 1.0, 0.0], 1e-9)?;
+/// assert_eq!(sums.normal[0], 100.0);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn harmonic_sums(
     phase: &[f64],
     values: &[f64],
     orders: &[usize],
@@ -167,7 +181,15 @@ fn subtract_series(rows: &[f64], coefficients: &[f64], left: &mut [f64]) {
     }
 }
 
-/// The values less a series in the harmonics of the phases; see `of_pixels`.
+/// The values less a series in the harmonics of the phases; see [`harmonic_sums`].
+///
+/// ```
+/// use fringeworks::sample::without_series;
+///
+/// let left = without_series(&[0.0, 1.0], &[5.0, 2.0], &[1], &[2.0, 1.0, 0.0])?;
+/// assert!((left[0] - 2.0).abs() < 1e-12 && (left[1] + 1.0_f64.cos()).abs() < 1e-12);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
 pub fn without_series(
     phase: &[f64],
     values: &[f64],
@@ -188,4 +210,118 @@ fn subtract_block(phase: &[f64], orders: &[usize], coefficients: &[f64], left: &
     let mut rows = vec![0.0; coefficients.len() * phase.len()];
     series_rows(phase, orders, &mut rows);
     subtract_series(&rows, coefficients, left);
+}
+
+/// Coefficients of sin x / x and cos x in x², for |x| ≤ π/4: the terms of their series. The first one
+/// that is left out is below 5e-17.
+const SINE: [f64; 8] = [
+    1.0,
+    -1.0 / 6.0,
+    1.0 / 120.0,
+    -1.0 / 5_040.0,
+    1.0 / 362_880.0,
+    -1.0 / 39_916_800.0,
+    1.0 / 6_227_020_800.0,
+    -1.0 / 1_307_674_368_000.0,
+];
+const COSINE: [f64; 9] = [
+    1.0,
+    -0.5,
+    1.0 / 24.0,
+    -1.0 / 720.0,
+    1.0 / 40_320.0,
+    -1.0 / 3_628_800.0,
+    1.0 / 479_001_600.0,
+    -1.0 / 87_178_291_200.0,
+    1.0 / 20_922_789_888_000.0,
+];
+
+/// Cosine and sine of a phase in rad.
+#[inline(always)]
+fn wave(phase: f64) -> (f64, f64) {
+    let turns = phase / TAU;
+    let quarters = (4.0 * turns).round_ties_even();
+    let x = TAU * (turns - 0.25 * quarters);
+    let square = x * x;
+    let series = |terms: &[f64]| terms.iter().rev().fold(0.0, |sum, c| sum * square + c);
+    let (sine, cosine) = (x * series(&SINE), series(&COSINE));
+    // Quarters modulo four: an odd one swaps both, and two of them turn each sign.
+    let quarter = quarters - 4.0 * (0.25 * quarters).floor();
+    let odd = (quarter == 1.0) | (quarter == 3.0);
+    let (c, s) = if odd { (sine, cosine) } else { (cosine, sine) };
+    let c = if (quarter == 1.0) | (quarter == 2.0) {
+        -c
+    } else {
+        c
+    };
+    let s = if quarter >= 2.0 { -s } else { s };
+    (c, s)
+}
+
+/// Cosine and sine of the harmonics of phases: rows of `length`, a pair per order.
+///
+/// Orders rise. Powers follow from products.
+#[inline(always)]
+fn harmonics(phase: &[f64], orders: &[usize], out: &mut [f64]) {
+    let n = phase.len();
+    let (mut first, mut power) = (vec![(0.0, 0.0); n], vec![(0.0, 0.0); n]);
+    for i in 0..n {
+        first[i] = wave(phase[i]);
+        power[i] = first[i];
+    }
+    let mut reached = 1;
+    for (order, pair) in orders.iter().zip(out.chunks_exact_mut(2 * n)) {
+        for _ in reached..*order {
+            for i in 0..n {
+                let ((c, s), (a, b)) = (first[i], power[i]);
+                power[i] = (a * c - b * s, a * s + b * c);
+            }
+        }
+        reached = reached.max(*order);
+        let (cosine, sine) = pair.split_at_mut(n);
+        for i in 0..n {
+            (cosine[i], sine[i]) = power[i];
+        }
+    }
+}
+
+/// Sums of the products of all pairs of rows, added to a symmetric matrix.
+#[inline(always)]
+fn add_products(rows: &[f64], length: usize, sums: &mut [f64]) {
+    let count = rows.len() / length;
+    for i in 0..count {
+        for j in 0..=i {
+            let sum = dot(&rows[i * length..][..length], &rows[j * length..][..length]);
+            sums[i * count + j] += sum;
+            if i != j {
+                sums[j * count + i] += sum;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waves_are_those_of_the_library() {
+        for k in -4000..4000 {
+            let phase = 0.0217 * f64::from(k);
+            let (c, s) = wave(phase);
+            assert!((c - phase.cos()).abs() < 3e-14 && (s - phase.sin()).abs() < 3e-14);
+        }
+        assert_eq!(wave(0.0), (1.0, 0.0));
+    }
+
+    #[test]
+    fn harmonics_are_powers() {
+        let phase: Vec<f64> = (0..11).map(|k| f64::from(k) - 5.0).collect();
+        let mut out = vec![0.0; 4 * phase.len()];
+        harmonics(&phase, &[2, 5], &mut out);
+        for (i, p) in phase.iter().enumerate() {
+            assert!((out[i] - (2.0 * p).cos()).abs() < 1e-14);
+            assert!((out[3 * phase.len() + i] - (5.0 * p).sin()).abs() < 1e-14);
+        }
+    }
 }

@@ -4,16 +4,19 @@
 //! handing work to other threads does: they all run on the thread that calls them. What is decided by
 //! the results is up to the callers.
 
-pub mod differences;
-pub mod fit;
-pub mod groups;
-pub mod harmonics;
-pub mod moments;
-pub mod quantile;
-pub mod residuals;
-pub mod variance;
-pub mod waves;
-pub mod windows;
+mod differences;
+mod fit;
+mod harmonics;
+mod quantile;
+mod residuals;
+mod windows;
+
+pub use differences::{Real, second_magnitudes, third_chi_squares};
+pub use fit::{FIT_ROWS, Model, fit_samples, fitted_inside, sample_moments, sample_squares};
+pub use harmonics::{Sums, harmonic_sums, window_sums, without_series};
+pub use quantile::{Usual, Value, median, quantiles, similar_groups, trimmed_variance};
+pub use residuals::{Maps, Noise, Set, phase_residuals};
+pub use windows::{Lines, Wanted, Windows, smooth_windows};
 
 /// Values that are computed together: sums have as many parts, whose order does not depend on the
 /// processor.

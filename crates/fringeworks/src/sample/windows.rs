@@ -1,18 +1,16 @@
 //! Windows without edges along lines across the fringes.
 
 use super::quantile::median;
-use crate::{check_length, Error};
+use crate::{Error, Image, check_columns, check_shape};
 use std::f64::consts::TAU;
 
 /// Phases along lines of equal length.
 #[derive(Clone, Copy)]
 pub struct Lines<'a> {
     /// Wrapped phase, turns.
-    pub turns: &'a [f32],
+    pub turns: Image<'a, f32>,
     /// Whether a pixel can be used.
-    pub usable: &'a [bool],
-    /// Pixels of a line.
-    pub length: usize,
+    pub usable: Image<'a, bool>,
 }
 
 /// What windows are looked for.
@@ -50,10 +48,24 @@ struct Layout {
 }
 
 /// Windows without edges; none where the lines hold too few whole fringes.
-pub fn windows(lines: Lines, wanted: Wanted) -> Result<Option<Windows>, Error> {
-    let (n, length) = (lines.turns.len(), lines.length);
-    check_length("usable", lines.usable.len(), n)?;
-    check_length("lines", n % length.max(1), 0)?;
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::sample::{Lines, Wanted, smooth_windows};
+///
+/// let turns: Vec<f32> = (0..400).map(|i| (0.11 * (i % 200) as f32).fract() - 0.5).collect();
+/// let lines = Lines {
+///     turns: Image::new(&turns, 2, 200)?,
+///     usable: Image::new(&[true; 400], 2, 200)?,
+/// };
+/// let wanted = Wanted { fringes: 3.0, least: 16, most: 64, windows: (2, 5), jump: 0.2 };
+/// let found = smooth_windows(lines, wanted)?.expect("there are some 20 fringes in a line");
+/// assert_eq!(found.phase.len(), 5 * found.length);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn smooth_windows(lines: Lines, wanted: Wanted) -> Result<Option<Windows>, Error> {
+    check_columns(lines.turns)?;
+    check_shape("usable", lines.usable.shape(), lines.turns.shape())?;
     let slope = slopes(lines);
     let Some(layout) = layout(lines, &slope, wanted) else {
         return Ok(None);
@@ -86,7 +98,7 @@ pub fn windows(lines: Lines, wanted: Wanted) -> Result<Option<Windows>, Error> {
 /// Changes of the phase from every pixel to the next one of its line, less whole turns; 0 at the end.
 fn slopes(lines: Lines) -> Vec<f32> {
     let mut out = vec![0.0; lines.turns.len()];
-    let length = lines.length;
+    let length = lines.turns.width();
     for (row, line) in out
         .chunks_exact_mut(length)
         .zip(lines.turns.chunks_exact(length))
@@ -107,7 +119,7 @@ fn differences(line: &[f32], out: &mut [f32]) {
 }
 
 fn layout(lines: Lines, slope: &[f32], wanted: Wanted) -> Option<Layout> {
-    let length = lines.length;
+    let length = lines.turns.width();
     let mut good = Vec::with_capacity(slope.len());
     for (row, usable) in slope
         .chunks_exact(length)
@@ -136,7 +148,7 @@ fn layout(lines: Lines, slope: &[f32], wanted: Wanted) -> Option<Layout> {
 
 /// Indices of the first pixels of windows without edges.
 fn whole_windows(lines: Lines, slope: &[f32], layout: &Layout, jump: f32) -> Vec<usize> {
-    let length = lines.length;
+    let length = lines.turns.width();
     let mut starts = Vec::new();
     // Faults of a line before every pixel.
     let mut before = vec![0_u32; length + 1];
@@ -156,7 +168,7 @@ fn whole_windows(lines: Lines, slope: &[f32], layout: &Layout, jump: f32) -> Vec
 impl Windows {
     /// Add the window that starts at a pixel.
     fn add(&mut self, lines: Lines, slope: &[f32], layout: &Layout, start: usize) {
-        let end = (start / lines.length + 1) * lines.length - 1;
+        let end = (start / lines.turns.width() + 1) * lines.turns.width() - 1;
         let (mut at, mut turns) = (start, f64::from(lines.turns[start]));
         for k in 0..layout.count {
             let place = (start + k * layout.stride).min(end);
@@ -194,11 +206,10 @@ mod tests {
         let mut usable = vec![true; turns.len()];
         usable[length..].fill(false);
         let lines = Lines {
-            turns: &turns,
-            usable: &usable,
-            length,
+            turns: Image::new(&turns, 2, length).unwrap(),
+            usable: Image::new(&usable, 2, length).unwrap(),
         };
-        let found = windows(lines, WANTED).unwrap().unwrap();
+        let found = smooth_windows(lines, WANTED).unwrap().unwrap();
         assert_eq!(found.length, 28);
         assert_eq!(found.pixels.len(), 5 * 28);
         let clear = |i: &i64| *i < 200 && !(29..=31).contains(i);
@@ -212,10 +223,9 @@ mod tests {
         let turns = vec![0.01; 400];
         let usable = vec![true; 400];
         let lines = Lines {
-            turns: &turns,
-            usable: &usable,
-            length: 200,
+            turns: Image::new(&turns, 2, 200).unwrap(),
+            usable: Image::new(&usable, 2, 200).unwrap(),
         };
-        assert!(windows(lines, WANTED).unwrap().is_none());
+        assert!(smooth_windows(lines, WANTED).unwrap().is_none());
     }
 }

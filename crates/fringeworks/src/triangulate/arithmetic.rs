@@ -18,11 +18,7 @@ const MAX_EXPONENT: f32 = 126.0;
 /// a b + c, rounded once where the instruction set has a fused operation.
 #[inline(always)]
 pub fn fused<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
-    if FMA {
-        a.mul_add(b, c)
-    } else {
-        a * b + c
-    }
+    if FMA { a.mul_add(b, c) } else { a * b + c }
 }
 
 /// Value of a cubic at `u`.

@@ -58,6 +58,7 @@ pub struct Lens {
     pub focal: [f64; 2],
     /// Principal point, px.
     pub principal: [f64; 2],
+    /// k₁, k₂, p₁, p₂, k₃.
     pub distortion: [f64; 5],
 }
 

@@ -21,7 +21,7 @@ mod rays;
 mod row;
 mod shift;
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 
 pub use lens::Lens;
@@ -42,9 +42,14 @@ type Values = [f32; SEGMENT_PIXELS];
 /// the logarithm of the variance along a ray over the depths that the projector lights.
 pub const SPREAD_COEFFICIENTS: usize = 5;
 
+/// Binary logarithm that stands for a variance of zero: the least exponent of single precision.
+const NO_VARIANCE: f32 = -126.0;
+
 /// Camera, projector, and the pose that maps camera coordinates to projector coordinates.
 pub struct Rig {
+    /// The camera.
     pub camera: Lens,
+    /// The projector, as a camera that sends light.
     pub projector: Lens,
     /// Rotation matrix, row by row.
     pub rotation: [f64; 9],
@@ -56,7 +61,9 @@ pub struct Rig {
 ///
 /// The nodes are evenly spaced and cover the camera's frame.
 pub struct Spread {
+    /// Nodes in a row.
     pub columns: usize,
+    /// Rows of nodes.
     pub rows: usize,
     /// Coefficients of the binary logarithm of the variance, [`SPREAD_COEFFICIENTS`] per node from
     /// the constant on, node after node of each row. The variable is the projector coordinate,
@@ -68,6 +75,27 @@ pub struct Spread {
     pub length: f32,
 }
 
+impl Spread {
+    /// A calibration without errors.
+    ///
+    /// ```
+    /// use fringeworks::triangulate::Spread;
+    ///
+    /// let spread = Spread::none(true, 1024.0);
+    /// assert_eq!((spread.rows, spread.columns), (2, 2));
+    /// ```
+    pub fn none(along_x: bool, length: f32) -> Self {
+        let node = [NO_VARIANCE, 0.0, 0.0, 0.0, 0.0];
+        Self {
+            columns: 2,
+            rows: 2,
+            coefficients: node.repeat(4),
+            along_x,
+            length,
+        }
+    }
+}
+
 /// Decoded maps along one axis of the projector, one value per camera pixel.
 #[derive(Clone, Copy)]
 pub struct Axis<'a> {
@@ -75,7 +103,7 @@ pub struct Axis<'a> {
     pub coordinate: &'a [f32],
     /// Standard deviation of the coordinate, px.
     pub sigma: &'a [f32],
-    /// See [`crate::reason`].
+    /// Codes of [`crate::Reason`].
     pub reason: &'a [u8],
 }
 
@@ -97,7 +125,7 @@ pub struct Points<'a> {
     pub noise: &'a mut [f32],
     /// Distance from the epipolar line, px; empty for one axis.
     pub residual: &'a mut [f32],
-    /// See [`crate::reason`].
+    /// Codes of [`crate::Reason`].
     pub reason: &'a mut [u8],
 }
 
@@ -162,29 +190,60 @@ pub(crate) fn check(rig: &Triangulation, x: bool, y: bool, out: &Points<'_>) -> 
     check_value("spread", given, "an axis that is given", "the other")
 }
 
-/// Triangulate a frame from one axis or both.
-pub fn triangulate(
-    rig: &Triangulation,
-    limits: &Limits,
-    x: Option<Axis<'_>>,
-    y: Option<Axis<'_>>,
-    out: Points<'_>,
-) -> Result<(), Error> {
-    let (rows, width) = rig.shape();
-    check(rig, x.is_some(), y.is_some(), &out)?;
-    for axis in [x, y].into_iter().flatten() {
-        axis.check(rows * width)?;
+impl Triangulation {
+    /// Triangulate a frame from one axis or both.
+    ///
+    /// ```
+    /// use fringeworks::triangulate::{Axis, Limits, Points};
+    ///
+    /// // Camera and projector look the same way from 100 mm apart; see `Triangulation::new`.
+    /// # use fringeworks::triangulate::{Lens, Rig, Spread, Triangulation};
+    /// # let lens = Lens { focal: [1000.0; 2], principal: [15.5, 7.5], distortion: [0.0; 5] };
+    /// # let rig = Rig {
+    /// #     camera: lens,
+    /// #     projector: lens,
+    /// #     rotation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+    /// #     translation: [-100.0, 0.0, 0.0],
+    /// # };
+    /// # let rig = Triangulation::new(&rig, &Spread::none(true, 1024.0), (16, 32), (1024, 768))?;
+    /// // At a depth of 1 m the projector's column lies f · 100 / 1000 = 100 px beside the camera's.
+    /// let coordinate: Vec<f32> = (0..512).map(|i| (i % 32) as f32 - 100.0).collect();
+    /// let x = Axis { coordinate: &coordinate, sigma: &[0.05; 512], reason: &[0; 512] };
+    /// let (mut xyz, mut sigma, mut noise, mut reason) = ([0.0; 1536], [0.0; 512], [0.0; 512], [0; 512]);
+    /// let out = Points {
+    ///     xyz: &mut xyz,
+    ///     sigma: &mut sigma,
+    ///     noise: &mut noise,
+    ///     residual: &mut [],
+    ///     reason: &mut reason,
+    /// };
+    /// let limits = Limits { residual_sigmas: 5.0, residual_px: 0.1 };
+    /// rig.triangulate(Some(x), None, &limits, out)?;
+    /// assert!((xyz[2] - 1000.0).abs() < 0.1);
+    /// // An error of 0.05 px is 0.5 mm there.
+    /// assert!((noise[0] - 0.5).abs() < 0.01);
+    /// # Ok::<(), fringeworks::Error>(())
+    /// ```
+    pub fn triangulate(
+        &self,
+        x: Option<Axis<'_>>,
+        y: Option<Axis<'_>>,
+        limits: &Limits,
+        out: Points<'_>,
+    ) -> Result<(), Error> {
+        let (rows, width) = self.shape();
+        check(self, x.is_some(), y.is_some(), &out)?;
+        for axis in [x, y].into_iter().flatten() {
+            axis.check(rows * width)?;
+        }
+        out.split_rows(width, 1)
+            .into_par_iter()
+            .for_each(|(index, out)| {
+                let [x, y] = [x, y].map(|axis| axis.map(|axis| axis.row(index, width)));
+                triangulate_row(self, limits, index, x, y, out);
+            });
+        Ok(())
     }
-    out.split_rows(width, 1)
-        .into_par_iter()
-        .for_each(|(index, out)| {
-            let (x, y) = (
-                x.map(|a| a.row(index, width)),
-                y.map(|a| a.row(index, width)),
-            );
-            triangulate_row(rig, limits, index, x, y, out);
-        });
-    Ok(())
 }
 
 /// Triangulate one row of the camera; axes and outputs hold that row only.

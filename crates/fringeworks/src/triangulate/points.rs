@@ -1,17 +1,17 @@
 //! Points of a segment, their standard deviations, and reasons where there are none.
 
 use super::arithmetic::{fused, power_of_two};
-use super::depth::{meet, Goal, Met};
+use super::depth::{Goal, Met, meet};
 use super::prepare::{Projector, Segment, Triangulation};
-use super::rays::{variable, SegmentSpread};
+use super::rays::{SegmentSpread, variable};
 use super::row::Decoded;
-use super::{Limits, Values, SEGMENT_PIXELS, SPREAD_COEFFICIENTS};
-use crate::reason;
+use super::{Limits, SEGMENT_PIXELS, SPREAD_COEFFICIENTS, Values};
+use crate::Reason;
 
 // Reasons as wide as the f32 lanes, so that choices between them stay vector operations.
-const OK: u32 = reason::OK as u32;
-const RAYS_APART: u32 = reason::RAYS_APART as u32;
-const BEYOND: u32 = reason::BEYOND_GEOMETRY as u32;
+const OK: u32 = Reason::Ok.lane();
+const RAYS_APART: u32 = Reason::RaysApart.lane();
+const BEYOND: u32 = Reason::BeyondGeometry.lane();
 
 /// Results of a segment; NaN where the rays do not meet in front of both devices.
 #[repr(align(64))] // Vectors do not lie across two lines of the cache.
@@ -155,9 +155,5 @@ pub fn points<
 fn reason_before<const X: bool, const Y: bool>(columns: u8, rows: u8) -> u32 {
     let columns = if X { u32::from(columns) } else { OK };
     let rows = if Y { u32::from(rows) } else { OK };
-    if columns == OK {
-        rows
-    } else {
-        columns
-    }
+    if columns == OK { rows } else { columns }
 }

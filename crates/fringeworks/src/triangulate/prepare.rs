@@ -3,8 +3,8 @@
 use super::arithmetic::Cubic;
 use super::rays::{Rays, SegmentSpread};
 use super::shift::Shift;
-use super::{Rig, Spread, SEGMENT_PIXELS, SPREAD_COEFFICIENTS};
-use crate::{check_length, check_value, Error};
+use super::{Rig, SEGMENT_PIXELS, SPREAD_COEFFICIENTS, Spread};
+use crate::{Error, check_length, check_value};
 use rayon::prelude::*;
 
 /// Rays and calibration variance of one segment.
@@ -46,14 +46,31 @@ pub struct Triangulation {
 }
 
 impl Triangulation {
-    /// Prepare a rig. `shape` is rows and columns of the camera, `size` columns and rows of the
-    /// projector.
+    /// Prepare a rig. `camera_shape` is rows and columns of the camera, `projector_size` columns and
+    /// rows of the projector.
+    ///
+    /// ```
+    /// use fringeworks::triangulate::{Lens, Rig, Spread, Triangulation};
+    ///
+    /// // The projector stands 100 mm beside the camera.
+    /// let camera = Lens { focal: [1000.0; 2], principal: [319.5, 239.5], distortion: [0.0; 5] };
+    /// let projector = Lens { principal: [511.5, 383.5], ..camera };
+    /// let rig = Rig {
+    ///     camera,
+    ///     projector,
+    ///     rotation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+    ///     translation: [-100.0, 0.0, 0.0],
+    /// };
+    /// let spread = Spread::none(true, 1024.0);
+    /// assert!(Triangulation::new(&rig, &spread, (480, 640), (1024, 768)).is_ok());
+    /// ```
     pub fn new(
         rig: &Rig,
         spread: &Spread,
-        shape: (usize, usize),
-        size: (usize, usize),
+        camera_shape: (usize, usize),
+        projector_size: (usize, usize),
     ) -> Result<Self, Error> {
+        let shape = camera_shape;
         let nodes = spread.columns * spread.rows;
         check_length(
             "spread",
@@ -63,7 +80,7 @@ impl Triangulation {
         let enough = spread.columns >= 2 && spread.rows >= 2;
         check_value("spread", enough, "2 × 2 nodes or more", nodes)?;
         let per_row = shape.1.div_ceil(SEGMENT_PIXELS);
-        let shift = Shift::new(rig, spread, shape, size);
+        let shift = Shift::new(rig, spread, shape, projector_size);
         let segments = (0..shape.0 * per_row)
             .into_par_iter()
             .map(|k| {
@@ -88,6 +105,20 @@ impl Triangulation {
     }
 
     /// Rows and columns of the camera's frame.
+    ///
+    /// ```
+    /// # use fringeworks::triangulate::{Lens, Rig, Spread, Triangulation};
+    /// # let lens = Lens { focal: [1000.0; 2], principal: [15.5, 7.5], distortion: [0.0; 5] };
+    /// # let rig = Rig {
+    /// #     camera: lens,
+    /// #     projector: lens,
+    /// #     rotation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+    /// #     translation: [-100.0, 0.0, 0.0],
+    /// # };
+    /// # let rig = Triangulation::new(&rig, &Spread::none(true, 1024.0), (16, 32), (1024, 768))?;
+    /// assert_eq!(rig.shape(), (16, 32));
+    /// # Ok::<(), fringeworks::Error>(())
+    /// ```
     pub fn shape(&self) -> (usize, usize) {
         self.shape
     }

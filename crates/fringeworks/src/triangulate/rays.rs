@@ -1,7 +1,7 @@
 //! Rays along a segment as cubics, and the calibration's variance along it.
 
 use super::arithmetic::Cubic;
-use super::{Rig, Spread, SEGMENT_PIXELS, SPREAD_COEFFICIENTS};
+use super::{Rig, SEGMENT_PIXELS, SPREAD_COEFFICIENTS, Spread};
 
 /// Pixels of a segment at which the rays are computed exactly, counted from its first pixel.
 ///

@@ -1,10 +1,10 @@
 //! One row of the frame, segment by segment, compiled for several instruction sets.
 
 use super::lens::MAX_NEWTON_STEPS;
-use super::points::{points, Constants, SegmentPoints};
+use super::points::{Constants, SegmentPoints, points};
 use super::prepare::Triangulation;
-use super::{Axis, Limits, Points, Values, SEGMENT_PIXELS};
-use crate::reason;
+use super::{Axis, Limits, Points, SEGMENT_PIXELS, Values};
+use crate::Reason;
 
 /// A row to triangulate; the maps of axes and output hold that row only.
 pub struct Row<'a> {
@@ -29,7 +29,7 @@ impl Decoded {
         Self {
             coordinate: [f32::NAN; SEGMENT_PIXELS],
             sigma: [1.0; SEGMENT_PIXELS],
-            reason: [reason::OK; SEGMENT_PIXELS],
+            reason: [Reason::Ok as u8; SEGMENT_PIXELS],
         }
     }
 

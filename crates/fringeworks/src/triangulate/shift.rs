@@ -4,8 +4,8 @@
 //! The camera's ray ties the projector's other coordinate to the decoded one, so along a ray the shift
 //! depends on one coordinate. It is a cubic in that coordinate, and bilinear between rays.
 
-use super::arithmetic::{cubic, Cubic};
-use super::lens::{newton_steps, INVERSION_TOLERANCE};
+use super::arithmetic::{Cubic, cubic};
+use super::lens::{INVERSION_TOLERANCE, newton_steps};
 use super::rays::{between, interpolate};
 use super::{Rig, Spread};
 use rayon::prelude::*;

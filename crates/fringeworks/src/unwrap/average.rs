@@ -1,6 +1,6 @@
 //! The phasor averaged locally along the local frequency, which guides unwrapping through noise.
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, check_shape, check_value};
 use rayon::prelude::*;
 
 /// A complex number: real and imaginary part.
@@ -31,16 +31,24 @@ fn conjugate([a, b]: Phasor) -> Phasor {
 /// few pixels do not average out. The frequency is the mean step of the phasor over a box of
 /// `2 reach + 1` px. Windows end at pixels of weight 0: no sample beyond such a pixel counts. Returns
 /// a phasor per pixel, whose modulus of 0 … 1 measures how well the samples agree.
-pub fn average(
-    phase: &[f32],
-    weight: &[f32],
-    height: usize,
-    width: usize,
+///
+/// ```
+/// use fringeworks::{Image, unwrap::average_phasor};
+///
+/// let phase: Vec<f32> = (0..900).map(|i| 0.8 * (i % 30) as f32).collect();
+/// let mean = average_phasor(Image::new(&phase, 30, 30)?, Image::new(&[1.0; 900], 30, 30)?, 2.0, 5)?;
+/// let [c, s] = mean[455];
+/// assert!((c - phase[455].cos()).abs() < 0.01 && (s - phase[455].sin()).abs() < 0.01);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn average_phasor(
+    phase: Image<f32>,
+    weight: Image<f32>,
     sigma: f32,
     reach: usize,
 ) -> Result<Vec<Phasor>, Error> {
-    check_length("phase", phase.len(), height * width)?;
-    check_length("weight", weight.len(), height * width)?;
+    check_shape("weight", weight.shape(), phase.shape())?;
+    let (height, width) = phase.shape();
     check_value(
         "sigma",
         sigma > 0.0 && sigma < MAX_SIGMA,
@@ -56,7 +64,7 @@ pub fn average(
         .map(|j| (-0.5 * (j as f32 / sigma).powi(2)).exp())
         .collect();
     let step = steps(&phasors, width, height, reach);
-    let (sums, totals) = lines(&phasors, weight, &step, width, &window);
+    let (sums, totals) = lines(&phasors, weight.values(), &step, width, &window);
     let step = steps(&transpose(&phasors, height, width), height, width, reach);
     let (sums, totals) = (
         transpose(&sums, height, width),
@@ -291,7 +299,8 @@ mod tests {
         };
         let phase: Vec<f32> = (0..h * w).map(|i| truth(i / w, i % w)).collect();
         let weight: Vec<f32> = (0..h * w).map(|i| (i % w != 34) as u8 as f32).collect();
-        let mean = average(&phase, &weight, h, w, 2.0, 7).unwrap();
+        let [turned, weights] = [&phase, &weight].map(|map| Image::new(map, h, w).unwrap());
+        let mean = average_phasor(turned, weights, 2.0, 7).unwrap();
         for (i, p) in mean.iter().enumerate() {
             if weight[i] == 0.0 {
                 assert_eq!(*p, [0.0; 2]);

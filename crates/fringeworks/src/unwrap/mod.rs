@@ -1,14 +1,14 @@
-//! Spatial phase unwrapping: sorting by [`reliability`], and the local [`average`] that guides it
-//! through noise (theory §5). The number of [`residues`] determines whether a map needs the guide.
+//! Spatial phase unwrapping: sorting by [`unwrap_reliability`], and the local [`average_phasor`] that guides it
+//! through noise (theory §5). The number of [`count_residues`] determines whether a map needs the guide.
 
 mod average;
 mod groups;
 mod spanning_tree;
 mod tile;
 
-pub use average::average;
+pub use average::average_phasor;
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, check_shape, check_value};
 use rayon::prelude::*;
 use std::f32::consts::TAU;
 
@@ -43,9 +43,8 @@ pub struct Unwrapped {
 /// Largest phase, rad in size: single precision holds phases to 0.06 rad there.
 const MAX_PHASE: f32 = 1e6;
 
-fn check(phase: &[f32], mask: &[u8], height: usize, width: usize) -> Result<(), Error> {
-    check_length("phase", phase.len(), height * width)?;
-    check_length("mask", mask.len(), height * width)?;
+fn check(phase: Image<f32>, mask: Image<u8>) -> Result<(), Error> {
+    check_shape("mask", mask.shape(), phase.shape())?;
     check_value(
         "size",
         !phase.is_empty() && phase.len() < u32::MAX as usize / 2,
@@ -56,7 +55,8 @@ fn check(phase: &[f32], mask: &[u8], height: usize, width: usize) -> Result<(), 
 
 /// Second differences of the wrapped phase, rad²: small where the phase is locally smooth. Pixels at
 /// the border or beside masked ones get the largest f32.
-fn roughness(phase: &[f32], mask: &[u8], height: usize, width: usize) -> Vec<f32> {
+fn second_differences(phase: Image<f32>, mask: Image<u8>) -> Vec<f32> {
+    let (height, width) = phase.shape();
     let mut out = vec![f32::MAX; phase.len()];
     out.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
         if y > 0 && y + 1 < height && width >= 3 {
@@ -99,8 +99,18 @@ fn rough_row(phase: &[f32], mask: &[u8], out: &mut [f32]) {
 
 /// Number of residues: loops of four valid pixels around which the wrapped phase differences do not
 /// sum to zero (Goldstein et al., 1988). Without residues, every path gives the same result.
-pub fn residues(phase: &[f32], mask: &[u8], height: usize, width: usize) -> Result<usize, Error> {
-    check(phase, mask, height, width)?;
+///
+/// ```
+/// use fringeworks::{Image, unwrap::count_residues};
+///
+/// // A phase that turns once around the middle.
+/// let phase: Vec<f32> = (0..16).map(|i| ((i / 4) as f32 - 1.5).atan2((i % 4) as f32 - 1.5)).collect();
+/// assert_eq!(count_residues(Image::new(&phase, 4, 4)?, Image::new(&[1; 16], 4, 4)?)?, 1);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn count_residues(phase: Image<f32>, mask: Image<u8>) -> Result<usize, Error> {
+    check(phase, mask)?;
+    let (height, width) = phase.shape();
     Ok((0..height - 1)
         .into_par_iter()
         .map(|y| {
@@ -126,7 +136,7 @@ fn residues_row(phase: &[f32], mask: &[u8], width: usize) -> usize {
     count as usize
 }
 
-/// Unwrap a `height × width` phase in radians by sorting by reliability, following a non-continuous
+/// Unwrap a phase in radians by sorting by reliability, following a non-continuous
 /// path (Herráez, Burton, Lalor, Gdeisat, Applied Optics 41(35), 2002).
 ///
 /// `mask` is 1 where the phase is valid; the phase is finite everywhere. `roughness` (non-negative,
@@ -136,39 +146,49 @@ fn residues_row(phase: &[f32], mask: &[u8], width: usize) -> usize {
 /// an edge that is the smoothest way out of a group of pixels belongs to the tree of the whole map.
 /// Inside a tile that is known unless the group touches the tile's border by a smoother edge. The
 /// edges that stay open, a few per cent, are sorted and joined over the whole map.
-pub fn reliability(
-    phase: &[f32],
-    mask: &[u8],
-    roughness: Option<&[f32]>,
-    height: usize,
-    width: usize,
+///
+/// ```
+/// use fringeworks::{Image, unwrap::unwrap_reliability};
+/// use std::f32::consts::TAU;
+///
+/// let truth: Vec<f32> = (0..600).map(|i| 0.5 * (i % 30) as f32).collect();
+/// let wrapped: Vec<f32> = truth.iter().map(|t| t - TAU * (t / TAU).round()).collect();
+/// let found = unwrap_reliability(Image::new(&wrapped, 20, 30)?, Image::new(&[1; 600], 20, 30)?, None)?;
+/// let offset = found.phase[0] - truth[0];
+/// assert!(found.phase.iter().zip(&truth).all(|(p, t)| (p - t - offset).abs() < 1e-4));
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn unwrap_reliability(
+    phase: Image<f32>,
+    mask: Image<u8>,
+    roughness: Option<Image<f32>>,
 ) -> Result<Unwrapped, Error> {
-    check(phase, mask, height, width)?;
-    let second_differences;
+    check(phase, mask)?;
+    let computed;
     let rough = match roughness {
         Some(given) => {
-            check_length("roughness", given.len(), height * width)?;
-            given
+            check_shape("roughness", given.shape(), phase.shape())?;
+            given.values()
         }
         None => {
-            second_differences = self::roughness(phase, mask, height, width);
-            &second_differences
+            computed = second_differences(phase, mask);
+            &computed
         }
     };
     // Orders are whole numbers of 32 bits, and those of neighbours are subtracted.
     let small = |(p, m): (&f32, &u8)| *m == 0 || p.is_nan() || p.abs() <= MAX_PHASE;
     check_value(
         "phase",
-        phase.iter().zip(mask).all(small),
+        phase.iter().zip(mask.values()).all(small),
         "at most 10^6 rad",
         "more",
     )?;
     let map = tile::Map {
-        phase,
-        mask,
+        phase: phase.values(),
+        mask: mask.values(),
         rough,
-        height,
-        width,
+        height: phase.height(),
+        width: phase.width(),
     };
     Ok(spanning_tree::unwrap(&map))
 }
@@ -185,7 +205,9 @@ mod tests {
             .collect();
         let wrapped: Vec<f32> = truth.iter().map(|t| wrap(*t)).collect();
         let mask: Vec<u8> = (0..h * w).map(|i| (i % w != 20) as u8).collect();
-        let out = reliability(&wrapped, &mask, None, h, w).unwrap();
+        let phase = Image::new(&wrapped, h, w).unwrap();
+        let valid = Image::new(&mask, h, w).unwrap();
+        let out = unwrap_reliability(phase, valid, None).unwrap();
         for side in [1, 2] {
             let offsets: Vec<f32> = (0..h * w)
                 .filter(|i| out.region[*i] == side)
@@ -196,7 +218,7 @@ mod tests {
         }
         assert!(out.phase[20].is_nan() && out.region[20] == 0);
         assert_eq!(out.region[59], 1);
-        assert_eq!(residues(&wrapped, &mask, h, w).unwrap(), 0);
+        assert_eq!(count_residues(phase, valid).unwrap(), 0);
     }
 
     #[test]
@@ -205,6 +227,8 @@ mod tests {
         let phase: Vec<f32> = (0..h * w)
             .map(|i| ((i / w) as f32 - 9.5).atan2((i % w) as f32 - 9.5))
             .collect();
-        assert_eq!(residues(&phase, &vec![1; h * w], h, w).unwrap(), 1);
+        let phase = Image::new(&phase, h, w).unwrap();
+        let valid = Image::new(&[1; 400], h, w).unwrap();
+        assert_eq!(count_residues(phase, valid).unwrap(), 1);
     }
 }

@@ -2,7 +2,7 @@
 
 use super::groups::Groups;
 use super::tile::{self, Band, Map, Tile};
-use super::{turns, Unwrapped};
+use super::{Unwrapped, turns};
 use rayon::prelude::*;
 use std::f32::consts::TAU;
 

@@ -8,7 +8,7 @@
 mod bank;
 mod row;
 
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, check_columns, check_value};
 use bank::Bank;
 use rayon::prelude::*;
 use row::Scratch;
@@ -26,6 +26,7 @@ const OMEGA_RANGE: RangeInclusive<f64> = 4.0..=60.0;
 /// Values of the smoothness; beyond, the ridge cannot change its scale at all.
 const SMOOTHNESS_RANGE: RangeInclusive<f64> = 0.0..=1e6;
 
+/// The wavelets, and how the ridge is found.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Centre frequencies of the wavelets, cycles/px, rising in equal ratios.
@@ -46,9 +47,26 @@ pub struct Ridge {
 }
 
 /// Ridge of the wavelet transform of every row of `rows`.
-pub fn ridge(rows: &[f32], width: usize, options: &Options) -> Result<Ridge, Error> {
-    check_value("width", width >= 1, "at least 1 px", width)?;
-    check_length("rows", rows.len() % width, 0)?;
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::wavelet::{Options, wavelet_ridge_rows};
+///
+/// // Fringes of 16 px.
+/// let row: Vec<f32> = (0..256).map(|x| 10.0 + 3.0 * (std::f32::consts::TAU * x as f32 / 16.0).cos()).collect();
+/// let options = Options {
+///     frequencies: (-8..9).map(|k| 1.06_f64.powi(k) / 16.0).collect(),
+///     omega: 6.0,
+///     smoothness: 0.1,
+/// };
+/// let found = wavelet_ridge_rows(Image::new(&row, 1, 256)?, &options)?;
+/// let [re, im] = found.phasor[128];
+/// assert!((re.hypot(im) - 3.0).abs() < 0.05);
+/// assert!((found.frequency[128] - std::f32::consts::TAU / 16.0).abs() < 0.01);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn wavelet_ridge_rows(rows: Image<f32>, options: &Options) -> Result<Ridge, Error> {
+    check_columns(rows)?;
     check_value(
         "frequencies",
         options.frequencies.len() >= MIN_FREQUENCIES
@@ -70,6 +88,7 @@ pub fn ridge(rows: &[f32], width: usize, options: &Options) -> Result<Ridge, Err
         "0 to 1e6",
         options.smoothness,
     )?;
+    let width = rows.width();
     let bank = Bank::new(width, options);
     let mut phasor = vec![[0.0; 2]; rows.len()];
     let mut frequency = vec![0.0; rows.len()];
@@ -107,15 +126,11 @@ mod tests {
         let phase = |x: f32| TAU * x / 16.0 + 0.5 * 2e-4 * (x - 200.0).powi(2) + 0.3;
         let row: Vec<f32> = (0..n).map(|x| 7.0 + 3.0 * phase(x as f32).cos()).collect();
         for smoothness in [0.0, 0.1] {
-            let found = ridge(
-                &row,
-                n,
-                &Options {
-                    smoothness,
-                    ..options()
-                },
-            )
-            .unwrap();
+            let options = Options {
+                smoothness,
+                ..options()
+            };
+            let found = wavelet_ridge_rows(Image::new(&row, 1, n).unwrap(), &options).unwrap();
             for x in 40..n - 40 {
                 let p = Complex32::new(found.phasor[x][0], found.phasor[x][1]);
                 let error = (p * Complex32::from_polar(1.0, -phase(x as f32))).arg();
@@ -133,12 +148,12 @@ mod tests {
         let with = |change: fn(&mut Options)| {
             let mut o = options();
             change(&mut o);
-            ridge(&row, 100, &o).is_err()
+            wavelet_ridge_rows(Image::new(&row, 1, 100).unwrap(), &o).is_err()
         };
         assert!(with(|o| o.frequencies.truncate(2)));
         assert!(with(|o| o.frequencies.reverse()));
         assert!(with(|o| o.omega = 1.0));
         assert!(with(|o| o.smoothness = f64::NAN));
-        assert!(ridge(&row, 7, &options()).is_err());
+        assert!(wavelet_ridge_rows(Image::new(&[], 1, 0).unwrap(), &options()).is_err());
     }
 }

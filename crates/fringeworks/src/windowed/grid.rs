@@ -1,12 +1,12 @@
 //! Solutions on the grid of nodes, and their interpolation to pixels.
 
+use super::LOOSE;
 use super::lattice::Lattice;
-use super::moments::{block_sums, BandSums, NodeRow, Window};
+use super::moments::{BandSums, NodeRow, Window, block_sums};
 use super::sight::{Cells, Sight};
-use super::solve::{solve, Limits, Node, Prior};
+use super::solve::{Limits, Node, Prior, solve};
 use super::walls::Walls;
 use super::warp::Pair;
-use super::LOOSE;
 use rayon::prelude::*;
 
 /// Distances, in blocks, within which nodes are searched near a wall: the nearest that has any.
@@ -14,7 +14,7 @@ const REACHES: [usize; 3] = [1, 2, 4];
 
 /// Sums of cells that windows near a wall may see; 0 in the other rows of cells.
 fn sums_near_walls(pair: &Pair, u: &[f32], walls: &Walls, window: &Window) -> Vec<f64> {
-    let small = Cells::lattice(window, pair.height, pair.width);
+    let small = Cells::lattice(window, pair.height(), pair.width());
     // A window near a wall reaches as far again.
     let reach = 2 * Walls::reach(window) + window.block;
     block_sums(pair, u, small, 0..small.rows, |row| {
@@ -109,10 +109,10 @@ impl<'a> Grid<'a> {
         has_finer: bool,
         limits: &Limits,
     ) -> Self {
-        let lattice = window.lattice(pair.height, pair.width);
+        let lattice = window.lattice(pair.height(), pair.width());
         let Lattice { rows, columns, .. } = lattice;
         let near = walls.map(|walls| (walls, sums_near_walls(pair, u, walls, window)));
-        let small = Cells::lattice(window, pair.height, pair.width);
+        let small = Cells::lattice(window, pair.height(), pair.width());
         let cells = (near.as_ref()).map(|(walls, sums)| (*walls, Cells::new(small, sums, walls)));
         let mut grid = Self {
             lattice,

@@ -17,18 +17,18 @@ mod surfaces;
 mod walls;
 mod warp;
 
-use crate::{check_length, check_value, Error, MIN_PERIOD};
+use crate::{Error, Image, MIN_PERIOD, check_shape, check_value};
 use grid::{Blended, Grid};
 use lattice::{Differences, Lattice};
 use moments::Window;
 use rayon::prelude::*;
-use select::{select, Estimate};
+use select::{Estimate, select};
 pub use solve::Limits;
 use solve::Prior;
-pub use surfaces::{relocate as relocate_surfaces, sides, Search, Surfaces};
-pub use walls::smooth_within;
+pub use surfaces::{Search, Surfaces, relocate_surfaces, wall_sides};
 use walls::Walls;
-pub use warp::{warped, Pair};
+pub use walls::smooth_within_walls;
+pub use warp::{Pair, warp_windowed};
 
 /// Options of the refinement.
 #[derive(Clone, Debug)]
@@ -41,6 +41,7 @@ pub struct Options {
     pub period: f64,
     /// Half-width of the confidence intervals of Lepski's rule, in σ.
     pub confidence: f64,
+    /// Noise, and when a window determines the displacement.
     pub limits: Limits,
 }
 
@@ -109,18 +110,16 @@ fn noise_amplification(steps: usize) -> f64 {
     f64::sqrt(sum)
 }
 
-fn check(pair: &Pair, walls: Option<&[u8]>, start: &[f32], options: &Options) -> Result<(), Error> {
-    let n = pair.height * pair.width;
-    pair.check_reference()?;
-    check_length("object", pair.object.len(), n)?;
-    check_length("start", start.len(), n)?;
+fn check(
+    pair: &Pair,
+    walls: Option<Image<u8>>,
+    start: Image<f32>,
+    options: &Options,
+) -> Result<(), Error> {
+    pair.check()?;
+    check_shape("start", start.shape(), pair.object.shape())?;
     if let Some(walls) = walls {
-        check_length("walls", walls.len(), n)?;
-    }
-    if let Some(albedo) = pair.albedo {
-        check_length("albedo", albedo.len(), n)?;
-        let positive = albedo.iter().all(|a| *a > 0.0 && a.is_finite());
-        check_value("albedo", positive, "finite values above 0", "others")?;
+        check_shape("walls", walls.shape(), pair.object.shape())?;
     }
     check_value(
         "scales",
@@ -145,21 +144,63 @@ fn check(pair: &Pair, walls: Option<&[u8]>, start: &[f32], options: &Options) ->
 }
 
 /// Refine the displacement `start` (px) of every pixel.
-pub fn invert(
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::windowed::{Limits, Options, Pair, invert_windowed};
+///
+/// // Object and reference are cosines of 20 px; the object is 1.5 px to the right. Of a cosine, the
+/// // coefficients of the spline are samples over (2 + cos ω) / 3.
+/// let wave = |x: f32| (std::f32::consts::TAU * x / 20.0).cos();
+/// let factor = 3.0 / (2.0 + wave(1.0));
+/// let (h, w) = (40, 60);
+/// let spline: Vec<f32> = (0..h * (w + 3)).map(|i| factor * wave((i % (w + 3)) as f32 - 1.0)).collect();
+/// let object: Vec<f32> = (0..h * w).map(|i| wave((i % w) as f32 - 1.5)).collect();
+/// let ok = vec![1; h * w];
+/// let pair = Pair {
+///     spline: Image::new(&spline, h, w + 3)?,
+///     object: Image::new(&object, h, w)?,
+///     reference_ok: Image::new(&ok, h, w)?,
+///     object_ok: Image::new(&ok, h, w)?,
+///     albedo: None,
+/// };
+/// let options = Options {
+///     scales: vec![8.0, 4.0],
+///     iterations: 2,
+///     period: 20.0,
+///     confidence: 2.5,
+///     limits: Limits {
+///         object_noise: 1e-4,
+///         reference_noise: 1e-4,
+///         noise_correlation: 1.0,
+///         drift: 0.01,
+///         max_sigma: 0.8,
+///         min_explained: 0.3,
+///     },
+/// };
+/// let start = vec![0.0; h * w];
+/// let found = invert_windowed(&pair, None, Image::new(&start, h, w)?, &options)?;
+/// assert!((found.displacement[20 * w + 30] - 1.5).abs() < 0.01);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn invert_windowed(
     pair: &Pair,
-    walls: Option<&[u8]>,
-    start: &[f32],
+    walls: Option<Image<u8>>,
+    start: Image<f32>,
     options: &Options,
 ) -> Result<Field, Error> {
     check(pair, walls, start, options)?;
-    let walls = walls.map(|walls| Walls::new(walls, pair.height, pair.width));
-    let open = walls.as_ref().map(|walls| walls.without(pair.object_ok));
-    let seen = Pair {
-        object_ok: open.as_deref().unwrap_or(pair.object_ok),
-        ..*pair
+    let walls = walls.map(Walls::new);
+    let open = walls.as_ref().map(|walls| walls.without(&pair.object_ok));
+    let seen = match &open {
+        None => *pair,
+        Some(open) => Pair {
+            object_ok: Image::new(open, pair.height(), pair.width())?,
+            ..*pair
+        },
     };
-    let found = refine(pair, &seen, walls.as_ref(), start, options);
-    let mut field = select(&found.estimates, pair.width, options.confidence as f32);
+    let found = refine(pair, &seen, walls.as_ref(), &start, options);
+    let mut field = select(&found.estimates, pair.width(), options.confidence as f32);
     field.noise_correlation = found.noise_correlation;
     field.misfit = found.misfit;
     Ok(field)
@@ -182,11 +223,11 @@ fn descend<'a>(
     let mut last = None;
     for _ in 0..options.iterations {
         let grid = Grid::solve(pair, walls, u, &window, coarser, has_finer, &options.limits);
-        u.par_chunks_mut(pair.width)
-            .zip(determined.par_chunks_mut(pair.width))
+        u.par_chunks_mut(pair.width())
+            .zip(determined.par_chunks_mut(pair.width()))
             .enumerate()
             .for_each_init(
-                || (Vec::new(), Blended::new(pair.width)),
+                || (Vec::new(), Blended::new(pair.width())),
                 |(means, blended), (y, (u, determined))| {
                     grid.blend_row(y, means, blended);
                     for (x, u) in u.iter_mut().enumerate() {
@@ -205,12 +246,12 @@ fn descend<'a>(
 fn residuals(pair: &Pair, u: &[f32], grid: &Grid) -> Vec<f32> {
     let or = |value: f32, other: f32| if value.is_nan() { other } else { value };
     let mut out = vec![f32::NAN; pair.object.len()];
-    out.par_chunks_mut(pair.width).enumerate().for_each_init(
-        || (Vec::new(), Blended::new(pair.width)),
+    out.par_chunks_mut(pair.width()).enumerate().for_each_init(
+        || (Vec::new(), Blended::new(pair.width())),
         |(means, windows), (y, row)| {
             grid.blend_row(y, means, windows);
             for (x, residual) in row.iter_mut().enumerate() {
-                let i = y * pair.width + x;
+                let i = y * pair.width() + x;
                 if let Some((value, _)) = pair.reference_at(x, y, u[i]) {
                     let ratio = or(windows.modulation_ratio[x], LOOSE.modulation_ratio);
                     let expected = or(windows.offset[x], LOOSE.offset) + ratio * value;
@@ -227,7 +268,7 @@ fn residuals(pair: &Pair, u: &[f32], grid: &Grid) -> Vec<f32> {
 fn noise_correlation(pair: &Pair, residuals: &[f32], limits: &Limits) -> f64 {
     // The reference is smoothed, so its noise is correlated as well; it is counted separately.
     let reference = limits.reference_noise / limits.object_noise;
-    (noise::correlation(residuals, pair.height, pair.width) - reference).max(1.0)
+    (noise::correlation(residuals, pair.height(), pair.width()) - reference).max(1.0)
 }
 
 /// The scale whose misfit is told: the first that is small against the fringe.
@@ -299,7 +340,7 @@ fn differences(
     (u, known): (&[f32], &[bool]),
     lattice: Lattice,
 ) -> Differences {
-    Differences::new(lattice, pair.height, pair.width, |i| {
+    Differences::new(lattice, pair.height(), pair.width(), |i| {
         let before = last.map_or(start[i], |last| last.displacement[i]);
         (last.is_none_or(|last| last.known[i]) && known[i]).then(|| u[i] - before)
     })

@@ -9,7 +9,7 @@
 //! small against the fringe, and in f32 the rounding would decide between them.
 
 use super::lattice::Lattice;
-use super::warp::{warp_row, Pair, WarpedRow};
+use super::warp::{Pair, WarpedRow, warp_row};
 use multiversion::multiversion;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -109,11 +109,7 @@ impl Window {
 
 /// Number of channels that are stored: single-pixel blocks have no moments about their centre.
 pub fn stored_channels(block: usize) -> usize {
-    if block == 1 {
-        PLAIN
-    } else {
-        CHANNELS
-    }
+    if block == 1 { PLAIN } else { CHANNELS }
 }
 
 /// Block sums of all products in some block rows, laid out `[block row][channel][block column]`; 0 in
@@ -132,12 +128,12 @@ pub fn block_sums(
         .zip(block_rows)
         .filter(|(_, block_row)| wanted(*block_row))
         .for_each_init(
-            || WarpedRow::new(pair.width),
+            || WarpedRow::new(pair.width()),
             |warped, (out, block_row)| {
                 let first = block_row * block;
-                let last = (first + block).min(pair.height);
+                let last = (first + block).min(pair.height());
                 for y in first..last {
-                    let row = y * pair.width..(y + 1) * pair.width;
+                    let row = y * pair.width()..(y + 1) * pair.width();
                     warp_row(pair, y, &u[row.clone()], warped);
                     let object = &pair.object[row];
                     if block == 1 {

@@ -4,7 +4,7 @@
 //! weighted by how much of the cell their centre sees.
 
 use super::lattice::Lattice;
-use super::moments::{self as m, NodeRow, Window, CHANNELS};
+use super::moments::{self as m, CHANNELS, NodeRow, Window};
 use super::walls::Walls;
 use multiversion::multiversion;
 
@@ -79,7 +79,7 @@ impl<'a> Cells<'a> {
     }
 
     pub fn new(lattice: Lattice, sums: &'a [f64], walls: &Walls) -> Self {
-        let walls = lattice.any(walls.mask, walls.width);
+        let walls = lattice.any(&walls.mask, walls.mask.width());
         Self {
             lattice,
             sums,

@@ -5,7 +5,7 @@
 
 use super::walls::distance_to;
 use super::warp::Pair;
-use crate::{check_length, Error};
+use crate::{Error, Image, check_shape};
 use rayon::prelude::*;
 
 /// Half-width of the patch that a surface has to explain, px: 7 × 7 px average the noise and still fit
@@ -27,18 +27,20 @@ const DIRECTIONS: usize = 16;
 /// A model of the object frame, one value per pixel: what it shows is `offset + gain · s(x − u)`.
 pub struct Surfaces<'a> {
     /// u, px.
-    pub displacement: &'a [f32],
-    pub offset: &'a [f32],
-    pub gain: &'a [f32],
+    pub displacement: Image<'a, f32>,
+    /// Level of the object above that of the model.
+    pub offset: Image<'a, f32>,
+    /// Modulation of the object over that of the model.
+    pub gain: Image<'a, f32>,
 }
 
 /// Where surfaces are searched, and how far.
 pub struct Search<'a> {
     /// 1 where the model explains the object, and its plane may be offered.
-    pub clean: &'a [u8],
+    pub clean: Image<'a, u8>,
     /// Mean squared residual of the patch around every pixel; a plane must stay below it. 0 where
     /// the pixel is not to be changed.
-    pub present: &'a [f32],
+    pub present: Image<'a, f32>,
     /// Largest distance of a surface, px.
     pub reach: usize,
     /// Distance behind the first clean pixel at which a plane is taken, px.
@@ -68,16 +70,15 @@ type Pixel = (usize, usize);
 
 impl Surfaces<'_> {
     fn check(&self, pair: &Pair) -> Result<(), Error> {
-        let n = pair.height * pair.width;
-        pair.check_reference()?;
-        check_length("object", pair.object.len(), n)?;
-        check_length("displacement", self.displacement.len(), n)?;
-        check_length("offset", self.offset.len(), n)?;
-        check_length("gain", self.gain.len(), n)
+        pair.check()?;
+        let shape = pair.object.shape();
+        check_shape("displacement", self.displacement.shape(), shape)?;
+        check_shape("offset", self.offset.shape(), shape)?;
+        check_shape("gain", self.gain.shape(), shape)
     }
 
     fn plane(&self, pair: &Pair, search: &Search, (x, y): Pixel) -> Plane {
-        let i = y * pair.width + x;
+        let i = y * pair.width() + x;
         let u = self.displacement;
         // One-sided where the other side is not clean.
         let along = |position: usize, side: usize, step: usize| {
@@ -93,7 +94,10 @@ impl Surfaces<'_> {
         };
         Plane {
             u: u[i],
-            slope: [along(x, pair.width, 1), along(y, pair.height, pair.width)],
+            slope: [
+                along(x, pair.width(), 1),
+                along(y, pair.height(), pair.width()),
+            ],
             offset: self.offset[i],
             gain: self.gain[i],
         }
@@ -115,12 +119,12 @@ impl Plane {
         let side = 2 * PATCH + 1;
         let limit = most * (side * side) as f32;
         let (mut sum, mut count) = (0.0f32, 0usize);
-        for py in y.saturating_sub(PATCH)..=(y + PATCH).min(pair.height - 1) {
+        for py in y.saturating_sub(PATCH)..=(y + PATCH).min(pair.height() - 1) {
             let row = self.u + self.slope[1] * (py as f32 - y as f32);
-            for px in x.saturating_sub(PATCH)..=(x + PATCH).min(pair.width - 1) {
+            for px in x.saturating_sub(PATCH)..=(x + PATCH).min(pair.width() - 1) {
                 let u = row + self.slope[0] * (px as f32 - x as f32);
                 if let Some((value, _)) = pair.reference_at(px, py, u) {
-                    let r = pair.object[py * pair.width + px] - self.offset - self.gain * value;
+                    let r = pair.object[py * pair.width() + px] - self.offset - self.gain * value;
                     sum += r * r;
                     count += 1;
                 }
@@ -153,14 +157,15 @@ fn found(
     let at = |t: usize| {
         let qx = (x as f32 + t as f32 * dx).round();
         let qy = (y as f32 + t as f32 * dy).round();
-        let inside = qx >= 0.0 && qy >= 0.0 && qx < pair.width as f32 && qy < pair.height as f32;
+        let inside =
+            qx >= 0.0 && qy >= 0.0 && qx < pair.width() as f32 && qy < pair.height() as f32;
         inside.then_some((qx as usize, qy as usize))
     };
-    let clean = |(x, y): Pixel| search.clean[y * pair.width + x] > 0;
+    let clean = |(x, y): Pixel| search.clean[y * pair.width() + x] > 0;
     let mut t = 1;
     while t < search.reach {
         let (qx, qy) = at(t)?;
-        let away = distance[qy * pair.width + qx] as usize;
+        let away = distance[qy * pair.width() + qx] as usize;
         if away == 0 {
             return at(t + search.margin).filter(|q| clean(*q));
         }
@@ -170,18 +175,59 @@ fn found(
 }
 
 /// Give every pixel whose present residual is above 0 the plane that leaves least of its patch.
-pub fn relocate(pair: &Pair, surfaces: &Surfaces, search: &Search) -> Result<Maps, Error> {
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::windowed::{Pair, Search, Surfaces, relocate_surfaces};
+///
+/// // Fringes of 20 px, displaced by 1.5 px; see `invert_windowed`.
+/// # let wave = |x: f32| (std::f32::consts::TAU * x / 20.0).cos();
+/// # let factor = 3.0 / (2.0 + wave(1.0));
+/// # let (h, w) = (40, 60);
+/// # let spline: Vec<f32> = (0..h * (w + 3)).map(|i| factor * wave((i % (w + 3)) as f32 - 1.0)).collect();
+/// # let object: Vec<f32> = (0..h * w).map(|i| wave((i % w) as f32 - 1.5)).collect();
+/// # let ok = vec![1; h * w];
+/// # let pair = Pair {
+/// #     spline: Image::new(&spline, h, w + 3)?,
+/// #     object: Image::new(&object, h, w)?,
+/// #     reference_ok: Image::new(&ok, h, w)?,
+/// #     object_ok: Image::new(&ok, h, w)?,
+/// #     albedo: None,
+/// # };
+/// // One pixel has a wrong displacement, and takes that of its neighbours.
+/// let (mut u, mut clean, mut present) = (vec![1.5; h * w], vec![1; h * w], vec![0.0; h * w]);
+/// let at = 20 * w + 30;
+/// (u[at], clean[at], present[at]) = (4.0, 0, 0.5);
+/// let surfaces = Surfaces {
+///     displacement: Image::new(&u, h, w)?,
+///     offset: Image::new(&[0.0; 2400], h, w)?,
+///     gain: Image::new(&[1.0; 2400], h, w)?,
+/// };
+/// let search = Search {
+///     clean: Image::new(&clean, h, w)?,
+///     present: Image::new(&present, h, w)?,
+///     reach: 10,
+///     margin: 2,
+///     base: 3,
+///     max_change: 10.0,
+///     same: 0.05,
+/// };
+/// let (displacement, _, _) = relocate_surfaces(&pair, &surfaces, &search)?;
+/// assert!((displacement[at] - 1.5).abs() < 1e-3);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn relocate_surfaces(pair: &Pair, surfaces: &Surfaces, search: &Search) -> Result<Maps, Error> {
     surfaces.check(pair)?;
-    check_length("clean", search.clean.len(), pair.object.len())?;
-    check_length("present", search.present.len(), pair.object.len())?;
+    check_shape("clean", search.clean.shape(), pair.object.shape())?;
+    check_shape("present", search.present.shape(), pair.object.shape())?;
     let mut maps = (
         surfaces.displacement.to_vec(),
         surfaces.offset.to_vec(),
         surfaces.gain.to_vec(),
     );
     let ways = directions();
-    let distance = distance_to(search.clean, pair.height, pair.width);
-    let width = pair.width;
+    let distance = distance_to(search.clean);
+    let width = pair.width();
     (maps.0.par_chunks_mut(width))
         .zip(maps.1.par_chunks_mut(width))
         .zip(maps.2.par_chunks_mut(width))
@@ -215,15 +261,47 @@ pub fn relocate(pair: &Pair, surfaces: &Surfaces, search: &Search) -> Result<Map
 
 /// Index of the pixel beside the wall whose surface explains each pixel on a wall best; −1 for other
 /// pixels, and where there is none.
-pub fn sides(pair: &Pair, surfaces: &Surfaces, walls: &[u8]) -> Result<Vec<i64>, Error> {
+///
+/// ```
+/// use fringeworks::Image;
+/// use fringeworks::windowed::{Pair, Surfaces, wall_sides};
+///
+/// // Fringes of 20 px, displaced by 1.5 px; see `invert_windowed`.
+/// # let wave = |x: f32| (std::f32::consts::TAU * x / 20.0).cos();
+/// # let factor = 3.0 / (2.0 + wave(1.0));
+/// # let (h, w) = (40, 60);
+/// # let spline: Vec<f32> = (0..h * (w + 3)).map(|i| factor * wave((i % (w + 3)) as f32 - 1.0)).collect();
+/// # let object: Vec<f32> = (0..h * w).map(|i| wave((i % w) as f32 - 1.5)).collect();
+/// # let ok = vec![1; h * w];
+/// # let pair = Pair {
+/// #     spline: Image::new(&spline, h, w + 3)?,
+/// #     object: Image::new(&object, h, w)?,
+/// #     reference_ok: Image::new(&ok, h, w)?,
+/// #     object_ok: Image::new(&ok, h, w)?,
+/// #     albedo: None,
+/// # };
+/// // Left of a wall the displacement is right, and wrong on its other side.
+/// let u: Vec<f32> = (0..h * w).map(|i| if i % w < 31 { 1.5 } else { 6.0 }).collect();
+/// let walls: Vec<u8> = (0..h * w).map(|i| u8::from(i % w == 31)).collect();
+/// let surfaces = Surfaces {
+///     displacement: Image::new(&u, h, w)?,
+///     offset: Image::new(&[0.0; 2400], h, w)?,
+///     gain: Image::new(&[1.0; 2400], h, w)?,
+/// };
+/// let sides = wall_sides(&pair, &surfaces, Image::new(&walls, h, w)?)?;
+/// assert_eq!(sides[20 * w], -1);
+/// assert!(sides[20 * w + 31] % (w as i64) < 31);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn wall_sides(pair: &Pair, surfaces: &Surfaces, walls: Image<u8>) -> Result<Vec<i64>, Error> {
     surfaces.check(pair)?;
-    check_length("walls", walls.len(), pair.object.len())?;
+    check_shape("walls", walls.shape(), pair.object.shape())?;
     let mut out = vec![-1; walls.len()];
-    let width = pair.width;
+    let width = pair.width();
     out.par_chunks_mut(width).enumerate().for_each(|(y, out)| {
         for (x, out) in out.iter_mut().enumerate() {
             if walls[y * width + x] > 0 {
-                *out = best_side(pair, surfaces, walls, (x, y)).map_or(-1, |i| i as i64);
+                *out = best_side(pair, surfaces, &walls, (x, y)).map_or(-1, |i| i as i64);
             }
         }
     });
@@ -232,13 +310,13 @@ pub fn sides(pair: &Pair, surfaces: &Surfaces, walls: &[u8]) -> Result<Vec<i64>,
 
 /// Pixels of the square around one, row after row.
 fn square(pair: &Pair, (x, y): Pixel, half: usize) -> impl Iterator<Item = Pixel> {
-    let columns = x.saturating_sub(half)..(x + half + 1).min(pair.width);
-    (y.saturating_sub(half)..(y + half + 1).min(pair.height))
+    let columns = x.saturating_sub(half)..(x + half + 1).min(pair.width());
+    (y.saturating_sub(half)..(y + half + 1).min(pair.height()))
         .flat_map(move |y| columns.clone().map(move |x| (x, y)))
 }
 
 fn best_side(pair: &Pair, surfaces: &Surfaces, walls: &[u8], at: Pixel) -> Option<usize> {
-    let index = |(x, y): Pixel| y * pair.width + x;
+    let index = |(x, y): Pixel| y * pair.width() + x;
     let mut best = (f32::INFINITY, None);
     for from in square(pair, at, WALL_REACH) {
         let i = index(from);

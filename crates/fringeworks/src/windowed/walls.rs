@@ -1,14 +1,15 @@
 //! Walls: pixels at a jump of the displacement, and maps that end there.
 
 use super::moments::Window;
-use crate::{check_length, check_value, Error};
+use crate::{Error, Image, check_columns, check_shape};
 use rayon::prelude::*;
 
 /// Half-width of a window that is summed cell by cell, in σ: beyond it, weights are below 0.05.
 const REACH: f64 = 2.5;
 
 /// Chessboard distance of every pixel from the nearest one that is not 0, px; very large without any.
-pub fn distance_to(mask: &[u8], height: usize, width: usize) -> Vec<u16> {
+pub fn distance_to(mask: Image<u8>) -> Vec<u16> {
+    let (height, width) = mask.shape();
     let mut distance: Vec<u16> = mask
         .iter()
         .map(|w| if *w > 0 { 0 } else { u16::MAX - 1 })
@@ -42,41 +43,37 @@ pub fn distance_to(mask: &[u8], height: usize, width: usize) -> Vec<u16> {
 
 /// Distance of every pixel from the nearest wall, in px along rows, columns and diagonals.
 pub struct Walls<'a> {
-    pub(super) mask: &'a [u8],
+    pub(super) mask: Image<'a, u8>,
     distance: Vec<u16>,
     /// Of the nearest pixel of every row.
     row_distance: Vec<u16>,
-    pub(super) width: usize,
-    height: usize,
 }
 
 impl<'a> Walls<'a> {
-    pub fn new(mask: &'a [u8], height: usize, width: usize) -> Self {
-        let distance = distance_to(mask, height, width);
+    pub fn new(mask: Image<'a, u8>) -> Self {
+        let distance = distance_to(mask);
         let least = |row: &[u16]| row.iter().copied().min().unwrap_or(u16::MAX);
-        let row_distance = distance.chunks(width).map(least).collect();
+        let row_distance = distance.chunks(mask.width()).map(least).collect();
         Self {
             mask,
             distance,
             row_distance,
-            width,
-            height,
         }
     }
 
     pub fn is_wall(&self, x: usize, y: usize) -> bool {
-        self.mask[y * self.width + x] > 0
+        self.mask.row(y)[x] > 0
     }
 
     /// A mask without the pixels of walls.
     pub fn without(&self, mask: &[u8]) -> Vec<u8> {
         let keep = |(value, wall): (&u8, &u8)| if *wall > 0 { 0 } else { *value };
-        mask.iter().zip(self.mask).map(keep).collect()
+        mask.iter().zip(self.mask.values()).map(keep).collect()
     }
 
     /// Whether a wall is within `reach` px.
     pub fn within(&self, x: usize, y: usize, reach: usize) -> bool {
-        (self.distance[y * self.width + x] as usize) <= reach
+        (self.distance[y * self.mask.width() + x] as usize) <= reach
     }
 
     /// Whether a wall is within `reach` px of any pixel of row `y`.
@@ -93,8 +90,8 @@ impl<'a> Walls<'a> {
     pub fn pixel_of(&self, block: usize, row: usize, column: usize) -> (usize, usize) {
         let middle = |i: usize| i * block + (block - 1) / 2;
         (
-            middle(column).min(self.width - 1),
-            middle(row).min(self.height - 1),
+            middle(column).min(self.mask.width() - 1),
+            middle(row).min(self.mask.height() - 1),
         )
     }
 
@@ -109,7 +106,7 @@ impl<'a> Walls<'a> {
                 (x0 as f32 + dx * t / length + 0.5) as usize,
                 (y0 as f32 + dy * t / length + 0.5) as usize,
             );
-            let away = self.distance[y * self.width + x];
+            let away = self.distance[y * self.mask.width() + x];
             if away == 0 {
                 return false;
             }
@@ -122,21 +119,31 @@ impl<'a> Walls<'a> {
 
 /// Smooth a map like a Gaussian of σ `sigma` px that no wall lets through: implicit diffusion along
 /// rows and columns in turn.
-pub fn smooth_within(
-    values: &[f32],
-    walls: &[u8],
-    width: usize,
+///
+/// ```
+/// use fringeworks::{Image, windowed::smooth_within_walls};
+///
+/// // A step of 10 beside a wall in the fourth column.
+/// let row = Image::new(&[1.0, 3.0, 1.0, 0.0, 11.0, 13.0, 11.0], 1, 7)?;
+/// let walls = Image::new(&[0, 0, 0, 1, 0, 0, 0], 1, 7)?;
+/// let smooth = smooth_within_walls(row, walls, 5.0)?;
+/// assert!(smooth[2] < 2.5 && smooth[4] > 10.5);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn smooth_within_walls(
+    values: Image<f32>,
+    walls: Image<u8>,
     sigma: f64,
 ) -> Result<Vec<f32>, Error> {
-    check_length("walls", walls.len(), values.len())?;
-    check_value("width", width > 0, "1 px or more", width)?;
+    check_columns(values)?;
+    check_shape("walls", walls.shape(), values.shape())?;
+    let (height, width) = values.shape();
     const ROUNDS: usize = 4;
     let tau = (0.5 * sigma * sigma / ROUNDS as f64) as f32;
-    let height = values.len() / width;
-    let walls_down = transposed(walls, width);
+    let walls_down = transposed(&walls, width);
     let mut map = values.to_vec();
     for _ in 0..ROUNDS {
-        diffuse_rows(&mut map, walls, width, tau);
+        diffuse_rows(&mut map, &walls, width, tau);
         let mut down = transposed(&map, width);
         diffuse_rows(&mut down, &walls_down, height, tau);
         map = transposed(&down, height);

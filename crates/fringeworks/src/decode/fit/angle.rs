@@ -30,11 +30,7 @@ pub fn angle(s: f32, c: f32) -> f32 {
     r *= z;
     r = if y > x { 0.25 - r } else { r };
     r = if c < 0.0 { 0.5 - r } else { r };
-    if s < 0.0 {
-        -r
-    } else {
-        r
-    }
+    if s < 0.0 { -r } else { r }
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::set::PhaseSet;
 use super::sums::{Quarters, Saturated, Steps, Sums};
-use crate::decode::{Line, Sample, BLOCK_PIXELS};
+use crate::decode::{BLOCK_PIXELS, Line, Sample};
 
 /// The planes of a stack, along one axis.
 pub struct Frames<'a, T> {

@@ -8,14 +8,14 @@ mod solver;
 mod sums;
 mod table;
 
-use super::{Line, Plan, Sample};
+use super::{DecodeSettings, Line, Sample};
 
 pub use frames::Frames;
 use saturation::{leave_out, refit};
 pub use set::PhaseSet;
 use solver::solve;
 pub use sums::Sums;
-pub use table::{Table, TABLE_BINS};
+pub use table::{TABLE_BINS, Table};
 
 /// Precision of a phase that the unsaturated samples do not determine; true ones are not negative.
 pub const NO_PRECISION: f32 = -1.0;
@@ -55,7 +55,7 @@ impl Fitted {
 #[inline(always)]
 pub fn fit<T: Sample>(
     frames: &Frames<'_, T>,
-    plan: &Plan,
+    plan: &DecodeSettings,
     index: usize,
     at: usize,
     sums: &mut Sums,

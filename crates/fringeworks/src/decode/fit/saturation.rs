@@ -2,10 +2,10 @@
 
 use super::angle::angle;
 use super::set::PhaseSet;
-use super::solver::{amplitudes, solution, Solution};
+use super::solver::{Solution, amplitudes, solution};
 use super::sums::{Saturated, Sums, SumsAt};
 use super::{Fitted, NO_PRECISION};
-use crate::decode::{Frames, Sample, BLOCK_PIXELS};
+use crate::decode::{BLOCK_PIXELS, Frames, Sample};
 
 /// Choices of samples that are kept in mind: all of four steps, and few enough to look through.
 const MOST_SOLUTIONS: usize = 16;

@@ -1,8 +1,8 @@
 //! The frames of one period, and the least-squares problem of their shifts.
 
-use super::solver::{planned_row, Solver};
+use super::solver::{Solver, planned_row};
 use super::table::Table;
-use crate::{check_value, Error};
+use crate::{Error, check_value};
 use std::ops::RangeInclusive;
 
 /// Numbers of phase steps: three determine A, B and φ; 64 frames have a bit each in a `u64`.
@@ -33,6 +33,17 @@ pub struct PhaseSet {
 impl PhaseSet {
     /// A set of steps δ_n in rad; the period in projector px. `design` is what every frame really
     /// shows of (A, c, s); empty for that of the shifts.
+    ///
+    /// ```
+    /// use fringeworks::decode::PhaseSet;
+    ///
+    /// let quarters = [0.0, 0.25, 0.5, 0.75].map(|turns| turns * std::f64::consts::TAU);
+    /// let set = PhaseSet::new(vec![0, 1, 2, 3], &quarters, vec![], 16.0)?;
+    /// assert_eq!(set.frequency, 1.0 / 16.0);
+    /// // Two steps do not determine three unknowns.
+    /// assert!(PhaseSet::new(vec![0, 1], &quarters[..2], vec![], 16.0).is_err());
+    /// # Ok::<(), fringeworks::Error>(())
+    /// ```
     pub fn new(
         frames: Vec<usize>,
         shifts: &[f64],
@@ -75,6 +86,13 @@ impl PhaseSet {
     }
 
     /// Number of phase steps.
+    ///
+    /// ```
+    /// use fringeworks::decode::PhaseSet;
+    ///
+    /// assert_eq!(PhaseSet::new(vec![3, 4, 5], &[0.0, 2.1, 4.2], vec![], 16.0)?.steps(), 3);
+    /// # Ok::<(), fringeworks::Error>(())
+    /// ```
     pub fn steps(&self) -> usize {
         self.frames.len()
     }

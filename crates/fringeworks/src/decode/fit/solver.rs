@@ -1,9 +1,9 @@
 //! Normal equations of I_n = A + c cos δ_n + s sin δ_n (Bruning 1974; Greivenkamp 1984; theory §5).
 
+use super::Fitted;
 use super::angle::angle;
 use super::set::PhaseSet;
 use super::sums::SumsAt;
-use super::Fitted;
 use crate::decode::BLOCK_PIXELS;
 
 /// Least determinant of the normal equations, as a share of that of equal steps.

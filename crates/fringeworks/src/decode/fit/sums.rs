@@ -1,6 +1,6 @@
 //! Sums over the samples of a block of pixels.
 
-use crate::decode::{Line, Sample, BLOCK_PIXELS};
+use crate::decode::{BLOCK_PIXELS, Line, Sample};
 
 /// Sums of the samples of every pixel of a block: Σ I, Σ I cos δ and Σ I sin δ.
 pub trait SumsAt {

@@ -2,7 +2,7 @@
 
 use super::Fitted;
 use crate::decode::BLOCK_PIXELS;
-use crate::{check_length, Error};
+use crate::{Error, check_length};
 
 /// Bins of a table of phase errors, equal steps over a turn.
 ///
@@ -14,7 +14,9 @@ pub const TABLE_BINS: usize = 256;
 /// [`TABLE_BINS`] for each brightness A + B (rising, counts). Empty for none.
 #[derive(Clone, Default)]
 pub struct Table {
+    /// Rows of phase errors, turns.
     pub turns: Vec<f32>,
+    /// Brightness A + B of every row, counts.
     pub brightness: Vec<f32>,
 }
 

@@ -2,8 +2,8 @@
 
 mod words;
 
-use super::{Frames, Line, Plan, Sample, BLOCK_PIXELS};
-use crate::{check_value, Error};
+use super::{BLOCK_PIXELS, DecodeSettings, Frames, Line, Sample};
+use crate::{Error, check_value};
 use words::{read_bits, read_digits};
 
 /// Distance of a bit's brightness from its threshold below which the bit is in doubt, in standard
@@ -44,7 +44,12 @@ pub enum Against {
     /// The frame with this bit inverted, one per bit.
     Inverse(Vec<usize>),
     /// The mean of a white and a black frame.
-    WhiteBlack { white: usize, black: usize },
+    WhiteBlack {
+        /// Index of the white frame.
+        white: usize,
+        /// Index of the black frame.
+        black: usize,
+    },
     /// The mean of the phase frames.
     Mean,
 }
@@ -55,6 +60,7 @@ pub enum Against {
 pub struct GrayCode {
     /// Index of the frame of each bit.
     pub bits: Vec<usize>,
+    /// What they are compared with.
     pub against: Against,
     /// Number of levels of brightness; 2 for bits.
     pub levels: u32,
@@ -158,7 +164,7 @@ impl GrayCells {
 #[inline(always)]
 pub fn read_gray_code<T: Sample>(
     frames: &Frames<'_, T>,
-    plan: &Plan,
+    plan: &DecodeSettings,
     code: &GrayCode,
     at: usize,
     (mean, modulation): (&Line, &Line),
@@ -182,7 +188,7 @@ pub fn read_gray_code<T: Sample>(
 /// Distance from the threshold below which a bit is in doubt, and how far from the border between
 /// two cells a pixel with such a bit may lie.
 #[inline(always)]
-fn limits_of_doubt(code: &GrayCode, plan: &Plan, n: usize, out: &mut GrayCells) {
+fn limits_of_doubt(code: &GrayCode, plan: &DecodeSettings, n: usize, out: &mut GrayCells) {
     let per_frame = code.variance_of_bits();
     let of_contrast = per_frame + HALF_DIFFERENCE;
     let per_level = 1.0 / (code.levels - 1) as f32;

@@ -1,13 +1,14 @@
-//! Coordinates that start from a Gray code, or from a range without ends.
+//! Coordinates that start from a Gray code, or from a range without ends, and those of a Gray code alone.
 
-use super::{hide_unmeasured, Block};
-use crate::decode::{GrayCode, Plan, BLOCK_PIXELS};
-use crate::reason;
+use super::{Block, hide_unmeasured};
+use crate::Reason;
+use crate::decode::gray_code::HALF_DIFFERENCE;
+use crate::decode::{BLOCK_PIXELS, DecodeSettings, GrayCode, Line};
 
 /// Mark the pixels of a block whose first fringe order is ambiguous, or whose code is masked. Hide the
 /// coordinates that are not measured, of which a block that is resolved with `START` shows all.
 #[inline(always)]
-pub fn check_start(plan: &Plan, block: &mut Block) {
+pub fn check_start(plan: &DecodeSettings, block: &mut Block) {
     if let Some(code) = &plan.gray_code {
         check_code(plan, code, block);
         mask_gray(block);
@@ -20,8 +21,8 @@ pub fn check_start(plan: &Plan, block: &mut Block) {
 /// The reason of a pixel that is not unique where it is measured.
 #[inline(always)]
 fn unless(unique: bool, reason: u32) -> u32 {
-    if !unique & (reason == u32::from(reason::OK)) {
-        u32::from(reason::ORDER_AMBIGUOUS)
+    if !unique & (reason == Reason::Ok.lane()) {
+        Reason::OrderAmbiguous.lane()
     } else {
         reason
     }
@@ -30,7 +31,7 @@ fn unless(unique: bool, reason: u32) -> u32 {
 /// Relative coordinates without a finite repeat distance can lie outside the first combination's period.
 /// Such a coordinate often leaves that period when the chain refines it.
 #[inline(always)]
-fn check_ends(plan: &Plan, block: &mut Block) {
+fn check_ends(plan: &DecodeSettings, block: &mut Block) {
     let (middle, confidence) = (plan.chain.middle, plan.limits.confidence);
     let half_range = 0.5 / plan.chain.frequencies[0];
     for i in 0..BLOCK_PIXELS {
@@ -45,7 +46,7 @@ fn check_ends(plan: &Plan, block: &mut Block) {
 ///
 /// With cells of half a period the first condition decides, with cells of one period the second.
 #[inline(always)]
-fn check_code(plan: &Plan, code: &GrayCode, block: &mut Block) {
+fn check_code(plan: &DecodeSettings, code: &GrayCode, block: &mut Block) {
     let period = 1.0 / plan.chain.frequencies[0];
     let (slack, confidence) = (code.slack, plan.limits.confidence);
     let (guard, of_period) = (code.guard, code.confidence);
@@ -66,9 +67,41 @@ fn mask_gray(block: &mut Block) {
     for i in 0..BLOCK_PIXELS {
         let masked = block.start[i].is_infinite();
         block.reason[i] = if masked {
-            u32::from(reason::MASKED)
+            Reason::Masked.lane()
         } else {
             block.reason[i]
         };
     }
+}
+
+/// Squared cell width over the variance of a coordinate that is uniform over the cell.
+const UNIFORM_VARIANCE: f32 = 12.0;
+
+/// Coordinates, variances and reasons of a block from its Gray code alone.
+#[inline(always)]
+pub fn resolve_gray_only(plan: &DecodeSettings, block: &mut Block) {
+    let step = plan.gray_code.as_ref().map_or(0.0, |code| code.step);
+    let snr = plan.limits.min_snr;
+    block.background = block.gray.threshold;
+    block.modulation = block.gray.contrast;
+    block.coordinate = block.gray.coordinate;
+    block.sigma = Line::of((step * step / UNIFORM_VARIANCE).sqrt());
+    block.disagreement = Line::of(0.0);
+    for i in 0..BLOCK_PIXELS {
+        let contrast = block.modulation[i];
+        let noise = (HALF_DIFFERENCE * plan.noise.variance(block.background[i])).sqrt();
+        let reason = if block.coordinate[i].is_infinite() {
+            Reason::Masked
+        } else if contrast < snr * noise {
+            Reason::Shadow
+        } else if contrast < plan.limits.min_modulation {
+            Reason::LowModulation
+        } else if block.coordinate[i].is_nan() {
+            Reason::OrderAmbiguous
+        } else {
+            Reason::Ok
+        };
+        block.reason[i] = reason.lane();
+    }
+    hide_unmeasured(block);
 }

@@ -1,27 +1,25 @@
 //! Fringe orders, coordinate, variance and validity of a block of pixels.
 
 mod ends;
-mod gray_only;
 mod resolve;
 mod settings;
 mod shape;
 
-use super::fit::{fit, Fitted, Sums, NO_PRECISION};
-use super::gray_code::{read_gray_code, GrayCells};
-use super::{Frames, Line, Outputs, Plan, Sample, BLOCK_PIXELS};
-use crate::{reason, Error};
+use super::fit::{Fitted, NO_PRECISION, Sums, fit};
+use super::gray_code::{GrayCells, read_gray_code};
+use super::{BLOCK_PIXELS, DecodeSettings, Frames, Line, Outputs, Sample};
+use crate::{Error, Reason};
 use std::f32::consts::TAU;
 use std::ops::Range;
 
-use gray_only::resolve_gray_only;
 pub use settings::{Chain, Limits, Noise};
-use shape::{Resolver, MAX_SETS};
+use shape::{MAX_SETS, Resolver};
 
 /// 1.5 · 2²³: adding and subtracting it rounds an f32 below 2²² to the nearest whole number.
 const TO_WHOLE: f32 = 12_582_912.0;
 
 /// Refuse a plan that has too many sets.
-pub fn check(plan: &Plan) -> Result<(), Error> {
+pub fn check(plan: &DecodeSettings) -> Result<(), Error> {
     shape::check(plan)
 }
 
@@ -57,7 +55,7 @@ pub struct Scratch {
 
 impl Scratch {
     /// For a checked plan; `factors` says whether pixels have factors on their variances.
-    pub fn new(plan: &Plan, factors: bool) -> Self {
+    pub fn new(plan: &DecodeSettings, factors: bool) -> Self {
         let zero = Line::of(0.0);
         let block = Box::new(Block {
             sets: [const { Fitted::new() }; MAX_SETS],
@@ -84,7 +82,7 @@ impl Scratch {
 #[inline(always)]
 pub fn decode_block<T: Sample>(
     frames: &Frames<'_, T>,
-    plan: &Plan,
+    plan: &DecodeSettings,
     at: usize,
     scratch: &mut Scratch,
     out: &mut Outputs<'_>,
@@ -104,7 +102,7 @@ pub fn decode_block<T: Sample>(
         read_gray_code(frames, plan, code, at, phases, &mut block.gray);
     }
     match &scratch.resolver {
-        None => resolve_gray_only(plan, block),
+        None => ends::resolve_gray_only(plan, block),
         Some(resolver) => {
             block.power = block.sets[plan.finest()].power;
             if plan.gray_code.is_some() {
@@ -124,7 +122,7 @@ pub fn decode_block<T: Sample>(
 
 /// Background as the mean over all frames, and modulation of the finest set, for the Gray code.
 #[inline(always)]
-fn mean_and_modulation(plan: &Plan, block: &mut Block) {
+fn mean_and_modulation(plan: &DecodeSettings, block: &mut Block) {
     let total: usize = plan.sets.iter().map(|set| set.steps()).sum();
     block.background = Line::of(0.0);
     for (set, fitted) in plan.sets.iter().zip(&block.sets) {
@@ -153,7 +151,7 @@ fn mark_undetermined(sets: usize, block: &mut Block) {
             let undetermined = fitted.precision[i] == NO_PRECISION;
             let reason = block.reason[i];
             block.reason[i] = if undetermined {
-                u32::from(reason::SATURATED)
+                Reason::Saturated.lane()
             } else {
                 reason
             };
@@ -166,7 +164,7 @@ fn mark_undetermined(sets: usize, block: &mut Block) {
 #[inline(always)]
 fn hide_unmeasured(block: &mut Block) {
     for i in 0..BLOCK_PIXELS {
-        let ok = block.reason[i] == u32::from(reason::OK);
+        let ok = block.reason[i] == Reason::Ok.lane();
         block.coordinate[i] = if ok { block.coordinate[i] } else { f32::NAN };
         block.sigma[i] = if ok { block.sigma[i] } else { f32::NAN };
     }

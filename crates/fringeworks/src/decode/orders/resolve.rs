@@ -5,17 +5,10 @@
 //! roundings are constants of the compilation, without which the compiler does not use vectors.
 
 use super::shape::Shape;
-use super::{nearest, Block};
+use super::{Block, nearest};
+use crate::Reason;
 use crate::decode::BLOCK_PIXELS;
-use crate::reason;
 use std::f32::consts::TAU;
-
-/// Shot noise.
-pub const SHOT: u8 = 1;
-/// A start for every pixel, or open ends: what [`super::ends`] judges afterwards.
-pub const START: u8 = 2;
-/// Variances beyond noise: floors of the sets, or factors of the pixels.
-pub const RAISED: u8 = 4;
 
 /// Phases of a pixel, and what is known of them.
 struct Phases<const K: usize> {
@@ -33,7 +26,7 @@ struct Phases<const K: usize> {
 ///
 /// `SINGLE`: combination k is the phase of set k alone, as in a hierarchy of periods. `CHECKED`: the
 /// remainders that a rounding is judged by, one bit each: those of the combinations, then those of
-/// the sets. `NEEDS`: [`SHOT`], [`START`] and [`RAISED`], as the plan needs them.
+/// the sets. `SHOT`, `START` and `RAISED`: what the plan needs, see [`super::shape::Needs`].
 #[multiversion::multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512dq+avx512vl",
     "x86_64+avx2+fma"
@@ -43,7 +36,9 @@ pub fn resolve<
     const R: usize,
     const SINGLE: bool,
     const CHECKED: u64,
-    const NEEDS: u8,
+    const SHOT: bool,
+    const START: bool,
+    const RAISED: bool,
 >(
     shape: &Shape<K, R>,
     block: &mut Block,
@@ -51,8 +46,8 @@ pub fn resolve<
     // A copy: what might change in memory between two pixels keeps a loop from using vectors.
     let p = &{ *shape };
     for i in 0..BLOCK_PIXELS {
-        let phases = phases::<K, R, NEEDS>(p, block, i);
-        let start = if NEEDS & START > 0 {
+        let phases = phases::<K, R, SHOT, RAISED>(p, block, i);
+        let start = if START {
             block.start[i]
         } else {
             p.range.middle
@@ -61,14 +56,14 @@ pub fn resolve<
         let (shift, inverse, disagreement, agreed) = average_sets::<K, R, CHECKED>(p, &phases, x);
         let (x, sigma, inside) = into_range(p, x + shift, inverse);
         let ok = chained & agreed & inside & (disagreement <= p.max_disagreement);
-        if NEEDS & START > 0 {
+        if START {
             block.coarsest[i] = coarsest_variance(p, &phases);
         }
         let modulation = block.power[i].sqrt();
         let reason = reason_of(p, &phases, modulation, ok);
         block.reason[i] = reason;
         // The coordinate of every pixel is needed where its start is judged afterwards.
-        let shown = (reason == u32::from(reason::OK)) | (NEEDS & START > 0);
+        let shown = (reason == Reason::Ok.lane()) | START;
         block.coordinate[i] = if shown { x } else { f32::NAN };
         block.sigma[i] = if shown { sigma } else { f32::NAN };
         block.background[i] = phases.background;
@@ -78,7 +73,7 @@ pub fn resolve<
 }
 
 #[inline(always)]
-fn phases<const K: usize, const R: usize, const NEEDS: u8>(
+fn phases<const K: usize, const R: usize, const SHOT: bool, const RAISED: bool>(
     p: &Shape<K, R>,
     block: &Block,
     i: usize,
@@ -89,19 +84,19 @@ fn phases<const K: usize, const R: usize, const NEEDS: u8>(
     for k in 0..K {
         let set = &block.sets[k];
         let mut unit = set.precision[i];
-        if NEEDS & RAISED > 0 {
+        if RAISED {
             // Above what is usual, a factor counts for the roundings, too.
             let factor = (block.inflation[i] / p.usual_inflation).max(1.0);
             unit /= if unit > 0.0 { factor } else { 1.0 };
         }
-        let per_noise = if NEEDS & SHOT > 0 {
+        let per_noise = if SHOT {
             1.0 / (p.read_variance + p.gain * set.brightness[i].max(0.0))
         } else {
             p.per_read_noise
         };
         let q = unit * per_noise;
         (precision[k], variance[k]) = precision_and_variance(q, p.order_variance);
-        if NEEDS & RAISED > 0 {
+        if RAISED {
             let usual = block.inflation[i].min(p.usual_inflation);
             precision[k] = raised(precision[k], p.floor[k], usual);
         }
@@ -241,15 +236,15 @@ fn reason_of<const K: usize, const R: usize>(
     modulation: f32,
     ok: bool,
 ) -> u32 {
-    let choose = |yes: bool, a: u8, b: u8| u32::from(if yes { a } else { b });
+    let choose = |yes: bool, a: Reason, b: Reason| if yes { a.lane() } else { b.lane() };
     let (all, any) = phases.strong;
     let faint = (modulation < p.min_modulation) | !all;
-    let dark = choose(any, reason::LOW_MODULATION, reason::SHADOW);
-    let clear = choose(ok, reason::OK, reason::ORDER_AMBIGUOUS);
+    let dark = choose(any, Reason::LowModulation, Reason::Shadow);
+    let clear = choose(ok, Reason::Ok, Reason::OrderAmbiguous);
     let lit = if faint { dark } else { clear };
     if phases.background.is_finite() {
         lit
     } else {
-        u32::from(reason::MASKED)
+        Reason::Masked.lane()
     }
 }

@@ -1,9 +1,9 @@
 //! What a plan knows before any pixel, laid out for the loop that resolves blocks.
 
-use super::resolve::{dot, resolve, RAISED, SHOT, START};
 use super::Block;
-use crate::decode::Plan;
-use crate::{check_value, Error};
+use super::resolve::{dot, resolve};
+use crate::decode::DecodeSettings;
+use crate::{Error, check_value};
 use std::f32::consts::TAU;
 
 /// Largest number of sets along an axis. More periods do not help a fringe order.
@@ -61,7 +61,7 @@ pub struct Range {
 }
 
 impl Range {
-    fn new(plan: &Plan) -> Self {
+    fn new(plan: &DecodeSettings) -> Self {
         let chain = &plan.chain;
         let periodic = chain.repeats.is_finite() && plan.gray_code.is_none();
         let unless_open = |value: f32, open: f32| if periodic { value } else { open };
@@ -113,7 +113,7 @@ pub struct Shape<const K: usize, const R: usize> {
 }
 
 impl<const K: usize, const R: usize> Shape<K, R> {
-    fn new(plan: &Plan) -> Self {
+    fn new(plan: &DecodeSettings) -> Self {
         let (chain, limits, sets) = (&plan.chain, &plan.limits, plan.sets.len());
         let total: usize = plan.sets.iter().map(|set| set.steps()).sum();
         let of_sets = |other: f32, f: &dyn Fn(usize) -> f32| {
@@ -162,7 +162,9 @@ fn row<const K: usize>(matrix: &[f32], r: usize, sets: usize) -> [f32; K] {
 }
 
 /// The roundings of a plan at the remainders that judge them.
-fn roundings<const K: usize, const R: usize>(plan: &Plan) -> ([Rounding<K>; R], [Rounding<K>; K]) {
+fn roundings<const K: usize, const R: usize>(
+    plan: &DecodeSettings,
+) -> ([Rounding<K>; R], [Rounding<K>; K]) {
     let (chain, sets) = (&plan.chain, plan.sets.len());
     // Both tests compare squares of as many standard deviations as decisions must be safe by.
     let squared = plan.limits.order_confidence * plan.limits.order_confidence;
@@ -183,31 +185,70 @@ fn roundings<const K: usize, const R: usize>(plan: &Plan) -> ([Rounding<K>; R], 
     (of_chain, of_sets)
 }
 
-/// Bits of the remainders that judge a rounding, in a shape of `R` combinations.
-fn checked(plan: &Plan, combinations: usize) -> u64 {
-    let known = plan.chain.frequencies.len();
-    let place = |&k: &usize| {
-        if k < known {
-            k
-        } else {
-            k - known + combinations
-        }
-    };
-    plan.chain.remainder.iter().map(|k| 1 << place(k)).sum()
+/// The remainder of combination `k`, as a bit of the remainders that roundings are judged by.
+const fn combination(k: usize) -> u64 {
+    1 << k
 }
 
-/// What a plan needs beyond phases and roundings; `factors` says whether pixels have some.
-fn needs(plan: &Plan, factors: bool) -> u8 {
-    let open = plan.chain.circular && plan.chain.repeats.is_infinite();
-    let raised = factors || plan.sets.iter().any(|set| set.floor > 0.0);
-    let bit = |wanted: bool, bit: u8| if wanted { bit } else { 0 };
-    bit(plan.noise.gain > 0.0, SHOT)
-        | bit(plan.gray_code.is_some() || open, START)
-        | bit(raised, RAISED)
+/// The remainder of set `k`, as a bit behind those of so many combinations.
+const fn set(k: usize, combinations: usize) -> u64 {
+    1 << (combinations + k)
+}
+
+/// All remainders.
+const EVERY: u64 = u64::MAX;
+
+/// A hierarchy of three periods: the second rounding of its chain, and the set that is not in it.
+const HIERARCHY_OF_THREE: u64 = combination(1) | set(2, 2);
+
+/// A hierarchy of four periods: the roundings of its chain after the first, the coarsest set and the one
+/// that is not in the chain.
+const HIERARCHY_OF_FOUR: u64 = combination(1) | combination(2) | set(0, 3) | set(3, 3);
+
+/// A chain of three similar periods: its second rounding, and those of all sets.
+const SIMILAR: u64 = combination(1) | set(0, 4) | set(1, 4) | set(2, 4);
+
+/// The remainders that judge the roundings of a plan, in a shape of so many combinations.
+fn judged(plan: &DecodeSettings, combinations: usize) -> u64 {
+    let known = plan.chain.frequencies.len();
+    let bit = |&k: &usize| match k.checked_sub(known) {
+        None => combination(k),
+        Some(k) => set(k, combinations),
+    };
+    plan.chain.remainder.iter().map(bit).sum()
+}
+
+/// What a plan needs beyond phases and roundings.
+#[derive(Clone, Copy)]
+pub struct Needs {
+    /// Shot noise.
+    shot: bool,
+    /// A start for every pixel, or open ends: what [`super::ends`] judges afterwards.
+    start: bool,
+    /// Variances beyond noise: floors of the sets, or factors of the pixels.
+    raised: bool,
+}
+
+impl Needs {
+    const ALL: Self = Self {
+        shot: true,
+        start: true,
+        raised: true,
+    };
+
+    /// `factors` says whether pixels have factors on their variances.
+    fn of(plan: &DecodeSettings, factors: bool) -> Self {
+        let open = plan.chain.circular && plan.chain.repeats.is_infinite();
+        Self {
+            shot: plan.noise.gain > 0.0,
+            start: plan.gray_code.is_some() || open,
+            raised: factors || plan.sets.iter().any(|set| set.floor > 0.0),
+        }
+    }
 }
 
 /// Refuse what no shape can hold.
-pub fn check(plan: &Plan) -> Result<(), Error> {
+pub fn check(plan: &DecodeSettings) -> Result<(), Error> {
     let (sets, n) = (plan.sets.len(), plan.chain.frequencies.len());
     check_value("sets", sets <= MAX_SETS, "16 or fewer", sets)?;
     check_value("combinations", n <= MAX_COMBINATIONS, "32 or fewer", n)?;
@@ -224,79 +265,118 @@ pub fn check(plan: &Plan) -> Result<(), Error> {
 }
 
 /// Whether a plan has exactly `k` sets, and `r` combinations that are each the phase of one set.
-fn is_single(plan: &Plan, k: usize, r: usize) -> bool {
+fn is_single(plan: &DecodeSettings, k: usize, r: usize) -> bool {
     let unit = |(i, &c): (usize, &f32)| c == if i / k == i % k { 1.0 } else { 0.0 };
     plan.sets.len() == k
         && plan.chain.frequencies.len() == r
         && plan.chain.combinations.iter().enumerate().all(unit)
 }
 
-/// All remainders.
-const EVERY: u64 = u64::MAX;
+/// Resolve a block by a loop that does no more than a plan needs: there are eight.
+fn for_each_need<const K: usize, const R: usize, const SINGLE: bool, const JUDGED: u64>(
+    shape: &Shape<K, R>,
+    needs: Needs,
+    block: &mut Block,
+) {
+    match (needs.shot, needs.start, needs.raised) {
+        (false, false, false) => resolve::<K, R, SINGLE, JUDGED, false, false, false>(shape, block),
+        (false, false, true) => resolve::<K, R, SINGLE, JUDGED, false, false, true>(shape, block),
+        (false, true, false) => resolve::<K, R, SINGLE, JUDGED, false, true, false>(shape, block),
+        (false, true, true) => resolve::<K, R, SINGLE, JUDGED, false, true, true>(shape, block),
+        (true, false, false) => resolve::<K, R, SINGLE, JUDGED, true, false, false>(shape, block),
+        (true, false, true) => resolve::<K, R, SINGLE, JUDGED, true, false, true>(shape, block),
+        (true, true, false) => resolve::<K, R, SINGLE, JUDGED, true, true, false>(shape, block),
+        (true, true, true) => resolve::<K, R, SINGLE, JUDGED, true, true, true>(shape, block),
+    }
+}
+
+/// Resolve a block by the loop for all needs, the only one of a rare shape.
+fn for_all_needs<const K: usize, const R: usize, const SINGLE: bool, const JUDGED: u64>(
+    shape: &Shape<K, R>,
+    _: Needs,
+    block: &mut Block,
+) {
+    resolve::<K, R, SINGLE, JUDGED, true, true, true>(shape, block);
+}
+
+/// The needs that the loop of a shape serves.
+macro_rules! served {
+    (for_each_need, $needs:ident) => {
+        $needs
+    };
+    (for_all_needs, $needs:ident) => {
+        Needs::ALL
+    };
+}
 
 macro_rules! shapes {
-    ($($name:ident($k:literal, $r:literal, $single:literal, $checked:expr): [$($needs:literal),+];)+) => {
+    ($($name:ident {
+        sets: $k:literal, combinations: $r:literal, single: $single:literal, judged: $judged:expr,
+        compiled: $compiled:ident
+    })+) => {
+        /// A plan in one of the shapes that loops are compiled for.
+        enum AnyShape {
+            $($name(Box<Shape<$k, $r>>),)+
+        }
+
         /// The loop that a plan is resolved by.
-        pub enum Resolver {
-            $($name(Box<Shape<$k, $r>>, u8),)+
+        pub struct Resolver {
+            shape: AnyShape,
+            needs: Needs,
         }
 
         impl Resolver {
-            /// The first loop that does all that a plan needs; `None` for too many sets.
-            fn of(plan: &Plan, needed: u8) -> Option<Self> {
+            /// The first shape that holds a plan; `None` for too many sets.
+            fn of(plan: &DecodeSettings, needs: Needs) -> Option<Self> {
                 let (sets, n) = (plan.sets.len(), plan.chain.frequencies.len());
                 $(
-                    let done = [$($needs),+].into_iter().find(|done| needed & !done == 0);
-                    let holds = sets <= $k && n <= $r && checked(plan, $r) | $checked == $checked;
+                    let holds = sets <= $k && n <= $r && judged(plan, $r) | $judged == $judged;
                     if holds && (!$single || is_single(plan, $k, $r)) {
-                        if let Some(done) = done {
-                            return Some(Self::$name(Box::new(Shape::new(plan)), done));
-                        }
+                        let served = served!($compiled, needs);
+                        let shape = AnyShape::$name(Box::new(Shape::new(plan)));
+                        return Some(Self { shape, needs: served });
                     }
                 )+
                 None
             }
 
-            /// Whether blocks are resolved with `START`.
-            pub fn shows_all(&self) -> bool {
-                match self {
-                    $(Self::$name(_, needs) => needs & START > 0,)+
-                }
-            }
-
             /// Resolve a block whose sets are fitted.
             pub fn resolve(&self, block: &mut Block) {
-                match self {
-                    $($(
-                        Self::$name(shape, $needs) => {
-                            resolve::<$k, $r, $single, { $checked }, $needs>(shape, block);
-                        }
-                    )+)+
-                    _ => {}
+                match &self.shape {
+                    $(AnyShape::$name(shape) => {
+                        $compiled::<$k, $r, $single, { $judged }>(shape, self.needs, block);
+                    })+
                 }
             }
         }
     };
 }
 
-// What a plan needs is SHOT + START + RAISED. Hierarchies of three and four periods, and a chain of
-// three similar ones, are judged by some of the remainders.
 shapes! {
-    One(1, 1, true, EVERY): [0, 1, 2, 3, 4, 5, 6, 7];
-    Two(2, 1, false, EVERY): [0, 1, 2, 3, 4, 5, 6, 7];
-    Three(3, 2, true, 0b1_0010): [0, 1, 2, 3, 4, 5, 6, 7];
-    Similar(3, 4, false, 0b111_0010): [0, 1, 2, 3, 4, 5, 6, 7];
-    Four(4, 3, true, 0b100_1110): [0, 1, 2, 3, 4, 5, 6, 7];
-    TwoOfAny(2, 2, false, EVERY): [7];
-    ThreeOfAny(3, 5, false, EVERY): [7];
-    FourOfAny(4, 6, false, EVERY): [7];
-    EightOfAny(8, 12, false, EVERY): [7];
-    Any(16, 32, false, EVERY): [7];
+    One { sets: 1, combinations: 1, single: true, judged: EVERY, compiled: for_each_need }
+    Two { sets: 2, combinations: 1, single: false, judged: EVERY, compiled: for_each_need }
+    Three {
+        sets: 3, combinations: 2, single: true, judged: HIERARCHY_OF_THREE, compiled: for_each_need
+    }
+    Similar { sets: 3, combinations: 4, single: false, judged: SIMILAR, compiled: for_each_need }
+    Four {
+        sets: 4, combinations: 3, single: true, judged: HIERARCHY_OF_FOUR, compiled: for_each_need
+    }
+    TwoOfAny { sets: 2, combinations: 2, single: false, judged: EVERY, compiled: for_all_needs }
+    ThreeOfAny { sets: 3, combinations: 5, single: false, judged: EVERY, compiled: for_all_needs }
+    FourOfAny { sets: 4, combinations: 6, single: false, judged: EVERY, compiled: for_all_needs }
+    EightOfAny { sets: 8, combinations: 12, single: false, judged: EVERY, compiled: for_all_needs }
+    Any { sets: 16, combinations: 32, single: false, judged: EVERY, compiled: for_all_needs }
 }
 
 impl Resolver {
     /// For a checked plan; `factors` says whether pixels have factors on their variances.
-    pub fn new(plan: &Plan, factors: bool) -> Self {
-        Self::of(plan, needs(plan, factors)).expect("a checked plan")
+    pub fn new(plan: &DecodeSettings, factors: bool) -> Self {
+        Self::of(plan, Needs::of(plan, factors)).expect("a checked plan")
+    }
+
+    /// Whether blocks are resolved with a start for every pixel, and show all coordinates.
+    pub fn shows_all(&self) -> bool {
+        self.needs.start
     }
 }

@@ -14,6 +14,7 @@ from .types import (
     CoordinateMap as CoordinateMap,
     DatumPlanes as DatumPlanes,
     DatumPoints as DatumPoints,
+    Delay as Delay,
     Decoded as Decoded,
     DeviceProblem as DeviceProblem,
     DisplacementMap as DisplacementMap,
@@ -158,14 +159,13 @@ from .scan.setup import (
     SetupTests as SetupTests,
     set_up as set_up,
 )
-from .scan.setup_file import (
+from .files.setup import (
     StoredSetup as StoredSetup,
     check_setup_target as check_setup_target,
     read_setup as read_setup,
     write_setup as write_setup,
 )
 from .scan.delay import (
-    Delay as Delay,
     measure_delay as measure_delay,
 )
 from .scan.frames import (

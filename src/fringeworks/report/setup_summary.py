@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from fringeworks.report.summary import summary
-from fringeworks.scan.delay import Delay
 from fringeworks.scan.exposure_proof import ExposureProof
 from fringeworks.scan.setup import Setup, SetupTests
+from fringeworks.types import Delay
 
 
 @summary.register

@@ -22,6 +22,7 @@ from fringeworks.files.merged import write_merged_points
 from fringeworks.files.pair import CAPTURE_FILE
 from fringeworks.files.results import write_result
 from fringeworks.files.rig import read_rig, write_rig
+from fringeworks.files.setup import StoredSetup, read_setup, write_setup
 from fringeworks.files.toml import kind_of
 from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.pipeline.inputs import capture_of
@@ -39,7 +40,6 @@ from fringeworks.scan.capture import capture
 from fringeworks.scan.hdr import capture_hdr
 from fringeworks.scan.live_calibration import PoseTaker
 from fringeworks.scan.setup import SetupStopped, set_up
-from fringeworks.scan.setup_file import StoredSetup, read_setup, write_setup
 from fringeworks.scan.turntable import merge_turn
 from fringeworks.studio.worker import Link
 from fringeworks.types import Decoded, HeightMap, InputError, Pair, PointCloud, Points

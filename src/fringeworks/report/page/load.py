@@ -15,9 +15,9 @@ from fringeworks.files.light import read_light
 from fringeworks.files.limits import existing_file, is_folder, parsing, read_content
 from fringeworks.files.points import read_cloud, read_points
 from fringeworks.files.rig import OPENCV_SUFFIXES, read_rig
+from fringeworks.files.setup import read_setup
 from fringeworks.files.surfaces import read_surface
 from fringeworks.files.wrapped import read_phase
-from fringeworks.scan.setup_file import read_setup
 from fringeworks.types import FileProblem
 
 READERS: dict[str, Callable[[Path], Any]] = {

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fringeworks.evaluate.form import FormEvaluation
+from fringeworks.files.setup import StoredSetup
 from fringeworks.report.display import plot
 from fringeworks.report.page.blocks import Chapter, Picture
 from fringeworks.report.page.chapter import Context, chapter_of, figure_blocks, judged_block
@@ -24,7 +25,6 @@ from fringeworks.report.page.parts import (
 from fringeworks.report.summary import summarise
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import pose_figures
-from fringeworks.scan.setup_file import StoredSetup
 from fringeworks.types import RIG_PARAMETERS, InputError, Rig, provenance_from
 
 

@@ -216,7 +216,7 @@ def writers() -> list[Writer]:
         _files("law.npz", lambda p, k: fw.write_reference_plane(p, laws[k])),
         _files("response.toml", lambda p, k: fw.write_response(p, responses[k])),
         _files("merged.ply", lambda p, k: fw.write_merged_points(p, points[k])),
-        _files("result.tif", lambda p, k: fw.write_result(p, surfaces[k])),
+        _files("result.tif", lambda p, k: fw.write(p, surfaces[k])),
         _files("text.json", lambda p, k: write_text(p, json.dumps([k] * 5000))),
         _files("board.svg", lambda p, k: fw.write_board(p, f"chessboard:{5 + k}x4:12")),
         _files("report.html", lambda p, k: fw.write_report(p, surfaces[k])),

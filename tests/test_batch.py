@@ -167,7 +167,7 @@ def test_archives_without_zarr_and_control_charts(line, tmp_path):
     rows = table(tmp_path / "o" / "summary.csv")
     assert len(rows) == COUNT
     for row in rows.values():
-        cloud = fw.load_result(tmp_path / "o" / "scans" / row["address"] / "result.npz")
+        cloud = fw.read(tmp_path / "o" / "scans" / row["address"] / "result.npz")
         assert (cloud.reason == 0).sum() > 50_000
     text = report.read_text("utf-8")
     assert text.count("<img") + text.count("<svg") >= 2

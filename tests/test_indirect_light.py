@@ -181,7 +181,7 @@ def test_the_command_writes_light_picture_report_and_numbers(tmp_path, capsys):
     assert "indirect light:" in capsys.readouterr().out
     assert figure.stat().st_size > 10_000
     assert "indirect share" in report.read_text()
-    assert type(fw.load_result(out)) is fw.LightSeparation
+    assert type(fw.read(out)) is fw.LightSeparation
 
 
 def test_the_command_refuses_what_it_cannot_do(tmp_path, capsys):

@@ -356,7 +356,7 @@ def test_recipes_that_cannot_be_used(tmp_path, text, said):
 
 
 def test_results_are_converted(tmp_path, capsys):
-    fw.write_result(tmp_path / "a.npz", points(0))
+    fw.write(tmp_path / "a.npz", points(0))
     assert run(["convert", str(tmp_path / "a.npz"), str(tmp_path / "b.ply")]) == 0
     assert len(fw.read_points(tmp_path / "b.ply").xyz_mm) == (points(0).reason == 0).sum()
     assert run(["convert", str(tmp_path / "b.ply"), str(tmp_path / "c.npz")]) == 2

@@ -311,16 +311,12 @@ from .stack.wrapped import (
 from .stack.even_light import (
     texture as texture,
 )
-from .files.coordinates import (
+from .files.archives import (
     read_coordinates as read_coordinates,
-    write_coordinates as write_coordinates,
-)
-from .files.light import (
     read_light as read_light,
-    write_light as write_light,
-)
-from .files.wrapped import (
     read_phase as read_phase,
+    write_coordinates as write_coordinates,
+    write_light as write_light,
     write_phase as write_phase,
 )
 
@@ -579,8 +575,9 @@ from .batch.run import (
     BatchResult as BatchResult,
     run_batch as run_batch,
 )
-from .files.results import (
-    write_result as write_result,
+from .files.read_write import (
+    read as read,
+    write as write,
 )
 from .files.recipe import (
     read_recipe as read_recipe,
@@ -603,6 +600,8 @@ from .report.summary import (
 )
 from .report.tables import (
     format_table as format_table,
+)
+from .files.figures import (
     to_json as to_json,
 )
 from .report.figures import (
@@ -619,9 +618,6 @@ from .report.page.report import (
 from .report.page.tolerances import (
     Tolerance as Tolerance,
     parse_tolerance as parse_tolerance,
-)
-from .report.page.load import (
-    load_result as load_result,
 )
 from .report.board_sheet import (
     board_sheet as board_sheet,

@@ -41,7 +41,7 @@ def inspect_part(
     words = output.Output(out, *show.targets)
     from fringeworks.evaluate.inspect import rig_of
 
-    output.check(out, "result")
+    output.check(out, "surface", "points")
     show.check()
     with output.progress() as progress:
         progress("measuring …")
@@ -49,7 +49,7 @@ def inspect_part(
         found = fw.inspect(capture, known)
     if out is not None:
         with output.target(out, ".ply") as place:
-            fw.write_result(place, found.surface, kind=ply.value)
+            fw.write(place, found.surface, kind=ply.value)
     show.write(
         found.surface,
         fw.summarise(found),
@@ -85,6 +85,6 @@ def convert(
     ply: PlyOption = Ply.points,
 ) -> None:
     """Write a result in another format."""
-    output.check(target, "result")
-    fw.write_result(target, fw.load_result(source), kind=ply.value)
+    kind = {} if ply is Ply.points else {"kind": ply.value}
+    fw.write(target, fw.read(source), **kind)
     output.Output().wrote(target)

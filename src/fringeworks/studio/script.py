@@ -113,7 +113,7 @@ def export_command(
         f"report {_quoted(source)} --out {_quoted(name)}"
         if report
         else f"convert {_quoted(source)} {_quoted(name)}{mesh}",
-        _written(name, kind, f"fw.load_result({source!r})", ""),
+        _written(name, kind, f"fw.read({source!r})", ""),
     )
 
 
@@ -132,7 +132,7 @@ def _written(name: str, kind: str, result: str, part: str) -> str:
     if name.endswith((".html", ".pdf")):
         return f"fw.write_report({name!r}, {result})"
     mesh = ", kind='mesh'" if kind == "mesh" else ""
-    return f"fw.write_result({name!r}, {result}{part}{mesh})"
+    return f"fw.write({name!r}, {result}{part}{mesh})"
 
 
 def _quoted(text: str) -> str:

@@ -75,6 +75,16 @@ class Output:
             if target is not None and not is_stdout(target):
                 self.say(f"wrote {target}")
 
+    def tell(self, result: Any, figures: dict[str, Any]) -> None:
+        """Print what a result says, with its figures and what else is known."""
+        from fringeworks.report.kind import Rows, words_of
+
+        for line in words_of(result, figures):
+            if isinstance(line, Rows):
+                self.table(line.columns, line.rows, lines=line.ruled)
+            else:
+                self.say(line)
+
     def table(
         self, columns: Sequence[str], rows: Sequence[Sequence[str]], *, lines: bool = False
     ) -> None:

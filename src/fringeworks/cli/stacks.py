@@ -26,7 +26,6 @@ from fringeworks.cli.options import (
     items,
 )
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_calibration, say_coordinates, say_light, say_phase
 
 SECTION = "Stacks and rigs"
 
@@ -57,11 +56,9 @@ def response(
     found = fw.response_from_stack(how.read(stack), number=number, **how.options)
     with output.target(out, ".toml") as place:
         fw.write_response(place, found)
-    output.write_json(json_file, fw.summarise(found))
-    words.say(
-        f"γ = {found.gamma:.3f}; residual phase error after correction "
-        f"{found.residual_rad:.4f} rad rms"
-    )
+    figures = fw.summarise(found)
+    output.write_json(json_file, figures)
+    words.tell(found, figures)
     words.wrote(out)
 
 
@@ -125,7 +122,7 @@ def decode(
             fw.write_coordinates(place, found)
     figures = fw.summarise(found)
     show.write(found, figures, name=stack.name, provenance=found.provenance)
-    say_coordinates(words, figures)
+    words.tell(found, figures)
     words.wrote(out, show.figure, show.report)
 
 
@@ -153,7 +150,7 @@ def _show_phase(
             fw.write_phase(place, phase, unwrapped)
     figures = fw.summarise(phase)
     show.write(phase, figures, name=name, provenance=phase.provenance)
-    say_phase(words, figures)
+    words.tell(phase, figures)
     if unwrapped is not None:
         words.say(
             f"unwrapped by {unwrapped.algorithm}: {unwrapped.residues} residues, "
@@ -201,7 +198,7 @@ def light(
             fw.write_light(place, found)
     figures = fw.summarise(found)
     show.write(found, figures, name=stack.name, provenance=found.provenance)
-    say_light(words, figures)
+    words.tell(found, figures)
     words.wrote(out, show.figure, show.report)
 
 
@@ -269,7 +266,7 @@ def calibrate(
         fw.write_rig(place, found.rig)
     figures = fw.summarise(found)
     show.write(found, figures, name=folder.name, provenance=found.rig.provenance)
-    say_calibration(words, figures)
+    words.tell(found, figures)
     words.wrote(out, show.figure, show.report)
 
 

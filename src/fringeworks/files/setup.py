@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import tomli_w
@@ -114,13 +114,6 @@ class StoredSetup(Frozen):
         return float(np.sqrt(self.noise.variance(self.modulation)))
 
 
-class Storable(Protocol):
-    """A set-up that says what of it is stored, as ``Setup`` does."""
-
-    def stored(self, projector: str, camera: str) -> StoredSetup:
-        """Return what a file holds; the words open the devices."""
-
-
 def check_setup_target(path: StrPath) -> None:
     """Refuse a set-up file that cannot be written, before anything is measured for it.
 
@@ -137,7 +130,7 @@ def check_setup_target(path: StrPath) -> None:
 
 def write_setup(
     path: StrPath,
-    setup: Storable | StoredSetup,
+    setup: Any,
     *,
     projector: str | None = None,
     camera: str | None = None,
@@ -148,6 +141,7 @@ def write_setup(
     ----------
     path : path
     setup : Setup or StoredSetup
+        A Setup tells what of it is stored, see ``Setup.stored``.
     projector, camera : str
         Words that open the devices of a Setup; see ``open_devices``. A StoredSetup has its own.
 
@@ -163,11 +157,12 @@ def write_setup(
         if projector is None or camera is None:
             raise InputError("set-up: expected the words that open projector and camera, got none")
         setup = setup.stored(projector, camera)
+    stored: StoredSetup = setup
     path = Path(path)
-    usual, proposed = path.stem + PLAN_SUFFIX, setup.plan
+    usual, proposed = path.stem + PLAN_SUFFIX, stored.plan
     plan = name_beside(path, usual, fingerprint(proposed), lambda p: holds_plan(p, proposed))
     write_plan(plan, proposed)
-    write_text(path, tomli_w.dumps(_content(setup, plan.name)))
+    write_text(path, tomli_w.dumps(_content(stored, plan.name)))
     drop_earlier(path, [usual], [plan.name])
     return [path, plan]
 

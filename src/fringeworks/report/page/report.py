@@ -12,7 +12,6 @@ from fringeworks.files.limits import existing_file, is_folder
 from fringeworks.files.read_write import read
 from fringeworks.files.rig import read_rig
 from fringeworks.report.drawing import need_plots
-from fringeworks.report.page import deviation_chapter, others, surface_chapters  # noqa: F401, register chapters
 from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.both import compared
 from fringeworks.report.page.chapter import Context, chapter_of

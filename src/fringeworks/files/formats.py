@@ -5,12 +5,14 @@ A kind is declared here once. The modules that read and write it are loaded when
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from fringeworks.files.atomic import StrPath, check_target
+from fringeworks.types import InputError
 from fringeworks.types.packages import need_opencv
 
 ARCHIVE = ".npz"
@@ -34,17 +36,17 @@ class Format:
     name: str
     holds: str
     """What a file holds, for messages."""
-    types: tuple[str, ...]
-    """Names of the types that are written."""
-    suffixes: tuple[str, ...]
+    types: Sequence[str]
+    """Names of the types that are written; every type has one format."""
+    suffixes: Sequence[str]
     """Suffixes of the files that are written; none for folders."""
     load: Callable[[], Functions]
     """Loads the functions that read and write."""
-    reads: tuple[str, ...] = ()
+    reads: Sequence[str] = ()
     """Suffixes that no other kind has."""
-    arrays: tuple[str, ...] = ()
+    arrays: Sequence[str] = ()
     """Names of arrays, one of which every archive has and no other kind has."""
-    kinds: tuple[str, ...] = ()
+    kinds: Sequence[str] = ()
     """Kinds that descriptions in TOML name."""
     needs: Callable[[str], None] = lambda _: None
     """Refuses a suffix for which a package is missing."""
@@ -53,9 +55,15 @@ class Format:
         """Read a file."""
         return self.load().read(path)
 
-    def write(self, path: StrPath, thing: Any, **options: Any) -> Any:
-        """Write a file, whole or not at all."""
-        return self.load().write(path, thing, **options)
+    def write(self, path: StrPath, thing: Any, **options: Any) -> None:
+        """Write a file, whole or not at all; refuse options that the format does not have."""
+        self.check(path)
+        function = self.load().write
+        try:
+            signature(function).bind(path, thing, **options)
+        except TypeError as error:
+            raise InputError(f"{Path(path).name}: options of {self.holds}: {error}") from error
+        function(path, thing, **options)
 
     def check(self, path: StrPath) -> None:
         """Refuse a file that cannot be written, before anything is computed for it."""
@@ -69,43 +77,24 @@ FORMATS: dict[str, Format] = {}
 
 
 def declare(
-    name: str,
-    holds: str,
-    types: Iterable[str],
-    suffixes: Iterable[str] = (),
-    *,
-    reads: Iterable[str] = (),
-    arrays: Iterable[str] = (),
-    kinds: Iterable[str] = (),
-    needs: Callable[[str], None] = lambda _: None,
-) -> Callable[[Callable[[], Functions]], Callable[[], Functions]]:
-    """Declare a kind of files; see ``Format``. What is decorated loads its functions."""
+    name: str, holds: str, types: Sequence[str], suffixes: Sequence[str] = (), **more: Any
+) -> Callable[[Callable[[], Functions]], None]:
+    """Declare a kind of files by what loads its functions; see ``Format``."""
 
-    def declared(load: Callable[[], Functions]) -> Callable[[], Functions]:
-        FORMATS[name] = Format(
-            name,
-            holds,
-            tuple(types),
-            tuple(suffixes),
-            load,
-            tuple(reads),
-            tuple(arrays),
-            tuple(kinds),
-            needs,
-        )
-        return load
+    def declared(load: Callable[[], Functions]) -> None:
+        FORMATS[name] = Format(name, holds, types, suffixes, load, **more)
 
     return declared
 
 
-def formats_of(kind: type) -> list[Format]:
-    """The kinds of files that results of a type are written to."""
+def format_of(kind: type) -> Format | None:
+    """The kind of files that things of a type, or of its base, are written to; None for none."""
     for base in kind.__mro__:
         if base.__module__.partition(".")[0] in ("fringeworks", "numpy", "builtins"):
-            found = [one for one in FORMATS.values() if base.__name__ in one.types]
-            if found:
-                return found
-    return []
+            for one in FORMATS.values():
+                if base.__name__ in one.types:
+                    return one
+    return None
 
 
 def check_target_of(path: StrPath, *names: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from fringeworks.files.capture import read_capture
 from fringeworks.files.capture_writer import UNFINISHED_FILE
 from fringeworks.files.exposures import is_exposures, read_exposures
 from fringeworks.files.folder import incomplete
-from fringeworks.files.formats import ARCHIVE, FORMATS, TOML, check_target_of, formats_of
+from fringeworks.files.formats import ARCHIVE, FORMATS, TOML, format_of
 from fringeworks.files.images import TIFF_SUFFIXES
 from fringeworks.files.limits import existing_file, is_file, is_folder, parsing, told
 from fringeworks.files.pair import CAPTURE_FILE
@@ -118,22 +117,11 @@ def write(path: StrPath, thing: Any, **options: Any) -> Path:
     FileProblem for a suffix that the thing cannot be written to, and where the folder cannot be
     written to.
     """
-    found = formats_of(type(thing))
-    if not found:
-        known = ", ".join(dict.fromkeys(name for one in FORMATS.values() for name in one.types))
+    one = format_of(type(thing))
+    if one is None:
+        known = ", ".join(name for one in FORMATS.values() for name in one.types)
         raise InputError(f"{path}: expected one of {known}, got {type(thing).__name__}")
-    functions = found[0].load()
-    try:
-        signature(functions.write).bind(path, thing, **options)
-    except TypeError as error:
-        raise InputError(f"{Path(path).name}: options of {found[0].holds}: {error}") from error
-    suffix, known = Path(path).suffix, dict.fromkeys(s for one in found for s in one.suffixes)
-    if known and suffix.lower() not in known:
-        raise FileProblem(
-            f"{path}: expected {', '.join(known)} for {found[0].holds}, got {suffix or 'no suffix'}"
-        )
-    check_target_of(path, *(one.name for one in found))
-    functions.write(path, thing, **options)
+    one.write(path, thing, **options)
     return Path(path)
 
 

@@ -41,7 +41,15 @@ from fringeworks.scan.live_calibration import PoseTaker
 from fringeworks.scan.setup import SetupStopped, set_up
 from fringeworks.scan.turntable import merge_turn
 from fringeworks.studio.worker import Link
-from fringeworks.types import Decoded, HeightMap, InputError, Pair, PointCloud, Points
+from fringeworks.types import (
+    Decoded,
+    HeightMap,
+    InputError,
+    Pair,
+    PointCloud,
+    Points,
+    TriangleMesh,
+)
 
 PICTURE_PX = 960
 """Longer side of a picture to draw areas on, px."""
@@ -260,7 +268,8 @@ def export(link: Link, source: Source, target: str, kind: str) -> str:
     if path.suffix in REPORTS:
         write_report(path, {source.path.name: result}, rig=source.rig)
     else:
-        write(path, surface_of(result), kind="mesh" if kind == "mesh" else "points")
+        part = result if isinstance(result, TriangleMesh) else surface_of(result)
+        write(path, part, **({"kind": "mesh"} if kind == "mesh" else {}))
     return path.name
 
 

@@ -72,9 +72,9 @@ def read(path: StrPath) -> Any:
     path = existing_file(path, "a capture, a result or a calibration")
     suffix = path.suffix.lower()
     by_content = {
+        ".ply": _ply,
         ARCHIVE: _archive,
         TOML: _description,
-        ".ply": _ply,
         ".npy": _frames,
         ".mat": FORMATS["pair"].read,
         **dict.fromkeys(TIFF_SUFFIXES, _tiff),

@@ -24,7 +24,6 @@ from PIL import Image
 
 import fringeworks as fw
 from fringeworks.types import made_by
-from fringeworks.types.finding import FrameFinding
 from tests.cameras import small_rig
 from tests.hostile_structure import damaged
 
@@ -292,7 +291,7 @@ def targets(folder: Path) -> list[Target]:
     codes = fw.stack.CoordinateMap(
         flat, flat, flat, flat, flat.astype(np.uint8), "x", (16.0, 90.0), np.stack([flat] * 2)
     )
-    decoded = fw.Decoded(codes, None, CameraNoise(1.0), (FrameFinding("noise", "seen"),))
+    decoded = fw.Decoded(codes, None, CameraNoise(1.0), (fw.Finding("noise", "seen"),))
     wrapped = fw.stack.WrappedPhase(
         flat, flat, flat, flat, flat.astype(np.uint8), (0.0, 1.0, 2.0), CameraNoise(1.0), ("a",)
     )
@@ -346,13 +345,17 @@ def targets(folder: Path) -> list[Target]:
         npz("cloud.npz", lambda p: fw.files.write_points(p, cloud), fw.files.read_points),
         npz("cloud.ply", lambda p: fw.files.write_points(p, cloud), fw.files.read_points),
         npz("cloud.xyz", lambda p: fw.files.write_points(p, cloud), fw.files.read_points)._replace(words=TEXT_WORDS),
+        npz("cloud.pcd", lambda p: fw.files.write_points(p, cloud), fw.read),
+        npz("triangles.ply", lambda p: fw.files.write_mesh(p, fw.TriangleMesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.uint32))), fw.read),
         Target("text.ply", PLY, fw.files.read_points, TEXT_WORDS),
+        Target("faces.ply", PLY, fw.read, TEXT_WORDS),
         npz("x.npz", lambda p: fw.files.write_coordinates(p, decoded), fw.files.read_coordinates),
         npz("phase.npz", lambda p: fw.files.write_phase(p, wrapped), fw.files.read_phase),
         npz("light.npz", lambda p: fw.files.write_light(p, light), fw.files.read_light),
         Target("rigs.toml", _written(folder, "rigs.toml", lambda p: fw.files.write_multi_rig(p, small_rig())), fw.files.read_multi_rig, TOML_WORDS),
         Target("mesh.ply", PLY, fw.files.read_mesh, TEXT_WORDS),
         Target("model.stl", box.export(file_type="stl"), fw.files.read_model, BYTE_WORDS),
+        Target("model.glb", box.export(file_type="glb"), fw.files.read_model, BYTE_WORDS, share=0.5),
         Target("model.obj", box.export(file_type="obj").encode(), fw.files.read_model, TEXT_WORDS, share=0.5),
         Target("mesh.obj", b"mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", fw.files.read_mesh, TEXT_WORDS),
         Target("mesh.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", fw.files.read_mesh, TEXT_WORDS),

@@ -210,11 +210,7 @@ def test_numbers_and_names_without_end(tmp_path):
     refused(fw.files.read_points, tmp_path / "p.ply", "vertices with x, y, z")
 
 
-READERS = sorted(
-    name
-    for name in fw.__all__
-    if name.startswith(("read_", "load_")) and name not in ("read_pair", "load_plugin")
-)
+READERS = sorted(name for name in fw.__all__ if name.startswith("read") and name != "read_pair")
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -14,6 +14,7 @@ from .types import (
     CoordinateMap as CoordinateMap,
     DatumPlanes as DatumPlanes,
     DatumPoints as DatumPoints,
+    Delay as Delay,
     Decoded as Decoded,
     DeviceProblem as DeviceProblem,
     DisplacementMap as DisplacementMap,
@@ -158,14 +159,13 @@ from .scan.setup import (
     SetupTests as SetupTests,
     set_up as set_up,
 )
-from .scan.setup_file import (
+from .files.setup import (
     StoredSetup as StoredSetup,
     check_setup_target as check_setup_target,
     read_setup as read_setup,
     write_setup as write_setup,
 )
 from .scan.delay import (
-    Delay as Delay,
     measure_delay as measure_delay,
 )
 from .scan.frames import (
@@ -311,16 +311,12 @@ from .stack.wrapped import (
 from .stack.even_light import (
     texture as texture,
 )
-from .files.coordinates import (
+from .files.archives import (
     read_coordinates as read_coordinates,
-    write_coordinates as write_coordinates,
-)
-from .files.light import (
     read_light as read_light,
-    write_light as write_light,
-)
-from .files.wrapped import (
     read_phase as read_phase,
+    write_coordinates as write_coordinates,
+    write_light as write_light,
     write_phase as write_phase,
 )
 
@@ -579,8 +575,9 @@ from .batch.run import (
     BatchResult as BatchResult,
     run_batch as run_batch,
 )
-from .files.results import (
-    write_result as write_result,
+from .files.read_write import (
+    read as read,
+    write as write,
 )
 from .files.recipe import (
     read_recipe as read_recipe,
@@ -603,6 +600,8 @@ from .report.summary import (
 )
 from .report.tables import (
     format_table as format_table,
+)
+from .files.figures import (
     to_json as to_json,
 )
 from .report.figures import (
@@ -619,9 +618,6 @@ from .report.page.report import (
 from .report.page.tolerances import (
     Tolerance as Tolerance,
     parse_tolerance as parse_tolerance,
-)
-from .report.page.load import (
-    load_result as load_result,
 )
 from .report.board_sheet import (
     board_sheet as board_sheet,

@@ -18,8 +18,7 @@ from fringeworks.cli.app import app
 from fringeworks.cli.grouped import grouped
 from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Ply, PlyOption, items
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_setup
-from fringeworks.scan.setup_file import check_setup_target
+from fringeworks.files.setup import check_setup_target
 
 SECTION = "Devices"
 
@@ -163,7 +162,7 @@ def setup(
         if figure is not None:
             output.draw(fw.report.setup_sheet(tests), figure, None)
         output.write_json(json_file, figures)
-        say_setup(words, figures)
+        words.tell(tests, figures)
 
     try:
         with opened(devices) as bench, output.progress() as step:

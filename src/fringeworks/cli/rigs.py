@@ -60,8 +60,9 @@ def check(
         stacks = [how.read(path) for path in captures]
         progress("checking …")
         found = fw.rig.check_rig(rig, stacks, board, **options)
-    output.write_json(json_file, fw.report.summarise(found))
-    words.say(str(found))
+    figures = fw.report.summarise(found)
+    output.write_json(json_file, figures)
+    words.tell(found, figures)
     if out is None or found.verdict == "holds":
         if out is not None:
             words.say(f"{out}: not written, because the rig holds")

@@ -15,13 +15,13 @@ from fringeworks.pipeline.boards import calibrate_stacks, observe_stack
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.calibrate import Calibration, Observation
 from fringeworks.scan.capture import capture
-from fringeworks.scan.delay import Delay
 from fringeworks.scan.frames import Progress
 from fringeworks.scan.poses import PoseJudgement, judge_poses
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import (
     BoardNotFound,
     CameraSettings,
+    Delay,
     FramesContradictPlan,
     Frozen,
     InputError,

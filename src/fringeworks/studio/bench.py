@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.setup import read_setup
 from fringeworks.scan.aiming import Shown as Light
-from fringeworks.scan.setup_file import read_setup
 from fringeworks.studio import live, tasks
 from fringeworks.studio.command_log import CommandLog
 from fringeworks.studio.device_words import Words, checked_words

@@ -20,8 +20,9 @@ from fringeworks.evaluate.inspect import inspect
 from fringeworks.files.exposures import is_exposures
 from fringeworks.files.merged import write_merged_points
 from fringeworks.files.pair import CAPTURE_FILE
-from fringeworks.files.results import write_result
+from fringeworks.files.read_write import read, write
 from fringeworks.files.rig import read_rig, write_rig
+from fringeworks.files.setup import StoredSetup, read_setup, write_setup
 from fringeworks.files.toml import kind_of
 from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.pipeline.inputs import capture_of
@@ -30,7 +31,6 @@ from fringeworks.pipeline.stacks import decode_stack, measure
 from fringeworks.report.boards import write_board
 from fringeworks.report.display import plot
 from fringeworks.report.figures import save_figure
-from fringeworks.report.page.load import load_result
 from fringeworks.report.page.report import SUFFIXES as REPORTS
 from fringeworks.report.page.report import write_report
 from fringeworks.report.page.surfaces import is_surface, packed, surface_of
@@ -39,10 +39,17 @@ from fringeworks.scan.capture import capture
 from fringeworks.scan.hdr import capture_hdr
 from fringeworks.scan.live_calibration import PoseTaker
 from fringeworks.scan.setup import SetupStopped, set_up
-from fringeworks.scan.setup_file import StoredSetup, read_setup, write_setup
 from fringeworks.scan.turntable import merge_turn
 from fringeworks.studio.worker import Link
-from fringeworks.types import Decoded, HeightMap, InputError, Pair, PointCloud, Points
+from fringeworks.types import (
+    Decoded,
+    HeightMap,
+    InputError,
+    Pair,
+    PointCloud,
+    Points,
+    TriangleMesh,
+)
 
 PICTURE_PX = 960
 """Longer side of a picture to draw areas on, px."""
@@ -180,7 +187,7 @@ def compute(link: Link, source: Source) -> Any:
         return inspect(_known(source), source.recipe).surface
     if not source.path.is_dir():
         link.progress("reading")
-        return load_result(source.path)
+        return read(source.path)
     if not is_stack(source.path):
         link.progress(f"measuring by {source.method}")
         return reconstruct(source.path, source.method, **source.options)
@@ -218,7 +225,7 @@ def _known(source: Source) -> Any:
     """What is inspected: a capture by its path, or the surface in a file."""
     if source.path.is_dir():
         return source.path
-    result = load_result(source.path)
+    result = read(source.path)
     if not isinstance(result, HeightMap | PointCloud):
         raise InputError(
             f"{source.path.name}: expected heights or points in the order of a frame's pixels, "
@@ -261,7 +268,8 @@ def export(link: Link, source: Source, target: str, kind: str) -> str:
     if path.suffix in REPORTS:
         write_report(path, {source.path.name: result}, rig=source.rig)
     else:
-        write_result(path, surface_of(result), kind="mesh" if kind == "mesh" else "points")
+        part = result if isinstance(result, TriangleMesh) else surface_of(result)
+        write(path, part, **({"kind": "mesh"} if kind == "mesh" else {}))
     return path.name
 
 

@@ -19,7 +19,6 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,27 +84,24 @@ def _whole_recipe(folder: Path) -> bool:
 
 
 def _write_setup(path: Path, k: int) -> None:
-    """Write what a set-up of the studio holds; stand-ins for the tests that it keeps figures of."""
-    levels = SimpleNamespace(
-        gamma=2.2,
-        contrast=0.9,
-        brightness=np.zeros(3),
-        white=np.full((4, 5), 90.0),
-        lit=np.ones((4, 5), bool),
-    )
-    setup = SimpleNamespace(
-        proposal=SimpleNamespace(plan=_plan(k), sigma_px=0.05 + k),
-        findings=(),
-        projector="p",
-        camera="c",
-        size_px=(64, 48),
-        levels=levels,
-        stripes=[SimpleNamespace(min_period_px=4.0)],
+    """Write what a set-up of the studio holds."""
+    setup = fw.scan.StoredSetup(
+        projector=f"window:{k}",
+        camera="webcam:0",
+        projector_name="p",
+        camera_name="c",
         settings=fw.devices.CameraSettings(),
         noise=fw.signal.CameraNoise(1.0),
-        delay=None,
+        plan=_plan(k),
+        predicted_sigma_px=0.05 + k,
+        size_px=(64, 48),
+        min_period_px=4.0,
+        modulation=45.0,
+        gamma=2.2,
+        contrast=0.9,
+        black_counts=0.0,
     )
-    fw.files.write_setup(path, setup, projector=f"window:{k}", camera="webcam:0")  # type: ignore[arg-type]
+    fw.files.write_setup(path, setup)
 
 
 def _whole_setup(folder: Path) -> bool:

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import io
 import pickle
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import fringeworks as fw
+from fringeworks.report import display, kinds
 from fringeworks.report.display import plot
+from fringeworks.report.kind import KINDS, NOTHING, kind_of
 from fringeworks.report.maps import COLOURS, REASON_COLOURS, limits_of
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
-from fringeworks.types import Finding, Reason
+from fringeworks.types import Finding, Plotted, Reason, displayed
 from tests.surfaces import heights, plane_cloud
 
 DIVERGING = {"coolwarm"}
@@ -237,3 +242,27 @@ def test_maps_of_an_overview_have_one_scale_per_line():
     limits = [axes.images[0].get_clim() for axes in panels(figure)]
     assert limits[0] == limits[1]
     assert limits[2][0] == -limits[2][1]
+
+
+def test_every_file_of_kinds_describes_the_types_of_files_of_its_name():
+    names = {path.stem for path in Path(kinds.__file__).parent.glob("*.py")} - {"__init__"}
+    for name in names:
+        importlib.import_module(f"fringeworks.report.kinds.{name}")
+    described = {of.__module__.rpartition(".")[2] for of in KINDS}
+    assert described == names
+    assert kind_of(object()) is NOTHING
+    drawn = {of for of, one in KINDS.items() if one.picture}
+    assert {of for of in subclasses(Plotted) if of.__module__.startswith("fringeworks")} <= drawn
+
+
+def subclasses(of):
+    """Types that results have, which are subclasses of a type and have none themselves."""
+    found = [one for child in of.__subclasses__() for one in subclasses(child)]
+    return found or [of]
+
+
+def test_the_module_that_shows_results_has_what_types_expect_of_it():
+    for name, expected in vars(displayed.Display).items():
+        if inspect.isfunction(expected) and not name.startswith("_"):
+            found = list(inspect.signature(getattr(display, name)).parameters)
+            assert found == list(inspect.signature(expected).parameters)[1:], name

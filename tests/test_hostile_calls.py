@@ -20,8 +20,8 @@ CALLS = int(os.environ.get("FRINGEWORKS_CALLS", "6"))
 SECONDS = 20.0
 """Longest time of a call with small arguments; a usual one takes milliseconds."""
 ELSEWHERE = {
-    "test_hostile_files": ("read_", "load_result", "is_exposures", "find_scans", "file_limits", "FrameSequence"),
-    "test_kills": ("write_", "save_figure"),
+    "test_hostile_files": ("read", "read_", "is_exposures", "find_scans", "file_limits", "FrameSequence"),
+    "test_kills": ("write", "write_", "save_figure"),
     "devices, in their own tests": (
         "open_", "list_devices", "ListedDevice", "virtual_bench", "WindowProjector", "MemoryProjector", "WebcamCamera",
         "GenicamCamera", "FolderCamera", "Camera", "CameraLimits", "Projector", "TriggeredCamera", "Clock", "VideoMode",

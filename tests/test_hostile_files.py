@@ -211,9 +211,8 @@ def test_numbers_and_names_without_end(tmp_path):
     refused(fw.files.read_points, tmp_path / "p.ply", "vertices with x, y, z")
 
 
-READERS = sorted(
-    name for name in public_names() if name.startswith("files.read_") and name != "files.read_pair"
-)
+NAMES = (name for name in public_names() if name.startswith("files.read_"))
+READERS = ["read", *sorted(name for name in NAMES if name != "files.read_pair")]
 
 
 @pytest.mark.parametrize("name", READERS)

@@ -99,10 +99,12 @@ def test_points_that_lie_behind_each_other_have_no_profile(tmp_path):
     assert "There is no profile along the middle row" in (tmp_path / "r.html").read_text()
 
 
-def test_a_plan_is_no_result(tmp_path):
-    path = tmp_path / "plan.toml"
-    path.write_text('kind = "plan"\n')
-    with pytest.raises(fw.FileProblem, match="a rig or a set-up, got a file of the kind 'plan'"):
+def test_a_description_of_another_kind_is_no_result(tmp_path):
+    path = tmp_path / "capture.toml"
+    path.write_text('kind = "password"\n')
+    with pytest.raises(
+        fw.FileProblem, match="expected a file of the kind plan, rig, .*got 'password'"
+    ):
         fw.write_report(tmp_path / "r.html", path)
 
 

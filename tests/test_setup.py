@@ -10,9 +10,9 @@ import pytest
 from fringeworks.devices.bench import virtual_bench
 from fringeworks.devices.clock import SimulatedClock
 from fringeworks.devices.protocols import VideoMode
+from fringeworks.files.setup import read_setup, write_setup
 from fringeworks.scan.delay import measure_delay
 from fringeworks.scan.setup import SetupStopped, set_up
-from fringeworks.scan.setup_file import read_setup, write_setup
 from fringeworks.types import CameraSettings, DeviceProblem, Finding
 from tests.grids import quick
 from tests.virtual_devices import Screen, bench

@@ -145,6 +145,10 @@ from .report.figures import (
 from .report.page.report import (
     write_report as write_report,
 )
+from .files.read_write import (
+    read as read,
+    write as write,
+)
 from .studio.run import (
     run_studio as run_studio,
 )

@@ -16,7 +16,7 @@ import numpy as np
 
 from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.limits import is_file, is_folder
-from fringeworks.files.results import write_result
+from fringeworks.files.read_write import write
 from fringeworks.files.zarr_array import INSTALL, ZARR_FILE
 from fringeworks.types import FileProblem, FloatMap, HeightMap, MissingPackage, PointCloud
 
@@ -112,7 +112,7 @@ class Store:
             if self.zarr:
                 _write_group(place, surface, row)
             else:
-                write_result(place / ARCHIVE, surface)
+                write(place / ARCHIVE, surface)
                 write_text(place / ROW, json.dumps(row, indent=1) + "\n")
             os.rename(place, self.folder / SCANS / address)
         except OSError as error:

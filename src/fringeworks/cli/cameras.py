@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.decoding import DecodingOptions
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_found
 
 
 def calibrate_cameras(
@@ -38,7 +36,7 @@ def calibrate_cameras(
         fw.files.write_multi_rig(place, found.rig)
     figures = fw.report.summarise(found)
     output.write_json(show.json_file, figures)
-    _say_calibration(words, figures)
+    words.tell(found, figures)
     words.wrote(out)
 
 
@@ -66,7 +64,7 @@ def measure_cameras(
             fw.files.write_merged_points(place, found.points, provenance=found.points.provenance)
     figures = fw.report.summarise(found)
     show.write(found, figures, name=stacks[0].name, provenance=found.points.provenance)
-    _say_points(words, figures)
+    words.tell(found, figures)
     words.wrote(out, show.figure)
 
 
@@ -76,39 +74,3 @@ def _refuse(show: ShowOptions, *, figure: str = "") -> None:
         raise fw.InputError("--report: expected one camera, got several; use --figure and --json")
     if figure and show.figure is not None:
         raise fw.InputError(f"--figure: {figure}; use --json")
-
-
-def _say_calibration(words: output.Output, figures: dict[str, Any]) -> None:
-    for camera in figures["cameras"]:
-        x, y, z = camera["place_mm"]
-        words.say(
-            f"camera {camera['number']}: {len(camera['poses'])} poses, reprojection "
-            f"{camera['rms_px']:.3f} px, at ({x:.2f}, {y:.2f}, {z:.2f}) mm"
-        )
-    words.say(f"projector: reprojection {figures['projector_rms_px']:.3f} px")
-    for name, value in figures["predicted_rms_px"].items():
-        words.say(f"{name}: predicted by the others to {value:.3f} px rms")
-    for why in figures["skipped"].values():
-        words.say(f"skipped: {why}")
-    if figures["sigma_inflation"] > 1.0:
-        words.say(
-            f"standard deviations are raised by {figures['sigma_inflation']:.2f}, because poses "
-            "disagree by more than their corners explain"
-        )
-
-
-def _say_points(words: output.Output, figures: dict[str, Any]) -> None:
-    say_found(words, figures)
-    for camera in figures["cameras"]:
-        words.say(
-            f"camera {camera['number']}: {camera['points']} points, "
-            f"{camera['confirmed_by_cameras']} confirmed by another camera"
-        )
-        for name, pair in camera["pairs"].items():
-            if pair["points"]:
-                words.say(
-                    f"   with {name}: {pair['points']} points, median σ "
-                    f"{pair['median_sigma_mm']:.4f} mm, mean weight {pair['mean_weight']:.2f}"
-                )
-    if figures["points"]:
-        words.say(f"{figures['points']} points, median σ {figures['median_sigma_mm']:.4f} mm")

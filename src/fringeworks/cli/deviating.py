@@ -14,11 +14,8 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_findings
 
 SECTION = "Results"
-SPOT_COLUMNS = ["x / mm", "y / mm", "z / mm", "deviation / mm", "± σ", "area / mm²"]
-"""Columns of the table of dents and bumps."""
 
 
 class AlignName(StrEnum):
@@ -161,31 +158,5 @@ def deviation(
         )
     figures = fw.report.summarise(found) | found.figures(tolerance_mm)
     show.write(found, figures, name=part.name, provenance=found.provenance, rig=known)
-    _say(words, found, figures)
+    words.tell(found, figures)
     words.wrote(show.figure, show.report)
-
-
-def _say(words: output.Output, found: fw.evaluate.Deviation, figures: dict[str, object]) -> None:
-    """Print what was found."""
-    sigma = figures["mean_sigma_mm"]
-    mean = f"{figures['mean_mm']:.4f} mm" + ("" if sigma is None else f" ± {sigma:.2g}")
-    words.say(f"{figures['points']} points; mean {mean}; rms {figures['rms_mm']:.4f} mm")
-    if figures["median_sigma_mm"] is not None:
-        words.say(f"median σ of a point {figures['median_sigma_mm']:.4f} mm")
-        spots = fw.evaluate.find_spots(found)
-        if spots:
-            rows = [
-                [
-                    *(f"{v:.2f}" for v in spot.place_mm),
-                    f"{spot.depth_mm:+.4f}",
-                    f"{spot.sigma_mm:.2g}",
-                    f"{spot.area_mm2:.3g}",
-                ]
-                for spot in spots
-            ]
-            words.table(SPOT_COLUMNS, rows)
-    if "outside_share" in figures:
-        sure = figures["surely_outside_share"]
-        surely = "" if sure is None else f", {sure:.2%} surely (by 2 σ)"
-        words.say(f"{figures['outside_share']:.2%} outside the tolerance{surely}")
-    say_findings(words, found.findings)

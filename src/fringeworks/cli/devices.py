@@ -25,8 +25,7 @@ from fringeworks.cli.options import (
     axes_of,
 )
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_findings, say_setup
-from fringeworks.scan.setup_file import check_setup_target
+from fringeworks.files.setup import check_setup_target
 
 SECTION = "Devices"
 
@@ -148,7 +147,7 @@ def setup(
         if figure is not None:
             output.draw(fw.report.setup_sheet(tests), figure, None)
         output.write_json(json_file, figures)
-        say_setup(words, figures)
+        words.tell(tests, figures)
 
     try:
         with opened(devices) as bench, output.progress() as step:
@@ -273,7 +272,7 @@ def take_views(
         )
     with output.target(out, ".ply") as place:
         fw.files.write_merged_points(place, found.points, provenance=found.provenance)
-    say_findings(words, found.findings)
+    words.found(found.findings)
     words.say(f"{len(found.points.xyz_mm)} points of {len(found.poses)} views")
     words.wrote(folder, out)
 

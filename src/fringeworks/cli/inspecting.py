@@ -12,13 +12,10 @@ from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.options import Ply, PlyOption
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_findings
 
 SECTION = "Results"
 EXIT_CODES = {"pass": 0, "fail": 3, "undecided": 4}
 """Exit code of each verdict; 2 is bad input."""
-COLUMNS = ["tolerance", "value", "± σ", "limits", "verdict"]
-"""Columns of the table."""
 
 
 @app.command(
@@ -40,7 +37,7 @@ def inspect_part(
     words = output.Output(out, *show.targets)
     from fringeworks.evaluate.inspect import rig_of
 
-    output.check(out, "result")
+    output.check(out, "surface", "points")
     show.check()
     with output.progress() as progress:
         progress("measuring …")
@@ -49,31 +46,17 @@ def inspect_part(
     if out is not None:
         with output.target(out, ".ply") as place:
             fw.write(place, found.surface, kind=ply.value)
+    figures = fw.report.summarise(found)
     show.write(
         found.surface,
-        fw.report.summarise(found),
+        figures,
         name=capture.name,
         provenance=found.surface.provenance,
         rig=None if known.rig is None else rig_of(known),
     )
-    words.table(COLUMNS, [_row(check) for check in found.checks], lines=True)
-    say_findings(words, found.findings)
-    words.say(found.verdict if found.checks else "nothing is judged: the recipe has no tolerances")
+    words.tell(found, figures)
     words.wrote(out, show.figure, show.report)
     raise typer.Exit(EXIT_CODES[found.verdict])
-
-
-def _row(check: fw.evaluate.Check) -> list[str]:
-    one = check.tolerance
-    low, high = ("" if v is None else f"{v:g}" for v in (one.low, one.high))
-    measured = check.value == check.value  # not NaN
-    return [
-        one.name,
-        f"{check.value:.5g} {check.unit}" if measured else "–",
-        f"{check.sigma:.2g}" if measured else "–",
-        f"{low} … {high}",
-        f"{check.verdict}: {check.why}" if check.why else check.verdict,
-    ]
 
 
 @app.command(rich_help_panel=SECTION, epilog="Example: fringeworks convert part.npz part.x3p")
@@ -83,6 +66,6 @@ def convert(
     ply: PlyOption = Ply.points,
 ) -> None:
     """Write a result in another format."""
-    output.check(target, "result")
-    fw.write(target, fw.read(source), kind=ply.value)
+    kind = {} if ply is Ply.points else {"kind": ply.value}
+    fw.write(target, fw.read(source), **kind)
     output.Output().wrote(target)

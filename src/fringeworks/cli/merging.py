@@ -12,7 +12,6 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
-from fringeworks.cli.words import say_findings
 
 SECTION = "Results"
 MESHES = (".stl", ".obj", ".glb")
@@ -101,5 +100,5 @@ def merge(
     if solid is not None:
         filled = 0.0 if solid.filled is None else float(solid.filled.mean())
         words.say(f"{len(solid.faces)} triangles; {filled:.0%} of the surface was not measured")
-    say_findings(words, found.findings)
+    words.found(found.findings)
     words.wrote(out)

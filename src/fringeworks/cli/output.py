@@ -6,11 +6,10 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,29 +17,8 @@ import typer
 
 import fringeworks as fw
 
-TARGETS = {
-    "board": "fringeworks.report.boards",
-    "coordinate": "fringeworks.files.coordinates",
-    "figure": "fringeworks.report.figures",
-    "light": "fringeworks.files.light",
-    "mesh": "fringeworks.files.mesh_writer",
-    "merged": "fringeworks.files.merged",
-    "points": "fringeworks.files.points",
-    "reference_plane": "fringeworks.files.reference_plane",
-    "report": "fringeworks.report.page.report",
-    "response": "fringeworks.files.response",
-    "result": "fringeworks.files.results",
-    "rig": "fringeworks.files.rig",
-    "multi_rig": "fringeworks.files.multi_rig",
-    "surface": "fringeworks.files.surfaces",
-}
-"""Modules that know where each kind of result can be written."""
-DRAWN = {"board", "figure", "report"}
-"""Kinds of results that need Matplotlib."""
 STDOUT = "-"
 """Name that stands for standard output."""
-DRAWING = "fringeworks.report.drawing"
-"""Module that refuses what draws where Matplotlib is not installed."""
 LINE_EVERY_S = 20.0
 """Seconds between two lines of progress where stderr is no terminal: often enough to see life, rare
 enough for a log."""
@@ -115,7 +93,24 @@ class Output:
             if target is not None and not is_stdout(target):
                 self.say(f"wrote {target}")
 
-    def table(self, columns: list[str], rows: list[list[str]], *, lines: bool = False) -> None:
+    def found(self, findings: Iterable[fw.Finding]) -> None:
+        """Print findings, a line each."""
+        for finding in findings:
+            self.say(finding.line)
+
+    def tell(self, result: Any, figures: dict[str, Any]) -> None:
+        """Print what a result says, with its figures and what else is known."""
+        from fringeworks.report.kind import Rows, words_of
+
+        for line in words_of(result, figures):
+            if isinstance(line, Rows):
+                self.table(line.columns, line.rows, lines=line.ruled)
+            else:
+                self.say(line)
+
+    def table(
+        self, columns: Sequence[str], rows: Sequence[Sequence[str]], *, lines: bool = False
+    ) -> None:
         """Print a table; with lines between the rows where cells are sentences."""
         from rich import box
         from rich.console import Console
@@ -150,21 +145,52 @@ def target(path: Path, suffix: str) -> Iterator[Path]:
         sys.stdout.buffer.flush()
 
 
-def check(path: Path | None, kind: str) -> None:
+def _figure() -> Callable[[Path], None]:
+    from fringeworks.report.figures import check_figure_target
+
+    return check_figure_target
+
+
+def _report() -> Callable[[Path], None]:
+    from fringeworks.report.page.report import check_report_target
+
+    return check_report_target
+
+
+def _board() -> Callable[[Path], None]:
+    from fringeworks.report.boards import check_board_target
+
+    return check_board_target
+
+
+DRAWN = {"figure": _figure, "report": _report, "board": _board}
+"""What is drawn by Matplotlib, which is loaded only where there is a file to check."""
+
+
+def check(path: Path | None, *kinds: str) -> None:
     """Refuse a target that cannot be written, before anything is computed for it.
 
     Parameters
     ----------
     path : Path, optional
-    kind : str
-        A key of ``TARGETS``. Its module is imported only where there is a file to check: some draw.
+    *kinds : str
+        One of ``DRAWN``, or formats of ``fringeworks.files.formats``, one of which is written.
     """
     if path is None:
         return
-    if kind in DRAWN:
-        import_module(DRAWING).need_plots(f"{path}")
-    if not is_stdout(path):
-        getattr(import_module(TARGETS[kind]), f"check_{kind}_target")(path)
+    drawn = DRAWN.get(kinds[0])
+    if drawn is not None:
+        from fringeworks.report.drawing import need_plots
+
+        need_plots(f"{path}")
+    if is_stdout(path):
+        return
+    if drawn is not None:
+        drawn()(path)
+    else:
+        from fringeworks.files.formats import check_target_of
+
+        check_target_of(path, *kinds)
 
 
 def draws(words: Output, path: Path) -> bool:

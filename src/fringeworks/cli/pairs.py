@@ -24,7 +24,6 @@ from fringeworks.cli.options import (
     items,
 )
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_surface
 
 SECTION = "Two frames"
 
@@ -176,7 +175,7 @@ def reconstruct(
             fw.files.write_surface(place, result.surface, ply=ply.value)
     figures = _figures(result, pair)
     show.write(result, figures, name=name, provenance=result.surface.provenance)
-    say_surface(words, figures)
+    words.tell(result, figures)
     words.wrote(out, show.figure, show.report)
 
 
@@ -355,7 +354,5 @@ def calibrate_plane(
         fw.files.write_reference_plane(place, found)
     figures = fw.report.summarise(found)
     output.write_json(json_file, figures)
-    for name, value in figures.items():
-        if name != "provenance":
-            words.say(f"{name}: {value}")
+    words.tell(found, figures)
     words.wrote(out)

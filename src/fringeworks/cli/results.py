@@ -12,7 +12,6 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.options import JsonFile, items
-from fringeworks.cli.words import say_forms
 
 SECTION = "Results"
 
@@ -62,4 +61,4 @@ def evaluate(
     )
     figures = fw.report.summarise(found)
     output.write_json(json_file, figures)
-    say_forms(output.Output(json_file), figures)
+    output.Output(json_file).tell(found, figures)

@@ -12,7 +12,6 @@ from fringeworks.cli import output
 from fringeworks.cli.app import Commands, app
 from fringeworks.cli.decoding import DecodingOptions
 from fringeworks.cli.options import JsonFile, size_of
-from fringeworks.cli.words import say_findings
 
 SECTION = "Stacks and rigs"
 EXIT_CODES = {"holds": 0, "has moved": 3, "cannot tell": 4}
@@ -57,9 +56,9 @@ def check(
         stacks = [how.read(path) for path in captures]
         progress("checking …")
         found = fw.rig.check_rig(rig, stacks, board, **options)
-    output.write_json(json_file, fw.report.summarise(found))
-    words.say(found.text)
-    say_findings(words, found.findings)
+    figures = fw.report.summarise(found)
+    output.write_json(json_file, figures)
+    words.tell(found, figures)
     if out is None or found.verdict == "holds":
         if out is not None:
             words.say(f"{out}: not written, because the rig holds")
@@ -103,7 +102,7 @@ def convert(
             source, camera_size=sizes[0], projector_size=sizes[1], unit_mm=unit_mm
         )
         fw.files.write_rig(place, found)
-    say_findings(words, unit_findings(found))
+    words.found(unit_findings(found))
     words.wrote(out)
 
 

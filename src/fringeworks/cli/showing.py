@@ -11,7 +11,6 @@ import typer
 import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.options import Figure, JsonFile, Ply
-from fringeworks.cli.words import say_points
 
 
 @dataclass(frozen=True)
@@ -74,4 +73,4 @@ class ShowOptions:
                 fw.files.write_points(place, points, kind=ply.value)
         figures = fw.report.summarise(points)
         self.write(found, figures, name=name, provenance=points.provenance, rig=rig)
-        say_points(words, figures)
+        words.tell(points, figures)

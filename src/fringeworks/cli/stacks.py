@@ -27,7 +27,6 @@ from fringeworks.cli.options import (
     items,
 )
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.cli.words import say_calibration, say_coordinates, say_light, say_phase
 
 SECTION = "Stacks and rigs"
 
@@ -57,11 +56,9 @@ def response(
     found = fw.signal.measure_response(how.read(stack), number=number, **how.options)
     with output.target(out, ".toml") as place:
         fw.files.write_response(place, found)
-    output.write_json(json_file, fw.report.summarise(found))
-    words.say(
-        f"γ = {found.gamma:.3f}; residual phase error after correction "
-        f"{found.residual_rad:.4f} rad rms"
-    )
+    figures = fw.report.summarise(found)
+    output.write_json(json_file, figures)
+    words.tell(found, figures)
     words.wrote(out)
 
 
@@ -128,7 +125,7 @@ def decode(
             fw.files.write_coordinates(place, found)
     figures = fw.report.summarise(found)
     show.write(found, figures, name=stack.name, provenance=found.provenance)
-    say_coordinates(words, figures)
+    words.tell(found, figures)
     words.wrote(out, show.figure, show.report)
 
 
@@ -156,7 +153,7 @@ def _show_phase(
             fw.files.write_phase(place, phase, unwrapped)
     figures = fw.report.summarise(phase)
     show.write(phase, figures, name=name, provenance=phase.provenance)
-    say_phase(words, figures)
+    words.tell(phase, figures)
     if unwrapped is not None:
         words.say(
             f"unwrapped by {unwrapped.algorithm}: {unwrapped.residues} residues, "
@@ -203,7 +200,7 @@ def light(
             fw.files.write_light(place, found)
     figures = fw.report.summarise(found)
     show.write(found, figures, name=stack.name, provenance=found.provenance)
-    say_light(words, figures)
+    words.tell(found, figures)
     words.wrote(out, show.figure, show.report)
 
 
@@ -278,7 +275,7 @@ def calibrate(
         fw.files.write_rig(place, found.rig)
     figures = fw.report.summarise(found)
     show.write(found, figures, name=folder.name, provenance=found.rig.provenance)
-    say_calibration(words, figures)
+    words.tell(found, figures)
     words.wrote(out, show.figure, show.report)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
@@ -30,7 +28,7 @@ def write_merged_points(
     FileProblem for another suffix and a folder that cannot be written to; InputError for no
     points.
     """
-    check_merged_target(path)
+    check_target(path, (".ply",))
     count = len(points.xyz_mm)
     if not count:
         raise InputError(f"{path}: expected points to write, got none")
@@ -51,8 +49,3 @@ def write_merged_points(
     comments = ["fringeworks; coordinates of the part; unit mm", *comment_lines(provenance)]
     with replacing(path) as temporary:
         write_ply(temporary, [table], count, None, comments)
-
-
-def check_merged_target(path: StrPath) -> None:
-    """Refuse a file that ``write_merged_points`` cannot write, before anything is computed."""
-    check_target(Path(path), {".ply": None})

@@ -9,6 +9,11 @@ from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.limits import existing_file, parsing, read_content
+from fringeworks.files.mesh_writer import METRE
+from fringeworks.files.pcd import COLOURS
+from fringeworks.files.ply import own_triangles, read_ply
+from fringeworks.files.points import check_unit, columns_of
+from fringeworks.files.provenance import from_comments
 from fringeworks.simulate.bodies import Mesh
 from fringeworks.types import (
     FileProblem,
@@ -19,7 +24,7 @@ from fringeworks.types import (
     TriangleMesh,
 )
 
-SUFFIXES = (".stl", ".ply", ".obj", ".off")
+SUFFIXES = (".stl", ".ply", ".obj", ".off", ".glb")
 """Kinds of files that are read."""
 INWARDS = "the triangles of the model pointed inwards and were turned over"
 """Said of a closed model whose triangles run clockwise as seen from outside."""
@@ -55,7 +60,7 @@ def read_model(path: StrPath, *, scale: float = 1.0) -> TriangleMesh:
     Parameters
     ----------
     path : Path
-        ``.stl`` (binary or text), ``.ply``, ``.obj`` or ``.off``.
+        ``.stl`` (binary or text), ``.ply``, ``.obj``, ``.off`` or ``.glb``, which is in metres.
     scale : float > 0
         mm per unit of the file: 25.4 for inches.
 
@@ -79,6 +84,43 @@ def read_model(path: StrPath, *, scale: float = 1.0) -> TriangleMesh:
     return TriangleMesh(
         vertices, faces.astype(np.uint32), findings=tuple(Finding("model", one) for one in seen)
     )
+
+
+def read_triangles(path: StrPath) -> TriangleMesh:
+    """Read a mesh with all that the file says of it.
+
+    Parameters
+    ----------
+    path : path
+        ``.ply``: the vertices as they are, with σ, colour, and the mark of filled ones. ``.stl``,
+        ``.obj``, ``.off``, ``.glb``: as ``read_model``.
+
+    Returns
+    -------
+    TriangleMesh
+
+    Raises
+    ------
+    InputError for displacements in px, and the errors of ``read_model``. A PLY file that
+    fringeworks wrote needs no package.
+    """
+    path = existing_file(path, "a mesh file")
+    if path.suffix.lower() != ".ply":
+        return read_model(path)
+    table, comments = read_ply(path)
+    check_unit(path, comments)
+    own = own_triangles(path)
+    faces = _triangles(path, 1.0)[1] if own is None else own
+    with parsing(path, "a mesh"):
+        filled = columns_of(table, ("filled",))
+        return TriangleMesh(
+            columns_of(table, "xyz"),
+            np.asarray(faces, np.uint32),
+            columns_of(table, ("sigma",)),
+            columns_of(table, COLOURS),
+            None if filled is None else filled != 0,
+            provenance=from_comments(comments),
+        )
 
 
 def _outwards(
@@ -125,4 +167,6 @@ def _triangles(path: StrPath, scale: float) -> tuple[FloatMap, NDArray[np.int64]
             raise FileProblem("expected triangles of vertices in the file, got others")
         if not np.isfinite(vertices[faces]).all():
             raise FileProblem("expected finite vertices, got NaN or infinity")
+        if kind == "glb":
+            vertices = vertices / (METRE, -METRE, -METRE)
         return scale * vertices, faces

@@ -35,7 +35,7 @@ def write_mesh(path: StrPath, mesh: TriangleMesh) -> None:
     without triangles; MissingPackage where the package ``trimesh`` (the extra "mesh") is not
     installed, which PLY does not need.
     """
-    check_mesh_target(path)
+    check_target(path, SUFFIXES)
     if not len(mesh.faces):
         raise InputError(f"{path}: expected triangles to write, got none")
     suffix = Path(path).suffix.lower()
@@ -44,11 +44,6 @@ def write_mesh(path: StrPath, mesh: TriangleMesh) -> None:
             _write_ply(temporary, mesh)
         else:
             temporary.write_bytes(_exported(mesh, suffix[1:]))
-
-
-def check_mesh_target(path: StrPath) -> None:
-    """Refuse a file that ``write_mesh`` cannot write, before anything is computed for it."""
-    check_target(path, SUFFIXES)
 
 
 def _exported(mesh: TriangleMesh, kind: str) -> bytes:

@@ -66,14 +66,9 @@ def write_multi_rig(path: StrPath, rig: MultiRig) -> Path:
     FileProblem for another suffix, and where the folder cannot be written to.
     """
     path = Path(path)
-    check_multi_rig_target(path)
+    check_target(path, (TOML_SUFFIX,))
     write_text(path, format_multi_rig(rig))
     return path
-
-
-def check_multi_rig_target(path: StrPath) -> None:
-    """Refuse a file that ``write_multi_rig`` cannot write, before anything is computed for it."""
-    check_target(path, (TOML_SUFFIX,))
 
 
 def read_multi_rig(path: StrPath) -> MultiRig:

@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
-from collections.abc import Mapping
-from typing import IO, Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.files.atomic import StrPath, replacing
+from fringeworks.files.atomic import StrPath, check_target, replacing
+from fringeworks.files.findings import findings_as_dicts, findings_from_json
 from fringeworks.files.limits import check_bytes, existing_file, parsing, told
-from fringeworks.types import FileProblem, Reason, fits_axes, layout_words
+from fringeworks.files.provenance import from_json, json_line
+from fringeworks.types import (
+    CameraNoise,
+    FileProblem,
+    Finding,
+    Reason,
+    fits_axes,
+    layout_words,
+    sealed,
+)
 
+ARCHIVE_SUFFIX = ".npz"
+"""Suffix of an archive."""
 SUFFIX = ".npy"
 """Suffix of the members of an archive."""
 TEXT = "US"
@@ -115,3 +130,103 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     if dtype.hasobject or any(length < 0 for length in shape):
         raise FileProblem(f"expected plain arrays, got {dtype} {shape}")
     return shape, fortran, dtype
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An array of an archive, and how a field of a result becomes it."""
+
+    layout: str
+    """As for ``read_npz``."""
+    pack: Callable[[Any], Any] = np.asarray
+    """Makes the array of the field; None leaves the array out."""
+    unpack: Callable[[Any], Any] = sealed
+    """Makes the field of the array."""
+    fields: tuple[str, ...] = ()
+    """Fields that the array holds, where it holds several; by default the one of its own name."""
+
+
+def texts(values: Iterable[str]) -> NDArray[Any]:
+    """Texts as an array."""
+    return np.array(list(values), dtype=np.str_)
+
+
+def _floats(values: Any) -> tuple[float, ...]:
+    return tuple(float(v) for v in values)
+
+
+def _findings(findings: Sequence[Finding]) -> NDArray[Any]:
+    return np.array(json.dumps(findings_as_dicts(findings)))
+
+
+MAP, REASONS = Entry("f hw"), Entry("u hw")
+"""A map of floats, and why pixels have no value."""
+FLOATS = Entry("f n", np.array, _floats)
+"""A few numbers."""
+NUMBER = Entry("?f", lambda value: None if value is None else np.array(float(value)), float)
+"""A number that may be unknown."""
+NOISE = Entry(
+    "f 2", lambda n: np.array([n.read_counts, n.gain]), lambda v: CameraNoise(*_floats(v))
+)
+"""Noise of a camera."""
+FINDINGS = Entry(TEXT, _findings, lambda text: findings_from_json(str(text)))
+"""Findings as JSON."""
+ORIGIN = Entry(f"?{TEXT}", json_line, lambda text: from_json(str(text)))
+"""The provenance as JSON."""
+
+Thing = TypeVar("Thing")
+
+
+@dataclass(frozen=True)
+class Archive(Generic[Thing]):
+    """How results of one type lie in an NPZ archive: its arrays by name."""
+
+    kind: type[Thing]
+    holds: str
+    """What an archive holds, for messages."""
+    entries: Mapping[str, Entry]
+
+    @property
+    def layout(self) -> dict[str, str]:
+        """Layout of the arrays."""
+        return {name: entry.layout for name, entry in self.entries.items()}
+
+    def arrays(self, thing: Thing) -> dict[str, Any]:
+        """The arrays of a result."""
+        found = {
+            name: entry.pack(
+                [getattr(thing, field) for field in entry.fields]
+                if entry.fields
+                else getattr(thing, name)
+            )
+            for name, entry in self.entries.items()
+        }
+        return {name: array for name, array in found.items() if array is not None}
+
+    def fields(self, arrays: Mapping[str, Any]) -> dict[str, Any]:
+        """The fields of a result, from its arrays."""
+        fields: dict[str, Any] = {}
+        for name in arrays.keys() & self.entries.keys():
+            entry = self.entries[name]
+            value = entry.unpack(arrays[name])
+            fields |= zip(entry.fields, value, strict=True) if entry.fields else {name: value}
+        return fields
+
+    def write(self, path: StrPath, thing: Thing, **more: Any) -> Path:
+        """Write a result, whole or not at all; further arrays that are not read may go with it."""
+        check_target(path, (ARCHIVE_SUFFIX,))
+        # Measured maps hardly compress, and compressing them takes longer than measuring.
+        write_npz(path, self.arrays(thing) | more, compressed=False)
+        return Path(path)
+
+    def read(self, path: StrPath) -> Thing:
+        """Read a result.
+
+        Raises
+        ------
+        FileProblem where there is no such file, or it holds something else.
+        """
+        path = Path(path)
+        arrays = read_npz(path, self.holds, self.layout)
+        with parsing(path, self.holds):
+            return self.kind(**self.fields(arrays))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from itertools import chain
 from pathlib import Path
@@ -32,6 +33,14 @@ WRITTEN = {"<f4": "float", "|u1": "uchar"}
 """Types that are written."""
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 """Byte order by the name of the format."""
+FACE = np.dtype([("n", "u1"), ("index", "<i4", (3,))])
+"""A triangle in a file."""
+FACES = re.compile(rb"\nelement face 0*([1-9]\d{0,9})\s")
+"""The line that gives the number of faces."""
+OWN = b"ply\nformat binary_little_endian 1.0\n"
+"""Beginning of a file that is written here."""
+LISTS = b"\nproperty list uchar int vertex_indices\n"
+"""The line that describes its faces."""
 HEADER_LIMIT = 1 << 16
 """Bytes in which a header must end. Real ones take one or two thousand."""
 
@@ -67,9 +76,9 @@ def write_ply(
         f"element vertex {count}",
         *(f"property {WRITTEN[kind]} {name}" for name, kind in fields),
     ]
-    faces = np.empty(0, dtype=[("n", "u1"), ("index", "<i4", (3,))])
+    faces = np.empty(0, dtype=FACE)
     if triangles is not None:
-        faces = np.empty(len(triangles), dtype=faces.dtype)
+        faces = np.empty(len(triangles), dtype=FACE)
         faces["n"], faces["index"] = 3, triangles
         header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
     with path.open("wb") as file:
@@ -124,3 +133,25 @@ def _vertices(content: bytes) -> tuple[NDArray[Any], list[str]]:
     if len(table) != count:
         raise FileProblem(f"expected {count} vertices, got {len(table)}")
     return table, [line[8:] for line in text if line.startswith("comment ")]
+
+
+def holds_faces(path: Path) -> bool:
+    """Whether a PLY file has faces."""
+    content = read_content(path, "a PLY file")
+    return bool(FACES.search(content, 0, max(0, content.find(b"end_header", 0, HEADER_LIMIT))))
+
+
+def own_triangles(path: Path) -> NDArray[np.int32] | None:
+    """The triangles of a PLY file as ``write_ply`` writes them, (m, 3); None for other programs'
+    ways to write them."""
+    content = read_content(path, "a PLY file")
+    with parsing(path, "a whole PLY file"):
+        end = content.find(b"end_header\n", 0, HEADER_LIMIT)
+        found = FACES.search(content, 0, end)
+        if found is None or not content.startswith(OWN) or LISTS not in content[:end]:
+            return None
+        faces = np.empty(int(found[1]), dtype=FACE)
+        if faces.nbytes > len(content):
+            raise FileProblem(f"expected {len(faces)} triangles, got fewer")
+        faces = np.frombuffer(content, FACE, len(faces), len(content) - faces.nbytes)
+        return faces["index"] if bool((faces["n"] == 3).all()) else None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, Literal
@@ -12,16 +13,23 @@ import scipy
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
-from fringeworks.files.findings import findings_as_json, findings_from_json
 from fringeworks.files.limits import existing_file, parsing, read_content
-from fringeworks.files.npz import TEXT, read_npz
-from fringeworks.files.pcd import write_pcd
+from fringeworks.files.npz import (
+    FINDINGS,
+    MAP,
+    ORIGIN,
+    REASONS,
+    TEXT,
+    Archive,
+    Entry,
+    read_npz,
+)
+from fringeworks.files.pcd import COLOURS, read_pcd, write_pcd
 from fringeworks.files.ply import read_ply, write_ply
 from fringeworks.files.provenance import (
     KEY,
     comment_lines,
     from_comments,
-    from_json,
     json_line,
 )
 from fringeworks.files.ros import write_point_bag
@@ -45,18 +53,28 @@ from fringeworks.types import (
 Kind = Literal["points", "normals", "mesh"]
 BAND_ROWS = 16
 """Rows of a cloud whose points are put together for a PLY file at a time."""
-LAYOUT = {
-    "xyz_mm": "f hw3",
-    "sigma_mm": "f hw",
-    "noise_mm": "f hw",
-    "reason": "u hw",
-    "residual_px": "?f hw",
-    "colour": f"?{NUMBERS} hw|hw3",
-    KEY: f"?{TEXT}",
-    "findings": f"?{TEXT}",
-}
-"""Layout of a cloud that is organised as the frame."""
+CLOUD = Archive(
+    PointCloud,
+    "a point cloud",
+    {
+        "xyz_mm": Entry("f hw3"),
+        **dict.fromkeys(("sigma_mm", "noise_mm"), MAP),
+        "reason": REASONS,
+        "residual_px": Entry("?f hw", lambda v: v),
+        "colour": Entry(f"?{NUMBERS} hw|hw3", lambda v: v),
+        KEY: ORIGIN,
+        "findings": replace(FINDINGS, layout=f"?{TEXT}"),
+    },
+)
+"""A cloud that is organised as the frame."""
 
+TABLES: dict[str, Callable[[Path], tuple[NDArray[Any], list[str]]]] = {
+    ".ply": read_ply,
+    ".pcd": read_pcd,
+}
+"""Readers of tables of points with comments, by suffix."""
+NORMAL_AXES = ("nx", "ny", "nz")
+"""Fields of a normal."""
 NO_POINTS = "expected points, got none"
 """What is said about a file without points."""
 IN_PX = "expected points in mm, got displacements in px; give the geometry to compute heights"
@@ -83,16 +101,11 @@ def write_points(path: StrPath, cloud: PointCloud, *, kind: Kind = "points") -> 
     FileProblem for another suffix and a folder that cannot be written to; InputError for a cloud
     without points; MissingPackage where MCAP lacks the package ``rosbags`` (the extra "ros").
     """
-    check_points_target(path)
+    check_target(path, WRITERS)
     if not (cloud.reason == Reason.OK).any():
         raise InputError(f"{path}: expected points to write, got none", findings=cloud.findings)
     with replacing(path) as temporary:
         WRITERS[Path(path).suffix.lower()](temporary, cloud, kind)
-
-
-def check_points_target(path: StrPath) -> None:
-    """Refuse a file that ``write_points`` cannot write, before anything is computed for it."""
-    check_target(path, WRITERS)
 
 
 def _write_ply(path: Path, cloud: PointCloud, kind: Kind) -> None:
@@ -109,11 +122,11 @@ def _write_ply(path: Path, cloud: PointCloud, kind: Kind) -> None:
 def _vertices(cloud: PointCloud, ok: BoolMap, kind: Kind) -> Iterator[NDArray[Any]]:
     """The points of a cloud, some rows of the frame at a time."""
     turned = normals(cloud) if kind == "normals" else None
-    axes = ["nx", "ny", "nz"] if turned is not None else []
+    axes = NORMAL_AXES if turned is not None else ()
     fields: list[tuple[str, str]] = [(n, "<f4") for n in ("x", "y", "z", *axes, "sigma", "noise")]
     white = None if cloud.colour is None else white_of(np.asarray(cloud.colour)[ok])
     if white is not None:
-        fields += [(name, "u1") for name in ("red", "green", "blue")]
+        fields += [(name, "u1") for name in COLOURS]
     for top in range(0, len(ok), BAND_ROWS):
         band = slice(top, top + BAND_ROWS)
         here = ok[band]
@@ -163,16 +176,8 @@ def _write_mat(path: Path, cloud: PointCloud, _: Kind) -> None:
 
 
 def _write_npz(path: Path, cloud: PointCloud, _: Kind) -> None:
-    arrays: dict[str, Any] = {
-        name: value
-        for name in PointCloud.__dataclass_fields__
-        if (value := getattr(cloud, name)) is not None
-    }
-    if KEY in arrays:
-        arrays[KEY] = json_line(cloud.provenance)
-    arrays["findings"] = findings_as_json(cloud.findings)
     with path.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+        np.savez_compressed(file, **CLOUD.arrays(cloud))
 
 
 Writer = Callable[[Path, PointCloud, Kind], None]
@@ -194,15 +199,7 @@ def read_cloud(path: StrPath) -> PointCloud:
     ------
     FileProblem for a missing or damaged file, and for one that holds something else.
     """
-    path = Path(path)
-    arrays: dict[str, Any] = read_npz(path, "a point cloud", LAYOUT)
-    line, findings = (arrays.pop(name, None) for name in (KEY, "findings"))
-    with parsing(path, "a point cloud"):
-        return PointCloud(
-            **arrays,
-            provenance=None if line is None else from_json(str(line)),
-            findings=() if findings is None else findings_from_json(str(findings)),
-        )
+    return CLOUD.read(path)
 
 
 def read_points(path: StrPath) -> Points:
@@ -211,8 +208,8 @@ def read_points(path: StrPath) -> Points:
     Parameters
     ----------
     path : path
-        ``.ply`` (binary or text), ``.xyz`` (columns x y z and, in four columns, σ), the ``.npz``
-        of ``write_points``, or a height map in mm that ``read_surface`` reads.
+        ``.ply`` (binary or text), ``.pcd`` (binary), ``.xyz`` (columns x y z and, in four columns,
+        σ), the ``.npz`` of ``write_points``, or a height map in mm that ``read_surface`` reads.
 
     Returns
     -------
@@ -231,22 +228,42 @@ def read_points(path: StrPath) -> Points:
         return cloud
     if suffix in SURFACE_READERS:
         return surface_points(read_surface(path), str(path))
-    if suffix == ".ply":
-        table, comments = read_ply(path)
-        if any(line.startswith("fringeworks") and line.endswith("unit px") for line in comments):
-            raise InputError(f"{path}: {IN_PX}")
+    if suffix in TABLES:
+        table, comments = TABLES[suffix](path)
+        check_unit(path, comments)
         with parsing(path, "points"):
-            xyz = np.column_stack([table[name] for name in "xyz"])
-            known = table.dtype.names or ()
-            sigma, noise = (table[n] if n in known else None for n in ("sigma", "noise"))
-            turned = None
-            if {"nx", "ny", "nz"} <= set(known):
-                turned = np.column_stack([table[name] for name in ("nx", "ny", "nz")])
-            return _finite(path, xyz, sigma, from_comments(comments), noise, turned)
+            columns = [columns_of(table, names) for names in ("xyz", NORMAL_AXES, COLOURS)]
+            xyz, turned, colour = columns
+            sigma, noise = (columns_of(table, (name,)) for name in ("sigma", "noise"))
+            return _finite(path, xyz, sigma, from_comments(comments), noise, turned, colour)
     if suffix == ".xyz":
         return _read_xyz(path)
-    expected = ", ".join([".ply", ".xyz", *SURFACE_READERS])
+    expected = ", ".join([*TABLES, ".xyz", *SURFACE_READERS])
     raise FileProblem(f"{path}: expected one of {expected}, got {suffix or 'no suffix'}")
+
+
+def check_unit(path: Path, comments: Iterable[str]) -> None:
+    """Refuse displacements in px, which are no points.
+
+    Raises
+    ------
+    InputError where the comments of a PLY file say so.
+    """
+    if any(line.startswith("fringeworks") and line.endswith("unit px") for line in comments):
+        raise InputError(f"{path}: {IN_PX}")
+
+
+def columns_of(table: NDArray[Any], names: Iterable[str]) -> Any:
+    """Fields of a table of points: one field, (n,), or several, (n, k); None where one is missing.
+
+    Equal channels of colour are one brightness.
+    """
+    wanted = tuple(names)
+    if not set(wanted) <= set(table.dtype.names or ()):
+        return None
+    columns = np.column_stack([table[name] for name in wanted])
+    same = wanted == COLOURS and bool((columns == columns[:, :1]).all())
+    return columns[:, 0] if same or len(wanted) == 1 else columns
 
 
 def cloud_points(cloud: PointCloud) -> Points:
@@ -301,13 +318,14 @@ def _finite(
     origin: Provenance | None,
     noise: Any = None,
     turned: Any = None,
+    colour: Any = None,
 ) -> Points:
     xyz = np.asarray(xyz, np.float64)
     good = np.isfinite(xyz).all(axis=1)
     if not good.any():
         raise FileProblem(f"{path}: {NO_POINTS}")
-    known, alone, directions = (
+    known, alone, directions, seen = (
         None if part is None else np.asarray(part, np.float64)[good]
-        for part in (sigma, noise, turned)
+        for part in (sigma, noise, turned, colour)
     )
-    return Points(xyz[good], known, alone, provenance=origin, normals=directions)
+    return Points(xyz[good], known, alone, provenance=origin, normals=directions, colour=seen)

@@ -37,11 +37,6 @@ class ResponseFile(Section):
     provenance: ProvenanceSection | None = None
 
 
-def check_response_target(path: StrPath) -> None:
-    """Refuse a file that ``write_response`` cannot write, before anything is computed for it."""
-    check_target(path, (".toml",))
-
-
 def write_response(path: StrPath, response: Response) -> Path:
     """Write a response as TOML, whole or not at all.
 
@@ -49,7 +44,7 @@ def write_response(path: StrPath, response: Response) -> Path:
     ------
     FileProblem for another suffix, and where the folder cannot be written to.
     """
-    check_response_target(path)
+    check_target(path, (".toml",))
     content = {
         "kind": "response",
         "camera": response.camera,

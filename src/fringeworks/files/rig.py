@@ -12,15 +12,13 @@ import numpy as np
 import tomli_w
 from pydantic import Field
 
-from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.atomic import StrPath, write_text
+from fringeworks.files.formats import FORMATS, OPENCV_SUFFIXES
 from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, existing_file, parsing, read_content
 from fringeworks.files.provenance import ProvenanceSection, toml_section
 from fringeworks.files.toml import Section, Size, read_toml
 from fringeworks.types import RIG_PARAMETERS, FloatMap, InputError, Pinhole, Provenance, Rig
-from fringeworks.types.packages import need_opencv
 
-OPENCV_SUFFIXES = (".xml", ".yml", ".yaml")
-"""Files of OpenCV's FileStorage."""
 TOML_SUFFIX = ".toml"
 """Our own rig files."""
 HEADER = """\
@@ -83,7 +81,7 @@ def write_rig(path: StrPath, rig: Rig) -> Path:
     FileProblem for another suffix, and where the folder cannot be written to.
     """
     path = Path(path)
-    check_rig_target(path)
+    FORMATS["rig"].check(path)
     if path.suffix.lower() == TOML_SUFFIX:
         write_text(path, format_rig(rig))
         return path
@@ -91,13 +89,6 @@ def write_rig(path: StrPath, rig: Rig) -> Path:
 
     write_text(path, format_opencv(rig, path.suffix.lower()))
     return path
-
-
-def check_rig_target(path: StrPath) -> None:
-    """Refuse a file that ``write_rig`` cannot write, before anything is computed for it."""
-    check_target(path, (TOML_SUFFIX, *OPENCV_SUFFIXES))
-    if Path(path).suffix.lower() in OPENCV_SUFFIXES:
-        need_opencv("a rig file of OpenCV")
 
 
 def read_rig(

@@ -133,6 +133,7 @@ def write_stack(
     *,
     camera: str | None = None,
     projector: str | None = None,
+    saturation: float | None = None,
     truth: Mapping[str, NDArray[Any]] | None = None,
     force: bool = False,
     progress: Callable[[str], None] = lambda _: None,
@@ -148,6 +149,8 @@ def write_stack(
     plan : PatternPlan
     camera, projector : str, optional
         Names of the devices.
+    saturation : float, optional
+        Counts from which on a sample is not trusted.
     truth : mapping of arrays, optional
         Of a simulation, written as ``truth.npz`` beside the frames.
     force : bool
@@ -165,7 +168,9 @@ def write_stack(
     holds other things or cannot be written to.
     """
     labels = plan.labels()
-    with writing_capture(folder, plan, camera=camera, projector=projector, force=force) as writer:
+    with writing_capture(
+        folder, plan, camera=camera, projector=projector, saturation=saturation, force=force
+    ) as writer:
         for number, frame in enumerate(frames):
             progress(labels[min(number, len(labels) - 1)])
             writer.add(number, frame)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Callable
@@ -63,16 +64,11 @@ def write_surface(path: StrPath, surface: HeightMap, *, ply: PlyKind = "points")
     without a geometry, since that format holds lengths only, and for ``.ply``, ``.x3p`` and
     ``.gsf`` where the pitch is unknown.
     """
-    check_surface_target(path)
+    check_target(path, WRITERS)
     if ply == "normals":
         raise InputError("ply: expected points or mesh for a height map, got normals")
     with replacing(path) as temporary:
         WRITERS[Path(path).suffix.lower()](temporary, surface, ply)
-
-
-def check_surface_target(path: StrPath) -> None:
-    """Refuse a file that ``write_surface`` cannot write, before anything is computed for it."""
-    check_target(path, WRITERS)
 
 
 def read_surface(path: StrPath) -> HeightMap:
@@ -138,8 +134,17 @@ def _read_tiff(path: Path) -> HeightMap:
         return _surface(content | {"values": values, "sigma": sigma, "reason": reason}, origin)
 
 
+def holds_heights(file: Any) -> bool:
+    """Whether a TIFF that tifffile has opened is a height map that fringeworks wrote."""
+    try:
+        content = json.loads(file.pages[0].description)
+    except (ValueError, RecursionError):
+        return False
+    return isinstance(content, dict) and {"quantity", "unit", "pitch"} <= content.keys()
+
+
 def _write_npz(path: Path, surface: HeightMap, _: PlyKind) -> None:
-    arrays = {name: getattr(surface, name) for name in HeightMap.__dataclass_fields__}
+    arrays = {field.name: getattr(surface, field.name) for field in dataclasses.fields(HeightMap)}
     arrays["pitch"] = math.nan if surface.pitch is None else float(surface.pitch)
     for name in ("pupil", "converged"):
         if arrays[name] is None:

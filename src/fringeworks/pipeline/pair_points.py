@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from fringeworks.files.archives import read_coordinates
 from fringeworks.files.atomic import StrPath
-from fringeworks.files.coordinates import read_coordinates
 from fringeworks.files.rig import read_rig
 from fringeworks.pair.object_coordinates import object_coordinates
 from fringeworks.pair.registry import MethodOption

@@ -1,38 +1,32 @@
 """Summaries, tables and figures of results."""
 
-from .boards import (
-    board_sheet as board_sheet,
-)
-from .boards import (
-    write_board as write_board,
-)
-from .figures import (
-    best_map as best_map,
-)
-from .page.report import (
-    ReportWritten as ReportWritten,
-)
-from .page.tolerances import (
-    Tolerance as Tolerance,
-)
-from .page.tolerances import (
-    parse_tolerance as parse_tolerance,
-)
-from .setup_figures import (
-    setup_sheet as setup_sheet,
-)
 from .summary import (
     summarise as summarise,
 )
 from .tables import (
     format_table as format_table,
 )
-from .tables import (
+from ..files.figures import (
     to_json as to_json,
+)
+from .figures import (
+    best_map as best_map,
+)
+from .setup_figures import (
+    setup_sheet as setup_sheet,
+)
+from .page.report import (
+    ReportWritten as ReportWritten,
+)
+from .page.tolerances import (
+    Tolerance as Tolerance,
+    parse_tolerance as parse_tolerance,
+)
+from .boards import (
+    board_sheet as board_sheet,
+    write_board as write_board,
 )
 from .viewer.pack import (
     PackedSurface as PackedSurface,
-)
-from .viewer.pack import (
     pack_surface as pack_surface,
 )

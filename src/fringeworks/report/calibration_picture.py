@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks.report.drawing import Axes
-from fringeworks.report.maps import SMALL_INCH, Picture, percent, small_print
+from fringeworks.report.maps import SMALL_INCH, Picture, small_print
+from fringeworks.report.sheets import percent
 from fringeworks.rig.calibration.calibrate import Calibration
 from fringeworks.rig.calibration.diagnosis import coverage, diagnose, pose_figures
 from fringeworks.rig.calibration.verdict import verdict

@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks.evaluate.deviation import Deviation
-from fringeworks.report.maps import (
-    COLOURS,
+from fringeworks.report.maps import COLOURS, Picture, draw_sheet, limits_of, small_print
+from fringeworks.report.sheets import (
+    REASONS,
+    SIGMA,
     UNMEASURED_WORDS,
     Panel,
     PanelKind,
-    Picture,
-    limits_of,
+    Sheet,
     percent,
-    sheet,
-    small_print,
 )
 from fringeworks.types import FloatMap, PointCloud, Reason
 
@@ -24,25 +23,26 @@ POINT_SIZE = 2.0
 """Size of a drawn point, in squares of 1/72 inch."""
 WIDTH_INCH, HEIGHT_INCH = 11.0, 5.0
 """Size of a picture of points, inches."""
-DEVIATION, SIGMA, RATIO = "deviation, positive outside", "standard deviation σ", "deviation over σ"
-"""Titles of the panels."""
+DEVIATION, RATIO = "deviation, positive outside", "deviation over σ"
+"""Titles of two panels."""
 
 
 def deviation_picture(title: str, found: Deviation) -> Picture:
     """Draw the deviation, its σ, and the ratio of the two."""
     if isinstance(found.part, PointCloud):
-        return sheet(
+        maps = Sheet(
             title,
             facts_of(found),
             [
                 Panel(DEVIATION, found.distance_mm, "signed", "mm"),
                 Panel(SIGMA, found.sigma_mm, "sigma", "mm"),
                 Panel(RATIO, found.distance_mm / found.sigma_mm, "signed", "σ"),
-                Panel("measured, or why not", found.reason, "reasons"),
+                Panel(REASONS, found.reason, "reasons"),
             ],
             columns=2,
             findings=found.findings,
         )
+        return draw_sheet(maps)
     return _of_points(title, found)
 
 

@@ -19,7 +19,8 @@ from fringeworks.report.drawing import (
     need_plots,
     rc_context,
 )
-from fringeworks.report.maps import DPI, Panel, PanelKind, draw_map, limits_of, sheet
+from fringeworks.report.maps import DPI, draw_map, draw_sheet, limits_of
+from fringeworks.report.sheets import Panel, PanelKind, Sheet
 from fringeworks.types import FloatMap, Provenance
 
 MAX_SURFACE_POINTS = 160
@@ -155,7 +156,7 @@ def error_maps(title: str, maps: Mapping[str, FloatMap], *, absolute: bool = Fal
         )
         for label, values in maps.items()
     ]
-    return sheet(title, "", panels, columns=3)
+    return draw_sheet(Sheet(title, "", panels, columns=3))
 
 
 def overview(title: str, cells: Sequence[Sequence[tuple[str, FloatMap, str]]]) -> Figure:

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
 from io import BytesIO
-from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fringeworks.report.drawing import Axes, BoundaryNorm, Figure, ListedColormap, Patch
 from fringeworks.report.reason_words import REASON_COLOURS, REASON_WORDS
-from fringeworks.types import ByteMap, Finding, FloatMap, Reason, reason_counts
+from fringeworks.report.sheets import PanelKind, Sheet, percent
+from fringeworks.types import ByteMap, FloatMap, Reason, reason_counts
 
 DPI = 110
 """Dots per inch of a PNG: text of 10 points is then 15 px high, easily read at full size."""
 UNMEASURED = {"facecolor": "white", "edgecolor": "#a0a0a0", "hatch": "/////"}
 """Look of pixels without a value: hatched, which no colour map can be mistaken for."""
-UNMEASURED_WORDS = "hatched: not measured"
-"""The same in words."""
 MAP_PERCENTILES = (0.2, 99.8)
 """Range of values that a map's colours span, percent: outliers do not flatten the rest."""
 SIGMA_PERCENTILE = 98.0
@@ -44,8 +40,6 @@ LETTERS_PER_INCH = 14
 SHOWN_FINDINGS = 4
 """Findings that a sheet lists; more would crowd out the maps. The rest is counted."""
 
-PanelKind = Literal["values", "depth", "sigma", "signed", "grey", "phase", "reasons"]
-
 COLOURS: dict[PanelKind, str] = {
     "values": "viridis",
     "depth": "viridis_r",
@@ -67,62 +61,22 @@ class Picture(Figure):
         return buffer.getvalue()
 
 
-@dataclass(frozen=True)
-class Panel:
-    """One map of a sheet."""
-
-    title: str
-    """Name of the quantity; panels of one name and unit have one scale unless they name another."""
-    values: FloatMap | NDArray[Any]
-    """The map, (h, w); of the kind "reasons", its ``Reason`` per pixel."""
-    kind: PanelKind
-    unit: str = ""
-    scale: str = ""
-    """Name of the scale, for panels of one quantity with titles of their own."""
-
-    @property
-    def shares(self) -> tuple[str, str, str]:
-        """What panels with one scale have in common."""
-        return self.scale or self.title, self.kind, self.unit
-
-
-def sheet(
-    title: str,
-    facts: str,
-    panels: Sequence[Panel | None],
-    *,
-    columns: int,
-    findings: Sequence[Finding] = (),
-) -> Picture:
-    """Draw maps in rows on one sheet.
-
-    Parameters
-    ----------
-    title, facts : str
-        First and second line above the maps.
-    panels : sequence of Panel or None
-        Of one shape, line by line; None leaves a place empty.
-    columns : int
-        Panels on a line.
-    findings : sequence of Finding
-        Listed below the maps in one line each.
-
-    Returns
-    -------
-    Picture
-    """
-    columns = min(columns, len(panels))
+def draw_sheet(sheet: Sheet) -> Picture:
+    """Draw maps in rows on one sheet."""
+    panels = sheet.panels
+    columns = min(sheet.columns, len(panels))
     lines = -(-len(panels) // columns)
     drawn = [panel for panel in panels if panel is not None]
     rows_, columns_ = drawn[0].values.shape
     side = MAP_SIDE_INCH[min(columns, max(MAP_SIDE_INCH))]
     scale = side / max(rows_, columns_)
     width = columns * (columns_ * scale + BESIDE_INCH)
-    small = small_print([finding.seen for finding in findings], width)
-    height = lines * (rows_ * scale + ABOVE_INCH) + TITLE_INCH * (2 + facts.count("\n"))
+    small = small_print([finding.seen for finding in sheet.findings], width)
+    height = lines * (rows_ * scale + ABOVE_INCH) + TITLE_INCH * (2 + sheet.facts.count("\n"))
     height += SMALL_INCH * (small.count("\n") + bool(small))
     figure = Picture(figsize=(width, height), layout="compressed")
-    figure.suptitle(f"{title}\n{facts}" if facts else title, fontsize=12)
+    title = f"{sheet.title}\n{sheet.facts}" if sheet.facts else sheet.title
+    figure.suptitle(title, fontsize=12)
     if small:
         figure.supxlabel(small, x=0.01, ha="left", fontsize=9)
     for number, panel in enumerate(panels):
@@ -225,10 +179,3 @@ def reason_patches(reason: ByteMap) -> list[Patch]:
         )
         for r in occurring
     ]
-
-
-def percent(share: float) -> str:
-    """A share as percent, with enough digits to tell few from none and most from all."""
-    rest = 100.0 * min(share, 1.0 - share)
-    digits = 1 if rest <= 0.0 else max(1, int(np.ceil(-np.log10(rest))))
-    return f"{100.0 * share:.{digits}f} %"

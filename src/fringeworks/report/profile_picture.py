@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.report.drawing import Axes
-from fringeworks.report.maps import Picture, percent
+from fringeworks.report.maps import Picture
 from fringeworks.report.reason_words import REASON_COLOURS, REASON_WORDS
+from fringeworks.report.sheets import percent
 from fringeworks.types import BoolMap, FloatMap, Profile, Reason
 
 SIZE_INCH = (9.0, 4.4)

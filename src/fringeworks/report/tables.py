@@ -4,36 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 import numpy as np
 
-from fringeworks.types import InputError
+from fringeworks.files.figures import to_json
 
 TableFormat = Literal["text", "csv", "json", "markdown"]
 Row = dict[str, Any]
-
-
-def to_json(content: Any) -> str:
-    """The JSON text of results. NaN, which JSON does not have, becomes null."""
-
-    def clean(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {k: clean(v) for k, v in value.items()}
-        if isinstance(value, (list, tuple)):
-            return [clean(v) for v in value]
-        if isinstance(value, np.ndarray | np.generic):
-            return clean(value.tolist())
-        return None if isinstance(value, float) and not np.isfinite(value) else value
-
-    try:
-        return json.dumps(clean(content), indent=2, allow_nan=False) + "\n"
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"content: expected numbers, text, lists and dictionaries, got others: {error}"
-        ) from error
 
 
 def _cell(value: Any) -> str:

@@ -1,68 +1,48 @@
 """Scans: showing patterns and grabbing frames, with the right timing and exposure."""
 
 from .bench import (
+    take as take,
+    Take as Take,
+    open_bench as open_bench,
     Bench as Bench,
 )
-from .bench import (
-    Take as Take,
+from .setup import (
+    Setup as Setup,
+    SetupStopped as SetupStopped,
+    SetupTests as SetupTests,
 )
-from .bench import (
-    open_bench as open_bench,
+from ..files.setup import (
+    StoredSetup as StoredSetup,
 )
-from .bench import (
-    take as take,
-)
-from .delay import (
+from ..types import (
     Delay as Delay,
 )
 from .delay import (
     measure_delay as measure_delay,
 )
-from .exposure import (
-    auto_exposure as auto_exposure,
-)
-from .exposure import (
-    exposure_series as exposure_series,
-)
 from .frames import (
     take_frames as take_frames,
-)
-from .hdr import (
-    capture_hdr as capture_hdr,
 )
 from .live import (
     LiveCloud as LiveCloud,
 )
 from .live_calibration import (
-    PoseTaker as PoseTaker,
-)
-from .live_calibration import (
     TakenPose as TakenPose,
-)
-from .live_calibration import (
     calibrate_live as calibrate_live,
-)
-from .live_calibration import (
+    PoseTaker as PoseTaker,
     take_poses as take_poses,
 )
-from .poses import (
-    PoseJudgement as PoseJudgement,
+from .exposure import (
+    auto_exposure as auto_exposure,
+    exposure_series as exposure_series,
 )
-from .poses import (
-    judge_poses as judge_poses,
-)
-from .setup import (
-    Setup as Setup,
-)
-from .setup import (
-    SetupStopped as SetupStopped,
-)
-from .setup import (
-    SetupTests as SetupTests,
-)
-from .setup_file import (
-    StoredSetup as StoredSetup,
+from .hdr import (
+    capture_hdr as capture_hdr,
 )
 from .turntable import (
     scan_turntable as scan_turntable,
+)
+from .poses import (
+    PoseJudgement as PoseJudgement,
+    judge_poses as judge_poses,
 )

@@ -16,14 +16,13 @@ from fringeworks.devices.opening import open_devices
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.plan import read_plan
+from fringeworks.files.setup import StoredSetup, read_setup
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.capture import capture
-from fringeworks.scan.delay import Delay
 from fringeworks.scan.frames import Progress
 from fringeworks.scan.hdr import capture_hdr
 from fringeworks.scan.saturation import MOST_SATURATED
-from fringeworks.scan.setup_file import StoredSetup, read_setup
-from fringeworks.types import CameraSettings, InputError
+from fringeworks.types import CameraSettings, Delay, InputError
 
 
 @dataclass(frozen=True)

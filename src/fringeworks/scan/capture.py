@@ -10,11 +10,10 @@ from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.capture_writer import settings_to_resume, writing_capture
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.scan.delay import Delay
 from fringeworks.scan.exposure import auto_exposure
 from fringeworks.scan.frames import Progress, check_plan, take_frames
 from fringeworks.scan.saturation import MOST_SATURATED
-from fringeworks.types import CameraSettings
+from fringeworks.types import CameraSettings, Delay
 
 AVERAGED_SATURATION = 0.98
 """Share of the camera's full scale from which on a mean of several frames is not trusted: some of

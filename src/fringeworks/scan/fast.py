@@ -15,10 +15,9 @@ from fringeworks.devices.protocols import (
     Projector,
     TriggeredCamera,
 )
-from fringeworks.scan.delay import Delay
 from fringeworks.scan.saturation import SaturationGuard
 from fringeworks.scan.taking import Picture
-from fringeworks.types import CameraSettings, DeviceProblem
+from fringeworks.types import CameraSettings, Delay, DeviceProblem
 
 MAX_ROUNDS = 6
 """Times that pictures are shown until each has its frame. Frames that a camera loses at 5 % are all

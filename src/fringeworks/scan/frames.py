@@ -13,12 +13,11 @@ from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.agreement import Agreement
-from fringeworks.scan.delay import Delay
 from fringeworks.scan.fast import FastTaker
 from fringeworks.scan.saturation import MOST_SATURATED, SaturationGuard
 from fringeworks.scan.sequence import SequenceTaker
 from fringeworks.scan.taking import Picture, Taker
-from fringeworks.types import InputError
+from fringeworks.types import Delay, InputError
 
 Progress = Callable[[str], None]
 """Called with the label of a frame when it was taken."""

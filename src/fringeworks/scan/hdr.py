@@ -10,11 +10,10 @@ from fringeworks.files.atomic import StrPath
 from fringeworks.files.exposures import series_to_resume, writing_exposures
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.scan.capture import capture
-from fringeworks.scan.delay import Delay
 from fringeworks.scan.exposure import exposure_series
 from fringeworks.scan.exposure_range import configured
 from fringeworks.scan.frames import Progress, check_plan
-from fringeworks.types import CameraSettings, InputError
+from fringeworks.types import CameraSettings, Delay, InputError
 
 
 def capture_hdr(

@@ -11,11 +11,10 @@ import numpy as np
 
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.scan.delay import Delay
 from fringeworks.scan.frames import check_plan, pictures_of, taker_of
 from fringeworks.stack.decoder import JUDGE_EVERY, Decoder
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.types import Frozen, PointCloud, Reason, Rig
+from fringeworks.types import Delay, Frozen, PointCloud, Reason, Rig
 
 
 @dataclass(frozen=True, eq=False, repr=False)

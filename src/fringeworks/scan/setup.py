@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.devices.protocols import Camera, Projector, VideoMode, video_mode_of
+from fringeworks.files.setup import StoredSetup
 from fringeworks.patterns.propose import Proposal, propose
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.checks.exposure import Exposing, check_exposure
@@ -19,11 +20,12 @@ from fringeworks.scan.checks.orientation import Orientation, check_orientation
 from fringeworks.scan.checks.stripes import Stripes, check_stripes
 from fringeworks.scan.checks.video_mode import check_video_mode
 from fringeworks.scan.checks.vignetting import Vignetting, check_vignetting
-from fringeworks.scan.delay import Delay, measure_delay
+from fringeworks.scan.delay import measure_delay
 from fringeworks.types import (
     Axis,
     CameraNoise,
     CameraSettings,
+    Delay,
     DeviceProblem,
     Finding,
     FloatMap,
@@ -105,6 +107,33 @@ class Setup(SetupTests):
     def settings(self) -> CameraSettings:
         """Settings of the camera, as it reported them."""
         return self.exposing.settings
+
+    def stored(self, projector: str, camera: str) -> StoredSetup:
+        """What a file holds of the set-up.
+
+        Parameters
+        ----------
+        projector, camera : str
+            Words that open the devices; see ``open_devices``.
+        """
+        return StoredSetup(
+            projector=projector,
+            camera=camera,
+            projector_name=self.projector,
+            camera_name=self.camera,
+            settings=self.settings,
+            noise=self.noise,
+            delay=self.delay,
+            plan=self.proposal.plan,
+            predicted_sigma_px=self.proposal.sigma_px,
+            findings=self.findings,
+            size_px=self.size_px,
+            min_period_px=max(s.min_period_px for s in self.stripes),
+            modulation=dark_modulation(self.levels),
+            gamma=self.levels.gamma,
+            contrast=self.levels.contrast,
+            black_counts=float(self.levels.brightness[0]),
+        )
 
 
 class SetupStopped(DeviceProblem):

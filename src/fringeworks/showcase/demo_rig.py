@@ -17,8 +17,9 @@ from fringeworks.files.stack import write_stack
 from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.pipeline.stacks import Measurement, measure
 from fringeworks.report import figures
-from fringeworks.report.maps import Panel, sheet
+from fringeworks.report.maps import draw_sheet
 from fringeworks.report.page.report import write_report
+from fringeworks.report.sheets import Panel, Sheet
 from fringeworks.report.summary import summarise
 from fringeworks.report.tables import format_table
 from fringeworks.rig.calibration.board import parse_board
@@ -120,11 +121,10 @@ def _pictures(
         Panel("error along the ray", error, "signed", "mm"),
         Panel("standard deviation σ", cloud.sigma_mm, "sigma", "mm"),
     ]
+    errors = Sheet(f"{name}: measured minus true, and what σ says", "", maps, columns=2)
     drawn = {
         f"rig_{name}.png": cloud.plot(f"{name}, measured by a calibrated virtual rig"),
-        f"rig_{name}_error.png": sheet(
-            f"{name}: measured minus true, and what σ says", "", maps, columns=2
-        ),
+        f"rig_{name}_error.png": draw_sheet(errors),
     }
     for file, figure in drawn.items():
         yield figures.save_figure(figure, writer.file(file), provenance=cloud.provenance)

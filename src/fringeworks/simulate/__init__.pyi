@@ -1,95 +1,61 @@
 """Simulation: artificial objects and bodies, and the frames that a camera would deliver of them."""
 
-from .bayer import (
-    Bayer as Bayer,
-)
-from .bodies import (
-    Body as Body,
-)
-from .bodies import (
-    Box as Box,
-)
-from .bodies import (
-    Cylinder as Cylinder,
-)
-from .bodies import (
-    Mesh as Mesh,
-)
-from .bodies import (
-    Paraboloid as Paraboloid,
-)
-from .bodies import (
-    Plane as Plane,
-)
-from .bodies import (
-    Sphere as Sphere,
-)
-from .bodies import (
-    height_field as height_field,
-)
-from .exposure import (
-    Transport as Transport,
-)
-from .exposure import (
-    photograph as photograph,
-)
-from .exposure import (
-    photograph_moving as photograph_moving,
+from .scene import (
+    standard_scene as standard_scene,
 )
 from .fringes import (
     PairOptions as PairOptions,
 )
-from .lens import (
-    ThinLens as ThinLens,
+from .standard import (
+    standard_rig as standard_rig,
+    standard_cameras as standard_cameras,
+    fringe_plan as fringe_plan,
+    bust as bust,
+    board_body as board_body,
+    board_poses as board_poses,
+)
+from .virtual_rig import (
+    look as look,
+    View as View,
+)
+from .exposure import (
+    photograph as photograph,
 )
 from .optics import (
     Optics as Optics,
 )
-from .response_curve import (
-    SCurve as SCurve,
+from .bodies import (
+    Body as Body,
+    Plane as Plane,
+    Box as Box,
+    Sphere as Sphere,
+    Cylinder as Cylinder,
+    Paraboloid as Paraboloid,
+    Mesh as Mesh,
+    height_field as height_field,
 )
-from .response_curve import (
-    TabulatedResponse as TabulatedResponse,
-)
-from .rig_pair import (
-    pair_displacement as pair_displacement,
+from .exposure import (
+    photograph_moving as photograph_moving,
 )
 from .rig_pair import (
     photograph_pair as photograph_pair,
-)
-from .scene import (
-    standard_scene as standard_scene,
-)
-from .standard import (
-    board_body as board_body,
-)
-from .standard import (
-    board_poses as board_poses,
-)
-from .standard import (
-    bust as bust,
-)
-from .standard import (
-    cropped_field as cropped_field,
-)
-from .standard import (
-    fringe_plan as fringe_plan,
-)
-from .standard import (
-    standard_cameras as standard_cameras,
-)
-from .standard import (
-    standard_rig as standard_rig,
+    pair_displacement as pair_displacement,
 )
 from .standard import (
     truth_distance as truth_distance,
-)
-from .standard import (
+    cropped_field as cropped_field,
     widened_frame as widened_frame,
 )
-from .virtual_rig import (
-    View as View,
+from .lens import (
+    ThinLens as ThinLens,
 )
-from .virtual_rig import (
-    look as look,
+from .bayer import (
+    Bayer as Bayer,
+)
+from .response_curve import (
+    SCurve as SCurve,
+    TabulatedResponse as TabulatedResponse,
+)
+from .exposure import (
+    Transport as Transport,
 )

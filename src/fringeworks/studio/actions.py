@@ -13,8 +13,9 @@ from typing import Any, NamedTuple, Protocol
 from fringeworks.evaluate.inspect import inspect
 from fringeworks.files.findings import findings_as_dicts
 from fringeworks.files.merged import write_merged_points
-from fringeworks.files.results import write_result
+from fringeworks.files.read_write import write
 from fringeworks.files.rig import read_rig, write_rig
+from fringeworks.files.setup import write_setup
 from fringeworks.pipeline.boards import calibrate_stacks
 from fringeworks.pipeline.merging import merge
 from fringeworks.pipeline.stacks import measure
@@ -27,11 +28,11 @@ from fringeworks.report.page.surfaces import surface_of
 from fringeworks.report.summary import summarise
 from fringeworks.scan.bench import Take, open_bench, take
 from fringeworks.scan.setup import SetupStopped, set_up
-from fringeworks.scan.setup_file import write_setup
 from fringeworks.showcase.dissertation import write_paper
 from fringeworks.studio.tasks import Source, compute, judged, known, poses_of
 from fringeworks.studio.worker import Job, Link
 from fringeworks.studio.workspace import Workspace
+from fringeworks.types import TriangleMesh
 
 
 class Command(NamedTuple):
@@ -327,7 +328,8 @@ class Export:
         if self._is_report:
             write_report(target, {self.source.path.name: result}, rig=self.source.rig)
         else:
-            write_result(target, surface_of(result), **self._kind)
+            part = result if isinstance(result, TriangleMesh) else surface_of(result)
+            write(target, part, **self._kind)
         return self.name
 
     def command(self, _: Any) -> Command:

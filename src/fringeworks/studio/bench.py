@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from fringeworks.files.atomic import StrPath
+from fringeworks.files.setup import StoredSetup, read_setup
 from fringeworks.scan.aiming import Shown as Light
 from fringeworks.scan.bench import Take
-from fringeworks.scan.setup_file import StoredSetup, read_setup
 from fringeworks.studio import live, tasks
 from fringeworks.studio.actions import Action, CommandLog, Scan, SetUp, TakePose, perform
 from fringeworks.studio.series import Series

@@ -13,7 +13,7 @@ from fringeworks.evaluate.truth_errors import error_map
 from fringeworks.pair.analyse import analyse
 from fringeworks.pipeline.pairs import reconstruct
 from fringeworks.pipeline.stacks import measure
-from fringeworks.report.page.surfaces import as_heights
+from fringeworks.report.kinds.pair import as_heights
 from fringeworks.report.viewer.pack import pack_surface
 from fringeworks.rig.pinhole import pose
 from fringeworks.simulate.bodies import Body, Box, Cylinder, Plane, Shape, Sphere

@@ -14,6 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from fringeworks.devices.opening import open_devices
 from fringeworks.files.rig import read_rig
+from fringeworks.files.setup import read_setup
 from fringeworks.patterns.plan import PatternPlan, Uniform
 from fringeworks.report.viewer.pack import pack_surface
 from fringeworks.rig.calibration.board import parse_board
@@ -23,7 +24,6 @@ from fringeworks.scan.exposure import auto_exposure
 from fringeworks.scan.glance import Glance, glance
 from fringeworks.scan.live import live
 from fringeworks.scan.poses import REGIONS, SIDES, PoseJudgement
-from fringeworks.scan.setup_file import read_setup
 from fringeworks.studio.tasks import poses_of, thinning
 from fringeworks.studio.worker import Link
 from fringeworks.studio.workspace import Workspace

@@ -20,12 +20,12 @@ from fringeworks.devices.opening import list_devices
 from fringeworks.evaluate.inspect import inspect
 from fringeworks.files.exposures import is_exposures
 from fringeworks.files.pair import CAPTURE_FILE
+from fringeworks.files.read_write import read
 from fringeworks.files.rig import read_rig
 from fringeworks.files.toml import kind_of
 from fringeworks.pipeline.inputs import capture_of
 from fringeworks.pipeline.pairs import reconstruct
 from fringeworks.pipeline.stacks import decode_stack, measure
-from fringeworks.report.page.load import load_result
 from fringeworks.report.page.surfaces import is_surface, packed, surface_of
 from fringeworks.report.summary import summarise
 from fringeworks.scan.live_calibration import PoseTaker
@@ -172,7 +172,7 @@ def compute(link: Link, source: Source) -> Any:
         assert source.recipe is not None
         return inspect(known(source), source.recipe).surface
     if how == "read":
-        return load_result(source.path)
+        return read(source.path)
     if how == "reconstruct":
         return reconstruct(source.path, source.method, **source.options)
     if source.rig is None:
@@ -194,7 +194,7 @@ def known(source: Source) -> Any:
     """What is inspected: a capture by its path, or the surface in a file."""
     if source.is_capture:
         return source.path
-    result = load_result(source.path)
+    result = read(source.path)
     if not isinstance(result, HeightMap | PointCloud):
         raise InputError(
             f"{source.path.name}: expected heights or points in the order of a frame's pixels, "

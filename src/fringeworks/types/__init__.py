@@ -38,6 +38,7 @@ from fringeworks.types.checks import (
     whole,
 )
 from fringeworks.types.coordinates import CoordinateMap, Decoded
+from fringeworks.types.delay import Delay
 from fringeworks.types.displayed import Plotted, Sectioned
 from fringeworks.types.errors import (
     BoardNotFound,
@@ -92,6 +93,7 @@ __all__ = [
     "DatumPlanes",
     "DatumPoints",
     "Decoded",
+    "Delay",
     "DeviceProblem",
     "DisplacementMap",
     "FileProblem",

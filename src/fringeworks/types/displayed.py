@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, cast
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -12,15 +12,32 @@ if TYPE_CHECKING:
 
     from fringeworks.types.profile import Line, Profile
 
-DRAWING_ROOM = "fringeworks.report.display"
-"""Module whose ``plot`` draws every result. It is loaded by name when a picture is asked for,
-because a type may not import the rooms behind its own."""
-DRAWING_LIBRARY = "fringeworks.report.drawing"
-"""Module that tells whether pictures can be drawn, loaded in the same way."""
-PAGES = "fringeworks.report.interactive"
-"""Module whose ``show`` and ``repr_html`` make pages, loaded in the same way."""
-SECTIONS = "fringeworks.surface.section"
-"""Module whose ``profile`` samples maps along a line, loaded in the same way."""
+DISPLAY = "fringeworks.report.display"
+"""Module that shows results. It is loaded by name when a result is shown, because a type may not
+import the rooms behind its own."""
+
+
+class Display(Protocol):
+    """What that module has."""
+
+    def plot(self, result: object, name: str | None = None) -> Figure:
+        """Draw a result as one picture."""
+
+    def show(self, result: object, *, every: int = 1) -> Path:
+        """Open the report of a result in the browser."""
+
+    def html_of(self, result: object) -> str | None:
+        """A surface to turn, for notebooks."""
+
+    def png_of(self, result: object) -> bytes | None:
+        """The picture of a result, for notebooks."""
+
+    def profile(self, result: object, line: Line, *, level: bool = False) -> Profile:
+        """Sample a map along a line."""
+
+
+def _display() -> Display:
+    return cast("Display", import_module(DISPLAY))
 
 
 class Plotted:
@@ -51,8 +68,7 @@ class Plotted:
         >>> [axes.get_title() for axes in figure.axes if axes.get_title()]
         ['height', 'standard deviation σ', 'measured, or why not']
         """
-        figure: Figure = import_module(DRAWING_ROOM).plot(self, name)
-        return figure
+        return _display().plot(self, name)
 
     def show(self, *, every: int = 1) -> Path:
         """Open the report of the result in the browser: surfaces to turn, maps, figures, findings.
@@ -70,21 +86,16 @@ class Plotted:
         ------
         MissingPackage where the package ``matplotlib`` (the extra "plots") is not installed.
         """
-        path: Path = import_module(PAGES).show(self, every=every)
-        return path
+        return _display().show(self, every=every)
 
     def _repr_html_(self) -> str | None:
         """Notebooks show surfaces to turn, in a frame."""
-        frame: str | None = import_module(PAGES).repr_html(self)
-        return frame
+        return _display().html_of(self)
 
     def _repr_png_(self) -> bytes | None:
         """Notebooks that show no frames, and results that are no surfaces, get the picture. Without
         the extra ``plots``, they show text."""
-        if not import_module(DRAWING_LIBRARY).plots_installed():
-            return None
-        picture: bytes = self.plot()._repr_png_()  # type: ignore[attr-defined]
-        return picture
+        return _display().png_of(self)
 
 
 class Sectioned(Plotted):
@@ -120,5 +131,4 @@ class Sectioned(Plotted):
         >>> found.values.shape, round(float(found.along_mm[-1]))
         ((81,), 800)
         """
-        found: Profile = import_module(SECTIONS).profile(self, line, level=level)
-        return found
+        return _display().profile(self, line, level=level)

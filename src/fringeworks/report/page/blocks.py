@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from fringeworks.report.drawing import Figure
-from fringeworks.report.viewer.pack import PackedSurface
+if TYPE_CHECKING:
+    from fringeworks.report.drawing import Figure
+    from fringeworks.report.viewer.pack import PackedSurface
 
 
 @dataclass(frozen=True)

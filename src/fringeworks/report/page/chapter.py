@@ -1,12 +1,12 @@
-"""Chapters of results. ``surface_chapters`` and ``others`` register their kinds."""
+"""Chapters of results: those that their kinds declare, or figures and picture."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import singledispatch
 from typing import Any
 
 from fringeworks.report.display import plot
+from fringeworks.report.kind import kind_of
 from fringeworks.report.page.blocks import Block, Chapter, Picture
 from fringeworks.report.page.parts import (
     figure_tables,
@@ -17,7 +17,6 @@ from fringeworks.report.page.parts import (
     tolerance_block,
 )
 from fringeworks.report.page.tolerances import Tolerance, judge
-from fringeworks.report.summary import summarise
 from fringeworks.types import InputError, Rig
 
 
@@ -36,24 +35,18 @@ class Context:
     """Filled by the chapters: whether each tolerance is kept."""
 
 
-@singledispatch
 def chapter_of(result: object, context: Context) -> Chapter:
-    """Return the chapter of a result: its figures, and its picture where it has one.
-
-    A kind of result that needs more registers a function of its own.
+    """Return the chapter of a result: by default its figures, and its picture where it has one.
 
     Raises
     ------
     InputError for something that is no result.
     """
-    try:
-        drawn = [Picture(plot(result), "Picture of the result.")]
-    except InputError:
-        drawn = []
-    try:
-        values = summarise(result)
-    except InputError:
-        values = {}
+    kind = kind_of(result)
+    if kind.chapter is not None:
+        return kind.chapter(result, context)
+    drawn = [Picture(plot(result), "Picture of the result.")] if kind.picture else []
+    values = kind.figures(result) if kind.figures else {}
     if not drawn and not values:
         raise InputError(f"report: expected a result of fringeworks, got {type(result).__name__}")
     origin = getattr(result, "provenance", None)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from fringeworks.report.drawing import Figure
 from fringeworks.types import FloatMap
+
+if TYPE_CHECKING:
+    from fringeworks.report.drawing import Figure
 
 BINS = 80
 """Bars of a histogram: more than a column of pixels each on a page."""
@@ -33,6 +37,8 @@ def histogram(values: FloatMap, label: str, *, what: str = "pixels") -> Figure:
     what : str
         What is counted.
     """
+    from fringeworks.report.drawing import Figure  # Matplotlib, for those only who draw
+
     figure = Figure(figsize=(5.2, 3.0), layout="constrained")
     axes = figure.add_subplot()
     finite = np.asarray(values, np.float64)[np.isfinite(values)]

@@ -8,18 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from fringeworks.files.atomic import StrPath, check_target, write_text
+from fringeworks.files.limits import existing_file, is_folder
+from fringeworks.files.read_write import read
 from fringeworks.files.rig import read_rig
 from fringeworks.report.drawing import need_plots
-from fringeworks.report.page import deviation_chapter, others, surface_chapters  # noqa: F401, register chapters
 from fringeworks.report.page.blocks import Chapter
 from fringeworks.report.page.both import compared
 from fringeworks.report.page.chapter import Context, chapter_of
 from fringeworks.report.page.html import page_html
-from fringeworks.report.page.load import load_result
 from fringeworks.report.page.pdf import write_pdf
 from fringeworks.report.page.surfaces import comparable
 from fringeworks.report.page.tolerances import Tolerance, parse_tolerance
-from fringeworks.types import InputError, Provenance, Rig, made_by
+from fringeworks.types import FileProblem, InputError, Provenance, Rig, made_by
 
 SUFFIXES = (".html", ".pdf")
 """Formats of a report."""
@@ -140,9 +140,18 @@ def _named(results: Any) -> list[tuple[str, Any]]:
     if not pairs:
         raise InputError("results: expected one or more, got none")
     return [
-        (name, load_result(result) if isinstance(result, str | Path) else result)
+        (name, _read(Path(result)) if isinstance(result, str | Path) else result)
         for name, result in pairs
     ]
+
+
+def _read(path: Path) -> Any:
+    """The result in a file."""
+    if is_folder(path):
+        raise FileProblem(
+            f"{path}: expected a result, got a folder; measure or reconstruct a capture first"
+        )
+    return read(existing_file(path, "a result"))
 
 
 def _is_rows(results: Sequence[Any]) -> bool:

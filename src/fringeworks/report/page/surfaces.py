@@ -1,55 +1,63 @@
-"""Which results are surfaces, and how they are packed for the page."""
+"""Surfaces of a report: which results the viewer turns, and how they are packed for it."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
-from fringeworks.pipeline.pairs import Reconstruction
-from fringeworks.pipeline.stacks import Measurement
-from fringeworks.report.viewer.pack import PackedSurface, pack_surface
+from fringeworks.report.kind import kind_of
+from fringeworks.report.page.blocks import Surface
+from fringeworks.report.page.chapter import Context
 from fringeworks.types import (
-    CoordinateMap,
     DisplacementMap,
     HeightMap,
     Pinhole,
     PointCloud,
     Points,
     Rig,
+    TriangleMesh,
 )
 
-Turnable = (
-    Measurement | Reconstruction | PointCloud | HeightMap | CoordinateMap | DisplacementMap | Points
-)
-"""Results that the viewer shows."""
+if TYPE_CHECKING:
+    from fringeworks.report.drawing import Figure
+    from fringeworks.report.viewer.pack import PackedSurface
+
+DRAWN_AS = (DisplacementMap, TriangleMesh)
+"""Results that the viewer turns as the surface that their kind makes of them."""
 
 
 def is_surface(result: object) -> bool:
     """Whether the viewer shows a result."""
-    return isinstance(result, Turnable)
+    return kind_of(result).surface is not None
+
+
+def surface_of(result: Any) -> Any:
+    """Return the map inside a result; what is no surface is returned as it is."""
+    surface = kind_of(result).surface
+    return result if surface is None else surface(result)
+
+
+def surface_block(
+    result: Any, context: Context, caption: str, draw: Callable[[], Figure]
+) -> Surface:
+    """A surface to turn, and what is drawn of it in a PDF."""
+
+    def pack() -> PackedSurface:
+        return packed(result, camera=context.rig, title=context.name, every=context.every)
+
+    return Surface((pack,), caption, draw)
 
 
 def packed(
     result: Any, *, title: str = "", camera: Rig | Pinhole | None = None, every: int = 1
 ) -> PackedSurface:
     """Pack a surface; see ``pack_surface``. The camera counts for point clouds only."""
-    if isinstance(result, DisplacementMap):
-        result = as_heights(result)
-    seen = camera if isinstance(result, Measurement | PointCloud) else None
+    from fringeworks.report.viewer.pack import pack_surface  # for those only who turn surfaces
+
+    seen = camera if isinstance(surface_of(result), PointCloud) else None
+    if isinstance(result, DRAWN_AS):
+        result = surface_of(result)
     return pack_surface(result, title=title, camera=seen, every=every)
-
-
-def as_heights(found: DisplacementMap) -> HeightMap:
-    """Return a displacement map as the surface that it is drawn as, in px."""
-    return HeightMap(
-        found.displacement_px,
-        found.sigma_px,
-        found.reason,
-        "displacement",
-        "px",
-        None,
-        method=found.method,
-        converged=found.converged,
-    )
 
 
 def comparable(results: list[Any]) -> bool:
@@ -64,12 +72,3 @@ def comparable(results: list[Any]) -> bool:
     if isinstance(one, HeightMap):
         return (one.unit, one.quantity, one.pitch) == (other.unit, other.quantity, other.pitch)
     return True
-
-
-def surface_of(result: Any) -> Any:
-    """Return the map inside a result."""
-    if isinstance(result, Measurement):
-        return result.points
-    if isinstance(result, Reconstruction):
-        return result.surface
-    return as_heights(result) if isinstance(result, DisplacementMap) else result

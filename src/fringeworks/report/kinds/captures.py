@@ -1,28 +1,19 @@
-"""The picture of a comparison: every method's map, its difference, and its error where known."""
+"""What is shown of a comparison: every method's map, its difference, its error where known."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from fringeworks.evaluate.captures import OTHERS, CaptureComparison
-from fringeworks.report.maps import UNMEASURED_WORDS, Panel, Picture, sheet
+from fringeworks.report.kind import Kind, describe
+from fringeworks.report.sheets import UNMEASURED_WORDS, Panel, Sheet, titled
 
 MAPS_ABREAST = 4
 """Most methods on one line: more would make the maps too small to read."""
 
 
-def comparison_picture(title: str, found: CaptureComparison) -> Picture:
-    """Draw the maps of all methods on one scale, and their differences on another one.
-
-    Parameters
-    ----------
-    title : str
-    found : CaptureComparison
-
-    Returns
-    -------
-    Picture
-    """
+def picture(found: CaptureComparison, name: str | None) -> Sheet:
+    """The maps of all methods on one scale, and their differences on another one."""
     methods = list(found.results)
     lines: list[list[Panel | None]] = []
     abreast = -(-len(methods) // -(-len(methods) // MAPS_ABREAST))
@@ -41,7 +32,8 @@ def comparison_picture(title: str, found: CaptureComparison) -> Picture:
         f"differences   ·   {UNMEASURED_WORDS}\ndifferences show where methods disagree, "
         "not which of them is right"
     )
-    return sheet(title, facts, panels, columns=columns)
+    title = titled(name, f"Methods compared on {found.name}")
+    return Sheet(title, facts, panels, columns=columns)
 
 
 def _map(found: CaptureComparison, method: str) -> Panel:
@@ -67,3 +59,6 @@ def _error(found: CaptureComparison, method: str) -> Panel:
     assert found.truth_mm is not None
     error = found.surfaces[method].values - found.truth_mm
     return Panel(f"{method} − truth", error, "signed", "mm", "error")
+
+
+describe(CaptureComparison, Kind(picture=picture))

@@ -18,9 +18,15 @@ from fringeworks.files.limits import inside, parsing
 from fringeworks.files.plan import holds_plan, read_plan, write_plan
 from fringeworks.files.toml import Section, Size, read_toml
 from fringeworks.patterns.plan import PatternPlan
-from fringeworks.scan.delay import Delay
-from fringeworks.scan.setup import Setup, dark_modulation
-from fringeworks.types import CameraNoise, CameraSettings, Finding, Frozen, fingerprint
+from fringeworks.types import (
+    CameraNoise,
+    CameraSettings,
+    Delay,
+    Finding,
+    Frozen,
+    InputError,
+    fingerprint,
+)
 
 PLAN_SUFFIX = ".plan.toml"
 """Suffix of the plan's file beside the set-up's."""
@@ -78,19 +84,25 @@ class SetupFile(Section):
     findings: tuple[dict[str, Any], ...] = ()
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class StoredSetup(Frozen):
-    """A set-up that was read from a file."""
+    """A set-up as a file holds it."""
 
     projector: str
     """Words that open the projector."""
     camera: str
     """Words that open the camera."""
+    projector_name: str
+    """Name of the projector."""
+    camera_name: str
+    """Name of the camera."""
     settings: CameraSettings
     noise: CameraNoise
-    delay: Delay | None
+    delay: Delay | None = None
     plan: PatternPlan
-    findings: tuple[Finding, ...]
+    predicted_sigma_px: float
+    """Predicted standard deviation of coordinates that the plan measures, projector px."""
+    findings: tuple[Finding, ...] = ()
     """What makes measurements worse, the most important first."""
     size_px: tuple[int, int]
     """Columns and rows of the projector."""
@@ -100,6 +112,8 @@ class StoredSetup(Frozen):
     """Modulation of fringes at the darkest tenth of the lit pixels, counts."""
     gamma: float
     """Exponent of the response: light is proportional to the level to this power."""
+    contrast: float
+    """Light of white over that of black."""
     black_counts: float | None = None
     """Mean brightness of the lit pixels under black, counts: the camera's black level and the light
     of the room. None in files of earlier versions."""
@@ -124,54 +138,75 @@ def check_setup_target(path: StrPath) -> None:
     check_target(path, (".toml",))
 
 
-def write_setup(path: StrPath, setup: Setup, *, projector: str, camera: str) -> list[Path]:
+def write_setup(
+    path: StrPath,
+    setup: Any,
+    *,
+    projector: str | None = None,
+    camera: str | None = None,
+) -> list[Path]:
     """Write a set-up as TOML, and its plan beside it.
 
     Parameters
     ----------
     path : path
-    setup : Setup
+    setup : Setup or StoredSetup
+        A Setup tells what of it is stored, see ``Setup.stored``.
     projector, camera : str
-        Words that open the devices; see ``open_devices``.
+        Words that open the devices of a Setup; see ``open_devices``. A StoredSetup has its own.
 
     Returns
     -------
     Both files.
+
+    Raises
+    ------
+    InputError for a Setup without the words that open its devices.
     """
+    if not isinstance(setup, StoredSetup):
+        if projector is None or camera is None:
+            raise InputError("set-up: expected the words that open projector and camera, got none")
+        setup = setup.stored(projector, camera)
+    stored: StoredSetup = setup
     path = Path(path)
-    usual = path.stem + PLAN_SUFFIX
-    proposed = setup.proposal.plan
+    usual, proposed = path.stem + PLAN_SUFFIX, stored.plan
     plan = name_beside(path, usual, fingerprint(proposed), lambda p: holds_plan(p, proposed))
+    write_plan(plan, proposed)
+    write_text(path, tomli_w.dumps(_content(stored, plan.name)))
+    drop_earlier(path, [usual], [plan.name])
+    return [path, plan]
+
+
+def _content(setup: StoredSetup, plan: str) -> dict[str, Any]:
+    """The content of a set-up file."""
     content: dict[str, Any] = {
-        "plan": plan.name,
-        "predicted_sigma_px": setup.proposal.sigma_px,
+        "plan": plan,
+        "predicted_sigma_px": setup.predicted_sigma_px,
         "findings": [
             {name: value for name, value in one.items() if value is not None}
             for one in findings_as_dicts(setup.findings)
         ],
         "projector": {
-            "open": projector,
-            "name": setup.projector,
+            "open": setup.projector,
+            "name": setup.projector_name,
             "size_px": list(setup.size_px),
-            "gamma": setup.levels.gamma,
-            "contrast": setup.levels.contrast,
-            "min_period_px": max(s.min_period_px for s in setup.stripes),
+            "gamma": setup.gamma,
+            "contrast": setup.contrast,
+            "min_period_px": setup.min_period_px,
         },
         "camera": {
-            "open": camera,
-            "name": setup.camera,
-            "modulation": dark_modulation(setup.levels),
-            "black_counts": float(setup.levels.brightness[0]),
+            "open": setup.camera,
+            "name": setup.camera_name,
+            "modulation": setup.modulation,
         },
         "settings": settings_table(setup.settings),
         "noise": {"read_counts": setup.noise.read_counts, "gain": setup.noise.gain},
     }
+    if setup.black_counts is not None:
+        content["camera"]["black_counts"] = setup.black_counts
     if setup.delay is not None:
         content["delay"] = _delay_table(setup.delay)
-    write_plan(plan, proposed)
-    write_text(path, tomli_w.dumps(content))
-    drop_earlier(path, [usual], [plan.name])
-    return [path, plan]
+    return content
 
 
 def read_setup(path: StrPath) -> StoredSetup:
@@ -185,6 +220,7 @@ def read_setup(path: StrPath) -> StoredSetup:
     content = read_toml(path, SetupFile)
     with parsing(path, "findings"):
         findings = tuple(map(finding_from_dict, content.findings))
+    projector, camera = content.projector, content.camera
     delay = None
     if content.delay is not None:
         d = content.delay
@@ -198,18 +234,22 @@ def read_setup(path: StrPath) -> StoredSetup:
             d.transit_s,
         )
     return StoredSetup(
-        content.projector.open,
-        content.camera.open,
-        settings_of(content.settings),
-        CameraNoise(content.noise.read_counts, content.noise.gain),
-        delay,
-        read_plan(inside(path.parent, content.plan)),
-        findings,
-        content.projector.size_px,
-        content.projector.min_period_px,
-        content.camera.modulation,
-        content.projector.gamma,
-        content.camera.black_counts,
+        projector=projector.open,
+        camera=camera.open,
+        projector_name=projector.name,
+        camera_name=camera.name,
+        settings=settings_of(content.settings),
+        noise=CameraNoise(content.noise.read_counts, content.noise.gain),
+        delay=delay,
+        plan=read_plan(inside(path.parent, content.plan)),
+        predicted_sigma_px=content.predicted_sigma_px,
+        findings=findings,
+        size_px=projector.size_px,
+        min_period_px=projector.min_period_px,
+        modulation=camera.modulation,
+        gamma=projector.gamma,
+        contrast=projector.contrast,
+        black_counts=camera.black_counts,
     )
 
 

@@ -1,31 +1,19 @@
-"""The numerical results of two frames and of their calibration, ready for JSON."""
+"""What is shown of calibrations of the two-frame path."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from fringeworks.pipeline.pairs import Reconstruction
-from fringeworks.report.summary import of_heights, origin, summary, told
+from fringeworks.report.kind import Kind, describe
+from fringeworks.report.summary import origin
 from fringeworks.rig.calibration.planes import PixelCalibration, PlaneCalibration
 
 
-@summary.register
-def _(result: Reconstruction) -> dict[str, Any]:
-    figures = of_heights(result.surface)
-    return figures | {
-        "axis": result.displacement.axis,
-        "period_px": result.displacement.period_px,
-        "tilt_deg": result.displacement.tilt_deg,
-        "converged": result.converged,
-        **told(result),
-        **origin(result.surface.provenance),
-    }
-
-
-@summary.register
-def _(calibration: PlaneCalibration) -> dict[str, Any]:
+def plane_figures(calibration: PlaneCalibration) -> dict[str, Any]:
+    """The geometry with its standard deviations and residuals."""
     geometry = calibration.geometry
     return {
         "distance_mm": geometry.distance_mm,
@@ -39,11 +27,22 @@ def _(calibration: PlaneCalibration) -> dict[str, Any]:
     }
 
 
-@summary.register
-def _(calibration: PixelCalibration) -> dict[str, Any]:
+def pixel_figures(calibration: PixelCalibration) -> dict[str, Any]:
+    """The median of the pixels' laws, and how many have one."""
     return {
         "median_mm_per_px": float(np.nanmedian(calibration.slope)),
         "calibrated_fraction": float(np.mean(np.isfinite(calibration.slope))),
         "pitch_mm_per_px": calibration.pitch_mm_per_px,
         **origin(calibration.provenance),
     }
+
+
+def words(_: object, figures: dict[str, Any]) -> Iterator[str]:
+    """All figures."""
+    for name, value in figures.items():
+        if name != "provenance":
+            yield f"{name}: {value}"
+
+
+describe(PlaneCalibration, Kind(plane_figures, words))
+describe(PixelCalibration, Kind(pixel_figures, words))

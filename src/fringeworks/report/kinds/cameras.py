@@ -1,0 +1,160 @@
+"""What is shown of the calibration and the points of several cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from fringeworks.pipeline.cameras import MultiMeasurement
+from fringeworks.report.kind import Kind, describe
+from fringeworks.report.sheets import Panel, Sheet, percent, titled
+from fringeworks.report.summary import finding_words, origin, told
+from fringeworks.rig.calibration.cameras import MultiCalibration
+from fringeworks.rig.camera_findings import difference_histogram
+from fringeworks.rig.camera_points import CameraPoints
+from fringeworks.types import FloatMap, Reason, count_reasons, multi_rig_parameters
+
+
+def calibration_figures(calibration: MultiCalibration) -> dict[str, Any]:
+    """The places of the cameras, their residuals and standard deviations."""
+    rig, adjusted = calibration.rig, calibration.adjusted
+    assert rig.covariance is not None
+    assert rig.residual_px is not None
+    sigma = np.sqrt(np.diag(rig.covariance))
+    named = zip(multi_rig_parameters(len(rig.cameras)), sigma, strict=True)
+    predicted = dict(zip(calibration.poses, calibration.predicted_px, strict=False))
+    return {
+        "cameras": [
+            {
+                "number": number,
+                "poses": [o.name for o in seen],
+                "rms_px": rig.residual_px[number - 1],
+                "place_mm": (-T[:3, :3].T @ T[:3, 3]).tolist(),
+            }
+            for number, (seen, T) in enumerate(
+                zip(calibration.observations, rig.T_camera_first, strict=True), 1
+            )
+        ],
+        "projector_rms_px": rig.residual_px[-1],
+        "sigma": {name: float(value) for name, value in named},
+        "predicted_rms_px": predicted,
+        "skipped": calibration.skipped,
+        "print_error_mm": adjusted.prior.print_mm,
+        "sigma_inflation": calibration.inflation,
+        "converged": adjusted.converged,
+        **origin(rig.provenance),
+    }
+
+
+def calibration_words(_: MultiCalibration, figures: dict[str, Any]) -> Iterator[str]:
+    """The cameras, and how well poses predict each other."""
+    for camera in figures["cameras"]:
+        x, y, z = camera["place_mm"]
+        yield (
+            f"camera {camera['number']}: {len(camera['poses'])} poses, reprojection "
+            f"{camera['rms_px']:.3f} px, at ({x:.2f}, {y:.2f}, {z:.2f}) mm"
+        )
+    yield f"projector: reprojection {figures['projector_rms_px']:.3f} px"
+    for name, value in figures["predicted_rms_px"].items():
+        yield f"{name}: predicted by the others to {value:.3f} px rms"
+    for why in figures["skipped"].values():
+        yield f"skipped: {why}"
+    if figures["sigma_inflation"] > 1.0:
+        yield (
+            f"standard deviations are raised by {figures['sigma_inflation']:.2f}, because poses "
+            "disagree by more than their corners explain"
+        )
+
+
+def point_figures(found: MultiMeasurement) -> dict[str, Any]:
+    """Points of all cameras and of each."""
+    points = found.points
+    return {
+        "points": len(points.xyz_mm),
+        "median_sigma_mm": _median(points.sigma_mm),
+        "median_noise_mm": _median(points.noise_mm),
+        "cameras": [_of_camera(number, seen) for number, seen in enumerate(found.cameras, 1)],
+        **told(found),
+        **origin(points.provenance),
+    }
+
+
+def _of_camera(number: int, seen: CameraPoints) -> dict[str, Any]:
+    """Points, pairs and disagreement of one camera."""
+    ok = seen.points.reason == Reason.OK
+    names = [
+        "projector" if isinstance(device, str) else f"camera {device + 1}"
+        for device in seen.devices
+    ]
+    return {
+        "number": number,
+        "points": int(ok.sum()),
+        "confirmed_by_cameras": int(seen.matched.sum()),
+        "reasons": count_reasons(seen.points.reason),
+        "median_sigma_mm": _median(seen.points.sigma_mm[ok]),
+        "pairs": {
+            name: {
+                "points": int((pair.reason == Reason.OK).sum()),
+                "median_sigma_mm": _median(pair.sigma_mm[pair.reason == Reason.OK]),
+                "mean_weight": _mean(seen.weights[..., i][ok]),
+            }
+            for i, (name, pair) in enumerate(zip(names, seen.pairs, strict=True))
+        },
+        "median_difference_mm": _median(seen.difference_mm[np.isfinite(seen.difference_mm)]),
+        "difference_histogram": difference_histogram(seen),
+    }
+
+
+def _median(values: FloatMap | None) -> float | None:
+    return None if values is None or not values.size else float(np.median(values))
+
+
+def _mean(values: FloatMap) -> float | None:
+    return float(values.mean()) if values.size else None
+
+
+def point_words(_: MultiMeasurement, figures: dict[str, Any]) -> Iterator[str]:
+    """Points of each camera and of its pairs."""
+    yield from finding_words(figures)
+    for camera in figures["cameras"]:
+        yield (
+            f"camera {camera['number']}: {camera['points']} points, "
+            f"{camera['confirmed_by_cameras']} confirmed by another camera"
+        )
+        for name, pair in camera["pairs"].items():
+            if pair["points"]:
+                yield (
+                    f"   with {name}: {pair['points']} points, median σ "
+                    f"{pair['median_sigma_mm']:.4f} mm, mean weight {pair['mean_weight']:.2f}"
+                )
+    if figures["points"]:
+        yield f"{figures['points']} points, median σ {figures['median_sigma_mm']:.4f} mm"
+
+
+def picture(found: MultiMeasurement, name: str | None) -> Sheet:
+    """A row of maps for every camera: depth, σ and disagreement."""
+    panels, facts = [], []
+    for number, seen in enumerate(found.cameras, 1):
+        cloud = seen.points
+        sigmas = seen.difference_sigmas
+        apart = sigmas[np.isfinite(sigmas)]
+        confirmed = float(np.mean(seen.matched[cloud.reason == Reason.OK]))
+        usual = f"{np.sqrt(np.mean(apart**2)):.2g} σ rms" if apart.size else "none"
+        facts.append(
+            f"camera {number}: {percent(1.0 - cloud.failed_fraction)} measured   ·   "
+            f"{percent(confirmed)} of them confirmed by another camera   ·   difference {usual}"
+        )
+        panels += [
+            Panel(f"camera {number}: depth z", cloud.xyz_mm[..., 2], "depth", "mm"),
+            Panel(f"camera {number}: σ along the ray", cloud.sigma_mm, "sigma", "mm"),
+            Panel(f"camera {number}: cameras less projector", seen.difference_mm, "values", "mm"),
+            Panel(f"camera {number}: the same over its σ", sigmas, "values", "σ"),
+        ]
+    title = titled(name, "Points of several cameras")
+    return Sheet(title, "\n".join(facts), panels, columns=4, findings=found.findings)
+
+
+describe(MultiCalibration, Kind(calibration_figures, calibration_words))
+describe(MultiMeasurement, Kind(point_figures, point_words, picture))

@@ -1,0 +1,172 @@
+"""What is shown of a deviation from a model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fringeworks.evaluate.deviation import Deviation
+from fringeworks.evaluate.spots import find_spots
+from fringeworks.report.display import plot
+from fringeworks.report.kind import Kind, Rows, describe
+from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
+from fringeworks.report.page.chapter import Context, judged_block
+from fringeworks.report.page.charts import histogram
+from fringeworks.report.page.parts import (
+    dict_table,
+    facts,
+    findings_block,
+    provenance_block,
+    with_unit,
+)
+from fringeworks.report.sheets import titled
+from fringeworks.report.summary import origin, told
+from fringeworks.types import PointCloud, Reason
+
+if TYPE_CHECKING:
+    from fringeworks.report.drawing import Figure
+    from fringeworks.report.viewer.pack import PackedSurface
+
+MOST_SPOTS = 50
+"""Dents and bumps that a page lists; with more, the model does not describe the part."""
+SPOT_COLUMNS = ("x / mm", "y / mm", "z / mm", "deviation / mm", "± σ", "area / mm²")
+"""Columns of the table of dents and bumps."""
+
+
+def figures(found: Deviation) -> dict[str, Any]:
+    """How far the part lies from its model, and how it was aligned."""
+    alignment = found.alignment
+    sigma = np.sqrt(np.diag(alignment.covariance))
+    return found.figures() | {
+        "alignment": {
+            "by": alignment.by,
+            "T_model_part": alignment.T_model_part.tolist(),
+            "covariance_rad_mm": alignment.covariance.tolist(),
+            "sigma_rotation_deg": np.degrees(sigma[:3]).tolist(),
+            "sigma_translation_mm": sigma[3:].tolist(),
+            "rms_mm": alignment.rms_mm,
+            "points": alignment.points,
+            "share": alignment.share,
+            "slides": alignment.slides,
+            "converged": alignment.converged,
+        },
+        **told(found),
+        **origin(found.provenance),
+    }
+
+
+def words(found: Deviation, figures: dict[str, Any]) -> Iterator[str | Rows]:
+    """Mean, rms, dents and bumps, and the share outside a tolerance."""
+    sigma = figures["mean_sigma_mm"]
+    mean = f"{figures['mean_mm']:.4f} mm" + ("" if sigma is None else f" ± {sigma:.2g}")
+    yield f"{figures['points']} points; mean {mean}; rms {figures['rms_mm']:.4f} mm"
+    if figures["median_sigma_mm"] is not None:
+        yield f"median σ of a point {figures['median_sigma_mm']:.4f} mm"
+        spots = find_spots(found)
+        if spots:
+            rows = [
+                [
+                    *(f"{v:.2f}" for v in spot.place_mm),
+                    f"{spot.depth_mm:+.4f}",
+                    f"{spot.sigma_mm:.2g}",
+                    f"{spot.area_mm2:.3g}",
+                ]
+                for spot in spots
+            ]
+            yield Rows(SPOT_COLUMNS, rows)
+    if "outside_share" in figures:
+        sure = figures["surely_outside_share"]
+        surely = "" if sure is None else f", {sure:.2%} surely (by 2 σ)"
+        yield f"{figures['outside_share']:.2%} outside the tolerance{surely}"
+    for finding in found.findings:
+        yield finding.line
+
+
+def picture(found: Deviation, name: str | None) -> Figure:
+    """The deviation, its σ, and the ratio of the two."""
+    from fringeworks.report.deviation_picture import deviation_picture  # which needs Matplotlib
+
+    return deviation_picture(titled(name, "Deviation from the model"), found)
+
+
+def chapter(result: Deviation, context: Context) -> Chapter:
+    """Figures, the surface to turn, and dents and bumps."""
+    values = figures(result)
+    alignment = result.alignment
+    rows = [
+        ("points", f"{values['points']:,}"),
+        ("mean", with_unit(values["mean_mm"], "mm")),
+        ("σ of the mean", with_unit(values["mean_sigma_mm"], "mm")),
+        ("rms", with_unit(values["rms_mm"], "mm")),
+        ("median σ of a point", with_unit(values["median_sigma_mm"], "mm")),
+        ("smallest", with_unit(values["smallest_mm"], "mm")),
+        ("largest", with_unit(values["largest_mm"], "mm")),
+        ("aligned by", alignment.by),
+        ("alignment converged", alignment.converged),
+        ("rms of the alignment", with_unit(alignment.rms_mm, "mm")),
+    ]
+    return Chapter(
+        context.name,
+        (
+            facts(rows),
+            *judged_block(values, context),
+            *_shown(result, context),
+            *findings_block(values["findings"]),
+            Picture(
+                histogram(result.distance_mm, "deviation / mm", what="points"),
+                "Distribution of the deviation.",
+            ),
+            *_spots(result),
+            *provenance_block(result.provenance),
+        ),
+    )
+
+
+def _shown(result: Deviation, context: Context) -> tuple[Block, ...]:
+    """The surface to turn with the deviation as its colour; points without a frame as a picture."""
+    cloud = result.part
+    if not isinstance(cloud, PointCloud):
+        return (Picture(plot(result, context.name), "The deviation from the model."),)
+
+    def pack() -> PackedSurface:
+        from fringeworks.report.viewer.pack import pack_surface  # for those only who turn it
+
+        return pack_surface(
+            cloud,
+            camera=context.rig,
+            deviation=result.distance_mm,
+            title=context.name,
+            every=context.every,
+        )
+
+    caption = "The deviation from the model, with its standard deviation."
+    return (
+        Surface((pack,), caption, lambda: plot(result, context.name)),
+        Picture(plot(result, context.name), caption),
+    )
+
+
+def _spots(result: Deviation) -> tuple[Block, ...]:
+    """Dents and bumps, where σ is known."""
+    if not np.isfinite(result.sigma_mm[result.reason == Reason.OK]).all():
+        return ()
+    spots = find_spots(result)[:MOST_SPOTS]
+    if not spots:
+        return ()
+    rows = [
+        {
+            "x / mm": float(spot.place_mm[0]),
+            "y / mm": float(spot.place_mm[1]),
+            "z / mm": float(spot.place_mm[2]),
+            "deviation / mm": spot.depth_mm,
+            "σ / mm": spot.sigma_mm,
+            "area / mm²": spot.area_mm2,
+        }
+        for spot in spots
+    ]
+    return (dict_table(rows, "Dents and bumps, in the model's coordinates"),)
+
+
+describe(Deviation, Kind(figures, words, picture, chapter))

@@ -1,0 +1,64 @@
+"""What is shown of the errors of fitted bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from fringeworks.evaluate.form import FormEvaluation
+from fringeworks.report.kind import Kind, describe
+from fringeworks.report.page.blocks import Chapter, Picture
+from fringeworks.report.page.chapter import Context, judged_block
+from fringeworks.report.page.charts import histogram
+from fringeworks.report.page.parts import facts, findings_block, provenance_block
+from fringeworks.report.summary import finding_words, origin, told
+
+
+def figures(evaluation: FormEvaluation) -> dict[str, Any]:
+    """The figures of the bodies."""
+    return evaluation.figures | told(evaluation) | origin(evaluation.provenance)
+
+
+def words(_: FormEvaluation, figures: dict[str, Any]) -> Iterator[str]:
+    """Fitted bodies and their errors."""
+    yield from finding_words(figures)
+    for body in figures["bodies"]:
+        for name, value in body.items():
+            if isinstance(value, list):
+                shown = ", ".join(f"{v:.5f}" for v in value)
+            elif isinstance(value, float):
+                shown = f"{value:.5f}"
+            else:
+                shown = str(value)
+            yield f"{name:28s} {shown}"
+    for name in ("sphere_spacing_mm", "sphere_spacing_error_SD_mm"):
+        if name in figures:
+            yield f"{name:28s} {figures[name]:.5f}"
+
+
+def chapter(result: FormEvaluation, context: Context) -> Chapter:
+    """The bodies, and how far points lie from them."""
+    values = figures(result)
+    rows = [(name, value) for body in values["bodies"] for name, value in body.items()]
+    charts = [
+        Picture(
+            histogram(
+                1e3 * form.distance_mm[form.region], "distance from the body / µm", what="points"
+            ),
+            f"Distances of the points from the {form.body}.",
+        )
+        for form in result.forms
+    ]
+    return Chapter(
+        context.name,
+        (
+            facts(rows),
+            *judged_block(values, context),
+            *findings_block(values["findings"]),
+            *charts,
+            *provenance_block(result.provenance),
+        ),
+    )
+
+
+describe(FormEvaluation, Kind(figures, words, chapter=chapter))

@@ -1,0 +1,64 @@
+"""What is shown of an inspection."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from fringeworks.evaluate.inspect import Check, Inspection
+from fringeworks.report.kind import Kind, Rows, describe
+from fringeworks.report.summary import summarise, told
+
+COLUMNS = ("tolerance", "value", "± σ", "limits", "verdict")
+"""Columns of the table of checks."""
+
+
+def figures(inspection: Inspection) -> dict[str, Any]:
+    """The figures of the surface, the checks and the verdict."""
+    checks = [
+        {
+            "name": check.tolerance.name,
+            "quantity": check.tolerance.quantity,
+            "areas": list(check.tolerance.areas),
+            "value": check.value if np.isfinite(check.value) else None,
+            "sigma": check.sigma if np.isfinite(check.sigma) else None,
+            "unit": check.unit,
+            "smallest": check.tolerance.low,
+            "largest": check.tolerance.high,
+            "verdict": check.verdict,
+            "why": check.why,
+        }
+        for check in inspection.checks
+    ]
+    return summarise(inspection.surface) | {
+        "verdict": inspection.verdict,
+        "checks": checks,
+        **told(inspection),
+    }
+
+
+def words(inspection: Inspection, _: dict[str, Any]) -> Iterator[str | Rows]:
+    """The checks as a table, and the verdict."""
+    yield Rows(COLUMNS, [_row(check) for check in inspection.checks], ruled=True)
+    for finding in inspection.findings:
+        yield finding.line
+    judged = bool(inspection.checks)
+    yield inspection.verdict if judged else "nothing is judged: the recipe has no tolerances"
+
+
+def _row(check: Check) -> list[str]:
+    one = check.tolerance
+    low, high = ("" if v is None else f"{v:g}" for v in (one.low, one.high))
+    measured = check.value == check.value  # not NaN
+    return [
+        one.name,
+        f"{check.value:.5g} {check.unit}" if measured else "–",
+        f"{check.sigma:.2g}" if measured else "–",
+        f"{low} … {high}",
+        f"{check.verdict}: {check.why}" if check.why else check.verdict,
+    ]
+
+
+describe(Inspection, Kind(figures, words))

@@ -1,0 +1,89 @@
+"""What is shown of direct and indirect light."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from fringeworks.report.kind import Kind, describe
+from fringeworks.report.sheets import REASONS, Panel, Sheet, map_facts, percent, titled
+from fringeworks.report.summary import failures, finding_words, origin, told
+from fringeworks.stack.light_separation import LightSeparation
+from fringeworks.types import Reason, count_reasons
+
+
+def figures(light: LightSeparation) -> dict[str, Any]:
+    """How the light was separated, and medians."""
+    ok = light.reason == Reason.OK
+    maps = ("direct", "direct_sigma", "indirect", "indirect_sigma")
+    medians = {
+        f"median_{name}": float(np.median(getattr(light, name)[ok])) if ok.any() else None
+        for name in maps
+    }
+    return {
+        "shape": list(light.reason.shape),
+        "period_px": light.period_px,
+        "contrast": light.contrast,
+        "has_black": light.has_black,
+        "indirect_share": light.indirect_share if ok.any() else None,
+        **medians,
+        "failed_fraction": light.failed_fraction,
+        "reasons": count_reasons(light.reason),
+        **told(light),
+        **origin(light.provenance),
+    }
+
+
+def words(_: LightSeparation, figures: dict[str, Any]) -> Iterator[str]:
+    """The share of indirect light, and medians."""
+    yield from finding_words(figures)
+    failed = failures(figures["reasons"])
+    if figures["indirect_share"] is None:
+        yield f"light: no pixel could be measured ({failed})"
+        return
+    yield (
+        f"indirect light: {figures['indirect_share']:.1%} of all light; median "
+        f"{figures['median_indirect']:.3g} counts, σ {figures['median_indirect_sigma']:.2g}; "
+        f"direct {figures['median_direct']:.3g} counts"
+    )
+    if not figures["has_black"]:
+        yield (
+            "note: the plan has no black frame, so indirect light contains twice the light of "
+            "the room and the black level"
+        )
+    yield f"   failed: {figures['failed_fraction']:.2%} ({failed})"
+
+
+def picture(light: LightSeparation, name: str | None) -> Sheet:
+    """Direct light, indirect light, its share and σ, and reasons."""
+    total = light.direct + np.maximum(light.indirect, 0.0)
+    share = np.full(total.shape, np.nan)
+    np.divide(light.indirect, total, out=share, where=total > 0.0)
+    return Sheet(
+        titled(name, "Light straight from the projector, and by way of other surfaces"),
+        map_facts(
+            1.0 - light.failed_fraction,
+            light.indirect_sigma,
+            "counts",
+            f"indirect share of all light {percent(light.indirect_share)}",
+            f"fringe period {light.period_px:.4g} projector px",
+        ),
+        [
+            Panel("direct light", light.direct, "grey", "counts"),
+            Panel("indirect light", light.indirect, "grey", "counts"),
+            Panel("indirect over all light", share, "values", "1"),
+            Panel(
+                "standard deviation σ of the indirect light",
+                light.indirect_sigma,
+                "sigma",
+                "counts",
+            ),
+            Panel(REASONS, light.reason, "reasons"),
+        ],
+        columns=3,
+    )
+
+
+describe(LightSeparation, Kind(figures, words, picture))

@@ -1,0 +1,67 @@
+"""What is shown of the displacement of fringes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fringeworks.report.kind import Kind, describe
+from fringeworks.report.kinds.surface import height_chapter, height_figures
+from fringeworks.report.page.blocks import Chapter
+from fringeworks.report.page.chapter import Context
+from fringeworks.report.sheets import REASONS, SIGMA, Panel, Sheet, map_facts, titled
+from fringeworks.types import DisplacementMap, HeightMap
+
+
+def edges(found: DisplacementMap) -> list[Panel]:
+    """Albedo and walls, where the method has found any."""
+    panels = []
+    if found.albedo is not None:
+        panels.append(Panel("albedo, object over reference", found.albedo, "grey", "ratio"))
+    if found.walls is not None:
+        panels.append(Panel("walls beside cliffs", found.walls, "grey", "1"))
+    return panels
+
+
+def picture(found: DisplacementMap, name: str | None) -> Sheet:
+    """Displacement, σ, modulation and reasons."""
+    return Sheet(
+        titled(name, f"Displacement of the fringes along {found.axis}"),
+        map_facts(
+            float(np.mean(np.isfinite(found.displacement_px))),
+            found.sigma_px,
+            "px",
+            f"fringe period {found.period_px:.4g} px",
+            f"method {found.method}",
+        ),
+        [
+            Panel("displacement", found.displacement_px, "values", "px"),
+            Panel(SIGMA, found.sigma_px, "sigma", "px"),
+            Panel("modulation, object over reference", found.modulation_ratio, "grey", "ratio"),
+            Panel(REASONS, found.reason, "reasons"),
+            *edges(found),
+        ],
+        columns=2,
+    )
+
+
+def as_heights(found: DisplacementMap) -> HeightMap:
+    """The surface that a displacement map is drawn as, in px."""
+    return HeightMap(
+        found.displacement_px,
+        found.sigma_px,
+        found.reason,
+        "displacement",
+        "px",
+        None,
+        method=found.method,
+        converged=found.converged,
+    )
+
+
+def chapter(found: DisplacementMap, context: Context) -> Chapter:
+    """The chapter of the surface that the displacement is drawn as."""
+    surface = as_heights(found)
+    return height_chapter(surface, surface, height_figures(surface), context)
+
+
+describe(DisplacementMap, Kind(picture=picture, chapter=chapter, surface=as_heights))

@@ -1,0 +1,33 @@
+"""What is shown of a measured response."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from fringeworks.report.kind import Kind, describe
+from fringeworks.report.summary import origin
+from fringeworks.signal.response import Response
+
+
+def figures(response: Response) -> dict[str, Any]:
+    """The devices, γ and what the correction leaves."""
+    return {
+        "camera": response.camera,
+        "projector": response.projector,
+        "gamma": response.gamma,
+        "steps": response.steps,
+        "residual_rad": response.residual_rad,
+        **origin(response.provenance),
+    }
+
+
+def words(response: Response, _: dict[str, Any]) -> Iterator[str]:
+    """γ and what the correction leaves."""
+    yield (
+        f"γ = {response.gamma:.3f}; residual phase error after correction "
+        f"{response.residual_rad:.4f} rad rms"
+    )
+
+
+describe(Response, Kind(figures, words))

@@ -1,0 +1,77 @@
+"""Sheets of maps before they are drawn: which maps, in which order, with which words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.types import Finding, FloatMap
+
+UNMEASURED_WORDS = "hatched: not measured"
+"""How pixels without a value look, in words."""
+SIGMA = "standard deviation σ"
+"""Title of every panel of standard deviations."""
+REASONS = "measured, or why not"
+"""Title of every panel of reasons."""
+
+PanelKind = Literal["values", "depth", "sigma", "signed", "grey", "phase", "reasons"]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One map of a sheet."""
+
+    title: str
+    """Name of the quantity; panels of one name and unit have one scale unless they name another."""
+    values: FloatMap | NDArray[Any]
+    """The map, (h, w); of the kind "reasons", its ``Reason`` per pixel."""
+    kind: PanelKind
+    unit: str = ""
+    scale: str = ""
+    """Name of the scale, for panels of one quantity with titles of their own."""
+
+    @property
+    def shares(self) -> tuple[str, str, str]:
+        """What panels with one scale have in common."""
+        return self.scale or self.title, self.kind, self.unit
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Maps in rows below two lines of text."""
+
+    title: str
+    facts: str
+    """Second line, or lines, above the maps."""
+    panels: Sequence[Panel | None]
+    """Of one shape, line by line; None leaves a place empty."""
+    columns: int
+    """Panels on a line."""
+    findings: Sequence[Finding] = ()
+    """Listed below the maps in one line each."""
+
+
+def titled(name: str | None, title: str) -> str:
+    """The title of a picture, with the name of the object or capture before it."""
+    return f"{name}: {title[0].lower()}{title[1:]}" if name else title
+
+
+def map_facts(measured: float, sigma: FloatMap, unit: str, *more: str) -> str:
+    """Size, share of measured pixels and usual σ in one line."""
+    height, width = sigma.shape
+    found = sigma[np.isfinite(sigma)]
+    usual = f"median σ {np.median(found):.2g} {unit}" if found.size else ""
+    words = UNMEASURED_WORDS if measured < 1.0 else ""
+    parts = (f"{width} × {height} px", f"{percent(measured)} measured", usual, *more, words)
+    return "   ·   ".join(part for part in parts if part)
+
+
+def percent(share: float) -> str:
+    """A share as percent, with enough digits to tell few from none and most from all."""
+    rest = 100.0 * min(share, 1.0 - share)
+    digits = 1 if rest <= 0.0 else max(1, int(np.ceil(-np.log10(rest))))
+    return f"{100.0 * share:.{digits}f} %"

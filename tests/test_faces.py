@@ -24,7 +24,7 @@ from fringeworks.scan.bench import Take
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.scene import standard_scene
-from fringeworks.simulate.standard import bust, fringe_plan, standard_rig
+from fringeworks.simulate.standard import board_body, board_poses, bust, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.studio.actions import MergeViews, Scan
 from fringeworks.studio.session import Shown
@@ -359,6 +359,42 @@ def test_every_face_measures_within_the_area(studio, captures, tmp_path, monkeyp
         assert one == shell
     else:
         assert not studio.log.done[-1].shell
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_every_face_sets_up_and_calibrates(studio, setup, tmp_path, monkeypatch):
+    """Set-ups are equal byte by byte, rigs to the last digits; their pictures are there."""
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    studio.scene = "plane"
+    job = studio.run_setup(studio.session("one"))
+    assert job.state == "done", job.problem
+    board = fw.rig.parse_board(studio.board)
+    rig = standard_rig(scale=SCALE)
+    for k, place in enumerate(board_poses(board, 4, seed=1)):
+        view = look(rig, [board_body(board, place)])
+        frames = list(photograph(view, fringe_plan(rig), Optics(seed=k)))
+        pose = studio.workspace.poses / f"pose-{k + 1:02d}"
+        fw.files.write_stack(pose, frames, fringe_plan(rig))
+    copy = shutil.copytree(setup, tmp_path / "copy")
+    shutil.copytree(studio.workspace.poses, copy / "board")
+    job = studio.calibrate(studio.session("one"))
+    assert job.state == "done", job.problem
+    one, shell, python = (
+        {name: file for name, file in files.items() if name.startswith("setup")}
+        for files in faces(studio, copy, tmp_path, "")
+    )
+    tables = [name for name in one if name.endswith(".toml")]
+    assert len(tables) >= 2
+    assert all(one[name] == shell[name] == python[name] for name in tables)
+    # The sums of a calibration depend on where its arrays lie in memory, in the last digits.
+    rigs = [tmp_path / face / "rig.toml" for face in ("studio", "shell", "python")]
+    focal = [fw.files.read_rig(path).camera.focal_px for path in rigs]
+    assert focal[1] == pytest.approx(focal[0], rel=1e-9)
+    assert focal[2] == pytest.approx(focal[0], rel=1e-9)
+    for place in (studio.workspace.root, tmp_path / "shell", tmp_path / "python"):
+        assert (place / "setup.png").is_file()
+        assert (place / "rig.png").is_file()
 
 
 def test_options_have_one_name_and_one_default():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from itertools import combinations, product
 from typing import Any
@@ -18,14 +19,19 @@ def cover(sizes: Collection[int], strength: int = 2) -> set[tuple[int, ...]]:
     """Few cases of a grid in which any ``strength`` axes take all their values together.
 
     The cases are chosen one by one: each is the first of those that show most of what is missing.
+    With a ``strength`` of 1, the values that were chosen least before go first.
     """
     left = {case: _parts(case, strength) for case in product(*map(range, sizes))}
     missing = set().union(*left.values())
-    chosen = set()
+    chosen, used = set(), Counter()
     while missing:
-        best = max(left, key=lambda case: len(left[case] & missing))
+        best = max(
+            left, key=lambda c: (len(left[c] & missing), -sum(used[v] for v in enumerate(c)))
+        )
         missing -= left.pop(best)
         chosen.add(best)
+        if strength == 1:
+            used.update(enumerate(best))
     return chosen
 
 

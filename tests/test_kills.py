@@ -108,6 +108,8 @@ def test_interrupts_leave_nothing_behind(tmp_path, name, count):
     assert int(done.stdout) == count
 
 
+# test_cli.py interrupts another command.
+@pytest.mark.long
 def test_the_command_line_ends_on_an_interrupt_without_a_traceback(tmp_path):
     call = [sys.executable, "-m", "fringeworks", "compare", "--size", "900"]
     child = subprocess.Popen(call, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)

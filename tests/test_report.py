@@ -103,7 +103,8 @@ def test_markup_in_names_is_shown_and_not_obeyed(results, tmp_path):
     assert page.count("&lt;script&gt;alert(1)&lt;/script&gt;") >= 4
 
 
-def test_surfaces_without_values_and_of_one_pixel(results, tmp_path):
+@pytest.mark.parametrize("pdf", quick([None, "r.pdf"], None))
+def test_surfaces_without_values_and_of_one_pixel(results, tmp_path, pdf):
     nothing = np.full((3, 4), np.nan, np.float32)
     reason = np.full((3, 4), fw.Reason.LOW_MODULATION, np.uint8)
     empty = fw.HeightMap(nothing, nothing, reason, "height", "mm", 0.1)
@@ -112,7 +113,9 @@ def test_surfaces_without_values_and_of_one_pixel(results, tmp_path):
     finding = fw.Finding("noise", "seen", ("a cause",), "do it")
     many = replace(results["heights"], findings=(finding,) * 10_000)
     fw.write_report(
-        tmp_path / "r.html", {"empty": empty, "pixel": pixel, "many": many}, pdf=tmp_path / "r.pdf"
+        tmp_path / "r.html",
+        {"empty": empty, "pixel": pixel, "many": many},
+        pdf=pdf and tmp_path / pdf,
     )
     page = (tmp_path / "r.html").read_text()
     assert "9800 more findings are not listed" in page

@@ -175,7 +175,7 @@ def test_a_bright_room_is_named_where_the_exposure_cannot_be_proved():
 @pytest.mark.parametrize(
     ("projector", "camera"),
     [
-        ({"gamma": 2.8, "black": 0.002}, {}),
+        pytest.param({"gamma": 2.8, "black": 0.002}, {}, marks=pytest.mark.long),
         (
             {},
             {

@@ -32,7 +32,7 @@ OK = REASON == 0
 AXIS = fw.stack.CoordinateMap(
     FLAT, FLAT, FLAT, FLAT, REASON, "x", (16.0, 90.0), np.stack([FLAT] * 2)
 )
-CLOUD = fw.PointCloud(XYZ, FLAT, FLAT, REASON, FLAT, FLAT, MADE, FINDINGS, ("a",))
+CLOUD = fw.PointCloud(XYZ, FLAT, FLAT, REASON, FLAT, FLAT, MADE, FINDINGS)
 POINTS = fw.surface.Points(
     XYZ[OK].astype(float), FLAT[OK].astype(float), FLAT[OK].astype(float), provenance=MADE
 )

@@ -3,10 +3,9 @@
 from itertools import islice
 
 import fringeworks as fw
-from fringeworks.devices.bench import SCALE
-from fringeworks.simulate import fringe_plan, standard_rig
+from fringeworks.simulate import fringe_plan
 
-rig = standard_rig(scale=SCALE)  # or fw.files.read_rig("rig.toml")
+rig = fw.devices.virtual_rig()  # or fw.files.read_rig("rig.toml")
 plan = fringe_plan(rig, both=False)  # or fw.files.read_plan("plan.toml")
 projector, camera = fw.open_devices("virtual", "virtual:bust")  # or "screen", "webcam:0"
 with projector, camera:

@@ -263,7 +263,6 @@ def calls() -> list[Call]:
         call("ViewPose", **pupil),
         call("equal_steps", n=4),
         # Types and provenance.
-        call("count_reasons", reason=np.zeros((4, 5), np.uint8)),
         call("made_by", call="decode", options={"a": 1.0}),
         call("fingerprint", value=(p["cloud"], frame, "a", {"b": 1})),
         # Patterns.

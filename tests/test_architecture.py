@@ -22,7 +22,7 @@ from tests.public import public, public_names, submodules
 ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "fringeworks"
 MODULES = sorted(SOURCE.rglob("*.py"))
-RUST = sorted((ROOT / "crates").rglob("*.rs"))
+RUST = sorted((ROOT / "crates").glob("*/src/**/*.rs"))
 
 # The rooms in the order of the light. A room imports from the lines above its own only.
 ROOMS = [
@@ -159,6 +159,17 @@ def test_parts_of_scipy_load_when_they_are_called():
             elif isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]
                 early += [f"{short(path)}: {n}" for n in names if n.startswith("scipy.")]
+    assert not early
+
+
+def test_commands_load_the_library_when_they_run():
+    # "--help" and the parsing of arguments need none of it.
+    early = []
+    for path in MODULES:
+        for node in tree(path).body if room(path) == "cli" else []:
+            module = (node.module or "") if isinstance(node, ast.ImportFrom) else ""
+            if module.startswith("fringeworks.") and not module.startswith("fringeworks.cli"):
+                early.append(f"{short(path)}: {module}")
     assert not early
 
 

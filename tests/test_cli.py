@@ -534,7 +534,7 @@ def test_paths_are_read_where_captures_are_wanted(capture, tmp_path):
         (lambda: fw.reconstruct(tmp_path), "expected a file capture.toml or plan.toml, got none"),
         (lambda: fw.reconstruct(3), "pair: expected a Pair or a path, got int"),
         (lambda: fw.measure(3, "rig.toml"), "stack: expected a Stack or a path, got int"),
-        (lambda: fw.measure(capture, "rig.toml"), "expected a stack of frames, got a pair"),
+        (lambda: fw.measure(capture, "rig.toml"), "rig.toml: expected a rig file"),
         (lambda: fw.analyse("folder"), "pair: expected a Pair, got str"),
         (lambda: fw.decode("folder", fw.propose(640, 480, 9)[0].plan), "got the path folder"),
         (

@@ -53,7 +53,7 @@ SETUP = fw.scan.StoredSetup(
     delay=fw.scan.Delay(*np.array([[0.01], [0.005], [0.07], [0.06]]), 1 / 60, 1 / 30, (0.01, 0.02)),
     plan=PLAN,
     predicted_sigma_px=0.05,
-    findings=("the lamp flickers",),
+    findings=FINDINGS,
     size_px=(64, 48),
     min_period_px=4.0,
     modulation=40.0,
@@ -80,10 +80,10 @@ EXACT = {
     "x.npz": fw.Decoded(AXIS, None, CameraNoise(1.0, 0.1), FINDINGS, provenance=MADE),
     "xy.npz": fw.Decoded(AXIS, replace(AXIS, axis="y", repeats_px=80.0), CameraNoise(1.0)),
     "phase.npz": fw.stack.WrappedPhase(
-        FLAT, FLAT, FLAT, FLAT, REASON, (0.0, 2.0, 4.0), CameraNoise(1.0), ("a",), MADE
+        FLAT, FLAT, FLAT, FLAT, REASON, (0.0, 2.0, 4.0), CameraNoise(1.0), FINDINGS, MADE
     ),
     "light.npz": fw.stack.LightSeparation(
-        FLAT, FLAT, FLAT, FLAT, REASON, 24.0, True, 0.8, ("a", "b"), MADE
+        FLAT, FLAT, FLAT, FLAT, REASON, 24.0, True, 0.8, FINDINGS, MADE
     ),
     "law.npz": LAW,
     "law2.npz": replace(LAW, pitch_mm_per_px=None, provenance=None),
@@ -277,7 +277,7 @@ def test_options_that_a_format_does_not_have(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("a.foo", b"", "expected one of .npz, .toml, .ply, .*.json, got .foo"),
+        ("a.foo", b"", "expected one of .ply, .npz, .toml, .*.json, got .foo"),
         ("a.npz", b"no", "expected an archive"),
         ("a.toml", b"kind = 'password'", "expected a file of the kind plan, rig, .*'password'"),
         ("a.toml", b"]", "expected TOML"),

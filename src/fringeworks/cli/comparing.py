@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,9 +13,10 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.options import DenoiseOption, Figure, JsonFile, items
-from fringeworks.evaluate.best_method import Cell, format_map
-from fringeworks.evaluate.captures import rows_of_captures
-from fringeworks.types import made_by
+
+if TYPE_CHECKING:
+    from fringeworks.evaluate.best_method import Cell
+
 
 SECTION = "Results"
 SHOWN = (
@@ -192,6 +193,9 @@ def _on_pairs(
     results: Results,
 ) -> None:
     """Compare methods on pairs of one's own."""
+    from fringeworks.evaluate.captures import rows_of_captures
+    from fringeworks.types import made_by
+
     if results.figure is not None and output.is_stdout(results.figure) and len(pairs) > 1:
         raise fw.InputError(
             f"--figure -: expected one pair, got {len(pairs)}, which make a picture each"
@@ -222,6 +226,8 @@ def _on_scenes(
     words: output.Output, options: dict[str, Any], matrix: bool, results: Results
 ) -> None:
     """Compare methods on artificial scenes."""
+    from fringeworks.types import made_by
+
     figure = results.figure
     if figure is not None and not matrix:
         raise fw.InputError("--figure: expected together with --matrix, or with pairs of one's own")
@@ -245,6 +251,8 @@ def _on_scenes(
 
 def _say_map(words: output.Output, cells: Sequence[Cell]) -> None:
     """The winners as a table, and every scene that ``windowed`` lost, with the reason."""
+    from fringeworks.evaluate.best_method import format_map
+
     words.say(fw.report.format_table(format_map(cells)).rstrip("\n"))
     disturbed = [cell for cell in cells if cell.disturbed]
     lost = [cell for cell in disturbed if cell.why]

@@ -10,7 +10,6 @@ import typer
 
 import fringeworks as fw
 from fringeworks.cli.options import CameraName, PlanFile, ProjectorName, ResponseFile
-from fringeworks.files.exposures import is_exposures
 
 
 @dataclass(frozen=True)
@@ -58,6 +57,8 @@ class StackOptions:
 
     def read_captured(self, path: Path) -> fw.Stack | tuple[fw.Stack, ...]:
         """Read a stack, or the stacks of several exposures of a scene."""
+        from fringeworks.files.exposures import is_exposures
+
         if self.plan is not None or not is_exposures(path):
             return self.read(path)
         if self.setup is not None:

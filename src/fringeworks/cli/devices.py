@@ -25,7 +25,6 @@ from fringeworks.cli.options import (
     axes_of,
 )
 from fringeworks.cli.showing import ShowOptions
-from fringeworks.files.setup import check_setup_target
 
 SECTION = "Devices"
 
@@ -134,6 +133,8 @@ def setup(
     ] = None,
 ) -> None:
     """Find out what a projector and a camera can do together, and propose a plan."""
+    from fringeworks.files.setup import check_setup_target
+
     words = output.Output(json_file, figure)
     beside = out.with_suffix(".png")
     if figure is None and output.draws(words, beside):

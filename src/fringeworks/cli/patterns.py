@@ -13,7 +13,6 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.options import Folder, Force, JsonFile, axes_of, depth_of, size_of
-from fringeworks.types import made_by
 
 SECTION = "Patterns"
 
@@ -81,6 +80,8 @@ def plan(
     json_file: JsonFile = None,
 ) -> None:
     """Propose plans for a projector and a number of frames, the smallest error first."""
+    from fringeworks.types import made_by
+
     words = output.Output(out, json_file)
     known = None if setup is None else fw.files.read_setup(setup)
     rig = None if rig_file is None else fw.files.read_rig(rig_file)

@@ -10,9 +10,6 @@ import fringeworks as fw
 from fringeworks.cli import output
 from fringeworks.cli.app import app
 from fringeworks.cli.options import AxisName, Folder, Force, JsonFile, Size
-from fringeworks.showcase.demo import write_demo
-from fringeworks.showcase.dissertation import write_paper
-from fringeworks.types import made_by
 
 SECTION = "Simulation"
 SHOWN = (
@@ -98,6 +95,8 @@ def simulate(
 @app.command(rich_help_panel=SECTION, epilog="Example: fringeworks paper --out figures/")
 def paper(out: Folder, size: Size = 1000, force: Force = False) -> None:
     """Make all figures of the dissertation's chapter 4, and its table of errors."""
+    from fringeworks.showcase.dissertation import write_paper
+
     output.check_folder(out)
     with output.progress() as progress:
         written = write_paper(out, size=size, force=force, progress=progress)
@@ -107,6 +106,9 @@ def paper(out: Folder, size: Size = 1000, force: Force = False) -> None:
 @app.command(rich_help_panel=SECTION, epilog="Example: fringeworks demo --out demo/")
 def demo(out: Folder, size: Size = 1000, force: Force = False, json_file: JsonFile = None) -> None:
     """Measure artificial objects by two frames and by a calibrated rig; pictures and tables."""
+    from fringeworks.showcase.demo import write_demo
+    from fringeworks.types import made_by
+
     words = output.Output(json_file)
     output.check_folder(out)
     with output.progress() as progress:

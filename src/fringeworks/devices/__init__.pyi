@@ -38,6 +38,7 @@ from .folder_camera import (
 )
 from .bench import (
     virtual_bench as virtual_bench,
+    virtual_rig as virtual_rig,
 )
 from .opening import (
     open_camera as open_camera,

@@ -16,7 +16,7 @@ from fringeworks.rig.pinhole import pose
 from fringeworks.simulate.bodies import Body, Plane, Sphere
 from fringeworks.simulate.standard import board_body, board_poses, bust, standard_rig
 from fringeworks.simulate.virtual_rig import look
-from fringeworks.types import DeviceProblem, FloatMap
+from fringeworks.types import DeviceProblem, FloatMap, Rig
 
 SCALE = 0.3
 """Frame sizes over those of the standard rig: 576 × 360 px are shown and 384 × 307 px seen, so that
@@ -45,6 +45,17 @@ SCENES: dict[str, Callable[[], list[Body]]] = {
 """Scenes by name; ``board-0`` to ``board-9`` are poses of a calibration board."""
 
 
+def virtual_rig() -> Rig:
+    """Return the true rig of the virtual bench: camera, projector and their relative pose.
+
+    Examples
+    --------
+    >>> virtual_rig().camera.shape
+    (307, 384)
+    """
+    return standard_rig(scale=SCALE)
+
+
 def virtual_bench(
     scene: str = "", *, clock: Clock | None = None, seed: int = 0
 ) -> tuple[Projector, TriggeredCamera]:
@@ -53,11 +64,17 @@ def virtual_bench(
     Parameters
     ----------
     scene : str
-        A name from ``SCENES`` or ``board-0`` to ``board-9``; the bust by default.
+        ``bust`` (the default), ``plane`` or ``sphere``; or ``board-0`` to ``board-9``, ten poses of
+        a calibration board ``chessboard:11x8:12``, whose squares have 12 mm.
     clock : Clock, optional
         The machine's by default, so that frames take real time.
     seed : int
         Of the camera's noise.
+
+    Returns
+    -------
+    projector, camera
+        The projector has 576 × 360 px, the camera 384 × 307 px. ``virtual_rig`` is their true rig.
 
     Raises
     ------
@@ -69,7 +86,7 @@ def virtual_bench(
     >>> projector.size_px, camera.limits().width_px
     ((576, 360), 384)
     """
-    rig = standard_rig(scale=SCALE)
+    rig = virtual_rig()
     view = look(rig, _bodies(scene or "bust"))
     model = ProjectorModel(rig.projector.width_px, rig.projector.height_px)
     projector = VirtualProjector(model, clock=clock, seed=seed)

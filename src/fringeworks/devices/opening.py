@@ -143,7 +143,7 @@ def _kind(kinds: dict[str, Kind[Device]], role: str, words: str) -> Kind[Device]
     if name in BOTH_KINDS:
         raise DeviceProblem(
             f"{role} {words!r}: {name} opens a projector and a camera together; expected "
-            "it for both"
+            f"it for both, as in open_devices({name!r}, {name!r})"
         )
     if name not in kinds:
         raise DeviceProblem(

@@ -160,7 +160,7 @@ def compare_captures(
 
     Examples
     --------
-    >>> from fringeworks import standard_scene
+    >>> from fringeworks.simulate import standard_scene
     >>> scene = standard_scene("parabola", size=100, fringes=8)
     >>> (found,) = compare_captures([scene], ["fourier", "windowed"])
     >>> found.against, [row["method"] for row in found.rows()]

@@ -71,7 +71,7 @@ def write_text(path: StrPath, text: str) -> Path:
     return Path(path)
 
 
-def check_target(path: StrPath, suffixes: Iterable[str]) -> None:
+def check_target(path: StrPath, suffixes: Iterable[str], advice: str = "") -> None:
     """Refuse a result file of unknown kind or in no folder, before anything is computed for it.
 
     Raises
@@ -83,7 +83,7 @@ def check_target(path: StrPath, suffixes: Iterable[str]) -> None:
     if path.suffix.lower() not in known:
         raise FileProblem(
             f"{path}: expected {'one of ' if len(known) > 1 else ''}{', '.join(known)}, "
-            f"got {path.suffix or 'no suffix'}"
+            f"got {path.suffix or 'no suffix'}" + (f"; {advice}" if advice else "")
         )
     if not os.path.isdir(path.parent):
         raise FileProblem(f"{path}: expected a writable folder, got none at {path.parent}")

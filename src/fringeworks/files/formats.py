@@ -48,6 +48,8 @@ class Format:
     """Names of arrays, one of which every archive has and no other kind has."""
     kinds: Sequence[str] = ()
     """Kinds that descriptions in TOML name."""
+    advice: str = ""
+    """What to do about another suffix, for messages."""
     needs: Callable[[str], None] = lambda _: None
     """Refuses a suffix for which a package is missing."""
 
@@ -68,7 +70,7 @@ class Format:
     def check(self, path: StrPath) -> None:
         """Refuse a file that cannot be written, before anything is computed for it."""
         if self.suffixes:
-            check_target(path, self.suffixes)
+            check_target(path, self.suffixes, self.advice)
             self.needs(Path(path).suffix.lower())
 
 
@@ -216,6 +218,7 @@ def _() -> Functions:
     ["Decoded"],
     [ARCHIVE],
     arrays=["x_coordinate_px", "y_coordinate_px"],
+    advice="coordinates are written as .npz, and become points with a rig",
 )
 def _() -> Functions:
     from fringeworks.files.archives import read_coordinates, write_coordinates

@@ -25,6 +25,17 @@ CAPTURE_KINDS = ("pair", "stack", "exposures")
 MOST_NAMES = 8
 """Names of arrays that a message lists."""
 
+MAIN_PARTS = {
+    "Measurement": "points",
+    "MultiMeasurement": "points",
+    "MergedPart": "points",
+    "Reconstruction": "surface",
+    "Calibration": "rig",
+    "MultiCalibration": "rig",
+}
+"""Results of chains by the names of their types, and the part that a file holds. The types are
+defined in later rooms."""
+
 
 def read(path: StrPath) -> Any:
     """Read whatever a file or folder holds.
@@ -100,7 +111,8 @@ def write(path: StrPath, thing: Any, **options: Any) -> Path:
         ``.npz``. Rig: ``.toml``, ``.xml``, ``.yml``, ``.yaml``. MultiRig, Response,
         ReferencePlaneGeometry, PlaneCalibration, PatternPlan, Recipe, Setup, StoredSetup:
         ``.toml``. Array of a frame: ``.png``, ``.tif``. Dictionary of figures: ``.json``. Pair,
-        Stack: a folder.
+        Stack: a folder. Of a Measurement, MultiMeasurement or MergedPart the points are written, of
+        a Reconstruction the surface, of a Calibration or MultiCalibration the rig.
     thing : one of these
     **options
         Of the function that writes the type: ``kind="mesh"`` for points and heights in ``.ply``,
@@ -117,6 +129,9 @@ def write(path: StrPath, thing: Any, **options: Any) -> Path:
     FileProblem for a suffix that the thing cannot be written to, and where the folder cannot be
     written to.
     """
+    part = MAIN_PARTS.get(type(thing).__name__)
+    if part is not None:
+        thing = getattr(thing, part)
     one = format_of(type(thing))
     if one is None:
         known = ", ".join(name for one in FORMATS.values() for name in one.types)

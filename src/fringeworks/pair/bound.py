@@ -70,7 +70,9 @@ def bound_px(
 
     Examples
     --------
-    >>> from fringeworks import analyse, bound_px, standard_scene
+    >>> from fringeworks import analyse
+    >>> from fringeworks.pair import bound_px
+    >>> from fringeworks.simulate import standard_scene
     >>> scene = standard_scene("tilt", size=200, fringes=8, noise=2, bits=8)
     >>> found = analyse(scene, "windowed")
     >>> wide, narrow = (bound_px(scene, found.displacement_px, window_px=w) for w in (16, 8))

@@ -22,6 +22,7 @@ from fringeworks.pair.registry import MethodOption
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.pipeline.boards import calibrate_stacks, observe_stack
 from fringeworks.pipeline.cameras import MultiMeasurement, calibrate_camera_stacks, measure_cameras
+from fringeworks.pipeline.inputs import stack_of
 from fringeworks.pipeline.pair_points import measure_pair
 from fringeworks.pipeline.stacks import (
     Measurement,
@@ -209,6 +210,9 @@ def measure(capture: Any, rig: Any, **options: Any) -> Measurement | MultiMeasur
     (205, 256, 3)
     """
     if is_path(rig):
+        # Captures are refused first: a wrong type is a mistake in the call, a missing file is not.
+        if not is_path(capture) and not isinstance(capture, (Pair, Stack, Sequence)):
+            stack_of(capture)
         rig = _rig_from(rig)
     if isinstance(rig, MultiRig):
         return measure_cameras(capture, rig, **options)
@@ -529,5 +533,8 @@ def _is_capture(frames: object, plan: PatternPlan | None) -> bool:
     if arrays and plan is None:
         raise InputError("plan: expected the plan that the frames follow, got none")
     if not arrays and plan is not None:
-        raise InputError("plan: expected none, because a stack or a capture has its own")
+        got = f"the path {frames}" if is_path(frames) else f"a {type(frames).__name__}"
+        raise InputError(
+            f"plan: expected none with a stack or a capture, which has its own; got {got}"
+        )
     return not arrays

@@ -73,6 +73,20 @@ def capture(
     InputError for a plan that the projector cannot show, or other settings than those of the
     interrupted capture; DeviceProblem where frames do not come or too many pixels are saturated;
     FileProblem where the folder cannot be written to.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import fringeworks as fw
+    >>> from fringeworks.devices.clock import SimulatedClock
+    >>> clock = SimulatedClock()
+    >>> projector, camera = fw.devices.virtual_bench("sphere", clock=clock)
+    >>> plan = fw.simulate.fringe_plan(fw.devices.virtual_rig(), both=False)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     taken = fw.capture(projector, camera, plan, f"{folder}/sphere")
+    ...     points = fw.measure(taken, fw.devices.virtual_rig()).points
+    >>> bool((points.reason == 0).sum() > 3000)
+    True
     """
     check_plan(projector, plan)
     settings = settings or CameraSettings()

@@ -12,6 +12,7 @@ from fringeworks.devices.memory_projector import MemoryProjector
 from fringeworks.devices.protocols import Camera, Projector
 from fringeworks.patterns.encode import encode
 from fringeworks.patterns.plan import PatternPlan
+from fringeworks.patterns.propose import Proposal
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.fast import FastTaker
 from fringeworks.scan.saturation import MOST_SATURATED, SaturationGuard
@@ -117,6 +118,9 @@ def check_plan(projector: Projector, plan: PatternPlan) -> None:
     InputError for a plan that is larger than the projector, of another depth, or another one than
     that in a ``MemoryProjector``.
     """
+    if not isinstance(plan, PatternPlan):
+        of = "; a Proposal has one as its .plan" if isinstance(plan, Proposal | list) else ""
+        raise InputError(f"plan: expected a PatternPlan, got {type(plan).__name__}{of}")
     columns, rows = projector.size_px
     if plan.width_px > columns or plan.height_px > rows:
         raise InputError(

@@ -87,9 +87,9 @@ def live(
     Examples
     --------
     >>> from fringeworks.devices.clock import SimulatedClock
-    >>> from fringeworks.devices.bench import SCALE, virtual_bench
-    >>> from fringeworks.simulate import fringe_plan, standard_rig
-    >>> rig = standard_rig(scale=SCALE)
+    >>> from fringeworks.devices import virtual_bench, virtual_rig
+    >>> from fringeworks.simulate import fringe_plan
+    >>> rig = virtual_rig()
     >>> projector, camera = virtual_bench("sphere", clock=SimulatedClock())
     >>> cloud = next(live(projector, camera, fringe_plan(rig, both=False), rig))
     >>> bool((cloud.points.reason == 0).sum() > 3000)

@@ -25,13 +25,20 @@ fn column(x: usize, y: usize) -> Option<f64> {
 fn frame(k: usize) -> Vec<u8> {
     let (period, shift) = (PERIODS[k / STEPS], shift(k % STEPS));
     let count = |i: usize| {
-        let mixed = ((i * 12 + k) as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
-        let noise = (mixed % 5) as f64 - 2.0;
+        let noise = (mixed((i * 12 + k) as u64) % 5) as f64 - 2.0;
         let light = |column: f64| 1.0 + (TAU * column / period - shift).cos();
         let fringe = column(i % WIDTH, i / WIDTH).map_or(0.0, light);
         (20.0 + 90.0 * fringe + noise).round() as u8
     };
     (0..WIDTH * HEIGHT).map(count).collect()
+}
+
+/// A number that looks random (Steele, Lea and Flood's SplitMix64).
+fn mixed(k: u64) -> u64 {
+    let z = k.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
 }
 
 /// Shift of a step, rad.

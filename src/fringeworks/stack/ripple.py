@@ -71,6 +71,16 @@ SIGNIFICANT_AMPLITUDE = 5.0
 """Amplitude of a ripple in standard errors from which on it counts as seen."""
 
 
+WANTED_WINDOWS: _core._Wanted = {
+    "fringes": WINDOW_FRINGES,
+    "least": MIN_WINDOW,
+    "most": MAX_WINDOW,
+    "windows": (MIN_WINDOWS, MAX_WINDOWS),
+    "jump": JUMP_TURNS,
+}
+"""The windows for the kernel that looks for them."""
+
+
 @dataclass(frozen=True)
 class Ripple:
     """Harmonics of the phase error over the phase."""
@@ -120,17 +130,7 @@ def measure_ripple(
     -------
     Ripple; None where the lines hold too few whole fringes.
     """
-    windows = _core.smooth_windows(
-        turns,
-        usable,
-        {
-            "fringes": WINDOW_FRINGES,
-            "least": MIN_WINDOW,
-            "most": MAX_WINDOW,
-            "windows": (MIN_WINDOWS, MAX_WINDOWS),
-            "jump": JUMP_TURNS,
-        },
-    )
+    windows = _core.smooth_windows(turns, usable, WANTED_WINDOWS)
     if windows is None:
         return None
     phase, pixels = windows

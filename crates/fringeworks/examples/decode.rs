@@ -21,34 +21,48 @@ fn column(x: usize, y: usize) -> Option<f64> {
     (!shadow).then_some(100.0 + 1.2 * x as f64 + 40.0 * height)
 }
 
-/// What the camera sees of a step of a period, with some counts of noise.
-fn frame(period: f64, step: usize) -> Vec<u8> {
-    let shift = TAU * step as f64 / STEPS as f64;
+/// What the camera sees in frame `k`, with uniform noise of −2 to 2 counts.
+fn frame(k: usize) -> Vec<u8> {
+    let (period, shift) = (PERIODS[k / STEPS], shift(k % STEPS));
     let count = |i: usize| {
-        let noise = ((i * 7919 + step * 104_729) % 5) as f64 - 2.0;
-        let fringe =
-            column(i % WIDTH, i / WIDTH).map_or(0.0, |c| 1.0 + (TAU * c / period - shift).cos());
+        let noise = (mixed((i * 12 + k) as u64) % 5) as f64 - 2.0;
+        let light = |column: f64| 1.0 + (TAU * column / period - shift).cos();
+        let fringe = column(i % WIDTH, i / WIDTH).map_or(0.0, light);
         (20.0 + 90.0 * fringe + noise).round() as u8
     };
     (0..WIDTH * HEIGHT).map(count).collect()
 }
 
-fn main() -> Result<(), Error> {
-    let shifts: Vec<f64> = (0..STEPS).map(|n| TAU * n as f64 / STEPS as f64).collect();
-    let mut frames = Vec::new();
-    let mut sets = Vec::new();
-    for period in PERIODS {
-        let first = frames.len();
-        frames.extend((0..STEPS).map(|step| frame(period, step)));
-        sets.push(PhaseSet::new(
-            (first..frames.len()).collect(),
+/// A number that looks random (Steele, Lea and Flood's SplitMix64).
+fn mixed(k: u64) -> u64 {
+    let z = k.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    z ^ (z >> 31)
+}
+
+/// Shift of a step, rad.
+fn shift(step: usize) -> f64 {
+    TAU * step as f64 / STEPS as f64
+}
+
+/// How the frames are decoded: which ones belong to a period, and what the camera's noise is.
+fn settings() -> Result<DecodeSettings, Error> {
+    let shifts: Vec<f64> = (0..STEPS).map(shift).collect();
+    let set = |(k, &period): (usize, &f64)| {
+        PhaseSet::new(
+            (STEPS * k..STEPS * (k + 1)).collect(),
             &shifts,
             vec![],
             period,
-        )?);
-    }
-    let settings = DecodeSettings {
-        sets,
+        )
+    };
+    Ok(DecodeSettings {
+        sets: PERIODS
+            .iter()
+            .enumerate()
+            .map(set)
+            .collect::<Result<_, _>>()?,
         gray_code: None,
         chain: Chain::hierarchy(&PERIODS)?,
         noise: Noise {
@@ -59,9 +73,13 @@ fn main() -> Result<(), Error> {
             saturation: 255.0,
             ..Limits::default()
         },
-    };
+    })
+}
+
+fn main() -> Result<(), Error> {
+    let frames: Vec<Vec<u8>> = (0..PERIODS.len() * STEPS).map(frame).collect();
     let planes: Vec<&[u8]> = frames.iter().map(Vec::as_slice).collect();
-    let found = decode(&planes, &settings)?;
+    let found = decode(&planes, &settings()?)?;
 
     println!("{} frames of {WIDTH} × {HEIGHT} px", planes.len());
     for reason in Reason::ALL {

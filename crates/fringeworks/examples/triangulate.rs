@@ -12,47 +12,42 @@ const PROJECTOR: (usize, usize) = (1024, 768);
 /// Depth of the plane on the optical axis, mm.
 const DEPTH: f64 = 500.0;
 
-fn main() -> Result<(), Error> {
-    // The projector stands 120 mm to the right and is turned towards the plane by 13°.
-    let (s, c) = 13.0_f64.to_radians().sin_cos();
-    let rig = Rig {
-        camera: Lens {
-            focal: [900.0, 900.0],
-            principal: [319.5, 239.5],
-            distortion: [0.0; 5],
-        },
-        projector: Lens {
-            focal: [1300.0, 1300.0],
-            principal: [511.5, 383.5],
-            distortion: [0.0; 5],
-        },
+/// Angle between the optical axes, rad: 13°.
+const TURN: f64 = 0.2269;
+
+/// The projector stands 120 mm to the right of the camera and is turned towards the plane by 13°.
+fn rig() -> Rig {
+    let (s, c) = TURN.sin_cos();
+    let lens = |focal: f64, principal: [f64; 2]| Lens {
+        focal: [focal; 2],
+        principal,
+        distortion: [0.0; 5],
+    };
+    Rig {
+        camera: lens(900.0, [319.5, 239.5]),
+        projector: lens(1300.0, [511.5, 383.5]),
         rotation: [c, 0.0, s, 0.0, 1.0, 0.0, -s, 0.0, c],
         translation: [-120.0 * c, 0.0, 120.0 * s],
-    };
-    // Projector column of the plane at every pixel, as a decoder would find it.
-    let column = |i: usize| {
-        let x = DEPTH * ((i % WIDTH) as f64 - 319.5) / 900.0;
-        let [a, _, b] = [x - 120.0, 0.0, DEPTH];
-        (1300.0 * (c * a + s * b) / (c * b - s * a) + 511.5) as f32
-    };
+    }
+}
+
+/// Projector column of the plane at a pixel, as a decoder would find it.
+fn column(i: usize) -> f32 {
+    let (s, c) = TURN.sin_cos();
+    let x = DEPTH * ((i % WIDTH) as f64 - 319.5) / 900.0 - 120.0;
+    (1300.0 * (c * x + s * DEPTH) / (c * DEPTH - s * x) + 511.5) as f32
+}
+
+fn main() -> Result<(), Error> {
     let pixels = WIDTH * HEIGHT;
     let coordinate: Vec<f32> = (0..pixels).map(column).collect();
-    let (decoded_sigma, decoded_reason) = (vec![0.05; pixels], vec![0; pixels]);
-
-    let spread = Spread::none(true, PROJECTOR.0 as f32);
-    let rig = Triangulation::new(&rig, &spread, (HEIGHT, WIDTH), PROJECTOR)?;
     let x = Axis {
         coordinate: &coordinate,
-        sigma: &decoded_sigma,
-        reason: &decoded_reason,
+        sigma: &vec![0.05; pixels],
+        reason: &vec![0; pixels],
     };
-    let mut xyz = vec![0.0; 3 * pixels];
-    let (mut sigma, mut noise, mut reason) =
-        (vec![0.0; pixels], vec![0.0; pixels], vec![0; pixels]);
-    let limits = Limits {
-        residual_sigmas: 5.0,
-        residual_px: 0.1,
-    };
+    let (mut xyz, mut reason) = (vec![0.0; 3 * pixels], vec![0; pixels]);
+    let (mut sigma, mut noise) = (vec![0.0; pixels], vec![0.0; pixels]);
     let out = Points {
         xyz: &mut xyz,
         sigma: &mut sigma,
@@ -60,16 +55,20 @@ fn main() -> Result<(), Error> {
         residual: &mut [],
         reason: &mut reason,
     };
+    let limits = Limits {
+        residual_sigmas: 5.0,
+        residual_px: 0.1,
+    };
+    let spread = Spread::none(true, PROJECTOR.0 as f32);
+    let rig = Triangulation::new(&rig(), &spread, (HEIGHT, WIDTH), PROJECTOR)?;
     rig.triangulate(Some(x), None, &limits, out)?;
 
     let points = reason.iter().filter(|&&code| code == 0).count();
-    let off = |z: &[f32]| (f64::from(z[2]) - DEPTH).abs();
+    let off = |point: &[f32]| (f64::from(point[2]) - DEPTH).abs();
     let largest = xyz.chunks(3).map(off).fold(0.0, f64::max);
+    let middle = noise[pixels / 2 + WIDTH / 2];
     println!("{points} of {pixels} pixels are points");
     println!("largest error of a depth: {largest:.4} mm");
-    println!(
-        "σ from 0.05 px of noise, in the middle: {:.3} mm",
-        noise[pixels / 2 + WIDTH / 2]
-    );
+    println!("σ from 0.05 px of noise, in the middle: {middle:.3} mm");
     Ok(())
 }

@@ -76,9 +76,9 @@ def test_kinds_become_a_pdf_beside_the_page(results, tmp_path, names):
 @pytest.mark.parametrize(
     ("name", "suffix"),
     quick(
-        [("pair", "html"), ("pair", "pdf"), ("figures", "pdf")],
+        [("pair", "html"), ("pair", "pdf"), ("form", "pdf")],
         ("pair", "html"),
-        ("figures", "pdf"),
+        ("form", "pdf"),
     ),
 )
 def test_equal_runs_write_equal_files(results, tmp_path, monkeypatch, name, suffix):

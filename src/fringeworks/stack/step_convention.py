@@ -132,9 +132,15 @@ def refuse_other_steps(decoding: Decoding, lines: Lines, labels: list[str]) -> N
     raise FramesContradictPlan(finding.text)
 
 
+def _samples(lines: Lines, frames: tuple[int, ...]) -> FloatMap:
+    """Lines of some frames, (frames, r, l), counts; NaN where a sample is not finite."""
+    data = np.stack([lines[k].astype(np.float64) for k in frames])
+    return np.where(np.isfinite(data), data, np.nan)
+
+
 def _fitted(phases: PhaseFrames, lines: Lines) -> tuple[FloatMap, NDArray[np.complex128]]:
     """Background and complex modulation of the lines, (r, l)."""
-    data = np.stack([lines[k].astype(np.float64) for k in phases.frames])
+    data = _samples(lines, phases.frames)
     solver: Any = fit_matrices(phases.rows)[1]
     a, c, s = times(solver, data.reshape(len(data), -1)).reshape(3, *data.shape[1:])
     return a, c + 1j * s
@@ -144,12 +150,12 @@ def _bits(
     gray: GrayFrames, lines: Lines, offset: FloatMap, modulation: FloatMap
 ) -> tuple[FloatMap, BoolMap]:
     """Bits of the lines, (bits, r, l): −1 dark … 1 bright; and which pixels are lit, (r, l)."""
-    bits = np.stack([lines[k].astype(np.float64) for k in gray.bits])
+    bits = _samples(lines, gray.bits)
     if gray.inverse:
-        signed = bits - np.stack([lines[k].astype(np.float64) for k in gray.inverse])
+        signed = bits - _samples(lines, gray.inverse)
         contrast = np.abs(signed).max(axis=0)
     elif gray.white_black is not None:
-        white, black = (lines[k].astype(np.float64) for k in gray.white_black)
+        white, black = _samples(lines, gray.white_black)
         signed, contrast = 2.0 * bits - (white + black), white - black
     else:
         signed, contrast = 2.0 * (bits - offset), 2.0 * modulation

@@ -3,17 +3,8 @@
 import numpy as np
 
 import fringeworks as fw
-from fringeworks.simulate import (
-    Body,
-    Optics,
-    fringe_plan,
-    height_field,
-    look,
-    photograph,
-)
-from fringeworks.simulate import (
-    standard_rig as make_rig,
-)
+from fringeworks.simulate import Body, Optics, fringe_plan, height_field, look, photograph
+from fringeworks.simulate import standard_rig as make_rig
 
 # A wavy part of 80 × 60 mm, and the same with a dent of 4 mm, turned before the camera.
 y, x = np.mgrid[-30:30.1:0.5, -40:40.1:0.5]

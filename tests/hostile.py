@@ -210,9 +210,10 @@ areas = ["face", "rim"]
 min = -0.1
 max = 0.1
 """
+SEEN = (fw.Finding("noise", "seen"),)
 SETUP = b"""plan = "plan.toml"
 predicted_sigma_px = 0.05
-findings = ["the lamp flickers"]
+findings = [{kind = "flicker", seen = "the lamp flickers", causes = ["mains"], advice = "another lamp", severity = "warning", frames = [], figures = {}}]
 [projector]
 open = "window:0"
 name = "beamer"
@@ -291,14 +292,14 @@ def targets(folder: Path) -> list[Target]:
     codes = fw.stack.CoordinateMap(
         flat, flat, flat, flat, flat.astype(np.uint8), "x", (16.0, 90.0), np.stack([flat] * 2)
     )
-    decoded = fw.Decoded(codes, None, CameraNoise(1.0), (fw.Finding("noise", "seen"),))
+    decoded = fw.Decoded(codes, None, CameraNoise(1.0), SEEN)
     wrapped = fw.stack.WrappedPhase(
-        flat, flat, flat, flat, flat.astype(np.uint8), (0.0, 1.0, 2.0), CameraNoise(1.0), ("a",)
+        flat, flat, flat, flat, flat.astype(np.uint8), (0.0, 1.0, 2.0), CameraNoise(1.0), SEEN
     )
     law = fw.pair.PixelCalibration(flat + 1, flat, (1.0, 9.0), pitch_mm_per_px=0.5)
     surface, cloud = _surface(), _cloud()
     light = fw.stack.LightSeparation(
-        flat, flat, flat, flat, flat.astype(np.uint8), 24.0, True, notes=("a",)
+        flat, flat, flat, flat, flat.astype(np.uint8), 24.0, True, findings=SEEN
     )
     box = trimesh.creation.box((3.0, 4.0, 5.0))
     png, tif = _image("PNG", grey), _tiff(grey.astype(np.float64))

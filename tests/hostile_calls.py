@@ -263,8 +263,6 @@ def calls() -> list[Call]:
         call("ViewPose", **pupil),
         call("equal_steps", n=4),
         # Types and provenance.
-        call("made_by", call="decode", options={"a": 1.0}),
-        call("fingerprint", value=(p["cloud"], frame, "a", {"b": 1})),
         # Patterns.
         each("encode", plan=SMALL),
         slow("propose", width_px=96, height_px=24, frames=9, noise=2.0, modulation=100.0, min_period_px=16.0, max_period_px=90.0, robust=False),
@@ -288,14 +286,14 @@ def calls() -> list[Call]:
         call("displacement_from_height", height_mm=h, geometry=p["geometry"]),
         call("height_from_displacement", displacement_px=u, geometry=p["geometry"]),
         call("to_surface", displacement=p["displacement"], geometry=p["geometry"]),
-        call("calibrate_pixels", displacements_px=levels, heights_mm=(0.0, 1.0, 2.0), pitch_mm_per_px=0.5),
-        call("calibrate_reference_plane", displacements_px=levels, heights_mm=(10.0, 20.0, 30.0), pitch_mm_per_px=0.5),
+        call("calibrate_plane", planes=levels, heights_mm=(0.0, 1.0, 2.0), pitch_mm_per_px=0.5, by_pixel=True),
+        call("calibrate_plane", planes=levels, heights_mm=(10.0, 20.0, 30.0), pitch_mm_per_px=0.5),
         call("height_by_pixel", displacement=p["displacement"], calibration=fw.pair.PixelCalibration(np.ones_like(u), np.zeros_like(u), (0.0, 9.0))),
         slow("reconstruct", pair=p["pair"], method="windowed", geometry=p["geometry"]),
         # Stack.
         call("decode", frames=p["frames"], plan=PLAN, noise=p["noise"], saturation=255.0, count_step=1.0, min_modulation=2.0),
         call("decode", frames=list(p["frames"]), plan=PLAN, keep_phases=True),
-        call("decode_stack", stack=fw.Stack(tuple(p["frames"]), PLAN)),
+        call("decode", frames=fw.Stack(tuple(p["frames"]), PLAN)),
         each("decode_sequence", frames=list(np.concatenate([p["frames"]] * 2)), plan=PLAN, noise=p["noise"], saturation=255.0, min_modulation=1.0, every=2),
         Call("SequenceDecoder", fw.stack.SequenceDecoder, {"plan": PLAN, "noise": p["noise"], "saturation": 255.0, "min_modulation": 1.0, "every": 2}),
         Call("StreamingDecoder", _stream, {"plan": PLAN, "frames": p["frames"]}),
@@ -311,7 +309,7 @@ def calls() -> list[Call]:
         call("find_board", image=frame, board=p["board"]),
         call("triangulate", decoded=_seen(p["rig"]), rig=p["rig"], residual_sigmas=5.0, epipolar_px=1.0),
         Call("Triangulator", lambda rig, decoded: fw.rig.Triangulator(rig).triangulate(decoded), {"rig": p["rig"], "decoded": _seen(p["rig"])}),
-        slow("measure", stack=_stack_of(p["rig"]), rig=p["rig"], epipolar_px=1.0),
+        slow("measure", capture=_stack_of(p["rig"]), rig=p["rig"], epipolar_px=1.0),
         # Surfaces.
         call("clean_cloud", cloud=p["cloud"], min_island_px=5, max_sigma_mm=0.5),
         call("crop_cloud", cloud=p["cloud"], box_mm=np.array([[-500.0, -500, 300], [500, 500, 700]])),
@@ -324,7 +322,7 @@ def calls() -> list[Call]:
         *[slow("fit_form", points_mm=points, body=body, sigma_mm=np.full(200, 0.1), common_mm=0.01, seed=1) for body, points in bodies.items()],
         slow("fit_region", points_mm=p["grid"], body="plane", common_mm=0.01),
         slow("find_spheres", points_mm=sphere, count=1, sigma_mm=np.full(200, 0.1), common_mm=0.01, seed=1),
-        slow("evaluate_form", points=sphere, fit="sphere", diameter_mm=40.0, count=1, within=(-100.0, -100.0, 100.0, 100.0)),
+        slow("fit", points=sphere, body="sphere", diameter_mm=40.0, count=1, within=(-100.0, -100.0, 100.0, 100.0)),
         call("difference", one=p["cloud"], other=p["cloud"]),
         call("difference", one=p["map"], other=p["map"]),
         Call("Profile", lambda surface, start, end: surface.profile((start, end)), {"surface": p["map"], "start": (1.0, 2.0), "end": (20.0, 15.0)}),
@@ -334,7 +332,6 @@ def calls() -> list[Call]:
         # Evaluation.
         call("errors", surface=p["map"], truth_mm=np.nan_to_num(h)),
         call("judge_part", surface=p["map"], recipe=recipe),
-        call("masked", surface=p["map"], area=fw.evaluate.Area(box=(2, 2, 9, 9))),
         call("inspect", capture=p["map"], recipe=recipe),
         call("Displacement", time_s=np.arange(64.0), distance_mm=np.sin(np.arange(64.0)), sigma_mm=np.full(64, 0.1)),
         call("vibration", moved=fw.evaluate.Displacement(np.arange(64.0), np.sin(np.arange(64.0)), np.full(64, 0.1))),

@@ -20,23 +20,26 @@ CALLS = int(os.environ.get("FRINGEWORKS_CALLS", "6"))
 SECONDS = 20.0
 """Longest time of a call with small arguments; a usual one takes milliseconds."""
 ELSEWHERE = {
-    "test_hostile_files": ("read", "read_", "is_exposures", "find_scans", "file_limits", "FrameSequence"),
-    "test_kills": ("write", "write_", "save_figure"),
+    "test_hostile_files": ("read_", "read", "find_scans", "file_limits", "FrameSequence"),
+    "test_kills and test_read_write": ("write_", "write", "save_figure"),
     "devices, in their own tests": (
-        "open_", "list_devices", "ListedDevice", "virtual_bench", "WindowProjector", "MemoryProjector", "WebcamCamera",
-        "GenicamCamera", "FolderCamera", "Camera", "CameraLimits", "Projector", "TriggeredCamera", "Clock", "VideoMode",
-        "Grab", "camera_kind", "projector_kind", "scanner_kind", "check_setup_target", "measure_delay", "Delay",
-        "take_frames", "take", "capture", "capture_hdr", "live", "LiveCloud", "TakenPose", "calibrate_live", "PoseTaker",
+        "open_", "list_devices", "ListedDevice", "virtual_bench", "virtual_rig", "WindowProjector", "MemoryProjector",
+        "WebcamCamera", "GenicamCamera", "FolderCamera", "Camera", "CameraLimits", "Projector", "TriggeredCamera", "Clock",
+        "VideoMode", "Grab", "camera_kind", "projector_kind", "scanner_kind", "measure_delay", "Delay", "take",
+        "take_frames", "capture", "capture_hdr", "live", "LiveCloud", "TakenPose", "calibrate_live", "PoseTaker",
         "take_poses", "auto_exposure", "exposure_series", "Setup", "SetupStopped", "SetupTests", "StoredSetup", "set_up",
         "setup_sheet",
     ),
     "minutes, in their own tests": (
-        "calibrate", "calibrate_stacks", "calibrate_plane", "observe", "observe_stack", "adjust_rig", "check_rig",
-        "diagnose", "verdict", "judge_poses", "response_from_stack", "phase_from_stack", "measure_pair",
-        "measure_sequence", "merge", "compare", "compare_captures", "compare_everywhere", "rows_of_captures",
-        "best_methods", "best_map", "format_map", "run_batch", "run_sequence", "run_studio", "board_sheet",
-        "calibrate_cameras", "calibrate_camera_stacks", "measure_cameras", "scan_turntable", "closed_mesh", "deviation",
-        "find_spots", "remove_blur", "camera_pair", "multi_rig_parameters", "selftest", "promise_table", "light_from_stack", "viewer_fragment", "viewer_page", "viewer_script", "viewer_style", "apply_response",
+        "calibrate", "observe", "adjust_rig", "check_rig", "diagnose", "verdict", "judge_poses", "measure_response",
+        "measure_sequence", "merge", "compare", "compare_captures", "compare_everywhere", "best_methods", "best_map",
+        "run_batch", "run_sequence", "run_studio", "board_sheet", "scan_turntable", "closed_mesh", "deviation",
+        "find_spots", "remove_blur", "camera_pair", "selftest", "promise_table", "apply_response",
+    ),
+    "simulation, in its own tests": (
+        "board_body", "board_poses", "bust", "cropped_field", "fringe_plan", "height_field", "look", "pair_displacement",
+        "photograph", "photograph_moving", "photograph_pair", "standard_cameras", "standard_rig", "truth_distance",
+        "widened_frame",
     ),
     "registries": ("method", "methods", "load_plugin", "Method"),
     "errors": (

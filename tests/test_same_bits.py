@@ -24,6 +24,7 @@ print(fingerprint(tuple(expected)))
 SPAWNED = """
 import multiprocessing
 import fringeworks as fw
+from fringeworks.types import fingerprint
 from tests.stacks import multi, take
 
 plan = multi((1, 8), 4, (300, 40))

@@ -8,6 +8,7 @@ says. Cells of any width show it, also those of one period, inside which a wrong
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -34,9 +35,10 @@ to the code have 0.2 with 30 borders; photographs of objects in order have 0.76 
 MISPLACED_TURNS = 0.125
 """Largest distance of a border of the code from its phase that blur and threshold may cause, turns.
 A wrong start is off by a step, which is a quarter of a turn with four steps."""
-RUNS_BACK = -0.3
-"""Mean direction of the phase over the borders (1 along the code, −1 against it) below which the
-steps have the wrong sign. Photographs in order have 0.8 and more."""
+IN_ORDER = 0.7
+"""Smallest share of the changes of bits that lead to a neighbouring cell, and smallest mean
+direction of the phase there, ±, for a statement about the steps. Codes in order have 0.71 and more
+on photographs; with frames in another order either is below 0.65."""
 
 
 @dataclass(frozen=True)
@@ -51,16 +53,19 @@ class Convention:
     """Phase at coordinate 0 px in the direction that the phase has, turns, −0.5…0.5; 0 expected."""
     resultant: float
     """Mean resultant length of the phases at the borders, 0…1."""
+    share: float
+    """Share of the changes of bits that lead to a neighbouring cell, 0…1."""
 
     @property
     def sign(self) -> int:
         """1 where the phase runs along the code, −1 where it runs against it."""
-        return -1 if self.direction < RUNS_BACK else 1
+        return -1 if self.direction < 0.0 else 1
 
     @property
     def contradicts(self) -> bool:
         """Whether the steps have another sign or start than the plan says."""
-        if self.borders < MIN_BORDERS or self.resultant < RELATED:
+        in_order = min(self.share, abs(self.direction)) >= IN_ORDER
+        if self.borders < MIN_BORDERS or self.resultant < RELATED or not in_order:
             return False
         # Standard error of a circular mean, turns, three times.
         scatter = np.sqrt(-2.0 * np.log(min(self.resultant, 1.0)))
@@ -92,16 +97,19 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     phases = min(decoding.sets, key=lambda s: abs(float(np.log(s.period_px / gray.step_px))))
     offset, wave = _fitted(phases, lines)
     signed, lit = _bits(gray, lines, offset, np.abs(wave))
-    row, column, share, coordinate, direction = _borders(gray, signed, lit)
+    row, column, place, coordinate, direction = _borders(gray, signed, lit)
     left, right = wave[row, column], wave[row, column + 1]
     along = np.angle(right * np.conj(left)) * direction
     runs = float(np.mean(np.sign(along))) if along.size else 0.0
-    sign = -1.0 if runs < RUNS_BACK else 1.0
-    at_border = np.angle((1.0 - share) * left + share * right)
+    sign = -1.0 if runs < 0.0 else 1.0
+    at_border = np.angle((1.0 - place) * left + place * right)
     expected = 2.0 * np.pi * coordinate / phases.period_px
     mean = np.mean(np.exp(1j * (at_border - sign * expected))) if along.size else 0.0
     start = float(np.angle(mean)) / (2.0 * np.pi)
-    return Convention(along.size, runs, start, float(np.abs(mean)))
+    changes = ((signed[:, :, 1:] > 0.0) != (signed[:, :, :-1] > 0.0)).any(axis=0)
+    changes &= lit[:, 1:] & lit[:, :-1]
+    share = along.size / max(1, np.count_nonzero(changes))
+    return Convention(along.size, runs, start, float(np.abs(mean)), share)
 
 
 def refuse_other_steps(decoding: Decoding, lines: Lines, labels: list[str]) -> None:
@@ -124,12 +132,31 @@ def refuse_other_steps(decoding: Decoding, lines: Lines, labels: list[str]) -> N
     finding = Finding(
         "steps",
         f"frames along {decoding.axis}: {seen}, judging by {found.borders} borders of the code",
-        causes=("the steps have another sign or start than the plan says", "frames are swapped"),
+        causes=(
+            "the steps have another sign or start than the plan says",
+            *_swaps(phases, found, labels),
+        ),
         advice=f"steps that fit the frames from {labels[phases.frames[0]]} on: {steps}",
         axis=decoding.axis,
         figures={"start_deg": 360.0 * found.start_turns, "direction": found.direction},
+        severity="error",
     )
     raise FramesContradictPlan(finding.text)
+
+
+def _swaps(phases: PhaseFrames, found: Convention, labels: list[str]) -> list[str]:
+    """Pairs of frames whose swap gives the steps that the frames show, in words."""
+    planned = np.asarray(phases.shifts_rad)
+    shown = np.radians(found.fitting_deg(phases.shifts_rad))
+    pairs = []
+    for i, j in combinations(range(len(planned)), 2):
+        swapped = planned.copy()
+        swapped[[i, j]] = planned[[j, i]]
+        off = np.abs(np.angle(np.exp(1j * (swapped - shown))))
+        if off.max() < MISPLACED_TURNS * 2.0 * np.pi:
+            a, b = phases.frames[i], phases.frames[j]
+            pairs.append(f"frames {a} and {b} ({labels[a]}, {labels[b]}) are swapped")
+    return pairs
 
 
 def _samples(lines: Lines, frames: tuple[int, ...]) -> FloatMap:
@@ -170,7 +197,7 @@ def _borders(gray: GrayFrames, signed: FloatMap, lit: BoolMap) -> tuple[Any, ...
     Returns
     -------
     row, column : of the pixel before the border
-    share : where the border lies between the two pixels, 0…1
+    place : where the border lies between the two pixels, 0…1
     coordinate : of the border, projector px
     direction : 1 where the cells' numbers rise along the line, −1 where they fall
     """

@@ -154,7 +154,7 @@ class Scan:
         """What does the same."""
         options = _options(self.devices | self.how.changed)
         words = f", {_arguments(**self.devices)}" if self.devices else ""
-        how = f", fw.{self.how!r}" if self.how.changed else ""
+        how = f", fw.scan.{self.how!r}" if self.how.changed else ""
         return Command(
             f"fringeworks capture --setup setup.toml {options}--out {_quoted(self.name)}",
             f"with fw.scan.open_bench('setup.toml'{words}) as bench:\n"

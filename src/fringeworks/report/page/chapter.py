@@ -74,6 +74,9 @@ def judged_block(values: dict[str, Any], context: Context) -> tuple[Block, ...]:
 def figure_blocks(values: dict[str, Any], context: Context) -> tuple[Block, ...]:
     """Single figures, tolerances and findings of a result, from ``summarise`` or a file."""
     found = [finding for finding in listed(values.get("findings")) if isinstance(finding, dict)]
+    texts = [finding.get("text") for finding in found]
+    notes = [note for note in listed(values.get("notes")) if note not in texts]
+    found += [{"kind": "note", "seen": note} for note in notes]
     return (
         scalar_facts(values),
         *judged_block(values, context),

@@ -291,7 +291,7 @@ def targets(folder: Path) -> list[Target]:
     codes = fw.stack.CoordinateMap(
         flat, flat, flat, flat, flat.astype(np.uint8), "x", (16.0, 90.0), np.stack([flat] * 2)
     )
-    decoded = fw.Decoded(codes, None, CameraNoise(1.0), (fw.FrameFinding("noise", "seen"),))
+    decoded = fw.Decoded(codes, None, CameraNoise(1.0), (fw.Finding("noise", "seen"),))
     wrapped = fw.stack.WrappedPhase(
         flat, flat, flat, flat, flat.astype(np.uint8), (0.0, 1.0, 2.0), CameraNoise(1.0), ("a",)
     )

@@ -90,7 +90,7 @@ def test_surfaces_without_values_and_of_one_pixel(results, tmp_path):
     empty = fw.HeightMap(nothing, nothing, reason, "height", "mm", 0.1)
     one = np.ones((1, 1), np.float32)
     pixel = fw.HeightMap(one, 0.1 * one, np.zeros((1, 1), np.uint8), "displacement", "px", None)
-    finding = fw.FrameFinding("noise", "seen", ("a cause",), "do it")
+    finding = fw.Finding("noise", "seen", ("a cause",), "do it")
     many = replace(results["heights"], findings=(finding,) * 10_000)
     fw.write_report(
         tmp_path / "r.html", {"empty": empty, "pixel": pixel, "many": many}, pdf=tmp_path / "r.pdf"

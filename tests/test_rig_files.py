@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fringeworks import FrameFinding, InputError, Reason
+from fringeworks import Finding, InputError, Reason
 from fringeworks.cli.commands import run
 from fringeworks.files.points import read_cloud, read_points, write_points
 from fringeworks.files.rig import format_rig, read_rig, write_rig
@@ -216,9 +216,7 @@ def test_points_come_back(tmp_path, name):
 
 
 def test_npz_keeps_the_frame(tmp_path):
-    finding = FrameFinding(
-        "noise", "noise of 9 counts", ("a cause",), "advice", frames=("frame 1",)
-    )
+    finding = Finding("noise", "noise of 9 counts", ("a cause",), "advice", frames=("frame 1",))
     written = replace(cloud(), findings=(finding,), remarks=("a remark",))
     write_points(tmp_path / "p.npz", written)
     found = read_cloud(tmp_path / "p.npz")

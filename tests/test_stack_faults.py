@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringeworks import FrameFinding, FramesContradictPlan, InputError, PatternPlan, decode
+from fringeworks import Finding, FramesContradictPlan, InputError, PatternPlan, decode
 from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.signal import CameraNoise
 from fringeworks.signal.noise import noise_of_residuals
@@ -178,7 +178,7 @@ def test_findings_are_data():
     gains = 1.0 + 0.03 * np.random.default_rng(1).standard_normal(plan.frames)
     frames = np.clip(np.rint(take(plan) * gains[:, None, None]), 0, 255).astype(np.uint8)
     found = decode(frames, plan)
-    assert all(isinstance(finding, FrameFinding) for finding in found.findings)
+    assert all(isinstance(finding, Finding) for finding in found.findings)
     assert {"noise"} < {finding.kind for finding in found.findings}
     flicker = next(f for f in found.findings if f.kind in ("flicker", "steps"))
     assert flicker.causes

@@ -180,26 +180,26 @@ def flatness(part: AreaPoints) -> Quantified:
     Errors of points widen the range F. Their part is F − √(F² − R²), with the range R that they
     alone would have.
     """
-    plane = _Plane(part)
-    value, top, bottom = narrowest_range(plane.heights(part.points))
-    sigma = np.abs(part.by_value @ plane.normal) * part.sigma
-    # The range is the difference of its two ends; the plane between them follows all points.
-    ends = np.zeros(len(part.points))
-    ends[top], ends[bottom] = 1.0, -1.0
-    follows = (ends @ plane.at(part.points)) @ plane.inverse
-    terms = [Term(part, ends - follows, plane.normal)]
-    return Quantified(value, sigma_of(terms), "mm", raised(value, noise_range(sigma)))
+    return _range_from_plane(part, part)
 
 
 def parallelism(part: AreaPoints, base: AreaPoints) -> Quantified:
     """Range of the distances from a plane parallel to the base, without the farthest 0.3 %."""
+    return _range_from_plane(part, base)
+
+
+def _range_from_plane(part: AreaPoints, base: AreaPoints) -> Quantified:
     plane = _Plane(base)
     value, top, bottom = narrowest_range(plane.heights(part.points))
     sigma = np.abs(part.by_value @ plane.normal) * part.sigma
+    # The range is the difference of its two ends; the plane between them follows the base.
     ends = np.zeros(len(part.points))
     ends[top], ends[bottom] = 1.0, -1.0
     follows = (ends @ plane.at(part.points)) @ plane.inverse
-    terms = [Term(part, ends, plane.normal), Term(base, -follows, plane.normal)]
+    if base is part:
+        terms = [Term(part, ends - follows, plane.normal)]
+    else:
+        terms = [Term(part, ends, plane.normal), Term(base, -follows, plane.normal)]
     return Quantified(value, sigma_of(terms), "mm", raised(value, noise_range(sigma)))
 
 

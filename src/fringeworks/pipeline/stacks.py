@@ -67,25 +67,7 @@ class Measurement(Noted, Plotted, Frozen):
 def decode_stack(
     stack: Stack | Sequence[Stack] | StrPath, **options: Unpack[DecodeOptions]
 ) -> Decoded:
-    """Decode a stack of frames to projector coordinates; ``decode`` does it for arrays.
-
-    Parameters
-    ----------
-    stack : Stack, sequence of Stack, or path
-        Frames and their plan; or a capture to read. Several exposures of one scene, from
-        ``read_exposures`` or a folder that ``capture_hdr`` has written, are decoded each by itself
-        and fused (``fuse``).
-    **options
-        Of ``decode``; the stack's own saturation and count step hold where none is given.
-
-    Returns
-    -------
-    Decoded, with the findings of reading first.
-
-    Raises
-    ------
-    InputError as ``decode``, and for a response of other devices than the stack's.
-    """
+    """Decode a stack of frames to projector coordinates; see ``verbs.decode``."""
     stacks = stacks_of(stack)
     found = decoded_exposures(stacks, options)
     origin = made_by(
@@ -107,38 +89,7 @@ def measure(
     blur_px: float | None = None,
     **options: Unpack[DecodeOptions],
 ) -> Measurement:
-    """Measure the points of a stack of frames with a calibrated rig.
-
-    Parameters
-    ----------
-    stack : Stack, sequence of Stack, or path
-        Frames and their plan, or a capture to read; also several exposures, as for
-        ``decode_stack``.
-    rig : Rig, Triangulator or path
-        A ``Triangulator`` saves its preparation when many stacks are measured.
-    axis : "x" or "y", optional
-        Use this axis of the projector only.
-    epipolar_px : float >= 0, optional
-        Standard deviation of the epipolar error that the rig causes, px; see ``triangulate``.
-    depth_mm : (near, far) or DepthRange, optional
-        Smallest and largest z of the points in camera coordinates, mm. It resolves the fringe
-        orders of plans that repeat, such as one set of three or four steps; points outside are
-        NaN. A ``DepthRange`` saves its preparation when many stacks are measured.
-    blur_px : float, optional
-        Standard deviation of the camera's blur, px, as ``board_pose`` measures it. Its error on
-        curved and unevenly lit surfaces is then removed (``remove_blur``).
-    **options
-        Of ``decode``.
-
-    Returns
-    -------
-    Measurement, its points with the scene's brightness where the plan shows it. For several
-    exposures the brightness is the background in counts of the first.
-
-    Raises
-    ------
-    RigMismatch where rig and stack do not belong together, and as ``decode`` and ``DepthRange``.
-    """
+    """Measure the points of a stack of frames with a calibrated rig; see ``verbs.measure``."""
     stacks = stacks_of(stack)
     plan = stacks[0].plan
     if not isinstance(rig, Triangulator):
@@ -272,27 +223,7 @@ def phase_from_stack(
     response: Response | None = None,
     estimate_steps: bool = False,
 ) -> WrappedPhase:
-    """Read phase steps without a plan, and compute their wrapped phase.
-
-    Parameters
-    ----------
-    path : path
-        Folder of images, or a TIFF, ``.npy`` or ``.npz`` stack, in the order of the shifts.
-    shifts_rad : (n,) floats
-        Shift of every frame, rad.
-    camera, projector : str, optional
-        Names of the devices, which a response is checked with; the capture's where left out.
-    noise, saturation, min_modulation, response, estimate_steps
-        As for ``decode``; the capture's own saturation holds where none is given.
-
-    Returns
-    -------
-    WrappedPhase, with the findings of reading first and its provenance.
-
-    Raises
-    ------
-    InputError as ``read_stack`` and ``decode``.
-    """
+    """Read phase steps without a plan, and compute their phase; see ``verbs.wrapped_phase``."""
     stack = read_stack(path, steps_plan(shifts_rad))
     if response is not None:
         check_devices(response, camera or stack.camera, projector or stack.projector)
@@ -320,23 +251,7 @@ def light_from_stack(
     saturation: float | None = None,
     response: Response | None = None,
 ) -> LightSeparation:
-    """Separate the direct from the indirect light of a stack; ``separate_light`` for arrays.
-
-    Parameters
-    ----------
-    stack : Stack or path
-        Frames and their plan, or a capture to read.
-    contrast, noise, saturation, response
-        As for ``separate_light``; the stack's own saturation holds where none is given.
-
-    Returns
-    -------
-    LightSeparation, with the findings of reading first and its provenance.
-
-    Raises
-    ------
-    InputError as ``read_stack`` and ``separate_light``, and for a response of other devices.
-    """
+    """Separate direct from indirect light of a stack; see ``verbs.separate_light``."""
     stack = stack_of(stack)
     if response is not None:
         check_devices(response, stack.camera, stack.projector)

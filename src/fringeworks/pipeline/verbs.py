@@ -190,7 +190,9 @@ def measure(capture: Any, rig: Any, **options: Any) -> Measurement | MultiMeasur
     Returns
     -------
     Measurement
-        Points, coordinates and findings; or a MultiMeasurement for several cameras.
+        Points, coordinates and findings; or a MultiMeasurement for several cameras. The points
+        carry the scene's brightness where the plan shows it; for several exposures, the background
+        of the first, counts.
 
     Raises
     ------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -36,17 +35,6 @@ def _shared_folder(tmp_path_factory):
     if "PYTEST_XDIST_WORKER" in os.environ:
         shared.FOLDER = tmp_path_factory.getbasetemp().parent / "shared"
         shared.FOLDER.mkdir(exist_ok=True)
-
-
-@pytest.fixture(autouse=True)
-def _methods_of_the_package():
-    """Methods that a test brings go with it: the next test of the same process must not find them."""
-    yield
-    registry = sys.modules.get("fringeworks.pair.registry")
-    known = {} if registry is None else registry.REGISTERED
-    for name, found in list(known.items()):
-        if not found.function.__module__.startswith("fringeworks."):
-            del known[name]
 
 
 @cache

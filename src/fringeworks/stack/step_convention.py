@@ -97,7 +97,7 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     phases = min(decoding.sets, key=lambda s: abs(float(np.log(s.period_px / gray.step_px))))
     offset, wave = _fitted(phases, lines)
     signed, lit = _bits(gray, lines, offset, np.abs(wave))
-    row, column, place, coordinate, direction = _borders(gray, signed, lit)
+    changes, row, column, place, coordinate, direction = _borders(gray, signed, lit)
     left, right = wave[row, column], wave[row, column + 1]
     along = np.angle(right * np.conj(left)) * direction
     runs = float(np.mean(np.sign(along))) if along.size else 0.0
@@ -106,9 +106,7 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     expected = 2.0 * np.pi * coordinate / phases.period_px
     mean = np.mean(np.exp(1j * (at_border - sign * expected))) if along.size else 0.0
     start = float(np.angle(mean)) / (2.0 * np.pi)
-    changes = ((signed[:, :, 1:] > 0.0) != (signed[:, :, :-1] > 0.0)).any(axis=0)
-    changes &= lit[:, 1:] & lit[:, :-1]
-    share = along.size / max(1, np.count_nonzero(changes))
+    share = along.size / max(1, changes)
     return Convention(along.size, runs, start, float(np.abs(mean)), share)
 
 
@@ -196,6 +194,7 @@ def _borders(gray: GrayFrames, signed: FloatMap, lit: BoolMap) -> tuple[Any, ...
 
     Returns
     -------
+    changes : number of places where lit neighbours differ in any bit
     row, column : of the pixel before the border
     place : where the border lies between the two pixels, 0…1
     coordinate : of the border, projector px
@@ -203,7 +202,8 @@ def _borders(gray: GrayFrames, signed: FloatMap, lit: BoolMap) -> tuple[Any, ...
     """
     before, after = signed[:, :, :-1], signed[:, :, 1:]
     changes = (before > 0.0) != (after > 0.0)
-    row, column = np.nonzero((changes.sum(axis=0) == 1) & lit[:, :-1] & lit[:, 1:])
+    number = np.where(lit[:, :-1] & lit[:, 1:], changes.sum(axis=0), 0)
+    row, column = np.nonzero(number == 1)
     bit, place = changes[:, row, column].argmax(axis=0), np.arange(row.size)
     sides = before[:, row, column], after[:, row, column]
     first, last = (_cells(side) for side in sides)
@@ -217,7 +217,8 @@ def _borders(gray: GrayFrames, signed: FloatMap, lit: BoolMap) -> tuple[Any, ...
     start, end = sides[0][bit, place], sides[1][bit, place]
     # Pixel centres lie on integers: the border before pixel k is at k − ½.
     coordinate = gray.offset_px + np.maximum(first, last)[kept] * gray.step_px - 0.5
-    return row, column, start / (start - end), coordinate, (last - first)[kept]
+    share = start / (start - end)
+    return np.count_nonzero(number), row, column, share, coordinate, (last - first)[kept]
 
 
 def _cells(signed: FloatMap) -> NDArray[np.intp]:

@@ -404,6 +404,8 @@ class _GrayCode(TypedDict):
     cells: int
     doubt_share: float
     alien_share: float
+    widest: float
+    blurred: float
     slack: float
     guard: float
     confidence: float

@@ -19,7 +19,7 @@ from fringeworks.stack.agreement import (
     disagreement,
     unrelated,
 )
-from fringeworks.stack.gray_frames import refuse_unequal_levels
+from fringeworks.stack.gray_frames import refuse_unequal_levels, resolution
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
 from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
 from fringeworks.stack.order_faults import refuse_order_faults
@@ -62,6 +62,10 @@ that warms up changes it by less; a frame without light by 1."""
 REAL_FRAME_PIXELS = 8000
 """Largest number of pixels that real frames are estimated from. Steps are found to a hundredth of
 the noise of a pixel; more only take time."""
+
+WIDEST_CELL_TURNS = 0.5
+"""Widest Gray-code cells beside fringes that take the place of unresolved ones, in ranges of the
+phases: with half a range, a cell and its reach hold one fringe order."""
 
 LIT_POWER = 0.25
 """Smallest squared modulation of a pixel that real frames and ripple are estimated from.
@@ -141,9 +145,12 @@ def examine(
     for decoding in decodings.values():
         if decoding.gray is not None:
             refuse_unequal_levels(decoding.gray, sample.points, rough)
+    coarse = {axis: _resolved(decoding, sample, rough) for axis, decoding in decodings.items()}
     for axis, decoding in decodings.items():
-        refuse_other_steps(decoding, sample.lines[axis], plan.labels())
-    _check_order(plan, sample, decodings, limits, rough)
+        findings += words.unresolved(decoding, coarse[axis], plan.labels())
+        refuse_other_steps(coarse[axis], sample.lines[axis], plan.labels())
+    _check_order(plan, sample, coarse, limits, rough)
+    decodings = {axis: _by_resolved_cells(d, coarse[axis]) for axis, d in decodings.items()}
     if estimate_steps:
         decodings = _with_real_frames(decodings, sample, limits)
     if noise is None:
@@ -160,6 +167,33 @@ def examine(
         findings += _of_steps(axis_found.decoding, plan)
         findings += axis_found.findings
     return Judgement(noise, limits, found, tuple(findings))
+
+
+def _resolved(decoding: Decoding, sample: Sample, noise: CameraNoise) -> Decoding:
+    """The decoding without the finest bits of its Gray code that the camera does not resolve.
+
+    With fringes, cells stay as narrow as half of the range of the phases, which they must tell.
+    """
+    gray = decoding.gray
+    if gray is None:
+        return decoding
+    found = resolution(gray, sample.points, noise)
+    count = found.unresolved
+    if decoding.sets:
+        widest = WIDEST_CELL_TURNS * decoding.longest_px / gray.step_px
+        count = min(count, max(0, int(np.floor(np.log2(max(widest, 1.0))))))
+    coarse = replace(gray.without_finest(count), blurred_px=found.blurred_px)
+    return replace(decoding, gray=coarse)
+
+
+def _by_resolved_cells(planned: Decoding, coarse: Decoding) -> Decoding:
+    """The decoding with the cells that the camera resolves, where fringes tell the rest; without
+    fringes, every pixel decodes as many bits as it shows."""
+    if planned.sets or planned.gray is None or coarse.gray is None:
+        return coarse
+    seen = coarse.gray
+    gray = replace(planned.gray, resolved_px=seen.step_px, blurred_px=seen.blurred_px)
+    return replace(planned, gray=gray)
 
 
 def _trusted(

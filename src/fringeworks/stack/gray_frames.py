@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -55,11 +55,35 @@ NARROW_CELL_TURNS = 0.25
 """Width of Gray-code cells, in periods, below which their bits may have any contrast. Empirical."""
 
 NARROW_CONTRAST = 0.35
-"""The same for narrower cells, where it protects against thresholds that are wrong.
+"""The same for narrower cells and without fringes, where it protects against wrong thresholds.
 
 Light in the room that changes between the fringes and the code shifts the threshold. A bit that
 passes by less than a third of its contrast may be wrong then. An empirical choice.
 """
+
+DOUBT_SIGMAS = 4.0
+"""Distance of a bit from its threshold below which it is in doubt, standard deviations: that of the
+kernel, ``DOUBT_SIGMAS`` of ``decode/gray_code``."""
+
+HALF_DIFFERENCE = 0.5
+"""Variance of half the difference of a bit and its inverse, in variances of one frame."""
+
+FRAME_MINUS_MEAN = 1.5
+"""Variance of a bit less the mean of white and black, in variances of one frame."""
+
+WIDEST_CELLS = 2.0
+"""Largest half width of the range that the bits of a pixel without fringes may leave, in cells that
+most pixels resolve. On the border of two cells it is one cell, and two where the pixel resolves a
+bit less. A pixel that resolves far less than the others does not see the projector's light blurred,
+but light of other surfaces, and the range would not hold its coordinate."""
+
+BLUR_FLOOR = 0.05
+"""Smallest blur of a border, in cells, so that its width stays above zero where no bit is in
+doubt."""
+
+RESOLVED_SHARE = 0.5
+"""Share of the lit pixels at which a bit must be firm to count as resolved. Borders of a bit that
+is resolved take up to a third of its stripes."""
 
 MIN_LEVEL_PIXELS = 200
 """Smallest number of pixels for a statement about the levels of brightness. An empirical choice."""
@@ -103,6 +127,24 @@ class GrayFrames:
     """Start of the first cell, projector px from the projector's edge."""
     levels: int = 2
     """Number of levels of brightness."""
+    resolved_px: float | None = None
+    """Width of the narrowest cells that the camera resolves at most pixels, projector px; None for
+    ``step_px``."""
+    blurred_px: float = float("inf")
+    """Distance from the border of two cells within which blur leaves its bit in doubt, projector
+    px; infinite where unknown."""
+
+    def without_finest(self, count: int) -> GrayFrames:
+        """The code without its finest bits: fewer and wider cells."""
+        if count == 0:
+            return self
+        return replace(
+            self,
+            bits=self.bits[:-count],
+            inverse=self.inverse[:-count],
+            step_px=self.step_px * 2**count,
+            cells=-(-self.cells // 2**count),
+        )
 
     def _alien_share(self) -> float:
         if self.inverse or self.white_black is not None:
@@ -128,9 +170,8 @@ class GrayFrames:
         reach = usual if reach_px is None else reach_px
         wide = self.step_px > WIDE_CELL_TURNS * period_px
         share = BORDER_CONTRAST if wide or self.levels > 2 else NARROW_CONTRAST
-        if self.step_px < NARROW_CELL_TURNS * period_px:
-            # Blur takes the contrast of fine bits everywhere, and without phases (an infinite
-            # period) a doubtful bit is better than none.
+        if np.isfinite(period_px) and self.step_px < NARROW_CELL_TURNS * period_px:
+            # Blur takes the contrast of fine bits everywhere.
             share = 0.0
         white_black = self.white_black
         return {
@@ -143,6 +184,8 @@ class GrayFrames:
             "cells": self.cells,
             "doubt_share": share,
             "alien_share": self._alien_share(),
+            "widest": WIDEST_CELLS * (self.resolved_px or self.step_px),
+            "blurred": max(self.blurred_px, BLUR_FLOOR * self.step_px),
             "slack": reach - 0.5 * self.step_px,
             # Without a limit of the reach, any coordinate is accepted.
             "guard": GRAY_GUARD * self.step_px if np.isfinite(reach) else -reach,
@@ -172,6 +215,63 @@ def gray_frames(plan: PatternPlan, first: int, block: GrayCode, *, phases: bool)
     return GrayFrames(
         bits, inverse, white_black, block.step_px, block.cells, block.offset_px, block.levels
     )
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """What the camera resolves of a Gray code."""
+
+    unresolved: int = 0
+    """Number of finest bits whose stripes blur: they are in doubt at most lit pixels."""
+    blurred_px: float = float("inf")
+    """Distance from a border within which blur leaves a bit in doubt, projector px; infinite where
+    unknown."""
+
+
+def resolution(gray: GrayFrames, sample: Sequence[NDArray[Any]], noise: CameraNoise) -> Resolution:
+    """What the camera resolves of a Gray code.
+
+    Parameters
+    ----------
+    gray : GrayFrames
+    sample : (1, n) arrays, one per frame of the plan, counts
+    noise : CameraNoise
+
+    Returns
+    -------
+    Resolution
+        Unknown for codes of more than two levels, and for those that are compared with fringes.
+
+    Notes
+    -----
+    A bit is in doubt as for the kernel. The finest bit that is resolved has stripes of 2w cells: it
+    is in doubt at a share 2z / 2w of the pixels, where z is the distance from a border within which
+    blur leaves it in doubt.
+    """
+    if gray.levels > 2 or not (gray.inverse or gray.white_black):
+        return Resolution()
+    others = gray.inverse or gray.white_black or ()
+    frames = np.stack([sample[k][0].astype(np.float64) for k in (*gray.bits, *others)])
+    frames = frames[:, np.isfinite(frames).all(axis=0)]
+    bits, rest = frames[: len(gray.bits)], frames[len(gray.bits) :]
+    if gray.inverse:
+        off, per_frame = 0.5 * (bits - rest), HALF_DIFFERENCE
+        contrast, light = np.abs(off).max(axis=0), 0.5 * (bits + rest).mean(axis=0)
+    else:
+        contrast, light, per_frame = 0.5 * (rest[0] - rest[1]), rest.mean(axis=0), FRAME_MINUS_MEAN
+        off = bits - light
+    sigma = np.sqrt(per_frame * noise.variance(light))
+    lit = contrast > CLEAR_LEVELS * sigma
+    if np.count_nonzero(lit) < MIN_LEVEL_PIXELS:
+        return Resolution()
+    limit = np.maximum(DOUBT_SIGMAS * sigma, NARROW_CONTRAST * contrast)[lit]
+    firm = np.mean(np.abs(off[:, lit]) > limit, axis=1)
+    resolved = np.flatnonzero(firm >= RESOLVED_SHARE)
+    if not resolved.size:
+        return Resolution(len(firm) - 1)
+    unresolved = len(firm) - 1 - int(resolved[-1])
+    blurred = float(1.0 - firm[resolved[-1]]) * gray.step_px * 2**unresolved
+    return Resolution(unresolved, blurred)
 
 
 def refuse_unequal_levels(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fringeworks.stack.kernel_settings import PhaseFrames
+from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.real_frames import RealFrames
 from fringeworks.stack.shifts import step_errors
 from fringeworks.statistics.phase_errors import PhaseErrors
@@ -26,6 +26,37 @@ def noise(found: CameraNoise, source: str) -> Finding:
     figures = {"read_counts": found.read_counts, "gain": found.gain}
     seen = f"noise of {found.read_counts:.3g} counts{shot}, from {source}"
     return Finding("noise", seen, figures=figures, severity="note")
+
+
+def unresolved(planned: Decoding, found: Decoding, labels: list[str]) -> list[Finding]:
+    """The finest bits of a Gray code that the camera does not resolve; nothing where it does."""
+    if planned.gray is None or found.gray is None:
+        return []
+    count = len(planned.gray.bits) - len(found.gray.bits)
+    if count == 0:
+        return []
+    frames = tuple(labels[k] for k in (*planned.gray.bits, *planned.gray.inverse))
+    kept = {labels[k] for k in (*found.gray.bits, *found.gray.inverse)}
+    named = tuple(name for name in frames if name not in kept)
+    bits = "bit" if count == 1 else f"{count} bits"
+    effect = (
+        "the fringes are told apart by the other bits"
+        if planned.sets
+        else "σ there is that of the cells that each pixel resolves"
+    )
+    return [
+        Finding(
+            "resolution",
+            f"the camera does not resolve the finest {bits} of the Gray code along {planned.axis} "
+            f"({', '.join(named)}): {effect}",
+            causes=("stripes narrower than the pixels or the blur of camera and projector",),
+            advice=f"cells of {found.gray.step_px:g} px are as good and take fewer frames",
+            axis=planned.axis,
+            frames=named,
+            figures={"unresolved_bits": count, "resolved_px": found.gray.step_px},
+            severity="note",
+        )
+    ]
 
 
 def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> Finding | None:

@@ -76,6 +76,12 @@ pub struct GrayCode {
     /// Largest distance of a bit's brightness from its threshold, in contrasts, besides noise; beyond
     /// it, the light is not that of the projector alone.
     pub alien_share: f32,
+    /// Largest half width of the range of cells of a pixel without phases, px. Its firm bits leave a
+    /// wider range where the light of other surfaces reaches it rather than that of the projector.
+    pub widest: f32,
+    /// Distance from the border of two cells within which blur leaves its bit in doubt, px; without
+    /// phases, the brightness of the bit tells the place within it. Infinite where unknown.
+    pub blurred: f32,
     /// Distance beyond the half width around the start at which a coordinate is still accepted, px.
     pub slack: f32,
     /// Distance that a coordinate one period away must keep from that half width, px.
@@ -94,6 +100,8 @@ impl GrayCode {
             n,
         )?;
         check_value("step of the code", self.step > 0.0, "> 0", self.step)?;
+        check_value("widest range", self.widest > 0.0, "> 0", self.widest)?;
+        check_value("blurred border", self.blurred > 0.0, "> 0", self.blurred)?;
         check_value("levels of the code", self.levels >= 2, ">= 2", self.levels)?;
         let words = f64::from(self.levels).powi(n as i32);
         check_value("words of the code", words < MAX_WORDS, "< 2^31", words)?;

@@ -3,6 +3,15 @@
 use super::{Against, GrayCells, GrayCode};
 use crate::decode::{Line, Sample};
 
+/// Half width of a coordinate that the brightness of a bit tells within a blurred border, over that
+/// of the border: half for blur that differs from place to place, and noise of up to a quarter of the
+/// limit of doubt, by their squares.
+const UNKNOWN_WITHIN_BORDER: f32 = 0.66;
+
+/// Distance within which a border is blurred, over half the width of its stripes, below which the
+/// bit is surely resolved: blur may be four times the usual one at some pixels.
+const NARROW_BORDER: f32 = 0.25;
+
 /// What the bits of a pixel say.
 struct Word {
     /// Number of the cell.
@@ -32,7 +41,102 @@ fn place(code: &GrayCode, word: &Word, phases: bool, i: usize, out: &mut GrayCel
     let uncertain = if border { guess } else { f32::NAN };
     out.coordinate[i] = if sure { middle } else { uncertain };
     let half_width = out.half_width[i];
-    out.half_width[i] = if sure { 0.5 * code.step } else { half_width };
+    let guessed = if phases { half_width } else { 0.5 * code.step };
+    out.half_width[i] = if sure { 0.5 * code.step } else { guessed };
+}
+
+/// Store the cells that the bits of pixel `i` allow, where no phases follow: the middle of their
+/// range, and half its width. `share` is the brightness of a bit over that at which it leaves doubt.
+///
+/// Bits in doubt may have either value. The cells that remain are one range where the finest bits
+/// alone are in doubt, because the camera does not resolve them, or where the pixel lies on the
+/// border of two coarser cells: the bits that follow are then 1, 0, 0, …, as on both sides of it.
+/// Otherwise they are several ranges, and the coordinate is NaN; so it is where no bit is firm, and
+/// where the range is wider than the widest.
+#[inline(always)]
+fn place_range(
+    code: &GrayCode,
+    (gray, doubt): (u32, u32),
+    share: impl Fn(u32) -> f32,
+    i: usize,
+    out: &mut GrayCells,
+) {
+    let (cell, first) = (binary(gray), code.offset - 0.5);
+    let Some((top, count)) = open_bits(gray, doubt) else {
+        let known = doubt == 0 && cell < code.cells;
+        let middle = (cell as f32 + 0.5) * code.step + first;
+        out.coordinate[i] = if known { middle } else { f32::NAN };
+        out.half_width[i] = 0.5 * code.step;
+        return;
+    };
+    let range = (1u32 << count) as f32 * code.step;
+    let border = (((cell >> top >> 1) * 2 + 1) << top) as f32 * code.step;
+    // A bit in doubt is on its border where finer bits are firm, or where its stripes are far wider
+    // than the blur; otherwise the pixel may not resolve it.
+    let resolved = top > count || code.blurred < NARROW_BORDER * range;
+    let (within, half) = if resolved && code.blurred < range {
+        // The bit of a border rises where the number of coarser cells is even.
+        let coarser = cell >> top >> 1;
+        let rises = if coarser & 1 == 0 { 1.0 } else { -1.0 };
+        let half = UNKNOWN_WITHIN_BORDER * code.blurred;
+        (rises * share(top) * code.blurred, half)
+    } else {
+        (0.0, range)
+    };
+    let some_firm = doubt.count_ones() < code.bits.len() as u32;
+    let inside = border - half < code.cells as f32 * code.step && range <= code.widest;
+    let known = some_firm && inside;
+    let middle = border + within + first;
+    out.coordinate[i] = if known { middle } else { f32::NAN };
+    out.half_width[i] = half;
+}
+
+/// Place of the most significant bit in doubt, and the number of finest bits in doubt below it; `None`
+/// where no bit is in doubt, or where the cells that the firm bits allow are several ranges.
+#[inline(always)]
+fn open_bits(gray: u32, doubt: u32) -> Option<(u32, u32)> {
+    let top = 31 - (doubt | 1).leading_zeros();
+    let finer = (1u32 << top) - 1;
+    let open = doubt & finer;
+    // The finest bits in doubt are contiguous; the others, from the border on, are 1, 0, 0, …
+    let contiguous = open & open.wrapping_add(1) == 0;
+    let count = open.count_ones();
+    let firm = (gray & finer) >> count;
+    let at_border = firm == (finer.wrapping_add(1) >> count) >> 1;
+    (doubt != 0 && contiguous && at_border).then_some((top, count))
+}
+
+/// Store the ranges of `n` pixels by their bits, which of these are in doubt, and whether any light
+/// is not that of the projector alone; there, every bit is in doubt.
+#[inline(always)]
+fn place_ranges<'a, T: Sample>(
+    code: &GrayCode,
+    line: impl Fn(usize) -> &'a [T],
+    n: usize,
+    (gray, doubt, alien): (&Line<u32>, &Line<u32>, &Line<u32>),
+    out: &mut GrayCells,
+) {
+    let last = code.bits.len() - 1;
+    for i in 0..n {
+        let limit = out.doubt_below[i].max(f32::MIN_POSITIVE).sqrt();
+        let threshold = out.threshold[i];
+        let share = |place: u32| {
+            let b = last - place as usize;
+            let bit = line(code.bits[b])[i].value();
+            let off = match &code.against {
+                Against::Inverse(inverse) => 0.5 * (bit - line(inverse[b])[i].value()),
+                Against::WhiteBlack { .. } | Against::Mean => bit - threshold,
+            };
+            (off / limit).clamp(-1.0, 1.0)
+        };
+        let known = alien[i] == 0;
+        let unknown = if known {
+            doubt[i]
+        } else {
+            u32::MAX >> (31 - last)
+        };
+        place_range(code, (gray[i], unknown), share, i, out);
+    }
 }
 
 /// Read a code of two levels.
@@ -68,6 +172,9 @@ pub fn read_bits<'a, T: Sample>(
                 }
             }
         }
+    }
+    if !phases {
+        return place_ranges(code, line, n, (&gray, &doubt, &alien), out);
     }
     for i in 0..n {
         let word = Word {
@@ -146,6 +253,74 @@ fn binary(gray: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A code of cells of 1 px from coordinate 0 on.
+    fn code(bits: usize) -> GrayCode {
+        GrayCode {
+            bits: (0..bits).collect(),
+            against: Against::Mean,
+            levels: 2,
+            step: 1.0,
+            offset: 0.5,
+            cells: 1 << bits,
+            doubt_share: 0.0,
+            alien_share: 2.0,
+            widest: f32::INFINITY,
+            blurred: f32::INFINITY,
+            slack: 0.0,
+            guard: 0.0,
+            confidence: 5.0,
+        }
+    }
+
+    /// Middle and half width of the cells that agree with the firm bits; none for several ranges.
+    fn allowed(bits: u32, gray: u32, doubt: u32) -> Option<(f32, f32)> {
+        let cells: Vec<u32> = (0..1 << bits)
+            .filter(|k| (k ^ (k >> 1) ^ gray) & !doubt == 0)
+            .collect();
+        let (first, last) = (cells[0], cells[cells.len() - 1]);
+        let one_range = (last - first) as usize == cells.len() - 1;
+        let width = cells.len() as f32;
+        let some_firm = doubt.count_ones() < bits;
+        (one_range && some_firm).then_some((first as f32 + 0.5 * width, 0.5 * width))
+    }
+
+    #[test]
+    fn ranges_are_the_cells_that_firm_bits_allow() {
+        let bits = 7;
+        let code = code(bits as usize);
+        let mut out = GrayCells::new();
+        for gray in 0..1u32 << bits {
+            for doubt in 0..1u32 << bits {
+                place_range(&code, (gray, doubt), |_| 0.0, 0, &mut out);
+                let found = (out.coordinate[0], out.half_width[0]);
+                match allowed(bits, gray, doubt) {
+                    Some(expected) => assert_eq!(found, expected, "{gray:b} {doubt:b}"),
+                    None => assert!(found.0.is_nan(), "{gray:b} {doubt:b}"),
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn brightness_tells_the_place_within_a_blurred_border() {
+        let mut code = code(7);
+        code.blurred = 0.2;
+        let mut out = GrayCells::new();
+        for border in 1..1u32 << 7 {
+            let (below, above) = (border - 1, border);
+            let (gray, next) = (below ^ (below >> 1), above ^ (above >> 1));
+            let doubt = gray ^ next;
+            for share in [-1.0f32, -0.4, 0.0, 1.0] {
+                place_range(&code, (gray, doubt), |_| share, 0, &mut out);
+                // Brighter towards the cell whose bit is 1.
+                let towards = if next & doubt != 0 { share } else { -share };
+                let expected = border as f32 + 0.2 * towards;
+                assert!((out.coordinate[0] - expected).abs() < 1e-5);
+                assert!((out.half_width[0] - 0.2 * UNKNOWN_WITHIN_BORDER).abs() < 1e-6);
+            }
+        }
+    }
 
     #[test]
     fn gray_and_back() {

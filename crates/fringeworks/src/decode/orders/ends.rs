@@ -74,18 +74,19 @@ fn mask_gray(block: &mut Block) {
     }
 }
 
-/// Squared cell width over the variance of a coordinate that is uniform over the cell.
-const UNIFORM_VARIANCE: f32 = 12.0;
+/// Squared half width of a range over the variance of a coordinate that is uniform over it.
+const UNIFORM_VARIANCE: f32 = 3.0;
 
 /// Coordinates, variances and reasons of a block from its Gray code alone.
 #[inline(always)]
 pub fn resolve_gray_only(plan: &DecodeSettings, block: &mut Block) {
-    let step = plan.gray_code.as_ref().map_or(0.0, |code| code.step);
     let snr = plan.limits.min_snr;
     block.background = block.gray.threshold;
     block.modulation = block.gray.contrast;
     block.coordinate = block.gray.coordinate;
-    block.sigma = Line::of((step * step / UNIFORM_VARIANCE).sqrt());
+    for i in 0..BLOCK_PIXELS {
+        block.sigma[i] = block.gray.half_width[i] * UNIFORM_VARIANCE.sqrt().recip();
+    }
     block.disagreement = Line::of(0.0);
     for i in 0..BLOCK_PIXELS {
         let contrast = block.modulation[i];

@@ -23,8 +23,7 @@ from fringeworks.stack.gray_frames import refuse_unequal_levels, resolution
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
 from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
 from fringeworks.stack.order_faults import refuse_order_faults
-from fringeworks.stack.own_response import with_own_response
-from fringeworks.stack.real_frames import RealFrames, design_rows, real_frames
+from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames
 from fringeworks.stack.refine import Refined, refined
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import exceeds
@@ -32,7 +31,7 @@ from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
 from fringeworks.stack.step_convention import refuse_other_steps
 from fringeworks.statistics.quantiles import quantile
-from fringeworks.types import Axis, CameraNoise, Finding, FramesContradictPlan
+from fringeworks.types import Axis, CameraNoise, Finding, FramesContradictPlan, InputError
 
 RELATED = 2.5
 """Disagreement of the sets above which it is compared with that of unrelated phases.
@@ -137,11 +136,6 @@ def examine(
     start = noise or spatial_noise(sample.patch)
     floor = _noise_floor(sample.points, count_step)
     rough = _with_floor(start, floor)
-    if estimate_response:
-        known = Known(rough, limits, estimate_steps)
-        own = {axis: with_own_response(d, sample, known) for axis, d in decodings.items()}
-        decodings = {axis: decoding for axis, (decoding, _) in own.items()}
-        findings += [finding for _, seen in own.values() for finding in seen]
     for decoding in decodings.values():
         if decoding.gray is not None:
             refuse_unequal_levels(decoding.gray, sample.points, rough)
@@ -151,8 +145,7 @@ def examine(
         refuse_other_steps(coarse[axis], sample.lines[axis], plan.labels())
     _check_order(plan, sample, coarse, limits, rough)
     decodings = {axis: _by_resolved_cells(d, coarse[axis]) for axis, d in decodings.items()}
-    if estimate_steps:
-        decodings = _with_real_frames(decodings, sample, limits)
+    decodings = _with_real_frames(decodings, sample, limits, steps=estimate_steps)
     if noise is None:
         noise, source = measure_noise(decodings, sample, limits, start)
         if noise is start:
@@ -162,6 +155,8 @@ def examine(
     limits = _trusted(decodings, sample, limits, noise)
     known = Known(noise, limits, estimate_steps)
     found = {axis: refined(decoding, sample, known) for axis, decoding in decodings.items()}
+    if estimate_response:
+        _refuse_unknown_response(found)
     for axis_found in found.values():
         _refuse_unlike(axis_found.decoding, plan)
         findings += _of_steps(axis_found.decoding, plan)
@@ -220,6 +215,16 @@ def _refuse_unlike(decoding: Decoding, plan: PatternPlan) -> None:
                 f"frame {named}: its phase step or its light is not that of the plan, by up to "
                 f"{np.degrees(np.abs(off).max()):.0f}° and {100 * np.abs(light).max():.0f} %; "
                 "expected the steps of the plan, under the same light"
+            )
+
+
+def _refuse_unknown_response(found: dict[Axis, Refined]) -> None:
+    """Refuse a stack whose fringes do not show whether the response is linear."""
+    for axis, axis_found in found.items():
+        if axis_found.decoding.sets and not axis_found.response_seen:
+            raise InputError(
+                f"response along {axis}: expected lines across several fringes of a smooth surface "
+                "to measure it from, got none"
             )
 
 
@@ -311,9 +316,10 @@ def _with_floor(noise: CameraNoise, floor: float) -> CameraNoise:
 
 
 def _with_real_frames(
-    decodings: dict[Axis, Decoding], sample: Sample, limits: Limits
+    decodings: dict[Axis, Decoding], sample: Sample, limits: Limits, *, steps: bool
 ) -> dict[Axis, Decoding]:
-    """The decodings with what the frames really show, where the frames determine it."""
+    """The decodings with what the frames really show, where the frames determine it: harmonics of
+    the fringes and, if wanted, ``steps`` and gains."""
     real: dict[Axis, Decoding] = {}
     for axis, decoding in decodings.items():
         sets = []
@@ -324,7 +330,12 @@ def _with_real_frames(
             pixels = pixels[power > LIT_POWER * quantile(power, 0.95)]
             pixels = pixels[:: max(1, -(-pixels.size // REAL_FRAME_PIXELS))]
             pixels = np.ascontiguousarray(pixels)
-            found = real_frames(sample.fits.planes(phases), pixels, np.array(phases.rows))
-            sets.append(phases if found is None else replace(phases, design=design_rows(found)))
+            found = fit_frames(sample.fits.planes(phases), pixels, np.array(phases.rows))
+            if found.harmonics is not None:
+                shares = tuple(tuple(float(v) for v in row) for row in found.harmonics)
+                phases = replace(phases, harmonics=shares)
+            if steps and found.design is not None:
+                phases = replace(phases, design=design_rows(found.design))
+            sets.append(phases)
         real[axis] = replace(decoding, sets=tuple(sets))
     return real

@@ -15,6 +15,9 @@ from fringeworks.patterns.plan import SINGULAR_CONDITION
 from fringeworks.stack.kernel_settings import PhaseFrames
 from fringeworks.types import BoolMap, FloatMap, InputError
 
+HARMONICS = (2, 3, 4)
+"""Harmonics of the fringe that a response which is not linear adds; higher ones are weak."""
+
 DesignRows = tuple[tuple[float, float, float], ...]
 """What every frame of a set shows of A, c and s."""
 
@@ -47,6 +50,32 @@ def fit_matrices(
 def times(matrix: FloatMap, values: FloatMap) -> FloatMap:
     """Return matrix @ values without BLAS, whose idle threads would slow the kernel down."""
     return np.asarray(np.einsum("ij,jn->in", matrix, values))
+
+
+def samples_at(planes: list[NDArray[Any]], pixels: NDArray[np.intp]) -> FloatMap:
+    """The samples of some pixels: (frames, n) float array, counts."""
+    return np.stack([plane[0, pixels].astype(np.float64) for plane in planes])
+
+
+def harmonic_parts(fitted: FloatMap) -> FloatMap:
+    """Harmonics of fringes of modulation B and phase φ: B cos kφ and B sin kφ, counts.
+
+    Parameters
+    ----------
+    fitted : (3, …) array of A, c and s, counts
+
+    Returns
+    -------
+    (2K, …) array, for the orders ``HARMONICS`` one after another
+    """
+    wave = fitted[1] + 1j * fitted[2]
+    modulation = np.abs(wave)
+    phasor = wave / np.maximum(modulation, np.finfo(modulation.dtype).tiny)
+    power, parts = wave, []
+    for _ in HARMONICS:
+        power = power * phasor
+        parts += [power.real, power.imag]
+    return np.stack(parts)
 
 
 @dataclass(frozen=True)
@@ -107,18 +136,50 @@ class SampleFits:
 
     def __init__(self, points: Sequence[NDArray[Any]]) -> None:
         self._points = points
-        self._found: dict[tuple[tuple[int, ...], DesignRows], SampleFit] = {}
+        self._found: dict[tuple[Any, ...], SampleFit] = {}
 
     def planes(self, phases: PhaseFrames) -> list[NDArray[Any]]:
         """The (1, n) samples of the frames of a set."""
         return [self._points[k] for k in phases.frames]
 
     def of(self, phases: PhaseFrames) -> SampleFit:
-        """The fit of a set with its design."""
-        key = (phases.frames, phases.rows)
+        """The fit of a set with its design; its residuals are without the set's harmonics."""
+        key = (phases.frames, phases.rows, phases.harmonics)
         if key not in self._found:
-            self._found[key] = fit_samples(self.planes(phases), phases.rows)
+            planes = self.planes(phases)
+            fit = fit_samples(planes, phases.rows)
+            if phases.harmonics:
+                fit = _without_harmonics(planes, phases, fit)
+            self._found[key] = fit
         return self._found[key]
+
+
+def _without_harmonics(
+    planes: list[NDArray[Any]], phases: PhaseFrames, fit: SampleFit
+) -> SampleFit:
+    """The fit with residuals that do not contain the harmonics of the set."""
+    design, _ = fit_matrices(phases.rows)
+    values = np.concatenate(planes).astype(np.float64)
+    explained = times(
+        np.concatenate((design, np.array(phases.harmonics)), axis=1),
+        np.concatenate((fit.fitted, harmonic_parts(fit.fitted))),
+    )
+    rows = fit.rows.copy()
+    rows[3] = np.sum((values - explained) ** 2, axis=0) / harmonic_noise(phases.harmonics)
+    return SampleFit(rows)
+
+
+def harmonic_noise(shares: tuple[tuple[float, ...], ...]) -> float:
+    """Variance of residuals without harmonics, over that of the noise.
+
+    The harmonics are computed from a fit that is noisy itself, with a variance of 2/N in B and Bφ.
+    Shares h of order k move the residuals by h cos kφ and k h sin kφ of these errors, averaged over
+    all phases.
+    """
+    steps = len(shares)
+    power = np.sum(np.array(shares) ** 2, axis=0).reshape(len(HARMONICS), 2).sum(axis=1)
+    moved = sum((1.0 + k**2) * p for k, p in zip(HARMONICS, power, strict=True)) / steps
+    return 1.0 + float(moved) / (steps - 3)
 
 
 def fit_samples(planes: list[NDArray[Any]], rows: DesignRows) -> SampleFit:

@@ -100,6 +100,12 @@ class PhaseFrames:
     design: tuple[tuple[float, float, float], ...] = ()
     """What every frame really shows of A, c and s (real steps and gains); that of the shifts where
     empty."""
+    unsure: bool = False
+    """Whether the design contains corrections that may be chance: they are no reason to report
+    other steps than those of the plan."""
+    harmonics: tuple[tuple[float, ...], ...] = ()
+    """What the fit of A, c and s leaves of every frame, as shares of the harmonics of the fringe;
+    nothing where empty."""
     floor_rad: float = 0.0
     """Standard deviation of the phase error that does not shrink with the modulation, rad."""
     table_turns: tuple[float, ...] = ()

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from fringeworks.stack.fits import harmonic_noise, harmonic_parts
 from fringeworks.stack.frames import Planes
 from fringeworks.stack.kernel_settings import Decoding, Limits, lit_pixels
 from fringeworks.types import BoolMap, CameraNoise, FloatMap
@@ -100,7 +101,12 @@ def _add_residuals(
         values[~np.isfinite(values)] = np.nan
         fitted = np.tensordot(np.linalg.pinv(design), values, axes=1)
         residual = values - np.tensordot(design, fitted, axes=1)
+        if phases.harmonics:
+            shares = np.array(phases.harmonics, np.float32)
+            residual -= np.tensordot(shares, harmonic_parts(fitted), axes=1)
         variance = decoding.noise_factor * noise.variance(fitted[0])
+        if phases.harmonics:
+            variance *= harmonic_noise(phases.harmonics)
         # The floor is a phase error: it moves the samples by its share of the modulation.
         variance += 0.5 * phases.floor_rad**2 * (fitted[1] ** 2 + fitted[2] ** 2)
         with np.errstate(invalid="ignore"):

@@ -17,9 +17,8 @@ from fringeworks.signal.noise import (
     noise_of_residuals,
     noise_variance,
 )
-from fringeworks.stack.fits import DesignRows, SampleFit, fit_matrices, times
+from fringeworks.stack.fits import DesignRows, SampleFit, fit_matrices, samples_at, times
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
-from fringeworks.stack.ripple import harmonics
 from fringeworks.stack.sample import Sample
 from fringeworks.statistics.chi_square import residual_variance
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, quantile
@@ -63,18 +62,6 @@ CLIPPED_SIGMAS = 3.0
 
 Beyond three, 0.1 % of Gaussian noise is cut off, which lowers its variance by 0.3 %.
 """
-
-MORE_THAN_NOISE = 1.1
-"""Residuals over spatial noise from which on harmonics of the fringe are looked for. Empirical."""
-
-HARMONICS = (2, 3, 4)
-"""Harmonics of the fringe that are looked for in the residuals; higher ones are weak."""
-
-SMALL_POWER = 1e-6
-"""Power of a harmonic outside of the fit, over that of the fringes, below which it is not seen."""
-
-EXPLAINED_BY_HARMONICS = 0.7
-"""Share of the residuals' power that harmonics must leave at most to count as their cause."""
 
 ROUGH_STRIDE = 4
 """Every so many pixels give the rough noise that ``CLIPPED_SIGMAS`` needs; a quarter suffices."""
@@ -338,50 +325,12 @@ def _clear_fit(
         inside = _inside(fit.fitted, phases.rows, limits, margin)
         whole = np.asarray(inside.all(axis=0))
         partly = np.flatnonzero(~whole)
-        if partly.size:
+        if phases.harmonics:
+            count[partly] = 0  # without all samples, the shares of the harmonics are others
+        elif partly.size:
             found = _solve_partly(planes, pixels[partly], phases.rows, inside[:, partly])
             square[partly], count[partly] = found
-    clear = np.count_nonzero(whole)
-    if clear >= MIN_JUDGED_PIXELS and CLIPPED_SIGMAS * rough > MORE_THAN_NOISE * most:
-        # More than noise: harmonics of the fringe are known causes, and most of them do not
-        # disturb the phase.
-        chosen = fit.at(np.flatnonzero(whole))
-        square[whole] = _without_harmonics(samples_at(planes, pixels[whole]), phases, chosen)
-        count[~whole] = 0
     return fit.fitted[0], square, count
-
-
-def samples_at(planes: list[NDArray[Any]], pixels: NDArray[np.intp]) -> FloatMap:
-    """The samples of some pixels: (frames, n) float array, counts."""
-    return np.stack([plane[0, pixels].astype(np.float64) for plane in planes])
-
-
-def _without_harmonics(values: FloatMap, phases: PhaseFrames, fit: SampleFit) -> FloatMap:
-    """Sums of squared residuals without the harmonics that all pixels have in common.
-
-    A response that is not linear adds harmonics Re(h_k B e^{ik(φ − δ_n)}), with the same h_k at all
-    pixels of similar brightness.
-    """
-    design, solver = fit_matrices(phases.rows)
-    assert solver is not None
-    residual = values - times(design, fit.fitted)
-    modulation = np.sqrt(fit.power)
-    phasor = (fit.fitted[1] + 1j * fit.fitted[2]) / np.maximum(modulation, np.finfo(float).tiny)
-    waves = phasor * np.exp(-1j * np.asarray(phases.shifts_rad))[:, None]
-    total = np.sum(fit.square)
-    # What the fit of the phase leaves of a wave.
-    outside = np.eye(len(design)) - design @ solver
-    least = SMALL_POWER * float(np.sum(fit.power))
-    for harmonic in harmonics(waves, HARMONICS):
-        wave = modulation * harmonic
-        real, imaginary = times(outside, wave.real), times(outside, wave.imag)
-        parts = np.stack((real.ravel(), imaginary.ravel()))
-        products = parts @ parts.T
-        if np.trace(products) > least:
-            shares = np.linalg.lstsq(products, parts @ residual.ravel(), rcond=None)[0]
-            residual -= shares[0] * real + shares[1] * imaginary
-    left = np.einsum("ns,ns->s", residual, residual)
-    return fit.square if np.sum(left) > EXPLAINED_BY_HARMONICS * total else np.asarray(left)
 
 
 def _inside(fitted: FloatMap, rows: DesignRows, limits: Limits, margin: float) -> BoolMap:
@@ -426,10 +375,10 @@ def _background_noise(
     """Noise from the differences of the sets' backgrounds; None where there is one set only."""
     if len(decoding.sets) < 2:
         return None
-    steps = [len(s.frames) for s in decoding.sets]
-    total = sum(n * fit.fitted[0] for n, fit in zip(steps, fits, strict=True))
-    background = np.asarray(total / sum(steps))
-    square = sum(n * (fit.fitted[0] - background) ** 2 for n, fit in zip(steps, fits, strict=True))
+    steps = np.array([len(s.frames) for s in decoding.sets])
+    backgrounds = _without_background_harmonics(steps, fits)
+    background = steps @ backgrounds / steps.sum()
+    square = steps @ (backgrounds - background) ** 2
     chosen = np.ones(background.shape, bool)
     for _ in range(BACKGROUND_PASSES):
         if np.count_nonzero(chosen) < MIN_JUDGED_PIXELS:
@@ -444,6 +393,30 @@ def _background_noise(
             break
         chosen = clear
     return noise
+
+
+def _without_background_harmonics(steps: NDArray[np.intp], fits: list[SampleFit]) -> FloatMap:
+    """Backgrounds of the sets, (M, n), without the harmonic that N steps take for light.
+
+    A response that is not linear adds h_N B cos(Nφ + ψ) to the background of N steps. Its shares
+    follow from the differences of the backgrounds, by least squares.
+    """
+    backgrounds = np.stack([fit.fitted[0] for fit in fits])
+    mean = steps / steps.sum()
+    waves = []
+    for n, fit in zip(steps, fits, strict=True):
+        wave = fit.fitted[1] + 1j * fit.fitted[2]
+        power = wave * (wave / np.maximum(np.abs(wave), np.finfo(float).tiny)) ** (n - 1)
+        waves += [power.real, power.imag]
+    # What each harmonic adds to the background of its set less the mean of all, (2M, M, n).
+    apart = np.repeat(np.eye(len(steps)), 2, axis=0) - mean
+    seen = apart[:, :, None] * np.stack(waves)[:, None, :]
+    seen = seen.reshape(len(waves), -1)
+    off = (backgrounds - mean @ backgrounds).ravel()
+    normal, projected = np.einsum("pn,qn->pq", seen, seen), times(seen, off[:, None])[:, 0]
+    shares = np.linalg.lstsq(normal, projected, rcond=None)[0].reshape(-1, 2)
+    added = [u * waves[2 * k] + v * waves[2 * k + 1] for k, (u, v) in enumerate(shares)]
+    return np.asarray(backgrounds - np.stack(added))
 
 
 def _clear_of_limits(

@@ -1,9 +1,10 @@
-"""What the frames of a set really show: their real phase steps and gains, from the frames alone.
+"""What the frames of a set really show: real phase steps, gains and harmonics, from the frames.
 
 Every frame of a set shows I_n = α_n A + k_n c + q_n s, with A, c = B cos φ and s = B sin φ of the
 pixel. As planned, α_n = 1, k_n = cos δ_n and q_n = sin δ_n. Wrong steps, flicker, light that
-changes and motion change these three numbers of a frame alike in all pixels. The samples of all
-pixels therefore still lie in a space of three dimensions, which four or more frames show.
+changes and motion change these three numbers of a frame alike in all pixels. A response that is not
+linear adds harmonics, B cos kφ and B sin kφ, with the same shares in all pixels. What the fit of A,
+c and s leaves of four or more frames shows both.
 """
 
 from __future__ import annotations
@@ -14,25 +15,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks import _core
-from fringeworks.stack.fits import fit_samples
+from fringeworks.stack.fits import (
+    DesignRows,
+    fit_matrices,
+    harmonic_parts,
+    samples_at,
+    times,
+)
 from fringeworks.statistics.quantiles import median
+from fringeworks.types import FloatMap
 
 SIGNIFICANT_DECREASE = 6.0
 """Decrease of the residuals that counts as significant, in standard deviations of its value under
 noise alone. Noise alone reaches six in far less than one stack of a million."""
 
 USEFUL = 0.01
-"""Smallest share of the residuals' variance that the real frames must explain.
+"""Smallest share of the residuals' variance that the real frames, or the harmonics, must explain.
 
 Below, the phase errors are less than about a tenth of the noise. An empirical choice.
 """
 
 SEPARABLE = 10.0
-"""Smallest variance of the weakest of the three dimensions, over that of the noise.
-
-Below, noise turns the dimensions. An empirical choice.
-"""
+"""Smallest squared modulation over the variance of the noise: below, noise turns the fringes. An
+empirical choice."""
 
 MAX_ALIGNED = 0.9
 """Largest magnitude of the mean of e^{iφ} over the pixels: at 0.9 they hold a quarter of a fringe.
@@ -43,6 +48,12 @@ With less of a fringe, background and fringe cannot be distinguished.
 OUTLIERS = 16.0
 """Squared residual of a pixel over the median, above which it is left out, for example at edges
 that move. Empirical; noise alone exceeds it in fewer than 0.3 % of the pixels."""
+
+MAX_CONDITION = 1e4
+"""Largest condition number of the regression, beyond which harmonics look like A, c and s."""
+
+PASSES = 3
+"""Linear fits after one another; errors of the steps of 10° leave less than 0.01° after three."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +92,37 @@ class RealFrames:
         return np.asarray(self.design[:, 0] / self.design[:, 0].mean())
 
 
-def real_frames(
+@dataclass(frozen=True)
+class FrameFit:
+    """What frames show beyond their plan; None where they show nothing significant."""
+
+    design: NDArray[np.float64] | None = None
+    """(N, 3): α_n, k_n and q_n of every frame."""
+    harmonics: NDArray[np.float64] | None = None
+    """(N, 6): what the fit of A, c and s leaves of every frame, as shares of the harmonics."""
+
+
+@dataclass(frozen=True)
+class _Regression:
+    """Least squares of the residuals of a set over A, c, s and the harmonics."""
+
+    across: FloatMap
+    """(N, N − 3): orthonormal directions that the design does not reach."""
+    shares: FloatMap
+    """(9, N − 3): of A, c, s and the harmonics in these directions."""
+    left: tuple[float, float, float]
+    """Sums of squared residuals: with all terms, without A, c and s, without the harmonics."""
+    square: FloatMap
+    """(n,) squared residuals of every pixel with all terms."""
+    usual_power: float
+    """Median of the squared modulations, counts²."""
+    aligned: float
+    """Magnitude of the mean of e^{iφ}."""
+
+
+def fit_frames(
     planes: list[NDArray[Any]], pixels: NDArray[np.intp], planned: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
+) -> FrameFit:
     """Estimate what the frames of a set show, from many pixels.
 
     Parameters
@@ -96,46 +135,81 @@ def real_frames(
 
     Returns
     -------
-    (N, 3) array: α_n, k_n and q_n of every frame; None where three frames, noise, or too little of
-    a fringe do not determine it, or where the frames show what was planned.
+    FrameFit; empty where three frames, noise, or too little of a fringe determine nothing.
 
     Notes
     -----
-    The space is that of the three largest principal components of the samples. The result is the
-    planned design projected into it, so that nothing is changed that the frames do not contradict.
-    Errors of the design within this space leave no residuals. They shift the phase by a function
-    of the phase itself (``stack.ripple``). A first estimate from all pixels finds outliers, and the
-    second does without them.
+    The residuals of the planned fit are regressed on A, c, s and the harmonics together, so that
+    neither is taken for the other where phases are spread unevenly. The noise of the residuals is
+    independent of that of A, c and s. Errors of the design that leave no residuals stay unknown:
+    they shift the phase by a function of the phase itself (``stack.ripple``).
     """
     steps = len(planned)
     if steps < 4 or pixels.size < 10 * steps:
-        return None
-    residual = np.eye(steps) - planned @ np.linalg.pinv(planned)
-    _, vectors = np.linalg.eigh(_core.sample_moments(planes, pixels))
-    square = _core.sample_squares(planes, pixels, np.ascontiguousarray(vectors[:, :-3].T))
-    pixels = pixels[square <= OUTLIERS * median(square)]
-    moments = _core.sample_moments(planes, pixels)
-    powers, vectors = np.linalg.eigh(moments)
-    space = vectors[:, -3:]
-    n = float(pixels.size)
-    after = float(max(powers[:-3].sum(), 0.0))
-    before = float(np.einsum("ij,ji->", residual, moments))
-    variance = after / (n * (steps - 3))
-    if variance <= 0 or powers[-3] / n < SEPARABLE * variance:
-        return None
-    freedom = 3.0 * (steps - 3)
-    significance = ((before - after) / variance - freedom) / np.sqrt(2.0 * freedom)
-    explained = 1.0 - after / before
-    if significance < SIGNIFICANT_DECREASE or explained < USEFUL:
-        return None
-    design = space @ (space.T @ planned)
-    c, s = fit_samples(planes, design_rows(design)).at(pixels).fitted[1:]
-    phasor = (c + 1j * s) / np.maximum(np.hypot(c, s), np.finfo(float).tiny)
-    if abs(np.mean(phasor)) > MAX_ALIGNED:
-        return None
-    return np.asarray(design)
+        return FrameFit()
+    values = samples_at(planes, pixels)
+    first = _regression(values, planned)
+    values = values[:, first.square <= OUTLIERS * median(first.square)]
+    start = _regression(values, planned)
+    noise = start.left[0] / (values.shape[1] * (steps - 3))
+    if start.aligned > MAX_ALIGNED or not start.usual_power > SEPARABLE * noise > 0.0:
+        return FrameFit()
+    design, found = planned, start
+    for _ in range(PASSES):
+        design = design + found.across @ found.shares[:3].T
+        found = _regression(values, design)
+    freedom = values.shape[1] * (steps - 3) - found.shares.size
+    variance = found.left[0] / freedom
+
+    def significant(without: float, terms: int) -> bool:
+        free = float(terms * (steps - 3))
+        decrease = (without - found.left[0]) / variance
+        explained = 1.0 - found.left[0] / without
+        return (decrease - free) > SIGNIFICANT_DECREASE * (2.0 * free) ** 0.5 and explained > USEFUL
+
+    moved = significant(start.left[1], 3)
+    kept = found if moved else start
+    bent = significant(kept.left[2], len(kept.shares) - 3)
+    harmonics = kept.across @ kept.shares[3:].T
+    return FrameFit(design if moved else None, harmonics if bent else None)
 
 
-def design_rows(design: NDArray[np.float64]) -> tuple[tuple[float, float, float], ...]:
+def _regression(values: FloatMap, design: NDArray[np.float64]) -> _Regression:
+    """Regress what a design leaves of (N, n) samples on A, c, s and the harmonics."""
+    _, solver = fit_matrices(design_rows(design))
+    assert solver is not None
+    fitted = times(solver, values)
+    parts = np.concatenate((fitted, harmonic_parts(fitted)))
+    size = np.sqrt(np.einsum("pn,pn->p", parts, parts))
+    across = np.linalg.qr(design, mode="complete")[0][:, 3:]
+    residual = times(np.ascontiguousarray(across.T), values)
+    normal, projected = parts @ parts.T, parts @ residual.T
+    if np.linalg.cond(normal / np.outer(size, size)) > MAX_CONDITION:
+        # Too little of a fringe to tell harmonics from A, c and s.
+        parts[3:] = 0.0
+        normal[3:], normal[:, 3:], projected[3:] = 0.0, 0.0, 0.0
+    total = float(np.sum(residual**2))
+
+    def left(terms: list[int]) -> float:
+        part = projected[terms]
+        found = np.linalg.lstsq(normal[np.ix_(terms, terms)], part, rcond=None)[0]
+        return max(total - float(np.sum(found * part)), 0.0)
+
+    shares = np.linalg.lstsq(normal, projected, rcond=None)[0]
+    square = np.sum((residual - times(np.ascontiguousarray(shares.T), parts)) ** 2, axis=0)
+    every = list(range(len(parts)))
+    power = fitted[1] ** 2 + fitted[2] ** 2
+    phasor = (fitted[1] + 1j * fitted[2]) / np.maximum(np.sqrt(power), np.finfo(float).tiny)
+    return _Regression(
+        across,
+        shares,
+        (float(np.sum(square)), left(every[3:]), left(every[:3])),
+        np.asarray(square),
+        median(power),
+        float(abs(np.mean(phasor))),
+    )
+
+
+def design_rows(design: NDArray[np.float64]) -> DesignRows:
     """A design matrix as tuples, one per frame."""
     return tuple((float(a), float(c), float(s)) for a, c, s in design)

@@ -16,7 +16,7 @@ from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple
-from fringeworks.stack.ripple_removal import without_ripples
+from fringeworks.stack.ripple_removal import SURE, without_ripples
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.set_residuals import Known, set_residuals
 from fringeworks.statistics.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
@@ -72,6 +72,8 @@ class Refined:
     """Whether errors differ over the scene by more than noise does."""
     scatters: bool = False
     """Whether neighbouring coordinates may differ by more than their standard deviations."""
+    response_seen: bool = False
+    """Whether the phases of a set at least show whether the response is linear."""
 
 
 def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
@@ -91,18 +93,21 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
         return Refined(decoding)
     lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
     planes = [sample.points[k] for k in decoding.frames]
+    plain = decoding
     decoding, ripples = without_ripples(decoding, lines, planes, known)
-    findings: list[Finding] = []
-    sets = []
+    findings: list[Finding] = words.own_response(plain, decoding)
+    sets, peaks = [], []
     for phases, ripple in zip(decoding.sets, ripples, strict=True):
-        floored, found = _with_harmonics(phases, ripple, decoding.axis, known.estimate_steps)
+        floored, peak, found = _with_harmonics(phases, ripple, decoding.axis)
         sets.append(floored)
+        peaks.append(peak)
         findings += found
     decoding = replace(decoding, sets=tuple(sets))
+    known = replace(known, peaks_rad=tuple(peaks))
     agreeing, errors = _with_agreeing_sets(decoding, planes, known)
     # Where the sets agree within their noise, it is the surface that is rough.
     agree = len(sets) > 1 and errors.by_noise
-    decoding, factor = (agreeing, 1.0) if agree else _with_line_scatter(decoding, ripples)
+    decoding, factor = (agreeing, 1.0) if agree else (decoding, _line_scatter(decoding, ripples))
     raised = replace(known, noise=scaled(known.noise, factor))
     if factor > 1.0:
         findings.append(words.correlated_noise(factor, decoding.axis))
@@ -119,20 +124,14 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     rough = scatters(maps["coordinate"], maps["sigma"], decoding.most_scatter_px)
     if rough:
         findings.append(words.scatter(decoding.axis))
-    return Refined(decoding, tuple(findings), errors.ratio, uneven, uneven or rough)
+    seen = any(ripple is not None and ripple.repeated for ripple in ripples)
+    return Refined(decoding, tuple(findings), errors.ratio, uneven, uneven or rough, seen)
 
 
-def _with_line_scatter(decoding: Decoding, ripples: list[Ripple | None]) -> tuple[Decoding, float]:
-    """The scatter of the phases along smooth lines: in the decoding's floor where there is one,
-    otherwise as a factor on the variance of the noise."""
+def _line_scatter(decoding: Decoding, ripples: list[Ripple | None]) -> float:
+    """Variance of the phases along smooth lines over that of noise; 1 where noise explains it."""
     finest = ripples[min(range(len(ripples)), key=lambda k: decoding.sets[k].period_px)]
-    if finest is None or finest.excess <= LINES_NOISE_ALONE:
-        return decoding, 1.0
-    if any(phases.floor_rad > 0.0 for phases in decoding.sets):
-        # A response that is not linear has harmonics beyond those of the ripple. They do not
-        # shrink with the modulation.
-        return with_floor(decoding, finest.noise_rad * (finest.excess - 1.0) ** 0.5), 1.0
-    return decoding, finest.excess
+    return 1.0 if finest is None or finest.excess <= LINES_NOISE_ALONE else finest.excess
 
 
 def _uneven_residuals(decoding: Decoding, sample: Sample, known: Known) -> bool:
@@ -155,17 +154,24 @@ def scaled(noise: CameraNoise, factor: float) -> CameraNoise:
 
 
 def _with_harmonics(
-    phases: PhaseFrames, ripple: Ripple | None, axis: Axis, removed: bool
-) -> tuple[PhaseFrames, list[Finding]]:
-    """The set with the remaining ripple in its floor, and what was found."""
+    phases: PhaseFrames, ripple: Ripple | None, axis: Axis
+) -> tuple[PhaseFrames, float, list[Finding]]:
+    """The set with the remaining ripple in its floor, its peak in rad, and what was found.
+
+    What was taken out remains within its errors.
+    """
     if ripple is None:
-        return phases, []
-    harmonics = {k: ripple.significant(k) for k in ripple.orders if not (removed and k <= 2)}
-    rms = (0.5 * sum(abs(z) ** 2 for z in harmonics.values())) ** 0.5
-    if rms == 0:
-        return phases, []
-    floor = float(np.hypot(phases.floor_rad, RIPPLE_FACTOR * rms))
-    return replace(phases, floor_rad=floor), [words.ripple(harmonics, phases, axis, float(rms))]
+        return phases, 0.0, []
+    removed = bool(phases.table_turns or phases.design)
+    unsure = ripple.error_rad if removed else 0.0
+    left = {k: z for k in ripple.orders if (z := ripple.significant(k)) != 0}
+    rms = ripple.rms_rad
+    if rms <= SURE * ripple.error_rad:
+        rms, left = 0.0, {}
+    floor = float(np.sqrt(phases.floor_rad**2 + (RIPPLE_FACTOR * rms) ** 2 + unsure**2))
+    peak = sum(abs(z) for z in left.values()) + SURE * unsure
+    found = [words.ripple(left, phases, axis, rms)] if left else []
+    return replace(phases, floor_rad=floor), float(peak), found
 
 
 def _with_agreeing_sets(
@@ -186,13 +192,16 @@ def _with_agreeing_sets(
         residuals, variances, maps = set_residuals(decoding, planes, known)
     square = maps["disagreement"][maps["used"]]
     errors = two_parts(square, variances.mean(axis=0) * TURN**2, len(decoding.sets) - 1)
+    # Ripple that is left moves all phases at once: sets may agree on a wrong order.
+    ripple = np.abs(chain.amplification) @ np.array(known.peaks_rad or 0.0 * offsets) / TURN
     if shifted >= MAX_OFFSET_TURNS or (shifted >= DOUBTFUL_OFFSET_TURNS and not errors.by_noise):
         # The offsets may be larger by a whole turn of a rounding: no fringe order is certain.
         unknown = (1.0,) * len(chain.tolerance)
         return replace(decoding, order_errors=unknown), replace(errors, offset_turns=shifted)
     if errors.by_noise:
-        return decoding, errors
-    bounds = order_errors(chain.amplification, residuals, errors.noise_factor * variances)
+        return replace(decoding, order_errors=tuple(map(float, ripple))), errors
+    seen = order_errors(chain.amplification, residuals, errors.noise_factor * variances)
+    bounds = tuple(float(v) for v in np.maximum(seen, ripple))
     return replace(with_floor(decoding, errors.floor_rad), order_errors=bounds), errors
 
 

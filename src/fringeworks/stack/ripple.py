@@ -7,14 +7,15 @@ times per fringe where the response of projector and camera is not linear (theor
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
+from fringeworks.stack.fits import times
 from fringeworks.statistics.quantiles import MAD_TO_SIGMA, median, quantile
 from fringeworks.types import BoolMap, FloatMap
 
@@ -44,6 +45,9 @@ JUMP_TURNS = 0.2
 SMOOTH_SHARE = 0.7
 """Share of the windows that is used: the smoothest ones. The rest may hold edges or relief."""
 
+TINY = float(np.finfo(float).tiny)
+"""Divides instead of a zero."""
+
 LINES_NOISE_ALONE = 1.4
 """Variance of the phase along smooth lines, over that of the noise, from which on noise of the
 camera is not its only cause. It scatters by 5 % in simulations; the rest of the margin allows for
@@ -53,9 +57,16 @@ MAX_RESIDUAL_RAD = 0.5
 """Largest standard deviation of residuals that a ripple is measured from, rad. Residuals are known
 modulo a turn; beyond, too many of them are a turn off. Empirical."""
 
-MAX_CONDITION = 1e3
-"""Largest condition number of the normal equations of a ripple: phases must cover most of a
-fringe."""
+RESPONSE_RIPPLE_RAD = 0.2
+"""Amplitude that ripple of N per fringe usually has, where the response is not known, rad: γ of 1.8
+makes it with three steps. Ripple of mN per fringe falls about with m²."""
+
+STEP_RIPPLE_RAD = 0.03
+"""Amplitude that ripple of one and two per fringe usually has, rad: that of gains which differ by 3
+%, or steps by 2°."""
+
+OTHER_RIPPLE_RAD = 0.01
+"""The same of all other orders, which neither steps nor a response make by themselves, rad."""
 
 OUTLIER_SIGMAS = 4.0
 """Residuals beyond this many standard deviations do not take part, for example wrong orders."""
@@ -66,6 +77,11 @@ compression or vibration differ from place to place; most pixels must be covered
 
 LOWEST_THIRD = 1.06
 """Mean of the lowest 35 % of a normal distribution below its mean, in standard deviations."""
+
+MIN_PLACES = 4
+"""Smallest number of places along the lines at which a ripple is seen, so that it belongs to the
+fringes. A crease that crosses all lines at the same place looks like a ripple there; at four places
+its scatter is known to 40 %."""
 
 SIGNIFICANT_AMPLITUDE = 5.0
 """Amplitude of a ripple in standard errors from which on it counts as seen."""
@@ -98,6 +114,30 @@ class Ripple:
     """Standard deviation of the phase by noise of the camera, rms over the windows, rad."""
     background_ratio: float = 1.0
     """Background over modulation of the pixels, median."""
+    seen_rad: tuple[float, float] | None = None
+    """Sum over all orders at the phases that were seen, and its error, rms, rad; None where phases
+    are spread evenly, so that the amplitudes tell both."""
+    places: int = MIN_PLACES
+    """Number of places along the lines that it was seen at."""
+
+    @property
+    def rms_rad(self) -> float:
+        """Sum over its significant orders, rms, rad."""
+        if self.seen_rad is not None:
+            return self.seen_rad[0]
+        return float(np.sqrt(0.5 * sum(abs(self.significant(k)) ** 2 for k in self.orders)))
+
+    @property
+    def error_rad(self) -> float:
+        """Error of this sum, rms, rad."""
+        if self.seen_rad is not None:
+            return self.seen_rad[1]
+        return float(np.sqrt(0.5 * np.sum(self.errors_rad**2)))
+
+    @property
+    def repeated(self) -> bool:
+        """Whether it was seen at so many places that it belongs to the fringes, not the surface."""
+        return self.places >= MIN_PLACES
 
     def significant(self, order: int) -> complex:
         """The harmonic of an order; 0 where it is not significant."""
@@ -141,7 +181,10 @@ def measure_ripple(
     scatter = sums[2] / length / expected
     kept = scatter <= quantile(scatter, SMOOTH_SHARE)
     normal, projected, power = (part[kept] for part in sums)
-    coefficients, covariance = _pooled(normal, projected)
+    # Lines next to each other cross the same surface: windows count once per place along the lines.
+    first = pixels[kept, 0] % turns.shape[1]
+    _, place = np.unique(first // max(1, int(np.ptp(pixels[0])) + 1), return_inverse=True)
+    coefficients, covariance = _pooled(normal, projected, place)
     # Σ (e - D c)², from the sums of e², D e and D D.
     explained = 2.0 * projected - np.einsum("wpq,q->wp", normal, coefficients)
     residual = np.maximum(power - explained @ coefficients, 0.0) / length / expected[kept]
@@ -157,62 +200,139 @@ def measure_ripple(
     return Ripple(
         orders,
         pairs[:, 0] + 1j * pairs[:, 1],
-        np.sqrt(np.diag(covariance).reshape(-1, 2).max(axis=1)),
+        np.sqrt(np.maximum(np.diag(covariance), 0.0).reshape(-1, 2).max(axis=1)),
         excess,
         float(np.sqrt(expected.mean())),
+        places=int(place.max()) + 1,
     )
 
 
-def ripple_of_residuals(
-    phase_rad: FloatMap, residual_rad: FloatMap, orders: tuple[int, ...]
-) -> Ripple | None:
-    """Ripple of a set of long fringes, from its differences to the other sets.
+@dataclass(frozen=True)
+class SetPhases:
+    """Phases of the sets of a sample, and what they leave of each other."""
+
+    phase_rad: FloatMap
+    """(M, n): phases of the coordinate."""
+    residual_rad: FloatMap
+    """(M, n): phases less those of the coordinate."""
+    variance: FloatMap
+    """(M,): usual variances of the phases by noise, rad²."""
+    frequency: FloatMap
+    """(M,): 1 / period of the sets, 1/px."""
+    steps: tuple[int, ...]
+    """Number of steps of the sets."""
+    group: NDArray[np.intp]
+    """(n,): number of the group of neighbouring pixels, rising."""
+
+    def seen(self) -> FloatMap:
+        """(M, M) matrix: what residual m shows of an error of set j, whose share in the coordinate
+        is taken from all residuals."""
+        share = self.frequency / self.variance
+        return np.eye(len(share)) - np.outer(self.frequency, share) / (share @ self.frequency)
+
+
+def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> list[Ripple | None]:
+    """Ripple of every set from the differences of the sets, whatever the surface.
 
     Parameters
     ----------
-    phase_rad : (n,) float array
-        Wrapped phase of the set, rad.
-    residual_rad : (n,) float array
-        Phase of the set less that of the coordinate, rad.
-    orders : tuple of int
+    phases : SetPhases
+    orders : sequence of tuples of int
+        Numbers of periods per fringe that each set may have.
 
     Returns
     -------
-    Ripple; None where the phases do not cover a fringe.
+    list of Ripple, one per set; None where residuals are so large that they may be a turn off.
+
+    Notes
+    -----
+    Least squares over all sets at once, because the coordinate contains the ripple of all. Orders
+    may look alike: several of one set where it shows a part of a fringe, or those of two sets whose
+    periods have a common multiple. What the residuals do not tell stays near zero, as far as ripple
+    of that order usually goes, and in the error.
     """
-    if np.std(residual_rad) > MAX_RESIDUAL_RAD:
-        return None
-    none = [0.0] * (1 + 2 * len(orders))
-    found = _core.harmonic_sums(
-        phase_rad, residual_rad, list(orders), coefficients=none, most=float("inf")
+    if np.std(phases.residual_rad, axis=1).max() > MAX_RESIDUAL_RAD:
+        return [None] * len(orders)
+    places = [(j, k) for j, of_set in enumerate(orders) for k in of_set]
+    waves = _waves(phases.phase_rad, places)
+    first, _ = _expected(waves, phases, places)
+    left = np.abs(phases.residual_rad - _explained(waves, phases, places, first))
+    limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * np.array([[median(row)] for row in left])
+    kept = np.all(left <= limit, axis=0)
+    waves = waves[:, kept]
+    phases = replace(
+        phases,
+        phase_rad=phases.phase_rad[:, kept],
+        residual_rad=phases.residual_rad[:, kept],
+        group=phases.group[kept],
     )
-    if np.linalg.cond(found[0][0]) > MAX_CONDITION:
-        return None
-    first = (np.linalg.inv(found[0][0]) @ found[1][0]).tolist()
-    left = np.abs(_core.without_series(phase_rad, residual_rad, list(orders), first))
-    most = OUTLIER_SIGMAS * MAD_TO_SIGMA * median(left)
-    normal, projected, power = _core.harmonic_sums(
-        phase_rad, residual_rad, list(orders), coefficients=first, most=most
-    )
-    inverse = np.linalg.inv(normal[0])
-    coefficients = inverse @ projected[0]
-    # The residuals of a fit with a constant have a mean of zero.
-    variance = max(float(power[0] - projected[0] @ coefficients) / normal[0, 0, 0], 0.0)
-    pairs = coefficients[1:].reshape(-1, 2)
-    errors = np.sqrt(variance * np.diag(inverse)[1:].reshape(-1, 2).max(axis=1))
-    return Ripple(orders, pairs[:, 0] + 1j * pairs[:, 1], errors, 1.0)
+    expected, covariance = _expected(waves, phases, places)
+    found: list[Ripple | None] = []
+    for j, of_set in enumerate(orders):
+        at = np.flatnonzero(np.repeat([place[0] == j for place in places], 2))
+        # Over the phases that were seen.
+        alike = times(waves[at], waves[at].T) / waves.shape[1]
+        pairs = expected[at].reshape(-1, 2)
+        unsure = float(np.sum(covariance[np.ix_(at, at)] * alike))
+        found.append(
+            Ripple(
+                of_set,
+                pairs[:, 0] + 1j * pairs[:, 1],
+                np.zeros(len(pairs)),
+                1.0,
+                seen_rad=(float(expected[at] @ alike @ expected[at]) ** 0.5, unsure**0.5),
+            )
+        )
+    return found
 
 
-def harmonics(
-    wave: NDArray[np.complex128], orders: tuple[int, ...]
-) -> Iterator[NDArray[np.complex128]]:
-    """Powers of a wave, in rising order; products take a tenth of the time of powers."""
-    power, reached = wave, 1
-    for order in orders:
-        for _ in range(order - reached):
-            power = power * wave
-        reached = order
-        yield power
+def _explained(
+    waves: FloatMap, phases: SetPhases, places: list[tuple[int, int]], coefficients: FloatMap
+) -> FloatMap:
+    """Residuals of the sets that ripple makes, (M, n), rad."""
+    own = np.zeros_like(phases.residual_rad)
+    for k, (j, _) in enumerate(places):
+        own[j] += coefficients[2 * k] * waves[2 * k] + coefficients[2 * k + 1] * waves[2 * k + 1]
+    return np.asarray(times(phases.seen(), own))
+
+
+def _waves(phase_rad: FloatMap, places: list[tuple[int, int]]) -> FloatMap:
+    """cos kφ and sin kφ of the sets, (2P, n), for pairs of a set and an order k."""
+    rows = []
+    for j, k in places:
+        turned = np.exp(1j * k * phase_rad[j])
+        rows += [turned.real, turned.imag]
+    return np.stack(rows)
+
+
+def _expected(
+    waves: FloatMap, phases: SetPhases, places: list[tuple[int, int]]
+) -> tuple[FloatMap, FloatMap]:
+    """Expected coefficients of the waves and their covariance, given the residuals."""
+    seen, set_of = phases.seen(), np.repeat([j for j, _ in places], 2)
+    weight = 1.0 / phases.variance
+    waves = waves - waves.mean(axis=1, keepdims=True)
+    residual = phases.residual_rad - phases.residual_rad.mean(axis=1, keepdims=True)
+    normal = times(waves, waves.T) * (seen.T * weight @ seen)[np.ix_(set_of, set_of)]
+    pulls = times(seen.T * weight, residual)
+    projected = np.einsum("pn,pn->p", waves, pulls[set_of])
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    left = residual - _explained(waves, phases, places, times(inverse, projected[:, None])[:, 0])
+    scores = waves * times(seen.T * weight, left)[set_of]
+    # Errors of neighbouring pixels belong together: sums over groups scatter accordingly.
+    starts = np.flatnonzero(np.diff(phases.group, prepend=-1))
+    sums = np.add.reduceat(scores, starts, axis=1)
+    unit = max(1.0, float(np.sum(inverse * times(sums, sums.T))) / len(projected))
+    usual = np.repeat([_usual_rad(k, phases.steps[j]) for j, k in places], 2)
+    covariance = np.linalg.inv(normal / unit + np.diag(usual**-2.0))
+    return times(covariance, projected[:, None])[:, 0] / unit, covariance
+
+
+def _usual_rad(order: int, steps: int) -> float:
+    """Amplitude that ripple of an order usually has, rad."""
+    if order % steps == 0:
+        return RESPONSE_RIPPLE_RAD / (order / steps) ** 2
+    return STEP_RIPPLE_RAD if order <= 2 else OTHER_RIPPLE_RAD
 
 
 @lru_cache(maxsize=64)
@@ -222,10 +342,18 @@ def _smooth_shapes(length: int) -> FloatMap:
     return np.ascontiguousarray(basis.T)
 
 
-def _pooled(normal: FloatMap, projected: FloatMap) -> tuple[FloatMap, FloatMap]:
-    """Least squares over all windows, and the covariance from the scatter between windows."""
+def _pooled(
+    normal: FloatMap, projected: FloatMap, place: NDArray[np.intp]
+) -> tuple[FloatMap, FloatMap]:
+    """Least squares over all windows, and the covariance: the larger one of the scatter between
+    windows and that between places."""
     inverse = np.linalg.pinv(normal.sum(axis=0), hermitian=True)
     coefficients = inverse @ projected.sum(axis=0)
     scores = projected - np.einsum("wpq,q->wp", normal, coefficients)
-    covariance = inverse @ (scores.T @ scores) @ inverse
-    return np.asarray(coefficients), np.asarray(covariance)
+    spread = scores.T @ scores
+    places = int(place.max()) + 1
+    if places >= MIN_PLACES:
+        sums = np.stack([scores[place == k].sum(axis=0) for k in range(places)])
+        between = sums.T @ sums * (places / (places - 1.0))
+        spread *= max(1.0, float(np.trace(between) / max(np.trace(spread), TINY)))
+    return np.asarray(coefficients), np.asarray(inverse @ spread @ inverse)

@@ -8,27 +8,42 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks import _core
 from fringeworks.patterns.order_chain import TURN
+from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack.agreement import decode_sample
+from fringeworks.stack.frames import STRETCH
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames, lit_pixels
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.real_frames import design_rows
-from fringeworks.stack.ripple import Ripple, measure_ripple, ripple_of_residuals
+from fringeworks.stack.ripple import Ripple, SetPhases, measure_ripple, ripples_of_sets
 from fringeworks.stack.set_residuals import Known, phase_variance, set_residuals
 from fringeworks.statistics.quantiles import median
-from fringeworks.types import FloatMap
 
-MAX_ORDER = 8
-"""Highest order of a ripple that is looked for, periods per fringe; higher ones are weak."""
+MAX_ORDER = 12
+"""Highest order of a ripple that is looked for, periods per fringe: of γ = 2.2, three steps leave
+0.007 rad of higher ones."""
 
 MAX_RIPPLE_NOISE_RAD = 0.2
 """Largest phase noise of a pixel that a ripple is measured from, rad. An empirical choice: noisier
 pixels only add noise."""
 
-RIPPLE_PASSES = 2
-"""Passes of taking a ripple out. One leaves the square of a ripple in radians, the second nothing
-that matters."""
+RIPPLE_PASSES = 6
+"""Most passes of taking a ripple out. Each one leaves a share of the ripple of its size in radians,
+because errors bend the phases that it is measured over; few stacks need more than three."""
+
+SURE = 2.0
+"""Errors of a ripple, rms over the phases, that it must exceed to be taken out, and that may be
+left at its peak."""
+
+REPORTED = 5.0
+"""The same to be reported as other steps than those of the plan."""
+
+RESPONSE_ORDER = 3
+"""Lowest order that a response makes, periods per fringe; lower ones come from steps and gains."""
+
+SET_RIPPLE_PIXELS = 8000
+"""Largest number of pixels whose sets are compared: a ripple is found to a hundredth of the noise
+of a pixel; more only take time."""
 
 LONGER = 2.0
 """Period over the finest one from which on a ripple must not contradict the other sets. The finest
@@ -39,41 +54,64 @@ at most half as large."""
 def without_ripples(
     decoding: Decoding, lines: list[NDArray[Any]], planes: list[NDArray[Any]], known: Known
 ) -> tuple[Decoding, list[Ripple | None]]:
-    """The decoding without the ripple that steps and gains make, and the ripple of every set.
+    """The decoding without the ripple that the phases show, and what is left of it in every set.
 
     The ripple of a set is measured along lines. Where they hold too few of its fringes, it is that
-    of the differences from the other sets.
+    of the differences from the other sets. Ripple of one and two per fringe comes from steps and
+    gains: it changes the design. That of higher orders comes from a response that is not linear: a
+    table of the set subtracts it, where it was seen at several places along the lines.
     """
     ripples: list[Ripple | None] = [None] * len(decoding.sets)
     changed = set(range(len(decoding.sets)))
-    for _ in range(RIPPLE_PASSES):
+    best: dict[int, tuple[float, PhaseFrames, Ripple | None]] = {}
+    for left in reversed(range(RIPPLE_PASSES)):
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
         for k in changed:
             ripples[k] = line_ripple(decoding.sets[k], maps, k, known)
         if len(decoding.sets) > 1:
             ripples = _with_set_ripples(decoding, planes, known, ripples, changed)
+        for k in changed:
+            size = 0.0 if (r := ripples[k]) is None else r.rms_rad
+            if k not in best or size < best[k][0]:
+                best[k] = size, decoding.sets[k], ripples[k]
         # A set that has no such ripple stays as it is, and so does its ripple.
         changed = {k for k in changed if _removable(ripples[k])}
-        if not known.estimate_steps or not changed:
+        if not known.estimate_steps or not changed or not left:
             break
         sets = [
-            replace(phases, design=_without_ripple(phases, ripple))
-            if k in changed and ripple is not None
-            else phases
+            _without_ripple(phases, ripple) if k in changed and ripple is not None else phases
             for k, (phases, ripple) in enumerate(zip(decoding.sets, ripples, strict=True))
         ]
         decoding = replace(decoding, sets=tuple(sets))
-    return decoding, ripples
+    # Where taking it out was no use, a set is as it was.
+    sets = [best[k][1] for k in range(len(decoding.sets))]
+    return replace(decoding, sets=tuple(sets)), [best[k][2] for k in range(len(sets))]
 
 
 def _removable(ripple: Ripple | None) -> bool:
-    return ripple is not None and any(ripple.significant(order) != 0 for order in (1, 2))
+    """Whether a ripple has a known cause, and is more than its error."""
+    if ripple is None or ripple.rms_rad <= SURE * ripple.error_rad:
+        return False
+    return any(ripple.significant(k) != 0 for k in ripple.orders if _known_cause(ripple, k))
+
+
+def _known_cause(ripple: Ripple, order: int) -> bool:
+    """Whether ripple of an order can be taken out: that of steps, or of a response."""
+    return order < RESPONSE_ORDER or _of_response(ripple)
+
+
+def _of_response(ripple: Ripple) -> bool:
+    """Whether the higher orders come from a response, not from steps that are far off or from the
+    surface: then they are the larger ones, and seen everywhere."""
+    size = {k: abs(ripple.significant(k)) for k in ripple.orders}
+    low = max(size[k] for k in size if k < RESPONSE_ORDER)
+    return ripple.repeated and low < max(size[k] for k in size if k >= RESPONSE_ORDER)
 
 
 def _orders(phases: PhaseFrames) -> tuple[int, ...]:
     """Orders of a ripple that wrong frames or a response that is not linear can make."""
     steps = len(phases.frames)
-    return tuple(sorted({1, 2, 3, 4, steps, min(2 * steps, MAX_ORDER)}))
+    return tuple(sorted({1, 2, 3, 4, *range(steps, max(MAX_ORDER, steps) + 1, steps)}))
 
 
 def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
@@ -98,52 +136,77 @@ def _with_set_ripples(
     ripples: list[Ripple | None],
     changed: set[int],
 ) -> list[Ripple | None]:
-    """The ripples, with those of the ``changed`` sets that lines do not show, or show wrongly, from
-    the residuals of the sets.
+    """The ripples, with those of ``changed`` sets that lines do not show at several places, and of
+    those of long fringes, from the residuals of the sets.
 
     A crease that crosses the lines at the same phase, as that of a groove, looks like a ripple of
     long fringes there. The sets do not disagree by it.
     """
     finest = min(phases.period_px for phases in decoding.sets)
-    doubtful = [k for k in sorted(changed) if ripples[k] is None]
-    doubtful += [k for k in _seen(ripples, changed) if decoding.sets[k].period_px > LONGER * finest]
+    longer = {k for k in changed if decoding.sets[k].period_px > LONGER * finest}
+    doubtful = longer | {k for k in changed if (r := ripples[k]) is None or not r.repeated}
     if not doubtful:
         return ripples
-    residuals, _, maps = set_residuals(decoding, planes, known)
+    residuals, variances, maps = set_residuals(decoding, planes, known)
     if residuals.shape[1] < MIN_JUDGED_PIXELS:
         return ripples
     used = maps["used"]
+    few = slice(None, None, -(-residuals.shape[1] // SET_RIPPLE_PIXELS))
+    # Those of the coordinate: measured phases contain the errors of the residuals.
+    frequency = np.array([1.0 / phases.period_px for phases in decoding.sets])
+    seen = SetPhases(
+        TURN * np.outer(frequency, maps["coordinate"][used][few].astype(np.float64)),
+        TURN * residuals[:, few].astype(np.float64),
+        TURN**2 * np.array([median(row) for row in variances]),
+        frequency,
+        tuple(len(phases.frames) for phases in decoding.sets),
+        np.flatnonzero(used)[few] // STRETCH,
+    )
+    found = ripples_of_sets(seen, [_orders(phases) for phases in decoding.sets])
     out = list(ripples)
     for k in doubtful:
-        phase = maps["phases"][k][used].astype(np.float64)
-        residual = TURN * residuals[k].astype(np.float64)
-        seen = out[k]
-        if seen is not None and _lessens(seen, phase, residual):
+        ripple, own = found[k], ripples[k]
+        if ripple is None:
             continue
-        ratio = median(maps["background"][used] / maps["modulations"][k][used])
-        found = ripple_of_residuals(phase, residual, _orders(decoding.sets[k]))
-        out[k] = None if found is None else replace(found, background_ratio=ratio)
+        # The sets hardly show the ripple of the finest one, from which the coordinate is taken.
+        if own is None or k in longer or ripple.error_rad < own.error_rad:
+            ratio = median(maps["background"][used] / maps["modulations"][k][used])
+            out[k] = replace(ripple, background_ratio=ratio)
     return out
 
 
-def _seen(ripples: list[Ripple | None], sets: set[int]) -> list[int]:
-    """Sets with a significant ripple."""
-    return [
-        k
-        for k in sorted(sets)
-        if (r := ripples[k]) is not None and any(r.significant(order) != 0 for order in r.orders)
-    ]
+def _without_ripple(phases: PhaseFrames, ripple: Ripple) -> PhaseFrames:
+    """The set whose phases do not have the ripple, in the orders with a known cause."""
+    if _of_response(ripple):
+        turns = np.array(phases.table_turns or np.zeros(TABLE_BINS))
+        turns = turns + _error_after(turns, ripple)
+        if turns.any():
+            table = tuple(float(v) for v in turns)
+            phases = replace(phases, table_turns=table, brightness=(0.0,))
+    sure = phases.design and not phases.unsure
+    unsure = not sure and ripple.rms_rad < REPORTED * ripple.error_rad
+    return replace(phases, design=_without_low_orders(phases, ripple), unsure=unsure)
 
 
-def _lessens(ripple: Ripple, phase_rad: FloatMap, residual_rad: FloatMap) -> bool:
-    """Whether the residuals of a set are smaller without its significant harmonics."""
-    z = np.array([ripple.significant(order) for order in ripple.orders])
-    series = [0.0, *np.stack((z.real, z.imag), axis=-1).ravel().tolist()]
-    left = _core.without_series(phase_rad, residual_rad, list(ripple.orders), series)
-    return median(np.abs(left)) < median(np.abs(residual_rad))
+def _error_after(table: NDArray[np.float64], ripple: Ripple) -> NDArray[np.float64]:
+    """Phase error of the orders of a response at the middles of the bins of a table, turns.
+
+    It is a function of the phases that the table has corrected; of those without the error where
+    the sets show it.
+    """
+    corrected = TURN * ((np.arange(TABLE_BINS) + 0.5) / TABLE_BINS - 0.5 - table)
+    phase = TURN * np.arange(4 * TABLE_BINS) / (4 * TABLE_BINS)
+    error = np.zeros(phase.size)
+    for order in ripple.orders:
+        if order >= RESPONSE_ORDER:
+            error += np.real(ripple.significant(order) * np.exp(-1j * order * phase))
+    over = phase if ripple.seen_rad is None else phase + error
+    return np.asarray(np.interp(corrected, over, error, period=TURN) / TURN)
 
 
-def _without_ripple(phases: PhaseFrames, ripple: Ripple) -> tuple[tuple[float, float, float], ...]:
+def _without_low_orders(
+    phases: PhaseFrames, ripple: Ripple
+) -> tuple[tuple[float, float, float], ...]:
     """The design whose fits do not have the ripple of one and two per fringe.
 
     A fit that mixes A, c and s shifts the phase by (A/B)(ν cos φ − μ sin φ) + ζ cos 2φ − γ sin 2φ,

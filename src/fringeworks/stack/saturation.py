@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fringeworks.stack.fits import DesignRows, fit_matrices, times
+from fringeworks.stack.fits import DesignRows, fit_matrices, samples_at, times
 from fringeworks.stack.kernel_settings import Decoding, Limits
-from fringeworks.stack.noise import samples_at
 from fringeworks.stack.sample import Sample
 from fringeworks.types import BoolMap, CameraNoise, FloatMap
 

@@ -25,7 +25,9 @@ class Known:
     noise: CameraNoise
     limits: Limits
     estimate_steps: bool
-    """Whether errors of steps and gains may be taken out."""
+    """Whether errors of steps and gains may be taken out, and the ripple of a response."""
+    peaks_rad: tuple[float, ...] = ()
+    """Largest phase error of every set by ripple that is left, rad; none where empty."""
 
 
 def set_residuals(

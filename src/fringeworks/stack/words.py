@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fringeworks.patterns.order_chain import TURN
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.real_frames import RealFrames
 from fringeworks.stack.shifts import step_errors
@@ -15,6 +16,9 @@ STEADY = 0.8
 
 NOTABLE_DEG = 0.3
 """Error of a phase step from which on it is reported as one, degrees. Empirical."""
+
+NOTABLE_RIPPLE_RAD = 0.02
+"""Ripple of a response from which on it is reported, rad rms: γ of 1.1 makes it in three steps."""
 
 NOTABLE_GAIN = 0.003
 """Change of the light from frame to frame from which on it is reported as one. Empirical."""
@@ -61,7 +65,7 @@ def unresolved(planned: Decoding, found: Decoding, labels: list[str]) -> list[Fi
 
 def real_frames(phases: PhaseFrames, axis: Axis, labels: list[str]) -> Finding | None:
     """Steps and gains that differ from the plan; None where they hardly do."""
-    if not phases.design:
+    if not phases.design or phases.unsure:
         return None
     found = RealFrames(np.array(phases.design))
     planned = np.asarray(phases.shifts_rad)
@@ -119,13 +123,31 @@ def ripple(
     return Finding("ripple", seen, causes, advice, axis, (), figures)
 
 
-def own_response(phases: PhaseFrames, rms_rad: float, axis: Axis) -> Finding:
-    """A response that was measured from the stack itself and subtracted."""
-    seen = (
-        f"response: ripple of {rms_rad:.3f} rad rms in the phases of {phases.period_px:g} px along "
-        f"{axis}, measured from the stack itself and subtracted"
-    )
-    return Finding("ripple", seen, axis=axis, figures={"rms_rad": rms_rad}, severity="note")
+def own_response(planned: Decoding, found: Decoding) -> list[Finding]:
+    """A response that was measured from the fringes and subtracted; nothing where there is none."""
+    changed = [
+        s for p, s in zip(planned.sets, found.sets, strict=True) if s.table_turns != p.table_turns
+    ]
+    rms = [float(np.std(s.table_turns)) * TURN for s in changed]
+    if not rms or max(rms) < NOTABLE_RIPPLE_RAD:
+        return []
+    periods = ", ".join(f"{s.period_px:g}" for s in changed)
+    steps = len(changed[int(np.argmax(rms))].frames)
+    return [
+        Finding(
+            "response",
+            f"the response is not linear: ripple of {max(rms):.3f} rad rms, {steps} per fringe, in "
+            f"the phases of {periods} px along {found.axis}, measured and subtracted",
+            causes=(
+                "a response of projector and camera that is not linear (γ)",
+                "saturated samples",
+            ),
+            advice="correct the patterns for γ, or use more steps",
+            axis=found.axis,
+            figures={"rms_rad": max(rms), "per_fringe": float(steps)},
+            severity="note",
+        )
+    ]
 
 
 def disagreement(errors: PhaseErrors, axis: Axis) -> Finding:

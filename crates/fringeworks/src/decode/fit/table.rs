@@ -28,6 +28,8 @@ impl Table {
 }
 
 /// Subtract the table's error, by linear interpolation in phase and brightness.
+///
+/// The true phase is t − e(t), so that noise of t counts 1 − e'(t) times.
 #[inline(always)]
 pub fn correct(table: &Table, out: &mut Fitted) {
     let rows = &table.brightness;
@@ -51,9 +53,12 @@ pub fn correct(table: &Table, out: &mut Fitted) {
         let k = (left as i32).rem_euclid(TABLE_BINS as i32) as usize;
         let error = |row: usize| {
             let row = &table.turns[row * TABLE_BINS..(row + 1) * TABLE_BINS];
-            row[k] + share * (row[(k + 1) % TABLE_BINS] - row[k])
+            let step = row[(k + 1) % TABLE_BINS] - row[k];
+            [row[k] + share * step, step * TABLE_BINS as f32]
         };
         let (a, b) = (error(low), error(high));
-        out.turns[i] = t - (a + part * (b - a));
+        let [error, slope] = std::array::from_fn(|j| a[j] + part * (b[j] - a[j]));
+        out.turns[i] = t - error;
+        out.precision[i] /= (1.0 - slope) * (1.0 - slope);
     }
 }

@@ -18,9 +18,8 @@ from fringeworks.stack.even_light import texture
 from fringeworks.stack.frames import Stack
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.types import (
-    BoardNotFound,
+    FileProblem,
     Finding,
-    FramesContradictPlan,
     InputError,
     Source,
     fingerprint,
@@ -45,8 +44,7 @@ def calibrate_stacks(
     ----------
     stacks : iterable of (name, Stack), or path
         Each with both axes of the projector; or a folder with a stack per pose. A pose in which
-        the board is not found, or whose frames contradict the plan, is skipped; the result says
-        why.
+        the board is not found, or that cannot be decoded, is skipped; the result says why.
     board : Board or str
         A board, or its short form, as for ``parse_board``.
     plan : PatternPlan or path, optional
@@ -64,7 +62,8 @@ def calibrate_stacks(
 
     Raises
     ------
-    InputError where too few poses are left, a stack cannot be read, and as ``calibrate``.
+    InputError where too few poses are left, with the reason of every skipped pose; where a stack
+    cannot be read; and as ``calibrate``.
     """
     need_opencv("a calibration")
     board = parse_board(board) if isinstance(board, str) else board
@@ -119,10 +118,19 @@ def observe_poses(
         plans[stack.plan] = None
         try:
             observations.append(observe_stack(stack, board, name=name, **options))
-        except (BoardNotFound, FramesContradictPlan) as error:
-            skipped[name] = str(error) if name in str(error) else f"{name}: {error}"
+        except FileProblem:
+            raise  # it concerns the capture, not the pose
+        except InputError as error:
+            skipped[name] = why_unused(error)
             findings += error.findings
     return ObservedPoses(observations, skipped, tuple(inputs), tuple(plans), tuple(findings))
+
+
+def why_unused(error: InputError) -> str:
+    """Why a pose cannot be used, with the likeliest cause that the worst finding names."""
+    worst = max((f.rank for f in error.findings if f.causes), default=0)
+    causes = [f.causes[0] for f in error.findings if f.causes and f.rank == worst > 0]
+    return str(error) if not causes else f"{error}; likely {causes[0]}"
 
 
 def observe_stack(
@@ -142,12 +150,12 @@ def observe_stack(
 
     Raises
     ------
-    BoardNotFound where the board is not found; InputError as ``decode``.
+    BoardNotFound where the board is not found; InputError as ``decode``, with the name.
     """
     need_opencv("a calibration")
     size = (stack.plan.width_px, stack.plan.height_px)
-    image = texture(stack.frames, stack.plan)
     try:
+        image = texture(stack.frames, stack.plan)
         coordinates = decoded(stack, options)
     except InputError as error:
         raise error.at(name) from error

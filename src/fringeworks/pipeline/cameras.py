@@ -98,7 +98,7 @@ def calibrate_camera_stacks(
         seen.append(observe_poses(stacks, board, plan, _prefixed(progress, number), options))
     progress("adjusting …")
     skipped = {
-        f"camera {number}, {name}": why
+        f"camera {number}, {name}": f"camera {number}, {why}"
         for number, one in enumerate(seen, 1)
         for name, why in one.skipped.items()
     }

@@ -272,8 +272,8 @@ def calibrate(
     poses : path, iterable of (name, Stack), sequence of Observation, or a sequence of these
         A folder with a stack per pose; the stacks themselves, each with both axes of the projector;
         or what ``fringeworks.rig.observe`` found in them. A pose in which the board is not found,
-        or whose frames contradict the plan, is skipped; the result says why. A sequence of folders
-        or of sequences has one entry per camera: stacks with one name are of one pose of the board.
+        or that cannot be decoded, is skipped; the result says why. A sequence of folders or of
+        sequences has one entry per camera: stacks with one name are of one pose of the board.
         Ten poses are usual, tilted against each other; three are the least.
     board : Board or str
         A board, or its short form, as for ``fringeworks.rig.parse_board``.

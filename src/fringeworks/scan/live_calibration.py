@@ -9,14 +9,15 @@ from typing import Unpack
 
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.stack import pose_paths, read_stack
-from fringeworks.pipeline.boards import calibrate_stacks, observe_stack
+from fringeworks.pipeline.boards import calibrate_stacks, observe_stack, why_unused
 from fringeworks.rig.calibration.board import Board, parse_board
 from fringeworks.rig.calibration.calibrate import Calibration, Observation
+from fringeworks.rig.calibration.diagnosis import few_corners
 from fringeworks.scan.bench import Bench, Take, take
 from fringeworks.scan.frames import Progress
 from fringeworks.scan.poses import PoseJudgement, judge_poses
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.types import BoardNotFound, FramesContradictPlan, Frozen, InputError
+from fringeworks.types import FileProblem, Frozen, InputError
 from fringeworks.types.packages import need_opencv
 
 MOST_POSES = 40
@@ -36,9 +37,11 @@ class TakenPose(Frozen):
     """Why the pose cannot be used; empty where it can."""
     judgement: PoseJudgement
     """Of all poses so far, with what is still missing."""
+    few: tuple[str, ...] = ()
+    """How many corners lack projector coordinates, and why; empty where most have them."""
 
     def __str__(self) -> str:
-        seen = self.problem or f"{self.name}: {self.corners} corners"
+        seen = self.problem or "; ".join(self.few) or f"{self.name}: {self.corners} corners"
         return f"{seen}; {self.judgement}"
 
 
@@ -158,11 +161,16 @@ class PoseTaker:
             self._found[name] = observe_stack(
                 read_stack(folder), self._board, name=name, **self._options
             )
-        except (BoardNotFound, FramesContradictPlan) as error:
-            problem = str(error)
+        except FileProblem:
+            raise
+        except InputError as error:
+            problem = why_unused(error)
         self.judgement = judge_poses(list(self._found.values()), self._board)
-        corners = 0 if problem else len(self._found[name].view.index)
-        return TakenPose(name, corners, problem, self.judgement)
+        if problem:
+            return TakenPose(name, 0, problem, self.judgement)
+        seen = self._found[name]
+        few = tuple(found.text for found in few_corners([seen]))
+        return TakenPose(name, int(seen.found.read.sum()), "", self.judgement, few)
 
 
 def _before(folder: Path, board: Board, options: DecodeOptions) -> dict[str, Observation]:

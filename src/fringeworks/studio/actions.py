@@ -177,7 +177,7 @@ class TakePose:
         with open_bench(space.setup, **self.devices) as bench:
             taken = poses.take(bench, progress=link.progress)
         found = {"name": taken.name, "corners": taken.corners, "problem": taken.problem}
-        return found | judged(poses)
+        return found | {"few": "; ".join(taken.few)} | judged(poses)
 
     def command(self, result: Any) -> Command:
         """What does the same: its frames are those of any other capture."""

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from fringeworks.files.findings import findings_as_dicts
 from fringeworks.pipeline.cameras import MultiMeasurement
 from fringeworks.report.kind import Kind, describe
 from fringeworks.report.sheets import Panel, Sheet, percent, titled
 from fringeworks.report.summary import finding_words, origin, told
 from fringeworks.rig.calibration.cameras import MultiCalibration
+from fringeworks.rig.calibration.diagnosis import few_corners, skipped_poses
 from fringeworks.rig.camera_findings import difference_histogram
 from fringeworks.rig.camera_points import CameraPoints
 from fringeworks.types import FloatMap, Reason, count_reasons, multi_rig_parameters
@@ -41,6 +44,16 @@ def calibration_figures(calibration: MultiCalibration) -> dict[str, Any]:
         "sigma": {name: float(value) for name, value in named},
         "predicted_rms_px": predicted,
         "skipped": calibration.skipped,
+        "findings": findings_as_dicts(
+            [
+                *(
+                    replace(found, seen=f"camera {number}, {found.seen}")
+                    for number, seen in enumerate(calibration.observations, 1)
+                    for found in few_corners(seen)
+                ),
+                *skipped_poses(calibration.skipped),
+            ]
+        ),
         "print_error_mm": adjusted.prior.print_mm,
         "sigma_inflation": calibration.inflation,
         "converged": adjusted.converged,
@@ -59,8 +72,7 @@ def calibration_words(_: MultiCalibration, figures: dict[str, Any]) -> Iterator[
     yield f"projector: reprojection {figures['projector_rms_px']:.3f} px"
     for name, value in figures["predicted_rms_px"].items():
         yield f"{name}: predicted by the others to {value:.3f} px rms"
-    for why in figures["skipped"].values():
-        yield f"skipped: {why}"
+    yield from finding_words(figures)
     if figures["sigma_inflation"] > 1.0:
         yield (
             f"standard deviations are raised by {figures['sigma_inflation']:.2f}, because poses "

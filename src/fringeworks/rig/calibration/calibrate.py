@@ -62,6 +62,8 @@ class Observation(Frozen):
     """Columns and rows of the camera."""
     projector_size: tuple[int, int]
     """Columns and rows of the projector."""
+    unread: str = ""
+    """Why corners have no projector coordinates; empty where all have them."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -133,27 +135,29 @@ def observe(
         correspondence = projector_at(decoded, view.pixels, spacing(view.pixels))
     except InputError as error:
         raise explained(error, decoded.findings).at(name) from error
-    lit = np.asarray(np.isfinite(correspondence.projector_px).all(axis=1))
+    lit = correspondence.read
+    unread = "" if lit.all() else _why_unread(decoded, view.pixels[~lit])
     if lit.sum() < MIN_CORNERS:
         raise BoardNotFound(
             f"{name}: expected {MIN_CORNERS} or more corners with projector coordinates, got "
-            f"{lit.sum()} of the {len(lit)} that the camera sees: {_why_unread(decoded, view)}",
+            f"{lit.sum()} of the {len(lit)} that the camera sees: {unread}",
             findings=[replace(f, seen=f"{name}: {f.seen}") for f in decoded.findings],
         )
     height, width = photograph.shape
-    return Observation(name, photograph, view, correspondence, (width, height), projector_size)
+    size = (width, height)
+    return Observation(name, photograph, view, correspondence, size, projector_size, unread)
 
 
-def _why_unread(decoded: Decoded, view: BoardView) -> str:
-    """Why most corners of a board have no projector coordinates, by the pixels next to them."""
-    column, row = np.rint(view.pixels).astype(int).T
+def _why_unread(decoded: Decoded, corners_px: FloatMap) -> str:
+    """Why most of these corners have no projector coordinates, by the pixels next to them."""
+    column, row = np.rint(corners_px).astype(int).T
     reasons: list[Reason] = []
     for found in decoded.maps.values():
         h, w = found.reason.shape
         at_corners = found.reason[np.clip(row, 0, h - 1), np.clip(column, 0, w - 1)]
         decoded_anywhere = bool(np.isfinite(found.coordinate_px).any())
         reasons += [Reason(int(r)) for r in at_corners if r != Reason.OK or not decoded_anywhere]
-    if 2 * len(reasons) < len(view.index) * len(decoded.maps):
+    if 2 * len(reasons) < len(corners_px) * len(decoded.maps):
         return (
             "the coordinates around the corners scatter or jump; more light, or a plan with more "
             "frames, makes them steadier"
@@ -252,10 +256,9 @@ def _inflated(rig: Rig, factor: float) -> Rig:
 
 def check_poses(observations: Sequence[Observation], board: Board, skipped: dict[str, str]) -> None:
     if len(observations) < MIN_POSES:
-        reasons = "".join(f"; {reason}" for reason in skipped.values())
         raise InputError(
             f"calibration: expected the board in {MIN_POSES} poses or more, "
-            f"got {len(observations)}{reasons}"
+            f"got {len(observations)}{_reasons(skipped)}"
         )
     for size_name in ("camera_size", "projector_size"):
         sizes = {getattr(o, size_name) for o in observations}
@@ -271,6 +274,14 @@ def check_poses(observations: Sequence[Observation], board: Board, skipped: dict
             f"calibration: expected {MIN_POSES} or more different poses, got {len(groups)}: the "
             f"board did not move between {same}"
         )
+
+
+def _reasons(skipped: dict[str, str]) -> str:
+    """Every skipped pose with its reason; poses of one reason together."""
+    poses: dict[str, list[str]] = {}
+    for name, reason in skipped.items():
+        poses.setdefault(reason.removeprefix(f"{name}: "), []).append(name)
+    return "".join(f"; {', '.join(names)}: {reason}" for reason, names in poses.items())
 
 
 def unmoved(observations: Sequence[Observation], board: Board) -> list[list[str]]:
@@ -313,7 +324,7 @@ def check_orientation(observations: Sequence[Observation]) -> None:
 
 def sighting_of(o: Observation, board: Board) -> Sighting:
     """Return the corners of an observation that have projector coordinates."""
-    lit = np.isfinite(o.found.projector_px).all(axis=1)
+    lit = o.found.read
     return Sighting(
         board.points_mm[o.view.index[lit]],
         o.view.pixels[lit],

@@ -84,6 +84,11 @@ class Correspondence(Frozen):
     ripple: dict[Axis, Ripple]
     """Ripple along each axis that has fringes."""
 
+    @property
+    def read(self) -> BoolMap:
+        """Which corners have projector coordinates, (m,)."""
+        return np.asarray(np.isfinite(self.projector_px).all(axis=1))
+
 
 def projector_at(decoded: Decoded, pixels: FloatMap, spacing_px: float) -> Correspondence:
     """Read projector coordinates at sub-pixel positions in the camera's frame.

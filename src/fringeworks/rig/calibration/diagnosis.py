@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,9 @@ distances of 500 mm are then uncertain by about 1.5 mm. Tilts of 20° or more gi
 LARGE_INFLATION = 2.0
 """Factor on the standard deviations from which on disagreeing poses are reported. Independent
 errors of corners give 0.9 to 1.3 with three to eight poses."""
+MIN_READ_SHARE = 0.5
+"""Share of a pose's corners with projector coordinates below which that is reported, 0…1: most are
+missing. A board that reaches out of the projector's light loses a row or two."""
 LISTED_CORNERS = 8
 """Largest number of corners that one finding lists by column and row; a line holds no more."""
 
@@ -125,8 +128,9 @@ def diagnose(calibration: Calibration) -> list[Finding]:
         *_low_coverage(calibration),
         *_weak_focal_lengths(calibration),
         *_poses_that_disagree(calibration),
+        *few_corners(calibration.observations),
         *_outlying_corners(calibration),
-        *_skipped(calibration),
+        *skipped_poses(calibration.skipped),
     ]
 
 
@@ -269,8 +273,7 @@ def _outlying_corners(calibration: Calibration) -> list[Finding]:
     findings = []
     columns = calibration.board.grid[0]
     for observation, used in zip(calibration.observations, calibration.adjusted.used, strict=True):
-        lit = np.isfinite(observation.found.projector_px).all(axis=1)
-        outliers = observation.view.index[lit][~used]
+        outliers = observation.view.index[observation.found.read][~used]
         if not len(outliers):
             continue
         places = ", ".join(f"{k % columns}/{k // columns}" for k in outliers[:LISTED_CORNERS])
@@ -287,7 +290,23 @@ def _outlying_corners(calibration: Calibration) -> list[Finding]:
     return findings
 
 
-def _skipped(calibration: Calibration) -> list[Finding]:
-    return [
-        Finding("skipped", f"pose not used: {reason}") for reason in calibration.skipped.values()
-    ]
+def few_corners(observations: Iterable[Observation]) -> list[Finding]:
+    """Report poses that count with few of the corners that the camera sees."""
+    findings = []
+    for observation in observations:
+        read = observation.found.read
+        share = float(read.mean())
+        if share >= MIN_READ_SHARE:
+            continue
+        seen = (
+            f"{observation.name}: only {read.sum()} of the {read.size} corners that the camera "
+            f"sees ({share:.0%}) have projector coordinates, and the others are not used"
+        )
+        figures = {"corners": float(read.sum()), "corners_found": float(read.size)}
+        findings.append(Finding("corners", seen, (observation.unread,), figures=figures))
+    return findings
+
+
+def skipped_poses(skipped: dict[str, str]) -> list[Finding]:
+    """Report poses that could not be used, each with its reason."""
+    return [Finding("skipped", f"pose not used: {reason}") for reason in skipped.values()]

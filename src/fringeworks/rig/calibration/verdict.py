@@ -44,7 +44,7 @@ def verdict(calibration: Calibration) -> Verdict:
     board = calibration.board.points_mm
     pixels, points = [], []
     for o, T, used in zip(calibration.observations, adjusted.poses, adjusted.used, strict=True):
-        lit = np.flatnonzero(np.isfinite(o.found.projector_px).all(axis=1))[used]
+        lit = np.flatnonzero(o.found.read)[used]
         pixels.append(o.view.pixels[lit])
         points.append(transform(T, board[o.view.index[lit]]))
     place = np.concatenate(points)

@@ -55,7 +55,7 @@ class _Calibrate:
     def _poses(self) -> None:
         said = self._studio.poses
         if said.get("name"):
-            text = f"{said['name']}: {said['corners']} corners found"
+            text = said["few"] or f"{said['name']}: {said['corners']} corners found"
             if said["problem"]:
                 text = f"{said['problem']}. The next pose takes its place."
             ui.label(text).props('role="status"')

@@ -7,13 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fringeworks import InputError, PatternPlan, analyse, reconstruct
+from fringeworks import InputError, PatternPlan, analyse, encode, reconstruct
 from fringeworks.cli.commands import run
 from fringeworks.files import read_plan, write_plan
 from fringeworks.files.images import read_frame
 from fringeworks.files.response import read_response, write_response
+from fringeworks.files.stack import write_stack
 from fringeworks.pair import prepare
-from fringeworks.patterns import PhaseSteps, equal_steps
+from fringeworks.patterns import GrayCode, PhaseSteps, equal_steps
 from fringeworks.signal.gamma import gamma_of_frames, harmonic_distortion
 from fringeworks.signal.phase_table import phase_table
 from fringeworks.signal.response import (
@@ -72,6 +73,56 @@ def test_table_corrects_another_capture():
     assert raw.std() > 0.15
     assert residual.std() < 0.012
     assert response.residual_rad < 0.012
+
+
+def test_steps_that_start_elsewhere_give_the_same_response():
+    """The plan's first shift is an origin; it changes neither γ nor the table."""
+    frames, ideal = white_plane(2.2)
+    names = {"camera": "left", "projector": "bench"}
+    known = measure_response(frames, ideal, **names)
+    for start in (0.3, np.pi / 2, np.pi):
+        found = measure_response(frames, ideal + start, **names)
+        assert found.gamma == pytest.approx(known.gamma, abs=1e-3)
+        assert found.residual_rad == pytest.approx(known.residual_rad, abs=1e-6)
+        np.testing.assert_allclose(found.table_rad, known.table_rad, atol=1e-6)
+
+
+@pytest.mark.parametrize("steps", [3, 4])
+def test_phases_that_do_not_follow_the_projected_ones_are_refused(steps):
+    frames, ideal = white_plane(2.2, steps=steps)
+    names = {"camera": "left", "projector": "bench"}
+    expected = r"by at most 0\.36 rad rms after the correction, got \d\.\d\d rad; "
+    with pytest.raises(InputError, match=f"{expected}the steps run the other way"):
+        measure_response(frames, -ideal, **names)
+    unrelated = np.random.default_rng(0).uniform(-np.pi, np.pi, ideal.shape)
+    for wrong in (2.0 * ideal, 0.5 * ideal, 1.1 * ideal, unrelated):
+        with pytest.raises(InputError, match=f"{expected}likely the period, the order"):
+            measure_response(frames, wrong, **names)
+
+
+@pytest.mark.parametrize(("gamma", "end"), [(5.0, 4.0), (0.3, 0.4)])
+@pytest.mark.parametrize("exponent", [1.0, 0.8])
+def test_an_exponent_at_the_end_of_the_range_is_refused(gamma, end, exponent):
+    with pytest.raises(InputError, match=f"at the end of this range, {end}; likely the camera's"):
+        measured(gamma / exponent, exponent=exponent)
+
+
+def test_a_refused_response_is_not_written(tmp_path, capsys):
+    plan = PatternPlan(
+        256, 8, (GrayCode("x", 4.0, 256, inverse=True), PhaseSteps("x", 64.0, equal_steps(4)))
+    )
+    rng = np.random.default_rng(0)
+    row, column = np.mgrid[:160, :240]
+    at = 0.9 * column + 0.13 * row
+    shots = [np.interp(at, np.arange(256), frame[0].astype(float)) for frame in encode(plan)]
+    shots = [np.rint(20 + 0.6 * f + rng.normal(0, 0.7, f.shape)).astype(np.uint8) for f in shots]
+    shots[-4:] = shots[:-5:-1]  # the steps run backwards
+    write_stack(tmp_path / "plane", shots, plan)
+    words = ["response", str(tmp_path / "plane"), "--camera-name", "left"]
+    words += ["--projector-name", "bench", "--out", str(tmp_path / "response.toml")]
+    assert run(words) == 2
+    assert "the steps run the other way" in capsys.readouterr().err
+    assert not (tmp_path / "response.toml").exists()
 
 
 def test_predistorted_pictures_make_light_that_is_a_cosine(tmp_path):

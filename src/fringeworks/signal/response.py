@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import SINGULAR_CONDITION, step_design
 from fringeworks.signal.filters import saturated_squares
-from fringeworks.signal.gamma import gamma_of_frames, shifts_or_equal
+from fringeworks.signal.gamma import (
+    GAMMA_RANGE,
+    MISFIT_PRECISION,
+    gamma_of_frames,
+    shifts_or_equal,
+)
 from fringeworks.signal.phase_table import TABLE_BINS, table_position, tables_by_brightness
 from fringeworks.types import FloatMap, Frozen, InputError, Pair, Provenance
 
@@ -30,6 +35,19 @@ MIN_MODULATION_SHARE = 0.2
 
 As a share of the 95th percentile, which is that of the white plane. It excludes shadow and dark
 surroundings. An empirical choice.
+"""
+
+LARGEST_ERROR_RAD = 0.36
+"""Largest phase error that a response makes, rms, rad: that of three steps with γ = 4.
+
+That is the end of ``GAMMA_RANGE``. If more than that remains after the correction, the phases do
+not follow the projected ones.
+"""
+
+AGREEMENT = 0.5
+"""Length of the mean of exp(i·difference) from which on two phases agree, 0…1.
+
+Unrelated phases have 0; phases with the error of a response have 0.9 or more.
 """
 
 
@@ -178,7 +196,13 @@ def measure_response(
     Raises
     ------
     InputError
-        If a name is empty, the shapes differ, or the frames do not hold whole fringes.
+        If a name is empty, the shapes differ, the frames do not hold whole fringes, no exponent of
+        0.4 … 4 explains them, or the phases do not follow the projected ones.
+
+    Notes
+    -----
+    A common offset of the phases is where the plan's steps start. It is no error of the response,
+    and is removed before the fits.
     """
     for name, value in (("camera", camera), ("projector", projector)):
         if not value.strip():
@@ -191,6 +215,9 @@ def measure_response(
         raise InputError(f"ideal phase: expected shape {phase.shape}, got {ideal_rad.shape}")
     strong = modulation > MIN_MODULATION_SHARE * np.percentile(modulation, 95)
     seen = np.where(strong, phase, np.nan)
+    along = _mean_direction(seen - ideal_rad)
+    against = _mean_direction(-seen - ideal_rad)
+    ideal_rad = ideal_rad + np.angle(along)
     tables, medians = tables_by_brightness(seen, ideal_rad, brightness)
     steps = len(frames)
     known = np.where(strong, ideal_rad, np.nan)
@@ -200,9 +227,39 @@ def measure_response(
         camera, projector, gamma, steps, pattern_exponent, tables, medians, 0.0, first
     )
     residual = np.exp(1j * (correct_phase(seen, response, brightness) - ideal_rad))
-    # A common offset is the origin of the phase, not an error.
     residual = np.angle(residual * np.conj(np.nanmean(residual)))
-    return replace(response, residual_rad=float(np.nanstd(residual)))
+    left = float(np.nanstd(residual))
+    _check_fit(left, gamma * pattern_exponent, backwards=abs(against) > AGREEMENT)
+    return replace(response, residual_rad=left)
+
+
+def _mean_direction(phase_rad: FloatMap) -> complex:
+    """Mean of exp(i φ) over the finite phases; 0 where there are none."""
+    known = phase_rad[np.isfinite(phase_rad)]
+    return complex(np.mean(np.exp(1j * known))) if known.size else 0j
+
+
+def _check_fit(left_rad: float, exponent: float, *, backwards: bool) -> None:
+    """Refuse a response that does not explain the frames that it was measured from."""
+    if left_rad > LARGEST_ERROR_RAD:
+        likely = (
+            "the steps run the other way: give their shifts with the other sign"
+            if backwards
+            else "likely the period, the order or the sign of the steps is not what was projected, "
+            "the surface is not flat, or the fringes are too weak"
+        )
+        raise InputError(
+            f"response: expected phases that differ from the projected ones by at most "
+            f"{LARGEST_ERROR_RAD} rad rms after the correction, got {left_rad:.2f} rad; {likely}"
+        )
+    low, high = GAMMA_RANGE
+    if not low + MISFIT_PRECISION < exponent < high - MISFIT_PRECISION:
+        end = low if exponent < 1.0 else high
+        raise InputError(
+            f"response: expected an exponent γ between {low} and {high}, got frames that fit best "
+            f"at the end of this range, {end}; likely the camera's own gamma is switched on, the "
+            "frames are saturated, or another light changed during the capture"
+        )
 
 
 def linearise(frame: NDArray[np.generic], response: Response) -> NDArray[np.float64]:

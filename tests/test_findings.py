@@ -14,13 +14,15 @@ import fringeworks as fw
 from fringeworks.batch.measure import job_of, measure_scan
 from fringeworks.batch.scans import Scan
 from fringeworks.batch.store import Store
+from fringeworks.cli import output
 from fringeworks.cli.commands import run
 from fringeworks.files.findings import findings_as_json, findings_from_json
+from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.simulate.bodies import Plane
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body
 from fringeworks.studio.worker import _answer
-from fringeworks.types import Finding, InputError, Pixels, Region, found_before
+from fringeworks.types import Finding, InputError, Pixels, Region, by_effect, found_before
 from tests.rigs import BOARD, ahead, board, poses, rig, shoot
 from tests.stacks import take
 
@@ -90,6 +92,82 @@ def test_errors_tell_the_most_severe_finding_first_and_the_refusal_last():
     again = pickle.loads(pickle.dumps(placed))
     assert (str(again), again.findings) == (str(placed), placed.findings)
     assert InputError("no").lines == ("no",)
+
+
+def many(count):
+    """A note, an error, and warnings that concern more pixels each."""
+    warnings = [replace(WARNING, seen=f"warning {k}", pixels=Pixels(k, 100)) for k in range(count)]
+    return [NOTE, *warnings, ERROR]
+
+
+def test_findings_are_sorted_by_their_effect():
+    assert by_effect(many(3)) == [ERROR, *many(3)[3:0:-1], NOTE]
+    everywhere = replace(WARNING, seen="everywhere", pixels=None)
+    assert by_effect([*many(2), everywhere])[:2] == [ERROR, everywhere]
+
+
+@pytest.fixture
+def _as_before():
+    """The options of all commands are those of a new program afterwards."""
+    yield
+    output.configure(quiet=False, verbose=False, log=None)
+
+
+@pytest.mark.usefixtures("_as_before")
+def test_a_command_prints_five_findings_and_counts_the_others(capsys, tmp_path):
+    log = tmp_path / "log"
+    output.configure(quiet=False, verbose=False, log=log)
+    output.Output().found(many(7))
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == ERROR.line
+    assert [line.split(": ")[1] for line in said[1:5]] == [f"warning {k}" for k in (6, 5, 4, 3)]
+    assert said[5:] == ["and 4 smaller findings; `fringeworks --verbose` shows all"]
+    assert log.read_text().count("(steps)") == 7
+    assert NOTE.line in log.read_text()
+    output.Output().found(many(3))
+    assert len(capsys.readouterr().out.splitlines()) == 5
+    output.Output().found([replace(ERROR, seen=f"error {k}") for k in range(8)])
+    assert len(capsys.readouterr().out.splitlines()) == 8
+    output.configure(quiet=False, verbose=True, log=None)
+    output.Output().found(many(7))
+    assert len(capsys.readouterr().out.splitlines()) == 9
+
+
+@pytest.mark.usefixtures("_as_before")
+def test_a_command_that_fails_prints_five_findings_and_keeps_all(capsys, tmp_path):
+    path = output.want_json(tmp_path / "result.json")
+    assert output.fail("expected points, got none", many(7)) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == ERROR.line
+    assert said[5:] == [
+        "and 4 smaller findings; `fringeworks --verbose` shows all",
+        "fringeworks: expected points, got none",
+    ]
+    assert len(json.loads(path.read_text())["findings"]) == 9
+
+
+def test_quiet_and_verbose_exclude_each_other(capsys):
+    assert run(["-q", "-v", "devices"]) == 2
+    assert "--verbose: it cannot be combined with --quiet" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.uint8])
+def test_frames_without_noise_are_named_as_such(kind):
+    plan = fw.PatternPlan(256, 8, (PhaseSteps("x", 256.0, equal_steps(4)),))
+    row, column = np.mgrid[:80, :200]
+    at = 0.9 * column + 0.13 * row
+    frames = [np.interp(at, np.arange(256), frame[0].astype(float)) for frame in fw.encode(plan)]
+    frames = [20.0 + 0.6 * frame for frame in frames]
+    if kind is np.uint8:
+        frames = [np.rint(frame).astype(kind) for frame in frames]
+    (said,) = [f for f in fw.decode(frames, plan).findings if f.kind == "noise"]
+    assert said.text.startswith("the frames show no noise above 0.")
+    assert said.text.endswith("likely rendered, averaged or denoised frames")
+    assert said.severity == "note"
+    noisy = np.random.default_rng(0).normal(0.0, 1.0, (4, 80, 200))
+    frames = [np.rint(frame + n) for frame, n in zip(frames, noisy, strict=True)]
+    (said,) = [f for f in fw.decode(frames, plan).findings if f.kind == "noise"]
+    assert said.text.startswith("noise of 1.")
 
 
 def test_a_depth_range_in_cm_is_the_first_thing_that_is_said(tmp_path, capsys):

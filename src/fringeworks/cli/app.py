@@ -124,6 +124,9 @@ def all_commands(
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Print errors only, and what goes to '-'.")
     ] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="Print all findings, not only the first five.")
+    ] = False,
     log: Annotated[
         Path | None, typer.Option("--log", help="Append messages with date and time to this file.")
     ] = None,
@@ -141,7 +144,7 @@ def all_commands(
     ] = False,
 ) -> None:
     """Options of all commands stand before the command."""
-    output.configure(quiet=quiet, log=log)
+    output.configure(quiet=quiet, verbose=verbose, log=log)
     if max_gb is not None or outside:
         limit = {} if max_gb is None else {"max_gb": max_gb}
         context.with_resource(fw.files.file_limits(**limit, outside=outside))

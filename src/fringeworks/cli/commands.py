@@ -25,7 +25,7 @@ def run(arguments: Sequence[str]) -> int:
     except fw.files.FolderInUse as error:
         return output.fail(f"{error}; choose another folder, or add --force to write into it")
     except fw.InputError as error:
-        return output.fail(*error.lines, findings=error.findings)
+        return output.fail(str(error), error.findings)
     except TyperException as error:
         message = error.format_message().replace("Value error, ", "")
         if "No such option" in message:

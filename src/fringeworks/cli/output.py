@@ -19,6 +19,8 @@ import fringeworks as fw
 
 STDOUT = "-"
 """Name that stands for standard output."""
+MOST_FINDINGS = 5
+"""Findings that a command prints unless asked for all: the first causes are read, a page is not."""
 LINE_EVERY_S = 20.0
 """Seconds between two lines of progress where stderr is no terminal: often enough to see life, rare
 enough for a log."""
@@ -29,6 +31,7 @@ class _Settings:
     """What the options of all commands ask for; set once, before a command runs."""
 
     quiet: bool = False
+    verbose: bool = False
     log: Path | None = None
     json: Path | None = None
     """Where the figures of the command go that runs; None where nobody asked, and once written."""
@@ -37,9 +40,12 @@ class _Settings:
 _settings = _Settings()
 
 
-def configure(*, quiet: bool, log: Path | None) -> None:
+def configure(*, quiet: bool, verbose: bool, log: Path | None) -> None:
     """Set the options of all commands."""
-    _settings.quiet, _settings.log, _settings.json = quiet, log, None
+    if quiet and verbose:
+        raise fw.InputError("--verbose: it cannot be combined with --quiet")
+    _settings.quiet, _settings.verbose = quiet, verbose
+    _settings.log, _settings.json = log, None
     if log is not None:
         _write_log(f"fringeworks {fw.__version__}: {' '.join(sys.argv[1:])}")
 
@@ -50,24 +56,48 @@ def want_json(path: Path | None) -> Path | None:
     return path
 
 
-def fail(*lines: str, findings: Sequence[fw.Finding] = ()) -> int:
+def fail(message: str, findings: Sequence[fw.Finding] = ()) -> int:
     """What was found and why the command fails, a line each on stderr; the exit code of bad input.
 
     Findings go to ``--json`` as well, where the command has not written its figures yet.
     """
-    *found, message = (" ".join(line.split()) for line in lines)
+    message = _one_line(message)
     # Where the log or the figures cannot be written, that is the error already.
     with suppress(fw.InputError):
-        for line in (*found, f"error: {message}"):
-            _write_log(line)
-    for line in (*found, f"fringeworks: {message}"):
-        sys.stderr.write(f"{line}\n")
+        for line in (*(f.line for f in _by_effect(findings)), f"error: {message}"):
+            _write_log(_one_line(line))
+    for line in (*_shown(findings), f"fringeworks: {message}"):
+        sys.stderr.write(f"{_one_line(line)}\n")
     if findings:
         from fringeworks.files.findings import findings_as_dicts
 
         with suppress(fw.InputError):
             write_json(_settings.json, {"error": message, "findings": findings_as_dicts(findings)})
     return 2
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _by_effect(findings: Iterable[fw.Finding]) -> list[fw.Finding]:
+    from fringeworks.types import by_effect
+
+    return by_effect(findings)
+
+
+def _shown(findings: Iterable[fw.Finding]) -> list[str]:
+    """Lines of the findings that matter most, all errors among them, and how many are left out."""
+    first = _by_effect(findings)
+    errors = sum(finding.severity == "error" for finding in first)
+    shown = len(first) if _settings.verbose else max(MOST_FINDINGS, errors)
+    lines = [finding.line for finding in first[:shown]]
+    if len(first) > shown:
+        left = len(first) - shown
+        lines.append(
+            f"and {left} smaller finding{'s' * (left > 1)}; `fringeworks --verbose` shows all"
+        )
+    return lines
 
 
 class Output:
@@ -84,6 +114,9 @@ class Output:
     def say(self, text: str) -> None:
         """Print a line of text."""
         _write_log(text)
+        self._echo(text)
+
+    def _echo(self, text: str) -> None:
         if not _settings.quiet:
             typer.echo(text, err=self._err)
 
@@ -94,19 +127,28 @@ class Output:
                 self.say(f"wrote {target}")
 
     def found(self, findings: Iterable[fw.Finding]) -> None:
-        """Print findings, a line each."""
-        for finding in findings:
-            self.say(finding.line)
+        """Print the findings that matter most, a line each; the log gets all of them."""
+        every = _by_effect(findings)
+        for finding in every:
+            _write_log(finding.line)
+        for line in _shown(every):
+            self._echo(line)
 
     def tell(self, result: Any, figures: dict[str, Any]) -> None:
         """Print what a result says, with its figures and what else is known."""
         from fringeworks.report.kind import Rows, words_of
 
-        for line in words_of(result, figures):
-            if isinstance(line, Rows):
-                self.table(line.columns, line.rows, lines=line.ruled)
-            else:
-                self.say(line)
+        found: list[fw.Finding] = []
+        for word in (*words_of(result, figures), ""):
+            if isinstance(word, fw.Finding):
+                found.append(word)
+                continue
+            self.found(found)
+            found.clear()
+            if isinstance(word, Rows):
+                self.table(word.columns, word.rows, lines=word.ruled)
+            elif word:
+                self.say(word)
 
     def table(
         self, columns: Sequence[str], rows: Sequence[Sequence[str]], *, lines: bool = False

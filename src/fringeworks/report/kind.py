@@ -13,7 +13,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from fringeworks.types import InputError
+from fringeworks.types import Finding, InputError
 
 if TYPE_CHECKING:
     from fringeworks.report.drawing import Figure
@@ -34,13 +34,17 @@ class Rows:
     """Whether lines stand between the rows, which cells of whole sentences need."""
 
 
+Word = str | Rows | Finding
+"""A line, a table or a finding; of several findings in a row, the printer may choose."""
+
+
 @dataclass(frozen=True)
 class Kind(Generic[Result]):
     """What is shown of results of one type; None for what such results do not have."""
 
     figures: Callable[[Result], dict[str, Any]] | None = None
     """The numerical results, ready for JSON; see ``summarise``."""
-    words: Callable[[Result, dict[str, Any]], Iterator[str | Rows]] | None = None
+    words: Callable[[Result, dict[str, Any]], Iterator[Word]] | None = None
     """What a command prints of a result and its figures."""
     picture: Callable[[Result, str | None], Sheet | Figure] | None = None
     """The picture, with the name of the object or capture before its title; see ``plot``."""
@@ -78,7 +82,7 @@ def _load(file: str) -> None:
         import_module(name)
 
 
-def words_of(result: object, figures: dict[str, Any]) -> Iterator[str | Rows]:
+def words_of(result: object, figures: dict[str, Any]) -> Iterator[Word]:
     """What a command prints of a result.
 
     Parameters

@@ -7,7 +7,7 @@ from typing import Any
 
 from fringeworks.files.findings import finding_from_dict, findings_as_dicts
 from fringeworks.report.kind import kind_of
-from fringeworks.types import InputError, Provenance
+from fringeworks.types import Finding, InputError, Provenance
 
 
 def summarise(result: object) -> dict[str, Any]:
@@ -50,7 +50,6 @@ def failures(reasons: dict[str, int]) -> str:
     return ", ".join(failed) or "none"
 
 
-def finding_words(figures: dict[str, Any]) -> Iterator[str]:
-    """The findings among a result's figures, a line each."""
-    for finding in map(finding_from_dict, figures["findings"]):
-        yield finding.line
+def finding_words(figures: dict[str, Any]) -> Iterator[Finding]:
+    """The findings among a result's figures."""
+    yield from map(finding_from_dict, figures["findings"])

@@ -150,7 +150,7 @@ def examine(
         noise, source = measure_noise(decodings, sample, limits, start)
         if noise is start:
             noise = neighbour_noise(sample.patch, limits, start)
-        findings.append(words.noise(noise, source))
+        findings.append(words.noise(noise, source, floor))
     noise = _with_floor(noise, floor)
     limits = _trusted(decodings, sample, limits, noise)
     known = Known(noise, limits, estimate_steps)

@@ -23,9 +23,18 @@ NOTABLE_RIPPLE_RAD = 0.02
 NOTABLE_GAIN = 0.003
 """Change of the light from frame to frame from which on it is reported as one. Empirical."""
 
+NO_GAIN = 5e-5
+"""Shot noise over the noise floor below which it is none, 1/count. The floor is this share of the
+largest count or more (``ARITHMETIC_ERROR``), so that the variance of shot noise is below floor²."""
 
-def noise(found: CameraNoise, source: str) -> Finding:
-    """The measured noise."""
+
+def noise(found: CameraNoise, source: str, floor: float) -> Finding:
+    """The measured noise; below the floor in counts, that the frames show none."""
+    if found.read_counts < floor and found.gain < NO_GAIN * floor:
+        seen = f"the frames show no noise above {floor:.2g} counts, the least that is assumed"
+        causes = ("rendered, averaged or denoised frames",)
+        figures = {"read_counts": found.read_counts, "gain": 0.0, "least_counts": floor}
+        return Finding("noise", seen, causes, figures=figures, severity="note")
     shot = f", {found.gain:.3g} counts² per count" if found.gain else ""
     figures = {"read_counts": found.read_counts, "gain": found.gain}
     seen = f"noise of {found.read_counts:.3g} counts{shot}, from {source}"

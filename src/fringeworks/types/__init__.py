@@ -59,6 +59,7 @@ from fringeworks.types.finding import (
     Pixels,
     Severity,
     as_notes,
+    by_effect,
     numbered,
     region_of,
 )
@@ -131,6 +132,7 @@ __all__ = [
     "UnknownMethod",
     "Where",
     "as_notes",
+    "by_effect",
     "check_fields",
     "check_layout",
     "check_reusable",

@@ -92,6 +92,16 @@ class Finding(Frozen):
         return "; ".join(parts)
 
 
+def by_effect(findings: Iterable[Finding]) -> list[Finding]:
+    """Findings, the most severe first; of one severity, those that concern more pixels first."""
+
+    def place(finding: Finding) -> tuple[int, float]:
+        share = 1.0 if finding.pixels is None else finding.pixels.share
+        return -finding.rank, -share
+
+    return sorted(findings, key=place)
+
+
 def as_notes(texts: Iterable[str], kind: str = "frames") -> tuple[Finding, ...]:
     """Texts that tell how a result came about, as findings."""
     return tuple(Finding(kind, text, severity="note") for text in texts)

@@ -9,7 +9,7 @@ import numpy as np
 
 from fringeworks.files.findings import findings_as_dicts
 from fringeworks.report.display import plot
-from fringeworks.report.kind import Kind, describe
+from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.kinds.rig import parameter_row
 from fringeworks.report.page.blocks import Chapter, Picture
 from fringeworks.report.page.chapter import Context, judged_block
@@ -67,7 +67,7 @@ def figures(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def words(_: Calibration, figures: dict[str, Any]) -> Iterator[str]:
+def words(_: Calibration, figures: dict[str, Any]) -> Iterator[Word]:
     """Parameters, poses and findings of a calibration."""
     for name, entry in figures["parameters"].items():
         yield f"{name:14s} {entry['value']:12.5f} ± {entry['sigma']:.5f}"

@@ -10,7 +10,7 @@ import numpy as np
 
 from fringeworks.files.findings import findings_as_dicts
 from fringeworks.pipeline.cameras import MultiMeasurement
-from fringeworks.report.kind import Kind, describe
+from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.sheets import Panel, Sheet, percent, titled
 from fringeworks.report.summary import finding_words, origin, told
 from fringeworks.rig.calibration.cameras import MultiCalibration
@@ -61,7 +61,7 @@ def calibration_figures(calibration: MultiCalibration) -> dict[str, Any]:
     }
 
 
-def calibration_words(_: MultiCalibration, figures: dict[str, Any]) -> Iterator[str]:
+def calibration_words(_: MultiCalibration, figures: dict[str, Any]) -> Iterator[Word]:
     """The cameras, and how well poses predict each other."""
     for camera in figures["cameras"]:
         x, y, z = camera["place_mm"]
@@ -127,7 +127,7 @@ def _mean(values: FloatMap) -> float | None:
     return float(values.mean()) if values.size else None
 
 
-def point_words(_: MultiMeasurement, figures: dict[str, Any]) -> Iterator[str]:
+def point_words(_: MultiMeasurement, figures: dict[str, Any]) -> Iterator[Word]:
     """Points of each camera and of its pairs."""
     yield from finding_words(figures)
     for camera in figures["cameras"]:

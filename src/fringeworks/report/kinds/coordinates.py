@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.report.display import plot
-from fringeworks.report.kind import Kind, describe
+from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.kinds.surface import itself
 from fringeworks.report.page.blocks import Block, Chapter, Picture
 from fringeworks.report.page.chapter import Context, judged_block
@@ -54,7 +54,7 @@ def figures(decoded: Decoded) -> dict[str, Any]:
     }
 
 
-def words(_: Decoded, figures: dict[str, Any]) -> Iterator[str]:
+def words(_: Decoded, figures: dict[str, Any]) -> Iterator[Word]:
     """Projector coordinates along each axis."""
     yield from finding_words(figures)
     for axis, found in figures["axes"].items():

@@ -10,7 +10,7 @@ import numpy as np
 from fringeworks.evaluate.deviation import Deviation
 from fringeworks.evaluate.spots import find_spots
 from fringeworks.report.display import plot
-from fringeworks.report.kind import Kind, Rows, describe
+from fringeworks.report.kind import Kind, Rows, Word, describe
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Surface
 from fringeworks.report.page.chapter import Context, judged_block
 from fringeworks.report.page.charts import histogram
@@ -57,7 +57,7 @@ def figures(found: Deviation) -> dict[str, Any]:
     }
 
 
-def words(found: Deviation, figures: dict[str, Any]) -> Iterator[str | Rows]:
+def words(found: Deviation, figures: dict[str, Any]) -> Iterator[Word]:
     """Mean, rms, dents and bumps, and the share outside a tolerance."""
     sigma = figures["mean_sigma_mm"]
     mean = f"{figures['mean_mm']:.4f} mm" + ("" if sigma is None else f" ± {sigma:.2g}")
@@ -80,8 +80,7 @@ def words(found: Deviation, figures: dict[str, Any]) -> Iterator[str | Rows]:
         sure = figures["surely_outside_share"]
         surely = "" if sure is None else f", {sure:.2%} surely (by 2 σ)"
         yield f"{figures['outside_share']:.2%} outside the tolerance{surely}"
-    for finding in found.findings:
-        yield finding.line
+    yield from found.findings
 
 
 def picture(found: Deviation, name: str | None) -> Figure:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from fringeworks.files.findings import findings_as_dicts
-from fringeworks.report.kind import Kind, describe
+from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.summary import origin
 from fringeworks.rig.calibration.drift import RigCheck
 
@@ -30,11 +30,10 @@ def figures(checked: RigCheck) -> dict[str, Any]:
     }
 
 
-def words(checked: RigCheck, _: dict[str, Any]) -> Iterator[str]:
+def words(checked: RigCheck, _: dict[str, Any]) -> Iterator[Word]:
     """The verdict with its causes."""
     yield checked.text
-    for finding in checked.findings:
-        yield finding.line
+    yield from checked.findings
 
 
 describe(RigCheck, Kind(figures, words))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from fringeworks.evaluate.form import FormEvaluation
-from fringeworks.report.kind import Kind, describe
+from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.page.blocks import Chapter, Picture
 from fringeworks.report.page.chapter import Context, judged_block
 from fringeworks.report.page.charts import histogram
@@ -19,7 +19,7 @@ def figures(evaluation: FormEvaluation) -> dict[str, Any]:
     return evaluation.figures | told(evaluation) | origin(evaluation.provenance)
 
 
-def words(_: FormEvaluation, figures: dict[str, Any]) -> Iterator[str]:
+def words(_: FormEvaluation, figures: dict[str, Any]) -> Iterator[Word]:
     """Fitted bodies and their errors."""
     yield from finding_words(figures)
     for body in figures["bodies"]:

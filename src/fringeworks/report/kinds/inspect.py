@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.evaluate.inspect import Check, Inspection
-from fringeworks.report.kind import Kind, Rows, describe
+from fringeworks.report.kind import Kind, Rows, Word, describe
 from fringeworks.report.summary import summarise, told
 
 COLUMNS = ("tolerance", "value", "± σ", "limits", "verdict")
@@ -39,11 +39,10 @@ def figures(inspection: Inspection) -> dict[str, Any]:
     }
 
 
-def words(inspection: Inspection, _: dict[str, Any]) -> Iterator[str | Rows]:
+def words(inspection: Inspection, _: dict[str, Any]) -> Iterator[Word]:
     """The checks as a table, and the verdict."""
     yield Rows(COLUMNS, [_row(check) for check in inspection.checks], ruled=True)
-    for finding in inspection.findings:
-        yield finding.line
+    yield from inspection.findings
     judged = bool(inspection.checks)
     yield inspection.verdict if judged else "nothing is judged: the recipe has no tolerances"
 

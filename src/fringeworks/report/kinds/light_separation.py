@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.report.kind import Kind, describe
+from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.sheets import REASONS, Panel, Sheet, map_facts, percent, titled
 from fringeworks.report.summary import failures, finding_words, origin, told
 from fringeworks.stack.light_separation import LightSeparation
@@ -36,7 +36,7 @@ def figures(light: LightSeparation) -> dict[str, Any]:
     }
 
 
-def words(_: LightSeparation, figures: dict[str, Any]) -> Iterator[str]:
+def words(_: LightSeparation, figures: dict[str, Any]) -> Iterator[Word]:
     """The share of indirect light, and medians."""
     yield from finding_words(figures)
     failed = failures(figures["reasons"])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fringeworks.report.display import plot
-from fringeworks.report.kind import Kind, describe
+from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.page.blocks import Block, Chapter, Picture, Text
 from fringeworks.report.page.chapter import Context, judged_block
 from fringeworks.report.page.charts import histogram
@@ -63,7 +63,7 @@ def _height_figures(surface: HeightMap) -> dict[str, Any]:
     }
 
 
-def height_words(_: object, figures: dict[str, Any]) -> Iterator[str]:
+def height_words(_: object, figures: dict[str, Any]) -> Iterator[Word]:
     """A height map in words, and its errors where the truth is known."""
     yield from finding_words(figures)
     unit = figures["unit"]
@@ -202,7 +202,7 @@ def _median(values: FloatMap) -> float:
     return float(np.median(values, overwrite_input=True))
 
 
-def cloud_words(_: object, figures: dict[str, Any]) -> Iterator[str]:
+def cloud_words(_: object, figures: dict[str, Any]) -> Iterator[Word]:
     """A point cloud in words."""
     yield from finding_words(figures)
     if figures["points"]:

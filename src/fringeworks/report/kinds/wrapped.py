@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.report.kind import Kind, describe
+from fringeworks.report.kind import Kind, Word, describe
 from fringeworks.report.sheets import REASONS, SIGMA, Panel, Sheet, map_facts, titled
 from fringeworks.report.summary import failures, finding_words, origin, told
 from fringeworks.stack.wrapped import WrappedPhase
@@ -30,7 +30,7 @@ def figures(wrapped: WrappedPhase) -> dict[str, Any]:
     }
 
 
-def words(_: WrappedPhase, figures: dict[str, Any]) -> Iterator[str]:
+def words(_: WrappedPhase, figures: dict[str, Any]) -> Iterator[Word]:
     """Usual σ and modulation."""
     yield from finding_words(figures)
     failed = failures(figures["reasons"])

@@ -186,25 +186,42 @@ class VirtualProjector(Closing):
         -------
         Pictures with the time over which each lit each exposure, (k,), s.
         """
+        first_s, last_s = float(np.min(from_s)), float(np.max(until_s))
         ends = [after.from_s for after in list(self.shown)[1:]] + [np.inf]
         lit: dict[int, tuple[Shown, FloatMap]] = {}
-        # What is left on the screen of earlier pictures when an interval begins, by number.
-        left: dict[int, float] = {}
+        # What is left on the screen of earlier pictures when an interval begins.
+        left: list[tuple[Shown, float]] = []
         tau = self.model.settling_s
         for shown, end in zip(self.shown, ends, strict=True):
-            start = np.clip(shown.from_s, from_s, until_s)
-            stop = np.clip(end, from_s, until_s)
-            time_s = self.emitted_s(stop) - self.emitted_s(start)
-            if tau and np.isfinite(shown.from_s):
-                slow = tau * (
-                    np.exp(-(start - shown.from_s) / tau) - np.exp(-(stop - shown.from_s) / tau)
-                )
-                for number, share in left.items():
-                    lit[number] = lit[number][0], lit[number][1] + share * slow
-                time_s = time_s - sum(left.values()) * slow
-            lit[shown.number] = shown, time_s
-            gone = np.exp(-(end - shown.from_s) / tau) if tau and np.isfinite(end) else 0.0
-            gone = gone if np.isfinite(shown.from_s) else 0.0
-            left = {number: share * gone for number, share in left.items()}
-            left[shown.number] = 1.0 - sum(left.values())
+            if shown.from_s < last_s and end > first_s:
+                self._add(lit, shown, end, left, from_s, until_s)
+            if tau:
+                lasts = np.isfinite(end) and np.isfinite(shown.from_s)
+                gone = np.exp(-(end - shown.from_s) / tau) if lasts else 0.0
+                left = [(earlier, share * gone) for earlier, share in left]
+                left.append((shown, 1.0 - sum(share for _, share in left)))
         return [(shown, t) for shown, t in lit.values() if np.any(t > 0)]
+
+    def _add(
+        self,
+        lit: dict[int, tuple[Shown, FloatMap]],
+        shown: Shown,
+        end_s: float,
+        left: list[tuple[Shown, float]],
+        from_s: FloatMap,
+        until_s: FloatMap,
+    ) -> None:
+        """Add the time over which a picture lights exposures, and what is left of earlier ones."""
+        start = np.clip(shown.from_s, from_s, until_s)
+        stop = np.clip(end_s, from_s, until_s)
+        time_s = self.emitted_s(stop) - self.emitted_s(start)
+        if left and np.isfinite(shown.from_s):
+            tau = self.model.settling_s
+            slow = tau * (
+                np.exp(-(start - shown.from_s) / tau) - np.exp(-(stop - shown.from_s) / tau)
+            )
+            for earlier, share in left:
+                _, before = lit.get(earlier.number, (earlier, np.zeros_like(slow)))
+                lit[earlier.number] = earlier, before + share * slow
+            time_s = time_s - sum(share for _, share in left) * slow
+        lit[shown.number] = shown, time_s

@@ -58,7 +58,9 @@ def checked(done, code):
         said = [
             line
             for line in done.stderr.splitlines()
-            if not re.search(r"^(note|warning|error) \(|\(\d+ s(, \d+ s left)?\)$", line)
+            if not re.search(
+                r"^(note|warning|error) \(|^and \d+ smaller finding|\(\d+ s(, \d+ s left)?\)$", line
+            )
         ]
         assert said == done.stderr.splitlines()[-1:]
         assert len(said) == 1, done.stderr

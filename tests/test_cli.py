@@ -225,16 +225,49 @@ def shown(name, folder):
     return {p.name for p in folder.iterdir()}
 
 
+SHOWN = {
+    "ideal.png",
+    "camera.png",
+    "errors.md",
+    "errors.json",
+    "parabola.ply",
+    "capture",
+    "rig.toml",
+    "rig.md",
+    "calibration.md",
+    "bust",
+    "bust.ply",
+    "bust.html",
+    "rig_bust.png",
+    "sphere.ply",
+    "plane.ply",
+}
+"""What the demonstration writes, among others."""
+
+
 @pytest.mark.system
+@pytest.mark.long
 def test_demo(tmp_path):
-    assert shown("demo", tmp_path / "demo") >= {
-        "ideal.png",
-        "camera.png",
-        "errors.md",
-        "errors.json",
-        "parabola.ply",
-        "capture",
-        "bust.html",
+    assert shown("demo", tmp_path / "demo") >= SHOWN
+
+
+@pytest.mark.system
+def test_demo_of_one_object_and_three_poses(tmp_path, monkeypatch):
+    """The same steps with the least that each takes."""
+    monkeypatch.delenv("FRINGEWORKS_DATA", raising=False)
+    monkeypatch.setattr("fringeworks.showcase.demo.BODIES", ("parabola",))
+    monkeypatch.setattr("fringeworks.showcase.demo.METHODS", ("gsifa", "fourier", "windowed"))
+    monkeypatch.setattr("fringeworks.showcase.demo_rig.POSES", 3)
+    folder = tmp_path / "demo"
+    said = run("demo", "--size", "160", "--out", folder).stdout
+    assert {p.name for p in folder.iterdir()} >= SHOWN
+    assert "with a calibrated rig:" in said
+    assert "no real captures" in said
+    errors = json.loads((folder / "errors.json").read_text())
+    assert {(row["case"], row["method"]) for row in errors} == {
+        (case, method)
+        for case in ("ideal", "camera")
+        for method in ("gsifa", "fourier", "windowed")
     }
 
 

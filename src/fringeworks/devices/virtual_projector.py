@@ -14,6 +14,9 @@ from fringeworks.devices.clock import Clock, SystemClock
 from fringeworks.devices.protocols import Closing, checked_picture
 from fringeworks.types import DeviceProblem, FloatMap, InputError, check_fields
 
+LEAST_SHARE = 1e-9
+"""Share of an earlier picture from which on its light counts as still on the screen, 0…1: that of a
+thousandth of a count of 16 bits."""
 KEPT_PICTURES = 64
 """Pictures that are remembered, so that a camera with a long exposure finds all that it saw."""
 LIMITED_BLACK = 16 / 255
@@ -199,6 +202,7 @@ class VirtualProjector(Closing):
                 lasts = np.isfinite(end) and np.isfinite(shown.from_s)
                 gone = np.exp(-(end - shown.from_s) / tau) if lasts else 0.0
                 left = [(earlier, share * gone) for earlier, share in left]
+                left = [(earlier, share) for earlier, share in left if share > LEAST_SHARE]
                 left.append((shown, 1.0 - sum(share for _, share in left)))
         return [(shown, t) for shown, t in lit.values() if np.any(t > 0)]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -232,23 +232,26 @@ class _Lattice:
                     guesses.append(3.0 * second - 2.0 * third)
         return np.asarray(np.mean(guesses, axis=0))
 
-    def _edges(self, place: Place) -> FloatMap:
-        """Vectors to the next corner along columns and rows, (2, 2), px, from the nearest pair."""
-        i, j = place
-        edges = []
-        for di, dj in ((1, 0), (0, 1)):
-            nearest: tuple[float, FloatMap] | None = None
-            for (a, b), corner in self.corners.items():
-                following = self.corners.get((a + di, b + dj))
-                distance = np.hypot(a - i + 0.5 * di, b - j + 0.5 * dj)
-                if following is not None and (nearest is None or distance < nearest[0]):
-                    nearest = (float(distance), following - corner)
-            edges.append(np.full(2, np.nan) if nearest is None else nearest[1])
-        return np.stack(edges)
+    def _edges(self, places: Iterable[Place]) -> FloatMap:
+        """Vectors to the next corner along columns and rows, (n, 2, 2), px, from the nearest pairs.
+
+        NaN where no two corners follow each other.
+        """
+        at = np.array(list(places), np.float64)
+        edges = np.full((len(at), 2, 2), np.nan)
+        for k, step in enumerate(np.eye(2, dtype=int)):
+            pairs = [(p, (p[0] + step[0], p[1] + step[1])) for p in self.corners]
+            pairs = [(first, second) for first, second in pairs if second in self.corners]
+            if pairs:
+                middle = np.array([first for first, _ in pairs]) + 0.5 * step
+                vectors = np.array([self.corners[b] - self.corners[a] for a, b in pairs])
+                apart = np.hypot(*np.moveaxis(middle - at[:, None], 2, 0))
+                edges[:, k] = vectors[np.argmin(apart, axis=1)]
+        return edges
 
     def _fit(self, places: list[Place], least_contrast: float = MIN_CONTRAST) -> int:
         """Fit the corners at these places and remove failed ones. Returns how many remain."""
-        edges = np.stack([self._edges(place) for place in places])
+        edges = self._edges(places)
         guesses = np.stack([self.corners[place] for place in places])
         saddles = fit_saddles(self.image, guesses, np.nan_to_num(edges, nan=1.0))
         # Light and dark squares alternate, and so does the sign of a corner's contrast.
@@ -300,7 +303,7 @@ class _Lattice:
                 f"expected {across} × {down} inner corners, found {size[0]} × {size[1]}"
             )
         places = list(self.corners)
-        edges = np.stack([self._edges(place) for place in places])
+        edges = self._edges(places)
         start = np.stack([self.corners[place] for place in places])
         saddles = fit_saddles(image, start, edges)
         pixels = np.where(saddles.good[:, None], saddles.pixels, start)

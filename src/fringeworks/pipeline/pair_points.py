@@ -83,6 +83,7 @@ def measure_pair(
     pair = pair_of(pair)
     if not isinstance(rig, Triangulator):
         rig = Triangulator(rig if isinstance(rig, Rig) else read_rig(rig))
+    given = _given(reference, plane, pair)
     started = time.perf_counter()
     found = reconstruct(
         replace(pair, geometry=None),
@@ -93,7 +94,7 @@ def measure_pair(
         **options,
     )
     with found_before(found.findings):
-        known = _reference(reference, plane, rig.rig, found.displacement.axis)
+        known = _reference(given, plane, rig.rig, found.displacement.axis)
         decoded = _decoded(pair, found, known)
         points = rig.triangulate(
             decoded, axis=known.axis, colour=sealed(np.asarray(pair.object, np.float64))
@@ -135,23 +136,40 @@ def _decoded(pair: Pair, found: Reconstruction, known: CoordinateMap) -> Decoded
     )
 
 
-def _reference(
+def _given(
     reference: Decoded | CoordinateMap | StrPath | None,
+    plane: Sequence[float] | None,
+    pair: Pair,
+) -> Decoded | CoordinateMap | None:
+    """The coordinates of the reference plane, checked before anything is computed."""
+    if (reference is None) == (plane is None):
+        got = "none" if plane is None else "both"
+        raise InputError(f"expected coordinates of the reference plane or a plane, got {got}")
+    if reference is None or isinstance(reference, Decoded | CoordinateMap):
+        given = reference
+    else:
+        given = read_coordinates(reference)
+    maps = tuple(given.maps.values()) if isinstance(given, Decoded) else (given,)
+    for known in maps:
+        if known is not None and known.coordinate_px.shape != pair.object.shape:
+            raise InputError(
+                f"reference coordinates: expected shape {pair.object.shape} of the frames, "
+                f"got {known.coordinate_px.shape}"
+            )
+    return given
+
+
+def _reference(
+    given: Decoded | CoordinateMap | None,
     plane: Sequence[float] | None,
     rig: Rig,
     axis: Axis,
 ) -> CoordinateMap:
     """The plane's coordinates along the projector's axis that the fringes change along."""
-    if (reference is None) == (plane is None):
-        got = "none" if plane is None else "both"
-        raise InputError(f"expected coordinates of the reference plane or a plane, got {got}")
-    if plane is not None:
+    if given is None:
+        assert plane is not None
         return plane_coordinates(rig, plane, axis)
-    found = reference
-    if not isinstance(found, Decoded | CoordinateMap):
-        assert found is not None
-        found = read_coordinates(found)
-    known = found.maps.get(axis) if isinstance(found, Decoded) else found
+    known = given.maps.get(axis) if isinstance(given, Decoded) else given
     if known is None or known.axis != axis:
         raise InputError(
             f"reference coordinates: expected those along {axis}, as the fringes, got others"

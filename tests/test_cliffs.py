@@ -22,13 +22,15 @@ from tests.oracles.windowed import LIMITS, options_of, pair_of
 pytestmark = pytest.mark.statistical
 
 PERIOD = 20.0
+SMALL = (34, 46)
+"""Rows and columns for oracles that take milliseconds for a pixel."""
 
 
 def cliff_problem(size=(48, 64), jump=5.0, seed=5):
     """Spline of the reference, object and displacement of a disc before a plane."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: size[0], : size[1]].astype(float)
-    disc = np.hypot(x - 30, y - 24) < 14
+    disc = np.hypot(x - 0.47 * size[1], y - 0.5 * size[0]) < 0.29 * size[0]
     u = 0.02 * x + np.where(disc, jump, 0.0)
     s = np.cos(2 * np.pi * x / PERIOD)
     d = 0.1 + 0.9 * np.cos(2 * np.pi * (x - u) / PERIOD) + 0.01 * rng.standard_normal(size)
@@ -41,7 +43,7 @@ def full(shape, value, dtype=np.float32):
 
 
 def test_relocation_agrees_with_its_oracle():
-    spline, d, u, edge = cliff_problem()
+    spline, d, u, edge = cliff_problem(SMALL)
     smeared = cv2.GaussianBlur(u, (0, 0), 4.0)
     near = ndimage.binary_dilation(edge, iterations=5)
     clean = (~near).astype(np.uint8)
@@ -88,7 +90,7 @@ def test_smoothing_stays_within_walls_as_its_oracle_does():
     ],
 )
 def test_windows_with_walls_agree_with_their_oracle(scales):
-    spline, d, u, edge = cliff_problem()
+    spline, d, u, edge = cliff_problem(SMALL)
     start = (u + 0.3).astype(np.float32)
     walls = edge.astype(np.uint8)
     found = _core.invert_windowed(pair_of(spline, d), start, options_of(scales, 1), walls)

@@ -47,13 +47,11 @@ def distort(ideal: FloatMap, distortion: FloatMap) -> FloatMap:
     x, y = ideal[..., 0], ideal[..., 1]
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return np.stack(
-        (
-            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        ),
-        axis=-1,
-    )
+    # Filled in place, as below: bundle adjustment calls these for a few points, many times.
+    distorted = np.empty((*r2.shape, 2), radial.dtype)
+    distorted[..., 0] = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    distorted[..., 1] = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    return distorted
 
 
 def distortion_by_point(ideal: FloatMap, distortion: FloatMap) -> FloatMap:
@@ -75,10 +73,13 @@ def distortion_by_coefficients(ideal: FloatMap) -> FloatMap:
     """Derivative of ``distort`` with respect to k₁, k₂, p₁, p₂, k₃, (..., 2, 5)."""
     x, y = ideal[..., 0], ideal[..., 1]
     r2 = x * x + y * y
-    product = 2.0 * x * y
-    of_x = np.stack((x * r2, x * r2**2, product, r2 + 2.0 * x * x, x * r2**3), axis=-1)
-    of_y = np.stack((y * r2, y * r2**2, r2 + 2.0 * y * y, product, y * r2**3), axis=-1)
-    return np.stack((of_x, of_y), axis=-2)
+    product, r4, r6 = 2.0 * x * y, r2**2, r2**3
+    found = np.empty((*r2.shape, 2, 5), r2.dtype)
+    for k, value in enumerate((x, y)):
+        found[..., k, 0], found[..., k, 1], found[..., k, 4] = value * r2, value * r4, value * r6
+        found[..., k, 2 + k] = product
+        found[..., k, 3 - k] = r2 + 2.0 * value * value
+    return found
 
 
 def undistort(distorted: FloatMap, distortion: FloatMap) -> FloatMap:
@@ -232,10 +233,10 @@ def rotation(vector: FloatMap) -> FloatMap:
 def skew(vector: FloatMap) -> FloatMap:
     """Return the matrix of the cross product with a vector: skew(v) @ w = v × w, (..., 3, 3)."""
     vector = np.asarray(vector, np.float64)
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    zero = np.zeros_like(x)
-    rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    cross = np.zeros((*vector.shape[:-1], 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        cross[..., i, j], cross[..., j, i] = -vector[..., k], vector[..., k]
+    return cross
 
 
 def transform(T: FloatMap, points_mm: FloatMap) -> FloatMap:

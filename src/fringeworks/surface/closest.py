@@ -233,6 +233,19 @@ def _dot(p: FloatMap, q: FloatMap) -> FloatMap:
     return np.asarray(np.einsum("nk,nk->n", p, q))
 
 
+def _numbered(places: FloatMap) -> NDArray[np.intp]:
+    """Numbers of equal places (n, 3), in their order by x, y and z, (n,).
+
+    As ``numpy.unique(…, axis=0, return_inverse=True)``, which compares rows one by one and is slow.
+    """
+    order = np.lexsort(places.T[::-1])
+    ordered = places[order]
+    other = np.any(ordered[1:] != ordered[:-1], axis=1)
+    number = np.empty(len(places), np.intp)
+    number[order] = np.concatenate(([0], np.cumsum(other)))
+    return number
+
+
 def _shared(corners: FloatMap, normals: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
     """What neighbouring triangles share.
 
@@ -244,8 +257,7 @@ def _shared(corners: FloatMap, normals: FloatMap) -> tuple[FloatMap, FloatMap, F
     Vertices at one place count as one, as STL files repeat them.
     """
     m = len(corners)
-    _, vertex = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    vertex = vertex.reshape(m, 3)
+    vertex = _numbered(corners.reshape(-1, 3)).reshape(m, 3)
     toward = [corners[:, (k + 1) % 3] - corners[:, k] for k in range(3)]
     at_vertex = np.zeros((int(vertex.max()) + 1, 3))
     ends = []
@@ -255,14 +267,15 @@ def _shared(corners: FloatMap, normals: FloatMap) -> tuple[FloatMap, FloatMap, F
         angle = np.arctan2(sine, _dot(one, other))
         np.add.at(at_vertex, vertex[:, k], angle[:, None] * normals)
         ends.append(np.sort(vertex[:, [(k + 1) % 3, (k + 2) % 3]], axis=1))
-    _, edge = np.unique(np.concatenate(ends), axis=0, return_inverse=True)
+    first, second = np.concatenate(ends).T
+    _, edge = np.unique(first * len(at_vertex) + second, return_inverse=True)
     edge = edge.reshape(3, m).T
     at_edge = np.zeros((int(edge.max()) + 1, 3))
     for k in range(3):
         np.add.at(at_edge, edge[:, k], normals)
     # Two unit normals at an angle φ have a sum of 2 cos(φ/2); a single one, at a border, of 1.
     smooth = np.linalg.norm(at_edge, axis=1) > 2.0 * np.sqrt(0.5 * (1.0 + SMOOTH_COSINE))
-    _, first = np.unique(edge, return_index=True)
-    face, k = np.divmod(first[~smooth], 3)
+    _, place = np.unique(edge, return_index=True)
+    face, k = np.divmod(place[~smooth], 3)
     ends_of = np.stack((corners[face, (k + 1) % 3], corners[face, (k + 2) % 3]), axis=1)
     return at_edge[edge], at_vertex[vertex], ends_of

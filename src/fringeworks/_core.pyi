@@ -53,6 +53,7 @@ __all__ = [
     "typical_step",
     "unwrap_reliability",
     "version",
+    "vote_orders",
     "wall_sides",
     "warp_windowed",
     "wavelet_ridge_rows",
@@ -381,6 +382,20 @@ def measure_points(
 def decode_frames(
     frames: Sequence[NDArray[Any]], settings: DecodeSettings, maps: dict[str, Any]
 ) -> None: ...
+
+class _VoteRules(TypedDict):
+    radius: int
+    error_rate: float
+    largest_misfit: float
+    own_doubt: float
+    usual_misfit: tuple[float, float]
+
+def vote_orders(settings: DecodeSettings, maps: dict[str, Any], rules: _VoteRules) -> int:
+    """Fringe orders of ambiguous pixels by the phases of their neighbours; number of changes.
+
+    ``maps`` has ``coordinate``, ``sigma`` and ``reason``, which are changed, and the lists
+    ``phases`` (rad) and ``variances`` (rad²) with a (h, w) array for each set.
+    """
 
 class _Table(TypedDict):
     turns: Sequence[float]

@@ -193,6 +193,7 @@ pub struct Maps<'py> {
     reason: PyReadwriteArray2<'py, u8>,
     phases: Vec<PyReadwriteArray2<'py, f32>>,
     modulations: Vec<PyReadwriteArray2<'py, f32>>,
+    variances: Vec<PyReadwriteArray2<'py, f32>>,
     disagreement: Option<PyReadwriteArray2<'py, f32>>,
     inflation: Option<PyReadonlyArray2<'py, f32>>,
 }
@@ -212,6 +213,11 @@ impl Maps<'_> {
                 .collect::<PyResult<_>>()?,
             modulations: self
                 .modulations
+                .iter_mut()
+                .map(rows_of_mut)
+                .collect::<PyResult<_>>()?,
+            variances: self
+                .variances
                 .iter_mut()
                 .map(rows_of_mut)
                 .collect::<PyResult<_>>()?,

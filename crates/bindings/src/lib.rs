@@ -14,6 +14,7 @@ mod rows;
 mod sample;
 mod threads;
 mod unwrap;
+mod vote;
 mod windowed;
 
 use pyo3::prelude::*;
@@ -50,6 +51,8 @@ mod _core {
 
     #[pymodule_export]
     use super::unwrap::{average_phasor, count_residues, unwrap_reliability, wavelet_ridge_rows};
+    #[pymodule_export]
+    use super::vote::vote_orders;
     #[pymodule_export]
     use super::windowed::{
         invert_windowed, relocate_surfaces, smooth_within_walls, wall_sides, warp_windowed,

@@ -18,6 +18,7 @@ pub mod scatter;
 mod spline;
 pub mod triangulate;
 pub mod unwrap;
+pub mod vote;
 pub mod wavelet;
 pub mod windowed;
 

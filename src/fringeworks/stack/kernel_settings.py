@@ -350,6 +350,7 @@ def empty_maps(
         "reason": np.empty(shape, np.uint8),
         "phases": list(phases),
         "modulations": list(modulations),
+        "variances": [],
         "disagreement": np.empty(shape, np.float32) if disagreement else None,
         "inflation": None,
     }
@@ -387,4 +388,10 @@ def reused_maps(earlier: Decoded, axis: Axis) -> dict[str, Any]:
     maps: dict[str, Any] = {
         name: unsealed(getattr(earlier_map, field)) for name, field in RESULTS.items()
     }
-    return maps | {"phases": [], "modulations": [], "disagreement": None, "inflation": None}
+    return maps | {
+        "phases": [],
+        "modulations": [],
+        "variances": [],
+        "disagreement": None,
+        "inflation": None,
+    }

@@ -166,7 +166,7 @@ impl DecodeSettings {
     }
 
     /// Index of the set with the shortest period, which determines the precision.
-    fn finest(&self) -> usize {
+    pub(crate) fn finest(&self) -> usize {
         let f = |k: &usize| self.sets[*k].frequency;
         (0..self.sets.len())
             .max_by(|a, b| f(a).total_cmp(&f(b)))

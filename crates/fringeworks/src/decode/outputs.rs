@@ -18,6 +18,8 @@ pub struct Outputs<'a> {
     pub phases: Vec<&'a mut [f32]>,
     /// Modulation of every set, counts; or no maps.
     pub modulations: Vec<&'a mut [f32]>,
+    /// Variance of the phase of every set by noise, times the pixel's factor, rad²; or no maps.
+    pub variances: Vec<&'a mut [f32]>,
     /// Disagreement of the sets, χ²; or empty.
     pub disagreement: &'a mut [f32],
     /// Read, not written: factor on the variances of the pixel's phases, ≥ 1; or empty.
@@ -46,6 +48,7 @@ impl<'a> Outputs<'a> {
             reason: &mut [],
             phases: Vec::new(),
             modulations: Vec::new(),
+            variances: Vec::new(),
             disagreement: &mut [],
             inflation: &[],
         }
@@ -57,7 +60,7 @@ impl<'a> Outputs<'a> {
         check_length("modulation", self.modulation.len(), pixels)?;
         check_length("background", self.background.len(), pixels)?;
         check_length("reason", self.reason.len(), pixels)?;
-        for maps in [&self.phases, &self.modulations] {
+        for maps in [&self.phases, &self.modulations, &self.variances] {
             if !maps.is_empty() {
                 check_length("phases", maps.len(), sets)?;
             }
@@ -88,6 +91,7 @@ impl<'a> Outputs<'a> {
         };
         let (phases, phases_rest) = halves(self.phases);
         let (modulations, modulations_rest) = halves(self.modulations);
+        let (variances, variances_rest) = halves(self.variances);
         let at = n.min(self.disagreement.len());
         let (disagreement, disagreement_rest) = self.disagreement.split_at_mut(at);
         let (inflation, inflation_rest) = self.inflation.split_at(n.min(self.inflation.len()));
@@ -99,6 +103,7 @@ impl<'a> Outputs<'a> {
             reason,
             phases,
             modulations,
+            variances,
             disagreement,
             inflation,
         };
@@ -110,6 +115,7 @@ impl<'a> Outputs<'a> {
             reason: reason_rest,
             phases: phases_rest,
             modulations: modulations_rest,
+            variances: variances_rest,
             disagreement: disagreement_rest,
             inflation: inflation_rest,
         };

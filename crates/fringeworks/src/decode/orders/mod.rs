@@ -117,6 +117,7 @@ pub fn decode_block<T: Sample>(
             }
         }
     }
+    write_variances(plan, block, out, here.clone());
     write(&block.sets[..plan.sets.len()], block, out, here);
 }
 
@@ -167,6 +168,28 @@ fn hide_unmeasured(block: &mut Block) {
         let ok = block.reason[i] == Reason::Ok.lane();
         block.coordinate[i] = if ok { block.coordinate[i] } else { f32::NAN };
         block.sigma[i] = if ok { block.sigma[i] } else { f32::NAN };
+    }
+}
+
+/// Write the variances of all phases by noise, where they are wanted.
+#[inline(always)]
+fn write_variances(
+    plan: &DecodeSettings,
+    block: &Block,
+    out: &mut Outputs<'_>,
+    here: Range<usize>,
+) {
+    for (map, fitted) in out.variances.iter_mut().zip(&block.sets) {
+        for (i, variance) in map[here.clone()].iter_mut().enumerate() {
+            // Without shot noise the brightness is not kept up.
+            let noise = if plan.noise.gain > 0.0 {
+                plan.noise.variance(fitted.brightness[i].max(0.0))
+            } else {
+                plan.noise.read_variance
+            };
+            let unit = fitted.precision[i] / block.inflation[i];
+            *variance = resolve::variance(unit / noise);
+        }
     }
 }
 

@@ -127,6 +127,18 @@ fn precision_and_variance(q: f32, [second, third]: [f32; 2]) -> (f32, f32) {
     ((q - 1.0) + u, u * (1.0 + u * (second + third * u)))
 }
 
+/// Variance of a phase by noise, rad², from the precision that the measured modulation gives; infinite
+/// where it is undetermined.
+#[inline(always)]
+pub fn variance(q: f32) -> f32 {
+    let precision = (q - 1.0) + 1.0 / q;
+    if q > 0.0 {
+        1.0 / precision
+    } else {
+        f32::INFINITY
+    }
+}
+
 /// Precision with a floor of the variance, rad², and a factor on it.
 ///
 /// The roundings use neither. The floor is no noise: the caller lowers their margins by the errors

@@ -1,0 +1,269 @@
+//! Fringe orders of pixels that noise leaves ambiguous, with the help of their neighbours.
+//!
+//! One pixel's phases determine its fringe order only where their noise is small against the margin of
+//! the plan. On a smooth surface neighbours have the same order, up to the turns of the finest phase that
+//! lie between them, and these are known: the finest phase changes by less than half a turn from pixel
+//! to pixel. So the phases of a window, less the share that the finest phase explains, are samples of the
+//! same constants, and their means have the noise of one phase over the square root of their number.
+//!
+//! 1. The mean of the window around every pixel votes for an order: the posterior over all orders in the
+//!    range (`orders`). A vote counts if all other orders together are improbable, if the means fit the
+//!    order within their errors, and if the pixel itself does not contradict it.
+//! 2. A window across a depth step fits no order. Its pixel gets the order of the votes next to it that
+//!    its finest phase continues (`spread`); where these differ, its next neighbours decide.
+//!
+//! The finest phase does not show a step of a whole period. The other phases do: such a window fits no
+//! order, so no order crosses the step unseen.
+
+mod field;
+mod orders;
+mod spread;
+
+use crate::decode::DecodeSettings;
+use crate::{Error, Image, ImageMut, Reason, check_length, check_shape, check_value};
+use field::Field;
+use rayon::prelude::*;
+use std::f32::consts::TAU;
+
+/// Rows between those that systematic errors are estimated from.
+const SAMPLED_ROWS: usize = 4;
+
+/// Most pixels of a row, from the edges of a window to its middle.
+const MAX_RADIUS: usize = 7;
+
+/// The two quantiles that systematic errors are estimated at: the middle and the tail.
+const SHARES: [f32; 2] = [0.5, 0.9];
+
+/// Order of a pixel that is not decided.
+const UNDECIDED: i32 = i32::MIN;
+
+/// When a vote counts.
+pub struct Rules {
+    /// Pixels from the middle of a window to its edges, 1 to 7.
+    pub radius: usize,
+    /// Largest posterior probability of all other orders together.
+    pub error_rate: f32,
+    /// Largest χ² of the means of a window about its order.
+    pub largest_misfit: f32,
+    /// By how much the χ² of the voted order may exceed that of the pixel's own best order.
+    pub own_doubt: f32,
+    /// Quantiles 0.5 and 0.9 of the χ² of a window whose errors are noise.
+    pub usual_misfit: [f32; 2],
+}
+
+impl Rules {
+    fn check(&self) -> Result<(), Error> {
+        let inside = (1..=MAX_RADIUS).contains(&self.radius);
+        check_value("radius", inside, "1 to 7", self.radius)?;
+        let share = self.error_rate > 0.0 && self.error_rate < 1.0;
+        check_value("error_rate", share, "between 0 and 1", self.error_rate)
+    }
+}
+
+/// The maps that votes change.
+pub struct Measured<'a> {
+    /// Projector coordinate, px; NaN where not measured.
+    pub coordinate: ImageMut<'a, f32>,
+    /// Its standard deviation, px.
+    pub sigma: ImageMut<'a, f32>,
+    /// Codes of [`crate::Reason`].
+    pub reason: ImageMut<'a, u8>,
+}
+
+/// Let neighbours vote on the fringe orders of ambiguous pixels, and return the number of changed pixels.
+///
+/// `phases` and `variances` are those of every set of the settings, rad and rad², as
+/// [`crate::decode::decode_frames`] writes them; variances by noise alone. Pixels that were measured stay
+/// as they are, unless a vote that counts contradicts them: they become ambiguous.
+///
+/// ```
+/// use fringeworks::decode::{Chain, DecodeSettings, Limits, Noise, PhaseSet};
+/// use fringeworks::vote::{Measured, Rules, vote_orders};
+/// use fringeworks::{Image, ImageMut, Reason};
+/// use std::f64::consts::TAU;
+///
+/// // A plane under fringes of 10 px and a single one of 100 px, with noise of 0.1 rad.
+/// let (height, width) = (20, 30);
+/// let noise = |i: usize| 0.1 * (((i * 7919) % 101) as f64 / 50.0 - 1.0);
+/// let phase = |i: usize, period: f64| {
+///     let turns = (20.0 + 2.0 * (i % 30) as f64) / period + noise(i + period as usize) / TAU;
+///     (TAU * (turns - turns.round())) as f32
+/// };
+/// let maps = [10.0, 100.0].map(|p| (0..600).map(|i| phase(i, p)).collect::<Vec<f32>>());
+/// let thirds = [0.0, TAU / 3.0, 2.0 * TAU / 3.0];
+/// let set = |k: usize, p: f64| PhaseSet::new(vec![k, k + 1, k + 2], &thirds, vec![], p);
+/// let settings = DecodeSettings {
+///     sets: vec![set(0, 10.0)?, set(3, 100.0)?],
+///     gray_code: None,
+///     // The range of coordinates is that of the chain.
+///     chain: Chain { combinations: vec![0.0, 1.0], ..Chain::hierarchy(&[100.0])? },
+///     noise: Noise { read_variance: 1.0, gain: 0.0 },
+///     limits: Limits::default(),
+/// };
+/// let variance = vec![0.01; 600];
+/// let (mut coordinate, mut sigma) = (vec![f32::NAN; 600], vec![f32::NAN; 600]);
+/// let mut reason = vec![u8::from(Reason::OrderAmbiguous); 600];
+/// let image = |map| Image::new(map, height, width);
+/// let changed = vote_orders(
+///     &settings,
+///     &[image(&maps[0])?, image(&maps[1])?],
+///     &[image(&variance)?, image(&variance)?],
+///     &Rules {
+///         radius: 2,
+///         error_rate: 1e-5,
+///         largest_misfit: 28.0,
+///         own_doubt: 4.0,
+///         usual_misfit: [0.45, 2.7],
+///     },
+///     Measured {
+///         coordinate: ImageMut::new(&mut coordinate, height, width)?,
+///         sigma: ImageMut::new(&mut sigma, height, width)?,
+///         reason: ImageMut::new(&mut reason, height, width)?,
+///     },
+/// )?;
+/// assert!(changed > 550);
+/// assert!((coordinate[315] - 50.0).abs() < 0.5);
+/// # Ok::<(), fringeworks::Error>(())
+/// ```
+pub fn vote_orders(
+    settings: &DecodeSettings,
+    phases: &[Image<f32>],
+    variances: &[Image<f32>],
+    rules: &Rules,
+    mut out: Measured,
+) -> Result<usize, Error> {
+    check(settings, phases, variances, rules, &out)?;
+    let mut field = Field::new(settings, phases, variances, &out.reason);
+    field.add_floor(extra_floor(&field, rules));
+    let known = known_orders(&field, &out);
+    let mut orders = window_orders(&field, rules);
+    // What a vote does not decide, or what it contradicts, is that of the pixel itself.
+    let contradicted: Vec<bool> = (known.iter().zip(&orders))
+        .map(|(&own, &vote)| own != UNDECIDED && vote != UNDECIDED && own != vote)
+        .collect();
+    for (order, &own) in orders.iter_mut().zip(&known) {
+        *order = if own == UNDECIDED { *order } else { own };
+    }
+    let spread = spread::orders(&field, &orders, rules);
+    Ok(write(&field, &spread, &contradicted, &mut out))
+}
+
+fn check(
+    settings: &DecodeSettings,
+    phases: &[Image<f32>],
+    variances: &[Image<f32>],
+    rules: &Rules,
+    out: &Measured,
+) -> Result<(), Error> {
+    let (sets, shape) = (settings.sets.len(), out.coordinate.shape());
+    check_value("sets", sets > 1, "two or more", sets)?;
+    check_length("phases", phases.len(), sets)?;
+    check_length("variances", variances.len(), sets)?;
+    for map in phases.iter().chain(variances) {
+        check_shape("phases", map.shape(), shape)?;
+    }
+    check_shape("sigma", out.sigma.shape(), shape)?;
+    check_shape("reason", out.reason.shape(), shape)?;
+    check_value(
+        "range",
+        settings.chain.half > 0.0,
+        "> 0",
+        settings.chain.half,
+    )?;
+    rules.check()
+}
+
+/// Orders of the measured pixels.
+fn known_orders(field: &Field, out: &Measured) -> Vec<i32> {
+    (0..field.len())
+        .into_par_iter()
+        .map(|i| {
+            let turns = out.coordinate[i] * field.finest_frequency() - field.finest_turns(i);
+            let measured = out.reason[i] == u8::from(Reason::Ok);
+            if measured {
+                field.in_range(i, turns.round() as i32)
+            } else {
+                UNDECIDED
+            }
+        })
+        .collect()
+}
+
+/// Variance of the phases that windows do not average out, rad²: by what their means miss their orders
+/// beyond noise.
+fn extra_floor(field: &Field, rules: &Rules) -> f32 {
+    let rows = (0..field.height()).into_par_iter().step_by(SAMPLED_ROWS);
+    let (mut squares, mut variances): (Vec<f32>, Vec<f32>) = rows
+        .flat_map_iter(|y| {
+            (0..field.width()).filter_map(move |x| {
+                let mean = field.mean(y, x, rules.radius)?;
+                let vote = field.vote_at(&mean, y * field.width() + x);
+                let variance = field.coarse_variance(&mean);
+                Some((vote.misfit * variance, variance))
+            })
+        })
+        .unzip();
+    let quantile = |values: &mut Vec<f32>, share: f32| {
+        let place = (share * (values.len() - 1) as f32) as usize;
+        *values.select_nth_unstable_by(place, f32::total_cmp).1
+    };
+    if squares.is_empty() {
+        return 0.0;
+    }
+    let noise = quantile(&mut variances, SHARES[0]);
+    let pairs = SHARES.iter().zip(&rules.usual_misfit);
+    pairs.fold(0.0, |most, (&share, &usual)| {
+        (quantile(&mut squares, share) / usual - noise).max(most)
+    })
+}
+
+/// Orders that the window around every lit pixel votes for.
+fn window_orders(field: &Field, rules: &Rules) -> Vec<i32> {
+    let mut orders = vec![UNDECIDED; field.len()];
+    let rows = orders.par_chunks_mut(field.width()).enumerate();
+    rows.for_each(|(y, row)| {
+        for (x, order) in row.iter_mut().enumerate() {
+            let i = y * field.width() + x;
+            let Some(mean) = field.mean(y, x, rules.radius) else {
+                continue;
+            };
+            let vote = field.vote_at(&mean, i);
+            let certain = vote.others <= rules.error_rate && vote.misfit <= rules.largest_misfit;
+            if certain && field.allows(i, vote.order, rules.own_doubt) {
+                *order = vote.order;
+            }
+        }
+    });
+    orders
+}
+
+/// Write coordinates of decided orders, and mark contradicted pixels; returns the number of changes.
+fn write(field: &Field, orders: &[i32], contradicted: &[bool], out: &mut Measured) -> usize {
+    let ambiguous = u8::from(Reason::OrderAmbiguous);
+    let pixels = out.coordinate.par_iter_mut().zip(out.sigma.par_iter_mut());
+    let pixels = pixels.zip(out.reason.par_iter_mut()).enumerate();
+    let changes = pixels.map(|(i, ((coordinate, sigma), reason))| {
+        if contradicted[i] {
+            (*coordinate, *sigma, *reason) = (f32::NAN, f32::NAN, ambiguous);
+            return 1;
+        }
+        if *reason != ambiguous || orders[i] == UNDECIDED {
+            return 0;
+        }
+        let Some((x, spread)) = field.coordinate(i, orders[i]) else {
+            return 0;
+        };
+        (*coordinate, *sigma, *reason) = (x, spread, u8::from(Reason::Ok));
+        1
+    });
+    changes.sum()
+}
+
+/// v less the nearest whole number.
+#[inline(always)]
+fn wrap(v: f32) -> f32 {
+    v - v.round_ties_even()
+}
+
+/// Variance in turns² over that in rad².
+const PER_RAD2: f32 = 1.0 / (TAU * TAU);

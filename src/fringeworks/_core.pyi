@@ -386,6 +386,7 @@ def decode_frames(
 class _VoteRules(TypedDict):
     radius: int
     error_rate: float
+    near_error_rate: float
     largest_misfit: float
     own_doubt: float
     usual_misfit: tuple[float, float]

@@ -25,6 +25,7 @@ pub struct Maps<'py> {
 pub struct Rules {
     radius: usize,
     error_rate: f32,
+    near_error_rate: f32,
     largest_misfit: f32,
     own_doubt: f32,
     usual_misfit: [f32; 2],
@@ -52,6 +53,7 @@ pub fn vote_orders(
     let rules = vote::Rules {
         radius: rules.radius,
         error_rate: rules.error_rate,
+        near_error_rate: rules.near_error_rate,
         largest_misfit: rules.largest_misfit,
         own_doubt: rules.own_doubt,
         usual_misfit: rules.usual_misfit,

@@ -19,9 +19,17 @@ of the scene, where neighbours hardly help; a vote takes about as long as decodi
 ERROR_RATE = 1e-5
 """Largest posterior probability that a voted order is wrong."""
 
-OWN_DOUBT = 4.0
-"""By how much χ² of a voted order may exceed that of the pixel's own best order: two standard
+NEAR_ERROR_RATE = 1e-3
+"""The same for the next neighbours of a pixel whose window lies across a depth step. A decided pixel
+has the same order, which by itself is right on one of the two sides."""
+
+OWN_DOUBT = 2.0
+"""By how much χ² of a voted order may exceed that of the pixel's own best order: 1.4 standard
 deviations. A thin object whose depth differs by a whole period shows in its own phases only."""
+
+FITTING = 0.999
+"""Share of the windows on one surface that fit their order. The pixel of one that does not is judged
+by its next neighbours, so a strict test loses nothing."""
 
 MOST_RADIUS = 7
 """Largest distance of a window's edge from its middle, px, that the kernel allows."""
@@ -65,7 +73,8 @@ def vote(decoding: Decoding, kernel: _core.DecodeSettings, results: dict[str, An
     rules: _core._VoteRules = {
         "radius": _radius(decoding, results),
         "error_rate": ERROR_RATE,
-        "largest_misfit": chi_square_quantile(1.0 - ERROR_RATE, freedom),
+        "near_error_rate": NEAR_ERROR_RATE,
+        "largest_misfit": chi_square_quantile(FITTING, freedom),
         "own_doubt": OWN_DOUBT,
         "usual_misfit": (
             chi_square_quantile(USUAL[0], freedom),

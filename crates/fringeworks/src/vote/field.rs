@@ -25,12 +25,18 @@ const LARGEST_MISS: f32 = 0.25;
 /// Largest whole number of turns between a pixel and one of its window.
 const MOST_TURNS: i32 = 16;
 
+/// Share of the modulation of its window below which a pixel beside a shadow only shows light that the
+/// lens spreads from its neighbours, squared: an edge of light that is blurred falls to half at the edge.
+const OWN_LIGHT: f32 = 0.25;
+
 /// Phases less the share that the finest one explains, averaged over a window; or those of one pixel.
 pub struct Mean {
     /// Turns; 0 for the finest set.
     pub turns: [f32; MAX_SETS],
     /// By noise, rad².
     pub variance: [f32; MAX_SETS],
+    /// Number of pixels.
+    pub pixels: f32,
 }
 
 /// The phases of all pixels.
@@ -249,9 +255,10 @@ impl<'a> Field<'a> {
             return None;
         }
         let mut sum = [[0.0f32; 2]; MAX_SETS];
-        let mut weight = [0.0f32; MAX_SETS];
+        let (mut weight, mut pixels) = ([0.0f32; MAX_SETS], 0.0);
         self.for_window(y, x, radius, |i, turns| {
             let place = (turns + MOST_TURNS) as usize;
+            pixels += 1.0;
             for k in 0..self.sets {
                 let w = 1.0 / self.variances[k][i];
                 let z = times(self.rest[k][i], self.turn[k][place]);
@@ -262,7 +269,17 @@ impl<'a> Field<'a> {
         Some(Mean {
             turns: sum.map(|z| z[1].atan2(z[0]) / TAU),
             variance: weight.map(|w| 1.0 / w),
+            pixels,
         })
+    }
+
+    /// Whether a pixel beside a shadow is so dim against its window that its light is that of neighbours.
+    pub fn is_borrowed(&self, y: usize, x: usize, mean: &Mean) -> bool {
+        let beside = (y.saturating_sub(1)..self.height.min(y + 2)).any(|v| {
+            (x.saturating_sub(1)..self.width.min(x + 2)).any(|u| !self.lit[v * self.width + u])
+        });
+        let usual = mean.variance[self.finest] * mean.pixels;
+        beside && usual < OWN_LIGHT * self.variances[self.finest][y * self.width + x]
     }
 
     /// The phases of one pixel, in the same form.
@@ -271,6 +288,7 @@ impl<'a> Field<'a> {
         let mut mean = Mean {
             turns: [0.0; MAX_SETS],
             variance: [f32::INFINITY; MAX_SETS],
+            pixels: 1.0,
         };
         for k in 0..self.sets {
             mean.turns[k] = wrap(self.phases[k][i] / TAU - self.ratio[k] * fine);

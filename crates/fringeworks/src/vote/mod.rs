@@ -43,6 +43,8 @@ pub struct Rules {
     pub radius: usize,
     /// Largest posterior probability of all other orders together.
     pub error_rate: f32,
+    /// The same for the vote of next neighbours, of which a decided pixel has the same order.
+    pub near_error_rate: f32,
     /// Largest χ² of the means of a window about its order.
     pub largest_misfit: f32,
     /// By how much the χ² of the voted order may exceed that of the pixel's own best order.
@@ -52,11 +54,23 @@ pub struct Rules {
 }
 
 impl Rules {
+    /// Pixels from the middle of the window of next neighbours to its edges.
+    fn near_radius(&self) -> usize {
+        (self.radius / 2).max(1)
+    }
+
     fn check(&self) -> Result<(), Error> {
         let inside = (1..=MAX_RADIUS).contains(&self.radius);
         check_value("radius", inside, "1 to 7", self.radius)?;
         let share = self.error_rate > 0.0 && self.error_rate < 1.0;
-        check_value("error_rate", share, "between 0 and 1", self.error_rate)
+        check_value("error_rate", share, "between 0 and 1", self.error_rate)?;
+        let share = self.near_error_rate > 0.0 && self.near_error_rate < 1.0;
+        check_value(
+            "near_error_rate",
+            share,
+            "between 0 and 1",
+            self.near_error_rate,
+        )
     }
 }
 
@@ -111,6 +125,7 @@ pub struct Measured<'a> {
 ///     &Rules {
 ///         radius: 2,
 ///         error_rate: 1e-5,
+///         near_error_rate: 1e-3,
 ///         largest_misfit: 28.0,
 ///         own_doubt: 4.0,
 ///         usual_misfit: [0.45, 2.7],
@@ -229,7 +244,8 @@ fn window_orders(field: &Field, rules: &Rules) -> Vec<i32> {
             };
             let vote = field.vote_at(&mean, i);
             let certain = vote.others <= rules.error_rate && vote.misfit <= rules.largest_misfit;
-            if certain && field.allows(i, vote.order, rules.own_doubt) {
+            let shown = certain && !field.is_borrowed(y, x, &mean);
+            if shown && field.allows(i, vote.order, rules.own_doubt) {
                 *order = vote.order;
             }
         }

@@ -1,0 +1,173 @@
+"""Readable twin of the votes of neighbours on fringe orders (crate ``fringeworks::vote``)."""
+
+import numpy as np
+
+from tests.oracles.isolated import moved
+
+SLOPE_REACH = 2
+SMOOTH_SIGMAS = 4.0
+SMOOTH_CHANGE = 0.25
+LARGEST_MISS = 0.25
+OWN_LIGHT = 0.25
+SAMPLED_ROWS = 4
+UNDECIDED = -(2**31)
+TURN = 2.0 * np.pi
+
+
+def wrap(turns):
+    return turns - np.rint(turns)
+
+
+def around(radius):
+    return [(v, u) for v in range(-radius, radius + 1) for u in range(-radius, radius + 1)]
+
+
+class Votes:
+    """Phases and variances of M sets, (M, h, w), rad and rad², of lit pixels on a plain range."""
+
+    def __init__(self, phases, variances, lit, periods, span):
+        frequency = 1.0 / np.asarray(periods)
+        self.finest = int(np.argmax(frequency))
+        self.ratio = frequency / frequency[self.finest]
+        self.turns, self.variances = phases / TURN, np.where(lit, variances, np.inf)
+        self.lit, self.period, self.span = lit, 1.0 / frequency[self.finest], span
+        self.fine = self.turns[self.finest]
+        self.floor = np.zeros(len(periods))
+        self.slope = self.slopes()
+
+    def slopes(self):
+        """Change of the finest phase to the right and down, turns, in boxes around the pixels."""
+        z = np.where(self.lit, np.exp(2j * np.pi * self.fine), 0.0)
+        found = []
+        for down, right in ((0, 1), (1, 0)):
+            step = moved(z, down, right, 0.0) * z.conj()
+            total = sum(
+                moved(step, v, u, 0.0)
+                for v, u in around(SLOPE_REACH)
+                if (v < SLOPE_REACH or not down) and (u < SLOPE_REACH or not right)
+            )
+            found.append(np.angle(total) / TURN)
+        return found
+
+    def turns_to(self, down, right):
+        """Whole turns to the pixel some steps away, and whether it continues the finest phase."""
+        across, along = self.slope
+        there = moved(self.fine, down, right, 0.0)
+        lit = moved(self.lit.astype(float), down, right, 0.0) > 0
+        variance = self.variances[self.finest]
+        both = (variance + moved(variance, down, right, np.inf)) / TURN**2
+        bent = SMOOTH_CHANGE * (abs(right * across) + abs(down * along))
+        most = np.minimum(SMOOTH_SIGMAS * np.sqrt(both) + bent, LARGEST_MISS)
+        off = there - self.fine - right * across - down * along
+        continues = self.lit & lit & (np.abs(wrap(off)) <= most)
+        return -np.rint(off), continues
+
+    def mean(self, radius):
+        """Mean phases of windows without the share of the finest, their variances, and members."""
+        total = np.zeros(self.turns.shape, complex)
+        weight, pixels = np.zeros(self.turns.shape), np.zeros(self.lit.shape)
+        for down, right in around(radius):
+            turns, continues = self.turns_to(down, right)
+            pixels += continues
+            fine = moved(self.fine, down, right, 0.0) + turns
+            for k, ratio in enumerate(self.ratio):
+                w = continues / moved(self.variances[k], down, right, np.inf)
+                phase = moved(self.turns[k], down, right, 0.0)
+                total[k] += w * np.exp(2j * np.pi * (phase - ratio * fine))
+                weight[k] += w
+        with np.errstate(divide="ignore"):
+            return np.angle(total) / TURN, 1.0 / weight, pixels
+
+    def alone(self):
+        """The phases of single pixels in the same form."""
+        return wrap(self.turns - self.ratio[:, None, None] * self.fine), self.variances
+
+    def misfit(self, turns, variances, order):
+        """χ² of phases about an order at the best coordinate."""
+        weight = 1.0 / (variances + self.floor[:, None, None])
+        ratio = self.ratio[:, None, None]
+        off = wrap(turns - ratio * order)
+        pull = np.sum(ratio * weight * off, axis=0)
+        square = np.sum(weight * off**2, axis=0)
+        return TURN**2 * (square - pull**2 / np.sum(ratio**2 * weight, axis=0))
+
+    def vote(self, turns, variances):
+        """Best order, its χ², and the posterior of all others."""
+        low, high = self.span
+        orders = np.arange(np.floor(low / self.period) - 2, np.ceil(high / self.period) + 3)
+        chi = np.stack([self.misfit(turns, variances, k) for k in orders])
+        x = (self.fine + orders[:, None, None]) * self.period
+        slack = 3.0 * np.sqrt(self.variances[self.finest]) / TURN * self.period
+        chi[(x < low - slack) | (x > high + slack)] = np.inf
+        best = chi.min(axis=0)
+        with np.errstate(invalid="ignore"):
+            total = np.exp(0.5 * (best - chi)).sum(axis=0)
+        return orders[chi.argmin(axis=0)], best, 1.0 - 1.0 / total
+
+    def allows(self, order, doubt):
+        own = self.alone()
+        return self.misfit(*own, order) <= self.vote(*own)[1] + doubt
+
+    def borrowed(self, variances, pixels):
+        """Pixels beside a shadow whose light is that of neighbours."""
+        dark = (~self.lit).astype(float)
+        beside = sum(moved(dark, v, u, 0.0) for v, u in around(1)) > 0
+        usual = variances[self.finest] * pixels
+        return beside & (usual < OWN_LIGHT * self.variances[self.finest])
+
+    def orders(self, known, rules):
+        """Orders of all pixels, ``UNDECIDED`` where there is none; ``known`` are those of measured
+        pixels. The second map marks pixels whose known order a vote contradicts."""
+        turns, variances, pixels = self.mean(rules["radius"])
+        self.add_floor(turns, variances, rules)
+        order, misfit, others = self.vote(turns, variances)
+        borrowed = self.borrowed(variances, pixels)
+        counts = (others <= rules["error_rate"]) & (misfit <= rules["largest_misfit"])
+        counts &= self.lit & ~borrowed & self.allows(order, rules["own_doubt"])
+        has = known != UNDECIDED
+        contradicted = has & counts & (order != known)
+        decided = np.where(has, known, np.where(counts, order, UNDECIDED))
+        return self.spread(decided, borrowed, rules), contradicted
+
+    def add_floor(self, turns, variances, rules):
+        rows = np.arange(len(self.lit)) % SAMPLED_ROWS == 0
+        sampled = self.lit & rows[:, None]
+        others = [k for k in range(len(turns)) if k != self.finest]
+        noise = variances[others].mean(axis=0)[sampled]
+        square = self.vote(turns, variances)[1][sampled] * noise
+        at = {share: int(np.float32(share) * (noise.size - 1)) for share in (0.5, 0.9)}
+        extra = max(
+            np.sort(square)[at[share]] / usual - np.sort(noise)[at[0.5]]
+            for share, usual in zip((0.5, 0.9), rules["usual_misfit"], strict=True)
+        )
+        self.floor[others] += max(extra, 0.0)
+
+    def spread(self, decided, borrowed, rules):
+        """Orders of undecided pixels from decided ones that continue them."""
+        next_to = self.mean(1)
+        best = self.vote(*next_to[:2])[1]
+        out = decided.copy()
+        misfits = {}
+        for y, x in np.argwhere((decided == UNDECIDED) & self.lit & ~borrowed):
+            offered = set()
+            for down, right in around(rules["radius"]):
+                v, u = y + down, x + right
+                if not (0 <= v < len(out) and 0 <= u < out.shape[1]):
+                    continue
+                if decided[v, u] != UNDECIDED:
+                    key = (down, right)
+                    if key not in misfits:
+                        misfits[key] = self.turns_to(down, right)
+                    turns, continues = misfits[key]
+                    if continues[y, x]:
+                        offered.add(int(decided[v, u] - turns[y, x]))
+            if not 1 <= len(offered) <= 3:
+                continue
+            chi = {k: self.misfit(*next_to[:2], k)[y, x] for k in offered}
+            order = min(offered, key=lambda k: chi[k])
+            apart = -2.0 * np.log(rules["error_rate"])
+            clear = all(k == order or chi[k] - chi[order] >= apart for k in offered)
+            fits = chi[order] <= best[y, x] + rules["own_doubt"]
+            if clear and fits and self.allows(order, rules["own_doubt"])[y, x]:
+                out[y, x] = order
+        return out

@@ -1,21 +1,32 @@
 """Readable twin of the votes of neighbours on fringe orders (crate ``fringeworks::vote``)."""
 
-import numpy as np
+from __future__ import annotations
 
-from tests.oracles.isolated import moved
+import numpy as np
 
 SLOPE_REACH = 2
 SMOOTH_SIGMAS = 4.0
 SMOOTH_CHANGE = 0.25
 LARGEST_MISS = 0.25
 OWN_LIGHT = 0.25
+SCATTER_SIGMAS = 4.0
 SAMPLED_ROWS = 4
 UNDECIDED = -(2**31)
 TURN = 2.0 * np.pi
+DARK = 1e12
+"""Variance of pixels that show no fringes, rad²."""
 
 
 def wrap(turns):
     return turns - np.rint(turns)
+
+
+def moved(values, down, right, outside):
+    """The value some pixels down and to the right of each pixel; ``outside`` beyond the frame."""
+    reach = max(abs(down), abs(right))
+    wide = np.pad(values, reach, constant_values=outside)
+    height, width = values.shape
+    return wide[reach + down :, reach + right :][:height, :width]
 
 
 def around(radius):
@@ -29,10 +40,10 @@ class Votes:
         frequency = 1.0 / np.asarray(periods)
         self.finest = int(np.argmax(frequency))
         self.ratio = frequency / frequency[self.finest]
-        self.turns, self.variances = phases / TURN, np.where(lit, variances, np.inf)
+        self.turns, self.variances = phases / TURN, np.where(lit, variances, DARK)
         self.lit, self.period, self.span = lit, 1.0 / frequency[self.finest], span
         self.fine = self.turns[self.finest]
-        self.floor = np.zeros(len(periods))
+        self.floor, self.usual_scatter = np.zeros(len(periods)), 1.0
         self.slope = self.slopes()
 
     def slopes(self):
@@ -55,7 +66,7 @@ class Votes:
         there = moved(self.fine, down, right, 0.0)
         lit = moved(self.lit.astype(float), down, right, 0.0) > 0
         variance = self.variances[self.finest]
-        both = (variance + moved(variance, down, right, np.inf)) / TURN**2
+        both = (variance + moved(variance, down, right, DARK)) / TURN**2
         bent = SMOOTH_CHANGE * (abs(right * across) + abs(down * along))
         most = np.minimum(SMOOTH_SIGMAS * np.sqrt(both) + bent, LARGEST_MISS)
         off = there - self.fine - right * across - down * along
@@ -63,20 +74,33 @@ class Votes:
         return -np.rint(off), continues
 
     def mean(self, radius):
-        """Mean phases of windows without the share of the finest, their variances, and members."""
+        """Mean phases of windows without the share of the finest, their variances, and whether
+        the members scatter as those of one surface."""
         total = np.zeros(self.turns.shape, complex)
         weight, pixels = np.zeros(self.turns.shape), np.zeros(self.lit.shape)
+        expected = np.zeros(self.lit.shape)
         for down, right in around(radius):
             turns, continues = self.turns_to(down, right)
             pixels += continues
             fine = moved(self.fine, down, right, 0.0) + turns
+            fine_variance = moved(self.variances[self.finest], down, right, DARK)
             for k, ratio in enumerate(self.ratio):
-                w = continues / moved(self.variances[k], down, right, np.inf)
+                variance = moved(self.variances[k], down, right, DARK)
+                w = continues / variance
                 phase = moved(self.turns[k], down, right, 0.0)
                 total[k] += w * np.exp(2j * np.pi * (phase - ratio * fine))
                 weight[k] += w
-        with np.errstate(divide="ignore"):
-            return np.angle(total) / TURN, 1.0 / weight, pixels
+                if k != self.finest:
+                    v = np.where(continues, variance + ratio**2 * fine_variance, 0.0)
+                    expected += w * v * (1.0 - v * (0.25 - v / 28.0))
+        others = [k for k in range(len(self.turns)) if k != self.finest]
+        square = 2.0 * (weight - np.abs(total))[others].sum(axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.scatter = np.where(pixels > 1, square / (expected * (pixels - 1) / pixels), 0.0)
+            freedom = np.maximum(pixels - 1, 1) * len(others)
+            most = 1.0 + SCATTER_SIGMAS * np.sqrt(2.0 / freedom)
+            even = self.scatter <= self.usual_scatter * most
+            return np.angle(total) / TURN, 1.0 / np.maximum(weight, 1.0 / DARK), even
 
     def alone(self):
         """The phases of single pixels in the same form."""
@@ -108,26 +132,27 @@ class Votes:
         own = self.alone()
         return self.misfit(*own, order) <= self.vote(*own)[1] + doubt
 
-    def borrowed(self, variances, pixels):
+    def borrowed(self):
         """Pixels beside a shadow whose light is that of neighbours."""
         dark = (~self.lit).astype(float)
+        variance = self.variances[self.finest]
         beside = sum(moved(dark, v, u, 0.0) for v, u in around(1)) > 0
-        usual = variances[self.finest] * pixels
-        return beside & (usual < OWN_LIGHT * self.variances[self.finest])
+        least = np.min([moved(variance, v, u, DARK) for v, u in around(1)], axis=0)
+        return beside & (least < OWN_LIGHT * variance)
 
     def orders(self, known, rules):
         """Orders of all pixels, ``UNDECIDED`` where there is none; ``known`` are those of measured
         pixels. The second map marks pixels whose known order a vote contradicts."""
-        turns, variances, pixels = self.mean(rules["radius"])
+        turns, variances, _ = self.mean(rules["radius"])
         self.add_floor(turns, variances, rules)
+        turns, variances, even = self.mean(rules["radius"])
         order, misfit, others = self.vote(turns, variances)
-        borrowed = self.borrowed(variances, pixels)
-        counts = (others <= rules["error_rate"]) & (misfit <= rules["largest_misfit"])
-        counts &= self.lit & ~borrowed & self.allows(order, rules["own_doubt"])
+        counts = (others <= rules["error_rate"]) & (misfit <= rules["largest_misfit"]) & even
+        counts &= self.lit & ~self.borrowed() & self.allows(order, rules["own_doubt"])
         has = known != UNDECIDED
         contradicted = has & counts & (order != known)
         decided = np.where(has, known, np.where(counts, order, UNDECIDED))
-        return self.spread(decided, borrowed, rules), contradicted
+        return self.spread(decided, rules), contradicted
 
     def add_floor(self, turns, variances, rules):
         rows = np.arange(len(self.lit)) % SAMPLED_ROWS == 0
@@ -141,33 +166,18 @@ class Votes:
             for share, usual in zip((0.5, 0.9), rules["usual_misfit"], strict=True)
         )
         self.floor[others] += max(extra, 0.0)
+        middle = np.sort(self.scatter[sampled])[at[0.5]]
+        self.usual_scatter = max(float(middle), 1.0)
 
-    def spread(self, decided, borrowed, rules):
-        """Orders of undecided pixels from decided ones that continue them."""
-        next_to = self.mean(1)
-        best = self.vote(*next_to[:2])[1]
-        out = decided.copy()
-        misfits = {}
-        for y, x in np.argwhere((decided == UNDECIDED) & self.lit & ~borrowed):
-            offered = set()
-            for down, right in around(rules["radius"]):
-                v, u = y + down, x + right
-                if not (0 <= v < len(out) and 0 <= u < out.shape[1]):
-                    continue
-                if decided[v, u] != UNDECIDED:
-                    key = (down, right)
-                    if key not in misfits:
-                        misfits[key] = self.turns_to(down, right)
-                    turns, continues = misfits[key]
-                    if continues[y, x]:
-                        offered.add(int(decided[v, u] - turns[y, x]))
-            if not 1 <= len(offered) <= 3:
-                continue
-            chi = {k: self.misfit(*next_to[:2], k)[y, x] for k in offered}
-            order = min(offered, key=lambda k: chi[k])
-            apart = -2.0 * np.log(rules["error_rate"])
-            clear = all(k == order or chi[k] - chi[order] >= apart for k in offered)
-            fits = chi[order] <= best[y, x] + rules["own_doubt"]
-            if clear and fits and self.allows(order, rules["own_doubt"])[y, x]:
-                out[y, x] = order
-        return out
+    def spread(self, decided, rules):
+        """Orders of undecided pixels: those of next neighbours that a decided pixel continues."""
+        turns, variances, even = self.mean(max(rules["radius"] // 2, 1))
+        order, _, others = self.vote(turns, variances)
+        offered = np.zeros(self.lit.shape, bool)
+        for down, right in around(rules["radius"]):
+            whole, continues = self.turns_to(down, right)
+            there = moved(decided, down, right, UNDECIDED)
+            offered |= continues & (there != UNDECIDED) & (there - whole == order)
+        takes = (decided == UNDECIDED) & self.lit & ~self.borrowed() & even & offered
+        takes &= (others <= rules["near_error_rate"]) & self.allows(order, rules["own_doubt"])
+        return np.where(takes, order, decided)

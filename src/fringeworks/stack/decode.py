@@ -34,8 +34,8 @@ from fringeworks.stack.local_errors import inflation
 from fringeworks.stack.neighbours import vote, worth_voting
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.refine import Refined
+from fringeworks.stack.refusal import refuse_nothing_measured
 from fringeworks.stack.sample import take_sample
-from fringeworks.stack.unmeasured import unmeasured
 from fringeworks.statistics.surface_scatter import cover_scatter
 from fringeworks.types import (
     Axis,
@@ -44,15 +44,9 @@ from fringeworks.types import (
     Decoded,
     FloatMap,
     InputError,
-    Reason,
-    count_reasons,
     positive,
     sealed,
 )
-
-MIN_MEASURED = 0.02
-"""Share of the pixels with fringes that must be measured, at least. The few that pass every test
-where nearly all others fail may have passed by chance. An empirical choice."""
 
 
 def decode(
@@ -171,7 +165,7 @@ def decode(
         remove_isolated=remove_isolated,
         out=out,
     )
-    refuse_nothing_measured(decoded)
+    refuse_nothing_measured(decoded, findings.axes)
     return decoded
 
 
@@ -241,29 +235,6 @@ def measured(
         findings=findings.findings,
         details=findings.details,
     )
-
-
-def refuse_nothing_measured(decoded: Decoded) -> None:
-    """Refuse a stack of which hardly a pixel that shows fringes can be measured.
-
-    The message tells the reasons; what was found comes with it.
-    """
-    for axis, found in decoded.maps.items():
-        measured = found.reason.size - np.count_nonzero(found.reason)
-        if measured > MIN_MEASURED * found.reason.size:
-            continue  # counting the rest takes time
-        ambiguous = np.count_nonzero(found.reason == Reason.ORDER_AMBIGUOUS)
-        if measured > MIN_MEASURED * (measured + ambiguous):
-            continue
-        reasons = ", ".join(
-            f"{100.0 * count / found.reason.size:.0f} % {name}"
-            for name, count in count_reasons(found.reason).items()
-        )
-        raise InputError(
-            f"frames along {axis}: expected pixels that can be measured, "
-            f"got {'hardly any' if measured else 'none'}: {reasons}",
-            findings=(*decoded.findings, *unmeasured(decoded)),
-        )
 
 
 def measure_axis(

@@ -20,12 +20,12 @@ from fringeworks.stack.decode import (
     kernels_of,
     limits_of,
     measured,
-    refuse_nothing_measured,
 )
 from fringeworks.stack.examine import Judgement
 from fringeworks.stack.frames import Planes, check_frames, readable
 from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.options import DecodeOptions
+from fringeworks.stack.refusal import refuse_nothing_measured
 from fringeworks.types import (
     MOST_PX,
     Axis,
@@ -270,7 +270,7 @@ class Decoder:
         )
         judged = self._since == 0
         if judged:
-            refuse_nothing_measured(self._decoded)
+            refuse_nothing_measured(self._decoded, self._found.axes)
         decoded = self._decoded if self._depth is None else self._depth.resolve(self._decoded)
         if judged:
             maps = decoded.maps

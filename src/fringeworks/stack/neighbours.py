@@ -20,16 +20,16 @@ ERROR_RATE = 1e-5
 """Largest posterior probability that a voted order is wrong."""
 
 NEAR_ERROR_RATE = 1e-3
-"""The same for the next neighbours of a pixel whose window lies across a depth step. A decided pixel
-has the same order, which by itself is right on one of the two sides."""
+"""The same for the next neighbours of a pixel whose window lies across a depth step. A decided
+pixel has the same order, which by itself is right on one of the two sides."""
 
 OWN_DOUBT = 2.0
 """By how much χ² of a voted order may exceed that of the pixel's own best order: 1.4 standard
 deviations. A thin object whose depth differs by a whole period shows in its own phases only."""
 
 FITTING = 0.999
-"""Share of the windows on one surface that fit their order. The pixel of one that does not is judged
-by its next neighbours, so a strict test loses nothing."""
+"""Share of the windows on one surface that fit their order. The pixel of one that does not is
+judged by its next neighbours, so a strict test loses nothing."""
 
 MOST_RADIUS = 7
 """Largest distance of a window's edge from its middle, px, that the kernel allows."""

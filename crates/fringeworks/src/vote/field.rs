@@ -25,9 +25,13 @@ const LARGEST_MISS: f32 = 0.25;
 /// Largest whole number of turns between a pixel and one of its window.
 const MOST_TURNS: i32 = 16;
 
-/// Share of the modulation of its window below which a pixel beside a shadow only shows light that the
-/// lens spreads from its neighbours, squared: an edge of light that is blurred falls to half at the edge.
+/// Share of the modulation of a neighbour below which a pixel beside a shadow only shows light that the
+/// lens spreads from there, squared: a blurred edge of light falls to half at the edge.
 const OWN_LIGHT: f32 = 0.25;
+
+/// Standard deviations by which the squared scatter in a window may exceed that of noise. Two surfaces in
+/// it scatter more, even where their mean is the phase of an order between them.
+const SCATTER_SIGMAS: f32 = 4.0;
 
 /// Phases less the share that the finest one explains, averaged over a window; or those of one pixel.
 pub struct Mean {
@@ -37,6 +41,8 @@ pub struct Mean {
     pub variance: [f32; MAX_SETS],
     /// Number of pixels.
     pub pixels: f32,
+    /// Squared scatter of their phases over that of noise.
+    pub scatter: f32,
 }
 
 /// The phases of all pixels.
@@ -49,6 +55,8 @@ pub struct Field<'a> {
     /// Variance that windows do not average out, rad².
     pub floor: [f32; MAX_SETS],
     pub settings: &'a DecodeSettings,
+    /// Usual squared scatter in a window over that of noise, at least 1.
+    pub usual_scatter: f32,
     /// Floor of σ, rad²: that of the settings.
     pub sigma_floor: [f32; MAX_SETS],
     phases: &'a [Image<'a, f32>],
@@ -120,6 +128,7 @@ impl<'a> Field<'a> {
             ratio,
             floor,
             settings,
+            usual_scatter: 1.0,
             sigma_floor: floor,
             phases,
             variances,
@@ -255,7 +264,7 @@ impl<'a> Field<'a> {
             return None;
         }
         let mut sum = [[0.0f32; 2]; MAX_SETS];
-        let (mut weight, mut pixels) = ([0.0f32; MAX_SETS], 0.0);
+        let (mut weight, mut pixels, mut expected) = ([0.0f32; MAX_SETS], 0.0, 0.0);
         self.for_window(y, x, radius, |i, turns| {
             let place = (turns + MOST_TURNS) as usize;
             pixels += 1.0;
@@ -264,22 +273,57 @@ impl<'a> Field<'a> {
                 let z = times(self.rest[k][i], self.turn[k][place]);
                 sum[k] = [sum[k][0] + w * z[0], sum[k][1] + w * z[1]];
                 weight[k] += w;
+                if k != self.finest {
+                    expected += w * self.expected_square(k, i);
+                }
             }
         });
+        let length = |k: usize| (sum[k][0] * sum[k][0] + sum[k][1] * sum[k][1]).sqrt();
+        let others = (0..self.sets).filter(|&k| k != self.finest);
+        let square: f32 = others.map(|k| 2.0 * (weight[k] - length(k))).sum();
+        // The mean takes a degree of freedom.
+        let free = expected * (pixels - 1.0) / pixels;
         Some(Mean {
             turns: sum.map(|z| z[1].atan2(z[0]) / TAU),
             variance: weight.map(|w| 1.0 / w),
             pixels,
+            scatter: if pixels > 1.0 { square / free } else { 0.0 },
         })
     }
 
-    /// Whether a pixel beside a shadow is so dim against its window that its light is that of neighbours.
-    pub fn is_borrowed(&self, y: usize, x: usize, mean: &Mean) -> bool {
-        let beside = (y.saturating_sub(1)..self.height.min(y + 2)).any(|v| {
-            (x.saturating_sub(1)..self.width.min(x + 2)).any(|u| !self.lit[v * self.width + u])
-        });
-        let usual = mean.variance[self.finest] * mean.pixels;
-        beside && usual < OWN_LIGHT * self.variances[self.finest][y * self.width + x]
+    /// Expected |z − 1|² of a set's phasor with the noise of a pixel, without the share of the finest phase.
+    #[inline(always)]
+    fn expected_square(&self, k: usize, i: usize) -> f32 {
+        let ratio = self.ratio[k];
+        let variance = self.variances[k][i] + ratio * ratio * self.variances[self.finest][i];
+        // 2 (1 − exp(−v/2)) within 2 % up to v = 1.
+        variance * (1.0 - variance * (0.25 - variance / 28.0))
+    }
+
+    /// Whether the phases of a window scatter as those of one surface.
+    pub fn is_even(&self, mean: &Mean) -> bool {
+        let freedom = (mean.pixels - 1.0).max(1.0) * (self.sets - 1) as f32;
+        let most = 1.0 + SCATTER_SIGMAS * (2.0 / freedom).sqrt();
+        mean.scatter <= self.usual_scatter * most
+    }
+
+    /// Whether a pixel beside a shadow is so dim against its brightest neighbour that its light is that of
+    /// its neighbours.
+    pub fn is_borrowed(&self, y: usize, x: usize) -> bool {
+        let variances = &self.variances[self.finest];
+        let (mut least, mut beside) = (f32::INFINITY, false);
+        for v in y.saturating_sub(1)..self.height.min(y + 2) {
+            for u in x.saturating_sub(1)..self.width.min(x + 2) {
+                let i = v * self.width + u;
+                beside |= !self.lit[i];
+                least = if self.lit[i] {
+                    least.min(variances[i])
+                } else {
+                    least
+                };
+            }
+        }
+        beside && least < OWN_LIGHT * variances[y * self.width + x]
     }
 
     /// The phases of one pixel, in the same form.
@@ -289,6 +333,7 @@ impl<'a> Field<'a> {
             turns: [0.0; MAX_SETS],
             variance: [f32::INFINITY; MAX_SETS],
             pixels: 1.0,
+            scatter: 0.0,
         };
         for k in 0..self.sets {
             mean.turns[k] = wrap(self.phases[k][i] / TAU - self.ratio[k] * fine);

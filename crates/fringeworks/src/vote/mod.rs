@@ -149,7 +149,9 @@ pub fn vote_orders(
 ) -> Result<usize, Error> {
     check(settings, phases, variances, rules, &out)?;
     let mut field = Field::new(settings, phases, variances, &out.reason);
-    field.add_floor(extra_floor(&field, rules));
+    let (floor, scatter) = usual_errors(&field, rules);
+    field.add_floor(floor);
+    field.usual_scatter = scatter.max(1.0);
     let known = known_orders(&field, &out);
     let mut orders = window_orders(&field, rules);
     // What a vote does not decide, or what it contradicts, is that of the pixel itself.
@@ -204,17 +206,17 @@ fn known_orders(field: &Field, out: &Measured) -> Vec<i32> {
         .collect()
 }
 
-/// Variance of the phases that windows do not average out, rad²: by what their means miss their orders
-/// beyond noise.
-fn extra_floor(field: &Field, rules: &Rules) -> f32 {
+/// Variance of the phases that windows do not average out, rad², by what their means miss their orders
+/// beyond noise; and the usual scatter in a window.
+fn usual_errors(field: &Field, rules: &Rules) -> (f32, f32) {
     let rows = (0..field.height()).into_par_iter().step_by(SAMPLED_ROWS);
-    let (mut squares, mut variances): (Vec<f32>, Vec<f32>) = rows
+    let (mut squares, (mut variances, mut scatter)): (Vec<f32>, (Vec<f32>, Vec<f32>)) = rows
         .flat_map_iter(|y| {
             (0..field.width()).filter_map(move |x| {
                 let mean = field.mean(y, x, rules.radius)?;
                 let vote = field.vote_at(&mean, y * field.width() + x);
                 let variance = field.coarse_variance(&mean);
-                Some((vote.misfit * variance, variance))
+                Some((vote.misfit * variance, (variance, mean.scatter)))
             })
         })
         .unzip();
@@ -223,13 +225,14 @@ fn extra_floor(field: &Field, rules: &Rules) -> f32 {
         *values.select_nth_unstable_by(place, f32::total_cmp).1
     };
     if squares.is_empty() {
-        return 0.0;
+        return (0.0, 1.0);
     }
     let noise = quantile(&mut variances, SHARES[0]);
     let pairs = SHARES.iter().zip(&rules.usual_misfit);
-    pairs.fold(0.0, |most, (&share, &usual)| {
+    let floor = pairs.fold(0.0, |most, (&share, &usual)| {
         (quantile(&mut squares, share) / usual - noise).max(most)
-    })
+    });
+    (floor, quantile(&mut scatter, SHARES[0]))
 }
 
 /// Orders that the window around every lit pixel votes for.
@@ -244,7 +247,7 @@ fn window_orders(field: &Field, rules: &Rules) -> Vec<i32> {
             };
             let vote = field.vote_at(&mean, i);
             let certain = vote.others <= rules.error_rate && vote.misfit <= rules.largest_misfit;
-            let shown = certain && !field.is_borrowed(y, x, &mean);
+            let shown = certain && field.is_even(&mean) && !field.is_borrowed(y, x);
             if shown && field.allows(i, vote.order, rules.own_doubt) {
                 *order = vote.order;
             }

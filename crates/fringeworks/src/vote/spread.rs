@@ -21,11 +21,12 @@ pub fn orders(field: &Field, decided: &[i32], rules: &Rules) -> Vec<i32> {
 /// and that a decided pixel of its window continues.
 fn continued(field: &Field, decided: &[i32], i: usize, rules: &Rules) -> Option<i32> {
     let (y, x) = (i / field.width(), i % field.width());
-    if field.is_borrowed(y, x, &field.mean(y, x, rules.radius)?) {
+    if field.is_borrowed(y, x) {
         return None;
     }
-    let vote = field.vote_at(&field.mean(y, x, rules.near_radius())?, i);
-    if vote.others > rules.near_error_rate {
+    let near = field.mean(y, x, rules.near_radius())?;
+    let vote = field.vote_at(&near, i);
+    if vote.others > rules.near_error_rate || !field.is_even(&near) {
         return None;
     }
     let mut offered = false;

@@ -251,7 +251,10 @@ def test_reasons():
     albedo[:10] = 0.0
     albedo[10:20] = 0.08
     albedo[20:30] = 0.03
-    frames = take(plan, albedo=albedo, a=120.0, b=115.0)
+    y, x = np.mgrid[:60, :960] * 1.0
+    # Neighbours help on surfaces only.
+    x[10:20] = np.random.default_rng(0).uniform(0.0, 959.0, (10, 960))
+    frames = take(plan, albedo=albedo, a=120.0, b=115.0, at=(y, x))
     bright = frames.astype(int)
     bright[:, 40:50] = np.minimum(bright[:, 40:50] * 3, 255)
     frames = bright.astype(np.uint8)

@@ -10,6 +10,8 @@ SMOOTH_CHANGE = 0.25
 LARGEST_MISS = 0.25
 OWN_LIGHT = 0.25
 SCATTER_SIGMAS = 4.0
+MOST_SCATTER = 2.0
+LEAST_PIXELS = 4
 SAMPLED_ROWS = 4
 UNDECIDED = -(2**31)
 TURN = 2.0 * np.pi
@@ -99,7 +101,7 @@ class Votes:
             self.scatter = np.where(pixels > 1, square / (expected * (pixels - 1) / pixels), 0.0)
             freedom = np.maximum(pixels - 1, 1) * len(others)
             most = 1.0 + SCATTER_SIGMAS * np.sqrt(2.0 / freedom)
-            even = self.scatter <= self.usual_scatter * most
+            even = (pixels >= LEAST_PIXELS) & (self.scatter <= self.usual_scatter * most)
             return np.angle(total) / TURN, 1.0 / np.maximum(weight, 1.0 / DARK), even
 
     def alone(self):
@@ -167,7 +169,7 @@ class Votes:
         )
         self.floor[others] += max(extra, 0.0)
         middle = np.sort(self.scatter[sampled])[at[0.5]]
-        self.usual_scatter = max(float(middle), 1.0)
+        self.usual_scatter = min(max(float(middle), 1.0), MOST_SCATTER)
 
     def spread(self, decided, rules):
         """Orders of undecided pixels: those of next neighbours that a decided pixel continues."""

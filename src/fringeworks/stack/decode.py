@@ -31,7 +31,7 @@ from fringeworks.stack.kernel_settings import (
     reused_maps,
 )
 from fringeworks.stack.local_errors import inflation
-from fringeworks.stack.neighbours import vote, worth_voting
+from fringeworks.stack.neighbours import vote
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.refine import Refined
 from fringeworks.stack.refusal import refuse_nothing_measured
@@ -244,7 +244,7 @@ def measure_axis(
     results: dict[str, Any],
     kernel: _core.DecodeSettings | None = None,
 ) -> None:
-    """Run the kernel, once more where errors differ over the scene, and let neighbours vote on the
+    """Run the kernel, once more where errors differ over the scene, and let neighbours vote on
     fringe orders where many are ambiguous.
 
     ``kernel`` is that of ``found``, where it is there already.
@@ -252,17 +252,17 @@ def measure_axis(
     decoding, noise, limits = found.decoding, findings.noise, findings.limits
     if found.uneven:
         results["disagreement"] = np.empty(planes[0].shape, np.float32)
+    if found.votes:
+        phases, variances = np.empty((2, len(decoding.sets), *planes[0].shape), np.float32)
+        results["phases"] = results["phases"] or list(phases)
+        results["variances"] = list(variances)
     kernel = kernel or decoding.kernel(noise, limits)
     in_bands(planes, results, partial(_run, kernel))
     if found.uneven:
         results["inflation"], usual = inflation(planes, decoding, results, noise, limits)
         kernel = decoding.kernel(noise, limits, usual)
         in_bands(planes, results, partial(_run, kernel))
-    if worth_voting(decoding, results):
-        phases, variances = np.empty((2, len(decoding.sets), *planes[0].shape), np.float32)
-        results["phases"] = results["phases"] or list(phases)
-        results["variances"] = list(variances)
-        in_bands(planes, results, partial(_run, kernel))
+    if found.votes:
         vote(decoding, kernel, results)
 
 

@@ -312,4 +312,4 @@ def _ambiguous(reasons: Sequence[ByteMap]) -> int:
 
 def _in_one_pass(found: Judgement) -> bool:
     """Whether no step between decoding and triangulation needs whole maps."""
-    return not any(axis.uneven or axis.scatters for axis in found.axes.values())
+    return not any(axis.uneven or axis.scatters or axis.votes for axis in found.axes.values())

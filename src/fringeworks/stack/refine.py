@@ -13,6 +13,7 @@ from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
+from fringeworks.stack.neighbours import worth_voting
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple
@@ -74,6 +75,8 @@ class Refined:
     """Whether neighbouring coordinates may differ by more than their standard deviations."""
     response_seen: bool = False
     """Whether the phases of a set at least show whether the response is linear."""
+    votes: bool = False
+    """Whether so many fringe orders are ambiguous that neighbours vote on them."""
 
 
 def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
@@ -124,8 +127,15 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     rough = scatters(maps["coordinate"], maps["sigma"], decoding.most_scatter_px)
     if rough:
         findings.append(words.scatter(decoding.axis))
-    seen = any(ripple is not None and ripple.repeated for ripple in ripples)
-    return Refined(decoding, tuple(findings), errors.ratio, uneven, uneven or rough, seen)
+    return Refined(
+        decoding,
+        tuple(findings),
+        errors.ratio,
+        uneven,
+        scatters=uneven or rough,
+        response_seen=any(ripple is not None and ripple.repeated for ripple in ripples),
+        votes=worth_voting(decoding, maps),
+    )
 
 
 def _line_scatter(decoding: Decoding, ripples: list[Ripple | None]) -> float:

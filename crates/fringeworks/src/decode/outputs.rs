@@ -79,12 +79,11 @@ impl<'a> Outputs<'a> {
 
     /// Split into the first `n` pixels and the rest.
     pub(super) fn split(self, n: usize) -> (Self, Self) {
-        let (coordinate, coordinate_rest) = self.coordinate.split_at_mut(n);
-        let (sigma, sigma_rest) = self.sigma.split_at_mut(n);
-        let at = n.min(self.modulation.len());
-        let (modulation, modulation_rest) = self.modulation.split_at_mut(at);
-        let at = n.min(self.background.len());
-        let (background, background_rest) = self.background.split_at_mut(at);
+        let part = |map: &'a mut [f32]| map.split_at_mut(n.min(map.len()));
+        let (coordinate, coordinate_rest) = part(self.coordinate);
+        let (sigma, sigma_rest) = part(self.sigma);
+        let (modulation, modulation_rest) = part(self.modulation);
+        let (background, background_rest) = part(self.background);
         let (reason, reason_rest) = self.reason.split_at_mut(n);
         let halves = |maps: Vec<&'a mut [f32]>| -> (Vec<&'a mut [f32]>, Vec<&'a mut [f32]>) {
             maps.into_iter().map(|map| map.split_at_mut(n)).unzip()
@@ -92,8 +91,7 @@ impl<'a> Outputs<'a> {
         let (phases, phases_rest) = halves(self.phases);
         let (modulations, modulations_rest) = halves(self.modulations);
         let (variances, variances_rest) = halves(self.variances);
-        let at = n.min(self.disagreement.len());
-        let (disagreement, disagreement_rest) = self.disagreement.split_at_mut(at);
+        let (disagreement, disagreement_rest) = part(self.disagreement);
         let (inflation, inflation_rest) = self.inflation.split_at(n.min(self.inflation.len()));
         let first = Self {
             coordinate,

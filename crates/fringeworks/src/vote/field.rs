@@ -33,6 +33,9 @@ const OWN_LIGHT: f32 = 0.25;
 /// it scatter more, even where their mean is the phase of an order between them.
 const SCATTER_SIGMAS: f32 = 4.0;
 
+/// Least pixels of a window that can vote: those of the smallest window in a right-angled corner.
+const LEAST_PIXELS: f32 = 4.0;
+
 /// Phases less the share that the finest one explains, averaged over a window; or those of one pixel.
 pub struct Mean {
     /// Turns; 0 for the finest set.
@@ -44,6 +47,9 @@ pub struct Mean {
     /// Squared scatter of their phases over that of noise.
     pub scatter: f32,
 }
+
+/// Factors for whole turns from −`MOST_TURNS` on.
+type Turns = [[f32; 2]; 2 * MOST_TURNS as usize + 1];
 
 /// The phases of all pixels.
 pub struct Field<'a> {
@@ -66,8 +72,8 @@ pub struct Field<'a> {
     slope: Vec<[f32; 2]>,
     /// exp(i φ) of every set without the share that the finest phase explains, set after set.
     rest: Vec<Vec<[f32; 2]>>,
-    /// By what whole turns of the finest phase turn it: from −`MOST_TURNS` on.
-    turn: Vec<[[f32; 2]; 2 * MOST_TURNS as usize + 1]>,
+    /// By what whole turns of the finest phase turn each set.
+    turn: Vec<Turns>,
     height: usize,
     width: usize,
 }
@@ -83,6 +89,29 @@ fn phasor(turns: f32) -> [f32; 2] {
     [cos, sin]
 }
 
+/// Pixels that show fringes and have finite phases.
+fn lit(phases: &[Image<f32>], variances: &[Image<f32>], reason: &[u8]) -> Vec<bool> {
+    let shows = [Reason::Ok, Reason::OrderAmbiguous, Reason::Isolated].map(u8::from);
+    let known = |i: usize| phases.iter().chain(variances).all(|map| map[i].is_finite());
+    let pixels = reason.par_iter().enumerate();
+    pixels
+        .map(|(i, reason)| shows.contains(reason) && known(i))
+        .collect()
+}
+
+/// exp(i φ) of a phase without the share that the finest phase explains.
+fn rest(own: &[f32], finest: &[f32], share: f32) -> Vec<[f32; 2]> {
+    let pairs = own.par_iter().zip(finest.par_iter());
+    pairs
+        .map(|(own, fine)| phasor((own - share * fine) / TAU))
+        .collect()
+}
+
+/// By what whole turns of the finest phase turn a set.
+fn whole_turns(share: f32) -> Turns {
+    std::array::from_fn(|d| phasor(-share * (d as i32 - MOST_TURNS) as f32))
+}
+
 impl<'a> Field<'a> {
     /// For checked maps.
     pub fn new(
@@ -92,35 +121,14 @@ impl<'a> Field<'a> {
         reason: &[u8],
     ) -> Self {
         let (height, width) = phases[0].shape();
+        let sets = settings.sets.len();
         let of_sets = |value: &dyn Fn(usize) -> f32| {
-            std::array::from_fn(|k| {
-                if k < settings.sets.len() {
-                    value(k)
-                } else {
-                    0.0
-                }
-            })
+            std::array::from_fn(|k| if k < sets { value(k) } else { 0.0 })
         };
         let finest = settings.finest();
         let frequency: [f32; MAX_SETS] = of_sets(&|k| settings.sets[k].frequency);
         let ratio = frequency.map(|f| f / frequency[finest]);
         let floor = of_sets(&|k| settings.sets[k].floor);
-        let shows = [Reason::Ok, Reason::OrderAmbiguous, Reason::Isolated].map(u8::from);
-        let lit: Vec<bool> = (0..reason.len())
-            .map(|i| {
-                let known = |map: &Image<f32>| map[i].is_finite();
-                shows.contains(&reason[i]) && phases.iter().chain(variances).all(known)
-            })
-            .collect();
-        let rest = |k: usize| -> Vec<[f32; 2]> {
-            let pairs = phases[k].par_iter().zip(phases[finest].par_iter());
-            pairs
-                .map(|(own, fine)| phasor((own - ratio[k] * fine) / TAU))
-                .collect()
-        };
-        let turns =
-            |k: usize| std::array::from_fn(|d| phasor(-ratio[k] * (d as i32 - MOST_TURNS) as f32));
-        let sets = settings.sets.len();
         let mut field = Self {
             sets,
             finest,
@@ -132,10 +140,17 @@ impl<'a> Field<'a> {
             sigma_floor: floor,
             phases,
             variances,
-            lit,
+            lit: lit(phases, variances, reason),
             slope: vec![],
-            rest: (0..sets).map(rest).collect(),
-            turn: (0..sets).map(turns).collect(),
+            rest: ratio[..sets]
+                .iter()
+                .zip(phases)
+                .map(|(&share, own)| rest(own, &phases[finest], share))
+                .collect(),
+            turn: ratio[..sets]
+                .iter()
+                .map(|&share| whole_turns(share))
+                .collect(),
             height,
             width,
         };
@@ -300,11 +315,11 @@ impl<'a> Field<'a> {
         variance * (1.0 - variance * (0.25 - variance / 28.0))
     }
 
-    /// Whether the phases of a window scatter as those of one surface.
+    /// Whether a window has pixels enough, whose phases scatter as those of one surface.
     pub fn is_even(&self, mean: &Mean) -> bool {
         let freedom = (mean.pixels - 1.0).max(1.0) * (self.sets - 1) as f32;
         let most = 1.0 + SCATTER_SIGMAS * (2.0 / freedom).sqrt();
-        mean.scatter <= self.usual_scatter * most
+        mean.pixels >= LEAST_PIXELS && mean.scatter <= self.usual_scatter * most
     }
 
     /// Whether a pixel beside a shadow is so dim against its brightest neighbour that its light is that of

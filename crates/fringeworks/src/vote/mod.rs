@@ -34,6 +34,9 @@ const MAX_RADIUS: usize = 7;
 /// The two quantiles that systematic errors are estimated at: the middle and the tail.
 const SHARES: [f32; 2] = [0.5, 0.9];
 
+/// Largest usual scatter in a window over that of noise: more is no surface.
+const MOST_SCATTER: f32 = 2.0;
+
 /// Order of a pixel that is not decided.
 const UNDECIDED: i32 = i32::MIN;
 
@@ -151,7 +154,7 @@ pub fn vote_orders(
     let mut field = Field::new(settings, phases, variances, &out.reason);
     let (floor, scatter) = usual_errors(&field, rules);
     field.add_floor(floor);
-    field.usual_scatter = scatter.max(1.0);
+    field.usual_scatter = scatter.clamp(1.0, MOST_SCATTER);
     let known = known_orders(&field, &out);
     let mut orders = window_orders(&field, rules);
     // What a vote does not decide, or what it contradicts, is that of the pixel itself.

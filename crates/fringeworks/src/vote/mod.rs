@@ -289,3 +289,86 @@ fn wrap(v: f32) -> f32 {
 
 /// Variance in turns² over that in rad².
 const PER_RAD2: f32 = 1.0 / (TAU * TAU);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::decode::{Chain, Limits, Noise, PhaseSet};
+    use std::f64::consts::TAU as TURN;
+
+    const SHAPE: (usize, usize) = (30, 60);
+
+    fn settings() -> DecodeSettings {
+        let shifts = [0.0, TURN / 3.0, 2.0 * TURN / 3.0];
+        let set =
+            |k: usize, p: f64| PhaseSet::new(vec![k, k + 1, k + 2], &shifts, vec![], p).unwrap();
+        DecodeSettings {
+            sets: vec![set(0, 20.0), set(3, 200.0)],
+            gray_code: None,
+            chain: Chain::hierarchy(&[200.0, 20.0]).unwrap(),
+            noise: Noise {
+                read_variance: 1.0,
+                gain: 0.0,
+            },
+            limits: Limits::default(),
+        }
+    }
+
+    fn images(maps: &[Vec<f32>; 2]) -> Vec<Image<'_, f32>> {
+        let image = |map| Image::new(map, SHAPE.0, SHAPE.1).unwrap();
+        maps.iter().map(|map| image(map.as_slice())).collect()
+    }
+
+    /// Coordinates after a vote on phases of a map with errors of up to 0.35 rad of the single period.
+    fn voted(truth: impl Fn(usize, usize) -> f64) -> Vec<f32> {
+        let (height, width) = SHAPE;
+        let error = |i: usize| 0.35 * (((i * 7919) % 1009) as f64 / 504.5 - 1.0);
+        let phases = [20.0, 200.0].map(|period| -> Vec<f32> {
+            let phase = |i: usize| {
+                let share = if period > 100.0 { error(i) } else { 0.0 };
+                let turns = truth(i / width, i % width) / period + share / TURN;
+                (TURN * (turns - turns.round())) as f32
+            };
+            (0..height * width).map(phase).collect()
+        });
+        let variances = [vec![1e-4; height * width], vec![0.04; height * width]];
+        let (mut coordinate, mut sigma) =
+            (vec![f32::NAN; height * width], vec![0.0; height * width]);
+        let mut reason = vec![u8::from(Reason::OrderAmbiguous); height * width];
+        let rules = Rules {
+            radius: 3,
+            error_rate: 1e-5,
+            near_error_rate: 1e-3,
+            largest_misfit: 10.8,
+            own_doubt: 2.0,
+            usual_misfit: [0.45, 2.7],
+        };
+        let out = Measured {
+            coordinate: ImageMut::new(&mut coordinate, height, width).unwrap(),
+            sigma: ImageMut::new(&mut sigma, height, width).unwrap(),
+            reason: ImageMut::new(&mut reason, height, width).unwrap(),
+        };
+        vote_orders(
+            &settings(),
+            &images(&phases),
+            &images(&variances),
+            &rules,
+            out,
+        )
+        .unwrap();
+        coordinate
+    }
+
+    #[test]
+    fn a_step_of_a_whole_period_is_not_bridged() {
+        let truth = |_: usize, x: usize| 40.0 + x as f64 + if x < 30 { 0.0 } else { 20.0 };
+        let found = voted(truth);
+        let known = found.iter().filter(|x| x.is_finite()).count();
+        assert!(known > 1500, "{known}");
+        let wrong = found
+            .iter()
+            .enumerate()
+            .filter(|(i, x)| (f64::from(**x) - truth(i / 60, i % 60)).abs() > 10.0);
+        assert_eq!(wrong.count(), 0);
+    }
+}

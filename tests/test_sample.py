@@ -103,21 +103,6 @@ def test_a_sample_that_is_not_finite_marks_its_pixel(rng, bad):
     np.testing.assert_array_equal(np.flatnonzero(~finite), [5])
 
 
-@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
-def test_moments(rng, kind):
-    planes = [rng.uniform(0, 250, (1, 331)).astype(kind) for _ in range(5)]
-    pixels = np.flatnonzero(rng.uniform(size=331) < 0.7)
-    data = np.concatenate(planes).astype(float)[:, pixels]
-    np.testing.assert_allclose(_core.sample_moments(planes, pixels), data @ data.T, rtol=1e-12)
-    across = np.ascontiguousarray(np.linalg.qr(rng.normal(size=(5, 2)))[0].T)
-    wanted = np.sum((across @ data) ** 2, axis=0)
-    found = _core.sample_squares(planes, pixels, across)
-    np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)
-    for beyond in (-1, 331):
-        with pytest.raises(ValueError, match="pixels"):
-            _core.sample_moments(planes, np.array([beyond]))
-
-
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_differences_of_neighbours(rng, kind):
     frame = rng.normal(size=(19, 33)).astype(kind)
@@ -182,21 +167,3 @@ def test_sums_of_windows(rng, length):
     found = _core.window_sums(phase, np.ascontiguousarray(basis.T), ORDERS)
     for seen, wanted in zip(found, oracle.window_sums(phase, ORDERS), strict=True):
         np.testing.assert_allclose(seen, wanted, rtol=1e-9, atol=1e-9)
-
-
-def test_sums_of_pixels(rng):
-    phase = rng.uniform(-np.pi, np.pi, 1003)
-    design = oracle.harmonic_design(phase, ORDERS)
-    coefficients = rng.normal(0, 0.1, design.shape[1])
-    values = design @ coefficients + rng.normal(0, 0.05, phase.size)
-    left = values - design @ coefficients
-    seen = _core.without_series(phase, values, ORDERS, coefficients.tolist())
-    np.testing.assert_allclose(seen, left, atol=1e-13)
-    kept = np.abs(left) <= 0.1
-    normal, projected, power = _core.harmonic_sums(
-        phase, values, ORDERS, coefficients=coefficients.tolist(), most=0.1
-    )
-    np.testing.assert_allclose(normal[0], design[kept].T @ design[kept], atol=1e-9)
-    np.testing.assert_allclose(projected[0], design[kept].T @ values[kept], atol=1e-9)
-    assert power[0] == pytest.approx(np.sum(values[kept] ** 2))
-    assert 0 < kept.sum() < kept.size

@@ -25,7 +25,6 @@ __all__ = [
     "decompose_rows",
     "fit_samples",
     "fitted_inside",
-    "harmonic_sums",
     "interpolate_linear",
     "invert_rows",
     "invert_windowed",
@@ -42,8 +41,6 @@ __all__ = [
     "relocate_surfaces",
     "row_envelopes",
     "row_extrema",
-    "sample_moments",
-    "sample_squares",
     "second_magnitudes",
     "similar_groups",
     "smooth_windows",
@@ -60,7 +57,6 @@ __all__ = [
     "weighted_sums",
     "widen",
     "window_sums",
-    "without_series",
 ]
 optimised: bool
 version: str
@@ -286,16 +282,6 @@ def fitted_inside(
 ) -> NDArray[np.bool_]:
     """Mark the fitted samples of A, c and s between two limits, (frames, n)."""
 
-def sample_moments(
-    planes: Sequence[NDArray[Any]], pixels: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Sums of the products of the frames at some pixels, (frames, frames)."""
-
-def sample_squares(
-    planes: Sequence[NDArray[Any]], pixels: NDArray[np.int64], across: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Squares of the parts of some pixels along the unit vectors in the rows of ``across``."""
-
 def second_magnitudes(frame: NDArray[Any]) -> NDArray[Any]:
     """Magnitudes of second differences along both axes of a float32 or float64 (h, w) array:
     (h - 2, w - 2)."""
@@ -344,27 +330,6 @@ def window_sums(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Sums of the products of the phases' harmonics, (windows, P, P), of these and the phases,
     (windows, P), and of squared phases, without what the rows of ``basis`` explain."""
-
-def harmonic_sums(
-    phase: NDArray[Any],
-    values: NDArray[Any],
-    orders: Sequence[int],
-    *,
-    coefficients: Sequence[float],
-    most: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """The same sums over pixels, for a constant and the harmonics, (1, P, P), (1, P) and (1,).
-
-    Pixels count that differ by at most ``most`` from the series with these coefficients.
-    """
-
-def without_series(
-    phase: NDArray[Any],
-    values: NDArray[Any],
-    orders: Sequence[int],
-    coefficients: Sequence[float],
-) -> NDArray[np.float64]:
-    """Values less a series of a constant and the harmonics of phases."""
 
 class _PointLimits(TypedDict):
     residual_sigmas: float

@@ -104,8 +104,3 @@ def window_sums(phase, orders):
         np.einsum("wlp,wl->wp", design, errors),
         np.sum(errors**2, axis=1),
     )
-
-
-def harmonic_design(phase, orders) -> np.ndarray:
-    """A constant and the harmonics of phases, (n, 1 + 2 K)."""
-    return np.column_stack((np.ones_like(phase), shapes(phase, orders)))

@@ -44,9 +44,8 @@ mod _core {
     use super::rig::{Triangles, Triangulation};
     #[pymodule_export]
     use super::sample::{
-        fit_samples, fitted_inside, harmonic_sums, phase_residuals, quantiles, sample_moments,
-        sample_squares, second_magnitudes, similar_groups, smooth_windows, third_chi_squares,
-        trimmed_variance, window_sums, without_series,
+        fit_samples, fitted_inside, phase_residuals, quantiles, second_magnitudes, similar_groups,
+        smooth_windows, third_chi_squares, trimmed_variance, window_sums,
     };
 
     #[pymodule_export]

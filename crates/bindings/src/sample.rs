@@ -111,33 +111,6 @@ pub fn fitted_inside<'py>(
 }
 
 #[pyfunction]
-pub fn sample_moments<'py>(
-    py: Python<'py>,
-    planes: Frames<'py>,
-    pixels: PyReadonlyArray1<'py, i64>,
-) -> PyResult<Array2<'py>> {
-    let pixels = rows_of(&pixels)?;
-    let found = with_planes!(&planes, planes => alone(py, || {
-        Ok((sample::sample_moments(&planes, pixels)?, planes.len()))
-    }))?;
-    rows(py, found.0, found.1)
-}
-
-#[pyfunction]
-pub fn sample_squares<'py>(
-    py: Python<'py>,
-    planes: Frames<'py>,
-    pixels: PyReadonlyArray1<'py, i64>,
-    across: PyReadonlyArray2<'py, f64>,
-) -> PyResult<Array1<'py>> {
-    let (pixels, across) = (rows_of(&pixels)?, rows_of(&across)?);
-    let found = with_planes!(&planes, planes => alone(py, || {
-        sample::sample_squares(&planes, pixels, across)
-    }))?;
-    Ok(found.into_pyarray(py))
-}
-
-#[pyfunction]
 pub fn second_magnitudes<'py>(
     py: Python<'py>,
     frame: filters::Values<'py>,
@@ -290,36 +263,4 @@ pub fn window_sums<'py>(
     let (phase, basis) = (image_of(&phase)?, image_of(&basis)?);
     let sums = alone(py, || sample::window_sums(phase, basis, &orders))?;
     sums_of(py, sums)
-}
-
-#[pyfunction]
-#[pyo3(signature = (phase, values, orders, *, coefficients, most))]
-pub fn harmonic_sums<'py>(
-    py: Python<'py>,
-    phase: PyReadonlyArray1<'py, f64>,
-    values: PyReadonlyArray1<'py, f64>,
-    orders: Vec<usize>,
-    coefficients: Vec<f64>,
-    most: f64,
-) -> PyResult<Sums<'py>> {
-    let (phase, values) = (rows_of(&phase)?, rows_of(&values)?);
-    let sums = alone(py, || {
-        sample::harmonic_sums(phase, values, &orders, &coefficients, most)
-    })?;
-    sums_of(py, sums)
-}
-
-#[pyfunction]
-pub fn without_series<'py>(
-    py: Python<'py>,
-    phase: PyReadonlyArray1<'py, f64>,
-    values: PyReadonlyArray1<'py, f64>,
-    orders: Vec<usize>,
-    coefficients: Vec<f64>,
-) -> PyResult<Array1<'py>> {
-    let (phase, values) = (rows_of(&phase)?, rows_of(&values)?);
-    let left = alone(py, || {
-        sample::without_series(phase, values, &orders, &coefficients)
-    })?;
-    Ok(left.into_pyarray(py))
 }

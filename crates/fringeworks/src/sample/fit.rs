@@ -1,9 +1,7 @@
-//! Least-squares fits of a set of steps to the pixels of a sample, second moments of the samples, and how
-//! far pixels lie from the space they span.
+//! Least-squares fits of a set of steps to the pixels of a sample.
 
-use super::dot;
 use crate::decode::Sample;
-use crate::{Error, check_length, check_value};
+use crate::{Error, check_length};
 
 /// Pixels that are computed together, so that their samples stay in the first cache.
 const BLOCK: usize = 128;
@@ -133,84 +131,6 @@ fn mark([a, c, s]: [&[f64]; 3], shown: &[f64], low: f64, high: f64, out: &mut [b
     for i in 0..n {
         let value = shown[0] * a[i] + shown[1] * c[i] + shown[2] * s[i];
         out[i] = (value > low) & (value < high);
-    }
-}
-
-/// Sums of the products of the frames at some pixels, for all pairs of frames: (N, N).
-///
-/// ```
-/// use fringeworks::sample::sample_moments;
-///
-/// let frames: [&[u8]; 2] = [&[1, 2, 3], &[4, 5, 6]];
-/// assert_eq!(sample_moments(&frames, &[0, 2])?, [10.0, 22.0, 22.0, 52.0]);
-/// # Ok::<(), fringeworks::Error>(())
-/// ```
-pub fn sample_moments<T: Sample>(planes: &[&[T]], pixels: &[i64]) -> Result<Vec<f64>, Error> {
-    Ok(moments(&gather(planes, pixels)?))
-}
-
-/// Square of the part of every one of some pixels along some unit vectors, which are rows of `across`.
-///
-/// ```
-/// use fringeworks::sample::sample_squares;
-///
-/// let frames: [&[u8]; 2] = [&[3, 1], &[4, 2]];
-/// // The part along the second frame.
-/// assert_eq!(sample_squares(&frames, &[0, 1], &[0.0, 1.0])?, [16.0, 4.0]);
-/// # Ok::<(), fringeworks::Error>(())
-/// ```
-pub fn sample_squares<T: Sample>(
-    planes: &[&[T]],
-    pixels: &[i64],
-    across: &[f64],
-) -> Result<Vec<f64>, Error> {
-    let rows = gather(planes, pixels)?;
-    let whole = across.len() / rows.len().max(1) * rows.len();
-    check_length("across", across.len(), whole)?;
-    let mut out = vec![0.0; rows.first().map_or(0, Vec::len)];
-    for vector in across.chunks_exact(rows.len().max(1)) {
-        add_squares(&rows, vector, &mut out);
-    }
-    Ok(out)
-}
-
-/// The samples of some pixels, one row per frame.
-fn gather<T: Sample>(planes: &[&[T]], pixels: &[i64]) -> Result<Vec<Vec<f64>>, Error> {
-    let mut rows = Vec::with_capacity(planes.len());
-    for plane in planes {
-        let known = pixels.iter().all(|i| (*i as u64) < plane.len() as u64);
-        check_value("pixels", known, "indices of the sample", plane.len())?;
-        let row = pixels.iter().map(|i| f64::from(plane[*i as usize].value()));
-        rows.push(row.collect());
-    }
-    Ok(rows)
-}
-
-/// Sums of the products of all pairs of rows.
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn moments(rows: &[Vec<f64>]) -> Vec<f64> {
-    let n = rows.len();
-    let mut out = vec![0.0; n * n];
-    for i in 0..n {
-        for j in 0..=i {
-            let sum = dot(&rows[i], &rows[j]);
-            out[i * n + j] = sum;
-            out[j * n + i] = sum;
-        }
-    }
-    out
-}
-
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn add_squares(rows: &[Vec<f64>], vector: &[f64], out: &mut [f64]) {
-    let mut part = vec![0.0; out.len()];
-    for (row, weight) in rows.iter().zip(vector) {
-        for (sum, value) in part.iter_mut().zip(row) {
-            *sum += weight * value;
-        }
-    }
-    for (square, value) in out.iter_mut().zip(&part) {
-        *square += value * value;
     }
 }
 

@@ -4,9 +4,6 @@ use super::dot;
 use crate::{Error, Image, check_length};
 use std::f64::consts::TAU;
 
-/// Pixels that are computed together, so that their harmonics stay in the first cache.
-const BLOCK: usize = 256;
-
 /// Sums of a least-squares fit.
 pub struct Sums {
     /// Sums of the products of all pairs of functions, (P, P) per fit.
@@ -89,127 +86,6 @@ fn subtract_surface(values: &mut [f64], basis: &[f64]) {
             *value -= share * part;
         }
     }
-}
-
-/// Sums over pixels, for a constant and the harmonics of their phases, rad.
-///
-/// Only pixels count whose value differs by at most `most` from the series with these coefficients:
-/// a constant, then cosine and sine of every order.
-///
-/// ```
-/// use fringeworks::sample::harmonic_sums;
-///
-/// let phase: Vec<f64> = (0..100).map(|x| 0.1 * x as f64).collect();
-/// let values: Vec<f64> = phase.iter().map(|p| 2.0 + p.cos()).collect();
-/// // All values lie on the series 2 + 1 cos φ + 0 sin φ.
-/// let sums = harmonic_sums(&phase, &values, &[1], &[2.0, 1.0, 0.0], 1e-9)?;
-/// assert_eq!(sums.normal[0], 100.0);
-/// # Ok::<(), fringeworks::Error>(())
-/// ```
-pub fn harmonic_sums(
-    phase: &[f64],
-    values: &[f64],
-    orders: &[usize],
-    coefficients: &[f64],
-    most: f64,
-) -> Result<Sums, Error> {
-    let functions = 1 + 2 * orders.len();
-    check_length("values", values.len(), phase.len())?;
-    check_length("coefficients", coefficients.len(), functions)?;
-    let mut sums = Sums::of(1, functions);
-    let mut rows = vec![0.0; functions * BLOCK];
-    for (phase, values) in phase.chunks(BLOCK).zip(values.chunks(BLOCK)) {
-        add_block(
-            phase,
-            values,
-            orders,
-            coefficients,
-            most,
-            &mut rows,
-            &mut sums,
-        );
-    }
-    Ok(sums)
-}
-
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn add_block(
-    phase: &[f64],
-    values: &[f64],
-    orders: &[usize],
-    coefficients: &[f64],
-    most: f64,
-    rows: &mut [f64],
-    sums: &mut Sums,
-) {
-    let n = phase.len();
-    let rows = &mut rows[..coefficients.len() * n];
-    series_rows(phase, orders, rows);
-    let mut left = values.to_vec();
-    subtract_series(rows, coefficients, &mut left);
-    let mut kept = values.to_vec();
-    let weights: Vec<f64> = left
-        .iter()
-        .map(|off| f64::from(off.abs() <= most))
-        .collect();
-    for line in rows.chunks_exact_mut(n).chain([&mut kept[..]]) {
-        for (value, weight) in line.iter_mut().zip(&weights) {
-            *value *= weight;
-        }
-    }
-    add_products(rows, n, &mut sums.normal);
-    for (sum, row) in sums.projected.iter_mut().zip(rows.chunks_exact(n)) {
-        *sum += dot(row, &kept);
-    }
-    sums.power[0] += dot(&kept, &kept);
-}
-
-/// Rows of a constant and of the harmonics of phases.
-#[inline(always)]
-fn series_rows(phase: &[f64], orders: &[usize], rows: &mut [f64]) {
-    let (constant, waves) = rows.split_at_mut(phase.len());
-    constant.fill(1.0);
-    harmonics(phase, orders, waves);
-}
-
-#[inline(always)]
-fn subtract_series(rows: &[f64], coefficients: &[f64], left: &mut [f64]) {
-    for (row, share) in rows.chunks_exact(left.len()).zip(coefficients) {
-        for (value, part) in left.iter_mut().zip(row) {
-            *value -= share * part;
-        }
-    }
-}
-
-/// The values less a series in the harmonics of the phases; see [`harmonic_sums`].
-///
-/// ```
-/// use fringeworks::sample::without_series;
-///
-/// let left = without_series(&[0.0, 1.0], &[5.0, 2.0], &[1], &[2.0, 1.0, 0.0])?;
-/// assert!((left[0] - 2.0).abs() < 1e-12 && (left[1] + 1.0_f64.cos()).abs() < 1e-12);
-/// # Ok::<(), fringeworks::Error>(())
-/// ```
-pub fn without_series(
-    phase: &[f64],
-    values: &[f64],
-    orders: &[usize],
-    coefficients: &[f64],
-) -> Result<Vec<f64>, Error> {
-    check_length("values", values.len(), phase.len())?;
-    check_length("coefficients", coefficients.len(), 1 + 2 * orders.len())?;
-    let mut left = values.to_vec();
-    for (phase, left) in phase.chunks(BLOCK).zip(left.chunks_mut(BLOCK)) {
-        subtract_block(phase, orders, coefficients, left);
-    }
-    Ok(left)
-}
-
-#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
-fn subtract_block(phase: &[f64], orders: &[usize], coefficients: &[f64], left: &mut [f64]) {
-    let mut rows = vec![0.0; coefficients.len() * phase.len()];
-    series_rows(phase, orders, &mut rows);
-    subtract_series(&rows, coefficients, left);
 }
 
 /// Coefficients of sin x / x and cos x in x², for |x| ≤ π/4: the terms of their series. The first one

@@ -12,8 +12,8 @@ mod residuals;
 mod windows;
 
 pub use differences::{Real, second_magnitudes, third_chi_squares};
-pub use fit::{FIT_ROWS, Model, fit_samples, fitted_inside, sample_moments, sample_squares};
-pub use harmonics::{Sums, harmonic_sums, window_sums, without_series};
+pub use fit::{FIT_ROWS, Model, fit_samples, fitted_inside};
+pub use harmonics::{Sums, window_sums};
 pub use quantile::{Usual, Value, median, quantiles, similar_groups, trimmed_variance};
 pub use residuals::{Maps, Noise, Set, phase_residuals};
 pub use windows::{Lines, Wanted, Windows, smooth_windows};

@@ -5,7 +5,7 @@ import pytest
 
 from fringeworks.patterns.plan import step_design
 from fringeworks.stack.real_frames import fit_frames
-from fringeworks.stack.ripple import SetPhases, ripples_of_sets
+from fringeworks.stack.set_ripples import SetPhases, ripples_of_sets
 
 NOISE = 0.01
 

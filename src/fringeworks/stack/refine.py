@@ -110,7 +110,8 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     agreeing, errors = _with_agreeing_sets(decoding, planes, known)
     # Where the sets agree within their noise, it is the surface that is rough.
     agree = len(sets) > 1 and errors.by_noise
-    decoding, factor = (agreeing, 1.0) if agree else (decoding, _line_scatter(decoding, ripples))
+    bent = bool(findings) or any(phases.table_turns for phases in decoding.sets)
+    decoding, factor = (agreeing, 1.0) if agree else _with_line_scatter(decoding, ripples, bent)
     raised = replace(known, noise=scaled(known.noise, factor))
     if factor > 1.0:
         findings.append(words.correlated_noise(factor, decoding.axis))
@@ -138,10 +139,19 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     )
 
 
-def _line_scatter(decoding: Decoding, ripples: list[Ripple | None]) -> float:
-    """Variance of the phases along smooth lines over that of noise; 1 where noise explains it."""
+def _with_line_scatter(
+    decoding: Decoding, ripples: list[Ripple | None], bent: bool
+) -> tuple[Decoding, float]:
+    """The scatter of the phases along smooth lines: in the decoding's floor where the response is
+    ``bent``, otherwise as a factor on the variance of the noise."""
     finest = ripples[min(range(len(ripples)), key=lambda k: decoding.sets[k].period_px)]
-    return 1.0 if finest is None or finest.excess <= LINES_NOISE_ALONE else finest.excess
+    if finest is None or finest.excess <= LINES_NOISE_ALONE:
+        return decoding, 1.0
+    if bent:
+        # A response that is not linear has harmonics beyond those of the ripple. They do not
+        # shrink with the modulation.
+        return with_floor(decoding, finest.noise_rad * (finest.excess - 1.0) ** 0.5), 1.0
+    return decoding, finest.excess
 
 
 def _uneven_residuals(decoding: Decoding, sample: Sample, known: Known) -> bool:
@@ -179,7 +189,8 @@ def _with_harmonics(
     if rms <= SURE * ripple.error_rad:
         rms, left = 0.0, {}
     floor = float(np.sqrt(phases.floor_rad**2 + (RIPPLE_FACTOR * rms) ** 2 + unsure**2))
-    peak = sum(abs(z) for z in left.values()) + SURE * unsure
+    # Errors of what was taken out that the sets do not show cancel in the roundings.
+    peak = sum(abs(z) for z in left.values())
     found = [words.ripple(left, phases, axis, rms)] if left else []
     return replace(phases, floor_rad=floor), float(peak), found
 

@@ -7,16 +7,14 @@ times per fringe where the response of projector and camera is not linear (theor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.stack.fits import times
-from fringeworks.statistics.quantiles import MAD_TO_SIGMA, median, quantile
+from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import BoolMap, FloatMap
 
 WINDOW_FRINGES = 3.0
@@ -52,24 +50,6 @@ LINES_NOISE_ALONE = 1.4
 """Variance of the phase along smooth lines, over that of the noise, from which on noise of the
 camera is not its only cause. It scatters by 5 % in simulations; the rest of the margin allows for
 surfaces that are rough everywhere. Empirical."""
-
-MAX_RESIDUAL_RAD = 0.5
-"""Largest standard deviation of residuals that a ripple is measured from, rad. Residuals are known
-modulo a turn; beyond, too many of them are a turn off. Empirical."""
-
-RESPONSE_RIPPLE_RAD = 0.2
-"""Amplitude that ripple of N per fringe usually has, where the response is not known, rad: γ of 1.8
-makes it with three steps. Ripple of mN per fringe falls about with m²."""
-
-STEP_RIPPLE_RAD = 0.03
-"""Amplitude that ripple of one and two per fringe usually has, rad: that of gains which differ by 3
-%, or steps by 2°."""
-
-OTHER_RIPPLE_RAD = 0.01
-"""The same of all other orders, which neither steps nor a response make by themselves, rad."""
-
-OUTLIER_SIGMAS = 4.0
-"""Residuals beyond this many standard deviations do not take part, for example wrong orders."""
 
 USUAL_WINDOW = 0.9
 """Quantile of the smooth windows whose errors count where noise is not their only cause. Errors by
@@ -117,6 +97,8 @@ class Ripple:
     seen_rad: tuple[float, float] | None = None
     """Sum over all orders at the phases that were seen, and its error, rms, rad; None where phases
     are spread evenly, so that the amplitudes tell both."""
+    by_brightness: tuple[tuple[float, NDArray[np.complex128]], ...] = ()
+    """The same at pixels of rising brightness A + B, counts; none where all are alike."""
     places: int = MIN_PLACES
     """Number of places along the lines that it was seen at."""
 
@@ -207,134 +189,6 @@ def measure_ripple(
     )
 
 
-@dataclass(frozen=True)
-class SetPhases:
-    """Phases of the sets of a sample, and what they leave of each other."""
-
-    phase_rad: FloatMap
-    """(M, n): phases of the coordinate."""
-    residual_rad: FloatMap
-    """(M, n): phases less those of the coordinate."""
-    variance: FloatMap
-    """(M,): usual variances of the phases by noise, rad²."""
-    frequency: FloatMap
-    """(M,): 1 / period of the sets, 1/px."""
-    steps: tuple[int, ...]
-    """Number of steps of the sets."""
-    group: NDArray[np.intp]
-    """(n,): number of the group of neighbouring pixels, rising."""
-
-    def seen(self) -> FloatMap:
-        """(M, M) matrix: what residual m shows of an error of set j, whose share in the coordinate
-        is taken from all residuals."""
-        share = self.frequency / self.variance
-        return np.eye(len(share)) - np.outer(self.frequency, share) / (share @ self.frequency)
-
-
-def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> list[Ripple | None]:
-    """Ripple of every set from the differences of the sets, whatever the surface.
-
-    Parameters
-    ----------
-    phases : SetPhases
-    orders : sequence of tuples of int
-        Numbers of periods per fringe that each set may have.
-
-    Returns
-    -------
-    list of Ripple, one per set; None where residuals are so large that they may be a turn off.
-
-    Notes
-    -----
-    Least squares over all sets at once, because the coordinate contains the ripple of all. Orders
-    may look alike: several of one set where it shows a part of a fringe, or those of two sets whose
-    periods have a common multiple. What the residuals do not tell stays near zero, as far as ripple
-    of that order usually goes, and in the error.
-    """
-    if np.std(phases.residual_rad, axis=1).max() > MAX_RESIDUAL_RAD:
-        return [None] * len(orders)
-    places = [(j, k) for j, of_set in enumerate(orders) for k in of_set]
-    waves = _waves(phases.phase_rad, places)
-    first, _ = _expected(waves, phases, places)
-    left = np.abs(phases.residual_rad - _explained(waves, phases, places, first))
-    limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * np.array([[median(row)] for row in left])
-    kept = np.all(left <= limit, axis=0)
-    waves = waves[:, kept]
-    phases = replace(
-        phases,
-        phase_rad=phases.phase_rad[:, kept],
-        residual_rad=phases.residual_rad[:, kept],
-        group=phases.group[kept],
-    )
-    expected, covariance = _expected(waves, phases, places)
-    found: list[Ripple | None] = []
-    for j, of_set in enumerate(orders):
-        at = np.flatnonzero(np.repeat([place[0] == j for place in places], 2))
-        # Over the phases that were seen.
-        alike = times(waves[at], waves[at].T) / waves.shape[1]
-        pairs = expected[at].reshape(-1, 2)
-        unsure = float(np.sum(covariance[np.ix_(at, at)] * alike))
-        found.append(
-            Ripple(
-                of_set,
-                pairs[:, 0] + 1j * pairs[:, 1],
-                np.zeros(len(pairs)),
-                1.0,
-                seen_rad=(float(expected[at] @ alike @ expected[at]) ** 0.5, unsure**0.5),
-            )
-        )
-    return found
-
-
-def _explained(
-    waves: FloatMap, phases: SetPhases, places: list[tuple[int, int]], coefficients: FloatMap
-) -> FloatMap:
-    """Residuals of the sets that ripple makes, (M, n), rad."""
-    own = np.zeros_like(phases.residual_rad)
-    for k, (j, _) in enumerate(places):
-        own[j] += coefficients[2 * k] * waves[2 * k] + coefficients[2 * k + 1] * waves[2 * k + 1]
-    return np.asarray(times(phases.seen(), own))
-
-
-def _waves(phase_rad: FloatMap, places: list[tuple[int, int]]) -> FloatMap:
-    """cos kφ and sin kφ of the sets, (2P, n), for pairs of a set and an order k."""
-    rows = []
-    for j, k in places:
-        turned = np.exp(1j * k * phase_rad[j])
-        rows += [turned.real, turned.imag]
-    return np.stack(rows)
-
-
-def _expected(
-    waves: FloatMap, phases: SetPhases, places: list[tuple[int, int]]
-) -> tuple[FloatMap, FloatMap]:
-    """Expected coefficients of the waves and their covariance, given the residuals."""
-    seen, set_of = phases.seen(), np.repeat([j for j, _ in places], 2)
-    weight = 1.0 / phases.variance
-    waves = waves - waves.mean(axis=1, keepdims=True)
-    residual = phases.residual_rad - phases.residual_rad.mean(axis=1, keepdims=True)
-    normal = times(waves, waves.T) * (seen.T * weight @ seen)[np.ix_(set_of, set_of)]
-    pulls = times(seen.T * weight, residual)
-    projected = np.einsum("pn,pn->p", waves, pulls[set_of])
-    inverse = np.linalg.pinv(normal, hermitian=True)
-    left = residual - _explained(waves, phases, places, times(inverse, projected[:, None])[:, 0])
-    scores = waves * times(seen.T * weight, left)[set_of]
-    # Errors of neighbouring pixels belong together: sums over groups scatter accordingly.
-    starts = np.flatnonzero(np.diff(phases.group, prepend=-1))
-    sums = np.add.reduceat(scores, starts, axis=1)
-    unit = max(1.0, float(np.sum(inverse * times(sums, sums.T))) / len(projected))
-    usual = np.repeat([_usual_rad(k, phases.steps[j]) for j, k in places], 2)
-    covariance = np.linalg.inv(normal / unit + np.diag(usual**-2.0))
-    return times(covariance, projected[:, None])[:, 0] / unit, covariance
-
-
-def _usual_rad(order: int, steps: int) -> float:
-    """Amplitude that ripple of an order usually has, rad."""
-    if order % steps == 0:
-        return RESPONSE_RIPPLE_RAD / (order / steps) ** 2
-    return STEP_RIPPLE_RAD if order <= 2 else OTHER_RIPPLE_RAD
-
-
 @lru_cache(maxsize=64)
 def _smooth_shapes(length: int) -> FloatMap:
     """Orthonormal polynomials up to the third degree over a window, (4, length)."""
@@ -352,7 +206,7 @@ def _pooled(
     scores = projected - np.einsum("wpq,q->wp", normal, coefficients)
     spread = scores.T @ scores
     places = int(place.max()) + 1
-    if places >= MIN_PLACES:
+    if places > 1:
         sums = np.stack([scores[place == k].sum(axis=0) for k in range(places)])
         between = sums.T @ sums * (places / (places - 1.0))
         spread *= max(1.0, float(np.trace(between) / max(np.trace(spread), TINY)))

@@ -11,17 +11,12 @@ from numpy.typing import NDArray
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack.agreement import decode_sample
-from fringeworks.stack.frames import STRETCH
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames, lit_pixels
-from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.real_frames import design_rows
-from fringeworks.stack.ripple import Ripple, SetPhases, measure_ripple, ripples_of_sets
-from fringeworks.stack.set_residuals import Known, phase_variance, set_residuals
+from fringeworks.stack.ripple import Ripple, measure_ripple
+from fringeworks.stack.set_residuals import Known, phase_variance
+from fringeworks.stack.set_ripples import orders_of, set_ripples
 from fringeworks.statistics.quantiles import median
-
-MAX_ORDER = 12
-"""Highest order of a ripple that is looked for, periods per fringe: of γ = 2.2, three steps leave
-0.007 rad of higher ones."""
 
 MAX_RIPPLE_NOISE_RAD = 0.2
 """Largest phase noise of a pixel that a ripple is measured from, rad. An empirical choice: noisier
@@ -40,10 +35,6 @@ REPORTED = 5.0
 
 RESPONSE_ORDER = 3
 """Lowest order that a response makes, periods per fringe; lower ones come from steps and gains."""
-
-SET_RIPPLE_PIXELS = 8000
-"""Largest number of pixels whose sets are compared: a ripple is found to a hundredth of the noise
-of a pixel; more only take time."""
 
 LONGER = 2.0
 """Period over the finest one from which on a ripple must not contradict the other sets. The finest
@@ -64,22 +55,26 @@ def without_ripples(
     ripples: list[Ripple | None] = [None] * len(decoding.sets)
     changed = set(range(len(decoding.sets)))
     best: dict[int, tuple[float, PhaseFrames, Ripple | None]] = {}
+    bent: set[int] | None = None
     for left in reversed(range(RIPPLE_PASSES)):
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
         for k in changed:
             ripples[k] = line_ripple(decoding.sets[k], maps, k, known)
-        if len(decoding.sets) > 1:
-            ripples = _with_set_ripples(decoding, planes, known, ripples, changed)
+        ripples = _with_set_ripples(decoding, planes, known, ripples, changed)
         for k in changed:
             size = 0.0 if (r := ripples[k]) is None else r.rms_rad
             if k not in best or size < best[k][0]:
                 best[k] = size, decoding.sets[k], ripples[k]
+        if bent is None:
+            bent = {k for k in changed if (r := ripples[k]) is None or _of_response(r)}
         # A set that has no such ripple stays as it is, and so does its ripple.
         changed = {k for k in changed if _removable(ripples[k])}
         if not known.estimate_steps or not changed or not left:
             break
         sets = [
-            _without_ripple(phases, ripple) if k in changed and ripple is not None else phases
+            _without_ripple(phases, ripple, bent=k in bent)
+            if k in changed and ripple is not None
+            else phases
             for k, (phases, ripple) in enumerate(zip(decoding.sets, ripples, strict=True))
         ]
         decoding = replace(decoding, sets=tuple(sets))
@@ -108,12 +103,6 @@ def _of_response(ripple: Ripple) -> bool:
     return ripple.repeated and low < max(size[k] for k in size if k >= RESPONSE_ORDER)
 
 
-def _orders(phases: PhaseFrames) -> tuple[int, ...]:
-    """Orders of a ripple that wrong frames or a response that is not linear can make."""
-    steps = len(phases.frames)
-    return tuple(sorted({1, 2, 3, 4, *range(steps, max(MAX_ORDER, steps) + 1, steps)}))
-
-
 def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
     """Ripple of a set along lines; None where they hold too few fringes."""
     modulation, background = maps["modulations"][k], maps["background"]
@@ -123,7 +112,7 @@ def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known)
     if not bright.any():
         return None
     turns = np.where(bright, maps["phases"][k] / TURN, 0.0)
-    found = measure_ripple(turns, bright, sigma, _orders(phases))
+    found = measure_ripple(turns, bright, sigma, orders_of(phases))
     if found is None:
         return None
     return replace(found, background_ratio=median(background[bright] / modulation[bright]))
@@ -147,60 +136,66 @@ def _with_set_ripples(
     doubtful = longer | {k for k in changed if (r := ripples[k]) is None or not r.repeated}
     if not doubtful:
         return ripples
-    residuals, variances, maps = set_residuals(decoding, planes, known)
-    if residuals.shape[1] < MIN_JUDGED_PIXELS:
-        return ripples
-    used = maps["used"]
-    few = slice(None, None, -(-residuals.shape[1] // SET_RIPPLE_PIXELS))
-    # Those of the coordinate: measured phases contain the errors of the residuals.
-    frequency = np.array([1.0 / phases.period_px for phases in decoding.sets])
-    seen = SetPhases(
-        TURN * np.outer(frequency, maps["coordinate"][used][few].astype(np.float64)),
-        TURN * residuals[:, few].astype(np.float64),
-        TURN**2 * np.array([median(row) for row in variances]),
-        frequency,
-        tuple(len(phases.frames) for phases in decoding.sets),
-        np.flatnonzero(used)[few] // STRETCH,
-    )
-    found = ripples_of_sets(seen, [_orders(phases) for phases in decoding.sets])
+    found = set_ripples(decoding, planes, known)
     out = list(ripples)
     for k in doubtful:
         ripple, own = found[k], ripples[k]
         if ripple is None:
             continue
         # The sets hardly show the ripple of the finest one, from which the coordinate is taken.
-        if own is None or k in longer or ripple.error_rad < own.error_rad:
-            ratio = median(maps["background"][used] / maps["modulations"][k][used])
-            out[k] = replace(ripple, background_ratio=ratio)
+        told = own is None or k in longer or SURE * ripple.error_rad < own.rms_rad
+        if told:
+            out[k] = ripple
     return out
 
 
-def _without_ripple(phases: PhaseFrames, ripple: Ripple) -> PhaseFrames:
-    """The set whose phases do not have the ripple, in the orders with a known cause."""
-    if _of_response(ripple):
-        turns = np.array(phases.table_turns or np.zeros(TABLE_BINS))
-        turns = turns + _error_after(turns, ripple)
-        if turns.any():
-            table = tuple(float(v) for v in turns)
-            phases = replace(phases, table_turns=table, brightness=(0.0,))
+def _without_ripple(phases: PhaseFrames, ripple: Ripple, *, bent: bool) -> PhaseFrames:
+    """The set whose phases do not have the ripple, in the orders with a known cause; those of a
+    response where it is ``bent``."""
+    if bent and _of_response(ripple):
+        phases = _without_response(phases, ripple)
     sure = phases.design and not phases.unsure
     unsure = not sure and ripple.rms_rad < REPORTED * ripple.error_rad
     return replace(phases, design=_without_low_orders(phases, ripple), unsure=unsure)
 
 
-def _error_after(table: NDArray[np.float64], ripple: Ripple) -> NDArray[np.float64]:
-    """Phase error of the orders of a response at the middles of the bins of a table, turns.
+def _without_response(phases: PhaseFrames, ripple: Ripple) -> PhaseFrames:
+    """The set with a table that subtracts the orders of a response."""
+    rows = ripple.by_brightness or ((0.0, ripple.phasors_rad),)
+    levels = phases.brightness if len(phases.brightness) > 1 else tuple(b for b, _ in rows)
+    tables = np.array(phases.table_turns or np.zeros(TABLE_BINS)).reshape(-1, TABLE_BINS)
+    tables = np.broadcast_to(tables, (len(levels), TABLE_BINS))
+    known = [b for b, _ in rows]
+    found = []
+    for level, table in zip(levels, tables, strict=True):
+        z = [
+            np.interp(level, known, [row[k] for _, row in rows]) for k in range(len(ripple.orders))
+        ]
+        response = {
+            order: z[k]
+            for k, order in enumerate(ripple.orders)
+            if order >= RESPONSE_ORDER and ripple.significant(order) != 0
+        }
+        found.append(table + _error_after(table, response, true=ripple.seen_rad is not None))
+    turns = np.concatenate(found)
+    if not turns.any():
+        return phases
+    return replace(phases, table_turns=tuple(map(float, turns)), brightness=tuple(levels))
 
-    It is a function of the phases that the table has corrected; of those without the error where
-    the sets show it.
+
+def _error_after(
+    table: NDArray[np.float64], response: dict[int, complex], *, true: bool
+) -> NDArray[np.float64]:
+    """Phase error of a response at the middles of the bins of a table, turns.
+
+    It is a function of the phases that the table has corrected, or of the true ones.
     """
     corrected = TURN * ((np.arange(TABLE_BINS) + 0.5) / TABLE_BINS - 0.5 - table)
     phase = TURN * np.arange(4 * TABLE_BINS) / (4 * TABLE_BINS)
     error = np.zeros(phase.size)
-    for order in ripple.orders:
-        if order >= RESPONSE_ORDER:
-            error += np.real(ripple.significant(order) * np.exp(-1j * order * phase))
-    over = phase if ripple.seen_rad is None else phase + error
+    for order, z in response.items():
+        error += np.real(z * np.exp(-1j * order * phase))
+    over = phase + error if true else phase
     return np.asarray(np.interp(corrected, over, error, period=TURN) / TURN)
 
 

@@ -31,8 +31,9 @@ They determine a ripple of the phase to a hundredth of its noise. More lines tak
 is read from all frames of its axis. An empirical choice.
 """
 
-MIN_LINES = 8
-"""Smallest number of lines of one axis, so that most of the scene is crossed. Empirical."""
+MIN_LINES = 24
+"""Smallest number of lines of one axis, so that windows of long fringes are found between the edges
+of most scenes. Empirical."""
 
 Lines = tuple[NDArray[Any], ...]
 """(r, l) arrays, one per frame: r lines across the fringes of an axis."""

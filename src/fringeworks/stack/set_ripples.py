@@ -1,0 +1,320 @@
+"""Ripple of the phases from what the sets of a stack, and its Gray code, leave of each other.
+
+The coordinate cancels in the differences of the sets, so that the shape of the surface does not
+matter. Gray-code cells that are far narrower than the fringes tell the coordinate as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringeworks.patterns.order_chain import TURN
+from fringeworks.stack.agreement import decode_sample
+from fringeworks.stack.fits import times
+from fringeworks.stack.frames import STRETCH
+from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
+from fringeworks.stack.noise import MIN_JUDGED_PIXELS
+from fringeworks.stack.ripple import Ripple
+from fringeworks.stack.set_residuals import Known, set_residuals
+from fringeworks.statistics.quantiles import MAD_TO_SIGMA, median, quantile
+from fringeworks.types import FloatMap
+
+MAX_ORDER = 12
+"""Highest order of a ripple that is looked for, periods per fringe: of γ = 2.2, three steps leave
+0.007 rad of higher ones."""
+
+SET_RIPPLE_PIXELS = 12_000
+"""Largest number of pixels whose sets are compared: a ripple is found to a hundredth of the noise
+of a pixel; more only take time."""
+
+BRIGHTNESS_GROUPS = 5
+"""Number of groups of similar brightness that ripple is measured in: light that is reflected
+between surfaces, and the camera's own response, change it with the brightness."""
+
+MIN_SPREAD = 1.3
+"""Smallest ratio of the brightness of the brightest and the darkest group. With less, and with
+ripple that moves the brightness itself, all pixels are alike."""
+
+RESPONSE_RIPPLE_RAD = 0.2
+"""Amplitude that ripple of N per fringe usually has, where the response is not known, rad: γ of 1.8
+makes it with three steps. Ripple of mN per fringe falls about with m²."""
+
+STEP_RIPPLE_RAD = 0.03
+"""Amplitude that ripple of one and two per fringe usually has, rad: that of gains which differ by 3
+%, or steps by 2°."""
+
+OTHER_RIPPLE_RAD = 0.01
+"""The same of all other orders, which neither steps nor a response make by themselves, rad."""
+
+OUTLIER_SIGMAS = 4.0
+"""Residuals beyond this many standard deviations do not take part, for example wrong orders."""
+
+MAX_RESIDUAL_RAD = 0.5
+"""Largest standard deviation of residuals that a ripple is measured from, rad. Residuals are known
+modulo a turn; beyond, too many of them are a turn off. Empirical."""
+
+
+@dataclass(frozen=True)
+class SetPhases:
+    """Phases of the sets of a sample, and what they leave of each other."""
+
+    phase_rad: FloatMap
+    """(M, n): phases of the coordinate."""
+    residual_rad: FloatMap
+    """(M, n): phases less those of the coordinate."""
+    variance: FloatMap
+    """(M,): usual variances of the phases by noise, rad²."""
+    frequency: FloatMap
+    """(M,): 1 / period of the sets, 1/px."""
+    steps: tuple[int, ...]
+    """Number of steps of the sets."""
+    group: NDArray[np.intp]
+    """(n,): number of the group of neighbouring pixels, rising."""
+
+    def at(self, kept: NDArray[np.bool_]) -> SetPhases:
+        """The same at some of the pixels."""
+        return replace(
+            self,
+            phase_rad=self.phase_rad[:, kept],
+            residual_rad=self.residual_rad[:, kept],
+            group=self.group[kept],
+        )
+
+    def joined(self, off_px: FloatMap, sigma_px: float) -> SetPhases:
+        """The same with a coordinate of another kind as a set that has no ripple.
+
+        Parameters
+        ----------
+        off_px : (n,) that coordinate less the sets' one, px
+        sigma_px : its standard deviation, px
+        """
+        # A frequency of one rad per px, so that its phase is the coordinate.
+        frequency = np.append(self.frequency, 1.0 / TURN)
+        variance = np.append(self.variance, sigma_px**2)
+        residual = np.vstack((self.residual_rad, off_px))
+        share = frequency / variance
+        # Of the joint coordinate, rad per unit of the frequency.
+        shift = share @ residual / (share @ frequency)
+        return SetPhases(
+            np.vstack((self.phase_rad + np.outer(self.frequency, shift), 0.0 * off_px)),
+            residual - np.outer(frequency, shift),
+            variance,
+            frequency,
+            (*self.steps, 1),
+            self.group,
+        )
+
+    def seen(self) -> FloatMap:
+        """(M, M) matrix: what residual m shows of an error of set j, whose share in the coordinate
+        is taken from all residuals."""
+        share = self.frequency / self.variance
+        return np.eye(len(share)) - np.outer(self.frequency, share) / (share @ self.frequency)
+
+
+def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> list[Ripple | None]:
+    """Ripple of every set from the differences of the sets, whatever the surface.
+
+    Parameters
+    ----------
+    phases : SetPhases
+    orders : sequence of tuples of int
+        Numbers of periods per fringe that each set may have.
+
+    Returns
+    -------
+    list of Ripple, one per set; None where residuals are so large that they may be a turn off.
+
+    Notes
+    -----
+    Least squares over all sets at once, because the coordinate contains the ripple of all. Orders
+    may look alike: several of one set where it shows a part of a fringe, or those of two sets whose
+    periods have a common multiple. What the residuals do not tell stays near zero, as far as ripple
+    of that order usually goes, and in the error.
+    """
+    if np.std(phases.residual_rad[: len(orders)], axis=1).max() > MAX_RESIDUAL_RAD:
+        return [None] * len(orders)
+    places = [(j, k) for j, of_set in enumerate(orders) for k in of_set]
+    waves = _waves(phases.phase_rad, places)
+    first, _ = _expected(waves, phases, places)
+    left = np.abs(phases.residual_rad - _explained(waves, phases, places, first))
+    limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * np.array([[median(row)] for row in left])
+    kept = np.all(left <= limit, axis=0)
+    waves = waves[:, kept]
+    phases = phases.at(kept)
+    expected, covariance = _expected(waves, phases, places)
+    found: list[Ripple | None] = []
+    for j, of_set in enumerate(orders):
+        at = np.flatnonzero(np.repeat([place[0] == j for place in places], 2))
+        # Over the phases that were seen.
+        alike = times(waves[at], waves[at].T) / waves.shape[1]
+        pairs = expected[at].reshape(-1, 2)
+        unsure = float(np.sum(covariance[np.ix_(at, at)] * alike))
+        found.append(
+            Ripple(
+                of_set,
+                pairs[:, 0] + 1j * pairs[:, 1],
+                np.zeros(len(pairs)),
+                1.0,
+                seen_rad=(float(expected[at] @ alike @ expected[at]) ** 0.5, unsure**0.5),
+            )
+        )
+    return found
+
+
+def _explained(
+    waves: FloatMap, phases: SetPhases, places: list[tuple[int, int]], coefficients: FloatMap
+) -> FloatMap:
+    """Residuals of the sets that ripple makes, (M, n), rad."""
+    own = np.zeros_like(phases.residual_rad)
+    for k, (j, _) in enumerate(places):
+        own[j] += coefficients[2 * k] * waves[2 * k] + coefficients[2 * k + 1] * waves[2 * k + 1]
+    return np.asarray(times(phases.seen(), own))
+
+
+def _waves(phase_rad: FloatMap, places: list[tuple[int, int]]) -> FloatMap:
+    """cos kφ and sin kφ of the sets, (2P, n), for pairs of a set and an order k."""
+    rows = []
+    for j, k in places:
+        turned = np.exp(1j * k * phase_rad[j])
+        rows += [turned.real, turned.imag]
+    return np.stack(rows)
+
+
+def _expected(
+    waves: FloatMap, phases: SetPhases, places: list[tuple[int, int]]
+) -> tuple[FloatMap, FloatMap]:
+    """Expected coefficients of the waves and their covariance, given the residuals."""
+    seen, set_of = phases.seen(), np.repeat([j for j, _ in places], 2)
+    weight = 1.0 / phases.variance
+    waves = waves - waves.mean(axis=1, keepdims=True)
+    residual = phases.residual_rad - phases.residual_rad.mean(axis=1, keepdims=True)
+    normal = times(waves, waves.T) * (seen.T * weight @ seen)[np.ix_(set_of, set_of)]
+    pulls = times(seen.T * weight, residual)
+    projected = np.einsum("pn,pn->p", waves, pulls[set_of])
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    left = residual - _explained(waves, phases, places, times(inverse, projected[:, None])[:, 0])
+    scores = waves * times(seen.T * weight, left)[set_of]
+    # Errors of neighbouring pixels belong together: sums over groups scatter accordingly.
+    starts = np.flatnonzero(np.diff(phases.group, prepend=-1))
+    sums = np.add.reduceat(scores, starts, axis=1)
+    unit = max(1.0, float(np.sum(inverse * times(sums, sums.T))) / len(projected))
+    usual = np.repeat([_usual_rad(k, phases.steps[j]) for j, k in places], 2)
+    covariance = np.linalg.inv(normal / unit + np.diag(usual**-2.0))
+    return times(covariance, projected[:, None])[:, 0] / unit, covariance
+
+
+def _usual_rad(order: int, steps: int) -> float:
+    """Amplitude that ripple of an order usually has, rad."""
+    if order % steps == 0:
+        return RESPONSE_RIPPLE_RAD / (order / steps) ** 2
+    return STEP_RIPPLE_RAD if order <= 2 else OTHER_RIPPLE_RAD
+
+
+def orders_of(phases: PhaseFrames) -> tuple[int, ...]:
+    """Orders of a ripple that wrong frames or a response that is not linear can make."""
+    steps = len(phases.frames)
+    return tuple(sorted({1, 2, 3, 4, *range(steps, max(MAX_ORDER, steps) + 1, steps)}))
+
+
+def set_ripples(
+    decoding: Decoding, planes: list[NDArray[Any]], known: Known
+) -> list[Ripple | None]:
+    """Ripple of every set of a sample, also by brightness.
+
+    Parameters
+    ----------
+    decoding : Decoding
+    planes : (1, n) arrays in the decoding's order, counts
+    known : Known
+
+    Returns
+    -------
+    list of Ripple, one per set; None where the sample does not tell.
+    """
+    nothing: list[Ripple | None] = [None] * len(decoding.sets)
+    cells = _cells(decoding, planes, known)
+    if len(decoding.sets) < 2 and cells is None:
+        return nothing
+    residuals, variances, maps = set_residuals(decoding, planes, known)
+    used = np.flatnonzero(maps["used"])
+    if used.size < MIN_JUDGED_PIXELS:
+        return nothing
+    few = slice(None, None, -(-used.size // SET_RIPPLE_PIXELS))
+    used = used[few]
+    coordinate = maps["coordinate"].ravel()[used].astype(np.float64)
+    frequency = np.array([1.0 / phases.period_px for phases in decoding.sets])
+    seen = SetPhases(
+        TURN * np.outer(frequency, coordinate),
+        TURN * residuals[:, few].astype(np.float64),
+        TURN**2 * np.array([median(row) for row in variances]),
+        frequency,
+        tuple(len(phases.frames) for phases in decoding.sets),
+        used // STRETCH,
+    )
+    kept = np.ones(used.size, bool)
+    if cells is not None:
+        place, sigma = (values.ravel()[used].astype(np.float64) for values in cells)
+        kept = np.isfinite(place)
+        if np.count_nonzero(kept) < MIN_JUDGED_PIXELS:
+            return nothing
+        seen = seen.at(kept).joined(place[kept] - coordinate[kept], median(sigma[kept]))
+    background = maps["background"].ravel()[used][kept]
+    modulations = np.stack([m.ravel()[used][kept] for m in maps["modulations"]])
+    orders = [orders_of(phases) for phases in decoding.sets]
+    found = _by_brightness(seen, orders, background + modulations)
+    return [
+        ripple and replace(ripple, background_ratio=median(background / modulation))
+        for ripple, modulation in zip(found, modulations, strict=True)
+    ]
+
+
+def _cells(
+    decoding: Decoding, planes: list[NDArray[Any]], known: Known
+) -> tuple[FloatMap, FloatMap] | None:
+    """Coordinates of a sample and their σ by the Gray code alone; None where its cells are too wide
+    to show the ripple that is looked for."""
+    gray = decoding.gray
+    finest = min((phases.period_px for phases in decoding.sets), default=0.0)
+    if gray is None or not (gray.inverse or gray.white_black) or gray.levels > 2:
+        return None
+    if gray.step_px * MAX_ORDER > finest:
+        return None
+    alone = replace(decoding, sets=(), chain=None)
+    frames = [planes[decoding.frames.index(k)] for k in alone.frames]
+    maps = decode_sample(alone, frames, known.noise, known.limits)
+    return maps["coordinate"], maps["sigma"]
+
+
+def _by_brightness(
+    seen: SetPhases, orders: Sequence[tuple[int, ...]], brightness: FloatMap
+) -> list[Ripple | None]:
+    """Ripple of the sets, with its amplitudes in groups of similar brightness, (M, n) counts."""
+    found = ripples_of_sets(seen, orders)
+    mean = brightness.mean(axis=0)
+    limits = [quantile(mean, k / BRIGHTNESS_GROUPS) for k in range(1, BRIGHTNESS_GROUPS)]
+    group = np.digitize(mean, limits)
+    middles = [
+        median(mean[group == k]) if (group == k).any() else 0.0 for k in range(BRIGHTNESS_GROUPS)
+    ]
+    if not middles[-1] > MIN_SPREAD * middles[0] > 0.0:
+        return found
+    parts = [ripples_of_sets(seen.at(group == k), orders) for k in range(BRIGHTNESS_GROUPS)]
+    out: list[Ripple | None] = []
+    for j, ripple in enumerate(found):
+        rows = [
+            (median(brightness[j, group == k]), part[j].phasors_rad)
+            for k, part in enumerate(parts)
+            if part[j] is not None
+        ]
+        complete = ripple is not None and len(rows) == BRIGHTNESS_GROUPS
+        out.append(
+            replace(ripple, by_brightness=tuple(sorted(rows, key=lambda r: r[0])))
+            if complete
+            else ripple
+        )
+    return out

@@ -63,13 +63,14 @@ def _mean_albedo(
 ) -> FloatMap:
     """Mean over every pixel of an albedo that depends on the surface's x and y, (h, w)."""
     down, across = _change_per_pixel(surface, 0), _change_per_pixel(surface, 1)
-    samples = [albedo_at(*_at(surface, across, down, a, b)) for a, b in _lattice(COARSE_SAMPLES)]
+    planes = _planes(surface, across, down)
+    samples = [albedo_at(*_at(*planes, a, b)) for a, b in _lattice(COARSE_SAMPLES)]
     mean = np.mean(samples, axis=0)
     # An edge may lie between the few points, so pixels beside a varying one count as well.
     near_edge = scipy.ndimage.maximum_filter(
         np.max(samples, axis=0), 3
     ) > scipy.ndimage.minimum_filter(np.min(samples, axis=0), 3)
-    here = (surface[near_edge], across[near_edge], down[near_edge])
+    here = _planes(surface[near_edge], across[near_edge], down[near_edge])
     # The same lattice would err alike in all pixels along an edge. Shifted at random in every
     # pixel, its errors average out.
     shift_a, shift_b = np.random.default_rng(0).random((2, int(near_edge.sum())))
@@ -89,11 +90,16 @@ def _lattice(n: int) -> Iterator[tuple[float, float]]:
         yield (k + 0.5) / n - 0.5, (k * step % n + 0.5) / n - 0.5
 
 
+def _planes(*vectors: FloatMap) -> list[FloatMap]:
+    """x and y of several maps of vectors as planes of their own, (2, …): they are read often."""
+    return [np.ascontiguousarray(np.moveaxis(v, -1, 0)) for v in vectors]
+
+
 def _at(
     surface: FloatMap, across: FloatMap, down: FloatMap, a: Any, b: Any
 ) -> tuple[FloatMap, FloatMap]:
     """x and y on the surface at the fractions (a, b) of a pixel from its centre."""
-    x, y = (surface[..., k] + a * across[..., k] + b * down[..., k] for k in (0, 1))
+    x, y = (surface[k] + a * across[k] + b * down[k] for k in (0, 1))
     return x, y
 
 

@@ -63,22 +63,21 @@ def _mean_albedo(
 ) -> FloatMap:
     """Mean over every pixel of an albedo that depends on the surface's x and y, (h, w)."""
     down, across = _change_per_pixel(surface, 0), _change_per_pixel(surface, 1)
-    planes = _planes(surface, across, down)
-    samples = [albedo_at(*_at(*planes, a, b)) for a, b in _lattice(COARSE_SAMPLES)]
+    whole = _planes(surface), _planes(across), _planes(down)
+    samples = [albedo_at(*_at(*whole, a, b)) for a, b in _lattice(COARSE_SAMPLES)]
     mean = np.mean(samples, axis=0)
     # An edge may lie between the few points, so pixels beside a varying one count as well.
     near_edge = scipy.ndimage.maximum_filter(
         np.max(samples, axis=0), 3
     ) > scipy.ndimage.minimum_filter(np.min(samples, axis=0), 3)
-    here = _planes(surface[near_edge], across[near_edge], down[near_edge])
+    here = [_planes(vectors[near_edge]) for vectors in (surface, across, down)]
     # The same lattice would err alike in all pixels along an edge. Shifted at random in every
     # pixel, its errors average out.
     shift_a, shift_b = np.random.default_rng(0).random((2, int(near_edge.sum())))
     total = np.zeros(shift_a.size)
     for a, b in _lattice(DENSE_SAMPLES):
-        total += albedo_at(
-            *_at(*here, (a + shift_a + 0.5) % 1.0 - 0.5, (b + shift_b + 0.5) % 1.0 - 0.5)
-        )
+        place = (a + shift_a + 0.5) % 1.0 - 0.5, (b + shift_b + 0.5) % 1.0 - 0.5
+        total += albedo_at(*_at(here[0], here[1], here[2], *place))
     mean[near_edge] = total / DENSE_SAMPLES
     return np.asarray(mean)
 
@@ -90,9 +89,9 @@ def _lattice(n: int) -> Iterator[tuple[float, float]]:
         yield (k + 0.5) / n - 0.5, (k * step % n + 0.5) / n - 0.5
 
 
-def _planes(*vectors: FloatMap) -> list[FloatMap]:
-    """x and y of several maps of vectors as planes of their own, (2, …): they are read often."""
-    return [np.ascontiguousarray(np.moveaxis(v, -1, 0)) for v in vectors]
+def _planes(vectors: FloatMap) -> FloatMap:
+    """x and y of a map of vectors (…, 2) as planes of their own, (2, …): they are read often."""
+    return np.ascontiguousarray(np.moveaxis(vectors, -1, 0))
 
 
 def _at(

@@ -30,6 +30,7 @@ from fringeworks.studio.actions import MergeViews, Scan
 from fringeworks.studio.session import Shown
 from fringeworks.studio.state import Studio
 from fringeworks.studio.worker import Job
+from tests.grids import quick
 
 SCENE = "virtual:sphere"
 FRAMES = 9
@@ -147,8 +148,8 @@ def faces(studio, setup, tmp_path, name):
     [
         (Take(), FRAMES),
         (Take(auto_exposure=True), FRAMES),
-        (Take(hdr=2), 2 * FRAMES),
-        (Take(average=3), FRAMES),
+        pytest.param(*(Take(hdr=2), 2 * FRAMES), marks=pytest.mark.long),
+        pytest.param(*(Take(average=3), FRAMES), marks=pytest.mark.long),
         (Take(hdr=2, average=2), 2 * FRAMES),
         (Take(fast=True), FRAMES),
         (Take(fast=True, average=2), FRAMES),
@@ -193,7 +194,9 @@ def test_the_comparison_is_not_vacuous(studio, setup, tmp_path, monkeypatch, cha
     assert 0.5 < np.std(noise) < 10.0
 
 
-@pytest.mark.parametrize("how", [Take(), Take(hdr=2), Take(average=2)], ids=repr)
+@pytest.mark.parametrize(
+    "how", quick([Take(), Take(hdr=2), Take(average=2)], Take(), Take(hdr=2)), ids=repr
+)
 def test_every_face_resumes(studio, setup, tmp_path, monkeypatch, how):
     """Interrupted after as many grabs and resumed, every face has the same frames."""
     count, last = [0], [math.inf]

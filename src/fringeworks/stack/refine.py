@@ -22,7 +22,7 @@ from fringeworks.stack.sample import Sample
 from fringeworks.stack.set_residuals import Known, set_residuals
 from fringeworks.statistics.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
 from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
-from fringeworks.statistics.surface_scatter import scatters
+from fringeworks.statistics.surface_scatter import by_pixel, scatters
 from fringeworks.types import Axis, CameraNoise, Finding
 
 MAX_OFFSET_TURNS = 0.15
@@ -125,8 +125,9 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     uneven = factor > 1.0 or not errors.by_noise or _uneven_residuals(decoding, sample, raised)
     decoding = replace(decoding, noise_factor=factor * errors.noise_factor)
     maps = decode_sample(decoding, lines, known.noise, known.limits)
-    rough = scatters(maps["coordinate"], maps["sigma"], decoding.most_scatter_px)
-    if rough:
+    seen = (maps["coordinate"], maps["sigma"], decoding.most_scatter_px)
+    rough = scatters(*seen)
+    if rough and by_pixel(*seen):
         findings.append(words.scatter(decoding.axis))
     return Refined(
         decoding,

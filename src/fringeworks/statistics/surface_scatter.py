@@ -43,6 +43,9 @@ OUTLIER_SHARE = 5e-4
 """Share of outliers from which on every pixel is examined. Simulated scenes with noise alone have
 less than a tenth of it, sharp printed edges before a lens five times as much. Empirical."""
 
+SHARE_SIGMAS = 2.0
+"""Share of errors of single pixels that is significant, in standard deviations of counting."""
+
 MIN_DIFFERENCES = 2000
 """Smallest number of differences for a statement: one outlier in them is the share above."""
 
@@ -70,12 +73,44 @@ def scatters(coordinate: FloatMap, sigma: FloatMap, most_px: float) -> bool:
     most_px : float > 0
         Largest third difference on one surface, projector px; larger ones are depth steps.
     """
-    lines = (np.ascontiguousarray(values, np.float32) for values in (coordinate, sigma))
-    values = _core.third_chi_squares(*lines, most=most_px)
+    values = _chi_of_lines((coordinate, sigma), most_px)
     if values.size < MIN_DIFFERENCES:
         return False
     typical = median(values) / chi_square_quantile(0.5, 1)
     return bool(typical > TYPICAL or np.mean(values > OUTLIER_CHI) > OUTLIER_SHARE)
+
+
+def by_pixel(coordinate: FloatMap, sigma: FloatMap, most_px: float) -> bool:
+    """Whether the scatter of coordinates that ``scatters`` shows is that of single pixels.
+
+    Creases, steep relief and edges of depth make third differences as well, on scenes without any
+    fault. The parameters are those of ``scatters``.
+
+    Notes
+    -----
+    Errors of single pixels make the same differences at any distance of the samples. A crease is
+    crossed by twice as many differences of the double distance, and smooth relief makes them eight
+    times as large. So twice the share of outliers at the single distance, less that at the double
+    one, is a lower bound of the share of errors of single pixels. The same holds for the excess of
+    the median.
+    """
+    near = _chi_of_lines((coordinate, sigma), most_px)
+    halves = [(coordinate[:, k::2], sigma[:, k::2]) for k in (0, 1)]
+    far = np.concatenate([_chi_of_lines(half, most_px) for half in halves])
+    if min(near.size, far.size) < MIN_DIFFERENCES:
+        return False
+    typical = 2.0 * median(near) - median(far)
+    shares = float(np.mean(near > OUTLIER_CHI)), float(np.mean(far > OUTLIER_CHI))
+    share = 2.0 * shares[0] - shares[1]
+    error = ((4.0 * shares[0] + shares[1]) / near.size) ** 0.5
+    many = share > max(OUTLIER_SHARE, SHARE_SIGMAS * error)
+    return bool(many or typical > TYPICAL * chi_square_quantile(0.5, 1))
+
+
+def _chi_of_lines(lines: tuple[FloatMap, FloatMap], most_px: float) -> FloatMap:
+    """χ² of the third differences of coordinates along lines with their standard deviations."""
+    coordinate, sigma = (np.ascontiguousarray(values, np.float32) for values in lines)
+    return _core.third_chi_squares(coordinate, sigma, most=most_px)
 
 
 def cover_scatter(

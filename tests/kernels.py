@@ -69,6 +69,9 @@ def results():
     found = [fw.decode(frames, plan)]
     # Dark counts and bright ones at the sensor's limits are judged by a kernel of their own.
     found.append(fw.decode([np.clip(1.4 * f - 20.0, 0, 255).astype(np.uint8) for f in frames], plan))
+    # Noise takes the margin of two sets: neighbours vote.
+    two = multi((1, 16), 3, (300, 40))
+    found.append(fw.decode(take(two, a=60.0, b=30.0, noise=3.0), two))
     stream = fw.stack.StreamingDecoder(plan)
     for frame in frames:
         stream.add(frame)

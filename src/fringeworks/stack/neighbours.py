@@ -51,8 +51,9 @@ def worth_voting(decoding: Decoding, results: dict[str, Any]) -> bool:
     """
     if len(decoding.sets) < 2 or decoding.gray is not None:
         return False
-    ambiguous = np.count_nonzero(results["reason"] == Reason.ORDER_AMBIGUOUS)
-    return bool(ambiguous > WORTH_VOTING * max(np.count_nonzero(lit_pixels(results)), 1))
+    ambiguous = int(np.count_nonzero(results["reason"] == Reason.ORDER_AMBIGUOUS))
+    lit = int(np.count_nonzero(lit_pixels(results)))
+    return ambiguous > WORTH_VOTING * lit
 
 
 def vote(decoding: Decoding, kernel: _core.DecodeSettings, results: dict[str, Any]) -> None:

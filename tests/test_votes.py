@@ -206,3 +206,12 @@ def test_a_refusal_tells_the_margin_that_the_plan_lacks():
     with pytest.raises(InputError, match=r"margin of 1\.\d standard deviations") as raised:
         decode(shown(FINE_AND_SINGLE, x, 4.0), FINE_AND_SINGLE, noise=CameraNoise(4.0))
     assert "5 are needed" in str(raised.value)
+
+
+def test_sets_that_are_shifted_against_each_other_are_not_voted_on():
+    """A constant error of the single period, as by motion: all neighbours share it."""
+    x = relief()
+    frames = shown(FINE_AND_SINGLE, x, 2.5)
+    moved = shown(FINE_AND_SINGLE, x + 8.0, 2.5)
+    with pytest.raises(InputError, match="expected pixels that can be measured"):
+        decode([*frames[:3], *moved[3:]], FINE_AND_SINGLE)

@@ -16,6 +16,10 @@ WORTH_VOTING = 0.01
 """Share of the lit pixels with an ambiguous order from which on neighbours vote. Fewer lie at edges
 of the scene, where neighbours hardly help; a vote takes about as long as decoding."""
 
+UNKNOWN_TURNS = 1.0
+"""Errors of all roundings, turns, from which on no order is known: sets that are shifted against
+each other, as by motion, agree at wrong orders, too. Neighbours share the shift."""
+
 ERROR_RATE = 1e-5
 """Largest posterior probability that a voted order is wrong."""
 
@@ -50,6 +54,8 @@ def worth_voting(decoding: Decoding, results: dict[str, Any]) -> bool:
     results : the kernel's maps
     """
     if len(decoding.sets) < 2 or decoding.gray is not None:
+        return False
+    if decoding.order_errors and min(decoding.order_errors) >= UNKNOWN_TURNS:
         return False
     ambiguous = int(np.count_nonzero(results["reason"] == Reason.ORDER_AMBIGUOUS))
     lit = int(np.count_nonzero(lit_pixels(results)))

@@ -1,102 +1,94 @@
-"""How well a sample agrees with its plan: residuals, sets, Gray code and neighbouring pixels."""
+"""How well the lines of a sample agree with an order of its frames: one cost per pixel."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks import _core
-from fringeworks.patterns.order_chain import GRAY_REACH
-from fringeworks.stack.fits import SampleFit
-from fringeworks.stack.gray_frames import WIDE_CELL_TURNS, GrayFrames
-from fringeworks.stack.kernel_settings import Decoding, Limits, empty_maps, lit_pixels
+from fringeworks.stack.fits import SampleFit, fit_matrices, fit_samples, times
+from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, empty_maps
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
-from fringeworks.stack.sample import Sample
-from fringeworks.statistics.chi_square import chi_square_quantile
-from fringeworks.statistics.quantiles import median, quantile
-from fringeworks.types import BoolMap, CameraNoise, FloatMap, Reason
+from fringeworks.stack.sample import Lines
+from fringeworks.statistics.quantiles import quantile
+from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
 
-UNRELATED_RESIDUAL = 0.5
-"""Variance of the residuals over B² where frames are in no relation: that of a cosine, ½."""
+LIT = 0.3
+"""Smallest range of the samples of a pixel that votes, as a share of the 95th percentile. Indirect
+light in shadows makes less."""
 
-UNRELATED_ASTRAY = 0.4
-"""Share of coordinates beyond the reach of their Gray-code cell where phases and Gray code are in
-no relation: distances are then uniform up to one cell, and the reach is 0.6 cells."""
+FINE_SHARE = 0.05
+"""Bend of the coordinate between neighbours that begins to cost, in shortest periods: the noise of
+phases at a modulation of ten standard deviations."""
 
-MIN_BORDERS = 6
-"""Smallest number of borders of a Gray-code bit in the lines for a statement about the bit.
+SIGMAS = 2.5
+"""The same in standard deviations of a coordinate: the bend has √6 of them."""
 
-Fewer could all lie at one edge of the scene. An empirical choice.
-"""
+JUMP_SHARE = 0.5
+"""Bend that costs as much as a pixel without a coordinate, in shortest periods: smaller errors are
+none of the fringe order."""
 
-WRONG_BORDERS = 0.3
-"""Share of a bit's borders, less those that lead backwards, that must join neighbouring cells.
+JUMP_CELLS = 4.0
+"""The same for a Gray code without fringes, in cells; one cell begins to cost."""
 
-Right codes have 0.9 or more, bits in a wrong order 0 or less. Empirical.
-"""
+RELATIVE_RESIDUAL = 1e-3
+"""Variance of a residual that begins to cost, over B², besides the noise: steps that are wrong by
+2°."""
 
-ACROSS_BORDERS = 8
-"""Distance of the pixels that are compared across the borders of wide cells, px. Empirical."""
+NOISE_RESIDUAL = 4.0
+"""Variance of a residual that begins to cost, over that of the noise: two standard deviations."""
 
-JITTER = 0.02
-"""Smallest change of the coordinate over a border that has a direction, in cells."""
+MISSING = 0.1
+"""Cost of a bit that is tried dark and bright, per pixel: ln 2 where it changes, which is at one
+pixel of three, over the 2.4 of a pixel without a coordinate."""
 
-CONTINUOUS_TURNS = 0.15
-"""Change of the phase from pixel to pixel up to which a surface counts as continuous, turns."""
+UNEXPLAINED = 1.0
+"""Cost of a frame of the stack that an order has no use for and that shows light: that of a pixel
+without a coordinate."""
 
-LIT_SPREAD = 0.25
-"""Variance of the samples of a lit pixel, over the 95th percentile: half of its modulation."""
+DARK = 0.2
+"""Largest share of the range of a pixel that a dark frame shows."""
 
-RESIDUAL_PIXELS = 4000
-"""Approximate largest number of pixels whose residuals are compared with those of unrelated frames;
-the median of more only takes time."""
+CONTRAST = 0.3
+"""Smallest contrast of a frame with a pattern, as a share of the range."""
 
-BRIGHT = 0.5
-"""Quantile of the modulation above which pixels are asked whether they can be measured."""
+NOISY = 0.1
+"""Mean difference that noise makes, as a share of the range, from which on nothing is said of equal
+frames."""
 
+SAME = 0.03
+"""Largest mean difference of two frames that show the same pattern, as a share of the range."""
 
-@dataclass(frozen=True)
-class Agreement:
-    """How a sample agrees with its plan along one axis; every value is 0 for perfect agreement and
-    about 1 for frames in no relation to the plan."""
+JUMPS = 0.02
+"""Share of known triples with a jump from which on other orders are tried. Depth edges of a bust
+make 0.013, and the fault that is hardest to see 0.03."""
 
-    residual: float = 0.0
-    """Variance of the residuals of sets with four or more steps, over that of unrelated frames."""
-    sets: float = 0.0
-    """Disagreement of the sets over that of unrelated phases."""
-    astray: float = 0.0
-    """Share of pixels whose phases and Gray code contradict each other, over that of unrelated
-    ones."""
-    borders: float = 0.0
-    """Share of the bits of the Gray code whose borders do not join neighbouring cells."""
-    unmeasured: float = 0.0
-    """Share of bright pixels that cannot be measured."""
-    lit: float = 1.0
-    """Share of the pixels that show fringes, 0…1; without them the other parts say nothing."""
+ROUGH = 0.25
+"""Mean cost, or share of coordinates that their cell refuses, from which on other orders are tried:
+0.05 to 0.3 in order, 0.2 and more otherwise."""
 
-    @property
-    def total(self) -> float:
-        """The sum of all parts."""
-        return self.residual + self.sets + self.astray + self.borders + self.unmeasured
+ROUGH_BIT = 0.6
+"""Mean bend where a bit changes from which on other orders are tried: up to 0.5 in order, 0.9 and
+more where the bit is in a wrong place."""
 
+MIN_CHANGES = 6
+"""Smallest number of changes of a bit for a statement about it."""
 
-def disagreement(maps: dict[str, Any], lit: BoolMap) -> float | None:
-    """Median χ² of the sets over its expectation; None where too few pixels are lit.
+FEW = 0.05
+"""Share of the triples below which coordinates are too few to show that the plan is right."""
 
-    Parameters
-    ----------
-    maps : dict
-        Those of ``decode_sample``, of two or more sets.
-    lit : bool array
-        Pixels with fringes.
-    """
-    square = maps["disagreement"][lit & np.isfinite(maps["disagreement"])]
-    if square.size < MIN_JUDGED_PIXELS:
-        return None
-    return median(square) / chi_square_quantile(0.5, len(maps["phases"]) - 1)
+UNRELATED = 0.35
+"""Share of triples with a jump from which on frames contradict their plan; half of them have one
+where phases are in no relation to their cells."""
+
+ASTRAY = 0.2
+"""Cost of a coordinate that its Gray-code cell refuses: six in ten lie inside by chance, and -ln 0.6
+is 0.5, over 2.4."""
 
 
 def decode_sample(
@@ -108,165 +100,323 @@ def decode_sample(
     return maps
 
 
-def unrelated(decoding: Decoding, planes: list[NDArray[Any]]) -> list[NDArray[Any]]:
-    """The sample with the pixels of every set shuffled, so that the sets are unrelated."""
-    rng = np.random.default_rng(0)
-    shuffled = list(planes)
-    for phases in decoding.sets:
-        order = rng.permutation(planes[0].size)
-        for k in phases.frames:
-            place = decoding.frames.index(k)
-            shuffled[place] = np.ascontiguousarray(planes[place][:, order])
-    return shuffled
+def _finite(counts: NDArray[Any]) -> FloatMap:
+    """Counts in single precision, 0 where they are not finite."""
+    return np.nan_to_num(counts.astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
 
 
-def agreement(
-    decoding: Decoding,
-    sample: Sample,
-    noise: CameraNoise,
-    limits: Limits,
-    unrelated_sets: float,
-    maps: dict[str, Any] | None = None,
-) -> Agreement:
-    """Measure how a sample agrees with its plan along one axis.
+@dataclass(frozen=True)
+class Order:
+    """A hypothesis: which frame of the stack shows which pattern of the plan."""
 
-    Parameters
-    ----------
-    decoding : Decoding
-    sample : Sample
-    noise : CameraNoise
-    limits : Limits
-    unrelated_sets : float
-        Disagreement of the sets for unrelated phases.
-    maps : dict, optional
-        The decoded points of the sample, with open limits, where they are there already.
-    """
-    planes = [sample.points[k] for k in decoding.frames]
-    open_limits = limits.open
-    maps = maps or decode_sample(decoding, planes, noise, open_limits)
-    lit = lit_pixels(maps)
-    parts: dict[str, float] = {
-        "residual": _residual(decoding, sample, noise, limits),
-        "lit": float(np.mean(lit)),
-    }
-    if len(decoding.sets) > 1 and unrelated_sets > 1.0:
-        parts["sets"] = (disagreement(maps, lit) or 0.0) / unrelated_sets
-    bright = lit & (maps["modulation"] >= _usual_modulation(maps["modulation"][lit]))
-    if np.count_nonzero(bright) >= MIN_JUDGED_PIXELS:
-        parts["unmeasured"] = float(np.mean(maps["reason"][bright] != Reason.OK))
-    if decoding.gray is not None:
-        if decoding.sets and decoding.gray.step_px < WIDE_CELL_TURNS * decoding.longest_px:
-            parts["astray"] = _astray(decoding, planes, bright, maps, (noise, open_limits))
-        line_planes = [sample.lines[decoding.axis][k] for k in decoding.frames]
-        along = decode_sample(decoding, line_planes, noise, open_limits)
-        turns = along["phases"][0] / (2.0 * np.pi) if decoding.sets else None
-        coordinate = along["coordinate"]
-        if decoding.gray.step_px >= WIDE_CELL_TURNS * decoding.longest_px:
-            # Pixels next to the borders of wide cells are ambiguous: steps reach across them.
-            coordinate, turns = coordinate[:, ::ACROSS_BORDERS], None
-        parts["borders"] = wrong_borders(coordinate, turns, decoding.gray)
-    return Agreement(**parts)
+    places: tuple[int | None, ...]
+    """Frame of the stack that shows each pattern of the plan; None where none does."""
+    inverted: frozenset[int] = frozenset()
+    """Patterns that are shown with light and dark exchanged."""
+    since: int = 0
+    """First frame of the stack that sees the scene moved."""
+    moved_px: int = 0
+    """Shift of the image since then along the lines, camera px."""
+    steps: tuple[float, float] = (1.0, 0.0)
+    """Sign and start of the steps, ± 1 and turns."""
+    axis: Axis | None = None
+    """Axis of these steps."""
 
 
-def _usual_modulation(modulation: FloatMap) -> float:
-    """Quantile ``BRIGHT`` of the known modulations; NaN where there are none."""
-    return quantile(modulation[~np.isnan(modulation)], BRIGHT)
+@dataclass(frozen=True)
+class LineEvidence:
+    """The lines of one axis, and what an order of the frames costs there."""
 
+    decoding: Decoding
+    lines: Lines
+    noise: CameraNoise
+    limits: Limits
+    _seen: dict[int, bool] = field(default_factory=dict)
 
-def _residual(decoding: Decoding, sample: Sample, noise: CameraNoise, limits: Limits) -> float:
-    """Variance of the residuals beyond noise over B², of the lit pixels, relative to unrelated
-    frames."""
-    worst = 0.0
-    for phases in decoding.sets:
-        steps = len(phases.frames)
-        if steps < 4:
-            continue
-        stride = max(1, sample.points[0].size // RESIDUAL_PIXELS)
-        fit = SampleFit(sample.fits.of(phases).rows[:, ::stride])
-        fit = fit.at(np.flatnonzero(fit.finite))
-        bright = fit.variance >= LIT_SPREAD * quantile(fit.variance, 0.95)
-        # Samples that are cut off fit no fringe, whatever the order of the frames.
-        clear = bright & (fit.largest < limits.saturation)
-        if limits.given or np.count_nonzero(clear) >= MIN_JUDGED_PIXELS:
-            bright = clear
-        fit = fit.at(np.flatnonzero(bright))
-        if fit.square.size:
-            excess = fit.square / (steps - 3) - noise.variance(fit.fitted[0])
-            power = fit.power + fit.square / steps
-            worst = max(worst, median(excess / np.maximum(power, 1e-12)))
-    return worst / UNRELATED_RESIDUAL
+    @cached_property
+    def low(self) -> FloatMap:
+        """Darkest sample of every pixel, counts."""
+        return _finite(np.minimum.reduce(self.lines))
 
+    @cached_property
+    def high(self) -> FloatMap:
+        """Brightest sample of every pixel, counts."""
+        return _finite(np.maximum.reduce(self.lines))
 
-def _astray(
-    decoding: Decoding,
-    planes: list[NDArray[Any]],
-    bright: BoolMap,
-    maps: dict[str, Any],
-    known: tuple[CameraNoise, Limits],
-) -> float:
-    """Share of bright pixels that only the reach of the Gray-code cells rejects."""
-    noise, limits = known
-    free = decode_sample(decoding.free, planes, noise, limits)
-    open_ = bright & (free["reason"] == Reason.OK)
-    if open_.sum() < MIN_JUDGED_PIXELS:
-        return 0.0
-    assert decoding.gray is not None
-    quarter = 0.25 * decoding.longest_px
-    if quarter > GRAY_REACH * decoding.gray.step_px:
-        # Cells are so narrow that errors of the phase leave them: a quarter of a period counts.
-        maps = decode_sample(replace(decoding, reach_px=quarter), planes, noise, limits)
-    return float(np.mean(maps["reason"][open_] != Reason.OK)) / UNRELATED_ASTRAY
+    @cached_property
+    def voters(self) -> BoolMap:
+        """(r, l) array: pixels that the projector lights and that are not saturated."""
+        spread = self.high - self.low
+        lit = spread > LIT * quantile(spread.ravel(), 0.95)
+        clear = lit & (self.high < self.limits.saturation)
+        enough = self.limits.given or np.count_nonzero(clear) >= MIN_JUDGED_PIXELS
+        voters = clear if enough else lit
+        if self.lines[0].dtype.kind == "f":
+            voters = voters & np.logical_and.reduce([np.isfinite(line) for line in self.lines])
+        return np.asarray(voters)
 
+    @cached_property
+    def triples(self) -> BoolMap:
+        """(r, l − 2) array: pixels that vote, like both of their neighbours."""
+        v = self.voters
+        return np.asarray(v[:, 2:] & v[:, 1:-1] & v[:, :-2])
 
-def wrong_borders(coordinate: FloatMap, turns: FloatMap | None, gray: GrayFrames) -> float:
-    """Share of the bits of a Gray code whose borders do not join neighbouring cells.
+    def uniform(self, frame: int) -> bool:
+        """Whether a frame is as dark, or as bright, as any all over the lines."""
+        shares = self._shares(frame)
+        return quantile(shares, 0.95) < DARK or quantile(shares, 0.05) > 1.0 - DARK
 
-    Parameters
-    ----------
-    coordinate : (r, l) float array, projector px
-        Along lines across the fringes; NaN where unknown.
-    turns : (r, l) float array, optional
-        A wrapped phase along the same lines, turns. It shows where the surface is continuous.
-    gray : GrayFrames
+    def shows_pattern(self, frame: int) -> bool:
+        """Whether a frame has contrast along the lines."""
+        shares = self._shares(frame)
+        return quantile(shares, 0.95) - quantile(shares, 0.05) > CONTRAST
 
-    Returns
-    -------
-    float, 0…1
+    def difference(self, frame: int, other: int) -> float:
+        """Mean difference of two frames beyond noise, over the range of the pixels; infinite where
+        noise hides it."""
+        v = self.voters
+        a, b, spread = self.lines[frame][v], self.lines[other][v], (self.high - self.low)[v]
+        apart = float(np.mean(np.abs(a.astype(np.float32) - b)))
+        variance = float(np.mean(self.noise.variance(self.low[v] + 0.5 * spread)))
+        noise, usual = 2.0 * (variance / np.pi) ** 0.5, float(np.mean(spread))
+        return (apart - noise) / usual if noise < NOISY * usual else float("inf")
 
-    Notes
-    -----
-    Along a line over a smooth surface, cells follow one another in one direction, and each border
-    changes one bit. Bits of frames in a wrong order still change one at a time, but lead to cells
-    that are no neighbours, or backwards.
-    """
-    if gray.levels > 2:
-        return 0.0  # digits change one by one as well, but not by one bit
-    known = np.isfinite(coordinate)
-    place = np.where(known, coordinate, 0.0) + 0.5 - gray.offset_px
-    cells = np.maximum(np.floor(place / gray.step_px), 0.0).astype(np.int64)
-    pair = known[:, 1:] & known[:, :-1]
-    if turns is not None:
-        slope = np.diff(np.where(known, turns, 0.0), axis=1)
-        slope = np.abs(slope - np.rint(slope))
-        if not pair.any() or np.median(slope[pair]) > CONTINUOUS_TURNS:
-            return 0.0  # neighbouring pixels see different fringes: nothing is known of borders
-        pair &= slope < CONTINUOUS_TURNS
-    change = np.diff(cells, axis=1)
-    words = cells ^ (cells >> 1)
-    flipped = words[:, 1:] ^ words[:, :-1]
-    single = pair & (flipped > 0) & ((flipped & (flipped - 1)) == 0)
-    # Noise on a border makes steps back and forth that are small.
-    apart = np.abs(np.diff(np.where(known, coordinate, 0.0), axis=1)) >= JITTER * gray.step_px
-    single &= apart | (np.abs(change) > 1) | (turns is None)
-    flipped, change = flipped[single], change[single]
-    direction = np.sign(np.sum(np.sign(change[np.abs(change) == 1]))) or 1
-    bit = np.log2(flipped).astype(np.intp)
-    ahead = np.where(change == direction, 1, np.where(change == -direction, -1, 0))
-    total = np.bincount(bit, minlength=len(gray.bits))
-    good = np.bincount(bit, weights=ahead, minlength=len(gray.bits))
-    judged = total >= MIN_BORDERS
-    wrong = int(np.sum(good[judged] < WRONG_BORDERS * total[judged]))
-    # Without phases, a single bit may change at an edge of the scene only.
-    if wrong < (1 if turns is not None else 2):
-        return 0.0
-    return max(WRONG_BORDERS, wrong / float(judged.sum()))
+    def _shares(self, frame: int) -> FloatMap:
+        """Samples of the voters, from the darkest to the brightest of their pixel, 0…1."""
+        low, high, v = self.low, self.high, self.voters
+        return np.asarray(((self.lines[frame] - low) / np.maximum(high - low, 1e-12))[v])
+
+    def suspicious(self) -> bool:
+        """Whether another order can be much better than the plan's: where frames are in order, the
+        coordinate is known and smooth nearly everywhere, also where a bit of the code changes."""
+        if np.count_nonzero(self.triples) < MIN_JUDGED_PIXELS:
+            return False
+        cost, maps = self._cost(self.decoding, [self._planned])
+        known, bend = self._known(maps), self._bend([maps])
+        if np.count_nonzero(bend[known] >= 1.0) > JUMPS * np.count_nonzero(known):
+            return True
+        rough = [float(np.mean(part[self.triples])) for part in (cost, maps.get("astray", cost))]
+        return max(rough) > ROUGH or self._rough_bit(maps["coordinate"], bend, known)
+
+    @property
+    def unrelated(self) -> str:
+        """What contradicts all over the lines when frames are taken as planned; empty where the
+        coordinates of most pixels that have one are smooth."""
+        jumps = []
+        for decoding in (self.decoding, self.decoding.free):
+            maps = decode_sample(decoding, self._planned, self.noise, self.limits.open)
+            known = self._known(maps)
+            if np.count_nonzero(known) > FEW * np.count_nonzero(self.triples):
+                jumps.append(float(np.mean(self._bend([maps])[known] >= 1.0)))
+        if min(jumps, default=0.0) < UNRELATED:
+            return ""
+        if self.decoding.gray is None:
+            return "fringe orders contradict each other all over the image"
+        if self.decoding.sets:
+            return "phases and Gray code are apart, like unrelated ones"
+        return "the cells of the Gray code do not follow one another"
+
+    @cached_property
+    def _planned(self) -> list[NDArray[Any]]:
+        return [self.lines[k] for k in self.decoding.frames]
+
+    def _known(self, maps: dict[str, Any]) -> BoolMap:
+        """Triples of voters with a coordinate, (r, l − 2)."""
+        x = maps["coordinate"]
+        return np.asarray(self.triples & np.isfinite(x[:, 2:] + x[:, 1:-1] + x[:, :-2]))
+
+    def _rough_bit(self, x: FloatMap, bend: FloatMap, known: BoolMap) -> bool:
+        """Whether the coordinate jumps where a bit of the Gray code changes."""
+        gray = self.decoding.gray
+        if gray is None or gray.levels > 2:
+            return False
+        place = (np.nan_to_num(x) + 0.5 - gray.offset_px) / gray.step_px
+        cells = np.maximum(place, 0.0).astype(np.int32)
+        words = cells ^ (cells >> 1)
+        changes = (words[:, 2:] ^ words[:, :-2])[known]
+        changed = changes != 0
+        changes, bends = changes[changed], bend[known][changed]
+        for bit in range(len(gray.bits)):
+            at = bends[(changes >> bit) & 1 != 0]
+            if at.size >= MIN_CHANGES and float(np.mean(at)) > ROUGH_BIT:
+                return True
+        return False
+
+    def cost(self, order: Order) -> FloatMap | None:
+        """Cost of an order at every triple of voters, (n,); None where it cannot be decoded.
+
+        Notes
+        -----
+        The cost is the negative logarithm of a heavy-tailed likelihood of the bend of the coordinate
+        between three neighbours, and of the residuals of every set of steps, each over that of
+        unrelated frames: 0 for perfect agreement, 1 for none.
+        """
+        options = self._planes(order)
+        if options is None:
+            return None
+        cost, _ = self._cost(self._with_steps(order), options)
+        penalty = MISSING * (len(options) - 1) + UNEXPLAINED * self._unexplained(order)
+        return cost[self.triples] + penalty
+
+    def _cost(
+        self, decoding: Decoding, options: list[list[NDArray[Any]]]
+    ) -> tuple[FloatMap, dict[str, Any]]:
+        """Cost of every triple, (r, l − 2), and the maps of the first option.
+
+        Coordinates may be at any distance from their cell, so that contradictions show as bends;
+        those that their cell refuses cost a little.
+        """
+        open_limits = self.limits.open
+        maps = [decode_sample(decoding.free, p, self.noise, open_limits) for p in options]
+        cost = self._bend(maps)
+        if decoding.gray is not None and decoding.sets:
+            bound = decode_sample(decoding, options[0], self.noise, open_limits)["coordinate"]
+            astray = (np.isnan(bound) & np.isfinite(maps[0]["coordinate"]))[:, 1:-1]
+            maps[0]["astray"] = astray
+            cost = cost + ASTRAY * astray
+        start = 0
+        for phases in decoding.sets:
+            planes = options[0][start : start + len(phases.frames)]
+            start += len(phases.frames)
+            if len(planes) > 3:
+                cost = cost + self._residual(phases, planes)
+        return cost, maps[0]
+
+    def _unexplained(self, order: Order) -> int:
+        """Frames of the stack that an order has no use for, unless they show no pattern or that of
+        another frame."""
+        unused = set(range(len(self.lines))) - set(order.places)
+        return sum(not self._explained(k) for k in unused)
+
+    def _explained(self, frame: int) -> bool:
+        if frame not in self._seen:
+            others = (k for k in range(len(self.lines)) if k != frame)
+            self._seen[frame] = self.uniform(frame) or any(
+                self.difference(frame, k) < SAME for k in others
+            )
+        return self._seen[frame]
+
+    def _with_steps(self, order: Order) -> Decoding:
+        sign, start = order.steps
+        if order.axis != self.decoding.axis:
+            return self.decoding
+        sets = [
+            replace(s, shifts_rad=tuple(sign * (d - 2.0 * np.pi * start) for d in s.shifts_rad))
+            for s in self.decoding.sets
+        ]
+        return replace(self.decoding, sets=tuple(sets))
+
+    def _bend(self, options: list[dict[str, Any]]) -> FloatMap:
+        """Cost of the second difference along the lines, (r, l − 2); the best of the options."""
+        if self.decoding.sets:
+            period = min(s.period_px for s in self.decoding.sets)
+            fine, jump = FINE_SHARE * period, JUMP_SHARE * period
+        else:
+            assert self.decoding.gray is not None
+            fine = self.decoding.gray.step_px
+            jump = JUMP_CELLS * fine
+        if self.decoding.sets:
+            sigma = options[0]["sigma"][:, 1:-1]
+            fine = fine + SIGMAS * np.where(np.isfinite(sigma), sigma, 0.0)
+        best = np.full(self.triples.shape, np.float32(jump))
+        for a, b, c in product([found["coordinate"] for found in options], repeat=3):
+            bend = a[:, :-2] + c[:, 2:] - 2.0 * b[:, 1:-1]
+            if np.isfinite(self.decoding.repeats_px):
+                bend -= self.decoding.repeats_px * np.rint(bend / self.decoding.repeats_px)
+            best = np.fmin(best, np.abs(bend))
+        return np.asarray(np.log1p(best / fine) / np.log1p(jump / fine))
+
+    def _residual(self, phases: PhaseFrames, planes: list[NDArray[Any]]) -> FloatMap:
+        """Cost of the residuals of a set, (r, l − 2)."""
+        flat = [np.ascontiguousarray(p).reshape(1, -1) for p in planes]
+        fit = SampleFit(np.nan_to_num(fit_samples(flat, phases.rows).rows, posinf=0.0))
+        power = 2.0 * fit.variance
+        floor = NOISE_RESIDUAL * self.noise.variance(fit.mean) + RELATIVE_RESIDUAL * power
+        floor = np.maximum(floor, np.finfo(np.float32).tiny)
+        square = fit.square / (len(phases.frames) - 3)
+        cost = np.log1p(square / floor) / np.maximum(np.log1p(0.5 * power / floor), 1.0)
+        return np.asarray(np.fmin(cost, 1.0).reshape(self.low.shape)[:, 1:-1])
+
+    def _planes(self, order: Order) -> list[list[NDArray[Any]]] | None:
+        """Planes in the kernel's order, with those that are missing predicted by the others.
+
+        A bit that nothing predicts is tried dark and bright. None where fewer than two steps of a
+        set are there.
+        """
+        shown = {k: self._plane(order, k) for k in self.decoding.frames}
+        for phases in self.decoding.sets:
+            if any(shown[k] is None for k in phases.frames) and not self._predict(phases, shown):
+                return None
+        gray = self.decoding.gray
+        unknown = None
+        if gray is not None:
+            pairs = dict(zip(gray.bits, gray.inverse, strict=False))
+            for a, b in [*pairs.items(), *((b, a) for a, b in pairs.items())]:
+                other = shown[b]
+                if shown[a] is None and other is not None:
+                    shown[a] = self.low + self.high - other
+            for k, light in zip(gray.white_black or (), (self.high, self.low), strict=False):
+                shown[k] = light if shown[k] is None else shown[k]
+            missing = [k for k in gray.bits if shown[k] is None]
+            unknown = missing[0] if len(missing) == 1 else None
+            if len(missing) > 1:
+                return None
+        options = []
+        for light in (self.low,) if unknown is None else (self.low, self.high):
+            if unknown is not None:
+                shown[unknown] = light
+                if gray is not None and gray.inverse:
+                    shown[pairs[unknown]] = self.low + self.high - light
+            options.append([self._stored(shown[k]) for k in self.decoding.frames])
+        return options
+
+    def _plane(self, order: Order, pattern: int) -> NDArray[Any] | None:
+        place = order.places[pattern]
+        if place is None:
+            return None
+        plane = self.lines[place]
+        if order.moved_px and place >= order.since:
+            plane = np.roll(plane, -order.moved_px, axis=1)
+        return self.low + self.high - plane if pattern in order.inverted else plane
+
+    def _predict(self, phases: PhaseFrames, shown: dict[int, NDArray[Any] | None]) -> bool:
+        """Predict the missing steps of a set by the others; False where there are too few."""
+        kept = [n for n, k in enumerate(phases.frames) if shown[k] is not None]
+        rows = np.array(phases.rows)
+        if len(kept) < 2:
+            return False
+        data = np.stack([np.asarray(shown[phases.frames[n]], np.float32).ravel() for n in kept])
+        if len(kept) == 2:
+            middle = self._middle(phases, shown)
+            solver = np.linalg.pinv(rows[kept][:, 1:])
+            wave = times(solver, data - middle)
+            fitted = np.stack([middle, *wave])
+        else:
+            _, solver = fit_matrices(phases.rows, tuple(n in kept for n in range(len(rows))))
+            if solver is None:
+                return False
+            fitted = times(solver, data)
+        for n, k in enumerate(phases.frames):
+            if n not in kept:
+                shown[k] = (rows[n] @ fitted).reshape(self.low.shape)
+        return True
+
+    def _middle(self, phases: PhaseFrames, shown: dict[int, NDArray[Any] | None]) -> FloatMap:
+        """Background of the pixels, (r l,), from the sets that are complete or else from the range."""
+        found = []
+        for other in self.decoding.sets:
+            if other is not phases and all(shown[k] is not None for k in other.frames):
+                solver: Any = fit_matrices(other.rows)[1]
+                planes = [np.asarray(shown[k], np.float32).ravel() for k in other.frames]
+                found.append(times(solver[:1], np.stack(planes))[0])
+        return np.mean(found, axis=0) if found else 0.5 * (self.low + self.high).ravel()
+
+    def _stored(self, plane: NDArray[Any] | None) -> NDArray[Any]:
+        """A plane in the type of the sample."""
+        assert plane is not None
+        kind = self.lines[0].dtype
+        if plane.dtype == kind:
+            return np.ascontiguousarray(plane)
+        if kind.kind == "u":
+            plane = np.clip(np.rint(plane), 0, np.iinfo(kind).max)
+        return np.ascontiguousarray(plane.astype(kind))

@@ -12,15 +12,9 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack import words
-from fringeworks.stack.agreement import (
-    Agreement,
-    agreement,
-    decode_sample,
-    disagreement,
-    unrelated,
-)
+from fringeworks.stack.agreement import LineEvidence
 from fringeworks.stack.gray_frames import refuse_unequal_levels, resolution
-from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
+from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
 from fringeworks.stack.order_faults import refuse_order_faults
 from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames
@@ -29,16 +23,8 @@ from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import exceeds
 from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
-from fringeworks.stack.step_convention import refuse_other_steps
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, CameraNoise, Finding, FramesContradictPlan, InputError
-
-RELATED = 2.5
-"""Disagreement of the sets above which it is compared with that of unrelated phases.
-
-The comparison takes a second decoding of the sample, so it should be rare. Simulated steps that are
-wrong by 2° reach 2.6 and swapped frames more than 100. Empirical.
-"""
 
 ARITHMETIC_ERROR = 5e-5
 """Smallest noise, as a share of the largest count, because of the kernels' single precision.
@@ -142,7 +128,6 @@ def examine(
     coarse = {axis: _resolved(decoding, sample, rough) for axis, decoding in decodings.items()}
     for axis, decoding in decodings.items():
         findings += words.unresolved(decoding, coarse[axis], plan.labels())
-        refuse_other_steps(coarse[axis], sample.lines[axis], plan.labels())
     _check_order(plan, sample, coarse, limits, rough)
     decodings = {axis: _by_resolved_cells(d, coarse[axis]) for axis, d in decodings.items()}
     decodings = _with_real_frames(decodings, sample, limits, steps=estimate_steps)
@@ -254,45 +239,13 @@ def _check_order(
     noise: CameraNoise,
 ) -> None:
     """Refuse frames in a wrong order."""
-    unrelated_sets, maps = {}, {}
-    for axis, decoding in decodings.items():
-        planes = [sample.points[k] for k in decoding.frames]
-        free = decode_sample(decoding.free, planes, noise, limits.open)
-        unrelated_sets[axis] = _unrelated_sets(decoding, planes, free, noise, limits.open)
-        # Without a Gray code, no coordinate is bound to its cell.
-        maps[axis] = free if decoding.gray is None else None
-
-    def agreements_of(tried: Sample) -> dict[Axis, Agreement]:
-        return {
-            axis: agreement(
-                decoding,
-                tried,
-                noise,
-                limits,
-                unrelated_sets[axis],
-                maps[axis] if tried is sample else None,
-            )
+    refuse_order_faults(
+        plan,
+        {
+            axis: LineEvidence(decoding, sample.lines[axis], noise, limits)
             for axis, decoding in decodings.items()
-        }
-
-    refuse_order_faults(plan, sample, agreements_of(sample), agreements_of)
-
-
-def _unrelated_sets(
-    decoding: Decoding,
-    planes: list[NDArray[Any]],
-    maps: dict[str, Any],
-    noise: CameraNoise,
-    limits: Limits,
-) -> float:
-    """Disagreement of the sets for unrelated phases; infinite where that of the sample is small."""
-    if len(decoding.sets) < 2:
-        return float("inf")
-    present = disagreement(maps, lit_pixels(maps))
-    if present is None or present < RELATED:
-        return float("inf")
-    shuffled = decode_sample(decoding.free, unrelated(decoding, planes), noise, limits)
-    return disagreement(shuffled, lit_pixels(shuffled)) or float("inf")
+        },
+    )
 
 
 def _noise_floor(points: Sequence[NDArray[Any]], count_step: float | None) -> float:

@@ -8,7 +8,6 @@ says. Cells of any width show it, also those of one period, inside which a wrong
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from fringeworks.stack.fits import fit_matrices, times
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.sample import Lines
-from fringeworks.types import BoolMap, Finding, FloatMap, FramesContradictPlan
+from fringeworks.types import BoolMap, FloatMap
 
 FIRM = 0.2
 """Smallest distance of the other bits of a pixel from their threshold, as a share of their
@@ -26,19 +25,8 @@ contrast. Noise and blur then change none of them. An empirical choice."""
 LIT = 0.3
 """Smallest contrast of a pixel that is used, as a share of the 95th percentile. Dimmer pixels have
 less contrast than indirect light adds. An empirical choice."""
-MIN_BORDERS = 30
-"""Smallest number of borders for a statement: the mean of 30 directions is known to a tenth of
-their scatter."""
-RELATED = 0.5
-"""Smallest mean resultant length of the phases at the borders. The phases of frames in no relation
-to the code have 0.2 with 30 borders; photographs of objects in order have 0.76 and more."""
-MISPLACED_TURNS = 0.125
-"""Largest distance of a border of the code from its phase that blur and threshold may cause, turns.
-A wrong start is off by a step, which is a quarter of a turn with four steps."""
-IN_ORDER = 0.7
-"""Smallest share of the changes of bits that lead to a neighbouring cell, and smallest mean
-direction of the phase there, ±, for a statement about the steps. Codes in order have 0.71 and more
-on photographs; with frames in another order either is below 0.65."""
+STARTS = 24
+"""Number of starts per turn that are told apart: multiples of 15° hold all usual conventions."""
 
 
 @dataclass(frozen=True)
@@ -51,31 +39,25 @@ class Convention:
     """Mean direction of the phase: 1 along the code, −1 against it."""
     start_turns: float
     """Phase at coordinate 0 px in the direction that the phase has, turns, −0.5…0.5; 0 expected."""
-    resultant: float
-    """Mean resultant length of the phases at the borders, 0…1."""
-    share: float
-    """Share of the changes of bits that lead to a neighbouring cell, 0…1."""
 
     @property
-    def sign(self) -> int:
-        """1 where the phase runs along the code, −1 where it runs against it."""
-        return -1 if self.direction < 0.0 else 1
+    def steps(self) -> tuple[float, float]:
+        """Sign and start of the steps, ± 1 and turns, the start to a whole 15°."""
+        start = float(np.rint(self.start_turns * STARTS) / STARTS)
+        return (-1.0 if self.direction < 0.0 else 1.0), start
 
-    @property
-    def contradicts(self) -> bool:
-        """Whether the steps have another sign or start than the plan says."""
-        in_order = min(self.share, abs(self.direction)) >= IN_ORDER
-        if self.borders < MIN_BORDERS or self.resultant < RELATED or not in_order:
-            return False
-        # Standard error of a circular mean, turns, three times.
-        scatter = np.sqrt(-2.0 * np.log(min(self.resultant, 1.0)))
-        error = 3.0 * scatter / (2.0 * np.pi * self.borders**0.5)
-        return self.sign < 0 or bool(abs(self.start_turns) > MISPLACED_TURNS + error)
+    def usual(self, decoding: Decoding) -> bool:
+        """Whether programs use such steps: of the other sign, or that start a quarter of a turn or
+        whole steps later."""
+        sign, start = self.steps
+        off = [start * n - np.rint(start * n) for n in (4, len(decoding.sets[0].frames))]
+        return sign < 0.0 or min(np.abs(off)) < 0.01
 
     def fitting_deg(self, shifts_rad: tuple[float, ...]) -> list[float]:
         """The steps that the frames show, degrees, 0…360."""
-        turns = np.asarray(shifts_rad) / (2.0 * np.pi) - self.start_turns
-        return [float(d) for d in (np.rint(self.sign * turns * 360.0) % 360.0)]
+        sign, start = self.steps
+        turns = np.asarray(shifts_rad) / (2.0 * np.pi) - start
+        return [float(d) for d in (np.rint(sign * turns * 360.0) % 360.0)]
 
 
 def convention(decoding: Decoding, lines: Lines) -> Convention | None:
@@ -97,7 +79,7 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     phases = min(decoding.sets, key=lambda s: abs(float(np.log(s.period_px / gray.step_px))))
     offset, wave = _fitted(phases, lines)
     signed, lit = _bits(gray, lines, offset, np.abs(wave))
-    changes, row, column, place, coordinate, direction = _borders(gray, signed, lit)
+    row, column, place, coordinate, direction = _borders(gray, signed, lit)
     left, right = wave[row, column], wave[row, column + 1]
     along = np.angle(right * np.conj(left)) * direction
     runs = float(np.mean(np.sign(along))) if along.size else 0.0
@@ -106,55 +88,23 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     expected = 2.0 * np.pi * coordinate / phases.period_px
     mean = np.mean(np.exp(1j * (at_border - sign * expected))) if along.size else 0.0
     start = float(np.angle(mean)) / (2.0 * np.pi)
-    share = along.size / max(1, changes)
-    return Convention(along.size, runs, start, float(np.abs(mean)), share)
+    return Convention(along.size, runs, start)
 
 
-def refuse_other_steps(decoding: Decoding, lines: Lines, labels: list[str]) -> None:
-    """Refuse phase steps of another sign or start than the plan's, and name those that fit.
-
-    Raises
-    ------
-    FramesContradictPlan where the borders of the Gray code contradict the steps.
-    """
-    found = convention(decoding, lines)
-    if found is None or not found.contradicts:
-        return
+def steps_in_words(decoding: Decoding, found: Convention, labels: list[str]) -> tuple[str, str]:
+    """What the borders of the code show, and the steps that fit."""
     phases = decoding.sets[0]
     steps = ", ".join(f"{d:.0f}°" for d in found.fitting_deg(phases.shifts_rad))
+    sign, start = found.steps
     seen = (
         "the phase runs against the Gray code"
-        if found.sign < 0
-        else f"the phase at coordinate 0 is {360.0 * found.start_turns:.0f}°, expected 0°"
+        if sign < 0
+        else f"the phase at coordinate 0 is {360.0 * start:.0f}°, expected 0°"
     )
-    finding = Finding(
-        "steps",
-        f"frames along {decoding.axis}: {seen}, judging by {found.borders} borders of the code",
-        causes=(
-            "the steps have another sign or start than the plan says",
-            *_swaps(phases, found, labels),
-        ),
-        advice=f"steps that fit the frames from {labels[phases.frames[0]]} on: {steps}",
-        axis=decoding.axis,
-        figures={"start_deg": 360.0 * found.start_turns, "direction": found.direction},
-        severity="error",
+    return (
+        f"the steps along {decoding.axis} have another sign or start than the plan says ({seen})",
+        f"; steps that fit the frames from {labels[phases.frames[0]]} on: {steps}",
     )
-    raise FramesContradictPlan(finding.text)
-
-
-def _swaps(phases: PhaseFrames, found: Convention, labels: list[str]) -> list[str]:
-    """Pairs of frames whose swap gives the steps that the frames show, in words."""
-    planned = np.asarray(phases.shifts_rad)
-    shown = np.radians(found.fitting_deg(phases.shifts_rad))
-    pairs = []
-    for i, j in combinations(range(len(planned)), 2):
-        swapped = planned.copy()
-        swapped[[i, j]] = planned[[j, i]]
-        off = np.abs(np.angle(np.exp(1j * (swapped - shown))))
-        if off.max() < MISPLACED_TURNS * 2.0 * np.pi:
-            a, b = phases.frames[i], phases.frames[j]
-            pairs.append(f"frames {a} and {b} ({labels[a]}, {labels[b]}) are swapped")
-    return pairs
 
 
 def _samples(lines: Lines, frames: tuple[int, ...]) -> FloatMap:
@@ -194,7 +144,6 @@ def _borders(gray: GrayFrames, signed: FloatMap, lit: BoolMap) -> tuple[Any, ...
 
     Returns
     -------
-    changes : number of places where lit neighbours differ in any bit
     row, column : of the pixel before the border
     place : where the border lies between the two pixels, 0…1
     coordinate : of the border, projector px
@@ -218,7 +167,7 @@ def _borders(gray: GrayFrames, signed: FloatMap, lit: BoolMap) -> tuple[Any, ...
     # Pixel centres lie on integers: the border before pixel k is at k − ½.
     coordinate = gray.offset_px + np.maximum(first, last)[kept] * gray.step_px - 0.5
     share = start / (start - end)
-    return np.count_nonzero(number), row, column, share, coordinate, (last - first)[kept]
+    return row, column, share, coordinate, (last - first)[kept]
 
 
 def _cells(signed: FloatMap) -> NDArray[np.intp]:

@@ -26,6 +26,12 @@ FINE_SHARE = 0.05
 """Bend of the coordinate between neighbours that begins to cost, in shortest periods: the noise of
 phases at a modulation of ten standard deviations."""
 
+SETS_APART = 0.02
+"""Disagreement of the sets that begins to cost, turns: that of a response that is not corrected."""
+
+UNRELATED_PHASES = 1.0 / 12.0
+"""Variance of unrelated phases, turns²: they are uniform over one turn."""
+
 SIGMAS = 2.5
 """The same in standard deviations of a coordinate: the bend has √6 of them."""
 
@@ -82,9 +88,16 @@ MIN_CHANGES = 6
 FEW = 0.05
 """Share of the triples below which coordinates are too few to show that the plan is right."""
 
-UNRELATED = 0.35
-"""Share of triples with a jump from which on frames contradict their plan; half of them have one
-where phases are in no relation to their cells."""
+UNRELATED_ASTRAY = 0.3
+"""Share of coordinates that their cell refuses, from which on phases and code contradict each other;
+four in ten do where they are in no relation."""
+
+UNRELATED_JUMPS = 0.1
+"""Share of jumps from which on coordinates contradict each other; depth edges make 0.02."""
+
+UNRELATED_SETS = 0.8
+"""Disagreement of the sets, over that of the sets of different pixels, from which on they contradict
+each other: another plan has 0.98, and a response of 2.2 that is not corrected up to 0.64."""
 
 ASTRAY = 0.2
 """Cost of a coordinate that its Gray-code cell refuses: six in ten lie inside by chance, and -ln 0.6
@@ -202,19 +215,38 @@ class LineEvidence:
     def unrelated(self) -> str:
         """What contradicts all over the lines when frames are taken as planned; empty where the
         coordinates of most pixels that have one are smooth."""
-        jumps = []
-        for decoding in (self.decoding, self.decoding.free):
-            maps = decode_sample(decoding, self._planned, self.noise, self.limits.open)
-            known = self._known(maps)
-            if np.count_nonzero(known) > FEW * np.count_nonzero(self.triples):
-                jumps.append(float(np.mean(self._bend([maps])[known] >= 1.0)))
-        if min(jumps, default=0.0) < UNRELATED:
+        _, maps = self._cost(self.decoding, [self._planned])
+        known = self._known(maps)
+        if np.count_nonzero(known) < FEW * np.count_nonzero(self.triples):
+            return ""
+        jumps = float(np.mean(self._bend([maps])[known] >= 1.0))
+        if len(self.decoding.sets) > 1 and self._sets_unrelated(maps):
+            return "fringe orders contradict each other all over the image"
+        astray = float(np.mean(maps["astray"][known])) if "astray" in maps else 1.0
+        if jumps < UNRELATED_JUMPS or astray < UNRELATED_ASTRAY:
             return ""
         if self.decoding.gray is None:
             return "fringe orders contradict each other all over the image"
         if self.decoding.sets:
             return "phases and Gray code are apart, like unrelated ones"
         return "the cells of the Gray code do not follow one another"
+
+    def _sets_unrelated(self, maps: dict[str, Any]) -> bool:
+        """Whether sets disagree like those of different pixels."""
+        rng = np.random.default_rng(0)
+        shuffled = {}
+        for phases in self.decoding.sets:
+            order = rng.permutation(self.low.size)
+            for k in phases.frames:
+                shuffled[k] = self.lines[k].reshape(-1)[order].reshape(self.low.shape)
+        planes = [
+            np.ascontiguousarray(shuffled.get(k, self.lines[k])) for k in self.decoding.frames
+        ]
+        others = decode_sample(self.decoding.free, planes, self.noise, self.limits.open)
+        present = self._apart(self.decoding, maps)[self.triples]
+        return float(np.mean(present)) > UNRELATED_SETS * float(
+            np.mean(self._apart(self.decoding, others))
+        )
 
     @cached_property
     def _planned(self) -> list[NDArray[Any]]:
@@ -270,10 +302,13 @@ class LineEvidence:
         maps = [decode_sample(decoding.free, p, self.noise, open_limits) for p in options]
         cost = self._bend(maps)
         if decoding.gray is not None and decoding.sets:
-            bound = decode_sample(decoding, options[0], self.noise, open_limits)["coordinate"]
-            astray = (np.isnan(bound) & np.isfinite(maps[0]["coordinate"]))[:, 1:-1]
-            maps[0]["astray"] = astray
+            bound = [decode_sample(decoding, p, self.noise, open_limits) for p in options]
+            refused = [np.isnan(found["coordinate"]) for found in bound]
+            astray = np.logical_and.reduce(refused) & np.isfinite(maps[0]["coordinate"])
+            maps[0]["astray"] = astray = astray[:, 1:-1]
             cost = cost + ASTRAY * astray
+        if len(decoding.sets) > 1:
+            cost = cost + self._apart(decoding, maps[0])
         start = 0
         for phases in decoding.sets:
             planes = options[0][start : start + len(phases.frames)]
@@ -325,6 +360,21 @@ class LineEvidence:
                 bend -= self.decoding.repeats_px * np.rint(bend / self.decoding.repeats_px)
             best = np.fmin(best, np.abs(bend))
         return np.asarray(np.log1p(best / fine) / np.log1p(jump / fine))
+
+    def _apart(self, decoding: Decoding, maps: dict[str, Any]) -> FloatMap:
+        """Cost of the disagreement of the sets, (r, l − 2)."""
+        counts = self.noise.variance(np.nan_to_num(maps["background"]))
+        turns = [
+            2.0 * counts / (len(s.frames) * np.fmax((2.0 * np.pi * m) ** 2, 1e-9))
+            for s, m in zip(decoding.sets, maps["modulations"], strict=True)
+        ]
+        noise = np.fmin(np.mean(turns, axis=0), UNRELATED_PHASES)
+        # Pixels without phases have no disagreement.
+        square = np.where(np.isfinite(maps["sigma"]), maps["disagreement"], 0.0) * noise
+        square = np.fmax(square, 0.0) / (len(turns) - 1)
+        floor = NOISE_RESIDUAL * noise + SETS_APART**2
+        cost = np.log1p(square / floor) / np.log1p(np.maximum(UNRELATED_PHASES / floor, 1.0))
+        return np.where(np.isfinite(cost), np.fmin(cost, 1.0), 0.0)[:, 1:-1]
 
     def _residual(self, phases: PhaseFrames, planes: list[NDArray[Any]]) -> FloatMap:
         """Cost of the residuals of a set, (r, l − 2)."""

@@ -33,6 +33,10 @@ WORTH = 0.1
 """Smallest gain of a scene that moved, or of steps with an unusual start, as a share of the pixels.
 Below, most coordinates are right all the same."""
 
+AGAINST_UNSEEN = 0.5
+"""The same for orders in which no frame shows a pattern: a bit that is tried dark and bright costs all
+pixels a little."""
+
 FITS = 0.6
 """Largest mean cost of an order that explains the frames; unrelated frames have 1 or more."""
 
@@ -90,7 +94,8 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> None:
         gain = planned - cost
         better, worse = float(np.sum(np.fmax(gain, 0.0))), float(-np.sum(np.fmin(gain, 0.0)))
         least = FAR_BETTER if hypothesis.kind not in ("moved", "start") else WORTH * planned.size
-        if better - worse > max(least, FAR_BETTER) and worse < AGAINST * better:
+        against = AGAINST if None not in hypothesis.order.places else AGAINST_UNSEEN
+        if better - worse > max(least, FAR_BETTER) and worse < against * better:
             found.append((better - worse, hypothesis))
     if found:
         also = f"; {_repeats_in_words(plan, repeated[0])}" if repeated else ""
@@ -185,7 +190,9 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
     for first, block in plan.placed:
         if first and block.frames > 1:
             for px in MOVES_PX:
-                words = f"the camera or the scene moved by about {abs(px)} px before {labels[first]}"
+                words = (
+                    f"the camera or the scene moved by about {abs(px)} px before {labels[first]}"
+                )
                 yield Hypothesis(Order(every, since=first, moved_px=px), "moved", words)
 
 
@@ -236,7 +243,10 @@ def _refuse_no_pattern(plan: PatternPlan, evidence: Evidence, *, unrelated: bool
     empty = [k for k in range(n) if _empty(evidence, k)]
     light, count = (plan.uniform("white"), plan.uniform("black")), len(empty)
     unrelated &= any(k not in light for k in empty)
-    for lag, ends in ((count, empty == list(range(count))), (-count, empty == [*range(n)][-count:])):
+    for lag, ends in (
+        (count, empty == list(range(count))),
+        (-count, empty == [*range(n)][-count:]),
+    ):
         if unrelated and ends and 1 < count < n:
             raise FramesContradictPlan(f"frames: {_late_in_words(lag, labels)}")
     for first, block in plan.placed:

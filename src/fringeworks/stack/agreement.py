@@ -89,19 +89,22 @@ FEW = 0.05
 """Share of the triples below which coordinates are too few to show that the plan is right."""
 
 UNRELATED_ASTRAY = 0.3
-"""Share of coordinates that their cell refuses, from which on phases and code contradict each other;
+"""Share of coordinates that their cell refuses, from which on phases and code are apart;
 four in ten do where they are in no relation."""
 
 UNRELATED_JUMPS = 0.1
 """Share of jumps from which on coordinates contradict each other; depth edges make 0.02."""
 
-UNRELATED_SETS = 0.8
-"""Disagreement of the sets, over that of the sets of different pixels, from which on they contradict
-each other: another plan has 0.98, and a response of 2.2 that is not corrected up to 0.64."""
+UNRELATED_SETS = 0.9
+"""Disagreement of the sets, over that of the sets of different pixels, above which they are in
+no relation: another plan has 0.98, a response of 2.2 that is not corrected up to 0.75."""
+
+LEAST_APART = 0.1
+"""Smallest mean cost of the disagreement for that statement: another plan has 0.28, noise 0.01."""
 
 ASTRAY = 0.2
-"""Cost of a coordinate that its Gray-code cell refuses: six in ten lie inside by chance, and -ln 0.6
-is 0.5, over 2.4."""
+"""Cost of a coordinate that its Gray-code cell refuses: six in ten lie inside by chance, and
+-ln 0.6 is 0.5, over 2.4."""
 
 
 def decode_sample(
@@ -222,14 +225,11 @@ class LineEvidence:
         jumps = float(np.mean(self._bend([maps])[known] >= 1.0))
         if len(self.decoding.sets) > 1 and self._sets_unrelated(maps):
             return "fringe orders contradict each other all over the image"
-        astray = float(np.mean(maps["astray"][known])) if "astray" in maps else 1.0
-        if jumps < UNRELATED_JUMPS or astray < UNRELATED_ASTRAY:
-            return ""
-        if self.decoding.gray is None:
-            return "fringe orders contradict each other all over the image"
-        if self.decoding.sets:
-            return "phases and Gray code are apart, like unrelated ones"
-        return "the cells of the Gray code do not follow one another"
+        if "astray" in maps:
+            apart = float(np.mean(maps["astray"][known])) > UNRELATED_ASTRAY
+            if apart and jumps > UNRELATED_JUMPS:
+                return "phases and Gray code are apart, like unrelated ones"
+        return ""
 
     def _sets_unrelated(self, maps: dict[str, Any]) -> bool:
         """Whether sets disagree like those of different pixels."""
@@ -243,10 +243,9 @@ class LineEvidence:
             np.ascontiguousarray(shuffled.get(k, self.lines[k])) for k in self.decoding.frames
         ]
         others = decode_sample(self.decoding.free, planes, self.noise, self.limits.open)
-        present = self._apart(self.decoding, maps)[self.triples]
-        return float(np.mean(present)) > UNRELATED_SETS * float(
-            np.mean(self._apart(self.decoding, others))
-        )
+        present = float(np.mean(self._apart(self.decoding, maps)[self.triples]))
+        unrelated = float(np.mean(self._apart(self.decoding, others)))
+        return present > max(UNRELATED_SETS * unrelated, LEAST_APART)
 
     @cached_property
     def _planned(self) -> list[NDArray[Any]]:
@@ -279,8 +278,8 @@ class LineEvidence:
 
         Notes
         -----
-        The cost is the negative logarithm of a heavy-tailed likelihood of the bend of the coordinate
-        between three neighbours, and of the residuals of every set of steps, each over that of
+        The cost is the negative logarithm of a heavy-tailed likelihood of the bend of the
+        coordinate between three neighbours, and of the residuals of every set of steps, each over that of
         unrelated frames: 0 for perfect agreement, 1 for none.
         """
         options = self._planes(order)
@@ -452,7 +451,7 @@ class LineEvidence:
         return True
 
     def _middle(self, phases: PhaseFrames, shown: dict[int, NDArray[Any] | None]) -> FloatMap:
-        """Background of the pixels, (r l,), from the sets that are complete or else from the range."""
+        """Background of the pixels, (r l,): of the complete sets, or else from the range."""
         found = []
         for other in self.decoding.sets:
             if other is not phases and all(shown[k] is not None for k in other.frames):

@@ -34,8 +34,8 @@ WORTH = 0.1
 Below, most coordinates are right all the same."""
 
 AGAINST_UNSEEN = 0.5
-"""The same for orders in which no frame shows a pattern: a bit that is tried dark and bright costs all
-pixels a little."""
+"""The same for orders in which no frame shows a pattern: a bit that is tried dark and bright
+costs all pixels a little."""
 
 FITS = 0.6
 """Largest mean cost of an order that explains the frames; unrelated frames have 1 or more."""

@@ -89,7 +89,7 @@ FEW = 0.05
 """Share of the triples below which coordinates are too few to show that the plan is right."""
 
 UNRELATED_ASTRAY = 0.3
-"""Share of coordinates that their cell refuses, from which on phases and code are apart;
+"""Share of coordinates that their cell refuses, from which on they are unrelated;
 four in ten do where they are in no relation."""
 
 UNRELATED_JUMPS = 0.1
@@ -223,7 +223,8 @@ class LineEvidence:
         if np.count_nonzero(known) < FEW * np.count_nonzero(self.triples):
             return ""
         jumps = float(np.mean(self._bend([maps])[known] >= 1.0))
-        if len(self.decoding.sets) > 1 and self._sets_unrelated(maps):
+        sets = len(self.decoding.sets)
+        if self.decoding.gray is None and sets > 1 and self._sets_unrelated(maps):
             return "fringe orders contradict each other all over the image"
         if "astray" in maps:
             apart = float(np.mean(maps["astray"][known])) > UNRELATED_ASTRAY
@@ -279,8 +280,8 @@ class LineEvidence:
         Notes
         -----
         The cost is the negative logarithm of a heavy-tailed likelihood of the bend of the
-        coordinate between three neighbours, and of the residuals of every set of steps, each over that of
-        unrelated frames: 0 for perfect agreement, 1 for none.
+        coordinate between three neighbours, and of the residuals of every set of steps, each
+        over that of unrelated frames: 0 for perfect agreement, 1 for none.
         """
         options = self._planes(order)
         if options is None:

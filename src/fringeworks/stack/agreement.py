@@ -224,7 +224,8 @@ class LineEvidence:
             return ""
         jumps = float(np.mean(self._bend([maps])[known] >= 1.0))
         sets = len(self.decoding.sets)
-        if self.decoding.gray is None and sets > 1 and self._sets_unrelated(maps):
+        jumpy = self.decoding.gray is None and sets > 1 and jumps > JUMPS
+        if jumpy and self._sets_unrelated(maps):
             return "fringe orders contradict each other all over the image"
         if "astray" in maps:
             apart = float(np.mean(maps["astray"][known])) > UNRELATED_ASTRAY
@@ -343,6 +344,7 @@ class LineEvidence:
 
     def _bend(self, options: list[dict[str, Any]]) -> FloatMap:
         """Cost of the second difference along the lines, (r, l − 2); the best of the options."""
+        fine: Any
         if self.decoding.sets:
             period = min(s.period_px for s in self.decoding.sets)
             fine, jump = FINE_SHARE * period, JUMP_SHARE * period
@@ -433,6 +435,7 @@ class LineEvidence:
         """Predict the missing steps of a set by the others; False where there are too few."""
         kept = [n for n, k in enumerate(phases.frames) if shown[k] is not None]
         rows = np.array(phases.rows)
+        solver: Any
         if len(kept) < 2:
             return False
         data = np.stack([np.asarray(shown[phases.frames[n]], np.float32).ravel() for n in kept])

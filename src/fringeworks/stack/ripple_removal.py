@@ -33,6 +33,11 @@ left at its peak."""
 REPORTED = 5.0
 """The same to be reported as other steps than those of the plan."""
 
+MOST_COMPRESSED = 0.7
+"""Largest decrease of the measured phase's slope by a response, as a share: γ of 2.2 takes 0.67 off
+it in three steps, γ of 0.4 takes 0.60. Steeper errors would blow up the noise of the phase where
+they are subtracted."""
+
 RESPONSE_ORDER = 3
 """Lowest order that a response makes, periods per fringe; lower ones come from steps and gains."""
 
@@ -195,6 +200,9 @@ def _error_after(
     error = np.zeros(phase.size)
     for order, z in response.items():
         error += np.real(z * np.exp(-1j * order * phase))
+    # No response turns the phase back: what seems to do so is noise.
+    steepest = -float(np.gradient(error, phase).min())
+    error *= min(1.0, MOST_COMPRESSED / max(steepest, MOST_COMPRESSED))
     over = phase + error if true else phase
     return np.asarray(np.interp(corrected, over, error, period=TURN) / TURN)
 

@@ -26,6 +26,8 @@ pub struct Fitted {
     pub turns: Line,
     /// Inverse variance of the phase, 1/rad², for noise of one count².
     pub precision: Line,
+    /// Factor of the variance of the phase where a table corrects it; 1 without a table.
+    pub stretch: Line,
     /// Brightness that shot noise is computed from, counts; not kept up where there is none.
     pub brightness: Line,
     /// A, counts.
@@ -41,6 +43,7 @@ impl Fitted {
         Self {
             turns: zero,
             precision: Line::of(1.0),
+            stretch: Line::of(1.0),
             brightness: zero,
             background: zero,
             power: zero,

@@ -59,6 +59,6 @@ pub fn correct(table: &Table, out: &mut Fitted) {
         let (a, b) = (error(low), error(high));
         let [error, slope] = std::array::from_fn(|j| a[j] + part * (b[j] - a[j]));
         out.turns[i] = t - error;
-        out.precision[i] /= (1.0 - slope) * (1.0 - slope);
+        out.stretch[i] = (1.0 - slope) * (1.0 - slope);
     }
 }

@@ -187,7 +187,7 @@ fn write_variances(
             } else {
                 plan.noise.read_variance
             };
-            let unit = fitted.precision[i] / block.inflation[i];
+            let unit = fitted.precision[i] / (block.inflation[i] * fitted.stretch[i]);
             *variance = resolve::variance(unit / noise);
         }
     }

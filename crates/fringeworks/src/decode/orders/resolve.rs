@@ -94,13 +94,19 @@ fn phases<const K: usize, const R: usize, const SHOT: bool, const RAISED: bool>(
         } else {
             p.per_read_noise
         };
-        let q = unit * per_noise;
+        let fringes = unit * per_noise;
+        // A table stretches the phase and its noise, but not the fringes.
+        let q = if RAISED {
+            fringes / set.stretch[i]
+        } else {
+            fringes
+        };
         (precision[k], variance[k]) = precision_and_variance(q, p.order_variance);
         if RAISED {
             let usual = block.inflation[i].min(p.usual_inflation);
             precision[k] = raised(precision[k], p.floor[k], usual);
         }
-        let strong = q >= p.min_precision[k];
+        let strong = fringes >= p.min_precision[k];
         (all, any) = (all & strong, any | (strong & p.real[k]));
         turns[k] = set.turns[i];
         let share = p.share[k] * set.background[i];

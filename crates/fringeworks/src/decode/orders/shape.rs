@@ -2,7 +2,7 @@
 
 use super::Block;
 use super::resolve::{dot, resolve};
-use crate::decode::DecodeSettings;
+use crate::decode::{DecodeSettings, PhaseSet};
 use crate::{Error, check_value};
 use std::f32::consts::TAU;
 
@@ -225,7 +225,7 @@ pub struct Needs {
     shot: bool,
     /// A start for every pixel, or open ends: what [`super::ends`] judges afterwards.
     start: bool,
-    /// Variances beyond noise: floors of the sets, or factors of the pixels.
+    /// Variances beyond noise: floors and tables of the sets, or factors of the pixels.
     raised: bool,
 }
 
@@ -239,10 +239,11 @@ impl Needs {
     /// `factors` says whether pixels have factors on their variances.
     fn of(plan: &DecodeSettings, factors: bool) -> Self {
         let open = plan.chain.circular && plan.chain.repeats.is_infinite();
+        let beyond = |set: &PhaseSet| set.floor > 0.0 || !set.table.brightness.is_empty();
         Self {
             shot: plan.noise.gain > 0.0,
             start: plan.gray_code.is_some() || open,
-            raised: factors || plan.sets.iter().any(|set| set.floor > 0.0),
+            raised: factors || plan.sets.iter().any(beyond),
         }
     }
 }

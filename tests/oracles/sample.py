@@ -98,7 +98,7 @@ def window_sums(phase, orders):
     basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, phase.shape[1]), 4))
     outside = np.eye(phase.shape[1]) - basis @ basis.T
     errors = phase @ outside
-    design = np.einsum("lm,wmp->wlp", outside, shapes(phase, orders))
+    design = np.einsum("lm,wmp->wlp", outside, shapes(phase - errors, orders))
     return (
         np.einsum("wlp,wlq->wpq", design, design),
         np.einsum("wlp,wl->wp", design, errors),

@@ -19,6 +19,7 @@ from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_nois
 from fringeworks.stack.order_faults import refuse_order_faults
 from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames
 from fringeworks.stack.refine import Refined, refined
+from fringeworks.stack.ripple_removal import without_ripples
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.saturation import exceeds
 from fringeworks.stack.set_residuals import Known
@@ -128,7 +129,7 @@ def examine(
     coarse = {axis: _resolved(decoding, sample, rough) for axis, decoding in decodings.items()}
     for axis, decoding in decodings.items():
         findings += words.unresolved(decoding, coarse[axis], plan.labels())
-    _check_order(plan, sample, coarse, limits, rough)
+    _check_order(plan, sample, coarse, Known(rough, limits, estimate_steps))
     decodings = {axis: _by_resolved_cells(d, coarse[axis]) for axis, d in decodings.items()}
     decodings = _with_real_frames(decodings, sample, limits, steps=estimate_steps)
     if noise is None:
@@ -232,20 +233,46 @@ def _degrees(phases: PhaseFrames) -> list[float]:
 
 
 def _check_order(
-    plan: PatternPlan,
-    sample: Sample,
-    decodings: dict[Axis, Decoding],
-    limits: Limits,
-    noise: CameraNoise,
+    plan: PatternPlan, sample: Sample, decodings: dict[Axis, Decoding], known: Known
 ) -> None:
-    """Refuse frames in a wrong order."""
-    refuse_order_faults(
-        plan,
-        {
-            axis: LineEvidence(decoding, sample.lines[axis], noise, limits)
-            for axis, decoding in decodings.items()
-        },
+    """Refuse frames in a wrong order.
+
+    A response that is not linear bends the phases so far that orders may contradict each other,
+    too: the frames are judged again without it.
+    """
+
+    def judge(tried: dict[Axis, Decoding]) -> None:
+        evidence = {
+            axis: LineEvidence(decoding, sample.lines[axis], known.noise, known.limits)
+            for axis, decoding in tried.items()
+        }
+        refuse_order_faults(plan, evidence)
+
+    try:
+        judge(decodings)
+    except FramesContradictPlan:
+        if not known.estimate_steps:
+            raise
+        straight = {
+            axis: _straight(decoding, sample, known) for axis, decoding in decodings.items()
+        }
+        if straight == decodings:
+            raise
+        judge(straight)
+
+
+def _straight(decoding: Decoding, sample: Sample, known: Known) -> Decoding:
+    """The decoding with the response of its sets subtracted, where they show one."""
+    if not decoding.sets:
+        return decoding
+    lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
+    planes = [sample.points[k] for k in decoding.frames]
+    found, _ = without_ripples(decoding, lines, planes, known)
+    sets = (
+        replace(planned, table_turns=s.table_turns, brightness=s.brightness)
+        for planned, s in zip(decoding.sets, found.sets, strict=True)
     )
+    return replace(decoding, sets=tuple(sets))
 
 
 def _noise_floor(points: Sequence[NDArray[Any]], count_step: float | None) -> float:

@@ -262,7 +262,10 @@ def _distance_from_gray(
     noise alone; projector px. Both are 0 where the Gray code cannot be decoded alone."""
     if not gray.inverse and gray.white_black is None:
         return 0.0, 0.0  # its bits are compared with the phases' background
-    by_phases = decode_sample(decoding.free, planes, known.noise, known.limits)
+    # Errors beyond noise count as distance.
+    by_noise = tuple(replace(phases, floor_rad=0.0) for phases in decoding.sets)
+    free = replace(decoding.free, sets=by_noise)
+    by_phases = decode_sample(free, planes, known.noise, known.limits)
     alone = replace(decoding, sets=(), chain=None)
     gray_planes = [planes[decoding.frames.index(k)] for k in alone.frames]
     by_gray = decode_sample(alone, gray_planes, known.noise, known.limits)

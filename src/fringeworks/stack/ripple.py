@@ -46,6 +46,17 @@ SMOOTH_SHARE = 0.7
 TINY = float(np.finfo(float).tiny)
 """Divides instead of a zero."""
 
+RESPONSE_RIPPLE_RAD = 0.2
+"""Amplitude that ripple of N per fringe usually has, where the response is not known, rad: γ of 1.8
+makes it with three steps. Ripple of mN per fringe falls about with m²."""
+
+STEP_RIPPLE_RAD = 0.03
+"""Amplitude that ripple of one and two per fringe usually has, rad: that of gains which differ by 3
+%, or steps by 2°."""
+
+OTHER_RIPPLE_RAD = 0.01
+"""The same of all other orders, which neither steps nor a response make by themselves, rad."""
+
 LINES_NOISE_ALONE = 1.4
 """Variance of the phase along smooth lines, over that of the noise, from which on noise of the
 camera is not its only cause. It scatters by 5 % in simulations; the rest of the margin allows for
@@ -135,6 +146,7 @@ def measure_ripple(
     usable: BoolMap,
     sigma_rad: NDArray[np.float32],
     orders: tuple[int, ...],
+    steps: int,
 ) -> Ripple | None:
     """Measure the ripple of a wrapped phase along lines.
 
@@ -147,6 +159,8 @@ def measure_ripple(
         Standard deviation of the phase that camera noise alone would cause, rad.
     orders : tuple of int
         Numbers of periods per fringe.
+    steps : int
+        Number of steps of the set.
 
     Returns
     -------
@@ -166,7 +180,9 @@ def measure_ripple(
     # Lines next to each other cross the same surface: windows count once per place along the lines.
     first = pixels[kept, 0] % turns.shape[1]
     _, place = np.unique(first // max(1, int(np.ptp(pixels[0])) + 1), return_inverse=True)
-    coefficients, covariance = _pooled(normal, projected, place)
+    usual = np.repeat([usual_rad(order, steps) for order in orders], 2)
+    known = float(expected.mean()) / usual**2
+    coefficients, covariance = _pooled(normal, projected, known, place)
     # Σ (e - D c)², from the sums of e², D e and D D.
     explained = 2.0 * projected - np.einsum("wpq,q->wp", normal, coefficients)
     residual = np.maximum(power - explained @ coefficients, 0.0) / length / expected[kept]
@@ -196,12 +212,20 @@ def _smooth_shapes(length: int) -> FloatMap:
     return np.ascontiguousarray(basis.T)
 
 
+def usual_rad(order: int, steps: int) -> float:
+    """Amplitude that ripple of an order usually has, rad."""
+    if order % steps == 0:
+        return RESPONSE_RIPPLE_RAD / (order / steps) ** 2
+    return STEP_RIPPLE_RAD if order <= 2 else OTHER_RIPPLE_RAD
+
+
 def _pooled(
-    normal: FloatMap, projected: FloatMap, place: NDArray[np.intp]
+    normal: FloatMap, projected: FloatMap, known: FloatMap, place: NDArray[np.intp]
 ) -> tuple[FloatMap, FloatMap]:
-    """Least squares over all windows, and the covariance: the larger one of the scatter between
-    windows and that between places."""
-    inverse = np.linalg.pinv(normal.sum(axis=0), hermitian=True)
+    """Expected coefficients over all windows, and their covariance: the larger one of the scatter
+    between windows and that between places. ``known`` is what is known of them before: the variance
+    of the phases over that of the coefficients."""
+    inverse = np.linalg.inv(normal.sum(axis=0) + np.diag(known))
     coefficients = inverse @ projected.sum(axis=0)
     scores = projected - np.einsum("wpq,q->wp", normal, coefficients)
     spread = scores.T @ scores

@@ -117,7 +117,7 @@ def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known)
     if not bright.any():
         return None
     turns = np.where(bright, maps["phases"][k] / TURN, 0.0)
-    found = measure_ripple(turns, bright, sigma, orders_of(phases))
+    found = measure_ripple(turns, bright, sigma, orders_of(phases), len(phases.frames))
     if found is None:
         return None
     return replace(found, background_ratio=median(background[bright] / modulation[bright]))
@@ -181,19 +181,17 @@ def _without_response(phases: PhaseFrames, ripple: Ripple) -> PhaseFrames:
             for k, order in enumerate(ripple.orders)
             if order >= RESPONSE_ORDER and ripple.significant(order) != 0
         }
-        found.append(table + _error_after(table, response, true=ripple.seen_rad is not None))
+        found.append(table + _error_after(table, response))
     turns = np.concatenate(found)
     if not turns.any():
         return phases
     return replace(phases, table_turns=tuple(map(float, turns)), brightness=tuple(levels))
 
 
-def _error_after(
-    table: NDArray[np.float64], response: dict[int, complex], *, true: bool
-) -> NDArray[np.float64]:
+def _error_after(table: NDArray[np.float64], response: dict[int, complex]) -> NDArray[np.float64]:
     """Phase error of a response at the middles of the bins of a table, turns.
 
-    It is a function of the phases that the table has corrected, or of the true ones.
+    It is a function of the true phases, and adds to what the table has corrected.
     """
     corrected = TURN * ((np.arange(TABLE_BINS) + 0.5) / TABLE_BINS - 0.5 - table)
     phase = TURN * np.arange(4 * TABLE_BINS) / (4 * TABLE_BINS)
@@ -203,8 +201,7 @@ def _error_after(
     # No response turns the phase back: what seems to do so is noise.
     steepest = -float(np.gradient(error, phase).min())
     error *= min(1.0, MOST_COMPRESSED / max(steepest, MOST_COMPRESSED))
-    over = phase + error if true else phase
-    return np.asarray(np.interp(corrected, over, error, period=TURN) / TURN)
+    return np.asarray(np.interp(corrected, phase + error, error, period=TURN) / TURN)
 
 
 def _without_low_orders(

@@ -19,7 +19,7 @@ from fringeworks.stack.fits import times
 from fringeworks.stack.frames import STRETCH
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
-from fringeworks.stack.ripple import Ripple
+from fringeworks.stack.ripple import Ripple, usual_rad
 from fringeworks.stack.set_residuals import Known, set_residuals
 from fringeworks.statistics.quantiles import MAD_TO_SIGMA, median, quantile
 from fringeworks.types import FloatMap
@@ -39,17 +39,6 @@ between surfaces, and the camera's own response, change it with the brightness."
 MIN_SPREAD = 1.3
 """Smallest ratio of the brightness of the brightest and the darkest group. With less, and with
 ripple that moves the brightness itself, all pixels are alike."""
-
-RESPONSE_RIPPLE_RAD = 0.2
-"""Amplitude that ripple of N per fringe usually has, where the response is not known, rad: γ of 1.8
-makes it with three steps. Ripple of mN per fringe falls about with m²."""
-
-STEP_RIPPLE_RAD = 0.03
-"""Amplitude that ripple of one and two per fringe usually has, rad: that of gains which differ by 3
-%, or steps by 2°."""
-
-OTHER_RIPPLE_RAD = 0.01
-"""The same of all other orders, which neither steps nor a response make by themselves, rad."""
 
 OUTLIER_SIGMAS = 4.0
 """Residuals beyond this many standard deviations do not take part, for example wrong orders."""
@@ -203,16 +192,9 @@ def _expected(
     starts = np.flatnonzero(np.diff(phases.group, prepend=-1))
     sums = np.add.reduceat(scores, starts, axis=1)
     unit = max(1.0, float(np.sum(inverse * times(sums, sums.T))) / len(projected))
-    usual = np.repeat([_usual_rad(k, phases.steps[j]) for j, k in places], 2)
+    usual = np.repeat([usual_rad(k, phases.steps[j]) for j, k in places], 2)
     covariance = np.linalg.inv(normal / unit + np.diag(usual**-2.0))
     return times(covariance, projected[:, None])[:, 0] / unit, covariance
-
-
-def _usual_rad(order: int, steps: int) -> float:
-    """Amplitude that ripple of an order usually has, rad."""
-    if order % steps == 0:
-        return RESPONSE_RIPPLE_RAD / (order / steps) ** 2
-    return STEP_RIPPLE_RAD if order <= 2 else OTHER_RIPPLE_RAD
 
 
 def orders_of(phases: PhaseFrames) -> tuple[int, ...]:

@@ -27,7 +27,8 @@ impl Sums {
 /// Sums for every window of phases: of the harmonics, less what a smooth surface explains of them.
 ///
 /// Rows of `phase` are windows, rad. Rows of `basis` are orthonormal functions over a window, which
-/// describe the surface. The values are the phases themselves, less what the surface explains.
+/// describe the surface. The values are the phases themselves, less what the surface explains. The
+/// harmonics are those of the surface: those of the phases would contain the errors of the values.
 ///
 /// ```
 /// use fringeworks::{Image, sample::window_sums};
@@ -43,29 +44,31 @@ pub fn window_sums(phase: Image<f64>, basis: Image<f64>, orders: &[usize]) -> Re
     let functions = 2 * orders.len();
     let mut sums = Sums::of(windows, functions);
     let mut rows = vec![0.0; functions * length];
-    let mut errors = vec![0.0; length];
+    let (mut errors, mut surface) = (vec![0.0; length], vec![0.0; length]);
     for (k, window) in phase.chunks_exact(length.max(1)).enumerate() {
         errors.copy_from_slice(window);
+        subtract_surface(&mut errors, &basis);
+        for (smooth, (phase, error)) in surface.iter_mut().zip(window.iter().zip(&errors)) {
+            *smooth = phase - error;
+        }
+        harmonics(&surface, orders, &mut rows);
         let normal = &mut sums.normal[k * functions * functions..][..functions * functions];
         let projected = &mut sums.projected[k * functions..][..functions];
-        sums.power[k] = add_window(&mut errors, &basis, orders, &mut rows, normal, projected);
+        sums.power[k] = add_window(&errors, &basis, &mut rows, normal, projected);
     }
     Ok(sums)
 }
 
-/// Add the sums of a window, and return that of its squared errors.
+/// Add the sums of a window, from rows of harmonics, and return that of its squared errors.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn add_window(
-    errors: &mut [f64],
+    errors: &[f64],
     basis: &[f64],
-    orders: &[usize],
     rows: &mut [f64],
     normal: &mut [f64],
     projected: &mut [f64],
 ) -> f64 {
     let n = errors.len();
-    harmonics(errors, orders, rows);
-    subtract_surface(errors, basis);
     for row in rows.chunks_exact_mut(n) {
         subtract_surface(row, basis);
     }

@@ -147,7 +147,7 @@ pub fn variance(q: f32) -> f32 {
 
 /// Precision with a floor of the variance, rad², and a factor on it.
 ///
-/// The roundings use neither. The floor is no noise: the caller lowers their margins by the errors
+/// The roundings use neither, nor the stretch by a table. The floor is no noise: the caller lowers their margins by the errors
 /// that the sets show, and by the factor that is usual in the scene.
 #[inline(always)]
 fn raised(precision: f32, floor: f32, usual: f32) -> f32 {

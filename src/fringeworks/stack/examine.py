@@ -267,7 +267,7 @@ def _straight(decoding: Decoding, sample: Sample, known: Known) -> Decoding:
         return decoding
     lines = [sample.lines[decoding.axis][k] for k in decoding.frames]
     planes = [sample.points[k] for k in decoding.frames]
-    found, _ = without_ripples(decoding, lines, planes, known)
+    found, _ = without_ripples(decoding, lines, planes, known, steps=False)
     sets = (
         replace(planned, table_turns=s.table_turns, brightness=s.brightness)
         for planned, s in zip(decoding.sets, found.sets, strict=True)

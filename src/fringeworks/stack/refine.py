@@ -12,7 +12,7 @@ from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.stack import words
 from fringeworks.stack.agreement import decode_sample
 from fringeworks.stack.gray_frames import GrayFrames
-from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
+from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames
 from fringeworks.stack.neighbours import worth_voting
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.real_frames import design_rows
@@ -99,17 +99,14 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     plain = decoding
     decoding, ripples = without_ripples(decoding, lines, planes, known)
     findings: list[Finding] = words.own_response(plain, decoding)
-    sets, peaks = [], []
-    for phases, ripple in zip(decoding.sets, ripples, strict=True):
-        floored, peak, found = _with_harmonics(phases, ripple, decoding.axis)
-        sets.append(floored)
-        peaks.append(peak)
-        findings += found
-    decoding = replace(decoding, sets=tuple(sets))
-    known = replace(known, peaks_rad=tuple(peaks))
+    pairs = zip(decoding.sets, ripples, strict=True)
+    left = [_with_harmonics(phases, ripple, decoding.axis) for phases, ripple in pairs]
+    findings += [finding for _, _, found in left for finding in found]
+    decoding = replace(decoding, sets=tuple(floored for floored, _, _ in left))
+    known = replace(known, peaks_rad=tuple(peak for _, peak, _ in left))
     agreeing, errors = _with_agreeing_sets(decoding, planes, known)
     # Where the sets agree within their noise, it is the surface that is rough.
-    agree = len(sets) > 1 and errors.by_noise
+    agree = len(left) > 1 and errors.by_noise
     bent = bool(findings) or any(phases.table_turns for phases in decoding.sets)
     decoding, factor = (agreeing, 1.0) if agree else _with_line_scatter(decoding, ripples, bent)
     raised = replace(known, noise=scaled(known.noise, factor))
@@ -124,20 +121,20 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
         decoding = _with_reach(decoding, decoding.gray, planes, raised)
     uneven = factor > 1.0 or not errors.by_noise or _uneven_residuals(decoding, sample, raised)
     decoding = replace(decoding, noise_factor=factor * errors.noise_factor)
-    maps = decode_sample(decoding, lines, known.noise, known.limits)
+    seen = any(ripple is not None and ripple.repeated for ripple in ripples)
+    found = Refined(decoding, tuple(findings), errors.ratio, uneven, response_seen=seen)
+    return _compared(found, decode_sample(decoding, lines, known.noise, known.limits))
+
+
+def _compared(found: Refined, maps: dict[str, Any]) -> Refined:
+    """What was found, with what neighbours along the lines show."""
+    decoding, findings = found.decoding, found.findings
     seen = (maps["coordinate"], maps["sigma"], decoding.most_scatter_px)
     rough = scatters(*seen)
     if rough and by_pixel(*seen):
-        findings.append(words.scatter(decoding.axis))
-    return Refined(
-        decoding,
-        tuple(findings),
-        errors.ratio,
-        uneven,
-        scatters=uneven or rough,
-        response_seen=any(ripple is not None and ripple.repeated for ripple in ripples),
-        votes=worth_voting(decoding, maps),
-    )
+        findings = (*findings, words.scatter(decoding.axis))
+    votes = worth_voting(decoding, maps)
+    return replace(found, findings=findings, scatters=found.uneven or rough, votes=votes)
 
 
 def _with_line_scatter(
@@ -245,14 +242,18 @@ def _with_reach(
     decoding: Decoding, gray: GrayFrames, planes: list[NDArray[Any]], known: Known
 ) -> Decoding:
     """The decoding with the reach that its Gray code needs where its borders are shifted."""
+    reach = GRAY_REACH * gray.step_px
+    needed = reach
+    # Errors of the phases that are no noise count besides those of the noise.
+    if decoding.chain is not None:
+        floors = decoding.chain.combinations[0] * [phases.floor_rad for phases in decoding.sets]
+        needed += SEAM_SIGMAS * decoding.longest_px / TURN * float(np.hypot.reduce(floors))
     off, sigma = _distance_from_gray(decoding, gray, planes, known)
     # Distances that are uniform up to half a cell have a median of a quarter.
     expected = float(np.hypot(gray.step_px / 4.0, sigma))
-    if off <= SHIFTED_REACH * expected:
-        return decoding
-    usual = GRAY_REACH * gray.step_px
-    needed = min(usual * off / expected, decoding.longest_px / 4.0)
-    return replace(decoding, reach_px=max(needed, usual))
+    if off > SHIFTED_REACH * expected:
+        needed = max(needed, reach * off / expected)
+    return replace(decoding, reach_px=max(min(needed, decoding.longest_px / 4.0), reach))
 
 
 def _distance_from_gray(

@@ -69,6 +69,9 @@ compression or vibration differ from place to place; most pixels must be covered
 LOWEST_THIRD = 1.06
 """Mean of the lowest 35 % of a normal distribution below its mean, in standard deviations."""
 
+RESPONSE_ORDER = 3
+"""Lowest order that a response makes, periods per fringe; lower ones come from steps and gains."""
+
 MIN_PLACES = 4
 """Smallest number of places along the lines at which a ripple is seen, so that it belongs to the
 fringes. A crease that crosses all lines at the same place looks like a ripple there; at four places
@@ -105,9 +108,10 @@ class Ripple:
     """Standard deviation of the phase by noise of the camera, rms over the windows, rad."""
     background_ratio: float = 1.0
     """Background over modulation of the pixels, median."""
-    seen_rad: tuple[float, float] | None = None
-    """Sum over all orders at the phases that were seen, and its error, rms, rad; None where phases
-    are spread evenly, so that the amplitudes tell both."""
+    error_rad: float = 0.0
+    """Error of its sum over all orders, rms over the phases that were seen, rad."""
+    all_rad: float | None = None
+    """The sum itself, rms, rad; None where only significant orders count."""
     by_brightness: tuple[tuple[float, NDArray[np.complex128]], ...] = ()
     """The same at pixels of rising brightness A + B, counts; none where all are alike."""
     places: int = MIN_PLACES
@@ -115,17 +119,15 @@ class Ripple:
 
     @property
     def rms_rad(self) -> float:
-        """Sum over its significant orders, rms, rad."""
-        if self.seen_rad is not None:
-            return self.seen_rad[0]
+        """Its sum over all orders that count, rms, rad."""
+        if self.all_rad is not None:
+            return self.all_rad
         return float(np.sqrt(0.5 * sum(abs(self.significant(k)) ** 2 for k in self.orders)))
 
     @property
-    def error_rad(self) -> float:
-        """Error of this sum, rms, rad."""
-        if self.seen_rad is not None:
-            return self.seen_rad[1]
-        return float(np.sqrt(0.5 * np.sum(self.errors_rad**2)))
+    def low_rad(self) -> float:
+        """Largest amplitude of the orders that steps and gains make, rad."""
+        return max(abs(self.significant(k)) for k in self.orders if k < RESPONSE_ORDER)
 
     @property
     def repeated(self) -> bool:
@@ -201,6 +203,8 @@ def measure_ripple(
         np.sqrt(np.maximum(np.diag(covariance), 0.0).reshape(-1, 2).max(axis=1)),
         excess,
         float(np.sqrt(expected.mean())),
+        # Orders that look alike at the phases of the pixels are known together only.
+        error_rad=float(np.sum(covariance * normal.sum(axis=0)) / normal.shape[0] / length) ** 0.5,
         places=int(place.max()) + 1,
     )
 

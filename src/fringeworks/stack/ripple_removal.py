@@ -13,7 +13,7 @@ from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack.agreement import decode_sample
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames, lit_pixels
 from fringeworks.stack.real_frames import design_rows
-from fringeworks.stack.ripple import Ripple, measure_ripple
+from fringeworks.stack.ripple import LINES_NOISE_ALONE, RESPONSE_ORDER, Ripple, measure_ripple
 from fringeworks.stack.set_residuals import Known, phase_variance
 from fringeworks.stack.set_ripples import orders_of, set_ripples
 from fringeworks.statistics.quantiles import median
@@ -38,8 +38,9 @@ MOST_COMPRESSED = 0.7
 it in three steps, γ of 0.4 takes 0.60. Steeper errors would blow up the noise of the phase where
 they are subtracted."""
 
-RESPONSE_ORDER = 3
-"""Lowest order that a response makes, periods per fringe; lower ones come from steps and gains."""
+STAYS = 0.5
+"""Share of the ripple of steps and gains that is left where they are not its cause: light between
+surfaces, for example, does not scale with the background as gains do."""
 
 LONGER = 2.0
 """Period over the finest one from which on a ripple must not contradict the other sets. The finest
@@ -48,64 +49,64 @@ at most half as large."""
 
 
 def without_ripples(
-    decoding: Decoding, lines: list[NDArray[Any]], planes: list[NDArray[Any]], known: Known
+    decoding: Decoding,
+    lines: list[NDArray[Any]],
+    planes: list[NDArray[Any]],
+    known: Known,
+    *,
+    steps: bool = True,
 ) -> tuple[Decoding, list[Ripple | None]]:
     """The decoding without the ripple that the phases show, and what is left of it in every set.
 
     The ripple of a set is measured along lines. Where they hold too few of its fringes, it is that
     of the differences from the other sets. Ripple of one and two per fringe comes from steps and
     gains: it changes the design. That of higher orders comes from a response that is not linear: a
-    table of the set subtracts it, where it was seen at several places along the lines.
+    table of the set subtracts it, where it was seen at several places along the lines. ``steps``
+    says whether the design may change.
     """
-    ripples: list[Ripple | None] = [None] * len(decoding.sets)
-    changed = set(range(len(decoding.sets)))
-    best: dict[int, tuple[float, PhaseFrames, Ripple | None]] = {}
-    bent: set[int] | None = None
+    count = len(decoding.sets)
+    ripples: list[Ripple | None] = [None] * count
+    planned = decoding.sets
+    # Sets whose design, or table, may still change.
+    low, high = (set(range(count)) if steps else set()), set(range(count))
+    best: tuple[float, Decoding, list[Ripple | None]] = (float("inf"), decoding, ripples)
+    before: list[Ripple | None] = [None] * count
     for left in reversed(range(RIPPLE_PASSES)):
         maps = decode_sample(decoding, lines, known.noise, known.limits.open)
-        for k in changed:
-            ripples[k] = line_ripple(decoding.sets[k], maps, k, known)
-        ripples = _with_set_ripples(decoding, planes, known, ripples, changed)
-        for k in changed:
-            size = 0.0 if (r := ripples[k]) is None else r.rms_rad
-            if k not in best or size < best[k][0]:
-                best[k] = size, decoding.sets[k], ripples[k]
-        if bent is None:
-            bent = {k for k in changed if (r := ripples[k]) is None or _of_response(r)}
-        # A set that has no such ripple stays as it is, and so does its ripple.
-        changed = {k for k in changed if _removable(ripples[k])}
-        if not known.estimate_steps or not changed or not left:
+        ripples = [line_ripple(phases, maps, k, known) for k, phases in enumerate(decoding.sets)]
+        ripples = _with_set_ripples(decoding, planes, known, ripples)
+        size = sum(r.rms_rad**2 for r in ripples if r is not None)
+        if size < best[0]:
+            best = size, decoding, ripples
+        sets = list(decoding.sets)
+        for k, (ripple, earlier) in enumerate(zip(ripples, before, strict=True)):
+            if ripple is None or not _removable(ripple):
+                low.discard(k)
+                high.discard(k)
+                continue
+            if earlier is None and not _of_response(ripple):
+                high.discard(k)
+            if earlier is not None and ripple.low_rad > STAYS * earlier.low_rad > 0.0 and k in low:
+                # Neither steps nor gains are the cause: taking them out was no use.
+                low.discard(k)
+                sets[k] = replace(sets[k], design=planned[k].design, unsure=planned[k].unsure)
+            sets[k] = _without_ripple(sets[k], ripple, low=k in low, high=k in high)
+        if not known.estimate_steps or not left or tuple(sets) == decoding.sets:
             break
-        sets = [
-            _without_ripple(phases, ripple, bent=k in bent)
-            if k in changed and ripple is not None
-            else phases
-            for k, (phases, ripple) in enumerate(zip(decoding.sets, ripples, strict=True))
-        ]
-        decoding = replace(decoding, sets=tuple(sets))
-    # Where taking it out was no use, a set is as it was.
-    sets = [best[k][1] for k in range(len(decoding.sets))]
-    return replace(decoding, sets=tuple(sets)), [best[k][2] for k in range(len(sets))]
+        decoding, before = replace(decoding, sets=tuple(sets)), ripples
+    return best[1], best[2]
 
 
-def _removable(ripple: Ripple | None) -> bool:
-    """Whether a ripple has a known cause, and is more than its error."""
-    if ripple is None or ripple.rms_rad <= SURE * ripple.error_rad:
-        return False
-    return any(ripple.significant(k) != 0 for k in ripple.orders if _known_cause(ripple, k))
-
-
-def _known_cause(ripple: Ripple, order: int) -> bool:
-    """Whether ripple of an order can be taken out: that of steps, or of a response."""
-    return order < RESPONSE_ORDER or _of_response(ripple)
+def _removable(ripple: Ripple) -> bool:
+    """Whether a ripple is more than its error."""
+    return ripple.rms_rad > SURE * ripple.error_rad
 
 
 def _of_response(ripple: Ripple) -> bool:
     """Whether the higher orders come from a response, not from steps that are far off or from the
     surface: then they are the larger ones, and seen everywhere."""
-    size = {k: abs(ripple.significant(k)) for k in ripple.orders}
-    low = max(size[k] for k in size if k < RESPONSE_ORDER)
-    return ripple.repeated and low < max(size[k] for k in size if k >= RESPONSE_ORDER)
+    high = max(abs(ripple.significant(k)) for k in ripple.orders if k >= RESPONSE_ORDER)
+    return ripple.repeated and ripple.low_rad < high
 
 
 def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
@@ -128,17 +129,16 @@ def _with_set_ripples(
     planes: list[NDArray[Any]],
     known: Known,
     ripples: list[Ripple | None],
-    changed: set[int],
 ) -> list[Ripple | None]:
-    """The ripples, with those of ``changed`` sets that lines do not show at several places, and of
-    those of long fringes, from the residuals of the sets.
+    """The ripples, with those of sets that lines do not show at several places, and of those of
+    long fringes, from the residuals of the sets.
 
     A crease that crosses the lines at the same phase, as that of a groove, looks like a ripple of
     long fringes there. The sets do not disagree by it.
     """
     finest = min(phases.period_px for phases in decoding.sets)
-    longer = {k for k in changed if decoding.sets[k].period_px > LONGER * finest}
-    doubtful = longer | {k for k in changed if (r := ripples[k]) is None or not r.repeated}
+    longer = {k for k, s in enumerate(decoding.sets) if s.period_px > LONGER * finest}
+    doubtful = longer | {k for k, r in enumerate(ripples) if r is None or not r.repeated}
     if not doubtful:
         return ripples
     found = set_ripples(decoding, planes, known)
@@ -148,17 +148,21 @@ def _with_set_ripples(
         if ripple is None:
             continue
         # The sets hardly show the ripple of the finest one, from which the coordinate is taken.
-        told = own is None or k in longer or SURE * ripple.error_rad < own.rms_rad
+        # What few places along lines show counts where the surface itself is smooth.
+        rough = own is not None and own.excess > LINES_NOISE_ALONE
+        told = own is None or rough or k in longer or SURE * ripple.error_rad < own.rms_rad
         if told:
             out[k] = ripple
     return out
 
 
-def _without_ripple(phases: PhaseFrames, ripple: Ripple, *, bent: bool) -> PhaseFrames:
-    """The set whose phases do not have the ripple, in the orders with a known cause; those of a
-    response where it is ``bent``."""
-    if bent and _of_response(ripple):
+def _without_ripple(phases: PhaseFrames, ripple: Ripple, *, low: bool, high: bool) -> PhaseFrames:
+    """The set whose phases do not have the ripple: the ``low`` orders of steps and gains, and the
+    ``high`` ones of a response."""
+    if high and _of_response(ripple):
         phases = _without_response(phases, ripple)
+    if not low:
+        return phases
     sure = phases.design and not phases.unsure
     unsure = not sure and ripple.rms_rad < REPORTED * ripple.error_rad
     return replace(phases, design=_without_low_orders(phases, ripple), unsure=unsure)

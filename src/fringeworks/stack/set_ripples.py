@@ -149,7 +149,8 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
                 pairs[:, 0] + 1j * pairs[:, 1],
                 np.zeros(len(pairs)),
                 1.0,
-                seen_rad=(float(expected[at] @ alike @ expected[at]) ** 0.5, unsure**0.5),
+                error_rad=unsure**0.5,
+                all_rad=float(expected[at] @ alike @ expected[at]) ** 0.5,
             )
         )
     return found
@@ -288,15 +289,11 @@ def _by_brightness(
     parts = [ripples_of_sets(seen.at(group == k), orders) for k in range(BRIGHTNESS_GROUPS)]
     out: list[Ripple | None] = []
     for j, ripple in enumerate(found):
-        rows = [
-            (median(brightness[j, group == k]), part[j].phasors_rad)
-            for k, part in enumerate(parts)
-            if part[j] is not None
-        ]
-        complete = ripple is not None and len(rows) == BRIGHTNESS_GROUPS
-        out.append(
-            replace(ripple, by_brightness=tuple(sorted(rows, key=lambda r: r[0])))
-            if complete
-            else ripple
-        )
+        groups = [(k, r) for k, part in enumerate(parts) if (r := part[j]) is not None]
+        rows = [(median(brightness[j, group == k]), r.phasors_rad) for k, r in groups]
+        rows.sort(key=lambda row: row[0])
+        if ripple is not None and len(rows) == BRIGHTNESS_GROUPS:
+            out.append(replace(ripple, by_brightness=tuple(rows)))
+        else:
+            out.append(ripple)
     return out

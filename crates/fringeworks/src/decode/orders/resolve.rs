@@ -96,11 +96,7 @@ fn phases<const K: usize, const R: usize, const SHOT: bool, const RAISED: bool>(
         };
         let fringes = unit * per_noise;
         // A table stretches the phase and its noise, but not the fringes.
-        let q = if RAISED {
-            fringes / set.stretch[i]
-        } else {
-            fringes
-        };
+        let q = fringes / if RAISED { set.stretch[i] } else { 1.0 };
         (precision[k], variance[k]) = precision_and_variance(q, p.order_variance);
         if RAISED {
             let usual = block.inflation[i].min(p.usual_inflation);
@@ -147,7 +143,7 @@ pub fn variance(q: f32) -> f32 {
 
 /// Precision with a floor of the variance, rad², and a factor on it.
 ///
-/// The roundings use neither, nor the stretch by a table. The floor is no noise: the caller lowers their margins by the errors
+/// The roundings use neither. The floor is no noise: the caller lowers their margins by the errors
 /// that the sets show, and by the factor that is usual in the scene.
 #[inline(always)]
 fn raised(precision: f32, floor: f32, usual: f32) -> f32 {

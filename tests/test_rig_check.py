@@ -190,13 +190,14 @@ def test_a_rig_without_covariance():
     assert fw.rig.check_rig(plain, board_stack(large), board()).verdict == "has moved"
 
 
-def test_uncorrected_response_is_reported():
+def test_an_uncorrected_response_is_taken_out_and_said():
     place = board_poses(board(), 12, seed=50)[0]
     plan = fringe_plan(truth(), steps=3)
     view = look(truth(), [board_body(board(), place)])
     stack = fw.Stack(list(photograph(view, plan, Optics(gamma=2.2))), plan)
     found = fw.rig.check_rig(calibration(), stack, board())
-    assert "ripple" in {f.kind for f in found.findings}
+    assert "ripple" not in {f.kind for f in found.findings}
+    assert "response" in {f.kind for f in fw.decode(stack).findings}
 
 
 def test_what_cannot_be_checked_is_refused():

@@ -169,7 +169,7 @@ def test_response_is_measured_from_a_stack_and_taken_out(tmp_path):
     shown = run("response", tmp_path / "plane.npy", "--out", out, *devices).stdout
     assert "γ = 1.8" in shown or "γ = 1.79" in shown
     errors = []
-    for options in ((), ("--response", out, *devices)):
+    for options in (("--planned-steps",), ("--response", out, *devices)):
         run("decode", tmp_path / "plane.npy", "--out", tmp_path / "x.npz", *options)
         found = read_coordinates(tmp_path / "x.npz").x
         assert (found.reason == Reason.OK).mean() > 0.98

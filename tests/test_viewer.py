@@ -274,7 +274,7 @@ def test_what_cannot_be_fitted_says_why(pages):
     assert "No plane fits the region" in opened.text("result")
     drag(opened, (226, 240, 125, 222))
     assert "lie off the plane: choose less" in opened.text("result")
-    for corner in (80, 84):  # beside the surface
+    for corner in (30, 34):  # beside the surface
         opened.page.mouse.click(corner, corner)
     assert "10 points or more, got 0" in opened.text("result")
 

@@ -91,7 +91,10 @@ class DecodingOptions(StackOptions):
     ] = True
     estimate_response: Annotated[
         bool,
-        typer.Option("--estimate-response", help="Measure the response from the stack itself."),
+        typer.Option(
+            "--estimate-response",
+            help="Refuse frames that do not show the response of projector and camera.",
+        ),
     ] = False
     response: ResponseFile = None
 

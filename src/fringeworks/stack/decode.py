@@ -92,13 +92,12 @@ def decode(
         Response that the wrapped phases are corrected for. The plan must have equal steps, as many
         as the response.
     estimate_steps : bool
-        Whether to estimate the real phase steps and gains of the frames. They are used where the
-        frames determine them and they differ significantly from the plan; not with a ``response``,
-        which contains the errors that they make.
+        Whether to estimate what the frames show beyond the plan: real phase steps and gains, and
+        the ripple that a response which is not linear makes. Both are taken out where the frames
+        determine them; not with a ``response``, which contains the errors that steps make.
     estimate_response : bool
-        Whether to measure the ripple that a response which is not linear makes, from the fringes
-        themselves, and subtract it. Lines across the image must cross several fringes of a smooth
-        surface.
+        Whether the frames must show the response: lines across the image that cross several fringes
+        of a smooth surface, several sets, or a Gray code with cells far narrower than the fringes.
     keep_phases : bool
         Whether to return wrapped phase and modulation of every set.
     remove_isolated : bool

@@ -16,7 +16,7 @@ from fringeworks.stack.agreement import LineEvidence
 from fringeworks.stack.gray_frames import refuse_unequal_levels, resolution
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_noise, usable
-from fringeworks.stack.order_faults import refuse_order_faults
+from fringeworks.stack.order_faults import refuse_order_faults, refuse_unrelated
 from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames
 from fringeworks.stack.refine import Refined, refined
 from fringeworks.stack.ripple_removal import without_ripples
@@ -237,28 +237,23 @@ def _check_order(
 ) -> None:
     """Refuse frames in a wrong order.
 
-    A response that is not linear bends the phases so far that orders may contradict each other,
-    too: the frames are judged again without it.
+    A response that is not linear may bend the phases so far that orders contradict each other, too:
+    where no fault explains that, the frames are judged without it.
     """
 
-    def judge(tried: dict[Axis, Decoding]) -> None:
-        evidence = {
+    def evidence(tried: dict[Axis, Decoding]) -> dict[Axis, LineEvidence]:
+        return {
             axis: LineEvidence(decoding, sample.lines[axis], known.noise, known.limits)
             for axis, decoding in tried.items()
         }
-        refuse_order_faults(plan, evidence)
 
-    try:
-        judge(decodings)
-    except FramesContradictPlan:
-        if not known.estimate_steps:
-            raise
-        straight = {
+    if not refuse_order_faults(plan, evidence(decodings)):
+        return
+    if known.estimate_steps:
+        decodings = {
             axis: _straight(decoding, sample, known) for axis, decoding in decodings.items()
         }
-        if straight == decodings:
-            raise
-        judge(straight)
+    refuse_unrelated(evidence(decodings))
 
 
 def _straight(decoding: Decoding, sample: Sample, known: Known) -> Decoding:

@@ -12,9 +12,10 @@ from fringeworks.stack.kernel_settings import Decoding, lit_pixels
 from fringeworks.statistics.chi_square import chi_square_quantile
 from fringeworks.types import Reason
 
-WORTH_VOTING = 0.01
-"""Share of the lit pixels with an ambiguous order from which on neighbours vote. Fewer lie at edges
-of the scene, where neighbours hardly help; a vote takes about as long as decoding."""
+WORTH_VOTING = 0.1
+"""Share of the lit pixels with an ambiguous order from which on neighbours vote. Edges and light of
+other surfaces leave up to 5 % of simulated scenes ambiguous: there, doubt is right, and a vote of
+neighbours would hide it. Noise that takes the margin of a plan leaves far more."""
 
 UNKNOWN_TURNS = 1.0
 """Errors of all roundings, turns, from which on no order is known: sets that are shifted against

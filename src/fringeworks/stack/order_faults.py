@@ -64,7 +64,7 @@ class Hypothesis:
     advice: str = ""
 
 
-def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> None:
+def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> bool:
     """Refuse frames that contradict their plan, and name the likeliest fault.
 
     Parameters
@@ -73,6 +73,11 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> None:
     evidence : dict
         The lines of every axis.
 
+    Returns
+    -------
+    bool
+        Whether the frames look as if something were wrong, although no fault explains it.
+
     Raises
     ------
     FramesContradictPlan
@@ -80,7 +85,7 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> None:
         shows nothing or repeats another.
     """
     if not any(found.suspicious() for found in evidence.values()):
-        return
+        return False
     planned = _cost(plan, Order(tuple(range(plan.frames))), evidence)
     assert planned is not None
     repeated = _repeated(plan, evidence)
@@ -103,6 +108,16 @@ def refuse_order_faults(plan: PatternPlan, evidence: Evidence) -> None:
     if repeated:
         raise FramesContradictPlan(_repeats_in_words(plan, repeated[0]))
     _refuse_no_pattern(plan, evidence, unrelated=float(np.mean(planned)) > FITS)
+    return True
+
+
+def refuse_unrelated(evidence: Evidence) -> None:
+    """Refuse frames that contradict each other, whatever their order.
+
+    Raises
+    ------
+    FramesContradictPlan
+    """
     for axis, lines in evidence.items():
         if lines.unrelated:
             raise FramesContradictPlan(
@@ -178,6 +193,7 @@ def _hypotheses(plan: PatternPlan, evidence: Evidence) -> Iterator[Hypothesis]:
         words = f"{a} and {b} ({labels[a]}, {labels[b]}) are swapped"
         yield Hypothesis(Order(tuple(places)), "swapped", words)
     yield from _late(plan.frames, labels)
+    yield Hypothesis(Order(every[::-1]), "reversed", "the last frame comes first, and so on")
     for k in range(plan.frames - 1 + _next_scan(plan, evidence)):
         words = f"{labels[k]} seems to be lost"
         yield Hypothesis(Order((*every[:k], None, *every[k:-1])), "lost", words)

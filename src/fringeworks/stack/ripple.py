@@ -47,8 +47,15 @@ TINY = float(np.finfo(float).tiny)
 """Divides instead of a zero."""
 
 RESPONSE_RIPPLE_RAD = 0.2
-"""Amplitude that ripple of N per fringe usually has, where the response is not known, rad: γ of 1.8
-makes it with three steps. Ripple of mN per fringe falls about with m²."""
+"""Amplitude that ripple of three per fringe usually has in three steps, where the response is not
+known, rad: that of γ = 1.8. Ripple of mN per fringe falls about with m²."""
+
+PER_STEP = 4.0
+"""Factor by which it falls with every further step: γ of 2.8 makes 0.05 rad in four steps and less
+than 0.01 in five; saturation makes more."""
+
+MOST_USUAL = 4.0
+"""Amplitude over the usual one up to which a response is the cause."""
 
 STEP_RIPPLE_RAD = 0.03
 """Amplitude that ripple of one and two per fringe usually has, rad: that of gains which differ by 3
@@ -219,7 +226,7 @@ def _smooth_shapes(length: int) -> FloatMap:
 def usual_rad(order: int, steps: int) -> float:
     """Amplitude that ripple of an order usually has, rad."""
     if order % steps == 0:
-        return RESPONSE_RIPPLE_RAD / (order / steps) ** 2
+        return RESPONSE_RIPPLE_RAD / (order / steps) ** 2 / PER_STEP ** max(0, steps - 3)
     return STEP_RIPPLE_RAD if order <= 2 else OTHER_RIPPLE_RAD
 
 

@@ -13,7 +13,14 @@ from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.stack.agreement import decode_sample
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames, lit_pixels
 from fringeworks.stack.real_frames import design_rows
-from fringeworks.stack.ripple import LINES_NOISE_ALONE, RESPONSE_ORDER, Ripple, measure_ripple
+from fringeworks.stack.ripple import (
+    LINES_NOISE_ALONE,
+    MOST_USUAL,
+    RESPONSE_ORDER,
+    Ripple,
+    measure_ripple,
+    usual_rad,
+)
 from fringeworks.stack.set_residuals import Known, phase_variance
 from fringeworks.stack.set_ripples import orders_of, set_ripples
 from fringeworks.statistics.quantiles import median
@@ -84,7 +91,7 @@ def without_ripples(
                 low.discard(k)
                 high.discard(k)
                 continue
-            if earlier is None and not _of_response(ripple):
+            if earlier is None and not _of_response(ripple, len(planned[k].frames)):
                 high.discard(k)
             if earlier is not None and ripple.low_rad > STAYS * earlier.low_rad > 0.0 and k in low:
                 # Neither steps nor gains are the cause: taking them out was no use.
@@ -102,11 +109,12 @@ def _removable(ripple: Ripple) -> bool:
     return ripple.rms_rad > SURE * ripple.error_rad
 
 
-def _of_response(ripple: Ripple) -> bool:
-    """Whether the higher orders come from a response, not from steps that are far off or from the
-    surface: then they are the larger ones, and seen everywhere."""
+def _of_response(ripple: Ripple, steps: int) -> bool:
+    """Whether the higher orders come from a response, not from steps that are far off, from frames
+    in a wrong order, or from the surface: then they are the larger ones, not larger than responses
+    make them, and seen everywhere."""
     high = max(abs(ripple.significant(k)) for k in ripple.orders if k >= RESPONSE_ORDER)
-    return ripple.repeated and ripple.low_rad < high
+    return ripple.repeated and ripple.low_rad < high < MOST_USUAL * usual_rad(steps, steps)
 
 
 def line_ripple(phases: PhaseFrames, maps: dict[str, Any], k: int, known: Known) -> Ripple | None:
@@ -159,7 +167,7 @@ def _with_set_ripples(
 def _without_ripple(phases: PhaseFrames, ripple: Ripple, *, low: bool, high: bool) -> PhaseFrames:
     """The set whose phases do not have the ripple: the ``low`` orders of steps and gains, and the
     ``high`` ones of a response."""
-    if high and _of_response(ripple):
+    if high and _of_response(ripple, len(phases.frames)):
         phases = _without_response(phases, ripple)
     if not low:
         return phases

@@ -154,7 +154,7 @@ def own_response(planned: Decoding, found: Decoding) -> list[Finding]:
             advice="correct the patterns for γ, or use more steps",
             axis=found.axis,
             figures={"rms_rad": max(rms), "per_fringe": float(steps)},
-            severity="note",
+            severity="warning",
         )
     ]
 

@@ -254,7 +254,8 @@ impl<'a> Field<'a> {
         let predicted = slope[0] * across + slope[1] * along;
         let off = self.finest_turns(to) - self.finest_turns(from) - predicted;
         let whole = off.round_ties_even();
-        ((off - whole).abs() <= most).then_some(-whole as i32)
+        let near = (off - whole).abs() <= most && whole.abs() <= MOST_TURNS as f32;
+        near.then_some(-whole as i32)
     }
 
     /// Call a function with every pixel of the window around a lit one that continues its finest phase,

@@ -278,6 +278,8 @@ def _by_brightness(
 ) -> list[Ripple | None]:
     """Ripple of the sets, with its amplitudes in groups of similar brightness, (M, n) counts."""
     found = ripples_of_sets(seen, orders)
+    if not any(r is not None and r.rms_rad > r.error_rad for r in found):
+        return found  # groups would show nothing either
     mean = brightness.mean(axis=0)
     limits = [quantile(mean, k / BRIGHTNESS_GROUPS) for k in range(1, BRIGHTNESS_GROUPS)]
     group = np.digitize(mean, limits)

@@ -167,3 +167,9 @@ def test_sums_of_windows(rng, length):
     found = _core.window_sums(phase, np.ascontiguousarray(basis.T), ORDERS)
     for seen, wanted in zip(found, oracle.window_sums(phase, ORDERS), strict=True):
         np.testing.assert_allclose(seen, wanted, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(0, 9), (3, 0), (1, 1), (5, 7), (42, 1003)])
+def test_gram_matrix(rng, shape):
+    rows = rng.normal(size=shape)
+    np.testing.assert_allclose(_core.gram(rows), oracle.gram(rows), rtol=1e-12, atol=1e-12)

@@ -25,6 +25,7 @@ __all__ = [
     "decompose_rows",
     "fit_samples",
     "fitted_inside",
+    "gram",
     "interpolate_linear",
     "invert_rows",
     "invert_windowed",
@@ -281,6 +282,9 @@ def fitted_inside(
     high: float,
 ) -> NDArray[np.bool_]:
     """Mark the fitted samples of A, c and s between two limits, (frames, n)."""
+
+def gram(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sums of the products of all pairs of rows of a (P, n) array, (P, P)."""
 
 def second_magnitudes(frame: NDArray[Any]) -> NDArray[Any]:
     """Magnitudes of second differences along both axes of a float32 or float64 (h, w) array:

@@ -31,6 +31,11 @@ def similar_groups(key, count) -> list[np.ndarray]:
     return np.array_split(np.argsort(key, kind="stable"), count)
 
 
+def gram(rows) -> np.ndarray:
+    """Sums of the products of all pairs of rows."""
+    return rows @ rows.T
+
+
 def second_magnitudes(frame) -> np.ndarray:
     return np.abs(np.diff(np.diff(frame, 2, axis=0), 2, axis=1))
 

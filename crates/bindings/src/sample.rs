@@ -111,6 +111,13 @@ pub fn fitted_inside<'py>(
 }
 
 #[pyfunction]
+pub fn gram<'py>(py: Python<'py>, values: PyReadonlyArray2<'py, f64>) -> PyResult<Array2<'py>> {
+    let image = image_of(&values)?;
+    let sums = alone(py, || Ok(sample::gram(image)))?;
+    rows(py, sums, image.height())
+}
+
+#[pyfunction]
 pub fn second_magnitudes<'py>(
     py: Python<'py>,
     frame: filters::Values<'py>,

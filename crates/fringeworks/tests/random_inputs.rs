@@ -109,6 +109,7 @@ fn statistics() {
         let shares = random.doubles(3, hostile);
         let _ = sample::quantiles(&values, &shares);
         let _ = sample::quantiles(&values, &[0.0, 0.25, 0.25, 1.0]);
+        let _ = sample::gram(map);
         let _ = sample::second_magnitudes(map);
         let singles = random.singles(height * width, hostile);
         let sigma = random.singles(height * width, hostile);

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,11 @@ def times(matrix: FloatMap, values: FloatMap) -> FloatMap:
     return np.asarray(np.einsum("ij,jn->in", matrix, values))
 
 
+def gram(rows: FloatMap) -> FloatMap:
+    """Return rows @ rows.T without BLAS, for few long rows."""
+    return _core.gram(np.ascontiguousarray(rows))
+
+
 def samples_at(planes: list[NDArray[Any]], pixels: NDArray[np.intp]) -> FloatMap:
     """The samples of some pixels: (frames, n) float array, counts."""
     return np.stack([plane[0, pixels].astype(np.float64) for plane in planes])
@@ -68,12 +74,17 @@ def harmonic_parts(fitted: FloatMap) -> FloatMap:
     -------
     (2K, …) array, for the orders ``HARMONICS`` one after another
     """
-    wave = fitted[1] + 1j * fitted[2]
+    return parts_of_orders(fitted[1] + 1j * fitted[2], HARMONICS)
+
+
+def parts_of_orders(wave: NDArray[Any], orders: Sequence[int]) -> FloatMap:
+    """B cos kφ and B sin kφ of a wave B e^{iφ}, (2K, …), for rising orders k one after another."""
     modulation = np.abs(wave)
     phasor = wave / np.maximum(modulation, np.finfo(modulation.dtype).tiny)
     power, parts = wave, []
-    for _ in HARMONICS:
-        power = power * phasor
+    for earlier, order in pairwise((1, *orders)):
+        for _ in range(order - earlier):
+            power = power * phasor
         parts += [power.real, power.imag]
     return np.stack(parts)
 

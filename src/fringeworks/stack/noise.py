@@ -17,7 +17,15 @@ from fringeworks.signal.noise import (
     noise_of_residuals,
     noise_variance,
 )
-from fringeworks.stack.fits import DesignRows, SampleFit, fit_matrices, samples_at, times
+from fringeworks.stack.fits import (
+    DesignRows,
+    SampleFit,
+    fit_matrices,
+    gram,
+    parts_of_orders,
+    samples_at,
+    times,
+)
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.sample import Sample
 from fringeworks.statistics.chi_square import residual_variance
@@ -403,17 +411,18 @@ def _without_background_harmonics(steps: NDArray[np.intp], fits: list[SampleFit]
     """
     backgrounds = np.stack([fit.fitted[0] for fit in fits])
     mean = steps / steps.sum()
-    waves = []
-    for n, fit in zip(steps, fits, strict=True):
-        wave = fit.fitted[1] + 1j * fit.fitted[2]
-        power = wave * (wave / np.maximum(np.abs(wave), np.finfo(float).tiny)) ** (n - 1)
-        waves += [power.real, power.imag]
+    waves = np.concatenate(
+        [
+            parts_of_orders(fit.fitted[1] + 1j * fit.fitted[2], (int(n),))
+            for n, fit in zip(steps, fits, strict=True)
+        ]
+    )
     # What each harmonic adds to the background of its set less the mean of all, (2M, M, n).
     apart = np.repeat(np.eye(len(steps)), 2, axis=0) - mean
-    seen = apart[:, :, None] * np.stack(waves)[:, None, :]
-    seen = seen.reshape(len(waves), -1)
-    off = (backgrounds - mean @ backgrounds).ravel()
-    normal, projected = np.einsum("pn,qn->pq", seen, seen), times(seen, off[:, None])[:, 0]
+    seen = apart[:, :, None] * waves[:, None, :]
+    off = backgrounds - mean @ backgrounds
+    products = gram(np.concatenate((seen.reshape(len(waves), -1), off.reshape(1, -1))))
+    normal, projected = products[:-1, :-1], products[:-1, -1]
     shares = np.linalg.lstsq(normal, projected, rcond=None)[0].reshape(-1, 2)
     added = [u * waves[2 * k] + v * waves[2 * k + 1] for k, (u, v) in enumerate(shares)]
     return np.asarray(backgrounds - np.stack(added))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from fringeworks.stack.fits import (
     DesignRows,
     fit_matrices,
+    gram,
     harmonic_parts,
     samples_at,
     times,
@@ -180,24 +181,25 @@ def _regression(values: FloatMap, design: NDArray[np.float64]) -> _Regression:
     assert solver is not None
     fitted = times(solver, values)
     parts = np.concatenate((fitted, harmonic_parts(fitted)))
-    size = np.sqrt(np.einsum("pn,pn->p", parts, parts))
     across = np.linalg.qr(design, mode="complete")[0][:, 3:]
     residual = times(np.ascontiguousarray(across.T), values)
-    normal, projected = parts @ parts.T, parts @ residual.T
+    products, terms = gram(np.concatenate((parts, residual))), len(parts)
+    normal, projected = products[:terms, :terms], products[:terms, terms:]
+    size = np.sqrt(np.diag(normal))
     if np.linalg.cond(normal / np.outer(size, size)) > MAX_CONDITION:
         # Too little of a fringe to tell harmonics from A, c and s.
         parts[3:] = 0.0
         normal[3:], normal[:, 3:], projected[3:] = 0.0, 0.0, 0.0
-    total = float(np.sum(residual**2))
+    total = float(np.trace(products[terms:, terms:]))
 
-    def left(terms: list[int]) -> float:
-        part = projected[terms]
-        found = np.linalg.lstsq(normal[np.ix_(terms, terms)], part, rcond=None)[0]
+    def left(kept: list[int]) -> float:
+        part = projected[kept]
+        found = np.linalg.lstsq(normal[np.ix_(kept, kept)], part, rcond=None)[0]
         return max(total - float(np.sum(found * part)), 0.0)
 
     shares = np.linalg.lstsq(normal, projected, rcond=None)[0]
     square = np.sum((residual - times(np.ascontiguousarray(shares.T), parts)) ** 2, axis=0)
-    every = list(range(len(parts)))
+    every = list(range(terms))
     power = fitted[1] ** 2 + fitted[2] ** 2
     phasor = (fitted[1] + 1j * fitted[2]) / np.maximum(np.sqrt(power), np.finfo(float).tiny)
     return _Regression(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.stack.agreement import decode_sample
-from fringeworks.stack.fits import times
+from fringeworks.stack.fits import gram, parts_of_orders, times
 from fringeworks.stack.frames import STRETCH
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
@@ -127,22 +127,23 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
     """
     if np.std(phases.residual_rad[: len(orders)], axis=1).max() > MAX_RESIDUAL_RAD:
         return [None] * len(orders)
-    places = [(j, k) for j, of_set in enumerate(orders) for k in of_set]
-    waves = _waves(phases.phase_rad, places)
-    first, _ = _expected(waves, phases, places)
-    left = np.abs(phases.residual_rad - _explained(waves, phases, places, first))
+    turned = [np.exp(1j * phase) for phase in phases.phase_rad[: len(orders)]]
+    waves = np.concatenate([parts_of_orders(*pair) for pair in zip(turned, orders, strict=True)])
+    first, _ = _expected(waves, gram(waves), phases, orders)
+    left = np.abs(phases.residual_rad - _explained(waves, phases, orders, first))
     limit = OUTLIER_SIGMAS * MAD_TO_SIGMA * np.array([[median(row)] for row in left])
     kept = np.all(left <= limit, axis=0)
     waves = waves[:, kept]
     phases = phases.at(kept)
-    expected, covariance = _expected(waves, phases, places)
+    products = gram(waves)
+    expected, covariance = _expected(waves, products, phases, orders)
     found: list[Ripple | None] = []
-    for j, of_set in enumerate(orders):
-        at = np.flatnonzero(np.repeat([place[0] == j for place in places], 2))
+    for first_row, of_set in zip(_first_rows(orders), orders, strict=True):
+        at = slice(first_row, first_row + 2 * len(of_set))
         # Over the phases that were seen.
-        alike = times(waves[at], waves[at].T) / waves.shape[1]
+        alike = products[at, at] / waves.shape[1]
         pairs = expected[at].reshape(-1, 2)
-        unsure = float(np.sum(covariance[np.ix_(at, at)] * alike))
+        unsure = float(np.sum(covariance[at, at] * alike))
         found.append(
             Ripple(
                 of_set,
@@ -156,46 +157,54 @@ def ripples_of_sets(phases: SetPhases, orders: Sequence[tuple[int, ...]]) -> lis
     return found
 
 
+def _first_rows(orders: Sequence[tuple[int, ...]]) -> NDArray[np.intp]:
+    """(M,) first one of every set's rows of waves, two per order."""
+    rows = np.array([2 * len(of_set) for of_set in orders], np.intp)
+    return np.asarray(np.cumsum(rows) - rows)
+
+
 def _explained(
-    waves: FloatMap, phases: SetPhases, places: list[tuple[int, int]], coefficients: FloatMap
+    waves: FloatMap,
+    phases: SetPhases,
+    orders: Sequence[tuple[int, ...]],
+    coefficients: FloatMap,
 ) -> FloatMap:
     """Residuals of the sets that ripple makes, (M, n), rad."""
-    own = np.zeros_like(phases.residual_rad)
-    for k, (j, _) in enumerate(places):
-        own[j] += coefficients[2 * k] * waves[2 * k] + coefficients[2 * k + 1] * waves[2 * k + 1]
-    return np.asarray(times(phases.seen(), own))
-
-
-def _waves(phase_rad: FloatMap, places: list[tuple[int, int]]) -> FloatMap:
-    """cos kφ and sin kφ of the sets, (2P, n), for pairs of a set and an order k."""
-    rows = []
-    for j, k in places:
-        turned = np.exp(1j * k * phase_rad[j])
-        rows += [turned.real, turned.imag]
-    return np.stack(rows)
+    own = np.add.reduceat(coefficients[:, None] * waves, _first_rows(orders))
+    return times(phases.seen()[:, : len(orders)], own)
 
 
 def _expected(
-    waves: FloatMap, phases: SetPhases, places: list[tuple[int, int]]
+    waves: FloatMap,
+    products: FloatMap,
+    phases: SetPhases,
+    orders: Sequence[tuple[int, ...]],
 ) -> tuple[FloatMap, FloatMap]:
-    """Expected coefficients of the waves and their covariance, given the residuals."""
-    seen, set_of = phases.seen(), np.repeat([j for j, _ in places], 2)
+    """Expected coefficients of the waves and their covariance, given the residuals.
+
+    Waves and residuals count without their means: every set has an offset of its own.
+    """
+    seen = phases.seen()
+    set_of = np.repeat(np.arange(len(orders)), [2 * len(of_set) for of_set in orders])
     weight = 1.0 / phases.variance
-    waves = waves - waves.mean(axis=1, keepdims=True)
+    mean = waves.mean(axis=1)
+    products = products - waves.shape[1] * np.outer(mean, mean)
+    waves = waves - mean[:, None]
     residual = phases.residual_rad - phases.residual_rad.mean(axis=1, keepdims=True)
-    normal = times(waves, waves.T) * (seen.T * weight @ seen)[np.ix_(set_of, set_of)]
+    normal = products * (seen.T * weight @ seen)[np.ix_(set_of, set_of)]
     pulls = times(seen.T * weight, residual)
     projected = np.einsum("pn,pn->p", waves, pulls[set_of])
     inverse = np.linalg.pinv(normal, hermitian=True)
-    left = residual - _explained(waves, phases, places, times(inverse, projected[:, None])[:, 0])
+    left = residual - _explained(waves, phases, orders, inverse @ projected)
     scores = waves * times(seen.T * weight, left)[set_of]
     # Errors of neighbouring pixels belong together: sums over groups scatter accordingly.
     starts = np.flatnonzero(np.diff(phases.group, prepend=-1))
     sums = np.add.reduceat(scores, starts, axis=1)
-    unit = max(1.0, float(np.sum(inverse * times(sums, sums.T))) / len(projected))
-    usual = np.repeat([usual_rad(k, phases.steps[j]) for j, k in places], 2)
+    unit = max(1.0, float(np.sum(inverse * gram(sums))) / len(projected))
+    sets = zip(orders, phases.steps, strict=False)  # a coordinate of another kind has no waves
+    usual = np.repeat([usual_rad(k, steps) for of_set, steps in sets for k in of_set], 2)
     covariance = np.linalg.inv(normal / unit + np.diag(usual**-2.0))
-    return times(covariance, projected[:, None])[:, 0] / unit, covariance
+    return covariance @ projected / unit, covariance
 
 
 def orders_of(phases: PhaseFrames) -> tuple[int, ...]:

@@ -1,6 +1,7 @@
 //! Sums that the harmonics of the phase error are fitted by.
 
 use super::dot;
+use super::gram::add_products;
 use crate::{Error, Image, check_length};
 use std::f64::consts::TAU;
 
@@ -160,21 +161,6 @@ fn harmonics(phase: &[f64], orders: &[usize], out: &mut [f64]) {
         let (cosine, sine) = pair.split_at_mut(n);
         for i in 0..n {
             (cosine[i], sine[i]) = power[i];
-        }
-    }
-}
-
-/// Sums of the products of all pairs of rows, added to a symmetric matrix.
-#[inline(always)]
-fn add_products(rows: &[f64], length: usize, sums: &mut [f64]) {
-    let count = rows.len() / length;
-    for i in 0..count {
-        for j in 0..=i {
-            let sum = dot(&rows[i * length..][..length], &rows[j * length..][..length]);
-            sums[i * count + j] += sum;
-            if i != j {
-                sums[j * count + i] += sum;
-            }
         }
     }
 }

@@ -6,6 +6,7 @@
 
 mod differences;
 mod fit;
+mod gram;
 mod harmonics;
 mod quantile;
 mod residuals;
@@ -13,6 +14,7 @@ mod windows;
 
 pub use differences::{Real, second_magnitudes, third_chi_squares};
 pub use fit::{FIT_ROWS, Model, fit_samples, fitted_inside};
+pub use gram::gram;
 pub use harmonics::{Sums, window_sums};
 pub use quantile::{Usual, Value, median, quantiles, similar_groups, trimmed_variance};
 pub use residuals::{Maps, Noise, Set, phase_residuals};

@@ -155,22 +155,23 @@ def fit_frames(
     noise = start.left[0] / (values.shape[1] * (steps - 3))
     if start.aligned > MAX_ALIGNED or not start.usual_power > SEPARABLE * noise > 0.0:
         return FrameFit()
-    design, found = planned, start
-    for _ in range(PASSES):
-        design = design + found.across @ found.shares[:3].T
-        found = _regression(values, design)
-    freedom = values.shape[1] * (steps - 3) - found.shares.size
-    variance = found.left[0] / freedom
 
-    def significant(without: float, terms: int) -> bool:
+    def significant(found: _Regression, without: float, terms: int) -> bool:
         free = float(terms * (steps - 3))
+        variance = found.left[0] / (values.shape[1] * (steps - 3) - found.shares.size)
         decrease = (without - found.left[0]) / variance
         explained = 1.0 - found.left[0] / without
         return (decrease - free) > SIGNIFICANT_DECREASE * (2.0 * free) ** 0.5 and explained > USEFUL
 
-    moved = significant(start.left[1], 3)
+    design, found = planned, start
+    # Where nothing of the first fit is significant, others after it show no more.
+    if significant(start, start.left[1], 3):
+        for _ in range(PASSES):
+            design = design + found.across @ found.shares[:3].T
+            found = _regression(values, design)
+    moved = significant(found, start.left[1], 3)
     kept = found if moved else start
-    bent = significant(kept.left[2], len(kept.shares) - 3)
+    bent = significant(kept, kept.left[2], len(kept.shares) - 3)
     harmonics = kept.across @ kept.shares[3:].T
     return FrameFit(design if moved else None, harmonics if bent else None)
 

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks import _core
+from fringeworks.patterns.order_chain import TURN
+from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.fits import SampleFit, fit_matrices, fit_samples, times
-from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, empty_maps
+from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.sample import Lines
+from fringeworks.stack.set_residuals import phase_variance
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
 
@@ -105,15 +107,6 @@ LEAST_APART = 0.1
 ASTRAY = 0.2
 """Cost of a coordinate that its Gray-code cell refuses: six in ten lie inside by chance, and
 -ln 0.6 is 0.5, over 2.4."""
-
-
-def decode_sample(
-    decoding: Decoding, planes: list[NDArray[Any]], noise: CameraNoise, limits: Limits
-) -> dict[str, Any]:
-    """The kernel's maps for a sample, with phases, modulations and disagreement."""
-    maps = empty_maps(planes[0].shape, sets=len(decoding.sets), disagreement=True)
-    _core.decode_frames(planes, decoding.kernel(noise, limits), maps)
-    return maps
 
 
 def _finite(counts: NDArray[Any]) -> FloatMap:
@@ -337,7 +330,7 @@ class LineEvidence:
         if order.axis != self.decoding.axis:
             return self.decoding
         sets = [
-            replace(s, shifts_rad=tuple(sign * (d - 2.0 * np.pi * start) for d in s.shifts_rad))
+            replace(s, shifts_rad=tuple(sign * (d - TURN * start) for d in s.shifts_rad))
             for s in self.decoding.sets
         ]
         return replace(self.decoding, sets=tuple(sets))
@@ -365,15 +358,14 @@ class LineEvidence:
 
     def _apart(self, decoding: Decoding, maps: dict[str, Any]) -> FloatMap:
         """Cost of the disagreement of the sets, (r, l − 2)."""
-        counts = self.noise.variance(np.nan_to_num(maps["background"]))
-        turns = [
-            2.0 * counts / (len(s.frames) * np.fmax((2.0 * np.pi * m) ** 2, 1e-9))
-            for s, m in zip(decoding.sets, maps["modulations"], strict=True)
+        variances = [
+            phase_variance(phases, modulation, maps["background"], self.noise) / TURN**2
+            for phases, modulation in zip(decoding.sets, maps["modulations"], strict=True)
         ]
-        noise = np.fmin(np.mean(turns, axis=0), UNRELATED_PHASES)
+        noise = np.fmin(np.mean(variances, axis=0), UNRELATED_PHASES)
         # Pixels without phases have no disagreement.
         square = np.where(np.isfinite(maps["sigma"]), maps["disagreement"], 0.0) * noise
-        square = np.fmax(square, 0.0) / (len(turns) - 1)
+        square = np.fmax(square, 0.0) / (len(variances) - 1)
         floor = NOISE_RESIDUAL * noise + SETS_APART**2
         cost = np.log1p(square / floor) / np.log1p(np.maximum(UNRELATED_PHASES / floor, 1.0))
         return np.where(np.isfinite(cost), np.fmin(cost, 1.0), 0.0)[:, 1:-1]

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.stack import words
-from fringeworks.stack.agreement import decode_sample
+from fringeworks.stack.decoded_sample import decode_by_gray_code, decode_sample
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames
 from fringeworks.stack.neighbours import worth_voting
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple
-from fringeworks.stack.ripple_removal import SURE, without_ripples
+from fringeworks.stack.ripple_removal import without_ripples
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.set_residuals import Known, set_residuals
 from fringeworks.statistics.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
@@ -184,7 +184,7 @@ def _with_harmonics(
     unsure = ripple.error_rad if removed else 0.0
     left = {k: z for k in ripple.orders if (z := ripple.significant(k)) != 0}
     rms = ripple.rms_rad
-    if rms <= SURE * ripple.error_rad:
+    if not ripple.sure:
         rms, left = 0.0, {}
     floor = float(np.sqrt(phases.floor_rad**2 + (RIPPLE_FACTOR * rms) ** 2 + unsure**2))
     # Errors of what was taken out that the sets do not show cancel in the roundings.
@@ -267,9 +267,7 @@ def _distance_from_gray(
     by_noise = tuple(replace(phases, floor_rad=0.0) for phases in decoding.sets)
     free = replace(decoding.free, sets=by_noise)
     by_phases = decode_sample(free, planes, known.noise, known.limits)
-    alone = replace(decoding, sets=(), chain=None)
-    gray_planes = [planes[decoding.frames.index(k)] for k in alone.frames]
-    by_gray = decode_sample(alone, gray_planes, known.noise, known.limits)
+    by_gray = decode_by_gray_code(decoding, planes, known.noise, known.limits)
     both = np.isfinite(by_phases["coordinate"]) & np.isfinite(by_gray["coordinate"])
     if both.sum() < MIN_JUDGED_PIXELS:
         return 0.0, 0.0

@@ -87,6 +87,9 @@ its scatter is known to 40 %."""
 SIGNIFICANT_AMPLITUDE = 5.0
 """Amplitude of a ripple in standard errors from which on it counts as seen."""
 
+SURE = 2.0
+"""Errors of a ripple, rms over the phases, that it must exceed to be taken out or to count."""
+
 
 WINDOWS: _core._Wanted = {
     "fringes": WINDOW_FRINGES,
@@ -140,6 +143,11 @@ class Ripple:
     def repeated(self) -> bool:
         """Whether it was seen at so many places that it belongs to the fringes, not the surface."""
         return self.places >= MIN_PLACES
+
+    @property
+    def sure(self) -> bool:
+        """Whether it is more than its error, over all orders."""
+        return self.rms_rad > SURE * self.error_rad
 
     def significant(self, order: int) -> complex:
         """The harmonic of an order; 0 where it is not significant."""

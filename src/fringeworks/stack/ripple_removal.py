@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
 from fringeworks.signal.phase_table import TABLE_BINS
-from fringeworks.stack.agreement import decode_sample
+from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames, lit_pixels
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import (
     LINES_NOISE_ALONE,
     MOST_USUAL,
     RESPONSE_ORDER,
+    SURE,
     Ripple,
     measure_ripple,
     usual_rad,
@@ -33,12 +34,9 @@ RIPPLE_PASSES = 6
 """Most passes of taking a ripple out. Each one leaves a share of the ripple of its size in radians,
 because errors bend the phases that it is measured over; few stacks need more than three."""
 
-SURE = 2.0
-"""Errors of a ripple, rms over the phases, that it must exceed to be taken out, and that may be
-left at its peak."""
-
 REPORTED = 5.0
-"""The same to be reported as other steps than those of the plan."""
+"""Errors of a ripple, rms over the phases, that it must exceed to be reported as other steps than
+those of the plan."""
 
 MOST_COMPRESSED = 0.7
 """Largest decrease of the measured phase's slope by a response, as a share: γ of 2.2 takes 0.67 off
@@ -87,7 +85,7 @@ def without_ripples(
             best = size, decoding, ripples
         sets = list(decoding.sets)
         for k, (ripple, earlier) in enumerate(zip(ripples, before, strict=True)):
-            if ripple is None or not _removable(ripple):
+            if ripple is None or not ripple.sure:
                 low.discard(k)
                 high.discard(k)
                 continue
@@ -102,11 +100,6 @@ def without_ripples(
             break
         decoding, before = replace(decoding, sets=tuple(sets)), ripples
     return best[1], best[2]
-
-
-def _removable(ripple: Ripple) -> bool:
-    """Whether a ripple is more than its error."""
-    return ripple.rms_rad > SURE * ripple.error_rad
 
 
 def _of_response(ripple: Ripple, steps: int) -> bool:

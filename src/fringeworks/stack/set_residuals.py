@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.stack.agreement import decode_sample
+from fringeworks.stack.decoded_sample import decode_sample
 from fringeworks.stack.kernel_settings import Decoding, Limits, PhaseFrames, lit_pixels
 from fringeworks.types import CameraNoise, FloatMap
 

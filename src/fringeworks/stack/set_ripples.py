@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.stack.agreement import decode_sample
+from fringeworks.stack.decoded_sample import decode_by_gray_code
 from fringeworks.stack.fits import gram, parts_of_orders, times
 from fringeworks.stack.frames import STRETCH
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
@@ -276,9 +276,7 @@ def _cells(
         return None
     if gray.step_px * MAX_ORDER > finest:
         return None
-    alone = replace(decoding, sets=(), chain=None)
-    frames = [planes[decoding.frames.index(k)] for k in alone.frames]
-    maps = decode_sample(alone, frames, known.noise, known.limits)
+    maps = decode_by_gray_code(decoding, planes, known.noise, known.limits)
     return maps["coordinate"], maps["sigma"]
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringeworks.patterns.order_chain import TURN
 from fringeworks.stack.fits import fit_matrices, times
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
@@ -56,7 +57,7 @@ class Convention:
     def fitting_deg(self, shifts_rad: tuple[float, ...]) -> list[float]:
         """The steps that the frames show, degrees, 0…360."""
         sign, start = self.steps
-        turns = np.asarray(shifts_rad) / (2.0 * np.pi) - start
+        turns = np.asarray(shifts_rad) / TURN - start
         return [float(d) for d in (np.rint(sign * turns * 360.0) % 360.0)]
 
 
@@ -85,9 +86,9 @@ def convention(decoding: Decoding, lines: Lines) -> Convention | None:
     runs = float(np.mean(np.sign(along))) if along.size else 0.0
     sign = -1.0 if runs < 0.0 else 1.0
     at_border = np.angle((1.0 - place) * left + place * right)
-    expected = 2.0 * np.pi * coordinate / phases.period_px
+    expected = TURN * coordinate / phases.period_px
     mean = np.mean(np.exp(1j * (at_border - sign * expected))) if along.size else 0.0
-    start = float(np.angle(mean)) / (2.0 * np.pi)
+    start = float(np.angle(mean)) / TURN
     return Convention(along.size, runs, start)
 
 

@@ -117,7 +117,7 @@ def ripple(
     """Ripple of the phase that stays in the result; one of the harmonics at least is not zero."""
     steps = len(phases.frames)
     largest = max(harmonics, key=lambda k: abs(harmonics[k]))
-    pixels = rms_rad * phases.period_px / (2.0 * np.pi)
+    pixels = rms_rad * phases.period_px / TURN
     seen = (
         f"ripple of {rms_rad:.3f} rad rms ({pixels:.2g} px), {largest} per fringe, in the phases "
         f"of {phases.period_px:g} px along {axis}; added to the standard deviations"

@@ -30,7 +30,6 @@ from fringeworks.stack.wrapped import WrappedPhase, steps_plan, wrapped_phase
 from fringeworks.surface.camera_blur import remove_blur
 from fringeworks.types import (
     Axis,
-    CameraNoise,
     Decoded,
     Finding,
     FloatMap,
@@ -215,25 +214,17 @@ def phase_from_stack(
     path: StrPath,
     shifts_rad: Sequence[float],
     *,
-    camera: str | None = None,
-    projector: str | None = None,
-    noise: CameraNoise | None = None,
-    saturation: float | None = None,
-    min_modulation: float = 0.0,
-    response: Response | None = None,
-    estimate_steps: bool = False,
+    camera: str | None,
+    projector: str | None,
+    **options: Any,
 ) -> WrappedPhase:
-    """Read phase steps without a plan, and compute their phase; see ``verbs.wrapped_phase``."""
+    """Read phase steps without a plan, and compute their phase; see ``verbs.wrapped_phase``, which
+    gives all its options."""
     stack = read_stack(path, steps_plan(shifts_rad))
-    if response is not None:
-        check_devices(response, camera or stack.camera, projector or stack.projector)
-    options: dict[str, Any] = {
-        "noise": noise,
-        "saturation": stack.saturation if saturation is None else saturation,
-        "min_modulation": min_modulation,
-        "response": response,
-        "estimate_steps": estimate_steps,
-    }
+    if options["response"] is not None:
+        check_devices(options["response"], camera or stack.camera, projector or stack.projector)
+    if options["saturation"] is None:
+        options["saturation"] = stack.saturation
     found = wrapped_phase(stack.frames, shifts_rad, **options)
     origin = made_by(
         "wrapped_phase",
@@ -245,22 +236,15 @@ def phase_from_stack(
 
 def light_from_stack(
     stack: Stack | StrPath,
-    *,
-    contrast: float = 1.0,
-    noise: CameraNoise | None = None,
-    saturation: float | None = None,
-    response: Response | None = None,
+    **options: Any,
 ) -> LightSeparation:
-    """Separate direct from indirect light of a stack; see ``verbs.separate_light``."""
+    """Separate direct from indirect light of a stack; see ``verbs.separate_light``, which gives all
+    its options."""
     stack = stack_of(stack)
-    if response is not None:
-        check_devices(response, stack.camera, stack.projector)
-    options: dict[str, Any] = {
-        "contrast": contrast,
-        "noise": noise,
-        "saturation": stack.saturation if saturation is None else saturation,
-        "response": response,
-    }
+    if options["response"] is not None:
+        check_devices(options["response"], stack.camera, stack.projector)
+    if options["saturation"] is None:
+        options["saturation"] = stack.saturation
     found = separate_light(stack.frames, stack.plan, **options)
     origin = made_by("separate_light", options=options, inputs=inputs_of(stack), plan=stack.plan)
     return replace(found, findings=(*of_files(stack), *found.findings), provenance=origin)

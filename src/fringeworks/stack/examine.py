@@ -103,10 +103,8 @@ def examine(
         Known noise; measured where not given.
     count_step : float > 0, optional
         Smallest difference between two counts of the camera; found from the sample where not given.
-    estimate_steps : bool
-        Whether to estimate the real steps and gains of the frames.
-    estimate_response : bool
-        Whether to measure the response of projector and camera from the stack itself.
+    estimate_steps, estimate_response : bool
+        As for ``decode``.
 
     Returns
     -------

@@ -84,46 +84,8 @@ def separate_light(
     saturation: float | None = None,
     response: Response | None = None,
 ) -> LightSeparation:
-    """Separate direct from indirect light by the fringes of the shortest period.
-
-    Parameters
-    ----------
-    frames : (n, h, w) array or sequence of (h, w) arrays, counts
-        All frames of the plan, in its order.
-    plan : PatternPlan
-        With at least one set of phase steps. A black frame removes the light of the room.
-    contrast : float in (0, 1]
-        Contrast of those fringes on a surface without indirect light. Blur of projector and camera
-        lowers it; what it lowers counts as indirect light otherwise. A flat, matte sheet shows it.
-    noise, saturation, response
-        As for ``decode``. Without a response, γ bends both results.
-
-    Returns
-    -------
-    LightSeparation
-
-    Raises
-    ------
-    InputError
-        For a plan without phase steps, a contrast out of its range, and as ``decode``.
-
-    Notes
-    -----
-    Fringes A + B cos φ light half of every surface that is larger than a period, so that indirect
-    light hardly varies with φ: D = 2 B / c, and G = 2 (A − black) − D (Nayar, Krishnan, Grossberg
-    & Raskar, ACM TOG 25(3), 2006, doi:10.1145/1141911.1141977). Light that comes from less than a
-    period away, as within translucent material, counts as direct.
-
-    Examples
-    --------
-    >>> from fringeworks.patterns.plan import equal_steps
-    >>> plan = PatternPlan(320, 200, (PhaseSteps("x", 16.0, equal_steps(4)),))
-    >>> phase = np.tile(2 * np.pi * np.arange(320) / 16.0, (40, 1))
-    >>> frames = [30.0 + 60.0 + 60.0 * np.cos(phase - shift) for shift in equal_steps(4)]
-    >>> found = separate_light(frames, plan)
-    >>> round(float(found.direct[20, 100])), round(float(found.indirect[20, 100]))
-    (120, 60)
-    """
+    """Separate direct from indirect light of frames in the order of a plan; the public
+    ``fringeworks.stack.separate_light`` describes the parameters and the method."""
     if not (positive(contrast) and contrast <= 1.0):
         raise InputError(f"contrast: expected above 0 and up to 1, got {contrast:g}")
     frames = check_frames(frames, plan)

@@ -91,40 +91,8 @@ def wrapped_phase(
     response: Response | None = None,
     estimate_steps: bool = True,
 ) -> WrappedPhase:
-    """Compute the wrapped phase of shifted fringes, without a plan and without a projector.
-
-    Parameters
-    ----------
-    frames : (n, h, w) array or sequence of (h, w) arrays, counts
-        One frame per shift; types as for ``decode``.
-    shifts_rad : (n,) floats
-        Shifts δ_n of I_n = A + B cos(φ − δ_n), rad; 3 to 64. ``equal_steps`` gives equal ones.
-    noise, saturation, min_modulation, response, estimate_steps
-        As for ``decode``.
-
-    Returns
-    -------
-    WrappedPhase, its maps of shape (h, w). ``unwrap`` unwraps its phase in space.
-
-    Raises
-    ------
-    InputError
-        As for ``decode``.
-
-    Notes
-    -----
-    The phase and its standard deviation come from the same fit as those of ``decode`` (theory §5,
-    §9).
-
-    Examples
-    --------
-    >>> from fringeworks.patterns.plan import equal_steps
-    >>> phase = np.tile(np.linspace(-3.0, 3.0, 200), (40, 1))
-    >>> frames = [100.0 + 50.0 * np.cos(phase - shift) for shift in equal_steps(4)]
-    >>> found = wrapped_phase(frames, equal_steps(4))
-    >>> bool(np.allclose(found.phase_rad, phase, atol=1e-3))
-    True
-    """
+    """Compute the wrapped phase of shifted fringes that are arrays; the public
+    ``fringeworks.stack.wrapped_phase`` describes the parameters and the method."""
     gamma = 1.0 if response is None else 1.0 / response.pattern_exponent
     decoded = decode(
         frames,

@@ -23,6 +23,7 @@ __all__ = [
     "count_residues",
     "decode_frames",
     "decompose_rows",
+    "edge_rings",
     "fit_samples",
     "fitted_inside",
     "gram",
@@ -242,6 +243,26 @@ class _ScatterLimits(TypedDict):
     most: float
     excess: float
     shared: float
+
+class _EdgeSteps(TypedDict):
+    most: float
+    repeats: float
+
+def blur_shift(
+    coordinate: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    light: NDArray[np.float32],
+    steps: _EdgeSteps,
+    shift: NDArray[np.float32],
+    slope: NDArray[np.float32],
+) -> None: ...
+def edge_rings(
+    coordinate: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    steps: _EdgeSteps,
+    rings: NDArray[np.uint8],
+) -> list[tuple[float, float, float]]:
+    """Count, sum (px²) and sum of squares (px⁴) of the errors at 1, 2, 3 and 4 px from a step."""
 
 def raise_factors(
     coordinate: NDArray[np.float32],

@@ -3,6 +3,7 @@
 
 mod albedo;
 mod decode;
+mod edges;
 mod emd;
 mod filters;
 mod inverse;
@@ -25,6 +26,8 @@ mod _core {
     use super::albedo::joint_albedo;
     #[pymodule_export]
     use super::decode::{DecodeSettings, decode_frames};
+    #[pymodule_export]
+    use super::edges::{blur_shift, edge_rings};
     #[pymodule_export]
     use super::emd::{decompose_rows, row_envelopes};
     #[pymodule_export]

@@ -371,7 +371,7 @@ impl Smooth {
 
 /// Differences of coordinates that repeat.
 #[derive(Clone, Copy)]
-struct Circle {
+pub(crate) struct Circle {
     /// Distance after which coordinates repeat, px; 0 for absolute ones.
     length: f32,
     /// Inverse of the length, 1/px; 0 for absolute ones.
@@ -379,7 +379,7 @@ struct Circle {
 }
 
 impl Circle {
-    fn new(repeats: f32) -> Self {
+    pub(crate) fn new(repeats: f32) -> Self {
         let finite = repeats.is_finite();
         Self {
             length: if finite { repeats } else { 0.0 },
@@ -389,7 +389,7 @@ impl Circle {
 
     /// Difference of two coordinates; where they repeat, the smallest one.
     #[inline(always)]
-    fn difference(&self, a: f32, b: f32) -> f32 {
+    pub(crate) fn difference(&self, a: f32, b: f32) -> f32 {
         let plain = a - b;
         plain - self.length * (plain * self.inverse).round_ties_even()
     }

@@ -4,6 +4,7 @@
 
 pub mod albedo;
 pub mod decode;
+pub mod edges;
 pub mod emd;
 pub mod filters;
 mod image;

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.signal.response import Response
+from fringeworks.stack.edges import cover_steps, fringes_of, remove_blur_shift
 from fringeworks.stack.examine import Judgement, examine
 from fringeworks.stack.frames import (
     Planes,
@@ -281,17 +282,25 @@ def compare_neighbours(
     *,
     typical_px: float | None,
 ) -> None:
-    """Remove isolated pixels, and let σ cover the scatter of the others.
+    """Remove isolated pixels and the shift by blur, and let σ cover the scatter of the others.
 
     ``typical_px`` is the typical difference of neighbours; None keeps isolated pixels.
     """
-    decoding = found.decoding
+    decoding, repeats_px = found.decoding, found.decoding.repeats_px
+    coordinate, sigma = results["coordinate"], results["sigma"]
     if typical_px is not None:
-        maps = (results[name] for name in ("coordinate", "sigma", "reason"))
-        _core.mark_isolated(*maps, typical=typical_px, repeats=decoding.repeats_px)
+        _core.mark_isolated(
+            coordinate, sigma, results["reason"], typical=typical_px, repeats=repeats_px
+        )
+    if not decoding.sets:
+        return
+    fringes = fringes_of(decoding)
+    if found.blurred:
+        remove_blur_shift(coordinate, sigma, results["modulation"], **fringes)
+    if found.steps:
+        cover_steps(coordinate, sigma, **fringes)
     if found.scatters:
-        seen = [results[name] for name in ("coordinate", "sigma", "background")]
-        cover_scatter(seen[0], seen[1], seen[2], decoding.most_scatter_px)
+        cover_scatter(coordinate, sigma, results["background"], decoding.most_scatter_px)
 
 
 def _run(kernel: _core.DecodeSettings, planes: Planes, maps: dict[str, Any]) -> None:

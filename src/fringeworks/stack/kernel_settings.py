@@ -173,10 +173,15 @@ class Decoding:
         return float("inf") if self.absolute else self.length_px
 
     @property
+    def finest_px(self) -> float:
+        """Shortest period, projector px; 0 for a Gray code alone."""
+        return min((phases.period_px for phases in self.sets), default=0.0)
+
+    @property
     def most_scatter_px(self) -> float:
         """Half the shortest period, projector px: neighbours that differ by more are at different
         depths, because errors of a phase stay below."""
-        return 0.5 * min((phases.period_px for phases in self.sets), default=0.0)
+        return 0.5 * self.finest_px
 
     @property
     def free(self) -> Decoding:

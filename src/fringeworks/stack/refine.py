@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from fringeworks.patterns.order_chain import GRAY_REACH, TURN
 from fringeworks.stack import words
 from fringeworks.stack.decoded_sample import decode_by_gray_code, decode_sample
+from fringeworks.stack.edges import fringes_of, has_steps, line_shift
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames
 from fringeworks.stack.neighbours import worth_voting
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.real_frames import design_rows
 from fringeworks.stack.ripple import LINES_NOISE_ALONE, Ripple
-from fringeworks.stack.ripple_removal import without_ripples
+from fringeworks.stack.ripple_removal import line_ripple, without_ripples
 from fringeworks.stack.sample import Sample
 from fringeworks.stack.set_residuals import Known, set_residuals
 from fringeworks.statistics.phase_errors import PhaseErrors, order_errors, set_offsets, two_parts
@@ -73,6 +74,10 @@ class Refined:
     """Whether errors differ over the scene by more than noise does."""
     scatters: bool = False
     """Whether neighbouring coordinates may differ by more than their standard deviations."""
+    blurred: bool = False
+    """Whether blur shifts coordinates at edges of brightness."""
+    steps: bool = False
+    """Whether coordinates jump as at depth steps."""
     response_seen: bool = False
     """Whether the phases of a set at least show whether the response is linear."""
     votes: bool = False
@@ -108,7 +113,9 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     # Where the sets agree within their noise, it is the surface that is rough.
     agree = len(left) > 1 and errors.by_noise
     bent = bool(findings) or any(phases.table_turns for phases in decoding.sets)
-    decoding, factor = (agreeing, 1.0) if agree else _with_line_scatter(decoding, ripples, bent)
+    decoding, factor = (
+        (agreeing, 1.0) if agree else _with_line_scatter(decoding, lines, known, ripples, bent)
+    )
     raised = replace(known, noise=scaled(known.noise, factor))
     if factor > 1.0:
         findings.append(words.correlated_noise(factor, decoding.axis))
@@ -129,20 +136,38 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
 def _compared(found: Refined, maps: dict[str, Any]) -> Refined:
     """What was found, with what neighbours along the lines show."""
     decoding, findings = found.decoding, found.findings
-    seen = (maps["coordinate"], maps["sigma"], decoding.most_scatter_px)
+    coordinate, sigma = maps["coordinate"], maps["sigma"]
+    blur = line_shift(coordinate, sigma, maps["modulation"], **fringes_of(decoding))
+    if blur is not None:
+        # Higher orders of the blur are left of large shifts: they say nothing of the scatter.
+        coordinate = np.where(np.abs(blur) < sigma, coordinate - blur, np.float32(np.nan))
+    seen = (coordinate, sigma, decoding.most_scatter_px)
     rough = scatters(*seen)
     if rough and by_pixel(*seen):
         findings = (*findings, words.scatter(decoding.axis))
-    votes = worth_voting(decoding, maps)
-    return replace(found, findings=findings, scatters=found.uneven or rough, votes=votes)
+    return replace(
+        found,
+        findings=findings,
+        scatters=found.uneven or rough or blur is not None,
+        blurred=blur is not None,
+        steps=has_steps(maps["coordinate"], **fringes_of(decoding)),
+        votes=worth_voting(decoding, maps),
+    )
 
 
 def _with_line_scatter(
-    decoding: Decoding, ripples: list[Ripple | None], bent: bool
+    decoding: Decoding,
+    lines: list[NDArray[Any]],
+    known: Known,
+    ripples: list[Ripple | None],
+    bent: bool,
 ) -> tuple[Decoding, float]:
     """The scatter of the phases along smooth lines: in the decoding's floor where the response is
     ``bent``, otherwise as a factor on the variance of the noise."""
-    finest = ripples[min(range(len(ripples)), key=lambda k: decoding.sets[k].period_px)]
+    k = min(range(len(ripples)), key=lambda k: decoding.sets[k].period_px)
+    finest = ripples[k]
+    if finest is not None and finest.excess > LINES_NOISE_ALONE:
+        finest = _without_blur(decoding, lines, known, k) or finest
     if finest is None or finest.excess <= LINES_NOISE_ALONE:
         return decoding, 1.0
     if bent:
@@ -150,6 +175,19 @@ def _with_line_scatter(
         # shrink with the modulation.
         return with_floor(decoding, finest.noise_rad * (finest.excess - 1.0) ** 0.5), 1.0
     return decoding, finest.excess
+
+
+def _without_blur(
+    decoding: Decoding, lines: list[NDArray[Any]], known: Known, k: int
+) -> Ripple | None:
+    """The ripple of a set along lines without the shift by blur; None where there is no shift."""
+    maps = decode_sample(decoding, lines, known.noise, known.limits.open)
+    seen = (maps["coordinate"], maps["sigma"], maps["modulation"])
+    blur = line_shift(*seen, **fringes_of(decoding))
+    if blur is None:
+        return None
+    maps["phases"][k] -= TURN / decoding.sets[k].period_px * blur
+    return line_ripple(decoding.sets[k], maps, k, known)
 
 
 def _uneven_residuals(decoding: Decoding, sample: Sample, known: Known) -> bool:

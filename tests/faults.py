@@ -215,12 +215,7 @@ def _moved(stage: Stage, rng: np.random.Generator, shifts: np.ndarray) -> Shot:
         for i, shift in enumerate(shifts)
     ]
     mean = stage.weights @ shifts
-    with np.errstate(invalid="ignore", divide="ignore"):
-        seen = image(reflected * fine.x, mean) / image(reflected, mean)
-    # Depth steps are found, and their sides known, from the centres of the pixels.
-    shot = at_edges(expose(np.stack(light), rng), stage.at(tuple(mean)).truth)
-    surface = (shot.slack == 0) & np.isfinite(shot.truth[0])
-    return Shot(shot.frames, np.where(surface, seen, shot.truth), shot.slack)
+    return at_edges(expose(np.stack(light), rng), stage.at(tuple(mean)).truth)
 
 
 def nudged(stage: Stage, rng: np.random.Generator) -> Shot:

@@ -30,6 +30,7 @@ import io
 import os
 import numpy as np
 from PIL import Image
+from scipy.ndimage import gaussian_filter
 import fringeworks as fw
 from fringeworks.types import fingerprint
 from fringeworks import _core
@@ -72,6 +73,14 @@ def results():
     # Noise takes the margin of two sets: neighbours vote.
     two = multi((1, 16), 3, (300, 40))
     found.append(fw.decode(take(two, a=60.0, b=30.0, noise=3.0), two))
+    # Blur beside paint shifts coordinates; a step of depth mixes them.
+    column = np.add.outer(np.zeros(90), 1.3 * np.arange(120)) + 40.0 * (np.arange(90)[:, None] > 60)
+    paint = np.where((np.arange(120) // 9) % 2, 0.3, 1.0) * np.ones((90, 1))
+    mixed = [
+        np.rint(4 + 200 * gaussian_filter(paint * np.interp(column, np.arange(300), p[0] / 255.0), 0.8))
+        for p in fw.encode(multi((1, 18), 4, (300, 40)))
+    ]
+    found.append(fw.decode([m.astype(np.uint8) for m in mixed], multi((1, 18), 4, (300, 40))))
     stream = fw.stack.StreamingDecoder(plan)
     for frame in frames:
         stream.add(frame)

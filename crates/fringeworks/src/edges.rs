@@ -15,6 +15,9 @@ const REACH: usize = 2;
 /// Pixels of a row that are fitted together, as one block for the vector unit.
 const BLOCK: usize = 64;
 
+/// Pixels whose sums are kept in registers at once.
+const LANES: usize = 16;
+
 /// Smallest determinant of the covariance of the places that a slope is fitted to, px⁴; that of 5 × 5
 /// places is 4. Places along one line determine no slope across it.
 const MIN_DETERMINANT: f32 = 0.05;
@@ -86,7 +89,7 @@ pub fn blur_shift(
         width,
         height,
     };
-    let (circle, most) = (Circle::new(steps.repeats), steps.most);
+    let circle = Circle::new(steps.repeats);
     shift
         .par_chunks_mut(width)
         .zip(slope.par_chunks_mut(width))
@@ -94,7 +97,7 @@ pub fn blur_shift(
         .for_each(|(y, (shift, slope))| {
             for x in (0..width).step_by(BLOCK) {
                 let n = BLOCK.min(width - x);
-                let found = fit_block(&maps.window(x, y), circle, most);
+                let found = fit_block(&maps.window(x, y), circle, steps.most);
                 shift[x..x + n].copy_from_slice(&found.0[..n]);
                 slope[x..x + n].copy_from_slice(&found.1[..n]);
             }
@@ -117,7 +120,8 @@ const COLUMNS: usize = BLOCK + 2 * REACH;
 /// A block of pixels with its surroundings; NaN outside the frame.
 struct Window {
     coordinate: [[f32; COLUMNS]; 2 * REACH + 1],
-    sigma: [[f32; COLUMNS]; 2 * REACH + 1],
+    /// Inverse variance.
+    weight: [[f32; COLUMNS]; 2 * REACH + 1],
     light: [[f32; COLUMNS]; 2 * REACH + 1],
 }
 
@@ -126,7 +130,7 @@ impl Maps<'_> {
         let nothing = [[f32::NAN; COLUMNS]; 2 * REACH + 1];
         let mut window = Window {
             coordinate: nothing,
-            sigma: nothing,
+            weight: nothing,
             light: nothing,
         };
         let (left, right) = (x.saturating_sub(REACH), (x + BLOCK + REACH).min(self.width));
@@ -138,9 +142,12 @@ impl Maps<'_> {
                     row[start..start + n].copy_from_slice(&map[from..from + n]);
                 };
                 copy(&mut window.coordinate[k], self.coordinate);
-                copy(&mut window.sigma[k], self.sigma);
+                copy(&mut window.weight[k], self.sigma);
                 copy(&mut window.light[k], self.light);
             }
+        }
+        for weight in window.weight.as_flattened_mut() {
+            *weight = 1.0 / (*weight * *weight);
         }
         window
     }
@@ -149,80 +156,93 @@ impl Maps<'_> {
 /// Shifts and squared slopes of a block.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn fit_block(window: &Window, circle: Circle, most: f32) -> ([f32; BLOCK], [f32; BLOCK]) {
-    let zero = [0.0f32; BLOCK];
-    let [mut w, mut wx, mut wy, mut wxx, mut wxy] = [zero; 5];
-    let [mut wyy, mut wu, mut wxu, mut wyu] = [zero; 4];
-    let here: &[f32; BLOCK] = window.coordinate[REACH][REACH..][..BLOCK]
-        .try_into()
-        .unwrap_or(&zero);
-    for k in 0..2 * REACH + 1 {
-        let dy = k as f32 - REACH as f32;
-        for j in 0..2 * REACH + 1 {
-            let dx = j as f32 - REACH as f32;
-            let there = &window.coordinate[k][j..][..BLOCK];
-            let sigma = &window.sigma[k][j..][..BLOCK];
-            for i in 0..BLOCK {
-                let step = circle.difference(there[i], here[i]);
-                // False where a coordinate is NaN.
-                let same = step.abs() < most;
-                let weight = if same {
-                    1.0 / (sigma[i] * sigma[i])
-                } else {
-                    0.0
-                };
-                let u = if same { step } else { 0.0 };
-                w[i] += weight;
-                wx[i] += weight * dx;
-                wy[i] += weight * dy;
-                wxx[i] += weight * dx * dx;
-                wxy[i] += weight * dx * dy;
-                wyy[i] += weight * dy * dy;
-                wu[i] += weight * u;
-                wxu[i] += weight * u * dx;
-                wyu[i] += weight * u * dy;
-            }
+    let (mut shift, mut slope) = ([0.0; BLOCK], [0.0; BLOCK]);
+    let light = |k: usize, j: usize| &window.light[k][j..][..BLOCK];
+    let middle = light(REACH, REACH);
+    let along_x = changes(light(REACH, REACH - 1), middle, light(REACH, REACH + 1));
+    let along_y = changes(light(REACH - 1, REACH), middle, light(REACH + 1, REACH));
+    for first in (0..BLOCK).step_by(LANES) {
+        let moments = moments_of(window, first, circle, most);
+        for lane in 0..LANES {
+            let i = first + lane;
+            let (x, y, determinant) = plane_of(&moments, lane);
+            let found = x * along_x[i] + y * along_y[i];
+            // False for NaN.
+            let known = (determinant > MIN_DETERMINANT) & (found.abs() < f32::INFINITY);
+            shift[i] = if known { found } else { 0.0 };
+            slope[i] = if known { x * x + y * y } else { 0.0 };
         }
-    }
-    let (mut shift, mut slope) = (zero, zero);
-    let right = &window.light[REACH][REACH + 1..][..BLOCK];
-    let left = &window.light[REACH][REACH - 1..][..BLOCK];
-    let middle = &window.light[REACH][REACH..][..BLOCK];
-    let below = &window.light[REACH + 1][REACH..][..BLOCK];
-    let above = &window.light[REACH - 1][REACH..][..BLOCK];
-    for i in 0..BLOCK {
-        let [x, y, u] = [wx[i] / w[i], wy[i] / w[i], wu[i] / w[i]];
-        let [xx, xy, yy] = [
-            wxx[i] / w[i] - x * x,
-            wxy[i] / w[i] - x * y,
-            wyy[i] / w[i] - y * y,
-        ];
-        let [xu, yu] = [wxu[i] / w[i] - x * u, wyu[i] / w[i] - y * u];
-        let determinant = xx * yy - xy * xy;
-        let along_x = (yy * xu - xy * yu) / determinant;
-        let along_y = (xx * yu - xy * xu) / determinant;
-        let found = along_x * change(left[i], middle[i], right[i])
-            + along_y * change(above[i], middle[i], below[i]);
-        // False for NaN.
-        let known = (determinant > MIN_DETERMINANT) & (found.abs() < f32::INFINITY);
-        shift[i] = if known { found } else { 0.0 };
-        slope[i] = if known {
-            along_x * along_x + along_y * along_y
-        } else {
-            0.0
-        };
     }
     (shift, slope)
 }
 
-/// Slope of three values at distances of 1, of which one outer one may be NaN.
+/// Slopes of values at distances of 1, of which one outer one may be NaN.
 #[inline(always)]
-fn change(before: f32, here: f32, after: f32) -> f32 {
-    let (first, second) = (here - before, after - here);
-    match (first.is_nan(), second.is_nan()) {
-        (false, false) => 0.5 * (first + second),
-        (true, _) => second,
-        (false, true) => first,
+fn changes(before: &[f32], here: &[f32], after: &[f32]) -> [f32; BLOCK] {
+    let mut slopes = [0.0; BLOCK];
+    for (i, slope) in slopes.iter_mut().enumerate() {
+        let (first, second) = (here[i] - before[i], after[i] - here[i]);
+        let left = if first.is_nan() { second } else { first };
+        let right = if second.is_nan() { first } else { second };
+        *slope = 0.5 * (left + right);
     }
+    slopes
+}
+
+/// Weighted sums over the neighbours of the same surface, for some pixels of a block: 1, x, y, x², xy,
+/// y², u, xu and yu, where u is the difference of the coordinate.
+#[inline(always)]
+fn moments_of(window: &Window, first: usize, circle: Circle, most: f32) -> [[f32; LANES]; 9] {
+    let [mut w, mut wx, mut wy, mut wxx, mut wxy] = [[0.0; LANES]; 5];
+    let [mut wyy, mut wu, mut wxu, mut wyu] = [[0.0; LANES]; 4];
+    let here = lanes(&window.coordinate[REACH], REACH + first);
+    for k in 0..2 * REACH + 1 {
+        for j in 0..2 * REACH + 1 {
+            let (x, y) = (j as f32 - REACH as f32, k as f32 - REACH as f32);
+            let there = lanes(&window.coordinate[k], j + first);
+            let weights = lanes(&window.weight[k], j + first);
+            for i in 0..LANES {
+                let step = circle.difference(there[i], here[i]);
+                // False where a coordinate is NaN.
+                let same = step.abs() < most;
+                let weight = if same { weights[i] } else { 0.0 };
+                let rise = weight * if same { step } else { 0.0 };
+                w[i] += weight;
+                wx[i] += x * weight;
+                wy[i] += y * weight;
+                wxx[i] += x * x * weight;
+                wxy[i] += x * y * weight;
+                wyy[i] += y * y * weight;
+                wu[i] += rise;
+                wxu[i] += x * rise;
+                wyu[i] += y * rise;
+            }
+        }
+    }
+    [w, wx, wy, wxx, wxy, wyy, wu, wxu, wyu]
+}
+
+/// Some values of a row.
+#[inline(always)]
+fn lanes(row: &[f32; COLUMNS], first: usize) -> [f32; LANES] {
+    let mut values = [0.0; LANES];
+    values.copy_from_slice(&row[first..][..LANES]);
+    values
+}
+
+/// Slopes of the plane with the moments of a lane, and the determinant of the covariance of the places.
+#[inline(always)]
+fn plane_of(moments: &[[f32; LANES]; 9], lane: usize) -> (f32, f32, f32) {
+    let scale = 1.0 / moments[0][lane];
+    let mean = |sum: usize| scale * moments[sum][lane];
+    let (x, y, u) = (mean(1), mean(2), mean(6));
+    let (xx, xy, yy) = (mean(3) - x * x, mean(4) - x * y, mean(5) - y * y);
+    let (xu, yu) = (mean(7) - x * u, mean(8) - y * u);
+    let determinant = xx * yy - xy * xy;
+    let inverse = 1.0 / determinant;
+    let along_x = inverse * (yy * xu - xy * yu);
+    let along_y = inverse * (xx * yu - xy * xu);
+    (along_x, along_y, determinant)
 }
 
 /// Squared errors of the pixels at one distance from depth steps.
@@ -240,8 +260,8 @@ pub struct Ring {
 /// Distance of every pixel from the next depth step along its row and its column, px: 1 to [`RINGS`], or
 /// 0 beyond; and the errors of the pixels at every distance.
 ///
-/// A step is where a coordinate differs by `most` or more from what the two pixels on the other side
-/// extrapolate to. The error of a pixel shows in what the pixels 2 and 3 px behind it extrapolate to.
+/// A step is where a coordinate differs by `most` or more from what two smooth pixels on the other side
+/// extrapolate to; where these are not smooth, by twice as much from the pixel itself. The error of a pixel shows in what the pixels 2 and 3 px behind it extrapolate to.
 ///
 /// ```
 /// use fringeworks::edges::{Steps, edge_rings};
@@ -331,7 +351,13 @@ impl Surface<'_> {
                     }
                 };
                 let far = [1, 2, 3, 4].map(&at);
-                nearest_step(here, at(-2), far, (self.circle, self.most), &mut nearest);
+                nearest_step(
+                    here,
+                    [at(-1), at(-2)],
+                    far,
+                    (self.circle, self.most),
+                    &mut nearest,
+                );
                 for x in 0..self.width {
                     if nearest[x] > 0 {
                         let k = nearest[x];
@@ -373,29 +399,33 @@ impl Surface<'_> {
 }
 
 /// Distance of the nearest step in one direction, for every pixel of a row; 0 for none within reach.
-/// `behind` is the row of the pixels 2 px behind, `far` are those 1 to 4 px ahead.
+/// `behind` are the rows of the pixels 1 and 2 px behind, from which a smooth surface is extrapolated;
+/// `far` are those 1 to 4 px ahead.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
 fn nearest_step(
     here: &[f32],
-    behind: &[f32],
+    behind: [&[f32]; 2],
     far: [&[f32]; RINGS],
     (circle, most): (Circle, f32),
     nearest: &mut [u8],
 ) {
     let n = nearest.len();
-    let (here, behind) = (&here[..n], &behind[..n]);
+    let (here, next, behind) = (&here[..n], &behind[0][..n], &behind[1][..n]);
     nearest.fill(0);
     for k in (0..RINGS).rev() {
         let (ahead, distance) = (&far[k][..n], (k + 1) as f32);
         for i in 0..n {
             let slope = 0.5 * circle.difference(here[i], behind[i]);
-            let off = circle.difference(ahead[i], here[i]) - distance * slope;
+            let rise = circle.difference(ahead[i], here[i]);
+            let bend = circle.difference(here[i], next[i]) - slope;
             // False for NaN.
-            nearest[i] = if off.abs() >= most {
-                k as u8 + 1
+            let smooth = bend.abs() < 0.5 * most;
+            let step = if smooth {
+                (rise - distance * slope).abs() >= most
             } else {
-                nearest[i]
+                rise.abs() >= 2.0 * most
             };
+            nearest[i] = if step { k as u8 + 1 } else { nearest[i] };
         }
     }
 }

@@ -282,21 +282,18 @@ def compare_neighbours(
     *,
     typical_px: float | None,
 ) -> None:
-    """Remove isolated pixels and the shift by blur, and let σ cover the scatter of the others.
+    """Remove the shift by blur and isolated pixels, and let σ cover the scatter of the others.
 
     ``typical_px`` is the typical difference of neighbours; None keeps isolated pixels.
     """
-    decoding, repeats_px = found.decoding, found.decoding.repeats_px
+    decoding = found.decoding
     coordinate, sigma = results["coordinate"], results["sigma"]
-    if typical_px is not None:
-        _core.mark_isolated(
-            coordinate, sigma, results["reason"], typical=typical_px, repeats=repeats_px
-        )
-    if not decoding.sets:
-        return
     fringes = fringes_of(decoding)
     if found.blurred:
         remove_blur_shift(coordinate, sigma, results["modulation"], **fringes)
+    if typical_px is not None:
+        maps = (coordinate, sigma, results["reason"])
+        _core.mark_isolated(*maps, typical=typical_px, repeats=decoding.repeats_px)
     if found.steps:
         cover_steps(coordinate, sigma, **fringes)
     if found.scatters:

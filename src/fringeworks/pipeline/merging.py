@@ -238,7 +238,15 @@ def _without_blur(
     if blur_px is None:
         raise InputError("rig: expected blur_px, or a board with squares to measure the blur by")
     blur = float(blur_px)
-    return [c if _is_sharp(c) else remove_blur(c, rig, blur) for c in clouds], blur
+    return [
+        c if _is_sharp(c) else remove_blur(c, rig, blur, removed_px=_removed(c)) for c in clouds
+    ], blur
+
+
+def _removed(cloud: PointCloud) -> float:
+    """Blur whose shift at edges of brightness was removed when a view was decoded, px."""
+    options = {} if cloud.provenance is None else cloud.provenance.options
+    return float(options.get("removed_blur_px", 0.0))
 
 
 def _is_sharp(cloud: PointCloud) -> bool:

@@ -114,6 +114,7 @@ def measure(
             "axis": axis,
             "epipolar_px": epipolar_px,
             "blur_px": blur_px,
+            "removed_blur_px": removed_blur(found, axis),
             "depth_mm": None if depth is None else list(depth.depth_mm),
             **given_options(stacks[0], options),
         },
@@ -134,7 +135,16 @@ def _without_blur(
     used = [m for m in found.maps.values() if axis is None or m.axis == axis]
     only = used[0].axis if len(used) == 1 else None
     period = min(p for m in used for p in m.periods_px)
-    return remove_blur(points, rig, blur_px, axis=only, period_px=period)
+    removed_px = removed_blur(found, axis)
+    return remove_blur(points, rig, blur_px, axis=only, period_px=period, removed_px=removed_px)
+
+
+def removed_blur(found: Decoded, axis: Axis | None) -> float:
+    """Blur whose shift at edges of brightness was removed from the coordinates, camera px: the rms
+    over the axes."""
+    used = [a for a in found.maps if axis is None or a == axis]
+    removed = [float(found.details.get(a, {}).get("removed_blur_px", 0.0)) for a in used]
+    return float(np.sqrt(np.mean(np.square(removed))))
 
 
 def scene_brightness(stacks: Sequence[Stack], found: Decoded) -> FloatMap | None:

@@ -220,6 +220,7 @@ def measured(
     axes that it lacks are added from these frames.
     """
     maps = {}
+    details: dict[str, Any] = {}
     for axis, found in findings.axes.items():
         sets = len(found.decoding.sets) if keep_phases else 0
         results = empty_maps(planes[0].shape, sets=sets) if out is None else reused_maps(out, axis)
@@ -227,14 +228,15 @@ def measured(
         measure_axis(axis_planes, found, findings, results, kernels[axis])
         if remove_isolated and axis not in typical_px:
             typical_px[axis] = typical_step(found, results)
-        compare_neighbours(found, results, typical_px=typical_px.get(axis))
+        blur_px = compare_neighbours(found, results, typical_px=typical_px.get(axis))
+        details[axis] = findings.details[axis] | {"removed_blur_px": blur_px}
         maps[axis] = coordinate_map(found.decoding, results, keep_phases)
     return Decoded(
         x=maps.get("x"),
         y=maps.get("y"),
         noise=findings.noise,
         findings=findings.findings,
-        details=findings.details,
+        details=details,
     )
 
 
@@ -281,16 +283,17 @@ def compare_neighbours(
     results: dict[str, Any],
     *,
     typical_px: float | None,
-) -> None:
+) -> float:
     """Remove the shift by blur and isolated pixels, and let σ cover the scatter of the others.
 
-    ``typical_px`` is the typical difference of neighbours; None keeps isolated pixels.
+    ``typical_px`` is the typical difference of neighbours; None keeps isolated pixels. Returns the
+    blur whose shift was removed, camera px.
     """
     decoding = found.decoding
     coordinate, sigma = results["coordinate"], results["sigma"]
-    fringes = fringes_of(decoding)
+    fringes, blur_px = fringes_of(decoding), 0.0
     if found.blurred:
-        remove_blur_shift(coordinate, sigma, results["modulation"], **fringes)
+        blur_px = remove_blur_shift(coordinate, sigma, results["modulation"], **fringes)
     if typical_px is not None:
         maps = (coordinate, sigma, results["reason"])
         _core.mark_isolated(*maps, typical=typical_px, repeats=decoding.repeats_px)
@@ -298,6 +301,7 @@ def compare_neighbours(
         cover_steps(coordinate, sigma, **fringes)
     if found.scatters:
         cover_scatter(coordinate, sigma, results["background"], decoding.most_scatter_px)
+    return blur_px
 
 
 def _run(kernel: _core.DecodeSettings, planes: Planes, maps: dict[str, Any]) -> None:

@@ -39,6 +39,7 @@ def remove_blur(
     *,
     axis: Axis | None = None,
     period_px: float | None = None,
+    removed_px: float = 0.0,
 ) -> PointCloud:
     """Move points to where the camera would see them without blur.
 
@@ -57,6 +58,9 @@ def remove_blur(
     period_px : float > 0, optional
         Shortest period of the fringes, projector px. Where the camera sees it with few pixels, blur
         changes curved fringes less; by default it is taken to be long.
+    removed_px : float ≥ 0
+        Blur whose shift at edges of brightness ``decode`` has already removed, px:
+        ``details[axis]["removed_blur_px"]`` of its result.
 
     Returns
     -------
@@ -98,10 +102,11 @@ def remove_blur(
     colour = cloud.colour if cloud.colour.ndim == 2 else cloud.colour.mean(axis=2)
     light = np.log(np.maximum(np.nan_to_num(colour, nan=1.0), 1.0)).astype(np.float64)
     inside = inside_surface(cloud)
-    variance, wave = blur_px**2, 0.0 if period_px is None else 2.0 * np.pi / period_px
+    variances = (blur_px**2, blur_px**2 - removed_px**2)
+    wave = 0.0 if period_px is None else 2.0 * np.pi / period_px
     found = []
     for window in WINDOWS_PX:
-        shift = _shift(pixel, light, variance, wave, window)
+        shift = _shift(pixel, light, variances, wave, window)
         if axis is None:
             along = np.sum(shift * rate, axis=-1) / np.sum(rate * rate, axis=-1)
         else:
@@ -109,7 +114,7 @@ def remove_blur(
             along = shift[..., column] / rate[..., column]
         whole = scipy.ndimage.minimum_filter(inside, window, mode="constant", cval=False)
         found.append(np.where(whole & np.isfinite(along), along, np.nan))
-    along, local = _chosen(found[0], found[1], variance * cloud.noise_mm)
+    along, local = _chosen(found[0], found[1], blur_px**2 * cloud.noise_mm)
     moved = cloud.xyz_mm * (1.0 - along / length)[..., None]
     shared = np.hypot(local, BLUR_SHARE * along)
     return replace(
@@ -143,15 +148,19 @@ def _projected(rig: Rig, xyz: FloatMap) -> FloatMap:
     return project(rig.projector, transform(rig.T_projector_camera, xyz))
 
 
-def _shift(pixel: FloatMap, light: FloatMap, variance: float, wave: float, window: int) -> FloatMap:
-    """Shift of both projector coordinates by the blur, (h, w, 2), px; ``wave`` is k, rad/px."""
+def _shift(
+    pixel: FloatMap, light: FloatMap, variances: tuple[float, float], wave: float, window: int
+) -> FloatMap:
+    """Shift of both projector coordinates by the blur, (h, w, 2), px; ``variances`` are those of
+    the whole blur and of what is left of it at edges of brightness, ``wave`` is k, rad/px."""
+    variance, left = variances
     bx, by = _derivatives(light, window)[:2]
     shift = np.empty(pixel.shape)
     for k in range(2):
         ux, uy, uxx, uyy, uxy = _derivatives(pixel[..., k], window)
         along = ux**2 * uxx + 2.0 * ux * uy * uxy + uy**2 * uyy
         bend = uxx + uyy - variance * wave**2 * along
-        shift[..., k] = variance * (bx * ux + by * uy + 0.5 * bend)
+        shift[..., k] = left * (bx * ux + by * uy) + 0.5 * variance * bend
     return shift
 
 

@@ -71,7 +71,8 @@ class Decoded(Noted, Plotted, Frozen):
     findings: tuple[Finding, ...] = ()
     """What was found in the frames, with its likely causes, and what was decided because of it."""
     details: dict[str, Any] = field(default_factory=dict)
-    """Figures per axis: disagreement of the sets, estimated shifts."""
+    """Figures per axis: ``disagreement`` of the sets, estimated ``shifts_deg``, and
+    ``removed_blur_px``, the camera's blur whose shift at edges of brightness was removed, px."""
     provenance: Provenance | None = None
     """How it was made; None where the caller decoded arrays."""
 

@@ -44,6 +44,9 @@ LINEAR_BANDS = 12, 22
 """Bands whose response is the reference: of the lower bands, the largest samples have little
 fringe, and sensors bend above seven tenths of their range only. Empirical."""
 
+TINY = 1e-30
+"""Divides instead of a largest count of zero."""
+
 BENT_SIGMAS = 0.5
 """Mean excess of a band from which on its samples are left out, standard deviations of a sample."""
 
@@ -71,24 +74,19 @@ def _finite_samples(sample: Sample, frames: list[int]) -> NDArray[Any]:
 
 
 def _spike(values: NDArray[Any]) -> float | None:
-    """The largest value of the samples, where their histogram has a spike there."""
-    # The top of the histogram suffices: sorting all values takes time.
+    """The largest value of the samples, where their histogram has a spike there: of single values,
+    or of bands where the response bends."""
     if values.size == 0:
         return None
-    level = values.max()
-    cut = np.count_nonzero(values == level)
-    if cut < FEWEST_CUT:
-        return None
-    below = values[values < level]
+    level = float(values.max())
+    top = values[values > (1.0 - 4.0 / BANDS) * level].astype(np.float64)
+    single = np.unique(top, return_counts=True)[1][-4:]
+    bands = np.bincount(np.minimum((level - top) * BANDS / max(level, TINY), 3.0).astype(np.intp))
     # The next value may be rare by chance: the commonest of three counts.
-    for _ in range(3):
-        if below.size == 0:
-            break
-        largest = below.max()
-        if np.count_nonzero(below == largest) * SPIKE > cut:
-            return None
-        below = below[below < largest]
-    return float(level)
+    for cut, rest in ((single[-1], single[:-1]), (bands[0], bands[1:])):
+        if cut >= max(FEWEST_CUT, SPIKE * rest.max(initial=0)):
+            return level
+    return None
 
 
 def _cut_off(decoding: Decoding, sample: Sample, level: float) -> bool:
@@ -146,8 +144,9 @@ def known_limits(
         return replace(limits, saturation=bent, given=True)
     if not np.isfinite(limits.saturation):
         return limits
-    exceeded = [exceeds(decoding, sample, limits, noise) for decoding in decodings.values()]
-    return limits if any(exceeded) else replace(limits, saturation=float("inf"))
+    if not any(exceeds(decoding, sample, limits, noise) for decoding in decodings.values()):
+        return replace(limits, saturation=float("inf"))
+    return replace(limits, saturation=_bent_above(decodings, sample, limits.saturation, noise))
 
 
 def exceeds(decoding: Decoding, sample: Sample, limits: Limits, noise: CameraNoise) -> bool:

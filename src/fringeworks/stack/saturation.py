@@ -80,10 +80,11 @@ def _spike(values: NDArray[Any]) -> float | None:
         return None
     level = float(values.max())
     top = values[values > (1.0 - 4.0 / BANDS) * level].astype(np.float64)
-    single = np.unique(top, return_counts=True)[1][-4:]
+    single = np.unique(values, return_counts=True)[1][-4:]
     bands = np.bincount(np.minimum((level - top) * BANDS / max(level, TINY), 3.0).astype(np.intp))
     # The next value may be rare by chance: the commonest of three counts.
-    for cut, rest in ((single[-1], single[:-1]), (bands[0], bands[1:])):
+    # A bent response makes many values in its band, exact repetitions make one.
+    for cut, rest in ((single[-1], single[:-1]), (bands[0] - single[-1], bands[1:])):
         if cut >= max(FEWEST_CUT, SPIKE * rest.max(initial=0)):
             return level
     return None

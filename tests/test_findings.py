@@ -250,7 +250,7 @@ def test_a_calibration_with_overexposed_frames_names_the_pose_and_the_cause():
     bright = tuple(np.clip(seen, 0, 255).astype(np.uint8))
     with pytest.raises(InputError, match="pose0: expected 8 or more corners") as raised:
         fw.calibrate([("pose0", fw.Stack(bright, plan))], BOARD)
-    assert raised.value.lines[0].startswith("warning (unmeasured): pose0: ")
+    assert raised.value.lines[0].startswith("warning (saturated): pose0: ")
     assert "saturated" in raised.value.lines[0]
     assert "likely the exposure is too long" in raised.value.lines[0]
 

@@ -6,14 +6,16 @@ import shutil
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
-from fringeworks import FileProblem, FramesContradictPlan, InputError, PatternPlan, decode
+from fringeworks import FileProblem, FramesContradictPlan, InputError, PatternPlan, Stack, decode
 from fringeworks.devices.bench import virtual_bench
 from fringeworks.devices.clock import SimulatedClock
 from fringeworks.files import read_stack
 from fringeworks.files.capture import read_capture
 from fringeworks.files.exposures import is_exposures, read_exposures
-from fringeworks.patterns import PhaseSteps, equal_steps
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
+from fringeworks.patterns.encode import encode
 from fringeworks.pipeline.stacks import decode_stack, measure
 from fringeworks.scan.capture import capture
 from fringeworks.scan.exposure import auto_exposure, exposure_series
@@ -197,3 +199,116 @@ def test_the_rim_of_an_object_does_not_decide(tmp_path, scene):
     many = capture_hdr(projector, camera, shown, tmp_path / "many", series)
     single, found = (np.mean(decode_stack(f).x.reason == Reason.OK) for f in (one, many))
     assert found >= 0.99 * single
+
+
+def half_white(shown, exposures, *, limit=255.0, kind=np.uint8, knee=1.0, gamma=1.0):
+    """Frames of a scene of white paint (0.9) and of black paint (0.06), at several exposures; the
+    projector columns, and where even noise does not reach what the sensor cuts off or bends."""
+    rng = np.random.default_rng(7)
+    v, u = np.mgrid[:96, :160]
+    column = 12.0 + 2.0 * u + 9.0 * np.sin(u / 60 + v / 40)
+    albedo = np.where(u < 80, 0.9, 0.06) * (1.0 + 0.03 * rng.standard_normal(u.shape))
+    unit, bend, fine = limit / 255.0, knee * limit, np.arange(4.0 * shown.width_px) / 4.0 - 0.375
+    stacks, clear = [], []
+    for exposure in exposures:
+        frames, low = [], np.ones(u.shape, bool)
+        for block in shown.blocks:
+            for k in range(block.frames):
+                sent = gaussian_filter1d(block.values(fine, k) ** gamma, 2.4, mode="nearest")
+                sent = np.interp(column, fine, sent)
+                light = 0.55 * limit * exposure * albedo * (0.03 + 0.97 * sent)
+                sigma = np.sqrt((0.7 * unit) ** 2 + 0.02 * unit * light)
+                low &= light + 4.0 * sigma < bend
+                light = light + sigma * rng.standard_normal(u.shape)
+                if knee < 1.0:
+                    over = np.maximum(light - bend, 0.0) / (limit - bend)
+                    light = np.where(over > 0, limit - (limit - bend) * np.exp(-over), light)
+                    light += 0.3 * unit * rng.standard_normal(u.shape)
+                light = np.clip(light, 0.0, limit)
+                frames.append((np.rint(light) if kind != np.float32 else light).astype(kind))
+        stacks.append(Stack(frames, shown))
+        clear.append(low)
+    return stacks, column, clear
+
+
+def errors_of(found, column):
+    """Pixels that are measured, and the shares of them beyond half a period and beyond 5 σ."""
+    ok = found.x.reason == Reason.OK
+    error = np.abs(found.x.coordinate_px - column)[ok]
+    return (
+        ok,
+        np.mean(error > 0.5 * min(found.x.periods_px)),
+        np.mean(error > 5 * found.x.sigma_px[ok]),
+    )
+
+
+def steps_of(period, steps):
+    return PhaseSteps("x", period, equal_steps(steps))
+
+
+HALF_PLANS = {
+    "4+gray": (Uniform("white"), Uniform("black"), GrayCode("x", 8, 352), steps_of(16, 4)),
+    "3+gray": (Uniform("white"), Uniform("black"), GrayCode("x", 8, 352), steps_of(16, 3)),
+    "hierarchy": tuple(steps_of(352 / n, 4) for n in (1, 5.2, 20)),
+    "heterodyne": tuple(steps_of(p, 3) for p in (14, 16.3, 17.1)),
+}
+SENSORS = {
+    "8 bit": {},
+    "250 of 255": {"limit": 250.0},
+    "12 bit in 16": {"limit": 4095.0, "kind": np.uint16},
+    "float": {"limit": 1.0, "kind": np.float32},
+    "knee": {"limit": 4095.0, "kind": np.uint16, "knee": 0.88},
+}
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("name", HALF_PLANS)
+def test_an_exposure_that_saturates_the_white_half_measures_the_dark_one(name, sensor):
+    """Saturated pixels blame neither order nor steps, whatever the sensor's limit is."""
+    shown = PatternPlan(352, 64, HALF_PLANS[name])
+    stacks, column, clear = half_white(shown, (1.0, 4.0, 16.0), **SENSORS[sensor])
+    found = decode_stack(stacks[2])
+    ok, wrong, beyond = errors_of(found, column)
+    assert ok[clear[2]].mean() > 0.98
+    assert max(wrong, beyond) <= 100e-6
+    first = next(f for f in found.findings if f.rank)
+    assert first.kind == "saturated"
+    assert "shorten the exposure" in first.advice
+    assert first.figures["share"] == pytest.approx(0.5, abs=0.1)
+    ok, wrong, beyond = errors_of(decode_stack(stacks), column)
+    assert ok[np.logical_or.reduce(clear)].mean() > 0.98
+    assert max(wrong, beyond) <= 100e-6
+
+
+def test_an_exposure_that_cannot_be_judged_is_left_out_with_its_cause():
+    shown = PatternPlan(352, 64, HALF_PLANS["4+gray"])
+    (dark, bright), *_ = half_white(shown, (1.0, 400.0))
+    with pytest.raises(InputError, match=r"^saturated: ") as raised:
+        decode_stack(bright)
+    assert "shorten the exposure" in str(raised.value)
+    frames = list(dark.frames)
+    frames[-1], frames[-3] = frames[-3], frames[-1]
+    swapped = Stack(frames, shown)
+    found = decode_stack([swapped, dark, bright])
+    assert found.x == decode_stack(dark).x
+    texts = [f.text for f in found.findings if f.kind == "exposures"]
+    assert texts[0].startswith("exposure 1 of 3 is not used: frames: ")
+    assert "swapped" in texts[0]
+    assert texts[1].startswith("exposure 3 of 3 is not used: saturated: ")
+    with pytest.raises(FramesContradictPlan, match="swapped"):
+        decode_stack([swapped, bright])
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+@pytest.mark.parametrize("name", HALF_PLANS)
+def test_patterns_that_are_not_cut_off_have_no_saturation(name, noise, kind):
+    """White is the same everywhere, and its counts are the largest of all."""
+    shown = PatternPlan(352, 64, HALF_PLANS[name])
+    rng = np.random.default_rng(0)
+    frames = [20.0 + 180.0 / 255.0 * frame for frame in encode(shown)]
+    frames = [frame + noise * rng.standard_normal(frame.shape) for frame in frames]
+    frames = [(np.rint(f) if kind == np.uint16 else f).astype(kind) for f in frames]
+    found = decode(frames, shown)
+    assert not [f for f in found.findings if f.kind == "saturated"]
+    assert np.mean(found.x.reason == Reason.OK) > 0.95

@@ -398,6 +398,7 @@ class _PhaseSet(TypedDict):
     design: list[tuple[float, float, float]]
     period: float
     floor: float
+    whole: bool
     table: _Table
 
 class _GrayCode(TypedDict):

@@ -24,6 +24,7 @@ pub struct SetItems {
     design: Vec<[f64; 3]>,
     period: f64,
     floor: f32,
+    whole: bool,
     /// Response: phase errors (turns) and brightnesses (counts), or nothing.
     table: TableItems,
 }
@@ -39,6 +40,7 @@ impl SetItems {
     fn set(self) -> Result<PhaseSet, Error> {
         let mut set = PhaseSet::new(self.frames, &self.shifts, self.design, self.period)?;
         set.floor = self.floor;
+        set.whole = self.whole;
         set.table = Table {
             turns: self.table.turns,
             brightness: self.table.brightness,

@@ -15,7 +15,6 @@ from fringeworks.stack.unmeasured import unmeasured
 from fringeworks.types import (
     Decoded,
     Finding,
-    FramesContradictPlan,
     InputError,
     as_notes,
     explained,
@@ -68,7 +67,7 @@ def decoded_exposures(stacks: Sequence[Stack], options: DecodeOptions) -> Decode
 
     Returns
     -------
-    Decoded, with a finding for every exposure that shows too little to be decoded.
+    Decoded, with a finding for every exposure that cannot be decoded and is left out.
 
     Raises
     ------
@@ -85,8 +84,6 @@ def decoded_exposures(stacks: Sequence[Stack], options: DecodeOptions) -> Decode
     for number, stack in enumerate(stacks, 1):
         try:
             results.append(decoded(stack, options))
-        except FramesContradictPlan:
-            raise
         except InputError as error:
             problems.append((number, error))
     unused = [

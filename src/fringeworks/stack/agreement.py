@@ -156,10 +156,11 @@ class LineEvidence:
     def voters(self) -> BoolMap:
         """(r, l) array: pixels that the projector lights and that are not saturated."""
         spread = self.high - self.low
-        lit = spread > LIT * quantile(spread.ravel(), 0.95)
-        clear = lit & (self.high < self.limits.saturation)
-        enough = self.limits.given or np.count_nonzero(clear) >= MIN_JUDGED_PIXELS
-        voters = clear if enough else lit
+        voters = spread > LIT * quantile(spread.ravel(), 0.95)
+        unsaturated = self.high < self.limits.saturation
+        if self.limits.given or np.count_nonzero(voters & unsaturated) >= MIN_JUDGED_PIXELS:
+            # Saturated pixels say nothing of the light that unsaturated ones need.
+            voters = unsaturated & (spread > LIT * quantile(spread[unsaturated], 0.95))
         if self.lines[0].dtype.kind == "f":
             voters = voters & np.logical_and.reduce([np.isfinite(line) for line in self.lines])
         return np.asarray(voters)

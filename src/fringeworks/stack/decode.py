@@ -35,7 +35,7 @@ from fringeworks.stack.local_errors import inflation
 from fringeworks.stack.neighbours import vote
 from fringeworks.stack.options import DecodeOptions
 from fringeworks.stack.refine import Refined
-from fringeworks.stack.refusal import refuse_nothing_measured
+from fringeworks.stack.refusal import refuse_nothing_measured, saturation_first
 from fringeworks.stack.sample import take_sample
 from fringeworks.statistics.surface_scatter import cover_scatter
 from fringeworks.types import (
@@ -166,7 +166,8 @@ def decode(
         remove_isolated=remove_isolated,
         out=out,
     )
-    refuse_nothing_measured(decoded, findings.axes)
+    with saturation_first(findings.findings):
+        refuse_nothing_measured(decoded, findings.axes)
     return decoded
 
 

@@ -25,7 +25,7 @@ from fringeworks.stack.examine import Judgement
 from fringeworks.stack.frames import Planes, check_frames, readable
 from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.stack.refusal import refuse_nothing_measured
+from fringeworks.stack.refusal import refuse_nothing_measured, saturation_first
 from fringeworks.types import (
     MOST_PX,
     Axis,
@@ -270,7 +270,8 @@ class Decoder:
         )
         judged = self._since == 0
         if judged:
-            refuse_nothing_measured(self._decoded, self._found.axes)
+            with saturation_first(self._found.findings):
+                refuse_nothing_measured(self._decoded, self._found.axes)
         decoded = self._decoded if self._depth is None else self._depth.resolve(self._decoded)
         if judged:
             maps = decoded.maps

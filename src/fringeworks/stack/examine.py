@@ -19,9 +19,10 @@ from fringeworks.stack.noise import measure_noise, neighbour_noise, spatial_nois
 from fringeworks.stack.order_faults import refuse_order_faults, refuse_unrelated
 from fringeworks.stack.real_frames import RealFrames, design_rows, fit_frames
 from fringeworks.stack.refine import Refined, refined
+from fringeworks.stack.refusal import saturation_first
 from fringeworks.stack.ripple_removal import without_ripples
 from fringeworks.stack.sample import Sample
-from fringeworks.stack.saturation import exceeds
+from fringeworks.stack.saturation import known_limits, saturation_level
 from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
 from fringeworks.statistics.quantiles import quantile
@@ -118,37 +119,55 @@ def examine(
     findings: list[Finding] = []
     # A response was measured with the real steps: it contains the ripple that they make.
     estimate_steps &= not any(s.table_turns for d in decodings.values() for s in d.sets)
-    start = noise or spatial_noise(sample.patch)
+    level = limits.saturation if limits.given else saturation_level(decodings, sample)
+    start = noise or spatial_noise(sample.patch, below=level)
     floor = _noise_floor(sample.points, count_step)
     rough = _with_floor(start, floor)
-    for decoding in decodings.values():
-        if decoding.gray is not None:
-            refuse_unequal_levels(decoding.gray, sample.points, rough)
-    coarse = {axis: _resolved(decoding, sample, rough) for axis, decoding in decodings.items()}
-    for axis, decoding in decodings.items():
-        findings += words.unresolved(decoding, coarse[axis], plan.labels())
-    _check_order(plan, sample, coarse, Known(rough, limits, estimate_steps))
-    decodings = {axis: _by_resolved_cells(d, coarse[axis]) for axis, d in decodings.items()}
-    decodings = _with_real_frames(decodings, sample, limits, steps=estimate_steps)
-    if noise is None:
-        noise, source = measure_noise(decodings, sample, limits, start)
-        if noise is start:
-            noise = neighbour_noise(sample.patch, limits, start)
-        findings.append(words.noise(noise, source, floor))
-    noise = _with_floor(noise, floor)
-    limits = _trusted(decodings, sample, limits, noise)
-    known = Known(noise, limits, estimate_steps)
-    found = {axis: refined(decoding, sample, known) for axis, decoding in decodings.items()}
-    if estimate_response:
-        _refuse_unknown_response(found)
-    for axis_found in found.values():
-        _refuse_unlike(axis_found.decoding, plan)
-        findings += _of_steps(axis_found.decoding, plan)
-        findings += axis_found.findings
+    unknown, limits = limits, known_limits(decodings, sample, limits, rough, level)
+    known = Known(rough, limits, estimate_steps)
+    told = unknown.given or limits.saturation == unknown.saturation
+    findings += words.saturated(sample.points, limits, rough, plan.labels(), told)
+    with saturation_first(findings):
+        decodings = _ordered(plan, sample, decodings, known, findings)
+        decodings = _with_real_frames(decodings, sample, limits, steps=estimate_steps)
+        if noise is None:
+            noise, source = measure_noise(decodings, sample, limits, start)
+            if noise is start:
+                noise = neighbour_noise(sample.patch, limits, start)
+            findings.append(words.noise(noise, source, floor))
+        noise = _with_floor(noise, floor)
+        limits = known_limits(decodings, sample, unknown, noise, level)
+        known = Known(noise, limits, estimate_steps)
+        found = {axis: refined(decoding, sample, known) for axis, decoding in decodings.items()}
+        if estimate_response:
+            _refuse_unknown_response(found)
+        for axis_found in found.values():
+            _refuse_unlike(axis_found.decoding, plan)
+            findings += _of_steps(axis_found.decoding, plan)
+            findings += axis_found.findings
     return Judgement(noise, limits, found, tuple(findings))
 
 
-def _resolved(decoding: Decoding, sample: Sample, noise: CameraNoise) -> Decoding:
+def _ordered(
+    plan: PatternPlan,
+    sample: Sample,
+    decodings: dict[Axis, Decoding],
+    known: Known,
+    findings: list[Finding],
+) -> dict[Axis, Decoding]:
+    """The decodings with the cells that the camera resolves, of frames in the order of the plan."""
+    clear = sample.below(known.limits.saturation)
+    for decoding in decodings.values():
+        if decoding.gray is not None:
+            refuse_unequal_levels(decoding.gray, clear, known.noise)
+    coarse = {axis: _resolved(decoding, clear, known.noise) for axis, decoding in decodings.items()}
+    for axis, decoding in decodings.items():
+        findings += words.unresolved(decoding, coarse[axis], plan.labels())
+    _check_order(plan, sample, coarse, known)
+    return {axis: _by_resolved_cells(d, coarse[axis]) for axis, d in decodings.items()}
+
+
+def _resolved(decoding: Decoding, points: Sequence[NDArray[Any]], noise: CameraNoise) -> Decoding:
     """The decoding without the finest bits of its Gray code that the camera does not resolve.
 
     With fringes, cells stay as narrow as half of the range of the phases, which they must tell.
@@ -156,7 +175,7 @@ def _resolved(decoding: Decoding, sample: Sample, noise: CameraNoise) -> Decodin
     gray = decoding.gray
     if gray is None:
         return decoding
-    found = resolution(gray, sample.points, noise)
+    found = resolution(gray, points, noise)
     count = found.unresolved
     if decoding.sets:
         widest = WIDEST_CELL_TURNS * decoding.longest_px / gray.step_px
@@ -173,16 +192,6 @@ def _by_resolved_cells(planned: Decoding, coarse: Decoding) -> Decoding:
     seen = coarse.gray
     gray = replace(planned.gray, resolved_px=seen.step_px, blurred_px=seen.blurred_px)
     return replace(planned, gray=gray)
-
-
-def _trusted(
-    decodings: dict[Axis, Decoding], sample: Sample, limits: Limits, noise: CameraNoise
-) -> Limits:
-    """The limits, without saturation where samples only touch the sensor's limit."""
-    if limits.given or not np.isfinite(limits.saturation):
-        return limits
-    exceeded = [exceeds(decoding, sample, limits, noise) for decoding in decodings.values()]
-    return limits if any(exceeded) else replace(limits, saturation=float("inf"))
 
 
 def _refuse_unlike(decoding: Decoding, plan: PatternPlan) -> None:

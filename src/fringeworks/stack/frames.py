@@ -150,6 +150,11 @@ def refuse_constant(frame: NDArray[Any], label: str, sampled: NDArray[Any]) -> N
     if sampled.size and np.all(sampled == sampled.flat[0]):
         value = frame.flat[0]
         if np.all(frame == value):
+            if value == saturation_of(frame.dtype, None):
+                raise FramesContradictPlan(
+                    f"saturated: frame {label}: expected a pattern, got {value} everywhere, the "
+                    "largest count; shorten the exposure"
+                )
             raise FramesContradictPlan(f"frame {label}: expected a pattern, got {value} everywhere")
 
 

@@ -85,7 +85,8 @@ def fuse(decoded: Sequence[Decoded]) -> Decoded:
         replace(finding, seen=f"exposure {k} of {len(decoded)}: {finding.seen}")
         for k, one in enumerate(decoded, 1)
         for finding in one.findings
-        if finding.kind != "unmeasured"  # that no single exposure measures all is expected
+        # That no single exposure measures all is expected.
+        if finding.kind not in ("unmeasured", "saturated")
     ]
     findings += [_finding(axis, [d.maps[axis] for d in decoded], f) for axis, f in fused.items()]
     maps = {axis: found.map for axis, found in fused.items()}

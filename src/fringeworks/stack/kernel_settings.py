@@ -126,6 +126,8 @@ class PhaseFrames:
             "design": list(self.design),
             "period": self.period_px,
             "floor": self.floor_rad**2,
+            # The fit keeps clear of harmonics only with all samples.
+            "whole": bool(self.harmonics or self.table_turns),
             "table": {"turns": list(self.table_turns), "brightness": list(self.brightness)},
         }
 

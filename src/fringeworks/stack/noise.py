@@ -148,10 +148,12 @@ def _variance(off: FloatMap) -> float:
 
 
 def usable(fit: SampleFit, limits: Limits) -> BoolMap:
-    """Mark pixels without saturated samples; where those are too few, all finite pixels."""
+    """Mark pixels without saturated samples; where those are too few and samples may only touch
+    the sensor's limit, all finite pixels."""
     finite = fit.finite
     inner = np.asarray(finite & (fit.largest < limits.saturation))
-    return inner if np.count_nonzero(inner) >= MIN_JUDGED_PIXELS else finite
+    enough = limits.given or np.count_nonzero(inner) >= MIN_JUDGED_PIXELS
+    return inner if enough else finite
 
 
 def _finite_fits(decoding: Decoding, sample: Sample) -> tuple[NDArray[np.intp], list[SampleFit]]:
@@ -196,11 +198,13 @@ def measure_noise(
         if noise is not None:
             return noise, "the residuals of the fits"
     for decoding in decodings.values():
-        noise = _pair_noise(decoding, sample)
+        noise = _pair_noise(decoding, sample, limits)
         if noise is not None:
             return noise, "the sums of the Gray code's bits and their inverse"
     for decoding in decodings.values():
         _, fits = _finite_fits(decoding, sample)
+        clear = _unsaturated(fits, limits)
+        fits = [fit.at(np.flatnonzero(clear)) for fit in fits]
         noise = _background_noise(decoding, fits, limits)
         if noise is None:
             continue
@@ -215,13 +219,14 @@ def measure_noise(
     return spatial, "the differences of neighbouring pixels"
 
 
-def _pair_noise(decoding: Decoding, sample: Sample) -> CameraNoise | None:
+def _pair_noise(decoding: Decoding, sample: Sample, limits: Limits) -> CameraNoise | None:
     """Noise from a Gray code without fringes, whose bits and inverse add up to the same light."""
     gray = decoding.gray
     if decoding.sets or gray is None or len(gray.inverse) < 2:
         return None
+    points = sample.below(limits.saturation)
     bits, inverse = (
-        np.stack([sample.points[k][0].astype(np.float64) for k in frames])
+        np.stack([points[k][0].astype(np.float64) for k in frames])
         for frames in (gray.bits, gray.inverse)
     )
     known = np.isfinite(bits).all(axis=0) & np.isfinite(inverse).all(axis=0)
@@ -256,15 +261,18 @@ def _of_one_exposure(bits: FloatMap, inverse: FloatMap) -> FloatMap:
     return even
 
 
-def spatial_noise(patch: Sequence[FloatMap]) -> CameraNoise:
+def spatial_noise(patch: Sequence[FloatMap], *, below: float | None = None) -> CameraNoise:
     """Noise from the differences of neighbouring pixels; it contains the texture of the scene.
 
     Parameters
     ----------
     patch : (h, w) float arrays
         Connected pixels of some frames, counts.
+    below : float, optional
+        Counts from which on samples are saturated; they do not take part.
     """
-    variances = [noise_variance(frame, np.asarray(np.isfinite(frame))) for frame in patch]
+    limit = np.inf if below is None else below
+    variances = [noise_variance(frame, np.isfinite(frame) & (frame < limit)) for frame in patch]
     return CameraNoise(float(np.sqrt(np.mean(variances))) if variances else 0.0)
 
 
@@ -282,7 +290,7 @@ def _residual_noise(
     overdetermined = [(phases, fit) for phases, fit in pairs if len(phases.frames) > 3]
     if not overdetermined or pixels.size < MIN_JUDGED_PIXELS:
         return None
-    chosen = np.flatnonzero(_lit(_brightness(fits, decoding)))
+    chosen = np.flatnonzero(_lit(_brightness(fits, decoding), _unsaturated(fits, limits)))
     chosen = chosen[:: max(1, chosen.size * len(overdetermined) // MAX_RESIDUALS)]
     pixels = pixels[chosen]
     clear = [
@@ -302,9 +310,16 @@ def _residual_noise(
     )
 
 
-def _lit(brightness: FloatMap) -> BoolMap:
-    """Mark pixels that are not dim; where those are too few, all."""
-    lit = np.asarray(brightness > DIM * quantile(brightness, 0.99))
+def _unsaturated(fits: list[SampleFit], limits: Limits) -> BoolMap:
+    """Mark pixels whose samples are all below the saturation; where those are too few, all."""
+    clear = np.logical_and.reduce([fit.largest < limits.saturation for fit in fits])
+    few = np.count_nonzero(clear) < MIN_JUDGED_PIXELS
+    return np.ones(clear.shape, bool) if few else np.asarray(clear)
+
+
+def _lit(brightness: FloatMap, unsaturated: BoolMap | slice = slice(None)) -> BoolMap:
+    """Mark pixels that are not dim beside the unsaturated ones; where those are too few, all."""
+    lit = np.asarray(brightness > DIM * quantile(brightness[unsaturated], 0.99))
     return lit if np.count_nonzero(lit) >= MIN_JUDGED_PIXELS else np.ones(lit.shape, bool)
 
 

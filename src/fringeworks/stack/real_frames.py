@@ -157,6 +157,8 @@ def fit_frames(
         return FrameFit()
 
     def significant(found: _Regression, without: float, terms: int) -> bool:
+        if not without > found.left[0]:
+            return False  # rounding errors of frames without noise
         free = float(terms * (steps - 3))
         variance = found.left[0] / (values.shape[1] * (steps - 3) - found.shares.size)
         decrease = (without - found.left[0]) / variance

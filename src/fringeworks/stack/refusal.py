@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -15,14 +16,32 @@ from fringeworks.types import (
     CameraNoise,
     CoordinateMap,
     Decoded,
+    Finding,
     InputError,
     Reason,
     count_reasons,
+    explained,
 )
 
 MIN_MEASURED = 0.02
 """Share of the pixels with fringes that must be measured, at least. The few that pass every test
 where nearly all others fail may have passed by chance. An empirical choice."""
+
+
+@contextmanager
+def saturation_first(findings: Sequence[Finding]) -> Iterator[None]:
+    """Add findings to the refusals of the block, and name saturation first where they warn of it.
+
+    What saturation leaves of the frames may look like another fault.
+    """
+    try:
+        yield
+    except InputError as error:
+        told = [f for f in findings if f.kind == "saturated" and f.rank]
+        if not told or str(error).startswith("saturated"):
+            raise explained(error, findings) from None
+        message = f"saturated: {told[0].seen}; {told[0].advice}; besides, {error}"
+        raise type(error)(message, findings=(*findings, *error.findings)) from error
 
 
 def refuse_nothing_measured(decoded: Decoded, axes: Mapping[Axis, Refined]) -> None:

@@ -35,6 +35,10 @@ MIN_LINES = 24
 """Smallest number of lines of one axis, so that windows of long fringes are found between the edges
 of most scenes. Empirical."""
 
+MIN_CLEAR = 200
+"""Smallest number of unsaturated pixels that judge a stack without the others, as for noise: a
+variance from 200 residuals errs by 10 %."""
+
 Lines = tuple[NDArray[Any], ...]
 """(r, l) arrays, one per frame: r lines across the fringes of an axis."""
 
@@ -54,6 +58,13 @@ class Sample:
     def fits(self) -> SampleFits:
         """Fits of sets of steps to the points."""
         return SampleFits(self.points)
+
+    def below(self, counts: float) -> tuple[NDArray[Any], ...]:
+        """The points whose samples are below some counts in all frames; where those are too few
+        for a statement, all points."""
+        clear = np.logical_and.reduce([plane[0] < counts for plane in self.points])
+        few = clear.all() or np.count_nonzero(clear) < MIN_CLEAR
+        return self.points if few else tuple(plane[:, clear] for plane in self.points)
 
     def reordered(self, order: Sequence[int]) -> Sample:
         """The sample with the frames in another order: place k gets frame ``order[k]``."""

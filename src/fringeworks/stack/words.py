@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
-from fringeworks.stack.kernel_settings import Decoding, PhaseFrames
+from fringeworks.stack.kernel_settings import MIN_SNR, Decoding, Limits, PhaseFrames
 from fringeworks.stack.real_frames import RealFrames
 from fringeworks.stack.shifts import step_errors
+from fringeworks.stack.unmeasured import LARGE_SHARE
 from fringeworks.statistics.phase_errors import PhaseErrors
 from fringeworks.types import Axis, CameraNoise, Finding
 
@@ -39,6 +44,40 @@ def noise(found: CameraNoise, source: str, floor: float) -> Finding:
     figures = {"read_counts": found.read_counts, "gain": found.gain}
     seen = f"noise of {found.read_counts:.3g} counts{shot}, from {source}"
     return Finding("noise", seen, figures=figures, severity="note")
+
+
+def saturated(
+    points: Sequence[NDArray[Any]],
+    limits: Limits,
+    camera_noise: CameraNoise,
+    labels: list[str],
+    known: bool,
+) -> list[Finding]:
+    """Pixels that reach the sensor's limit; nothing where few do and the limit is ``known``."""
+    values = np.concatenate(points)
+    values = values[:, np.isfinite(values).all(axis=0)].astype(np.float32)
+    high, low = values.max(axis=0, initial=0.0), values.min(axis=0, initial=np.inf)
+    reaching = high >= limits.saturation
+    swing = 2.0 * MIN_SNR * np.sqrt(camera_noise.variance(low))
+    lit = reaching | (high - low > swing)
+    share = float(reaching.sum() / max(lit.sum(), 1))
+    many = share > LARGE_SHARE
+    if not reaching.any() or (known and not many):
+        return []
+    counts = f"{limits.saturation:.{0 if limits.saturation >= 100.0 else 3}f}"
+    most = labels[int(np.argmax((values >= limits.saturation).sum(axis=1)))]
+    return [
+        Finding(
+            "saturated",
+            f"{share:.0%} of the lit pixels reach {counts} counts, from which on the sensor "
+            f"saturates, most of them in frame {most}; these samples are left out",
+            ("the exposure is too long", "highlights on a glossy surface") if many else (),
+            "shorten the exposure, or take several exposures" if many else "",
+            frames=(most,),
+            figures={"share": share, "counts": limits.saturation},
+            severity="warning" if many else "note",
+        )
+    ]
 
 
 def unresolved(planned: Decoding, found: Decoding, labels: list[str]) -> list[Finding]:

@@ -26,8 +26,9 @@ impl<'a, T: Sample> Frames<'a, T> {
         self.planes.iter().map(block).collect()
     }
 
+    /// The samples of a frame in the block from `at` on.
     #[inline(always)]
-    fn block(&self, frame: usize, at: usize) -> &'a [T; BLOCK_PIXELS] {
+    pub fn block(&self, frame: usize, at: usize) -> &'a [T; BLOCK_PIXELS] {
         let plane = self.planes[frame];
         plane[at..].first_chunk().expect("a whole block")
     }

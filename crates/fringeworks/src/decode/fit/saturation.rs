@@ -13,7 +13,7 @@ const MOST_SOLUTIONS: usize = 16;
 /// Whether leaving one sample out is a short update: equal steps, and enough samples left.
 #[inline(always)]
 fn can_update(set: &PhaseSet) -> bool {
-    set.solver.balanced && set.steps() > 3
+    set.solver.balanced && set.steps() > 3 && !set.whole
 }
 
 /// Correct the fit of a block's pixels that have one saturated sample, whose sums lack it. Returns
@@ -92,7 +92,7 @@ impl Solutions {
                 self.0.clear();
             }
             let planned = |n: usize| [1.0, set.phasor(n).0.into(), set.phasor(n).1.into()];
-            let enough = kept.count_ones() >= 3;
+            let enough = kept.count_ones() >= 3 && !set.whole;
             let found = enough.then(|| solution(kept, planned, |n| set.design[n]));
             self.0.push((kept, found.flatten()));
             self.0.len() - 1

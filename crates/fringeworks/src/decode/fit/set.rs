@@ -21,6 +21,9 @@ pub struct PhaseSet {
     pub table: Table,
     /// Variance of the phase error that does not shrink with the modulation, rad².
     pub floor: f32,
+    /// Whether all samples are needed: a response that is not linear adds harmonics, which the fit
+    /// leaves out only with all of them. A pixel with a sample at the limit then has no phase.
+    pub whole: bool,
     cos: Vec<f32>,
     sin: Vec<f32>,
     /// Steps where cos δ is 1 and −1, then those where sin δ is: four steps of a quarter turn.
@@ -70,6 +73,7 @@ impl PhaseSet {
             frequency: (1.0 / period) as f32,
             table: Table::default(),
             floor: 0.0,
+            whole: false,
             quarters: quarters(shifts),
             cos: shifts.iter().map(|d| d.cos() as f32).collect(),
             sin: shifts.iter().map(|d| d.sin() as f32).collect(),

@@ -6,7 +6,7 @@ mod settings;
 mod shape;
 
 use super::fit::{Fitted, NO_PRECISION, Sums, fit};
-use super::gray_code::{GrayCells, read_gray_code};
+use super::gray_code::{Against, GrayCells, GrayCode, read_gray_code};
 use super::{BLOCK_PIXELS, DecodeSettings, Frames, Line, Outputs, Sample};
 use crate::{Error, Reason};
 use std::f32::consts::TAU;
@@ -102,7 +102,12 @@ pub fn decode_block<T: Sample>(
         read_gray_code(frames, plan, code, at, phases, &mut block.gray);
     }
     match &scratch.resolver {
-        None => ends::resolve_gray_only(plan, block),
+        None => {
+            ends::resolve_gray_only(plan, block);
+            if let Some(code) = &plan.gray_code {
+                mark_saturated_code(frames, plan, code, at, block);
+            }
+        }
         Some(resolver) => {
             block.power = block.sets[plan.finest()].power;
             if plan.gray_code.is_some() {
@@ -156,6 +161,33 @@ fn mark_undetermined(sets: usize, block: &mut Block) {
             } else {
                 reason
             };
+        }
+    }
+    hide_unmeasured(block);
+}
+
+/// Mark the pixels of a block whose Gray code is undetermined because its samples are at the limit: a
+/// bit and its inverse, or the white frame.
+#[inline(always)]
+fn mark_saturated_code<T: Sample>(
+    frames: &Frames<'_, T>,
+    plan: &DecodeSettings,
+    code: &GrayCode,
+    at: usize,
+    block: &mut Block,
+) {
+    let pairs: Vec<_> = match &code.against {
+        Against::Inverse(inverse) => code.bits.iter().zip(inverse).collect(),
+        Against::WhiteBlack { white, .. } => vec![(white, white)],
+        Against::Mean => Vec::new(),
+    };
+    for (bit, other) in pairs {
+        let (bit, other) = (frames.block(*bit, at), frames.block(*other, at));
+        for i in 0..BLOCK_PIXELS {
+            let least = bit[i].value().min(other[i].value());
+            if least >= plan.limits.saturation && block.reason[i] != Reason::Masked.lane() {
+                block.reason[i] = Reason::Saturated.lane();
+            }
         }
     }
     hide_unmeasured(block);

@@ -44,8 +44,13 @@ class PhaseEntry(Section):
     fringes: float | None = None
     """Periods across the projector, instead of ``period_px``."""
     steps: int | None = None
+    """Number of equal steps, δ_n = start_deg + sign · 360° n / steps."""
+    sign: int | None = None
+    """1, or −1 for programs whose steps add to the phase."""
+    start_deg: float | None = None
+    """δ of the first frame; 0 where left out."""
     shifts_deg: list[float] | None = None
-    """δ of every frame, I = ½ + ½ cos(2π x / p − δ), instead of ``steps`` equal ones from 0."""
+    """δ of every frame, I = ½ + ½ cos(2π x / p − δ), instead of ``steps`` equal ones."""
 
 
 class GrayEntry(Section):
@@ -120,11 +125,31 @@ def _block(entry: PhaseEntry | GrayEntry | UniformEntry, width: int, height: int
     if entry.fringes is not None and not entry.fringes > 0:
         raise InputError(f"fringes: expected > 0, got {entry.fringes}")
     period = entry.period_px if entry.fringes is None else length / entry.fringes
+    return PhaseSteps(entry.axis, period or 0.0, _shifts(entry))
+
+
+def _shifts(entry: PhaseEntry) -> tuple[float, ...]:
+    """Shifts of an entry, rad, from equal steps or a list."""
     if entry.shifts_deg is None:
-        shifts = equal_steps(entry.steps or 0)
-    else:
-        shifts = tuple(math.radians(d) for d in entry.shifts_deg)
-    return PhaseSteps(entry.axis, period or 0.0, shifts)
+        start = math.radians(entry.start_deg or 0.0)
+        return equal_steps(
+            entry.steps or 0, start_rad=start, sign=1 if entry.sign is None else entry.sign
+        )
+    if entry.sign is not None or entry.start_deg is not None:
+        raise InputError("sign, start_deg: expected together with steps; shifts_deg says it all")
+    return tuple(math.radians(d) for d in entry.shifts_deg)
+
+
+def _steps_entry(shifts_rad: tuple[float, ...]) -> dict[str, Any]:
+    """Shifts as an entry holds them: as equal steps where they are, or else as a list."""
+    start = round(math.degrees(shifts_rad[0]), 9)
+    for sign in (1, -1):
+        equal = equal_steps(len(shifts_rad), start_rad=math.radians(start), sign=sign)
+        if np.allclose(shifts_rad, equal, rtol=0.0, atol=1e-10):
+            entry: dict[str, Any] = {"steps": len(shifts_rad)}
+            entry |= {"sign": sign} if sign < 0 else {}
+            return entry | ({"start_deg": start} if start else {})
+    return {"shifts_deg": [round(math.degrees(d), 9) for d in shifts_rad]}
 
 
 def format_plan(plan: PatternPlan) -> str:
@@ -139,13 +164,8 @@ def format_plan(plan: PatternPlan) -> str:
             entry |= {"offset_px": float(block.offset_px)} if block.offset_px else {}
             sequence.append(entry | ({"levels": block.levels} if block.levels != 2 else {}))
         else:
-            n = len(block.shifts_rad)
             entry = {"kind": "phase", "axis": block.axis, "period_px": float(block.period_px)}
-            if np.allclose(block.shifts_rad, equal_steps(n), atol=1e-12):
-                sequence.append(entry | {"steps": n})
-            else:
-                degrees = [round(math.degrees(d), 9) for d in block.shifts_rad]
-                sequence.append(entry | {"shifts_deg": degrees})
+            sequence.append(entry | _steps_entry(block.shifts_rad))
     content: dict[str, Any] = {"kind": "plan", "projector": [plan.width_px, plan.height_px]}
     content |= {"bits": plan.bits, "gamma": float(plan.gamma), "dither": plan.dither}
     return tomli_w.dumps(content | {"sequence": sequence})

@@ -178,13 +178,22 @@ class Uniform(Frozen):
 Block = PhaseSteps | GrayCode | Uniform
 
 
-def equal_steps(n: int) -> tuple[float, ...]:
-    """Shifts 2π k / n for k = 0 … n − 1, rad.
+def equal_steps(n: int, *, start_rad: float = 0.0, sign: int = 1) -> tuple[float, ...]:
+    """Shifts start ± 2π k / n for k = 0 … n − 1, rad.
+
+    Parameters
+    ----------
+    n : int
+        Number of steps, 3 to 64.
+    start_rad : float
+        Shift of the first frame, rad; π/2 for fringes that begin with a sine.
+    sign : 1 or −1
+        −1 for programs whose steps add to the phase, cos(φ + δ).
 
     Raises
     ------
     InputError
-        If n is not between 3 and 64.
+        If an argument is out of range.
 
     Examples
     --------
@@ -193,7 +202,11 @@ def equal_steps(n: int) -> tuple[float, ...]:
     """
     if not 3 <= n <= MAX_STEPS:
         raise InputError(f"steps: expected 3 to {MAX_STEPS}, got {n}")
-    return tuple(TURN * k / n for k in range(n))
+    if sign not in (1, -1):
+        raise InputError(f"sign of the steps: expected 1 or -1, got {sign}")
+    if not finite(start_rad):
+        raise InputError(f"start of the steps: expected a finite angle, got {start_rad}")
+    return tuple(start_rad + sign * TURN * k / n for k in range(n))
 
 
 def check_projector(width_px: int, height_px: int) -> None:

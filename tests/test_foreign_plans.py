@@ -1,0 +1,127 @@
+"""Captures of other programs: what their plans can say, against pictures drawn by their formulas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy
+
+import fringeworks as fw
+from fringeworks.files import read_plan, write_plan
+
+WIDTH, ROWS = 640, 120
+COLUMNS = np.arange(WIDTH)
+GRAY = 'kind = "gray", axis = "x", step_px = 16, inverse = true'
+
+
+def plan_of(tmp_path, *entries, head="", width=WIDTH):
+    """A plan that is written by hand, and survives being written again."""
+    sequence = "\n".join(f"    {{{entry}}}," for entry in entries)
+    path = tmp_path / "plan.toml"
+    path.write_text(
+        f'kind = "plan"\nprojector = [{width}, {ROWS}]\n{head}\nsequence = [\n{sequence}\n]\n'
+    )
+    plan = read_plan(path)
+    again = read_plan(write_plan(tmp_path / "again.toml", plan))
+    for one, other in zip(fw.encode(plan), fw.encode(again), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert again.labels() == plan.labels()
+    return plan
+
+
+def seen(pictures, *, scale=0.8, blur=0.7, noise=1.5, seed=0, mirror=False):
+    """Frames of a tilted plane of lines of light, (n, WIDTH) from 0 to 1; and the coordinate that
+    each pixel sees, in the projector's own pixels."""
+    rng = np.random.default_rng(seed)
+    rows = np.arange(100)[:, None]
+    at = np.arange(20.0, WIDTH - 20.0, scale)[None] + 0.15 * (rows - 50.0)
+    fine = 10
+    frames = []
+    for line in pictures:
+        light = np.repeat(np.asarray(line, float)[:: -1 if mirror else 1], fine)
+        light = scipy.ndimage.gaussian_filter1d(light, blur * scale * fine, mode="nearest")
+        light = scipy.ndimage.uniform_filter1d(light, 2 * int(scale * fine / 2) + 1, mode="nearest")
+        place = (np.arange(light.size) + 0.5) / fine - 0.5
+        counts = 30.0 + 180.0 * np.interp(at, place, light)
+        frames.append(np.clip(np.rint(counts + rng.normal(0.0, noise, at.shape)), 0, 255))
+    return np.stack(frames).astype(np.uint8), at
+
+
+def bits_of(cells, count):
+    """Gray code of cells, (count, WIDTH), the most significant bit first."""
+    words = cells ^ (cells >> 1)
+    return np.stack([(words >> (count - 1 - k)) & 1 for k in range(count)])
+
+
+def with_inverse(bits):
+    return np.stack([pattern for bit in bits for pattern in (bit, 1 - bit)])
+
+
+def cosines(formula, steps=4, period=32.0):
+    phase = 2.0 * np.pi * COLUMNS / period
+    return np.stack([0.5 + 0.5 * formula(phase, n, steps) for n in range(steps)])
+
+
+def check(frames, plan, truth, *, measured=0.98, rms=0.12, options=None):
+    """Decode, and compare with the truth: where, how exact, and how honest."""
+    found = fw.decode(frames, plan, **(options or {}))
+    error = found.x.coordinate_px - truth
+    ok = np.isfinite(error)
+    assert ok.mean() > measured
+    assert np.sqrt(np.mean(error[ok] ** 2)) < rms
+    assert abs(np.mean(error[ok])) < 0.1 * rms
+    assert np.mean(np.abs(error[ok]) < 2.0 * found.x.sigma_px[ok]) > 0.9
+    assert not [f for f in found.findings if f.severity == "error"]
+    return found
+
+
+STEPS = {
+    "steps = 4": lambda phase, n, steps: np.cos(phase - 2 * np.pi * n / steps),
+    "steps = 4, sign = -1": lambda phase, n, steps: np.cos(phase + 2 * np.pi * n / steps),
+    "steps = 4, sign = -1, start_deg = 90": lambda phase, n, steps: np.sin(
+        phase + 2 * np.pi * n / steps
+    ),
+    "steps = 4, start_deg = 90": lambda phase, n, steps: np.sin(phase - 2 * np.pi * n / steps),
+    "steps = 4, sign = -1, start_deg = 180": lambda phase, n, steps: (
+        -np.cos(phase + 2 * np.pi * n / steps)
+    ),
+    "steps = 4, sign = -1, start_deg = -90": lambda phase, n, steps: np.cos(
+        phase - 2 * np.pi * (steps - 1 - n) / steps
+    ),
+    "steps = 4, start_deg = -11.25": lambda phase, n, steps: np.cos(
+        phase + 2 * np.pi / 32 - 2 * np.pi * n / steps
+    ),
+    "shifts_deg = [120, 0, -120]": lambda phase, n, steps: np.cos(
+        phase + 2 * np.pi * (n - 1) / steps
+    ),
+}
+
+
+@pytest.mark.parametrize("words", list(STEPS))
+def test_steps_of_other_programs(tmp_path, words):
+    """Sign and start of the steps, in the words of the plan."""
+    plan = plan_of(tmp_path, f'kind = "phase", axis = "x", period_px = 32, {words}', GRAY)
+    fringes = cosines(STEPS[words], steps=3 if "shifts" in words else 4)
+    check(*_with(seen, [*fringes, *with_inverse(bits_of(COLUMNS // 16, 6))], plan))
+    if "steps" in words:
+        written = (tmp_path / "again.toml").read_text()
+        assert ("sign = -1" in written) == ("sign" in words)
+
+
+def _with(take, pictures, plan, **options):
+    frames, truth = take(pictures, **options)
+    return frames, plan, truth
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ("steps = 4, sign = 0", "sign of the steps: expected 1 or -1, got 0"),
+        ("steps = 4, start_deg = inf", "start_deg: Input should be a finite number"),
+        ("shifts_deg = [0, 90, 180], sign = -1", "expected together with steps"),
+        ("shifts_deg = [0, 90, 180], start_deg = 5", "expected together with steps"),
+    ],
+)
+def test_nonsense_about_steps_is_refused(tmp_path, entry, words):
+    with pytest.raises(fw.InputError, match=words):
+        plan_of(tmp_path, f'kind = "phase", axis = "x", period_px = 32, {entry}')

@@ -125,3 +125,74 @@ def _with(take, pictures, plan, **options):
 def test_nonsense_about_steps_is_refused(tmp_path, entry, words):
     with pytest.raises(fw.InputError, match=words):
         plan_of(tmp_path, f'kind = "phase", axis = "x", period_px = 32, {entry}')
+
+
+LIGHT = {
+    "inverse": (", inverse = true", (), lambda bits: with_inverse(bits)),
+    "white": ("", ('kind = "white"', 'kind = "black"'), lambda bits: [*bits, 1 + 0 * bits[0], 0 * bits[0]]),
+    "fringes": ("", (), lambda bits: bits),
+}  # fmt: skip
+PHASE = 'kind = "phase", axis = "x", period_px = 32, steps = 4'
+
+
+@pytest.mark.parametrize("light", list(LIGHT))
+@pytest.mark.parametrize("inverted", ["true", "[0]", "[5]", "[0, 2, 3]"])
+def test_inverted_bits(tmp_path, inverted, light):
+    """A Gray code whose bits are light for dark, all of them or some."""
+    words, entries, pictures = LIGHT[light]
+    code = f'kind = "gray", axis = "x", step_px = 16{words}, inverted = {inverted}'
+    plan = plan_of(tmp_path, PHASE, code, *entries)
+    bits = bits_of(COLUMNS // 16, 6)
+    for k in range(6):
+        if inverted == "true" or str(k) in inverted:
+            bits[k] = 1 - bits[k]
+    fringes = cosines(STEPS["steps = 4"])
+    check(*_with(seen, [*fringes, *pictures(bits)], plan))
+
+
+@pytest.mark.parametrize("light", ["inverse", "white"])
+@pytest.mark.parametrize("inverted", ["true", "[1, 7]"])
+def test_inverted_bits_without_fringes(tmp_path, inverted, light):
+    """Also the place within a blurred border, which the brightness of a bit tells."""
+    words, entries, pictures = LIGHT[light]
+    code = f'kind = "gray", axis = "x", step_px = 2{words}, inverted = {inverted}'
+    plan = plan_of(tmp_path, code, *entries)
+    bits = bits_of(COLUMNS // 2, 9)
+    plain = plan_of(tmp_path, code.split(", inverted")[0], *entries)
+    flipped = bits.copy()
+    for k in range(9):
+        if inverted == "true" or str(k) in inverted:
+            flipped[k] = 1 - bits[k]
+    if inverted != "true":
+        plan = plan_of(tmp_path, code.replace("[1, 7]", "[1, 7]"), *entries)
+    one = check(*_with(seen, pictures(flipped), plan, scale=0.4), rms=0.6)
+    other = check(*_with(seen, pictures(bits), plain, scale=0.4), rms=0.6)
+    assert np.nanmean(one.x.sigma_px) == pytest.approx(np.nanmean(other.x.sigma_px), rel=0.02)
+
+
+def test_inverted_digits(tmp_path):
+    code = 'kind = "gray", axis = "x", step_px = 16, levels = 4, inverted = [1]'
+    plan = plan_of(tmp_path, PHASE, code, 'kind = "white"', 'kind = "black"')
+    pictures = np.stack([picture[0] / 255.0 for picture in fw.encode(plan)])
+    cell, digits = COLUMNS // 16, []
+    for place in (16, 4, 1):
+        before, digit = np.divmod(cell // place, 4)
+        digits.append(np.where(before % 2, 3 - digit, digit) / 3)
+    digits[1] = 1.0 - digits[1]
+    np.testing.assert_allclose(pictures[4:7], digits, atol=0.01)
+    check(*_with(seen, pictures, plan))
+
+
+def test_inverted_code_that_the_plan_does_not_say_is_named_with_what_says_it(tmp_path):
+    entries = (PHASE, 'kind = "gray", axis = "x", step_px = 16', 'kind = "white"', 'kind = "black"')
+    plan = plan_of(tmp_path, *entries)
+    bits = 1 - bits_of(COLUMNS // 16, 6)
+    frames, _ = seen([*cosines(STEPS["steps = 4"]), *LIGHT["white"][2](bits)])
+    with pytest.raises(fw.FramesContradictPlan, match="light for dark.*inverted = true"):
+        fw.decode(frames, plan)
+
+
+@pytest.mark.parametrize("inverted", ["[6]", "[-1]", "[1.5]", '"all"'])
+def test_nonsense_about_inverted_bits_is_refused(tmp_path, inverted):
+    with pytest.raises(fw.InputError, match="inverted"):
+        plan_of(tmp_path, PHASE, f"{GRAY}, inverted = {inverted}")

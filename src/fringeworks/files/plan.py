@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
-from pydantic import Field
+from pydantic import Field, StrictInt
 
 from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.folder import replacing_folder
@@ -65,6 +65,8 @@ class GrayEntry(Section):
     """Start of the first cell from the projector's edge; ≤ 0."""
     levels: int = 2
     """Levels of brightness."""
+    inverted: bool | list[StrictInt] = False
+    """Whether light stands for dark: in all bits, or in a list of them from 0 on."""
 
 
 class UniformEntry(Section):
@@ -115,8 +117,15 @@ def _block(entry: PhaseEntry | GrayEntry | UniformEntry, width: int, height: int
         return Uniform(entry.kind)
     length = width if entry.axis == "x" else height
     if isinstance(entry, GrayEntry):
+        inverted = entry.inverted if isinstance(entry.inverted, bool) else tuple(entry.inverted)
         return GrayCode(
-            entry.axis, entry.step_px, length, entry.inverse, entry.offset_px, entry.levels
+            entry.axis,
+            entry.step_px,
+            length,
+            entry.inverse,
+            entry.offset_px,
+            entry.levels,
+            inverted,
         )
     if (entry.period_px is None) == (entry.fringes is None):
         raise InputError("expected either period_px or fringes")
@@ -162,7 +171,8 @@ def format_plan(plan: PatternPlan) -> str:
             entry = {"kind": "gray", "axis": block.axis, "step_px": float(block.step_px)}
             entry |= {"inverse": True} if block.inverse else {}
             entry |= {"offset_px": float(block.offset_px)} if block.offset_px else {}
-            sequence.append(entry | ({"levels": block.levels} if block.levels != 2 else {}))
+            entry |= {"levels": block.levels} if block.levels != 2 else {}
+            sequence.append(entry | ({"inverted": block.inverted} if block.inverted else {}))
         else:
             entry = {"kind": "phase", "axis": block.axis, "period_px": float(block.period_px)}
             sequence.append(entry | _steps_entry(block.shifts_rad))

@@ -48,6 +48,8 @@ class GrayCode(Frozen):
     """Start of cell 0, projector px from the projector's edge; ≤ 0, such as −½ ``step_px``."""
     levels: int = 2
     """Number of levels of brightness, 2 to 16."""
+    inverted: bool | tuple[int, ...] = False
+    """Bits that are projected light for dark, 0 being the most significant one; True for all."""
 
     def __post_init__(self) -> None:
         check_axis(self.axis)
@@ -75,6 +77,10 @@ class GrayCode(Frozen):
             raise InputError(
                 f"Gray code: expected 2^{MAX_GRAY_BITS} cells or fewer, got {self.cells}"
             )
+        if not all(whole(bit, 0, self.bits - 1) for bit in self.inverted_bits):
+            raise InputError(
+                f"Gray code: expected inverted bits from 0 to {self.bits - 1}, got {self.inverted}"
+            )
 
     @property
     def cells(self) -> int:
@@ -85,6 +91,13 @@ class GrayCode(Frozen):
     def bits(self) -> int:
         """Number of bits; of digits with more than two levels."""
         return next(n for n in range(1, MAX_GRAY_BITS + 1) if self.levels**n >= self.cells)
+
+    @property
+    def inverted_bits(self) -> frozenset[int]:
+        """Bits that are projected light for dark."""
+        if isinstance(self.inverted, bool):
+            return frozenset(range(self.bits) if self.inverted else ())
+        return frozenset(self.inverted)
 
     @property
     def frames(self) -> int:
@@ -105,7 +118,8 @@ class GrayCode(Frozen):
         before, digit = np.divmod(cell // self.levels ** (self.bits - 1 - bit), self.levels)
         # A digit falls where the digits before it form an odd number: the code is reflected.
         lit = np.where(before % 2, top - digit, digit) / top
-        return np.asarray(1.0 - lit if self.inverse and frame % 2 else lit)
+        inverted = (bit in self.inverted_bits) != (self.inverse and frame % 2 == 1)
+        return np.asarray(1.0 - lit if inverted else lit)
 
     def labels(self) -> list[str]:
         """One name per frame."""

@@ -127,6 +127,8 @@ class GrayFrames:
     """Start of the first cell, projector px from the projector's edge."""
     levels: int = 2
     """Number of levels of brightness."""
+    inverted: frozenset[int] = frozenset()
+    """Bits that show light for dark, 0 being the most significant one."""
     resolved_px: float | None = None
     """Width of the narrowest cells that the camera resolves at most pixels, projector px; None for
     ``step_px``."""
@@ -144,6 +146,7 @@ class GrayFrames:
             inverse=self.inverse[:-count],
             step_px=self.step_px * 2**count,
             cells=-(-self.cells // 2**count),
+            inverted=frozenset(bit for bit in self.inverted if bit < len(self.bits) - count),
         )
 
     def _alien_share(self) -> float:
@@ -179,6 +182,7 @@ class GrayFrames:
             "inverse": [place[k] for k in self.inverse],
             "white_black": white_black and (place[white_black[0]], place[white_black[1]]),
             "levels": self.levels,
+            "inverted": sum(1 << (len(self.bits) - 1 - bit) for bit in self.inverted),
             "step": self.step_px,
             "offset": self.offset_px,
             "cells": self.cells,
@@ -198,8 +202,13 @@ def gray_frames(plan: PatternPlan, first: int, block: GrayCode, *, phases: bool)
     white, black = plan.uniform("white"), plan.uniform("black")
     white_black = None if white is None or black is None else (white, black)
     frames = range(first, first + block.frames)
+    inverted = block.inverted_bits
     if block.inverse:
-        bits, inverse, white_black = tuple(frames[::2]), tuple(frames[1::2]), None
+        # An inverted bit and its inverse take the place of each other.
+        pairs = list(zip(frames[::2], frames[1::2], strict=True))
+        pairs = [pair[::-1] if k in inverted else pair for k, pair in enumerate(pairs)]
+        bits, inverse = tuple(a for a, _ in pairs), tuple(b for _, b in pairs)
+        white_black, inverted = None, frozenset()
     else:
         bits, inverse = tuple(frames), ()
     if white_black is None and block.levels > 2:
@@ -213,7 +222,14 @@ def gray_frames(plan: PatternPlan, first: int, block: GrayCode, *, phases: bool)
             "same axis to compare the bits with, got none of them"
         )
     return GrayFrames(
-        bits, inverse, white_black, block.step_px, block.cells, block.offset_px, block.levels
+        bits,
+        inverse,
+        white_black,
+        block.step_px,
+        block.cells,
+        block.offset_px,
+        block.levels,
+        inverted,
     )
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import scipy
 
 import fringeworks as fw
 from fringeworks.files import read_plan, write_plan
+from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
+from fringeworks.patterns.encode import thrown
+from fringeworks.simulate import bust, fringe_plan, look, photograph, standard_rig
 
 WIDTH, ROWS = 640, 120
 COLUMNS = np.arange(WIDTH)
@@ -196,3 +201,116 @@ def test_inverted_code_that_the_plan_does_not_say_is_named_with_what_says_it(tmp
 def test_nonsense_about_inverted_bits_is_refused(tmp_path, inverted):
     with pytest.raises(fw.InputError, match="inverted"):
         plan_of(tmp_path, PHASE, f"{GRAY}, inverted = {inverted}")
+
+
+@pytest.mark.parametrize("light", list(LIGHT))
+@pytest.mark.parametrize(("step", "offset"), [(16, 0), (15, 0), (16, -8), (24, -12)])
+def test_mirrored_columns(tmp_path, light, step, offset):
+    """A projector that shows columns from right to left: coordinates are its own pixels."""
+    words, entries, pictures = LIGHT[light]
+    code = f'kind = "gray", axis = "x", step_px = {step}, offset_px = {offset}{words}'
+    head = 'mirrored = ["x"]'
+    plan = plan_of(tmp_path, PHASE, code, *entries, head=head)
+    count = plan.blocks[1].bits
+    bits = bits_of((COLUMNS - offset) // step, count)
+    sent = [*cosines(STEPS["steps = 4"]), *pictures(bits)]
+    for picture, line in zip(fw.encode(plan), sent, strict=True):
+        np.testing.assert_allclose(picture[0] / 255.0, line, atol=0.003)
+    check(*_with(seen, sent, plan, mirror=True))
+
+
+@pytest.mark.parametrize("step", [2, 3])
+def test_mirrored_columns_without_fringes(tmp_path, step):
+    code = f'kind = "gray", axis = "x", step_px = {step}, inverse = true, inverted = [1]'
+    plan = plan_of(tmp_path, code, head='mirrored = ["x"]')
+    bits = bits_of(COLUMNS // step, plan.blocks[0].bits)
+    bits[1] = 1 - bits[1]
+    check(*_with(seen, with_inverse(bits), plan, mirror=True, scale=0.5), rms=0.35 * step)
+
+
+@pytest.mark.parametrize("mirrored", [("x",), ("y",), ("x", "y")])
+@pytest.mark.parametrize("levels", [2, 3, 4])
+def test_mirrored_blocks_are_the_pictures_from_the_other_end(mirrored, levels):
+    blocks = (
+        PhaseSteps("x", 21.0, equal_steps(3)),
+        PhaseSteps("y", 9.0, tuple(np.radians([10.0, 100.0, 220.0, 300.0]))),
+        GrayCode("x", 5.0, 97, False, -3.0, levels),
+        GrayCode("y", 3.2, 40, False, 0.0, levels, True),
+        Uniform("white"),
+    )
+    plan = fw.PatternPlan(97, 40, blocks, mirrored=mirrored)
+    there = np.stack(list(thrown(plan)))
+    own = np.stack(list(fw.encode(plan.used[0])))
+    # A cosine at a half of the counts may be rounded up or down.
+    assert np.abs(there.astype(int) - own).max() <= 1
+    assert np.mean(there != own) < 0.03
+    assert (np.stack(list(fw.encode(plan))) != there).any()
+
+
+def test_a_rig_is_calibrated_and_measures_with_a_mirrored_projector():
+    rig = standard_rig(scale=0.2)
+    plan = fringe_plan(rig)
+    view = look(rig, bust())
+    mirrored = dataclasses.replace(plan, mirrored=("x", "y"))
+    one = fw.measure(fw.Stack(tuple(photograph(view, plan)), plan), rig).points
+    other = fw.measure(fw.Stack(tuple(photograph(view, mirrored)), mirrored), rig).points
+    both = np.isfinite(one.xyz_mm).all(axis=-1) & np.isfinite(other.xyz_mm).all(axis=-1)
+    assert both.mean() > 0.95 * np.isfinite(one.xyz_mm).all(axis=-1).mean()
+    off = np.linalg.norm(one.xyz_mm - other.xyz_mm, axis=-1)[both]
+    assert np.median(off) < 0.1
+    wrong = fw.measure(fw.Stack(tuple(photograph(view, mirrored)), plan), rig, axis="x").points
+    assert not (np.nanmedian(np.linalg.norm(one.xyz_mm - wrong.xyz_mm, axis=-1)) < 1.0)
+
+
+@pytest.mark.parametrize("mirrored", ['"x"', '["z"]', "true"])
+def test_nonsense_about_mirrors_is_refused(tmp_path, mirrored):
+    with pytest.raises(fw.InputError, match="mirrored"):
+        plan_of(tmp_path, PHASE, GRAY, head=f"mirrored = {mirrored}")
+
+
+@pytest.mark.parametrize("light", ["inverse", "white"])
+@pytest.mark.parametrize("fringes", [True, False])
+def test_unused_finest_bits(tmp_path, light, fringes):
+    """Bits that were projected and show nonsense: their frames are left out."""
+    words, entries, pictures = LIGHT[light]
+    code = f'kind = "gray", axis = "x", step_px = 2, unused = 3{words}'
+    plan = plan_of(tmp_path, *([PHASE] if fringes else []), code, *entries)
+    rng = np.random.default_rng(1)
+    bits = bits_of(COLUMNS // 2, 9).astype(float)
+    bits[6:] = rng.uniform(0.0, 3.0, bits[6:].shape)
+    sent = [*(cosines(STEPS["steps = 4"]) if fringes else []), *pictures(bits)]
+    frames, truth = seen(sent)
+    frames[-4 if light == "white" else -2] = 7  # a constant frame of the unused bits
+    found = check(frames, plan, truth, rms=0.12 if fringes else 5.5)
+    assert not [f for f in found.findings if f.kind == "resolution"]
+    stream = fw.stack.StreamingDecoder(plan)
+    for frame in frames:
+        stream.add(frame)
+    assert stream.result() == found
+    decoder = fw.stack.Decoder(plan, frames[0].shape)
+    np.testing.assert_array_equal(decoder.decode(frames).x.coordinate_px, found.x.coordinate_px)
+
+
+def test_frames_that_are_not_decoded(tmp_path):
+    """Flashes and pauses between the patterns are said to be unused, wherever they are."""
+    pause = 'kind = "unused"'
+    plan = plan_of(tmp_path, pause, PHASE, pause, GRAY, pause, pause)
+    assert plan.labels()[0] == "unused"
+    pictures = [*cosines(STEPS["steps = 4"]), *with_inverse(bits_of(COLUMNS // 16, 6))]
+    flash = 1.0 + 0 * COLUMNS
+    sent = [0 * COLUMNS, *pictures[:4], 1.3 * flash, *pictures[4:], pictures[3], pictures[-1]]
+    frames, truth = seen(sent)
+    frames[0] = 0
+    check(frames, plan, truth)
+    with pytest.raises(fw.FramesContradictPlan, match="the plan has 20, got 16"):
+        fw.decode(frames[:16], plan)
+    with pytest.raises(fw.FramesContradictPlan, match="swapped"):
+        fw.decode(frames[[0, 1, 3, 2, *range(4, 20)]], plan)
+
+
+@pytest.mark.parametrize("unused", ["-1", "6", "1.5", "true"])
+def test_nonsense_about_unused_bits_is_refused(tmp_path, unused):
+    with pytest.raises(fw.InputError, match="unused"):
+        plan_of(tmp_path, PHASE, f"{GRAY}, unused = {unused}")
+    with pytest.raises(fw.InputError, match="expected fringes or Gray code"):
+        plan_of(tmp_path, 'kind = "unused"')

@@ -67,12 +67,14 @@ class GrayEntry(Section):
     """Levels of brightness."""
     inverted: bool | list[StrictInt] = False
     """Whether light stands for dark: in all bits, or in a list of them from 0 on."""
+    unused: StrictInt = 0
+    """Number of finest bits that are not decoded."""
 
 
 class UniformEntry(Section):
-    """One white or black frame."""
+    """One white or black frame, or one that is not decoded."""
 
-    kind: Literal["white", "black"]
+    kind: Literal["white", "black", "unused"]
 
 
 Entry = Annotated[PhaseEntry | GrayEntry | UniformEntry, Field(discriminator="kind")]
@@ -87,6 +89,8 @@ class PlanFile(Section):
     bits: int = 8
     gamma: float = 1.0
     dither: bool = False
+    mirrored: tuple[Axis, ...] = ()
+    """Axes along which the projector mirrors its pictures."""
     sequence: list[Entry] = Field(min_length=1, max_length=MAX_BLOCKS)
 
 
@@ -108,7 +112,13 @@ def read_plan(path: StrPath) -> PatternPlan:
             except InputError as error:
                 raise InputError(f"entry {number} of the sequence: {told(error)}") from error
         return PatternPlan(
-            width, height, tuple(blocks), content.bits, content.gamma, content.dither
+            width,
+            height,
+            tuple(blocks),
+            content.bits,
+            content.gamma,
+            content.dither,
+            content.mirrored,
         )
 
 
@@ -126,6 +136,7 @@ def _block(entry: PhaseEntry | GrayEntry | UniformEntry, width: int, height: int
             entry.offset_px,
             entry.levels,
             inverted,
+            entry.unused,
         )
     if (entry.period_px is None) == (entry.fringes is None):
         raise InputError("expected either period_px or fringes")
@@ -168,16 +179,22 @@ def format_plan(plan: PatternPlan) -> str:
         if isinstance(block, Uniform):
             sequence.append({"kind": block.kind})
         elif isinstance(block, GrayCode):
-            entry = {"kind": "gray", "axis": block.axis, "step_px": float(block.step_px)}
+            entry: dict[str, Any] = {
+                "kind": "gray",
+                "axis": block.axis,
+                "step_px": float(block.step_px),
+            }
             entry |= {"inverse": True} if block.inverse else {}
             entry |= {"offset_px": float(block.offset_px)} if block.offset_px else {}
             entry |= {"levels": block.levels} if block.levels != 2 else {}
-            sequence.append(entry | ({"inverted": block.inverted} if block.inverted else {}))
+            entry |= {"inverted": block.inverted} if block.inverted else {}
+            sequence.append(entry | ({"unused": block.unused} if block.unused else {}))
         else:
             entry = {"kind": "phase", "axis": block.axis, "period_px": float(block.period_px)}
             sequence.append(entry | _steps_entry(block.shifts_rad))
     content: dict[str, Any] = {"kind": "plan", "projector": [plan.width_px, plan.height_px]}
     content |= {"bits": plan.bits, "gamma": float(plan.gamma), "dither": plan.dither}
+    content |= {"mirrored": list(plan.mirrored)} if plan.mirrored else {}
     return tomli_w.dumps(content | {"sequence": sequence})
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,8 @@ class GrayCode(Frozen):
     """Number of levels of brightness, 2 to 16."""
     inverted: bool | tuple[int, ...] = False
     """Bits that are projected light for dark, 0 being the most significant one; True for all."""
+    unused: int = 0
+    """Number of finest bits that are projected but not decoded."""
 
     def __post_init__(self) -> None:
         check_axis(self.axis)
@@ -81,6 +83,11 @@ class GrayCode(Frozen):
             raise InputError(
                 f"Gray code: expected inverted bits from 0 to {self.bits - 1}, got {self.inverted}"
             )
+        if not whole(self.unused, 0, self.bits - 1):
+            raise InputError(
+                f"Gray code: expected 0 to {self.bits - 1} unused bits of {self.bits}, got "
+                f"{self.unused}"
+            )
 
     @property
     def cells(self) -> int:
@@ -103,6 +110,42 @@ class GrayCode(Frozen):
     def frames(self) -> int:
         """Number of frames."""
         return self.bits * (2 if self.inverse else 1)
+
+    @property
+    def used(self) -> GrayCode:
+        """The code that is decoded, without the unused bits: its frames are the first of all."""
+        if not self.unused:
+            return self
+        kept = self.bits - self.unused
+        return replace(
+            self,
+            step_px=self.step_px * self.levels**self.unused,
+            inverted=tuple(sorted(bit for bit in self.inverted_bits if bit < kept)),
+            unused=0,
+        )
+
+    @property
+    def mirrored(self) -> GrayCode:
+        """The code that a mirror makes of this one.
+
+        Numbered from the other end, a reflected code differs in its first digit alone, which is
+        inverted. With an odd number of levels all digits are.
+        """
+        every = range(self.bits)
+        changed = {0} if self.levels % 2 == 0 else set(every)
+        words = self.levels**self.bits
+        code = replace(
+            self,
+            # Words that no cell has come before the projector's edge then.
+            offset_px=min(self.length_px - self.offset_px - words * self.step_px, 0.0),
+            inverted=tuple(bit for bit in every if (bit in self.inverted_bits) != (bit in changed)),
+        )
+        if code.bits != self.bits:
+            raise InputError(
+                "Gray code: expected cell 0 to begin in the first half of the code to mirror it, "
+                f"got an offset of {self.offset_px:g} px"
+            )
+        return code
 
     def values(self, position: FloatMap, frame: int) -> FloatMap:
         """Light that one frame sends to projector positions, 0…1.

@@ -7,12 +7,14 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy
+from PIL import Image
 
 import fringeworks as fw
 from fringeworks.files import read_plan, write_plan
 from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
 from fringeworks.patterns.encode import thrown
 from fringeworks.simulate import bust, fringe_plan, look, photograph, standard_rig
+from tests.commands import run
 
 WIDTH, ROWS = 640, 120
 COLUMNS = np.arange(WIDTH)
@@ -314,3 +316,75 @@ def test_nonsense_about_unused_bits_is_refused(tmp_path, unused):
         plan_of(tmp_path, PHASE, f"{GRAY}, unused = {unused}")
     with pytest.raises(fw.InputError, match="expected fringes or Gray code"):
         plan_of(tmp_path, 'kind = "unused"')
+
+
+def _write_colours(folder, frames, plan_text, others):
+    """Colour images whose channels are given in ``others`` and, in turn, by the frames."""
+    folder.mkdir(exist_ok=True)
+    (folder / "plan.toml").write_text(plan_text)
+    for k, image in enumerate(others(frames)):
+        Image.fromarray(np.ascontiguousarray(image)).save(folder / f"{k:02d}.png")
+
+
+@pytest.mark.parametrize("channel", ["r", "g", "b"])
+def test_one_channel_of_colour_images(tmp_path, channel):
+    """The other channels show something else, such as the light of the room."""
+    plan = plan_of(tmp_path, PHASE, GRAY)
+    frames, truth = seen([*cosines(STEPS["steps = 4"]), *with_inverse(bits_of(COLUMNS // 16, 6))])
+    rng = np.random.default_rng(0)
+
+    def coloured(frames):
+        for frame in frames:
+            image = rng.integers(0, 255, (*frame.shape, 3), dtype=np.uint8)
+            image[..., "rgb".index(channel)] = frame
+            yield image
+
+    folder = tmp_path / "shots"
+    _write_colours(folder, frames, (tmp_path / "plan.toml").read_text(), coloured)
+    stack = fw.files.read_stack(folder, channels=channel)
+    np.testing.assert_array_equal(np.stack(stack.frames), frames)
+    check(frames, plan, truth)
+    (folder / "capture.toml").write_text(f'kind = "stack"\nchannels = "{channel}"\n')
+    assert fw.decode(folder).x == fw.decode(stack).x
+    np.save(tmp_path / "all.npy", np.stack([np.stack([f] * 3, axis=-1) for f in frames]))
+    single = fw.files.read_stack(tmp_path / "all.npy", channels=channel)
+    np.testing.assert_array_equal(np.stack(single.frames), frames)
+
+
+def test_three_steps_in_the_channels_of_one_image(tmp_path):
+    entry = 'kind = "phase", axis = "x", period_px = 32, steps = 3'
+    plan_of(tmp_path, entry, 'kind = "gray", axis = "x", step_px = 16, inverse = true')
+    fringes = cosines(STEPS["steps = 4"], steps=3)
+    frames, truth = seen([*fringes, *with_inverse(bits_of(COLUMNS // 16, 6))])
+    folder = tmp_path / "shots"
+    _write_colours(
+        folder,
+        frames,
+        (tmp_path / "plan.toml").read_text(),
+        lambda frames: [np.stack(frames[k : k + 3], axis=-1) for k in range(0, 15, 3)],
+    )
+    stack = fw.files.read_stack(folder, channels="rgb")
+    check(np.stack(stack.frames), stack.plan, truth, rms=0.15)
+    with pytest.raises(fw.FramesContradictPlan, match="15 frames, got 5 images with 2 channels"):
+        fw.files.read_stack(folder, channels="bg")
+
+
+def test_nonsense_about_channels_is_refused(tmp_path):
+    plan_of(tmp_path, PHASE)
+    folder = tmp_path / "shots"
+    folder.mkdir()
+    (folder / "plan.toml").write_text((tmp_path / "plan.toml").read_text())
+    for k in range(4):
+        Image.fromarray(np.zeros((8, 8), np.uint8)).save(folder / f"{k}.png")
+    for channels in ("x", "gg", "rgba", "red"):
+        with pytest.raises(fw.InputError, match="channels: expected some of r, g and b"):
+            fw.files.read_stack(folder, channels=channels)
+    with pytest.raises(
+        fw.InputError, match="expected a colour image for its channels g, got a grey"
+    ):
+        fw.files.read_stack(folder, channels="g")
+    np.save(tmp_path / "grey.npy", np.zeros((4, 8, 8), np.uint8))
+    with pytest.raises(fw.InputError, match=r"shape \(n, h, w, 3\)"):
+        fw.files.read_stack(tmp_path / "grey.npy", channels="g")
+    done = run("decode", folder, "--steps", "4", "--channels", "g", code=2)
+    assert "--channels: with --steps" in done.stderr

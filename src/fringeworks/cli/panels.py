@@ -19,7 +19,7 @@ PANELS = {
     "turntable turn distortion model align datum-point datum-plane fit-box reach-mm tolerance-mm "
     "scale",
     "Method": "live method option against denoise response estimate-response estimate-steps "
-    "relative phases unwrap contrast adjust kind min-period max-period robust",
+    "relative phases unwrap contrast adjust kind min-period max-period camera-pixel robust",
     "Output": "out capture ply figure report json csv markdown timing force",
 }
 """Names of options by panel. An option means the same in every command, so it has one panel."""

@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.patterns.chain_search import ORDER_SIGMAS
+from fringeworks.patterns.gray_code import (
+    DOUBT_SIGMAS,
+    FRAME_MINUS_MEAN,
+    NARROW_CONTRAST,
+    RESOLVED_SHARE,
+)
 from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.patterns.plan import GrayCode, PatternPlan
 from fringeworks.types import CameraNoise, FramesContradictPlan, InputError
@@ -54,22 +60,8 @@ An empirical choice: with blur that halves the modulation, 1.5 times the code's 
 NARROW_CELL_TURNS = 0.25
 """Width of Gray-code cells, in periods, below which their bits may have any contrast. Empirical."""
 
-NARROW_CONTRAST = 0.35
-"""The same for narrower cells and without fringes, where it protects against wrong thresholds.
-
-Light in the room that changes between the fringes and the code shifts the threshold. A bit that
-passes by less than a third of its contrast may be wrong then. An empirical choice.
-"""
-
-DOUBT_SIGMAS = 4.0
-"""Distance of a bit from its threshold below which it is in doubt, standard deviations: that of the
-kernel, ``DOUBT_SIGMAS`` of ``decode/gray_code``."""
-
 HALF_DIFFERENCE = 0.5
 """Variance of half the difference of a bit and its inverse, in variances of one frame."""
-
-FRAME_MINUS_MEAN = 1.5
-"""Variance of a bit less the mean of white and black, in variances of one frame."""
 
 WIDEST_CELLS = 2.0
 """Largest half width of the range that the bits of a pixel without fringes may leave, in cells that
@@ -80,10 +72,6 @@ but light of other surfaces, and the range would not hold its coordinate."""
 BLUR_FLOOR = 0.05
 """Smallest blur of a border, in cells, so that its width stays above zero where no bit is in
 doubt."""
-
-RESOLVED_SHARE = 0.5
-"""Share of the lit pixels at which a bit must be firm to count as resolved. Borders of a bit that
-is resolved take up to a third of its stripes."""
 
 MIN_LEVEL_PIXELS = 200
 """Smallest number of pixels for a statement about the levels of brightness. An empirical choice."""

@@ -406,6 +406,7 @@ class _GrayCode(TypedDict):
     inverse: list[int]
     white_black: tuple[int, int] | None
     levels: int
+    inverted: int
     step: float
     offset: float
     cells: int

@@ -27,10 +27,7 @@ def calibrate_cameras(
 
     steps = sum(len(pose_paths(folder)) for folder in folders) + 1
     with output.progress(steps) as progress:
-        poses = [
-            ((name, how.named(stack)) for name, stack in fw.files.read_poses(folder, how.plan))
-            for folder in folders
-        ]
+        poses = [how.poses(folder) for folder in folders]
         found = fw.calibrate(poses, known, distortion=distortion, progress=progress, **how.options)
     with output.target(out, ".toml") as place:
         fw.files.write_multi_rig(place, found.rig)

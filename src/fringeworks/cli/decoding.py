@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -32,6 +33,13 @@ class StackOptions:
         float | None, typer.Option(help="Counts from which on a sample is not trusted.")
     ] = None
     min_modulation: Annotated[float, typer.Option(help="Least modulation, counts.")] = 0.0
+    channels: Annotated[
+        str | None,
+        typer.Option(
+            help="Channels of colour images that are a frame each: g for green alone, rgb for "
+            "three frames in every image. Luminance by default."
+        ),
+    ] = None
     camera_name: CameraName = None
     projector_name: ProjectorName = None
 
@@ -53,7 +61,7 @@ class StackOptions:
 
     def read(self, path: Path) -> fw.Stack:
         """Read a stack."""
-        return self.named(fw.files.read_stack(path, self.plan))
+        return self.named(fw.files.read_stack(path, self.plan, channels=self.channels))
 
     def read_captured(self, path: Path) -> fw.Stack | tuple[fw.Stack, ...]:
         """Read a stack, or the stacks of several exposures of a scene."""
@@ -67,6 +75,11 @@ class StackOptions:
                 "whose noise differs"
             )
         return tuple(self.named(stack) for stack in fw.files.read_exposures(path))
+
+    def poses(self, folder: Path) -> Iterator[tuple[str, fw.Stack]]:
+        """Read the stacks of a calibration."""
+        for name, stack in fw.files.read_poses(folder, self.plan, channels=self.channels):
+            yield name, self.named(stack)
 
     def named(self, stack: fw.Stack) -> fw.Stack:
         """Return the stack with the names of its devices, where they are given."""

@@ -11,15 +11,15 @@ MANY = 13
 PANELS = {
     "Devices": "projector camera exposure-ms gain-db pixel-format",
     "Frames": "frames auto-exposure hdr average fast most-saturated resume plan setup steps "
-    "reference object black white mask background camera-name projector-name noise gain "
-    "saturation min-modulation modulation",
+    "set channels reference object black white mask background camera-name projector-name noise "
+    "gain saturation min-modulation modulation",
     "Scene": "shape size height-mm fringes gamma bits ambient paint seed matrix",
     "Geometry": "rig projector-size axes axis depth blur-px epipolar-px geometry distance-mm "
     "baseline-mm pitch-mm-per-px sign principal-px plane-coordinates plane-equation board "
     "turntable turn distortion model align datum-point datum-plane fit-box reach-mm tolerance-mm "
     "scale",
     "Method": "live method option against denoise response estimate-response estimate-steps "
-    "relative phases unwrap contrast adjust kind min-period max-period robust",
+    "relative phases unwrap contrast adjust kind min-period max-period camera-pixel robust",
     "Output": "out capture ply figure report json csv markdown timing force",
 }
 """Names of options by panel. An option means the same in every command, so it has one panel."""
@@ -34,6 +34,7 @@ FIRST = {
     "measure": "rig depth out ply figure",
     "plan": "frames projector-size setup rig out",
     "reconstruct": "reference object method out figure",
+    "response": "plan set camera-name projector-name out",
     "scan": "setup rig capture out hdr",
     "simulate": "shape size noise bits out",
 }

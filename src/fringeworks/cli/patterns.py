@@ -68,6 +68,17 @@ def plan(
         float | None,
         typer.Option(help="Longest period of the fringes, projector px; any by default."),
     ] = None,
+    camera_pixel: Annotated[
+        float | None,
+        typer.Option(
+            help="Projector px that a camera pixel spans: a Gray code of the finest cells that it "
+            "resolves is proposed as well."
+        ),
+    ] = None,
+    blur_px: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of the camera's blur, px; with --camera-pixel."),
+    ] = None,
     robust: Annotated[
         bool,
         typer.Option(
@@ -91,17 +102,20 @@ def plan(
         "min_period_px": min_period,
         "max_period_px": max_period,
         "robust": robust or None,
+        "camera_pixel_px": camera_pixel,
+        "blur_px": blur_px,
         "axes": None if axes is None else axes_of(axes),
     }
-    options: dict[str, Any] = _of_setup(known) if known else {}
-    options |= {name: value for name, value in given.items() if value is not None}
-    options["frames"] = frames
+    options: dict[str, Any] = _of_setup(known, depth is None) if known else {}
+    options |= {n: value for n, value in given.items() if value is not None} | {"frames": frames}
     if depth is None:
         options["width_px"], options["height_px"] = _size(projector_size, known, rig)
         found = fw.propose(**options)
         origin = made_by("propose", options=options)
-    elif rig is None or projector_size is not None:
-        raise fw.InputError("--depth: expected with --rig and without --projector-size")
+    elif rig is None or (projector_size, camera_pixel, blur_px) != (None, None, None):
+        raise fw.InputError(
+            "--depth: expected with --rig and without --projector-size, --camera-pixel, --blur-px"
+        )
     else:
         options["depth_mm"] = depth_of(depth)
         found = fw.patterns.propose_for_depth(rig, **options)
@@ -112,8 +126,8 @@ def plan(
     if out is not None:
         with output.target(out, ".toml") as place:
             fw.files.write_plan(place, chosen[0].plan)
-    proposals = [_figures(p) for p in found]
-    output.write_json(json_file, {"proposals": proposals, "provenance": origin.as_dict()})
+    told = {"proposals": [_figures(p) for p in found], "provenance": origin.as_dict()}
+    output.write_json(json_file, told)
     _say(words, found)
     if out is not None and not output.is_stdout(out):
         words.say(f"wrote {out} ({chosen[0].kind})")
@@ -145,9 +159,12 @@ def _size(
     raise fw.InputError("--projector-size: expected, or --setup or --rig; got none of them")
 
 
-def _of_setup(setup: fw.scan.StoredSetup) -> dict[str, float]:
-    """What a set-up has measured, as ``propose`` takes it."""
-    return {
+def _of_setup(setup: fw.scan.StoredSetup, gray: bool) -> dict[str, float]:
+    """What a set-up has measured, as ``propose`` takes it; for Gray codes also the optics."""
+    optics: dict[str, float] = {}
+    if gray and setup.camera_pixel_px is not None:
+        optics = {"camera_pixel_px": setup.camera_pixel_px, "blur_px": setup.blur_px}
+    return optics | {
         "noise": setup.noise_counts,
         "modulation": setup.modulation,
         "min_period_px": setup.min_period_px,

@@ -101,6 +101,8 @@ def decode(
                 "--steps: it takes the place of a plan and gives a phase; expected none of "
                 "--plan, --relative, --phases beside it"
             )
+        if how.channels is not None:
+            raise fw.InputError("--channels: with --steps, write them into capture.toml instead")
         given: dict[str, Any] = {
             "camera": how.camera_name,
             "projector": how.projector_name,
@@ -269,8 +271,9 @@ def calibrate(
         take_poses(devices, how.plan, known, folder, how.options)
     options = how.options
     with output.progress(len(pose_paths(folder)) + 1) as progress:
-        poses = ((name, how.named(stack)) for name, stack in fw.files.read_poses(folder, how.plan))
-        found = fw.calibrate(poses, known, distortion=distortion, progress=progress, **options)
+        found = fw.calibrate(
+            how.poses(folder), known, distortion=distortion, progress=progress, **options
+        )
     with output.target(out, ".toml") as place:
         fw.files.write_rig(place, found.rig)
     figures = fw.report.summarise(found)

@@ -60,6 +60,8 @@ class StackFile(UnfinishedFile):
     frames: list[str] | str | None = None
     """Images in the order of the plan, or one TIFF stack; where left out, all images, by the labels
     in their names or by name."""
+    channels: str | None = None
+    """Channels of colour images that are a frame each, as "g" or "rgb"; luminance by default."""
 
 
 class CaptureWriter:

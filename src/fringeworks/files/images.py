@@ -35,6 +35,8 @@ TIFF_SUFFIXES = (".tif", ".tiff")
 PNG_LEVEL = 4
 """Level of compression of PNG frames, 0…9. Frames of cameras are written 2.3 times as fast as with
 the usual 6, and are 0.5 % larger."""
+CHANNELS = "rgb"
+"""Letters of the channels of a colour image, in its order."""
 MAGIC = {b"\x89PNG\r\n\x1a\n": "PNG", b"\xff\xd8\xff": "JPEG", b"BM": "BMP"}
 """Pillow's names of the kinds that are read, by their first bytes."""
 IHDR_SIZE = slice(16, 24)
@@ -62,10 +64,14 @@ class _Image(NamedTuple):
     """Whether the file is lossily compressed."""
     clipped: BoolMap | None = None
     """Where a channel of a coloured image is at the limit of its type, (h, w)."""
+    channel: str = ""
+    """The channel of a colour image that ``grey`` is; empty for all."""
 
     @property
     def notes(self) -> tuple[str, ...]:
         """The conversion to grey in one sentence."""
+        if self.channel:
+            return (f"{self.path.name}: channel {self.channel} of a colour image",)
         if self.channels == 1:
             return ()
         if self.coloured:
@@ -108,11 +114,21 @@ def read_frame(path: StrPath) -> tuple[NDArray[Any], tuple[str, ...]]:
     FileProblem where the file is missing, empty, truncated, of an unknown kind, holds several
     pages, or has a depth that the reader would reduce.
     """
-    image = _read(Path(path))
+    (image,) = _read(Path(path), "")
     return image.grey, image.notes
 
 
-def read_frames(paths: Sequence[Path], *, stack: bool) -> ReadFrames:
+def checked_channels(channels: str | None) -> str:
+    """Channels as they were given, empty for none; ``InputError`` for other letters."""
+    channels = channels or ""
+    if set(channels) - set(CHANNELS) or len(set(channels)) < len(channels):
+        raise InputError(
+            f"channels: expected some of r, g and b, each once, as g or rgb, got {channels!r}"
+        )
+    return channels
+
+
+def read_frames(paths: Sequence[Path], *, stack: bool, channels: str = "") -> ReadFrames:
     """Read images that belong together as grey frames.
 
     If one image is coloured, all become luminance (BT.601), float32, also those without colour.
@@ -124,6 +140,8 @@ def read_frames(paths: Sequence[Path], *, stack: bool) -> ReadFrames:
         Whether they are the frames of a stack. All must have counts of one type then. A pixel with
         a channel at the limit of its type gets that limit as luminance, because the mean of clipped
         and other channels does not show that it is saturated.
+    channels : str
+        Channels of colour images that are a frame each, as "g" or "rgb"; empty for luminance.
 
     Returns
     -------
@@ -134,7 +152,7 @@ def read_frames(paths: Sequence[Path], *, stack: bool) -> ReadFrames:
     FramesContradictPlan where a frame of a stack has another depth than the first, naming both
     files; FileProblem as ``read_frame``.
     """
-    images = _read_all(paths)
+    images = _read_all(paths, channels)
     for image in images:
         if stack and image.kind != images[0].kind:
             raise FramesContradictPlan(
@@ -162,16 +180,18 @@ def _as_luminance(image: _Image, *, mark_clipped: bool) -> _Image:
     return image._replace(grey=grey, coloured=True)
 
 
-def _read_all(paths: Sequence[Path]) -> list[_Image]:
+def _read_all(paths: Sequence[Path], channels: str) -> list[_Image]:
     """Read images on all processors: decoding leaves the interpreter to others for a part of its
     time."""
     # Limits on files belong to the context of the caller.
     contexts = [copy_context() for _ in paths]
     with ThreadPoolExecutor(max(1, min(len(paths), os.cpu_count() or 1))) as pool:
-        return list(pool.map(lambda context, path: context.run(_read, path), contexts, paths))
+        each = pool.map(lambda context, path: context.run(_read, path, channels), contexts, paths)
+        return [image for images in each for image in images]
 
 
-def _read(path: Path) -> _Image:
+def _read(path: Path, channels: str) -> list[_Image]:
+    """The frames of an image file: one for each of the channels, or its grey one."""
     path = existing_file(path, "an image file")
     if path.stat().st_size == 0:
         raise FileProblem(f"{path}: expected an image, got an empty file")
@@ -190,7 +210,18 @@ def _read(path: Path) -> _Image:
     with parsing(path, "an image"):
         if array.dtype.kind not in "uif":
             raise FileProblem(f"expected counts, got {array.dtype}")
-        return _to_grey(path, array.astype(array.dtype.newbyteorder("="), copy=False), lossy)
+        array = array.astype(array.dtype.newbyteorder("="), copy=False)
+        if not channels:
+            return [_to_grey(path, array, lossy)]
+        if array.ndim != 3 or array.shape[2] < len(CHANNELS):
+            raise FileProblem(
+                f"expected a colour image for its channels {channels}, got a grey one"
+            )
+        parts = [np.ascontiguousarray(array[..., CHANNELS.index(letter)]) for letter in channels]
+        return [
+            _Image(path, part, array.dtype, array.shape[2], False, lossy, channel=letter)
+            for part, letter in zip(parts, channels, strict=True)
+        ]
 
 
 def _read_image(path: Path) -> tuple[NDArray[Any], bool]:

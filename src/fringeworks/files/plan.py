@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
-from pydantic import Field
+from pydantic import Field, StrictInt
 
 from fringeworks.files.atomic import StrPath, replacing, write_text
 from fringeworks.files.folder import replacing_folder
@@ -44,8 +44,13 @@ class PhaseEntry(Section):
     fringes: float | None = None
     """Periods across the projector, instead of ``period_px``."""
     steps: int | None = None
+    """Number of equal steps, δ_n = start_deg + sign · 360° n / steps."""
+    sign: int | None = None
+    """1, or −1 for programs whose steps add to the phase."""
+    start_deg: float | None = None
+    """δ of the first frame; 0 where left out."""
     shifts_deg: list[float] | None = None
-    """δ of every frame, I = ½ + ½ cos(2π x / p − δ), instead of ``steps`` equal ones from 0."""
+    """δ of every frame, I = ½ + ½ cos(2π x / p − δ), instead of ``steps`` equal ones."""
 
 
 class GrayEntry(Section):
@@ -60,12 +65,16 @@ class GrayEntry(Section):
     """Start of the first cell from the projector's edge; ≤ 0."""
     levels: int = 2
     """Levels of brightness."""
+    inverted: bool | list[StrictInt] = False
+    """Whether light stands for dark: in all bits, or in a list of them from 0 on."""
+    unused: StrictInt = 0
+    """Number of finest bits that are not decoded."""
 
 
 class UniformEntry(Section):
-    """One white or black frame."""
+    """One white or black frame, or one that is not decoded."""
 
-    kind: Literal["white", "black"]
+    kind: Literal["white", "black", "unused"]
 
 
 Entry = Annotated[PhaseEntry | GrayEntry | UniformEntry, Field(discriminator="kind")]
@@ -80,6 +89,8 @@ class PlanFile(Section):
     bits: int = 8
     gamma: float = 1.0
     dither: bool = False
+    mirrored: tuple[Axis, ...] = ()
+    """Axes along which the projector mirrors its pictures."""
     sequence: list[Entry] = Field(min_length=1, max_length=MAX_BLOCKS)
 
 
@@ -101,7 +112,13 @@ def read_plan(path: StrPath) -> PatternPlan:
             except InputError as error:
                 raise InputError(f"entry {number} of the sequence: {told(error)}") from error
         return PatternPlan(
-            width, height, tuple(blocks), content.bits, content.gamma, content.dither
+            width,
+            height,
+            tuple(blocks),
+            content.bits,
+            content.gamma,
+            content.dither,
+            content.mirrored,
         )
 
 
@@ -110,8 +127,16 @@ def _block(entry: PhaseEntry | GrayEntry | UniformEntry, width: int, height: int
         return Uniform(entry.kind)
     length = width if entry.axis == "x" else height
     if isinstance(entry, GrayEntry):
+        inverted = entry.inverted if isinstance(entry.inverted, bool) else tuple(entry.inverted)
         return GrayCode(
-            entry.axis, entry.step_px, length, entry.inverse, entry.offset_px, entry.levels
+            entry.axis,
+            entry.step_px,
+            length,
+            entry.inverse,
+            entry.offset_px,
+            entry.levels,
+            inverted,
+            entry.unused,
         )
     if (entry.period_px is None) == (entry.fringes is None):
         raise InputError("expected either period_px or fringes")
@@ -120,11 +145,31 @@ def _block(entry: PhaseEntry | GrayEntry | UniformEntry, width: int, height: int
     if entry.fringes is not None and not entry.fringes > 0:
         raise InputError(f"fringes: expected > 0, got {entry.fringes}")
     period = entry.period_px if entry.fringes is None else length / entry.fringes
+    return PhaseSteps(entry.axis, period or 0.0, _shifts(entry))
+
+
+def _shifts(entry: PhaseEntry) -> tuple[float, ...]:
+    """Shifts of an entry, rad, from equal steps or a list."""
     if entry.shifts_deg is None:
-        shifts = equal_steps(entry.steps or 0)
-    else:
-        shifts = tuple(math.radians(d) for d in entry.shifts_deg)
-    return PhaseSteps(entry.axis, period or 0.0, shifts)
+        start = math.radians(entry.start_deg or 0.0)
+        return equal_steps(
+            entry.steps or 0, start_rad=start, sign=1 if entry.sign is None else entry.sign
+        )
+    if entry.sign is not None or entry.start_deg is not None:
+        raise InputError("sign, start_deg: expected together with steps; shifts_deg says it all")
+    return tuple(math.radians(d) for d in entry.shifts_deg)
+
+
+def _steps_entry(shifts_rad: tuple[float, ...]) -> dict[str, Any]:
+    """Shifts as an entry holds them: as equal steps where they are, or else as a list."""
+    start = round(math.degrees(shifts_rad[0]), 9)
+    for sign in (1, -1):
+        equal = equal_steps(len(shifts_rad), start_rad=math.radians(start), sign=sign)
+        if np.allclose(shifts_rad, equal, rtol=0.0, atol=1e-10):
+            entry: dict[str, Any] = {"steps": len(shifts_rad)}
+            entry |= {"sign": sign} if sign < 0 else {}
+            return entry | ({"start_deg": start} if start else {})
+    return {"shifts_deg": [round(math.degrees(d), 9) for d in shifts_rad]}
 
 
 def format_plan(plan: PatternPlan) -> str:
@@ -134,20 +179,22 @@ def format_plan(plan: PatternPlan) -> str:
         if isinstance(block, Uniform):
             sequence.append({"kind": block.kind})
         elif isinstance(block, GrayCode):
-            entry = {"kind": "gray", "axis": block.axis, "step_px": float(block.step_px)}
+            entry: dict[str, Any] = {
+                "kind": "gray",
+                "axis": block.axis,
+                "step_px": float(block.step_px),
+            }
             entry |= {"inverse": True} if block.inverse else {}
             entry |= {"offset_px": float(block.offset_px)} if block.offset_px else {}
-            sequence.append(entry | ({"levels": block.levels} if block.levels != 2 else {}))
+            entry |= {"levels": block.levels} if block.levels != 2 else {}
+            entry |= {"inverted": block.inverted} if block.inverted else {}
+            sequence.append(entry | ({"unused": block.unused} if block.unused else {}))
         else:
-            n = len(block.shifts_rad)
             entry = {"kind": "phase", "axis": block.axis, "period_px": float(block.period_px)}
-            if np.allclose(block.shifts_rad, equal_steps(n), atol=1e-12):
-                sequence.append(entry | {"steps": n})
-            else:
-                degrees = [round(math.degrees(d), 9) for d in block.shifts_rad]
-                sequence.append(entry | {"shifts_deg": degrees})
+            sequence.append(entry | _steps_entry(block.shifts_rad))
     content: dict[str, Any] = {"kind": "plan", "projector": [plan.width_px, plan.height_px]}
     content |= {"bits": plan.bits, "gamma": float(plan.gamma), "dither": plan.dither}
+    content |= {"mirrored": list(plan.mirrored)} if plan.mirrored else {}
     return tomli_w.dumps(content | {"sequence": sequence})
 
 

@@ -47,6 +47,10 @@ class _Projector(_Device):
 
 
 class _Camera(_Device):
+    pixel_px: float | None = Field(default=None, gt=0)
+    """Projector px that a camera pixel spans."""
+    blur_px: float = Field(default=0.0, ge=0)
+    """Of camera and projector, camera px."""
     modulation: float = Field(gt=0)
     """Of the darkest tenth of the lit pixels, counts."""
     black_counts: float | None = None
@@ -108,6 +112,10 @@ class StoredSetup(Frozen):
     """Columns and rows of the projector."""
     min_period_px: float
     """Shortest period that the devices resolve, projector px."""
+    camera_pixel_px: float | None = None
+    """Projector px that a camera pixel spans. None in files of earlier versions."""
+    blur_px: float = 0.0
+    """Standard deviation of the blur of camera and projector, camera px."""
     modulation: float
     """Modulation of fringes at the darkest tenth of the lit pixels, counts."""
     gamma: float
@@ -202,6 +210,8 @@ def _content(setup: StoredSetup, plan: str) -> dict[str, Any]:
         "settings": settings_table(setup.settings),
         "noise": {"read_counts": setup.noise.read_counts, "gain": setup.noise.gain},
     }
+    if setup.camera_pixel_px is not None:
+        content["camera"] |= {"pixel_px": setup.camera_pixel_px, "blur_px": setup.blur_px}
     if setup.black_counts is not None:
         content["camera"]["black_counts"] = setup.black_counts
     if setup.delay is not None:
@@ -246,6 +256,8 @@ def read_setup(path: StrPath) -> StoredSetup:
         findings=findings,
         size_px=projector.size_px,
         min_period_px=projector.min_period_px,
+        camera_pixel_px=camera.pixel_px,
+        blur_px=camera.blur_px,
         modulation=camera.modulation,
         gamma=projector.gamma,
         contrast=projector.contrast,

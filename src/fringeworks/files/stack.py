@@ -13,8 +13,10 @@ from fringeworks.files.atomic import StrPath
 from fringeworks.files.capture_writer import StackFile, refuse_unfinished, writing_capture
 from fringeworks.files.frame_order import by_name, in_plan_order
 from fringeworks.files.images import (
+    CHANNELS,
     IMAGE_SUFFIXES,
     TIFF_SUFFIXES,
+    checked_channels,
     read_frames,
 )
 from fringeworks.files.limits import existing_file, inside, is_file, is_folder, parsing, told
@@ -25,7 +27,7 @@ from fringeworks.files.provenance import source_of
 from fringeworks.files.toml import kind_of, read_toml
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.frames import Stack, step_of
-from fringeworks.types import NUMBERS, FileProblem, sealed
+from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, sealed
 
 STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz")
 """Single files that hold a stack."""
@@ -33,7 +35,9 @@ MAX_NOTES = 1
 """Notes about single frames that are kept in full; the others are counted."""
 
 
-def read_stack(path: StrPath, plan: StrPath | PatternPlan | None = None) -> Stack:
+def read_stack(
+    path: StrPath, plan: StrPath | PatternPlan | None = None, *, channels: str | None = None
+) -> Stack:
     """Read a stack of frames.
 
     Parameters
@@ -43,11 +47,14 @@ def read_stack(path: StrPath, plan: StrPath | PatternPlan | None = None) -> Stac
         TIFF stack, ``.npy`` or ``.npz`` with (n, h, w).
     plan : path or PatternPlan, optional
         For folders and files that have no plan beside them.
+    channels : str, optional
+        Channels of colour images that are a frame each: "g" for green alone, "rgb" where every
+        image holds three frames of the plan. By default those that ``capture.toml`` says.
 
     Returns
     -------
     Stack with frames as stored. Uncompressed TIFF and ``.npy`` stay on disk. If an image of a
-    folder is coloured, all become luminance, float32.
+    folder is coloured, all become luminance, float32, unless channels are named.
 
     Raises
     ------
@@ -63,7 +70,7 @@ def read_stack(path: StrPath, plan: StrPath | PatternPlan | None = None) -> Stac
     path = Path(path)
     if is_folder(path):
         with parsing(path, "a stack of frames"):
-            return _read_folder(path, plan)
+            return _read_folder(path, plan, channels)
     if not is_file(path):
         raise FileProblem(
             f"{told(path)}: expected a folder or a stack of frames, got nothing there"
@@ -72,7 +79,7 @@ def read_stack(path: StrPath, plan: StrPath | PatternPlan | None = None) -> Stac
         plan = path.parent / PLAN_FILE
         if not is_file(plan):
             raise FileProblem(f"{path}: expected a plan, or a file {PLAN_FILE} beside it; got none")
-    frames, lossy = _read_file(path)
+    frames, lossy = _read_file(path, checked_channels(channels))
     return Stack(
         frames,
         _plan_of(plan),
@@ -83,7 +90,7 @@ def read_stack(path: StrPath, plan: StrPath | PatternPlan | None = None) -> Stac
 
 
 def read_poses(
-    folder: StrPath, plan: StrPath | PatternPlan | None = None
+    folder: StrPath, plan: StrPath | PatternPlan | None = None, *, channels: str | None = None
 ) -> Iterator[tuple[str, Stack]]:
     """Read the stacks of a calibration, one after the other.
 
@@ -93,6 +100,8 @@ def read_poses(
         Holds one stack (a folder or a file) for each pose of the board.
     plan : path or PatternPlan, optional
         Of all poses; a ``plan.toml`` in the folder serves as well.
+    channels : str, optional
+        As for ``read_stack``.
 
     Yields
     ------
@@ -107,7 +116,7 @@ def read_poses(
     if plan is None and is_file(folder / PLAN_FILE):
         plan = folder / PLAN_FILE
     for path in paths:
-        yield path.name, read_stack(path, plan)
+        yield path.name, read_stack(path, plan, channels=channels)
 
 
 def pose_paths(folder: StrPath) -> list[Path]:
@@ -183,7 +192,7 @@ def _plan_of(plan: StrPath | PatternPlan) -> PatternPlan:
     return plan if isinstance(plan, PatternPlan) else read_plan(plan)
 
 
-def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
+def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str | None) -> Stack:
     description = folder / CAPTURE_FILE
     described = is_file(description)
     content = _described(folder)
@@ -192,22 +201,24 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
         if not is_file(plan):
             raise missing_description(folder, told(content.plan))
     layout, saturation = _plan_of(plan), content.saturation
+    channels = checked_channels(channels or content.channels)
     if isinstance(content.frames, str):
         paths = [existing_file(inside(folder, content.frames), "a stack of frames")]
         notes: list[str] = []
-        frames, lossy = _read_file(paths[0])
+        frames, lossy = _read_file(paths[0], channels)
         step = step_of(frames[0].dtype) if frames else None
     else:
         listed = content.frames is not None
         given = [inside(folder, n) for n in content.frames or ()] if listed else images_of(folder)
-        paths, notes = in_plan_order(given, layout, folder, listed=listed)
-        read = read_frames(paths, stack=True)
+        if len(channels) > 1:
+            _check_number(given, channels, layout, folder)
+            paths, notes = given, []
+        else:
+            paths, notes = in_plan_order(given, layout, folder, listed=listed)
+        read = read_frames(paths, stack=True, channels=channels)
         frames, step, lossy = read.frames, read.count_step, read.lossy
         saturation = saturation or read.saturation
-        notes += read.notes[:MAX_NOTES]
-        if len(read.notes) > MAX_NOTES:
-            more = len(read.notes) - MAX_NOTES
-            notes.append(f"the same holds for {more} other frame{'s' if more > 1 else ''}")
+        notes += _first_of(read.notes)
     tomls = [description] if described else []
     tomls += [] if isinstance(plan, PatternPlan) else [Path(plan)]
     return Stack(
@@ -221,6 +232,22 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None) -> Stack:
         step,
         lossy,
     )
+
+
+def _first_of(notes: Sequence[str]) -> list[str]:
+    """Notes about single frames, of which most are only counted."""
+    more = len(notes) - MAX_NOTES
+    counted = [f"the same holds for {more} other frame{'s' if more > 1 else ''}"]
+    return [*notes[:MAX_NOTES], *(counted if more > 0 else [])]
+
+
+def _check_number(paths: list[Path], channels: str, plan: PatternPlan, folder: Path) -> None:
+    """Refuse another number of images with several frames each than the plan's."""
+    if len(paths) * len(channels) != plan.frames:
+        raise FramesContradictPlan(
+            f"{folder}: the plan has {plan.frames} frames, got {len(paths)} images with "
+            f"{len(channels)} channels each"
+        )
 
 
 def _described(folder: Path) -> StackFile:
@@ -256,9 +283,17 @@ def images_of(folder: Path) -> list[Path]:
     return by_name(found)
 
 
-def _read_file(path: Path) -> tuple[Sequence[NDArray[Any]], bool]:
+def _read_file(path: Path, channels: str) -> tuple[Sequence[NDArray[Any]], bool]:
     """The frames of a file, and whether they are lossily compressed."""
     stack, lossy = open_stack_file(path)
+    if channels:
+        if stack.ndim != 4 or stack.shape[3] < len(CHANNELS):
+            raise FileProblem(
+                f"{path}: expected colour frames of shape (n, h, w, 3) for their channels "
+                f"{channels}, got {stack.shape}"
+            )
+        places = [CHANNELS.index(letter) for letter in channels]
+        return [sealed(page[..., k]) for page in stack for k in places], lossy
     if stack.ndim != 3 or stack.size == 0:
         raise FileProblem(f"{path}: expected frames of shape (n, h, w), got {stack.shape}")
     return list(sealed(stack)), lossy

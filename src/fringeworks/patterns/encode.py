@@ -67,6 +67,13 @@ def encode(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
             yield np.minimum(picture, top).astype(kind)
 
 
+def thrown(plan: PatternPlan) -> Iterator[NDArray[np.unsignedinteger]]:
+    """The pictures of a plan as they leave the projector, mirrored where the plan says so."""
+    rows, columns = (slice(None, None, -1 if axis in plan.mirrored else 1) for axis in ("y", "x"))
+    for picture in encode(plan):
+        yield picture[rows, columns]
+
+
 def _dither_thresholds(shape: tuple[int, int]) -> FloatMap:
     """Thresholds of the ordered dither, (h, w), 0…1.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Literal
 
@@ -134,6 +134,11 @@ class PhaseSteps(Frozen):
         covariance = np.linalg.inv(design.T @ design)
         return float(2.0 / (covariance[1, 1] + covariance[2, 2]))
 
+    def mirrored(self, length_px: int) -> PhaseSteps:
+        """The steps that a mirror makes of these on a projector of a length."""
+        end = TURN * (length_px - 1) / self.period_px
+        return replace(self, shifts_rad=tuple(end - shift for shift in self.shifts_rad))
+
     def values(self, position: FloatMap, frame: int) -> FloatMap:
         """Light that one frame sends to projector positions, 0…1.
 
@@ -152,13 +157,16 @@ class PhaseSteps(Frozen):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Uniform(Frozen):
-    """One white or black frame."""
+    """One white or black frame, or one that is not decoded, whatever it shows."""
 
-    kind: Literal["white", "black"]
+    kind: Literal["white", "black", "unused"]
+    """Black is drawn for ``unused``."""
 
     def __post_init__(self) -> None:
-        if self.kind not in ("white", "black"):
-            raise InputError(f"uniform frame: expected white or black, got {self.kind!r}")
+        if self.kind not in ("white", "black", "unused"):
+            raise InputError(
+                f"uniform frame: expected white or black, or unused, got {self.kind!r}"
+            )
 
     @property
     def frames(self) -> int:
@@ -178,13 +186,22 @@ class Uniform(Frozen):
 Block = PhaseSteps | GrayCode | Uniform
 
 
-def equal_steps(n: int) -> tuple[float, ...]:
-    """Shifts 2π k / n for k = 0 … n − 1, rad.
+def equal_steps(n: int, *, start_rad: float = 0.0, sign: int = 1) -> tuple[float, ...]:
+    """Shifts start ± 2π k / n for k = 0 … n − 1, rad.
+
+    Parameters
+    ----------
+    n : int
+        Number of steps, 3 to 64.
+    start_rad : float
+        Shift of the first frame, rad; π/2 for fringes that begin with a sine.
+    sign : 1 or −1
+        −1 for programs whose steps add to the phase, cos(φ + δ).
 
     Raises
     ------
     InputError
-        If n is not between 3 and 64.
+        If an argument is out of range.
 
     Examples
     --------
@@ -193,7 +210,11 @@ def equal_steps(n: int) -> tuple[float, ...]:
     """
     if not 3 <= n <= MAX_STEPS:
         raise InputError(f"steps: expected 3 to {MAX_STEPS}, got {n}")
-    return tuple(TURN * k / n for k in range(n))
+    if sign not in (1, -1):
+        raise InputError(f"sign of the steps: expected 1 or -1, got {sign}")
+    if not finite(start_rad):
+        raise InputError(f"start of the steps: expected a finite angle, got {start_rad}")
+    return tuple(start_rad + sign * TURN * k / n for k in range(n))
 
 
 def check_projector(width_px: int, height_px: int) -> None:
@@ -221,6 +242,9 @@ class PatternPlan(Plotted, Frozen):
     """Exponent γ of the response that the patterns compensate: v^(1/γ) is sent; > 0."""
     dither: bool = False
     """Whether an ordered dither over 8 × 8 pixels replaces the rounding to whole counts."""
+    mirrored: tuple[Axis, ...] = ()
+    """Axes along which the projector mirrors the pictures that it is sent, as with projection from
+    behind: x for columns from right to left. Coordinates count the projector's own pixels."""
 
     def __post_init__(self) -> None:
         check_projector(self.width_px, self.height_px)
@@ -240,6 +264,9 @@ class PatternPlan(Plotted, Frozen):
         for axis in self.axes:
             if sum(isinstance(b, GrayCode) for b in self.blocks if _along(b, axis)) > 1:
                 raise InputError(f"plan: expected at most one Gray code along {axis}, got several")
+        for axis in self.mirrored:
+            check_axis(axis)
+        _ = self.placed  # refuses codes that cannot be mirrored
 
     def length_px(self, axis: Axis) -> int:
         """Length of the projector along an axis, px."""
@@ -258,9 +285,32 @@ class PatternPlan(Plotted, Frozen):
 
     @cached_property
     def placed(self) -> tuple[tuple[int, Block], ...]:
-        """Every block with the index of its first frame."""
-        firsts = np.cumsum([0, *(block.frames for block in self.blocks)])
-        return tuple((int(first), block) for first, block in zip(firsts, self.blocks, strict=False))
+        """Every block that is decoded, in the projector's own pixels, with its first frame's index.
+
+        Frames that are not decoded are blocks of the kind ``unused``.
+        """
+        seen = [part for block in self.blocks for part in self._seen(block)]
+        firsts = np.cumsum([0, *(block.frames for block in seen)])
+        return tuple((int(first), block) for first, block in zip(firsts, seen, strict=False))
+
+    @cached_property
+    def used(self) -> tuple[PatternPlan, tuple[int, ...]]:
+        """The plan of the frames that are decoded, in the projector's own pixels; their indices."""
+        kept = [(k, block) for k, block in self.placed if block != Uniform("unused")]
+        frames = tuple(k + n for k, block in kept for n in range(block.frames))
+        return replace(self, blocks=tuple(block for _, block in kept), mirrored=()), frames
+
+    def _seen(self, block: Block) -> Iterator[Block]:
+        """What is decoded of a block."""
+        mirrored = any(_along(block, axis) for axis in self.mirrored)
+        if isinstance(block, PhaseSteps):
+            yield block.mirrored(self.length_px(block.axis)) if mirrored else block
+        elif isinstance(block, GrayCode):
+            yield block.used.mirrored if mirrored else block.used
+            for _ in range(block.frames - block.used.frames):
+                yield Uniform("unused")
+        else:
+            yield block
 
     def phase_sets(self, axis: Axis) -> list[tuple[int, PhaseSteps]]:
         """Sets of steps along an axis, each with the index of its first frame."""

@@ -9,12 +9,14 @@ from itertools import islice
 
 import numpy as np
 
+from fringeworks.patterns.gray_code import FRAME_MINUS_MEAN, finest_cell
 from fringeworks.patterns.order_chain import TURN, separation
 from fringeworks.patterns.plan import (
     Block,
     GrayCode,
     PatternPlan,
     PhaseSteps,
+    Uniform,
     check_projector,
     equal_steps,
 )
@@ -117,12 +119,13 @@ class Proposal(Frozen):
     """A plan with its predicted error."""
 
     kind: str
-    """single (one period), hierarchical, heterodyne, number-theoretic or gray (with Gray code)."""
+    """single (one period), hierarchical, heterodyne, number-theoretic, gray (with Gray code) or
+    gray-alone (without fringes)."""
     plan: PatternPlan
     sigma_px: float
     """Predicted standard deviation of the coordinate, projector px; of two axes the larger one."""
     margin: float
-    """Smallest margin of a fringe order, in standard deviations; ≥ 6."""
+    """Smallest margin of a fringe order, or of a bit, in standard deviations; ≥ 6."""
     reason: str = ""
     """Why the plan has such periods, where that is more than the smallest error."""
 
@@ -150,6 +153,8 @@ def propose(
     max_period_px: float = math.inf,
     robust: bool = False,
     range_px: Mapping[Axis, float] | None = None,
+    camera_pixel_px: float | None = None,
+    blur_px: float = 0.0,
 ) -> list[Proposal]:
     """Propose the best plan of every kind, the smallest predicted error first.
 
@@ -175,6 +180,11 @@ def propose(
     range_px : mapping of axes to floats > 0, optional
         Distances within which coordinates must be unambiguous, projector px; by default the whole
         projector. ``propose_for_depth`` finds them for a range of depths.
+    camera_pixel_px : float > 0, optional
+        Projector px that a camera pixel spans. Gray-code cells are then not finer than the camera
+        resolves, and a Gray code without fringes of the finest such cells is proposed as well.
+    blur_px : float ≥ 0
+        Standard deviation of the blur of camera and projector, camera px.
 
     Returns
     -------
@@ -189,7 +199,8 @@ def propose(
     Notes
     -----
     The predicted error is that of the inverse-variance mean of all sets,
-    σ = (Σ (N_m / 2) (2π B / (p_m σ_I))²)^−½ (theory §5).
+    σ = (Σ (N_m / 2) (2π B / (p_m σ_I))²)^−½ (theory §5). Without fringes it is at most that of a
+    uniform distribution over a cell.
 
     Examples
     --------
@@ -206,13 +217,16 @@ def propose(
     check_projector(width_px, height_px)
     ratio, absolute = noise / modulation, range_px is None
     lengths = {"x": float(width_px), "y": float(height_px)} if range_px is None else range_px
+    cell = _checked_cell(camera_pixel_px, blur_px, ratio)
     proposals: list[Proposal] = []
+    if cell is not None and absolute and math.isinf(max_period_px):
+        proposals += _gray_alone(width_px, height_px, axes, frames, ratio, cell)
     for kind in KINDS if absolute else PHASE_KINDS:
         if kind == "gray" and math.isfinite(max_period_px):
             continue  # the stripes of a Gray code are as wide as half the projector
         blocks: list[Block] = []
         for axis in axes:
-            best = _best(kind, axis, lengths[axis], share, ratio, band)
+            best = _best(kind, axis, lengths[axis], share, ratio, band, cell or 1)
             if best is None:
                 break
             blocks += best
@@ -273,13 +287,19 @@ def _sigma(periods: Sequence[float], sigmas: Sequence[float]) -> float:
 
 
 def _best(
-    kind: str, axis: Axis, length: float, frames: int, ratio: float, band: tuple[float, float]
+    kind: str,
+    axis: Axis,
+    length: float,
+    frames: int,
+    ratio: float,
+    band: tuple[float, float],
+    cell: int,
 ) -> list[Block] | None:
     """Blocks of a kind with the smallest error; None where none has the required margin."""
     least, most = band
     options: Iterator[list[Block]]
     if kind == "gray":
-        options = _gray(axis, math.ceil(length), frames, least)
+        options = _gray(axis, math.ceil(length), frames, max(least, 2.0 * cell))
     elif kind == "single":
         period = max(math.ceil(length) + END_PX, least)
         single: list[Block] = [PhaseSteps(axis, period, equal_steps(frames))]
@@ -312,6 +332,36 @@ def _gray(axis: Axis, length: int, frames: int, least: float) -> Iterator[list[B
             PhaseSteps(axis, 2.0 * step, equal_steps(steps)),
             GrayCode(axis, step, length),
         ]
+
+
+def _checked_cell(camera_pixel_px: float | None, blur_px: float, ratio: float) -> int | None:
+    """The finest cell that the camera resolves, projector px; None where unknown, or for none."""
+    if not (math.isfinite(blur_px) and blur_px >= 0):
+        raise InputError(f"blur_px: expected 0 camera px or more, got {blur_px}")
+    if camera_pixel_px is None:
+        if blur_px:
+            raise InputError("blur_px: expected together with camera_pixel_px, got it alone")
+        return None
+    if not (math.isfinite(camera_pixel_px) and camera_pixel_px > 0):
+        raise InputError(f"camera_pixel_px: expected > 0 projector px, got {camera_pixel_px}")
+    return finest_cell(camera_pixel_px, blur_px, ratio)
+
+
+def _gray_alone(
+    width_px: int, height_px: int, axes: Sequence[Axis], frames: int, ratio: float, cell: int
+) -> Iterator[Proposal]:
+    """A Gray code along each axis with a white and a black frame, of the finest cells."""
+    most = (frames - 2) // len(axes)
+    margin = 1.0 / (ratio * FRAME_MINUS_MEAN**0.5)
+    if most < 1 or margin < MIN_MARGIN:
+        return
+    lengths = {"x": width_px, "y": height_px}
+    steps = {axis: max(cell, math.ceil(lengths[axis] / 2**most)) for axis in axes}
+    if any(step >= lengths[axis] for axis, step in steps.items()):
+        return
+    codes = [GrayCode(axis, float(step), lengths[axis]) for axis, step in steps.items()]
+    plan = PatternPlan(width_px, height_px, (*codes, Uniform("white"), Uniform("black")))
+    yield Proposal("gray-alone", plan, max(steps.values()) / 12.0**0.5, margin)
 
 
 def _shares(frames: int, sets: int) -> list[list[int]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from fringeworks.devices.protocols import Camera, Projector, VideoMode, video_mode_of
 from fringeworks.files.setup import StoredSetup
+from fringeworks.patterns.gray_code import finest_cell
 from fringeworks.patterns.propose import Proposal, propose
 from fringeworks.scan.agreement import Agreement
 from fringeworks.scan.checks.exposure import Exposing, check_exposure
@@ -104,6 +105,15 @@ class Setup(SetupTests):
     """The plan that is proposed for these devices, with its predicted error."""
 
     @property
+    def finest_cell_px(self) -> int | None:
+        """Width of the finest Gray-code cells that the camera resolves, projector px; None where it
+        resolves none."""
+        modulation = dark_modulation(self.levels)
+        ratio = float(np.sqrt(self.noise.variance(modulation))) / modulation
+        pixel, blur = _optics(self.stripes)
+        return None if pixel is None else finest_cell(pixel, blur, ratio)
+
+    @property
     def settings(self) -> CameraSettings:
         """Settings of the camera, as it reported them."""
         return self.exposing.settings
@@ -116,6 +126,7 @@ class Setup(SetupTests):
         projector, camera : str
             Words that open the devices; see ``open_devices``.
         """
+        pixel, blur = _optics(self.stripes)
         return StoredSetup(
             projector=projector,
             camera=camera,
@@ -129,6 +140,8 @@ class Setup(SetupTests):
             findings=self.findings,
             size_px=self.size_px,
             min_period_px=max(s.min_period_px for s in self.stripes),
+            camera_pixel_px=pixel,
+            blur_px=blur,
             modulation=dark_modulation(self.levels),
             gamma=self.levels.gamma,
             contrast=self.levels.contrast,
@@ -296,6 +309,7 @@ def _proposed(done: SetupTests, frames: int, axes: tuple[Axis, ...]) -> Proposal
     assert done.levels is not None
     assert done.noise is not None
     modulation = dark_modulation(done.levels)
+    pixel, blur = _optics([s for s in done.stripes if s.axis in axes])
     return propose(
         *done.size_px,
         frames,
@@ -303,4 +317,15 @@ def _proposed(done: SetupTests, frames: int, axes: tuple[Axis, ...]) -> Proposal
         noise=float(np.sqrt(done.noise.variance(modulation))),
         modulation=modulation,
         min_period_px=max(s.min_period_px for s in done.stripes if s.axis in axes),
+        camera_pixel_px=pixel,
+        blur_px=blur,
     )[0]
+
+
+def _optics(stripes: Sequence[Stripes]) -> tuple[float | None, float]:
+    """Size of a camera pixel, projector px, and blur, camera px, along the axis where they take
+    most; None and 0 where they are not known."""
+    widest = max(stripes, key=lambda s: s.camera_pixel_px * float(np.hypot(s.blur_px, 12.0**-0.5)))
+    if not widest.camera_pixel_px > 0:
+        return None, 0.0
+    return widest.camera_pixel_px, widest.blur_px

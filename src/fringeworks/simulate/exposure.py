@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fringeworks.patterns.encode import encode
+from fringeworks.patterns.encode import thrown
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.simulate.bayer import demosaiced, mosaic
 from fringeworks.simulate.imaging import Imaging
@@ -60,7 +60,7 @@ def photograph(
     optics = optics or Optics()
     rng = np.random.default_rng(optics.seed)
     imaging = _imaging(view, plan, optics)
-    for picture in encode(plan):
+    for picture in thrown(plan):
         arriving: FloatMap = view.shading * _light(imaging, picture, plan, optics)
         for step in transport:
             arriving = step(arriving)
@@ -90,7 +90,7 @@ def photograph_moving(
     """
     optics = optics or Optics()
     rng = np.random.default_rng(optics.seed)
-    for view, picture in zip(views, cycle(encode(plan)), strict=False):
+    for view, picture in zip(views, cycle(thrown(plan)), strict=False):
         imaging = _imaging(view, plan, optics)
         arriving = view.shading * _light(imaging, picture, plan, optics)
         yield _stored(imaging.seen(arriving + optics.ambient), optics, rng)

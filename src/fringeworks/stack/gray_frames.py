@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 
 from fringeworks import _core
 from fringeworks.patterns.chain_search import ORDER_SIGMAS
+from fringeworks.patterns.gray_code import (
+    DOUBT_SIGMAS,
+    FRAME_MINUS_MEAN,
+    NARROW_CONTRAST,
+    RESOLVED_SHARE,
+)
 from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.patterns.plan import GrayCode, PatternPlan
 from fringeworks.types import CameraNoise, FramesContradictPlan, InputError
@@ -54,22 +60,8 @@ An empirical choice: with blur that halves the modulation, 1.5 times the code's 
 NARROW_CELL_TURNS = 0.25
 """Width of Gray-code cells, in periods, below which their bits may have any contrast. Empirical."""
 
-NARROW_CONTRAST = 0.35
-"""The same for narrower cells and without fringes, where it protects against wrong thresholds.
-
-Light in the room that changes between the fringes and the code shifts the threshold. A bit that
-passes by less than a third of its contrast may be wrong then. An empirical choice.
-"""
-
-DOUBT_SIGMAS = 4.0
-"""Distance of a bit from its threshold below which it is in doubt, standard deviations: that of the
-kernel, ``DOUBT_SIGMAS`` of ``decode/gray_code``."""
-
 HALF_DIFFERENCE = 0.5
 """Variance of half the difference of a bit and its inverse, in variances of one frame."""
-
-FRAME_MINUS_MEAN = 1.5
-"""Variance of a bit less the mean of white and black, in variances of one frame."""
 
 WIDEST_CELLS = 2.0
 """Largest half width of the range that the bits of a pixel without fringes may leave, in cells that
@@ -80,10 +72,6 @@ but light of other surfaces, and the range would not hold its coordinate."""
 BLUR_FLOOR = 0.05
 """Smallest blur of a border, in cells, so that its width stays above zero where no bit is in
 doubt."""
-
-RESOLVED_SHARE = 0.5
-"""Share of the lit pixels at which a bit must be firm to count as resolved. Borders of a bit that
-is resolved take up to a third of its stripes."""
 
 MIN_LEVEL_PIXELS = 200
 """Smallest number of pixels for a statement about the levels of brightness. An empirical choice."""
@@ -127,6 +115,8 @@ class GrayFrames:
     """Start of the first cell, projector px from the projector's edge."""
     levels: int = 2
     """Number of levels of brightness."""
+    inverted: frozenset[int] = frozenset()
+    """Bits that show light for dark, 0 being the most significant one."""
     resolved_px: float | None = None
     """Width of the narrowest cells that the camera resolves at most pixels, projector px; None for
     ``step_px``."""
@@ -144,6 +134,7 @@ class GrayFrames:
             inverse=self.inverse[:-count],
             step_px=self.step_px * 2**count,
             cells=-(-self.cells // 2**count),
+            inverted=frozenset(bit for bit in self.inverted if bit < len(self.bits) - count),
         )
 
     def _alien_share(self) -> float:
@@ -179,6 +170,7 @@ class GrayFrames:
             "inverse": [place[k] for k in self.inverse],
             "white_black": white_black and (place[white_black[0]], place[white_black[1]]),
             "levels": self.levels,
+            "inverted": sum(1 << (len(self.bits) - 1 - bit) for bit in self.inverted),
             "step": self.step_px,
             "offset": self.offset_px,
             "cells": self.cells,
@@ -198,8 +190,13 @@ def gray_frames(plan: PatternPlan, first: int, block: GrayCode, *, phases: bool)
     white, black = plan.uniform("white"), plan.uniform("black")
     white_black = None if white is None or black is None else (white, black)
     frames = range(first, first + block.frames)
+    inverted = block.inverted_bits
     if block.inverse:
-        bits, inverse, white_black = tuple(frames[::2]), tuple(frames[1::2]), None
+        # An inverted bit and its inverse take the place of each other.
+        pairs = list(zip(frames[::2], frames[1::2], strict=True))
+        pairs = [pair[::-1] if k in inverted else pair for k, pair in enumerate(pairs)]
+        bits, inverse = tuple(a for a, _ in pairs), tuple(b for _, b in pairs)
+        white_black, inverted = None, frozenset()
     else:
         bits, inverse = tuple(frames), ()
     if white_black is None and block.levels > 2:
@@ -213,7 +210,14 @@ def gray_frames(plan: PatternPlan, first: int, block: GrayCode, *, phases: bool)
             "same axis to compare the bits with, got none of them"
         )
     return GrayFrames(
-        bits, inverse, white_black, block.step_px, block.cells, block.offset_px, block.levels
+        bits,
+        inverse,
+        white_black,
+        block.step_px,
+        block.cells,
+        block.offset_px,
+        block.levels,
+        inverted,
     )
 
 

@@ -1,4 +1,4 @@
-"""The white and the black light of a scene, from the bits of Gray codes alone."""
+"""The frames that are decoded, with white and black light from Gray codes where it is missing."""
 
 from __future__ import annotations
 
@@ -19,13 +19,16 @@ place, and blurred bits lie lower. Empirical."""
 
 
 def plan_with_light(plan: PatternPlan) -> PatternPlan:
-    """Add a white and a black frame to a plan whose Gray code has nothing to be compared with."""
+    """The plan of the frames that are decoded, in the projector's own pixels, with a white and a
+    black frame where a Gray code has nothing to be compared with."""
+    plan, _ = plan.used
     missing = _missing(plan)
     return replace(plan, blocks=(*plan.blocks, *missing)) if missing else plan
 
 
 def with_light(planes: Planes, plan: PatternPlan) -> tuple[Planes, PatternPlan]:
-    """Add computed white and black frames where a Gray code has nothing to be compared with.
+    """The frames that are decoded, with computed white and black frames where a Gray code has
+    nothing to be compared with.
 
     Parameters
     ----------
@@ -35,8 +38,8 @@ def with_light(planes: Planes, plan: PatternPlan) -> tuple[Planes, PatternPlan]:
     Returns
     -------
     planes, plan
-        As given where the plan has what it needs. Otherwise, the brightest and the darkest sample
-        of every pixel among all bits are its missing white and black frame.
+        Those that are used. The brightest and the darkest sample of every pixel among all bits are
+        the white and the black frame that the plan lacks.
 
     Notes
     -----
@@ -44,6 +47,8 @@ def with_light(planes: Planes, plan: PatternPlan) -> tuple[Planes, PatternPlan]:
     codes along both axes, that is one place of the projector each. With one axis it would be the
     whole first cell, so such a code is not completed.
     """
+    plan, used = plan.used
+    planes = [planes[k] for k in used]
     missing = _missing(plan)
     if not missing:
         return planes, plan

@@ -243,7 +243,9 @@ def _codes(plan: PatternPlan) -> Iterator[Hypothesis]:
             words = f"the Gray code along {block.axis} begins with its least significant bit"
             yield Hypothesis(Order(places), "code", words)
             words = f"the Gray code along {block.axis} is inverted, light for dark"
-            yield Hypothesis(Order(every, inverted=frozenset(frames)), "code", words)
+            advice = "; a plan says so by inverted = true"
+            order = Order(every, inverted=frozenset(frames))
+            yield Hypothesis(order, "code", words, "" if block.inverted else advice)
 
 
 def _next_scan(plan: PatternPlan, evidence: Evidence) -> bool:

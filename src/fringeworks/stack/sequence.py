@@ -22,7 +22,7 @@ from fringeworks.stack.decode import (
 )
 from fringeworks.stack.examine import Judgement, examine
 from fringeworks.stack.frames import Planes, check_frame, refuse_constant, step_of
-from fringeworks.stack.gray_light import with_light
+from fringeworks.stack.gray_light import plan_with_light, with_light
 from fringeworks.stack.kernel_settings import Limits, empty_maps
 from fringeworks.stack.motion import Motion, late_frames, taken_out
 from fringeworks.stack.motion_search import motion_between
@@ -170,7 +170,7 @@ class SequenceDecoder:
                 raise InputError(f"sequence: expected fringes along {axis}, got Gray code only")
         check_every(every)
         self._plan, self._labels = plan, plan.labels()
-        self._decodings = decodings_of(plan, True, None)
+        self._decodings = decodings_of(plan_with_light(plan), True, None)
         self._noise, self._every = noise, int(every)
         self._saturation, self._min_modulation = saturation, min_modulation
         self._count_step = checked_count_step(count_step)

@@ -135,6 +135,7 @@ def _bits(
         signed, contrast = 2.0 * bits - (white + black), white - black
     else:
         signed, contrast = 2.0 * (bits - offset), 2.0 * modulation
+    signed[list(gray.inverted)] *= -1.0
     least = LIT * np.nanpercentile(contrast, 95)
     lit = np.asarray(contrast > max(float(least), 0.0))
     return np.where(lit, signed / np.where(lit, contrast, 1.0), 0.0), lit

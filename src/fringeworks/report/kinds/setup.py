@@ -46,6 +46,8 @@ def figures(tests: SetupTests) -> dict[str, Any]:
                 "period_px": stripes.period_px.tolist(),
                 "contrast": stripes.contrast.tolist(),
                 "min_period_px": stripes.min_period_px,
+                "camera_pixel_px": stripes.camera_pixel_px,
+                "blur_px": stripes.blur_px,
             }
             for stripes in tests.stripes
         },
@@ -60,6 +62,7 @@ def figures(tests: SetupTests) -> dict[str, Any]:
             "summary": proposal.summary,
             "predicted_sigma_px": proposal.sigma_px,
         }
+        found["finest_cell_px"] = tests.finest_cell_px
     return found
 
 
@@ -139,12 +142,18 @@ def words(_: SetupTests, figures: dict[str, Any]) -> Iterator[str | Rows]:
             "times as bright as black"
         )
     for axis, stripes in figures["stripes"].items():
-        yield f"stripes along {axis}: best period {stripes['min_period_px']:g} px"
+        yield (
+            f"stripes along {axis}: best period {stripes['min_period_px']:g} px; a camera pixel "
+            f"spans {stripes['camera_pixel_px']:.2g} projector px, blur {stripes['blur_px']:.2g} "
+            "camera px"
+        )
     for name in ("vignetting", "delay"):
         if figures[name] is not None:
             yield f"{name}: {figures[name]['text']}"
     if "plan" in figures:
         plan = figures["plan"]
+        if figures["finest_cell_px"] is not None:
+            yield f"finest Gray-code cell that the camera resolves: {figures['finest_cell_px']} px"
         yield (f"proposed plan: {plan['summary']}; predicted σ {plan['predicted_sigma_px']:.2g} px")
     found = figures["findings"]
     if not found:
@@ -192,6 +201,8 @@ def stored_chapter(stored: StoredSetup, context: Context) -> Chapter:
         ("exposure / ms", settings.exposure_ms),
         ("gain / dB", settings.gain_db),
         ("shortest period / projector px", stored.min_period_px),
+        ("projector px across a camera pixel", stored.camera_pixel_px),
+        ("blur / camera px", stored.blur_px if stored.camera_pixel_px else None),
         ("modulation at the darkest tenth / counts", stored.modulation),
         ("noise there / counts", stored.noise_counts),
         ("response: light ≈ level to the power of", stored.gamma),

@@ -318,7 +318,8 @@ def check_orientation(observations: Sequence[Observation]) -> None:
         names = "all poses" if len(mirrored) == len(observations) else ", ".join(mirrored)
         raise InputError(
             f"calibration: the projector's image is mirrored in {names}: its columns and rows are "
-            "swapped in the plan, or one of the axes (or the camera's image) is reversed"
+            "swapped in the plan, or one of the axes (or the camera's image) is reversed; a plan "
+            'says of a projector that shows columns from right to left: mirrored = ["x"]'
         )
 
 

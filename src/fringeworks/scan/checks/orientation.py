@@ -106,6 +106,7 @@ def _mirrored() -> Finding:
             "a mirror between the two",
         ),
         "set the projector to projection from the front, and switch off mirroring in the camera's "
-        "settings",
+        "settings; for a projector that must show columns from right to left, write "
+        'mirrored = ["x"] in the plan',
         severity="error",
     )

@@ -67,6 +67,10 @@ class Stripes(Frozen):
     """Median modulation over the lit pixels, (n,), relative to that of the coarsest period."""
     min_period_px: float
     """Period with the smallest phase error per pixel: contrast over period is largest."""
+    camera_pixel_px: float
+    """Projector px that a camera pixel spans; the median over the lit pixels."""
+    blur_px: float
+    """Standard deviation of the blur that the contrast shows beside the pixels' area, camera px."""
     profile_period_px: float
     """Period of the stripes that ``profile`` belongs to, projector px: the one that shows resized
     pictures, or the finest that is resolved."""
@@ -130,16 +134,43 @@ def check_stripes(
             found.append(_resized(axis, PERIODS_PX[k], *beat))
             break
     place, profile = profiles[shown]
+    pixel = _pixel(np.where(usable, coordinate_px, np.nan))
     return Stripes(
         axis,
         periods,
         contrast,
         float(periods[best]),
+        pixel,
+        _blur(periods, contrast, pixel),
         float(periods[shown]),
         place.astype(np.float64),
         profile / (float(profile.mean()) if profile.size else 1.0),
         tuple(found),
     )
+
+
+def _pixel(coordinate_px: FloatMap) -> float:
+    """Projector px across a camera pixel: the median gradient of the coordinate."""
+    along, down = np.gradient(coordinate_px.astype(np.float64), axis=(1, 0))
+    gradient = np.hypot(along, down)
+    return float(np.nanmedian(gradient)) if np.isfinite(gradient).any() else 0.0
+
+
+def _blur(periods_px: FloatMap, contrast: FloatMap, pixel_px: float) -> float:
+    """Standard deviation of a Gaussian blur, camera px, from the contrast of stripes.
+
+    Its logarithm falls by 2π² σ²/p². The areas of a camera's and a projector's pixel take their
+    share before, and the error of the logarithm is in inverse proportion to the contrast.
+    """
+    area = np.sinc(np.minimum(pixel_px / periods_px, 0.9)) * np.sinc(1.0 / periods_px)
+    seen = (contrast > 0) & (pixel_px > 0)
+    if np.count_nonzero(seen) < 2:
+        return 0.0
+    left = np.log((contrast / area / (contrast[-1] / area[-1]))[seen])
+    rate = 2.0 * np.pi**2 * (1.0 / periods_px**2 - 1.0 / periods_px[-1] ** 2)[seen]
+    weight = contrast[seen] ** 2
+    square = -float(np.sum(weight * rate * left) / np.sum(weight * rate**2))
+    return float(max(square, 0.0) ** 0.5 / pixel_px)
 
 
 def _root(power: Any) -> Any:

@@ -64,6 +64,9 @@ pub struct GrayCode {
     pub against: Against,
     /// Number of levels of brightness; 2 for bits.
     pub levels: u32,
+    /// Bits, or digits, that are shown light for dark: 1 at the place of each, the least significant
+    /// bit at place 0.
+    pub inverted: u32,
     /// Width of a cell, projector px.
     pub step: f32,
     /// Start of the first cell, projector px from the projector's edge.
@@ -105,6 +108,8 @@ impl GrayCode {
         check_value("levels of the code", self.levels >= 2, ">= 2", self.levels)?;
         let words = f64::from(self.levels).powi(n as i32);
         check_value("words of the code", words < MAX_WORDS, "< 2^31", words)?;
+        let inverted = self.inverted >> n;
+        check_value("inverted bits", inverted == 0, "bits of the code", inverted)?;
         let finite = self.offset.is_finite();
         check_value("offset of the code", finite, "a finite number", self.offset)?;
         let known = self.levels == 2 || matches!(self.against, Against::WhiteBlack { .. });

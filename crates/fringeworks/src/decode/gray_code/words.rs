@@ -127,7 +127,12 @@ fn place_ranges<'a, T: Sample>(
                 Against::Inverse(inverse) => 0.5 * (bit - line(inverse[b])[i].value()),
                 Against::WhiteBlack { .. } | Against::Mean => bit - threshold,
             };
-            (off / limit).clamp(-1.0, 1.0)
+            let sign = if code.inverted >> place & 1 == 1 {
+                -1.0
+            } else {
+                1.0
+            };
+            (sign * off / limit).clamp(-1.0, 1.0)
         };
         let known = alien[i] == 0;
         let unknown = if known {
@@ -173,6 +178,9 @@ pub fn read_bits<'a, T: Sample>(
             }
         }
     }
+    for word in gray.iter_mut() {
+        *word ^= code.inverted;
+    }
     if !phases {
         return place_ranges(code, line, n, (&gray, &doubt, &alien), out);
     }
@@ -205,11 +213,13 @@ pub fn read_digits<'a, T: Sample>(
     let number = |before: u32, digit: u32| {
         before * levels + if before % 2 == 1 { top - digit } else { digit }
     };
-    for &frame in &code.bits {
+    for (b, &frame) in code.bits.iter().enumerate() {
+        let inverted = code.inverted >> (code.bits.len() - 1 - b) & 1 == 1;
+        let sign = if inverted { -1.0 } else { 1.0 };
         let samples = line(frame);
         for i in 0..n {
             let half_level = out.contrast[i] / top as f32;
-            let off = samples[i].value() - out.threshold[i];
+            let off = sign * (samples[i].value() - out.threshold[i]);
             let level = 0.5 * (off / half_level + top as f32);
             let digit = level.round().clamp(0.0, top as f32);
             let away = level - digit;
@@ -260,6 +270,7 @@ mod tests {
             bits: (0..bits).collect(),
             against: Against::Mean,
             levels: 2,
+            inverted: 0,
             step: 1.0,
             offset: 0.5,
             cells: 1 << bits,

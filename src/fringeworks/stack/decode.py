@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.patterns.plan import PatternPlan
 from fringeworks.signal.response import Response
-from fringeworks.stack.edges import cover_steps, fringes_of, remove_blur_shift
+from fringeworks.stack.edges import fringes_of, remove_blur_shift, sigma_beside_steps
 from fringeworks.stack.examine import Judgement, examine
 from fringeworks.stack.frames import (
     Planes,
@@ -298,10 +298,12 @@ def compare_neighbours(
     if typical_px is not None:
         maps = (coordinate, sigma, results["reason"])
         _core.mark_isolated(*maps, typical=typical_px, repeats=decoding.repeats_px)
-    if found.steps:
-        cover_steps(coordinate, sigma, **fringes)
+    # Scatter beside steps, and the errors there, are the same: the larger σ counts.
+    beside = sigma_beside_steps(coordinate, sigma, **fringes) if found.steps else None
     if found.scatters:
         cover_scatter(coordinate, sigma, results["background"], decoding.most_scatter_px)
+    if beside is not None:
+        np.maximum(sigma, beside, out=sigma)
     return blur_px
 
 

@@ -47,6 +47,11 @@ MOST_BLUR_PX = 3.0
 SIGNIFICANT = 4.0
 """Standard errors of the blur's variance from which on it is taken out."""
 
+EXPLAINED = 0.5
+"""Share of the squared differences beyond noise that the shift must explain. Simulated blur
+explains 0.65 and more, even beside vibration; ripple of a bent response beside paint, blending and
+mixed depths explain up to 0.3 by chance."""
+
 ROBUST = 2.0
 """Scale of the Cauchy weights of the differences, in standard deviations of their scatter."""
 
@@ -214,7 +219,8 @@ def _differences(maps: list[FloatMap], step_px: float) -> tuple[FloatMap, FloatM
 
 def _regression(seen: FloatMap, made: FloatMap, noise: FloatMap) -> tuple[float, float]:
     """Robust coefficient of what was ``seen`` on what the shift has ``made``, by the variances of
-    the noise, and its standard error, which is infinite where there are too few values."""
+    the noise, and its standard error; infinite where there are too few values, or where the shift
+    explains little of them."""
     if seen.size < MIN_DIFFERENCES:
         return 0.0, float("inf")
     influence = made**2 / noise
@@ -228,18 +234,28 @@ def _regression(seen: FloatMap, made: FloatMap, noise: FloatMap) -> tuple[float,
         off = (seen - found * made) ** 2 / noise
         scatter = median(off) / NORMAL_MEDIAN**2
         weight = 1.0 / noise / (1.0 + off / max(ROBUST**2 * scatter, TINY))
-    scores = weight * made * (seen - found * made)
+    left = seen - found * made
+    excess = np.sum(weight * (seen**2 - noise))
+    if np.sum(weight * (seen**2 - left**2)) < EXPLAINED * excess:
+        return 0.0, float("inf")
+    scores = weight * made * left
     error = float(np.sqrt(SHARED * np.sum(scores**2)) / np.sum(weight * made**2))
     return found, error
 
 
-def cover_steps(coordinate: FloatMap, sigma: FloatMap, **fringes: Unpack[Fringes]) -> None:
-    """Raise standard deviations beside depth steps, in place, to what the pixels there show.
+def sigma_beside_steps(
+    coordinate: FloatMap, sigma: FloatMap, **fringes: Unpack[Fringes]
+) -> FloatMap | None:
+    """Standard deviations with the errors that pixels beside depth steps show; None for no such.
 
     Parameters
     ----------
     coordinate, sigma : (h, w) float32 arrays, projector px
         NaN where a coordinate is unknown.
+
+    Returns
+    -------
+    (h, w) float32 array, projector px, or None
 
     Notes
     -----
@@ -258,13 +274,13 @@ def cover_steps(coordinate: FloatMap, sigma: FloatMap, **fringes: Unpack[Fringes
         elif total > SIGNIFICANT * squares**0.5:
             added[ring] = total / count
     if not added.any():
-        return
+        return None
     variance = added[rings]
     # A pixel in the middle of a blurred step continues neither side.
     for along in (variance, variance.T):
         middle = along[:, 1:-1]
         np.maximum(middle, np.minimum(along[:, :-2], along[:, 2:]), out=middle)
-    np.sqrt(sigma**2 + variance, out=sigma)
+    return np.asarray(np.sqrt(sigma**2 + variance))
 
 
 def has_steps(coordinate: FloatMap, **fringes: Unpack[Fringes]) -> bool:

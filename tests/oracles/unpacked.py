@@ -60,12 +60,12 @@ def numbers(body, planes):
 
 def logarithm(body, code, header, low):
     codes = channel(body, code, 0, header, low)
+    known = np.isfinite(codes)
+    powers = [code["first"]]
+    for _ in range(int(codes[known].max(initial=0.0))):
+        powers.append(powers[-1] * code["ratio"])
     values = np.full(codes.shape, np.nan)
-    for place in np.argwhere(np.isfinite(codes)):
-        value = code["first"]
-        for _ in range(int(codes[tuple(place)])):
-            value *= code["ratio"]
-        values[tuple(place)] = value
+    values[known] = np.array(powers)[codes[known].astype(int)]
     return values
 
 
@@ -106,13 +106,14 @@ def placed(body, header, measured, low):
     if code["coding"] == "xyz":
         return np.stack([channel(body, code, k, header, low) for k in range(3)], axis=-1)
     z = channel(body, code, 0, header, low)
-    for y, x in np.argwhere(measured):
-        u, v = 2.0 * x / measured.shape[1] - 1.0, 2.0 * y / measured.shape[0] - 1.0
-        for k in range(2):
-            slope, offset = (
-                np.polynomial.polynomial.polyval2d(u, v, place[name][k])
-                for name in ("directions", "offsets")
-            )
-            points[y, x, k] = offset + slope * z[y, x]
-        points[y, x, 2] = z[y, x]
+    row, column = np.indices(measured.shape)
+    u, v = 2.0 * column / measured.shape[1] - 1.0, 2.0 * row / measured.shape[0] - 1.0
+    for k in range(2):
+        slope, offset = (
+            np.polynomial.polynomial.polyval2d(u, v, place[name][k])
+            for name in ("directions", "offsets")
+        )
+        points[..., k] = offset + slope * z
+    points[..., 2] = z
+    points[~measured] = np.nan
     return points

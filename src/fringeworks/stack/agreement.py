@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
+from operator import is_
 from typing import Any
 
 import numpy as np
@@ -141,6 +142,7 @@ class LineEvidence:
     noise: CameraNoise
     limits: Limits
     _seen: dict[int, bool] = field(default_factory=dict)
+    _kept: dict[PhaseFrames, FloatMap] = field(default_factory=dict)
 
     @cached_property
     def low(self) -> FloatMap:
@@ -291,8 +293,21 @@ class LineEvidence:
         """Cost of every triple, (r, l − 2), and the maps of the first option.
 
         Coordinates may be at any distance from their cell, so that contradictions show as bends;
-        those that their cell refuses cost a little.
+        those that their cell refuses cost a little. Most orders change one axis only: the cost of
+        the plan's order is kept for the other.
         """
+        (first, *others), planned = options, self._planned
+        if decoding is self.decoding and not others and all(map(is_, first, planned)):
+            return self._planned_cost
+        return self._cost_of(decoding, options)
+
+    @cached_property
+    def _planned_cost(self) -> tuple[FloatMap, dict[str, Any]]:
+        return self._cost_of(self.decoding, [self._planned])
+
+    def _cost_of(
+        self, decoding: Decoding, options: list[list[NDArray[Any]]]
+    ) -> tuple[FloatMap, dict[str, Any]]:
         open_limits = self.limits.open
         maps = [decode_sample(decoding.free, p, self.noise, open_limits) for p in options]
         cost = self._bend(maps)
@@ -372,7 +387,14 @@ class LineEvidence:
         return np.where(np.isfinite(cost), np.fmin(cost, 1.0), 0.0)[:, 1:-1]
 
     def _residual(self, phases: PhaseFrames, planes: list[NDArray[Any]]) -> FloatMap:
-        """Cost of the residuals of a set, (r, l − 2)."""
+        """Cost of the residuals of a set, (r, l − 2); kept for frames in the order of the plan."""
+        if not all(map(is_, planes, (self.lines[k] for k in phases.frames))):
+            return self._residual_of(phases, planes)
+        if phases not in self._kept:
+            self._kept[phases] = self._residual_of(phases, planes)
+        return self._kept[phases]
+
+    def _residual_of(self, phases: PhaseFrames, planes: list[NDArray[Any]]) -> FloatMap:
         flat = [np.ascontiguousarray(p).reshape(1, -1) for p in planes]
         fit = SampleFit(np.nan_to_num(fit_samples(flat, phases.rows).rows, posinf=0.0))
         power = 2.0 * fit.variance

@@ -15,33 +15,20 @@ pub struct Vote {
     pub others: f32,
 }
 
+/// Orders that are tried at once.
+const LANES: usize = 16;
+
+/// Half the difference of χ² from which on the probability of an order, over that of the best one, is
+/// below the rounding errors of the sum of both.
+const NEGLIGIBLE: f32 = 17.0;
+
 impl Field<'_> {
     /// The order with the largest likelihood of all in the range, with equal prior probabilities.
     pub fn vote_at(&self, mean: &Mean, i: usize) -> Vote {
-        let weights = self.weights(mean);
-        let mut best = Vote {
-            order: super::UNDECIDED,
-            misfit: f32::INFINITY,
-            others: 1.0,
-        };
-        // Probabilities over that of the best order so far.
-        let mut total = 0.0;
-        for order in self.orders(self.finest_turns(i), self.slack(i)) {
-            let misfit = self.misfit(mean, &weights, order);
-            if misfit < best.misfit {
-                total = total * (0.5 * (misfit - best.misfit)).exp() + 1.0;
-                (best.order, best.misfit) = (order, misfit);
-            } else {
-                total += (0.5 * (best.misfit - misfit)).exp();
-            }
-        }
-        best.order = self.in_range(i, best.order);
-        best.others = if total > 0.0 {
-            (total - 1.0) / total
-        } else {
-            1.0
-        };
-        best
+        let orders = self.orders(self.finest_turns(i), self.slack(i));
+        let mut vote = most_probable(self, mean, &self.weights(mean), orders);
+        vote.order = self.in_range(i, vote.order);
+        vote
     }
 
     /// Orders whose coordinates lie in the range.
@@ -78,24 +65,27 @@ impl Field<'_> {
         weights
     }
 
-    /// χ² of phases about an order, at the best coordinate.
+    /// χ² of phases about an order and those after it, at the best coordinate of each.
     #[inline(always)]
-    pub fn misfit(&self, mean: &Mean, weights: &Weights, order: i32) -> f32 {
-        let (mut square, mut pull) = (0.0, 0.0);
+    fn misfits<const N: usize>(&self, mean: &Mean, weights: &Weights, order: i32) -> [f32; N] {
+        let (mut square, mut pull) = ([0.0; N], [0.0; N]);
         for k in 0..self.sets {
-            let off = wrap(mean.turns[k] - self.ratio[k] * order as f32);
-            let weighted = weights.of_sets[k] * off;
-            square += weighted * off;
-            pull += self.ratio[k] * weighted;
+            for n in 0..N {
+                let off = wrap(mean.turns[k] - self.ratio[k] * (order + n as i32) as f32);
+                let weighted = weights.of_sets[k] * off;
+                square[n] += weighted * off;
+                pull[n] += self.ratio[k] * weighted;
+            }
         }
-        (TAU * TAU) * (square - pull * pull / weights.total)
+        std::array::from_fn(|n| (TAU * TAU) * (square[n] - pull[n] * pull[n] / weights.total))
     }
 
     /// Whether a pixel's own phases allow an order: its χ² is hardly larger than that of any other.
     pub fn allows(&self, i: usize, order: i32, doubt: f32) -> bool {
         let own = self.alone(i);
         let best = self.vote_at(&own, i);
-        self.misfit(&own, &self.weights(&own), order) <= best.misfit + doubt
+        let [misfit] = self.misfits(&own, &self.weights(&own), order);
+        misfit <= best.misfit + doubt
     }
 
     /// Coordinate of a pixel of known order, px, and its σ; none where its sets disagree or where it lies
@@ -130,4 +120,38 @@ pub struct Weights {
     of_sets: [f32; 16],
     /// Sum of those of the sets, times their squared frequency over that of the finest.
     total: f32,
+}
+
+/// The order with the smallest χ² of a range, and the probability of all others.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2+fma"))]
+fn most_probable(
+    field: &Field,
+    mean: &Mean,
+    weights: &Weights,
+    orders: RangeInclusive<i32>,
+) -> Vote {
+    let mut best = Vote {
+        order: super::UNDECIDED,
+        misfit: f32::INFINITY,
+        others: 1.0,
+    };
+    // Probabilities over that of the best order so far.
+    let mut total = 0.0;
+    for first in orders.clone().step_by(LANES) {
+        let misfits: [f32; LANES] = field.misfits(mean, weights, first);
+        let tried = &misfits[..LANES.min((orders.end() - first) as usize + 1)];
+        for (n, &misfit) in tried.iter().enumerate() {
+            let worse = 0.5 * (misfit - best.misfit);
+            if worse < 0.0 {
+                total = total * worse.exp() + 1.0;
+                (best.order, best.misfit) = (first + n as i32, misfit);
+            } else if worse < NEGLIGIBLE {
+                total += (-worse).exp();
+            }
+        }
+    }
+    if total > 0.0 {
+        best.others = (total - 1.0) / total;
+    }
+    best
 }

@@ -19,6 +19,7 @@ __all__ = [
     "Triangulation",
     "area_means",
     "average_phasor",
+    "blur_shift",
     "box_means",
     "count_residues",
     "decode_frames",

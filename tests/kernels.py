@@ -61,8 +61,8 @@ from tests.sequences import captured, plan_of, rig_of
 plan = multi((1, 8), 4, (300, 40))
 frames = take(plan)
 scene = standard_scene("parabola", size=64, fringes=6, noise=1, seed=1)
-painted = standard_scene("parabola", size=200, fringes=8, noise=1, seed=1, painted=True)
-cliffs, _, _ = boxes(4, 20.0, side=200)
+painted = standard_scene("parabola", size=120, fringes=6, noise=1, seed=1, painted=True)
+cliffs, _, _ = boxes(4, 16.0, side=160)
 rig = standard_rig(scale=0.2)
 phase = np.angle(np.exp(1j * np.add.outer(np.arange(40), np.arange(50)) / 4))
 

@@ -15,6 +15,7 @@ from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.surface.clean import inside_surface
+from tests.grids import quick
 
 pytestmark = pytest.mark.statistical
 
@@ -58,7 +59,7 @@ def blur_of(sigma_px):
     return float(np.sqrt(np.sum(weight * at**2) / weight.sum()))
 
 
-@pytest.mark.parametrize("sigma_px", [0.5, 0.8, 1.2])
+@pytest.mark.parametrize("sigma_px", quick([0.5, 0.8, 1.2], 0.5, 1.2))
 def test_a_ball_gets_its_size_back(sigma_px):
     view, shots = ball(Optics(blur_px=sigma_px, noise=1.0))
     plain = [fw.measure(s, rig()).points for s in shots]

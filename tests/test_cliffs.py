@@ -84,9 +84,8 @@ def test_smoothing_stays_within_walls_as_its_oracle_does():
 @pytest.mark.parametrize(
     "scales",
     [
-        *(pytest.param(one, marks=pytest.mark.long) for one in ((32.0,), (8.0,))),
+        *(pytest.param(one, marks=pytest.mark.long) for one in ((32.0,), (8.0,), (8.0, 4.0, 2.0))),
         (3.0,),
-        (8.0, 4.0, 2.0),
     ],
 )
 def test_windows_with_walls_agree_with_their_oracle(scales):
@@ -141,7 +140,7 @@ def measured_boxes(period, quality=None):
 
 @pytest.mark.parametrize(
     ("period", "quality"),
-    quick([(16.0, None), (30.0, None), (30.0, 85), (60.0, None)], (30.0, None), (30.0, 85)),
+    quick([(16.0, None), (30.0, None), (30.0, 85), (60.0, None)], (30.0, None)),
 )
 def test_errors_beside_cliffs_are_small(period, quality):
     """Of another scene than the demonstration's, seen by a lens."""

@@ -88,7 +88,7 @@ HIDDEN = [[0, 49], [38, 39], [5, 82], [24, 60], [10, 87]]
 
 
 @pytest.mark.parametrize(
-    "hidden", [*HIDDEN[:2], *(pytest.param(h, marks=pytest.mark.long) for h in HIDDEN[2:])]
+    "hidden", [HIDDEN[0], *(pytest.param(h, marks=pytest.mark.long) for h in HIDDEN[1:])]
 )
 def test_two_hidden_corners_are_left_out(hidden):
     image, truth = picture(FORMS[0])
@@ -109,15 +109,18 @@ def test_hidden_markers_leave_the_rest():
     assert rms(view, truth) < 0.02
 
 
+OTHERS = [
+    ("chessboard:10x8:12", r"expected 10 × 8 inner corners, found (11 × 8|8 × 11)"),
+    ("chessboard:11x7:12", r"expected 11 × 7 inner corners, found (11 × 8|8 × 11)"),
+    ("chessboard:12x9:12", r"expected 12 × 9 inner corners, found (11 × 8|8 × 11)"),
+    ("charuco:12x9:12:9", "corners of a ChArUco board"),
+    ("circles:9x7:12", "circles, found no such grid"),
+]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
-    [
-        ("chessboard:10x8:12", r"expected 10 × 8 inner corners, found (11 × 8|8 × 11)"),
-        ("chessboard:11x7:12", r"expected 11 × 7 inner corners, found (11 × 8|8 × 11)"),
-        ("chessboard:12x9:12", r"expected 12 × 9 inner corners, found (11 × 8|8 × 11)"),
-        ("charuco:12x9:12:9", "corners of a ChArUco board"),
-        ("circles:9x7:12", "circles, found no such grid"),
-    ],
+    quick(OTHERS, *OTHERS[2:]),
 )
 def test_another_board_is_named(text, message):
     image, _ = picture(FORMS[0])

@@ -21,9 +21,10 @@ from fringeworks.report.kind import KINDS, NOTHING, kind_of
 from fringeworks.report.maps import COLOURS, REASON_COLOURS, limits_of
 from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard import board_body, board_poses, fringe_plan, standard_rig
+from fringeworks.simulate.standard import fringe_plan, standard_rig
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.types import Finding, Plotted, Reason, displayed
+from tests.rigs import board, observations
 from tests.surfaces import heights, plane_cloud
 
 DIVERGING = {"coolwarm"}
@@ -40,18 +41,7 @@ def stack():
 
 @cache
 def calibration():
-    rig = standard_rig(scale=0.25)
-    plan, board = fringe_plan(rig), fw.rig.parse_board("chessboard:11x8:12")
-    stacks = (
-        (
-            f"pose {k}",
-            fw.Stack(
-                list(photograph(look(rig, [board_body(board, T)]), plan, Optics(seed=k))), plan
-            ),
-        )
-        for k, T in enumerate(board_poses(board, 4, seed=1))
-    )
-    return fw.calibrate(stacks, board)
+    return fw.calibrate(observations()[:4], board())
 
 
 @cache

@@ -9,7 +9,7 @@ from fringeworks import InputError, PatternPlan, Reason, decode, propose
 from fringeworks.patterns import PhaseSteps, equal_steps
 from fringeworks.patterns.order_chain import order_chain
 from fringeworks.signal import CameraNoise
-from tests.grids import thinned
+from tests.grids import quick, thinned
 from tests.stacks import multi, take
 
 pytestmark = pytest.mark.statistical
@@ -92,12 +92,11 @@ def test_the_first_combination_cannot_wrap_where_all_phases_repeat_with_it():
     assert not order_chain([32.0], (-0.5, 959.5), gray_step_px=16.0).wraps.any()
 
 
-@pytest.mark.parametrize(("length", "frames"), [(1280, 12), (700, 9)])
+@pytest.mark.parametrize(("length", "frames"), quick([(1280, 12), (700, 9)], (700, 9)))
 def test_proposals_are_right_down_to_the_noise_limit(length, frames):
     for proposal in propose(length, 60, frames, noise=2.0, modulation=30.0):
         shortest = min(b.period_px for b in proposal.plan.blocks if isinstance(b, PhaseSteps))
-        ok, _ = measure(proposal.plan, 15.0)
-        assert ok.mean() > 0.97
         for modulation in (15.0, 13.0, 11.0, 9.0):
             ok, off = measure(proposal.plan, modulation)
+            assert ok.mean() > 0.97 or modulation < 15.0
             assert not np.any(off[ok] > 0.5 * shortest)

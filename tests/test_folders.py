@@ -12,9 +12,8 @@ import pytest
 import fringeworks as fw
 from tests.conftest import scene
 from tests.folder_writes import PLANS
+from tests.grids import quick
 from tests.stacks import take
-
-KILLS = 300
 
 
 def test_things_of_others_are_safe(tmp_path):
@@ -116,15 +115,16 @@ print(complete)
 
 
 @pytest.mark.system
-def test_kills_leave_nothing_half_and_nothing_mixed(tmp_path):
+@pytest.mark.parametrize("kills", quick([100, 300], 100))
+def test_kills_leave_nothing_half_and_nothing_mixed(tmp_path, kills):
     root = os.path.dirname(os.path.dirname(__file__))
     # A process of its own that starts no threads, so that it may fork.
     done = subprocess.run(
-        [sys.executable, "-c", DRIVER, tmp_path / "c", root, str(KILLS)],
+        [sys.executable, "-c", DRIVER, tmp_path / "c", root, str(kills)],
         capture_output=True,
         text=True,
         timeout=200,
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert 10 < int(done.stdout) < KILLS - 10  # killed in the middle, and between two writes
+    assert 10 < int(done.stdout) < kills - 10  # killed in the middle, and between two writes

@@ -297,7 +297,7 @@ def test_a_small_deep_dent_is_noted_even_if_it_is_discarded():
 
 
 def test_lengths_that_are_no_numbers_are_refused():
-    points = np.concatenate((ball([-50, 0, 500], 25.0), ball([50, 5, 510], 25.0)))
+    points = np.concatenate((ball([-50, 0, 500], 25.0, 2000), ball([50, 5, 510], 25.0, 2000)))
     for length in (np.nan, np.inf, 0.0, -1.0):
         with pytest.raises(InputError, match="spacing: expected > 0 mm"):
             fit(points, "sphere", count=2, spacing_mm=length)

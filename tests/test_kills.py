@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import fringeworks as fw
+from tests.grids import quick
 from tests.kills import _whole_recipe, _write_recipe
 
 KILLS = 4
@@ -91,7 +92,7 @@ print(stopped)
 """
 
 
-@pytest.mark.parametrize("name", ["map.npz", "cloud.xyz", "rig.toml"])
+@pytest.mark.parametrize("name", quick(["map.npz", "cloud.xyz", "rig.toml"], "map.npz"))
 def test_interrupts_leave_nothing_behind(tmp_path, name):
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED, tmp_path, name],

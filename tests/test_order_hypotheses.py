@@ -10,6 +10,7 @@ from scipy import ndimage
 
 import fringeworks as fw
 from fringeworks.patterns import GrayCode, PhaseSteps, Uniform, equal_steps
+from tests.grids import thinned
 
 PERIOD, LENGTH, FINE = 16.0, 1024, 4
 
@@ -58,8 +59,7 @@ def refusal(frames, plan):
     return ""
 
 
-@pytest.mark.parametrize("pixels", [3, 4, 8])
-@pytest.mark.parametrize("name", list(PLANS))
+@thinned(strength=1, name=list(PLANS), pixels=[3, 4, 8])
 def test_swapped_frames_are_named(name, pixels):
     plan = PLANS[name]
     frames, labels = photographed(plan, pixels), plan.labels()
@@ -94,9 +94,7 @@ def test_codes_of_another_convention_are_named(pixels):
     assert "inverted" in refusal([*frames[:4], *inverted, *frames[11:]], plan)
 
 
-@pytest.mark.parametrize("gamma", [1.0, 2.2])
-@pytest.mark.parametrize("pixels", [3, 5, 8, 16])
-@pytest.mark.parametrize("name", list(PLANS))
+@thinned(name=list(PLANS), pixels=[3, 5, 8, 16], gamma=[1.0, 2.2])
 def test_clean_stacks_are_in_order(name, pixels, gamma):
     said = refusal(photographed(PLANS[name], pixels, gamma=gamma), PLANS[name])
     assert not said or "expected pixels that can be measured" in said

@@ -21,7 +21,7 @@ from tests.virtual_devices import Screen, bench
 
 pytestmark = pytest.mark.statistical
 
-RIG = standard_rig(scale=0.3)
+RIG = standard_rig(scale=0.2)
 KINDS = ("points", "cloud", "coordinates", "pair", "heights", "form", "rig", "table", "figures")
 NAUGHTY = '<script>alert(1)</script> & "quotes" $x$ </style>'
 

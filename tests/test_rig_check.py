@@ -121,7 +121,7 @@ def test_the_corrected_rig_measures_as_before(axis):
     assert corrected.provenance.call == "adjust_rig"
 
 
-@pytest.mark.parametrize("seeds", [2, pytest.param(4, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seeds", [1, pytest.param(4, marks=pytest.mark.long)])
 def test_the_corrected_rigs_covariance_holds(seeds):
     """Over calibrations and poses, with the errors of corners that the covariance assumes."""
     squares = []
@@ -142,7 +142,12 @@ def test_the_corrected_rigs_covariance_holds(seeds):
     ("steps", "cause", "words"),
     [
         ({"camera_fx": 7.9, "camera_fy": 7.9}, "camera focus", "camera was refocused"),
-        ({"projector_fx": 5.1, "projector_fy": 5.1}, "projector focus", "projector was refocused"),
+        pytest.param(
+            {"projector_fx": 5.1, "projector_fy": 5.1},
+            "projector focus",
+            "projector was refocused",
+            marks=pytest.mark.long,
+        ),
         ({"translation_x": 1.0}, "translation", "moved against the camera by 1.0"),
     ],
 )

@@ -11,8 +11,10 @@ import pytest
 from fringeworks.files.rig import read_rig, write_rig
 from fringeworks.files.stack import write_stack
 from fringeworks.simulate.bodies import Sphere
+from fringeworks.simulate.exposure import photograph
 from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard import board_body
+from fringeworks.simulate.standard import board_body, fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
 from tests.commands import run
 from tests.rigs import ahead, board, poses, rig, shoot
 
@@ -28,6 +30,17 @@ def shots(tmp_path_factory):
         write_stack(folder / "board" / f"pose{k}", frames, plan)
     view, plan, frames = shoot([ahead(Sphere(25.0), 5, 3)], Optics(seed=50), both=False)
     write_stack(folder / "ball", frames, plan, truth=view.truth)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def two_poses(tmp_path_factory):
+    """Two poses of a board in small pictures."""
+    folder, small = tmp_path_factory.mktemp("two"), standard_rig(scale=0.25)
+    plan = fringe_plan(small)
+    for k, T in enumerate(poses(2, 9)):
+        frames = photograph(look(small, [board_body(board(), T)]), plan, Optics(seed=k))
+        write_stack(folder / f"pose{k}", list(frames), plan)
     return folder
 
 
@@ -76,19 +89,17 @@ def test_rig_files_are_converted(calibrated, tmp_path):
     assert read_rig(tmp_path / "back.toml").camera == read_rig(calibrated).camera
 
 
-def test_a_wrong_board_writes_no_rig(shots, tmp_path):
+def test_a_wrong_board_writes_no_rig(two_poses, tmp_path):
     out = tmp_path / "rig.toml"
-    shutil.copytree(shots / "board" / "pose0", tmp_path / "one" / "pose0")
+    shutil.copytree(two_poses / "pose0", tmp_path / "one" / "pose0")
     done = run("calibrate", tmp_path / "one", "--board", "chessboard:9x7:12", "--out", out, code=2)
     assert "3 poses or more, got 0; pose0: expected 9 × 7 inner corners, found" in done.stderr
     assert not out.exists()
 
 
-def test_two_poses_write_no_rig(shots, tmp_path):
-    for name in ("pose0", "pose1"):
-        shutil.copytree(shots / "board" / name, tmp_path / "two" / name)
+def test_two_poses_write_no_rig(two_poses, tmp_path):
     out = tmp_path / "rig.toml"
-    done = run("calibrate", tmp_path / "two", "--board", "chessboard:11x8:12", "--out", out, code=2)
+    done = run("calibrate", two_poses, "--board", "chessboard:11x8:12", "--out", out, code=2)
     assert "3 poses or more, got 2" in done.stderr
     assert not out.exists()
 

@@ -15,6 +15,7 @@ from fringeworks.statistics.surface_scatter import SCALES, by_pixel, cover_scatt
 from tests.fault_measure import capture, errors
 from tests.fault_scenes import plans
 from tests.fault_stage import Stage
+from tests.grids import thinned
 from tests.oracles.scatter import mean_chi
 
 pytestmark = pytest.mark.statistical
@@ -142,8 +143,7 @@ def test_faults_that_shift_all_sets_alike_are_covered(fault, plan):
     assert np.mean(error[ok] > 5.0 * found.x.sigma_px[ok]) < 5e-4
 
 
-@pytest.mark.parametrize("noise", [0.5, 2.0])
-@pytest.mark.parametrize("steps", [3, 8])
+@thinned(strength=1, steps=[3, 8], noise=[0.5, 2.0])
 def test_the_demonstration_s_bust_has_no_scatter(noise, steps):
     rig = standard_rig(scale=0.4)
     plan = fringe_plan(rig, both=False, steps=steps)

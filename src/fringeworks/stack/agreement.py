@@ -143,6 +143,7 @@ class LineEvidence:
     limits: Limits
     _seen: dict[int, bool] = field(default_factory=dict)
     _kept: dict[PhaseFrames, FloatMap] = field(default_factory=dict)
+    _planned_cost: list[tuple[FloatMap, dict[str, Any]]] = field(default_factory=list, init=False)
 
     @cached_property
     def low(self) -> FloatMap:
@@ -297,13 +298,12 @@ class LineEvidence:
         the plan's order is kept for the other.
         """
         (first, *others), planned = options, self._planned
-        if decoding is self.decoding and not others and all(map(is_, first, planned)):
-            return self._planned_cost
-        return self._cost_of(decoding, options)
-
-    @cached_property
-    def _planned_cost(self) -> tuple[FloatMap, dict[str, Any]]:
-        return self._cost_of(self.decoding, [self._planned])
+        if decoding is not self.decoding or others or not all(map(is_, first, planned)):
+            return self._cost_of(decoding, options)
+        # No cached_property: its lock is held while it computes, and a fork would inherit it.
+        if not self._planned_cost:
+            self._planned_cost.append(self._cost_of(decoding, options))
+        return self._planned_cost[0]
 
     def _cost_of(
         self, decoding: Decoding, options: list[list[NDArray[Any]]]

@@ -376,6 +376,7 @@ class _PhaseSet(TypedDict):
     shifts: list[float]
     design: list[tuple[float, float, float]]
     period: float
+    whole: bool
     floor: float
     table: _Table
 

@@ -23,6 +23,7 @@ pub struct SetItems {
     shifts: Vec<f64>,
     design: Vec<[f64; 3]>,
     period: f64,
+    whole: bool,
     floor: f32,
     /// Response: phase errors (turns) and brightnesses (counts), or nothing.
     table: TableItems,
@@ -38,6 +39,7 @@ struct TableItems {
 impl SetItems {
     fn set(self) -> Result<PhaseSet, Error> {
         let mut set = PhaseSet::new(self.frames, &self.shifts, self.design, self.period)?;
+        set.whole = self.whole;
         set.floor = self.floor;
         set.table = Table {
             turns: self.table.turns,

@@ -60,6 +60,13 @@ fn update(set: &PhaseSet, saturated: &Saturated, sums: &Sums, out: &mut Fitted) 
     }
 }
 
+/// Clear the pixels of a block with a saturated sample.
+pub fn clear(saturated: &Saturated, out: &mut Fitted) {
+    for i in (0..BLOCK_PIXELS).filter(|&i| saturated.count[i] > 0.0) {
+        clear_pixel(i, out);
+    }
+}
+
 /// Fit pixels of a block with several saturated samples one by one.
 #[cold]
 pub fn refit<T: Sample>(

@@ -19,6 +19,9 @@ pub struct PhaseSet {
     pub frequency: f32,
     /// Phase errors of the response, which are subtracted.
     pub table: Table,
+    /// Whether a pixel needs all samples: those of a pattern that is no cosine do not predict the
+    /// one that is left out.
+    pub whole: bool,
     /// Variance of the phase error that does not shrink with the modulation, rad².
     pub floor: f32,
     cos: Vec<f32>,
@@ -69,6 +72,7 @@ impl PhaseSet {
             frames,
             frequency: (1.0 / period) as f32,
             table: Table::default(),
+            whole: false,
             floor: 0.0,
             quarters: quarters(shifts),
             cos: shifts.iter().map(|d| d.cos() as f32).collect(),

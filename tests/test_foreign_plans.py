@@ -388,3 +388,95 @@ def test_nonsense_about_channels_is_refused(tmp_path):
         fw.files.read_stack(tmp_path / "grey.npy", channels="g")
     done = run("decode", folder, "--steps", "4", "--channels", "g", code=2)
     assert "--channels: with --steps" in done.stderr
+
+
+def lines(steps, width, shown=1.0):
+    """A line that moves by its width from frame to frame."""
+    return np.stack([shown * ((COLUMNS // width) % steps == k) for k in range(steps)])
+
+
+def line_plan(tmp_path, steps, width, cell=0.5, light="inverse"):
+    period = steps * width
+    start = 180.0 * (width - 1) / period
+    line = f'kind = "phase", axis = "x", period_px = {period}, line_px = {width}'
+    words, entries, pictures = LIGHT[light]
+    code = f'kind = "gray", axis = "x", step_px = {cell * period}{words}'
+    plan = plan_of(tmp_path, f"{line}, steps = {steps}, start_deg = {start}", code, *entries)
+    bits = bits_of((COLUMNS // (cell * period)).astype(int), plan.blocks[1].bits)
+    sent = [*lines(steps, width), *pictures(bits)]
+    for picture, light_sent in zip(fw.encode(plan), sent, strict=True):
+        np.testing.assert_allclose(picture[0] / 255.0, light_sent, atol=0.003)
+    return plan, sent
+
+
+@pytest.mark.parametrize(
+    ("steps", "width", "scale", "light"),
+    [
+        (4, 1, 0.5, "inverse"),
+        (4, 2, 2.0, "inverse"),
+        (4, 2, 0.8, "white"),
+        (6, 1, 0.8, "inverse"),
+        (6, 1, 1.0, "white"),
+        (6, 2, 0.5, "inverse"),
+        (6, 2, 2.0, "white"),
+        (8, 1, 1.0, "inverse"),
+        (8, 2, 0.8, "inverse"),
+    ],
+)
+def test_lines_that_are_shifted(tmp_path, steps, width, scale, light):
+    """Line shifting: σ holds for sharp and for blurred lines, and blurred ones are exact."""
+    plan, sent = line_plan(tmp_path, steps, width, light=light)
+    for blur in (0.3, 0.7, 1.2):
+        frames, truth = seen(sent, scale=scale, blur=blur, seed=steps)
+        found = fw.decode(frames, plan)
+        error = found.x.coordinate_px - truth
+        ok, wide = np.isfinite(error), blur * scale / width
+        sigma = found.x.sigma_px[ok]
+        assert ok.mean() > (0.98 if wide > 0.4 or steps < 8 else 0.85)
+        assert abs(np.mean(error[ok])) < 0.01 * width
+        assert np.mean(np.abs(error[ok]) < 2.0 * sigma) > 0.88
+        assert np.mean(np.abs(error[ok]) > 5.0 * sigma) < 1e-4
+        rms = np.sqrt(np.mean(error[ok] ** 2))
+        # A sharp line tells no more than which of the steps lights a pixel.
+        assert rms < (0.07 * scale if wide > 1.0 else 0.3) * width
+        assert not {f.kind for f in found.findings} & {"response", "steps", "motion", "flicker"}
+
+
+def test_mirrored_lines(tmp_path):
+    plan, sent = line_plan(tmp_path, 6, 2)
+    mirrored = dataclasses.replace(plan, mirrored=("x",))
+    check(*_with(seen, sent, mirrored, mirror=True, blur=1.2))
+
+
+def test_lines_that_saturate_are_not_measured(tmp_path):
+    plan, sent = line_plan(tmp_path, 6, 1)
+    frames, truth = seen([1.25 * np.asarray(p) if k < 6 else p for k, p in enumerate(sent)])
+    frames[:6, :, 200:400] = np.clip(frames[:6, :, 200:400] * 2.5, 0, 255).astype(np.uint8)
+    found = fw.decode(frames, plan).x
+    saturated = (frames[:6] == 255).any(axis=0)
+    assert saturated.mean() > 0.05
+    assert np.isnan(found.coordinate_px[saturated]).all()
+    assert (found.reason[saturated] == fw.Reason.SATURATED).mean() > 0.9
+    error = found.coordinate_px - truth
+    off = (np.abs(error) / found.sigma_px)[~saturated]
+    assert np.mean(off < 2.0) > 0.93
+
+
+def test_nonsense_about_lines_is_refused(tmp_path):
+    line = 'kind = "phase", axis = "x", period_px = 6, steps'
+    for entry, words in (
+        (f"{line} = 6, line_px = 0", "line_px: expected above 0 px and below the period of 6 px"),
+        (f"{line} = 6, line_px = 6", "line_px: expected above 0 px and below the period of 6 px"),
+        (f"{line} = 3, line_px = 2", "line_px: expected 4 to 8 equal steps"),
+        (f"{line} = 12, line_px = 2", "line_px: expected 4 to 8 equal steps"),
+        (f"{line[:-5]}shifts_deg = [0, 80, 180, 270], line_px = 2", "4 to 8 equal steps"),
+        (f"{line[:-5]}shifts_deg = [0, 90, 180, 0], line_px = 2", "4 to 8 equal steps"),
+    ):
+        with pytest.raises(fw.InputError, match=words):
+            plan_of(tmp_path, entry)
+    plan = plan_of(tmp_path, f"{line} = 6, line_px = 1", GRAY.replace("16, inverse = true", "3"))
+    frames, _ = seen([*lines(6, 1), *bits_of(COLUMNS // 3, 8)])
+    with pytest.raises(fw.InputError, match="expected inverse bits, or a white and a black frame"):
+        fw.decode(frames, plan)
+    with pytest.raises(fw.InputError, match="phase steps with a cosine"):
+        fw.stack.separate_light(frames, plan)

@@ -51,6 +51,8 @@ class PhaseEntry(Section):
     """δ of the first frame; 0 where left out."""
     shifts_deg: list[float] | None = None
     """δ of every frame, I = ½ + ½ cos(2π x / p − δ), instead of ``steps`` equal ones."""
+    line_px: float | None = None
+    """Width of a bright line in every period, instead of a cosine."""
 
 
 class GrayEntry(Section):
@@ -145,7 +147,7 @@ def _block(entry: PhaseEntry | GrayEntry | UniformEntry, width: int, height: int
     if entry.fringes is not None and not entry.fringes > 0:
         raise InputError(f"fringes: expected > 0, got {entry.fringes}")
     period = entry.period_px if entry.fringes is None else length / entry.fringes
-    return PhaseSteps(entry.axis, period or 0.0, _shifts(entry))
+    return PhaseSteps(entry.axis, period or 0.0, _shifts(entry), entry.line_px)
 
 
 def _shifts(entry: PhaseEntry) -> tuple[float, ...]:
@@ -191,6 +193,7 @@ def format_plan(plan: PatternPlan) -> str:
             sequence.append(entry | ({"unused": block.unused} if block.unused else {}))
         else:
             entry = {"kind": "phase", "axis": block.axis, "period_px": float(block.period_px)}
+            entry |= {} if block.line_px is None else {"line_px": float(block.line_px)}
             sequence.append(entry | _steps_entry(block.shifts_rad))
     content: dict[str, Any] = {"kind": "plan", "projector": [plan.width_px, plan.height_px]}
     content |= {"bits": plan.bits, "gamma": float(plan.gamma), "dither": plan.dither}

@@ -36,6 +36,10 @@ The decoding kernel marks the samples of a pixel in a 64-bit mask. More steps ar
 useful, because the precision grows only with √N.
 """
 
+LINE_STEPS = range(4, 9)
+"""Numbers of steps of lines. Three leave no residuals, which show how sharp the lines are. With
+nine, harmonics of sharp lines beyond the fourth are taken for so much noise that it hides them."""
+
 MAX_SHIFT_CONDITION = 20.0
 """Largest condition number of the design matrix of a set of steps.
 
@@ -94,7 +98,10 @@ def step_design(shifts_rad: Sequence[float] | NDArray[np.float64]) -> NDArray[np
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PhaseSteps(Frozen):
-    """One set of N shifted fringe patterns ½ + ½ cos(2π x / p − δ_n) along one axis."""
+    """One set of N shifted fringe patterns ½ + ½ cos(2π x / p − δ_n) along one axis.
+
+    With ``line_px``, a bright line of that width lies where the cosine has its maxima.
+    """
 
     axis: Axis
     """x: the fringes vary from column to column; y: from row to row."""
@@ -102,6 +109,9 @@ class PhaseSteps(Frozen):
     """Period p, projector px; ≥ 2."""
     shifts_rad: tuple[float, ...]
     """Shifts δ_n, rad; 3 to 64, at least three of them different modulo 2π."""
+    line_px: float | None = None
+    """Width of the bright line in every period, projector px; None for a cosine. Lines have 4
+    to 8 equal steps."""
 
     def __post_init__(self) -> None:
         check_axis(self.axis)
@@ -118,6 +128,30 @@ class PhaseSteps(Frozen):
             raise InputError(
                 f"shifts: expected at least three that clearly differ modulo 360°, got {degrees}°"
             )
+        if self.line_px is not None:
+            self._check_line(self.line_px, shifts)
+
+    def _check_line(self, line_px: float, shifts: NDArray[np.float64]) -> None:
+        """Refuse lines whose harmonics the steps do not tell apart, or that are no lines."""
+        if not (positive(line_px) and line_px < self.period_px):
+            raise InputError(
+                f"line_px: expected above 0 px and below the period of {self.period_px:g} px, got "
+                f"{line_px:g} px"
+            )
+        n = self.frames
+        turns = np.sort((shifts - shifts[0]) / TURN % 1.0)
+        equal = np.allclose(np.exp(1j * n * shifts), np.exp(1j * n * shifts[0]), atol=1e-6)
+        if n not in LINE_STEPS or not equal or np.diff(turns).min() < 0.5 / n:
+            degrees = ", ".join(f"{d:g}" for d in np.degrees(shifts))
+            raise InputError(
+                f"line_px: expected {LINE_STEPS[0]} to {LINE_STEPS[-1]} equal steps over a period, "
+                f"got {degrees}°"
+            )
+
+    @property
+    def even_share(self) -> float:
+        """Mean light of a frame, as a share of that under white."""
+        return 0.5 if self.line_px is None else self.line_px / self.period_px
 
     @property
     def frames(self) -> int:
@@ -148,7 +182,17 @@ class PhaseSteps(Frozen):
         frame : int, 0 … N − 1
         """
         phase = TURN * position / self.period_px - self.shifts_rad[frame]
-        return np.asarray(0.5 + 0.5 * np.cos(phase))
+        if self.line_px is None:
+            return np.asarray(0.5 + 0.5 * np.cos(phase))
+        # The share of a pixel that the line covers: its light then lies where it should. One of the
+        # three nearest lines may cover a part.
+        off = (phase / TURN + 0.5) % 1.0 * self.period_px - 0.5 * self.period_px
+        half = 0.5 * self.line_px
+        covered = sum(
+            np.clip(np.minimum(off + 0.5, at + half) - np.maximum(off - 0.5, at - half), 0.0, None)
+            for at in (-self.period_px, 0.0, self.period_px)
+        )
+        return np.asarray(covered)
 
     def labels(self) -> list[str]:
         """One name per frame."""

@@ -196,6 +196,8 @@ def measure_response(
     if not 1 <= number <= len(sets):
         raise InputError(f"number: expected 1 to {len(sets)} sets of steps, got {number}")
     first, steps = sets[number - 1]
+    if steps.line_px is not None:
+        raise InputError(f"number: expected a set with a cosine, got lines in set {number}")
     given = given_options(stack, options)
     coordinate = _gray_coordinate(stack, steps.axis, given)
     frames = np.stack(stack.frames[first : first + steps.frames])

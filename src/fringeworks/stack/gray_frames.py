@@ -209,6 +209,12 @@ def gray_frames(plan: PatternPlan, first: int, block: GrayCode, *, phases: bool)
             "Gray code: expected inverse bits, a white and a black frame, or fringes along the "
             "same axis to compare the bits with, got none of them"
         )
+    shares = [steps.even_share for _, steps in plan.phase_sets(block.axis)]
+    if white_black is None and not inverse and any(share != 0.5 for share in shares):
+        raise InputError(
+            "Gray code: expected inverse bits, or a white and a black frame, to compare the bits "
+            "with, got lines, whose mean light is not half of white"
+        )
     return GrayFrames(
         bits,
         inverse,

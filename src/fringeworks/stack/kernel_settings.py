@@ -11,7 +11,7 @@ import numpy as np
 from fringeworks import _core
 from fringeworks.patterns.chain_search import ALTERNATIVE_SIGMAS, ORDER_SIGMAS
 from fringeworks.patterns.order_chain import TURN, OrderChain
-from fringeworks.patterns.plan import PatternPlan, step_design
+from fringeworks.patterns.plan import PatternPlan, PhaseSteps, step_design
 from fringeworks.signal.phase_table import TABLE_BINS
 from fringeworks.signal.response import Response
 from fringeworks.stack.gray_frames import GrayFrames, gray_frames
@@ -97,6 +97,8 @@ class PhaseFrames:
     """Shift of every frame, rad."""
     period_px: float
     """Period of the fringes, projector px."""
+    line_px: float | None = None
+    """Width of a bright line in every period, projector px; None for a cosine."""
     design: tuple[tuple[float, float, float], ...] = ()
     """What every frame really shows of A, c and s (real steps and gains); that of the shifts where
     empty."""
@@ -127,7 +129,7 @@ class PhaseFrames:
             "period": self.period_px,
             "floor": self.floor_rad**2,
             # The fit keeps clear of harmonics only with all samples.
-            "whole": bool(self.harmonics or self.table_turns),
+            "whole": bool(self.line_px or self.harmonics or self.table_turns),
             "table": {"turns": list(self.table_turns), "brightness": list(self.brightness)},
         }
 
@@ -288,7 +290,8 @@ def decoding_of(
             tuple(range(first, first + block.frames)),
             block.shifts_rad,
             block.period_px,
-            table_turns=_table(plan, block.shifts_rad, response),
+            block.line_px,
+            table_turns=_table(plan, block, response),
             brightness=() if response is None else response.brightness,
         )
         for first, block in plan.phase_sets(axis)
@@ -304,13 +307,13 @@ def decoding_of(
     return Decoding(axis, sets, gray, chain, length, absolute)
 
 
-def _table(
-    plan: PatternPlan, shifts_rad: tuple[float, ...], response: Response | None
-) -> tuple[float, ...]:
+def _table(plan: PatternPlan, block: PhaseSteps, response: Response | None) -> tuple[float, ...]:
     """The response's phase errors for these shifts, turns."""
     if response is None:
         return ()
-    n = len(shifts_rad)
+    shifts_rad, n = block.shifts_rad, block.frames
+    if block.line_px is not None:
+        raise InputError("response: it was measured with cosines, got lines in the plan")
     if n != response.steps:
         raise InputError(f"response: made for {response.steps} steps, the plan has {n}")
     if abs(response.pattern_exponent * plan.gamma - 1.0) > EXPONENT_TOLERANCE:

@@ -89,9 +89,9 @@ def separate_light(
     if not (positive(contrast) and contrast <= 1.0):
         raise InputError(f"contrast: expected above 0 and up to 1, got {contrast:g}")
     frames = check_frames(frames, plan)
-    sets = [(k, b) for k, b in plan.placed if isinstance(b, PhaseSteps)]
+    sets = [(k, b) for k, b in plan.placed if isinstance(b, PhaseSteps) and b.line_px is None]
     if not sets:
-        raise InputError("plan: expected a set of phase steps, got none")
+        raise InputError("plan: expected a set of phase steps with a cosine, got none")
     first, steps = min(sets, key=lambda placed: placed[1].period_px)
     found = wrapped_phase(
         frames[first : first + steps.frames],

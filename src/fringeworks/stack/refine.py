@@ -14,6 +14,7 @@ from fringeworks.stack.decoded_sample import decode_by_gray_code, decode_sample
 from fringeworks.stack.edges import fringes_of, has_steps, line_shift
 from fringeworks.stack.gray_frames import GrayFrames
 from fringeworks.stack.kernel_settings import SEAM_SIGMAS, Decoding, PhaseFrames
+from fringeworks.stack.line_profile import with_line_floor
 from fringeworks.stack.neighbours import worth_voting
 from fringeworks.stack.noise import MIN_JUDGED_PIXELS
 from fringeworks.stack.real_frames import design_rows
@@ -107,7 +108,11 @@ def refined(decoding: Decoding, sample: Sample, known: Known) -> Refined:
     pairs = zip(decoding.sets, ripples, strict=True)
     left = [_with_harmonics(phases, ripple, decoding.axis) for phases, ripple in pairs]
     findings += [finding for _, _, found in left for finding in found]
-    decoding = replace(decoding, sets=tuple(floored for floored, _, _ in left))
+    sets = [
+        floored if ripple is not None and ripple.sure else with_line_floor(floored, sample, known)
+        for (floored, _, _), ripple in zip(left, ripples, strict=True)
+    ]
+    decoding = replace(decoding, sets=tuple(sets))
     known = replace(known, peaks_rad=tuple(peak for _, peak, _ in left))
     agreeing, errors = _with_agreeing_sets(decoding, planes, known)
     # Where the sets agree within their noise, it is the surface that is rough.

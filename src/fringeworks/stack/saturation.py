@@ -170,6 +170,8 @@ def exceeds(decoding: Decoding, sample: Sample, limits: Limits, noise: CameraNoi
     for data, phases in zip(values, decoding.sets, strict=True):
         at = data >= limits.saturation
         many = np.count_nonzero(at.sum(axis=0) > max(1, len(data) // 4))
+        if phases.line_px is not None:
+            many = np.count_nonzero(at.any(axis=0))  # other samples do not predict a line's
         if many > RARE * sample.points[0].size:
             return True  # too many samples of a set at the limit: it cannot be a mere touch
         if len(data) == 3:

@@ -28,6 +28,9 @@ NOTABLE_RIPPLE_RAD = 0.02
 NOTABLE_GAIN = 0.003
 """Change of the light from frame to frame from which on it is reported as one. Empirical."""
 
+SHARP_LINES = "lines that the camera sees sharper than their steps"
+"""Cause of the ripple of lines."""
+
 NO_GAIN = 5e-5
 """Shot noise over the noise floor below which it is none, 1/count. The floor is this share of the
 largest count or more (``ARITHMETIC_ERROR``), so that the variance of shot noise is below floor²."""
@@ -162,7 +165,10 @@ def ripple(
         f"of {phases.period_px:g} px along {axis}; added to the standard deviations"
     )
     figures = {"rms_rad": rms_rad, "per_fringe": float(largest)}
-    if largest % steps == 0 or largest >= 3:
+    causes: tuple[str, ...]
+    if phases.line_px is not None:
+        causes, advice = (SHARP_LINES,), "use narrower lines and steps, or a softer focus"
+    elif largest % steps == 0 or largest >= 3:
         causes = ("a response of projector and camera that is not linear (γ)", "saturated samples")
         advice = "correct the patterns for γ, measure the response, or use more steps"
     else:
@@ -181,6 +187,11 @@ def own_response(planned: Decoding, found: Decoding) -> list[Finding]:
         return []
     periods = ", ".join(f"{s.period_px:g}" for s in changed)
     steps = len(changed[int(np.argmax(rms))].frames)
+    if any(s.line_px is not None for s in changed):
+        seen = f"ripple of {max(rms):.3f} rad rms in the phases of {periods} px along {found.axis}"
+        figures = {"rms_rad": max(rms), "per_fringe": float(steps)}
+        seen = f"{seen}, {steps} per fringe, measured and subtracted"
+        return [Finding("ripple", seen, (SHARP_LINES,), "", found.axis, (), figures, "note")]
     return [
         Finding(
             "response",

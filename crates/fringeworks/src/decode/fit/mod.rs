@@ -11,7 +11,7 @@ mod table;
 use super::{DecodeSettings, Line, Sample};
 
 pub use frames::Frames;
-use saturation::{leave_out, refit};
+use saturation::{clear, leave_out, refit};
 pub use set::PhaseSet;
 use solver::solve;
 pub use sums::Sums;
@@ -70,8 +70,12 @@ pub fn fit<T: Sample>(
     if reached {
         let saturated = frames.sums_below(set, at, limit, sums);
         solve(set, sums, true, out);
-        let others = leave_out(set, &saturated, sums, out);
-        refit(frames, set, (at, limit), &others, out);
+        if set.whole {
+            clear(&saturated, out);
+        } else {
+            let others = leave_out(set, &saturated, sums, out);
+            refit(frames, set, (at, limit), &others, out);
+        }
     } else if let Some(steps) = frames.quarters(set, at) {
         solve(set, &steps, shot, out);
     } else if let Some(steps) = frames.steps::<3>(set, at) {

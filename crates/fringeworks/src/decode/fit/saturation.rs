@@ -13,7 +13,7 @@ const MOST_SOLUTIONS: usize = 16;
 /// Whether leaving one sample out is a short update: equal steps, and enough samples left.
 #[inline(always)]
 fn can_update(set: &PhaseSet) -> bool {
-    set.solver.balanced && set.steps() > 3 && !set.whole
+    set.solver.balanced && set.steps() > 3
 }
 
 /// Correct the fit of a block's pixels that have one saturated sample, whose sums lack it. Returns
@@ -60,6 +60,13 @@ fn update(set: &PhaseSet, saturated: &Saturated, sums: &Sums, out: &mut Fitted) 
     }
 }
 
+/// Clear the pixels of a block with a saturated sample.
+pub fn clear(saturated: &Saturated, out: &mut Fitted) {
+    for i in (0..BLOCK_PIXELS).filter(|&i| saturated.count[i] > 0.0) {
+        clear_pixel(i, out);
+    }
+}
+
 /// Fit pixels of a block with several saturated samples one by one.
 #[cold]
 pub fn refit<T: Sample>(
@@ -92,7 +99,7 @@ impl Solutions {
                 self.0.clear();
             }
             let planned = |n: usize| [1.0, set.phasor(n).0.into(), set.phasor(n).1.into()];
-            let enough = kept.count_ones() >= 3 && !set.whole;
+            let enough = kept.count_ones() >= 3;
             let found = enough.then(|| solution(kept, planned, |n| set.design[n]));
             self.0.push((kept, found.flatten()));
             self.0.len() - 1

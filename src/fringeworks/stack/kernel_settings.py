@@ -128,8 +128,7 @@ class PhaseFrames:
             "design": list(self.design),
             "period": self.period_px,
             "floor": self.floor_rad**2,
-            # The fit keeps clear of harmonics only with all samples.
-            "whole": bool(self.line_px or self.harmonics or self.table_turns),
+            "whole": self.line_px is not None,
             "table": {"turns": list(self.table_turns), "brightness": list(self.brightness)},
         }
 

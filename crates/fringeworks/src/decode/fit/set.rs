@@ -21,9 +21,8 @@ pub struct PhaseSet {
     pub table: Table,
     /// Variance of the phase error that does not shrink with the modulation, rad².
     pub floor: f32,
-    /// Whether all samples are needed: a pattern that is no cosine, or a response that is not linear,
-    /// has harmonics, which the fit leaves out only with all of them. A pixel with a sample at the
-    /// limit then has no phase.
+    /// Whether all samples are needed: a pattern that is no cosine has harmonics, which the fit leaves
+    /// out only with all of them. A pixel with a sample at the limit then has no phase.
     pub whole: bool,
     cos: Vec<f32>,
     sin: Vec<f32>,

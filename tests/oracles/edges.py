@@ -62,9 +62,10 @@ def edge_rings(coordinate, sigma, most, repeats=np.inf):
                 rise = difference(at(coordinate, k), coordinate, repeats)
                 step = np.abs(rise - k * slope) >= most
                 nearest[np.where(smooth, step, np.abs(rise) >= 2.0 * most)] = k
-            error = 3.0 * difference(at(coordinate, -2), coordinate, repeats)
-            error -= 2.0 * difference(at(coordinate, -3), coordinate, repeats)
-            noise = sigma**2 + 9.0 * at(sigma, -2) ** 2 + 4.0 * at(sigma, -3) ** 2
+            error, noise = np.zeros(coordinate.shape), sigma**2
+            for k, weight in ((2, 6.0), (3, -8.0), (4, 3.0)):
+                error = error + weight * difference(at(coordinate, -k), coordinate, repeats)
+                noise = noise + weight**2 * at(sigma, -k) ** 2
             seen = np.abs(error) < most
         for k in range(1, RINGS + 1):
             excess = (error**2 - noise)[seen & (nearest == k)]

@@ -29,8 +29,9 @@ const BAND_ROWS: usize = 16;
 /// the strongest usual blur.
 pub const RINGS: usize = 4;
 
-/// Places of the pixels that a coordinate is extrapolated from, px away from the step.
-const BEYOND: (usize, usize) = (2, 3);
+/// Places of the pixels that a coordinate is extrapolated from, px away from the step, and the weights
+/// of a parabola through them: the rims of round bodies are curved.
+const BEYOND: [(usize, f32); 3] = [(2, 6.0), (3, -8.0), (4, 3.0)];
 
 /// What the coordinates of neighbours are judged by.
 #[derive(Clone, Copy)]
@@ -261,7 +262,8 @@ pub struct Ring {
 /// 0 beyond; and the errors of the pixels at every distance.
 ///
 /// A step is where a coordinate differs by `most` or more from what two smooth pixels on the other side
-/// extrapolate to; where these are not smooth, by twice as much from the pixel itself. The error of a pixel shows in what the pixels 2 and 3 px behind it extrapolate to.
+/// extrapolate to; where these are not smooth, by twice as much from the pixel itself. The error of a
+/// pixel shows in what the pixels 2, 3 and 4 px behind it extrapolate to.
 ///
 /// ```
 /// use fringeworks::edges::{Steps, edge_rings};
@@ -378,16 +380,17 @@ impl Surface<'_> {
                 (0..self.height as isize).contains(&y) && (0..self.width as isize).contains(&x);
             inside.then_some(y as usize * self.width + x as usize)
         };
-        let (Some(i), Some(near), Some(far)) = (at(0), at(BEYOND.0), at(BEYOND.1)) else {
-            return;
-        };
-        let step = |k: usize| {
-            self.circle
-                .difference(self.coordinate[k], self.coordinate[i])
-        };
-        let error = 3.0 * step(near) - 2.0 * step(far);
+        let Some(i) = at(0) else { return };
         let square = |k: usize| self.sigma[k] * self.sigma[k];
-        let noise = square(i) + 9.0 * square(near) + 4.0 * square(far);
+        let (mut error, mut noise) = (0.0, square(i));
+        for (distance, weight) in BEYOND {
+            let Some(k) = at(distance) else { return };
+            error += weight
+                * self
+                    .circle
+                    .difference(self.coordinate[k], self.coordinate[i]);
+            noise += weight * weight * square(k);
+        }
         // False for NaN.
         if error.abs() < self.most {
             let excess = f64::from(error * error - noise);

@@ -331,7 +331,12 @@ def decodings_of(
 
 def limits_of(dtype: np.dtype[Any], saturation: float | None, min_modulation: float) -> Limits:
     counts = saturation_of(dtype, saturation)
-    return Limits(counts, _not_negative(min_modulation), given=saturation is not None)
+    return Limits(
+        counts,
+        _not_negative(min_modulation),
+        given=saturation is not None,
+        darkest=0.0 if np.isfinite(counts) else -np.inf,
+    )
 
 
 def _not_negative(min_modulation: float) -> float:

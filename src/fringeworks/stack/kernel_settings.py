@@ -75,6 +75,8 @@ class Limits:
     """Largest χ² of the sets' disagreement; None for the quantile that ``LOST_SHARE`` sets."""
     given: bool = True
     """Whether the caller gave the saturation. Otherwise it applies only if light exceeds it."""
+    darkest: float = 0.0
+    """Counts below which the sensor cuts off; minus infinity for samples that may be negative."""
 
     @property
     def open(self) -> Limits:

@@ -104,7 +104,7 @@ def neighbour_noise(patch: Sequence[FloatMap], limits: Limits, rough: CameraNois
     """
     brightness, off = (np.concatenate(v) for v in zip(*map(_differences, patch), strict=True))
     margin = CLIPPED_SIGMAS * rough.read_counts
-    inside = (brightness > margin) & ~(brightness > limits.saturation - margin)
+    inside = (brightness > limits.darkest + margin) & ~(brightness > limits.saturation - margin)
     if inside.sum() < MIN_JUDGED_PIXELS:
         return rough
     brightness, off = brightness[inside], off[inside]
@@ -342,9 +342,8 @@ def _clear_fit(
     square, count = fit.square.copy(), np.full(fit.square.shape, steps)
     rough = residual_variance(square[::ROUGH_STRIDE], steps - 3) ** 0.5
     margin = min(CLIPPED_SIGMAS * rough, most)
-    at_limit = fit.smallest.min() <= 0 or fit.largest.max() >= limits.saturation
     whole: BoolMap = np.ones(square.shape, bool)
-    if np.isfinite(limits.saturation) and at_limit:
+    if _at_limits(fit, limits):
         inside = _inside(fit.fitted, phases.rows, limits, margin)
         whole = np.asarray(inside.all(axis=0))
         partly = np.flatnonzero(~whole)
@@ -356,12 +355,18 @@ def _clear_fit(
     return fit.fitted[0], square, count
 
 
+def _at_limits(fit: SampleFit, limits: Limits) -> bool:
+    """Whether a sample reaches a limit of the sensor."""
+    darkest, largest = float(fit.smallest.min()), float(fit.largest.max())
+    return darkest <= limits.darkest or largest >= limits.saturation
+
+
 def _inside(fitted: FloatMap, rows: DesignRows, limits: Limits, margin: float) -> BoolMap:
     """Mark samples whose fitted brightness keeps a margin (counts) to both limits of the sensor."""
     design, _ = fit_matrices(rows)
-    high = limits.saturation - margin
+    low, high = limits.darkest + margin, limits.saturation - margin
     a, c, s = (np.ascontiguousarray(row) for row in fitted)
-    return _core.fitted_inside((a, c, s), design, low=margin, high=high)
+    return _core.fitted_inside((a, c, s), design, low=low, high=high)
 
 
 def _solve_partly(
@@ -457,10 +462,8 @@ def _clear_of_limits(
     that noise would decide which ones are inside.
     """
     clear = np.ones(background.shape, bool)
-    if not np.isfinite(limits.saturation):
-        return clear
     for fit, phases in zip(fits, decoding.sets, strict=True):
-        if fit.smallest.min() <= 0 or fit.largest.max() >= limits.saturation:
+        if _at_limits(fit, limits):
             around = np.stack((background, fit.fitted[1], fit.fitted[2]))
             clear &= _inside(around, phases.rows, limits, margin).all(axis=0)
     return clear

@@ -20,7 +20,8 @@ demo: $(VENV)/.built
 
 # The peak of memory of a call depends on how its threads meet: it is measured while nothing else runs.
 ALONE := tests/test_memory.py
-WORKERS := -n 3 --dist worksteal --ignore tests/test_faults.py --ignore $(ALONE)
+# A file stays with one worker, which makes its scenes once; tests/conftest.py puts the slow files first.
+WORKERS := -n 3 --dist loadfile --no-loadscope-reorder --ignore tests/test_faults.py --ignore $(ALONE)
 OTHERS := $(WORKERS) -m "not long"
 UNIT := $(WORKERS) -m "not (statistical or system or long)"
 

@@ -37,6 +37,17 @@ def _shared_folder(tmp_path_factory):
         shared.FOLDER.mkdir(exist_ok=True)
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    """Files with slow tests go first, so that the workers of a run end together."""
+    slow = {
+        item.path
+        for item in items
+        if any(item.get_closest_marker(mark) for mark in ("statistical", "system"))
+    }
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @cache
 def _scene(items: tuple[tuple[str, Any], ...]) -> Pair:
     settings = dict(items)

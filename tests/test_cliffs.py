@@ -154,6 +154,7 @@ def test_errors_beside_cliffs_are_small(period, quality):
     assert np.mean(away[wall] <= 6) > 0.9  # walls lie at cliffs
 
 
+@pytest.mark.long
 def test_painted_cliffs_have_an_albedo_and_walls():
     pair, truth, away = boxes(4, 30.0, painted=True)
     found = fw.analyse(pair, "windowed")

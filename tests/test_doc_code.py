@@ -37,7 +37,7 @@ SOURCES = sorted((ROOT / "src").rglob("*.py"))
 ROW_METHODS = ("exact", "gsifa", "sifa", "ifa")
 
 
-LONG = ("tutorial-rig.md", "rig.md")
+LONG = ("tutorial-rig.md", "rig.md", "fw-rig.md")
 """Pages that calibrate anew what another page calibrates."""
 
 

@@ -15,7 +15,7 @@ import fringeworks as fw
 from tests import hostile_calls as hostile
 from tests.public import public, public_names
 
-CALLS = int(os.environ.get("FRINGEWORKS_CALLS", "6"))
+CALLS = int(os.environ.get("FRINGEWORKS_CALLS", "3"))
 """Calls of every quick case, and three of every slow one; ``make fuzz`` makes more."""
 SECONDS = 20.0
 """Longest time of a call with small arguments; a usual one takes milliseconds."""

@@ -24,7 +24,7 @@ try:
 except ImportError:  # Windows
     resource = None
 
-MUTATIONS = int(os.environ.get("FRINGEWORKS_MUTATIONS", "2500"))
+MUTATIONS = int(os.environ.get("FRINGEWORKS_MUTATIONS", "1000"))
 """In all, over every reader; ``make fuzz`` takes more."""
 SECONDS = 5.0
 """Longest time that a small damaged file may take; a usual one takes milliseconds."""

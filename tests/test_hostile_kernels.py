@@ -13,7 +13,7 @@ from tests.kernels import EVERY_KERNEL
 
 pytestmark = pytest.mark.system
 
-CALLS = int(os.environ.get("FRINGEWORKS_KERNEL_CALLS", "12"))
+CALLS = int(os.environ.get("FRINGEWORKS_KERNEL_CALLS", "6"))
 """Calls of every kernel; ``make fuzz`` makes more."""
 SPOIL = """
 import copy, faulthandler, random, sys

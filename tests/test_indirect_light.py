@@ -17,6 +17,7 @@ from fringeworks.simulate.interreflection import interreflection
 from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import standard_rig
 from fringeworks.simulate.virtual_rig import look
+from tests.grids import quick
 from tests.rigs import ahead, groove
 
 pytestmark = pytest.mark.statistical
@@ -42,7 +43,7 @@ def coordinates(plan, transport, seed):
     return np.where(seen.lit, fw.decode(frames, plan).x.coordinate_px, np.nan)
 
 
-@pytest.mark.parametrize("kind", ["number-theoretic", "heterodyne"])
+@pytest.mark.parametrize("kind", quick(["number-theoretic", "heterodyne"], "heterodyne"))
 def test_robust_plans_measure_a_groove_that_bends_hierarchical_ones(kind):
     seen, bounce = scene()
     robust = next(p.plan for p in plans(robust=True) if p.kind == kind)

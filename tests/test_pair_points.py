@@ -26,7 +26,7 @@ from tests.shared import shared
 
 pytestmark = pytest.mark.statistical
 
-RIG = standard_rig(scale=0.5)
+RIG = standard_rig(scale=0.35)
 WALL_MM = 560.0
 PERIOD = 16.0
 
@@ -117,7 +117,7 @@ def test_what_does_not_belong_together_is_refused(monkeypatch):
     with pytest.raises(InputError, match="expected coordinates of the reference plane or a plane"):
         measure_pair(one, RIG)
     small = replace(one, reference=one.reference[:200], object=one.object[:200])
-    with pytest.raises(InputError, match=r"expected shape \(200, 640\) of the frames"):
+    with pytest.raises(InputError, match=r"expected shape \(200, 448\) of the frames"):
         measure_pair(small, RIG, reference=found)
 
 

@@ -341,6 +341,7 @@ def calibration_scores(of: Rig, optics: Optics, count: int, transport=None) -> n
     return rig_errors(found, of)[free] / np.sqrt(np.diag(found.covariance)[free])
 
 
+@pytest.mark.long
 def test_a_calibration_under_real_optics_is_right_within_its_deviations():
     """Colour filters, liquid crystals, two lenses out of focus and paper that light enters."""
     optics = Optics(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from fringeworks.signal.filters import saturated_squares
 from fringeworks.signal.noise import noise_variance
 from fringeworks.signal.response import Response, check_devices, linearise
 from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, Pair
+from fringeworks.types.computed import cached_property
 
 MIN_SIZE = 16
 """Smallest length of a frame's longer side, px.

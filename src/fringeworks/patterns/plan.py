@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -25,6 +25,7 @@ from fringeworks.types import (
     positive,
     whole,
 )
+from fringeworks.types.computed import cached_property
 
 DEPTHS = (8, 10, 12, 16)
 """Depths of pictures that can be drawn, bits: those of common projectors and displays."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import product
 from operator import is_
 from typing import Any
@@ -20,6 +19,7 @@ from fringeworks.stack.sample import Lines
 from fringeworks.stack.set_residuals import phase_variance
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, BoolMap, CameraNoise, FloatMap
+from fringeworks.types.computed import cached_property
 
 LIT = 0.3
 """Smallest range of the samples of a pixel that votes, as a share of the 95th percentile. Indirect

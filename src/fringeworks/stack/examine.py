@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,7 @@ from fringeworks.stack.set_residuals import Known
 from fringeworks.stack.shifts import step_errors
 from fringeworks.statistics.quantiles import quantile
 from fringeworks.types import Axis, CameraNoise, Finding, FramesContradictPlan, InputError
+from fringeworks.types.computed import cached_property
 
 ARITHMETIC_ERROR = 5e-5
 """Smallest noise, as a share of the largest count, because of the kernels' single precision.

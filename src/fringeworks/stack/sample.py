@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from fringeworks.patterns.plan import PatternPlan, PhaseSteps
 from fringeworks.stack.fits import SampleFits
 from fringeworks.stack.frames import Planes, readable, sample_of, sampled_places
 from fringeworks.types import Axis, FloatMap
+from fringeworks.types.computed import cached_property
 
 PATCH = 256
 """Side of the patch that spatial noise is measured in, px.

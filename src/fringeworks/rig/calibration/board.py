@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
 from fringeworks.types import FloatMap, InputError
+from fringeworks.types.computed import cached_property
 from fringeworks.types.packages import cv2, need_opencv
 
 BoardKind = Literal["chessboard", "charuco", "circles", "asymmetric-circles"]

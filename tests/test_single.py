@@ -39,6 +39,36 @@ def test_background_may_be_given():
         analyse(dataclasses.replace(pair, background=np.zeros_like(background)), "fourier")
 
 
+@pytest.mark.parametrize("given", [False, True])
+@pytest.mark.parametrize("body", ["parabola", "cube", "cylinder", "sphere"])
+def test_sigma_covers_what_one_frame_does_not_tell(body, given):
+    both = scene(body, size=300, fringes=20, height_mm=60.0, noise=1.0, bits=8, seed=1)
+    background = both.truth_mm == 0.0 if given else None
+    found = reconstruct(dataclasses.replace(both, reference=None, background=background), "fourier")
+    z = (found.surface.values - both.truth_mm) / found.surface.sigma
+    assert np.mean(np.abs(z) < 2.0) > 0.93
+    assert np.mean(np.abs(z) > 5.0) < 0.01
+    assert np.mean(np.abs(z[both.truth_mm == 0.0]) < 2.0) > 0.93
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [("step", "and another with"), ("tilt", "one plane all over"), ("plane", "one plane all over")],
+)
+def test_a_background_that_nothing_tells_is_refused(body, message):
+    both = scene(body, size=300, fringes=20, height_mm=60.0, noise=1.0, bits=8, seed=1)
+    with pytest.raises(InputError, match=f"{message}.*give the pixels that show"):
+        analyse(dataclasses.replace(both, reference=None), "fourier")
+
+
+def test_a_body_that_fills_the_frame_is_no_background():
+    y, x = np.mgrid[:240, :300].astype(float)
+    bowl = 2e-3 * ((x - 150) ** 2 + (y - 120) ** 2)
+    frame = 100 + 80 * np.cos(2 * np.pi * x / 12.0 + 0.3 * bowl)
+    with pytest.raises(InputError, match="expected the fringes of one plane along"):
+        analyse(Pair(None, frame), "fourier")
+
+
 def test_a_plane_in_perspective_is_flat():
     """Fringes on a plane in perspective widen across the frame; the projective phase follows."""
     y, x = np.mgrid[:240, :300].astype(float)

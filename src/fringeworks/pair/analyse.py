@@ -91,6 +91,9 @@ def analyse(
     solution = _painted(prepared, _run(chosen, prepared, options))
     solution = _mark(prepared, solution)
     solution = with_measured_sigma(solution, prepared.period)
+    if prepared.plane_sigma_px is not None:
+        sigma = np.hypot(solution.sigma_px, prepared.plane_sigma_px)
+        solution = replace(solution, sigma_px=sigma.astype(solution.sigma_px.dtype, copy=False))
     turn = prepared.to_capture
     return DisplacementMap(
         displacement_px=turn(solution.displacement_px),

@@ -1,12 +1,23 @@
-"""Reference for a single frame: the plain fringes that fit its plane background."""
+"""Reference for a single frame: the plain fringes that fit its plane background.
+
+The frame is cut into blocks of two periods. Each block of background has a phase of its own, free
+of what filters carry over from the object, and the phase of a plane is fitted to these.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.pair.bandpass import band_pass
 from fringeworks.pair.carrier import Carrier, find_carrier
 from fringeworks.pair.unwrap import unwrap
+from fringeworks.patterns.order_chain import TURN
+from fringeworks.statistics.quantiles import NORMAL_MEDIAN, median
 from fringeworks.types import BoolMap, FloatMap, InputError, Pair
 
 MIN_BACKGROUND = 0.02
@@ -16,25 +27,28 @@ A smaller patch determines the plane's perspective poorly at the far end of the 
 choice.
 """
 OFF_PLANE_RAD = 0.5
-"""Smallest limit on a background pixel's phase residual from the fitted plane, rad.
-
-About a twelfth of a period; a smaller limit would exclude noisy background. An empirical choice.
-"""
-OFF_PLANE_MEDIANS = 2.0
-"""The same limit as a multiple of the median residual of the present background.
-
-It lets the background grow while the plane, fitted to the rim only, is still inaccurate. An
-empirical choice.
-"""
-STRONG_PERCENTILE = 90.0
-"""Percentile of the fringe amplitude that represents the frame's strong fringes, %."""
+"""Distance of a block's phase from the plane from which on it is never background, rad: about a
+twelfth of a period."""
+OFF_PLANE_SIGMAS = 5.0
+"""The same in standard deviations of noise and ``UNEVEN_RAD``."""
+UNEVEN_RAD = 0.02
+"""Standard deviation of the blocks' distances from a plane by other causes than noise, rad: lenses
+and sensors bend its fringes by as much."""
+BLOCK_PERIODS = 2.0
+"""Side of a block, periods: whole fringes tell their phase from their brightness."""
+PER_SIDE = 16
+"""Blocks along a side of a frame with few fringes; they are one period long at least."""
+MAX_BLOCKS = 4000
+"""Approximate number of blocks of a frame; more only cost time."""
+MIN_USABLE = 0.5
+"""Smallest share of a block that must be usable."""
 MIN_STRENGTH = 0.3
-"""Smallest fringe amplitude of the background, as a share of that of the strong fringes.
+"""Smallest fringe amplitude of a block of background, as a share of that of the strong fringes.
 
 It excludes shadows and dark objects, whose phase is unreliable. An empirical choice.
 """
-MAX_FIT_PIXELS = 100_000
-"""Approximate number of pixels that the plane is fitted to; more only cost time."""
+STRONG_PERCENTILE = 90.0
+"""Percentile of the fringe amplitude that represents the frame's strong fringes, %."""
 MIN_BOTTOM = 0.1
 """Smallest denominator of the plane's projective phase, with 1 in the middle of the frame.
 
@@ -46,163 +60,386 @@ MIN_PERSPECTIVE_SIDE = 16
 
 In a frame of a few rows, noise would determine the perspective. An empirical choice.
 """
+PERSPECTIVE_PRIOR = 0.5
+"""Standard deviation of the two perspective terms in the prior of the fit. 0.5 means that the plane
+is three times as far away at one end of the frame as at the other."""
+PRIOR_RAD = 0.1
+"""Standard deviation of a block's phase against which the prior of the perspective counts, rad."""
+CANDIDATES = 600
+"""Planes through five random blocks of the rim that are compared. With half of the rim on one
+plane, 19 of them are true."""
+REFINED = 20
+"""The most likely ones of these, which are fitted to all blocks before the choice."""
+REFINEMENTS = 5
+"""Rounds of that fit, each with the weights of a Cauchy distribution."""
+SHARED_RIM = 0.5
+"""Smallest share of the rim that must lie on one plane, if the background is not given: otherwise
+another plane could hold more of it."""
+SECOND_PLANE = 0.75
+"""Share of the rim's blocks on the plane, from which on as many others on another plane make the
+choice between both ambiguous."""
+ROBUST = 2.0
+"""Scale of the Cauchy weights of the blocks, in standard deviations of their scatter."""
+SETTLED = 0.1
+"""Change of the plane that ends its fit, over the scatter of the blocks."""
+TINY = 1e-12
+"""Weight that keeps places along one line from dividing by zero."""
+TINY_RAD = 1e-6
+"""Smallest scatter of blocks, rad, where there is no noise."""
+ADVICE = "give the pixels that show the reference plane (background), or a reference frame"
+"""What to do about a background that is not found."""
 MAX_FIT_STEPS = 30
-"""Largest number of steps in which the background grows from the rim; it usually takes few."""
-RIM_SHARE = 0.1
-"""Width of the rim in which the search for the background starts, as a share of each side.
-
-The object is usually in the middle of the frame. An empirical choice.
-"""
+"""Largest number of steps of the fit; it usually takes five."""
+PARTS = 4
+"""Parts per side into which the background is cut, to see how much the plane depends on each."""
 MIN_RISING = 0.99
 """Smallest share of the frame on which the plane's phase must rise along the carrier, 0…1.
 
 A phase that falls belongs to no carrier, so the fit has failed there. An empirical choice.
 """
-RANK_TOLERANCE = 1e-6
-"""Singular values below this share of the largest are ignored in the fit of the plane.
-
-Perspective terms that a small background does not determine then stay near 0.
-"""
 
 
-def plain_reference(frame: FloatMap, finite: BoolMap, pair: Pair) -> tuple[Carrier, FloatMap, bool]:
+PlaneOf = Callable[["_Blocks", FloatMap], "_Plane"]
+"""The plane that fits blocks best, by their weights."""
+
+
+class PlainReference(NamedTuple):
+    """Plain fringes of the plane background of a frame."""
+
+    carrier: Carrier
+    """Its period and cross frequency are the medians over the plane."""
+    reference: FloatMap
+    """A + B cos(phase of the plane), (h, w), counts, as captured."""
+    sigma_px: FloatMap
+    """Standard deviation of the plane's phase, as a displacement, (h, w), px, as captured. Its
+    errors are common to large parts of the frame."""
+    converged: bool
+    """False where the background still changed when the fit ended."""
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """The blocks of a frame, (n,) arrays."""
+
+    u: FloatMap
+    """Place along x, −1 to 1."""
+    v: FloatMap
+    """Place along y, −1 to 1."""
+    phase: FloatMap
+    """Unwrapped phase, rad."""
+    amplitude: FloatMap
+    """Amplitude of the fringes, counts."""
+    brightness: FloatMap
+    """Mean of the fringes, counts."""
+    sigma: FloatMap
+    """Standard deviation of the phase by noise, rad."""
+    rim: BoolMap
+    """True along the rim of what shows fringes."""
+
+    def at(self, chosen: NDArray[np.generic]) -> _Blocks:
+        fields = (self.u, self.v, self.phase, self.amplitude, self.brightness, self.sigma, self.rim)
+        return _Blocks(*(np.asarray(values[chosen]) for values in fields))
+
+
+def plain_reference(frame: FloatMap, usable: BoolMap, pair: Pair) -> PlainReference:
     """Compute the fringes of a frame's plane background over the whole frame.
 
     Parameters
     ----------
     frame : (h, w) float array
         Object frame of ``pair``, counts, gaps filled.
-    finite : (h, w) bool array
-        False where a gap was filled.
+    usable : (h, w) bool array
+        False where a gap was filled, or the frame is saturated.
     pair : Pair
         ``axis`` is the direction of the fringes or None. ``background`` is True where the reference
-        plane is visible; without it the plane is searched for from the rim of the frame.
-
-    Returns
-    -------
-    carrier : Carrier
-        Its period and cross frequency are the medians over the plane.
-    reference : (h, w) float64 array
-        A + B cos(phase of the plane), counts.
-    converged : bool
-        False where the background still changed, or had shrunk below its least size, when the
-        search ended.
+        plane is visible; without it, the plane is that of the rim of the frame.
 
     Raises
     ------
     InputError
-        If the frame has no carrier, or no background whose fringes fit a plane.
+        If the frame has no carrier, or no background whose fringes fit a plane; without a given
+        background also if less than half of the rim lies on one plane, or if a second plane holds
+        as much of it.
 
     Notes
     -----
     Theory §5, "Single frames".
     """
     carrier = find_carrier(frame, pair.axis, name="object")
-    turned = frame if carrier.axis == "x" else frame.T
-    analytic, _ = band_pass(turned, (1.0 / carrier.period_px, carrier.cross_frequency))
-    amplitude = np.abs(analytic)
-    usable = _usable_background(amplitude, finite, pair.background, carrier)
-    h, w = turned.shape
-    x, y = np.arange(w)[None, :], np.arange(h)[:, None]
-    carrier_phase: FloatMap = 2.0 * np.pi * (x / carrier.period_px + y * carrier.cross_frequency)
-    slow = unwrap(np.angle(analytic * np.exp(-1j * carrier_phase)), usable)
-    plane, background, converged = _fit_plane_phase(
-        slow.phase, slow.region == 1, carrier_phase, search=pair.background is None
-    )
-    if not (np.diff(plane, axis=1) > 0).mean() > MIN_RISING:
-        raise InputError("background: expected the fringes of a plane, got none that fit one")
-    mean_brightness = float(turned[background].mean(dtype=np.float64))
-    modulation = 2.0 * float(np.median(amplitude[background]))
-    reference = mean_brightness + modulation * np.cos(plane)
-    fx = float(np.median(np.diff(plane, axis=1))) / (2.0 * np.pi)
-    fy = float(np.median(np.diff(plane, axis=0))) / (2.0 * np.pi) if h > 1 else 0.0
-    fitted = Carrier(carrier.axis, 1.0 / fx, carrier.share, fy)
-    turned_back = reference if carrier.axis == "x" else reference.T
-    return fitted, np.ascontiguousarray(turned_back), converged
-
-
-def _usable_background(
-    amplitude: FloatMap, finite: BoolMap, background: BoolMap | None, carrier: Carrier
-) -> BoolMap:
-    """Pixels with strong fringes, inside the given background, turned so that fringes vary along x.
-
-    ``amplitude`` is turned already; ``finite`` and ``background`` are as captured.
-    """
-    usable = finite if carrier.axis == "x" else finite.T
-    usable = usable & (amplitude > MIN_STRENGTH * np.percentile(amplitude, STRONG_PERCENTILE))
-    if background is not None:
-        if background.shape != finite.shape:
-            raise InputError(f"background: expected shape {finite.shape}, got {background.shape}")
-        usable = usable & (background if carrier.axis == "x" else background.T)
+    given = pair.background
+    if given is not None and given.shape != frame.shape:
+        raise InputError(f"background: expected shape {frame.shape}, got {given.shape}")
+    usable = usable if given is None else usable & given
+    if carrier.axis == "y":
+        frame, usable = frame.T, usable.T
     if usable.mean() < MIN_BACKGROUND:
         raise InputError(
             f"background: expected fringes over at least {MIN_BACKGROUND:.0%} of the frame, "
             f"got {usable.mean():.1%}"
         )
-    return usable
+    blocks = _blocks(frame, usable, carrier)
+    plane, member, converged = _fit(blocks, frame.shape, search=given is None)
+    phase, variance = _phase_map(blocks.at(member), plane, frame.shape)
+    if not (np.diff(phase, axis=1) > 0).mean() > MIN_RISING:
+        raise InputError("background: expected the fringes of a plane, got none that fit one")
+    background = blocks.at(member)
+    reference = median(background.brightness) + median(background.amplitude) * np.cos(phase)
+    fx = float(np.median(np.diff(phase, axis=1))) / (2.0 * np.pi)
+    fy = float(np.median(np.diff(phase, axis=0))) / (2.0 * np.pi) if frame.shape[0] > 1 else 0.0
+    sigma = np.sqrt(variance) / (2.0 * np.pi * fx)
+
+    def turned(values: FloatMap) -> FloatMap:
+        return np.ascontiguousarray(values if carrier.axis == "x" else values.T)
+
+    fitted = Carrier(carrier.axis, 1.0 / fx, carrier.share, fy)
+    return PlainReference(fitted, turned(reference), turned(sigma), converged)
 
 
-def _fit_plane_phase(
-    slow: FloatMap, inside: BoolMap, carrier_phase: FloatMap, *, search: bool
-) -> tuple[FloatMap, BoolMap, bool]:
-    """Fit the phase of a plane; return it over the whole frame, the background's pixels, and
-    whether their search converged.
+def _blocks(frame: FloatMap, usable: BoolMap, carrier: Carrier) -> _Blocks:
+    """Cut a frame with fringes along x into blocks, and fit A + B cos and a slope of the brightness
+    to the usable pixels of each; weak ones are left out."""
+    h, w = frame.shape
+    y, x = np.indices(frame.shape, float)
+    carried = 2.0 * np.pi * (x / carrier.period_px + y * carrier.cross_frequency)
+    analytic, _ = band_pass(frame, (1.0 / carrier.period_px, carrier.cross_frequency))
+    slow = unwrap(np.angle(analytic * np.exp(-1j * carried)), usable)
+    side = max(1, round(BLOCK_PERIODS * carrier.period_px))
+    rows = max(1, min(side, h // PER_SIDE))
+    columns = min(max(min(side, w // PER_SIDE), round(carrier.period_px)), w)
+    down, across = h // rows, w // columns
+    stride = max(1, down * across // MAX_BLOCKS)
 
-    Parameters
-    ----------
-    slow : (h, w) float array
-        Unwrapped phase of the frame minus ``carrier_phase``, rad.
-    inside : (h, w) bool array
-        Pixels that may belong to the background.
-    carrier_phase : (h, w) float array, rad
-    search : bool
-        Whether to start from the rim and then alternate between fitting the plane and selecting
-        the pixels that agree with it; otherwise all pixels of ``inside`` are background.
+    def cut(values: np.ndarray) -> FloatMap:
+        """(blocks, pixels of one)"""
+        whole = values[: down * rows, : across * columns].reshape(down, rows, across, columns)
+        return np.asarray(
+            whole.transpose(0, 2, 1, 3).reshape(down * across, -1)[::stride], np.float64
+        )
 
-    Notes
-    -----
-    A pinhole camera sees the phase that a pinhole projector draws on a plane as a projective
-    function of the pixel, (a + bx + cy) / (1 + dx + ey) (theory §5). Multiplied by its
-    denominator, it is linear in a … e.
+    weight, counts = cut(usable), cut(frame)
+    weight *= cut(slow.region > 0)
+    enough = weight.mean(axis=1) >= MIN_USABLE
+    if not enough.any():
+        raise InputError(
+            f"background: expected places of {columns} × {rows} px that show it, got none"
+        )
+    weight, counts = weight[enough], counts[enough]
+    phase = np.nan_to_num(slow.phase) + carried
+    found = _fit_blocks(counts, weight, [cut(values)[enough] for values in (x, y, phase)])
+    strong = found.amplitude > MIN_STRENGTH * np.percentile(found.amplitude, STRONG_PERCENTILE)
+    u, v = (2.0 * m / max(n - 1, 1) - 1.0 for m, n in ((found.u, w), (found.v, h)))
+    row, column = np.divmod(np.arange(down * across)[::stride][enough][strong], across)
+    return replace(replace(found, u=u, v=v).at(strong), rim=_outermost(row, column))
+
+
+def _outermost(row: NDArray[np.intp], column: NDArray[np.intp]) -> BoolMap:
+    """Mark the first and last block of every row and every column of blocks."""
+    rim = np.zeros(row.shape, bool)
+    for line, place in ((row, column), (column, row)):
+        order = np.lexsort((place, line))
+        first = np.flatnonzero(np.diff(line[order], prepend=-1))
+        rim[order[first]] = True
+        rim[order[np.append(first[1:], order.size) - 1]] = True
+    return rim
+
+
+def _fit_blocks(counts: FloatMap, weight: FloatMap, maps: list[FloatMap]) -> _Blocks:
+    """Fit the fringes of blocks, (n, pixels), with the places u, v of their middle in px.
+
+    ``maps`` are the pixels' places x and y, px, and the phase of the filtered frame, rad.
     """
-    h, w = slow.shape
-    y, x = np.nonzero(inside)
-    thinned = slice(None, None, max(1, x.size // MAX_FIT_PIXELS))
-    y, x = y[thinned], x[thinned]
-    phase = slow[y, x] + carrier_phase[y, x]
-    centre, scale = float(phase.mean()), float(np.ptp(phase)) or 1.0
-    value = (phase - centre) / scale
-    u, v = 2.0 * x / max(w - 1, 1) - 1.0, 2.0 * y / max(h - 1, 1) - 1.0
-    design = np.column_stack((np.ones(x.size), u, v, -u * value, -v * value))
-    member = np.ones(x.size, bool)
-    if search:
-        rim = (np.abs(u) > 1.0 - 2.0 * RIM_SHARE) | (np.abs(v) > 1.0 - 2.0 * RIM_SHARE)
-        member = rim if rim.mean() > MIN_BACKGROUND else member
-    a = np.zeros(5)
-    terms = 5 if min(h, w) >= MIN_PERSPECTIVE_SIDE else 3
-    converged = not search
-    for _ in range(MAX_FIT_STEPS):
-        solved = np.linalg.lstsq(design[member, :terms], value[member], rcond=RANK_TOLERANCE)[0]
-        a[:terms] = solved
+    total = weight.sum(axis=1)
+    middles = [(weight * values).sum(axis=1) / total for values in maps]
+    along, aside, wave = (
+        values - middle[:, None] for values, middle in zip(maps, middles, strict=True)
+    )
+    parts = [np.ones_like(along), np.cos(wave), np.sin(wave), along]
+    design = np.stack([*parts, aside] if aside.any() else parts, axis=2)
+    weighted = (design * weight[:, :, None]).transpose(0, 2, 1)
+    fitted = np.linalg.pinv(weighted @ design, rcond=TINY) @ (weighted @ counts[:, :, None])
+    brightness, c, s = fitted[:, 0, 0], fitted[:, 1, 0], fitted[:, 2, 0]
+    left = np.sum(weight * (counts - (design @ fitted)[:, :, 0]) ** 2, axis=1)
+    amplitude = np.hypot(c, s)
+    # Of an amplitude in steps over whole periods.
+    freedom = np.maximum(total - design.shape[2], 1.0)
+    noise = np.sqrt(2.0 * left / freedom / total)
+    # The phase at the middle of the block, next to that of the filtered frame.
+    turn = np.angle((c - 1j * s) * np.exp(-1j * middles[2]))
+    return _Blocks(
+        u=middles[0],
+        v=middles[1],
+        phase=middles[2] + turn,
+        amplitude=amplitude,
+        brightness=brightness,
+        sigma=noise / np.maximum(amplitude, TINY) + TINY_RAD,
+        rim=np.zeros(total.shape, bool),
+    )
+
+
+@dataclass(frozen=True)
+class _Plane:
+    """Phase of a plane, centre + scale · (a + bu + cv) / (1 + du + ev)."""
+
+    centre: float
+    scale: float
+    a: FloatMap
+
+    def phase(self, u: FloatMap, v: FloatMap) -> FloatMap:
+        a = self.a
         bottom = np.maximum(1.0 + a[3] * u + a[4] * v, MIN_BOTTOM)
-        residual = np.abs(value - (a[0] + a[1] * u + a[2] * v) / bottom) * scale
-        limit = max(OFF_PLANE_RAD, OFF_PLANE_MEDIANS * float(np.median(residual[member])))
-        agrees = residual < limit
-        converged = converged or bool((agrees == member).all())
-        if converged or agrees.mean() < MIN_BACKGROUND:
+        return np.asarray(self.centre + self.scale * (a[0] + a[1] * u + a[2] * v) / bottom)
+
+    def __sub__(self, blocks: _Blocks) -> FloatMap:
+        """Distance of the plane from the phases of blocks but for whole turns, rad."""
+        off = self.phase(blocks.u, blocks.v) - blocks.phase
+        return np.asarray(off - TURN * np.rint(off / TURN))
+
+    def counted(self, blocks: _Blocks) -> _Blocks:
+        """The blocks with the whole turns of the plane."""
+        return replace(blocks, phase=self.phase(blocks.u, blocks.v) - (self - blocks))
+
+
+def _solve(blocks: _Blocks, weight: FloatMap, centre: float, scale: float, terms: int) -> FloatMap:
+    """Coefficients of the plane that fits blocks best, (5,)."""
+    u, v, value = blocks.u, blocks.v, (blocks.phase - centre) / scale
+    design = np.column_stack((np.ones_like(u), u, v, -u * value, -v * value))[:, :terms]
+    weighted = design.T * weight
+    normal = weighted @ design
+    prior = np.full(terms, TINY)
+    prior[3:] = (PRIOR_RAD / scale / PERSPECTIVE_PRIOR) ** 2
+    normal.flat[:: terms + 1] += prior
+    return np.concatenate((np.linalg.solve(normal, weighted @ value), np.zeros(5 - terms)))
+
+
+def _fit(blocks: _Blocks, shape: tuple[int, int], *, search: bool) -> tuple[_Plane, BoolMap, bool]:
+    """Fit the phase of a plane; return it, the blocks that lie on it, and whether these settled.
+
+    ``search``: the plane is that of the rim of the frame; otherwise that of all blocks.
+    """
+    terms = 5 if min(shape) >= MIN_PERSPECTIVE_SIDE else 3
+    centre, scale = float(blocks.phase.mean()), float(np.ptp(blocks.phase)) or 1.0
+    if blocks.u.size < terms:
+        raise InputError(
+            f"background: expected fringes in {terms} places or more, got {blocks.u.size}"
+        )
+
+    def plane_of(chosen: _Blocks, weight: FloatMap) -> _Plane:
+        return _Plane(centre, scale, _solve(chosen, weight, centre, scale, terms))
+
+    every = np.ones(blocks.u.size, bool)
+    if search:
+        plane = _on_the_rim(blocks, plane_of, terms)
+    else:
+        plane = _most_shared(replace(blocks, rim=every), plane_of, terms)
+    most = OFF_PLANE_RAD if search else np.inf
+    member = np.abs(plane - blocks) < most
+    converged = False
+    for _ in range(MAX_FIT_STEPS):
+        off = plane - blocks
+        spread = max(median(np.abs(off[member])) / NORMAL_MEDIAN, TINY_RAD)
+        before, weight = plane, member / (1.0 + (off / (ROBUST * spread)) ** 2)
+        plane = plane_of(plane.counted(blocks), weight)
+        moved = plane.phase(blocks.u, blocks.v) - before.phase(blocks.u, blocks.v)
+        near = np.abs(plane - blocks) < most
+        converged = bool((near == member).all() and np.abs(moved).max() < SETTLED * spread)
+        member = near
+        if converged or np.count_nonzero(member) < terms:
             break
-        member = agrees
-    plane = centre + _projective(a, scale, (h, w))
-    background = np.zeros(slow.shape, bool)
-    background[y[member], x[member]] = True
-    return plane, background, converged
+    if np.count_nonzero(member) < terms:
+        raise InputError("background: expected the fringes of a plane, got none that fit one")
+    if search and np.mean(_excess(plane, blocks) < 1.0) > 1.0 - MIN_BACKGROUND:
+        raise InputError(
+            "background: expected an object before a plane, got one plane all over the frame, "
+            f"whose own height and tilt a single frame does not show; {ADVICE}"
+        )
+    return plane, member, converged
 
 
-def _projective(a: FloatMap, scale: float, shape: tuple[int, int]) -> FloatMap:
-    """Scaled projective function of coefficients a … e over a frame, sides from −1 to 1, (h, w)."""
+def _excess(plane: _Plane, blocks: _Blocks) -> FloatMap:
+    """Distance of blocks from a plane over the largest one of its own blocks."""
+    most = np.minimum(OFF_PLANE_SIGMAS * np.hypot(blocks.sigma, UNEVEN_RAD), OFF_PLANE_RAD)
+    return np.asarray(np.abs(plane - blocks) / most)
+
+
+def _on_the_rim(blocks: _Blocks, plane_of: PlaneOf, terms: int) -> _Plane:
+    """The plane that most of the blocks along the rim share.
+
+    Raises
+    ------
+    InputError where this is less than half of them, or where another plane holds as many.
+    """
+    first = _most_shared(blocks, plane_of, terms)
+    near = _excess(first, blocks) < 1.0
+    found, rim = int(np.sum(near & blocks.rim)), int(np.sum(blocks.rim))
+    if found < SHARED_RIM * rim:
+        raise InputError(
+            "background: expected the fringes of one plane along at least half of the rim of the "
+            f"frame, got {found / max(rim, 1):.0%} of it; {ADVICE}"
+        )
+    others = blocks.at(~near)
+    second = _excess(_most_shared(others, plane_of, terms), others) < 1.0
+    another = int(np.sum(second & others.rim))
+    if another > SECOND_PLANE * found:
+        raise InputError(
+            "background: expected the fringes of one plane along the rim of the frame, got one "
+            f"with {found / rim:.0%} of it and another with {another / rim:.0%}; {ADVICE}"
+        )
+    return first
+
+
+def _most_shared(blocks: _Blocks, plane_of: PlaneOf, terms: int) -> _Plane:
+    """The plane through random blocks of the rim that most of all blocks lie on, or lie closest to:
+    that with the least sum of distances, of which none counts more than a block's off the plane."""
+    drawn = np.flatnonzero(blocks.rim)
+    if drawn.size < terms:
+        return plane_of(blocks, np.ones(blocks.u.size))
+    random = np.random.default_rng(0)
+    planes = [
+        plane_of(blocks.at(random.choice(drawn, terms, replace=False)), np.ones(terms))
+        for _ in range(CANDIDATES)
+    ]
+
+    def loss(plane: _Plane) -> float:
+        return float(np.minimum(_excess(plane, blocks), 1.0) @ np.ones(blocks.u.size))
+
+    best = sorted(planes, key=loss)[:REFINED]
+    for _ in range(REFINEMENTS):
+        near = [1.0 / (OFF_PLANE_SIGMAS**-2 + _excess(plane, blocks) ** 2) for plane in best]
+        best += [plane_of(p.counted(blocks), w) for p, w in zip(best, near, strict=True)]
+        best = sorted(best, key=loss)[:REFINED]
+    return best[0]
+
+
+def _phase_map(
+    background: _Blocks, plane: _Plane, shape: tuple[int, int]
+) -> tuple[FloatMap, FloatMap]:
+    """Phase of the plane over the frame, and its variance, rad².
+
+    The variance is that of a jackknife over parts of the background, each of which contains errors
+    that its blocks share, and the scatter of the blocks around the plane: what the background is
+    off the plane where it shows, it may be off where the object hides it.
+    """
     h, w = shape
     u, v = np.linspace(-1.0, 1.0, w)[None, :], np.linspace(-1.0, 1.0, h)[:, None]
-    bottom = 1.0 + a[3] * u + a[4] * v
-    if not bottom.min() > MIN_BOTTOM:
+    if not (1.0 + plane.a[3] * u + plane.a[4] * v).min() > MIN_BOTTOM:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
-    return np.asarray(scale * (a[0] + a[1] * u + a[2] * v) / bottom)
+    phase = plane.phase(u, v)
+    off = plane - background
+    spread = max(median(np.abs(off)) / NORMAL_MEDIAN, TINY_RAD)
+    weight = 1.0 / (1.0 + (off / (ROBUST * spread)) ** 2)
+    background = plane.counted(background)
+    terms = 5 if min(shape) >= MIN_PERSPECTIVE_SIDE else 3
+    place = np.floor((background.u + 1.0) * 0.5 * PARTS) + PARTS * np.floor(
+        (background.v + 1.0) * 0.5 * PARTS
+    )
+    changes = []
+    for part in np.unique(place):
+        kept = place != part
+        if np.count_nonzero(kept) >= terms:
+            a = _solve(background.at(kept), weight[kept], plane.centre, plane.scale, terms)
+            changes.append(_Plane(plane.centre, plane.scale, a).phase(u, v) - phase)
+    variance = np.full(shape, np.average(off**2, weights=weight))
+    count = len(changes)
+    for change in changes:
+        variance += (count - 1) / count * change**2
+    return phase, variance

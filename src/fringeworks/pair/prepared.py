@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fringeworks.pair.carrier import Carrier, find_carrier
-from fringeworks.pair.plain_reference import plain_reference
+from fringeworks.pair.plain_reference import PlainReference, plain_reference
 from fringeworks.pair.presence import without_fringes
 from fringeworks.pair.projector_light import ProjectorLight, projector_light
 from fringeworks.signal.bands import row_bands
@@ -68,6 +68,9 @@ class PreparedPair(Frozen):
     """Brightness of the object under white over its median, > 0; None without a white frame."""
     converged: bool = True
     """False for a single frame whose background was still changing when its search ended."""
+    plane_sigma_px: FloatMap | None = None
+    """Standard deviation of the displacement by that of the background's plane, (h, w), px; None
+    for two frames."""
 
     @property
     def period(self) -> float:
@@ -180,13 +183,14 @@ def _pixels_to_measure(mask: BoolMap | None, finite: BoolMap) -> BoolMap:
 
 def _reference_of(
     pair: Pair, object_: _Frame, response: Response | None
-) -> tuple[Carrier, _Frame, bool]:
-    """Carrier, the captured reference or the plain fringes that replace a missing one, and whether
-    the search for the latter converged."""
+) -> tuple[Carrier, _Frame, PlainReference | None]:
+    """Carrier, the captured reference or the plain fringes that replace a missing one, and what is
+    known of the latter."""
     if pair.reference is None:
-        carrier, values, converged = plain_reference(object_.values, object_.finite, pair)
-        everywhere = np.ones(values.shape, bool)
-        return carrier, _Frame(values, everywhere, ~everywhere, object_.integer), converged
+        plain = plain_reference(object_.values, object_.finite & ~object_.saturated, pair)
+        everywhere = np.ones(plain.reference.shape, bool)
+        frame = _Frame(plain.reference, everywhere, ~everywhere, object_.integer)
+        return plain.carrier, frame, plain
     reference = _checked_frame("reference", pair.reference)
     if reference.values.shape != object_.values.shape:
         raise InputError(
@@ -195,7 +199,7 @@ def _reference_of(
         )
     if response is not None:
         reference = reference._replace(values=linearise(reference.values, response))
-    return find_carrier(reference.values, pair.axis), reference, True
+    return find_carrier(reference.values, pair.axis), reference, None
 
 
 def _light_of(pair: Pair, object_: _Frame, response: Response | None) -> ProjectorLight:
@@ -263,9 +267,7 @@ def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
             f"frames: expected at least {MIN_SIZE} px on the longer side, got shape {shape}"
         )
     light = _light_of(pair, object_, response)
-    carrier, reference, converged = _reference_of(
-        pair, object_._replace(values=light.object), response
-    )
+    carrier, reference, plain = _reference_of(pair, object_._replace(values=light.object), response)
     if float(np.ptp(object_.values)) == 0.0:
         constant = object_.values.flat[0]
         raise InputError(f"object frame: expected fringes, got the constant {constant:g}")
@@ -284,5 +286,6 @@ def prepare(pair: Pair, *, response: Response | None = None) -> PreparedPair:
         carrier=carrier,
         integer=reference.integer and object_.integer and light.albedo is None,
         albedo=None if light.albedo is None else turn(light.albedo),
-        converged=converged,
+        converged=plain is None or plain.converged,
+        plane_sigma_px=None if plain is None else turn(plain.sigma_px),
     )

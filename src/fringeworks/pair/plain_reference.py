@@ -331,8 +331,7 @@ def _fit(blocks: _Blocks, shape: tuple[int, int], *, search: bool) -> tuple[_Pla
         plane = _on_the_rim(blocks, plane_of, terms)
     else:
         plane = _most_shared(replace(blocks, rim=every), plane_of, terms)
-    most = OFF_PLANE_RAD if search else np.inf
-    member = np.abs(plane - blocks) < most
+    member = _excess(plane, blocks) < 1.0 if search else every
     converged = False
     for _ in range(MAX_FIT_STEPS):
         off = plane - blocks
@@ -340,7 +339,9 @@ def _fit(blocks: _Blocks, shape: tuple[int, int], *, search: bool) -> tuple[_Pla
         before, weight = plane, member / (1.0 + (off / (ROBUST * spread)) ** 2)
         plane = plane_of(plane.counted(blocks), weight)
         moved = plane.phase(blocks.u, blocks.v) - before.phase(blocks.u, blocks.v)
-        near = np.abs(plane - blocks) < most
+        near = every
+        if search:
+            near = np.abs(plane - blocks) < min(OFF_PLANE_SIGMAS * spread, OFF_PLANE_RAD)
         converged = bool((near == member).all() and np.abs(moved).max() < SETTLED * spread)
         member = near
         if converged or np.count_nonzero(member) < terms:

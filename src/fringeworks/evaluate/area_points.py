@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.rig.point_errors import point_errors
 from fringeworks.surface.section import places
-from fringeworks.types import Area, FloatMap, HeightMap, InputError, PointCloud, Reason, Rig
+from fringeworks.types import (
+    Area,
+    BoolMap,
+    FloatMap,
+    HeightMap,
+    InputError,
+    PointCloud,
+    Reason,
+    Rig,
+)
 
 PATCHES = 3
 """Patches along each side of an area. Common errors within a patch are fully correlated, and those
@@ -47,6 +56,8 @@ class AreaPoints:
     """Direction towards the camera, (3,)."""
     cell: NDArray[np.int64]
     """Number of each point's cell, (n,): calibration errors are alike within one."""
+    inner: BoolMap
+    """False beside pixels without a value, which may share their light, (n,)."""
     by_rig: FloatMap | None
     """Errors of each cell's points that the rig's covariance stands for, (cells, 3, k), mm: k
     independent parts, which all areas have in common. None where no covariance is known: the
@@ -67,6 +78,10 @@ class AreaPoints:
     def sigma(self) -> FloatMap:
         """Whole standard deviation, (n,), mm."""
         return np.hypot(self.noise, self.common)
+
+    def without_noise(self) -> Self:
+        """The same points, if they had no noise of their own."""
+        return replace(self, noise=np.zeros_like(self.noise))
 
     @property
     def middle(self) -> FloatMap:
@@ -155,8 +170,26 @@ def area_points(surface: HeightMap | PointCloud, area: Area, rig: Rig | None = N
         int(wanted.sum()),
         spatial.up,
         cell,
+        _inner(surface, rows, columns),
         by_rig,
     )
+
+
+def _inner(
+    surface: HeightMap | PointCloud, rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> BoolMap:
+    """Mark pixels of which all neighbours have a value; all, where too few of them do."""
+    missing = np.pad(surface.reason != Reason.OK, 1)
+    around = [missing[rows + y, columns + x] for y in range(3) for x in range(3)]
+    inner = ~np.logical_or.reduce(around)
+    return np.asarray(inner if np.count_nonzero(inner) >= MIN_POINTS else inner | True)
+
+
+def noise_along(part: AreaPoints, direction: FloatMap) -> FloatMap:
+    """Return the standard deviation of each point along a direction, (n,), mm, that is not common
+    to its neighbours; all of it, where the rig does not say which part is."""
+    sigma = part.sigma if part.by_rig is None else part.noise
+    return np.asarray(np.abs(np.sum(part.by_value * direction, axis=1)) * sigma)
 
 
 def _part(place: NDArray[np.int64], parts: int) -> NDArray[np.int64]:

@@ -174,13 +174,18 @@ def _kept(compute: Callable[[str], AreaPoints]) -> Callable[[str], AreaPoints]:
 
 
 def decide(found: Quantified, tolerance: PartTolerance, risk: float) -> Verdict:
-    """Decide whether a value keeps to its tolerance, with a guard band to each limit."""
-    guard = NormalDist().inv_cdf(1.0 - risk) * found.sigma
+    """Decide whether a value keeps to its tolerance, with a guard band to each limit.
+
+    The range of what noise may or may not have added must lie on one side of a limit as a whole.
+    """
+    guards = NormalDist().inv_cdf(1.0 - risk)
+    guard = guards * found.sigma
+    seen_guard = guards * (found.sigma if found.seen_sigma is None else found.seen_sigma)
     low = -np.inf if tolerance.low is None else tolerance.low
     high = np.inf if tolerance.high is None else tolerance.high
-    if low + guard <= found.value - found.noise and found.value <= high - guard:
+    if low + guard <= found.value and found.seen <= high - seen_guard:
         return "pass"
-    if found.value < low - guard or found.value - found.noise > high + guard:
+    if found.seen < low - seen_guard or found.value > high + guard:
         return "fail"
     return "undecided"
 
@@ -197,7 +202,7 @@ def _checked(tolerance: PartTolerance, points: Callable[[str], AreaPoints], risk
 
 def _why_undecided(found: Quantified, risk: float) -> str:
     guard = NormalDist().inv_cdf(1.0 - risk) * found.sigma
-    noise = f", and errors of points explain {found.noise:.2g} of it" if found.noise else ""
+    noise = f", and {found.seen:.5g} with the noise of points" if found.noise else ""
     return (
         f"{found.value:.5g} {found.unit} lies within {guard:.2g} of a limit{noise}: reduce the "
         "uncertainty, or widen the limits"

@@ -71,6 +71,7 @@ def _grouped(command: Command) -> Command:
 
     @functools.wraps(command)
     def call(**given: Any) -> None:
+        output.refuse_inputs(given)
         made = {
             name: kind(**{field.name: given.pop(field.name) for field in fields(kind)})
             for name, kind in groups.items()

@@ -6,7 +6,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -19,6 +19,19 @@ import fringeworks as fw
 
 STDOUT = "-"
 """Name that stands for standard output."""
+TARGETS: dict[str, tuple[str, ...]] = {
+    "out": (),
+    "target": (),
+    "folder": (),
+    "figure": (),
+    "report": (),
+    "json_file": (".json",),
+    "csv": (".csv",),
+    "markdown": (".md", ".markdown", ".txt"),
+    "log": (".log", ".txt", ""),
+}
+"""Names of the options that say what is written, with the suffixes of those that have no check of
+their own."""
 MOST_FINDINGS = 5
 """Findings that a command prints unless asked for all: the first causes are read, a page is not."""
 LINE_EVERY_S = 20.0
@@ -44,6 +57,8 @@ def configure(*, quiet: bool, verbose: bool, log: Path | None) -> None:
     """Set the options of all commands."""
     if quiet and verbose:
         raise fw.InputError("--verbose: it cannot be combined with --quiet")
+    if log is not None:
+        _check_suffix("log", log)
     _settings.quiet, _settings.verbose = quiet, verbose
     _settings.log, _settings.json = log, None
     if log is not None:
@@ -243,6 +258,51 @@ def draws(words: Output, path: Path) -> bool:
         words.say(f"left out {missing}")
         return False
     return True
+
+
+def refuse_inputs(given: Mapping[str, Any]) -> None:
+    """Refuse, before anything is done, to write to what the same command reads.
+
+    Parameters
+    ----------
+    given : mapping
+        The arguments and options of a command by their names.
+    """
+    targets = {name: given.get(name) for name in TARGETS} | {"log": _settings.log}
+    read = [
+        path
+        for name, value in given.items()
+        if name not in TARGETS
+        for path in (value if isinstance(value, list | tuple) else (value,))
+        if isinstance(path, Path)
+    ]
+    for name, path in targets.items():
+        if not isinstance(path, Path) or is_stdout(path):
+            continue
+        option = _check_suffix(name, path)
+        if any(_reads(source, path) for source in read):
+            raise fw.FileProblem(f"{path}: {option} would replace what this command reads")
+
+
+def _check_suffix(name: str, path: Path) -> str:
+    """Refuse a file of another kind than an option writes; return the option."""
+    option, kinds = f"--{name.removesuffix('_file')}", TARGETS[name]
+    if kinds and path.suffix.lower() not in kinds:
+        expected = " or ".join(kind or "none" for kind in kinds)
+        raise fw.FileProblem(f"{path}: expected the suffix {expected} for {option}")
+    return option
+
+
+def _reads(source: Path, path: Path) -> bool:
+    """Whether a file is a source of a command, or an image or a description in its folder."""
+    here, there = source.resolve(), path.resolve()
+    if here == there:
+        return True
+    if here not in there.parents or not there.is_file():
+        return False
+    from fringeworks.files.images import IMAGE_SUFFIXES
+
+    return there.suffix.lower() in (*IMAGE_SUFFIXES, ".toml", ".npy")
 
 
 def check_folder(path: Path) -> None:

@@ -14,7 +14,7 @@ from fringeworks.files.pair import (
     read_pair_folder,
 )
 from fringeworks.files.plan import PLAN_FILE
-from fringeworks.files.stack import STACK_SUFFIXES, read_stack
+from fringeworks.files.stack import STACK_SUFFIXES, captures_in, read_stack
 from fringeworks.files.toml import kind_of, read_toml
 from fringeworks.stack.frames import Stack
 from fringeworks.types import FileProblem, Pair
@@ -47,7 +47,7 @@ def read_capture(path: StrPath) -> Pair | Stack:
         if not is_file(description):
             if is_file(path / PLAN_FILE):
                 return read_stack(path)
-            raise missing_description(path, f"{CAPTURE_FILE} or {PLAN_FILE}")
+            raise missing_description(path, f"{CAPTURE_FILE} or {PLAN_FILE}", captures_in(path))
         if kind_of(description) in ("stack", "exposures"):
             return read_stack(path)  # which says how several exposures are read
         content = read_toml(description, CaptureFile)

@@ -52,12 +52,15 @@ def in_plan_order(
     labels = plan.labels()
     carried = _labels_of(paths, labels)
     if len(paths) != len(labels):
-        missing = _missing(paths, labels, carried) if len(paths) < len(labels) else ""
+        few = len(paths) < len(labels)
+        why = _missing(paths, labels, carried) if few else _extra(paths, labels)
         raise FramesContradictPlan(
-            f"{folder}: the plan has {len(labels)} frames, got {len(paths)} images{missing}"
+            f"{folder}: the plan has {len(labels)} frames, got {len(paths)} images{why}"
         )
-    if carried is None or carried == labels:
+    if carried == labels:
         return list(paths), []
+    if carried is None:
+        return (list(paths), []) if listed else _as_taken(paths)
     if listed:
         k = next(k for k, label in enumerate(labels) if carried[k] != label)
         raise FramesContradictPlan(
@@ -95,6 +98,37 @@ def _labels_of(paths: Sequence[Path], labels: list[str]) -> list[str] | None:
             return None
         found.append(carried)
     return None if Counter(found) - Counter(labels) else found
+
+
+def _as_taken(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
+    """Images by their running number, from where it wraps from its largest value to 0 or 1 on, and
+    a note that says so."""
+    numbered = _running_number(paths)
+    if numbered is None:
+        return list(paths), []
+    numbers, _, _, digits = numbered
+    last = 10**digits - 1
+    gaps = [k + 1 for k, (a, b) in enumerate(pairwise(numbers)) if b - a > 1]
+    if len(gaps) != 1 or numbers[0] > 1 or numbers[-1] != last:
+        return list(paths), []
+    first = gaps[0]
+    taken = [*paths[first:], *paths[:first]]
+    return taken, [
+        f"the numbers in the names wrap: frames taken from {taken[0].name} to {taken[-1].name}"
+    ]
+
+
+def _extra(paths: Sequence[Path], labels: list[str]) -> str:
+    """Which images are too many, as the end of a message; empty where the names do not tell it."""
+    kinds: dict[tuple[str, ...], list[Path]] = {}
+    for path in paths:
+        labelled = _labels_of([path], labels) is not None
+        parts = [part for part in _parts(path.name) if not part.isdigit()]
+        kinds.setdefault((path.suffix,) if labelled else tuple(parts), []).append(path)
+    if any(len(kind) == len(labels) for kind in kinds.values()):
+        others = [p.name for kind in kinds.values() if len(kind) != len(labels) for p in kind]
+        return f"; not named like the others: {', '.join(others)}"
+    return ""
 
 
 def _missing(paths: Sequence[Path], labels: list[str], carried: list[str] | None) -> str:

@@ -7,6 +7,7 @@ raises into one sentence.
 
 from __future__ import annotations
 
+import codecs
 import logging
 import os
 import stat
@@ -169,6 +170,13 @@ def read_content(path: Path, what: str, limit: int | None = None) -> bytes:
             raise
         why = getattr(error, "strerror", None) or error
         raise FileProblem(f"{told(path)}: could not be read: {why}") from error
+
+
+def text_of(content: bytes) -> str:
+    """The text of a file, with or without a byte order mark, in UTF-8 or with one in UTF-16."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return content.decode("utf-16")
+    return content.decode("utf-8-sig")
 
 
 def inside(folder: Path, name: str) -> Path:

@@ -293,7 +293,7 @@ def geometry_section(geometry: ReferencePlaneGeometry) -> dict[str, Any]:
     return section
 
 
-def missing_description(folder: Path, expected: str) -> FileProblem:
-    """The error of a folder that has no description."""
+def missing_description(folder: Path, expected: str, instead: str = "") -> FileProblem:
+    """The error of a folder that has no description; ``instead`` says what else it holds."""
     why = "; an interrupted write left it incomplete" if incomplete(folder) else ""
-    return FileProblem(f"{folder}: expected a file {expected}, got none{why}")
+    return FileProblem(f"{folder}: expected a file {expected}, got none{why}{instead}")

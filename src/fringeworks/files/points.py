@@ -13,7 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from fringeworks.files.atomic import StrPath, check_target, replacing
-from fringeworks.files.limits import existing_file, parsing, read_content
+from fringeworks.files.limits import existing_file, parsing, read_content, text_of
 from fringeworks.files.npz import (
     FINDINGS,
     MAP,
@@ -302,7 +302,7 @@ def _is_comment(line: str) -> bool:
 def _read_xyz(path: Path) -> Points:
     content = read_content(path, "points")
     with parsing(path, "columns of numbers"):
-        lines = content.decode("utf-8").splitlines()
+        lines = text_of(content).splitlines()
         table = np.loadtxt(lines, ndmin=2)
         comments = [line[1:].strip() for line in takewhile(_is_comment, lines)]
         if table.shape[1] < 3:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fringeworks.files.atomic import StrPath
 from fringeworks.files.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_frame
 from fringeworks.files.limits import existing_file, is_file, is_folder
-from fringeworks.files.stack import images_of, open_stack_file
+from fringeworks.files.stack import captures_in, images_of, open_stack_file
 from fringeworks.files.zarr_array import ZARR_FILE, holds_counts, open_zarr_array, read_entry
 from fringeworks.types import FileProblem
 
@@ -72,7 +72,7 @@ def read_sequence(path: StrPath) -> FrameSequence:
         images = images_of(place)
         if not images:
             kinds = ", ".join((*IMAGE_SUFFIXES, *TIFF_SUFFIXES))
-            raise FileProblem(f"{place}: expected images, got none of {kinds}")
+            raise FileProblem(f"{place}: expected images, got none of {kinds}{captures_in(place)}")
         return FrameSequence(place, images)
     existing_file(place, "a folder of images or a stack in one file")
     return FrameSequence(place, _checked(place, open_stack_file(place)[0]))

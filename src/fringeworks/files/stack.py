@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,10 @@ from fringeworks.types import NUMBERS, FileProblem, FramesContradictPlan, sealed
 
 STACK_SUFFIXES = (*TIFF_SUFFIXES, ".npy", ".npz")
 """Single files that hold a stack."""
+MOST_NAMES = 8
+"""Largest number of names that a message lists."""
+OTHER_SUFFIXES = (".toml", ".txt", ".md", ".json", ".log", ".csv", *STACK_SUFFIXES)
+"""Files that lie beside frames, or hold stacks."""
 MAX_NOTES = 1
 """Notes about single frames that are kept in full; the others are counted."""
 
@@ -199,7 +204,7 @@ def _read_folder(folder: Path, plan: StrPath | PatternPlan | None, channels: str
     if plan is None:
         plan = inside(folder, content.plan)
         if not is_file(plan):
-            raise missing_description(folder, told(content.plan))
+            raise missing_description(folder, told(content.plan), captures_in(folder))
     layout, saturation = _plan_of(plan), content.saturation
     channels = checked_channels(channels or content.channels)
     if isinstance(content.frames, str):
@@ -267,6 +272,18 @@ def _described(folder: Path) -> StackFile:
     return read_toml(description, StackFile)
 
 
+def captures_in(folder: Path) -> str:
+    """Which captures a folder holds in place of one, as the end of a message."""
+    names = sorted(
+        path.name
+        for path in folder.iterdir()
+        if is_folder(path) and any(is_file(path / name) for name in (CAPTURE_FILE, PLAN_FILE))
+    )
+    more = f" and {len(names) - MOST_NAMES} others" if len(names) > MOST_NAMES else ""
+    shown = ", ".join(names[:MOST_NAMES])
+    return f"; it holds captures: {shown}{more}; give one of them" if names else ""
+
+
 def images_of(folder: Path) -> list[Path]:
     """Images of a folder by name, numbers by their value."""
     suffixes = IMAGE_SUFFIXES + TIFF_SUFFIXES
@@ -276,6 +293,15 @@ def images_of(folder: Path) -> list[Path]:
         # Names that begin with a dot are unfinished files, and thumbnails of other programs.
         if p.suffix.lower() in suffixes and is_file(p) and not p.name.startswith(".")
     ]
+    if not found:
+        kinds = Counter(p.suffix.lower() for p in folder.iterdir() if is_file(p) and p.suffix)
+        others = [(kind, n) for kind, n in kinds.most_common() if kind not in OTHER_SUFFIXES]
+        if others:
+            told_kinds = ", ".join(f"{n} {kind} files" for kind, n in others[:MOST_NAMES])
+            raise FileProblem(
+                f"{folder}: expected images ({', '.join(suffixes)}), got {told_kinds}, which are "
+                "not read; convert them first"
+            )
     if len(found) == 1 and found[0].suffix.lower() in TIFF_SUFFIXES:
         raise FileProblem(
             f"{folder}: expected one image per frame, got one TIFF; name it as the capture itself"

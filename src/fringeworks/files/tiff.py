@@ -19,6 +19,8 @@ from fringeworks.types import FileProblem
 
 LOSSY = (6, 7, 34892)
 """Codes of lossy compression: JPEG of TIFF 6.0, JPEG, and lossy JPEG of digital negatives."""
+WHITE_IS_ZERO = 0
+"""Code of grey levels that count from white to black."""
 UNCOMPRESSED = 1
 """Code of no compression."""
 DEFLATE = (8, 32946)
@@ -84,10 +86,29 @@ def read_tiff(path: StrPath, *, on_disk: bool = False) -> tuple[NDArray[Any], bo
         for page in series.pages:
             if page is not None:
                 _check_page(file, page)
-        array = np.asarray(series.asarray())
+        array = _pixels(path, series)
+        if int(first.photometric) == WHITE_IS_ZERO and array.dtype.kind in "bu":
+            array = ~array
         if array.size == 0:
             raise FileProblem("expected a readable TIFF, got one without an image")
         return array, lossy
+
+
+def _pixels(path: Path, series: tifffile.TiffPageSeries) -> NDArray[Any]:
+    """The pages of a series; Pillow reads compressions whose codecs tifffile does not bring."""
+    try:
+        return np.asarray(series.asarray())
+    except ValueError as error:
+        if "imagecodecs" not in str(error):
+            raise
+    from PIL import Image
+
+    pages = []
+    with Image.open(path) as image:
+        for page in series.pages:
+            image.seek(0 if page is None else page.index)
+            pages.append(np.asarray(image).astype(series.dtype.newbyteorder("="), copy=False))
+    return np.stack(pages) if len(pages) > 1 else pages[0]
 
 
 def _check_page(file: tifffile.TiffFile, page: Any) -> None:

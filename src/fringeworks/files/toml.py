@@ -15,6 +15,7 @@ from fringeworks.files.limits import (
     MAX_LENGTH_PX,
     parsing,
     read_content,
+    text_of,
     told,
 )
 from fringeworks.types import FileProblem
@@ -70,7 +71,7 @@ def read_toml(path: StrPath, kind: type[Content]) -> Content:
 def _load(path: Path) -> dict[str, Any]:
     content = read_content(path, "TOML", MAX_DESCRIPTION_BYTES)
     with parsing(path, "TOML"):
-        text = content.decode("utf-8")
+        text = text_of(content)
         if LONG_KEY.search(text):
             raise FileProblem(f"expected keys of at most {MAX_KEY_PARTS} parts, got more")
         if LONG_NUMBER.search(text):

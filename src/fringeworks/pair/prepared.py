@@ -18,7 +18,7 @@ from fringeworks.signal.bands import row_bands
 from fringeworks.signal.filters import saturated_squares
 from fringeworks.signal.noise import noise_variance
 from fringeworks.signal.response import Response, check_devices, linearise
-from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, Pair
+from fringeworks.types import BoolMap, FloatMap, Frozen, InputError, Pair, unmasked
 from fringeworks.types.computed import cached_property
 
 MIN_SIZE = 16
@@ -154,7 +154,7 @@ def _exact_type(kind: np.dtype[Any]) -> type[np.floating[Any]]:
 
 def _checked_frame(name: str, frame: NDArray[Any]) -> _Frame:
     """Check a captured frame, mark its saturated pixels and fill its gaps."""
-    array = np.asarray(frame)
+    array = unmasked(frame, f"{name} frame")
     if array.ndim != 2:
         raise InputError(f"{name} frame: expected shape (h, w), got {array.shape}")
     if array.dtype.kind not in "uif":

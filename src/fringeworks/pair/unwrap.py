@@ -86,7 +86,7 @@ def unwrap(
     phase_rad : (h, w) float array
         Wrapped phase, rad; not mutated. Pixels that are not finite are masked.
     mask : (h, w) bool array, optional
-        True where the phase is valid.
+        True where the phase is valid. A masked array of NumPy has one of its own as well.
     quality : (h, w) float array, ≥ 0, optional
         Reliability of each pixel, for instance its modulation; pixels with 0 or NaN are masked.
         Taken as proportional to 1/σ of the phase: "reliability" adds the noise that follows from it
@@ -175,12 +175,15 @@ def _checked(
     phase_rad: FloatMap, mask: BoolMap | None, quality: FloatMap | None
 ) -> tuple[PhaseField, BoolMap, PhaseField | None]:
     """Phase with zeros where masked, valid pixels, and the quality scaled to a maximum of 1."""
+    hidden = np.ma.getmaskarray(phase_rad) if np.ma.is_masked(phase_rad) else None
     values = np.ascontiguousarray(phase_rad)
     if values.ndim != 2:
         raise InputError(f"phase: expected shape (h, w), got {values.shape}")
     if values.dtype.kind not in "fiu":
         raise InputError(f"phase: expected real numbers, got {values.dtype}")
     valid = np.isfinite(values)
+    if hidden is not None:
+        valid &= ~hidden
     if mask is not None:
         if mask.shape != values.shape or mask.dtype.kind not in "bui":
             raise InputError(

@@ -63,6 +63,7 @@ def pair_findings(pair: Pair, found: DisplacementMap) -> tuple[Finding, ...]:
     """
     seen = (
         *frame_findings(pair),
+        _same(pair),
         _turned(pair, found),
         _swapped(pair, found),
         _row_method(pair, found),
@@ -70,6 +71,18 @@ def pair_findings(pair: Pair, found: DisplacementMap) -> tuple[Finding, ...]:
         _not_converged(found),
     )
     return tuple(finding for finding in seen if finding is not None)
+
+
+def _same(pair: Pair) -> Finding | None:
+    """Reference and object are one photograph."""
+    if pair.reference is None or not np.array_equal(pair.reference, pair.object):
+        return None
+    return Finding(
+        "same frame",
+        "reference and object are equal in every pixel",
+        causes=("the same photograph was given twice",),
+        advice="give the photograph without the object as the reference",
+    )
 
 
 def frame_findings(pair: Pair) -> tuple[Finding, ...]:

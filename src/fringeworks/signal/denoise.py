@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from fringeworks import _core
 from fringeworks.signal.bands import row_bands
 from fringeworks.signal.noise import noise_variance
-from fringeworks.types import LARGEST, FloatMap, Frozen, InputError, positive, sealed, whole
+from fringeworks.types import (
+    LARGEST,
+    FloatMap,
+    Frozen,
+    InputError,
+    positive,
+    sealed,
+    unmasked,
+    whole,
+)
 
 GROWTH = 1.5
 """Smallest ratio of the windows of successive modes of a frame.
@@ -157,7 +166,7 @@ class Decomposition(Frozen):
 
 def _checked(frame: NDArray[np.generic]) -> NDArray[np.float64]:
     """The frame as a contiguous array of finite float64 values."""
-    values = np.asarray(frame)
+    values = unmasked(frame, "frame")
     if values.ndim != 2 or values.size == 0:
         raise InputError(f"frame: expected shape (h, w), got {values.shape}")
     if values.dtype.kind not in "fiu":

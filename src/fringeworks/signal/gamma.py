@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fringeworks.types import FloatMap, InputError
+from fringeworks.types import FloatMap, InputError, unmasked
 
 GAMMA_RANGE = (0.4, 4.0)
 """Range of the exponents that a search considers.
@@ -138,7 +138,7 @@ def gamma_of_frames(
     if known.size == 0:
         raise InputError("ideal phase: expected known pixels, got none")
     sample = known[:: max(1, known.size // MAX_GAMMA_PIXELS)]
-    seen = np.asarray(frames).reshape(n, -1)[:, sample].astype(np.float64)
+    seen = unmasked(frames, "frames").reshape(n, -1)[:, sample].astype(np.float64)
     seen = seen - seen.mean(axis=0)
     wave = 0.5 + 0.5 * np.cos(ideal_rad.ravel()[sample] - shifts[:, None])
 

@@ -22,7 +22,7 @@ from fringeworks.signal.gamma import (
     shifts_or_equal,
 )
 from fringeworks.signal.phase_table import TABLE_BINS, table_position, tables_by_brightness
-from fringeworks.types import FloatMap, Frozen, InputError, Pair, Provenance
+from fringeworks.types import FloatMap, Frozen, InputError, Pair, Provenance, unmasked
 
 DARK_PERCENT = 0.1
 """Percentile of a frame that counts as its dark brightness, percent.
@@ -112,7 +112,7 @@ def phase_of_steps(
     >>> round(float(phase[0, 0]), 6), round(float(modulation[0, 0]), 6)
     (1.0, 30.0)
     """
-    stack = np.asarray(frames)
+    stack = unmasked(frames, "frames")
     if stack.ndim != 3 or stack.shape[0] < 3:
         raise InputError(f"frames: expected shape (n ≥ 3, h, w), got {stack.shape}")
     n = stack.shape[0]
@@ -284,7 +284,7 @@ def linearise(frame: NDArray[np.generic], response: Response) -> NDArray[np.floa
     The brightness over the dark is raised to the power 1/γ. The albedo of a surface does not
     matter, because a power turns a factor into another factor.
     """
-    values = np.asarray(frame, dtype=np.float64)
+    values = np.asarray(unmasked(frame, "frame"), dtype=np.float64)
     finite = values[np.isfinite(values)]
     if finite.size == 0:
         raise InputError("frame: expected finite values, got none")

@@ -163,6 +163,7 @@ def _ordered(
     coarse = {axis: _resolved(decoding, clear, known.noise) for axis, decoding in decodings.items()}
     for axis, decoding in decodings.items():
         findings += words.unresolved(decoding, coarse[axis], plan.labels())
+        findings += words.beyond_projector(coarse[axis], plan)
     _check_order(plan, sample, coarse, known)
     return {axis: _by_resolved_cells(d, coarse[axis]) for axis, d in decodings.items()}
 
@@ -180,7 +181,9 @@ def _resolved(decoding: Decoding, points: Sequence[NDArray[Any]], noise: CameraN
     if decoding.sets:
         widest = WIDEST_CELL_TURNS * decoding.longest_px / gray.step_px
         count = min(count, max(0, int(np.floor(np.log2(max(widest, 1.0))))))
-    coarse = replace(gray.without_finest(count), blurred_px=found.blurred_px)
+    coarse = replace(
+        gray.without_finest(count), blurred_px=found.blurred_px, farthest_px=found.farthest_px
+    )
     return replace(decoding, gray=coarse)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.signal.bands import row_bands
-from fringeworks.types import FramesContradictPlan, Frozen, InputError, Source, positive
+from fringeworks.types import FramesContradictPlan, Frozen, InputError, Source, positive, unmasked
 
 FRAME_TYPES = ("uint8", "uint16", "float32", "float64")
 """Types of the counts that frames may have."""
@@ -72,7 +72,7 @@ class Stack(Frozen):
 
     def __post_init__(self) -> None:
         frames = self.frames
-        object.__setattr__(self, "frames", tuple(np.asarray(frame) for frame in frames))
+        object.__setattr__(self, "frames", tuple(unmasked(frame, "frames") for frame in frames))
         super().__post_init__()
 
 
@@ -89,7 +89,7 @@ def check_frames(frames: NDArray[Any] | Sequence[NDArray[Any]], plan: PatternPla
         raise InputError(f"frames: expected shape (n, h, w), got {frames.shape}")
     if isinstance(frames, (str, os.PathLike)):
         raise InputError(f"frames: expected arrays, got the path {frames}; read_stack reads it")
-    planes = [np.asarray(frame) for frame in frames]
+    planes = [unmasked(frame, "frames") for frame in frames]
     labels = plan.labels()
     if len(planes) < len(labels):
         missing = ", ".join(labels[len(planes) :])

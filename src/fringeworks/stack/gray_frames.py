@@ -19,7 +19,7 @@ from fringeworks.patterns.gray_code import (
 )
 from fringeworks.patterns.order_chain import GRAY_REACH
 from fringeworks.patterns.plan import GrayCode, PatternPlan
-from fringeworks.types import CameraNoise, FramesContradictPlan, InputError
+from fringeworks.types import BoolMap, CameraNoise, FramesContradictPlan, InputError
 
 GRAY_GUARD = 0.02
 """Distance that a coordinate one period away keeps from a Gray-code cell, besides noise, in cells.
@@ -76,6 +76,13 @@ doubt."""
 MIN_LEVEL_PIXELS = 200
 """Smallest number of pixels for a statement about the levels of brightness. An empirical choice."""
 
+CLEAR_SHARE = 0.75
+"""Distance of a bit from its threshold, in contrasts, from which on its sign is beyond doubt."""
+
+BEYOND_SHARE = 0.02
+"""Share of clear pixels with a cell that the plan does not have, from which on the plan is doubted:
+indirect light and motion make single ones. Empirical."""
+
 CLEAR_LEVELS = 12.0
 """Smallest distance of two levels of brightness in a sample that is judged, in standard deviations.
 
@@ -120,6 +127,8 @@ class GrayFrames:
     resolved_px: float | None = None
     """Width of the narrowest cells that the camera resolves at most pixels, projector px; None for
     ``step_px``."""
+    farthest_px: float = 0.0
+    """Largest coordinate that many pixels show beyond the plan's cells, projector px; or 0."""
     blurred_px: float = float("inf")
     """Distance from the border of two cells within which blur leaves its bit in doubt, projector
     px; infinite where unknown."""
@@ -236,6 +245,9 @@ class Resolution:
     blurred_px: float = float("inf")
     """Distance from a border within which blur leaves a bit in doubt, projector px; infinite where
     unknown."""
+    farthest_px: float = 0.0
+    """Largest coordinate that many pixels show, projector px, also beyond the plan's; 0 where it is
+    unknown or within the plan's cells."""
 
 
 def resolution(gray: GrayFrames, sample: Sequence[NDArray[Any]], noise: CameraNoise) -> Resolution:
@@ -280,8 +292,23 @@ def resolution(gray: GrayFrames, sample: Sequence[NDArray[Any]], noise: CameraNo
     if not resolved.size:
         return Resolution(len(firm) - 1)
     unresolved = len(firm) - 1 - int(resolved[-1])
-    blurred = float(1.0 - firm[resolved[-1]]) * gray.step_px * 2**unresolved
-    return Resolution(unresolved, blurred)
+    width = gray.step_px * 2**unresolved
+    blurred = float(1.0 - firm[resolved[-1]]) * width
+    kept = len(firm) - unresolved
+    clear = lit & (np.abs(off[:kept]) > CLEAR_SHARE * contrast).all(axis=0)
+    return Resolution(unresolved, blurred, _farthest(gray, off[:kept, clear] > 0.0, width))
+
+
+def _farthest(gray: GrayFrames, lit: BoolMap, width_px: float) -> float:
+    """Largest coordinate of clear bits, (bits, n), projector px, if many lie beyond the cells; else
+    0."""
+    flipped = np.isin(np.arange(len(lit)), sorted(gray.inverted))
+    binary = np.bitwise_xor.accumulate(lit ^ flipped[:, None], axis=0)
+    cell = (1 << np.arange(len(lit))[::-1]) @ binary
+    cells = -(-gray.cells * gray.step_px // width_px)
+    if cell.size < MIN_LEVEL_PIXELS or not np.mean(cell >= cells) > BEYOND_SHARE:
+        return 0.0
+    return float(np.quantile(cell, 1.0 - 0.5 * BEYOND_SHARE) + 1) * width_px + gray.offset_px
 
 
 def refuse_unequal_levels(

@@ -40,6 +40,7 @@ from fringeworks.types import (
     InputError,
     Reason,
     explained,
+    unmasked,
 )
 
 MOST_CONTRADICTING = 2
@@ -200,7 +201,7 @@ class SequenceDecoder:
         plan.
         """
         cycle = self._plan.frames
-        frame = np.asarray(frame)
+        frame = unmasked(frame, "frame")
         label = f"{self._count} ({self._labels[self._count % cycle]})"
         like = self._frames[0] if self._frames else frame
         check_frame(frame, label, like.shape, like.dtype)

@@ -11,7 +11,7 @@ from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps
 from fringeworks.stack.decode import check_options, decode
 from fringeworks.stack.frames import check_frame, refuse_constant
 from fringeworks.stack.options import DecodeOptions
-from fringeworks.types import Decoded, FramesContradictPlan
+from fringeworks.types import Decoded, FramesContradictPlan, unmasked
 
 
 class StreamingDecoder:
@@ -71,7 +71,7 @@ class StreamingDecoder:
             If all frames have arrived, or the frame differs from the first in size or type, or is
             constant where the plan has fringes or Gray code.
         """
-        frame = np.asarray(frame)
+        frame = unmasked(frame, "frame")
         index = len(self._frames)
         if index == len(self._labels):
             raise FramesContradictPlan(f"frames: the plan has {len(self._labels)}, got one more")

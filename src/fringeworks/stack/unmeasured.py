@@ -7,6 +7,8 @@ from fringeworks.types import Decoded, Finding, Pixels, Reason, reason_counts, r
 LARGE_SHARE = 0.1
 """Share of the lit pixels from which on a reason is reported. Edges of shadows, dark paint and
 highlights take a few per cent of an ordinary scene. Empirical."""
+BEYOND_PROJECTOR = "beyond the projector"
+"""Kind of the finding that explains ambiguous orders by a projector that is too small."""
 UNLIT = (Reason.MASKED, Reason.OUTSIDE, Reason.SHADOW)
 """Reasons of pixels that show no light of the projector: they do not count."""
 WORDS: dict[Reason, tuple[str, tuple[str, ...], str]] = {
@@ -42,12 +44,15 @@ WORDS: dict[Reason, tuple[str, tuple[str, ...], str]] = {
 def unmeasured(decoded: Decoded) -> tuple[Finding, ...]:
     """Return a finding for every reason that takes a large share of the lit pixels."""
     findings = []
+    explained = {
+        (f.axis, Reason.ORDER_AMBIGUOUS) for f in decoded.findings if f.kind == BEYOND_PROJECTOR
+    }
     for axis, found in decoded.maps.items():
         counts = reason_counts(found.reason)
         lit = int(counts.sum() - sum(counts[reason] for reason in UNLIT))
         for reason, (what, causes, advice) in WORDS.items():
             share = float(counts[reason] / max(lit, 1))
-            if share > LARGE_SHARE:
+            if share > LARGE_SHARE and (axis, reason) not in explained:
                 seen = f"{share:.0%} of the lit pixels along {axis} have {what}"
                 figures = {"share": share}
                 at = Pixels(int(counts[reason]), lit, region_of(found.reason == reason))

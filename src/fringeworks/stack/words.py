@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringeworks.patterns.order_chain import TURN
+from fringeworks.patterns.plan import PatternPlan
 from fringeworks.stack.kernel_settings import MIN_SNR, Decoding, Limits, PhaseFrames
 from fringeworks.stack.real_frames import RealFrames
 from fringeworks.stack.shifts import step_errors
-from fringeworks.stack.unmeasured import LARGE_SHARE
+from fringeworks.stack.unmeasured import BEYOND_PROJECTOR, LARGE_SHARE
 from fringeworks.statistics.phase_errors import PhaseErrors
 from fringeworks.types import Axis, CameraNoise, Finding
 
@@ -110,6 +111,31 @@ def unresolved(planned: Decoding, found: Decoding, labels: list[str]) -> list[Fi
             frames=named,
             figures={"unresolved_bits": count, "resolved_px": found.gray.step_px},
             severity="note",
+        )
+    ]
+
+
+def beyond_projector(found: Decoding, plan: PatternPlan) -> list[Finding]:
+    """Cells of a Gray code that lie beyond the plan's projector; nothing where there are few."""
+    gray = found.gray
+    if gray is None or gray.farthest_px == 0.0:
+        return []
+    sizes = {"x": plan.width_px, "y": plan.height_px}
+    size = sizes.pop(found.axis)
+    (other,) = sizes.values()
+    name = "columns" if found.axis == "x" else "rows"
+    causes = ["another size of the projector than in the plan", "another Gray code"]
+    if size < gray.farthest_px <= other + gray.step_px:
+        causes.insert(0, "width and height of the projector exchanged in the plan")
+    return [
+        Finding(
+            BEYOND_PROJECTOR,
+            f"the Gray code along {found.axis} shows {name} up to {gray.farthest_px:.0f} px, the "
+            f"plan's projector has {size}",
+            causes=tuple(causes),
+            advice="correct the size of the projector in the plan",
+            axis=found.axis,
+            figures={"farthest_px": gray.farthest_px},
         )
     ]
 

@@ -35,6 +35,7 @@ from fringeworks.types.checks import (
     fits_axes,
     layout_words,
     positive,
+    unmasked,
     whole,
 )
 from fringeworks.types.coordinates import CoordinateMap, Decoded
@@ -152,6 +153,7 @@ __all__ = [
     "region_of",
     "sealed",
     "today",
+    "unmasked",
     "unsealed",
     "whole",
 ]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fringeworks.types.arrays import Reason
 from fringeworks.types.errors import InputError
@@ -41,6 +42,23 @@ def whole(value: object, low: float, high: float) -> bool:
     """Whether a value is a whole number of an integer type, from ``low`` to ``high``."""
     known = isinstance(value, int | np.integer) and not isinstance(value, bool)
     return known and low <= value <= high  # type: ignore[operator]
+
+
+def unmasked(values: Any, name: str) -> NDArray[Any]:
+    """Return the array of values; a masked array of NumPy is refused where it masks something: its
+    values there would count as measured.
+
+    Raises
+    ------
+    InputError
+    """
+    if np.ma.is_masked(values):
+        count = np.count_nonzero(np.ma.getmaskarray(values))
+        raise InputError(
+            f"{name}: expected an array without a mask of NumPy, got one with {count} masked "
+            "values; fill them with NaN, or give mask"
+        )
+    return np.asarray(values)
 
 
 def check_layout(values: Mapping[str, Any], layout: Mapping[str, str]) -> None:

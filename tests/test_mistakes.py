@@ -1,0 +1,157 @@
+"""Mistakes that people make with files and arrays, and what they are told."""
+
+from __future__ import annotations
+
+import codecs
+import shutil
+
+import numpy as np
+import pytest
+import tifffile
+from PIL import Image
+
+import fringeworks as fw
+from fringeworks.files.tiff import read_tiff
+from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, equal_steps
+from tests.commands import run
+
+PLAN = PatternPlan(320, 200, tuple(PhaseSteps("x", p, equal_steps(4)) for p in (20.0, 320.0)))
+
+
+def shown(plan):
+    return [np.rint(20.0 + 0.7 * frame).astype(np.uint8) for frame in fw.encode(plan)]
+
+
+@pytest.fixture
+def shots(tmp_path):
+    """Frames with plain names, 1.png to 8.png, and their plan."""
+    folder = tmp_path / "shots"
+    folder.mkdir()
+    for k, frame in enumerate(shown(PLAN), start=1):
+        Image.fromarray(frame).save(folder / f"{k}.png")
+    fw.files.write_plan(folder / "plan.toml", PLAN)
+    return folder
+
+
+def test_a_result_does_not_replace_what_is_read(shots, tmp_path):
+    photograph = (shots / "3.png").read_bytes()
+    plan = shots / "plan.toml"
+    for arguments, said in (
+        (("decode", shots, "--json", shots / "3.png"), "expected the suffix .json for --json"),
+        (("decode", shots, "--figure", shots / "3.png"), "--figure would replace what"),
+        (("--log", plan, "decode", shots), "expected the suffix .log or .txt or none for --log"),
+        (("decode", shots, "--plan", plan, "--out", plan), "--out would replace what"),
+    ):
+        assert said in run(*arguments, code=2).stderr
+    assert (shots / "3.png").read_bytes() == photograph
+    assert fw.files.read_plan(plan) == PLAN
+    run("decode", shots, "--json", shots / "new.json", "--figure", tmp_path / "new.png")
+
+
+@pytest.mark.parametrize("extra", ["preview.jpg", "note.tif", "IMG_0001.png"])
+def test_images_that_are_too_many_are_named(shots, extra):
+    Image.fromarray(np.zeros((200, 320), np.uint8)).save(shots / extra)
+    with pytest.raises(fw.FramesContradictPlan, match=f"not named like the others: {extra}"):
+        fw.read(shots)
+
+
+@pytest.mark.parametrize("first", [9995, 9999, 9993])
+def test_numbers_that_wrap_are_in_the_order_of_the_shots(shots, first):
+    for k in range(1, 9):
+        number = (first + k - 2) % 9999 + 1
+        (shots / f"{k}.png").rename(shots / f"DSC_{number:04d}.png")
+    found = fw.read(shots)
+    assert all(np.array_equal(a, b) for a, b in zip(found.frames, shown(PLAN), strict=True))
+    assert any("numbers in the names wrap" in note for note in found.notes)
+
+
+def test_a_folder_of_captures_lists_them(shots, tmp_path):
+    for name in ("p0", "p1"):
+        shutil.copytree(shots, tmp_path / "poses" / name)
+    for read in (fw.read, fw.files.read_stack):
+        with pytest.raises(fw.FileProblem, match="holds captures: p0, p1; give one of them"):
+            read(tmp_path / "poses")
+
+
+@pytest.mark.parametrize("suffix", [".CR2", ".heic", ".mp4"])
+def test_files_that_are_not_read_are_counted(shots, suffix):
+    for path in shots.glob("*.png"):
+        path.rename(path.with_suffix(suffix))
+    with pytest.raises(fw.FileProblem, match=f"got 8 {suffix.lower()} files, which are not read"):
+        fw.read(shots)
+
+
+@pytest.mark.parametrize("mark", [codecs.BOM_UTF8 + b"%", codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE])
+def test_byte_order_marks_are_read(shots, tmp_path, mark):
+    coding = {codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}.get(mark, "utf-8")
+    text = (shots / "plan.toml").read_text("utf-8")
+    (shots / "plan.toml").write_bytes(mark.removesuffix(b"%") + text.encode(coding))
+    assert fw.files.read_plan(shots / "plan.toml") == PLAN
+    (tmp_path / "p.xyz").write_bytes(mark.removesuffix(b"%") + "1 2 3\n4 5 6\n".encode(coding))
+    assert fw.read(tmp_path / "p.xyz").xyz_mm.shape == (2, 3)
+
+
+@pytest.mark.parametrize("compression", ["tiff_lzw", "packbits", "tiff_deflate"])
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, bool])
+def test_compressed_tiffs_are_read(tmp_path, compression, kind):
+    rng = np.random.default_rng(0)
+    page = rng.integers(0, 2 if kind is bool else np.iinfo(kind).max, (3, 40, 50)).astype(kind)
+    pages = [Image.fromarray(one) for one in page]
+    pages[0].save(tmp_path / "one.tif", compression=compression)
+    pages[0].save(
+        tmp_path / "all.tif", compression=compression, save_all=True, append_images=pages[1:]
+    )
+    assert np.array_equal(read_tiff(tmp_path / "one.tif")[0], page[0])
+    assert np.array_equal(read_tiff(tmp_path / "all.tif")[0], page)
+
+
+def test_white_may_be_zero(tmp_path):
+    page = np.arange(200, dtype=np.uint8).reshape(10, 20)
+    tifffile.imwrite(tmp_path / "one.tif", ~page, photometric="miniswhite")
+    assert np.array_equal(read_tiff(tmp_path / "one.tif")[0], page)
+
+
+def test_masks_of_numpy_count_or_are_refused():
+    ramp = np.add.outer(np.linspace(0, 20, 64), np.linspace(0, 30, 64))
+    phase = np.ma.array(np.angle(np.exp(1j * ramp)))
+    phase[20:40, 20:40] = np.ma.masked
+    found = fw.unwrap(phase).phase
+    assert np.isnan(found[20:40, 20:40]).all()
+    assert np.isfinite(found).sum() == found.size - 400
+    frames = [np.ma.array(frame) for frame in shown(PLAN)]
+    frames[2][5, 5] = np.ma.masked
+    pair = [np.ma.array(np.ones((50, 60)), mask=np.eye(50, 60, dtype=bool))] * 2
+    for call in (
+        lambda: fw.decode(frames, PLAN),
+        lambda: fw.reconstruct(fw.Pair(*pair)),
+        lambda: fw.signal.denoise.denoise(pair[0]),
+        lambda: fw.stack.wrapped_phase(frames[:4], equal_steps(4)),
+    ):
+        with pytest.raises(fw.InputError, match="expected an array without a mask of NumPy"):
+            call()
+
+
+@pytest.mark.parametrize("size", [(300, 480), (400, 300)])
+def test_a_projector_that_is_too_small_in_the_plan_is_named(size):
+    true = PatternPlan(480, 300, (GrayCode("x", 1.0, 480, inverse=True),))
+    noise = np.random.default_rng(0).integers(0, 3, (true.frames, 300, 480))
+    frames = [f + n.astype(np.uint8) for f, n in zip(shown(true), noise, strict=True)]
+    wrong = PatternPlan(*size, (GrayCode("x", 1.0, size[0], inverse=True),))
+    found = fw.decode(frames, wrong)
+    (named,) = (f for f in found.findings if f.kind == "beyond the projector")
+    assert ("exchanged" in named.causes[0]) == (size == (300, 480))
+    assert abs(named.figures["farthest_px"] - 480) < 8
+    assert not any("order ambiguous" in f.seen for f in found.findings)
+    right = fw.decode(frames, true)
+    assert not any(f.kind == "beyond the projector" for f in right.findings)
+
+
+def test_one_photograph_given_twice_is_said():
+    x = np.arange(200.0)
+    frame = np.rint(np.tile(120 + 80 * np.cos(2 * np.pi * x / 20), (100, 1))).astype(np.uint8)
+    kinds = [f.kind for f in fw.reconstruct(fw.Pair(frame, frame.copy())).surface.findings]
+    assert "same frame" in kinds
+    kinds = [
+        f.kind for f in fw.reconstruct(fw.Pair(frame, np.roll(frame, 1, 0) + 1)).surface.findings
+    ]
+    assert "same frame" not in kinds

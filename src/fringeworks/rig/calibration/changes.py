@@ -159,7 +159,8 @@ class Fits:
         now = moved_rig(self.rig, mean.now)
         assert now is not None
         again = _known(self.rig) - self.of[NOTHING].now_covariance
-        return replace(now, covariance=mean.now_covariance + again)
+        structure_px = self.rig.structure_px
+        return replace(now, covariance=mean.now_covariance + again, structure_px=structure_px)
 
 
 def contains(causes: Causes, others: Causes) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from fringeworks.rig.calibration.adjusted import Adjusted
 from fringeworks.rig.calibration.residuals import Sighting, corners_of
-from fringeworks.types import BoolMap, FloatMap
+from fringeworks.types import BoolMap, FloatMap, Rig
 
 REACH = 0.5
 """Largest distance of two corners that are taken for one place in a frame, over the usual distance
@@ -32,7 +33,7 @@ def structures_px(sightings: Sequence[Sighting], adjusted: Adjusted) -> tuple[fl
 
     Returns
     -------
-    Root mean square per coordinate of both devices, px; 0 where none is certain.
+    Root mean square of the worse coordinate of both devices, px; 0 where none is certain.
     """
     corners, used = corners_of(sightings), np.concatenate(adjusted.used)
     camera = np.concatenate(adjusted.camera_residual_px)
@@ -60,7 +61,7 @@ def structure_px(
 
     Returns
     -------
-    Root mean square per coordinate, px; 0 where it is not certain.
+    Root mean square of the worse of both coordinates, px; 0 where neither is certain.
 
     Notes
     -----
@@ -75,11 +76,18 @@ def structure_px(
     a, b = pairs.T
     other: BoolMap = (pose[a] != pose[b]) & (point[a] != point[b])
     a, b = a[other], b[other]
-    products = 0.5 * np.sum(residual[a] * residual[b], axis=1)
-    variance = 0.5 * np.sum(residual**2, axis=1)
-    sigma = float(np.sqrt(0.5 * np.sum(variance[a] * variance[b])))
-    certain = float(products.sum()) > CERTAIN_SIGMAS * sigma > 0.0
-    return float(np.sqrt(products.mean())) if certain else 0.0
+    if not len(a):
+        return 0.0
+    products = residual[a] * residual[b]
+    sigma = np.sqrt(np.sum(products**2, axis=0))
+    certain = products.sum(axis=0) > CERTAIN_SIGMAS * sigma
+    return float(np.sqrt(np.max(products.mean(axis=0), where=certain, initial=0.0)))
+
+
+def in_projector_px(rig: Rig, structure: tuple[float, float]) -> float:
+    """Return the errors of both devices as one of projector coordinates, px."""
+    camera, projector = structure
+    return math.hypot(projector, camera * rig.projector.focal_px[0] / rig.camera.focal_px[0])
 
 
 def _spacing(places: FloatMap, pose: NDArray[np.intp]) -> float:

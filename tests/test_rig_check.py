@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import lru_cache
 
@@ -12,7 +13,8 @@ import pytest
 import fringeworks as fw
 from fringeworks.rig.calibration.board_points import flatness_mm, scale_of
 from fringeworks.rig.calibration.bundle import adjust
-from fringeworks.rig.calibration.drift import fit_changes, with_sigma
+from fringeworks.rig.calibration.changes import EVERYTHING, NOTHING, fit_changes
+from fringeworks.rig.calibration.drift import with_sigma
 from fringeworks.rig.calibration.parameters import moved_rig, parameter_change
 from fringeworks.rig.calibration.start import first_pose
 from fringeworks.rig.pinhole import pose, rotation
@@ -89,9 +91,9 @@ def test_independent_noise_is_no_drift(seeds):
         place = board_poses(board(), 12, seed=70 + seed)[seed % 12]
         seen = sighting(truth(), board(), place, rng)
         rig = calibration(seed % 4)
-        fits, _ = fit_changes(rig, [seen], [first_pose(seen, rig.camera)])
+        fits = fit_changes(rig, [seen], [first_pose(seen, rig.camera)])
         # χ² of 8 degrees of freedom exceeds 31.8 once in 10⁴.
-        assert fits["nothing"].cost - fits["everything"].cost < 31.8
+        assert fits[NOTHING].cost - fits[EVERYTHING].cost < 31.8
 
 
 def test_a_rig_that_holds_is_left_alone():
@@ -121,7 +123,7 @@ def test_the_corrected_rig_measures_as_before(axis):
     assert corrected.provenance.call == "adjust_rig"
 
 
-@pytest.mark.parametrize("seeds", [1, pytest.param(4, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seeds", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_the_corrected_rigs_covariance_holds(seeds):
     """Over calibrations and poses, with the errors of corners that the covariance assumes."""
     squares = []
@@ -167,10 +169,15 @@ def test_a_longer_baseline_may_be_a_smaller_board():
     assert found.scale == pytest.approx(0.997, abs=3e-4)
 
 
-def test_a_refocused_camera_is_not_adjusted():
-    stack = board_stack(knocked(camera_fx=16.0, camera_fy=16.0))
-    with pytest.raises(fw.InputError, match=r"rotation and translation do not explain .*refocused"):
-        fw.rig.adjust_rig(calibration(), stack, board())
+def test_a_refocused_camera_is_adjusted():
+    now = knocked(camera_fx=16.0, camera_fy=16.0)
+    found = fw.rig.adjust_rig(calibration(), board_stack(now), board())
+    error = parameter_change(found, now)
+    assert (np.abs(error) < 3 * np.sqrt(np.diag(found.covariance))).all()
+    assert np.sqrt(found.covariance[0, 0]) < 1.0
+    points = fw.measure(shoot(now, [ahead(Plane(140, 100), z=520)]), found).points
+    off = np.nanmedian(points.xyz_mm[..., 2]) - 520.0
+    assert abs(off) < 3 * np.nanmedian(points.sigma_mm) < 0.3
 
 
 def test_a_pose_that_says_little_gives_no_verdict():
@@ -240,7 +247,8 @@ def test_on_the_command_line(tmp_path):
     assert not kept.exists()
     figures = tmp_path / "check.json"
     done = run("rig", "check", tmp_path / "bad", *checking, "--json", figures, code=3)
-    assert "the projector turned against the camera by 0.2" in done.stdout
+    turned = re.search(r"the projector turned against the camera by ([\d.]+) ±", done.stdout)
+    assert float(turned[1]) == pytest.approx(0.2, abs=0.004)
     written = json.loads(figures.read_text())
     assert written["verdict"] == "has moved"
     assert written["rotation_deg"][1] == pytest.approx(0.2, abs=0.02)

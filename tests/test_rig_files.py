@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import cv2
@@ -164,6 +165,52 @@ def test_matrices_that_are_no_such_thing_are_refused(tmp_path):
         storage.release()
         with pytest.raises(InputError, match=words):
             read_rig(path)
+
+
+@pytest.mark.parametrize("suffix", [".xml", ".yml"])
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("rows", "4", r"expected rows × cols numbers \(4 × 3\), got 9"),
+        ("cols", "2", r"expected rows × cols numbers \(3 × 2\), got 9"),
+        ("rows", "-3", "expected rows × cols numbers"),
+        ("rows", "1000000000", "expected rows × cols numbers"),
+        ("rows", "3.0", "expected rows and cols as whole numbers"),
+        ("rows", None, "expected rows and cols as whole numbers"),
+        ("dt", '"2d"', "expected rows × cols numbers"),
+        ("dt", "text", "expected a type of numbers as dt, such as d, got text"),
+        ("dt", None, "expected a type of numbers as dt, such as d, got none"),
+        ("data", None, "expected a matrix of numbers, got something else"),
+        ("data", "1. 2. 3.", r"expected rows × cols numbers \(3 × 3\), got 3"),
+        ("data", "1. .Nan 3. 4. 5. 6. 7. 8. 9.", "expected finite values"),
+        ("data", "1. .Inf 3. 4. 5. 6. 7. 8. 9.", "expected finite values"),
+        ("data", "1. x 3. 4. 5. 6. 7. 8. 9.", "FileStorage|expected a matrix of numbers"),
+    ],
+)
+@pytest.mark.parametrize("name", ["camera_matrix", "rotation"])
+def test_matrices_hold_the_numbers_that_they_declare(tmp_path, suffix, name, key, value, message):
+    path = write_rig(tmp_path / f"rig{suffix}", rig())
+    text = path.read_text()
+    before, matrix = text[: text.index(name)], text[text.index(name) :]
+    if suffix == ".xml":
+        old, new = rf"<{key}>.*?</{key}>", "" if value is None else f"<{key}>{value}</{key}>"
+    else:
+        listed = f"[ {', '.join(value.split())} ]" if value and key == "data" else value
+        old = rf"{key}: (\[.*?\]|\S+)"
+        new = "other: 0" if value is None else f"{key}: {listed}"
+    path.write_text(before + re.sub(old, new, matrix, count=1, flags=re.DOTALL))
+    with pytest.raises(InputError, match=message) as caught:
+        read_rig(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_matrix_of_nine_rows_is_no_matrix_of_three(tmp_path):
+    path = write_rig(tmp_path / "rig.yml", rig())
+    before, matrix = path.read_text().split("camera_matrix", 1)
+    nine = matrix.replace("rows: 3", "rows: 9", 1).replace("cols: 3", "cols: 1", 1)
+    path.write_text(f"{before}camera_matrix{nine}")
+    with pytest.raises(InputError, match="camera_matrix: expected 3 rows and 3 cols, got 9 and 1"):
+        read_rig(path)
 
 
 @pytest.mark.parametrize(

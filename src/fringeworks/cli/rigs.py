@@ -39,7 +39,7 @@ def check(
     how: DecodingOptions,
     adjust: Annotated[
         bool,
-        typer.Option("--adjust", help="Correct rotation and translation, and write --out."),
+        typer.Option("--adjust", help="Correct relative pose and focal lengths, write --out."),
     ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="Corrected rig, with --adjust.")] = None,
     json_file: JsonFile = None,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -21,8 +23,12 @@ above the rounding of single precision."""
 ROTATION_ROUNDING = 1e-3
 """Largest deviation of a rotation matrix from the nearest rotation. Files hold four digits or more;
 a matrix that is off by more was not meant as a rotation."""
-VALUES = {"matrix": 9, "rotation": 9, "translation": 3}
+SQUARE = 9
+"""Number of values of a matrix of 3 × 3."""
+VALUES = {"matrix": SQUARE, "rotation": SQUARE, "translation": 3}
 """Number of values by the last word of a matrix's name."""
+NUMBER_TYPE = re.compile(r"(\d{0,3})[ucwsifdh]")
+"""Types of elements that OpenCV writes: the number of channels, and the letter of a number."""
 
 
 DEVICES = ("camera_matrix", "camera_distortion", "projector_matrix", "projector_distortion")
@@ -184,9 +190,7 @@ def _program(present: set[str]) -> Names:
 
 
 def _numbers(node: Any) -> Iterator[float]:
-    """The numbers of a node, which is a list, a matrix or a single number; few are taken."""
-    if node.isMap():
-        node = node.getNode("data")
+    """The numbers of a node, which is a list or a single number; few are taken."""
     items = (
         [node.at(k) for k in range(min(node.size(), MAX_VALUES + 1))] if node.isSeq() else [node]
     )
@@ -196,15 +200,44 @@ def _numbers(node: Any) -> Iterator[float]:
         yield float(item.real())
 
 
+def _declared(node: Any, name: str) -> tuple[int, ...]:
+    """Rows, columns and channels that a matrix declares.
+
+    Raises
+    ------
+    InputError for another type than numbers, missing sizes, and sizes that are not whole.
+    """
+    kind = node.getNode("dt")
+    number = NUMBER_TYPE.fullmatch(kind.string()) if kind.isString() else None
+    if number is None:
+        got = told(kind.string()) if kind.isString() else "none"
+        raise InputError(f"{name}: expected a type of numbers as dt, such as d, got {got}")
+    sizes = [node.getNode(key) for key in ("rows", "cols")]
+    if not all(size.isInt() for size in sizes):
+        raise InputError(f"{name}: expected rows and cols as whole numbers")
+    return (*(int(size.real()) for size in sizes), int(number[1] or 1))
+
+
 def _values(storage: Any, name: str, ours: str) -> FloatMap:
-    """The values of a matrix, (n,), finite."""
+    """The values of a matrix, (n,), finite; as many as it declares."""
+    node = storage.getNode(name)
+    shape: tuple[int, ...] = ()
+    if node.isMap():
+        shape, node = _declared(node, name), node.getNode("data")
     try:
-        values = np.array(list(_numbers(storage.getNode(name))), np.float64)
+        values = np.array(list(_numbers(node)), np.float64)
     except (cv2.error, SystemError, InputError) as error:
         raise InputError(f"{name}: expected a matrix of numbers, got something else") from error
+    if shape and (min(shape) < 1 or math.prod(shape) != values.size):
+        raise InputError(
+            f"{name}: expected rows × cols numbers ({' × '.join(map(str, shape[:2]))}), got "
+            f"{values.size if values.size <= MAX_VALUES else f'more than {MAX_VALUES}'}"
+        )
     expected = VALUES.get(ours.rpartition("_")[2])
     if expected is not None and values.size != expected:
         raise InputError(f"{name}: expected {expected} values, got {values.size}")
+    if shape and expected == SQUARE and shape != (3, 3, 1):
+        raise InputError(f"{name}: expected 3 rows and 3 cols, got {shape[0]} and {shape[1]}")
     if values.size > MAX_VALUES or not np.isfinite(values).all():
         raise InputError(f"{name}: expected finite values, got {told(values)}")
     return values

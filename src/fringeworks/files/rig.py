@@ -58,6 +58,8 @@ class UncertaintySection(Section):
     parameters: list[str]
     sigma: list[float]
     correlation: list[list[float]]
+    structure_px: float = Field(default=0.0, ge=0)
+    """Errors of projector coordinates that depend on the place in a frame; left out where none."""
 
 
 class RigFile(Section):
@@ -158,6 +160,8 @@ def format_rig(rig: Rig) -> str:
     }
     if rig.covariance is not None:
         content["uncertainty"] = uncertainty_section(rig.covariance, RIG_PARAMETERS)
+        if rig.structure_px > 0:
+            content["uncertainty"]["structure_px"] = rig.structure_px
     return toml_text(HEADER, content, rig.provenance)
 
 
@@ -223,6 +227,7 @@ def _from_toml(content: RigFile) -> Rig:
         covariance,
         residual,
         origin,
+        0.0 if content.uncertainty is None else content.uncertainty.structure_px,
     )
 
 

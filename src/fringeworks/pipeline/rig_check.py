@@ -61,7 +61,7 @@ def adjust_rig(
     board: Board | str,
     **options: Unpack[DecodeOptions],
 ) -> Rig:
-    """Correct the rotation and translation of a rig that has moved, by a board in one pose or more.
+    """Correct a rig that has changed, by a board in one pose or more.
 
     Parameters
     ----------
@@ -70,13 +70,13 @@ def adjust_rig(
 
     Returns
     -------
-    Rig with the covariance of all parameters. The calibration's covariance is the prior of all
-    parameters but the relative pose.
+    Rig with the covariance of all parameters. Rotation, translation and focal lengths are corrected
+    as far as the evidence supports it, and the covariance holds the differences of causes that the
+    poses cannot tell apart. The calibration is the prior of all parameters.
 
     Raises
     ------
-    InputError where rotation and translation do not explain the drift, such as for a camera that
-    was refocused; and as ``check_rig``.
+    As ``check_rig``.
     """
     need_opencv("the check of a rig")
     rig = rig if isinstance(rig, Rig) else read_rig(rig)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fringeworks.rig.pinhole import project, rays
-from fringeworks.rig.ray_depth import main_axis, w_by_parameters
+from fringeworks.rig.ray_depth import inverse_depth_by_px, main_axis, w_by_parameters
 from fringeworks.types import FloatMap, PointCloud, Rig
 
 NEGLIGIBLE = 1e-12
@@ -61,5 +61,24 @@ def point_errors(rig: Rig, points_mm: FloatMap, cloud: PointCloud) -> FloatMap |
     variances, directions = np.linalg.eigh(rig.covariance)
     kept = variances > NEGLIGIBLE * variances.max(initial=0.0)
     root = directions[:, kept] * np.sqrt(variances[kept])
-    by = points_by_parameters(rig, points_mm, both=cloud.residual_px is not None)
-    return np.asarray(by @ root)
+    both = cloud.residual_px is not None
+    parts = points_by_parameters(rig, points_mm, both=both) @ root
+    if rig.structure_px > 0 and len(points_mm):
+        parts = np.concatenate((parts, _structure(rig, points_mm, both=both)), axis=2)
+    return np.asarray(parts)
+
+
+def _structure(rig: Rig, points_mm: FloatMap, *, both: bool) -> FloatMap:
+    """Errors of points by the place in a device's frame, as independent parts, (n, 3, 10), mm.
+
+    Half of the variance is common to all points, half to the points of each of 3 × 3 parts of the
+    frame that they span: corners do not show over which distance such an error changes.
+    """
+    pixels = project(rig.camera, points_mm)
+    w = 1.0 / points_mm[:, 2]
+    variance = inverse_depth_by_px(rig, pixels, w, None if both else main_axis(rig))
+    size = rig.structure_px * np.sqrt(0.5 * variance) / w
+    low, span = pixels.min(axis=0), np.maximum(np.ptp(pixels, axis=0), 1.0)
+    column, row = np.minimum((3.0 * (pixels - low) / span).astype(int), 2).T
+    share = np.column_stack((np.ones(len(w)), np.eye(9)[3 * row + column]))
+    return np.asarray(points_mm[:, :, None] * (size[:, None] * share)[:, None, :])

@@ -70,7 +70,10 @@ def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.f
     pixels = np.stack((u, v), axis=-1).reshape(-1, 2)
     w = inverse_depth(rig, pixels, q.ravel(), along)
     by = inverse_depth_by_parameters(rig, pixels, w, axis)
-    variance = np.einsum("nj,nj->n", by @ rig.covariance, by).reshape(-1, DEPTHS)
+    variance = np.einsum("nj,nj->n", by @ rig.covariance, by)
+    if rig.structure_px > 0:
+        variance = variance + rig.structure_px**2 * inverse_depth_by_px(rig, pixels, w, axis)
+    variance = variance.reshape(-1, DEPTHS)
     good = (variance > 0) & np.isfinite(variance)
     fitted = good.sum(axis=1) >= POWERS
     powers = polynomial.polyvander(place, POWERS - 1)
@@ -86,6 +89,13 @@ def calibration_spread(rig: Rig, axis: Axis | None, along: Axis) -> NDArray[np.f
         nearest = scipy.ndimage.distance_transform_edt(~known, return_indices=True)[1]
         spread = spread[tuple(nearest)]
     return np.ascontiguousarray(spread)
+
+
+def inverse_depth_by_px(rig: Rig, pixels: FloatMap, w: FloatMap, axis: Axis | None) -> FloatMap:
+    """Return the variance of 1/z per px² of the projector's coordinates, (n,), 1/mm² px⁻²."""
+    by_w = projector_by_parameters(rig, pixels, w)[2]
+    square = np.sum(by_w**2, axis=1) if axis is None else by_w[:, 0 if axis == "x" else 1] ** 2
+    return np.asarray(1.0 / square)
 
 
 def inverse_depth(rig: Rig, pixels: FloatMap, goal_px: FloatMap, axis: Axis) -> FloatMap:

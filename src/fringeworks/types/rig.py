@@ -81,6 +81,9 @@ class Rig(Frozen):
     where unknown."""
     provenance: Provenance | None = None
     """How it was made; None where the caller built it."""
+    structure_px: float = 0.0
+    """Errors of projector coordinates that depend on the place in a device's frame, which the
+    lenses' model does not hold: root mean square, px. Points near each other share them."""
 
     def __post_init__(self) -> None:
         for name in ("T_projector_camera", "covariance"):
@@ -97,6 +100,8 @@ class Rig(Frozen):
             raise InputError("rig: expected a rotation in T_projector_camera, got none")
         if not np.linalg.norm(pose[:3, 3]) > 0:
             raise InputError("rig: expected a baseline > 0, got camera and projector at one place")
+        if not 0.0 <= self.structure_px < np.inf:
+            raise InputError(f"rig: expected structure_px >= 0, got {self.structure_px}")
         n = len(RIG_PARAMETERS)
         covariance = self.covariance
         if covariance is not None and (

@@ -163,19 +163,21 @@ def without(sightings: Sequence[Sighting], adjusted: Adjusted, k: int, *, free: 
 
 def refit(
     sightings: Sequence[Sighting], adjusted: Adjusted, *, free: BoolMap, prior: RigPrior
-) -> tuple[Rig, float]:
+) -> tuple[Rig, float, FloatMap]:
     """Fit again with another prior of the rig, and the same scatter, weights and board's prior.
 
     Returns
     -------
-    The rig with its covariance; and the cost, the weighted sum of squares of all residuals and
-    deviations from priors. Costs of several priors can be compared.
+    The rig; the cost, the weighted sum of squares of all residuals and deviations from priors
+    (costs of several priors can be compared); and the information of the sightings about the rig's
+    parameters, without the prior, (24, 24).
     """
     state = State(adjusted.rig, adjusted.poses, adjusted.shape, adjusted.further)
-    problem = _Problem(corners_of(sightings), free, state, prior)
-    at = problem.minimise(state, adjusted.weighting)
-    covariance = problem.covariance(at, adjusted.weighting).shared[:RIG_SIZE, :RIG_SIZE]
-    return replace(at.state.rig, covariance=covariance), at.cost
+    corners = corners_of(sightings)
+    at = _Problem(corners, free, state, prior).minimise(state, adjusted.weighting)
+    every = _Problem(corners, np.ones(free.size, bool), at.state, prior)
+    information = every.normal_equations(at, adjusted.weighting, known=False).information(RIG_SIZE)
+    return at.state.rig, at.cost, information
 
 
 def _settled(before: Weighting, after: Weighting) -> bool:
@@ -248,13 +250,15 @@ class _Problem:
             cost += float(change @ known @ change)
         return _Evaluated(state, residuals, cost if np.isfinite(cost) else np.inf)
 
-    def normal_equations(self, at: _Evaluated, weighting: Weighting) -> NormalEquations:
-        """Normal equations of the free parameters."""
+    def normal_equations(
+        self, at: _Evaluated, weighting: Weighting, *, known: bool = True
+    ) -> NormalEquations:
+        """Normal equations of the free parameters, with the prior of the rig or without."""
         root = weighting.root
         J, r = at.residuals.jacobian * root[:, :, None], at.residuals.independent * root
-        known = None if self.prior is None else self.prior.information(at.state.rig)
+        of_rig = self.prior.information(at.state.rig) if self.prior and known else None
         of_board = self._prior(at.state, weighting)
-        return NormalEquations.of(self.corners, J, r, of_board, self.free, known)
+        return NormalEquations.of(self.corners, J, r, of_board, self.free, of_rig)
 
     def _prior(self, state: State, weighting: Weighting) -> tuple[FloatMap, FloatMap]:
         values = np.concatenate((state.shape.bow_mm, state.shape.offset_mm.ravel()))

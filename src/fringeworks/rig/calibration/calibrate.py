@@ -20,6 +20,7 @@ from fringeworks.rig.calibration.leave_out import leave_poses_out
 from fringeworks.rig.calibration.refine import refined_view
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.calibration.start import start
+from fringeworks.rig.calibration.structure import in_projector_px, structures_px
 from fringeworks.types import (
     BoardNotFound,
     Decoded,
@@ -90,6 +91,9 @@ class Calibration(Plotted, Frozen):
     inflation: float = 1.0
     """Factor ≥ 1 by which the standard deviations were raised, because leaving out poses changes
     the rig by more than independent errors of corners explain."""
+    structure_px: tuple[float, float] = (0.0, 0.0)
+    """Errors of camera and projector that depend on the place in their frames, which the model of
+    the lenses does not hold: root mean square of the worse coordinate, px; 0 where not certain."""
 
 
 def observe(
@@ -236,8 +240,10 @@ def calibrate(
         adjusted, left_out, free = without_useless(sightings, adjusted, free)
     else:
         left_out = leave_poses_out(sightings, adjusted, free=free)
+    structure = structures_px(sightings, adjusted)
+    rig = _inflated(adjusted.rig, left_out.inflation)
     return Calibration(
-        rig=_inflated(adjusted.rig, left_out.inflation),
+        rig=replace(rig, structure_px=in_projector_px(rig, structure)),
         board=board,
         observations=tuple(observations),
         skipped=skipped,
@@ -246,6 +252,7 @@ def calibrate(
         bow_sigma_mm=adjusted.bow_sigma_mm * left_out.inflation,
         predicted_px=left_out.predicted_px,
         inflation=left_out.inflation,
+        structure_px=structure,
     )
 
 

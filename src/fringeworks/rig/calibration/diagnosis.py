@@ -116,8 +116,8 @@ def diagnose(calibration: Calibration) -> list[Finding]:
     Returns
     -------
     list of Finding, the most important first; empty for a calibration without fault. Their kinds
-    are pose, ripple, board, tilt, poses, coverage, weak, disagreement, convergence, corners and
-    skipped.
+    are pose, ripple, board, tilt, poses, coverage, weak, structure, disagreement, convergence,
+    corners and skipped.
     """
     return [
         *_odd_poses(calibration),
@@ -127,6 +127,7 @@ def diagnose(calibration: Calibration) -> list[Finding]:
         *_few_poses(calibration),
         *_low_coverage(calibration),
         *_weak_focal_lengths(calibration),
+        *_structure(calibration),
         *_poses_that_disagree(calibration),
         *few_corners(calibration.observations),
         *_outlying_corners(calibration),
@@ -247,6 +248,27 @@ def _weak_focal_lengths(calibration: Calibration) -> list[Finding]:
             advice = "add poses that are nearer, further away and tilted more"
             figures = {"relative_sigma": relative}
             findings.append(Finding("weak", seen, causes, advice, figures=figures))
+    return findings
+
+
+def _structure(calibration: Calibration) -> list[Finding]:
+    findings = []
+    scatter = np.median(calibration.adjusted.scatter_px, axis=0)
+    names = ("camera", "projector")
+    for name, rms, usual in zip(names, calibration.structure_px, scatter, strict=True):
+        if rms > 0.0:
+            seen = (
+                f"the {name} has errors of {rms:.3f} px that depend on the place in its frame and "
+                f"that the model of its lens does not hold (corners scatter by {usual:.3f} px); "
+                "forms and sizes are wrong by more than their σ"
+            )
+            causes = (
+                "keystone correction or scaling of the image",
+                "a lens, mirror or window with local distortion",
+            )
+            advice = "switch off all corrections of the image, and compare with a known body"
+            figures = {"structure_px": rms, "scatter_px": float(usual)}
+            findings.append(Finding("structure", seen, causes, advice, figures=figures))
     return findings
 
 

@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 import scipy
 
-from fringeworks.rig.calibration.adjusted import Adjusted
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_points import (
     by_rig,
@@ -19,15 +18,23 @@ from fringeworks.rig.calibration.board_points import (
     flatness_mm,
     scale_of,
 )
-from fringeworks.rig.calibration.bundle import adjust, refit
 from fringeworks.rig.calibration.calibrate import Observation, refined, sighting_of
-from fringeworks.rig.calibration.diagnosis import ripple_findings
-from fringeworks.rig.calibration.parameters import (
-    DEVICE_SIZE,
-    RIG_SIZE,
-    RigPrior,
-    parameter_change,
+from fringeworks.rig.calibration.changes import (
+    BASELINE,
+    EVERYTHING,
+    FOCI,
+    NOTHING,
+    POSE,
+    ROTATION,
+    TRANSLATION,
+    Causes,
+    Change,
+    Fits,
+    contains,
+    fit_changes,
 )
+from fringeworks.rig.calibration.diagnosis import ripple_findings
+from fringeworks.rig.calibration.parameters import DEVICE_SIZE
 from fringeworks.rig.calibration.poses import fit_pose
 from fringeworks.rig.calibration.residuals import Sighting
 from fringeworks.rig.calibration.start import first_pose
@@ -38,38 +45,20 @@ from fringeworks.types import (
     FloatMap,
     Frozen,
     InputError,
+    Pinhole,
     Provenance,
     Rig,
     RigMismatch,
 )
 
-POSSIBLE_TURN_RAD = 0.1
-"""Standard deviation of the rotation in the prior of a rig that was knocked, rad: 6°. A larger turn
-moves the light off the object, which nobody needs a check for."""
-POSSIBLE_SHIFT = 0.1
-"""The same for a translation, over the baseline."""
-POSSIBLE_FOCUS = 0.05
-"""The same for focal lengths, relative. Refocusing from infinity to 0.5 m makes the focal length of
-a lens of 25 mm longer by 5 %."""
-SHARED_SCATTER = 2.0
-"""Factor on the scatter of corners within one pose. Corners of one pose share errors (blur, light,
-edges along the pixel grid), which no residual shows; between poses of real photographs the factor
-is up to 3 (docs/rig.md), on the virtual rig 0.9 to 1.3."""
-SMALLEST_VARIANCE = 1e-13
-"""Smallest eigenvalue of a correlation matrix that is inverted; rig files hold 12 digits."""
-
-ROTATION = slice(2 * DEVICE_SIZE, 2 * DEVICE_SIZE + 3)
-"""Place of the rotation among the parameters of a rig."""
-TRANSLATION = slice(2 * DEVICE_SIZE + 3, RIG_SIZE)
-"""Place of the translation among the parameters of a rig."""
-EVERYTHING = "everything"
-"""Name of the change in which all others are possible together."""
 SIGMA_DIGITS = 2
 """Digits of a standard deviation that are shown; more would not be known."""
 MAX_DIGITS = 6
 """Largest number of decimals that are shown."""
 FALSE_ALARM = 1e-4
 """Probability that a rig which holds is said to have moved."""
+UNLIKELY = 0.01
+"""Probability over that of the likeliest cause below which a cause is not named."""
 BLIND_SHARE = 2e-3
 """Smallest drift that a check must be able to notice, over the board's distance: 1 mm at 500 mm. A
 check that would miss more cannot tell whether the rig holds."""
@@ -85,159 +74,66 @@ MIN_SCALE_POINTS = 4
 """Smallest number of triangulated corners for flatness and scale: three always lie on a plane."""
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A rig that may have changed in certain directions, fitted to poses of a board."""
-
-    freedom: int
-    """Number of directions."""
-    cost: float
-    """Weighted sum of squares of all residuals."""
-    rig: Rig
-    """The most likely rig now, with its covariance."""
-    change: FloatMap
-    """By how much the parameters have changed since the calibration, (24,)."""
-    covariance: FloatMap
-    """Covariance of ``change``, (24, 24)."""
-
-
-def possible_changes(rig: Rig) -> dict[str, FloatMap]:
-    """Return the directions in which a rig may have changed, (24, k), by name.
-
-    Columns are as long as the change's standard deviation in the prior.
-    """
-    unit = np.eye(RIG_SIZE)
-    turn = POSSIBLE_TURN_RAD * unit[:, ROTATION]
-    shift = POSSIBLE_SHIFT * rig.baseline_mm * unit[:, TRANSLATION]
-    longer = POSSIBLE_SHIFT * unit[:, TRANSLATION] @ rig.T_projector_camera[:3, 3]
-    focus = []
-    for first, device in ((0, rig.camera), (DEVICE_SIZE, rig.projector)):
-        focus.append(POSSIBLE_FOCUS * unit[:, first : first + 2] @ device.focal_px)
-    camera, projector = np.array(focus)[:, :, None]
-    return {
-        "nothing": np.zeros((RIG_SIZE, 0)),
-        "baseline": longer[:, None],
-        "camera focus": camera,
-        "projector focus": projector,
-        "rotation": turn,
-        "translation": shift,
-        "pose": np.hstack((turn, shift)),
-        EVERYTHING: np.hstack((turn, shift, camera, projector)),
-    }
-
-
-def fit_changes(
-    rig: Rig, sightings: Sequence[Sighting], poses: Sequence[FloatMap]
-) -> tuple[dict[str, Fit], Adjusted]:
-    """Fit every possible change of a rig to poses of a board.
-
-    Parameters
-    ----------
-    rig : Rig
-        As it was calibrated. Without a covariance, it is taken as exact.
-    sightings : sequence of Sighting
-        One or more.
-    poses : sequence of (4, 4) arrays
-        Start: T_camera_board of every sighting, mm.
-
-    Returns
-    -------
-    The fits by the names of ``possible_changes``, and the adjustment from which their weights come.
-
-    Notes
-    -----
-    The parameters of the rig now are those of the calibration, normal with its covariance C, plus
-    the change A a with a standard normal: their prior is normal with C + A Aᵀ. Scatter, weights
-    and the board's prior are estimated once, with every change possible. Differences of the costs
-    are then those of a likelihood ratio test, χ² with as many degrees of freedom as directions.
-    """
-    changes = possible_changes(rig)
-    known = np.zeros((RIG_SIZE, RIG_SIZE)) if rig.covariance is None else rig.covariance
-    all_free = known + changes[EVERYTHING] @ changes[EVERYTHING].T
-    free = np.diag(all_free) > 0
-    prior = RigPrior(rig, _inverse(all_free))
-    adjusted = adjust(sightings, rig, poses, free=free, prior=prior)
-    scatter = SHARED_SCATTER * adjusted.weighting.scatter
-    if rig.residual_px is not None:
-        # In a single pose, errors of corners look like errors of the board's print.
-        scatter[:, 0] = np.maximum(scatter[:, 0], rig.residual_px[0] / np.sqrt(2.0))
-    weighted = replace(adjusted, weighting=replace(adjusted.weighting, scatter=scatter))
-    fits = {name: _fit(rig, sightings, weighted, known, A) for name, A in changes.items()}
-    return fits, adjusted
-
-
-def _fit(
-    rig: Rig, sightings: Sequence[Sighting], adjusted: Adjusted, known: FloatMap, A: FloatMap
-) -> Fit:
-    """Fit a rig whose parameters may have changed in the directions A (24, k)."""
-    before = known + A @ A.T
-    free: BoolMap = np.diag(before) > 0
-    # What is not free stays at the calibration's value.
-    start = replace(adjusted, rig=replace(rig, covariance=None))
-    precision = _inverse(before)
-    found, cost = refit(sightings, start, free=free, prior=RigPrior(rig, precision))
-    assert found.covariance is not None
-    gain = A.T @ precision
-    change = A @ gain @ parameter_change(found, rig)
-    left = np.eye(A.shape[1]) + gain @ (found.covariance - before) @ gain.T
-    return Fit(A.shape[1], cost, found, change, A @ left @ A.T)
-
-
-def _inverse(covariance: FloatMap) -> FloatMap:
-    """Invert a covariance; parameters without a variance get zeros."""
-    sigma = np.sqrt(np.diag(covariance))
-    scale = np.where(sigma > 0, 1.0 / np.where(sigma > 0, sigma, 1.0), 0.0)
-    free = sigma > 0
-    found = np.zeros_like(covariance)
-    values, vectors = np.linalg.eigh((covariance * np.outer(scale, scale))[np.ix_(free, free)])
-    kept = vectors / np.sqrt(np.maximum(values, SMALLEST_VARIANCE * max(values.max(initial=0), 1)))
-    found[np.ix_(free, free)] = kept @ kept.T
-    return np.asarray(found * np.outer(scale, scale))
-
-
 @dataclass(frozen=True)
 class Cause:
     """A change of a rig that explains what was seen."""
 
     name: str
-    """Short name: rotation, translation, baseline, camera focus, projector focus or pose."""
+    """Short name: rotation, translation, baseline, camera focus, projector focus, pose (rotation
+    and translation), or several of them, joined by "with"."""
     text: str
     """The change with its size and standard deviation."""
 
 
-def cause_of(name: str, rig: Rig, fit: Fit) -> Cause:
-    """Describe a fitted change of a rig."""
-    if name == "rotation":
-        return Cause(name, f"the projector {_turn(fit)}")
-    if name == "translation":
-        return Cause(name, f"the projector {_shift(fit)}")
-    if name == "baseline":
-        along = rig.T_projector_camera[:3, 3] / rig.baseline_mm
-        share = 100.0 * float(fit.change[TRANSLATION] @ along) / rig.baseline_mm
-        sigma = 100.0 * _sigma(fit, TRANSLATION, along) / rig.baseline_mm
-        return Cause(
-            name,
-            f"the baseline became {with_sigma(abs(share), sigma)} % "
-            f"{'longer' if share > 0 else 'shorter'}, or the board's squares are so much "
-            f"{'smaller' if share > 0 else 'larger'} than stated",
-        )
-    if name == "pose":
-        return Cause(name, f"the projector {_turn(fit)}, and {_shift(fit)}")
-    device, first = ("camera", 0) if name == "camera focus" else ("projector", DEVICE_SIZE)
-    focal = (rig.camera if first == 0 else rig.projector).focal_px[0]
-    share = 100.0 * float(fit.change[first]) / focal
-    sigma = 100.0 * float(np.sqrt(fit.covariance[first, first])) / focal
-    return Cause(
-        name,
-        f"the {device} was refocused: its focal length is {with_sigma(abs(share), sigma)} % "
-        f"{'longer' if share > 0 else 'shorter'}",
+def cause_of(causes: Causes, rig: Rig, change: Change) -> Cause:
+    """Describe a change of a rig by causes that act together."""
+    words = {
+        "baseline": _longer,
+        "rotation": lambda _, change: f"the projector {_turn(change)}",
+        "translation": lambda _, change: f"the projector {_shift(change)}",
+        "camera focus": _refocused,
+        "projector focus": _refocused_projector,
+    }
+    names = [name for name in words if name in causes]
+    texts = [words[name](rig, change) for name in names]
+    if causes >= POSE:
+        names[:2] = ["pose"]
+        texts[:2] = [f"the projector {_turn(change)}, and {_shift(change)}"]
+    return Cause(" with ".join(names), "; and ".join(texts))
+
+
+def _longer(rig: Rig, change: Change) -> str:
+    along = rig.T_projector_camera[:3, 3] / rig.baseline_mm
+    share = 100.0 * float(change.change[TRANSLATION] @ along) / rig.baseline_mm
+    sigma = 100.0 * _sigma(change, TRANSLATION, along) / rig.baseline_mm
+    return (
+        f"the baseline became {with_sigma(abs(share), sigma)} % "
+        f"{'longer' if share > 0 else 'shorter'}, or the board's squares are so much "
+        f"{'smaller' if share > 0 else 'larger'} than stated"
     )
 
 
-def _turn(fit: Fit) -> str:
-    omega = np.degrees(fit.change[ROTATION])
+def _refocused(rig: Rig, change: Change) -> str:
+    return f"the camera {_focus(change, 0, rig.camera)}"
+
+
+def _refocused_projector(rig: Rig, change: Change) -> str:
+    return f"the projector {_focus(change, DEVICE_SIZE, rig.projector)}"
+
+
+def _focus(change: Change, first: int, device: Pinhole) -> str:
+    share = 100.0 * float(change.change[first]) / device.focal_px[0]
+    sigma = 100.0 * _sigma(change, slice(first, first + 1), np.ones(1)) / device.focal_px[0]
+    return (
+        f"was refocused: its focal length is {with_sigma(abs(share), sigma)} % "
+        f"{'longer' if share > 0 else 'shorter'}"
+    )
+
+
+def _turn(change: Change) -> str:
+    omega = np.degrees(change.change[ROTATION])
     size = float(np.linalg.norm(omega))
-    sigma = np.degrees(_sigma(fit, ROTATION, omega / size))
+    sigma = np.degrees(_sigma(change, ROTATION, omega / size))
     shares = ", ".join(f"{axis} {value:+.3f}°" for axis, value in zip("xyz", omega, strict=True))
     return (
         f"turned against the camera by {with_sigma(size, sigma)}° (about the projector's axes "
@@ -245,10 +141,10 @@ def _turn(fit: Fit) -> str:
     )
 
 
-def _shift(fit: Fit) -> str:
-    shift = fit.change[TRANSLATION]
+def _shift(change: Change) -> str:
+    shift = change.change[TRANSLATION]
     size = float(np.linalg.norm(shift))
-    sigma = _sigma(fit, TRANSLATION, shift / size)
+    sigma = _sigma(change, TRANSLATION, shift / size)
     shares = ", ".join(f"{axis} {value:+.2f} mm" for axis, value in zip("xyz", shift, strict=True))
     return f"moved against the camera by {with_sigma(size, sigma)} mm ({shares})"
 
@@ -260,9 +156,9 @@ def with_sigma(value: float, sigma: float) -> str:
     return f"{value:.{digits}f} ± {sigma:.{digits}f}"
 
 
-def _sigma(fit: Fit, part: slice, along: FloatMap) -> float:
-    """Standard deviation of a part of the change along a unit vector."""
-    return math.sqrt(max(float(along @ fit.covariance[part, part] @ along), 0.0))
+def _sigma(change: Change, part: slice, along: FloatMap) -> float:
+    """Standard deviation of a part of a change along a unit vector."""
+    return math.sqrt(float(along @ change.covariance[part, part] @ along))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -271,8 +167,8 @@ class RigCheck(Frozen):
 
     verdict: Literal["holds", "has moved", "cannot tell"]
     drift_mm: float
-    """Median distance by which points at the board are displaced, mm; as the likeliest cause has
-    it where the rig has moved, else by any change of the relative pose."""
+    """Median distance by which points at the board are displaced, mm; averaged over all causes by
+    their evidence."""
     sigma_mm: float
     """Standard deviation of the displacement, mm."""
     drift_px: float
@@ -283,13 +179,14 @@ class RigCheck(Frozen):
     """Disagreement of rig and board, over the largest that σ explains (one in 10⁴ checks of a rig
     that holds); above 1 the rig has moved."""
     noticeable_mm: float
-    """Smallest drift at the board that this check notices, mm."""
+    """Smallest drift at the board that this check notices, by a change of the relative pose, of the
+    baseline's length or of both focal lengths, mm."""
     causes: tuple[Cause, ...]
     """Changes that explain the drift, the likeliest first; each explains it alone. Empty where the
-    rig did not move, and where no single change explains it."""
+    rig did not move."""
     rotation_deg: FloatMap
     """Rotation of the projector against the camera since the calibration, about the axes of the
-    projector, (3,), degrees; if any change of the relative pose is possible."""
+    projector, (3,), degrees; averaged over all causes by their evidence."""
     rotation_sigma_deg: FloatMap
     """Its standard deviations, (3,), degrees."""
     translation_mm: FloatMap
@@ -323,7 +220,7 @@ class RigCheck(Frozen):
             likely = " or ".join(cause.text for cause in self.causes)
             return (
                 f"the rig has moved: points at the board are off by {drift} "
-                f"({self.drift_px:.2f} px); {likely or 'no single change of the rig explains it'}"
+                f"({self.drift_px:.2f} px); {likely or 'no known change of the rig explains it'}"
             )
         noticed = f"a drift of {self.noticeable_mm:.2g} mm would have been noticed"
         if self.verdict == "holds":
@@ -340,14 +237,14 @@ class _Seen:
 
     sightings: list[Sighting]
     poses: list[FloatMap]
-    fits: dict[str, Fit]
-    scatter_px: tuple[float, float]
+    fits: Fits
 
-    def excess(self, name: str) -> float:
-        """Disagreement that a change leaves, over the largest that σ explains."""
-        most, fit = self.fits[EVERYTHING], self.fits[name]
-        limit = scipy.stats.chi2.isf(FALSE_ALARM, most.freedom - fit.freedom)
-        return float(np.sqrt(max(fit.cost - most.cost, 0.0) / limit))
+    @property
+    def excess(self) -> float:
+        """Disagreement of the unchanged rig, over the largest that σ explains."""
+        most, none = self.fits[EVERYTHING], self.fits[NOTHING]
+        limit = scipy.stats.chi2.isf(FALSE_ALARM, most.freedom)
+        return float(np.sqrt(max(none.cost - most.cost, 0.0) / limit))
 
 
 def check_observations(rig: Rig, observations: Sequence[Observation], board: Board) -> RigCheck:
@@ -370,22 +267,18 @@ def check_observations(rig: Rig, observations: Sequence[Observation], board: Boa
 
     Notes
     -----
-    Each change is fitted with its own prior (``fit_changes``), and the rig has moved where the fit
-    without a change is worse than that with all changes by more than χ² allows. The board's bow,
-    print errors and pose are estimated along with it. σ holds the scatter of the corners, twice
-    (errors that corners of a pose share), and the covariance of the rig.
+    Every set of causes is fitted with its own prior (``fit_changes``), and the rig has moved where
+    the fit without a change is worse than that with all changes by more than χ² allows. The board's
+    bow, print errors and pose are estimated along with it. σ holds the scatter of the corners,
+    twice (errors that corners of a pose share), the covariance of the rig, and the differences of
+    causes that the poses cannot tell apart.
     """
     seen = _seen(rig, observations, board)
-    moved = seen.excess("nothing")
-    causes = _causes(rig, seen) if moved > 1.0 else ()
-    of = seen.fits[causes[0].name if causes else "pose"]
-    mm, sigma_mm, px, sigma_px = displacement(seen.sightings, rig, of.change, of.covariance)
+    moved, change = seen.excess, seen.fits.mean()
+    mm, sigma_mm, px, sigma_px = displacement(seen.sightings, rig, change.change, change.covariance)
     distance = float(np.median([np.linalg.norm(T[:3, 3]) for T in seen.poses]))
-    pose = seen.fits["pose"]
-    limit = float(np.sqrt(scipy.stats.chi2.isf(FALSE_ALARM, pose.freedom)))
-    blind = displacement(seen.sightings, rig, pose.change, pose.covariance)[1] * limit
-    turn, shift = pose.change[18:21], pose.change[21:]
-    sigma = np.sqrt(np.maximum(np.diag(pose.covariance), 0.0))
+    blind = max(_unnoticed(rig, seen, causes) for causes in (POSE, BASELINE, FOCI))
+    sigma = np.sqrt(np.diag(change.covariance))
     checked = RigCheck(
         verdict="holds",
         drift_mm=mm,
@@ -394,11 +287,11 @@ def check_observations(rig: Rig, observations: Sequence[Observation], board: Boa
         sigma_px=sigma_px,
         excess=moved,
         noticeable_mm=blind,
-        causes=causes,
-        rotation_deg=np.degrees(turn),
-        rotation_sigma_deg=np.degrees(sigma[18:21]),
-        translation_mm=shift,
-        translation_sigma_mm=sigma[21:],
+        causes=likely_causes(rig, seen.fits) if moved > 1.0 else (),
+        rotation_deg=np.degrees(change.change[ROTATION]),
+        rotation_sigma_deg=np.degrees(sigma[ROTATION]),
+        translation_mm=change.change[TRANSLATION],
+        translation_sigma_mm=sigma[TRANSLATION],
         distance_mm=distance,
         **_of_board(rig, seen),
     )
@@ -406,8 +299,15 @@ def check_observations(rig: Rig, observations: Sequence[Observation], board: Boa
     return replace(judged, findings=_findings(rig, judged, seen, observations))
 
 
+def _unnoticed(rig: Rig, seen: _Seen, causes: Causes) -> float:
+    """Largest drift at the board by these causes that a check would not notice, mm."""
+    fit = seen.fits[causes]
+    limit = float(np.sqrt(scipy.stats.chi2.isf(FALSE_ALARM, fit.freedom)))
+    return limit * displacement(seen.sightings, rig, fit.change, fit.of_largest)[1]
+
+
 def adjust_to(rig: Rig, observations: Sequence[Observation], board: Board) -> Rig:
-    """Correct the relative pose of a rig by a board in one pose or several.
+    """Correct a rig by a board in one pose or several.
 
     Parameters
     ----------
@@ -417,24 +317,16 @@ def adjust_to(rig: Rig, observations: Sequence[Observation], board: Board) -> Ri
 
     Returns
     -------
-    Rig with the covariance of all its parameters. The devices' own parameters are estimated again
-    with the calibration as prior, so that they stay within their σ.
+    Rig with the covariance of all its parameters: the average of the rigs that every set of causes
+    leads to, weighted by the evidence. The covariance holds the differences of causes that the
+    poses cannot tell apart.
 
     Raises
     ------
-    InputError where a change of the relative pose does not explain what was seen, such as a camera
-    that was refocused; and as ``check_observations``.
+    As ``check_observations``.
     """
     seen = _seen(rig, observations, board)
-    if seen.excess("pose") > 1.0:
-        names = [cause.text for cause in _causes(rig, seen)]
-        likely = f" (likely {names[0]})" if names else ""
-        raise InputError(
-            "rig: expected a change of the relative pose of camera and projector, got one that "
-            f"rotation and translation do not explain{likely}; calibrate again",
-            findings=ripple_findings(observations),
-        )
-    found = seen.fits["pose"].rig
+    found = seen.fits.adjusted()
     residual = [_rms(r) for r in _residuals(found, seen)]
     return replace(found, residual_px=(residual[0], residual[1]))
 
@@ -458,21 +350,21 @@ def _seen(rig: Rig, observations: Sequence[Observation], board: Board) -> _Seen:
         T = fit_pose(start, rig, first_pose(start, rig.camera))
         sightings.append(sighting_of(refined(o, board, rig.camera, T), board))
         poses.append(fit_pose(sightings[-1], rig, T))
-    fits, adjusted = fit_changes(rig, sightings, poses)
-    camera, projector = np.median(adjusted.scatter_px, axis=0)
-    return _Seen(sightings, poses, fits, (float(camera), float(projector)))
+    return _Seen(sightings, poses, fit_changes(rig, sightings, poses))
 
 
-def _causes(rig: Rig, seen: _Seen) -> tuple[Cause, ...]:
-    """The changes that explain what was seen, by their costs and freedom (Akaike)."""
-    alone = [name for name in seen.fits if name not in ("nothing", "pose", EVERYTHING)]
-    good = [name for name in alone if seen.excess(name) <= 1.0]
-    if not good and seen.excess("pose") <= 1.0:
-        good = ["pose"]
-    if "baseline" in good and "translation" in good:
-        good.remove("translation")
-    good.sort(key=lambda name: seen.fits[name].cost + 2.0 * seen.fits[name].freedom)
-    return tuple(cause_of(name, rig, seen.fits[name]) for name in good)
+def likely_causes(rig: Rig, fits: Fits) -> tuple[Cause, ...]:
+    """Return the sets of causes that explain what was seen, the likeliest first.
+
+    A set that holds all causes of a likelier one is left out.
+    """
+    named: list[Causes] = []
+    for causes in sorted(fits.of, key=fits.share, reverse=True):
+        if fits.share(causes) < UNLIKELY:
+            break
+        if causes != NOTHING and not any(contains(causes, other) for other in named):
+            named.append(causes)
+    return tuple(cause_of(causes, rig, fits.mean(causes)) for causes in named)
 
 
 def _of_board(rig: Rig, seen: _Seen) -> dict[str, Any]:
@@ -544,7 +436,7 @@ def _findings(
         findings.append(Finding("uncertainty", what, advice=advice))
     if rig.residual_px is not None:
         for name, now, then in zip(
-            ("camera", "projector"), seen.scatter_px, rig.residual_px, strict=True
+            ("camera", "projector"), seen.fits.scatter_px, rig.residual_px, strict=True
         ):
             if now > LARGE_SCATTER * then:
                 what = (

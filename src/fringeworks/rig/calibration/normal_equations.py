@@ -132,6 +132,14 @@ class NormalEquations:
         of_points = np.einsum("pcd,pd->pc", inverse, rest)
         return of_shared / self.scale_shared, of_points / self.scale_points
 
+    def information(self, first: int) -> FloatMap:
+        """Information about the first shared parameters where nothing is known about all others
+        beside the equations; (first, first)."""
+        matrix, rest = self._eliminated()[0], slice(first, None)
+        others = np.linalg.solve(matrix[rest, rest], matrix[rest, :first])
+        left = matrix[:first, :first] - matrix[:first, rest] @ others
+        return np.asarray(left * np.outer(self.scale_shared[:first], self.scale_shared[:first]))
+
     def covariance(self) -> Covariance:
         """Invert the normal matrix.
 

@@ -131,12 +131,15 @@ def pair_rig(first: Rig, further: Sequence[FurtherCamera], camera: int) -> Rig:
 
 
 def pose_change(found: FloatMap, reference: FloatMap) -> FloatMap:
-    """Return the small rotation (rad) and the translation (mm) from one pose to another, (6,)."""
+    """Return the rotation vector (rad) and the translation (mm) from one pose to another, (6,)."""
     turn = found[:3, :3] @ reference[:3, :3].T
-    small = 0.5 * np.array(
+    axis = 0.5 * np.array(
         [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
     )
-    return np.concatenate((small, found[:3, 3] - reference[:3, 3]))
+    sine = float(np.linalg.norm(axis))
+    if sine > 0:
+        axis *= np.arctan2(sine, 0.5 * (np.trace(turn) - 1.0)) / sine
+    return np.concatenate((axis, found[:3, 3] - reference[:3, 3]))
 
 
 @dataclass(frozen=True, eq=False)

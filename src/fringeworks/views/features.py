@@ -48,7 +48,7 @@ part in steps of 30° share two thirds or more."""
 MOST_SLIDES = 1
 """Largest number of directions in which a surface may slide on itself in a pose: with two, a single
 plane, cylinder or sphere lies on another one, which any two do."""
-REACH_SHARE = 0.05
+REFINE_SHARE = 0.05
 """How far apart matched points may be when a pose is refined, in sizes of the view."""
 
 
@@ -187,7 +187,7 @@ def refined(
     seen, found = ViewTarget(target), []
     for T in starts:
         with suppress(InputError):
-            one = register(fewer, seen, T, reach_mm=REACH_SHARE * source.size_mm)
+            one = register(fewer, seen, T, reach_mm=REFINE_SHARE * source.size_mm)
             found += [one] * (one.overlap >= MIN_SHARE and one.slides <= MOST_SLIDES)
     found.sort(key=lambda f: -f.overlap / max(f.chi, 1.0))
     kept: list[Registration] = []

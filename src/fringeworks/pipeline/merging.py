@@ -337,18 +337,18 @@ def _pairs(
         except InputError as error:
             if not known and j != 0:
                 raise error.at(f"views {i + 1} and {j + 1}") from error
-    for (i, j), pair in list(found.items()):
-        if known or not pair.slides:
-            continue
-        if j == 0 and n > 2:
-            del found[i, j]
-            continue
-        raise InputError(
-            f"views {i + 1} and {j + 1}: the shape slides on itself in {pair.slides} directions, "
-            "as a plane, sphere or cylinder does, or a part of which they share one face; use a "
-            "board or a turntable"
-        )
-    return found
+    sliding = [pair for pair in found if found[pair].slides]
+    # The other pairs of a closed loop determine a single one.
+    if known or not sliding or (len(sliding) == 1 and n > 2 and len(found) == n):
+        return found
+    if n > 2 and sliding == [steps[-1]]:
+        return {pair: one for pair, one in found.items() if pair != steps[-1]}
+    i, j = sliding[0]
+    raise InputError(
+        f"views {i + 1} and {j + 1}: the shape slides on itself in {found[i, j].slides} of 6 "
+        "directions, as a plane, sphere or cylinder does, or a part of which they share one face; "
+        "use a board or a turntable"
+    )
 
 
 def _reach(known: dict[int, ViewPose], i: int, j: int) -> float:

@@ -34,7 +34,7 @@ TRIALS = 30_000
 """Number of triples of matches that are tried."""
 CHECKED = 60
 """Number of poses by triples whose overlap is counted."""
-REFINED = 12
+REFINED = 6
 """Number of different poses that are refined by registration."""
 SIDE_TOLERANCE = 0.08
 """Largest relative difference of the sides of two matching triangles."""

@@ -172,6 +172,19 @@ def test_outside_the_range_is_nan_with_its_reason():
     assert told.figures["outside"] == pytest.approx(np.mean(z[seen.lit] > 530), abs=0.05)
 
 
+@pytest.mark.parametrize("name", ["plane", "steep", "bust", "domes"])
+@pytest.mark.parametrize("off_mm", [0.0, -40.0, -90.0])
+def test_surfaces_outside_the_range_are_named_by_where_they_run_on(name, off_mm):
+    seen = view(name)
+    near, far = depths(seen)
+    range_mm = (near + off_mm, far + off_mm)
+    plan = fw.patterns.propose_for_depth(RIG, range_mm, 4, modulation=20)[0].plan
+    found = fw.measure(stack(seen, plan, 3), RIG, depth_mm=range_mm)
+    (told,) = (f for f in found.decoded.findings if f.kind == "depth range")
+    assert (told.severity == "warning") == (off_mm != 0.0)
+    assert ("run on past an end" in told.text) == (off_mm != 0.0)
+
+
 def test_absolute_coordinates_are_only_compared_with_the_range():
     seen = look(RIG, [wall(540), ahead(Box((60.0, 60.0, 20.0)), z=500)])
     shot = stack(seen, fringe_plan(RIG, both=False), 0)

@@ -151,7 +151,7 @@ def test_the_command_merges_files(tmp_path):
     [
         ({}, "expected the board"),
         ({"poses": "turntable"}, "the angle between two views"),
-        ({"poses": "shape", "step_deg": 3.0}, "cannot be combined"),
+        ({"poses": "shape", "board": BOARD}, "cannot be combined"),
         ({"poses": "guess"}, "expected board, turntable or shape"),
         ({"board": BOARD, "blur_px": 0.5}, "expected the rig of the views"),
     ],

@@ -9,7 +9,7 @@ import numpy as np
 
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.pinhole import inverse, pose, rotation
-from fringeworks.simulate.bodies import Body
+from fringeworks.simulate.bodies import Body, Mesh, Sphere
 from fringeworks.simulate.standard import DISTANCE_MM, board_body, bust
 from fringeworks.types import FloatMap, InputError
 
@@ -109,6 +109,37 @@ def bust_on_table(*, albedo: float = 0.75) -> list[Body]:
     axes = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     low, middle = BUST_FOOT_MM
     return bust(pose(axes, -axes @ np.array([0.0, low, middle])), albedo=albedo)[:-1]
+
+
+def hexagon_on_table(
+    *, marks: int = 2, mark_mm: float = 3.0, turn: float = 0.13, albedo: float = 0.75
+) -> list[Body]:
+    """Return a hexagonal prism on the table's centre, with half balls as marks on two of its sides.
+
+    Parameters
+    ----------
+    marks : 0, 1 or 2
+    mark_mm : float > 0
+        Radius of a mark.
+    turn : float
+        Angle of the prism, rad.
+    albedo : float, 0…1
+    """
+    angle = turn + np.pi / 3.0 * np.arange(6)
+    ring = 38.0 * np.column_stack((np.cos(angle), np.sin(angle)))
+    foot, top = (np.column_stack((ring, np.full(6, z))) for z in (0.0, -70.0))
+    vertices = np.concatenate((foot, top, [[0.0, 0.0, 0.0], [0.0, 0.0, -70.0]]))
+    faces = []
+    for k in range(6):
+        n = (k + 1) % 6
+        faces += [[k, n, 6 + n], [k, 6 + n, 6 + k], [12, n, k], [13, 6 + k, 6 + n]]
+    bodies = [Body(Mesh(vertices, np.array(faces)), np.eye(4), albedo)]
+    for face, z in ((0, -40.0), (2, -22.0))[:marks]:
+        out = angle[face] + np.pi / 6.0
+        middle = 38.0 * np.cos(np.pi / 6.0) * np.array([np.cos(out), np.sin(out)])
+        place = pose(np.eye(3), np.append(middle, z))
+        bodies.append(Body(Sphere(mark_mm), place, albedo))
+    return bodies
 
 
 def board_on_table(board: Board, T_table_board: FloatMap | None = None) -> Body:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fringeworks.files.limits import MAX_LENGTH_PX, told
+from fringeworks.files.limits import MAX_LENGTH_PX, text_of, told
 from fringeworks.files.provenance import KEY, comment_lines, from_comments
 from fringeworks.types import FloatMap, InputError, Pinhole, Rig
 from fringeworks.types.packages import cv2, need_opencv
@@ -153,9 +153,7 @@ def parse_opencv(
     """
     need_opencv("a rig file of OpenCV")
     try:
-        storage = cv2.FileStorage(
-            content.decode("utf-8"), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
-        )
+        storage = cv2.FileStorage(text_of(content), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         root = storage.root()
         present = set(root.keys()) if root.isMap() else set()
     except (cv2.error, SystemError, UnicodeDecodeError) as error:

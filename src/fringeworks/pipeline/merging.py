@@ -34,7 +34,7 @@ from fringeworks.types import (
 )
 from fringeworks.types.packages import need_opencv
 from fringeworks.views.board_views import board_pose
-from fringeworks.views.features import align_by_shape
+from fringeworks.views.by_shape import Together, align_by_shape, ambiguous, with_others
 from fringeworks.views.fusion import Fused, fuse_points
 from fringeworks.views.pose_graph import Closure, closure, solve_poses
 from fringeworks.views.poses import (
@@ -50,6 +50,12 @@ from fringeworks.views.surface_points import (
     CORRECTED_PX,
     SurfacePoints,
     surface_points,
+)
+from fringeworks.views.table_turns import (
+    refuse_other_shape,
+    refuse_other_turn,
+    shape_findings,
+    step_of_boards,
 )
 
 PosesFrom = Literal["board", "turntable", "shape"]
@@ -120,6 +126,7 @@ def merge(
         out.
     step_deg : float, optional
         For "turntable": angle between two views, degrees, by the right-hand rule about the axis.
+        For "shape" it chooses among the poses of a part that looks alike after a rotation.
     axis : TurntableAxis, optional
         For "turntable", in camera coordinates; by default from the board in the views that show it.
     rig : Rig or path, optional
@@ -157,11 +164,17 @@ def merge(
     progress("poses …")
     with found_before(numbered("view", clouds)):
         sharp, blur_px = _without_blur(clouds, rig, blur_px, board)
-        known = _known(sharp, poses, board, step_deg, axis)
+        known, table = _known(sharp, poses, board, step_deg, axis)
         points = [_surface_points(cloud, blur_px) for cloud in sharp]
         if board is not None and known:
             points = [_above(v, known[k], above_mm) for k, v in enumerate(points)]
-        solved, pairs, loop = _solved(points, known, progress)
+        by_shape = None
+        if not known:
+            progress("alignment by shape …")
+            by_shape = align_by_shape(points, step_deg=step_deg)
+        solved, pairs, loop = _solved(points, known, by_shape, progress)
+        if poses == "turntable":
+            refuse_other_shape(points, known, registered=(0, 1) in pairs)
         progress("fusion …")
         fused = fuse_points(points, solved, voxel_mm=voxel_mm or _spacing(points))
     origin = made_by(
@@ -173,18 +186,25 @@ def merge(
             for v, c in zip(views, clouds, strict=True)
         ),
     )
-    found = _findings(loop, fused, pairs)
+    found = table + _findings(loop, fused, pairs)
+    if poses == "turntable":
+        found += shape_findings(pairs, known)
+    if by_shape is not None:
+        found += ambiguous(by_shape)
+        solved = tuple(map(with_others, solved, by_shape.poses, by_shape.others))
     return MergedPart(solved, loop, fused, pairs, blur_px, found, origin)
 
 
 def _solved(
-    points: Sequence[SurfacePoints], known: dict[int, ViewPose], progress: Callable[[str], None]
+    points: Sequence[SurfacePoints],
+    known: dict[int, ViewPose],
+    by_shape: Together | None,
+    progress: Callable[[str], None],
 ) -> tuple[tuple[ViewPose, ...], dict[tuple[int, int], Registration], Closure | None]:
     """The poses of all views, the pairs of neighbours that they come from, and the loop's error."""
     starts = {k: p.T_part_camera for k, p in known.items()}
-    if not known:
-        progress("alignment by shape …")
-        starts = dict(enumerate(align_by_shape(points)))
+    if by_shape is not None:
+        starts = dict(enumerate(by_shape.poses))
     progress("pairs of views …")
     pairs = _pairs(points, starts, known)
     middle = np.mean(points[0].xyz_mm, axis=0)
@@ -215,10 +235,8 @@ def _check(
         raise InputError(
             "turntable: expected the angle between two views, and its axis or a board to find it by"
         )
-    if poses == "shape" and (board is not None or axis is not None or step_deg is not None):
-        raise InputError(
-            "shape: board, axis and angle cannot be combined with poses by shape alone"
-        )
+    if poses == "shape" and (board is not None or axis is not None):
+        raise InputError("shape: board and axis cannot be combined with poses by shape alone")
 
 
 def _without_blur(
@@ -265,30 +283,33 @@ def _known(
     board: Board | None,
     step_deg: float | None,
     axis: TurntableAxis | None,
-) -> dict[int, ViewPose]:
-    """Poses that a board or a turntable gives, by view."""
-    found: dict[int, ViewPose] = {}
-    if board is not None:
-        for k, cloud in enumerate(clouds):
-            try:
-                found[k] = board_pose(cloud, board).pose
-            except BoardNotFound as error:
-                if poses == "board":
-                    raise error.at(f"view {k + 1}") from error
+) -> tuple[dict[int, ViewPose], tuple[Finding, ...]]:
+    """Poses that a board or a turntable gives, by view, and what was found about the table."""
+    shown: dict[int, ViewPose] = {}
+    table: tuple[Finding, ...] = ()
+    for k, cloud in enumerate(clouds if board is not None else ()):
+        assert board is not None
+        try:
+            shown[k] = board_pose(cloud, board).pose
+        except BoardNotFound as error:
+            if poses == "board":
+                raise error.at(f"view {k + 1}") from error
+            continue
+        if poses == "turntable" and step_deg is not None:
+            refuse_other_turn(shown, step_deg)
     if poses != "turntable" or step_deg is None:
-        return found
+        return shown, table
+    if shown:
+        step_deg, table = step_of_boards(shown, step_deg)
     if axis is None:
-        shown = {k: inverse(p.T_part_camera) for k, p in found.items()}
-        axis = turntable_axis(list(shown.values()), [k * step_deg for k in shown])
+        backs = [inverse(p.T_part_camera) for p in shown.values()]
+        axis = turntable_axis(backs, [k * step_deg for k in shown])
     to_part: FloatMap = np.eye(4)
-    if found:
-        backs = {k: inverse(turned_pose(axis, k * step_deg).T_part_camera) for k in found}
-        to_part = mean_pose([p.T_part_camera @ backs[k] for k, p in found.items()])
-    turned = {}
-    for k in range(len(clouds)):
-        pose = turned_pose(axis, k * step_deg)
-        turned[k] = pose.carried(to_part)
-    return turned
+    if shown:
+        turns = {k: turned_pose(axis, k * step_deg).T_part_camera for k in shown}
+        to_part = mean_pose([p.T_part_camera @ inverse(turns[k]) for k, p in shown.items()])
+    turned = {k: turned_pose(axis, k * step_deg).carried(to_part) for k in range(len(clouds))}
+    return turned, table
 
 
 def _above(points: SurfacePoints, pose: ViewPose, above_mm: float) -> SurfacePoints:
@@ -316,13 +337,18 @@ def _pairs(
         except InputError as error:
             if not known and j != 0:
                 raise error.at(f"views {i + 1} and {j + 1}") from error
-    for (i, j), pair in found.items():
-        if not known and pair.slides:
-            raise InputError(
-                f"views {i + 1} and {j + 1}: the shape slides on itself in {pair.slides} "
-                "directions, as a plane, sphere or cylinder does; use a board or a turntable"
-            )
-    return found
+    sliding = [pair for pair in found if found[pair].slides]
+    # The other pairs of a closed loop determine a single one.
+    if known or not sliding or (len(sliding) == 1 and n > 2 and len(found) == n):
+        return found
+    if n > 2 and sliding == [steps[-1]]:
+        return {pair: one for pair, one in found.items() if pair != steps[-1]}
+    i, j = sliding[0]
+    raise InputError(
+        f"views {i + 1} and {j + 1}: the shape slides on itself in {found[i, j].slides} of 6 "
+        "directions, as a plane, sphere or cylinder does, or a part of which they share one face; "
+        "use a board or a turntable"
+    )
 
 
 def _reach(known: dict[int, ViewPose], i: int, j: int) -> float:

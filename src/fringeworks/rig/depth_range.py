@@ -47,6 +47,13 @@ MOST_AMBIGUOUS = 0.5
 """Share of the frame that sees the projector's light in which a period must exceed the interval, at
 least. A range that leaves less is refused: it is a mistake, and its error says how long it may be.
 """
+RUNS_ON_SHARE = 0.25
+"""Largest change of a repeating coordinate between neighbours of one surface, in periods: half of
+the change at which a period more or less is as near."""
+MOST_RUNNING_ON = 4
+"""Largest number of pairs of neighbours that continue past an end of the range by chance. In 20
+captures of ten simulated scenes, none do with a range that holds the scene; with ranges 40 and
+90 mm off, 76 of 80 captures have 9 to 12 000."""
 LIMIT_STEPS = 40
 """Halvings of the interval in which the longest range is searched: to 1e-9 of its length."""
 FARTHEST = 100.0
@@ -235,6 +242,24 @@ class DepthRange:
             repeats_px=None,
         )
 
+    def _running_on(self, found: CoordinateMap, before: CoordinateMap) -> int:
+        """Pairs of neighbours whose repeating coordinate continues, but not within the range: the
+        second one lies outside, or a period away."""
+        period = before.repeats_px
+        assert period is not None
+        x, here = before.coordinate_px, found.coordinate_px
+        count = 0
+        for ahead, behind in ((np.s_[:, 1:], np.s_[:, :-1]), (np.s_[1:], np.s_[:-1])):
+            step = x[ahead] - x[behind]
+            with np.errstate(invalid="ignore"):
+                same = np.abs(step - period * np.rint(step / period)) < RUNS_ON_SHARE * period
+                jumps = np.abs(here[ahead] - here[behind]) > 0.5 * period
+            a, b = found.reason[ahead], found.reason[behind]
+            leaves = (a == Reason.OK) & (b == Reason.OUTSIDE_DEPTH)
+            enters = (b == Reason.OK) & (a == Reason.OUTSIDE_DEPTH)
+            count += int(np.count_nonzero(same & (leaves | enters | jumps)))
+        return count
+
     def _interval(self, axis: Axis) -> Interval:
         """The interval at the nodes."""
         if axis not in self._at_nodes:
@@ -344,8 +369,19 @@ class DepthRange:
             if (axis, period) not in self._words:
                 self._words[axis, period] = self._of_period(axis, period)
             words = self._words[axis, period]
-            figures = {**words.figures, "outside": at.share}
+            running = self._running_on(found, before)
+            figures = {**words.figures, "outside": at.share, "running_on": float(running)}
             words = replace(words, seen=f"{words.seen}; {share}", figures=figures)
+            if running > MOST_RUNNING_ON:
+                words = replace(
+                    words,
+                    seen=f"{words.seen}; surfaces run on past an end of the range at {running} "
+                    "pairs of neighbouring pixels, so that they lie outside it, in part or in all, "
+                    "and may come out a period off",
+                    causes=("a range of another set-up or unit", "a range that cuts a surface"),
+                    advice="give a range that holds all that is lit",
+                    severity="warning",
+                )
         return replace(words, pixels=at, severity=words.severity if kept or not count else "error")
 
     def _wrong(self, words: Finding, at: Pixels, before: CoordinateMap, out: BoolMap) -> Finding:

@@ -10,7 +10,10 @@ from fringeworks.files.rig import read_rig
 from fringeworks.pipeline.merging import MergedPart, merge
 from fringeworks.pipeline.stacks import measure
 from fringeworks.rig.calibration.board import Board, parse_board
-from fringeworks.types import InputError, Rig
+from fringeworks.types import BoardNotFound, InputError, PointCloud, Rig
+from fringeworks.views.board_views import board_pose
+from fringeworks.views.poses import ViewPose
+from fringeworks.views.table_turns import refuse_other_turn
 
 ANGLE_TOLERANCE = 1e-6
 """Largest difference of a turn from a whole number of steps, steps: rounding of 360/7."""
@@ -54,7 +57,8 @@ def scan_turntable(
 
     Raises
     ------
-    InputError for steps that do not divide a turn, and as ``measure`` and ``merge``.
+    InputError for steps that do not divide a turn; after two views, for a board that neither shows
+    and a table that turns by another angle; and as ``measure`` and ``merge``.
     """
     count = round(360.0 / abs(step_deg)) if step_deg else 0
     if count < MIN_VIEWS or abs(360.0 / abs(step_deg) - count) > ANGLE_TOLERANCE:
@@ -64,7 +68,8 @@ def scan_turntable(
         )
     board = parse_board(board) if isinstance(board, str) else board
     rig = rig if isinstance(rig, Rig) else read_rig(rig)
-    views = []
+    views: list[PointCloud] = []
+    shown: dict[int, ViewPose] = {}
     for k in range(count):
         if k:
             turn(k * step_deg)
@@ -72,8 +77,26 @@ def scan_turntable(
         progress(f"view {k + 1} of {count} …")
         take(place)
         views.append(measure(place, rig).points)
+        if board is not None and k < 2:
+            shown = _shown(views, board, shown, step_deg)
     if board is None:
-        return merge(views, poses="shape", progress=progress)
+        return merge(views, poses="shape", step_deg=step_deg, progress=progress)
     return merge(
         views, poses="turntable", board=board, step_deg=step_deg, rig=rig, progress=progress
     )
+
+
+def _shown(
+    views: list[PointCloud], board: Board, shown: dict[int, ViewPose], step_deg: float
+) -> dict[int, ViewPose]:
+    """The boards that the first views show; refused where there is none, or the table turns by
+    another angle: the further views would be in vain."""
+    k = len(views) - 1
+    try:
+        found = {**shown, k: board_pose(views[-1], board).pose}
+    except BoardNotFound as error:
+        if k and not shown:
+            raise error.at("views 1 and 2") from error
+        return shown
+    refuse_other_turn(found, step_deg)
+    return found

@@ -1,17 +1,27 @@
-"""Views brought together by their shape alone: features, and poses that many of them agree on."""
+"""Features of a view's surface, and the poses of two views that many of them agree on."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from fringeworks.rig.pinhole import transform
+from fringeworks.rig.pinhole import inverse, transform
 from fringeworks.types import FloatMap, InputError
 from fringeworks.views.board_views import rigid
-from fringeworks.views.registration import register
+from fringeworks.views.model_target import (
+    ALIKE_DEG,
+    ALIKE_SHARE,
+    OTHER_DEG,
+    OTHER_SHARE,
+)
+from fringeworks.views.poses import apart, distinct
+from fringeworks.views.registration import Registration, ViewTarget, register
+from fringeworks.views.sight import Sight
 from fringeworks.views.surface_points import SurfacePoints
 
 NODES = 1500
@@ -25,47 +35,57 @@ TRIALS = 30_000
 CHECKED = 60
 """Number of poses by triples whose overlap is counted."""
 REFINED = 6
-"""Number of the best poses that are refined by registration; the one with the best overlap wins."""
+"""Number of different poses that are refined by registration."""
 SIDE_TOLERANCE = 0.08
 """Largest relative difference of the sides of two matching triangles."""
 NEAREST = 3
 """Number of most similar features of the other view that a point is matched with."""
+MOST_POSES = 24
+"""Largest number of poses of two views that are compared: as many as a cube has."""
 MIN_SHARE = 0.3
 """Smallest share of a view's points that must lie on the other view, 0…1: neighbouring views of a
 part in steps of 30° share two thirds or more."""
+MOST_SLIDES = 1
+"""Largest number of directions in which a surface may slide on itself in a pose: with two, a single
+plane, cylinder or sphere lies on another one, which any two do."""
+REFINE_SHARE = 0.05
+"""How far apart matched points may be when a pose is refined, in sizes of the view."""
 
 
-def align_by_shape(views: Sequence[SurfacePoints], *, seed: int = 0) -> list[FloatMap]:
-    """Align every view with the one before it, without poses to start from.
+@dataclass(frozen=True)
+class Described:
+    """A view with what a search for its pose needs."""
 
-    Parameters
-    ----------
-    views : sequence of SurfacePoints
-        In camera coordinates; neighbours overlap.
-    seed : int
-        Seed of the random choice of matches.
+    view: SurfacePoints
+    sight: Sight
+    nodes: SurfacePoints
+    """Points spread evenly over the view."""
+    feature: FloatMap
+    """Their features, (n, 33)."""
 
-    Returns
-    -------
-    list of (4, 4) arrays, T_first_view of each view, mm.
+    @property
+    def size_mm(self) -> float:
+        """Length of the diagonal of the view's box, mm."""
+        return float(np.linalg.norm(np.ptp(self.nodes.xyz_mm, axis=0)))
 
-    Raises
-    ------
-    InputError where two neighbours cannot be aligned.
-    """
-    described = [_described(view) for view in views]
-    found: list[FloatMap] = [np.eye(4)]
-    for k in range(1, len(views)):
-        try:
-            T = _aligned(views[k], views[k - 1], described[k], described[k - 1], seed)
-        except InputError as error:
-            raise error.at(f"views {k} and {k + 1}") from error
-        found.append(found[-1] @ T)
-    return found
+    @property
+    def middle_mm(self) -> FloatMap:
+        return np.asarray(self.view.xyz_mm.mean(axis=0))
+
+    @property
+    def other_pose(self) -> tuple[float, float]:
+        """Rotation, degrees, and displacement, mm, from which on two poses are different."""
+        return OTHER_DEG, OTHER_SHARE * self.size_mm
+
+    def differ(self, one: Registration, other: Registration) -> bool:
+        """Whether two poses of the view differ beyond directions in which its surface slides."""
+        turn, place = self.other_pose
+        limits = turn, np.inf if one.slides or other.slides else place
+        return apart(one.T_target_source, other.T_target_source, self.middle_mm, limits)
 
 
-def _described(view: SurfacePoints) -> tuple[SurfacePoints, FloatMap]:
-    """Points spread evenly over a view, and their features (n, 33).
+def described(view: SurfacePoints) -> Described:
+    """Spread points over a view and compute their features.
 
     Fast point feature histograms (Rusu, ICRA 2009): the angles between the normals of a point and
     its neighbours and the line between them, averaged over the neighbours' own histograms.
@@ -80,7 +100,8 @@ def _described(view: SurfacePoints) -> tuple[SurfacePoints, FloatMap]:
     simple = _histograms(nodes, near, distance)
     weight = 1.0 / distance
     feature = simple + np.einsum("nk,nkf->nf", weight, simple[near]) / weight.sum(1)[:, None]
-    return nodes, feature / np.linalg.norm(feature, axis=1, keepdims=True)
+    feature /= np.linalg.norm(feature, axis=1, keepdims=True)
+    return Described(view, Sight(view), nodes, feature)
 
 
 def _histograms(nodes: SurfacePoints, near: NDArray[np.intp], distance: FloatMap) -> FloatMap:
@@ -101,52 +122,79 @@ def _histograms(nodes: SurfacePoints, near: NDArray[np.intp], distance: FloatMap
     return np.concatenate(parts, axis=1).astype(np.float64)
 
 
-def _aligned(
-    source: SurfacePoints,
-    target: SurfacePoints,
-    one: tuple[SurfacePoints, FloatMap],
-    other: tuple[SurfacePoints, FloatMap],
-    seed: int,
-) -> FloatMap:
-    """T_target_source with the largest overlap."""
+def candidates(source: Described, target: Described, *, seed: int = 0) -> list[FloatMap]:
+    """Find poses in which a view may lie on another one.
+
+    Parameters
+    ----------
+    source, target : Described
+    seed : int
+        Seed of the random choice of matches.
+
+    Returns
+    -------
+    list of (4, 4) arrays, T_target_source, mm, the best one first: rough, and different from each
+    other.
+
+    Raises
+    ------
+    InputError where no features match.
+    """
     rng = np.random.default_rng(seed)
-    nodes, feature = one
-    _, near = scipy.spatial.cKDTree(other[1]).query(feature, k=NEAREST)
+    nodes, others, size = source.nodes, target.nodes, source.size_mm
+    _, near = scipy.spatial.cKDTree(target.feature).query(source.feature, k=NEAREST)
     a = np.repeat(np.arange(len(nodes.xyz_mm)), NEAREST)
     b = near.ravel()
     triple = rng.integers(0, len(a), (TRIALS, 3))
-    p, q = nodes.xyz_mm[a[triple]], other[0].xyz_mm[b[triple]]
+    p, q = nodes.xyz_mm[a[triple]], others.xyz_mm[b[triple]]
     sides = [np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2) for x in (p, q)]
-    size = float(np.linalg.norm(np.ptp(nodes.xyz_mm, axis=0)))
     alike = (np.abs(sides[0] - sides[1]) < SIDE_TOLERANCE * sides[0]).all(axis=1)
     alike &= (sides[0] > 0.1 * size).all(axis=1)
     if not alike.any():
         raise InputError("expected features that match, got none; take more views")
     T = rigid(p[alike], q[alike])
-    n_p, n_q = nodes.normals[a[triple[alike]]], other[0].normals[b[triple[alike]]]
+    n_p, n_q = nodes.normals[a[triple[alike]]], others.normals[b[triple[alike]]]
     turned = np.einsum("tij,tkj->tki", T[:, :3, :3], n_p)
     agree = np.sum(turned * n_q, axis=2).min(axis=1)
-    order = np.argsort(-agree)[: 10 * CHECKED]
-    tree = scipy.spatial.cKDTree(other[0].xyz_mm)
-    some = nodes.at(np.arange(0, len(nodes.xyz_mm), 4))
-    scores = np.array([_share(some, other[0], tree, T[k], 0.02 * size) for k in order])
-    best = order[np.argsort(-scores)[:REFINED]]
-    refined = []
-    for k in best:
-        try:
-            found = register(source, target, T[k], reach_mm=0.05 * size)
-        except InputError:
-            continue
-        refined.append((found.overlap / max(found.chi, 1.0), found))
-    if not refined:
-        raise InputError("expected an overlap, got none; take more views, or use a board")
-    found = max(refined, key=lambda item: item[0])[1]
-    if found.overlap < MIN_SHARE:
-        raise InputError(
-            f"expected {MIN_SHARE:.0%} of the points to lie on the other view, got "
-            f"{found.overlap:.0%}; take more views, or use a board"
-        )
-    return found.T_target_source
+    T = _different(T[np.argsort(-agree)], source.middle_mm, ALIKE_SHARE * size)[: 10 * CHECKED]
+    tree, some = scipy.spatial.cKDTree(others.xyz_mm), nodes.at(np.arange(0, len(a) // NEAREST, 4))
+    shares = np.array([_share(some, others, tree, one, 0.02 * size) for one in T])
+    order = np.argsort(-shares)[: 4 * CHECKED]
+    shares = shares[order] - [_hidden(source, target, T[k], 0.02 * size) for k in order]
+    limits = ALIKE_DEG, ALIKE_SHARE * size
+    return distinct(T[order[np.argsort(-shares)]], source.middle_mm, limits, REFINED)
+
+
+def _different(poses: FloatMap, middle: FloatMap, side_mm: float) -> FloatMap:
+    """The first pose in every cell of rotations and places of the middle, (n, 4, 4)."""
+    turn = scipy.spatial.transform.Rotation.from_matrix(poses[:, :3, :3]).as_rotvec(degrees=True)
+    place = poses[:, :3, :3] @ middle + poses[:, :3, 3]
+    cell = np.rint(np.column_stack((turn / ALIKE_DEG, place / side_mm))).astype(np.int64)
+    return poses[np.sort(np.unique(cell, axis=0, return_index=True)[1])]
+
+
+def refined(
+    source: Described, target: SurfacePoints, starts: Sequence[FloatMap], points: int
+) -> list[Registration]:
+    """Register a number of points of a view with another one from several starts.
+
+    Returns
+    -------
+    list of Registration, the different ones that overlap enough, the largest overlap first.
+    """
+    view = source.view
+    fewer = view.at(np.random.default_rng(0).permutation(len(view.xyz_mm))[:points])
+    seen, found = ViewTarget(target), []
+    for T in starts:
+        with suppress(InputError):
+            one = register(fewer, seen, T, reach_mm=REFINE_SHARE * source.size_mm)
+            found += [one] * (one.overlap >= MIN_SHARE and one.slides <= MOST_SLIDES)
+    found.sort(key=lambda f: -f.overlap / max(f.chi, 1.0))
+    kept: list[Registration] = []
+    for f in found:
+        if all(source.differ(f, one) for one in kept):
+            kept.append(f)
+    return kept[:MOST_POSES]
 
 
 def _share(
@@ -163,3 +211,13 @@ def _share(
     return float(np.count_nonzero(np.sum(turned * target.normals[index[has]], axis=1) > 0.8)) / len(
         near
     )
+
+
+def _hidden(source: Described, target: Described, T: FloatMap, reach: float) -> float:
+    """Share of points in front of what the other view sees, the larger one of both views."""
+    pairs = (source, target, T), (target, source, inverse(T))
+    found = [
+        other.sight.in_front(one.nodes.moved(to), sigmas=0.0, reach_mm=reach)
+        for one, other, to in pairs
+    ]
+    return max(len(index) / max(seen, 1) for index, seen in found)

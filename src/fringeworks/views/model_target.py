@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from fringeworks.rig.pinhole import inverse
+from fringeworks.rig.pinhole import pose
 from fringeworks.surface.closest import MeshDistance, sampled
 from fringeworks.types import FloatMap, InputError
-from fringeworks.views.poses import twist
+from fringeworks.views.poses import apart, distinct
 from fringeworks.views.registration import Registration, register
 from fringeworks.views.surface_points import SurfacePoints
 
@@ -114,14 +114,11 @@ def search_pose(
     """
     rng = np.random.default_rng(seed)
     size = target.mesh.size_mm
-    some = part.at(rng.choice(len(part.xyz_mm), min(PART_POINTS, len(part.xyz_mm)), replace=False))
-    points, normals = sampled(target.mesh, MODEL_POINTS, rng)
-    R = _rotations(ROTATIONS)
-    t = _translations(R, part, points, normals, one_view=one_view)
-    R, t, score = _rough(R, t, some, (points, normals), size)
+    model = sampled(target.mesh, MODEL_POINTS, rng)
+    starts = rough_poses(part, model, size, one_view=one_view, most=REFINED, rng=rng)
     fewer = rng.choice(len(part.xyz_mm), min(REFINED_POINTS, len(part.xyz_mm)), replace=False)
     refined: list[Registration] = []
-    for T in _distinct(R, t, score, some.xyz_mm.mean(axis=0), size):
+    for T in starts:
         try:
             refined.append(register(part.at(fewer), target, T, reach_mm=LAST_REACH * size))
         except InputError:
@@ -140,6 +137,29 @@ def search_pose(
         if all(apart) and _misfit(one) < EQUALLY_GOOD * _misfit(best):
             others.append(one)
     return Searched(best, len(others))
+
+
+def rough_poses(
+    part: SurfacePoints,
+    model: tuple[FloatMap, FloatMap],
+    size_mm: float,
+    *,
+    one_view: bool,
+    most: int,
+    rng: np.random.Generator,
+) -> list[FloatMap]:
+    """Fit a part roughly to points and normals of a model, from rotations all around.
+
+    Returns
+    -------
+    list of (4, 4) arrays, T_model_part: different poses, the best one first.
+    """
+    some = part.at(rng.choice(len(part.xyz_mm), min(PART_POINTS, len(part.xyz_mm)), replace=False))
+    R = _rotations(ROTATIONS)
+    t = _translations(R, part, *model, one_view=one_view)
+    R, t, score = _rough(R, t, some, model, size_mm)
+    ranked = (pose(R[k], t[k]) for k in np.argsort(score))
+    return distinct(ranked, some.xyz_mm.mean(axis=0), (ALIKE_DEG, ALIKE_SHARE * size_mm), most)
 
 
 def _misfit(found: Registration) -> float:
@@ -203,34 +223,7 @@ def _rough(
     return R, t, off.mean(axis=1)
 
 
-def _distinct(
-    R: FloatMap, t: FloatMap, score: FloatMap, middle: FloatMap, size: float
-) -> list[FloatMap]:
-    """The best poses that differ from each other."""
-    kept: list[FloatMap] = []
-    for k in np.argsort(score):
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = R[k], t[k]
-        if all(_apart(T, one, middle, size, (ALIKE_DEG, ALIKE_SHARE)) for one in kept):
-            kept.append(T)
-        if len(kept) == REFINED:
-            break
-    return kept
-
-
-def _apart(
-    T: FloatMap, other: FloatMap, middle: FloatMap, size: float, limits: tuple[float, float]
-) -> bool:
-    """Whether two poses differ by more than a rotation or a displacement of the middle."""
-    turn = np.degrees(np.linalg.norm(twist(T @ inverse(other))[:3]))
-    way = (T - other)[:3, :3] @ middle + (T - other)[:3, 3]
-    return bool(turn > limits[0] or np.linalg.norm(way) > limits[1] * size)
-
-
 def _differs(one: Registration, other: Registration, middle: FloatMap, size: float) -> bool:
     """Whether two refined poses differ, beyond directions in which the surface slides on itself."""
-    if one.slides:
-        return False
-    return _apart(
-        one.T_target_source, other.T_target_source, middle, size, (OTHER_DEG, OTHER_SHARE)
-    )
+    limits = OTHER_DEG, OTHER_SHARE * size
+    return not one.slides and apart(one.T_target_source, other.T_target_source, middle, limits)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -96,6 +96,29 @@ def carried(T: FloatMap, covariance: FloatMap) -> FloatMap:
     A[:3, :3] = A[3:, 3:] = T[:3, :3]
     A[3:, :3] = skew(T[:3, 3]) @ T[:3, :3]
     return np.asarray(A @ covariance @ A.T)
+
+
+def apart(T: FloatMap, other: FloatMap, middle_mm: FloatMap, limits: tuple[float, float]) -> bool:
+    """Whether two poses (4, 4) differ by more than a rotation, degrees, or a displacement of the
+    middle of the part, mm."""
+    off = T - other
+    # The distance of two rotation matrices is 2 √2 sin of half the angle between them.
+    half = float(np.linalg.norm(off[:3, :3])) / np.sqrt(8.0)
+    way = off[:3, :3] @ middle_mm + off[:3, 3]
+    return bool(half > np.sin(0.5 * np.radians(limits[0])) or np.linalg.norm(way) > limits[1])
+
+
+def distinct(
+    poses: Iterable[FloatMap], middle_mm: FloatMap, limits: tuple[float, float], most: int
+) -> list[FloatMap]:
+    """Return the first poses (4, 4) that differ from each other (``apart``), ``most`` of them."""
+    kept: list[FloatMap] = []
+    for T in poses:
+        if all(apart(T, one, middle_mm, limits) for one in kept):
+            kept.append(T)
+        if len(kept) == most:
+            break
+    return kept
 
 
 def turntable_axis(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,6 +72,18 @@ class SurfacePoints(Frozen):
             None if self.colour is None else self.colour[index],
             None if self.errors is None else self.errors[index],
         )
+
+
+def together(views: Sequence[SurfacePoints]) -> SurfacePoints:
+    """The points of several views in the same coordinates, without brightness and ``errors``."""
+    return SurfacePoints(
+        np.concatenate([v.xyz_mm for v in views]),
+        np.concatenate([v.normals for v in views]),
+        np.concatenate([v.sigma_mm for v in views]),
+        np.concatenate([v.noise_mm for v in views]),
+        np.concatenate([v.blur_mm for v in views]),
+        None,
+    )
 
 
 def surface_points(cloud: PointCloud, *, blur_error_px: float = BLUR_PX) -> SurfacePoints:

@@ -136,7 +136,16 @@ class Soft(Screen):
 
 
 @pytest.mark.statistical
-@pytest.mark.parametrize(("span", "blur"), [(0.5, 1.5), (1.0, 0.4), (1.0, 1.2), (2.0, 0.8)])
+@pytest.mark.parametrize(
+    ("span", "blur"),
+    [
+        *(
+            pytest.param(s, b, marks=pytest.mark.long)
+            for s, b in ((0.5, 1.5), (1.0, 0.4), (2.0, 0.8))
+        ),
+        (1.0, 1.2),
+    ],
+)
 def test_the_setup_measures_pixel_and_blur(tmp_path, span, blur):
     rows, columns = 96, 128
     b = bench(

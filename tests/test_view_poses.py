@@ -77,6 +77,7 @@ def test_marks_tell_the_turn_of_a_hexagonal_part(seed, mark_mm):
     assert sum(map(bool, found.others)) <= 3
 
 
+@pytest.mark.long
 def test_the_step_tells_the_turn_of_a_part_without_marks():
     poses, clouds = shots(hexagon_on_table(marks=0), [0.0, 50.0, 100.0])
     points = [surface_points(c) for c in clouds]

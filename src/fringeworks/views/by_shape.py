@@ -11,7 +11,14 @@ import numpy as np
 
 from fringeworks.rig.pinhole import inverse
 from fringeworks.types import Finding, FloatMap, InputError
-from fringeworks.views.features import MOST_POSES, Described, candidates, described, refined
+from fringeworks.views.features import (
+    MOST_POSES,
+    Described,
+    candidates,
+    described,
+    fewest_slides,
+    refined,
+)
 from fringeworks.views.model_target import REFINED_POINTS, rough_poses
 from fringeworks.views.poses import ViewPose, distinct, twist
 from fringeworks.views.registration import SAMPLES, Registration
@@ -170,6 +177,12 @@ def _plausible(
         good = [rough[int(np.argmin(count))].T_target_source]
     found = refined(source, target.view, good, SAMPLES)
     if not found:
+        slides = fewest_slides(source, target.view, starts)
+        if slides:
+            raise InputError(
+                f"the shape slides on itself in {slides} of 6 directions, so that it does not tell "
+                "the pose; use a board, or a turntable with a known axis"
+            )
         raise InputError(
             "expected a pose in which the views overlap, found none; take more views, or use a "
             "board"

@@ -18,6 +18,7 @@ from fringeworks.views.model_target import (
     ALIKE_SHARE,
     OTHER_DEG,
     OTHER_SHARE,
+    REFINED_POINTS,
 )
 from fringeworks.views.poses import apart, distinct
 from fringeworks.views.registration import Registration, ViewTarget, register
@@ -182,19 +183,34 @@ def refined(
     -------
     list of Registration, the different ones that overlap enough, the largest overlap first.
     """
-    view = source.view
-    fewer = view.at(np.random.default_rng(0).permutation(len(view.xyz_mm))[:points])
-    seen, found = ViewTarget(target), []
-    for T in starts:
-        with suppress(InputError):
-            one = register(fewer, seen, T, reach_mm=REFINE_SHARE * source.size_mm)
-            found += [one] * (one.overlap >= MIN_SHARE and one.slides <= MOST_SLIDES)
+    found = [f for f in _registered(source, target, starts, points) if f.slides <= MOST_SLIDES]
     found.sort(key=lambda f: -f.overlap / max(f.chi, 1.0))
     kept: list[Registration] = []
     for f in found:
         if all(source.differ(f, one) for one in kept):
             kept.append(f)
     return kept[:MOST_POSES]
+
+
+def fewest_slides(source: Described, target: SurfacePoints, starts: Sequence[FloatMap]) -> int:
+    """Number of directions in which the shape slides on itself in every pose that overlaps enough;
+    0 where there is no such pose."""
+    found = _registered(source, target, starts, REFINED_POINTS)
+    return min((f.slides for f in found), default=0)
+
+
+def _registered(
+    source: Described, target: SurfacePoints, starts: Sequence[FloatMap], points: int
+) -> list[Registration]:
+    """Registrations of a number of points from several starts that overlap enough."""
+    view = source.view
+    fewer = view.at(np.random.default_rng(0).permutation(len(view.xyz_mm))[:points])
+    seen, found = ViewTarget(target), []
+    for T in starts:
+        with suppress(InputError):
+            one = register(fewer, seen, T, reach_mm=REFINE_SHARE * source.size_mm)
+            found += [one] * (one.overlap >= MIN_SHARE)
+    return found
 
 
 def _share(

@@ -6,7 +6,6 @@ of what filters carry over from the object, and the phase of a plane is fitted t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -99,10 +98,6 @@ A phase that falls belongs to no carrier, so the fit has failed there. An empiri
 """
 
 
-PlaneOf = Callable[["_Blocks", FloatMap], "_Plane"]
-"""The plane that fits blocks best, by their weights."""
-
-
 class PlainReference(NamedTuple):
     """Plain fringes of the plane background of a frame."""
 
@@ -179,14 +174,14 @@ def plain_reference(frame: FloatMap, usable: BoolMap, pair: Pair) -> PlainRefere
         )
     blocks = _blocks(frame, usable, carrier)
     plane, member, converged = _fit(blocks, frame.shape, search=given is None)
-    phase, variance = _phase_map(blocks.at(member), plane, frame.shape)
+    background = blocks.at(member)
+    phase, variance = _phase_map(background, plane, frame.shape)
     if not (np.diff(phase, axis=1) > 0).mean() > MIN_RISING:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
-    background = blocks.at(member)
     reference = median(background.brightness) + median(background.amplitude) * np.cos(phase)
-    fx = float(np.median(np.diff(phase, axis=1))) / (2.0 * np.pi)
-    fy = float(np.median(np.diff(phase, axis=0))) / (2.0 * np.pi) if frame.shape[0] > 1 else 0.0
-    sigma = np.sqrt(variance) / (2.0 * np.pi * fx)
+    fx = float(np.median(np.diff(phase, axis=1))) / TURN
+    fy = float(np.median(np.diff(phase, axis=0))) / TURN if frame.shape[0] > 1 else 0.0
+    sigma = np.sqrt(variance) / (TURN * fx)
 
     def turned(values: FloatMap) -> FloatMap:
         return np.ascontiguousarray(values if carrier.axis == "x" else values.T)
@@ -200,7 +195,7 @@ def _blocks(frame: FloatMap, usable: BoolMap, carrier: Carrier) -> _Blocks:
     to the usable pixels of each; weak ones are left out."""
     h, w = frame.shape
     y, x = np.indices(frame.shape, float)
-    carried = 2.0 * np.pi * (x / carrier.period_px + y * carrier.cross_frequency)
+    carried = TURN * (x / carrier.period_px + y * carrier.cross_frequency)
     analytic, _ = band_pass(frame, (1.0 / carrier.period_px, carrier.cross_frequency))
     slow = unwrap(np.angle(analytic * np.exp(-1j * carried)), usable)
     side = max(1, round(BLOCK_PERIODS * carrier.period_px))
@@ -283,11 +278,22 @@ class _Plane:
     centre: float
     scale: float
     a: FloatMap
+    """a, b, c, and d, e where perspective is fitted."""
+
+    @property
+    def terms(self) -> int:
+        """Number of coefficients: of blocks that determine a plane."""
+        return len(self.a)
+
+    def bottom(self, u: FloatMap, v: FloatMap) -> FloatMap:
+        """The denominator."""
+        d, e = self.a[3:] if self.terms == 5 else (0.0, 0.0)
+        return np.asarray(1.0 + d * u + e * v)
 
     def phase(self, u: FloatMap, v: FloatMap) -> FloatMap:
-        a = self.a
-        bottom = np.maximum(1.0 + a[3] * u + a[4] * v, MIN_BOTTOM)
-        return np.asarray(self.centre + self.scale * (a[0] + a[1] * u + a[2] * v) / bottom)
+        top = self.a[0] + self.a[1] * u + self.a[2] * v
+        bottom = np.maximum(self.bottom(u, v), MIN_BOTTOM)
+        return np.asarray(self.centre + self.scale * top / bottom)
 
     def __sub__(self, blocks: _Blocks) -> FloatMap:
         """Distance of the plane from the phases of blocks but for whole turns, rad."""
@@ -298,17 +304,26 @@ class _Plane:
         """The blocks with the whole turns of the plane."""
         return replace(blocks, phase=self.phase(blocks.u, blocks.v) - (self - blocks))
 
+    def fitted(self, blocks: _Blocks, weight: FloatMap) -> _Plane:
+        """The plane that fits blocks with their whole turns best."""
+        u, v, value = blocks.u, blocks.v, (blocks.phase - self.centre) / self.scale
+        design = np.column_stack((np.ones_like(u), u, v, -u * value, -v * value))[:, : self.terms]
+        weighted = design.T * weight
+        normal = weighted @ design
+        prior = np.full(self.terms, TINY)
+        prior[3:] = (PRIOR_RAD / self.scale / PERSPECTIVE_PRIOR) ** 2
+        normal.flat[:: self.terms + 1] += prior
+        return replace(self, a=np.linalg.solve(normal, weighted @ value))
 
-def _solve(blocks: _Blocks, weight: FloatMap, centre: float, scale: float, terms: int) -> FloatMap:
-    """Coefficients of the plane that fits blocks best, (5,)."""
-    u, v, value = blocks.u, blocks.v, (blocks.phase - centre) / scale
-    design = np.column_stack((np.ones_like(u), u, v, -u * value, -v * value))[:, :terms]
-    weighted = design.T * weight
-    normal = weighted @ design
-    prior = np.full(terms, TINY)
-    prior[3:] = (PRIOR_RAD / scale / PERSPECTIVE_PRIOR) ** 2
-    normal.flat[:: terms + 1] += prior
-    return np.concatenate((np.linalg.solve(normal, weighted @ value), np.zeros(5 - terms)))
+
+def _spread(off: FloatMap) -> float:
+    """Robust standard deviation of distances from a plane, rad."""
+    return max(median(np.abs(off)) / NORMAL_MEDIAN, TINY_RAD)
+
+
+def _robust(off: FloatMap, spread: float) -> FloatMap:
+    """Cauchy weights of distances with this standard deviation."""
+    return np.asarray(1.0 / (1.0 + (off / (ROBUST * spread)) ** 2))
 
 
 def _fit(blocks: _Blocks, shape: tuple[int, int], *, search: bool) -> tuple[_Plane, BoolMap, bool]:
@@ -317,27 +332,25 @@ def _fit(blocks: _Blocks, shape: tuple[int, int], *, search: bool) -> tuple[_Pla
     ``search``: the plane is that of the rim of the frame; otherwise that of all blocks.
     """
     terms = 5 if min(shape) >= MIN_PERSPECTIVE_SIDE else 3
-    centre, scale = float(blocks.phase.mean()), float(np.ptp(blocks.phase)) or 1.0
     if blocks.u.size < terms:
         raise InputError(
             f"background: expected fringes in {terms} places or more, got {blocks.u.size}"
         )
-
-    def plane_of(chosen: _Blocks, weight: FloatMap) -> _Plane:
-        return _Plane(centre, scale, _solve(chosen, weight, centre, scale, terms))
-
+    scale = float(np.ptp(blocks.phase)) or 1.0
+    plane = _Plane(float(blocks.phase.mean()), scale, np.zeros(terms))
     every = np.ones(blocks.u.size, bool)
     if search:
-        plane = _on_the_rim(blocks, plane_of, terms)
+        plane = _on_the_rim(blocks, plane)
+        member = _excess(plane, blocks) < 1.0
     else:
-        plane = _most_shared(replace(blocks, rim=every), plane_of, terms)
-    member = _excess(plane, blocks) < 1.0 if search else every
+        plane = _most_shared(replace(blocks, rim=every), plane)
+        member = every
     converged = False
     for _ in range(MAX_FIT_STEPS):
         off = plane - blocks
-        spread = max(median(np.abs(off[member])) / NORMAL_MEDIAN, TINY_RAD)
-        before, weight = plane, member / (1.0 + (off / (ROBUST * spread)) ** 2)
-        plane = plane_of(plane.counted(blocks), weight)
+        spread = _spread(off[member])
+        before = plane
+        plane = plane.fitted(plane.counted(blocks), member * _robust(off, spread))
         moved = plane.phase(blocks.u, blocks.v) - before.phase(blocks.u, blocks.v)
         near = every
         if search:
@@ -362,14 +375,14 @@ def _excess(plane: _Plane, blocks: _Blocks) -> FloatMap:
     return np.asarray(np.abs(plane - blocks) / most)
 
 
-def _on_the_rim(blocks: _Blocks, plane_of: PlaneOf, terms: int) -> _Plane:
-    """The plane that most of the blocks along the rim share.
+def _on_the_rim(blocks: _Blocks, start: _Plane) -> _Plane:
+    """The plane that most of the blocks along the rim share; ``start`` has its form.
 
     Raises
     ------
     InputError where this is less than half of them, or where another plane holds as many.
     """
-    first = _most_shared(blocks, plane_of, terms)
+    first = _most_shared(blocks, start)
     near = _excess(first, blocks) < 1.0
     found, rim = int(np.sum(near & blocks.rim)), int(np.sum(blocks.rim))
     if found < SHARED_RIM * rim:
@@ -378,7 +391,7 @@ def _on_the_rim(blocks: _Blocks, plane_of: PlaneOf, terms: int) -> _Plane:
             f"frame, got {found / max(rim, 1):.0%} of it; {ADVICE}"
         )
     others = blocks.at(~near)
-    second = _excess(_most_shared(others, plane_of, terms), others) < 1.0
+    second = _excess(_most_shared(others, start), others) < 1.0
     another = int(np.sum(second & others.rim))
     if another > SECOND_PLANE * found:
         raise InputError(
@@ -388,25 +401,25 @@ def _on_the_rim(blocks: _Blocks, plane_of: PlaneOf, terms: int) -> _Plane:
     return first
 
 
-def _most_shared(blocks: _Blocks, plane_of: PlaneOf, terms: int) -> _Plane:
+def _most_shared(blocks: _Blocks, start: _Plane) -> _Plane:
     """The plane through random blocks of the rim that most of all blocks lie on, or lie closest to:
     that with the least sum of distances, of which none counts more than a block's off the plane."""
-    drawn = np.flatnonzero(blocks.rim)
+    drawn, terms = np.flatnonzero(blocks.rim), start.terms
     if drawn.size < terms:
-        return plane_of(blocks, np.ones(blocks.u.size))
+        return start.fitted(blocks, np.ones(blocks.u.size))
     random = np.random.default_rng(0)
     planes = [
-        plane_of(blocks.at(random.choice(drawn, terms, replace=False)), np.ones(terms))
+        start.fitted(blocks.at(random.choice(drawn, terms, replace=False)), np.ones(terms))
         for _ in range(CANDIDATES)
     ]
 
     def loss(plane: _Plane) -> float:
-        return float(np.minimum(_excess(plane, blocks), 1.0) @ np.ones(blocks.u.size))
+        return float(np.minimum(_excess(plane, blocks), 1.0).sum())
 
     best = sorted(planes, key=loss)[:REFINED]
     for _ in range(REFINEMENTS):
         near = [1.0 / (OFF_PLANE_SIGMAS**-2 + _excess(plane, blocks) ** 2) for plane in best]
-        best += [plane_of(p.counted(blocks), w) for p, w in zip(best, near, strict=True)]
+        best += [p.fitted(p.counted(blocks), w) for p, w in zip(best, near, strict=True)]
         best = sorted(best, key=loss)[:REFINED]
     return best[0]
 
@@ -422,23 +435,20 @@ def _phase_map(
     """
     h, w = shape
     u, v = np.linspace(-1.0, 1.0, w)[None, :], np.linspace(-1.0, 1.0, h)[:, None]
-    if not (1.0 + plane.a[3] * u + plane.a[4] * v).min() > MIN_BOTTOM:
+    if not plane.bottom(u, v).min() > MIN_BOTTOM:
         raise InputError("background: expected the fringes of a plane, got none that fit one")
     phase = plane.phase(u, v)
     off = plane - background
-    spread = max(median(np.abs(off)) / NORMAL_MEDIAN, TINY_RAD)
-    weight = 1.0 / (1.0 + (off / (ROBUST * spread)) ** 2)
+    weight = _robust(off, _spread(off))
     background = plane.counted(background)
-    terms = 5 if min(shape) >= MIN_PERSPECTIVE_SIDE else 3
     place = np.floor((background.u + 1.0) * 0.5 * PARTS) + PARTS * np.floor(
         (background.v + 1.0) * 0.5 * PARTS
     )
     changes = []
     for part in np.unique(place):
         kept = place != part
-        if np.count_nonzero(kept) >= terms:
-            a = _solve(background.at(kept), weight[kept], plane.centre, plane.scale, terms)
-            changes.append(_Plane(plane.centre, plane.scale, a).phase(u, v) - phase)
+        if np.count_nonzero(kept) >= plane.terms:
+            changes.append(plane.fitted(background.at(kept), weight[kept]).phase(u, v) - phase)
     variance = np.full(shape, np.average(off**2, weights=weight))
     count = len(changes)
     for change in changes:

@@ -20,7 +20,7 @@ from fringeworks.views.features import (
     refined,
 )
 from fringeworks.views.model_target import REFINED_POINTS, rough_poses
-from fringeworks.views.poses import ViewPose, distinct, twist
+from fringeworks.views.poses import ViewPose, distinct, folded_deg, turn_deg, twist
 from fringeworks.views.registration import SAMPLES, Registration
 from fringeworks.views.sight import beyond_chance, contradictions
 from fringeworks.views.surface_points import SurfacePoints, together
@@ -100,7 +100,7 @@ def ambiguous(found: Together) -> tuple[Finding, ...]:
     if not several:
         return ()
     turns = {
-        round(np.degrees(np.linalg.norm(twist(other @ inverse(T))[:3])))
+        round(turn_deg(other @ inverse(T)))
         for T, others in zip(found.poses, found.others, strict=True)
         for other in others
     }
@@ -269,7 +269,7 @@ class _Search:
             if fits >= MIN_FITS * len(self._found):
                 chains.append(chain)
         if step_deg is not None and not chains:
-            turns = sorted({round(_turn_deg(f)) for f in self._found[0]})
+            turns = sorted({round(turn_deg(f.T_target_source)) for f in self._found[0]})
             raise InputError(
                 f"views: expected turns by the step of {step_deg:g}° about one axis, but the shape "
                 f"of views 1 and 2 fits after {' or '.join(f'{t}°' for t in turns)}; check the "
@@ -292,11 +292,6 @@ class _Search:
         return [poses for _, _, poses in chains]
 
 
-def _turn_deg(f: Registration) -> float:
-    return float(np.degrees(np.linalg.norm(twist(f.T_target_source)[:3])))
-
-
 def _off_step(turn: FloatMap, step_deg: float) -> float:
     """Difference of a rotation vector's angle from a step, degrees."""
-    step = abs((step_deg + 180.0) % 360.0 - 180.0)
-    return abs(float(np.degrees(np.linalg.norm(turn))) - step)
+    return abs(float(np.degrees(np.linalg.norm(turn))) - folded_deg(step_deg))

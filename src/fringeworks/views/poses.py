@@ -98,6 +98,16 @@ def carried(T: FloatMap, covariance: FloatMap) -> FloatMap:
     return np.asarray(A @ covariance @ A.T)
 
 
+def turn_deg(T: FloatMap) -> float:
+    """Angle of the rotation of a transform (4, 4), 0…180 degrees."""
+    return float(np.degrees(np.linalg.norm(twist(T)[:3])))
+
+
+def folded_deg(angle_deg: float) -> float:
+    """Angle of the rotation by any number of degrees, 0…180."""
+    return abs((angle_deg + 180.0) % 360.0 - 180.0)
+
+
 def apart(T: FloatMap, other: FloatMap, middle_mm: FloatMap, limits: tuple[float, float]) -> bool:
     """Whether two poses (4, 4) differ by more than a rotation, degrees, or a displacement of the
     middle of the part, mm."""

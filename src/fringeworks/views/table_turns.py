@@ -10,7 +10,15 @@ import numpy as np
 from fringeworks.rig.pinhole import inverse
 from fringeworks.types import Finding, FloatMap, InputError
 from fringeworks.views.by_shape import MOST_AGAINST, STEP_OFF_DEG
-from fringeworks.views.poses import MIN_AXIS_POSES, ViewPose, carried, turntable_axis, twist
+from fringeworks.views.poses import (
+    MIN_AXIS_POSES,
+    ViewPose,
+    carried,
+    folded_deg,
+    turn_deg,
+    turntable_axis,
+    twist,
+)
 from fringeworks.views.registration import Registration
 from fringeworks.views.sight import Sight, contradictions
 from fringeworks.views.surface_points import SurfacePoints
@@ -27,9 +35,8 @@ def refuse_other_turn(boards: Mapping[int, ViewPose], step_deg: float) -> None:
     InputError with the angle that the boards show.
     """
     for (i, one), (j, other) in pairwise(boards.items()):
-        between = inverse(one.T_part_camera) @ other.T_part_camera
-        seen = float(np.degrees(np.linalg.norm(twist(between)[:3])))
-        stated = abs(((j - i) * step_deg + 180.0) % 360.0 - 180.0)
+        seen = turn_deg(inverse(one.T_part_camera) @ other.T_part_camera)
+        stated = folded_deg((j - i) * step_deg)
         if abs(seen - stated) > STEP_OFF_DEG:
             raise InputError(
                 f"views {i + 1} and {j + 1}: expected the table to turn by {stated:g}°, but the "

@@ -11,10 +11,6 @@ import pytest
 import fringeworks as fw
 from fringeworks.rig.pinhole import inverse, pose
 from fringeworks.simulate.bodies import Body, Sphere
-from fringeworks.simulate.exposure import photograph
-from fringeworks.simulate.optics import Optics
-from fringeworks.simulate.standard import fringe_plan
-from fringeworks.simulate.virtual_rig import look
 from fringeworks.views.poses import carried, from_twist, twist
 from fringeworks.views.registration import register
 from fringeworks.views.surface_points import surface_points
@@ -22,11 +18,10 @@ from tests.turntable import (
     TurntableErrors,
     board_on_table,
     bust_on_table,
-    on_table,
     turned_poses,
     turntable_pose,
 )
-from tests.turntables import BOARD, T_table_board, rig
+from tests.turntables import BOARD, T_table_board, clouds_on_table, rig
 
 pytestmark = pytest.mark.statistical
 
@@ -40,12 +35,7 @@ def views(part: str, angles: tuple[float, ...], seed: int):
     bodies = bust_on_table() if part == "bust" else [ball]
     bodies = [*bodies, board_on_table(BOARD, T_table_board)]
     poses = turned_poses(turntable_pose(distance_mm=520.0), angles, replace(ERRORS, seed=seed))
-    plan, clouds = fringe_plan(rig(), both=False), []
-    for k, T in enumerate(poses):
-        optics = Optics(exposure=2.0, noise=1.0, seed=100 * seed + k)
-        frames = np.stack(list(photograph(look(rig(), on_table(bodies, T)), plan, optics)))
-        clouds.append(fw.measure(fw.Stack(frames, plan), rig()).points)
-    return poses, clouds
+    return poses, clouds_on_table(bodies, poses, exposure=2.0, seed=seed)
 
 
 def error_in_sigmas(found, truth, covariance):

@@ -13,6 +13,7 @@ from PIL import Image
 import fringeworks as fw
 from fringeworks.files.tiff import read_tiff
 from fringeworks.patterns.plan import GrayCode, PatternPlan, PhaseSteps, equal_steps
+from fringeworks.signal.response import phase_of_steps
 from tests.commands import run
 
 PLAN = PatternPlan(320, 200, tuple(PhaseSteps("x", p, equal_steps(4)) for p in (20.0, 320.0)))
@@ -37,9 +38,15 @@ def test_a_result_does_not_replace_what_is_read(shots, tmp_path):
     photograph = (shots / "3.png").read_bytes()
     plan = shots / "plan.toml"
     for arguments, said in (
-        (("decode", shots, "--json", shots / "3.png"), "expected the suffix .json for --json"),
+        (
+            ("decode", shots, "--json", shots / "3.png"),
+            "expected .json, got .png; --json writes no other kind",
+        ),
         (("decode", shots, "--figure", shots / "3.png"), "--figure would replace what"),
-        (("--log", plan, "decode", shots), "expected the suffix .log or .txt or none for --log"),
+        (
+            ("--log", plan, "decode", shots),
+            "expected one of .log, .txt, got .toml; --log writes no other kind",
+        ),
         (("decode", shots, "--plan", plan, "--out", plan), "--out would replace what"),
     ):
         assert said in run(*arguments, code=2).stderr
@@ -126,6 +133,7 @@ def test_masks_of_numpy_count_or_are_refused():
         lambda: fw.reconstruct(fw.Pair(*pair)),
         lambda: fw.signal.denoise.denoise(pair[0]),
         lambda: fw.stack.wrapped_phase(frames[:4], equal_steps(4)),
+        lambda: phase_of_steps(frames[:4], equal_steps(4)),
     ):
         with pytest.raises(fw.InputError, match="expected an array without a mask of NumPy"):
             call()

@@ -8,11 +8,10 @@ import pytest
 import fringeworks as fw
 from fringeworks.rig.pinhole import inverse
 from fringeworks.simulate.exposure import photograph
-from fringeworks.simulate.optics import Optics
 from fringeworks.simulate.standard import fringe_plan
 from fringeworks.simulate.virtual_rig import look
 from fringeworks.views.by_shape import align_by_shape, ambiguous
-from fringeworks.views.poses import twist
+from fringeworks.views.poses import turn_deg
 from fringeworks.views.sight import Sight, contradictions
 from fringeworks.views.surface_points import surface_points
 from tests.turntable import (
@@ -24,7 +23,7 @@ from tests.turntable import (
     turned_poses,
     turntable_pose,
 )
-from tests.turntables import BOARD, T_table_board, rig
+from tests.turntables import BOARD, T_table_board, clouds_on_table, rig
 
 pytestmark = pytest.mark.statistical
 
@@ -32,20 +31,12 @@ pytestmark = pytest.mark.statistical
 def shots(bodies, angles, seed=0, errors=None):
     """Poses T_camera_table and clouds of bodies on the table."""
     poses = turned_poses(turntable_pose(distance_mm=520.0), angles, errors)
-    plan, clouds = fringe_plan(rig(), both=False), []
-    for k, T in enumerate(poses):
-        optics = Optics(exposure=1.3, noise=1.0, seed=100 * seed + k)
-        frames = np.stack(list(photograph(look(rig(), on_table(bodies, T)), plan, optics)))
-        clouds.append(fw.measure(fw.Stack(frames, plan), rig()).points)
-    return poses, clouds
+    return poses, clouds_on_table(bodies, poses, exposure=1.3, seed=seed)
 
 
 def turns_off(found, poses):
     """Rotation of each found pose from the true one, degrees."""
-    return [
-        float(np.degrees(np.linalg.norm(twist(T @ P @ inverse(poses[0]))[:3])))
-        for T, P in zip(found, poses, strict=True)
-    ]
+    return [turn_deg(T @ P @ inverse(poses[0])) for T, P in zip(found, poses, strict=True)]
 
 
 def test_a_mark_contradicts_a_turn_of_a_hexagonal_part():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -9,7 +10,13 @@ import numpy as np
 
 import fringeworks as fw
 from fringeworks.rig.pinhole import pose, rotation
-from fringeworks.simulate.standard import standard_rig
+from fringeworks.simulate.bodies import Body
+from fringeworks.simulate.exposure import photograph
+from fringeworks.simulate.optics import Optics
+from fringeworks.simulate.standard import fringe_plan, standard_rig
+from fringeworks.simulate.virtual_rig import look
+from fringeworks.types import FloatMap
+from tests.turntable import on_table
 
 BOARD = fw.rig.parse_board("charuco:10x10:20:15")
 
@@ -24,3 +31,15 @@ def rig():
         for d in (base.camera, base.projector)
     )
     return fw.Rig(camera, projector, base.T_projector_camera)
+
+
+def clouds_on_table(
+    bodies: Sequence[Body], poses: Sequence[FloatMap], *, exposure: float, seed: int
+) -> list[fw.PointCloud]:
+    """Clouds of bodies on the table in every pose, measured with noise."""
+    plan, clouds = fringe_plan(rig(), both=False), []
+    for k, T in enumerate(poses):
+        optics = Optics(exposure=exposure, noise=1.0, seed=100 * seed + k)
+        frames = np.stack(list(photograph(look(rig(), on_table(bodies, T)), plan, optics)))
+        clouds.append(fw.measure(fw.Stack(frames, plan), rig()).points)
+    return clouds

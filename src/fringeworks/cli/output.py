@@ -285,11 +285,13 @@ def refuse_inputs(given: Mapping[str, Any]) -> None:
 
 
 def _check_suffix(name: str, path: Path) -> str:
-    """Refuse a file of another kind than an option writes; return the option."""
+    """Refuse a file of another kind than an option writes, as ``check`` does for those that have a
+    format; return the option."""
     option, kinds = f"--{name.removesuffix('_file')}", TARGETS[name]
     if kinds and path.suffix.lower() not in kinds:
-        expected = " or ".join(kind or "none" for kind in kinds)
-        raise fw.FileProblem(f"{path}: expected the suffix {expected} for {option}")
+        from fringeworks.files.atomic import check_target
+
+        check_target(path, filter(None, kinds), f"{option} writes no other kind")
     return option
 
 

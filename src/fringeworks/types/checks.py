@@ -45,15 +45,16 @@ def whole(value: object, low: float, high: float) -> bool:
 
 
 def unmasked(values: Any, name: str) -> NDArray[Any]:
-    """Return the array of values; a masked array of NumPy is refused where it masks something: its
-    values there would count as measured.
+    """Return the array of values, or of a sequence of arrays; a masked array of NumPy is refused
+    where it masks something: its values there would count as measured.
 
     Raises
     ------
     InputError
     """
-    if np.ma.is_masked(values):
-        count = np.count_nonzero(np.ma.getmaskarray(values))
+    arrays = values if isinstance(values, list | tuple) else (values,)
+    count = sum(np.count_nonzero(np.ma.getmaskarray(a)) for a in arrays if np.ma.is_masked(a))
+    if count:
         raise InputError(
             f"{name}: expected an array without a mask of NumPy, got one with {count} masked "
             "values; fill them with NaN, or give mask"

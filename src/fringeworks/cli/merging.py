@@ -54,7 +54,8 @@ def merge(
     blur_px: Annotated[
         float | None,
         typer.Option(
-            help="Standard deviation of the camera's blur, px; by default from the board."
+            help="Standard deviation of the camera's blur, px; by default that of the rig, or from "
+            "the board."
         ),
     ] = None,
     mesh: Annotated[

@@ -314,7 +314,7 @@ def measure(
         float | None,
         typer.Option(
             help="Standard deviation of the camera's blur, px; its error on curved surfaces is "
-            "removed. `merge` measures it on a board."
+            "removed. By default that of the rig; 0 keeps the error."
         ),
     ] = None,
     out: Annotated[

@@ -399,7 +399,7 @@ def cylinder_diameter(part: AreaPoints) -> Quantified:
     slopes = np.column_stack(
         (found.across, found.across * found.along[:, None], np.ones(len(found.along)))
     )
-    weights = np.linalg.pinv(slopes * found.used[:, None])[-1]
+    weights = _inverse(slopes, found.used * part.weights)[-1]
     return Quantified(
         2.0 * found.radius, 2.0 * sigma_of([Term(part, weights, found.normals)]), "mm"
     )
@@ -463,7 +463,12 @@ MEASURED: Mapping[str, Callable[..., Quantified]] = MappingProxyType(
 def _fitted(part: AreaPoints, body: BodyKind) -> Form:
     # Where the calibration's errors are known, they are added to what follows from the fit.
     common = 0.0 if part.by_rig is not None else float(np.sqrt(np.mean(part.common**2)))
-    return fit_region(part.points, body, common_mm=common)
+    return fit_region(part.points, body, sigma_mm=1.0 / part.weights, common_mm=common)
+
+
+def _inverse(slopes: FloatMap, factors: FloatMap) -> FloatMap:
+    """Derivative of the values of a weighted fit by the displacement of each point, (k, n)."""
+    return np.asarray(np.linalg.pinv(slopes * factors[:, None]) * factors)
 
 
 class _Plane:
@@ -477,7 +482,7 @@ class _Plane:
         self._point = np.asarray(form.parameters["point_mm"])
         self.across: FloatMap = np.linalg.svd(normal[None, :])[2][1:]
         """Two directions in the plane, (2, 3)."""
-        self.inverse: FloatMap = np.linalg.pinv(self.at(base.points) * form.used[:, None])
+        self.inverse: FloatMap = _inverse(self.at(base.points), form.used * base.weights)
         """Derivative of the plane's three values by the displacement of each point, (3, n)."""
 
     def at(self, points: FloatMap) -> FloatMap:
@@ -517,7 +522,7 @@ def _sphere(part: AreaPoints) -> _Sphere:
     out = part.points - centre
     normals = out / np.linalg.norm(out, axis=1, keepdims=True)
     slopes = np.column_stack((normals, np.ones(len(normals))))
-    return _Sphere(centre, radius, normals, np.linalg.pinv(slopes * form.used[:, None]))
+    return _Sphere(centre, radius, normals, _inverse(slopes, form.used * part.weights))
 
 
 class _Cylinder:

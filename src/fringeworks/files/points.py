@@ -62,6 +62,7 @@ CLOUD = Archive(
         "reason": REASONS,
         "residual_px": Entry("?f hw", lambda v: v),
         "colour": Entry(f"?{NUMBERS} hw|hw3", lambda v: v),
+        "blur_mm": Entry("?f hw", lambda v: v),
         KEY: ORIGIN,
         "findings": replace(FINDINGS, layout=f"?{TEXT}"),
     },
@@ -166,7 +167,7 @@ def _write_mcap(path: Path, cloud: PointCloud, kind: Kind) -> None:
 def _write_mat(path: Path, cloud: PointCloud, _: Kind) -> None:
     arrays = {
         name: value
-        for name in ("xyz_mm", "sigma_mm", "noise_mm", "reason", "residual_px", "colour")
+        for name in ("xyz_mm", "sigma_mm", "noise_mm", "reason", "residual_px", "colour", "blur_mm")
         if (value := getattr(cloud, name)) is not None
     }
     arrays["reasons"] = np.array([reason.name.lower() for reason in Reason], object)

@@ -17,7 +17,15 @@ from fringeworks.files.formats import FORMATS, OPENCV_SUFFIXES
 from fringeworks.files.limits import MAX_DESCRIPTION_BYTES, existing_file, parsing, read_content
 from fringeworks.files.provenance import ProvenanceSection, toml_section
 from fringeworks.files.toml import Section, Size, read_toml
-from fringeworks.types import RIG_PARAMETERS, FloatMap, InputError, Pinhole, Provenance, Rig
+from fringeworks.types import (
+    RIG_PARAMETERS,
+    CameraBlur,
+    FloatMap,
+    InputError,
+    Pinhole,
+    Provenance,
+    Rig,
+)
 
 TOML_SUFFIX = ".toml"
 """Our own rig files."""
@@ -27,6 +35,7 @@ HEADER = """\
 # T_projector_camera maps camera coordinates (x right, y down, z forward; mm) to the projector's.
 # [uncertainty]: standard deviations in px, 1, rad (a turn of the projector's coordinates about
 # their axes) and mm, and their correlation matrix.
+# [blur]: variance of the camera's blur by place and distance (docs/rig.md).
 """
 """Comment at the top of a rig file."""
 
@@ -62,6 +71,15 @@ class UncertaintySection(Section):
     """Errors of projector coordinates that depend on the place in a frame; left out where none."""
 
 
+class BlurSection(Section):
+    """``[blur]``: fields of ``CameraBlur``."""
+
+    factors_px2: tuple[float, float, float, float, float, float]
+    middle_mm: float
+    depth_mm: tuple[float, float]
+    relative_sigma: float
+
+
 class RigFile(Section):
     """The whole of a rig file; unknown keys are refused."""
 
@@ -70,6 +88,7 @@ class RigFile(Section):
     projector: DeviceSection
     T_projector_camera: PoseSection
     uncertainty: UncertaintySection | None = None
+    blur: BlurSection | None = None
     provenance: ProvenanceSection | None = None
 
 
@@ -162,6 +181,13 @@ def format_rig(rig: Rig) -> str:
         content["uncertainty"] = uncertainty_section(rig.covariance, RIG_PARAMETERS)
         if rig.structure_px > 0:
             content["uncertainty"]["structure_px"] = rig.structure_px
+    if rig.blur is not None:
+        content["blur"] = {
+            "factors_px2": _floats(rig.blur.factors_px2),
+            "middle_mm": float(rig.blur.middle_mm),
+            "depth_mm": _floats(rig.blur.depth_mm),
+            "relative_sigma": float(rig.blur.relative_sigma),
+        }
     return toml_text(HEADER, content, rig.provenance)
 
 
@@ -228,6 +254,7 @@ def _from_toml(content: RigFile) -> Rig:
         residual,
         origin,
         0.0 if content.uncertainty is None else content.uncertainty.structure_px,
+        None if content.blur is None else CameraBlur(**content.blur.model_dump()),
     )
 
 

@@ -45,12 +45,7 @@ from fringeworks.views.poses import (
     turntable_axis,
 )
 from fringeworks.views.registration import Registration, register
-from fringeworks.views.surface_points import (
-    BLUR_PX,
-    CORRECTED_PX,
-    SurfacePoints,
-    surface_points,
-)
+from fringeworks.views.surface_points import SurfacePoints, surface_points
 from fringeworks.views.table_turns import (
     refuse_other_shape,
     refuse_other_turn,
@@ -86,7 +81,8 @@ class MergedPart(Noted, Frozen):
     pairs: dict[tuple[int, int], Registration]
     """Neighbouring views by their shape, by (target, source)."""
     blur_px: float | None = None
-    """Standard deviation of the camera's blur that was removed, px; None where none was."""
+    """Standard deviation of the camera's blur that was removed from the views, px; None where it
+    was that of the rig, or none was removed here."""
     findings: tuple[Finding, ...] = ()
     """What is likely wrong, and what to do about it."""
     provenance: Provenance | None = None
@@ -131,9 +127,10 @@ def merge(
         For "turntable", in camera coordinates; by default from the board in the views that show it.
     rig : Rig or path, optional
         The one that the views were measured with. The error of the camera's blur is then removed
-        (``remove_blur``) from views that were measured without ``blur_px``.
+        (``remove_blur``) from views that still have it.
     blur_px : float, optional
-        Standard deviation of that blur, px; by default from the board's corners in the first view.
+        Standard deviation of that blur, px; by default that of the rig, or from the board's corners
+        in the first view.
     voxel_mm : float > 0, optional
         Side of the voxels in which points are fused; by default the distance of neighbours.
     above_mm : float
@@ -165,7 +162,7 @@ def merge(
     with found_before(numbered("view", clouds)):
         sharp, blur_px = _without_blur(clouds, rig, blur_px, board)
         known, table = _known(sharp, poses, board, step_deg, axis)
-        points = [_surface_points(cloud, blur_px) for cloud in sharp]
+        points = [surface_points(cloud) for cloud in sharp]
         if board is not None and known:
             points = [_above(v, known[k], above_mm) for k, v in enumerate(points)]
         by_shape = None
@@ -245,36 +242,28 @@ def _without_blur(
     blur_px: float | None,
     board: Board | None,
 ) -> tuple[list[PointCloud], float | None]:
-    """The views without the error of blur, where the rig is known, and that blur."""
+    """The views without the error of blur, where the rig is known, and that blur where it was not
+    the rig's."""
     if rig is None:
         if blur_px is not None:
             raise InputError("blur_px: expected the rig of the views to remove the blur with")
         return list(clouds), None
     rig = rig if isinstance(rig, Rig) else read_rig(rig)
-    if blur_px is None and board is not None:
+    if blur_px is None and rig.blur is None and board is not None:
         blur_px = board_pose(clouds[0], board).blur_px
-    if blur_px is None:
+    if blur_px is None and rig.blur is None:
         raise InputError("rig: expected blur_px, or a board with squares to measure the blur by")
-    blur = float(blur_px)
-    return [
-        c if _is_sharp(c) else remove_blur(c, rig, blur, removed_px=_removed(c)) for c in clouds
-    ], blur
+    sharp = [
+        c if c.blur_mm is not None else remove_blur(c, rig, blur_px, removed_px=_removed(c))
+        for c in clouds
+    ]
+    return sharp, blur_px
 
 
 def _removed(cloud: PointCloud) -> float:
     """Blur whose shift at edges of brightness was removed when a view was decoded, px."""
     options = {} if cloud.provenance is None else cloud.provenance.options
     return float(options.get("removed_blur_px", 0.0))
-
-
-def _is_sharp(cloud: PointCloud) -> bool:
-    """Whether a view was measured with the error of blur removed."""
-    return cloud.provenance is not None and "blur_px" in cloud.provenance.options
-
-
-def _surface_points(cloud: PointCloud, blur_px: float | None) -> SurfacePoints:
-    sharp = blur_px is not None or _is_sharp(cloud)
-    return surface_points(cloud, blur_error_px=CORRECTED_PX if sharp else BLUR_PX)
 
 
 def _known(

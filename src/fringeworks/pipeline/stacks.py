@@ -105,7 +105,7 @@ def measure(
         points = rig.triangulate(
             found, axis=axis, epipolar_px=epipolar_px, colour=scene_brightness(stacks, found)
         )
-        if blur_px is not None:
+        if blur_px is not None or rig.rig.blur is not None:
             points = _without_blur(points, rig.rig, blur_px, found, axis)
     seconds = time.perf_counter() - started
     origin = made_by(
@@ -129,14 +129,20 @@ def measure(
 
 
 def _without_blur(
-    points: PointCloud, rig: Rig, blur_px: float, found: Decoded, axis: Axis | None
+    points: PointCloud, rig: Rig, blur_px: float | None, found: Decoded, axis: Axis | None
 ) -> PointCloud:
     """The points without the error of blur, by the axes that they come from."""
     used = [m for m in found.maps.values() if axis is None or m.axis == axis]
-    only = used[0].axis if len(used) == 1 else None
-    period = min(p for m in used for p in m.periods_px)
-    removed_px = removed_blur(found, axis)
-    return remove_blur(points, rig, blur_px, axis=only, period_px=period, removed_px=removed_px)
+    first = min(used, key=lambda m: min(m.periods_px, default=np.inf))
+    return remove_blur(
+        points,
+        rig,
+        blur_px,
+        axis=used[0].axis if len(used) == 1 else None,
+        period_px=min(first.periods_px, default=None),
+        removed_px=removed_blur(found, axis),
+        modulation=first.modulation,
+    )
 
 
 def removed_blur(found: Decoded, axis: Axis | None) -> float:

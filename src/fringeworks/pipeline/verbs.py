@@ -176,8 +176,9 @@ def measure(capture: Any, rig: Any, **options: Any) -> Measurement | MultiMeasur
         orders of plans that repeat, such as one set of three or four steps; points outside are
         NaN. A ``DepthRange`` saves its preparation when many stacks are measured.
     blur_px : float, optional
-        Standard deviation of the camera's blur, px, as ``fringeworks.views.board_views`` measures
-        it. Its error on curved and unevenly lit surfaces is then removed.
+        Standard deviation of the camera's blur, px, whose error on curved and unevenly lit surfaces
+        is removed (``fringeworks.views.remove_blur``); by default that of the rig, where
+        ``calibrate`` measured it. 0 keeps the error.
     reference : Decoded, CoordinateMap or path, optional
         For a pair: projector coordinates of the plane that the reference frame shows.
     plane : (a, b, c, d), optional

@@ -174,6 +174,7 @@ def _without(cloud: PointCloud, removed: BoolMap, reason: Reason) -> PointCloud:
         noise_mm=kept(cloud.noise_mm),
         residual_px=None if cloud.residual_px is None else kept(cloud.residual_px),
         reason=np.where(gone, np.uint8(reason), cloud.reason),
+        blur_mm=None if cloud.blur_mm is None else kept(cloud.blur_mm),
     )
 
 

@@ -221,7 +221,13 @@ def _form(
     )
 
 
-def fit_region(points_mm: FloatMap, body: BodyKind, *, common_mm: float = 0.0) -> Form:
+def fit_region(
+    points_mm: FloatMap,
+    body: BodyKind,
+    *,
+    sigma_mm: FloatMap | None = None,
+    common_mm: float = 0.0,
+) -> Form:
     """Fit a body to all points of a region, as VDI/VDE 2634 part 2 asks.
 
     Parameters
@@ -229,7 +235,7 @@ def fit_region(points_mm: FloatMap, body: BodyKind, *, common_mm: float = 0.0) -
     points_mm : (n, 3) array
         Points that show the body alone, mm.
     body : "plane", "sphere" or "cylinder"
-    common_mm : float
+    sigma_mm, common_mm
         As for ``fit_form``.
 
     Returns
@@ -241,8 +247,8 @@ def fit_region(points_mm: FloatMap, body: BodyKind, *, common_mm: float = 0.0) -
     InputError as ``fit_form`` does, and where more than a tenth of the points lie off the body
     that the others lie on.
     """
-    found = _find(points_mm, body, None, 0)
-    far = ~found.used
+    found = _find(points_mm, body, sigma_mm, 0)
+    far, weight = ~found.used, found.weight
     if far.mean() > MAX_FAR_SHARE:
         farthest = found.scale * np.abs(found.distance[far]).max()
         raise InputError(
@@ -253,12 +259,12 @@ def fit_region(points_mm: FloatMap, body: BodyKind, *, common_mm: float = 0.0) -
     values, unit, used = found.values, found.unit, found.used
     kept = far.size - int(DISCARDED * far.size)
     for _ in range(FIT_ROUNDS):
-        size = np.abs(GEOMETRIES[body].distance(values, found.scaled))
+        size = np.abs(GEOMETRIES[body].distance(values, found.scaled)) * weight
         before, used = used, np.zeros(far.size, bool)
         used[np.argsort(size, kind="stable")[:kept]] = True
         if np.array_equal(before, used):
             break
-        values, unit = _refine(values, found.scaled[used], np.ones(kept), GEOMETRIES[body])
+        values, unit = _refine(values, found.scaled[used], weight[used], GEOMETRIES[body])
     distance = GEOMETRIES[body].distance(values, found.scaled)
     found = found._replace(values=values, unit=unit, distance=distance, used=used)
     return _form(body, found, common_mm, region=np.ones(far.size, bool), far=far)

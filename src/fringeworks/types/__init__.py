@@ -25,6 +25,7 @@ from fringeworks.types.arrays import (
     reason_counts,
 )
 from fringeworks.types.camera import CameraNoise, CameraSettings, Region
+from fringeworks.types.camera_blur import CameraBlur
 from fringeworks.types.checks import (
     LARGEST,
     MOST_PX,
@@ -89,6 +90,7 @@ __all__ = [
     "BoardNotFound",
     "BoolMap",
     "ByteMap",
+    "CameraBlur",
     "CameraNoise",
     "CameraSettings",
     "CoordinateMap",

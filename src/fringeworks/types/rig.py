@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringeworks.types.arrays import FloatMap
+from fringeworks.types.camera_blur import CameraBlur
 from fringeworks.types.checks import MOST_PX, finite, positive, whole
 from fringeworks.types.errors import InputError
 from fringeworks.types.frozen import Frozen
@@ -84,6 +85,8 @@ class Rig(Frozen):
     structure_px: float = 0.0
     """Errors of projector coordinates that depend on the place in a device's frame, which the
     lenses' model does not hold: root mean square, px. Points near each other share them."""
+    blur: CameraBlur | None = None
+    """The camera's blur; None where unknown."""
 
     def __post_init__(self) -> None:
         for name in ("T_projector_camera", "covariance"):

@@ -82,12 +82,14 @@ class PointCloud(Noted, Sectioned, Frozen):
         "reason": "ui hw",
         "residual_px": "?fiu hw",
         "colour": "?fiu hw|hw3",
+        "blur_mm": "?fiu hw",
     }
 
     xyz_mm: FloatMap
     """(h, w, 3), mm; NaN where not measured."""
     sigma_mm: FloatMap
-    """Standard deviation along the camera's ray, of pixel noise and calibration; (h, w), mm."""
+    """Standard deviation along the camera's ray, of pixel noise, calibration and blur; (h, w),
+    mm."""
     noise_mm: FloatMap
     """The part of σ that comes from pixel noise, independent from pixel to pixel; (h, w), mm."""
     reason: ByteMap
@@ -101,6 +103,10 @@ class PointCloud(Noted, Sectioned, Frozen):
     """How it was made; None where the caller built it."""
     findings: tuple[Finding, ...] = ()
     """What was found in the frames and in the points, and what to do about it."""
+    blur_mm: FloatMap | None = None
+    """The part of σ that the camera's blur leaves after ``remove_blur``, with the sign of the
+    correction, (h, w), mm: one error that all points have in common, times this. None where blur
+    was not removed."""
 
     @property
     def shape(self) -> tuple[int, int]:

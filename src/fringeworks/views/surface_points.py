@@ -17,13 +17,13 @@ from fringeworks.types import FloatMap, Frozen, InputError, PointCloud
 MIN_FACING = 0.17
 """Smallest cosine between a normal and the camera's ray. Points seen at less than 10° are left out:
 pixels there cover a long stretch of the surface, and their normals are poor."""
-BLUR_PX = 0.01
-"""Standard deviation of the error that blur causes, as a shift along the image, px, where it is not
-corrected (``remove_blur``). On the virtual rig, this explains the errors of pairs of views beyond
-their noise. A cloud's σ does not contain it, because it is far below the noise of one pixel;
-averages of many pixels see it."""
-CORRECTED_PX = 0.003
-"""The same where the blur is corrected, px: what creases and grazing views leave. Empirical."""
+USUAL_BLUR_PX = 0.5
+"""Standard deviation of the blur of a camera in focus, px."""
+SHIFT_PER_VARIANCE = 0.04
+"""Standard deviation of the error that blur causes where it is not removed (``remove_blur``), as a
+shift along the image, px per px² of its variance. On the virtual rig with a blur of 0.5 px, 0.01 px
+explain the errors of pairs of views beyond their noise. The σ of such a cloud does not contain it,
+because it is far below the noise of one pixel; averages of many pixels see it."""
 MIN_POINTS = 200
 """Smallest number of points of a view: fewer determine no pose."""
 
@@ -86,21 +86,21 @@ def together(views: Sequence[SurfacePoints]) -> SurfacePoints:
     )
 
 
-def surface_points(cloud: PointCloud, *, blur_error_px: float = BLUR_PX) -> SurfacePoints:
+def surface_points(cloud: PointCloud, *, blur_px: float = USUAL_BLUR_PX) -> SurfacePoints:
     """The points inside a cloud's surface that are not seen at a grazing angle.
 
     Parameters
     ----------
     cloud : PointCloud
-    blur_error_px : float ≥ 0
-        Standard deviation of the error by the camera's blur, as a shift along the image, px.
+    blur_px : float ≥ 0
+        Standard deviation of the camera's blur, px, for clouds that it was not removed from.
 
     Returns
     -------
     SurfacePoints in camera coordinates. σ along the ray becomes σ along the normal by the cosine
-    between the two, and the error by blur is added. Points beside a missing pixel or a step in
-    depth are left out: their light is mixed with that of another surface or of a shadow
-    (``inside_surface``).
+    between the two. Where blur was not removed, the error by it is added. Points beside a missing
+    pixel or a step in depth are left out: their light is mixed with that of another surface or of a
+    shadow (``inside_surface``).
 
     Raises
     ------
@@ -115,13 +115,20 @@ def surface_points(cloud: PointCloud, *, blur_error_px: float = BLUR_PX) -> Surf
             f"view: expected {MIN_POINTS} points with normals or more, got {np.count_nonzero(ok)}"
         )
     cosine = facing[ok].astype(np.float64)
-    with np.errstate(invalid="ignore"):
-        step = np.nanmedian(np.abs(np.diff(cloud.xyz_mm[..., 0] / cloud.xyz_mm[..., 2], axis=1)))
-    blur = blur_error_px * float(step) * cloud.xyz_mm[ok][:, 2] * np.sqrt(1.0 - cosine**2)
+    sigma = cloud.sigma_mm[ok] * cosine
+    if cloud.blur_mm is not None:
+        blur = np.abs(cloud.blur_mm[ok]) * cosine
+    else:
+        with np.errstate(invalid="ignore"):
+            slopes = np.diff(cloud.xyz_mm[..., 0] / cloud.xyz_mm[..., 2], axis=1)
+            step = float(np.nanmedian(np.abs(slopes)))
+        shift = SHIFT_PER_VARIANCE * blur_px**2 * step
+        blur = shift * cloud.xyz_mm[ok][:, 2] * np.sqrt(1.0 - cosine**2)
+        sigma = np.hypot(sigma, blur)
     return SurfacePoints(
         cloud.xyz_mm[ok].astype(np.float64),
         turned[ok].astype(np.float64),
-        np.hypot(cloud.sigma_mm[ok] * cosine, blur),
+        sigma,
         cloud.noise_mm[ok] * cosine,
         blur,
         None if cloud.colour is None else np.asarray(cloud.colour[ok], np.float64),

@@ -56,6 +56,7 @@ def figures(calibration: Calibration) -> dict[str, Any]:
         "poses": pose_figures(calibration),
         "findings": findings_as_dicts(diagnose(calibration)),
         "print_error_mm": calibration.adjusted.prior.print_mm,
+        "camera_blur_px": None if rig.blur is None else rig.blur.middle_px,
         "sigma_inflation": calibration.inflation,
         "converged": calibration.adjusted.converged,
         "verdict": {
@@ -84,6 +85,8 @@ def words(_: Calibration, figures: dict[str, Any]) -> Iterator[Word]:
         f"reprojection: camera {figures['camera_rms_px']:.3f} px, "
         f"projector {figures['projector_rms_px']:.3f} px"
     )
+    if figures["camera_blur_px"] is not None:
+        yield f"camera's blur: {figures['camera_blur_px']:.2f} px, removed by `measure`"
     yield from finding_words(figures)
     yield f"verdict: {figures['verdict']['text']} (one standard deviation, calibration alone)"
 
@@ -111,6 +114,7 @@ def chapter(result: Calibration, context: Context) -> Chapter:
                     ("verdict", f"{values['verdict']['text']} (one standard deviation)"),
                     ("reprojection, camera", with_unit(values["camera_rms_px"], "px")),
                     ("reprojection, projector", with_unit(values["projector_rms_px"], "px")),
+                    ("camera's blur", with_unit(values["camera_blur_px"], "px")),
                     ("camera's frame covered", f"{values['camera_coverage']:.0%}"),
                     ("projector's frame covered", f"{values['projector_coverage']:.0%}"),
                     ("baseline", with_unit(values["baseline_mm"], "mm")),

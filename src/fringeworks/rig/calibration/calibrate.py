@@ -13,6 +13,7 @@ from fringeworks.rig.calibration.adjusted import Adjusted
 from fringeworks.rig.calibration.board import Board
 from fringeworks.rig.calibration.board_view import MIN_CORNERS, BoardView
 from fringeworks.rig.calibration.bundle import adjust
+from fringeworks.rig.calibration.camera_blur import camera_blur
 from fringeworks.rig.calibration.coefficients import free_parameters, without_useless
 from fringeworks.rig.calibration.corners import find_board
 from fringeworks.rig.calibration.correspondence import Correspondence, projector_at, spacing
@@ -242,8 +243,9 @@ def calibrate(
         left_out = leave_poses_out(sightings, adjusted, free=free)
     structure = structures_px(sightings, adjusted)
     rig = _inflated(adjusted.rig, left_out.inflation)
+    blur = camera_blur([o.view for o in observations], adjusted.poses, board, rig.camera.shape)
     return Calibration(
-        rig=replace(rig, structure_px=in_projector_px(rig, structure)),
+        rig=replace(rig, structure_px=in_projector_px(rig, structure), blur=blur),
         board=board,
         observations=tuple(observations),
         skipped=skipped,

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
-from fringeworks.rig.pinhole import inverse
+from fringeworks.rig.pinhole import inverse, rotation, skew
 from fringeworks.types import FloatMap, Frozen, InputError
-from fringeworks.views.poses import ViewPose, carried, from_twist, twist
+from fringeworks.views.poses import ViewPose, carried, twist
 from fringeworks.views.registration import Registration
 
 HUBER = 3.0
@@ -22,6 +24,17 @@ and mm: it only chooses the coordinates."""
 MAX_UNKNOWN_MM = 1.0
 """Standard deviation of a view's place, mm at the middle of the part, from which on it has no
 pose."""
+
+SETTLED = 1e-5
+"""Step of all poses, in their standard deviations, below which they have settled."""
+SHARES = (1.0, 0.1, 0.01, 0.001, 0.0)
+"""Weights that are tried for residuals beyond ``HUBER``, over Gauss–Newton's HUBER/|r|; the last is
+Newton's method. Each of them lowers the loss most for some steps of loops with wrong pairs."""
+MAX_STEPS = 500
+"""Largest number of steps. Views that agree take about five, and loops with a pair that is wrong by
+thousands of σ up to a hundred."""
+SMALL_RAD = 1e-4
+"""Half a rotation, rad, below which the derivative of its logarithm is that of none, to 1e-10."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,10 +91,10 @@ def solve_poses(
     Notes
     -----
     Least squares over SE(3), with residuals log(T̂⁻¹ T) weighted by their covariances and a Huber
-    loss. Covariances are propagated. Independent parts add up. The calibration's error may be the
-    same in all known poses, so theirs counts twice: once as one error in camera coordinates, and
-    once as independent ones. For pairs it counts once: an error of all pairs alike changes no
-    shape (see ``closure``).
+    loss, by Gauss–Newton (``_settled``). Covariances are propagated. Independent parts add up. The
+    calibration's error may be the same in all known poses, so theirs counts twice: once as one
+    error in camera coordinates, and once as independent ones. For pairs it counts once: an error of
+    all pairs alike changes no shape (see ``closure``).
     """
     known = dict(known) or {
         0: ViewPose(np.asarray(starts[0]), FIXED**2 * np.eye(6), np.zeros((6, 6)))
@@ -93,21 +106,9 @@ def solve_poses(
         _Term(i, j, r.T_target_source, r.noise, r.common, r.determined)
         for (i, j), r in pairs.items()
     ]
-    starts = [np.asarray(T, np.float64) for T in starts]
-
-    def poses(x: FloatMap) -> list[FloatMap]:
-        return [from_twist(xi) @ T for xi, T in zip(x.reshape(-1, 6), starts, strict=True)]
-
-    def residuals(x: FloatMap) -> FloatMap:
-        here = poses(x)
-        return np.concatenate([term.residual(here) for term in terms])
-
-    scale = np.tile(np.append(np.full(3, 1e-2), np.ones(3)), count)
-    found = scipy.optimize.least_squares(
-        residuals, np.zeros(6 * count), x_scale=scale, loss="huber", f_scale=HUBER
-    )
+    poses = list(_settled(_Stacked.of(terms), np.stack(starts[:count]).astype(np.float64)))
     middle = np.zeros(3) if middle_mm is None else np.asarray(middle_mm, np.float64)
-    return _with_covariance(poses(found.x), terms, middle)
+    return _with_covariance(poses, terms, middle)
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,7 @@ class _Term:
     common: FloatMap
     determined: FloatMap
 
-    @property
+    @cached_property
     def root(self) -> FloatMap:
         """Takes ξ to residuals of variance 1 along the determined directions, (k, 6)."""
         return _whitener(self.noise + self.common, self.determined)
@@ -136,12 +137,6 @@ class _Term:
         root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
         return np.asarray(np.linalg.solve(to_camera, root / scale[:, None]))
 
-    def residual(self, poses: Sequence[FloatMap]) -> FloatMap:
-        here = poses[self.source]
-        if self.target is not None:
-            here = inverse(poses[self.target]) @ here
-        return np.asarray(self.root @ twist(here @ inverse(self.T)))
-
     def derivative(self, poses: Sequence[FloatMap]) -> FloatMap:
         """By the errors ξ of all poses in the part's coordinates, (6, 6 n)."""
         D = np.zeros((6, 6 * len(poses)))
@@ -154,12 +149,126 @@ class _Term:
         return D
 
 
+@dataclass(frozen=True)
+class _Stacked:
+    """All m measured poses as arrays. The part counts as one more view, n, whose pose is known."""
+
+    sources: NDArray[np.intp]
+    targets: NDArray[np.intp]
+    """−1 for the part."""
+    backs: FloatMap
+    """Inverse of the measured poses, (m, 4, 4)."""
+    roots: FloatMap
+    """(m, 6, 6); rows of 0 stand for directions that are not determined."""
+
+    @classmethod
+    def of(cls, terms: Sequence[_Term]) -> _Stacked:
+        roots = np.zeros((len(terms), 6, 6))
+        for root, term in zip(roots, terms, strict=True):
+            root[: len(term.root)] = term.root
+        return cls(
+            np.array([term.source for term in terms]),
+            np.array([-1 if term.target is None else term.target for term in terms]),
+            np.linalg.inv(np.stack([term.T for term in terms])),
+            roots,
+        )
+
+    def off(self, poses: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
+        """The poses' deviations from the measured ones as residuals, (m, 6), and as transforms,
+        (m, 4, 4); and the transforms from the part to the targets."""
+        to_targets = np.linalg.inv(np.concatenate((poses, np.eye(4)[None])))[self.targets]
+        off = to_targets @ poses[self.sources] @ self.backs
+        turns = scipy.spatial.transform.Rotation.from_matrix(off[:, :3, :3]).as_rotvec()
+        twists = np.concatenate((turns, off[:, :3, 3]), axis=1)
+        return np.einsum("mij,mj->mi", self.roots, twists), off, to_targets
+
+    def loss(self, poses: FloatMap) -> float:
+        """Huber's loss of all residuals: their square up to ``HUBER``, linear beyond."""
+        size = np.abs(self.off(poses)[0])
+        return float(np.sum(np.where(size <= HUBER, size * size, HUBER * (2.0 * size - HUBER))))
+
+    def steps(self, poses: FloatMap) -> tuple[FloatMap, float]:
+        """Steps of all poses by the weights of ``SHARES``, (k, n, 6), rad and mm; and how much the
+        first one lowers the loss where residuals are linear.
+
+        Directions that nothing determines stay as they are.
+        """
+        n = len(poses)
+        residual, off, to_targets = self.off(poses)
+        by_source = self.roots @ _twist_derivative(off) @ _adjoint(to_targets)
+        weight = HUBER / np.maximum(np.abs(residual), HUBER)
+        shares = np.asarray(SHARES if (weight < 1.0).any() else SHARES[:1])[:, None, None]
+        weights = np.where(weight < 1.0, shares * weight, 1.0)
+        turned = by_source.swapaxes(1, 2)
+        inside = (turned * weights[:, :, None, :]) @ by_source
+        pull = np.einsum("mij,mj->mi", turned, weight * residual)
+        # Sources and targets move a residual in opposite senses; the part does not move.
+        moves = (np.eye(n + 1)[self.sources] - np.eye(n + 1)[self.targets])[:, :n]
+        normals = np.einsum("mi,mj,smab->siajb", moves, moves, inside, optimize=True)
+        pulls = -np.einsum("mi,ma->ia", moves, pull).ravel()
+        scale = np.tile(np.append(np.full(3, 0.01), np.ones(3)), n)
+        scaled = scale[:, None] * normals.reshape(-1, 6 * n, 6 * n) * scale
+        found = [scale * np.linalg.lstsq(one, scale * pulls, rcond=None)[0] for one in scaled]
+        return np.reshape(found, (-1, n, 6)), float(pulls @ found[0])
+
+
+def _settled(terms: _Stacked, starts: FloatMap) -> FloatMap:
+    """Poses (n, 4, 4) that minimise the Huber loss of the terms.
+
+    Gauss–Newton with exact derivatives about the poses of each step. It weighs a residual r beyond
+    ``HUBER`` by HUBER/|r|, which always descends, but slowly where pairs contradict each other.
+    Newton's method weighs it by 0, its second derivative, which ends after a few steps as soon as
+    it is known which residuals are beyond. Of these two and three between, the step counts that
+    lowers the loss most.
+    """
+    poses, loss = starts, terms.loss(starts)
+    for _ in range(MAX_STEPS):
+        steps, gain = terms.steps(poses)
+        while gain > SETTLED**2:
+            moved = min((_moved(poses, step) for step in steps), key=terms.loss)
+            less = terms.loss(moved)
+            if less <= loss:
+                break
+            steps, gain = 0.5 * steps, 0.5 * gain
+        if gain <= SETTLED**2:
+            return poses
+        poses, loss = moved, less
+    raise InputError(
+        f"views: expected poses that settle within {MAX_STEPS} steps; known poses and pairs of "
+        "views contradict each other"
+    )
+
+
+def _moved(poses: FloatMap, steps: FloatMap) -> FloatMap:
+    """Poses (n, 4, 4) turned and displaced by errors ξ (n, 6) of the part's coordinates."""
+    by = np.tile(np.eye(4), (len(poses), 1, 1))
+    by[:, :3, :3], by[:, :3, 3] = rotation(steps[:, :3]), steps[:, 3:]
+    return np.asarray(by @ poses)
+
+
+def _twist_derivative(T: FloatMap) -> FloatMap:
+    """Derivatives of ``twist(from_twist(ξ) @ T)`` by ξ at 0 for transforms (m, 4, 4), (m, 6, 6).
+
+    For the rotation it is the inverse of the left Jacobian of SO(3) (J. Solà and others, A micro
+    Lie theory, arXiv 1812.01537, equation 146).
+    """
+    vector = scipy.spatial.transform.Rotation.from_matrix(T[:, :3, :3]).as_rotvec()
+    cross = skew(vector)
+    half = 0.5 * np.linalg.norm(vector, axis=1)
+    # (1 − x cot x) / (2 x)² at half the angle x. Its series starts with 1/12 + x²/180.
+    safe = np.maximum(half, SMALL_RAD)
+    square = np.where(half > SMALL_RAD, (1.0 - safe / np.tan(safe)) / (4.0 * safe**2), 1.0 / 12.0)
+    D = np.tile(np.eye(6), (len(T), 1, 1))
+    D[:, :3, :3] += -0.5 * cross + square[:, None, None] * (cross @ cross)
+    D[:, 3:, :3] = -skew(T[:, :3, 3])
+    return D
+
+
 def _adjoint(T: FloatMap) -> FloatMap:
-    """Converts ξ to the coordinates that ``T`` maps to, (6, 6)."""
-    A = np.zeros((6, 6))
-    x, y, z = T[:3, 3]
-    A[:3, :3] = A[3:, 3:] = T[:3, :3]
-    A[3:, :3] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ T[:3, :3]
+    """Convert ξ to the coordinates that transforms (..., 4, 4) map to, (..., 6, 6)."""
+    A = np.zeros((*T.shape[:-2], 6, 6))
+    A[..., :3, :3] = A[..., 3:, 3:] = T[..., :3, :3]
+    A[..., 3:, :3] = skew(T[..., :3, 3]) @ T[..., :3, :3]
     return A
 
 

@@ -1,6 +1,7 @@
 """A calibrated camera and projector: the pinhole model, calibration, triangulation."""
 
 from ..types import (
+    CameraBlur as CameraBlur,
     Pinhole as Pinhole,
     MultiRig as MultiRig,
 )

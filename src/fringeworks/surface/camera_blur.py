@@ -200,7 +200,7 @@ def _shift(
             seen += share * _blurred(own, v)
         shift = np.angle(seen / back) / wave
         if removed_px2 > 0:
-            shift -= _at_edges(even, light_now, removed_px2)
+            shift -= _at_edges(even, light, removed_px2)
         sharp = measured - shift
         change = light / np.maximum(np.abs(seen), 1e-12)
         light_now = light_now * np.clip(change, 1.0 / MOST_SHARPENED, MOST_SHARPENED)
@@ -220,15 +220,16 @@ def _levels(variance: FloatMap) -> list[tuple[float, FloatMap | float]]:
 
 
 def _at_edges(even: FloatMap, light: FloatMap, variance: float) -> FloatMap:
-    """The shift at edges of brightness that ``decode`` has removed: v ∇ln B · ∇u, px."""
+    """The shift at edges of brightness that ``decode`` has removed: v ∇ln B · ∇u with the measured,
+    blurred light B, px."""
     slopes = zip(np.gradient(np.log(light)), np.gradient(even), strict=True)
     return np.asarray(variance * sum(a * b for a, b in slopes))
 
 
 @cache
 def _taps(variance: float) -> FloatMap:
-    """Samples of a Gaussian at whole pixels. A narrow one, which they do not resolve, is replaced by
-    taps with its moments up to the eighth: exact for polynomials."""
+    """Samples of a Gaussian at whole pixels. Where they do not resolve it, taps with its moments up
+    to the eighth take their place: exact for polynomials."""
     if variance >= SAMPLED_PX2:
         reach = int(np.ceil(REACH_SIGMAS * np.sqrt(variance)))
         taps = np.exp(-(np.arange(-reach, reach + 1) ** 2) / (2.0 * variance))

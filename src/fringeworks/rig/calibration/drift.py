@@ -19,6 +19,7 @@ from fringeworks.rig.calibration.board_points import (
     scale_of,
 )
 from fringeworks.rig.calibration.calibrate import Observation, refined, sighting_of
+from fringeworks.rig.calibration.camera_blur import camera_blur
 from fringeworks.rig.calibration.changes import (
     BASELINE,
     EVERYTHING,
@@ -319,7 +320,7 @@ def adjust_to(rig: Rig, observations: Sequence[Observation], board: Board) -> Ri
     -------
     Rig with the covariance of all its parameters: the average of the rigs that every set of causes
     leads to, weighted by the evidence. The covariance holds the differences of causes that the
-    poses cannot tell apart.
+    poses cannot tell apart. The camera's blur is measured anew, where the board has squares.
 
     Raises
     ------
@@ -328,7 +329,9 @@ def adjust_to(rig: Rig, observations: Sequence[Observation], board: Board) -> Ri
     seen = _seen(rig, observations, board)
     found = seen.fits.adjusted()
     residual = [_rms(r) for r in _residuals(found, seen)]
-    return replace(found, residual_px=(residual[0], residual[1]))
+    views = [o.view for o in observations]
+    blur = camera_blur(views, seen.poses, board, rig.camera.shape) or rig.blur
+    return replace(found, residual_px=(residual[0], residual[1]), blur=blur)
 
 
 def _seen(rig: Rig, observations: Sequence[Observation], board: Board) -> _Seen:

@@ -9,6 +9,7 @@ import pytest
 
 import fringeworks as fw
 from fringeworks.files.ply import read_ply
+from fringeworks.surface.cloud import cloud_triangles
 from tests.commands import run
 from tests.oracles import cloud_mesh as oracle
 from tests.surfaces import H, W, cloud_of
@@ -87,7 +88,7 @@ def test_triangles_are_those_of_a_search_by_corners(shape):
     cloud = fw.PointCloud(*(part[cut] for part in parts))
     expected = oracle.triangles(cloud)
     assert len(expected)
-    np.testing.assert_array_equal(fw.surface.cloud_triangles(cloud), expected)
+    np.testing.assert_array_equal(cloud_triangles(cloud), expected)
     used, faces = np.unique(expected, return_inverse=True)
     mesh = fw.surface.cloud_mesh(cloud)
     np.testing.assert_array_equal(mesh.faces, faces.reshape(-1, 3))
